@@ -1,0 +1,51 @@
+#include "common/camera/camera.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace ridgecast::camera {
+namespace {
+
+Vec3 combine(double a, const Vec3& u, double b, const Vec3& v) { return {a * u.x + b * v.x, a * u.y + b * v.y, a * u.z + b * v.z}; }
+double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+
+}  // namespace
+
+bool isValid(const Camera& camera) {
+  const Pose& p = camera.pose;
+  const Projection& q = camera.projection;
+  return lattice::positionIsValid(p.x, p.z) && std::isfinite(p.y) && std::abs(p.y) <= 1e6 && std::isfinite(p.yaw) &&
+         std::abs(p.yaw) <= 1e6 && std::abs(p.pitch) <= std::numbers::pi / 2 + 1e-9 && q.verticalFov >= 0.01 && q.verticalFov <= 3.0 &&
+         q.width >= 1 && q.height >= 1 && q.width <= 32768 && q.height <= 32768;
+}
+
+Vec3 forward(const Pose& p) {
+  return {-std::sin(p.yaw) * std::cos(p.pitch), std::sin(p.pitch), -std::cos(p.yaw) * std::cos(p.pitch)};
+}
+Vec3 right(const Pose& p) { return {std::cos(p.yaw), 0, -std::sin(p.yaw)}; }
+Vec3 up(const Pose& p) { return {std::sin(p.yaw) * std::sin(p.pitch), std::cos(p.pitch), std::cos(p.yaw) * std::sin(p.pitch)}; }
+
+double pixelsPerRadian(const Projection& q) { return q.height / (2.0 * std::tan(q.verticalFov / 2)); }
+
+Frustum::Frustum(const Pose& pose, const Projection& projection, double widening) {
+  const Vec3 f = forward(pose), r = right(pose), u = up(pose);
+  const double ty = std::tan(projection.verticalFov / 2) * widening, tx = ty * projection.aspect();
+  // A point at depth d and lateral offset s is inside when |s| <= d t: the inward normal is t * forward -+ side.
+  inward_ = {combine(tx, f, 1, r), combine(tx, f, -1, r), combine(ty, f, 1, u), combine(ty, f, -1, u), f};
+}
+
+bool Frustum::mayIntersect(const Vec3& low, const Vec3& high) const {
+  for (const Vec3& n : inward_) {
+    const Vec3 farthest{n.x > 0 ? high.x : low.x, n.y > 0 ? high.y : low.y, n.z > 0 ? high.z : low.z};
+    if (dot(n, farthest) < 0) return false;
+  }
+  return true;
+}
+
+bool Frustum::contains(const Vec3& point) const {
+  for (const Vec3& n : inward_)
+    if (dot(n, point) < 0) return false;
+  return true;
+}
+
+}  // namespace ridgecast::camera

@@ -1,0 +1,50 @@
+#pragma once
+// A leaf's share of a mesh, as it is sent, held and drawn: the triangles whose centroid lies in the leaf's square.
+//
+// Positions are in steps, x and z relative to the leaf's corner (least x and z; they may be negative or exceed the side, since
+// triangles straddle borders), y absolute. Triangles are counter-clockwise seen from above.
+//
+// Canonical order, which both sides reach by themselves so that it costs no bytes:
+//   vertices    ascending by x, then z; no two have the same x and z; every vertex is used
+//   triangles   rotated so that the smallest index comes first; ascending by (first, second, third)
+//
+// The hash is a function of positions only, never of indices:
+//   vertex      v = mix(x + mix(z + mix(y))), whole lattice positions as two's complement 64-bit integers
+//   triangle    mix(v0 + mix(v1 + mix(v2))), v0 the corner that is smallest by x, then z, the others following counter-clockwise
+//   leaf        sum of its triangles, modulo 2^64
+//   mesh        sum over its leaves of mix(leaf hash + mix(level + mix(i + mix(j)))), so that empty leaves count too
+// with mix the finaliser in common/lattice.
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+
+namespace ridgecast::mesh {
+
+struct LocalVertex {
+  std::int32_t x = 0;
+  std::int32_t z = 0;
+  std::int32_t y = 0;
+  friend constexpr auto operator<=>(const LocalVertex&, const LocalVertex&) = default;
+};
+using Triangle = std::array<std::uint32_t, 3>;
+
+struct LeafMesh {
+  lattice::LeafAddress address;
+  std::vector<LocalVertex> vertices;
+  std::vector<Triangle> triangles;
+  friend bool operator==(const LeafMesh&, const LeafMesh&) = default;
+};
+
+// Sorts vertices and triangles into canonical order, merges equal vertices and drops unused ones. Indices must be in range.
+void canonicalize(LeafMesh& leaf);
+bool isCanonical(const LeafMesh& leaf);
+
+std::uint64_t hashTriangle(const lattice::Vertex& a, const lattice::Vertex& b, const lattice::Vertex& c);
+std::uint64_t hashLeaf(const LeafMesh& leaf);
+// One leaf's term of the mesh's hash; the mesh's hash is the sum of these.
+std::uint64_t hashTerm(lattice::LeafAddress address, std::uint64_t leafHash);
+
+}  // namespace ridgecast::mesh

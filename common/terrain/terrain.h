@@ -1,0 +1,64 @@
+#pragma once
+// A terrain: two functions of a position on the horizontal plane, height and colour, written once as GLSL. The file is compiled into
+// the program as C++ for heights and handed to clients as text, for the ray march and for shading.
+//
+// The contract of a terrain file (see common/terrain/README.md):
+//   float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed)
+//       metres. `cell` counts squares of 4,096 m (it wraps), `fraction` in [0, 1) has 20 bits. `footprint` is the width in metres that
+//       one sample stands for: detail finer than it fades out. Geometry always uses footprint 0; only shading filters.
+//   vec3  terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed)
+//       linear RGB albedo, 0..1.
+// Heights are bit for bit the same from every code path and, without fused multiply-add, from the graphics driver.
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "common/outcome/outcome.h"
+
+namespace ridgecast::terrain {
+
+// A terrain with its seed. Immutable; every member may be called from any thread.
+class Terrain {
+ public:
+  virtual ~Terrain() = default;
+  virtual std::string_view name() const = 0;
+  virtual std::string_view source() const = 0;  // the GLSL text of the terrain file
+  virtual std::uint32_t seed() const = 0;
+
+  // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.
+  virtual void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const = 0;
+
+  // The same, rounded to the nearest step and clamped to +-lattice::kMaxHeight (NaN becomes 0).
+  void heightSteps(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::int32_t> out) const;
+  std::int32_t heightStep(lattice::Point p) const;
+  double height(lattice::Point p) const;  // metres, of heightStep
+};
+
+struct Description {
+  std::string_view name;
+  std::string_view summary;  // one line for people
+};
+std::span<const Description> builtIn();
+
+// Error: unknown name; the message lists the names there are.
+Outcome<std::shared_ptr<const Terrain>> create(std::string_view name, std::uint32_t seed);
+
+// A number that is equal for equal worlds: hash of source text, seed and lattice version.
+std::uint64_t contentHash(const Terrain& terrain);
+
+// GLSL that every terrain file may call (noise on the lattice) and that draws from a terrain file (filtered normal, light, sky, fog).
+// Both renderings compile the same text: version line, prelude(), the terrain's source(), shading(), then their own main.
+std::string_view prelude();
+std::string_view shading();
+
+// Curvature at points: the height function convolved with a 3 x 3 Laplacian of Gaussian (sigma 1, zero sum, normalised to unit absolute
+// sum; Lee et al.), with samples `spacing` steps apart. Metres, absolute value.
+void curvatures(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, lattice::Step spacing,
+                std::span<float> out);
+
+}  // namespace ridgecast::terrain

@@ -1,0 +1,62 @@
+#pragma once
+// One camera's mesh and the iteration that keeps it fit for what the camera sees:
+//   select -> generate -> refine -> triangulate
+// The only place that sees all stages. Not thread-safe: one thread calls at a time (the session's strand); inside, an iteration
+// spreads over the camera's pool. The result depends on the sequence of cameras alone, not on threads or time.
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "common/camera/camera.h"
+#include "common/lattice/lattice.h"
+#include "common/mesh/leaf_mesh.h"
+#include "common/terrain/terrain.h"
+#include "common/wire/messages.h"
+#include "server/scheduling/pool.h"
+
+namespace ridgecast::pipeline {
+
+struct Limits {
+  std::uint32_t defaultBudget = 500'000;    // triangles
+  std::uint32_t maxBudget = 2'000'000;
+};
+
+// The settings with defaults filled in and caps applied. Thresholds are clamped to [0.05, 1000] (pixels) or [1e-9, 1e9] (thesis).
+wire::Settings grant(const wire::Settings& asked, const Limits& limits);
+
+struct LeafState {
+  lattice::LeafAddress address;
+  std::uint64_t version = 0;   // grows whenever the leaf's triangles change; never reused for other content
+  std::uint64_t hash = 0;      // mesh::hashLeaf of its content
+  std::uint32_t triangles = 0;
+};
+
+class Pipeline {
+ public:
+  Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool);
+  ~Pipeline();
+  Pipeline(const Pipeline&) = delete;
+  Pipeline& operator=(const Pipeline&) = delete;
+
+  // One iteration. `camera` must satisfy camera::isValid.
+  wire::Figures iterate(const camera::Camera& camera);
+
+  // Whether the last iteration changed nothing and another one with the same camera would change nothing.
+  bool settled() const;
+
+  // The valid leaves with their triangles as of the last iteration, in canonical order of address. The client should hold exactly these.
+  const std::vector<LeafState>& leaves() const;
+
+  // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
+  mesh::LeafMesh extract(lattice::LeafAddress address) const;
+
+  // Horizontal distance in metres at which the world ends for this camera; what is drawn fades out before it.
+  static constexpr double kHorizon = 32'000.0;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace ridgecast::pipeline

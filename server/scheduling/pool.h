@@ -1,0 +1,59 @@
+#pragma once
+// A logical worker pool for each camera over the machine's threads.
+//
+// A Machine owns the threads. A Pool is one camera's share: its own queue, and at most `limit` of its tasks in flight at any time.
+// Pools that have work are served round robin, one batch each, so that a thousand cameras share the machine fairly.
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <vector>
+
+namespace ridgecast::scheduling {
+
+class Pool;
+
+class Machine {
+ public:
+  explicit Machine(unsigned threads);  // 0: as many as the hardware has
+  ~Machine();                          // waits for the tasks in flight; tasks still queued are dropped
+  Machine(const Machine&) = delete;
+  Machine& operator=(const Machine&) = delete;
+
+  unsigned threads() const;
+  // limit 0: min(4, threads). The pool may outlive the machine only without being used.
+  std::shared_ptr<Pool> makePool(unsigned limit = 0);
+
+ private:
+  struct State;
+  friend class Pool;
+  std::shared_ptr<State> state_;
+};
+
+// Which tasks must be done before a task may start: `before[k]` lists the predecessors of task k, all smaller than k.
+using Order = std::vector<std::vector<std::uint32_t>>;
+
+class Pool {
+ public:
+  ~Pool();
+  // Queues a task; false when the pool's queue is full (1,024 posted tasks). Any thread.
+  bool post(std::function<void()> task);
+
+  // body(k) for every k in [0, count), in parallel; returns when all are done. The calling thread takes part, so that a task of this
+  // pool may call it without a thread of its own being lost. `grain` indices are handed out at a time. body must not throw.
+  void forEach(std::size_t count, std::size_t grain, const std::function<void(std::size_t)>& body);
+
+  // The same, but task k starts only when all of order[k] are done; everything that ran in a predecessor is visible to it.
+  // Ready tasks start in ascending order.
+  void forEachOrdered(const Order& order, const std::function<void(std::size_t)>& body);
+
+ private:
+  friend class Machine;
+  struct Impl;
+  explicit Pool(std::shared_ptr<Impl> impl);
+  std::shared_ptr<Impl> impl_;
+};
+
+}  // namespace ridgecast::scheduling
