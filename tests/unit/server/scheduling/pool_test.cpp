@@ -1,0 +1,298 @@
+#include "server/scheduling/pool.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <future>
+#include <latch>
+#include <mutex>
+#include <numeric>
+#include <random>
+#include <set>
+#include <thread>
+
+namespace ridgecast::scheduling {
+namespace {
+
+using namespace std::chrono_literals;
+
+void spinFor(std::chrono::microseconds time) {
+  const auto end = std::chrono::steady_clock::now() + time;
+  while (std::chrono::steady_clock::now() < end) {
+  }
+}
+
+// Runs f as a task of the pool and waits for it.
+void runOn(Pool& pool, const std::function<void()>& f) {
+  auto done = std::make_shared<std::promise<void>>();
+  ASSERT_TRUE(pool.post([&f, done] {
+    f();
+    done->set_value();
+  }));
+  done->get_future().wait();
+}
+
+Order randomOrder(std::mt19937& random, std::size_t count, unsigned most) {
+  Order order(count);
+  for (std::size_t k = 1; k < count; ++k) {
+    std::set<std::uint32_t> before;
+    for (unsigned n = random() % (most + 1); n > 0; --n) before.insert(static_cast<std::uint32_t>(random() % k));
+    order[k].assign(before.begin(), before.end());
+  }
+  return order;
+}
+
+class Threads : public testing::TestWithParam<unsigned> {};
+INSTANTIATE_TEST_SUITE_P(Machines, Threads, testing::Values(1u, 2u, 3u, 8u));
+
+TEST_P(Threads, ForEachVisitsEveryIndexOnceFromOutsideAndFromATask) {
+  Machine machine(GetParam());
+  auto pool = machine.makePool();
+  for (const std::size_t count : {0u, 1u, 2u, 7u, 64u, 1000u})
+    for (const std::size_t grain : {0u, 1u, 3u, 64u, 5000u}) {
+      for (const bool fromTask : {false, true}) {
+        std::vector<int> visits(count, 0);  // plain: each index has one writer, and forEach publishes it
+        const auto loop = [&] { pool->forEach(count, grain, [&](std::size_t k) { ++visits[k]; }); };
+        if (fromTask) {
+          runOn(*pool, loop);
+        } else {
+          loop();
+        }
+        EXPECT_EQ(std::count(visits.begin(), visits.end(), 1), static_cast<std::ptrdiff_t>(count));
+      }
+    }
+}
+
+TEST_P(Threads, OrderedTasksSeeAllTheirPredecessors) {
+  Machine machine(GetParam());
+  auto pool = machine.makePool(8);
+  std::mt19937 random(7);
+  for (int round = 0; round < 30; ++round) {
+    const std::size_t count = random() % 400;
+    const Order order = randomOrder(random, count, round % 6);
+    // Plain memory: a missing happens-before would be a data race and, most likely, a wrong sum.
+    std::vector<std::uint64_t> value(count, 0), expected(count, 0);
+    for (std::size_t k = 0; k < count; ++k) {
+      expected[k] = k + 1;
+      for (const auto p : order[k]) expected[k] += expected[p] * 3;
+    }
+    const auto body = [&](std::size_t k) {
+      std::uint64_t sum = k + 1;
+      for (const auto p : order[k]) sum += value[p] * 3;
+      value[k] += sum;
+    };
+    if (round % 2) {
+      runOn(*pool, [&] { pool->forEachOrdered(order, body); });
+    } else {
+      pool->forEachOrdered(order, body);
+    }
+    EXPECT_EQ(value, expected);
+  }
+}
+
+TEST_P(Threads, NestedLoopsInTasksOfManyPoolsFinish) {
+  std::atomic<int> visits{0};
+  std::latch done(18);
+  Machine machine(GetParam());
+  std::vector<std::shared_ptr<Pool>> pools;
+  for (int k = 0; k < 6; ++k) pools.push_back(machine.makePool(1 + k % 4));
+  for (int round = 0; round < 3; ++round)
+    for (auto& pool : pools)
+      ASSERT_TRUE(pool->post([&, own = pool] {
+        own->forEach(8, 1, [&](std::size_t) {
+          own->forEach(8, 2, [&](std::size_t) { ++visits; });
+          own->forEachOrdered(Order{{}, {0}, {0}, {1, 2}}, [&](std::size_t) { ++visits; });
+        });
+        done.count_down();
+      }));
+  done.wait();
+  EXPECT_EQ(visits, 18 * 8 * (8 + 4));
+}
+
+TEST(Scheduling, ReadyTasksStartInAscendingOrder) {
+  // With one worker for the tasks, ascending order is the only one.
+  Machine machine(4);
+  auto pool = machine.makePool(1);
+  std::mt19937 random(3);
+  const Order order = randomOrder(random, 200, 3);
+  std::vector<std::size_t> ran;
+  pool->forEachOrdered(order, [&](std::size_t k) { ran.push_back(k); });
+  std::vector<std::size_t> expected(200);
+  std::iota(expected.begin(), expected.end(), 0);
+  EXPECT_EQ(ran, expected);
+}
+
+TEST(Scheduling, KeepsToTheLimitOfTasksInFlight) {
+  std::atomic<unsigned> now{0}, most{0};
+  Machine machine(6);
+  for (const unsigned limit : {1u, 2u, 3u}) {
+    auto pool = machine.makePool(limit);
+    const auto body = [&](std::size_t) {
+      const unsigned mine = ++now;
+      unsigned seen = most;
+      while (mine > seen && !most.compare_exchange_weak(seen, mine)) {
+      }
+      spinFor(20us);
+      --now;
+    };
+    most = 0;
+    auto done = std::make_shared<std::latch>(40);  // shared: the last count-down may still be returning when the wait ends
+    for (int k = 0; k < 40; ++k)
+      ASSERT_TRUE(pool->post([&body, done] {
+        body(0);
+        done->count_down();
+      }));
+    done->wait();
+    EXPECT_LE(most, limit);
+    runOn(*pool, [&] { pool->forEach(200, 1, body); });
+    pool->forEach(200, 1, body);
+    pool->forEachOrdered(Order(200), body);
+    EXPECT_LE(most, limit);
+  }
+}
+
+TEST(Scheduling, UsesSeveralThreads) {
+  Machine machine(4);
+  auto pool = machine.makePool(4);
+  std::mutex mutex;
+  std::set<std::thread::id> threads;
+  const auto note = [&](std::size_t) {
+    {
+      const std::lock_guard lock(mutex);
+      threads.insert(std::this_thread::get_id());
+    }
+    std::this_thread::sleep_for(1ms);
+  };
+  pool->forEach(60, 1, note);
+  EXPECT_GE(threads.size(), 3u);
+  threads.clear();
+  pool->forEachOrdered(Order(60), note);
+  EXPECT_GE(threads.size(), 3u);
+  // Work that fans out only later finds its helpers again.
+  threads.clear();
+  Order funnel(80);
+  for (std::uint32_t k = 1; k < 20; ++k) funnel[k] = {k - 1};
+  for (std::uint32_t k = 20; k < 80; ++k) funnel[k] = {19};
+  pool->forEachOrdered(funnel, note);
+  EXPECT_GE(threads.size(), 3u);
+}
+
+TEST(Scheduling, ManyPoolsShareFairly) {
+  constexpr int kPools = 200;
+  std::vector<std::shared_ptr<Pool>> pools;
+  std::vector<std::atomic<int>> counts(kPools);
+  std::atomic<bool> stop{false};
+  std::vector<std::function<void()>> tasks(kPools);
+  Machine machine(2);  // last, so that its tasks end before what they use
+  // Every pool always has work; the first also floods its queue and fans out.
+  for (int k = 0; k < kPools; ++k) {
+    pools.push_back(machine.makePool());
+    tasks[k] = [&, k] {
+      if (k == 0)
+        pools[0]->forEach(4, 1, [](std::size_t) { spinFor(5us); });
+      else
+        spinFor(20us);
+      ++counts[k];
+      if (!stop) pools[k]->post(tasks[k]);
+    };
+  }
+  for (int k = 0; k < kPools; ++k)
+    for (int n = 0; n < (k == 0 ? 500 : 2); ++n) ASSERT_TRUE(pools[k]->post(tasks[k]));
+  std::this_thread::sleep_for(400ms);
+  stop = true;
+  double sum = 0, squares = 0;
+  int least = counts[0];
+  for (auto& c : counts) {
+    sum += c;
+    squares += double(c) * c;
+    least = std::min(least, c.load());
+  }
+  EXPECT_GT(least, 0);
+  EXPECT_GT(sum * sum / (kPools * squares), 0.9);  // Jain's index: 1 is perfectly fair
+}
+
+TEST(Scheduling, QueueOfPostedTasksIsBounded) {
+  std::atomic<int> ran{0};
+  std::promise<void> release, started;
+  Machine machine(1);
+  auto pool = machine.makePool();
+  auto gate = release.get_future().share();
+  ASSERT_TRUE(pool->post([&] {
+    started.set_value();
+    gate.wait();
+  }));
+  started.get_future().wait();
+  int accepted = 0;
+  while (pool->post([&] { ++ran; })) ++accepted;
+  EXPECT_EQ(accepted, 1024);
+  release.set_value();
+  while (ran < accepted) std::this_thread::yield();
+  EXPECT_TRUE(pool->post([] {}));
+}
+
+TEST(Scheduling, DroppedTasksAreDestroyedAndLateOnesRefused) {
+  auto token = std::make_shared<int>(0);
+  std::shared_ptr<Pool> pool;
+  {
+    Machine machine(1);
+    pool = machine.makePool();
+    auto started = std::make_shared<std::promise<void>>();
+    pool->post([started] {
+      started->set_value();
+      std::this_thread::sleep_for(20ms);
+    });
+    started->get_future().wait();
+    for (int k = 0; k < 10; ++k) pool->post([token, pool] {});  // each would keep its own pool alive
+  }
+  EXPECT_EQ(token.use_count(), 1);
+  EXPECT_EQ(pool.use_count(), 1);
+  EXPECT_FALSE(pool->post([token] {}));
+}
+
+TEST(Scheduling, ATaskMayHoldTheLastReferenceToItsPool) {
+  std::atomic<int> ran{0};
+  Machine machine(2);
+  for (int k = 0; k < 300; ++k) {
+    auto pool = machine.makePool();
+    auto* raw = pool.get();
+    raw->post([&, own = std::move(pool)] {
+      own->forEach(4, 1, [&](std::size_t) { ++ran; });
+    });
+  }
+  while (ran < 1200) std::this_thread::yield();
+}
+
+TEST(Scheduling, StressOfShortLoopsFromManyThreads) {
+  std::atomic<std::uint64_t> sum{0};
+  Machine machine(4);
+  std::vector<std::thread> outsiders;
+  for (int t = 0; t < 4; ++t)
+    outsiders.emplace_back([&, t] {
+      auto pool = machine.makePool(t + 1);
+      std::mt19937 random(static_cast<unsigned>(t));
+      for (int round = 0; round < 200; ++round) {
+        pool->forEach(random() % 40, 1 + random() % 3, [&](std::size_t k) { sum += k; });
+        const Order order = randomOrder(random, random() % 40, 3);
+        pool->forEachOrdered(order, [&](std::size_t k) { sum += k; });
+        pool->post([&] { ++sum; });
+      }
+    });
+  for (auto& t : outsiders) t.join();
+  EXPECT_GT(sum, 0u);
+}
+
+using SchedulingDeathTest = testing::Test;
+TEST(SchedulingDeathTest, ABodyThatThrowsEndsTheProcess) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_DEATH(
+      {
+        Machine machine(1);
+        auto pool = machine.makePool();
+        pool->forEach(1, 1, [](std::size_t) { throw 1; });
+      },
+      "");
+}
+
+}  // namespace
+}  // namespace ridgecast::scheduling
