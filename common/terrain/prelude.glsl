@@ -1,0 +1,143 @@
+// Noise on the integer lattice: what every terrain file may call. The same text is compiled by graphics drivers (GLSL 3.30 core, 4.50,
+// ES 3.00) and, through glsl_as_cpp.h, as C++: only what all of them understand, and in whatever leads to a height only operations that
+// IEEE 754 rounds one way (+ - * / sqrt, floor, min, max, integers).
+//
+// A *place* is a position as one octave sees it: the square of the octave's lattice and where in it. Going to a finer octave multiplies
+// by an integer matrix, whole squares in wrapping integers and fractions in floats that hold them without rounding: 22 bits to begin
+// with, at most 24 before the whole part is carried over. So the noise at 10^12 m is as exact as at 0. The matrices also turn, by
+// angles that never repeat, which hides the lattice.
+
+struct Place {
+  uvec2 cell;  // wraps
+  vec2 at;     // [0, 1)
+  vec2 slope;  // gradient gathered so far, metres a metre, in the octave's own turned axes
+};
+
+// Widest octave: squares of 16,384 m.
+Place widestPlace(ivec2 cell, vec2 fraction) {
+  Place p;
+  p.cell = uvec2(uint(cell.x >> 2), uint(cell.y >> 2));
+  p.at = vec2((float(cell.x & 3) + fraction.x) * 0.25f, (float(cell.y & 3) + fraction.y) * 0.25f);
+  p.slope = vec2(0.0f, 0.0f);
+  return p;
+}
+
+Place carried(uvec2 cell, vec2 at, vec2 slope) {
+  Place p;
+  vec2 whole = vec2(floor(at.x), floor(at.y));
+  p.cell = uvec2(cell.x + uint(int(whole.x)), cell.y + uint(int(whole.y)));
+  p.at = at - whole;
+  p.slope = slope;
+  return p;
+}
+
+// The next octave, finer by the square root of 5 and turned by 26.6 degrees: matrix (2 1; -1 2).
+Place finer5(Place p) {
+  return carried(uvec2(p.cell.x * 2u + p.cell.y, p.cell.y * 2u - p.cell.x), vec2(p.at.x * 2.0f + p.at.y, p.at.y * 2.0f - p.at.x),
+                 vec2(p.slope.x * 2.0f + p.slope.y, p.slope.y * 2.0f - p.slope.x) * 0.4472136f);
+}
+
+// The next octave, finer by the square root of 10 and turned by 18.4 degrees: matrix (3 1; -1 3).
+Place finer10(Place p) {
+  return carried(uvec2(p.cell.x * 3u + p.cell.y, p.cell.y * 3u - p.cell.x), vec2(p.at.x * 3.0f + p.at.y, p.at.y * 3.0f - p.at.x),
+                 vec2(p.slope.x * 3.0f + p.slope.y, p.slope.y * 3.0f - p.slope.x) * 0.3162278f);
+}
+
+// How much of an octave is left when a sample stands for `footprint` metres: all of it (exactly 1) up to half its wavelength, nothing
+// from the wavelength on.
+float octaveWeight(float wavelength, float footprint) {
+  float t = min(max(wavelength / max(footprint, 0.000001f) - 1.0f, 0.0f), 1.0f);
+  return t * t * (3.0f - 2.0f * t);
+}
+
+// A well mixed number from a seed (Mueller's integer hash).
+uint mixedSeed(uint seed) {
+  uint h = seed;
+  h = (h ^ (h >> 16u)) * 0x45d9f3bu;
+  h = (h ^ (h >> 16u)) * 0x45d9f3bu;
+  return h ^ (h >> 16u);
+}
+
+// The hashes of a square's four corners. `salt` tells octaves, purposes and seeds apart.
+struct Corners {
+  uint h00;
+  uint h10;
+  uint h01;
+  uint h11;
+};
+
+uint cornerHash(uint x, uint z) {
+  uint h = (x ^ z) * 0x2c1b3c6du;
+  return (h ^ (h >> 15u)) * 0x297a2d39u;
+}
+
+Corners cornersOf(uvec2 cell, uint salt) {
+  uint x0 = cell.x * 0x9e3779b1u;
+  uint x1 = x0 + 0x9e3779b1u;
+  uint z0 = cell.y * 0x85ebca77u;
+  uint z1 = z0 + 0x85ebca77u;
+  x0 = x0 ^ (x0 >> 15u);
+  x1 = x1 ^ (x1 >> 15u);
+  z0 = (z0 ^ (z0 >> 16u)) + salt;
+  z1 = (z1 ^ (z1 >> 16u)) + salt;
+  Corners c;
+  c.h00 = cornerHash(x0, z0);
+  c.h10 = cornerHash(x1, z0);
+  c.h01 = cornerHash(x0, z1);
+  c.h11 = cornerHash(x1, z1);
+  return c;
+}
+
+// The upper 24 bits as a number in [-1, 1); exact.
+float signedUnit(uint h) { return float(int(h) >> 8) * 0.00000011920928955078125f; }
+float unsignedUnit(uint h) { return float(int(h >> 8u)) * 0.000000059604644775390625f; }
+
+// Quintic blend and its derivative (Perlin 2002).
+float blend(float t) { return t * t * t * (t * (t * 6.0f - 15.0f) + 10.0f); }
+float blendSlope(float t) {
+  float s = t * (1.0f - t);
+  return 30.0f * s * s;
+}
+
+// Value noise in [-1, 1] and its gradient a lattice unit: (value, d/dx, d/dz).
+vec3 valueNoise(uvec2 cell, vec2 at, uint salt) {
+  Corners h = cornersOf(cell, salt);
+  float a = signedUnit(h.h00);
+  float b = signedUnit(h.h10);
+  float c = signedUnit(h.h01);
+  float d = signedUnit(h.h11);
+  float u = blend(at.x);
+  float v = blend(at.y);
+  float ab = b - a;
+  float ac = c - a;
+  float abcd = a - b - c + d;
+  return vec3(a + ab * u + (ac + abcd * u) * v, (ab + abcd * v) * blendSlope(at.x), (ac + abcd * u) * blendSlope(at.y));
+}
+
+// Gradient noise, about [-1, 1], and its gradient a lattice unit: (value, d/dx, d/dz).
+vec3 gradientNoise(uvec2 cell, vec2 at, uint salt) {
+  Corners h = cornersOf(cell, salt);
+  // Two signed numbers of 16 bits from each hash; exact.
+  float ax = float(int(h.h00) >> 16);
+  float az = float(int(h.h00 << 16u) >> 16);
+  float bx = float(int(h.h10) >> 16);
+  float bz = float(int(h.h10 << 16u) >> 16);
+  float cx = float(int(h.h01) >> 16);
+  float cz = float(int(h.h01 << 16u) >> 16);
+  float dx = float(int(h.h11) >> 16);
+  float dz = float(int(h.h11 << 16u) >> 16);
+  float x1 = at.x - 1.0f;
+  float z1 = at.y - 1.0f;
+  float a = ax * at.x + az * at.y;
+  float b = bx * x1 + bz * at.y;
+  float c = cx * at.x + cz * z1;
+  float d = dx * x1 + dz * z1;
+  float u = blend(at.x);
+  float v = blend(at.y);
+  float ab = b - a;
+  float ac = c - a;
+  float abcd = a - b - c + d;
+  float gx = ax + (bx - ax) * u + (cx - ax + (ax - bx - cx + dx) * u) * v + (ab + abcd * v) * blendSlope(at.x);
+  float gz = az + (bz - az) * u + (cz - az + (az - bz - cz + dz) * u) * v + (ac + abcd * u) * blendSlope(at.y);
+  return vec3(a + ab * u + (ac + abcd * u) * v, gx, gz) * 0.00004577637f;
+}

@@ -1,0 +1,51 @@
+// What both renderings share: the filtered normal, light, sky, fog and the soft end of the world. Compiled after prelude.glsl and a
+// terrain file. Colours are linear RGB until toDisplay.
+
+const vec3 kSunDirection = vec3(0.5144958f, 0.5144958f, -0.6859943f);  // towards the sun; unit
+
+// The height at an offset in metres from a place.
+float heightNear(ivec2 cell, vec2 fraction, float dx, float dz, float footprint, uint seed) {
+  vec2 f = vec2(fraction.x + dx * 0.000244140625f, fraction.y + dz * 0.000244140625f);
+  vec2 whole = vec2(floor(f.x), floor(f.y));
+  return terrainHeight(ivec2(cell.x + int(whole.x), cell.y + int(whole.y)), vec2(f.x - whole.x, f.y - whole.y), footprint, seed);
+}
+
+// Unit normal of the surface as seen at this footprint: central differences of filtered heights, whole steps apart.
+vec3 terrainNormal(ivec2 cell, vec2 fraction, float footprint, uint seed) {
+  float reach = max(0.2f, 0.35f * footprint);
+  reach = floor(reach * 256.0f + 0.5f) * 0.00390625f;
+  float x = heightNear(cell, fraction, -reach, 0.0f, footprint, seed) - heightNear(cell, fraction, reach, 0.0f, footprint, seed);
+  float z = heightNear(cell, fraction, 0.0f, -reach, footprint, seed) - heightNear(cell, fraction, 0.0f, reach, footprint, seed);
+  return normalize(vec3(x, 2.0f * reach, z));
+}
+
+// The sky in a unit direction (+Y up).
+vec3 skyColor(vec3 direction) {
+  float up = max(direction.y, 0.0f);
+  float toSun = max(dot(direction, kSunDirection), 0.0f);
+  vec3 sky = mix(vec3(0.56f, 0.68f, 0.82f), vec3(0.12f, 0.26f, 0.55f), 1.0f - exp(-4.0f * up));
+  return sky + vec3(1.0f, 0.8f, 0.5f) * (0.12f * pow(toSun, 6.0f) + 0.6f * pow(toSun, 400.0f));
+}
+
+// Share of the surface that is left at a distance: at half the horizon at least nine tenths, at the horizon nothing.
+float clearness(float distance, float horizon) {
+  float t = min(distance / horizon, 1.0f);
+  float haze = 1.0f - 0.1f * min(t * 2.0f, 1.0f) * min(t * 2.0f, 1.0f);
+  return haze * (1.0f - smoothstep(0.5f, 1.0f, t));
+}
+
+// The colour of the surface in linear light, fog included. viewDirection: unit, from the eye to the point; distance and horizon in
+// metres along the plane of the view ray, the same for both renderings.
+vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3 viewDirection, float distance, float horizon, uint seed) {
+  vec3 normal = terrainNormal(cell, fraction, footprint, seed);
+  vec3 albedo = terrainColor(cell, fraction, height, normal, footprint, seed);
+  float sun = max(dot(normal, kSunDirection), 0.0f);
+  vec3 light = vec3(2.2f, 2.0f, 1.7f) * sun + vec3(0.35f, 0.45f, 0.6f) * (0.6f + 0.4f * normal.y);
+  return mix(skyColor(viewDirection), albedo * light, clearness(distance, horizon));
+}
+
+// Linear light to what a display takes (tone curve, then sRGB's gamma).
+vec3 toDisplay(vec3 linear) {
+  vec3 c = linear * (1.0f + linear * 0.1f) / (1.0f + linear * 0.6f);
+  return pow(min(max(c, vec3(0.0f)), vec3(1.0f)), vec3(0.4545454f));
+}

@@ -1,0 +1,133 @@
+#include "common/terrain/terrain.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "common/terrain/embedded.h"
+#include "common/terrain/variants.h"
+
+namespace ridgecast::terrain {
+namespace {
+
+// Part of contentHash: change it when the same text and seed would give other heights on the lattice.
+constexpr std::uint64_t kLatticeVersion = 1;
+
+constexpr std::array<Description, 1> kBuiltIn = {{{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow"}}};
+
+std::vector<Variant> usableVariants() {
+  std::vector<Variant> usable{baselineVariant()};
+#ifdef RIDGECAST_TERRAIN_X86
+  __builtin_cpu_init();
+  if (__builtin_cpu_supports("avx2")) usable.push_back(avx2Variant());
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
+    usable.push_back(avx512Variant());
+  }
+#endif
+  return usable;
+}
+
+class Alpine final : public Terrain {
+ public:
+  explicit Alpine(std::uint32_t seed) : seed_(seed), heights_(variants().back().alpine) {}
+  std::string_view name() const override { return kBuiltIn[0].name; }
+  std::string_view source() const override { return embedded::alpine; }
+  std::uint32_t seed() const override { return seed_; }
+  void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
+    heights_(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}), seed_);
+  }
+
+ private:
+  std::uint32_t seed_;
+  HeightsFunction heights_;
+};
+
+std::int32_t toSteps(float metres) {
+  if (std::isnan(metres)) return 0;
+  // A float times 256 is exact in a double, and so is the sum with one half.
+  const double steps = std::floor(static_cast<double>(metres) * lattice::kStepsPerMetre + 0.5);
+  return static_cast<std::int32_t>(std::clamp(steps, -double{lattice::kMaxHeight}, double{lattice::kMaxHeight}));
+}
+
+}  // namespace
+
+std::span<const Variant> variants() {
+  static const std::vector<Variant> usable = usableVariants();
+  return usable;
+}
+
+void Terrain::heightSteps(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::int32_t> out) const {
+  std::array<float, 256> metres;
+  for (std::size_t begin = 0; begin < out.size(); begin += metres.size()) {
+    const std::size_t n = std::min(metres.size(), out.size() - begin);
+    heights(x.subspan(begin, n), z.subspan(begin, n), std::span(metres).first(n));
+    for (std::size_t i = 0; i < n; ++i) out[begin + i] = toSteps(metres[i]);
+  }
+}
+
+std::int32_t Terrain::heightStep(lattice::Point p) const {
+  std::int32_t out = 0;
+  heightSteps(std::span(&p.x, 1), std::span(&p.z, 1), std::span(&out, 1));
+  return out;
+}
+
+double Terrain::height(lattice::Point p) const { return heightStep(p) * lattice::kMetresPerStep; }
+
+std::span<const Description> builtIn() { return kBuiltIn; }
+
+Outcome<std::shared_ptr<const Terrain>> create(std::string_view name, std::uint32_t seed) {
+  if (name == kBuiltIn[0].name) return std::shared_ptr<const Terrain>(std::make_shared<Alpine>(seed));
+  std::string names;
+  for (const Description& d : kBuiltIn) names.append(names.empty() ? "" : ", ").append(d.name);
+  return Error{"there is no terrain \"" + std::string(name.substr(0, 64)) + "\"; there is: " + names};
+}
+
+std::uint64_t contentHash(const Terrain& terrain) {
+  std::uint64_t hash = lattice::mix(kLatticeVersion) ^ terrain.seed();
+  hash = lattice::mix(hash);
+  for (const std::string_view text : {prelude(), terrain.source()}) {
+    for (const char c : text) hash = lattice::mix(hash ^ static_cast<unsigned char>(c));
+    hash = lattice::mix(hash ^ text.size());
+  }
+  return hash;
+}
+
+std::string_view prelude() { return embedded::prelude; }
+std::string_view shading() { return embedded::shading; }
+
+void curvatures(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, lattice::Step spacing,
+                std::span<float> out) {
+  // Laplacian of Gaussian at sigma 1, (r^2 - 2) exp(-r^2 / 2) for r^2 = 0, 1, 2: -2, -0.6065, 0. Zero sum by moving the mean of the nine
+  // (-0.4918) off every weight, then normalised to unit absolute sum: centre -0.5, edges -0.01902... see below.
+  constexpr double kRaw[3] = {-2.0, -0.60653065971263342, 0.0};
+  constexpr double kMean = (kRaw[0] + 4 * kRaw[1] + 4 * kRaw[2]) / 9;
+  constexpr double kCentre = kRaw[0] - kMean, kEdge = kRaw[1] - kMean, kCorner = kRaw[2] - kMean;
+  constexpr double kAbsolute = -kCentre + (kEdge < 0 ? -4 * kEdge : 4 * kEdge) + 4 * kCorner;
+  constexpr std::size_t kBatch = 28;  // points; 252 heights a call fill one block of the evaluator
+  std::array<lattice::Step, kBatch * 9> sampleX;
+  std::array<lattice::Step, kBatch * 9> sampleZ;
+  std::array<float, kBatch * 9> h;
+  for (std::size_t begin = 0; begin < out.size(); begin += kBatch) {
+    const std::size_t n = std::min(kBatch, out.size() - begin);
+    std::size_t k = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      for (int dz = -1; dz <= 1; ++dz) {
+        for (int dx = -1; dx <= 1; ++dx, ++k) {
+          sampleX[k] = x[begin + i] + dx * spacing;
+          sampleZ[k] = z[begin + i] + dz * spacing;
+        }
+      }
+    }
+    terrain.heights(std::span(sampleX).first(k), std::span(sampleZ).first(k), std::span(h).first(k));
+    for (std::size_t i = 0; i < n; ++i) {
+      // Differences from the centre, so that a level plane gives exactly 0 at any height.
+      const float* s = &h[i * 9];
+      const double c = s[4];
+      const double edges = (s[1] - c) + (s[3] - c) + (s[5] - c) + (s[7] - c);
+      const double corners = (s[0] - c) + (s[2] - c) + (s[6] - c) + (s[8] - c);
+      out[begin + i] = static_cast<float>(std::abs((edges * kEdge + corners * kCorner) / kAbsolute));
+    }
+  }
+}
+
+}  // namespace ridgecast::terrain

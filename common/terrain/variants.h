@@ -1,0 +1,35 @@
+#pragma once
+// Internal to the room and its tests: the terrain files as C++, compiled once for each instruction set. All variants return the same
+// bits; they differ in speed only.
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "common/lattice/lattice.h"
+
+namespace ridgecast::terrain {
+
+// Heights in metres at `count` points, as the terrain function returns them.
+using HeightsFunction = void (*)(const lattice::Step* x, const lattice::Step* z, float* out, std::size_t count, std::uint32_t seed);
+// One height as a sample `footprint` metres wide sees it; for tests of the filter.
+using FilteredHeightFunction = float (*)(lattice::Step x, lattice::Step z, float footprint, std::uint32_t seed);
+
+struct Variant {
+  std::string_view name;  // "baseline", "avx2", "avx512"
+  HeightsFunction alpine;
+  FilteredHeightFunction alpineFiltered;
+};
+
+// Those that this machine can run, slowest first; never empty. Decided once.
+std::span<const Variant> variants();
+
+// Each from its own translation unit, compiled with its own flags: call only what variants() lists.
+Variant baselineVariant();
+#ifdef RIDGECAST_TERRAIN_X86
+Variant avx2Variant();
+Variant avx512Variant();
+#endif
+
+}  // namespace ridgecast::terrain
