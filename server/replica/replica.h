@@ -1,0 +1,92 @@
+#pragma once
+// What one client holds: which leaf in which version, once it has applied everything that was sent. Decides what the next iteration
+// must carry and checks what the client acknowledges. Knows no socket, no thread and no mesh, only addresses, versions and hashes.
+//
+// The stream is ordered and loses nothing, so what was sent is what will be held; acknowledgements bound what is under way and prove,
+// by the hash of the mesh, that both sides agree.
+//
+// Not thread-safe. Memory: about 48 bytes a leaf, and a number and a hash an unacknowledged iteration (at most `window`).
+
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "server/pipeline/pipeline.h"
+
+namespace ridgecast::replica {
+
+inline constexpr std::uint32_t kDefaultWindow = 4;  // iterations
+// So often is everything sent again without a hash that agrees in between; then the client is beyond help.
+inline constexpr int kMaxRepairs = 3;
+
+// What the next iteration must carry. Addresses in canonical order; a leaf is never in both lists.
+struct Changes {
+  std::uint64_t number = 0;                 // of the iteration, ascending by 1 from 1
+  std::vector<lattice::LeafAddress> gone;   // held, and no longer part of the mesh
+  std::vector<lattice::LeafAddress> whole;  // new, changed or asked for again; leaves without triangles are held as well, and empty
+  std::uint64_t meshHash = 0;               // of what the client holds afterwards
+};
+
+enum class Verdict {
+  kAgrees,       // as expected, or an iteration sent before a repair, whose hash is no longer judged
+  kRepairs,      // another hash: everything will be sent whole again
+  kHopeless,     // another hash even after kMaxRepairs repairs
+  kNeverSent,    // an iteration that was never sent
+  kOutOfOrder,   // an iteration that was acknowledged before
+};
+
+class Replica {
+ public:
+  explicit Replica(std::uint32_t window = kDefaultWindow);  // >= 1
+
+  // Whether another iteration may be sent: fewer than `window` are unacknowledged.
+  bool hasRoom() const { return unacknowledged_.size() < window_; }
+  std::uint32_t unacknowledged() const { return static_cast<std::uint32_t>(unacknowledged_.size()); }
+  std::uint32_t window() const { return window_; }
+
+  // Whether leaves were asked for again and not sent since.
+  bool owes() const { return owes_; }
+
+  // Compares the mesh with what the client holds and takes the difference as sent. `leaves` in canonical order, no address twice.
+  // Only when hasRoom(). A leaf whose content is what the client holds is not sent, even when its version moved on.
+  Changes send(std::span<const pipeline::LeafState> leaves);
+
+  // Whether send() would carry anything.
+  bool differs(std::span<const pipeline::LeafState> leaves) const;
+
+  // The client says: applied every iteration up to `iteration`, and now holds `meshHash`. Frees the window up to there. After
+  // kNeverSent and kOutOfOrder nothing has changed.
+  Verdict acknowledge(std::uint64_t iteration, std::uint64_t meshHash);
+
+  // The client lost these; none named: everything. Addresses that it should not hold are ignored.
+  void resend(std::span<const lattice::LeafAddress> leaves);
+
+  std::size_t leaves() const { return held_.size(); }
+  std::uint64_t meshHash() const { return meshHash_; }
+
+ private:
+  struct Held {
+    lattice::LeafAddress address;
+    std::uint64_t version = 0;
+    std::uint64_t hash = 0;
+    bool again = false;  // was asked for again
+  };
+  struct Sent {
+    std::uint64_t number = 0;
+    std::uint64_t meshHash = 0;
+  };
+
+  std::uint32_t window_;
+  std::vector<Held> held_;     // in canonical order
+  std::vector<Held> scratch_;  // the next held_: kept for its memory
+  std::deque<Sent> unacknowledged_;
+  std::uint64_t lastSent_ = 0;
+  std::uint64_t judgedAfter_ = 0;  // iterations up to this one were sent before a repair
+  std::uint64_t meshHash_ = 0;
+  int repairs_ = 0;                // since hashes last agreed
+  bool owes_ = false;
+};
+
+}  // namespace ridgecast::replica
