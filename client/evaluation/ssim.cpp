@@ -1,0 +1,103 @@
+#include "client/evaluation/ssim.h"
+
+#include <array>
+#include <cassert>
+#include <cmath>
+#include <cstddef>
+
+namespace ridgecast::evaluation {
+namespace {
+
+constexpr std::size_t kWindow = 11;
+
+std::array<double, kWindow> gaussian() {
+  std::array<double, kWindow> kernel{};
+  double sum = 0;
+  for (std::size_t k = 0; k < kWindow; ++k) {
+    const double d = static_cast<double>(k) - 5;
+    sum += kernel[k] = std::exp(-d * d / (2 * 1.5 * 1.5));
+  }
+  for (double& w : kernel) w /= sum;
+  return kernel;
+}
+
+std::vector<double> luma(const render::Picture& p) {
+  std::vector<double> out(std::size_t{p.width} * p.height);
+  for (std::size_t k = 0; k < out.size(); ++k) out[k] = 0.299 * p.rgb[3 * k] + 0.587 * p.rgb[3 * k + 1] + 0.114 * p.rgb[3 * k + 2];
+  return out;
+}
+
+// Weighted means of the product of two pictures over every window that fits, separably.
+std::vector<double> windowMeans(const std::vector<double>& a, const std::vector<double>* b, std::size_t width, std::size_t height) {
+  static const std::array<double, kWindow> kernel = gaussian();
+  const std::size_t w = width - (kWindow - 1), h = height - (kWindow - 1);
+  std::vector<double> line(width), rows(w * height), out(w * h, 0.0);
+  for (std::size_t y = 0; y < height; ++y) {
+    for (std::size_t x = 0; x < width; ++x) line[x] = a[y * width + x] * (b ? (*b)[y * width + x] : 1.0);
+    for (std::size_t x = 0; x < w; ++x) {
+      double sum = 0;
+      for (std::size_t k = 0; k < kWindow; ++k) sum += kernel[k] * line[x + k];
+      rows[y * w + x] = sum;
+    }
+  }
+  for (std::size_t y = 0; y < h; ++y)
+    for (std::size_t k = 0; k < kWindow; ++k)
+      for (std::size_t x = 0; x < w; ++x) out[y * w + x] += kernel[k] * rows[(y + k) * w + x];
+  return out;
+}
+
+// Which windows see terrain in all of their pixels, by a summed-area table.
+std::vector<bool> terrainWindows(const render::Picture& p) {
+  const std::size_t width = p.width, height = p.height;
+  std::vector<std::uint32_t> sum((width + 1) * (height + 1), 0);
+  for (std::size_t y = 0; y < height; ++y)
+    for (std::size_t x = 0; x < width; ++x)
+      sum[(y + 1) * (width + 1) + x + 1] = (p.terrain[y * width + x] == 255 ? 1u : 0u) + sum[y * (width + 1) + x + 1] +
+                                           sum[(y + 1) * (width + 1) + x] - sum[y * (width + 1) + x];
+  const std::size_t w = width - (kWindow - 1), h = height - (kWindow - 1);
+  std::vector<bool> out(w * h);
+  for (std::size_t y = 0; y < h; ++y)
+    for (std::size_t x = 0; x < w; ++x)
+      out[y * w + x] = sum[(y + kWindow) * (width + 1) + x + kWindow] - sum[y * (width + 1) + x + kWindow] -
+                           sum[(y + kWindow) * (width + 1) + x] + sum[y * (width + 1) + x] ==
+                       kWindow * kWindow;
+  return out;
+}
+
+}  // namespace
+
+Similarity similarity(const render::Picture& picture, const render::Picture& reference) {
+  assert(picture.width == reference.width && picture.height == reference.height && picture.width >= kWindow && picture.height >= kWindow);
+  const std::size_t width = picture.width, height = picture.height;
+  const std::vector<double> a = luma(picture), b = luma(reference);
+  const std::vector<double> meanA = windowMeans(a, nullptr, width, height), meanB = windowMeans(b, nullptr, width, height);
+  const std::vector<double> squareA = windowMeans(a, &a, width, height), squareB = windowMeans(b, &b, width, height);
+  const std::vector<double> product = windowMeans(a, &b, width, height);
+
+  const bool masked = reference.terrain.size() == width * height;
+  const std::vector<bool> isTerrain = masked ? terrainWindows(reference) : std::vector<bool>(meanA.size(), false);
+  constexpr double kC1 = (0.01 * 255) * (0.01 * 255), kC2 = (0.03 * 255) * (0.03 * 255);
+  double total = 0, terrainTotal = 0;
+  std::size_t terrainCount = 0;
+  for (std::size_t k = 0; k < meanA.size(); ++k) {
+    const double ma = meanA[k], mb = meanB[k];
+    const double va = squareA[k] - ma * ma, vb = squareB[k] - mb * mb, covariance = product[k] - ma * mb;
+    const double s = (2 * ma * mb + kC1) * (2 * covariance + kC2) / ((ma * ma + mb * mb + kC1) * (va + vb + kC2));
+    total += s;
+    if (isTerrain[k]) {
+      terrainTotal += s;
+      ++terrainCount;
+    }
+  }
+  Similarity out;
+  out.mean = total / static_cast<double>(meanA.size());
+  if (terrainCount) out.terrain = terrainTotal / static_cast<double>(terrainCount);
+  if (masked) {
+    std::size_t terrain = 0;
+    for (const std::uint8_t m : reference.terrain) terrain += m == 255;
+    out.terrainShare = static_cast<double>(terrain) / static_cast<double>(reference.terrain.size());
+  }
+  return out;
+}
+
+}  // namespace ridgecast::evaluation

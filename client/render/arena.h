@@ -1,0 +1,31 @@
+#pragma once
+// Hands out ranges of a growing array (first fit, neighbours joined when given back): the bookkeeping of the mesh's two large buffers.
+// Not thread-safe.
+
+#include <cstddef>
+#include <map>
+#include <optional>
+
+namespace ridgecast::render {
+
+class Arena {
+ public:
+  explicit Arena(std::size_t capacity) : capacity_(capacity) {
+    if (capacity) free_.emplace(0, capacity);
+  }
+  std::size_t capacity() const { return capacity_; }
+  std::size_t used() const { return used_; }
+
+  // The start of `size` >= 1 free elements; nothing when no gap is that long: then grow().
+  std::optional<std::size_t> take(std::size_t size);
+  // Exactly a range that take() gave.
+  void giveBack(std::size_t start, std::size_t size);
+  // Adds room at the end; `capacity` is not less than before.
+  void grow(std::size_t capacity);
+
+ private:
+  std::map<std::size_t, std::size_t> free_;  // start -> length; no two touch
+  std::size_t capacity_ = 0, used_ = 0;
+};
+
+}  // namespace ridgecast::render

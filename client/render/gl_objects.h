@@ -1,0 +1,71 @@
+#pragma once
+// Owners of OpenGL names and the way from text to program. All of it needs the context that was current when it was made.
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "common/outcome/outcome.h"
+
+namespace ridgecast::render {
+
+// A name and the function that gives it back; 0 owns nothing.
+class GlObject {
+ public:
+  using Release = void (*)(std::uint32_t);
+  GlObject() = default;
+  GlObject(std::uint32_t name, Release release) : name_(name), release_(release) {}
+  ~GlObject() { reset(); }
+  GlObject(GlObject&& other) noexcept : name_(std::exchange(other.name_, 0)), release_(other.release_) {}
+  GlObject& operator=(GlObject&& other) noexcept {
+    if (this != &other) {
+      reset();
+      name_ = std::exchange(other.name_, 0);
+      release_ = other.release_;
+    }
+    return *this;
+  }
+  std::uint32_t name() const { return name_; }
+
+ private:
+  void reset() {
+    if (name_) release_(std::exchange(name_, 0));
+  }
+  std::uint32_t name_ = 0;
+  Release release_ = nullptr;
+};
+
+GlObject makeBuffer();
+GlObject makeVertexArray();
+GlObject makeFramebuffer();
+// A texture of one level without filtering; `internalFormat` is OpenGL's.
+GlObject makeTexture(std::uint32_t internalFormat, std::uint32_t width, std::uint32_t height);
+
+// A linked program. Setting a uniform that the program does not have is no error: the compiler drops what is not used.
+class Program {
+ public:
+  // Fragment shaders are given in pieces, joined behind the version line, each with its own #line so that messages name the piece.
+  struct Piece {
+    std::string_view name;
+    std::string_view text;
+  };
+  // Error: the compiler's or linker's first complaints with the piece's name and line.
+  static Outcome<Program> build(std::string_view what, std::string_view vertexSource, std::span<const Piece> fragmentPieces);
+
+  void use() const;
+  void set(const char* name, int v) const;
+  void set(const char* name, std::uint32_t v) const;
+  void set(const char* name, float v) const;
+  void set(const char* name, float x, float y) const;
+  void set(const char* name, float x, float y, float z) const;
+  void set(const char* name, int x, int y) const;
+  int location(const char* name) const;
+
+ private:
+  explicit Program(GlObject program) : program_(std::move(program)) {}
+  GlObject program_;
+};
+
+}  // namespace ridgecast::render

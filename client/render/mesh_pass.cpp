@@ -1,0 +1,195 @@
+#include "client/render/mesh_pass.h"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+namespace ridgecast::render {
+namespace {
+
+constexpr std::string_view kVertex = R"(
+layout(location = 0) in ivec3 position;  // x, z, y in steps, x and z from the leaf's corner
+uniform ivec3 leafOffset;                // what to add for steps from the camera's own step
+uniform vec3 remainder;                  // of the camera: x, z, y, in steps
+uniform vec3 right, up, forward;
+uniform vec2 scale;                      // one over the tangents of the half angles
+uniform float near;
+uniform bool reversedDepth;
+out vec3 offset;
+out float depth;
+void main() {
+  vec3 metres = (vec3(position + leafOffset) - remainder) * (1.0 / 256.0);
+  offset = metres.xzy;
+  depth = dot(offset, forward);
+  gl_Position = vec4(dot(offset, right) * scale.x, dot(offset, up) * scale.y, reversedDepth ? near : depth - 2.0 * near, depth);
+}
+)";
+
+constexpr std::string_view kReversedFragment = R"(
+in vec3 offset;
+in float depth;
+layout(location = 0) out vec4 surface;
+void main() { surface = vec4(offset, 1.0); }
+)";
+
+// Without glClipControl half of the float's range would be wasted: the logarithm spreads 0.1 m to 200 km evenly instead.
+constexpr std::string_view kLogarithmicFragment = R"(
+uniform float near;
+in vec3 offset;
+in float depth;
+layout(location = 0) out vec4 surface;
+void main() {
+  surface = vec4(offset, 1.0);
+  gl_FragDepth = clamp(1.0 - log2(depth / near) / log2(200000.0 / near), 0.0, 1.0);
+}
+)";
+
+constexpr std::size_t kVertexSize = sizeof(mesh::LocalVertex), kIndexSize = sizeof(std::uint32_t);
+static_assert(kVertexSize == 12 && offsetof(mesh::LocalVertex, z) == 4 && offsetof(mesh::LocalVertex, y) == 8);
+static_assert(sizeof(mesh::Triangle) == 12);
+
+// Room for `size` more elements, in a buffer that is twice as large when the old one is full.
+std::size_t takeOrGrow(Arena& arena, GlObject& buffer, std::size_t elementSize, std::size_t size) {
+  if (const auto start = arena.take(size)) return *start;
+  const std::size_t old = arena.capacity(), capacity = std::max({old * 2, old + size, std::size_t{1} << 16});
+  GlObject larger = makeBuffer();
+  glBindBuffer(GL_COPY_WRITE_BUFFER, larger.name());
+  glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(capacity * elementSize), nullptr, GL_DYNAMIC_DRAW);
+  if (old) {
+    glBindBuffer(GL_COPY_READ_BUFFER, buffer.name());
+    glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, static_cast<GLsizeiptr>(old * elementSize));
+  }
+  buffer = std::move(larger);
+  arena.grow(capacity);
+  return *arena.take(size);
+}
+
+void write(const GlObject& buffer, std::size_t start, std::size_t bytes, const void* data) {
+  glBindBuffer(GL_COPY_WRITE_BUFFER, buffer.name());
+  glBufferSubData(GL_COPY_WRITE_BUFFER, static_cast<GLintptr>(start), static_cast<GLsizeiptr>(bytes), data);
+}
+
+}  // namespace
+
+MeshPass::MeshPass(Program program, bool reversedDepth)
+    : program_(std::move(program)), reversedDepth_(reversedDepth), leafOffset_(program_.location("leafOffset")), vertexArray_(makeVertexArray()) {}
+
+Outcome<MeshPass> MeshPass::create() {
+  const bool reversed = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");
+  const std::array<Program::Piece, 1> fragment = {{{"mesh", reversed ? kReversedFragment : kLogarithmicFragment}}};
+  auto program = Program::build("mesh", kVertex, fragment);
+  if (!program) return program.error();
+  return MeshPass(std::move(*program), reversed);
+}
+
+void MeshPass::upload(const mesh::LeafMesh& leaf, Slot& slot) {
+  slot.vertices = leaf.vertices.size();
+  slot.indices = leaf.triangles.size() * 3;
+  if (!slot.indices) return;
+  slot.firstVertex = takeOrGrow(vertexArena_, vertexBuffer_, kVertexSize, slot.vertices);
+  slot.firstIndex = takeOrGrow(indexArena_, indexBuffer_, kIndexSize, slot.indices);
+  write(vertexBuffer_, slot.firstVertex * kVertexSize, slot.vertices * kVertexSize, leaf.vertices.data());
+  write(indexBuffer_, slot.firstIndex * kIndexSize, slot.indices * kIndexSize, leaf.triangles.data());
+  slot.low = slot.high = leaf.vertices.front();
+  for (const mesh::LocalVertex& v : leaf.vertices) {
+    slot.low = {std::min(slot.low.x, v.x), std::min(slot.low.z, v.z), std::min(slot.low.y, v.y)};
+    slot.high = {std::max(slot.high.x, v.x), std::max(slot.high.z, v.z), std::max(slot.high.y, v.y)};
+  }
+}
+
+void MeshPass::giveBack(const Slot& slot) {
+  if (!slot.indices) return;
+  vertexArena_.giveBack(slot.firstVertex, slot.vertices);
+  indexArena_.giveBack(slot.firstIndex, slot.indices);
+}
+
+void MeshPass::update(const scene::Scene& scene) { update(scene.leaves()); }
+
+void MeshPass::update(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves) {
+  for (auto slot = slots_.begin(); slot != slots_.end();) {
+    const auto held = leaves.find(slot->first);
+    const bool stale = held == leaves.end() || held->second.version != slot->second.version;
+    if (stale) giveBack(slot->second);
+    slot = stale ? slots_.erase(slot) : std::next(slot);
+  }
+  for (const auto& [address, held] : leaves) {
+    const auto [slot, isNew] = slots_.try_emplace(address);
+    if (!isNew) continue;
+    slot->second.version = held.version;
+    upload(*held.mesh, slot->second);
+  }
+}
+
+void MeshPass::bindArrays() const {
+  glBindVertexArray(vertexArray_.name());
+  glBindBuffer(GL_ARRAY_BUFFER, vertexBuffer_.name());
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, indexBuffer_.name());
+  glEnableVertexAttribArray(0);
+  glVertexAttribIPointer(0, 3, GL_INT, kVertexSize, nullptr);
+}
+
+MeshPass::Drawn MeshPass::draw(const View& view, const Surface& surface) const {
+  const camera::Pose& pose = view.camera.pose;
+  const camera::Projection& projection = view.camera.projection;
+  glBindFramebuffer(GL_FRAMEBUFFER, surface.framebuffer());
+  glViewport(0, 0, static_cast<GLsizei>(surface.width()), static_cast<GLsizei>(surface.height()));
+  glDisable(GL_SCISSOR_TEST);
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_GREATER);
+  glDepthMask(GL_TRUE);
+  glClearDepth(0.0);
+  glClearColor(0, 0, 0, 0);
+  if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
+  glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+
+  Drawn drawn;
+  if (vertexArena_.used()) {
+    bindArrays();
+    program_.use();
+    const auto set = [this](const char* name, const camera::Vec3& v) {
+      program_.set(name, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
+    };
+    set("right", camera::right(pose));
+    set("up", camera::up(pose));
+    set("forward", camera::forward(pose));
+    const double tangent = std::tan(projection.verticalFov / 2);
+    program_.set("scale", static_cast<float>(1 / (tangent * projection.aspect())), static_cast<float>(1 / tangent));
+    program_.set("near", static_cast<float>(kNear));
+    program_.set("reversedDepth", reversedDepth_ ? 1 : 0);
+    const double cameraY = std::floor(pose.y * lattice::kStepsPerMetre);
+    program_.set("remainder", static_cast<float>(pose.remainderX), static_cast<float>(pose.remainderZ),
+                 static_cast<float>(pose.y * lattice::kStepsPerMetre - cameraY));
+
+    const camera::Frustum frustum(pose, projection);
+    for (const auto& [address, slot] : slots_) {
+      if (!slot.indices) continue;
+      const lattice::Step x = address.x() - pose.x, z = address.z() - pose.z;
+      constexpr lattice::Step kFarthest = std::numeric_limits<std::int32_t>::max() / 2;  // 4,194 km: a stale scene after a jump
+      if (std::abs(x) > kFarthest || std::abs(z) > kFarthest) continue;
+      const auto metres = [](double steps) { return steps * lattice::kMetresPerStep; };
+      if (!frustum.mayIntersect({metres(double(x + slot.low.x) - 1), metres(slot.low.y - cameraY - 1), metres(double(z + slot.low.z) - 1)},
+                                {metres(double(x + slot.high.x)), metres(slot.high.y - cameraY), metres(double(z + slot.high.z))}))
+        continue;
+      glUniform3i(leafOffset_, static_cast<GLint>(x), static_cast<GLint>(z), static_cast<GLint>(-cameraY));
+      glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(slot.indices), GL_UNSIGNED_INT,
+                               reinterpret_cast<const void*>(slot.firstIndex * kIndexSize), static_cast<GLint>(slot.firstVertex));
+      ++drawn.leaves;
+      drawn.triangles += slot.indices / 3;
+    }
+    glBindVertexArray(0);
+  }
+  if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
+  glDepthFunc(GL_LESS);
+  glClearDepth(1.0);
+  glDisable(GL_DEPTH_TEST);
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  return drawn;
+}
+
+}  // namespace ridgecast::render

@@ -1,0 +1,90 @@
+#include "client/render/renderer.h"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <vector>
+
+namespace ridgecast::render {
+
+HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre, double radius) {
+  constexpr double kMargin = 400;
+  constexpr lattice::Step kSpacing = 128 << lattice::kStepBits;
+  const auto n = static_cast<lattice::Step>(std::ceil(radius * lattice::kStepsPerMetre / kSpacing));
+  std::vector<lattice::Step> x(static_cast<std::size_t>(2 * n + 1)), z(x.size());
+  std::vector<float> heights(x.size());
+  float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
+  for (lattice::Step row = -n; row <= n; ++row) {
+    for (lattice::Step column = -n; column <= n; ++column) {
+      x[static_cast<std::size_t>(column + n)] = centre.x + column * kSpacing;
+      z[static_cast<std::size_t>(column + n)] = centre.z + row * kSpacing;
+    }
+    terrain.heights(x, z, heights);
+    const auto [least, greatest] = std::minmax_element(heights.begin(), heights.end());
+    low = std::min(low, *least);
+    high = std::max(high, *greatest);
+  }
+  return {low - kMargin, high + kMargin};
+}
+
+Renderer::Renderer(MeshPass mesh, MarchPass march, ShadePass shade)
+    : mesh_(std::move(mesh)), march_(std::move(march)), shade_(std::move(shade)) {}
+
+Outcome<Renderer> Renderer::create(const TerrainText& terrain) {
+  auto mesh = MeshPass::create();
+  if (!mesh) return mesh.error();
+  auto march = MarchPass::create(terrain);
+  if (!march) return march.error();
+  auto shade = ShadePass::create(terrain);
+  if (!shade) return shade.error();
+  return Renderer(std::move(*mesh), std::move(*march), std::move(*shade));
+}
+
+Outcome<void> Renderer::fit(const View& view) {
+  const std::uint32_t width = view.camera.projection.width, height = view.camera.projection.height;
+  if (canvas_ && canvas_->width() == width && canvas_->height() == height) return {};
+  surface_.reset();
+  canvas_.reset();
+  auto surface = Surface::create(width, height);
+  if (!surface) return surface.error();
+  auto canvas = Canvas::create(width, height);
+  if (!canvas) return canvas.error();
+  surface_.emplace(std::move(*surface));
+  canvas_.emplace(std::move(*canvas));
+  return {};
+}
+
+Renderer::Drawn Renderer::finish(const View& view, std::uint32_t samples, std::chrono::steady_clock::time_point began) {
+  shade_.shade(view, *surface_, *canvas_);
+  glFinish();
+  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - began;
+  return {downsample(readBack(*canvas_), samples), spent.count()};
+}
+
+Outcome<Renderer::Drawn> Renderer::drawMesh(const scene::Scene& scene, const View& view, std::uint32_t samples) {
+  return drawMesh(scene.leaves(), view, samples);
+}
+
+Outcome<Renderer::Drawn> Renderer::drawMesh(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view,
+                                            std::uint32_t samples) {
+  const View fine = supersampled(view, samples);
+  if (auto fits = fit(fine); !fits) return fits.error();
+  mesh_.update(leaves);
+  glFinish();
+  const auto began = std::chrono::steady_clock::now();
+  mesh_.draw(fine, *surface_);
+  return finish(fine, samples, began);
+}
+
+Outcome<Renderer::Drawn> Renderer::drawMarch(const View& view, std::uint32_t samples, float fineness) {
+  const View fine = supersampled(view, samples);
+  if (auto fits = fit(fine); !fits) return fits.error();
+  glFinish();
+  const auto began = std::chrono::steady_clock::now();
+  march_.march(fine, *surface_, fineness);
+  return finish(fine, samples, began);
+}
+
+}  // namespace ridgecast::render

@@ -1,0 +1,49 @@
+#pragma once
+// Pictures of one world, from the mesh held and by ray march, drawn off screen. Needs the context it was made in.
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+
+#include "client/render/march_pass.h"
+#include "client/render/mesh_pass.h"
+#include "client/render/picture.h"
+#include "client/render/shade_pass.h"
+#include "client/scene/scene.h"
+#include "common/terrain/terrain.h"
+
+namespace ridgecast::render {
+
+// Heights that the terrain does not leave within `radius` metres around a point: sampled every 128 m, with a margin of 400 m for what lies between.
+struct HeightBounds {
+  double lowest = 0, highest = 0;
+};
+HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre, double radius);
+
+class Renderer {
+ public:
+  // Error: a shader that the driver does not compile.
+  static Outcome<Renderer> create(const TerrainText& terrain);
+
+  struct Drawn {
+    Picture picture;
+    double milliseconds = 0;  // drawing and shading, all samples; not reading back
+  };
+  // The view is that of the picture; n x n samples a pixel, averaged as display values. Error: a picture larger than the driver draws.
+  Outcome<Drawn> drawMesh(const scene::Scene& scene, const View& view, std::uint32_t samples = 1);
+  Outcome<Drawn> drawMesh(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view, std::uint32_t samples = 1);
+  Outcome<Drawn> drawMarch(const View& view, std::uint32_t samples = 1, float fineness = 1);
+
+ private:
+  Renderer(MeshPass mesh, MarchPass march, ShadePass shade);
+  Outcome<void> fit(const View& view);
+  Drawn finish(const View& view, std::uint32_t samples, std::chrono::steady_clock::time_point began);
+
+  MeshPass mesh_;
+  MarchPass march_;
+  ShadePass shade_;
+  std::optional<Surface> surface_;
+  std::optional<Canvas> canvas_;
+};
+
+}  // namespace ridgecast::render

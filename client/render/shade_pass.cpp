@@ -1,0 +1,93 @@
+#include "client/render/shade_pass.h"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <cstddef>
+
+namespace ridgecast::render {
+namespace {
+
+// The height that colours depend on is the terrain's own, not the mesh's: like the normal it then follows from x and z alone, so that
+// what is left between the two renderings is where the surface is, not how it is painted.
+constexpr std::string_view kShade = R"(
+uniform sampler2D shadeSurface;
+layout(location = 0) out vec4 colour;
+void main() {
+  vec4 s = texelFetch(shadeSurface, ivec2(gl_FragCoord.xy), 0);
+  float range = length(s.xyz);
+  bool ground = s.w > 0.0 && range < viewHorizon;
+  vec3 light;
+  if (ground) {
+    ivec2 cell;
+    vec2 fraction;
+    viewLocate(s.xz, cell, fraction);
+    float height = terrainHeight(cell, fraction, 0.0, viewSeed);
+    light = shadeTerrain(cell, fraction, height, viewFootprint(dot(s.xyz, viewForward)), s.xyz / max(range, 1e-6), range, viewHorizon, viewSeed);
+  } else {
+    light = skyColor(viewRay(gl_FragCoord.xy));
+  }
+  colour = vec4(toDisplay(light), ground ? 1.0 : 0.0);
+}
+)";
+
+}  // namespace
+
+ShadePass::ShadePass(Program program, std::uint32_t seed) : program_(std::move(program)), vertexArray_(makeVertexArray()), seed_(seed) {}
+
+Outcome<ShadePass> ShadePass::create(const TerrainText& terrain) {
+  auto program = buildTerrainProgram("shading", terrain, kShade);
+  if (!program) return program.error();
+  return ShadePass(std::move(*program), terrain.seed);
+}
+
+void ShadePass::shade(const View& view, const Surface& surface, const Canvas& canvas) const {
+  glBindFramebuffer(GL_FRAMEBUFFER, canvas.framebuffer());
+  glViewport(0, 0, static_cast<GLsizei>(canvas.width()), static_cast<GLsizei>(canvas.height()));
+  glDisable(GL_SCISSOR_TEST);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_2D, surface.texture());
+  program_.use();
+  setView(program_, view, seed_);
+  program_.set("shadeSurface", 0);
+  glBindVertexArray(vertexArray_.name());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBindVertexArray(0);
+  glBindTexture(GL_TEXTURE_2D, 0);
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+}
+
+Picture readBack(const Canvas& canvas) {
+  const std::size_t width = canvas.width(), height = canvas.height();
+  std::vector<std::uint8_t> rgba(width * height * 4);
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, canvas.framebuffer());
+  glPixelStorei(GL_PACK_ALIGNMENT, 1);
+  glReadPixels(0, 0, static_cast<GLsizei>(width), static_cast<GLsizei>(height), GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
+  Picture out{canvas.width(), canvas.height(), {}, {}};
+  out.rgb.resize(width * height * 3);
+  out.terrain.resize(width * height);
+  for (std::size_t y = 0; y < height; ++y)
+    for (std::size_t x = 0; x < width; ++x) {
+      const std::uint8_t* from = &rgba[4 * ((height - 1 - y) * width + x)];
+      std::copy_n(from, 3, &out.rgb[3 * (y * width + x)]);
+      out.terrain[y * width + x] = from[3];
+    }
+  return out;
+}
+
+void present(const Canvas& canvas, const Rectangle& target, const Rectangle& clip) {
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, canvas.framebuffer());
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+  glEnable(GL_SCISSOR_TEST);
+  glScissor(clip.x, clip.y, clip.width, clip.height);
+  glBlitFramebuffer(0, 0, static_cast<GLint>(canvas.width()), static_cast<GLint>(canvas.height()), target.x, target.y, target.x + target.width,
+                    target.y + target.height, GL_COLOR_BUFFER_BIT, GL_LINEAR);
+  glDisable(GL_SCISSOR_TEST);
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
+}
+
+}  // namespace ridgecast::render

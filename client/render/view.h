@@ -1,0 +1,44 @@
+#pragma once
+// What a picture shows: a camera in a world. Both renderings are drawn from equal views.
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "client/render/gl_objects.h"
+#include "common/camera/camera.h"
+#include "common/outcome/outcome.h"
+
+namespace ridgecast::render {
+
+struct View {
+  camera::Camera camera;   // projection: of the picture that is drawn, in samples
+  double horizon = 0;      // metres from the camera at which both renderings end
+  // No terrain is higher or lower within the horizon: lets the ray march skip the air. Metres, absolute; the defaults are always right.
+  double lowest = -131072, highest = 131072;
+};
+
+// The camera with n x n samples for each pixel.
+View supersampled(const View& view, std::uint32_t n);
+
+// The text of a world that the shaders are compiled from.
+struct TerrainText {
+  std::string source;      // the terrain file
+  std::uint32_t seed = 0;
+};
+
+// A full-screen program of version line, terrain prelude, terrain, shading, the view's own functions and `main`.
+Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main);
+
+// GLSL of the functions that every such program may call:
+//   void viewLocate(vec2 offset, out ivec2 cell, out vec2 fraction)   offset in metres from the camera, x and z
+//   vec3 viewRay(vec2 sampleAt)                                       unit direction through gl_FragCoord.xy
+//   float viewFootprint(float depth)                                  width in metres of a sample at this depth along the axis
+// and the uniforms viewForward, viewCameraY (metres), viewHorizon, viewSeed.
+std::string_view viewFunctions();
+
+// Sets those uniforms; the program must be in use.
+void setView(const Program& program, const View& view, std::uint32_t seed);
+
+}  // namespace ridgecast::render
