@@ -18,6 +18,7 @@ constexpr std::uint8_t kPlain = 0x10, kDraco = 0x11;
 constexpr unsigned kMaxShift = 28;
 constexpr std::uint32_t kMaxQuotient = 1u << 28;         // the widest difference of two values in range
 constexpr std::uint32_t kPlainWorthTrying = 64;          // triangles; above, Draco's fixed cost of about 70 bytes never decides
+constexpr std::size_t kLeastDracoBytes = 72;             // header included; shorter plain forms are taken without trying
 constexpr std::size_t kLeastPlainBytes = 3;              // of a vertex, and of a triangle
 
 using Quotients = std::array<std::uint32_t, 3>;          // x, z, y: (value - least) >> shift
@@ -146,18 +147,23 @@ std::vector<std::uint8_t> encodeLeaf(const mesh::LeafMesh& leaf) {
     points.push_back(q);
   }
 
-  std::vector<std::uint8_t> draco;
+  std::vector<std::uint8_t> plain, draco;
+  const auto encodePlain = [&] {
+    putHeader(plain, kPlain, scales);
+    putPlain(plain, points, leaf.triangles);
+  };
+  if (leaf.triangles.size() <= kPlainWorthTrying) {
+    encodePlain();
+    if (plain.size() <= kLeastDracoBytes) return plain;
+  }
   bool hasDraco = false;
   if (widest <= kMaxDracoValue) {
     draco.reserve(128 + 4 * leaf.triangles.size());
     putHeader(draco, kDraco, scales);
     hasDraco = encodeEdgebreaker(points, leaf.triangles, draco);
   }
-  if (hasDraco && leaf.triangles.size() > kPlainWorthTrying) return draco;
-  std::vector<std::uint8_t> plain;
-  putHeader(plain, kPlain, scales);
-  putPlain(plain, points, leaf.triangles);
-  return hasDraco && draco.size() < plain.size() ? draco : plain;
+  if (!hasDraco && plain.empty()) encodePlain();
+  return hasDraco && (plain.empty() || draco.size() < plain.size()) ? draco : plain;
 }
 
 Outcome<mesh::LeafMesh> decodeLeaf(std::span<const std::uint8_t> payload, lattice::LeafAddress address, std::uint32_t vertices,

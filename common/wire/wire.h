@@ -1,0 +1,49 @@
+#pragma once
+// The stream's messages <-> bytes: one message a WebSocket frame, protobuf as in proto/ridgecast/v1/stream.proto. The only room that sees
+// generated code. Decoding checks every field; an error names the message and field and says what would be right, and nothing of the
+// input is used then. Counts of repeated fields are checked before anything is allocated for them. Pure functions; any thread.
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::wire {
+
+// Limits of protocol version 1; PROTOCOL.md states the same numbers.
+inline constexpr std::size_t kMaxClientMessageBytes = std::size_t{128} << 10;
+inline constexpr std::size_t kMaxServerMessageBytes = std::size_t{256} << 20;
+inline constexpr std::size_t kMaxNameBytes = 128;            // client, server and terrain names; no control characters
+inline constexpr std::size_t kMaxSessionBytes = 64;          // letters, digits, '.', '_', '-'
+inline constexpr std::size_t kMaxTerrainSourceBytes = std::size_t{1} << 20;
+inline constexpr std::size_t kMaxErrorBytes = 4096;
+inline constexpr std::size_t kMaxResendLeaves = 4096;        // more: name none, which asks for all
+inline constexpr std::size_t kMaxIterationLeaves = 65'536;   // of `gone` and of `whole`, each
+inline constexpr std::uint32_t kMaxLeafTriangles = 1u << 20;
+inline constexpr std::size_t kMaxPayloadBytes = std::size_t{64} << 20;
+inline constexpr std::uint32_t kMaxWindow = 64;
+inline constexpr double kMaxThreshold = 1e12;
+inline constexpr double kMaxHorizon = 1e7;                   // metres
+
+// Whether a session's name can be one: 1..kMaxSessionBytes of [A-Za-z0-9._-].
+bool sessionNameIsValid(std::string_view name);
+
+struct Limits {
+  std::size_t maxClientMessageBytes = kMaxClientMessageBytes;
+  std::size_t maxServerMessageBytes = kMaxServerMessageBytes;
+};
+
+// What is encoded is not checked (the peer refuses what is out of range); only an error's text is cut to kMaxErrorBytes.
+std::string encode(const ClientMessage& message);
+std::string encode(const ServerMessage& message);
+
+// A hello of another protocol version is no error: it is returned with its version and name alone, so that it can be answered.
+Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const Limits& limits = {});
+// The same for a world of another protocol version.
+Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const Limits& limits = {});
+
+}  // namespace ridgecast::wire
