@@ -1,0 +1,65 @@
+#pragma once
+// Exact orientation and in-circle tests on integer coordinates, and the tie rule that makes the Delaunay triangulation unique.
+//
+// Coordinates are steps relative to an anchor, |x|, |z| < 2^26, so that differences have 27 bits: orientation is exact in 64-bit
+// integers; in-circle is filtered in doubles (the differences are exact, so Shewchuk's bound for stage A holds) with 128-bit
+// integers behind. Orientation is positive when a, b, c run counter-clockwise seen from above (+X right, +Z towards the viewer).
+//
+// Ties: of four cocircular points the smallest (by x, then z) is lifted infinitesimally less than the others, so the diagonal that
+// holds it is kept. Symbolic perturbation of the lifting map (Edelsbrunner and Muecke 1990, Devillers and Teillaud 2011).
+//
+// Source of the bound: Shewchuk, Adaptive Precision Floating-Point Arithmetic (1997), iccerrboundA = (10 + 96 eps) eps.
+
+#include <cmath>
+#include <cstdint>
+
+namespace ridgecast::triangulation {
+
+struct Point2 {
+  std::int32_t x = 0;
+  std::int32_t z = 0;
+};
+inline bool operator==(const Point2& a, const Point2& b) { return a.x == b.x && a.z == b.z; }
+inline bool smaller(const Point2& a, const Point2& b) { return a.x < b.x || (a.x == b.x && a.z < b.z); }
+
+// Twice the signed area: > 0 counter-clockwise, 0 collinear.
+inline std::int64_t orientation(const Point2& a, const Point2& b, const Point2& c) {
+  return (std::int64_t{b.z} - a.z) * (std::int64_t{c.x} - a.x) - (std::int64_t{b.x} - a.x) * (std::int64_t{c.z} - a.z);
+}
+
+// Sign of the in-circle determinant by 128-bit integers.
+int inCircleExact(const Point2& a, const Point2& b, const Point2& c, const Point2& d);
+
+// The tie rule for cocircular a, b, c (counter-clockwise) and d.
+inline bool insideWhenCocircular(const Point2& a, const Point2& b, const Point2& c, const Point2& d) {
+  const Point2* m = &a;
+  if (smaller(b, *m)) m = &b;
+  if (smaller(c, *m)) m = &c;
+  if (smaller(d, *m)) return true;
+  if (m == &a) return orientation(b, c, d) < 0;
+  if (m == &b) return orientation(c, a, d) < 0;
+  return orientation(a, b, d) < 0;
+}
+
+// Whether d lies inside the circle through a, b, c (counter-clockwise), ties settled; never ambiguous for distinct points.
+inline bool inCircle(const Point2& a, const Point2& b, const Point2& c, const Point2& d) {
+  const double dx = d.x, dz = d.z;
+  const double ap = a.z - dz, aq = a.x - dx, bp = b.z - dz, bq = b.x - dx, cp = c.z - dz, cq = c.x - dx;
+  const double bpcq = bp * cq, cpbq = cp * bq, cpaq = cp * aq, apcq = ap * cq, apbq = ap * bq, bpaq = bp * aq;
+  const double al = ap * ap + aq * aq, bl = bp * bp + bq * bq, cl = cp * cp + cq * cq;
+  const double det = al * (bpcq - cpbq) + bl * (cpaq - apcq) + cl * (apbq - bpaq);
+  const double permanent = al * (std::abs(bpcq) + std::abs(cpbq)) + bl * (std::abs(cpaq) + std::abs(apcq)) + cl * (std::abs(apbq) + std::abs(bpaq));
+  const double bound = 1.1102230246251577e-15 * permanent;
+  if (det > bound) return true;
+  if (det < -bound) return false;
+  const int exact = inCircleExact(a, b, c, d);
+  return exact != 0 ? exact > 0 : insideWhenCocircular(a, b, c, d);
+}
+
+// Whether d lies strictly between a and b, given that the three are collinear.
+inline bool strictlyBetween(const Point2& a, const Point2& b, const Point2& d) {
+  const Point2 &low = smaller(a, b) ? a : b, &high = smaller(a, b) ? b : a;
+  return smaller(low, d) && smaller(d, high);
+}
+
+}  // namespace ridgecast::triangulation

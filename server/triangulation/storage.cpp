@@ -1,0 +1,121 @@
+#include "server/triangulation/storage.h"
+
+#include <algorithm>
+#include <cassert>
+
+namespace ridgecast::triangulation {
+
+Pages::Pages(std::uint32_t slots)
+    : capacity_((slots + kSlots - 1) / kSlots * kSlots), pages_(std::make_unique<Page[]>(capacity_ / kSlots)), freePages_(capacity_ / kSlots) {
+  regions_.push_back(std::make_unique<Region>());  // kOutside
+}
+
+RegionId Pages::addRegion() {
+  if (!unusedRegions_.empty()) {
+    const RegionId id = unusedRegions_.back();
+    unusedRegions_.pop_back();
+    regions_[id] = std::make_unique<Region>();
+    return id;
+  }
+  regions_.push_back(std::make_unique<Region>());
+  return static_cast<RegionId>(regions_.size() - 1);
+}
+
+void Pages::removeRegion(RegionId region) {
+  assert(region != kOutside && regions_[region] && regions_[region]->count == 0);
+  regions_[region].reset();
+  unusedRegions_.push_back(region);
+}
+
+std::uint32_t Pages::allocate(RegionId id) {
+  Region& region = *regions_[id];
+  while (!region.open.empty() && pages_[region.open.back()].alive == ~std::uint64_t{0}) {
+    pages_[region.open.back()].open = false;
+    region.open.pop_back();
+  }
+  if (region.open.empty()) {
+    std::uint32_t page;
+    {
+      std::lock_guard lock(mutex_);
+      if (!pool_.empty()) {
+        page = pool_.back();
+        pool_.pop_back();
+      } else if (untouched_ < capacity_ / kSlots) {
+        page = untouched_++;
+      } else {
+        return kNoSlot;
+      }
+    }
+    freePages_.fetch_sub(1, std::memory_order_relaxed);
+    pages_[page] = {0, 0, id, static_cast<std::uint32_t>(region.pages.size()), true};
+    region.pages.push_back(page);
+    region.open.push_back(page);
+  }
+  Page& page = pages_[region.open.back()];
+  const auto slot = static_cast<std::uint32_t>(std::countr_one(page.alive));
+  page.alive |= std::uint64_t{1} << slot;
+  page.fresh |= std::uint64_t{1} << slot;
+  ++region.count;
+  region.changed = true;
+  return region.open.back() * kSlots + slot;
+}
+
+void Pages::release(std::uint32_t slot) {
+  const std::uint32_t number = slot / kSlots;
+  Page& page = pages_[number];
+  Region& region = *regions_[page.region];
+  const std::uint64_t bit = std::uint64_t{1} << (slot % kSlots);
+  assert(page.alive & bit);
+  page.alive &= ~bit;
+  page.fresh &= ~bit;
+  --region.count;
+  region.changed = true;
+  if (!page.open) {
+    page.open = true;
+    region.open.push_back(number);
+  }
+  // The page that is being filled stays: a change releases its hole and fills it again at once.
+  if (page.alive == 0 && region.open.back() != number) {
+    region.open.erase(std::find(region.open.begin(), region.open.end(), number));
+    region.pages[page.place] = region.pages.back();
+    pages_[region.pages[page.place]].place = page.place;
+    region.pages.pop_back();
+    {
+      std::lock_guard lock(mutex_);
+      pool_.push_back(number);
+    }
+    freePages_.fetch_add(1, std::memory_order_relaxed);
+  } else if (region.count == 0) {
+    for (std::uint32_t p : region.pages) {
+      std::lock_guard lock(mutex_);
+      pool_.push_back(p);
+    }
+    freePages_.fetch_add(static_cast<std::uint32_t>(region.pages.size()), std::memory_order_relaxed);
+    region.pages.clear();
+    region.open.clear();
+  }
+}
+
+void Pages::clear() {
+  for (auto& region : regions_) {
+    if (!region) continue;
+    region->pages.clear();
+    region->open.clear();
+    region->count = 0;
+    region->changed = true;
+  }
+  pool_.clear();
+  untouched_ = 0;
+  freePages_ = capacity_ / kSlots;
+}
+
+std::uint32_t Pages::live() const {
+  std::uint32_t sum = 0;
+  for (const auto& region : regions_)
+    if (region) sum += region->count;
+  return sum;
+}
+
+std::uint32_t Pages::pagesInUse() const { return capacity_ / kSlots - freePages_.load(std::memory_order_relaxed); }
+
+}  // namespace ridgecast::triangulation

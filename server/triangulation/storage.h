@@ -1,0 +1,91 @@
+#pragma once
+// Slots of fixed size, handed out in pages of 64 that belong to one region each. Knows ids, not records.
+//
+// A page has two masks: `alive` (the slot is in use) and `fresh` (in use, and not yet seen by whoever called clearFresh). Emptied
+// pages go back to one pool and are the first to be reused, so resident memory follows what is alive.
+//
+// Threads: allocate and release for different regions may run at the same time; the pool of free pages is behind a mutex.
+
+#include <atomic>
+#include <bit>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+namespace ridgecast::triangulation {
+
+using RegionId = std::uint32_t;
+inline constexpr RegionId kOutside = 0;
+inline constexpr std::uint32_t kNoSlot = 0xffffffffu;
+
+class Pages {
+ public:
+  static constexpr std::uint32_t kSlots = 64;
+
+  explicit Pages(std::uint32_t slots);
+
+  RegionId addRegion();
+  void removeRegion(RegionId region);
+  std::size_t regionLimit() const { return regions_.size(); }
+  bool hasRegion(RegionId region) const { return region < regions_.size() && regions_[region] != nullptr; }
+
+  std::uint32_t allocate(RegionId region);   // a fresh slot; kNoSlot when there is none left
+  void release(std::uint32_t slot);
+  void clear();                              // releases every slot; regions stay
+  // Whether at least `pages` pages are free: a change that needs a few slots in unknown regions asks first.
+  bool hasFree(std::uint32_t pages) const { return freePages_.load(std::memory_order_relaxed) >= pages; }
+
+  RegionId regionOf(std::uint32_t slot) const { return pages_[slot / kSlots].region; }
+  bool alive(std::uint32_t slot) const { return (pages_[slot / kSlots].alive >> (slot % kSlots)) & 1; }
+  bool fresh(std::uint32_t slot) const { return (pages_[slot / kSlots].fresh >> (slot % kSlots)) & 1; }
+  void setFresh(std::uint32_t slot) { pages_[slot / kSlots].fresh |= std::uint64_t{1} << (slot % kSlots); }
+  void clearFresh(std::uint32_t slot) { pages_[slot / kSlots].fresh &= ~(std::uint64_t{1} << (slot % kSlots)); }
+
+  std::uint32_t count(RegionId region) const { return regions_[region]->count; }
+  bool changed(RegionId region) const { return regions_[region]->changed; }
+  void markChanged(RegionId region) { regions_[region]->changed = true; }
+  void clearChanged(RegionId region) { regions_[region]->changed = false; }
+  std::uint32_t live() const;
+  std::uint32_t capacity() const { return capacity_; }
+  std::uint32_t pagesInUse() const;
+
+  const std::vector<std::uint32_t>& pagesOf(RegionId region) const { return regions_[region]->pages; }
+  std::uint64_t aliveMask(std::uint32_t page) const { return pages_[page].alive; }
+  std::uint64_t freshMask(std::uint32_t page) const { return pages_[page].fresh; }
+
+  template <class F>
+  void forEach(RegionId region, F&& f) const {
+    for (std::uint32_t page : regions_[region]->pages)
+      for (std::uint64_t m = pages_[page].alive; m != 0; m &= m - 1) f(page * kSlots + static_cast<std::uint32_t>(std::countr_zero(m)));
+  }
+  template <class F>
+  void forEachFresh(RegionId region, F&& f) const {
+    for (std::uint32_t page : regions_[region]->pages)
+      for (std::uint64_t m = pages_[page].fresh; m != 0; m &= m - 1) f(page * kSlots + static_cast<std::uint32_t>(std::countr_zero(m)));
+  }
+
+ private:
+  struct Page {
+    std::uint64_t alive = 0, fresh = 0;
+    RegionId region = kOutside;
+    std::uint32_t place = 0;      // index in its region's list of pages
+    bool open = false;            // in its region's list of pages with room
+  };
+  struct Region {
+    std::vector<std::uint32_t> pages, open;
+    std::uint32_t count = 0;
+    bool changed = false;
+  };
+
+  std::uint32_t capacity_;
+  std::unique_ptr<Page[]> pages_;
+  std::vector<std::unique_ptr<Region>> regions_;   // null: unused id
+  std::vector<RegionId> unusedRegions_;
+  std::mutex mutex_;
+  std::vector<std::uint32_t> pool_;                // released pages, last in first out
+  std::uint32_t untouched_ = 0;                    // pages from here on were never used
+  std::atomic<std::uint32_t> freePages_;
+};
+
+}  // namespace ridgecast::triangulation

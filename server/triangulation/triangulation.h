@@ -1,0 +1,186 @@
+#pragma once
+// An incremental Delaunay triangulation of points on an integer lattice, filed by regions. Knows no terrain and no camera.
+//
+// The mesh is a function of its point set alone (see predicates.h): neither order, nor threads, nor compiler matter. It covers the
+// convex hull; beyond the hull lies one symbolic vertex at infinity, kInfinite, so that hull edges need no special case.
+//
+// Topology   triangle t has corners v[0..2], counter-clockwise seen from above, and half-edges 4t + k, k = 0..2, from v[k] to
+//            v[k + 1]; twin[k] is the half-edge that runs back in the neighbour:
+//
+//                 v[2]
+//                 /  \          half-edge 4t + 0 runs v[0] -> v[1], its twin runs v[1] -> v[0]
+//              2 /    \ 1
+//               /  t   \        a ghost triangle has kInfinite as one corner; its other two are a hull edge, seen from outside
+//            v[0] ---- v[1]
+//                  0
+//
+// Regions    half-open squares that do not overlap; kOutside is everything else. A triangle is filed under the region that holds its
+//            centroid (exactly), a vertex under the region that holds it; ghosts are filed outside. Records are kept in pages of 64 of
+//            one region, so that work on a region stays in few cache lines, and pages of emptied regions are reused.
+// Partition  who knows which regions there are answers `regionAt`; when its answers change, call refile().
+//
+// Threads    insert() and remove() with a WriteSet touch only records of the regions in it: calls with disjoint sets may run at the
+//            same time. A change that would leave its set writes nothing and returns kDeferred. Everything else: one thread, alone.
+//            Where vertices are shared between regions, only their `edge` (any half-edge that starts there) is written by two
+//            threads, atomically and relaxed: whichever is last is right.
+//
+// Sources    Bowyer (1981), Watson (1981) for the cavity; Devillers (1999) and CGAL's documentation for removal by filling the star.
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "server/triangulation/predicates.h"
+#include "server/triangulation/storage.h"
+
+namespace ridgecast::triangulation {
+
+using VertexId = std::uint32_t;
+using TriangleId = std::uint32_t;
+using HalfEdge = std::uint32_t;
+
+inline constexpr VertexId kInfinite = 0;
+inline constexpr HalfEdge kNoEdge = 0xffffffffu;
+
+struct Vertex {
+  std::int32_t x = 0, z = 0;  // steps relative to the anchor, |.| < 2^26
+  std::int32_t y = 0;         // carried along, never judged
+  HalfEdge edge = kNoEdge;    // some half-edge that starts here
+  Point2 point() const { return {x, z}; }
+};
+
+struct Triangle {
+  VertexId v[3];
+  HalfEdge twin[3];
+};
+
+enum class Change {
+  kDone,
+  kDeferred,   // would touch a region outside the write set; nothing was written
+  kDuplicate,  // insert: a vertex is there already; nothing was written
+  kFull,       // no storage left; nothing was written
+  kRefused,    // remove: the remaining points would all be collinear; nothing was written
+};
+
+// Which region holds a point, in steps relative to the anchor. Must answer kOutside where no region is.
+class Partition {
+ public:
+  virtual ~Partition() = default;
+  virtual RegionId regionAt(Point2 p) const = 0;
+};
+
+// What one thread needs to change the mesh: the regions it may write and scratch memory. Not shared between threads.
+class WriteSet {
+ public:
+  WriteSet() = default;
+  void allowAll() { all_ = true; }
+  void allow(std::span<const RegionId> regions);
+  bool allows(RegionId r) const { return all_ || (r < stamp_.size() && stamp_[r] == current_); }
+
+ private:
+  friend class Triangulation;
+  bool all_ = false;
+  std::uint32_t current_ = 0;
+  std::vector<std::uint32_t> stamp_;
+  struct Border {        // an edge of the hole, hole on its left
+    VertexId from, to;
+    HalfEdge outer;      // the half-edge that runs back, outside the hole
+    RegionId region;     // of the new triangle (insertion)
+  };
+  std::vector<TriangleId> hole_;
+  std::vector<Border> border_;
+  std::vector<HalfEdge> stack_;
+  struct Fill {
+    std::uint32_t a, b, c;  // indices into border_ (their `from`)
+    RegionId region;
+    TriangleId id;
+  };
+  std::vector<Fill> fill_;
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> spans_;
+};
+
+struct Moves {  // told of every record that changes its id in refile()
+  std::function<void(TriangleId from, TriangleId to)> triangle;
+  std::function<void(VertexId from, VertexId to)> vertex;
+};
+
+class Triangulation {
+ public:
+  // Room for about `triangles` live triangles (more virtual memory than that is reserved; only what is used becomes resident).
+  Triangulation(std::uint32_t triangles, const Partition& partition);
+
+  // ---- regions ----
+  RegionId addRegion();                      // an empty region; the partition decides what it covers
+  void removeRegion(RegionId region);        // must be empty
+  std::uint32_t regionLimit() const { return static_cast<std::uint32_t>(triangles_.regionLimit()); }
+  // Files everything in `region` anew by the partition's answers.
+  void refile(RegionId region, const Moves& moves = {});
+  std::uint32_t triangleCount(RegionId region) const { return triangles_.count(region); }
+  std::uint32_t vertexCount(RegionId region) const { return vertices_.count(region); }
+  bool takeChanged(RegionId region);         // whether triangles of the region changed since the last call
+  void markChanged(RegionId region) { triangles_.markChanged(region); }
+
+  // ---- points ----
+  // Removes everything and starts from three points that are not collinear. Regions stay.
+  void start(const Vertex& a, const Vertex& b, const Vertex& c);
+  void clear();
+  bool empty() const { return liveVertices() == 0; }
+
+  // Inserts a point that lies in the closed triangle `at` (or, outside the hull, beyond the hull edge of the ghost `at`).
+  Change insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made = nullptr);
+  Change remove(VertexId v, WriteSet& set);
+  // The triangle that holds p (a ghost when p is outside the hull), walking from `from`. kNoEdge when the walk leaves the write set.
+  TriangleId locate(Point2 p, TriangleId from, const WriteSet& set) const;
+  TriangleId anyTriangle() const;
+
+  void setHeight(VertexId v, std::int32_t y) { vertexRecords_[v].y = y; }
+  // Moves the anchor: every coordinate changes by the same amount.
+  void translate(std::int32_t dx, std::int32_t dz);
+
+  // ---- reading ----
+  const Vertex& vertex(VertexId v) const { return vertexRecords_[v]; }
+  const Triangle& triangle(TriangleId t) const { return triangleRecords_[t]; }
+  VertexId origin(HalfEdge h) const { return triangleRecords_[h >> 2].v[h & 3]; }
+  HalfEdge twin(HalfEdge h) const { return triangleRecords_[h >> 2].twin[h & 3]; }
+  static HalfEdge next(HalfEdge h) { return (h & 3) == 2 ? h - 2 : h + 1; }
+  static HalfEdge previous(HalfEdge h) { return (h & 3) == 0 ? h + 2 : h - 1; }
+  bool isGhost(TriangleId t) const {
+    const Triangle& r = triangleRecords_[t];
+    return r.v[0] == kInfinite || r.v[1] == kInfinite || r.v[2] == kInfinite;
+  }
+  RegionId regionOf(TriangleId t) const { return triangles_.regionOf(t); }
+  RegionId regionOfVertex(VertexId v) const { return vertices_.regionOf(v); }
+  HalfEdge edgeOf(VertexId v) const { return std::atomic_ref<HalfEdge>(const_cast<HalfEdge&>(vertexRecords_[v].edge)).load(std::memory_order_relaxed); }
+  std::uint32_t liveTriangles() const;       // without ghosts
+  std::uint32_t liveVertices() const { return vertices_.live(); }
+  std::uint32_t triangleCapacity() const { return triangles_.capacity(); }
+  std::uint32_t vertexCapacity() const { return vertices_.capacity(); }
+  std::size_t residentBytes() const;         // of the pages in use
+
+  const Pages& trianglePages() const { return triangles_; }
+  Pages& trianglePages() { return triangles_; }
+  const Pages& vertexPages() const { return vertices_; }
+
+ private:
+  void setEdge(VertexId v, HalfEdge h) { std::atomic_ref<HalfEdge>(vertexRecords_[v].edge).store(h, std::memory_order_relaxed); }
+  bool holeContains(const Triangle& t, const Point2& p) const;
+  bool encloses(VertexId a, VertexId b, VertexId c, VertexId d) const;
+  RegionId regionOfCorners(VertexId a, VertexId b, VertexId c) const;
+  void link(HalfEdge a, HalfEdge b) {
+    triangleRecords_[a >> 2].twin[a & 3] = b;
+    triangleRecords_[b >> 2].twin[b & 3] = a;
+  }
+  bool collectStar(VertexId v, WriteSet& set) const;
+  void fillStar(WriteSet& set) const;
+
+  const Partition* partition_;
+  Pages triangles_, vertices_;
+  std::unique_ptr<Triangle[]> triangleRecords_;
+  std::unique_ptr<Vertex[]> vertexRecords_;
+};
+
+}  // namespace ridgecast::triangulation
