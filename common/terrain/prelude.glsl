@@ -11,6 +11,7 @@ struct Place {
   uvec2 cell;  // wraps
   vec2 at;     // [0, 1)
   vec2 slope;  // gradient gathered so far, metres a metre, in the octave's own turned axes
+  float height;  // metres gathered so far
 };
 
 // Widest octave: squares of 16,384 m.
@@ -19,28 +20,30 @@ Place widestPlace(ivec2 cell, vec2 fraction) {
   p.cell = uvec2(uint(cell.x >> 2), uint(cell.y >> 2));
   p.at = vec2((float(cell.x & 3) + fraction.x) * 0.25f, (float(cell.y & 3) + fraction.y) * 0.25f);
   p.slope = vec2(0.0f, 0.0f);
+  p.height = 0.0f;
   return p;
 }
 
-Place carried(uvec2 cell, vec2 at, vec2 slope) {
+Place carried(uvec2 cell, vec2 at, vec2 slope, float height) {
   Place p;
   vec2 whole = vec2(floor(at.x), floor(at.y));
   p.cell = uvec2(cell.x + uint(int(whole.x)), cell.y + uint(int(whole.y)));
   p.at = at - whole;
   p.slope = slope;
+  p.height = height;
   return p;
 }
 
 // The next octave, finer by the square root of 5 and turned by 26.6 degrees: matrix (2 1; -1 2).
 Place finer5(Place p) {
   return carried(uvec2(p.cell.x * 2u + p.cell.y, p.cell.y * 2u - p.cell.x), vec2(p.at.x * 2.0f + p.at.y, p.at.y * 2.0f - p.at.x),
-                 vec2(p.slope.x * 2.0f + p.slope.y, p.slope.y * 2.0f - p.slope.x) * 0.4472136f);
+                 vec2(p.slope.x * 2.0f + p.slope.y, p.slope.y * 2.0f - p.slope.x) * 0.4472136f, p.height);
 }
 
 // The next octave, finer by the square root of 10 and turned by 18.4 degrees: matrix (3 1; -1 3).
 Place finer10(Place p) {
   return carried(uvec2(p.cell.x * 3u + p.cell.y, p.cell.y * 3u - p.cell.x), vec2(p.at.x * 3.0f + p.at.y, p.at.y * 3.0f - p.at.x),
-                 vec2(p.slope.x * 3.0f + p.slope.y, p.slope.y * 3.0f - p.slope.x) * 0.3162278f);
+                 vec2(p.slope.x * 3.0f + p.slope.y, p.slope.y * 3.0f - p.slope.x) * 0.3162278f, p.height);
 }
 
 // How much of an octave is left when a sample stands for `footprint` metres: all of it (exactly 1) up to half its wavelength, nothing
@@ -140,4 +143,34 @@ vec3 gradientNoise(uvec2 cell, vec2 at, uint salt) {
   float gx = ax + (bx - ax) * u + (cx - ax + (ax - bx - cx + dx) * u) * v + (ab + abcd * v) * blendSlope(at.x);
   float gz = az + (bz - az) * u + (cz - az + (az - bz - cz + dz) * u) * v + (ac + abcd * u) * blendSlope(at.y);
   return vec3(a + ab * u + (ac + abcd * u) * v, gx, gz) * 0.00004577637f;
+}
+
+// A wave of unit period and height: parabolas for the sine, 8 t (1 - 2 |t|) at t in [-1/2, 1/2], at most 6 % off. Only its shape
+// matters, and it is rounded alike everywhere.
+float wave(float turns) {
+  float t = turns - floor(turns) - 0.5f;
+  return t * (16.0f * abs(t) - 8.0f);
+}
+
+// Stripes across `side` (turns a lattice unit, perpendicular to the stripes; may change from place to place): (cosine, sine) of their
+// phase, each about [-1, 1]. Every corner of the square has stripes of its own phase, and the blend is drawn towards full strength, so
+// that stripes join and fork where phases disagree: with `side` across the slope, that is how water cuts a face (after the erosion
+// filters of Clay John and Rune Skovbo Johansen).
+vec2 stripes(uvec2 cell, vec2 at, vec2 side, uint salt) {
+  Corners h = cornersOf(cell, salt);
+  float phase = at.x * side.x + at.y * side.y;
+  float a = unsignedUnit(h.h00) + phase;
+  float b = unsignedUnit(h.h10) + phase - side.x;
+  float c = unsignedUnit(h.h01) + phase - side.y;
+  float d = unsignedUnit(h.h11) + phase - side.x - side.y;
+  float u = blend(at.x);
+  float v = blend(at.y);
+  float wd = u * v;
+  float wb = u - wd;
+  float wc = v - wd;
+  float wa = 1.0f - u - wc;
+  float sine = wa * wave(a) + wb * wave(b) + wc * wave(c) + wd * wave(d);
+  float cosine = wa * wave(a + 0.25f) + wb * wave(b + 0.25f) + wc * wave(c + 0.25f) + wd * wave(d + 0.25f);
+  float strength = 1.0f / (sqrt(sine * sine + cosine * cosine) + 0.1f);
+  return vec2(cosine * strength, sine * strength);
 }

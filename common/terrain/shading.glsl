@@ -1,7 +1,7 @@
 // What both renderings share: the filtered normal, light, sky, fog and the soft end of the world. Compiled after prelude.glsl and a
 // terrain file. Colours are linear RGB until toDisplay.
 
-const vec3 kSunDirection = vec3(0.5144958f, 0.5144958f, -0.6859943f);  // towards the sun; unit
+const vec3 kSunDirection = vec3(0.5609701f, 0.5385313f, -0.6283046f);  // towards the sun; unit
 
 // The height at an offset in metres from a place.
 float heightNear(ivec2 cell, vec2 fraction, float dx, float dz, float footprint, uint seed) {
@@ -34,13 +34,38 @@ float clearness(float distance, float horizon) {
   return haze * (1.0f - smoothstep(0.5f, 1.0f, t));
 }
 
-// The colour of the surface in linear light, fog included. viewDirection: unit, from the eye to the point; distance and horizon in
-// metres along the plane of the view ray, the same for both renderings.
+// Share of the sun that reaches a point: the terrain towards the sun, ever coarser with distance, against the sun's ray.
+float sunlight(ivec2 cell, vec2 fraction, float height, float footprint, uint seed) {
+  float open = 1.0f;
+  float reach = 20.0f + 2.0f * footprint;
+  float level = sqrt(kSunDirection.x * kSunDirection.x + kSunDirection.z * kSunDirection.z);
+  for (int i = 0; i < 9; ++i) {
+    float coarse = max(footprint, 0.22f * reach);
+    float ground = heightNear(cell, fraction, reach * kSunDirection.x / level, reach * kSunDirection.z / level, coarse, seed);
+    float gap = height + reach * kSunDirection.y / level - ground;
+    open = min(open, 0.5f + gap / (0.16f * reach + 4.0f));
+    if (open <= 0.0f) break;
+    reach = reach * 1.75f;
+  }
+  return smoothstep(0.0f, 1.0f, open);
+}
+
+// The colour of the surface in linear light, fog included. viewDirection: unit, from the eye to the point; distance: from the eye,
+// metres; horizon: where the world ends, metres.
 vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3 viewDirection, float distance, float horizon, uint seed) {
   vec3 normal = terrainNormal(cell, fraction, footprint, seed);
   vec3 albedo = terrainColor(cell, fraction, height, normal, footprint, seed);
-  float sun = max(dot(normal, kSunDirection), 0.0f);
-  vec3 light = vec3(2.2f, 2.0f, 1.7f) * sun + vec3(0.35f, 0.45f, 0.6f) * (0.6f + 0.4f * normal.y);
+  // Hollows see less of the sky: the height against its surroundings, 40 m and 300 m wide.
+  float near = terrainHeight(cell, fraction, max(footprint, 60.0f), seed) - height;
+  float wide = terrainHeight(cell, fraction, max(footprint, 500.0f), seed) - height;
+  float open = min(max(1.0f - 0.018f * near - 0.0022f * wide, 0.45f), 1.15f);
+  float facing = dot(normal, kSunDirection);
+  float sun = max(facing, 0.0f);
+  if (sun > 0.0f) sun = sun * sunlight(cell, fraction, height, footprint, seed);
+  vec3 light = vec3(2.9f, 2.55f, 2.05f) * sun;
+  light += vec3(0.26f, 0.36f, 0.52f) * (open * (0.55f + 0.45f * normal.y));
+  // What the sunlit ground around throws back, mostly onto faces turned away from the sun.
+  light += vec3(0.16f, 0.14f, 0.11f) * (open * max(0.5f - 0.5f * dot(normal, vec3(kSunDirection.x, -0.3f, kSunDirection.z)), 0.0f));
   return mix(skyColor(viewDirection), albedo * light, clearness(distance, horizon));
 }
 
