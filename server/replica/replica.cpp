@@ -77,7 +77,8 @@ void Replica::resend(std::span<const lattice::LeafAddress> leaves) {
     return;
   }
   for (const lattice::LeafAddress& address : leaves) {
-    const auto it = std::lower_bound(held_.begin(), held_.end(), address, [](const Held& held, const lattice::LeafAddress& a) { return held.address < a; });
+    const auto it = std::lower_bound(held_.begin(), held_.end(), address,
+                                     [](const Held& held, const lattice::LeafAddress& a) { return held.address < a; });
     if (it == held_.end() || it->address != address) continue;
     it->again = true;
     owes_ = true;

@@ -30,11 +30,11 @@ struct Changes {
 };
 
 enum class Verdict {
-  kAgrees,       // as expected, or an iteration sent before a repair, whose hash is no longer judged
-  kRepairs,      // another hash: everything will be sent whole again
-  kHopeless,     // another hash even after kMaxRepairs repairs
-  kNeverSent,    // an iteration that was never sent
-  kOutOfOrder,   // an iteration that was acknowledged before
+  kAgrees,      // as expected, or an iteration sent before a repair, whose hash is no longer judged
+  kRepairs,     // another hash: everything will be sent whole again
+  kHopeless,    // another hash even after kMaxRepairs repairs
+  kNeverSent,   // an iteration that was never sent
+  kOutOfOrder,  // an iteration that was acknowledged before
 };
 
 class Replica {
@@ -85,7 +85,7 @@ class Replica {
   std::uint64_t lastSent_ = 0;
   std::uint64_t judgedAfter_ = 0;  // iterations up to this one were sent before a repair
   std::uint64_t meshHash_ = 0;
-  int repairs_ = 0;                // since hashes last agreed
+  int repairs_ = 0;  // since hashes last agreed
   bool owes_ = false;
 };
 

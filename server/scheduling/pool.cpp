@@ -350,7 +350,8 @@ class Ordered final : public Region {
       if (ready_.empty()) {
         if (done_ == count_) return;
         lock.unlock();
-        const bool more = spinUntil([&] { return readyCount_.load(std::memory_order_relaxed) > 0 || finished_.load(std::memory_order_relaxed) || leave(); });
+        const bool more = spinUntil(
+            [&] { return readyCount_.load(std::memory_order_relaxed) > 0 || finished_.load(std::memory_order_relaxed) || leave(); });
         lock.lock();
         if (caller) {
           callerWaits_ = true;
@@ -402,7 +403,7 @@ class Ordered final : public Region {
   std::vector<std::uint32_t> missing_;  // predecessors that are not done
   std::vector<std::uint32_t> first_, followers_;
   std::mutex mutex_;
-  std::condition_variable wake_;  // the caller's
+  std::condition_variable wake_;      // the caller's
   std::vector<std::uint32_t> ready_;  // a heap, least first
   std::atomic<std::size_t> readyCount_{0};
   std::atomic<bool> finished_{false};

@@ -183,7 +183,8 @@ TEST(Replica, ClientAlwaysEndsWithTheMesh) {
     };
     for (int step = 0; step < 400; ++step) {
       for (int n = static_cast<int>(random() % 4); n > 0; --n) {
-        const LeafAddress a{static_cast<std::int32_t>(random() % 3), static_cast<std::int64_t>(random() % 5) - 2, static_cast<std::int64_t>(random() % 3)};
+        const LeafAddress a{static_cast<std::int32_t>(random() % 3), static_cast<std::int64_t>(random() % 5) - 2,
+                            static_cast<std::int64_t>(random() % 3)};
         if (random() % 3 == 0)
           world.leaves.erase(a);
         else

@@ -256,9 +256,7 @@ TEST(Scheduling, ATaskMayHoldTheLastReferenceToItsPool) {
   for (int k = 0; k < 300; ++k) {
     auto pool = machine.makePool();
     auto* raw = pool.get();
-    raw->post([&, own = std::move(pool)] {
-      own->forEach(4, 1, [&](std::size_t) { ++ran; });
-    });
+    raw->post([&, own = std::move(pool)] { own->forEach(4, 1, [&](std::size_t) { ++ran; }); });
   }
   while (ran < 1200) std::this_thread::yield();
 }

@@ -1,0 +1,29 @@
+#pragma once
+// One camera's mesh as a session sees it: something that iterates and can be read between iterations. pipeline::Pipeline is the one
+// there is; behind this seam a session can be tested, and later fed, without it.
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "server/pipeline/pipeline.h"
+
+namespace ridgecast::session {
+
+// Same contract as pipeline::Pipeline.
+class CameraMesh {
+ public:
+  virtual ~CameraMesh() = default;
+  virtual wire::Figures iterate(const camera::Camera& camera) = 0;
+  virtual bool settled() const = 0;
+  virtual const std::vector<pipeline::LeafState>& leaves() const = 0;
+  virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
+};
+
+using MakeMesh = std::function<std::unique_ptr<CameraMesh>(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted,
+                                                           std::shared_ptr<scheduling::Pool> pool)>;
+
+// Makes pipelines.
+MakeMesh pipelineMeshes();
+
+}  // namespace ridgecast::session

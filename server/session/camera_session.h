@@ -1,0 +1,88 @@
+#pragma once
+// One camera in a session: what arrives from its client goes in, iterations go out.
+//
+//                 hello                      error, or the client is gone
+//   expects hello ------> runs ------------------------------------------> closed
+//
+// An actor: receive() and close() come from any thread, never block on an iteration and only note what happened; the work runs as a
+// task of the camera's own pool, at most one at a time, one iteration a task, so that many cameras take turns.
+//
+// Free pacing: the newest pose wins; iterations go on while the client has room and a newer pose came or the mesh is not at rest. The
+// first iteration for a pose is always sent; later ones only when they carry something, and that the mesh is at rest is told once.
+// Lock-step: exactly one iteration for each pose, in order; at most kMaxQueuedPoses wait.
+//
+// The client has room when fewer than `window` iterations are unacknowledged and less than maxQueuedBytes wait in its way out. All that
+// waits there belongs to unacknowledged iterations, so an acknowledgement is the only event that can make room.
+
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <optional>
+
+#include "common/wire/messages.h"
+#include "server/replica/replica.h"
+#include "server/session/session.h"
+
+namespace ridgecast::session {
+
+// The way to the client. Any thread; no call blocks or calls back into the camera session.
+class Sender {
+ public:
+  virtual ~Sender() = default;
+  virtual void send(wire::ServerMessage message) = 0;
+  virtual std::size_t queuedBytes() const = 0;        // not yet handed to the operating system
+  virtual void fail(wire::ErrorMessage message) = 0;  // sends the message, then ends the connection
+};
+
+class CameraSession : public std::enable_shared_from_this<CameraSession> {
+ public:
+  CameraSession(std::shared_ptr<Session> session, Place place, std::uint64_t id, std::shared_ptr<Sender> sender);
+
+  void receive(wire::ClientMessage message);
+  // The client is gone: nothing more is sent, the mesh is freed by a task of the pool.
+  void close();
+
+  std::uint64_t id() const { return id_; }
+
+ private:
+  enum class Stage { kExpectsHello, kRuns, kClosed };
+  using Refusal = std::optional<wire::ErrorMessage>;
+
+  // Under the lock.
+  Refusal take(wire::Hello& hello);
+  Refusal take(wire::PoseMessage& pose);
+  Refusal take(const wire::Acknowledge& acknowledge);
+  Refusal take(const wire::ResendLeaves& resend);
+  bool hasWork() const;
+  bool wake();  // false: the pool takes no more
+
+  void refuse(wire::ErrorMessage message);
+  void run();
+  void work();
+  void iterate();
+  std::vector<wire::LeafWhole> encode(const std::vector<lattice::LeafAddress>& addresses) const;
+
+  const std::shared_ptr<Session> session_;
+  const Place place_;
+  const std::uint64_t id_;
+  const std::shared_ptr<Sender> sender_;
+  const std::shared_ptr<scheduling::Pool> pool_;
+
+  mutable std::mutex mutex_;
+  Stage stage_ = Stage::kExpectsHello;
+  bool scheduled_ = false;  // a task is queued or runs
+  bool greeted_ = false;    // the world was sent
+  bool lockstep_ = false;
+  wire::Settings granted_;
+  std::uint64_t lastSequence_ = 0;
+  std::deque<wire::PoseMessage> poses_;  // free: at most one, the newest
+  bool atRest_ = true;                   // nothing to do before another pose
+  replica::Replica replica_;
+
+  // Of the running task alone.
+  std::unique_ptr<CameraMesh> mesh_;
+  wire::PoseMessage pose_;  // of the last iteration
+  bool posed_ = false;      // there was one; written under the lock
+};
+
+}  // namespace ridgecast::session

@@ -1,0 +1,30 @@
+#include <utility>
+
+#include "server/session/camera_mesh.h"
+
+namespace ridgecast::session {
+
+namespace {
+
+class PipelineMesh final : public CameraMesh {
+ public:
+  PipelineMesh(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool)
+      : pipeline_(std::move(terrain), granted, std::move(pool)) {}
+  wire::Figures iterate(const camera::Camera& camera) override { return pipeline_.iterate(camera); }
+  bool settled() const override { return pipeline_.settled(); }
+  const std::vector<pipeline::LeafState>& leaves() const override { return pipeline_.leaves(); }
+  mesh::LeafMesh extract(lattice::LeafAddress address) const override { return pipeline_.extract(address); }
+
+ private:
+  pipeline::Pipeline pipeline_;
+};
+
+}  // namespace
+
+MakeMesh pipelineMeshes() {
+  return [](std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool) {
+    return std::make_unique<PipelineMesh>(std::move(terrain), granted, std::move(pool));
+  };
+}
+
+}  // namespace ridgecast::session

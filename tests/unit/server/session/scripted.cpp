@@ -1,0 +1,156 @@
+#include "scripted.h"
+
+#include "common/codec/codec.h"
+
+namespace ridgecast::session {
+
+namespace {
+
+class Flat final : public terrain::Terrain {
+ public:
+  explicit Flat(std::uint32_t seed) : seed_(seed) {}
+  std::string_view name() const override { return "flat"; }
+  std::string_view source() const override { return "// flat"; }
+  std::uint32_t seed() const override { return seed_; }
+  void heights(std::span<const lattice::Step>, std::span<const lattice::Step>, std::span<float> out) const override {
+    std::fill(out.begin(), out.end(), 0.0f);
+  }
+
+ private:
+  std::uint32_t seed_;
+};
+
+class ScriptedMesh final : public CameraMesh {
+ public:
+  explicit ScriptedMesh(std::shared_ptr<Script> script) : script_(std::move(script)) { ++script_->alive; }
+  ~ScriptedMesh() override { --script_->alive; }
+
+  wire::Figures iterate(const camera::Camera& camera) override {
+    state_ = script_->next(++script_->iterations, camera);
+    leaves_.clear();
+    for (const auto& [address, content] : state_.leaves) {
+      const auto leaf = contentOf(address, content);
+      leaves_.push_back({address, ++versions_, mesh::hashLeaf(leaf), static_cast<std::uint32_t>(leaf.triangles.size())});
+    }
+    wire::Figures figures;
+    figures.leaves = static_cast<std::uint32_t>(leaves_.size());
+    return figures;
+  }
+  bool settled() const override { return state_.settled; }
+  const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
+  mesh::LeafMesh extract(lattice::LeafAddress address) const override { return contentOf(address, state_.leaves.at(address)); }
+
+ private:
+  std::shared_ptr<Script> script_;
+  Script::State state_;
+  std::vector<pipeline::LeafState> leaves_;
+  std::uint64_t versions_ = 0;
+};
+
+constexpr std::chrono::seconds kPatience{5};
+
+}  // namespace
+
+std::shared_ptr<const terrain::Terrain> flatTerrain(std::uint32_t seed) { return std::make_shared<Flat>(seed); }
+
+mesh::LeafMesh contentOf(lattice::LeafAddress address, std::int32_t content) {
+  mesh::LeafMesh leaf{address, {}, {}};
+  if (content == 0) return leaf;
+  const int unit = 1 << lattice::horizontalBits(address.level);
+  leaf.vertices = {{0, 0, content}, {unit, unit, content + 1}, {unit, 0, content}};
+  leaf.triangles = {{0, 1, 2}};
+  mesh::canonicalize(leaf);
+  return leaf;
+}
+
+MakeMesh scriptedMeshes(std::shared_ptr<Script> script) {
+  return [script](std::shared_ptr<const terrain::Terrain>, const wire::Settings&, std::shared_ptr<scheduling::Pool>) {
+    return std::make_unique<ScriptedMesh>(script);
+  };
+}
+
+void Client::send(wire::ServerMessage message) {
+  const std::lock_guard lock(mutex_);
+  if (auto* world = std::get_if<wire::World>(&message)) {
+    if (world_) complaint_ = "a second world";
+    world_ = std::move(*world);
+  } else if (auto* iteration = std::get_if<wire::Iteration>(&message)) {
+    if (!world_) complaint_ = "an iteration before the world";
+    if (error_) complaint_ = "an iteration after an error";
+    apply(*iteration);
+    iterations_.push_back(std::move(*iteration));
+  }
+  changed_.notify_all();
+}
+
+void Client::fail(wire::ErrorMessage message) {
+  const std::lock_guard lock(mutex_);
+  if (error_) complaint_ = "a second error";
+  error_ = std::move(message);
+  changed_.notify_all();
+}
+
+void Client::apply(const wire::Iteration& iteration) {
+  if (iteration.number != iterations_.size() + 1) complaint_ = "numbers do not ascend by 1";
+  for (const auto& address : iteration.gone)
+    if (held_.erase(address) == 0) complaint_ = "a leaf is gone that is not held";
+  for (const auto& whole : iteration.whole) {
+    if (whole.triangles == 0) {
+      if (!whole.payload.empty()) complaint_ = "an empty leaf has a payload";
+      held_[whole.address] = 0;
+      continue;
+    }
+    const auto leaf = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
+    if (!leaf) {
+      complaint_ = leaf.error().message;
+    } else {
+      held_[whole.address] = mesh::hashLeaf(*leaf);
+    }
+  }
+  meshHash_ = 0;
+  for (const auto& [address, hash] : held_) meshHash_ += mesh::hashTerm(address, hash);
+  if (meshHash_ != iteration.meshHash)
+    complaint_ = "iteration " + std::to_string(iteration.number) + " left another mesh than it announced";
+}
+
+std::optional<wire::World> Client::world() {
+  std::unique_lock lock(mutex_);
+  changed_.wait_for(lock, kPatience, [this] { return world_ || error_; });
+  return world_;
+}
+
+std::optional<wire::Iteration> Client::iteration() {
+  std::unique_lock lock(mutex_);
+  changed_.wait_for(lock, kPatience, [this] { return iterations_.size() > taken_ || error_; });
+  if (iterations_.size() <= taken_) return {};
+  return iterations_[taken_++];
+}
+
+std::optional<wire::ErrorMessage> Client::error() {
+  std::unique_lock lock(mutex_);
+  changed_.wait_for(lock, kPatience, [this] { return error_.has_value(); });
+  return error_;
+}
+
+bool Client::quiet(std::chrono::milliseconds time) {
+  std::unique_lock lock(mutex_);
+  const std::size_t before = iterations_.size();
+  return !changed_.wait_for(lock, time, [&] { return iterations_.size() != before || error_; });
+}
+
+std::uint64_t Client::meshHash() const {
+  const std::lock_guard lock(mutex_);
+  return meshHash_;
+}
+
+std::size_t Client::sent() const {
+  const std::lock_guard lock(mutex_);
+  return iterations_.size();
+}
+
+std::string Client::complaint() const {
+  const std::lock_guard lock(mutex_);
+  return complaint_;
+}
+
+}  // namespace ridgecast::session

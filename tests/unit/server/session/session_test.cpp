@@ -1,0 +1,399 @@
+#include "server/session/session.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <stdexcept>
+#include <thread>
+
+#include "scripted.h"
+
+namespace ridgecast::session {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+using wire::ErrorCode;
+
+constexpr lattice::LeafAddress kA{1, 0, 0}, kB{1, 1, 0}, kC{2, -3, 4};
+
+wire::PoseMessage pose(std::uint64_t sequence, double y = 100) {
+  wire::PoseMessage p;
+  p.sequence = sequence;
+  p.camera.pose.y = y;
+  return p;
+}
+wire::Hello hello(wire::Pacing pacing = wire::Pacing::kFree) {
+  wire::Hello h;
+  h.pacing = pacing;
+  return h;
+}
+
+class SessionTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    // At rest at once, unless a test says otherwise.
+    script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 1}}, true}; };
+  }
+  void TearDown() override {
+    stop();
+    EXPECT_EQ(client->complaint(), "");
+  }
+  void stop() {
+    if (camera) camera->close();
+    camera.reset();
+    machine.reset();
+  }
+
+  void start(const Limits& limits = {}, unsigned threads = 2) {
+    stop();
+    machine = std::make_unique<scheduling::Machine>(threads);
+    auto made = std::make_shared<Resources>();
+    made->machine = machine.get();
+    made->makeMesh = scriptedMeshes(script);
+    made->serverName = "test";
+    made->limits = limits;
+    directory = std::make_unique<Directory>(made, flatTerrain());
+    join();
+  }
+  void join() {
+    auto session = directory->find(kDefaultName);
+    camera = std::make_shared<CameraSession>(session, std::move(*session->enter()), directory->nextCameraId(), client);
+  }
+  void acknowledge(const wire::Iteration& iteration) { camera->receive(wire::Acknowledge{iteration.number, iteration.meshHash}); }
+
+  std::shared_ptr<Script> script = std::make_shared<Script>();
+  std::unique_ptr<scheduling::Machine> machine;
+  std::unique_ptr<Directory> directory;
+  std::shared_ptr<Client> client = std::make_shared<Client>();
+  std::shared_ptr<CameraSession> camera;
+};
+
+TEST_F(SessionTest, HelloIsAnsweredWithTheWorldAndWhatWasGranted) {
+  start();
+  wire::Hello h = hello();
+  h.settings.triangleBudget = 4'000'000'000u;
+  camera->receive(h);
+  const auto world = client->world();
+  ASSERT_TRUE(world);
+  EXPECT_EQ(world->terrainName, "flat");
+  EXPECT_EQ(world->terrainSource, "// flat");
+  EXPECT_EQ(world->seed, 5u);
+  EXPECT_EQ(world->session, "default");
+  EXPECT_EQ(world->window, replica::kDefaultWindow);
+  EXPECT_EQ(world->camera, camera->id());
+  EXPECT_EQ(world->contentHash, terrain::contentHash(*flatTerrain()));
+  EXPECT_NE(world->contentHash, terrain::contentHash(*flatTerrain(6)));
+  EXPECT_EQ(world->settings.triangleBudget, pipeline::Limits{}.maxBudget);
+  EXPECT_TRUE(client->quiet()) << "no pose, no iteration";
+}
+
+TEST_F(SessionTest, MessagesOutOfPlaceAreRefusedByName) {
+  const auto refusal = [&](std::vector<wire::ClientMessage> messages) {
+    client = std::make_shared<Client>();
+    start();
+    for (auto& m : messages) camera->receive(m);
+    const auto error = client->error();
+    EXPECT_TRUE(error);
+    camera->close();
+    return error.value_or(wire::ErrorMessage{});
+  };
+  auto error = refusal({pose(1)});
+  EXPECT_EQ(error.code, ErrorCode::kMalformed);
+  EXPECT_THAT(error.message, HasSubstr("hello"));
+  EXPECT_EQ(refusal({wire::Acknowledge{1, 2}}).code, ErrorCode::kMalformed);
+  EXPECT_EQ(refusal({wire::ResendLeaves{}}).code, ErrorCode::kMalformed);
+  EXPECT_EQ(refusal({hello(), hello()}).code, ErrorCode::kMalformed);
+
+  wire::Hello other = hello();
+  other.protocolVersion = 7;
+  error = refusal({other});
+  EXPECT_EQ(error.code, ErrorCode::kVersion);
+  EXPECT_THAT(error.message, testing::AllOf(HasSubstr("version 1"), HasSubstr("version 7")));
+
+  EXPECT_EQ(refusal({hello(), pose(0)}).code, ErrorCode::kInvalid);
+  EXPECT_EQ(refusal({hello(), pose(3), pose(3)}).code, ErrorCode::kInvalid);
+  EXPECT_EQ(refusal({hello(), pose(1, std::nan(""))}).code, ErrorCode::kInvalid);
+  EXPECT_EQ(refusal({hello(), wire::Acknowledge{1, 0}}).code, ErrorCode::kInvalid);
+}
+
+TEST_F(SessionTest, AfterAnErrorEverythingIsIgnored) {
+  start();
+  camera->receive(hello());
+  camera->receive(pose(0));
+  ASSERT_TRUE(client->error());
+  camera->receive(pose(1));
+  camera->receive(hello());
+  std::this_thread::sleep_for(30ms);  // a second error would be a complaint
+  EXPECT_EQ(client->sent(), 0u);
+}
+
+TEST_F(SessionTest, AnswersEachNewPoseAndTellsRestOnce) {
+  // Three iterations to come to rest after each pose; the second changes nothing and is not worth a message.
+  auto since = std::make_shared<int>(0);
+  auto last = std::make_shared<double>(0);
+  script->next = [=](int, const camera::Camera& c) {
+    if (c.pose.y != *last) *since = 0;
+    *last = c.pose.y;
+    ++*since;
+    return Script::State{{{kA, static_cast<std::int32_t>(c.pose.y)}, {kB, 0}, {kC, *since >= 3 ? 3 : 1}}, *since >= 4};
+  };
+  start();
+  camera->receive(hello());
+  for (std::uint64_t sequence = 1; sequence <= 3; ++sequence) {
+    camera->receive(pose(sequence, 100.0 + double(sequence)));
+    std::vector<wire::Iteration> got;
+    do {
+      const auto i = client->iteration();
+      ASSERT_TRUE(i);
+      EXPECT_EQ(i->poseSequence, sequence);
+      got.push_back(*i);
+      acknowledge(*i);
+    } while (!got.back().settled);
+    EXPECT_EQ(got.size(), 3u);  // the answer, the change, the news that it is at rest
+    EXPECT_TRUE(got.back().whole.empty());
+    EXPECT_TRUE(client->quiet());
+    const int before = script->iterations;
+    std::this_thread::sleep_for(20ms);
+    EXPECT_EQ(script->iterations, before) << "at rest nothing runs";
+  }
+  // A pose that changes nothing is answered all the same.
+  camera->receive(pose(9, 103));
+  const auto answer = client->iteration();
+  ASSERT_TRUE(answer);
+  EXPECT_EQ(answer->poseSequence, 9u);
+  EXPECT_TRUE(answer->settled);
+  EXPECT_TRUE(client->quiet());
+}
+
+TEST_F(SessionTest, NewestPoseWins) {
+  std::mutex gate;
+  std::vector<double> seen;
+  script->next = [&](int n, const camera::Camera& c) {
+    const std::lock_guard lock(gate);
+    seen.push_back(c.pose.y);
+    return Script::State{{{kA, n}}, true};
+  };
+  start();
+  camera->receive(hello());
+  ASSERT_TRUE(client->world());
+  {
+    const std::lock_guard lock(gate);
+    for (int k = 1; k <= 500; ++k) camera->receive(pose(static_cast<std::uint64_t>(k), k));
+  }
+  std::optional<wire::Iteration> i;
+  do {
+    i = client->iteration();
+    ASSERT_TRUE(i);
+    acknowledge(*i);
+  } while (i->poseSequence != 500);
+  const std::lock_guard lock(gate);
+  EXPECT_LE(seen.size(), 2u);
+  EXPECT_EQ(seen.back(), 500);
+}
+
+TEST_F(SessionTest, UnacknowledgedIterationsAreBounded) {
+  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}, {kB, n % 3}}, false}; };  // never at rest
+  Limits limits;
+  limits.window = 3;
+  start(limits);
+  camera->receive(hello());
+  camera->receive(pose(1));
+  std::vector<wire::Iteration> got;
+  for (int k = 0; k < 3; ++k) got.push_back(client->iteration().value());
+  EXPECT_TRUE(client->quiet());
+  EXPECT_EQ(script->iterations, 3);
+  acknowledge(got[1]);  // stands for two
+  for (int k = 0; k < 2; ++k) got.push_back(client->iteration().value());
+  EXPECT_TRUE(client->quiet());
+  EXPECT_EQ(got.back().number, 5u);
+}
+
+TEST_F(SessionTest, AFullWayOutStopsIterations) {
+  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}}, false}; };
+  start();
+  camera->receive(hello());
+  ASSERT_TRUE(client->world());
+  client->queued = Limits{}.maxQueuedBytes + 1;
+  camera->receive(pose(1));
+  EXPECT_TRUE(client->quiet());
+  EXPECT_EQ(script->iterations, 0);
+  client->queued = 0;
+  camera->receive(pose(2));
+  EXPECT_EQ(client->iteration().value().poseSequence, 2u);
+}
+
+TEST_F(SessionTest, LockstepIsOneIterationForEachPoseInOrder) {
+  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n / 2}}, false}; };  // not at rest, often unchanged
+  start();
+  camera->receive(hello(wire::Pacing::kLockstep));
+  std::uint64_t posed = 0;
+  for (; posed < kMaxQueuedPoses; ++posed) camera->receive(pose(posed + 1));
+  for (std::uint64_t k = 1; k <= 100; ++k) {
+    const auto i = client->iteration();
+    ASSERT_TRUE(i) << k;
+    EXPECT_EQ(i->number, k);
+    EXPECT_EQ(i->poseSequence, k);
+    acknowledge(*i);
+    if (posed < 100) camera->receive(pose(++posed));
+  }
+  EXPECT_TRUE(client->quiet());
+  EXPECT_EQ(script->iterations, 100);
+}
+
+TEST_F(SessionTest, LockstepBoundsItsQueue) {
+  start();
+  camera->receive(hello(wire::Pacing::kLockstep));
+  for (std::uint64_t k = 1; k <= 2 * kMaxQueuedPoses; ++k) camera->receive(pose(k));  // never acknowledged
+  const auto error = client->error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kLimit);
+}
+
+TEST_F(SessionTest, LostLeavesAreSentAgainEvenAtRest) {
+  script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 1}, {kB, 2}, {kC, 0}}, true}; };
+  start();
+  camera->receive(hello());
+  camera->receive(pose(1));
+  auto i = client->iteration().value();
+  EXPECT_EQ(i.whole.size(), 3u);
+  acknowledge(i);
+  EXPECT_TRUE(client->quiet());
+  camera->receive(wire::ResendLeaves{{kB, {5, 5, 5}}});
+  i = client->iteration().value();
+  ASSERT_EQ(i.whole.size(), 1u);
+  EXPECT_EQ(i.whole[0].address, kB);
+  camera->receive(wire::Acknowledge{i.number, i.meshHash + 1});  // another hash: everything
+  EXPECT_EQ(client->iteration().value().whole.size(), 3u);
+  EXPECT_TRUE(client->quiet());
+}
+
+TEST_F(SessionTest, AClientThatNeverAgreesIsSentAway) {
+  start();
+  camera->receive(hello());
+  camera->receive(pose(1));
+  for (int k = 0; k <= replica::kMaxRepairs; ++k) {
+    const auto i = client->iteration();
+    ASSERT_TRUE(i);
+    camera->receive(wire::Acknowledge{i->number, 12345});
+  }
+  const auto error = client->error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kInvalid);
+}
+
+TEST_F(SessionTest, ClosingFreesTheMeshAndThePlace) {
+  script->next = [](int n, const camera::Camera&) {
+    std::this_thread::sleep_for(5ms);
+    return Script::State{{{kA, n}}, false};
+  };
+  start();
+  camera->receive(hello());
+  camera->receive(pose(1));
+  ASSERT_TRUE(client->iteration());
+  EXPECT_EQ(directory->cameras(), 1u);
+  camera->close();
+  camera->close();
+  camera.reset();
+  for (int k = 0; k < 500 && (script->alive || directory->cameras()); ++k) std::this_thread::sleep_for(2ms);
+  EXPECT_EQ(script->alive, 0);
+  EXPECT_EQ(directory->cameras(), 0u);
+  const std::size_t sent = client->sent();
+  std::this_thread::sleep_for(20ms);
+  EXPECT_EQ(client->sent(), sent);
+}
+
+TEST_F(SessionTest, AFailureInsideIsTold) {
+  script->next = [](int n, const camera::Camera&) -> Script::State {
+    if (n > 1) throw std::runtime_error("out of luck");
+    return {{{kA, 1}}, false};
+  };
+  start();
+  camera->receive(hello());
+  camera->receive(pose(1));
+  const auto error = client->error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kInternal);
+  EXPECT_THAT(error->message, HasSubstr("out of luck"));
+}
+
+TEST_F(SessionTest, PlacesAreBoundedAndGivenBack) {
+  Limits limits;
+  limits.maxCameras = 3;
+  limits.maxMembers = 2;
+  start(limits);  // takes one
+  auto other = directory->add("other", flatTerrain()).value();
+  auto session = directory->find("default");
+  {
+    auto second = session->enter();
+    ASSERT_TRUE(second);
+    auto third = session->enter();
+    ASSERT_FALSE(third);
+    EXPECT_THAT(third.error().message, HasSubstr("'default' is full"));
+    EXPECT_EQ(session->members(), 2u);
+    auto elsewhere = other->enter();
+    ASSERT_TRUE(elsewhere);
+    auto fourth = other->enter();
+    ASSERT_FALSE(fourth);
+    EXPECT_THAT(fourth.error().message, HasSubstr("server is full"));
+  }
+  EXPECT_TRUE(session->enter());
+  EXPECT_EQ(directory->cameras(), 1u);
+}
+
+TEST_F(SessionTest, DirectoryKnowsSessionsByName) {
+  start();
+  EXPECT_TRUE(directory->find("default"));
+  EXPECT_FALSE(directory->find("nowhere"));
+  EXPECT_FALSE(directory->find(""));
+  EXPECT_TRUE(directory->add("alps-2", flatTerrain()));
+  EXPECT_FALSE(directory->add("alps-2", flatTerrain()));
+  EXPECT_FALSE(directory->add("no spaces", flatTerrain()));
+  EXPECT_FALSE(directory->add("default", flatTerrain()));
+}
+
+// Everything at once, from several threads: nothing but the laws that the client checks by itself.
+TEST_F(SessionTest, StressOfMessagesFromSeveralThreads) {
+  script->next = [](int n, const camera::Camera& c) {
+    Script::State state;
+    std::mt19937 random(static_cast<unsigned>(n));
+    for (int k = 0; k < 12; ++k)
+      state.leaves[{0, static_cast<std::int64_t>(random() % 20), static_cast<std::int64_t>(c.pose.y) % 3}] =
+          static_cast<std::int32_t>(random() % 3);
+    state.settled = n % 7 == 0;
+    return state;
+  };
+  for (const unsigned threads : {1u, 3u}) {
+    client = std::make_shared<Client>();
+    start({}, threads);
+    camera->receive(hello());
+    std::atomic<bool> stop{false};
+    std::thread poses([&] {
+      for (std::uint64_t k = 1; !stop; ++k) {
+        camera->receive(pose(k, double(k)));
+        std::this_thread::sleep_for(100us);
+      }
+    });
+    std::thread resends([&] {
+      while (!stop) {
+        camera->receive(wire::ResendLeaves{{{0, 3, 1}}});
+        std::this_thread::sleep_for(1ms);
+      }
+    });
+    for (int k = 0; k < 150; ++k) {
+      const auto i = client->iteration();
+      ASSERT_TRUE(i);
+      acknowledge(*i);
+    }
+    stop = true;
+    poses.join();
+    resends.join();
+    EXPECT_EQ(client->complaint(), "");
+    camera->close();
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast::session
