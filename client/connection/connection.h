@@ -2,6 +2,7 @@
 // A connection to a server's stream. Runs its socket on one thread of its own; the owner's thread sends and receives.
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -18,18 +19,20 @@ struct Url {
   std::string port = "7070";
   std::string session = "default";
 };
-// host:port, http(s)://, ws(s)://, optional path (ignored) and ?session=NAME. https and wss: an error that says TLS is not there yet.
+// host, host:port, [ipv6]:port, http:// or ws:// before it, optional path (ignored) and ?session=NAME (other parameters are ignored).
+// Without a port: 7070, and 80 behind http:// or ws://. Empty text: the defaults. https and wss: an error that says TLS is not there yet.
 Outcome<Url> parseUrl(std::string_view text);
 
 struct Received {
   wire::Iteration iteration;
-  std::uint64_t bytes = 0;     // of the frame
+  std::uint64_t bytes = 0;  // of the frame
 };
 
 class Connection {
  public:
   // Connects, says hello, and returns when the world has arrived. Errors: nobody listens there, no answer within `patience`, not a
-  // Ridgecast server, refused by the server (its own message). Each says what to try.
+  // Ridgecast server, refused by the server (its own message). Each says what to try. Looking up a host's name may take as long as
+  // the system's resolver does.
   static Outcome<std::unique_ptr<Connection>> open(const Url& url, const wire::Hello& hello,
                                                    std::chrono::milliseconds patience = std::chrono::seconds(10));
   ~Connection();  // closes politely, waits at most 200 ms for it
@@ -38,21 +41,25 @@ class Connection {
 
   const wire::World& world() const;
 
-  // Never block. A pose that has not left yet is replaced by a newer one (free pacing) or queued (lock-step, at most 64).
+  // Never block. A pose that has not left yet is replaced by a newer one (free pacing) or queued (lock-step, at most kMaxPoses: one
+  // more ends the connection with an error). An acknowledgement that has not left yet is replaced by a newer one; leaves to be sent
+  // again are collected, at most what one message holds: more ask for all.
+  static constexpr std::size_t kMaxPoses = 64;
   void send(const wire::PoseMessage& pose);
   void acknowledge(const wire::Acknowledge& acknowledge);
   void resend(const wire::ResendLeaves& resend);
 
-  // The next iteration, in order; nothing when none arrived within `patience` (0: do not wait) or when the connection has ended:
-  // then error() says why. The queue holds at most the world's window of iterations; a server that sends more is disconnected.
+  // The next iteration, in order; nothing when none arrived within `patience` (0: do not wait) or when the connection has ended and
+  // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations; a server that
+  // sends more is disconnected.
   std::optional<Received> receive(std::chrono::milliseconds patience);
   std::optional<Error> error() const;  // set when the connection has ended
   std::uint64_t bytesReceived() const;
 
  private:
   struct Impl;
-  explicit Connection(std::shared_ptr<Impl> impl);
-  std::shared_ptr<Impl> impl_;
+  explicit Connection(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace ridgecast::connection

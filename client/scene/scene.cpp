@@ -71,7 +71,8 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
   }
   count += fresh.size();
   if (announced > kMaxTriangles)
-    return Error{name + "the mesh would have " + std::to_string(announced) + " triangles, at most " + std::to_string(kMaxTriangles) + " are held"};
+    return Error{name + "the mesh would have " + std::to_string(announced) + " triangles, at most " + std::to_string(kMaxTriangles) +
+                 " are held"};
   if (count > kMaxLeaves)
     return Error{name + "the mesh would have " + std::to_string(count) + " leaves, at most " + std::to_string(kMaxLeaves) + " are held"};
 

@@ -34,7 +34,7 @@ class Scene {
   void clear();
 
   const std::map<lattice::LeafAddress, HeldLeaf>& leaves() const { return leaves_; }
-  std::uint64_t hash() const { return hash_; }         // sum of mesh::hashTerm over the leaves held
+  std::uint64_t hash() const { return hash_; }  // sum of mesh::hashTerm over the leaves held
   std::uint64_t triangles() const { return triangles_; }
   std::uint64_t iteration() const { return iteration_; }  // number of the last one applied, 0 before any
 

@@ -16,12 +16,12 @@ namespace {
 
 constexpr std::uint8_t kPlain = 0x10, kDraco = 0x11;
 constexpr unsigned kMaxShift = 28;
-constexpr std::uint32_t kMaxQuotient = 1u << 28;         // the widest difference of two values in range
-constexpr std::uint32_t kPlainWorthTrying = 64;          // triangles; above, Draco's fixed cost of about 70 bytes never decides
-constexpr std::size_t kLeastDracoBytes = 72;             // header included; shorter plain forms are taken without trying
-constexpr std::size_t kLeastPlainBytes = 3;              // of a vertex, and of a triangle
+constexpr std::uint32_t kMaxQuotient = 1u << 28;  // the widest difference of two values in range
+constexpr std::uint32_t kPlainWorthTrying = 64;   // triangles; above, Draco's fixed cost of about 70 bytes never decides
+constexpr std::size_t kLeastDracoBytes = 72;      // header included; shorter plain forms are taken without trying
+constexpr std::size_t kLeastPlainBytes = 3;       // of a vertex, and of a triangle
 
-using Quotients = std::array<std::uint32_t, 3>;          // x, z, y: (value - least) >> shift
+using Quotients = std::array<std::uint32_t, 3>;  // x, z, y: (value - least) >> shift
 
 // How values of one coordinate become small: least value and common power of two.
 struct Scale {
@@ -118,7 +118,8 @@ std::string placeVertices(const Soup& soup, const std::array<Scale, 3>& scales, 
       value[k] = scales[k].least + (std::int64_t{q[k]} << scales[k].shift);
       if (std::abs(value[k]) > kMaxOffset) return "a vertex is out of range";
     }
-    leaf.vertices.push_back({static_cast<std::int32_t>(value[0]), static_cast<std::int32_t>(value[1]), static_cast<std::int32_t>(value[2])});
+    leaf.vertices.push_back(
+        {static_cast<std::int32_t>(value[0]), static_cast<std::int32_t>(value[1]), static_cast<std::int32_t>(value[2])});
     if (!coordinatesAreValid(leaf.vertices.back())) return "a vertex is out of range";
   }
   return {};
@@ -175,8 +176,10 @@ Outcome<mesh::LeafMesh> decodeLeaf(std::span<const std::uint8_t> payload, lattic
   }
   if (triangles == 0 || vertices < 3 || vertices > std::uint64_t{3} * triangles) return refusal("its counts contradict each other");
   if (triangles > limits.maxTriangles)
-    return refusal("it announces " + std::to_string(triangles) + " triangles, at most " + std::to_string(limits.maxTriangles) + " are accepted");
-  if (payload.size() > limits.maxPayloadBytes || payload.size() > largestPayload(triangles)) return refusal("it is too long for its counts");
+    return refusal("it announces " + std::to_string(triangles) + " triangles, at most " + std::to_string(limits.maxTriangles) +
+                   " are accepted");
+  if (payload.size() > limits.maxPayloadBytes || payload.size() > largestPayload(triangles))
+    return refusal("it is too long for its counts");
 
   Reader reader(payload);
   std::uint8_t form = 0, low = 0, high = 0;
@@ -192,14 +195,16 @@ Outcome<mesh::LeafMesh> decodeLeaf(std::span<const std::uint8_t> payload, lattic
   }
 
   Soup soup;
-  std::string wrong = form == kPlain ? decodePlain(reader.rest(), vertices, triangles, soup) : decodeEdgebreaker(reader.rest(), triangles, soup);
+  std::string wrong =
+      form == kPlain ? decodePlain(reader.rest(), vertices, triangles, soup) : decodeEdgebreaker(reader.rest(), triangles, soup);
   if (wrong.empty()) wrong = placeVertices(soup, scales, leaf);
   if (!wrong.empty()) return refusal(wrong);
   leaf.triangles = std::move(soup.triangles);
   mesh::canonicalize(leaf);
   if (leaf.vertices.size() != vertices || leaf.triangles.size() != triangles) return refusal("it does not have the announced counts");
   for (const mesh::Triangle& t : leaf.triangles)
-    if (!isCounterClockwise(leaf.vertices[t[0]], leaf.vertices[t[1]], leaf.vertices[t[2]])) return refusal("a triangle is not counter-clockwise");
+    if (!isCounterClockwise(leaf.vertices[t[0]], leaf.vertices[t[1]], leaf.vertices[t[2]]))
+      return refusal("a triangle is not counter-clockwise");
   if (!mesh::isCanonical(leaf)) return refusal("two vertices share a place, or two triangles are the same");
   return leaf;
 }

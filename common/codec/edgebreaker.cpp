@@ -63,7 +63,8 @@ std::unique_ptr<draco::Mesh> toDraco(std::span<const std::array<std::uint32_t, 3
   out->SetNumFaces(triangles.size());
   for (std::size_t k = 0; k < triangles.size(); ++k) {
     const mesh::Triangle& t = triangles[k];
-    out->SetFace(draco::FaceIndex(static_cast<std::uint32_t>(k)), {draco::PointIndex(t[0]), draco::PointIndex(t[1]), draco::PointIndex(t[2])});
+    out->SetFace(draco::FaceIndex(static_cast<std::uint32_t>(k)),
+                 {draco::PointIndex(t[0]), draco::PointIndex(t[1]), draco::PointIndex(t[2])});
   }
   return out;
 }
@@ -90,7 +91,8 @@ std::string decodeEdgebreaker(std::span<const std::uint8_t> bytes, std::uint32_t
   Reader reader(bytes.subspan(kStart.size()));
   std::uint64_t vertices = 0, faces = 0, symbols = 0, splits = 0;
   std::uint8_t moreAttributes = 0;
-  if (!reader.varint(vertices) || !reader.varint(faces) || !reader.byte(moreAttributes) || !reader.varint(symbols) || !reader.varint(splits))
+  if (!reader.varint(vertices) || !reader.varint(faces) || !reader.byte(moreAttributes) || !reader.varint(symbols) ||
+      !reader.varint(splits))
     return "its Draco stream ends within its header";
   if (faces != triangles || vertices > 3 * faces || moreAttributes != 0 || symbols > faces || splits > symbols)
     return "its Draco stream does not have the announced counts";

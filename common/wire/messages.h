@@ -19,8 +19,8 @@ enum class Pacing { kFree = 0, kLockstep = 1 };
 
 struct Settings {
   Metric metric = Metric::kDefault;
-  double threshold = 0;               // 0: the default of the metric
-  std::uint32_t triangleBudget = 0;   // 0: the server's default
+  double threshold = 0;              // 0: the default of the metric
+  std::uint32_t triangleBudget = 0;  // 0: the server's default
 };
 
 struct Hello {
@@ -32,7 +32,7 @@ struct Hello {
 
 struct PoseMessage {
   std::uint64_t sequence = 0;
-  camera::Camera camera;              // checked with camera::isValid when decoded
+  camera::Camera camera;  // checked with camera::isValid when decoded
 };
 
 struct Acknowledge {
@@ -55,7 +55,7 @@ struct World {
   std::uint32_t seed = 0;
   std::uint64_t contentHash = 0;
   std::uint32_t stepBits = lattice::kStepBits;
-  double horizon = 0;                 // metres
+  double horizon = 0;  // metres
   Settings settings;
   std::uint32_t window = 0;
   std::uint64_t camera = 0;

@@ -17,17 +17,17 @@ namespace ridgecast::wire {
 // Limits of protocol version 1; PROTOCOL.md states the same numbers.
 inline constexpr std::size_t kMaxClientMessageBytes = std::size_t{128} << 10;
 inline constexpr std::size_t kMaxServerMessageBytes = std::size_t{256} << 20;
-inline constexpr std::size_t kMaxNameBytes = 128;            // client, server and terrain names; no control characters
-inline constexpr std::size_t kMaxSessionBytes = 64;          // letters, digits, '.', '_', '-'
+inline constexpr std::size_t kMaxNameBytes = 128;    // client, server and terrain names; no control characters
+inline constexpr std::size_t kMaxSessionBytes = 64;  // letters, digits, '.', '_', '-'
 inline constexpr std::size_t kMaxTerrainSourceBytes = std::size_t{1} << 20;
 inline constexpr std::size_t kMaxErrorBytes = 4096;
-inline constexpr std::size_t kMaxResendLeaves = 4096;        // more: name none, which asks for all
-inline constexpr std::size_t kMaxIterationLeaves = 65'536;   // of `gone` and of `whole`, each
+inline constexpr std::size_t kMaxResendLeaves = 4096;       // more: name none, which asks for all
+inline constexpr std::size_t kMaxIterationLeaves = 65'536;  // of `gone` and of `whole`, each
 inline constexpr std::uint32_t kMaxLeafTriangles = 1u << 20;
 inline constexpr std::size_t kMaxPayloadBytes = std::size_t{64} << 20;
 inline constexpr std::uint32_t kMaxWindow = 64;
 inline constexpr double kMaxThreshold = 1e12;
-inline constexpr double kMaxHorizon = 1e7;                   // metres
+inline constexpr double kMaxHorizon = 1e7;  // metres
 
 // Whether a session's name can be one: 1..kMaxSessionBytes of [A-Za-z0-9._-].
 bool sessionNameIsValid(std::string_view name);
