@@ -2,74 +2,73 @@
 
 const float kWaterLevel = 420.0f;
 
-// One octave of gullies, cut across the slope gathered so far: deep on faces, none on level ground.
-Place cut(Place p, float wavelength, float depth, float weight, uint salt) {
-  float steep2 = dot(p.slope, p.slope);
-  float inverse = 1.0f / sqrt(steep2 + 0.02f);
-  vec2 side = vec2(-p.slope.y, p.slope.x) * (inverse * 0.75f);
-  vec2 s = stripes(p.cell, p.at, side, salt);
-  float amount = weight * depth * steep2 * inverse * inverse;
-  p.height += amount * (s.x - 0.3f);
-  p.slope += side * (-6.2f * s.y * amount / wavelength);
-  return p;
+// One octave of ridges: where the noise crosses zero the ground peaks. The height's crest is sharp; the slope that later octaves follow
+// turns gently there, so that their gullies run out below the crest. Returns also how near a crest this is, 0..1, in `ridge`.
+struct Ridged {
+  Place place;
+  float ridge;
+};
+Ridged ridged(Place p, float wavelength, float high, uint salt) {
+  vec3 n = gradientNoise(p.cell, p.at, salt);
+  float square = n.x * n.x;
+  float sharp = square + 0.0006f;
+  Ridged r;
+  r.ridge = 1.0f - sharp * inverseRoot(sharp);
+  r.place = p;
+  r.place.height += high * (r.ridge * r.ridge - 0.35f);
+  float k = high * -2.0f * r.ridge * n.x * inverseRoot(square + 0.006f) * (1.0f / wavelength);
+  r.place.slope += vec2(n.y * k, n.z * k);
+  return r;
 }
 
-// One octave of boulders, turf and grit, rougher on steep ground.
-Place roughen(Place p, float wavelength, float size, float rough, float weight, uint salt) {
-  vec3 n = valueNoise(p.cell, p.at, salt);
-  p.height += weight * size * rough * n.x;
+// One octave of gullies, cut across the slope gathered so far: deep on faces, none on level ground.
+Place cut(Place p, float wavelength, float deep, uint salt) {
+  float steep2 = dot(p.slope, p.slope);
+  float inverse = inverseRoot(steep2 + 0.03f);
+  vec2 side = vec2(-p.slope.y * inverse * 0.75f, p.slope.x * inverse * 0.75f);
+  vec2 s = stripes(p.cell, p.at, side, salt);
+  float amount = deep * steep2 * inverse * inverse;
+  p.height += amount * (s.x - 0.3f);
+  float k = s.y * amount * (1.0f / wavelength);
+  p.slope += vec2(side.x * k, side.y * k);
   return p;
 }
 
 float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   uint salt = mixedSeed(seed);
   Place p = widestPlace(cell, fraction);
-  vec3 n = gradientNoise(p.cell, p.at, salt);
-  float massif = min(max(n.x * 0.9f + 0.5f, 0.0f), 1.0f);
-  massif = 0.2f + 0.8f * massif * massif * (3.0f - 2.0f * massif);
-  p.height = 330.0f + 500.0f * massif;
-  p.slope = vec2(n.y, n.z) * (400.0f / 16384.0f);
+  float broad = gradientNoise(p.cell, p.at, salt).x;
+  float massif = min(max(broad * 0.9f + 0.58f, 0.0f), 1.0f);
+  massif = 0.28f + 0.72f * massif * massif * (3.0f - 2.0f * massif);
+  p.height = 250.0f + 720.0f * massif;
 
   p = finer5(p);
-  float w = octaveWeight(7327.0f, footprint);
-  n = gradientNoise(p.cell, p.at, salt + 1u);
-  float s = sqrt(n.x * n.x + 0.0008f);
-  float ridge = 1.0f - s;
-  float k = w * 1500.0f * massif;
-  float shape = ridge * ridge;
-  p.height += k * (shape * ridge - 0.1f);
-  p.slope += vec2(n.y, n.z) * (k * -3.0f * shape * n.x / (s * 7327.0f));
+  Ridged r = ridged(p, 7327.0f, octaveWeight(7327.0f, footprint) * 1900.0f * massif, salt + 1u);
+  p = finer5(r.place);
+  r = ridged(p, 3277.0f, octaveWeight(3277.0f, footprint) * 1250.0f * massif * r.ridge, salt + 2u);
 
+  p = finer5(r.place);
+  p = cut(p, 1465.0f, octaveWeight(1465.0f, footprint) * 150.0f, salt + 3u);
   p = finer5(p);
-  w = octaveWeight(3277.0f, footprint);
-  n = gradientNoise(p.cell, p.at, salt + 2u);
-  s = sqrt(n.x * n.x + 0.0008f);
-  k = w * 1000.0f * massif * ridge;
-  ridge = 1.0f - s;
-  p.height += k * (ridge * ridge - 0.4f);
-  p.slope += vec2(n.y, n.z) * (k * -2.0f * ridge * n.x / (s * 3277.0f));
+  p = cut(p, 655.0f, octaveWeight(655.0f, footprint) * 75.0f, salt + 4u);
+  p = finer5(p);
+  p = cut(p, 293.0f, octaveWeight(293.0f, footprint) * 36.0f, salt + 5u);
+  p = finer5(p);
+  p = cut(p, 131.0f, octaveWeight(131.0f, footprint) * 16.0f, salt + 6u);
 
-  p = finer5(p);
-  p = cut(p, 1465.0f, 150.0f, octaveWeight(1465.0f, footprint), salt + 3u);
-  p = finer5(p);
-  p = cut(p, 655.0f, 75.0f, octaveWeight(655.0f, footprint), salt + 4u);
-  p = finer5(p);
-  p = cut(p, 293.0f, 36.0f, octaveWeight(293.0f, footprint), salt + 5u);
-  p = finer5(p);
-  p = cut(p, 131.0f, 16.0f, octaveWeight(131.0f, footprint), salt + 6u);
-  p = finer5(p);
+  // Crags on steep ground, boulders, turf and grit.
   float steep2 = dot(p.slope, p.slope);
-  float rough = 0.25f + 1.5f * steep2 / (1.0f + steep2);
-  p = roughen(p, 58.6f, 4.0f, rough, octaveWeight(58.6f, footprint), salt + 7u);
+  float inverse = inverseRoot(1.0f + steep2);
+  float rough = 0.22f + 1.9f * steep2 * inverse * inverse;
   p = finer10(p);
-  p = roughen(p, 18.5f, 1.6f, rough, octaveWeight(18.5f, footprint), salt + 8u);
+  float crag = octaveWeight(41.4f, footprint) * 8.0f * (0.4f - abs(plainNoise(p.cell, p.at, salt + 7u)));
   p = finer10(p);
-  p = roughen(p, 5.86f, 0.6f, rough, octaveWeight(5.86f, footprint), salt + 9u);
-  p = finer10(p);
-  p = roughen(p, 1.85f, 0.2f, rough, octaveWeight(1.85f, footprint), salt + 10u);
-  p = finer10(p);
-  p = roughen(p, 0.586f, 0.06f, rough, octaveWeight(0.586f, footprint), salt + 11u);
-  return max(p.height, kWaterLevel);
+  crag += octaveWeight(13.1f, footprint) * 2.8f * (0.4f - abs(plainNoise(p.cell, p.at, salt + 8u)));
+  p = finer17(p);
+  crag += octaveWeight(3.18f, footprint) * 0.55f * plainNoise(p.cell, p.at, salt + 9u);
+  p = finer17(p);
+  crag += octaveWeight(0.771f, footprint) * 0.11f * plainNoise(p.cell, p.at, salt + 10u);
+  return max(p.height + crag * rough, kWaterLevel);
 }
 
 vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {
@@ -91,25 +90,25 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   float layer = height * 0.011f + moist * 0.8f + patches * 0.25f;
   float band = wave(layer) * 0.6f + wave(layer * 3.7f) * 0.4f * octaveWeight(40.0f, footprint);
   vec3 rock = mix(vec3(0.16f, 0.145f, 0.135f), vec3(0.27f, 0.24f, 0.21f), 0.5f + 0.5f * band);
-  rock = rock * (1.0f + 0.25f * fine + 0.12f * patches);
-  vec3 scree = vec3(0.30f, 0.28f, 0.25f) * (1.0f + 0.3f * grit + 0.15f * grain);
-  vec3 c = mix(rock, scree, smoothstep(0.70f, 0.84f, flat_ + 0.05f * patches));
+  rock = rock * (1.0f + 0.5f * fine + 0.2f * patches);
+  vec3 scree = vec3(0.30f, 0.28f, 0.25f) * (1.0f + 0.5f * grit + 0.25f * grain);
+  vec3 c = mix(rock, scree, smoothstep(0.72f, 0.86f, flat_ + 0.05f * patches));
 
   // Meadow and wood below the tree line, thin turf above it.
   float line = 1150.0f + 160.0f * moist + 60.0f * patches;
-  vec3 meadow = mix(vec3(0.105f, 0.135f, 0.035f), vec3(0.16f, 0.15f, 0.06f), smoothstep(-500.0f, 100.0f, height - line) + 0.2f * patches);
+  vec3 meadow = mix(vec3(0.075f, 0.10f, 0.032f), vec3(0.135f, 0.125f, 0.06f), smoothstep(-500.0f, 100.0f, height - line) + 0.2f * patches);
   meadow = meadow * (1.0f + 0.25f * fine + 0.15f * patches);
   float green = smoothstep(0.74f, 0.86f, flat_ + 0.06f * patches + 0.03f * fine) * (1.0f - smoothstep(-50.0f, 250.0f, height - line));
   c = mix(c, meadow, green);
   vec3 wood = vec3(0.030f, 0.052f, 0.020f) * (1.0f + 0.4f * fine + 0.2f * patches);
-  float wooded = smoothstep(0.0f, 0.35f, moist * 0.7f + patches * 0.5f) * smoothstep(0.62f, 0.72f, flat_) * (1.0f - smoothstep(-420.0f, -250.0f, height - line));
+  float wooded = smoothstep(0.0f, 0.4f, moist * 0.7f + patches * 0.4f + fine * 0.3f) * smoothstep(0.62f, 0.72f, flat_) * (1.0f - smoothstep(-420.0f, -250.0f, height - line));
   c = mix(c, wood, wooded * 0.9f);
   // A shore of gravel.
   c = mix(vec3(0.24f, 0.22f, 0.18f) * (1.0f + 0.3f * fine), c, smoothstep(kWaterLevel + 1.5f, kWaterLevel + 5.0f, height + patches * 2.0f));
 
   // Snow where it is high and lies: less on steep faces, patches around the line.
-  float snowLine = 1500.0f + 120.0f * moist + 70.0f * patches + 15.0f * fine;
+  float snowLine = 1650.0f + 120.0f * moist + 70.0f * patches + 15.0f * fine;
   float lies = smoothstep(0.58f, 0.76f, flat_ + 0.03f * fine + (height - snowLine) * 0.0002f);
-  c = mix(c, vec3(0.80f, 0.83f, 0.88f), smoothstep(-60.0f, 120.0f, height - snowLine) * lies);
+  c = mix(c, vec3(0.66f, 0.70f, 0.76f) * (1.0f + 0.05f * patches + 0.04f * fine), smoothstep(-60.0f, 120.0f, height - snowLine) * lies);
   return c;
 }

@@ -60,6 +60,8 @@ inline float floor(float v) {
 }
 #endif
 inline float sqrt(float v) { return __builtin_sqrtf(v); }
+inline uint floatBitsToUint(float v) { return __builtin_bit_cast(uint, v); }
+inline float uintBitsToFloat(uint v) { return __builtin_bit_cast(float, v); }
 inline float abs(float v) { return __builtin_fabsf(v); }
 constexpr float min(float a, float b) { return b < a ? b : a; }
 constexpr float max(float a, float b) { return a < b ? b : a; }

@@ -62,15 +62,16 @@ vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3
   float facing = dot(normal, kSunDirection);
   float sun = max(facing, 0.0f);
   if (sun > 0.0f) sun = sun * sunlight(cell, fraction, height, footprint, seed);
-  vec3 light = vec3(2.9f, 2.55f, 2.05f) * sun;
-  light += vec3(0.26f, 0.36f, 0.52f) * (open * (0.55f + 0.45f * normal.y));
+  vec3 light = vec3(2.75f, 2.4f, 1.9f) * sun;
+  light += vec3(0.27f, 0.38f, 0.56f) * (open * (0.55f + 0.45f * normal.y));
   // What the sunlit ground around throws back, mostly onto faces turned away from the sun.
   light += vec3(0.16f, 0.14f, 0.11f) * (open * max(0.5f - 0.5f * dot(normal, vec3(kSunDirection.x, -0.3f, kSunDirection.z)), 0.0f));
   return mix(skyColor(viewDirection), albedo * light, clearness(distance, horizon));
 }
 
-// Linear light to what a display takes (tone curve, then sRGB's gamma).
+// Linear light to what a display takes: a filmic curve (Narkowicz's fit to ACES, 2015), then the display's gamma.
 vec3 toDisplay(vec3 linear) {
-  vec3 c = linear * (1.0f + linear * 0.1f) / (1.0f + linear * 0.6f);
-  return pow(min(max(c, vec3(0.0f)), vec3(1.0f)), vec3(0.4545454f));
+  vec3 c = max(linear, vec3(0.0f)) * 0.56f;
+  c = c * (c * 2.51f + 0.03f) / (c * (c * 2.43f + 0.59f) + 0.14f);
+  return pow(min(c, vec3(1.0f)), vec3(0.4545454f));
 }
