@@ -1,0 +1,309 @@
+#include "client/evaluation/fly.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "client/evaluation/gltf_export.h"
+#include "client/evaluation/recorder.h"
+#include "client/render/context.h"
+#include "client/render/local_terrain.h"
+#include "client/scene/scene.h"
+#include "common/camera/path.h"
+
+namespace ridgecast::evaluation {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using namespace std::chrono_literals;
+
+constexpr auto kPatience = 120s;                // for one iteration in lock-step
+constexpr auto kPoseInterval = 33ms;            // by the clock: poses a second at most 30
+constexpr std::uint64_t kMostMismatches = 20;   // then something is broken for good
+
+double secondsSince(Clock::time_point began) { return std::chrono::duration<double>(Clock::now() - began).count(); }
+
+int fail(int code, const std::string& message) {
+  std::fprintf(stderr, "ridgecast-client: %s\n", message.c_str());
+  return code;
+}
+
+class Flight {
+ public:
+  Flight(const FlyOptions& options, camera::Path path, std::unique_ptr<connection::Connection> connection,
+         std::shared_ptr<const terrain::Terrain> terrain, render::Renderer renderer, Recorder recorder)
+      : options_(options),
+        path_(std::move(path)),
+        connection_(std::move(connection)),
+        terrain_(std::move(terrain)),
+        renderer_(std::move(renderer)),
+        recorder_(std::move(recorder)),
+        duration_(std::min(path_.duration(), options.seconds.value_or(path_.duration()))),
+        pictureEvery_(options.framesEvery.value_or(std::max(duration_ / 6, 1 / options.rate))),
+        nextPicture_(pictureEvery_),
+        exportDue_(!options.exportFile.empty() && options.exportAt && *options.exportAt < duration_) {}
+
+  Outcome<void> fly() {
+    auto flown = options_.realtime ? flyByTheClock() : flyInLockStep();
+    if (!flown) return flown.error();
+    if (pictures_ == 0)
+      if (auto drawn = takePicture(number(scene_.iteration()), false); !drawn) return drawn.error();
+    std::fprintf(stderr, "at the end of the path: waiting until nothing more is refined\n");
+    const auto began = Clock::now();
+    if (auto rested = options_.realtime ? restByTheClock() : restInLockStep(); !rested) return rested.error();
+    totals_.settleSeconds = secondsSince(began);
+    if (!totals_.settled)
+      std::fprintf(stderr, "warning: still refining after %.0f s (--settle-limit); the settled pictures show the mesh as it is\n", options_.settleLimit);
+    return conclude();
+  }
+
+ private:
+  camera::Camera cameraAt(double t) const {
+    camera::Camera camera;
+    camera.pose = camera::poseAt(path_, t, [this](lattice::Point p) { return terrain_->height(p); });
+    camera.projection = {path_.verticalFov, options_.width, options_.height};
+    return camera;
+  }
+
+  render::View view() const {
+    render::View view;
+    view.camera = camera_;
+    view.horizon = connection_->world().horizon;
+    const render::HeightBounds bounds = render::boundsAround(*terrain_, {camera_.pose.x, camera_.pose.z}, view.horizon);
+    view.lowest = bounds.lowest;
+    view.highest = bounds.highest;
+    return view;
+  }
+
+  static std::string number(std::uint64_t n) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%04llu", static_cast<unsigned long long>(n));
+    return text;
+  }
+
+  void sendPose(double t) {
+    t_ = t;
+    camera_ = cameraAt(t);
+    ++sequence_;
+    sent_[sequence_] = {Clock::now(), t};
+    if (sent_.size() > 4096) sent_.erase(sent_.begin());
+    connection_->send({sequence_, camera_});
+  }
+
+  // Applies, judges and acknowledges one iteration.
+  Outcome<void> take(const connection::Received& received) {
+    const wire::Iteration& iteration = received.iteration;
+    IterationRecord record;
+    record.bytes = received.bytes;
+    if (const auto pose = sent_.find(iteration.poseSequence); pose != sent_.end()) {
+      record.latencyMs = secondsSince(pose->second.first) * 1e3;
+      record.t = pose->second.second;
+      sent_.erase(sent_.begin(), pose);
+    }
+    const auto began = Clock::now();
+    const auto applied = scene_.apply(iteration);
+    record.applyMs = secondsSince(began) * 1e3;
+    record.hashOk = applied && scene_.hash() == iteration.meshHash;
+    record.held = scene_.triangles();
+    settled_ = iteration.settled && record.hashOk;
+    if (auto added = recorder_.add(iteration, record); !added) return added.error();
+    if (!record.hashOk) {
+      const std::string why = applied ? "its hash differs from the server's" : applied.error().message;
+      std::fprintf(stderr, "warning: the mesh held after iteration %llu is not the server's (%s); asking for all leaves again\n",
+                   static_cast<unsigned long long>(iteration.number), why.c_str());
+      if (recorder_.hashMismatches() > kMostMismatches)
+        return Error{"the mesh held differed from the server's in more than " + std::to_string(kMostMismatches) + " iterations: the last time " + why};
+      if (!applied) scene_.clear();
+      connection_->resend({});
+    }
+    connection_->acknowledge({iteration.number, scene_.hash()});
+    return {};
+  }
+
+  Error ended() const {
+    const auto why = connection_->error();
+    return why ? *why : Error{"the connection to the server has ended"};
+  }
+
+  // One pose and its iteration.
+  Outcome<void> lockStep(double t) {
+    const auto began = Clock::now();
+    sendPose(t);
+    for (;;) {
+      if (const auto received = connection_->receive(1s)) {
+        const bool mine = received->iteration.poseSequence >= sequence_;
+        if (auto taken = take(*received); !taken) return taken.error();
+        if (mine) break;
+      } else if (connection_->error()) {
+        return ended();
+      } else if (Clock::now() - began > kPatience) {
+        return Error{"the server has not answered a pose for " + std::to_string(kPatience / 1s) + " s: look at its log, or ask for fewer triangles (--budget)"};
+      }
+    }
+    totals_.seconds += secondsSince(began);
+    progress();
+    return {};
+  }
+
+  Outcome<void> flyInLockStep() {
+    const auto steps = static_cast<std::uint64_t>(std::floor(duration_ * options_.rate + 1e-9));
+    for (std::uint64_t k = 0; k <= steps; ++k) {
+      if (auto stepped = lockStep(static_cast<double>(k) / options_.rate); !stepped) return stepped.error();
+      if (auto kept = keepWhatIsDue(); !kept) return kept.error();
+    }
+    return {};
+  }
+
+  Outcome<void> restInLockStep() {
+    const auto began = Clock::now();
+    while (!settled_ && secondsSince(began) < options_.settleLimit)
+      if (auto stepped = lockStep(t_); !stepped) return stepped.error();
+    totals_.settled = settled_;
+    return {};
+  }
+
+  // Takes iterations until `until`; waits no longer than that.
+  Outcome<void> takeUntil(Clock::time_point until) {
+    do {
+      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
+      if (const auto received = connection_->receive(std::max(left, 0ms))) {
+        if (auto taken = take(*received); !taken) return taken.error();
+        settledPose_ = settled_ ? received->iteration.poseSequence : 0;
+      } else if (connection_->error()) {
+        return ended();
+      }
+    } while (Clock::now() < until);
+    progress();
+    return {};
+  }
+
+  Outcome<void> flyByTheClock() {
+    const auto began = Clock::now();
+    for (double t = 0; t < duration_; t = secondsSince(began)) {
+      sendPose(t);
+      const auto stepped = Clock::now();
+      if (auto taken = takeUntil(stepped + kPoseInterval); !taken) return taken.error();
+      totals_.seconds += secondsSince(stepped);
+      if (auto kept = keepWhatIsDue(); !kept) return kept.error();
+    }
+    return {};
+  }
+
+  Outcome<void> restByTheClock() {
+    const auto began = Clock::now();
+    sendPose(duration_);
+    while (settledPose_ < sequence_ && secondsSince(began) < options_.settleLimit) {
+      const auto stepped = Clock::now();
+      if (auto taken = takeUntil(stepped + 50ms); !taken) return taken.error();
+      totals_.seconds += secondsSince(stepped);
+    }
+    totals_.settled = settledPose_ >= sequence_;
+    return {};
+  }
+
+  Outcome<void> keepWhatIsDue() {
+    if (t_ + 1e-6 >= nextPicture_) {
+      nextPicture_ = (std::floor((t_ + 1e-6) / pictureEvery_) + 1) * pictureEvery_;
+      if (auto drawn = takePicture(number(scene_.iteration()), false); !drawn) return drawn.error();
+    }
+    if (exportDue_ && t_ + 1e-6 >= *options_.exportAt) {
+      exportDue_ = false;
+      if (auto written = exportMesh(); !written) return written.error();
+      exported_ = true;
+    }
+    return {};
+  }
+
+  Outcome<void> takePicture(const std::string& name, bool atRest) {
+    auto similarity = recorder_.picture(name, renderer_, scene_, view(), options_.supersample);
+    if (!similarity) return similarity.error();
+    atRest ? recorder_.setSettled(*similarity) : recorder_.addFrame(*similarity);
+    ++pictures_;
+    std::fprintf(stderr, "%s-mesh.png, %s-raymarch.png: SSIM %.4f, terrain alone %.4f (%.0f %% of the picture), %llu triangles\n", name.c_str(),
+                 name.c_str(), similarity->mean, similarity->terrain.value_or(NAN), similarity->terrainShare * 100,
+                 static_cast<unsigned long long>(scene_.triangles()));
+    return {};
+  }
+
+  Outcome<void> exportMesh() {
+    const wire::World& world = connection_->world();
+    if (auto written = writeGlb(scene_.leaves(), camera_.pose, {world.terrainName, world.seed}, options_.exportFile); !written) return written.error();
+    std::fprintf(stderr, "%s: the %llu triangles held at %.2f s\n", options_.exportFile.c_str(), static_cast<unsigned long long>(scene_.triangles()), t_);
+    return {};
+  }
+
+  void progress() {
+    if (Clock::now() < nextProgress_) return;
+    nextProgress_ = Clock::now() + 2s;
+    std::fprintf(stderr, "%7.1f of %.1f s, iteration %llu, %llu triangles, %.1f MB received\n", t_, duration_,
+                 static_cast<unsigned long long>(scene_.iteration()), static_cast<unsigned long long>(scene_.triangles()),
+                 static_cast<double>(connection_->bytesReceived()) / 1e6);
+  }
+
+  Outcome<void> conclude() {
+    if (!options_.exportFile.empty() && !exported_)
+      if (auto written = exportMesh(); !written) return written.error();
+    if (auto drawn = takePicture("settled", true); !drawn) return drawn.error();
+    totals_.bytesReceived = connection_->bytesReceived();
+    totals_.pacing = options_.realtime ? "realtime" : "lockstep";
+    totals_.path = options_.path.filename().string();
+    totals_.renderer = render::contextDescription();
+    return recorder_.writeSummary(connection_->world(), scene_, view(), options_.supersample, totals_);
+  }
+
+  const FlyOptions& options_;
+  camera::Path path_;
+  std::unique_ptr<connection::Connection> connection_;
+  std::shared_ptr<const terrain::Terrain> terrain_;
+  render::Renderer renderer_;
+  Recorder recorder_;
+  scene::Scene scene_;
+  camera::Camera camera_;
+
+  double t_ = 0, duration_, pictureEvery_, nextPicture_;
+  bool exportDue_, exported_ = false, settled_ = false;
+  std::uint64_t sequence_ = 0, settledPose_ = 0, pictures_ = 0;
+  std::map<std::uint64_t, std::pair<Clock::time_point, double>> sent_;  // pose sequence -> when, path time; at most 4,096
+  Clock::time_point nextProgress_ = Clock::now();
+  Totals totals_;
+};
+
+}  // namespace
+
+int fly(const FlyOptions& options) {
+  auto path = camera::readPath(options.path);
+  if (!path) return fail(kBadInput, path.error().message);
+  auto recorder = Recorder::create(options.out);
+  if (!recorder) return fail(kBadInput, recorder.error().message);
+  auto context = render::HeadlessContext::create();
+  if (!context) return fail(kNoGraphics, context.error().message);
+
+  wire::Hello hello;
+  hello.clientName = "ridgecast-client fly";
+  hello.settings = options.settings;
+  hello.pacing = options.realtime ? wire::Pacing::kFree : wire::Pacing::kLockstep;
+  auto connected = connection::Connection::open(options.url, hello);
+  if (!connected) return fail(kRuntimeFailure, connected.error().message);
+  const wire::World& world = (*connected)->world();
+  auto terrain = render::localTerrain(world);
+  if (!terrain) return fail(kRuntimeFailure, terrain.error().message);
+  if (!path->terrain.empty() && (path->terrain != world.terrainName || path->seed != world.seed))
+    std::fprintf(stderr, "warning: the path was made for terrain %s, seed %u; the server has %s, seed %u\n", path->terrain.c_str(), path->seed,
+                 world.terrainName.c_str(), world.seed);
+  auto renderer = render::Renderer::create({world.terrainSource, world.seed});
+  if (!renderer) return fail(kNoGraphics, renderer.error().message);
+  std::fprintf(stderr, "flying %s over %s (seed %u, horizon %.0f m), %ux%u, %s\n", options.path.filename().c_str(), world.terrainName.c_str(),
+               world.seed, world.horizon, options.width, options.height, render::contextDescription().c_str());
+
+  Flight flight(options, std::move(*path), std::move(*connected), std::move(*terrain), std::move(*renderer), std::move(*recorder));
+  if (auto flown = flight.fly(); !flown) return fail(kRuntimeFailure, flown.error().message);
+  std::fprintf(stderr, "figures in %s\n", (options.out / "summary.json").c_str());
+  return kSuccess;
+}
+
+}  // namespace ridgecast::evaluation

@@ -1,0 +1,37 @@
+#pragma once
+// Flies a camera path without a window against a running server, and measures: the mesh held against a ray march of the same camera.
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include "client/connection/connection.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::evaluation {
+
+struct FlyOptions {
+  connection::Url url;
+  std::filesystem::path path;                    // a path file, see common/camera/path.h
+  std::filesystem::path out;                     // a folder, made when missing
+  wire::Settings settings;
+  double rate = 10;                              // lock-step: iterations a second of path time
+  std::optional<double> framesEvery;             // seconds of path time between pictures; nothing: six in all
+  std::uint32_t width = 1280, height = 720;      // pixels, at least 16 x 16
+  std::uint32_t supersample = 1;                 // N x N samples a pixel
+  std::filesystem::path exportFile;              // empty: no export
+  std::optional<double> exportAt;                // seconds of path time; nothing: at the end, once settled
+  double settleLimit = 120;                      // seconds of wall time to wait at the end until nothing is refined any more
+  bool realtime = false;                         // by the clock instead of in lock-step
+  std::optional<double> seconds;                 // fly only the beginning of the path
+};
+
+// Exit codes of the program.
+inline constexpr int kSuccess = 0, kRuntimeFailure = 1, kBadInput = 2, kNoGraphics = 3;
+
+// Progress and errors, one sentence each, go to stderr; returns an exit code. Lock-step: one pose, one iteration, pictures in between,
+// so that the same flight gives the same pictures on any machine. At the end the last pose is repeated until the server has nothing
+// more to refine. Every iteration's hash is compared with the mesh held; where they differ the server is asked for all leaves again.
+int fly(const FlyOptions& options);
+
+}  // namespace ridgecast::evaluation

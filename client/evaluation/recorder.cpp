@@ -1,0 +1,133 @@
+#include "client/evaluation/recorder.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <system_error>
+
+namespace ridgecast::evaluation {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json mean(const std::vector<double>& values) {
+  if (values.empty()) return nullptr;
+  return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
+
+std::string_view metricName(wire::Metric metric) { return metric == wire::Metric::kThesis ? "thesis" : "pixels"; }
+
+Error cannotWrite(const std::filesystem::path& file) {
+  return {"cannot write " + file.string() + ": choose a folder that exists, may be written and has room"};
+}
+
+}  // namespace
+
+Recorder::Recorder(std::filesystem::path folder) : folder_(std::move(folder)), lines_(folder_ / "iterations.jsonl", std::ios::trunc) {}
+
+Outcome<Recorder> Recorder::create(const std::filesystem::path& folder) {
+  std::error_code failed;
+  std::filesystem::create_directories(folder, failed);
+  if (failed) return Error{"cannot make the folder " + folder.string() + ": " + failed.message() + "; choose another --out"};
+  Recorder recorder(folder);
+  if (!recorder.lines_) return cannotWrite(folder / "iterations.jsonl");
+  return recorder;
+}
+
+Outcome<void> Recorder::add(const wire::Iteration& iteration, const IterationRecord& record) {
+  const wire::Figures& f = iteration.figures;
+  const Json line = {{"iteration", iteration.number},
+                     {"pose", iteration.poseSequence},
+                     {"t", record.t},
+                     {"select_ms", f.selectMs},
+                     {"generate_ms", f.generateMs},
+                     {"refine_ms", f.refineMs},
+                     {"triangulate_ms", f.triangulateMs},
+                     {"encode_ms", f.encodeMs},
+                     {"apply_ms", record.applyMs},
+                     {"latency_ms", record.latencyMs},
+                     {"triangles", f.triangles},
+                     {"triangles_held", record.held},
+                     {"inserted", f.inserted},
+                     {"removed", f.removed},
+                     {"deferred", f.deferred},
+                     {"heights", f.heights},
+                     {"leaves", f.leaves},
+                     {"leaves_valid", f.validLeaves},
+                     {"leaves_visible", f.visibleLeaves},
+                     {"leaves_generated", f.generatedLeaves},
+                     {"leaves_dropped", f.droppedLeaves},
+                     {"leaves_sent", iteration.whole.size()},
+                     {"leaves_gone", iteration.gone.size()},
+                     {"bytes", record.bytes},
+                     {"effective_threshold", f.effectiveThreshold},
+                     {"settled", iteration.settled},
+                     {"hash_ok", record.hashOk}};
+  ++iterations_;
+  mismatches_ += record.hashOk ? 0 : 1;
+  latency_ += record.latencyMs;
+  latencyWorst_ = std::max(latencyWorst_, record.latencyMs);
+  lines_ << line.dump() << '\n';
+  if (!lines_) return cannotWrite(folder_ / "iterations.jsonl");
+  return {};
+}
+
+Outcome<Similarity> Recorder::picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
+                                      const render::View& view, std::uint32_t samples) {
+  auto mesh = renderer.drawMesh(scene, view, samples);
+  if (!mesh) return mesh.error();
+  auto march = renderer.drawMarch(view, samples);
+  if (!march) return march.error();
+  if (auto written = render::writePng(mesh->picture, folder_ / (name + "-mesh.png")); !written) return written.error();
+  if (auto written = render::writePng(march->picture, folder_ / (name + "-raymarch.png")); !written) return written.error();
+  meshMs_.push_back(mesh->milliseconds);
+  marchMs_.push_back(march->milliseconds);
+  return similarity(mesh->picture, march->picture);
+}
+
+void Recorder::addFrame(const Similarity& similarity) { frames_.push_back(similarity.mean); }
+
+Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scene& scene, const render::View& view, std::uint32_t samples,
+                                     const Totals& totals) {
+  lines_.flush();
+  Json summary;
+  summary["frames"] = frames_.size();
+  summary["ssim_mean"] = mean(frames_);
+  summary["ssim_min"] = frames_.empty() ? Json(nullptr) : Json(*std::ranges::min_element(frames_));
+  summary["ssim_settled"] = settled_ ? Json(settled_->mean) : Json(nullptr);
+  summary["ssim_settled_terrain"] = settled_ && settled_->terrain ? Json(*settled_->terrain) : Json(nullptr);
+  summary["terrain_share"] = settled_ ? Json(settled_->terrainShare) : Json(nullptr);
+  summary["triangles"] = scene.triangles();
+  summary["iterations_per_second"] = totals.seconds > 0 ? Json(static_cast<double>(iterations_) / totals.seconds) : Json(nullptr);
+  summary["mesh_frame_ms"] = mean(meshMs_);
+  summary["raymarch_frame_ms"] = mean(marchMs_);
+  summary["bytes_received"] = totals.bytesReceived;
+  summary["iterations"] = iterations_;
+  summary["hash_mismatches"] = mismatches_;
+  summary["settled"] = totals.settled;
+  summary["settle_seconds"] = totals.settleSeconds;
+  summary["leaves"] = scene.leaves().size();
+  summary["latency_ms_mean"] = latency_ / static_cast<double>(std::max<std::uint64_t>(iterations_, 1));
+  summary["latency_ms_max"] = latencyWorst_;
+  summary["metric"] = metricName(world.settings.metric);
+  summary["threshold"] = world.settings.threshold;
+  summary["budget"] = world.settings.triangleBudget;
+  summary["width"] = view.camera.projection.width;
+  summary["height"] = view.camera.projection.height;
+  summary["samples"] = samples * samples;
+  summary["pacing"] = totals.pacing;
+  summary["path"] = totals.path;
+  summary["terrain"] = world.terrainName;
+  summary["seed"] = world.seed;
+  summary["horizon"] = world.horizon;
+  summary["server"] = world.serverName;
+  summary["gl_renderer"] = totals.renderer;
+  const std::filesystem::path file = folder_ / "summary.json";
+  std::ofstream out(file, std::ios::trunc);
+  out << summary.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
+  out.close();
+  if (!out) return cannotWrite(file);
+  return {};
+}
+
+}  // namespace ridgecast::evaluation
