@@ -1,9 +1,117 @@
 // ridgecast-client: looks at and measures the terrain that a server streams.
+// Exit codes: 0 done, 1 it failed on the way (no server, ...), 2 wrong arguments or a wrong file, 3 no OpenGL or no display.
 
 #include <CLI/CLI.hpp>
+#include <charconv>
+#include <cstdio>
+#include <map>
+#include <string>
+
+#include "client/connection/connection.h"
+#include "client/evaluation/fly.h"
+#include "client/viewer/viewer.h"
+
+namespace {
+
+using ridgecast::evaluation::FlyOptions;
+using ridgecast::viewer::ViewOptions;
+namespace wire = ridgecast::wire;
+
+struct Server {
+  std::string url = "ws://127.0.0.1:7070";
+  wire::Settings settings;
+};
+
+void addServerOptions(CLI::App& command, Server& server) {
+  static const std::map<std::string, wire::Metric> kMetrics = {
+      {"default", wire::Metric::kDefault}, {"pixels", wire::Metric::kPixels}, {"thesis", wire::Metric::kThesis}};
+  command.add_option("url", server.url, "host:port, http:// or ws://, optional ?session=NAME")->capture_default_str();
+  command.add_option("--metric", server.settings.metric, "what refinement is measured by: default, pixels or thesis")
+      ->transform(CLI::CheckedTransformer(kMetrics, CLI::ignore_case).description(""))
+      ->type_name("NAME");
+  command.add_option("--threshold", server.settings.threshold, "refine above this: pixels, or the thesis's product; 0: the server's default")
+      ->check(CLI::Range(0.0, 1e9).description(""))
+      ->type_name("NUMBER");
+  command.add_option("--budget", server.settings.triangleBudget, "most triangles; 0: the server's default")->type_name("TRIANGLES");
+}
+
+// "1280x720" -> width and height; an error message, empty when it is right.
+std::string parseSize(const std::string& text, std::uint32_t& width, std::uint32_t& height) {
+  const auto cross = text.find('x');
+  const char* end = text.data() + text.size();
+  bool ok = cross != std::string::npos;
+  if (ok) {
+    const auto first = std::from_chars(text.data(), text.data() + cross, width), second = std::from_chars(text.data() + cross + 1, end, height);
+    ok = first.ec == std::errc() && first.ptr == text.data() + cross && second.ec == std::errc() && second.ptr == end;
+  }
+  if (ok && width >= 16 && height >= 16 && width <= 16384 && height <= 16384) return {};
+  return "--size: '" + text + "' is not WIDTHxHEIGHT with 16 to 16384 pixels a side, such as 1280x720";
+}
+
+int wrongArguments(const std::string& message) {
+  std::fprintf(stderr, "ridgecast-client: %s\n", message.c_str());
+  return ridgecast::evaluation::kBadInput;
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{"Flies over terrain that a Ridgecast server streams."};
-  app.set_version_flag("--version", RIDGECAST_VERSION);
-  CLI11_PARSE(app, argc, argv);
+  CLI::App app{"Flies over terrain that a Ridgecast server streams, beside the same terrain ray-marched."};
+  app.set_version_flag("--version", "ridgecast-client " RIDGECAST_VERSION);
+  app.require_subcommand(1);
+
+  Server server;
+  std::string size = "1280x720";
+
+  ViewOptions view;
+  CLI::App* viewCommand = app.add_subcommand("view", "A window: fly with keyboard and mouse");
+  addServerOptions(*viewCommand, server);
+  viewCommand->add_option("--size", size, "of the window, WIDTHxHEIGHT")->capture_default_str();
+  viewCommand->add_option("--x", view.x, "where to begin, metres")->check(CLI::Range(-4e12, 4e12).description(""))->capture_default_str();
+  viewCommand->add_option("--z", view.z, "where to begin, metres")->check(CLI::Range(-4e12, 4e12).description(""))->capture_default_str();
+  viewCommand->add_option("--altitude", view.altitude, "metres above the ground there")->check(CLI::Range(1.0, 100000.0).description(""))->capture_default_str();
+  viewCommand->add_option("--yaw", view.yaw, "degrees, positive to the left")->check(CLI::Range(-360.0, 360.0).description(""))->capture_default_str();
+  viewCommand->add_option("--pitch", view.pitch, "degrees, positive upwards")->check(CLI::Range(-89.0, 89.0).description(""))->capture_default_str();
+  viewCommand->add_option("--seconds", view.seconds, "close by itself after so long")->check(CLI::Range(0.0, 86400.0).description(""));
+  viewCommand->add_option("--screenshot", view.screenshot, "a PNG of the window when it closes")->type_name("FILE.png");
+
+  FlyOptions fly;
+  CLI::App* flyCommand = app.add_subcommand("fly", "No window: fly a path, draw both renderings, compare and measure");
+  addServerOptions(*flyCommand, server);
+  flyCommand->add_option("--path", fly.path, "camera path")->required()->type_name("FILE.json");
+  flyCommand->add_option("--out", fly.out, "folder for pictures and figures")->required()->type_name("DIR");
+  flyCommand->add_option("--rate", fly.rate, "iterations a second of path time")->check(CLI::Range(0.01, 1000.0).description(""))->capture_default_str();
+  flyCommand->add_option("--frames-every", fly.framesEvery, "seconds of path time between pictures; left out: six in all")
+      ->check(CLI::Range(0.001, 86400.0).description(""));
+  flyCommand->add_option("--size", size, "of the pictures, WIDTHxHEIGHT")->capture_default_str();
+  flyCommand->add_option("--supersample", fly.supersample, "N x N samples a pixel")->check(CLI::Range(1, 16).description(""))->capture_default_str();
+  flyCommand->add_option("--export", fly.exportFile, "the mesh held, as uncompressed glTF")->type_name("FILE.glb");
+  flyCommand->add_option("--export-at", fly.exportAt, "second of path time to export at; left out: at the end, settled")
+      ->check(CLI::Range(0.0, 86400.0).description(""));
+  flyCommand->add_option("--settle-limit", fly.settleLimit, "seconds to wait at the end until nothing more is refined")
+      ->check(CLI::Range(0.0, 86400.0).description(""))
+      ->capture_default_str();
+  flyCommand->add_flag("--realtime", fly.realtime, "fly by the clock instead of in lock-step");
+  flyCommand->add_option("--seconds", fly.seconds, "fly only so much of the path")->check(CLI::Range(0.0, 86400.0).description(""));
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? 0 : ridgecast::evaluation::kBadInput;
+  }
+
+  const auto url = ridgecast::connection::parseUrl(server.url);
+  if (!url) return wrongArguments(url.error().message);
+  const bool flies = flyCommand->parsed();
+  if (const std::string wrong = parseSize(size, flies ? fly.width : view.width, flies ? fly.height : view.height); !wrong.empty())
+    return wrongArguments(wrong);
+  if (flies) {
+    if (fly.exportAt && fly.exportFile.empty()) return wrongArguments("--export-at wants --export FILE.glb beside it");
+    fly.url = *url;
+    fly.settings = server.settings;
+    return ridgecast::evaluation::fly(fly);
+  }
+  view.url = *url;
+  view.settings = server.settings;
+  return ridgecast::viewer::view(view);
 }

@@ -1,0 +1,109 @@
+#include "client/viewer/panes.h"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace ridgecast::viewer {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr std::uint32_t kCoarsest = 16;
+
+double millisecondsSince(Clock::time_point began) { return std::chrono::duration<double, std::milli>(Clock::now() - began).count(); }
+
+// The view with one sample for a square of n x n pixels, at least one.
+render::View coarser(const render::View& view, std::uint32_t n) {
+  render::View out = view;
+  out.camera.projection.width = std::max(1u, view.camera.projection.width / n);
+  out.camera.projection.height = std::max(1u, view.camera.projection.height / n);
+  return out;
+}
+
+double samplesOf(const render::View& view) { return static_cast<double>(view.camera.projection.width) * view.camera.projection.height; }
+
+// The finest power of two that fits the budget, by what a sample cost so far.
+std::uint32_t fitting(const render::View& view, double perSample, std::chrono::milliseconds budget) {
+  std::uint32_t n = 1;
+  while (n < kCoarsest && samplesOf(coarser(view, n)) * perSample > static_cast<double>(budget.count())) n *= 2;
+  return n;
+}
+
+// Keeps `layer` when it already has that size.
+Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::uint32_t coarseness) {
+  const std::uint32_t width = view.camera.projection.width, height = view.camera.projection.height;
+  if (layer && layer->canvas.width() == width && layer->canvas.height() == height) {
+    layer->coarseness = coarseness;
+    return {};
+  }
+  layer.reset();
+  auto surface = render::Surface::create(width, height);
+  if (!surface) return surface.error();
+  auto canvas = render::Canvas::create(width, height);
+  if (!canvas) return canvas.error();
+  layer.emplace(Layer{coarseness, std::move(*surface), std::move(*canvas)});
+  return {};
+}
+
+}  // namespace
+
+Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving) {
+  const bool sceneChanged = sceneVersion != sceneVersion_;
+  const std::uint32_t coarseness = moving ? fitting(view, perSample_, kMeshBudget) : 1;
+  const render::View samples = coarser(view, coarseness);
+  const bool fits = layer_ && layer_->coarseness == coarseness && layer_->canvas.width() == samples.camera.projection.width &&
+                    layer_->canvas.height() == samples.camera.projection.height;
+  if (fits && !moving && !sceneChanged) return false;
+  if (auto fitted = fit(layer_, samples, coarseness); !fitted) return fitted.error();
+  if (sceneChanged) pass_.update(scene);
+  sceneVersion_ = sceneVersion;
+  const auto began = Clock::now();
+  pass_.draw(samples, layer_->surface);
+  shade_->shade(samples, layer_->surface, layer_->canvas);
+  glFinish();
+  milliseconds_ = millisecondsSince(began);
+  perSample_ = milliseconds_ / samplesOf(samples);
+  return true;
+}
+
+Outcome<void> MarchPane::begin(const render::View& view, std::uint32_t coarseness) {
+  if (next_) spare_ = std::exchange(next_, std::nullopt);
+  view_ = coarser(view, coarseness);
+  if (auto fitted = fit(spare_, view_, coarseness); !fitted) return fitted.error();
+  next_ = std::exchange(spare_, std::nullopt);
+  pass_.begin(view_, next_->surface);
+  spent_ = 0;
+  return {};
+}
+
+bool MarchPane::advance(std::chrono::milliseconds budget) {
+  const auto began = Clock::now();
+  const bool complete = pass_.advance(budget);
+  if (complete) {
+    shade_->shade(view_, next_->surface, next_->canvas);
+    glFinish();
+  }
+  spent_ += millisecondsSince(began);
+  if (!complete) return false;
+  milliseconds_ = spent_;
+  perSample_ = spent_ / samplesOf(view_);
+  spare_ = std::exchange(shown_, std::exchange(next_, std::nullopt));
+  return true;
+}
+
+Outcome<bool> MarchPane::update(const render::View& view, bool moving) {
+  if (moving || !shown_) {
+    // The first picture ever is a coarse one: nothing is known about the cost yet.
+    if (auto begun = begin(view, shown_ ? fitting(view, perSample_, kMarchBudget) : kCoarsest); !begun) return begun.error();
+    advance(std::chrono::hours(1));
+    return true;
+  }
+  if (!next_) {
+    if (isFinest()) return false;
+    if (auto begun = begin(view, std::max(1u, shown_->coarseness / 4)); !begun) return begun.error();
+  }
+  return advance(kMarchBudget);
+}
+
+}  // namespace ridgecast::viewer

@@ -1,0 +1,64 @@
+#pragma once
+// The two pictures of the window. On a graphics card both are drawn whole each frame. In software they cannot be: each pane measures
+// what a sample costs and, while the camera moves, draws as many as fit its budget, stretched; once the camera rests it goes finer.
+// A pane that is up to date draws nothing.
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+
+#include "client/render/march_pass.h"
+#include "client/render/mesh_pass.h"
+#include "client/render/shade_pass.h"
+#include "client/render/surface.h"
+
+namespace ridgecast::viewer {
+
+inline constexpr std::chrono::milliseconds kMeshBudget{40}, kMarchBudget{40};  // a frame, each
+
+// A surface and the canvas it is shaded into, `coarseness` pixels a sample.
+struct Layer {
+  std::uint32_t coarseness = 0;
+  render::Surface surface;
+  render::Canvas canvas;
+};
+
+class MeshPane {
+ public:
+  MeshPane(render::MeshPass pass, const render::ShadePass& shade) : pass_(std::move(pass)), shade_(&shade) {}
+  // Whether it drew. `sceneVersion` tells scenes apart. Error: the window is larger than the driver draws.
+  Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
+  const render::Canvas* canvas() const { return layer_ ? &layer_->canvas : nullptr; }
+  double milliseconds() const { return milliseconds_; }
+  bool isFinest() const { return layer_ && layer_->coarseness == 1; }
+
+ private:
+  render::MeshPass pass_;
+  const render::ShadePass* shade_;
+  std::optional<Layer> layer_;
+  std::uint64_t sceneVersion_ = ~std::uint64_t{0};
+  double milliseconds_ = 0, perSample_ = 0;
+};
+
+class MarchPane {
+ public:
+  MarchPane(render::MarchPass pass, const render::ShadePass& shade) : pass_(std::move(pass)), shade_(&shade) {}
+  Outcome<bool> update(const render::View& view, bool moving);
+  const render::Canvas* canvas() const { return shown_ ? &shown_->canvas : nullptr; }
+  double milliseconds() const { return milliseconds_; }  // of the last picture that was completed
+  bool isFinest() const { return shown_ && shown_->coarseness == 1; }
+  std::uint32_t coarseness() const { return shown_ ? shown_->coarseness : 0; }
+  double progress() const { return next_ ? pass_.progress() : 1; }
+
+ private:
+  Outcome<void> begin(const render::View& view, std::uint32_t coarseness);
+  bool advance(std::chrono::milliseconds budget);
+
+  render::MarchPass pass_;
+  const render::ShadePass* shade_;
+  std::optional<Layer> shown_, next_, spare_;
+  render::View view_;                     // of next_, in samples
+  double milliseconds_ = 0, spent_ = 0, perSample_ = 0;
+};
+
+}  // namespace ridgecast::viewer
