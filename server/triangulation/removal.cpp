@@ -57,7 +57,7 @@ void Triangulation::fillStar(WriteSet& set) const {
   }
 }
 
-Change Triangulation::remove(VertexId v, WriteSet& set) {
+Change Triangulation::plan(VertexId v, WriteSet& set) const {
   assert(v != kInfinite);
   if (!set.allows(vertices_.regionOf(v)) || !collectStar(v, set)) return Change::kDeferred;
   auto& border = set.border_;
@@ -76,11 +76,12 @@ Change Triangulation::remove(VertexId v, WriteSet& set) {
     for (const auto& b : border) anyFinite = anyFinite || (!isGhost(b.outer >> 2) && !isHole(b.outer >> 2));
     if (!anyFinite) return Change::kRefused;
   }
-  if (!triangles_.hasFree(64 + static_cast<std::uint32_t>(border.size()))) return Change::kFull;
+  return triangles_.hasFree(64 + static_cast<std::uint32_t>(border.size())) ? Change::kDone : Change::kFull;
+}
 
+Change Triangulation::apply(VertexId v, WriteSet& set) {
+  const auto& border = set.border_;
   for (TriangleId t : set.hole_) triangles_.release(t);
-  // border_[i].outer becomes the half-edge across the chord or edge that starts at i, as the fill proceeds outside in; the base of a
-  // span (i, j) is linked when the triangle that closes it is made, which comes before.
   for (auto& f : set.fill_) {
     f.id = triangles_.allocate(f.region);
     triangleRecords_[f.id] = {{border[f.a].from, border[f.b].from, border[f.c].from}, {kNoEdge, kNoEdge, kNoEdge}};

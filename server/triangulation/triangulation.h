@@ -81,6 +81,13 @@ class WriteSet {
   void allow(std::span<const RegionId> regions);
   bool allows(RegionId r) const { return all_ || (r < stamp_.size() && stamp_[r] == current_); }
 
+  // The last plan: the triangles of the star, and f(a, b, c) for the corners of each triangle that would fill it.
+  const std::vector<TriangleId>& star() const { return hole_; }
+  template <class F>
+  void forEachFill(F&& f) const {
+    for (const Fill& t : fill_) f(border_[t.a].from, border_[t.b].from, border_[t.c].from);
+  }
+
  private:
   friend class Triangulation;
   bool all_ = false;
@@ -132,7 +139,14 @@ class Triangulation {
 
   // Inserts a point that lies in the closed triangle `at` (or, outside the hull, beyond the hull edge of the ghost `at`).
   Change insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made = nullptr);
-  Change remove(VertexId v, WriteSet& set);
+  // Removal in two steps: plan() fills the hole that v would leave, writing nothing but the set's scratch (kDone: there is a plan);
+  // the plan can be looked at, and applied as long as nothing changed in between. remove() is both.
+  Change plan(VertexId v, WriteSet& set) const;
+  Change apply(VertexId v, WriteSet& set);
+  Change remove(VertexId v, WriteSet& set) {
+    const Change planned = plan(v, set);
+    return planned == Change::kDone ? apply(v, set) : planned;
+  }
   // The triangle that holds p (a ghost when p is outside the hull), walking from `from`. kNoEdge when the walk leaves the write set.
   TriangleId locate(Point2 p, TriangleId from, const WriteSet& set) const;
   TriangleId anyTriangle() const;
@@ -156,7 +170,7 @@ class Triangulation {
   RegionId regionOfVertex(VertexId v) const { return vertices_.regionOf(v); }
   HalfEdge edgeOf(VertexId v) const { return std::atomic_ref<HalfEdge>(const_cast<HalfEdge&>(vertexRecords_[v].edge)).load(std::memory_order_relaxed); }
   std::uint32_t liveTriangles() const;       // without ghosts
-  std::uint32_t liveVertices() const { return vertices_.live(); }
+  std::uint32_t liveVertices() const { return vertices_.live() - 1; }  // without infinity
   std::uint32_t triangleCapacity() const { return triangles_.capacity(); }
   std::uint32_t vertexCapacity() const { return vertices_.capacity(); }
   std::size_t residentBytes() const;         // of the pages in use

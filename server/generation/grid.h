@@ -1,0 +1,18 @@
+#pragma once
+// First meshes: a leaf's grid of 3 x 3 points. Grids nest: a leaf's points are points of its children's grids too. A leaf's own grid
+// stays in the mesh while the leaf lives, which bounds how large a triangle, and so how far a change, can reach.
+
+#include <array>
+
+#include "common/lattice/lattice.h"
+#include "server/quadtree/quadtree.h"
+
+namespace ridgecast::generation {
+
+// Ascending by x, then z.
+std::array<lattice::Point, 9> gridPoints(lattice::LeafAddress leaf);
+
+// Whether a point belongs to the grid of any leaf of the tree whose closed square holds it.
+bool isGridPoint(const quadtree::Quadtree& tree, lattice::Point p);
+
+}  // namespace ridgecast::generation

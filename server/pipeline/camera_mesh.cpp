@@ -1,0 +1,364 @@
+#include "server/pipeline/camera_mesh.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+#include "server/generation/grid.h"
+#include "server/refinement/coarsening.h"
+
+namespace ridgecast::pipeline {
+
+using lattice::LeafAddress;
+using lattice::Step;
+using refinement::Pending;
+using triangulation::Change;
+using triangulation::kInfinite;
+using triangulation::kOutside;
+using triangulation::Point2;
+using triangulation::RegionId;
+using triangulation::TriangleId;
+using triangulation::Vertex;
+using triangulation::VertexId;
+using triangulation::WriteSet;
+
+namespace {
+constexpr int kAnchorBits = lattice::kFinestSideBits + quadtree::kRootLevel;  // anchors are corners of roots
+constexpr Step kAnchorReach = Step{1} << 24;                                  // the camera stays this close to its anchor
+}  // namespace
+
+CameraMesh::CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, bool thesis)
+    : terrain_(std::move(terrain)), thesis_(thesis), mesh_(triangles, *this), surface_(mesh_.triangleCapacity(), mesh_.vertexCapacity()) {}
+
+RegionId CameraMesh::regionAt(Point2 p) const { return tree_.tagAt({surface_.anchor.x + p.x, surface_.anchor.z + p.z}); }
+
+Point2 CameraMesh::local(lattice::Point p) const {
+  return {static_cast<std::int32_t>(p.x - surface_.anchor.x), static_cast<std::int32_t>(p.z - surface_.anchor.z)};
+}
+
+int CameraMesh::levelAt(Point2 p) const {
+  const RegionId region = regionAt(p);
+  return region == kOutside ? quadtree::kRootLevel : leaves_[region]->address.level;
+}
+
+Leaf* CameraMesh::leaf(LeafAddress address) const {
+  const RegionId region = tree_.tag(address);
+  return region == kOutside ? nullptr : leaves_[region].get();
+}
+
+double CameraMesh::groundBelow(const camera::Pose& pose) const { return terrain_->height({pose.x, pose.z}); }
+
+void CameraMesh::anchorAt(const camera::Pose& pose, bool keep) {
+  const auto far = [](Step camera, Step anchor) { return std::abs(camera - anchor) > kAnchorReach; };
+  if (keep && !far(pose.x, surface_.anchor.x) && !far(pose.z, surface_.anchor.z)) return;
+  const lattice::Point anchor{lattice::floorTo(pose.x, kAnchorBits), lattice::floorTo(pose.z, kAnchorBits)};
+  if (keep) {
+    const auto dx = static_cast<std::int32_t>(surface_.anchor.x - anchor.x), dz = static_cast<std::int32_t>(surface_.anchor.z - anchor.z);
+    mesh_.translate(dx, dz);
+    for (const Leaf* leaf : ordered_)
+      mesh_.trianglePages().forEach(leaf->region, [&](TriangleId t) {
+        surface_.x[t] += dx;
+        surface_.z[t] += dz;
+      });
+  }
+  surface_.anchor = anchor;
+}
+
+Follow CameraMesh::follow(const camera::Pose& pose) {
+  Follow result;
+  previous_.clear();
+  for (const Leaf* leaf : ordered_) previous_.push_back(leaf->address);
+  result.changed = tree_.follow(pose, groundBelow(pose));
+  pendingGenerate_ = result.changed;
+  const bool anyKept = std::any_of(previous_.begin(), previous_.end(), [&](LeafAddress a) {
+    LeafAddress now;  // kept, split or merged: the ground is still held
+    return tree_.leafAt({a.x(), a.z()}, now);
+  });
+  if (!anyKept) {  // somewhere else altogether: nothing of the old mesh remains
+    mesh_.clear();
+    for (Leaf* leaf : ordered_) {
+      mesh_.removeRegion(leaf->region);
+      leaves_[leaf->region].reset();
+    }
+    result.dropped = static_cast<std::uint32_t>(ordered_.size());
+    ordered_.clear();
+    previous_.clear();
+  }
+  anchorAt(pose, anyKept);
+  if (result.changed) {
+    for (LeafAddress a : previous_) result.dropped += !tree_.isLeaf(a);
+    result.generated = static_cast<std::uint32_t>(tree_.leafCount() - (previous_.size() - (anyKept ? result.dropped : 0)));
+  }
+  return result;
+}
+
+void CameraMesh::generate() {
+  if (!pendingGenerate_) return;
+  pendingGenerate_ = false;
+  std::vector<Leaf*> made;
+  std::vector<LeafAddress> gone;
+  std::vector<std::unique_ptr<Leaf>> former;
+  for (Leaf* leaf : ordered_)
+    if (!tree_.isLeaf(leaf->address)) {
+      gone.push_back(leaf->address);
+      former.push_back(std::move(leaves_[leaf->region]));
+    }
+  ordered_.clear();
+  for (LeafAddress address : tree_.leaves()) {
+    RegionId region = tree_.tag(address);
+    if (region == kOutside) {
+      region = mesh_.addRegion();
+      tree_.setTag(address, region);
+      if (region >= leaves_.size()) leaves_.resize(region + 1);
+      leaves_[region] = std::make_unique<Leaf>();
+      leaves_[region]->address = address;
+      leaves_[region]->region = region;
+      leaves_[region]->low = lattice::kMaxHeight;
+      leaves_[region]->high = -lattice::kMaxHeight;
+      made.push_back(leaves_[region].get());
+    }
+    ordered_.push_back(leaves_[region].get());
+  }
+  // From here on the partition answers with the new leaves.
+  for (const auto& leaf : former)
+    for (Leaf* heir : made)
+      if (heir->address.isAncestorOf(leaf->address) || leaf->address.isAncestorOf(heir->address)) {
+        heir->low = std::min(heir->low, leaf->low);
+        heir->high = std::max(heir->high, leaf->high);
+      }
+
+  std::vector<VertexId> moved;
+  const triangulation::Moves moves{[&](TriangleId from, TriangleId to) { surface_.moveTriangle(from, to); },
+                                   [&](VertexId from, VertexId to) {
+                                     surface_.moveVertex(from, to);
+                                     moved.push_back(to);
+                                   }};
+  if (!mesh_.empty()) {
+    for (const auto& leaf : former) {
+      mesh_.refile(leaf->region, moves);
+      mesh_.removeRegion(leaf->region);
+    }
+    mesh_.refile(kOutside, moves);
+    snapVertices(moved);
+    // A candidate belongs to the level of its leaf: choose again.
+    for (Leaf* leaf : made)
+      mesh_.trianglePages().forEach(leaf->region, [&](TriangleId t) { mesh_.trianglePages().setFresh(t); });
+  }
+  if (!made.empty()) insertGrids(made);
+  dropOutside();
+  updateWriteSets(made, gone);
+}
+
+void CameraMesh::snapVertices(const std::vector<VertexId>& vertices) {
+  for (VertexId v : vertices) {
+    if (!mesh_.vertexPages().alive(v)) continue;
+    const std::int32_t y = lattice::snapHeight(surface_.fineY[v], levelAt(mesh_.vertex(v).point()));
+    if (y == mesh_.vertex(v).y) continue;
+    mesh_.setHeight(v, y);
+    const triangulation::HalfEdge first = mesh_.edgeOf(v);
+    for (triangulation::HalfEdge h = first;;) {
+      mesh_.trianglePages().setFresh(h >> 2);
+      mesh_.markChanged(mesh_.regionOf(h >> 2));
+      h = mesh_.twin(triangulation::Triangulation::previous(h));
+      if (h == first) break;
+    }
+  }
+}
+
+void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
+  std::vector<lattice::Point> points;
+  for (const Leaf* leaf : made)
+    for (lattice::Point p : generation::gridPoints(leaf->address)) points.push_back(p);
+  std::vector<lattice::Point> sorted = points;
+  std::sort(sorted.begin(), sorted.end());
+  sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+  std::vector<Step> x(sorted.size()), z(sorted.size());
+  std::vector<std::int32_t> y(sorted.size());
+  for (std::size_t k = 0; k < sorted.size(); ++k) {
+    x[k] = sorted[k].x;
+    z[k] = sorted[k].z;
+  }
+  terrain_->heightSteps(x, z, y);
+  heights_ += y.size();
+  const auto fine = [&](lattice::Point p) { return y[static_cast<std::size_t>(std::lower_bound(sorted.begin(), sorted.end(), p) - sorted.begin())]; };
+  const auto vertexAt = [&](lattice::Point p) {
+    const Point2 q = local(p);
+    return Vertex{q.x, q.z, lattice::snapHeight(fine(p), levelAt(q)), triangulation::kNoEdge};
+  };
+
+  WriteSet all;
+  all.allowAll();
+  std::vector<VertexId> inserted;
+  if (mesh_.empty()) {
+    const auto grid = generation::gridPoints(made.front()->address);
+    const lattice::Point seeds[3] = {grid[0], grid[2], grid[6]};
+    mesh_.start(vertexAt(seeds[0]), vertexAt(seeds[1]), vertexAt(seeds[2]));
+    // start() files the seeds itself; find them again to note their heights.
+    const TriangleId first = mesh_.twin(mesh_.anyTriangle() * 4) >> 2;
+    for (VertexId v : mesh_.triangle(first).v) {
+      const Point2 p = mesh_.vertex(v).point();
+      surface_.fineY[v] = fine({surface_.anchor.x + p.x, surface_.anchor.z + p.z});
+      surface_.loss[v] = 0;
+      inserted.push_back(v);
+    }
+  }
+  TriangleId hint = mesh_.anyTriangle();
+  for (Leaf* leaf : made)
+    for (lattice::Point p : generation::gridPoints(leaf->address)) {
+      const std::int32_t height = fine(p);
+      leaf->low = std::min(leaf->low, height);
+      leaf->high = std::max(leaf->high, height);
+      const TriangleId t = mesh_.locate(local(p), hint, all);
+      VertexId v = kInfinite;
+      const Change change = mesh_.insert(vertexAt(p), t, all, &v);
+      if (change == Change::kFull) throw std::bad_alloc();
+      if (change == Change::kDone) {
+        surface_.fineY[v] = height;
+        surface_.loss[v] = 0;
+        inserted.push_back(v);
+        hint = mesh_.edgeOf(v) >> 2;
+      } else {
+        hint = t;
+      }
+    }
+  if (thesis_) addCurvature(inserted);
+}
+
+// Outside all leaves only the grids' points remain.
+void CameraMesh::dropOutside() {
+  WriteSet all;
+  all.allowAll();
+  std::vector<VertexId> stray;
+  mesh_.vertexPages().forEach(kOutside, [&](VertexId v) {
+    if (v == kInfinite) return;
+    const Point2 p = mesh_.vertex(v).point();
+    if (!generation::isGridPoint(tree_, {surface_.anchor.x + p.x, surface_.anchor.z + p.z})) stray.push_back(v);
+  });
+  for (VertexId v : stray) {
+    const Change change = mesh_.remove(v, all);
+    assert(change == Change::kDone);
+    (void)change;
+  }
+}
+
+void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vector<LeafAddress>& gone) {
+  std::vector<Leaf*> stale = made;
+  for (const Leaf* leaf : made)
+    for (LeafAddress a : tree_.touching(leaf->address)) stale.push_back(this->leaf(a));
+  for (LeafAddress g : gone)
+    for (LeafAddress a : tree_.touching(g)) stale.push_back(this->leaf(a));
+  std::sort(stale.begin(), stale.end());
+  stale.erase(std::unique(stale.begin(), stale.end()), stale.end());
+  for (Leaf* leaf : stale) {
+    leaf->writeSet.assign(1, leaf->region);
+    for (LeafAddress a : tree_.touching(leaf->address)) leaf->writeSet.push_back(this->leaf(a)->region);
+  }
+}
+
+void CameraMesh::addCurvature(const std::vector<VertexId>& vertices) {
+  std::vector<Step> x, z;
+  for (VertexId v : vertices) {
+    x.push_back(surface_.anchor.x + mesh_.vertex(v).x);
+    z.push_back(surface_.anchor.z + mesh_.vertex(v).z);
+  }
+  std::vector<float> out(vertices.size());
+  terrain::curvatures(*terrain_, x, z, Step{1} << lattice::kStepBits, out);
+  heights_ += 9 * vertices.size();
+  for (std::size_t k = 0; k < vertices.size(); ++k) surface_.curvature[vertices[k]] = out[k];
+}
+
+bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, WriteSet& set) {
+  const auto& pages = mesh_.trianglePages();
+  if (!pages.alive(p.triangle) || pages.fresh(p.triangle)) return true;  // its triangle is gone: judged again next time
+  const std::int32_t fineY = surface_.y[p.triangle];
+  const float error = surface_.error[p.triangle];
+  VertexId v;
+  const Change change =
+      mesh_.insert({p.point.x, p.point.z, lattice::snapHeight(fineY, levelAt(p.point)), triangulation::kNoEdge}, p.triangle, set, &v);
+  if (change == Change::kDeferred) return false;
+  if (change != Change::kDone) return true;
+  surface_.fineY[v] = fineY;
+  surface_.loss[v] = error;
+  if (thesis_) addCurvature({v});
+  leaf.low = std::min(leaf.low, fineY);
+  leaf.high = std::max(leaf.high, fineY);
+  ++leaf.inserted;
+  return true;
+}
+
+void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double limitInside, double limitOutside) {
+  thread_local WriteSet set;
+  set.allow(leaf.writeSet);
+  for (VertexId v : leaf.removable) {
+    const Vertex& p = mesh_.vertex(v);
+    const float loss = refinement::lossOf(mesh_, surface_, v, set);
+    if (!std::isfinite(loss)) continue;
+    surface_.loss[v] = loss;
+    const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
+    if (refinement::pixelsAt(p, loss, view) >= limit) continue;
+    if (generation::isGridPoint(tree_, {surface_.anchor.x + p.x, surface_.anchor.z + p.z})) continue;
+    if (mesh_.apply(v, set) == Change::kDone) ++leaf.removed;
+  }
+  for (const Pending& p : leaf.pending)
+    if (!insertOne(leaf, p, set)) leaf.deferred.push_back(p);
+}
+
+std::uint32_t CameraMesh::change(const refinement::View& view, double limitInside, double limitOutside, scheduling::Pool& pool) {
+  // Greedy colours in canonical order: leaves of one colour share no region that either may write.
+  struct Task {
+    std::uint32_t colour;
+    Leaf* leaf;
+  };
+  std::vector<Task> tasks;
+  thread_local std::vector<std::uint64_t> used;
+  used.assign(leaves_.size() + 1, 0);
+  for (Leaf* leaf : ordered_) {
+    leaf->inserted = leaf->removed = 0;
+    leaf->deferred.clear();
+    if (leaf->pending.empty() && leaf->removable.empty()) continue;
+    std::uint64_t taken = 0;
+    for (RegionId r : leaf->writeSet) taken |= used[r];
+    const std::uint32_t colour = std::min(63, std::countr_one(taken));
+    for (RegionId r : leaf->writeSet) used[r] |= std::uint64_t{1} << colour;
+    tasks.push_back({colour, leaf});
+  }
+  std::stable_sort(tasks.begin(), tasks.end(), [](const Task& a, const Task& b) { return a.colour < b.colour; });
+  // A task waits for the last task before it that may write any region it may write.
+  scheduling::Order order(tasks.size());
+  thread_local std::vector<std::uint32_t> last;
+  last.assign(leaves_.size() + 1, 0);
+  for (std::uint32_t k = 0; k < tasks.size(); ++k) {
+    auto& before = order[k];
+    for (RegionId r : tasks[k].leaf->writeSet) {
+      if (last[r] != 0) before.push_back(last[r] - 1);
+      last[r] = k + 1;
+    }
+    std::sort(before.begin(), before.end());
+    before.erase(std::unique(before.begin(), before.end()), before.end());
+  }
+  pool.forEachOrdered(order, [&](std::size_t k) { changeLeaf(*tasks[k].leaf, view, limitInside, limitOutside); });
+
+  WriteSet all;
+  all.allowAll();
+  std::uint32_t deferred = 0;
+  for (const Task& task : tasks)
+    for (const Pending& p : task.leaf->deferred) {
+      ++deferred;
+      insertOne(*task.leaf, p, all);
+    }
+  return deferred;
+}
+
+void CameraMesh::evaluate(scheduling::Pool& pool) {
+  thread_local std::vector<Leaf*> changed;
+  changed.clear();
+  for (Leaf* leaf : ordered_)
+    if (mesh_.trianglePages().changed(leaf->region)) changed.push_back(leaf);
+  const auto& list = changed;
+  pool.forEach(list.size(), 4, [&, leaves = list.data()](std::size_t k) {
+    heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaves[k]->region, leaves[k]->address.level, thesis_),
+                       std::memory_order_relaxed);
+  });
+}
+
+}  // namespace ridgecast::pipeline

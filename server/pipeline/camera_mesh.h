@@ -1,0 +1,95 @@
+#pragma once
+// A camera's mesh with its leaves: the quadtree, the triangulation filed by it, and what refinement keeps beside. It keeps these laws:
+//   - every leaf of the tree is valid (holds its grid) when follow() returns;
+//   - the mesh's vertices are the grids of its leaves and what refinement added inside leaves; outside all leaves only grid points;
+//   - a vertex's height is the terrain's, snapped to the level of the leaf that holds it (the root's level outside all leaves);
+//   - coordinates are relative to an anchor and stay below 2^26.
+// One thread; insertAll spreads over the pool inside.
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "common/terrain/terrain.h"
+#include "server/quadtree/quadtree.h"
+#include "server/refinement/candidates.h"
+#include "server/refinement/screening.h"
+#include "server/scheduling/pool.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::pipeline {
+
+struct Leaf {
+  lattice::LeafAddress address;
+  triangulation::RegionId region = triangulation::kOutside;
+  std::int32_t low = 0, high = 0;                        // steps: bounds of its vertices' heights
+  std::vector<triangulation::RegionId> writeSet;         // its own region and those of the leaves that touch it
+  std::uint64_t version = 0, hash = 0;
+
+  // of the current iteration
+  bool visible = false;
+  std::vector<refinement::Pending> pending;
+  std::vector<triangulation::VertexId> removable;
+  std::vector<refinement::Pending> deferred;
+  std::uint32_t inserted = 0, removed = 0;
+};
+
+struct Follow {
+  bool changed = false;
+  std::uint32_t generated = 0, dropped = 0;              // leaves
+};
+
+class CameraMesh : private triangulation::Partition {
+ public:
+  CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, bool thesis);
+
+  // select: which leaves there are. Call generate() next.
+  Follow follow(const camera::Pose& pose);
+  // generate: re-files what the tree re-drew, drops what is gone, inserts the grids that are missing.
+  void generate();
+
+  const std::vector<Leaf*>& leaves() const { return ordered_; }  // canonical order of address
+  Leaf* leaf(lattice::LeafAddress address) const;                // null: not a leaf
+
+  // Applies every leaf's `removable` (those whose loss is below removalLimit pixels) and `pending`, in parallel where write sets are disjoint, with the
+  // result of doing it leaf by leaf in order of (colour, address). Returns how many changes were deferred to the serial step.
+  std::uint32_t change(const refinement::View& view, double limitInside, double limitOutside, scheduling::Pool& pool);
+
+  // Chooses candidates for every fresh triangle.
+  void evaluate(scheduling::Pool& pool);
+
+  triangulation::Triangulation& triangulation() { return mesh_; }
+  const triangulation::Triangulation& triangulation() const { return mesh_; }
+  const refinement::Surface& surface() const { return surface_; }
+  const triangulation::Partition& partition() const { return *this; }
+  bool thesis() const { return thesis_; }
+  std::uint64_t heights() const { return heights_.load(std::memory_order_relaxed); }
+  double groundBelow(const camera::Pose& pose) const;
+
+ private:
+  triangulation::RegionId regionAt(triangulation::Point2 p) const override;
+  triangulation::Point2 local(lattice::Point p) const;
+  int levelAt(triangulation::Point2 p) const;
+  void anchorAt(const camera::Pose& pose, bool keep);
+  void snapVertices(const std::vector<triangulation::VertexId>& vertices);
+  void insertGrids(const std::vector<Leaf*>& made);
+  void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<lattice::LeafAddress>& gone);
+  void dropOutside();
+  void addCurvature(const std::vector<triangulation::VertexId>& vertices);
+  void changeLeaf(Leaf& leaf, const refinement::View& view, double limitInside, double limitOutside);
+  bool insertOne(Leaf& leaf, const refinement::Pending& p, triangulation::WriteSet& set);
+
+  std::shared_ptr<const terrain::Terrain> terrain_;
+  bool thesis_;
+  quadtree::Quadtree tree_;
+  triangulation::Triangulation mesh_;
+  refinement::Surface surface_;
+  std::vector<std::unique_ptr<Leaf>> leaves_;            // by region; null: unused
+  std::vector<Leaf*> ordered_;
+  std::vector<lattice::LeafAddress> previous_;           // the tree's leaves before the last follow(), when it changed
+  bool pendingGenerate_ = false;
+  std::atomic<std::uint64_t> heights_{0};
+};
+
+}  // namespace ridgecast::pipeline

@@ -1,0 +1,232 @@
+#include "server/pipeline/pipeline.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "server/pipeline/camera_mesh.h"
+#include "server/refinement/coarsening.h"
+
+namespace ridgecast::pipeline {
+
+using refinement::Pending;
+using triangulation::TriangleId;
+using triangulation::VertexId;
+
+static_assert(Pipeline::kHorizon == quadtree::kHorizon);
+
+namespace {
+
+constexpr double kDefaultPixels = 1.0, kDefaultThesis = 0.05;
+// At most so many insertions an iteration, the most wanted first, so that the newest camera is never far away.
+constexpr std::size_t kMostInsertions = 24'000;
+// Vertices are removed below this share of the threshold.
+constexpr double kRemoval = 0.5;
+// The thesis's metric has no measure for removal; there the pixels of the loss decide.
+constexpr double kThesisRemovalPixels = 0.5;
+
+class Stopwatch {
+ public:
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double ms = std::chrono::duration<double, std::milli>(now - start_).count();
+    start_ = now;
+    return ms;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+}  // namespace
+
+wire::Settings grant(const wire::Settings& asked, const Limits& limits) {
+  wire::Settings granted = asked;
+  if (granted.metric == wire::Metric::kDefault) granted.metric = wire::Metric::kPixels;
+  const bool pixels = granted.metric == wire::Metric::kPixels;
+  if (!(granted.threshold > 0)) granted.threshold = pixels ? kDefaultPixels : kDefaultThesis;
+  granted.threshold = std::clamp(granted.threshold, pixels ? 0.05 : 1e-9, pixels ? 1000.0 : 1e9);
+  if (granted.triangleBudget == 0) granted.triangleBudget = limits.defaultBudget;
+  granted.triangleBudget = std::clamp<std::uint32_t>(granted.triangleBudget, 10'000, limits.maxBudget);
+  return granted;
+}
+
+struct Pipeline::State {
+  State(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> workers)
+      : settings(granted),
+        pool(std::move(workers)),
+        mesh(std::move(terrain), granted.triangleBudget, granted.metric == wire::Metric::kThesis),
+        effective(granted.threshold) {}
+
+  void screen(const camera::Camera& camera, const refinement::View& view);
+  void limitPending();
+  void publish();
+  std::uint32_t owned() const;
+
+  wire::Settings settings;
+  std::shared_ptr<scheduling::Pool> pool;
+  CameraMesh mesh;
+  double effective;              // threshold; above the asked one while the budget binds
+  std::uint32_t live = 0;        // triangles owned by leaves
+  bool settled = false;
+  std::uint64_t versions = 0;
+  std::vector<LeafState> leaves;
+};
+
+// Which leaves may be seen, which candidates they want, which vertices may go.
+void Pipeline::State::screen(const camera::Camera& camera, const refinement::View& view) {
+  const bool thesis = settings.metric == wire::Metric::kThesis;
+  const auto& leafs = mesh.leaves();
+  const double removal = thesis ? kThesisRemovalPixels : kRemoval * effective;
+  pool->forEach(leafs.size(), 16, [&](std::size_t k) {
+    Leaf& leaf = *leafs[k];
+    leaf.pending.clear();
+    leaf.removable.clear();
+    const double side = static_cast<double>(leaf.address.side()) * lattice::kMetresPerStep;
+    const double x = static_cast<double>(leaf.address.x() - camera.pose.x) * lattice::kMetresPerStep,
+                 z = static_cast<double>(leaf.address.z() - camera.pose.z) * lattice::kMetresPerStep;
+    // Triangles straddle borders by less than half a side; their candidates do not, but room costs little.
+    const camera::Vec3 low{x - side / 2, leaf.low * lattice::kMetresPerStep - camera.pose.y - 1, z - side / 2},
+        high{x + 1.5 * side, leaf.high * lattice::kMetresPerStep - camera.pose.y + 1, z + 1.5 * side};
+    leaf.visible = view.wide.mayIntersect(low, high);
+    if (leaf.visible) {
+      if (thesis) refinement::screenThesis(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
+      else refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
+    }
+    refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, leaf.visible ? removal : 2 * removal, leaf.removable);
+  });
+}
+
+// Keeps the most wanted insertions that the budget and one iteration have room for; ties by position.
+void Pipeline::State::limitPending() {
+  std::size_t wanted = 0;
+  for (const Leaf* leaf : mesh.leaves()) wanted += leaf->pending.size();
+  const std::size_t room = std::min<std::size_t>(kMostInsertions, settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0);
+  if (wanted <= room) return;
+  std::vector<Pending> all;
+  all.reserve(wanted);
+  for (const Leaf* leaf : mesh.leaves()) all.insert(all.end(), leaf->pending.begin(), leaf->pending.end());
+  if (room == 0) {
+    for (Leaf* leaf : mesh.leaves()) leaf->pending.clear();
+    return;
+  }
+  std::nth_element(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(room - 1), all.end());
+  const Pending last = all[room - 1];
+  for (Leaf* leaf : mesh.leaves())
+    leaf->pending.erase(std::upper_bound(leaf->pending.begin(), leaf->pending.end(), last), leaf->pending.end());
+}
+
+std::uint32_t Pipeline::State::owned() const {
+  std::uint32_t sum = 0;
+  for (const Leaf* leaf : mesh.leaves()) sum += mesh.triangulation().triangleCount(leaf->region);
+  return sum;
+}
+
+// New versions and hashes for leaves whose triangles changed.
+void Pipeline::State::publish() {
+  const auto& leafs = mesh.leaves();
+  std::vector<Leaf*> changed;
+  for (Leaf* leaf : leafs)
+    if (mesh.triangulation().takeChanged(leaf->region)) {
+      leaf->version = ++versions;
+      changed.push_back(leaf);
+    }
+  const auto& t = mesh.triangulation();
+  const lattice::Point anchor = mesh.surface().anchor;
+  pool->forEach(changed.size(), 4, [&](std::size_t k) {
+    std::uint64_t hash = 0;
+    t.trianglePages().forEach(changed[k]->region, [&](TriangleId id) {
+      lattice::Vertex v[3];
+      for (int c = 0; c < 3; ++c) {
+        const auto& p = t.vertex(t.triangle(id).v[c]);
+        v[c] = {anchor.x + p.x, anchor.z + p.z, p.y};
+      }
+      hash += mesh::hashTriangle(v[0], v[1], v[2]);
+    });
+    changed[k]->hash = hash;
+  });
+  leaves.clear();
+  for (const Leaf* leaf : leafs) leaves.push_back({leaf->address, leaf->version, leaf->hash, t.triangleCount(leaf->region)});
+}
+
+Pipeline::Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool)
+    : state_(std::make_unique<State>(std::move(terrain), granted, std::move(pool))) {}
+Pipeline::~Pipeline() = default;
+
+wire::Figures Pipeline::iterate(const camera::Camera& camera) {
+  State& s = *state_;
+  wire::Figures figures;
+  const std::uint64_t heightsBefore = s.mesh.heights();
+  Stopwatch watch;
+
+  const Follow follow = s.mesh.follow(camera.pose);
+  figures.selectMs = watch.lap();
+  s.mesh.generate();
+  s.mesh.evaluate(*s.pool);
+  figures.generateMs = watch.lap();
+
+  s.live = s.owned();
+  const double fill = static_cast<double>(s.live) / s.settings.triangleBudget, before = s.effective;
+  if (fill > 0.98) s.effective *= 1.05;
+  else if (fill < 0.95) s.effective = std::max(s.settings.threshold, s.effective * 0.95);
+  const refinement::View view(camera, s.mesh.surface().anchor);
+  s.screen(camera, view);
+  s.limitPending();
+  figures.refineMs = watch.lap();
+
+  const bool thesis = s.settings.metric == wire::Metric::kThesis;
+  const double inside = thesis ? kThesisRemovalPixels : kRemoval * s.effective, outside = fill >= 0.9 ? 2 * inside : inside;
+  figures.deferred = s.mesh.change(view, inside, outside, *s.pool);
+  figures.triangulateMs = watch.lap();
+  s.mesh.evaluate(*s.pool);
+  figures.refineMs += watch.lap();
+  s.publish();
+  figures.triangulateMs += watch.lap();
+
+  for (const Leaf* leaf : s.mesh.leaves()) {
+    figures.inserted += leaf->inserted;
+    figures.removed += leaf->removed;
+    figures.visibleLeaves += leaf->visible;
+  }
+  s.live = s.owned();
+  figures.leaves = figures.validLeaves = static_cast<std::uint32_t>(s.mesh.leaves().size());
+  figures.generatedLeaves = follow.generated;
+  figures.droppedLeaves = follow.dropped;
+  figures.triangles = s.live;
+  figures.heights = s.mesh.heights() - heightsBefore;
+  figures.effectiveThreshold = s.effective;
+  s.settled = !follow.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == before;
+  return figures;
+}
+
+bool Pipeline::settled() const { return state_->settled; }
+
+const std::vector<LeafState>& Pipeline::leaves() const { return state_->leaves; }
+
+mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
+  const State& s = *state_;
+  const Leaf* leaf = s.mesh.leaf(address);
+  mesh::LeafMesh out;
+  out.address = address;
+  if (!leaf) return out;
+  const auto& t = s.mesh.triangulation();
+  const lattice::Step dx = s.mesh.surface().anchor.x - address.x(), dz = s.mesh.surface().anchor.z - address.z();
+  out.triangles.reserve(t.triangleCount(leaf->region));
+  std::vector<VertexId> vertices;
+  t.trianglePages().forEach(leaf->region, [&](TriangleId id) {
+    out.triangles.push_back({t.triangle(id).v[0], t.triangle(id).v[1], t.triangle(id).v[2]});
+    for (VertexId v : t.triangle(id).v) vertices.push_back(v);
+  });
+  std::sort(vertices.begin(), vertices.end());
+  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+  for (VertexId v : vertices) {
+    const auto& p = t.vertex(v);
+    out.vertices.push_back({static_cast<std::int32_t>(dx + p.x), static_cast<std::int32_t>(dz + p.z), p.y});
+  }
+  for (mesh::Triangle& triangle : out.triangles)
+    for (std::uint32_t& v : triangle) v = static_cast<std::uint32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) - vertices.begin());
+  mesh::canonicalize(out);
+  return out;
+}
+
+}  // namespace ridgecast::pipeline

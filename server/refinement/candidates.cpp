@@ -1,0 +1,114 @@
+#include "server/refinement/candidates.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace ridgecast::refinement {
+
+using triangulation::orientation;
+using triangulation::Point2;
+using triangulation::TriangleId;
+using triangulation::Triangulation;
+using triangulation::Vertex;
+
+Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity)
+    : x(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
+      z(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
+      y(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
+      error(std::make_unique_for_overwrite<float[]>(triangleCapacity)),
+      fineY(std::make_unique_for_overwrite<std::int32_t[]>(vertexCapacity)),
+      curvature(std::make_unique_for_overwrite<float[]>(vertexCapacity)),
+      loss(std::make_unique_for_overwrite<float[]>(vertexCapacity)) {}
+
+namespace {
+
+std::int32_t snapTo(double v, int bits) {
+  return static_cast<std::int32_t>(lattice::roundTo(static_cast<lattice::Step>(std::floor(v + 0.5)), bits));
+}
+
+// A point that may become a vertex: inside the closed triangle, on no corner.
+bool admissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
+  if (orientation(a.point(), b.point(), p) < 0 || orientation(b.point(), c.point(), p) < 0 || orientation(c.point(), a.point(), p) < 0)
+    return false;
+  return !(p == a.point()) && !(p == b.point()) && !(p == c.point());
+}
+
+struct Trial {
+  TriangleId triangle;
+  Point2 point;
+};
+
+struct Scratch {
+  std::vector<TriangleId> fresh;
+  std::vector<Trial> trials;
+  std::vector<lattice::Step> x, z;
+  std::vector<std::int32_t> y;
+};
+
+}  // namespace
+
+double planeHeight(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
+  const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, px = double(p.x) - a.x,
+               pz = double(p.z) - a.z;
+  const double area = bz * cx - bx * cz;
+  const double wb = (pz * cx - px * cz) / area, wc = (bz * px - bx * pz) / area;
+  return a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y);
+}
+
+double heightOnTriangle(const Triangulation& mesh, TriangleId t, Point2 p) {
+  const auto& v = mesh.triangle(t).v;
+  return planeHeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p);
+}
+
+std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain, triangulation::RegionId region, int level,
+                            bool thesis) {
+  thread_local Scratch scratch;  // grown once, kept by the worker
+  auto& [fresh, trials, px, pz, py] = scratch;
+  fresh.clear();
+  trials.clear();
+  auto& pages = mesh.trianglePages();
+  pages.forEachFresh(region, [&](TriangleId t) { fresh.push_back(t); });
+  if (fresh.empty()) return 0;
+  const int bits = lattice::horizontalBits(level);
+  for (TriangleId t : fresh) {
+    pages.clearFresh(t);
+    surface.error[t] = 0;
+    const auto& v = mesh.triangle(t).v;
+    const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
+    const auto attempt = [&](double x, double z) {
+      const Point2 p{snapTo(x, bits), snapTo(z, bits)};
+      if (!admissible(a, b, c, p)) return;
+      for (auto k = trials.rbegin(); k != trials.rend() && k->triangle == t; ++k)
+        if (k->point == p) return;
+      trials.push_back({t, p});
+    };
+    const double sx = double(a.x) + b.x + c.x, sz = double(a.z) + b.z + c.z;
+    if (thesis) {
+      const double wa = surface.curvature[v[0]] + 1e-6, wb = surface.curvature[v[1]] + 1e-6, wc = surface.curvature[v[2]] + 1e-6, w = wa + wb + wc;
+      attempt(0.4 * sx / 3 + 0.6 * (wa * a.x + wb * b.x + wc * c.x) / w, 0.4 * sz / 3 + 0.6 * (wa * a.z + wb * b.z + wc * c.z) / w);
+    } else {
+      attempt(sx / 3, sz / 3);
+      for (const Vertex* k : {&a, &b, &c}) attempt((sx + 2.0 * k->x) / 5, (sz + 2.0 * k->z) / 5);
+    }
+  }
+  px.resize(trials.size());
+  pz.resize(trials.size());
+  py.resize(trials.size());
+  for (std::size_t k = 0; k < trials.size(); ++k) {
+    px[k] = surface.anchor.x + trials[k].point.x;
+    pz[k] = surface.anchor.z + trials[k].point.z;
+  }
+  terrain.heightSteps(px, pz, py);
+  for (std::size_t k = 0; k < trials.size(); ++k) {
+    const auto [t, p] = trials[k];
+    const auto error = static_cast<float>(std::abs(heightOnTriangle(mesh, t, p) - lattice::snapHeight(py[k], level)));
+    if (error <= surface.error[t]) continue;
+    surface.error[t] = error;
+    surface.x[t] = p.x;
+    surface.z[t] = p.z;
+    surface.y[t] = py[k];
+  }
+  return trials.size();
+}
+
+}  // namespace ridgecast::refinement

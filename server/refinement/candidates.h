@@ -1,0 +1,60 @@
+#pragma once
+// A triangle's candidate: the point of the true terrain that would improve the mesh most there, chosen once, when the triangle is
+// made. It does not depend on the camera.
+//
+// Several points of a triangle are tried (its centroid and one towards each corner, so that a bump beside the middle is seen), snapped
+// to the lattice of the leaf's level, and the one with the largest vertical error is kept. A snapped point outside its triangle or on
+// a corner is no candidate. The thesis's metric tries one point only: 0.6 of the way from the centroid to the corners' average
+// weighted by curvature (Cavallin and Pettersson 2019, figure 3.17).
+//
+// Arrays are indexed by triangle, so that screening (screening.h) is a straight pass over a region's pages.
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "common/terrain/terrain.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::refinement {
+
+// What is kept beside the mesh's own records. All positions in steps relative to the mesh's anchor, heights in steps, absolute.
+struct Surface {
+  Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity);
+
+  // by triangle
+  std::unique_ptr<std::int32_t[]> x, z;     // the candidate; valid where error > 0
+  std::unique_ptr<std::int32_t[]> y;        // the terrain's height there, to the step (not snapped to a level)
+  std::unique_ptr<float[]> error;           // steps, >= 0: |mesh - snapped terrain| at the candidate; 0: no candidate
+
+  // by vertex
+  std::unique_ptr<std::int32_t[]> fineY;    // the terrain's height to the step; the mesh's vertex is snapped to its leaf's level
+  std::unique_ptr<float[]> curvature;       // metres; only kept for the thesis's metric
+  std::unique_ptr<float[]> loss;            // steps: the error that removing it made when last looked at (coarsening.h)
+
+  lattice::Point anchor;                    // absolute steps; a multiple of the coarsest leaf's side
+
+  void moveTriangle(std::uint32_t from, std::uint32_t to) {
+    x[to] = x[from];
+    z[to] = z[from];
+    y[to] = y[from];
+    error[to] = error[from];
+  }
+  void moveVertex(std::uint32_t from, std::uint32_t to) {
+    fineY[to] = fineY[from];
+    curvature[to] = curvature[from];
+    loss[to] = loss[from];
+  }
+};
+
+// The height, in steps, of the plane through three vertices, and of a triangle's plane, at a point.
+double planeHeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c, triangulation::Point2 p);
+double heightOnTriangle(const triangulation::Triangulation& mesh, triangulation::TriangleId t, triangulation::Point2 p);
+
+// Chooses the candidates of a region's fresh triangles and marks them seen. `level` is the leaf's. Returns how many heights were
+// evaluated. Different regions may be evaluated at the same time.
+std::uint64_t evaluateFresh(triangulation::Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain, triangulation::RegionId region,
+                            int level, bool thesis);
+
+}  // namespace ridgecast::refinement

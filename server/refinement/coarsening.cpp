@@ -1,0 +1,62 @@
+#include "server/refinement/coarsening.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace ridgecast::refinement {
+
+using triangulation::Change;
+using triangulation::kInfinite;
+using triangulation::orientation;
+using triangulation::Point2;
+using triangulation::TriangleId;
+using triangulation::Triangulation;
+using triangulation::Vertex;
+using triangulation::VertexId;
+
+namespace {
+constexpr float kNearest = 0.5f * 256;  // steps, as in screening
+}
+
+double pixelsAt(const Vertex& v, double error, const View& view) {
+  const double dx = double(v.x) - view.x, dz = double(v.z) - view.z, dy = double(v.y) - view.y, flat = dx * dx + dz * dz;
+  const double d2 = std::max(flat + dy * dy, double(kNearest) * kNearest);
+  return view.pixelsPerRadian * error * std::sqrt(flat) / d2;
+}
+
+void screenLosses(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double limit,
+                  std::vector<VertexId>& out) {
+  const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), most = static_cast<float>(limit * limit);
+  mesh.vertexPages().forEach(region, [&](VertexId v) {
+    const Vertex& p = mesh.vertex(v);
+    const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
+    const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest), loss = surface.loss[v];
+    if (ppr2 * loss * loss * flat < most * d2 * d2) out.push_back(v);
+  });
+}
+
+float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, triangulation::WriteSet& set) {
+  constexpr float never = std::numeric_limits<float>::infinity();
+  if (mesh.plan(v, set) != Change::kDone) return never;
+  for (TriangleId t : set.star())
+    if (mesh.isGhost(t) || mesh.regionOf(t) == triangulation::kOutside || mesh.trianglePages().fresh(t)) return never;
+  double worst = 0;
+  const auto judge = [&](Point2 p, double y) {
+    bool found = false;
+    set.forEachFill([&](VertexId a, VertexId b, VertexId c) {
+      if (found) return;
+      const Vertex &va = mesh.vertex(a), &vb = mesh.vertex(b), &vc = mesh.vertex(c);
+      if (orientation(va.point(), vb.point(), p) < 0 || orientation(vb.point(), vc.point(), p) < 0 || orientation(vc.point(), va.point(), p) < 0)
+        return;
+      found = true;
+      worst = std::max(worst, std::abs(planeHeight(va, vb, vc, p) - y));
+    });
+  };
+  judge(mesh.vertex(v).point(), surface.fineY[v]);
+  for (TriangleId t : set.star())
+    if (surface.error[t] > 0) judge({surface.x[t], surface.z[t]}, surface.y[t]);
+  return static_cast<float>(worst);
+}
+
+}  // namespace ridgecast::refinement
