@@ -126,7 +126,7 @@ void CameraSession::run() {
   } catch (const std::exception& e) {
     refuse({ErrorCode::kInternal, std::string("The server failed: ") + e.what()});
   }
-  std::unique_ptr<CameraMesh> freed;  // before the lock: destroyed after it
+  std::unique_ptr<IteratingMesh> freed;  // before the lock: destroyed after it
   const std::lock_guard lock(mutex_);
   scheduled_ = false;
   if (stage_ == Stage::kClosed)

@@ -80,7 +80,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   replica::Replica replica_;
 
   // Of the running task alone.
-  std::unique_ptr<CameraMesh> mesh_;
+  std::unique_ptr<IteratingMesh> mesh_;
   wire::PoseMessage pose_;  // of the last iteration
   bool posed_ = false;      // there was one; written under the lock
 };

@@ -1,12 +1,12 @@
 #include <utility>
 
-#include "server/session/camera_mesh.h"
+#include "server/session/iterating_mesh.h"
 
 namespace ridgecast::session {
 
 namespace {
 
-class PipelineMesh final : public CameraMesh {
+class PipelineMesh final : public IteratingMesh {
  public:
   PipelineMesh(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool)
       : pipeline_(std::move(terrain), granted, std::move(pool)) {}

@@ -18,7 +18,7 @@
 #include "server/pipeline/pipeline.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
-#include "server/session/camera_mesh.h"
+#include "server/session/iterating_mesh.h"
 
 namespace ridgecast::session {
 

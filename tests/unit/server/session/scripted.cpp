@@ -20,7 +20,7 @@ class Flat final : public terrain::Terrain {
   std::uint32_t seed_;
 };
 
-class ScriptedMesh final : public CameraMesh {
+class ScriptedMesh final : public IteratingMesh {
  public:
   explicit ScriptedMesh(std::shared_ptr<Script> script) : script_(std::move(script)) { ++script_->alive; }
   ~ScriptedMesh() override { --script_->alive; }

@@ -11,16 +11,16 @@
 namespace ridgecast::session {
 
 // Same contract as pipeline::Pipeline.
-class CameraMesh {
+class IteratingMesh {
  public:
-  virtual ~CameraMesh() = default;
+  virtual ~IteratingMesh() = default;
   virtual wire::Figures iterate(const camera::Camera& camera) = 0;
   virtual bool settled() const = 0;
   virtual const std::vector<pipeline::LeafState>& leaves() const = 0;
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
 };
 
-using MakeMesh = std::function<std::unique_ptr<CameraMesh>(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted,
+using MakeMesh = std::function<std::unique_ptr<IteratingMesh>(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted,
                                                            std::shared_ptr<scheduling::Pool> pool)>;
 
 // Makes pipelines.

@@ -1,0 +1,94 @@
+// ridgecast-server: reads the command line, puts the rooms together, serves until SIGINT or SIGTERM.
+// Exit status: 0 after a signal, 1 when something failed while running, 2 when what was asked for cannot be.
+
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <fstream>
+#include <iostream>
+#include <system_error>
+
+#include "common/terrain/terrain.h"
+#include "server/config.h"
+#include "server/net/server.h"
+#include "server/scheduling/pool.h"
+#include "server/session/iterating_mesh.h"
+#include "server/session/session.h"
+
+namespace {
+
+using namespace ridgecast;
+
+int refuse(const std::string& message) {
+  std::cerr << "ridgecast-server: " << message << "\n";
+  return 2;
+}
+
+// Whole or not at all: whoever waits for the file must not read half a number.
+bool writePortFile(const std::filesystem::path& file, std::uint16_t port) {
+  const std::filesystem::path unfinished = file.string() + ".new";
+  {
+    std::ofstream out(unfinished);
+    out << port << "\n";
+    if (!out.flush()) return false;
+  }
+  std::error_code ec;
+  std::filesystem::rename(unfinished, file, ec);
+  return !ec;
+}
+
+int serve(const config::Config& config, const sigset_t& signals) {
+  auto terrain = terrain::create(config.terrain, config.seed);
+  if (!terrain) return refuse(terrain.error().message);
+
+  std::unique_ptr<net::Server> server;  // before the machine, so that it is destroyed after it: tasks send through it
+  scheduling::Machine machine(config.threads);
+  auto resources = std::make_shared<session::Resources>();
+  resources->machine = &machine;
+  resources->makeMesh = session::pipelineMeshes();
+  resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
+  resources->limits = config.limits;
+  auto listening = net::Server::listen(config.net, std::make_shared<session::Directory>(resources, *terrain));
+  if (!listening) return refuse(listening.error().message);
+  server = std::move(*listening);
+  if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
+    return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
+  spdlog::info("listening on {} with {} threads, terrain {}, seed {}", server->url(), machine.threads(), (*terrain)->name(), config.seed);
+
+  int signal = 0;
+  sigwait(&signals, &signal);
+  spdlog::info("{}: shutting down", signal == SIGINT ? "interrupted" : "terminated");
+  server->shutdown();
+  if (!config.portFile.empty()) {
+    std::error_code ignored;
+    std::filesystem::remove(config.portFile, ignored);
+  }
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const config::Parsed parsed = config::parse(argc, argv);
+  if (!parsed.config) return parsed.status;
+  spdlog::set_default_logger(spdlog::stderr_color_mt("server"));
+  spdlog::set_pattern("%H:%M:%S %^%l%$ %v");
+  if (parsed.config->quiet) spdlog::set_level(spdlog::level::warn);
+
+  // Blocked before any thread begins, so that only sigwait sees them.
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+  try {
+    return serve(*parsed.config, signals);
+  } catch (const std::exception& e) {
+    std::cerr << "ridgecast-server: " << e.what() << "\n";
+    return 1;
+  }
+}

@@ -1,0 +1,168 @@
+#include "server/net/routes.h"
+
+#include <algorithm>
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::net {
+
+namespace {
+
+Answer plain(unsigned status, std::string sentence) {
+  Answer a;
+  a.status = status;
+  a.body = std::move(sentence) + "\n";
+  return a;
+}
+
+int hexDigit(char c) {
+  if (c >= '0' && c <= '9') return c - '0';
+  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+  return -1;
+}
+
+// Only what can stand in a page and a JSON text without escaping is ever shown there.
+bool hostIsHarmless(std::string_view host) {
+  return !host.empty() && host.size() <= 255 && std::all_of(host.begin(), host.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == ':' || c == '-' || c == '[' ||
+           c == ']';
+  });
+}
+
+std::string escaped(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      default:
+        out += c;
+    }
+  }
+  return out;
+}
+
+constexpr std::string_view kPageHead = R"(<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Ridgecast</title>
+<style>
+:root { color-scheme: light dark; }
+body { font: 16px/1.55 system-ui, sans-serif; max-width: 40rem; margin: 12vh auto 4rem; padding: 0 1.25rem; }
+h1 { font-size: 2rem; margin: 0 0 .25rem; letter-spacing: -.01em; }
+.lead { margin-top: 0; opacity: .75; }
+pre { padding: .8rem 1rem; border-radius: .5rem; background: rgba(127, 127, 127, .14); overflow-x: auto; }
+dl { display: grid; grid-template-columns: max-content 1fr; gap: .3rem 1.2rem; }
+dt { opacity: .65; } dd { margin: 0; }
+</style>
+</head>
+<body>
+<h1>Ridgecast</h1>
+<p class="lead">Endless terrain, triangulated for each camera and streamed.</p>
+)";
+
+std::string page(const Request& request, const session::Directory& directory, std::string_view version) {
+  const std::string host = hostIsHarmless(request.host) ? std::string(request.host) : "HOST:PORT";
+  const auto session = directory.find(session::kDefaultName);
+  std::string out(kPageHead);
+  out += "<p>Fly over it from a terminal:</p>\n<pre>ridgecast-client view ws://" + host + "</pre>\n";
+  out += "<p>or, without a window, along a path into a folder of pictures and figures:</p>\n<pre>ridgecast-client fly ws://" + host +
+         " --path PATH.json --out DIR</pre>\n";
+  out += "<p>Any other program speaks binary WebSocket messages (protobuf, <code>proto/PROTOCOL.md</code>) at</p>\n<pre>ws://" + host +
+         "/v1/stream?session=default</pre>\n<dl>\n";
+  out += "<dt>terrain</dt><dd>" + escaped(session->terrain()->name()) + ", seed " + std::to_string(session->terrain()->seed()) + "</dd>\n";
+  out += "<dt>cameras</dt><dd>" + std::to_string(directory.cameras()) + " of at most " +
+         std::to_string(directory.resources().limits.maxCameras) + "</dd>\n";
+  out += "<dt>version</dt><dd>" + std::string(version) + ", protocol " + std::to_string(wire::kProtocolVersion) + "</dd>\n";
+  out += "</dl>\n</body>\n</html>\n";
+  return out;
+}
+
+Answer stream(const Request& request, std::string_view query, const session::Directory& directory) {
+  const auto name = queryParameter(query, "session");
+  if (!name) return plain(400, name.error().message);
+  const std::string wanted = name->empty() ? std::string(session::kDefaultName) : *name;
+  if (!wire::sessionNameIsValid(wanted))
+    return plain(400,
+                 "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
+  if (!request.upgrade || request.webSocketVersion != "13") {
+    Answer a = plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.");
+    a.headers = {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}};
+    return a;
+  }
+  auto session = directory.find(wanted);
+  if (!session) return plain(404, "There is no session named '" + wanted + "' here; 'default' always exists.");
+  Answer a;
+  a.status = 101;
+  a.upgradeTo = std::move(session);
+  return a;
+}
+
+}  // namespace
+
+Outcome<std::string> queryParameter(std::string_view query, std::string_view name) {
+  while (!query.empty()) {
+    const auto end = std::min(query.find('&'), query.size());
+    const std::string_view part = query.substr(0, end);
+    query.remove_prefix(std::min(end + 1, query.size()));
+    const auto equals = std::min(part.find('='), part.size());
+    if (part.substr(0, equals) != name) continue;
+    const std::string_view raw = part.substr(std::min(equals + 1, part.size()));
+    std::string value;
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      if (raw[k] != '%') {
+        value += raw[k];
+        continue;
+      }
+      const int high = k + 1 < raw.size() ? hexDigit(raw[k + 1]) : -1;
+      const int low = k + 2 < raw.size() ? hexDigit(raw[k + 2]) : -1;
+      if (high < 0 || low < 0) return Error{"The query has a % that two hexadecimal digits do not follow."};
+      value += static_cast<char>(high * 16 + low);
+      k += 2;
+    }
+    return Outcome<std::string>(boost::system::in_place_value, std::move(value));
+  }
+  return Outcome<std::string>(boost::system::in_place_value);
+}
+
+Answer answer(const Request& request, const session::Directory& directory, std::string_view version) {
+  const auto split = std::min(request.target.find('?'), request.target.size());
+  const std::string_view path = request.target.substr(0, split);
+  const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
+  const bool known = path == "/" || path == "/healthz" || path == "/version" || path == "/v1/stream";
+  if (!known) return plain(404, "There is nothing here; see / for what this server has.");
+  const bool isStream = path == "/v1/stream";
+  if (request.method != "GET" && (isStream || request.method != "HEAD")) {
+    Answer a = plain(405, isStream ? "Only GET is possible here." : "Only GET and HEAD are possible here.");
+    a.headers = {{"Allow", isStream ? "GET" : "GET, HEAD"}};
+    return a;
+  }
+  if (isStream) return stream(request, query, directory);
+  Answer a;
+  if (path == "/healthz") {
+    a.body = "ok\n";
+  } else if (path == "/version") {
+    a.type = "application/json";
+    a.body = R"({"name": "ridgecast-server", "version": ")" + std::string(version) + R"(", "protocol": )" +
+             std::to_string(wire::kProtocolVersion) + "}\n";
+  } else {
+    a.type = "text/html; charset=utf-8";
+    a.body = page(request, directory, version);
+  }
+  return a;
+}
+
+}  // namespace ridgecast::net

@@ -1,0 +1,53 @@
+#pragma once
+// The one port: HTTP requests and WebSocket streams. The only room of the server that sees sockets; Boost.Beast stays in server.cpp.
+//
+// Every connection has one strand; nothing of it runs twice at a time, and one writer sends its messages in order. Encoding and all work
+// on meshes runs on the cameras' pools; the threads here only move bytes.
+//
+// Bounds, each followed by what happens beyond it:
+//   connections        maxConnections          HTTP 503; a few more than that, closed at once
+//   request header     maxHeaderBytes          HTTP 431
+//   request, hello     patience                closed; a stream without hello is told why
+//   client message     wire::kMaxClientMessageBytes   Error, close 1009
+//   way out            kMaxQueuedMessages      closed (a session keeps to its window, so it does not happen)
+//   silence            idle, pings at half     closed
+// A message that is none, or another protocol version: Error, close 1002 (text: 1003). A message out of place or of range that the session
+// refuses: Error, close 1008. The process lives on.
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "common/outcome/outcome.h"
+#include "server/session/session.h"
+
+namespace ridgecast::net {
+
+inline constexpr std::size_t kMaxQueuedMessages = 128;
+
+struct Settings {
+  std::string host = "127.0.0.1";  // an address or a name of this machine
+  std::uint16_t port = 7070;       // 0: any free one
+  bool allowInsecure = false;      // listen on other than loopback addresses; there are no tokens and no encryption yet
+  unsigned threads = 2;
+  std::uint32_t maxConnections = 512;
+  std::uint32_t maxHeaderBytes = 8192;
+  std::chrono::milliseconds patience{10'000};
+  std::chrono::milliseconds idle{60'000};
+};
+
+class Server {
+ public:
+  // Listens and serves until destroyed. Errors, for people: the host is no address of this machine or not a loopback address, the port
+  // is in use or not permitted.
+  static Outcome<std::unique_ptr<Server>> listen(const Settings& settings, std::shared_ptr<session::Directory> directory);
+  // Shuts down. The machine must be gone by then: first shutdown(), then the machine, then this, so that no task still sends.
+  virtual ~Server() = default;
+  // Tells clients that the server goes away (waiting at most half a second), then serves no more.
+  virtual void shutdown() = 0;
+  virtual std::uint16_t port() const = 0;
+  virtual std::string url() const = 0;  // http://ADDRESS:PORT
+};
+
+}  // namespace ridgecast::net
