@@ -10,6 +10,7 @@ struct Ridged {
 };
 Ridged ridged(Place p, float wavelength, float high, uint salt) {
   vec3 n = gradientNoise(p.cell, p.at, salt);
+  n = vec3(n.x * 1.5f, n.y * 1.5f, n.z * 1.5f);
   float square = n.x * n.x;
   float sharp = square + 0.0006f;
   Ridged r;
@@ -24,10 +25,10 @@ Ridged ridged(Place p, float wavelength, float high, uint salt) {
 // One octave of gullies, cut across the slope gathered so far: deep on faces, none on level ground.
 Place cut(Place p, float wavelength, float deep, uint salt) {
   float steep2 = dot(p.slope, p.slope);
-  float inverse = inverseRoot(steep2 + 0.03f);
+  float inverse = inverseRoot(steep2 + 0.05f);
   vec2 side = vec2(-p.slope.y * inverse * 0.75f, p.slope.x * inverse * 0.75f);
   vec2 s = stripes(p.cell, p.at, side, salt);
-  float amount = deep * steep2 * inverse * inverse;
+  float amount = steep2 * inverse * inverse * deep;
   p.height += amount * (s.x - 0.3f);
   float k = s.y * amount * (1.0f / wavelength);
   p.slope += vec2(side.x * k, side.y * k);
@@ -38,14 +39,14 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   uint salt = mixedSeed(seed);
   Place p = widestPlace(cell, fraction);
   float broad = gradientNoise(p.cell, p.at, salt).x;
-  float massif = min(max(broad * 0.9f + 0.58f, 0.0f), 1.0f);
-  massif = 0.28f + 0.72f * massif * massif * (3.0f - 2.0f * massif);
-  p.height = 250.0f + 720.0f * massif;
+  float massif = min(max(broad * 1.35f + 0.58f, 0.0f), 1.0f);
+  massif = massif * massif * (2.16f - 1.44f * massif) + 0.28f;
+  p.height = 720.0f * massif;
 
   p = finer5(p);
-  Ridged r = ridged(p, 7327.0f, octaveWeight(7327.0f, footprint) * 1900.0f * massif, salt + 1u);
+  Ridged r = ridged(p, 7327.0f, massif * (octaveWeight(7327.0f, footprint) * 1900.0f), salt + 1u);
   p = finer5(r.place);
-  r = ridged(p, 3277.0f, octaveWeight(3277.0f, footprint) * 1250.0f * massif * r.ridge, salt + 2u);
+  r = ridged(p, 3277.0f, massif * r.ridge * (octaveWeight(3277.0f, footprint) * 1250.0f), salt + 2u);
 
   p = finer5(r.place);
   p = cut(p, 1465.0f, octaveWeight(1465.0f, footprint) * 150.0f, salt + 3u);
@@ -59,16 +60,16 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   // Crags on steep ground, boulders, turf and grit.
   float steep2 = dot(p.slope, p.slope);
   float inverse = inverseRoot(1.0f + steep2);
-  float rough = 0.22f + 1.9f * steep2 * inverse * inverse;
+  float rough = steep2 * inverse * inverse * 1.9f + 0.22f;
   p = finer10(p);
-  float crag = octaveWeight(41.4f, footprint) * 8.0f * (0.4f - abs(plainNoise(p.cell, p.at, salt + 7u)));
+  float crag = octaveWeight(41.4f, footprint) * -8.0f * abs(plainNoise(p.cell, p.at, salt + 7u));
   p = finer10(p);
-  crag += octaveWeight(13.1f, footprint) * 2.8f * (0.4f - abs(plainNoise(p.cell, p.at, salt + 8u)));
+  crag += octaveWeight(13.1f, footprint) * -2.8f * abs(plainNoise(p.cell, p.at, salt + 8u));
   p = finer17(p);
   crag += octaveWeight(3.18f, footprint) * 0.55f * plainNoise(p.cell, p.at, salt + 9u);
   p = finer17(p);
   crag += octaveWeight(0.771f, footprint) * 0.11f * plainNoise(p.cell, p.at, salt + 10u);
-  return max(p.height + crag * rough, kWaterLevel);
+  return max(p.height + (crag + 3.8f) * rough + 250.0f, kWaterLevel);
 }
 
 vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {
@@ -87,8 +88,8 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   float flat_ = normal.y;
 
   // Rock in bands of its layers, slightly bent.
-  float layer = height * 0.011f + moist * 0.8f + patches * 0.25f;
-  float band = wave(layer) * 0.6f + wave(layer * 3.7f) * 0.4f * octaveWeight(40.0f, footprint);
+  float layer = height * 0.009f + moist * 1.1f + patches * 0.3f;
+  float band = wave(layer) * 0.7f + wave(layer * 2.7f) * 0.3f * octaveWeight(60.0f, footprint);
   vec3 rock = mix(vec3(0.16f, 0.145f, 0.135f), vec3(0.27f, 0.24f, 0.21f), 0.5f + 0.5f * band);
   rock = rock * (1.0f + 0.5f * fine + 0.2f * patches);
   vec3 scree = vec3(0.30f, 0.28f, 0.25f) * (1.0f + 0.5f * grit + 0.25f * grain);

@@ -7,6 +7,9 @@
 // with, at most 24 before the whole part is carried over. So the noise at 10^12 m is as exact as at 0. The matrices also turn, by
 // angles that never repeat, which hides the lattice.
 
+// Drivers may still reorder what is only equal on paper: Mesa carries constants outwards along chains of * and of +. So constants here
+// are powers of two, stand last in their chain, or on the other side of a different operation; write terrain files likewise.
+
 struct Place {
   uvec2 cell;  // wraps
   vec2 at;     // [0, 1)
@@ -104,10 +107,7 @@ float unsignedUnit(uint h) { return float(int(h >> 8u)) * 0.00000005960464477539
 
 // Quintic blend and its derivative (Perlin 2002).
 float blend(float t) { return t * t * t * (t * (t * 6.0f - 15.0f) + 10.0f); }
-float blendSlope(float t) {
-  float s = t * (1.0f - t);
-  return 30.0f * s * s;
-}
+float blendSlope(float t) { return t * t * (t * (t * 30.0f - 60.0f) + 30.0f); }
 
 // Value noise in [-1, 1] and its gradient a lattice unit: (value, d/dx, d/dz).
 vec3 valueNoise(uvec2 cell, vec2 at, uint salt) {
@@ -138,7 +138,7 @@ float plainNoise(uvec2 cell, vec2 at, uint salt) {
   return (low + (high - low) * v) * 0.00000011920928955078125f;
 }
 
-// Gradient noise, about [-1, 1], and its gradient a lattice unit: (value, d/dx, d/dz).
+// Gradient noise, about [-0.7, 0.7], and its gradient a lattice unit: (value, d/dx, d/dz).
 vec3 gradientNoise(uvec2 cell, vec2 at, uint salt) {
   Corners h = cornersOf(cell, salt);
   // Two signed numbers from each hash, of its upper 16 bits and of the 16 from bit 12 up; exact.
@@ -163,7 +163,7 @@ vec3 gradientNoise(uvec2 cell, vec2 at, uint salt) {
   float abcd = a - b - c + d;
   float gx = ax + (bx - ax) * u + (cx - ax + (ax - bx - cx + dx) * u) * v + (ab + abcd * v) * blendSlope(at.x);
   float gz = az + (bz - az) * u + (cz - az + (az - bz - cz + dz) * u) * v + (ac + abcd * u) * blendSlope(at.y);
-  return vec3(a + ab * u + (ac + abcd * u) * v, gx, gz) * 0.00004577637f;
+  return vec3(a + ab * u + (ac + abcd * u) * v, gx, gz) * 0.000030517578125f;
 }
 
 // A wave of unit period made of parabolas, 8 t (1 - 2 |t|) at t in [-1/2, 1/2], at most 6 % off the sine. Only its shape matters, and it
@@ -197,10 +197,12 @@ vec2 stripes(uvec2 cell, vec2 at, vec2 side, uint salt) {
   d = d - floor(d) - 0.5f;
   float u = blend(at.x);
   float v = blend(at.y);
+  float un = 1.0f - u;
+  float vn = 1.0f - v;
+  float wa = un * vn;
+  float wb = u * vn;
+  float wc = un * v;
   float wd = u * v;
-  float wb = u - wd;
-  float wc = v - wd;
-  float wa = 1.0f - u - wc;
   // Crests of |t|, sharp above and below; the parabola a quarter of a turn away measures how much the corners agree.
   float aa = abs(a);
   float ab = abs(b);
@@ -210,5 +212,5 @@ vec2 stripes(uvec2 cell, vec2 at, vec2 side, uint salt) {
   float sine = wa * (a - 2.0f * a * aa) + wb * (b - 2.0f * b * ab) + wc * (c - 2.0f * c * ac) + wd * (d - 2.0f * d * ad);
   sine = 8.0f * sine;
   float strength = inverseRoot(sine * sine + crest * crest + 0.04f);
-  return vec2(crest * strength, 6.2f * sine * strength);
+  return vec2(crest * strength, 4.0f * sine * strength);
 }

@@ -97,12 +97,13 @@ std::string_view shading() { return embedded::shading; }
 
 void curvatures(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, lattice::Step spacing,
                 std::span<float> out) {
-  // Laplacian of Gaussian at sigma 1, (r^2 - 2) exp(-r^2 / 2) for r^2 = 0, 1, 2: -2, -0.6065, 0. Zero sum by moving the mean of the nine
-  // (-0.4918) off every weight, then normalised to unit absolute sum: centre -0.5, edges -0.01902... see below.
+  // Laplacian of Gaussian at sigma 1, (r^2 - 2) exp(-r^2 / 2) at r^2 = 0, 1, 2 for centre, edges and corners; the mean of the nine is
+  // taken off each so that they sum to zero, then all are divided by the sum of their absolute values.
   constexpr double kRaw[3] = {-2.0, -0.60653065971263342, 0.0};
   constexpr double kMean = (kRaw[0] + 4 * kRaw[1] + 4 * kRaw[2]) / 9;
   constexpr double kCentre = kRaw[0] - kMean, kEdge = kRaw[1] - kMean, kCorner = kRaw[2] - kMean;
-  constexpr double kAbsolute = -kCentre + (kEdge < 0 ? -4 * kEdge : 4 * kEdge) + 4 * kCorner;
+  constexpr double kAbsolute = -kCentre - 4 * kEdge + 4 * kCorner;
+  static_assert(kCentre < 0 && kEdge < 0 && kCorner > 0);
   constexpr std::size_t kBatch = 28;  // points; 252 heights a call fill one block of the evaluator
   std::array<lattice::Step, kBatch * 9> sampleX;
   std::array<lattice::Step, kBatch * 9> sampleZ;
