@@ -4,7 +4,6 @@
 #include <CLI/CLI.hpp>
 #include <charconv>
 #include <cstdio>
-#include <map>
 #include <string>
 
 #include "client/connection/connection.h"
@@ -19,15 +18,14 @@ namespace wire = ridgecast::wire;
 
 struct Server {
   std::string url = "ws://127.0.0.1:7070";
+  std::string metric = "default";
   wire::Settings settings;
 };
 
 void addServerOptions(CLI::App& command, Server& server) {
-  static const std::map<std::string, wire::Metric> kMetrics = {
-      {"default", wire::Metric::kDefault}, {"pixels", wire::Metric::kPixels}, {"thesis", wire::Metric::kThesis}};
   command.add_option("url", server.url, "host:port, http:// or ws://, optional ?session=NAME")->capture_default_str();
-  command.add_option("--metric", server.settings.metric, "what refinement is measured by: default, pixels or thesis")
-      ->transform(CLI::CheckedTransformer(kMetrics, CLI::ignore_case).description(""))
+  command.add_option("--metric", server.metric, "what refinement is measured by: default, pixels or thesis")
+      ->check(CLI::IsMember({"default", "pixels", "thesis"}).description(""))
       ->type_name("NAME");
   command.add_option("--threshold", server.settings.threshold, "refine above this: pixels, or the thesis's product; 0: the server's default")
       ->check(CLI::Range(0.0, 1e9).description(""))
@@ -58,7 +56,6 @@ int wrongArguments(const std::string& message) {
 int main(int argc, char** argv) {
   CLI::App app{"Flies over terrain that a Ridgecast server streams, beside the same terrain ray-marched."};
   app.set_version_flag("--version", "ridgecast-client " RIDGECAST_VERSION);
-  app.require_subcommand(1);
 
   Server server;
   std::string size = "1280x720";
@@ -100,9 +97,12 @@ int main(int argc, char** argv) {
     return app.exit(e) == 0 ? 0 : ridgecast::evaluation::kBadInput;
   }
 
+  const bool flies = flyCommand->parsed();
+  if (!flies && !viewCommand->parsed()) return wrongArguments("say what to do: view or fly; --help tells more");
+
   const auto url = ridgecast::connection::parseUrl(server.url);
   if (!url) return wrongArguments(url.error().message);
-  const bool flies = flyCommand->parsed();
+  if (server.metric != "default") server.settings.metric = server.metric == "pixels" ? wire::Metric::kPixels : wire::Metric::kThesis;
   if (const std::string wrong = parseSize(size, flies ? fly.width : view.width, flies ? fly.height : view.height); !wrong.empty())
     return wrongArguments(wrong);
   if (flies) {

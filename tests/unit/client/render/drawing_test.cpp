@@ -1,0 +1,276 @@
+// What the two renderings draw, against geometry worked out here. Needs EGL; says so and skips where there is none.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include "client/evaluation/ssim.h"
+#include "client/render/context.h"
+#include "client/render/renderer.h"
+#include "common/terrain/terrain.h"
+
+namespace ridgecast::render {
+namespace {
+
+using Leaves = std::map<lattice::LeafAddress, scene::HeldLeaf>;
+
+// A world that is flat at 100 m, with squares of 8 m in two colours.
+const char* const kPlain = R"(
+float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return 100.0; }
+vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {
+  ivec2 square = ivec2(floor(fraction * 512.0));
+  return ((square.x + square.y) & 1) == 0 ? vec3(0.7, 0.1, 0.1) : vec3(0.1, 0.1, 0.5);
+}
+)";
+
+class Drawing : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    auto made = HeadlessContext::create();
+    if (made) context_ = std::move(*made);
+    else reason_ = made.error().message;
+  }
+  static void TearDownTestSuite() { context_.reset(); }
+  void SetUp() override {
+    if (!context_) GTEST_SKIP() << "no OpenGL here: " << reason_;
+  }
+  static Renderer renderer(std::string source) {
+    auto made = Renderer::create({std::move(source), 1});
+    EXPECT_TRUE(made) << made.error().message;
+    return std::move(*made);
+  }
+  static inline std::unique_ptr<HeadlessContext> context_;
+  static inline std::string reason_;
+};
+
+scene::HeldLeaf hold(std::shared_ptr<const mesh::LeafMesh> leaf, std::uint64_t version) {
+  scene::HeldLeaf held;
+  held.mesh = std::move(leaf);
+  held.version = version;
+  return held;
+}
+
+// Two triangles that fill a leaf's square at a height in steps.
+scene::HeldLeaf flatLeaf(lattice::LeafAddress address, std::int32_t y, std::uint64_t version = 1) {
+  auto leaf = std::make_shared<mesh::LeafMesh>();
+  leaf->address = address;
+  const auto side = static_cast<std::int32_t>(address.side());
+  leaf->vertices = {{0, 0, y}, {0, side, y}, {side, 0, y}, {side, side, y}};
+  leaf->triangles = {{0, 1, 2}, {1, 3, 2}};
+  return hold(leaf, version);
+}
+
+View viewFrom(double x, double y, double z, double yaw, double pitch, std::uint32_t width, std::uint32_t height) {
+  View view;
+  view.camera.pose.x = std::llround(x * 256);
+  view.camera.pose.z = std::llround(z * 256);
+  view.camera.pose.y = y;
+  view.camera.pose.yaw = yaw;
+  view.camera.pose.pitch = pitch;
+  view.camera.projection.width = width;
+  view.camera.projection.height = height;
+  view.horizon = 32000;
+  view.lowest = -10;
+  view.highest = 3000;
+  return view;
+}
+
+// Where the ray through the middle of a pixel meets the plane y = height, in metres from the camera; nothing above the horizon.
+std::optional<std::array<double, 2>> meets(const View& view, double height, std::uint32_t column, std::uint32_t row) {
+  const camera::Projection& q = view.camera.projection;
+  const double tangent = std::tan(q.verticalFov / 2), sx = ((column + 0.5) / q.width * 2 - 1) * tangent * q.width / q.height;
+  const double sy = (1 - (row + 0.5) / q.height * 2) * tangent, yaw = view.camera.pose.yaw, pitch = view.camera.pose.pitch;
+  // In the camera's frame the ray is (sx, sy, -1); turned up by the pitch, then left by the yaw.
+  const double y = sy * std::cos(pitch) + std::sin(pitch), back = sy * std::sin(pitch) - std::cos(pitch);
+  const double x = sx * std::cos(yaw) + back * std::sin(yaw), z = -sx * std::sin(yaw) + back * std::cos(yaw);
+  if (y >= 0) return std::nullopt;
+  const double t = (height - view.camera.pose.y) / y;
+  return std::array<double, 2>{x * t, z * t};
+}
+
+TEST_F(Drawing, AFlatLeafCoversThePixelsThatGeometrySays) {
+  Renderer r = renderer(kPlain);
+  for (const lattice::LeafAddress address : {lattice::LeafAddress{0, 0, 0}, lattice::LeafAddress{0, 31250000000, -31250000000}}) {
+    const double x0 = static_cast<double>(address.x()) / 256, z0 = static_cast<double>(address.z()) / 256;
+    const View view = viewFrom(x0 + 10, 140, z0 + 50, 0.3, -0.7, 200, 120);
+    const auto drawn = r.drawMesh(Leaves{{address, flatLeaf(address, 100 * 256)}}, view);
+    ASSERT_TRUE(drawn);
+    int inside = 0;
+    for (std::uint32_t row = 0; row < 120; ++row)
+      for (std::uint32_t column = 0; column < 200; ++column) {
+        const auto at = meets(view, 100, column, row);
+        // Distance inside the square, in metres; pixels within 0.5 m of its edge may go either way.
+        const double depth = at ? std::min(std::min((*at)[0] + 10, 32 - ((*at)[0] + 10)), std::min((*at)[1] + 50, 32 - ((*at)[1] + 50))) : -1e9;
+        if (std::abs(depth) < 0.5) continue;
+        inside += depth > 0;
+        ASSERT_EQ(drawn->picture.terrain[row * 200 + column], depth > 0 ? 255 : 0) << "column " << column << ", row " << row;
+      }
+    EXPECT_GT(inside, 1000);
+  }
+}
+
+TEST_F(Drawing, BothRenderingsOfAPlainAreTheSamePictureAndFollowItsSquares) {
+  Renderer r = renderer(kPlain);
+  Leaves leaves;
+  for (int i = -1; i <= 0; ++i)
+    for (int j = -1; j <= 0; ++j) leaves[{lattice::kMaxLevel, i, j}] = flatLeaf({lattice::kMaxLevel, i, j}, 100 * 256);
+  const View view = viewFrom(3, 120, 5, 0.5, -0.35, 320, 180);
+  const auto mesh = r.drawMesh(leaves, view), march = r.drawMarch(view);
+  ASSERT_TRUE(mesh && march);
+  const auto similar = evaluation::similarity(mesh->picture, march->picture);
+  EXPECT_GT(similar.mean, 0.995);
+  EXPECT_GT(similar.terrainShare, 0.5);
+  int checked = 0;
+  for (std::uint32_t row = 0; row < 180; ++row)
+    for (std::uint32_t column = 0; column < 320; ++column) {
+      const auto at = meets(view, 100, column, row);
+      if (!at || std::hypot((*at)[0], (*at)[1]) > 120) continue;
+      const double x = ((*at)[0] + 3) / 8, z = ((*at)[1] + 5) / 8;
+      if (std::abs(x - std::round(x)) < 0.1 || std::abs(z - std::round(z)) < 0.1) continue;
+      const bool red = ((static_cast<int>(std::floor(x)) + static_cast<int>(std::floor(z))) & 1) == 0;
+      const std::size_t pixel = 3 * (row * 320 + column);
+      ASSERT_EQ(mesh->picture.rgb[pixel] > mesh->picture.rgb[pixel + 2], red) << "column " << column << ", row " << row;
+      ASSERT_EQ(march->picture.rgb[pixel] > march->picture.rgb[pixel + 2], red) << "column " << column << ", row " << row;
+      ++checked;
+    }
+  EXPECT_GT(checked, 5000);
+}
+
+TEST_F(Drawing, FarFromTheOriginIsDrawnLikeTheOrigin) {
+  Renderer r = renderer(kPlain);
+  constexpr double kFar = 4096.0 * 244140625;  // 1e12 m, a whole number of cells
+  for (const bool march : {false, true}) {
+    std::array<Picture, 2> pictures;
+    for (int k = 0; k < 2; ++k) {
+      const double shift = k * kFar;
+      Leaves leaves;
+      const lattice::LeafAddress address{6, std::llround(shift / 2048), std::llround(shift / 2048)};
+      leaves[address] = flatLeaf(address, 100 * 256);
+      const View view = viewFrom(shift + 1000, 108, shift + 1900, 0.2, -0.2, 160, 90);
+      const auto drawn = march ? r.drawMarch(view) : r.drawMesh(leaves, view);
+      ASSERT_TRUE(drawn);
+      pictures[static_cast<std::size_t>(k)] = drawn->picture;
+    }
+    EXPECT_EQ(pictures[0].rgb, pictures[1].rgb);
+    EXPECT_EQ(pictures[0].terrain[160 * 80 + 80], 255);
+  }
+}
+
+TEST_F(Drawing, ReplacedAndDroppedLeavesLeaveThePicture) {
+  Renderer r = renderer(kPlain);
+  const lattice::LeafAddress left{0, -1, 0}, right{0, 0, 0};
+  const View view = viewFrom(0, 160, 16, 0, -1.5, 64, 64);
+  const auto terrain = [&](const Leaves& leaves, std::size_t column) {
+    const auto drawn = r.drawMesh(leaves, view);
+    EXPECT_TRUE(drawn);
+    return drawn->picture.terrain[32 * 64 + column] == 255;
+  };
+  Leaves leaves{{left, flatLeaf(left, 100 * 256, 1)}, {right, flatLeaf(right, 100 * 256, 2)}};
+  EXPECT_TRUE(terrain(leaves, 25));
+  EXPECT_TRUE(terrain(leaves, 39));
+  leaves.erase(left);
+  EXPECT_FALSE(terrain(leaves, 25));
+  EXPECT_TRUE(terrain(leaves, 39));
+  auto empty = std::make_shared<mesh::LeafMesh>();
+  empty->address = right;
+  leaves[right] = hold(empty, 3);
+  EXPECT_FALSE(terrain(leaves, 39));
+  leaves[left] = flatLeaf(left, 100 * 256, 4);
+  EXPECT_TRUE(terrain(leaves, 25));
+}
+
+TEST_F(Drawing, NearerLeavesHideFartherOnesAtEveryDistance) {
+  // Two sheets 2 m apart, seen from above, 100 m to 30 km away: the upper one must win everywhere.
+  Renderer r = renderer(R"(
+float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return 0.0; }
+vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) { return vec3(0.5); }
+)");
+  const lattice::LeafAddress upper{lattice::kMaxLevel, 0, -1}, lower{lattice::kMaxLevel, -1, -1};
+  Leaves leaves{{upper, flatLeaf(upper, 102 * 256)}};
+  View view = viewFrom(16000, 3000, 0, 0, -0.3, 320, 180);
+  view.horizon = 40000;
+  const auto alone = r.drawMesh(leaves, view);
+  auto sheet = std::make_shared<mesh::LeafMesh>(*flatLeaf(upper, 100 * 256).mesh);
+  const auto side = static_cast<std::int32_t>(upper.side());
+  for (auto& v : sheet->vertices) v.x += side;  // the same square, held by the neighbour
+  sheet->address = lower;
+  leaves[lower] = hold(sheet, 2);
+  const auto both = r.drawMesh(leaves, view);
+  ASSERT_TRUE(alone && both);
+  EXPECT_EQ(alone->picture.rgb, both->picture.rgb);
+}
+
+TEST_F(Drawing, TheRayMarchIsConverged) {
+  const auto terrain = terrain::create("alpine", 1);
+  ASSERT_TRUE(terrain);
+  Renderer r = renderer(std::string((*terrain)->source()));
+  for (const auto& [x, z, above, pitch] : {std::array<double, 4>{2000, 1500, 250, -0.2}, {1e8, -1e8, 40, -0.05}, {300, -2500, 1500, -0.5}}) {
+    View view = viewFrom(x, 0, z, 0.4, pitch, 320, 180);
+    const lattice::Point at{view.camera.pose.x, view.camera.pose.z};
+    view.camera.pose.y = (*terrain)->height(at) + above;
+    const HeightBounds bounds = boundsAround(**terrain, at, view.horizon);
+    view.lowest = bounds.lowest;
+    view.highest = bounds.highest;
+    const auto normal = r.drawMarch(view), finer = r.drawMarch(view, 1, 4);
+    ASSERT_TRUE(normal && finer);
+    const auto similar = evaluation::similarity(normal->picture, finer->picture);
+    EXPECT_GE(similar.mean, 0.99);
+    ASSERT_TRUE(similar.terrain);
+    EXPECT_GE(*similar.terrain, 0.99);
+    EXPECT_GT(similar.terrainShare, 0.3);
+  }
+}
+
+TEST_F(Drawing, TheRayMarchDrawsTheHeightsThatTheServerTriangulates) {
+  // Looking straight down, the middle of the picture is the terrain below: fine grids from the C++ heights must give the same picture.
+  const auto terrain = terrain::create("alpine", 1);
+  ASSERT_TRUE(terrain);
+  Renderer r = renderer(std::string((*terrain)->source()));
+  const lattice::LeafAddress address{2, 15, 11};  // 128 m
+  constexpr std::int32_t kCells = 256;
+  auto leaf = std::make_shared<mesh::LeafMesh>();
+  leaf->address = address;
+  std::vector<lattice::Step> xs, zs;
+  const lattice::Step spacing = address.side() / kCells;
+  for (std::int32_t i = 0; i <= kCells; ++i)
+    for (std::int32_t j = 0; j <= kCells; ++j) {
+      xs.push_back(address.x() + i * spacing);
+      zs.push_back(address.z() + j * spacing);
+    }
+  std::vector<std::int32_t> heights(xs.size());
+  (*terrain)->heightSteps(xs, zs, heights);
+  for (std::size_t k = 0; k < xs.size(); ++k)
+    leaf->vertices.push_back({static_cast<std::int32_t>(xs[k] - address.x()), static_cast<std::int32_t>(zs[k] - address.z()), heights[k]});
+  for (std::uint32_t i = 0; i < kCells; ++i)
+    for (std::uint32_t j = 0; j < kCells; ++j) {
+      const std::uint32_t a = i * (kCells + 1) + j, b = a + kCells + 1;
+      leaf->triangles.push_back({a, a + 1, b});
+      leaf->triangles.push_back({a + 1, b + 1, b});
+    }
+  View view = viewFrom((static_cast<double>(address.x()) / 256) + 64, 0, static_cast<double>(address.z()) / 256 + 64, 0, -1.57, 160, 160);
+  view.camera.pose.y = (*terrain)->height({view.camera.pose.x, view.camera.pose.z}) + 70;
+  view.camera.projection.verticalFov = 0.8;
+  view.highest = 8000;
+  const auto mesh = r.drawMesh(Leaves{{address, hold(leaf, 1)}}, view), march = r.drawMarch(view);
+  ASSERT_TRUE(mesh && march);
+  EXPECT_GT(evaluation::similarity(mesh->picture, march->picture).mean, 0.98);
+}
+
+TEST_F(Drawing, ShaderErrorsNameTheTerrainAndItsLine) {
+  const auto made = Renderer::create({"float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {\n  return nonsense;\n}\n", 1});
+  ASSERT_FALSE(made);
+  EXPECT_NE(made.error().message.find("nonsense"), std::string::npos) << made.error().message;
+  EXPECT_NE(made.error().message.find("2 = terrain"), std::string::npos) << made.error().message;
+}
+
+TEST_F(Drawing, PicturesLargerThanTheDriverDrawsAreRefused) {
+  Renderer r = renderer(kPlain);
+  const auto drawn = r.drawMesh(Leaves{}, viewFrom(0, 0, 0, 0, 0, 30000, 30000), 4);
+  ASSERT_FALSE(drawn);
+  EXPECT_NE(drawn.error().message.find("--size"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace ridgecast::render
