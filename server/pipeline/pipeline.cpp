@@ -17,13 +17,24 @@ static_assert(Pipeline::kHorizon == quadtree::kHorizon);
 
 namespace {
 
-constexpr double kDefaultPixels = 1.0, kDefaultThesis = 0.05;
+constexpr double kDefaultPixels = 1.0, kDefaultThesis = 2e-5;
 // At most so many insertions an iteration, the most wanted first, so that the newest camera is never far away.
 constexpr std::size_t kMostInsertions = 24'000;
 // Vertices are removed below this share of the threshold.
 constexpr double kRemoval = 0.5;
-// The thesis's metric has no measure for removal; there the pixels of the loss decide.
-constexpr double kThesisRemovalPixels = 0.5;
+// The thesis never removes; with its metric vertices go only where the wide frustum does not look, when the budget is nearly full.
+constexpr double kThesisRemovalPixels = 1.0;
+// "Nearly full": outside the wide frustum vertices are then removed below the whole threshold.
+constexpr double kTight = 0.9;
+
+struct RemovalLimits {
+  double inside, outside;  // pixels of loss, in and out of the wide frustum
+};
+RemovalLimits removalLimits(bool thesis, double threshold, double fill) {
+  const bool tight = fill >= kTight;
+  if (thesis) return {0, tight ? kThesisRemovalPixels : 0};
+  return {kRemoval * threshold, (tight ? 1 : kRemoval) * threshold};
+}
 
 class Stopwatch {
  public:
@@ -58,7 +69,7 @@ struct Pipeline::State {
         mesh(std::move(terrain), granted.triangleBudget, granted.metric == wire::Metric::kThesis),
         effective(granted.threshold) {}
 
-  void screen(const camera::Camera& camera, const refinement::View& view);
+  void screen(const camera::Camera& camera, const refinement::View& view, const RemovalLimits& removal);
   void limitPending();
   void publish();
   std::uint32_t owned() const;
@@ -74,10 +85,9 @@ struct Pipeline::State {
 };
 
 // Which leaves may be seen, which candidates they want, which vertices may go.
-void Pipeline::State::screen(const camera::Camera& camera, const refinement::View& view) {
+void Pipeline::State::screen(const camera::Camera& camera, const refinement::View& view, const RemovalLimits& removal) {
   const bool thesis = settings.metric == wire::Metric::kThesis;
   const auto& leafs = mesh.leaves();
-  const double removal = thesis ? kThesisRemovalPixels : kRemoval * effective;
   pool->forEach(leafs.size(), 16, [&](std::size_t k) {
     Leaf& leaf = *leafs[k];
     leaf.pending.clear();
@@ -93,7 +103,9 @@ void Pipeline::State::screen(const camera::Camera& camera, const refinement::Vie
       if (thesis) refinement::screenThesis(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
       else refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
     }
-    refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, leaf.visible ? removal : 2 * removal, leaf.removable);
+    // A leaf that may be seen can have vertices outside all the same.
+    const double loosest = std::max(removal.inside, removal.outside);
+    if (loosest > 0) refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, loosest, leaf.removable);
   });
 }
 
@@ -170,13 +182,12 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   if (fill > 0.98) s.effective *= 1.05;
   else if (fill < 0.95) s.effective = std::max(s.settings.threshold, s.effective * 0.95);
   const refinement::View view(camera, s.mesh.surface().anchor);
-  s.screen(camera, view);
+  const RemovalLimits removal = removalLimits(s.settings.metric == wire::Metric::kThesis, s.effective, fill);
+  s.screen(camera, view, removal);
   s.limitPending();
   figures.refineMs = watch.lap();
 
-  const bool thesis = s.settings.metric == wire::Metric::kThesis;
-  const double inside = thesis ? kThesisRemovalPixels : kRemoval * s.effective, outside = fill >= 0.9 ? 2 * inside : inside;
-  figures.deferred = s.mesh.change(view, inside, outside, *s.pool);
+  figures.deferred = s.mesh.change(view, removal.inside, removal.outside, *s.pool);
   figures.triangulateMs = watch.lap();
   s.mesh.evaluate(*s.pool);
   figures.refineMs += watch.lap();

@@ -1,0 +1,144 @@
+#include "server/quadtree/quadtree.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <map>
+#include <random>
+#include <set>
+
+#include "server/generation/grid.h"
+
+namespace ridgecast::quadtree {
+namespace {
+
+using lattice::LeafAddress;
+using lattice::Step;
+
+camera::Pose poseAt(double x, double z, double y) {
+  camera::Pose p;
+  p.x = static_cast<Step>(x * 256);
+  p.z = static_cast<Step>(z * 256);
+  p.y = y;
+  return p;
+}
+
+class Quadtrees : public testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Origins, Quadtrees, testing::Values(0.0, 1e6, 1e8, -1e12, 4e12));
+
+TEST_P(Quadtrees, LeavesTileTheWorldToTheHorizonAndTouchingOnesDifferByOneLevelAtMost) {
+  Quadtree tree;
+  std::mt19937 rng(3);
+  const double origin = GetParam();
+  double x = origin, z = -origin;
+  for (int step = 0; step < 25; ++step) {
+    const double y = step % 5 == 4 ? 8000 : 200;
+    tree.follow(poseAt(x, z, y), 100);
+    const auto leaves = tree.leaves();
+    ASSERT_EQ(leaves.size(), tree.leafCount());
+    ASSERT_LE(leaves.size(), 2000u);
+    // Tiling: areas add up and no leaf is inside another; every point within the horizon has a leaf.
+    std::set<std::pair<std::int64_t, std::int64_t>> roots;
+    double area = 0;
+    for (LeafAddress a : leaves) {
+      roots.insert({a.i >> (kRootLevel - a.level), a.j >> (kRootLevel - a.level)});
+      area += std::ldexp(1.0, 2 * a.level);
+      ASSERT_TRUE(tree.isLeaf(a));
+      ASSERT_FALSE(a.level < kRootLevel && tree.isLeaf(a.parent()));
+    }
+    EXPECT_EQ(area, static_cast<double>(roots.size()) * std::ldexp(1.0, 2 * kRootLevel));
+    for (int n = 0; n < 200; ++n) {
+      const double angle = rng() * 1e-9, radius = std::sqrt(rng() / 4294967296.0) * (kHorizon - 1);
+      LeafAddress leaf;
+      const lattice::Point p{static_cast<Step>(x * 256 + 256 * radius * std::cos(angle)), static_cast<Step>(z * 256 + 256 * radius * std::sin(angle))};
+      ASSERT_TRUE(tree.leafAt(p, leaf));
+      EXPECT_TRUE(leaf.contains(p));
+      EXPECT_TRUE(tree.isLeaf(leaf));
+    }
+    // Touching leaves, against every pair.
+    for (std::size_t k = step % 17; k < leaves.size(); k += 17) {
+      std::vector<LeafAddress> expected;
+      for (LeafAddress b : leaves)
+        if (!(b == leaves[k]) && b.touches(leaves[k])) {
+          expected.push_back(b);
+          EXPECT_LE(std::abs(b.level - leaves[k].level), 1);
+        }
+      EXPECT_EQ(tree.touching(leaves[k]), expected);
+    }
+    x += static_cast<double>(rng() % 3000) - 500;
+    z += static_cast<double>(rng() % 3000) - 1500;
+  }
+}
+
+TEST(Quadtree, TheFinestLeafIsUnderACameraAtTheGroundAndLeavesGrowWithDistance) {
+  Quadtree tree;
+  tree.follow(poseAt(10, 10, 2), 0);
+  LeafAddress leaf;
+  ASSERT_TRUE(tree.leafAt({2560, 2560}, leaf));
+  EXPECT_EQ(leaf.level, 0);
+  for (LeafAddress a : tree.leaves()) {
+    const double side = static_cast<double>(a.side()) / 256;
+    const auto gap = [](double p, double low, double high) { return p < low ? low - p : p > high ? p - high : 0; };
+    const double x = static_cast<double>(a.x()) / 256, z = static_cast<double>(a.z()) / 256;
+    const double d = std::hypot(gap(10, x, x + side), gap(10, z, z + side), 2.0);
+    EXPECT_TRUE(a.level == 0 || side <= kSplit * d);
+  }
+}
+
+TEST(Quadtree, AStillOrTremblingCameraChangesNothing) {
+  Quadtree tree;
+  EXPECT_TRUE(tree.follow(poseAt(1000, 500, 100), 0));
+  EXPECT_FALSE(tree.follow(poseAt(1000, 500, 100), 0));
+  int changes = 0;
+  for (int n = 0; n < 100; ++n) changes += tree.follow(poseAt(1000 + (n % 2), 500, 100), 0);
+  EXPECT_LE(changes, 2);
+}
+
+TEST(Quadtree, TagsStayWithTheirLeavesAndNewLeavesHaveNone) {
+  Quadtree tree;
+  tree.follow(poseAt(0, 0, 100), 0);
+  std::uint32_t next = 1;
+  std::map<LeafAddress, std::uint32_t> tags;
+  for (int step = 0; step < 40; ++step) {
+    const auto leaves = tree.leaves();
+    const std::set<LeafAddress> now(leaves.begin(), leaves.end());
+    for (auto it = tags.begin(); it != tags.end();) it = now.count(it->first) ? std::next(it) : tags.erase(it);
+    for (LeafAddress a : leaves) {
+      if (tags.count(a)) {
+        EXPECT_EQ(tree.tag(a), tags[a]);
+      } else {
+        EXPECT_EQ(tree.tag(a), 0u);
+        tree.setTag(a, tags[a] = next++);
+      }
+      EXPECT_EQ(tree.tagAt({a.x(), a.z()}), tags[a]);
+      EXPECT_EQ(tree.tagAt({a.x() + a.side() - 1, a.z() + a.side() - 1}), tags[a]);
+    }
+    tree.follow(poseAt(step * 700.0, step * -300.0, 100), 0);
+  }
+}
+
+TEST(Grid, PointsNestAndAreFoundAgain) {
+  const LeafAddress leaf{3, -5, 7};
+  std::set<lattice::Point> fine;
+  for (int k = 0; k < 4; ++k)
+    for (lattice::Point p : generation::gridPoints(leaf.child(k))) fine.insert(p);
+  EXPECT_EQ(fine.size(), 25u);
+  for (lattice::Point p : generation::gridPoints(leaf)) EXPECT_TRUE(fine.count(p));
+  Quadtree tree;
+  tree.follow(poseAt(0, 0, 50), 0);
+  std::set<lattice::Point> all;
+  for (LeafAddress a : tree.leaves())
+    for (lattice::Point p : generation::gridPoints(a)) all.insert(p);
+  for (lattice::Point p : all) {
+    EXPECT_TRUE(generation::isGridPoint(tree, p));
+    EXPECT_FALSE(generation::isGridPoint(tree, {p.x + 1, p.z}));
+  }
+  std::mt19937 rng(1);
+  for (int n = 0; n < 2000; ++n) {
+    const lattice::Point p{(static_cast<Step>(rng() % 1024) - 512) * 4096, (static_cast<Step>(rng() % 1024) - 512) * 4096};
+    EXPECT_EQ(generation::isGridPoint(tree, p), all.count(p) == 1);
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast::quadtree
