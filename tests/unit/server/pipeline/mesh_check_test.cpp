@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <set>
 
 #include "server/pipeline/pipeline.h"
 #include "tests/support/mesh_check.h"
@@ -101,12 +102,15 @@ TEST_F(Damage, AFlippedDiagonalIsNotDelaunay) {
 }
 
 TEST_F(Damage, AVertexMovedOnOneSideOfABorderIsACrack) {
-  // Some vertex is shared by two leaves; move it in one of them.
-  for (auto& v : busy().vertices)
-    if (v.x <= 0 || v.z <= 0) {
-      v.x -= 3;
-      break;
-    }
+  std::set<std::pair<lattice::Step, lattice::Step>> elsewhere;
+  for (const auto& leaf : leaves_)
+    for (const auto& v : leaf.vertices)
+      if (&leaf != &busy()) elsewhere.insert({leaf.address.x() + v.x, leaf.address.z() + v.z});
+  const auto shared = std::find_if(busy().vertices.begin(), busy().vertices.end(), [&](const auto& v) {
+    return elsewhere.count({busy().address.x() + v.x, busy().address.z() + v.z}) > 0;
+  });
+  ASSERT_NE(shared, busy().vertices.end());
+  shared->x -= 3;
   const auto report = checkMesh(leaves_);
   EXPECT_GT(report.cracks + report.overused + report.clockwise, 0u);
 }
