@@ -106,6 +106,7 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
 
   // Reversed boundary edges run round each hole with the hole on their left, and round the whole with the outside on their left. At a
   // vertex where loops touch, take the leftmost way on, so that a loop never crosses into another.
+  std::size_t outside = 0;
   while (!boundary.empty()) {
     const std::uint32_t start = boundary.begin()->first;
     std::vector<std::uint32_t> loop{start};
@@ -135,7 +136,10 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
     }
     Wide area = 0;
     for (std::size_t k = 1; k + 1 < loop.size(); ++k) area += turn(loop[0], loop[k], loop[k + 1]);
-    if (area < 0) continue;  // the outside
+    if (area < 0) {  // the outside; a second such loop goes round an overlap
+      report.cracks += outside++ > 0;
+      continue;
+    }
     if (loop.size() == 3) {
       const std::int64_t sx = points[loop[0]].x + points[loop[1]].x + points[loop[2]].x, sz = points[loop[0]].z + points[loop[1]].z + points[loop[2]].z;
       if (std::none_of(leaves.begin(), leaves.end(), [&](const mesh::LeafMesh& l) { return inSquare(l, sx, sz); })) continue;
