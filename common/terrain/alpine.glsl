@@ -10,28 +10,28 @@ struct Ridged {
 };
 Ridged ridged(Place p, float wavelength, float high, uint salt) {
   vec3 n = gradientNoise(p.cell, p.at, salt);
-  n = vec3(n.x * 1.5f, n.y * 1.5f, n.z * 1.5f);
-  float square = n.x * n.x;
+  float crossing = held(n.x * 1.5f);
+  float square = crossing * crossing;
   float sharp = square + 0.0006f;
   Ridged r;
-  r.ridge = 1.0f - sharp * inverseRoot(sharp);
+  r.ridge = held(1.0f - sharp * inverseRoot(sharp));
   r.place = p;
   r.place.height += high * (r.ridge * r.ridge - 0.35f);
-  float k = high * -2.0f * r.ridge * n.x * inverseRoot(square + 0.006f) * (1.0f / wavelength);
-  r.place.slope += vec2(n.y * k, n.z * k);
+  float k = held(held(high * r.ridge * (crossing * inverseRoot(square + 0.006f))) * (1.0f / wavelength));
+  r.place.slope = held(r.place.slope - held(vec2(n.y * k, n.z * k)) * 3.0f);
   return r;
 }
 
 // One octave of gullies, cut across the slope gathered so far: deep on faces, none on level ground.
 Place cut(Place p, float wavelength, float deep, uint salt) {
-  float steep2 = dot(p.slope, p.slope);
+  float steep2 = held(dot(p.slope, p.slope));
   float inverse = inverseRoot(steep2 + 0.05f);
-  vec2 side = vec2(-p.slope.y * inverse * 0.75f, p.slope.x * inverse * 0.75f);
+  vec2 side = held(held(vec2(-p.slope.y * inverse, p.slope.x * inverse)) * 0.75f);
   vec2 s = stripes(p.cell, p.at, side, salt);
-  float amount = steep2 * inverse * inverse * deep;
+  float amount = held(held(steep2 * inverse * inverse) * deep);
   p.height += amount * (s.x - 0.3f);
-  float k = s.y * amount * (1.0f / wavelength);
-  p.slope += vec2(side.x * k, side.y * k);
+  float k = held(held(s.y * amount) * (1.0f / wavelength));
+  p.slope = held(p.slope + vec2(side.x * k, side.y * k));
   return p;
 }
 
@@ -40,13 +40,13 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   Place p = widestPlace(cell, fraction);
   float broad = gradientNoise(p.cell, p.at, salt).x;
   float massif = min(max(broad * 1.35f + 0.58f, 0.0f), 1.0f);
-  massif = massif * massif * (2.16f - 1.44f * massif) + 0.28f;
+  massif = held(massif * massif * (2.16f - 1.44f * massif) + 0.28f);
   p.height = 720.0f * massif;
 
   p = finer5(p);
-  Ridged r = ridged(p, 7327.0f, massif * (octaveWeight(7327.0f, footprint) * 1900.0f), salt + 1u);
+  Ridged r = ridged(p, 7327.0f, held(massif * (octaveWeight(7327.0f, footprint) * 1900.0f)), salt + 1u);
   p = finer5(r.place);
-  r = ridged(p, 3277.0f, massif * r.ridge * (octaveWeight(3277.0f, footprint) * 1250.0f), salt + 2u);
+  r = ridged(p, 3277.0f, held(held(massif * r.ridge) * (octaveWeight(3277.0f, footprint) * 1250.0f)), salt + 2u);
 
   p = finer5(r.place);
   p = cut(p, 1465.0f, octaveWeight(1465.0f, footprint) * 150.0f, salt + 3u);
@@ -58,18 +58,18 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   p = cut(p, 131.0f, octaveWeight(131.0f, footprint) * 16.0f, salt + 6u);
 
   // Crags on steep ground, boulders, turf and grit.
-  float steep2 = dot(p.slope, p.slope);
+  float steep2 = held(dot(p.slope, p.slope));
   float inverse = inverseRoot(1.0f + steep2);
-  float rough = steep2 * inverse * inverse * 1.9f + 0.22f;
+  float rough = held(steep2 * inverse * inverse) * 1.9f + 0.22f;
   p = finer10(p);
-  float crag = octaveWeight(41.4f, footprint) * -8.0f * abs(plainNoise(p.cell, p.at, salt + 7u));
+  float crag = held(abs(plainNoise(p.cell, p.at, salt + 7u)) * (octaveWeight(41.4f, footprint) * -8.0f));
   p = finer10(p);
-  crag += octaveWeight(13.1f, footprint) * -2.8f * abs(plainNoise(p.cell, p.at, salt + 8u));
+  crag += held(abs(plainNoise(p.cell, p.at, salt + 8u)) * (octaveWeight(13.1f, footprint) * -2.8f));
   p = finer17(p);
-  crag += octaveWeight(3.18f, footprint) * 0.55f * plainNoise(p.cell, p.at, salt + 9u);
+  crag += held(plainNoise(p.cell, p.at, salt + 9u) * (octaveWeight(3.18f, footprint) * 0.55f));
   p = finer17(p);
-  crag += octaveWeight(0.771f, footprint) * 0.11f * plainNoise(p.cell, p.at, salt + 10u);
-  return max(p.height + (crag + 3.8f) * rough + 250.0f, kWaterLevel);
+  crag += held(plainNoise(p.cell, p.at, salt + 10u) * (octaveWeight(0.771f, footprint) * 0.11f));
+  return max(held(p.height + held((held(crag) + 3.8f) * rough)) + 250.0f, kWaterLevel);
 }
 
 vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {

@@ -7,8 +7,16 @@
 // with, at most 24 before the whole part is carried over. So the noise at 10^12 m is as exact as at 0. The matrices also turn, by
 // angles that never repeat, which hides the lattice.
 
-// Drivers may still reorder what is only equal on paper: Mesa carries constants outwards along chains of * and of +. So constants here
-// are powers of two, stand last in their chain, or on the other side of a different operation; write terrain files likewise.
+// Drivers reorder what is only equal on paper: Mesa turns a b + a c into a (b + c) and moves constants along chains of * and of +,
+// and GLSL before 4.00 has no word against it. `held` is a wall that it does not look through: results that later sums and products
+// could be merged with go through it. Factors that are powers of two need no wall.
+#ifdef __cplusplus
+float held(float v) { return v; }
+vec2 held(vec2 v) { return v; }
+#else
+float held(float v) { return max(v, -1.0e30f); }
+vec2 held(vec2 v) { return max(v, vec2(-1.0e30f)); }
+#endif
 
 struct Place {
   uvec2 cell;  // wraps
@@ -32,8 +40,8 @@ Place carried(uvec2 cell, vec2 at, vec2 slope, float height) {
   vec2 whole = vec2(floor(at.x), floor(at.y));
   p.cell = uvec2(cell.x + uint(int(whole.x)), cell.y + uint(int(whole.y)));
   p.at = at - whole;
-  p.slope = slope;
-  p.height = height;
+  p.slope = held(slope);
+  p.height = held(height);
   return p;
 }
 
@@ -152,18 +160,21 @@ vec3 gradientNoise(uvec2 cell, vec2 at, uint salt) {
   float dz = float(int(h.h11 << 12u) >> 16);
   float x1 = at.x - 1.0f;
   float z1 = at.y - 1.0f;
-  float a = ax * at.x + az * at.y;
-  float b = bx * x1 + bz * at.y;
-  float c = cx * at.x + cz * z1;
-  float d = dx * x1 + dz * z1;
+  float a = held(ax * at.x + az * at.y);
+  float b = held(bx * x1 + bz * at.y);
+  float c = held(cx * at.x + cz * z1);
+  float d = held(dx * x1 + dz * z1);
   float u = blend(at.x);
   float v = blend(at.y);
-  float ab = b - a;
-  float ac = c - a;
-  float abcd = a - b - c + d;
-  float gx = ax + (bx - ax) * u + (cx - ax + (ax - bx - cx + dx) * u) * v + (ab + abcd * v) * blendSlope(at.x);
-  float gz = az + (bz - az) * u + (cz - az + (az - bz - cz + dz) * u) * v + (ac + abcd * u) * blendSlope(at.y);
-  return vec3(a + ab * u + (ac + abcd * u) * v, gx, gz) * 0.000030517578125f;
+  float low = a + (b - a) * u;
+  float high = c + (d - c) * u;
+  float lowX = ax + (bx - ax) * u;
+  float highX = cx + (dx - cx) * u;
+  float lowZ = az + (bz - az) * u;
+  float highZ = cz + (dz - cz) * u;
+  float acrossX = (b - a) + ((d - c) - (b - a)) * v;
+  return vec3(low + (high - low) * v, lowX + (highX - lowX) * v + acrossX * blendSlope(at.x),
+              lowZ + (highZ - lowZ) * v + (high - low) * blendSlope(at.y)) * 0.000030517578125f;
 }
 
 // A wave of unit period made of parabolas, 8 t (1 - 2 |t|) at t in [-1/2, 1/2], at most 6 % off the sine. Only its shape matters, and it
@@ -177,7 +188,7 @@ float wave(float turns) {
 // built-in functions of graphics drivers, the same bits everywhere.
 float inverseRoot(float v) {
   float guess = uintBitsToFloat(0x5f375a86u - (floatBitsToUint(v) >> 1u));
-  return guess * (1.5f - 0.5f * v * guess * guess);
+  return held(guess * (3.0f - v * guess * guess)) * 0.5f;
 }
 
 // Stripes across `side` (turns a lattice unit, perpendicular to the stripes; may change from place to place): (height, its change a
@@ -186,7 +197,7 @@ float inverseRoot(float v) {
 // the erosion filters of Clay John and Rune Skovbo Johansen).
 vec2 stripes(uvec2 cell, vec2 at, vec2 side, uint salt) {
   Corners h = cornersOf(cell, salt);
-  float phase = at.x * side.x + at.y * side.y;
+  float phase = held(at.x * side.x + at.y * side.y);
   float a = unsignedUnit(h.h00) + phase;
   float b = unsignedUnit(h.h10) + (phase - side.x);
   float c = unsignedUnit(h.h01) + (phase - side.y);
@@ -199,18 +210,18 @@ vec2 stripes(uvec2 cell, vec2 at, vec2 side, uint salt) {
   float v = blend(at.y);
   float un = 1.0f - u;
   float vn = 1.0f - v;
-  float wa = un * vn;
-  float wb = u * vn;
-  float wc = un * v;
-  float wd = u * v;
+  float wa = held(un * vn);
+  float wb = held(u * vn);
+  float wc = held(un * v);
+  float wd = held(u * v);
   // Crests of |t|, sharp above and below; the parabola a quarter of a turn away measures how much the corners agree.
   float aa = abs(a);
   float ab = abs(b);
   float ac = abs(c);
   float ad = abs(d);
-  float crest = 4.0f * (wa * aa + wb * ab + wc * ac + wd * ad) - 1.0f;
-  float sine = wa * (a - 2.0f * a * aa) + wb * (b - 2.0f * b * ab) + wc * (c - 2.0f * c * ac) + wd * (d - 2.0f * d * ad);
-  sine = 8.0f * sine;
-  float strength = inverseRoot(sine * sine + crest * crest + 0.04f);
+  float crest = held(4.0f * (wa * aa + wb * ab + wc * ac + wd * ad) - 1.0f);
+  float sine = wa * (a * (1.0f - 2.0f * aa)) + wb * (b * (1.0f - 2.0f * ab)) + wc * (c * (1.0f - 2.0f * ac)) + wd * (d * (1.0f - 2.0f * ad));
+  sine = held(8.0f * sine);
+  float strength = inverseRoot(held(sine * sine + crest * crest) + 0.04f);
   return vec2(crest * strength, 4.0f * sine * strength);
 }
