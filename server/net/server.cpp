@@ -226,7 +226,7 @@ class Stream : public std::enable_shared_from_this<Stream> {
     if (stage_ != Stage::kOpen) return;
     stage_ = Stage::kFarewell;
     reason_ = std::move(reason);
-    if (camera_) camera_->close();
+    leave();
     while (out_.size() > (writing_ ? 1u : 0u)) {
       *queuedBytes_ -= out_.back().size();
       out_.pop_back();
@@ -248,15 +248,18 @@ class Stream : public std::enable_shared_from_this<Stream> {
     ws_.async_close(reason_, [self = shared_from_this()](error_code) { self->end(); });
   }
 
+  // Gives the camera's place back.
+  void leave() {
+    if (camera_) camera_->close();
+    camera_.reset();
+  }
+
   void end() {
     if (stage_ == Stage::kOver) return;
     stage_ = Stage::kOver;
     timer_.cancel();
-    if (camera_) {
-      camera_->close();
-      spdlog::info("camera {}: {} is gone", camera_->id(), peer_);
-      camera_.reset();
-    }
+    if (camera_) spdlog::info("camera {}: {} is gone", camera_->id(), peer_);
+    leave();
     beast::get_lowest_layer(ws_).close();
   }
 

@@ -1,0 +1,45 @@
+#pragma once
+// An HTTP and WebSocket client on bare sockets for the tests: it shares no code with the server and can misbehave.
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace ridgecast::net {
+
+class SocketClient {
+ public:
+  explicit SocketClient(std::uint16_t port);
+  ~SocketClient();
+  SocketClient(const SocketClient&) = delete;
+  SocketClient& operator=(const SocketClient&) = delete;
+
+  bool send(std::string_view bytes);  // false: the server has closed
+  // An HTTP answer: header and body (by Content-Length), or what came until the connection ended.
+  std::string answer(bool hasBody = true);
+  bool closed();  // whether the server closes within five seconds
+
+  bool upgrade(std::string_view target = "/v1/stream?session=default");
+  // One masked frame. `announced` replaces the length in its header.
+  bool frame(int opcode, std::string_view payload, bool final = true, std::optional<std::uint64_t> announced = {});
+  bool message(std::string_view payload) { return frame(2, payload); }
+
+  struct Frame {
+    int opcode = 0;
+    std::string payload;
+    int closeCode() const {
+      return opcode == 8 && payload.size() >= 2 ? (static_cast<unsigned char>(payload[0]) << 8) + static_cast<unsigned char>(payload[1])
+                                                : 0;
+    }
+  };
+  std::optional<Frame> receive();  // within five seconds; pings are answered and passed over
+  int awaitClose();                // the code of the close frame, after whatever else; 0: the connection ended without one
+
+ private:
+  bool fill(std::size_t bytes);  // until so many are there
+  int socket_ = -1;
+  std::string buffer_;
+};
+
+}  // namespace ridgecast::net
