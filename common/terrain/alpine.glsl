@@ -49,13 +49,13 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   r = ridged(p, 3277.0f, held(held(massif * r.ridge) * (octaveWeight(3277.0f, footprint) * 1250.0f)), salt + 2u);
 
   p = finer5(r.place);
-  p = cut(p, 1465.0f, octaveWeight(1465.0f, footprint) * 150.0f, salt + 3u);
+  p = cut(p, 1465.0f, octaveWeight(1465.0f, footprint) * 190.0f, salt + 3u);
   p = finer5(p);
-  p = cut(p, 655.0f, octaveWeight(655.0f, footprint) * 75.0f, salt + 4u);
+  p = cut(p, 655.0f, octaveWeight(655.0f, footprint) * 94.0f, salt + 4u);
   p = finer5(p);
-  p = cut(p, 293.0f, octaveWeight(293.0f, footprint) * 36.0f, salt + 5u);
+  p = cut(p, 293.0f, octaveWeight(293.0f, footprint) * 45.0f, salt + 5u);
   p = finer5(p);
-  p = cut(p, 131.0f, octaveWeight(131.0f, footprint) * 16.0f, salt + 6u);
+  p = cut(p, 131.0f, octaveWeight(131.0f, footprint) * 20.0f, salt + 6u);
 
   // Crags on steep ground, boulders, turf and grit.
   float steep2 = held(dot(p.slope, p.slope));
@@ -85,7 +85,7 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   p = finer10(finer10(p));
   float grit = valueNoise(p.cell, p.at, salt + 3u).x * octaveWeight(0.586f, footprint);
   float fine = 0.5f * grain + 0.5f * grit;
-  float flat_ = normal.y;
+  float level = normal.y;
 
   // Rock in bands of its layers, slightly bent.
   float layer = height * 0.009f + moist * 1.1f + patches * 0.3f;
@@ -93,23 +93,23 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   vec3 rock = mix(vec3(0.16f, 0.145f, 0.135f), vec3(0.27f, 0.24f, 0.21f), 0.5f + 0.5f * band);
   rock = rock * (1.0f + 0.5f * fine + 0.2f * patches);
   vec3 scree = vec3(0.30f, 0.28f, 0.25f) * (1.0f + 0.5f * grit + 0.25f * grain);
-  vec3 c = mix(rock, scree, smoothstep(0.72f, 0.86f, flat_ + 0.05f * patches));
+  vec3 c = mix(rock, scree, smoothstep(0.72f, 0.86f, level + 0.05f * patches));
 
   // Meadow and wood below the tree line, thin turf above it.
   float line = 1150.0f + 160.0f * moist + 60.0f * patches;
   vec3 meadow = mix(vec3(0.075f, 0.10f, 0.032f), vec3(0.135f, 0.125f, 0.06f), smoothstep(-500.0f, 100.0f, height - line) + 0.2f * patches);
   meadow = meadow * (1.0f + 0.25f * fine + 0.15f * patches);
-  float green = smoothstep(0.74f, 0.86f, flat_ + 0.06f * patches + 0.03f * fine) * (1.0f - smoothstep(-50.0f, 250.0f, height - line));
+  float green = smoothstep(0.74f, 0.86f, level + 0.06f * patches + 0.03f * fine) * (1.0f - smoothstep(-50.0f, 250.0f, height - line));
   c = mix(c, meadow, green);
   vec3 wood = vec3(0.030f, 0.052f, 0.020f) * (1.0f + 0.4f * fine + 0.2f * patches);
-  float wooded = smoothstep(0.0f, 0.4f, moist * 0.7f + patches * 0.4f + fine * 0.3f) * smoothstep(0.62f, 0.72f, flat_) * (1.0f - smoothstep(-420.0f, -250.0f, height - line));
+  float wooded = smoothstep(0.0f, 0.4f, moist * 0.7f + patches * 0.4f + fine * 0.3f) * smoothstep(0.62f, 0.72f, level) * (1.0f - smoothstep(-420.0f, -250.0f, height - line));
   c = mix(c, wood, wooded * 0.9f);
   // A shore of gravel.
   c = mix(vec3(0.24f, 0.22f, 0.18f) * (1.0f + 0.3f * fine), c, smoothstep(kWaterLevel + 1.5f, kWaterLevel + 5.0f, height + patches * 2.0f));
 
   // Snow where it is high and lies: less on steep faces, patches around the line.
-  float snowLine = 1650.0f + 120.0f * moist + 70.0f * patches + 15.0f * fine;
-  float lies = smoothstep(0.58f, 0.76f, flat_ + 0.03f * fine + (height - snowLine) * 0.0002f);
-  c = mix(c, vec3(0.66f, 0.70f, 0.76f) * (1.0f + 0.05f * patches + 0.04f * fine), smoothstep(-60.0f, 120.0f, height - snowLine) * lies);
+  float snowLine = 1760.0f + 120.0f * moist + 70.0f * patches + 15.0f * fine;
+  float lies = smoothstep(0.64f, 0.82f, level + 0.05f * fine + (height - snowLine) * 0.0002f);
+  c = mix(c, vec3(0.60f, 0.64f, 0.70f) * (1.0f + 0.05f * patches + 0.04f * fine), smoothstep(-60.0f, 120.0f, height - snowLine) * lies);
   return c;
 }

@@ -57,8 +57,8 @@ Place finer10(Place p) {
                  vec2(p.slope.x * 3.0f + p.slope.y, p.slope.y * 3.0f - p.slope.x) * 0.3162278f, p.height);
 }
 
-// The next octave, finer by the square root of 17 and turned by 14.0 degrees: matrix (4 1; -1 4). Its fractions need one bit more than
-// a float has where they exceed 4, so positions finer than a step lose a part of it: for the smallest octaves only.
+// The next octave, finer by the square root of 17 and turned by 14.0 degrees: matrix (4 1; -1 4). Where its sums exceed 4 they
+// need one bit more than a float has and round it off, 2^-22 of the square: for the smallest octaves only.
 Place finer17(Place p) {
   return carried(uvec2(p.cell.x * 4u + p.cell.y, p.cell.y * 4u - p.cell.x), vec2(p.at.x * 4.0f + p.at.y, p.at.y * 4.0f - p.at.x),
                  vec2(p.slope.x * 4.0f + p.slope.y, p.slope.y * 4.0f - p.slope.x) * 0.2425356f, p.height);

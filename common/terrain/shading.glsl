@@ -27,10 +27,10 @@ vec3 skyColor(vec3 direction) {
   return sky + vec3(1.0f, 0.8f, 0.5f) * (0.12f * pow(toSun, 6.0f) + 0.6f * pow(toSun, 400.0f));
 }
 
-// Share of the surface that is left at a distance: at half the horizon at least nine tenths, at the horizon nothing.
+// Share of the surface that is left at a distance: more than nine tenths at half the horizon, nothing at the horizon.
 float clearness(float distance, float horizon) {
   float t = min(distance / horizon, 1.0f);
-  float haze = 1.0f - 0.1f * min(t * 2.0f, 1.0f) * min(t * 2.0f, 1.0f);
+  float haze = 1.0f - 0.09f * min(t * 2.0f, 1.0f) * min(t * 2.0f, 1.0f);
   return haze * (1.0f - smoothstep(0.5f, 1.0f, t));
 }
 
@@ -56,9 +56,9 @@ vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3
   vec3 normal = terrainNormal(cell, fraction, footprint, seed);
   vec3 albedo = terrainColor(cell, fraction, height, normal, footprint, seed);
   // Hollows see less of the sky: the height against its surroundings, 40 m and 300 m wide.
-  float near = terrainHeight(cell, fraction, max(footprint, 60.0f), seed) - height;
+  float hollow = terrainHeight(cell, fraction, max(footprint, 60.0f), seed) - height;
   float wide = terrainHeight(cell, fraction, max(footprint, 500.0f), seed) - height;
-  float open = min(max(1.0f - 0.018f * near - 0.0022f * wide, 0.45f), 1.15f);
+  float open = min(max(1.0f - 0.018f * hollow - 0.0022f * wide, 0.45f), 1.15f);
   float facing = dot(normal, kSunDirection);
   float sun = max(facing, 0.0f);
   if (sun > 0.0f) sun = sun * sunlight(cell, fraction, height, footprint, seed);
