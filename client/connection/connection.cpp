@@ -13,7 +13,9 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core/bind_handler.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/core/role.hpp>
 #include <boost/beast/http/status.hpp>
 #include <boost/beast/websocket.hpp>
 
@@ -32,8 +34,20 @@ constexpr std::chrono::seconds kSilence{30};  // without a word, ping or pong fr
 
 using Executor = net::io_context::executor_type;
 using Resolver = net::ip::basic_resolver<net::ip::tcp, Executor>;
-using Socket = net::basic_stream_socket<net::ip::tcp, Executor>;
+struct Socket : net::basic_stream_socket<net::ip::tcp, Executor> {
+  using basic_stream_socket::basic_stream_socket;
+};
 using Timer = net::basic_waitable_timer<std::chrono::steady_clock, net::wait_traits<std::chrono::steady_clock>, Executor>;
+
+// How a WebSocket ends below its last frame (found by Beast through its argument). Beast's own way waits for the server to hang up
+// first; whoever has to say why the connection ended cannot wait for that.
+template <class Handler>
+void async_teardown(boost::beast::role_type, Socket& socket, Handler&& handler) {
+  error_code ignored;
+  socket.shutdown(net::socket_base::shutdown_both, ignored);
+  socket.close(ignored);
+  net::post(socket.get_executor(), boost::beast::bind_front_handler(std::forward<Handler>(handler), error_code{}));
+}
 
 // One line of a text from the network, fit for a terminal.
 std::string oneLine(std::string_view text) {
@@ -48,7 +62,7 @@ std::string oneLine(std::string_view text) {
 
 //   resolving -> connecting -> upgrading -> greeting -> streaming -> ended
 // Every state may go to ended. All members below "network thread" are touched by that thread alone; those below "shared" under mutex_.
-// Handlers hold a plain `this`: the destructor of Connection joins the thread first, and the thread ends when no handler is left.
+// Handlers hold a plain `this`: the destructor of Connection joins the thread first, and none of them runs after it.
 struct Connection::Impl {
   enum class State { kResolving, kConnecting, kUpgrading, kGreeting, kStreaming, kEnded };
 
@@ -263,6 +277,7 @@ struct Connection::Impl {
     resolver_.cancel();
     error_code ignored;
     socket_.next_layer().close(ignored);
+    context_.stop();  // or Beast's own timers would keep the thread until they expire
   }
 
   // The owner leaves: say goodbye when there is somebody to say it to, and do not wait long.

@@ -1,0 +1,348 @@
+// A connection against servers that are not there, are something else, are late, lie, or go away.
+#include "client/connection/connection.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <future>
+#include <thread>
+
+#include "common/wire/wire.h"
+#include "tests/unit/client/connection/raw_server.h"
+
+namespace ridgecast::connection {
+namespace {
+
+using namespace std::chrono_literals;
+using test::RawConnection;
+using test::RawServer;
+using Clock = std::chrono::steady_clock;
+
+Url at(const std::string& port) { return {.host = "127.0.0.1", .port = port, .session = "default"}; }
+
+std::string worldBytes(std::uint32_t window = 3, std::uint32_t version = wire::kProtocolVersion) {
+  return wire::encode(wire::ServerMessage(wire::World{.protocolVersion = version,
+                                                      .serverName = "raw",
+                                                      .session = "default",
+                                                      .terrainName = "alpine",
+                                                      .terrainSource = "",
+                                                      .seed = 3,
+                                                      .contentHash = 4,
+                                                      .horizon = 32'000,
+                                                      .settings = {},
+                                                      .window = window,
+                                                      .camera = 1}));
+}
+std::string iterationBytes(std::uint64_t number) {
+  wire::Iteration it;
+  it.number = number;
+  return wire::encode(wire::ServerMessage(it));
+}
+wire::ClientMessage read(RawConnection& peer) {
+  const std::string frame = peer.readFrame();
+  const auto decoded = wire::decodeClient({reinterpret_cast<const std::uint8_t*>(frame.data()), frame.size()});
+  return decoded ? *decoded : wire::ClientMessage(wire::Acknowledge{.iteration = ~0ull});
+}
+
+std::string errorOf(const Url& url, std::chrono::milliseconds patience = 5s) {
+  const auto connection = Connection::open(url, {}, patience);
+  EXPECT_FALSE(connection);
+  return connection ? "" : connection.error().message;
+}
+void expectContains(const std::string& text, const std::string& part) { EXPECT_NE(text.find(part), std::string::npos) << text; }
+
+TEST(Connection, NobodyListens) {
+  const std::string port = test::closedPort();
+  expectContains(errorOf(at(port)), "no server at 127.0.0.1:" + port + "; start one with ridgecast-server --port " + port);
+}
+
+TEST(Connection, HostUnknown) {
+  expectContains(errorOf({.host = "no-such-host.invalid", .port = "7070", .session = "default"}), "no-such-host.invalid");
+}
+
+TEST(Connection, ServerThatIsSilent) {
+  RawServer server([](RawConnection& peer) { peer.drain(); });
+  const auto before = Clock::now();
+  expectContains(errorOf(at(server.port()), 200ms), "did not answer like a Ridgecast server within 200 ms");
+  EXPECT_LT(Clock::now() - before, 2s);
+}
+
+TEST(Connection, ServerThatUpgradesAndIsSilent) {
+  RawServer server([](RawConnection& peer) {
+    peer.upgrade();
+    peer.drain();
+  });
+  const auto before = Clock::now();
+  expectContains(errorOf(at(server.port()), 200ms), "did not answer");
+  EXPECT_LT(Clock::now() - before, 2s);
+}
+
+TEST(Connection, ServerThatIsSomethingElse) {
+  for (const std::string& greeting : {std::string("SSH-2.0-OpenSSH_9.2\r\n"), std::string("\x16\x03\x01\x02\0garbage\r\n\r\n", 18),
+                                      std::string(3000, '\xff') + "\r\n\r\n"}) {
+    RawServer server([&](RawConnection& peer) {
+      peer.send(greeting);
+      peer.drain();
+    });
+    expectContains(errorOf(at(server.port()), 500ms), "Ridgecast server");
+  }
+}
+
+TEST(Connection, ServerThatHangsUp) {
+  RawServer server([](RawConnection& peer) { peer.readHead(); });
+  expectContains(errorOf(at(server.port())), "no Ridgecast server");
+}
+
+TEST(Connection, HttpServerWithoutAStream) {
+  RawServer server([](RawConnection& peer) {
+    peer.readHead();
+    peer.send("HTTP/1.1 404 Not Found\r\nContent-Length: 24\r\n\r\nno session of that name\n");
+    peer.drain();
+  });
+  const std::string error = errorOf(at(server.port()));
+  expectContains(error, "HTTP 404");
+  expectContains(error, "no session of that name");
+}
+
+TEST(Connection, AsksForTheSessionOfTheUrl) {
+  std::string head;
+  {
+    RawServer server([&](RawConnection& peer) { head = peer.readHead(); });
+    errorOf({.host = "127.0.0.1", .port = server.port(), .session = "race-1"});
+  }
+  expectContains(head, "GET /v1/stream?session=race-1 HTTP/1.1\r\n");
+}
+
+TEST(Connection, ServerThatRefuses) {
+  RawServer server([](RawConnection& peer) {
+    peer.upgrade();
+    peer.readFrame();
+    peer.sendFrame(
+        wire::encode(wire::ServerMessage(wire::ErrorMessage{wire::ErrorCode::kVersion, "this server speaks version 2,\nupdate"})));
+    peer.sendClose(1002, "version");
+    peer.drain();
+  });
+  expectContains(errorOf(at(server.port())), "this server speaks version 2, update");
+}
+
+TEST(Connection, ServerOfAnotherVersion) {
+  RawServer server([](RawConnection& peer) {
+    peer.upgrade();
+    peer.readFrame();
+    peer.sendFrame(worldBytes(3, 2));
+    peer.drain();
+  });
+  expectContains(errorOf(at(server.port())), "protocol version 2");
+}
+
+TEST(Connection, ServerThatClosesWithAReason) {
+  RawServer server([](RawConnection& peer) {
+    peer.upgrade();
+    peer.readFrame();
+    peer.sendClose(1013, "full, try again later");
+    peer.drain();
+  });
+  expectContains(errorOf(at(server.port())), "full, try again later");
+}
+
+TEST(Connection, ServerThatTalksNonsense) {
+  const std::string iteration = iterationBytes(1);
+  struct Case {
+    std::string bytes;
+    int opcode;
+    const char* error;
+  };
+  for (const Case& c :
+       {Case{"hello", 1, "text"}, Case{"garbage", 2, "cannot be read"}, Case{iteration, 2, "before its world"}, Case{"x", 5, "stream"}}) {
+    RawServer server([&](RawConnection& peer) {
+      peer.upgrade();
+      peer.readFrame();
+      peer.sendFrame(c.bytes, c.opcode);
+      peer.drain();
+    });
+    expectContains(errorOf(at(server.port())), c.error);
+  }
+}
+
+// A server that greets and then plays on.
+struct Greeted {
+  explicit Greeted(std::function<void(RawConnection&)> then, std::uint32_t window = 3, wire::Pacing pacing = wire::Pacing::kFree)
+      : server([=](RawConnection& peer) {
+          peer.upgrade();
+          peer.readFrame();
+          peer.sendFrame(worldBytes(window));
+          then(peer);
+        }) {
+    wire::Hello hello;
+    hello.pacing = pacing;
+    auto opened = Connection::open(at(server.port()), hello, 5s);
+    EXPECT_TRUE(opened) << opened.error().message;
+    if (opened) connection = std::move(*opened);
+  }
+  RawServer server;  // declared first: outlives the connection, so its script sees the end
+  std::unique_ptr<Connection> connection;
+};
+
+void expectEndsWith(Connection& connection, const std::string& part) {
+  while (connection.receive(5s)) {
+  }
+  ASSERT_TRUE(connection.error());
+  expectContains(connection.error()->message, part);
+}
+
+TEST(Connection, SaysHelloAndHoldsTheWorld) {
+  std::promise<wire::ClientMessage> first;
+  RawServer server([&](RawConnection& peer) {
+    peer.upgrade();
+    first.set_value(read(peer));
+    peer.sendFrame(worldBytes());
+    peer.drain();
+  });
+  const wire::Hello hello{.clientName = "a test", .settings = {wire::Metric::kPixels, 2, 3}, .pacing = wire::Pacing::kLockstep};
+  const auto connection = Connection::open(at(server.port()), hello, 5s);
+  ASSERT_TRUE(connection) << connection.error().message;
+  EXPECT_EQ((*connection)->world().terrainName, "alpine");
+  EXPECT_EQ((*connection)->world().window, 3u);
+  EXPECT_FALSE((*connection)->error());
+  EXPECT_FALSE((*connection)->receive(0ms));
+  const auto sent = std::get<wire::Hello>(first.get_future().get());
+  EXPECT_EQ(sent.clientName, "a test");
+  EXPECT_EQ(sent.settings.threshold, 2);
+  EXPECT_EQ(sent.pacing, wire::Pacing::kLockstep);
+}
+
+TEST(Connection, IterationsArriveInOrderAndAreCounted) {
+  Greeted g([](RawConnection& peer) {
+    for (std::uint64_t n = 1; n <= 50; ++n) {
+      peer.sendFrame(iterationBytes(n));
+      if (n % 7 == 0) peer.sendFrame("", 9);  // pings in between
+      const auto ack = std::get<wire::Acknowledge>(read(peer));
+      EXPECT_EQ(ack.iteration, n);
+    }
+    peer.drain();
+  });
+  std::uint64_t bytes = worldBytes().size();
+  for (std::uint64_t n = 1; n <= 50; ++n) {
+    const auto received = g.connection->receive(5s);
+    ASSERT_TRUE(received);
+    EXPECT_EQ(received->iteration.number, n);
+    EXPECT_EQ(received->bytes, iterationBytes(n).size());
+    bytes += received->bytes;
+    g.connection->acknowledge({.iteration = n, .meshHash = n});
+  }
+  EXPECT_EQ(g.connection->bytesReceived(), bytes);
+}
+
+TEST(Connection, ServerThatSendsMoreThanTheWindow) {
+  Greeted g([](RawConnection& peer) {
+    for (std::uint64_t n = 1; n <= 4; ++n) peer.sendFrame(iterationBytes(n));
+    peer.drain();
+  });
+  // Wait without taking anything, until the fourth has ended it; what came before is still there.
+  for (int k = 0; k < 500 && !g.connection->error(); ++k) std::this_thread::sleep_for(10ms);
+  for (std::uint64_t n = 1; n <= 3; ++n) EXPECT_EQ(g.connection->receive(0ms)->iteration.number, n);
+  expectEndsWith(*g.connection, "more than the 3 iterations");
+}
+
+TEST(Connection, ServerThatGoesAway) {
+  Greeted midFrame([](RawConnection& peer) { peer.send(std::string("\x82\x7e\x10\x00half of it", 14)); });
+  expectEndsWith(*midFrame.connection, "went away without a goodbye");
+  Greeted polite([](RawConnection& peer) {
+    peer.sendClose(1001, "the server stops");
+    peer.drain();
+  });
+  expectEndsWith(*polite.connection, "the server stops");
+  Greeted error([](RawConnection& peer) {
+    peer.sendFrame(wire::encode(wire::ServerMessage(wire::ErrorMessage{wire::ErrorCode::kInvalid, "Pose.x is wrong"})));
+    peer.drain();
+  });
+  expectEndsWith(*error.connection, "Pose.x is wrong");
+  error.connection->send({.sequence = 1, .camera = {}});  // into the void, harmless
+  EXPECT_FALSE(error.connection->receive(0ms));
+}
+
+TEST(Connection, ServerThatAnnouncesAFrameTooLarge) {
+  Greeted g([](RawConnection& peer) {
+    peer.send(std::string("\x82\x7f\0\0\x01\0\0\0\0\0", 10));  // a terabyte
+    peer.drain();
+  });
+  expectEndsWith(*g.connection, "more than 256 MiB");
+}
+
+TEST(Connection, FreePacingSendsTheNewestPose) {
+  std::promise<std::uint64_t> last;
+  Greeted g([&](RawConnection& peer) {
+    std::uint64_t sequence = 0;
+    while (sequence < 100'000) {
+      const auto pose = std::get<wire::PoseMessage>(read(peer));
+      EXPECT_GT(pose.sequence, sequence);
+      sequence = pose.sequence;
+    }
+    last.set_value(sequence);
+    peer.drain();
+  });
+  for (std::uint64_t n = 1; n <= 100'000; ++n) g.connection->send({.sequence = n, .camera = {}});
+  EXPECT_EQ(last.get_future().get(), 100'000u);
+}
+
+TEST(Connection, LockstepSendsEveryPose) {
+  std::promise<void> done;
+  Greeted g(
+      [&](RawConnection& peer) {
+        for (std::uint64_t n = 1; n <= 60; ++n) EXPECT_EQ(std::get<wire::PoseMessage>(read(peer)).sequence, n);
+        done.set_value();
+        peer.drain();
+      },
+      3, wire::Pacing::kLockstep);
+  for (std::uint64_t n = 1; n <= 60; ++n) g.connection->send({.sequence = n, .camera = {}});
+  EXPECT_EQ(done.get_future().wait_for(5s), std::future_status::ready);
+}
+
+TEST(Connection, LockstepPosesThatNobodyReadsEndIt) {
+  std::promise<void> over;
+  std::shared_future<void> wait(over.get_future());
+  Greeted g([wait](RawConnection&) { wait.wait(); }, 3, wire::Pacing::kLockstep);
+  for (std::uint64_t n = 1; n <= 10'000'000 && !g.connection->error(); ++n) g.connection->send({.sequence = n, .camera = {}});
+  expectEndsWith(*g.connection, "64 poses wait");
+  over.set_value();
+}
+
+TEST(Connection, ResendIsCollected) {
+  std::promise<std::size_t> asked;
+  Greeted g([&](RawConnection& peer) {
+    std::size_t leaves = 0;
+    while (leaves < 3) leaves += std::get<wire::ResendLeaves>(read(peer)).leaves.size();
+    asked.set_value(leaves);
+    EXPECT_TRUE(std::get<wire::ResendLeaves>(read(peer)).leaves.empty());  // too many: all
+    peer.drain();
+  });
+  g.connection->resend({.leaves = {{0, 1, 2}}});
+  g.connection->resend({.leaves = {{0, 1, 3}, {0, 1, 4}}});
+  EXPECT_EQ(asked.get_future().get(), 3u);
+  g.connection->resend({.leaves = std::vector<lattice::LeafAddress>(wire::kMaxResendLeaves + 1)});
+}
+
+TEST(Connection, PartsQuicklyFromAServerThatDoesNotAnswer) {
+  std::promise<void> over;
+  std::shared_future<void> wait(over.get_future());
+  Greeted g([wait](RawConnection&) { wait.wait(); });
+  const auto before = Clock::now();
+  g.connection.reset();
+  EXPECT_LT(Clock::now() - before, 1s);
+  over.set_value();
+}
+
+TEST(Connection, PartsPolitely) {
+  std::promise<bool> closed;
+  {
+    Greeted g([&](RawConnection& peer) {
+      closed.set_value(peer.readFrame().empty());
+      peer.sendClose(1000, "");
+      peer.drain();
+    });
+  }
+  EXPECT_TRUE(closed.get_future().get());
+}
+
+}  // namespace
+}  // namespace ridgecast::connection
