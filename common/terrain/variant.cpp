@@ -30,8 +30,8 @@ __attribute__((flatten, noinline)) void alpineBlock(const int* __restrict cellX,
 #pragma omp simd
   for (int i = 0; i < count; ++i) {
     // No named vec2 here: it would become an array of structures, and the loop scalar.
-    out[i] = alpine::terrainHeight(ivec2(cellX[i], cellZ[i]), vec2(static_cast<float>(inX[i]) * kScale, static_cast<float>(inZ[i]) * kScale),
-                                   0.0f, seed);
+    out[i] = alpine::terrainHeight(ivec2(cellX[i], cellZ[i]),
+                                   vec2(static_cast<float>(inX[i]) * kScale, static_cast<float>(inZ[i]) * kScale), 0.0f, seed);
   }
 }
 
@@ -76,7 +76,9 @@ float alpineFiltered(lattice::Step x, lattice::Step z, float footprint, std::uin
 #define RIDGECAST_TEXT(a) RIDGECAST_TEXT_(a)
 
 Variant RIDGECAST_JOIN(RIDGECAST_VARIANT, Variant)() {
-  return {{RIDGECAST_TEXT(RIDGECAST_VARIANT), sizeof(RIDGECAST_TEXT(RIDGECAST_VARIANT)) - 1}, &RIDGECAST_VARIANT::alpineHeights, &RIDGECAST_VARIANT::alpineFiltered};
+  return {{RIDGECAST_TEXT(RIDGECAST_VARIANT), sizeof(RIDGECAST_TEXT(RIDGECAST_VARIANT)) - 1},
+          &RIDGECAST_VARIANT::alpineHeights,
+          &RIDGECAST_VARIANT::alpineFiltered};
 }
 
 }  // namespace ridgecast::terrain

@@ -5,13 +5,13 @@
 #include <epoxy/gl.h>
 #include <gtest/gtest.h>
 
+#include <unistd.h>
 #include <bit>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
-#include <unistd.h>
 
 #include "common/terrain/terrain.h"
 #include "tests/unit/common/terrain/points.h"
@@ -28,18 +28,20 @@ std::string text(std::string_view version, const Terrain& terrain, std::string_v
 }
 
 TEST(Glsl, compilesInEveryDialect) {
-  if (std::system("glslangValidator --version > /dev/null 2>&1") != 0) GTEST_SKIP() << "glslangValidator (package glslang-tools) is not installed";
+  if (std::system("glslangValidator --version > /dev/null 2>&1") != 0)
+    GTEST_SKIP() << "glslangValidator (package glslang-tools) is not installed";
   const std::filesystem::path folder = std::filesystem::temp_directory_path() / ("ridgecast-glsl-" + std::to_string(getpid()));
   std::filesystem::create_directories(folder);
   const std::filesystem::path file = folder / "terrain.frag", log = folder / "log";
   for (const Description& d : builtIn()) {
     for (const std::string_view version : {"330 core", "450", "300 es"}) {
-      std::ofstream(file) << text(version, *create(d.name, 1).value(),
-                                  "out vec4 colour;\n"
-                                  "void main() {\n"
-                                  "  vec3 c = shadeTerrain(ivec2(1, 2), gl_FragCoord.xy * 0.001, 3.0, 0.1, vec3(0.0, 0.0, 1.0), 1.0, 2.0, 3u);\n"
-                                  "  colour = vec4(toDisplay(c + skyColor(vec3(0.0, 1.0, 0.0))), 1.0);\n"
-                                  "}\n");
+      std::ofstream(file) << text(
+          version, *create(d.name, 1).value(),
+          "out vec4 colour;\n"
+          "void main() {\n"
+          "  vec3 c = shadeTerrain(ivec2(1, 2), gl_FragCoord.xy * 0.001, 3.0, 0.1, vec3(0.0, 0.0, 1.0), 1.0, 2.0, 3u);\n"
+          "  colour = vec4(toDisplay(c + skyColor(vec3(0.0, 1.0, 0.0))), 1.0);\n"
+          "}\n");
       const int status = std::system(("glslangValidator " + file.string() + " > " + log.string() + " 2>&1").c_str());
       std::ifstream in(log);
       EXPECT_EQ(status, 0) << d.name << " as " << version << ":\n" << std::string(std::istreambuf_iterator<char>(in), {});
@@ -55,7 +57,9 @@ class Headless : public testing::Test {
     display_ = eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr);
     if (display_ == EGL_NO_DISPLAY || !eglInitialize(display_, nullptr, nullptr)) GTEST_SKIP() << "EGL has no surfaceless display here";
     eglBindAPI(EGL_OPENGL_API);
-    const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3, EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+    const EGLint attributes[] = {
+        EGL_CONTEXT_MAJOR_VERSION,           3,       EGL_CONTEXT_MINOR_VERSION, 3, EGL_CONTEXT_OPENGL_PROFILE_MASK,
+        EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
     context_ = eglCreateContext(display_, EGL_NO_CONFIG_KHR, EGL_NO_CONTEXT, attributes);
     if (context_ == EGL_NO_CONTEXT || !eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_)) {
       GTEST_SKIP() << "EGL gives no OpenGL 3.3 core context without a surface";
@@ -88,9 +92,10 @@ TEST_F(Headless, heightsAreTheBitsOfTheServer) {
   constexpr int kSide = 128;  // 16,384 points a distance
   const auto terrain = create("alpine", 0x1234567u).value();
   const GLuint program = glCreateProgram();
-  glAttachShader(program, shader(GL_VERTEX_SHADER,
-                                 "#version 330 core\n"
-                                 "void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }\n"));
+  glAttachShader(program,
+                 shader(GL_VERTEX_SHADER,
+                        "#version 330 core\n"
+                        "void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }\n"));
   glAttachShader(program, shader(GL_FRAGMENT_SHADER, text("330 core", *terrain,
                                                           "uniform isampler2D points;\n"
                                                           "uniform uint seed;\n"
@@ -129,7 +134,8 @@ TEST_F(Headless, heightsAreTheBitsOfTheServer) {
     std::vector<std::int32_t> texels;
     constexpr lattice::Step kMask = (lattice::Step{1} << lattice::kCellBits) - 1;
     for (std::size_t i = 0; i < p.x.size(); ++i) {
-      texels.insert(texels.end(), {lattice::cellOf(p.x[i]), lattice::cellOf(p.z[i]), static_cast<std::int32_t>(p.x[i] & kMask), static_cast<std::int32_t>(p.z[i] & kMask)});
+      texels.insert(texels.end(), {lattice::cellOf(p.x[i]), lattice::cellOf(p.z[i]), static_cast<std::int32_t>(p.x[i] & kMask),
+                                   static_cast<std::int32_t>(p.z[i] & kMask)});
     }
     glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32I, kSide, kSide, 0, GL_RGBA_INTEGER, GL_INT, texels.data());
     glDrawArrays(GL_TRIANGLES, 0, 3);

@@ -34,7 +34,8 @@ TEST(Heights, everyVariantReturnsTheSameBits) {
       for (const Variant& v : variants().subspan(1)) {
         const std::vector<float> other = heightsOf(v, p, seed);
         std::size_t different = 0;
-        for (std::size_t i = 0; i < other.size(); ++i) different += std::bit_cast<std::uint32_t>(other[i]) != std::bit_cast<std::uint32_t>(reference[i]);
+        for (std::size_t i = 0; i < other.size(); ++i)
+          different += std::bit_cast<std::uint32_t>(other[i]) != std::bit_cast<std::uint32_t>(reference[i]);
         EXPECT_EQ(different, 0u) << v.name << " at " << distance << " m, seed " << seed;
       }
     }

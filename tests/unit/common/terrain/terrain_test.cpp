@@ -41,17 +41,8 @@ TEST(HeightSteps, roundsToNearestClampsAndTakesNaNAsZero) {
   const float kNaN = std::numeric_limits<float>::quiet_NaN();
   const float kInf = std::numeric_limits<float>::infinity();
   const std::vector<float> metres{0.0f, 1.0f, 0.0019f, 0.0021f, -0.0021f, 131071.0f, 131073.0f, -1e30f, kInf, -kInf, kNaN};
-  const std::vector<std::int32_t> steps{0,
-                                        256,
-                                        0,
-                                        1,
-                                        -1,
-                                        131071 * 256,
-                                        lattice::kMaxHeight,
-                                        -lattice::kMaxHeight,
-                                        lattice::kMaxHeight,
-                                        -lattice::kMaxHeight,
-                                        0};
+  const std::vector<std::int32_t> steps{
+      0, 256, 0, 1, -1, 131071 * 256, lattice::kMaxHeight, -lattice::kMaxHeight, lattice::kMaxHeight, -lattice::kMaxHeight, 0};
   const Formula terrain([&](Step x, Step) { return metres[static_cast<std::size_t>(x)]; });
   for (std::size_t i = 0; i < metres.size(); ++i) {
     EXPECT_EQ(terrain.heightStep({static_cast<Step>(i), 0}), steps[i]) << metres[i];
@@ -137,7 +128,8 @@ TEST(Create, knowsEveryBuiltInAndListsThemOtherwise) {
     ASSERT_TRUE(terrain.has_value()) << d.name;
     EXPECT_EQ(terrain.value()->name(), d.name);
     EXPECT_EQ(terrain.value()->seed(), 5u);
-    EXPECT_NE(terrain.value()->source().find("float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed)"), std::string_view::npos);
+    EXPECT_NE(terrain.value()->source().find("float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed)"),
+              std::string_view::npos);
     EXPECT_FALSE(d.summary.empty());
   }
   const auto unknown = create("atlantis", 0);
