@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <limits>
 
 #include "server/generation/grid.h"
 #include "server/refinement/coarsening.h"
@@ -25,6 +26,7 @@ using triangulation::WriteSet;
 namespace {
 constexpr int kAnchorBits = lattice::kFinestSideBits + quadtree::kRootLevel;  // anchors are corners of roots
 constexpr Step kAnchorReach = Step{1} << 24;                                  // the camera stays this close to its anchor
+constexpr float kStays = std::numeric_limits<float>::infinity();              // the loss of a grid point
 }  // namespace
 
 CameraMesh::CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, bool thesis)
@@ -140,9 +142,6 @@ void CameraMesh::generate() {
     }
     mesh_.refile(kOutside, moves);
     snapVertices(moved);
-    // A candidate belongs to the level of its leaf: choose again.
-    for (Leaf* leaf : made)
-      mesh_.trianglePages().forEach(leaf->region, [&](TriangleId t) { mesh_.trianglePages().setFresh(t); });
   }
   if (!made.empty()) insertGrids(made);
   dropOutside();
@@ -152,7 +151,10 @@ void CameraMesh::generate() {
 void CameraMesh::snapVertices(const std::vector<VertexId>& vertices) {
   for (VertexId v : vertices) {
     if (!mesh_.vertexPages().alive(v)) continue;
-    const std::int32_t y = lattice::snapHeight(surface_.fineY[v], levelAt(mesh_.vertex(v).point()));
+    const int level = levelAt(mesh_.vertex(v).point());
+    if (surface_.level[v] <= level + 1) continue;
+    surface_.level[v] = static_cast<std::uint8_t>(level);
+    const std::int32_t y = lattice::snapHeight(surface_.fineY[v], level);
     if (y == mesh_.vertex(v).y) continue;
     mesh_.setHeight(v, y);
     const triangulation::HalfEdge first = mesh_.edgeOf(v);
@@ -185,10 +187,16 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
     const Point2 q = local(p);
     return Vertex{q.x, q.z, lattice::snapHeight(fine(p), levelAt(q)), triangulation::kNoEdge};
   };
+  std::vector<VertexId> inserted;
+  const auto note = [&](VertexId v, std::int32_t height) {
+    surface_.fineY[v] = height;
+    surface_.level[v] = static_cast<std::uint8_t>(levelAt(mesh_.vertex(v).point()));
+    surface_.loss[v] = kStays;
+    inserted.push_back(v);
+  };
 
   WriteSet all;
   all.allowAll();
-  std::vector<VertexId> inserted;
   if (mesh_.empty()) {
     const auto grid = generation::gridPoints(made.front()->address);
     const lattice::Point seeds[3] = {grid[0], grid[2], grid[6]};
@@ -197,9 +205,7 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
     const TriangleId first = mesh_.twin(mesh_.anyTriangle() * 4) >> 2;
     for (VertexId v : mesh_.triangle(first).v) {
       const Point2 p = mesh_.vertex(v).point();
-      surface_.fineY[v] = fine({surface_.anchor.x + p.x, surface_.anchor.z + p.z});
-      surface_.loss[v] = 0;
-      inserted.push_back(v);
+      note(v, fine({surface_.anchor.x + p.x, surface_.anchor.z + p.z}));
     }
   }
   TriangleId hint = mesh_.anyTriangle();
@@ -213,9 +219,7 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
       const Change change = mesh_.insert(vertexAt(p), t, all, &v);
       if (change == Change::kFull) throw std::bad_alloc();
       if (change == Change::kDone) {
-        surface_.fineY[v] = height;
-        surface_.loss[v] = 0;
-        inserted.push_back(v);
+        note(v, height);
         hint = mesh_.edgeOf(v) >> 2;
       } else {
         hint = t;
@@ -252,6 +256,13 @@ void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vect
   for (Leaf* leaf : stale) {
     leaf->writeSet.assign(1, leaf->region);
     for (LeafAddress a : tree_.touching(leaf->address)) leaf->writeSet.push_back(this->leaf(a)->region);
+    // Which points are grid points may have changed here.
+    leaf->screened = {};
+    mesh_.vertexPages().forEach(leaf->region, [&](VertexId v) {
+      const Point2 p = mesh_.vertex(v).point();
+      const bool stays = generation::isGridPoint(tree_, {surface_.anchor.x + p.x, surface_.anchor.z + p.z});
+      if (stays != std::isinf(surface_.loss[v])) surface_.loss[v] = stays ? kStays : 0;
+    });
   }
 }
 
@@ -272,12 +283,13 @@ bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, WriteSet& set) {
   if (!pages.alive(p.triangle) || pages.fresh(p.triangle)) return true;  // its triangle is gone: judged again next time
   const std::int32_t fineY = surface_.y[p.triangle];
   const float error = surface_.error[p.triangle];
+  const int level = levelAt(p.point);
   VertexId v;
-  const Change change =
-      mesh_.insert({p.point.x, p.point.z, lattice::snapHeight(fineY, levelAt(p.point)), triangulation::kNoEdge}, p.triangle, set, &v);
+  const Change change = mesh_.insert({p.point.x, p.point.z, lattice::snapHeight(fineY, level), triangulation::kNoEdge}, p.triangle, set, &v);
   if (change == Change::kDeferred) return false;
   if (change != Change::kDone) return true;
   surface_.fineY[v] = fineY;
+  surface_.level[v] = static_cast<std::uint8_t>(level);
   surface_.loss[v] = error;
   if (thesis_) addCurvature({v});
   leaf.low = std::min(leaf.low, fineY);
@@ -296,7 +308,6 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
     surface_.loss[v] = loss;
     const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
     if (refinement::pixelsAt(p, loss, view) >= limit) continue;
-    if (generation::isGridPoint(tree_, {surface_.anchor.x + p.x, surface_.anchor.z + p.z})) continue;
     if (mesh_.apply(v, set) == Change::kDone) ++leaf.removed;
   }
   for (const Pending& p : leaf.pending)

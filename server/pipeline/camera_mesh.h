@@ -2,7 +2,8 @@
 // A camera's mesh with its leaves: the quadtree, the triangulation filed by it, and what refinement keeps beside. It keeps these laws:
 //   - every leaf of the tree is valid (holds its grid) when follow() returns;
 //   - the mesh's vertices are the grids of its leaves and what refinement added inside leaves; outside all leaves only grid points;
-//   - a vertex's height is the terrain's, snapped to the level of the leaf that holds it (the root's level outside all leaves);
+//   - a vertex's height is the terrain's, snapped to a level that is at most one above that of the leaf that holds it: one level is
+//     not seen (0.15 px), and splits and merges then move no vertex;
 //   - coordinates are relative to an anchor and stay below 2^26.
 // One thread; insertAll spreads over the pool inside.
 
@@ -14,6 +15,7 @@
 #include "common/terrain/terrain.h"
 #include "server/quadtree/quadtree.h"
 #include "server/refinement/candidates.h"
+#include "server/refinement/coarsening.h"
 #include "server/refinement/screening.h"
 #include "server/scheduling/pool.h"
 #include "server/triangulation/triangulation.h"
@@ -26,6 +28,14 @@ struct Leaf {
   std::int32_t low = 0, high = 0;                        // steps: bounds of its vertices' heights
   std::vector<triangulation::RegionId> writeSet;         // its own region and those of the leaves that touch it
   std::uint64_t version = 0, hash = 0;
+
+  // What the last screening found, and from where; spares the next ones while it holds (screening.h, coarsening.h).
+  struct Screened {
+    bool candidates = false, losses = false;             // whether the bounds below are known
+    camera::Pose from;
+    refinement::ScreenBound candidate;
+    refinement::LossBound loss;
+  } screened;
 
   // of the current iteration
   bool visible = false;

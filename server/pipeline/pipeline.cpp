@@ -84,10 +84,18 @@ struct Pipeline::State {
   std::vector<LeafState> leaves;
 };
 
+// Steps that the camera moved since a screening; more than anything when the screening does not hold.
+double moved(const camera::Pose& from, const camera::Pose& to) {
+  const double dx = static_cast<double>(to.x - from.x), dz = static_cast<double>(to.z - from.z), dy = (to.y - from.y) * lattice::kStepsPerMetre;
+  return std::sqrt(dx * dx + dz * dz + dy * dy) + 2;  // rounding of positions
+}
+
 // Which leaves may be seen, which candidates they want, which vertices may go.
 void Pipeline::State::screen(const camera::Camera& camera, const refinement::View& view, const RemovalLimits& removal) {
   const bool thesis = settings.metric == wire::Metric::kThesis;
   const auto& leafs = mesh.leaves();
+  // A leaf that may be seen can have vertices outside all the same.
+  const double loosest = std::max(removal.inside, removal.outside);
   pool->forEach(leafs.size(), 16, [&](std::size_t k) {
     Leaf& leaf = *leafs[k];
     leaf.pending.clear();
@@ -95,17 +103,29 @@ void Pipeline::State::screen(const camera::Camera& camera, const refinement::Vie
     const double side = static_cast<double>(leaf.address.side()) * lattice::kMetresPerStep;
     const double x = static_cast<double>(leaf.address.x() - camera.pose.x) * lattice::kMetresPerStep,
                  z = static_cast<double>(leaf.address.z() - camera.pose.z) * lattice::kMetresPerStep;
-    // Triangles straddle borders by less than half a side; their candidates do not, but room costs little.
+    // Triangles straddle borders by less than half a side.
     const camera::Vec3 low{x - side / 2, leaf.low * lattice::kMetresPerStep - camera.pose.y - 1, z - side / 2},
         high{x + 1.5 * side, leaf.high * lattice::kMetresPerStep - camera.pose.y + 1, z + 1.5 * side};
     leaf.visible = view.wide.mayIntersect(low, high);
-    if (leaf.visible) {
-      if (thesis) refinement::screenThesis(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
-      else refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
+
+    Leaf::Screened& known = leaf.screened;
+    if (mesh.triangulation().trianglePages().changed(leaf.region)) known = {};
+    const double m = moved(known.from, camera.pose);
+    const bool spareCandidates = known.candidates && m < known.candidate.nearest &&
+                                 view.pixelsPerRadian * known.candidate.steepest * known.candidate.nearest < effective * (known.candidate.nearest - m);
+    const double flat = 1 - m / known.loss.flat, away = 1 + m / known.loss.nearest;
+    const bool spareLosses = known.losses && flat > 0 && known.loss.leastPixels * flat > loosest * away * away;
+    if (spareCandidates && spareLosses) return;
+    known = {};
+    known.from = camera.pose;
+    if (leaf.visible && thesis) {
+      refinement::screenThesis(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
+    } else if (leaf.visible) {
+      known.candidate = refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
+      known.candidates = leaf.pending.empty();
     }
-    // A leaf that may be seen can have vertices outside all the same.
-    const double loosest = std::max(removal.inside, removal.outside);
-    if (loosest > 0) refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, loosest, leaf.removable);
+    if (loosest > 0) known.loss = refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, loosest, leaf.removable);
+    known.losses = leaf.removable.empty();
   });
 }
 
@@ -141,22 +161,14 @@ void Pipeline::State::publish() {
   for (Leaf* leaf : leafs)
     if (mesh.triangulation().takeChanged(leaf->region)) {
       leaf->version = ++versions;
+      leaf->screened = {};
       changed.push_back(leaf);
     }
   const auto& t = mesh.triangulation();
-  const lattice::Point anchor = mesh.surface().anchor;
-  pool->forEach(changed.size(), 4, [&](std::size_t k) {
-    std::uint64_t hash = 0;
-    t.trianglePages().forEach(changed[k]->region, [&](TriangleId id) {
-      lattice::Vertex v[3];
-      for (int c = 0; c < 3; ++c) {
-        const auto& p = t.vertex(t.triangle(id).v[c]);
-        v[c] = {anchor.x + p.x, anchor.z + p.z, p.y};
-      }
-      hash += mesh::hashTriangle(v[0], v[1], v[2]);
-    });
-    changed[k]->hash = hash;
-  });
+  for (Leaf* leaf : changed) {
+    leaf->hash = 0;
+    t.trianglePages().forEach(leaf->region, [&](TriangleId id) { leaf->hash += mesh.surface().hash[id]; });
+  }
   leaves.clear();
   for (const Leaf* leaf : leafs) leaves.push_back({leaf->address, leaf->version, leaf->hash, t.triangleCount(leaf->region)});
 }

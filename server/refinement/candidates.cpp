@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/mesh/leaf_mesh.h"
+
 namespace ridgecast::refinement {
 
 using triangulation::orientation;
@@ -16,7 +18,9 @@ Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity)
       z(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
       y(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
       error(std::make_unique_for_overwrite<float[]>(triangleCapacity)),
+      hash(std::make_unique_for_overwrite<std::uint64_t[]>(triangleCapacity)),
       fineY(std::make_unique_for_overwrite<std::int32_t[]>(vertexCapacity)),
+      level(std::make_unique_for_overwrite<std::uint8_t[]>(vertexCapacity)),
       curvature(std::make_unique_for_overwrite<float[]>(vertexCapacity)),
       loss(std::make_unique_for_overwrite<float[]>(vertexCapacity)) {}
 
@@ -75,6 +79,8 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
     surface.error[t] = 0;
     const auto& v = mesh.triangle(t).v;
     const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
+    const auto whole = [&](const Vertex& k) { return lattice::Vertex{surface.anchor.x + k.x, surface.anchor.z + k.z, k.y}; };
+    surface.hash[t] = mesh::hashTriangle(whole(a), whole(b), whole(c));
     const auto attempt = [&](double x, double z) {
       const Point2 p{snapTo(x, bits), snapTo(z, bits)};
       if (!admissible(a, b, c, p)) return;

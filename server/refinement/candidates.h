@@ -27,11 +27,14 @@ struct Surface {
   std::unique_ptr<std::int32_t[]> x, z;     // the candidate; valid where error > 0
   std::unique_ptr<std::int32_t[]> y;        // the terrain's height there, to the step (not snapped to a level)
   std::unique_ptr<float[]> error;           // steps, >= 0: |mesh - snapped terrain| at the candidate; 0: no candidate
+  std::unique_ptr<std::uint64_t[]> hash;    // the triangle's term of its leaf's hash (common/mesh)
 
   // by vertex
-  std::unique_ptr<std::int32_t[]> fineY;    // the terrain's height to the step; the mesh's vertex is snapped to its leaf's level
+  std::unique_ptr<std::int32_t[]> fineY;    // the terrain's height to the step; the mesh's vertex is snapped
+  std::unique_ptr<std::uint8_t[]> level;    // the level that the mesh's vertex is snapped to
   std::unique_ptr<float[]> curvature;       // metres; only kept for the thesis's metric
-  std::unique_ptr<float[]> loss;            // steps: the error that removing it made when last looked at (coarsening.h)
+  std::unique_ptr<float[]> loss;            // steps: the error that removing it made when last looked at (coarsening.h); infinite: a
+                                            // grid point, which stays
 
   lattice::Point anchor;                    // absolute steps; a multiple of the coarsest leaf's side
 
@@ -40,9 +43,11 @@ struct Surface {
     z[to] = z[from];
     y[to] = y[from];
     error[to] = error[from];
+    hash[to] = hash[from];
   }
   void moveVertex(std::uint32_t from, std::uint32_t to) {
     fineY[to] = fineY[from];
+    level[to] = level[from];
     curvature[to] = curvature[from];
     loss[to] = loss[from];
   }
@@ -52,7 +57,7 @@ struct Surface {
 double planeHeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c, triangulation::Point2 p);
 double heightOnTriangle(const triangulation::Triangulation& mesh, triangulation::TriangleId t, triangulation::Point2 p);
 
-// Chooses the candidates of a region's fresh triangles and marks them seen. `level` is the leaf's. Returns how many heights were
+// Chooses the candidates of a region's fresh triangles, hashes them, and marks them seen. `level` is the leaf's. Returns how many heights were
 // evaluated. Different regions may be evaluated at the same time.
 std::uint64_t evaluateFresh(triangulation::Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain, triangulation::RegionId region,
                             int level, bool thesis);

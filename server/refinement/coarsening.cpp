@@ -25,15 +25,27 @@ double pixelsAt(const Vertex& v, double error, const View& view) {
   return view.pixelsPerRadian * error * std::sqrt(flat) / d2;
 }
 
-void screenLosses(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double limit,
-                  std::vector<VertexId>& out) {
+LossBound screenLosses(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double limit,
+                       std::vector<VertexId>& out) {
   const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), most = static_cast<float>(limit * limit);
+  constexpr float far = std::numeric_limits<float>::max();
+  float least = far, flattest = far, nearest = far;
   mesh.vertexPages().forEach(region, [&](VertexId v) {
+    const float loss = surface.loss[v];
+    if (std::isinf(loss)) return;
     const Vertex& p = mesh.vertex(v);
     const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
-    const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest), loss = surface.loss[v];
-    if (ppr2 * loss * loss * flat < most * d2 * d2) out.push_back(v);
+    const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest);
+    const float pixels2 = ppr2 * loss * loss * flat / (d2 * d2);
+    if (pixels2 < most) {
+      out.push_back(v);
+    } else {
+      least = std::min(least, pixels2);
+      flattest = std::min(flattest, flat);
+      nearest = std::min(nearest, d2);
+    }
   });
+  return {std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
 }
 
 float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, triangulation::WriteSet& set) {

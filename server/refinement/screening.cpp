@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 
 namespace ridgecast::refinement {
 
@@ -43,33 +44,64 @@ View::View(const camera::Camera& camera, lattice::Point anchor)
       tanX(std::tan(camera.projection.verticalFov / 2) * camera.projection.aspect()),
       tanY(std::tan(camera.projection.verticalFov / 2)) {}
 
-void screenPixels(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double threshold,
-                  std::vector<Pending>& out) {
+namespace {
+
+struct PageResult {
+  std::uint64_t wanted;
+  float steepest2, nearest2;        // squared
+};
+
+// One page of arrays. Squared pixels times d^4 against the squared threshold times d^4: no root. Dead slots hold anything, so they are
+// masked out. Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
+#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+__attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#endif
+PageResult screenPage(const std::int32_t* __restrict x, const std::int32_t* __restrict z, const std::int32_t* __restrict y,
+                      const float* __restrict error, std::uint64_t alive, std::int32_t cx, std::int32_t cz, float cy, float ppr2, float least) {
+  float live[Pages::kSlots], steep[Pages::kSlots], near[Pages::kSlots];
+  std::int32_t wanted[Pages::kSlots];
+  for (unsigned s = 0; s < Pages::kSlots; ++s) live[s] = static_cast<float>((alive >> s) & 1);
+#pragma omp simd
+  for (unsigned s = 0; s < Pages::kSlots; ++s) {
+    const float dx = static_cast<float>(x[s] - cx), dz = static_cast<float>(z[s] - cz), dy = static_cast<float>(y[s]) - cy;
+    const float flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < kNearest * kNearest ? kNearest * kNearest : d2;
+    const float e2 = live[s] != 0 ? error[s] * error[s] : 0.0f;
+    wanted[s] = (ppr2 * e2 * flat >= least * n * n) & (e2 > 0);
+    near[s] = n;
+    steep[s] = wanted[s] ? 0.0f : e2 / n;
+  }
+  float most = 0, least2 = std::numeric_limits<float>::max();
+#pragma omp simd reduction(max : most) reduction(min : least2)
+  for (unsigned s = 0; s < Pages::kSlots; ++s) {
+    most = steep[s] > most ? steep[s] : most;
+    least2 = near[s] < least2 ? near[s] : least2;
+  }
+  std::uint64_t mask = 0;
+  for (unsigned s = 0; s < Pages::kSlots; ++s) mask |= static_cast<std::uint64_t>(wanted[s]) << s;
+  return {mask, most, least2};
+}
+
+}  // namespace
+
+ScreenBound screenPixels(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double threshold,
+                         std::vector<Pending>& out) {
   const Pages& pages = mesh.trianglePages();
   const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), least = static_cast<float>(threshold * threshold);
-  const std::int32_t cx = view.x, cz = view.z;
-  const float cy = view.y;
   const std::size_t before = out.size();
+  float steepest2 = 0, nearest2 = std::numeric_limits<float>::max();
   for (std::uint32_t page : pages.pagesOf(region)) {
     const std::uint32_t base = page * Pages::kSlots;
-    const std::int32_t *x = &surface.x[base], *z = &surface.z[base], *y = &surface.y[base];
-    const float* error = &surface.error[base];
-    // Squared pixels times d^4 against the squared threshold times d^4: neither root nor division. Dead slots hold anything.
-    std::uint8_t wanted[Pages::kSlots];
-#pragma omp simd
-    for (unsigned s = 0; s < Pages::kSlots; ++s) {
-      const float dx = static_cast<float>(x[s] - cx), dz = static_cast<float>(z[s] - cz), dy = static_cast<float>(y[s]) - cy;
-      const float flat = dx * dx + dz * dz, d2 = flat + dy * dy, near = d2 < kNearest * kNearest ? kNearest * kNearest : d2;
-      wanted[s] = ppr2 * error[s] * error[s] * flat >= least * near * near;
-    }
-    std::uint64_t mask = 0;
-    for (unsigned s = 0; s < Pages::kSlots; ++s) mask |= std::uint64_t{wanted[s]} << s;
-    mask &= pages.aliveMask(page) & ~pages.freshMask(page);
-    for (; mask != 0; mask &= mask - 1) {
+    const PageResult r = screenPage(&surface.x[base], &surface.z[base], &surface.y[base], &surface.error[base],
+                                    pages.aliveMask(page) & ~pages.freshMask(page), view.x, view.z, view.y, ppr2, least);
+    steepest2 = std::max(steepest2, r.steepest2);
+    nearest2 = std::min(nearest2, r.nearest2);
+    for (std::uint64_t mask = r.wanted; mask != 0; mask &= mask - 1) {
       const TriangleId t = base + static_cast<std::uint32_t>(std::countr_zero(mask));
-      if (surface.error[t] <= 0) continue;
       const Vec3 at = view.relative(surface.x[t], surface.z[t], surface.y[t]);
-      if (!view.wide.contains(at)) continue;
+      if (!view.wide.contains(at)) {  // it may come into view by a turn alone
+        steepest2 = std::numeric_limits<float>::max();
+        continue;
+      }
       // Both in metres: the candidate's direction and the area that it sees.
       const double d2 = std::max(dot(at, at), 0.25), d = std::sqrt(d2);
       const Vec3 area = areaVector(mesh, t);
@@ -83,6 +115,7 @@ void screenPixels(const Triangulation& mesh, const Surface& surface, triangulati
     }
   }
   std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());
+  return {std::sqrt(steepest2), std::sqrt(nearest2)};
 }
 
 void screenThesis(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double threshold,

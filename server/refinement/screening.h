@@ -48,9 +48,17 @@ struct Pending {
   }
 };
 
+// What a screening found about everything it did not append, so that the next ones can be spared while the camera stays near.
+// Moving by m changes a distance d by at most m, so nothing can reach the threshold while
+//     pixelsPerRadian * steepest * nearest / (nearest - m) < threshold.
+struct ScreenBound {
+  float steepest = 0;               // largest error / distance
+  float nearest = 0;                // steps: smallest distance of any candidate
+};
+
 // Appends the region's candidates at or above the threshold, sorted.
-void screenPixels(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
-                  double threshold, std::vector<Pending>& out);
+ScreenBound screenPixels(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
+                         double threshold, std::vector<Pending>& out);
 void screenThesis(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
                   double threshold, std::vector<Pending>& out);
 
