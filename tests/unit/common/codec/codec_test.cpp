@@ -29,6 +29,11 @@ TEST(Codec, OneTriangle) {
   expectRoundTrip({.address = {0, 0, 0}, .vertices = {{0, 0, 5}, {0, 9, -5}, {7, 0, 0}}, .triangles = {{0, 1, 2}}});
 }
 
+TEST(Codec, WorkedExampleOfTheProtocol) {
+  const mesh::LeafMesh leaf{.address = {0, 0, 0}, .vertices = {{0, 0, 0}, {0, 9, 0}, {7, 0, 0}}, .triangles = {{0, 1, 2}}};
+  EXPECT_EQ(codec::encodeLeaf(leaf), (std::vector<std::uint8_t>{0x10, 0, 0, 0, 0, 0, /**/ 0, 0, 0, 0, 0x12, 0, 7, 0x11, 0, /**/ 0, 0, 1}));
+}
+
 TEST(Codec, RandomTriangulations) {
   Random random(1);
   for (int points : {3, 4, 5, 7, 9, 12, 20, 40, 45, 60, 100, 300, 1000})
