@@ -49,6 +49,12 @@ class Flight {
         exportDue_(!options.exportFile.empty() && options.exportAt && *options.exportAt < duration_) {}
 
   Outcome<void> fly() {
+    // Drivers compile shaders when they are first used: not in the first picture's time.
+    camera_ = cameraAt(0);
+    render::View small = view();
+    small.camera.projection.width = small.camera.projection.height = 16;
+    if (auto drawn = renderer_.drawMarch(small); !drawn) return drawn.error();
+
     auto flown = options_.realtime ? flyByTheClock() : flyInLockStep();
     if (!flown) return flown.error();
     if (pictures_ == 0)
@@ -182,9 +188,9 @@ class Flight {
     return {};
   }
 
+  // The clock stands still while pictures are drawn.
   Outcome<void> flyByTheClock() {
-    const auto began = Clock::now();
-    for (double t = 0; t < duration_; t = secondsSince(began)) {
+    for (double t = 0; t < duration_; t = totals_.seconds) {
       sendPose(t);
       const auto stepped = Clock::now();
       if (auto taken = takeUntil(stepped + kPoseInterval); !taken) return taken.error();

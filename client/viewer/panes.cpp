@@ -10,6 +10,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr std::uint32_t kCoarsest = 16;
+constexpr std::chrono::milliseconds kRest{400};  // without a change: the mesh is drawn in full
 
 double millisecondsSince(Clock::time_point began) { return std::chrono::duration<double, std::milli>(Clock::now() - began).count(); }
 
@@ -50,11 +51,13 @@ Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::ui
 
 Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving) {
   const bool sceneChanged = sceneVersion != sceneVersion_;
-  const std::uint32_t coarseness = moving ? fitting(view, perSample_, kMeshBudget) : 1;
+  if (sceneChanged) sceneChanged_ = Clock::now();
+  const bool refining = Clock::now() - sceneChanged_ < kRest;
+  const std::uint32_t coarseness = moving ? fitting(view, perSample_, kMeshBudget) : refining ? fitting(view, perSample_, kRefiningBudget) : 1;
   const render::View samples = coarser(view, coarseness);
   const bool fits = layer_ && layer_->coarseness == coarseness && layer_->canvas.width() == samples.camera.projection.width &&
                     layer_->canvas.height() == samples.camera.projection.height;
-  if (fits && !moving && !sceneChanged) return false;
+  if (fits && !moving && !sceneChanged) return refining && coarseness > 1;
   if (auto fitted = fit(layer_, samples, coarseness); !fitted) return fitted.error();
   if (sceneChanged) pass_.update(scene);
   sceneVersion_ = sceneVersion;

@@ -14,7 +14,8 @@
 
 namespace ridgecast::viewer {
 
-inline constexpr std::chrono::milliseconds kMeshBudget{40}, kMarchBudget{40};  // a frame, each
+inline constexpr std::chrono::milliseconds kMeshBudget{40}, kMarchBudget{40};  // a frame, each, while the camera moves
+inline constexpr std::chrono::milliseconds kRefiningBudget{100};               // for the mesh while only the mesh changes
 
 // A surface and the canvas it is shaded into, `coarseness` pixels a sample.
 struct Layer {
@@ -26,7 +27,7 @@ struct Layer {
 class MeshPane {
  public:
   MeshPane(render::MeshPass pass, const render::ShadePass& shade) : pass_(std::move(pass)), shade_(&shade) {}
-  // Whether it drew. `sceneVersion` tells scenes apart. Error: the window is larger than the driver draws.
+  // Whether it drew or will soon go finer. `sceneVersion` tells scenes apart. Error: the window is larger than the driver draws.
   Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
   const render::Canvas* canvas() const { return layer_ ? &layer_->canvas : nullptr; }
   double milliseconds() const { return milliseconds_; }
@@ -37,6 +38,7 @@ class MeshPane {
   const render::ShadePass* shade_;
   std::optional<Layer> layer_;
   std::uint64_t sceneVersion_ = ~std::uint64_t{0};
+  std::chrono::steady_clock::time_point sceneChanged_{};
   double milliseconds_ = 0, perSample_ = 0;
 };
 
