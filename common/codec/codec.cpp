@@ -18,7 +18,7 @@ constexpr std::uint8_t kPlain = 0x10, kDraco = 0x11;
 constexpr unsigned kMaxShift = 28;
 constexpr std::uint32_t kMaxQuotient = 1u << 28;  // the widest difference of two values in range
 constexpr std::uint32_t kPlainWorthTrying = 64;   // triangles; above, Draco's fixed cost of about 70 bytes never decides
-constexpr std::size_t kLeastDracoBytes = 72;      // header included; shorter plain forms are taken without trying
+constexpr std::size_t kLeastDracoBytes = 90;      // about, header included; shorter plain forms are taken without trying
 constexpr std::size_t kLeastPlainBytes = 3;       // of a vertex, and of a triangle
 
 using Quotients = std::array<std::uint32_t, 3>;  // x, z, y: (value - least) >> shift

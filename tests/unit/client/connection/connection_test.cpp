@@ -14,6 +14,7 @@ namespace ridgecast::connection {
 namespace {
 
 using namespace std::chrono_literals;
+using namespace std::string_literals;
 using test::RawConnection;
 using test::RawServer;
 using Clock = std::chrono::steady_clock;
@@ -82,8 +83,8 @@ TEST(Connection, ServerThatUpgradesAndIsSilent) {
 }
 
 TEST(Connection, ServerThatIsSomethingElse) {
-  for (const std::string& greeting : {std::string("SSH-2.0-OpenSSH_9.2\r\n"), std::string("\x16\x03\x01\x02\0garbage\r\n\r\n", 18),
-                                      std::string(3000, '\xff') + "\r\n\r\n"}) {
+  for (const std::string& greeting :
+       {std::string("SSH-2.0-OpenSSH_9.2\r\n"), "\x16\x03\x01\x02\0garbage\r\n\r\n"s, std::string(3000, '\xff') + "\r\n\r\n"}) {
     RawServer server([&](RawConnection& peer) {
       peer.send(greeting);
       peer.drain();
@@ -249,7 +250,7 @@ TEST(Connection, ServerThatSendsMoreThanTheWindow) {
 }
 
 TEST(Connection, ServerThatGoesAway) {
-  Greeted midFrame([](RawConnection& peer) { peer.send(std::string("\x82\x7e\x10\x00half of it", 14)); });
+  Greeted midFrame([](RawConnection& peer) { peer.send("\x82\x7e\x10\x00half of it"s); });
   expectEndsWith(*midFrame.connection, "went away without a goodbye");
   Greeted polite([](RawConnection& peer) {
     peer.sendClose(1001, "the server stops");
@@ -267,7 +268,7 @@ TEST(Connection, ServerThatGoesAway) {
 
 TEST(Connection, ServerThatAnnouncesAFrameTooLarge) {
   Greeted g([](RawConnection& peer) {
-    peer.send(std::string("\x82\x7f\0\0\x01\0\0\0\0\0", 10));  // a terabyte
+    peer.send("\x82\x7f\0\0\x01\0\0\0\0\0"s);  // a terabyte
     peer.drain();
   });
   expectEndsWith(*g.connection, "more than 256 MiB");
