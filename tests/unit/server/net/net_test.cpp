@@ -250,6 +250,8 @@ TEST_F(NetTest, ConnectionsAndCamerasAreBounded) {
   start();
   SocketClient first(server->port()), second(server->port());
   ASSERT_TRUE(first.upgrade());
+  first.message(bytes(wire::Hello{}));
+  ASSERT_TRUE(decoded(first.receive()));  // it has its place
   ASSERT_TRUE(second.upgrade());
   const auto [error, code] = sentAway(second);
   EXPECT_EQ(error.code, wire::ErrorCode::kLimit);
