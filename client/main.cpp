@@ -27,7 +27,8 @@ void addServerOptions(CLI::App& command, Server& server) {
   command.add_option("--metric", server.metric, "what refinement is measured by: default, pixels or thesis")
       ->check(CLI::IsMember({"default", "pixels", "thesis"}).description(""))
       ->type_name("NAME");
-  command.add_option("--threshold", server.settings.threshold, "refine above this: pixels, or the thesis's product; 0: the server's default")
+  command
+      .add_option("--threshold", server.settings.threshold, "refine above this: pixels, or the thesis's product; 0: the server's default")
       ->check(CLI::Range(0.0, 1e9).description(""))
       ->type_name("NUMBER");
   command.add_option("--budget", server.settings.triangleBudget, "most triangles; 0: the server's default")->type_name("TRIANGLES");
@@ -39,7 +40,8 @@ std::string parseSize(const std::string& text, std::uint32_t& width, std::uint32
   const char* end = text.data() + text.size();
   bool ok = cross != std::string::npos;
   if (ok) {
-    const auto first = std::from_chars(text.data(), text.data() + cross, width), second = std::from_chars(text.data() + cross + 1, end, height);
+    const auto first = std::from_chars(text.data(), text.data() + cross, width),
+               second = std::from_chars(text.data() + cross + 1, end, height);
     ok = first.ec == std::errc() && first.ptr == text.data() + cross && second.ec == std::errc() && second.ptr == end;
   }
   if (ok && width >= 16 && height >= 16 && width <= 16384 && height <= 16384) return {};
@@ -66,9 +68,15 @@ int main(int argc, char** argv) {
   viewCommand->add_option("--size", size, "of the window, WIDTHxHEIGHT")->capture_default_str();
   viewCommand->add_option("--x", view.x, "where to begin, metres")->check(CLI::Range(-4e12, 4e12).description(""))->capture_default_str();
   viewCommand->add_option("--z", view.z, "where to begin, metres")->check(CLI::Range(-4e12, 4e12).description(""))->capture_default_str();
-  viewCommand->add_option("--altitude", view.altitude, "metres above the ground there")->check(CLI::Range(1.0, 100000.0).description(""))->capture_default_str();
-  viewCommand->add_option("--yaw", view.yaw, "degrees, positive to the left")->check(CLI::Range(-360.0, 360.0).description(""))->capture_default_str();
-  viewCommand->add_option("--pitch", view.pitch, "degrees, positive upwards")->check(CLI::Range(-89.0, 89.0).description(""))->capture_default_str();
+  viewCommand->add_option("--altitude", view.altitude, "metres above the ground there")
+      ->check(CLI::Range(1.0, 100000.0).description(""))
+      ->capture_default_str();
+  viewCommand->add_option("--yaw", view.yaw, "degrees, positive to the left")
+      ->check(CLI::Range(-360.0, 360.0).description(""))
+      ->capture_default_str();
+  viewCommand->add_option("--pitch", view.pitch, "degrees, positive upwards")
+      ->check(CLI::Range(-89.0, 89.0).description(""))
+      ->capture_default_str();
   viewCommand->add_option("--seconds", view.seconds, "close by itself after so long")->check(CLI::Range(0.0, 86400.0).description(""));
   viewCommand->add_option("--screenshot", view.screenshot, "a PNG of the window when it closes")->type_name("FILE.png");
 
@@ -77,11 +85,15 @@ int main(int argc, char** argv) {
   addServerOptions(*flyCommand, server);
   flyCommand->add_option("--path", fly.path, "camera path")->required()->type_name("FILE.json");
   flyCommand->add_option("--out", fly.out, "folder for pictures and figures")->required()->type_name("DIR");
-  flyCommand->add_option("--rate", fly.rate, "iterations a second of path time")->check(CLI::Range(0.01, 1000.0).description(""))->capture_default_str();
+  flyCommand->add_option("--rate", fly.rate, "iterations a second of path time")
+      ->check(CLI::Range(0.01, 1000.0).description(""))
+      ->capture_default_str();
   flyCommand->add_option("--frames-every", fly.framesEvery, "seconds of path time between pictures; left out: six in all")
       ->check(CLI::Range(0.001, 86400.0).description(""));
   flyCommand->add_option("--size", size, "of the pictures, WIDTHxHEIGHT")->capture_default_str();
-  flyCommand->add_option("--supersample", fly.supersample, "N x N samples a pixel")->check(CLI::Range(1, 16).description(""))->capture_default_str();
+  flyCommand->add_option("--supersample", fly.supersample, "N x N samples a pixel")
+      ->check(CLI::Range(1, 16).description(""))
+      ->capture_default_str();
   flyCommand->add_option("--export", fly.exportFile, "the mesh held, as uncompressed glTF")->type_name("FILE.glb");
   flyCommand->add_option("--export-at", fly.exportAt, "second of path time to export at; left out: at the end, settled")
       ->check(CLI::Range(0.0, 86400.0).description(""));

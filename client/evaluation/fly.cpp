@@ -22,9 +22,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
 
-constexpr auto kPatience = 120s;                // for one iteration in lock-step
-constexpr auto kPoseInterval = 33ms;            // by the clock: poses a second at most 30
-constexpr std::uint64_t kMostMismatches = 20;   // then something is broken for good
+constexpr auto kPatience = 120s;               // for one iteration in lock-step
+constexpr auto kPoseInterval = 33ms;           // by the clock: poses a second at most 30
+constexpr std::uint64_t kMostMismatches = 20;  // then something is broken for good
 
 double secondsSince(Clock::time_point began) { return std::chrono::duration<double>(Clock::now() - began).count(); }
 
@@ -64,7 +64,8 @@ class Flight {
     if (auto rested = options_.realtime ? restByTheClock() : restInLockStep(); !rested) return rested.error();
     totals_.settleSeconds = secondsSince(began);
     if (!totals_.settled)
-      std::fprintf(stderr, "warning: still refining after %.0f s (--settle-limit); the settled pictures show the mesh as it is\n", options_.settleLimit);
+      std::fprintf(stderr, "warning: still refining after %.0f s (--settle-limit); the settled pictures show the mesh as it is\n",
+                   options_.settleLimit);
     return conclude();
   }
 
@@ -123,7 +124,8 @@ class Flight {
       std::fprintf(stderr, "warning: the mesh held after iteration %llu is not the server's (%s); asking for all leaves again\n",
                    static_cast<unsigned long long>(iteration.number), why.c_str());
       if (recorder_.hashMismatches() > kMostMismatches)
-        return Error{"the mesh held differed from the server's in more than " + std::to_string(kMostMismatches) + " iterations: the last time " + why};
+        return Error{"the mesh held differed from the server's in more than " + std::to_string(kMostMismatches) +
+                     " iterations: the last time " + why};
       if (!applied) scene_.clear();
       connection_->resend({});
     }
@@ -148,7 +150,8 @@ class Flight {
       } else if (connection_->error()) {
         return ended();
       } else if (Clock::now() - began > kPatience) {
-        return Error{"the server has not answered a pose for " + std::to_string(kPatience / 1s) + " s: look at its log, or ask for fewer triangles (--budget)"};
+        return Error{"the server has not answered a pose for " + std::to_string(kPatience / 1s) +
+                     " s: look at its log, or ask for fewer triangles (--budget)"};
       }
     }
     totals_.seconds += secondsSince(began);
@@ -230,16 +233,18 @@ class Flight {
     if (!similarity) return similarity.error();
     atRest ? recorder_.setSettled(*similarity) : recorder_.addFrame(*similarity);
     ++pictures_;
-    std::fprintf(stderr, "%s-mesh.png, %s-raymarch.png: SSIM %.4f, terrain alone %.4f (%.0f %% of the picture), %llu triangles\n", name.c_str(),
-                 name.c_str(), similarity->mean, similarity->terrain.value_or(NAN), similarity->terrainShare * 100,
+    std::fprintf(stderr, "%s-mesh.png, %s-raymarch.png: SSIM %.4f, terrain alone %.4f (%.0f %% of the picture), %llu triangles\n",
+                 name.c_str(), name.c_str(), similarity->mean, similarity->terrain.value_or(NAN), similarity->terrainShare * 100,
                  static_cast<unsigned long long>(scene_.triangles()));
     return {};
   }
 
   Outcome<void> exportMesh() {
     const wire::World& world = connection_->world();
-    if (auto written = writeGlb(scene_.leaves(), camera_.pose, {world.terrainName, world.seed}, options_.exportFile); !written) return written.error();
-    std::fprintf(stderr, "%s: the %llu triangles held at %.2f s\n", options_.exportFile.c_str(), static_cast<unsigned long long>(scene_.triangles()), t_);
+    if (auto written = writeGlb(scene_.leaves(), camera_.pose, {world.terrainName, world.seed}, options_.exportFile); !written)
+      return written.error();
+    std::fprintf(stderr, "%s: the %llu triangles held at %.2f s\n", options_.exportFile.c_str(),
+                 static_cast<unsigned long long>(scene_.triangles()), t_);
     return {};
   }
 
@@ -299,12 +304,12 @@ int fly(const FlyOptions& options) {
   auto terrain = render::localTerrain(world);
   if (!terrain) return fail(kRuntimeFailure, terrain.error().message);
   if (!path->terrain.empty() && (path->terrain != world.terrainName || path->seed != world.seed))
-    std::fprintf(stderr, "warning: the path was made for terrain %s, seed %u; the server has %s, seed %u\n", path->terrain.c_str(), path->seed,
-                 world.terrainName.c_str(), world.seed);
+    std::fprintf(stderr, "warning: the path was made for terrain %s, seed %u; the server has %s, seed %u\n", path->terrain.c_str(),
+                 path->seed, world.terrainName.c_str(), world.seed);
   auto renderer = render::Renderer::create({world.terrainSource, world.seed});
   if (!renderer) return fail(kNoGraphics, renderer.error().message);
-  std::fprintf(stderr, "flying %s over %s (seed %u, horizon %.0f m), %ux%u, %s\n", options.path.filename().c_str(), world.terrainName.c_str(),
-               world.seed, world.horizon, options.width, options.height, render::contextDescription().c_str());
+  std::fprintf(stderr, "flying %s over %s (seed %u, horizon %.0f m), %ux%u, %s\n", options.path.filename().c_str(),
+               world.terrainName.c_str(), world.seed, world.horizon, options.width, options.height, render::contextDescription().c_str());
 
   Flight flight(options, std::move(*path), std::move(*connected), std::move(*terrain), std::move(*renderer), std::move(*recorder));
   if (auto flown = flight.fly(); !flown) return fail(kRuntimeFailure, flown.error().message);

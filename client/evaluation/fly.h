@@ -12,18 +12,18 @@ namespace ridgecast::evaluation {
 
 struct FlyOptions {
   connection::Url url;
-  std::filesystem::path path;                    // a path file, see common/camera/path.h
-  std::filesystem::path out;                     // a folder, made when missing
+  std::filesystem::path path;  // a path file, see common/camera/path.h
+  std::filesystem::path out;   // a folder, made when missing
   wire::Settings settings;
-  double rate = 10;                              // lock-step: iterations a second of path time
-  std::optional<double> framesEvery;             // seconds of path time between pictures; nothing: six in all
-  std::uint32_t width = 1280, height = 720;      // pixels, at least 16 x 16
-  std::uint32_t supersample = 1;                 // N x N samples a pixel
-  std::filesystem::path exportFile;              // empty: no export
-  std::optional<double> exportAt;                // seconds of path time; nothing: at the end, once settled
-  double settleLimit = 120;                      // seconds of wall time to wait at the end until nothing is refined any more
-  bool realtime = false;                         // by the clock instead of in lock-step
-  std::optional<double> seconds;                 // fly only the beginning of the path
+  double rate = 10;                          // lock-step: iterations a second of path time
+  std::optional<double> framesEvery;         // seconds of path time between pictures; nothing: six in all
+  std::uint32_t width = 1280, height = 720;  // pixels, at least 16 x 16
+  std::uint32_t supersample = 1;             // N x N samples a pixel
+  std::filesystem::path exportFile;          // empty: no export
+  std::optional<double> exportAt;            // seconds of path time; nothing: at the end, once settled
+  double settleLimit = 120;                  // seconds of wall time to wait at the end until nothing is refined any more
+  bool realtime = false;                     // by the clock instead of in lock-step
+  std::optional<double> seconds;             // fly only the beginning of the path
 };
 
 // Exit codes of the program.

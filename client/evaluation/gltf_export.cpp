@@ -21,7 +21,8 @@ double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice
 
 // tinygltf's integers have 32 bits; leaf numbers may have 38, which a double holds exactly and JSON writes without a fraction.
 tinygltf::Value number(std::int64_t v) {
-  if (v >= std::numeric_limits<std::int32_t>::min() && v <= std::numeric_limits<std::int32_t>::max()) return tinygltf::Value(static_cast<int>(v));
+  if (v >= std::numeric_limits<std::int32_t>::min() && v <= std::numeric_limits<std::int32_t>::max())
+    return tinygltf::Value(static_cast<int>(v));
   return tinygltf::Value(static_cast<double>(v));
 }
 
@@ -136,7 +137,8 @@ Outcome<void> writeGlb(const std::map<lattice::LeafAddress, scene::HeldLeaf>& le
     }
     scene.nodes.push_back(static_cast<int>(model.nodes.size()));
     model.nodes.push_back(std::move(node));
-    if (model.buffers[0].data.size() > 0xf0000000u) return Error{"the mesh is larger than the 4 GiB that a .glb can hold: ask for a smaller --budget"};
+    if (model.buffers[0].data.size() > 0xf0000000u)
+      return Error{"the mesh is larger than the 4 GiB that a .glb can hold: ask for a smaller --budget"};
   }
   if (model.meshes.empty()) {  // glTF knows no empty buffers, meshes or materials
     model.buffers.clear();

@@ -17,16 +17,16 @@ namespace ridgecast::evaluation {
 
 // One iteration as the client saw it.
 struct IterationRecord {
-  double t = 0;                   // seconds of path time of its pose
-  std::uint64_t bytes = 0;        // of its message
-  double latencyMs = 0;           // from sending its pose to having its message
-  double applyMs = 0;             // decoding and applying
-  bool hashOk = false;            // the mesh held afterwards is the server's
-  std::uint64_t held = 0;         // triangles held afterwards
+  double t = 0;             // seconds of path time of its pose
+  std::uint64_t bytes = 0;  // of its message
+  double latencyMs = 0;     // from sending its pose to having its message
+  double applyMs = 0;       // decoding and applying
+  bool hashOk = false;      // the mesh held afterwards is the server's
+  std::uint64_t held = 0;   // triangles held afterwards
 };
 
 struct Totals {
-  double seconds = 0;             // of wall time in which iterations ran, pictures not counted
+  double seconds = 0;  // of wall time in which iterations ran, pictures not counted
   std::uint64_t bytesReceived = 0;
   bool settled = false;
   double settleSeconds = 0;
@@ -57,7 +57,7 @@ class Recorder {
   std::ofstream lines_;
   std::uint64_t iterations_ = 0, mismatches_ = 0;
   double latency_ = 0, latencyWorst_ = 0;
-  std::vector<double> frames_;                // SSIM of each
+  std::vector<double> frames_;  // SSIM of each
   std::vector<double> meshMs_, marchMs_;
   std::optional<Similarity> settled_;
 };

@@ -12,9 +12,9 @@
 namespace ridgecast::evaluation {
 
 struct Similarity {
-  double mean = 1;                      // over all windows, -1..1; 1: equal
-  std::optional<double> terrain;        // over windows that see terrain only; nothing when there are none or no mask
-  double terrainShare = 0;              // of the mask's pixels that are terrain, 0..1
+  double mean = 1;                // over all windows, -1..1; 1: equal
+  std::optional<double> terrain;  // over windows that see terrain only; nothing when there are none or no mask
+  double terrainShare = 0;        // of the mask's pixels that are terrain, 0..1
 };
 
 // The mask is `reference.terrain` (the ray march's). Contract: both pictures have one size, at least 11 x 11.

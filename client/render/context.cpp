@@ -39,19 +39,16 @@ std::vector<EGLDisplay> displays() {
 }
 
 EGLContext createContext(EGLDisplay display) {
-  if (!contains(eglQueryString(display, EGL_EXTENSIONS), "EGL_KHR_surfaceless_context") || !eglBindAPI(EGL_OPENGL_API)) return EGL_NO_CONTEXT;
+  if (!contains(eglQueryString(display, EGL_EXTENSIONS), "EGL_KHR_surfaceless_context") || !eglBindAPI(EGL_OPENGL_API))
+    return EGL_NO_CONTEXT;
   const std::array<EGLint, 5> wanted = {EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE};
   EGLConfig config = nullptr;
   EGLint count = 0;
   if (!eglChooseConfig(display, wanted.data(), &config, 1, &count) || count < 1) config = nullptr;
   for (const auto& [major, minor] : {std::pair{4, 5}, std::pair{3, 3}}) {
-    const std::array<EGLint, 7> attributes = {EGL_CONTEXT_MAJOR_VERSION,
-                                              major,
-                                              EGL_CONTEXT_MINOR_VERSION,
-                                              minor,
-                                              EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                              EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
-                                              EGL_NONE};
+    const std::array<EGLint, 7> attributes = {
+        EGL_CONTEXT_MAJOR_VERSION,           major,   EGL_CONTEXT_MINOR_VERSION, minor, EGL_CONTEXT_OPENGL_PROFILE_MASK,
+        EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
     const EGLContext context = eglCreateContext(display, config, EGL_NO_CONTEXT, attributes.data());
     if (context != EGL_NO_CONTEXT) return context;
   }
@@ -62,7 +59,8 @@ EGLContext createContext(EGLDisplay display) {
 
 Outcome<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
   if (!libraryExists("libEGL.so.1"))
-    return Error{"drawing without a window needs EGL, but libEGL.so.1 is not installed: install libegl1 and a driver such as libgl1-mesa-dri"};
+    return Error{
+        "drawing without a window needs EGL, but libEGL.so.1 is not installed: install libegl1 and a driver such as libgl1-mesa-dri"};
   bool anyDisplay = false;
   for (const EGLDisplay display : displays()) {
     if (!eglInitialize(display, nullptr, nullptr)) continue;
@@ -73,16 +71,18 @@ Outcome<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
         return std::unique_ptr<HeadlessContext>(new HeadlessContext(display, context));
       eglDestroyContext(display, context);
     }
-    eglTerminate(display);
   }
-  if (!anyDisplay) return Error{"drawing without a window needs an EGL driver, but none could be started: install libegl-mesa0 and libgl1-mesa-dri"};
-  return Error{"no EGL driver of this machine offers an OpenGL 3.3 core context without a window: install libgl1-mesa-dri or a newer graphics driver"};
+  if (!anyDisplay)
+    return Error{"drawing without a window needs an EGL driver, but none could be started: install libegl-mesa0 and libgl1-mesa-dri"};
+  return Error{
+      "no EGL driver of this machine offers an OpenGL 3.3 core context without a window: install libgl1-mesa-dri or a newer graphics "
+      "driver"};
 }
 
 HeadlessContext::~HeadlessContext() {
   eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
   eglDestroyContext(display_, context_);
-  eglTerminate(display_);
+  // The display stays: it belongs to the process, not to this context, and others may be drawing on it.
 }
 
 std::string contextDescription() {

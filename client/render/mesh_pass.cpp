@@ -76,7 +76,10 @@ void write(const GlObject& buffer, std::size_t start, std::size_t bytes, const v
 }  // namespace
 
 MeshPass::MeshPass(Program program, bool reversedDepth)
-    : program_(std::move(program)), reversedDepth_(reversedDepth), leafOffset_(program_.location("leafOffset")), vertexArray_(makeVertexArray()) {}
+    : program_(std::move(program)),
+      reversedDepth_(reversedDepth),
+      leafOffset_(program_.location("leafOffset")),
+      vertexArray_(makeVertexArray()) {}
 
 Outcome<MeshPass> MeshPass::create() {
   const bool reversed = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");

@@ -33,7 +33,9 @@ Picture downsample(const Picture& picture, std::uint32_t n) {
 
 Outcome<void> writePng(const Picture& picture, const std::filesystem::path& file) {
   std::ofstream out(file, std::ios::binary);
-  const auto append = [](void* stream, void* data, int size) { static_cast<std::ofstream*>(stream)->write(static_cast<char*>(data), size); };
+  const auto append = [](void* stream, void* data, int size) {
+    static_cast<std::ofstream*>(stream)->write(static_cast<char*>(data), size);
+  };
   stbi_write_png_to_func(append, &out, static_cast<int>(picture.width), static_cast<int>(picture.height), 3, picture.rgb.data(),
                          static_cast<int>(picture.width * 3));
   out.close();

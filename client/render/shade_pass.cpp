@@ -84,8 +84,8 @@ void present(const Canvas& canvas, const Rectangle& target, const Rectangle& cli
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
   glEnable(GL_SCISSOR_TEST);
   glScissor(clip.x, clip.y, clip.width, clip.height);
-  glBlitFramebuffer(0, 0, static_cast<GLint>(canvas.width()), static_cast<GLint>(canvas.height()), target.x, target.y, target.x + target.width,
-                    target.y + target.height, GL_COLOR_BUFFER_BIT, GL_LINEAR);
+  glBlitFramebuffer(0, 0, static_cast<GLint>(canvas.width()), static_cast<GLint>(canvas.height()), target.x, target.y,
+                    target.x + target.width, target.y + target.height, GL_COLOR_BUFFER_BIT, GL_LINEAR);
   glDisable(GL_SCISSOR_TEST);
   glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
 }

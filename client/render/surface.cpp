@@ -12,8 +12,8 @@ Outcome<void> checkSize(std::uint32_t width, std::uint32_t height) {
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &limit);
   const auto most = static_cast<std::uint32_t>(limit);
   if (width < 1 || height < 1 || width > most || height > most)
-    return Error{"this graphics driver draws pictures of 1 to " + std::to_string(limit) + " samples a side, not " + std::to_string(width) + "x" +
-                 std::to_string(height) + ": choose a smaller --size or --supersample"};
+    return Error{"this graphics driver draws pictures of 1 to " + std::to_string(limit) + " samples a side, not " + std::to_string(width) +
+                 "x" + std::to_string(height) + ": choose a smaller --size or --supersample"};
   return {};
 }
 

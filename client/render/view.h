@@ -13,8 +13,8 @@
 namespace ridgecast::render {
 
 struct View {
-  camera::Camera camera;   // projection: of the picture that is drawn, in samples
-  double horizon = 0;      // metres from the camera at which both renderings end
+  camera::Camera camera;  // projection: of the picture that is drawn, in samples
+  double horizon = 0;     // metres from the camera at which both renderings end
   // No terrain is higher or lower within the horizon: lets the ray march skip the air. Metres, absolute; the defaults are always right.
   double lowest = -131072, highest = 131072;
 };
@@ -24,7 +24,7 @@ View supersampled(const View& view, std::uint32_t n);
 
 // The text of a world that the shaders are compiled from.
 struct TerrainText {
-  std::string source;      // the terrain file
+  std::string source;  // the terrain file
   std::uint32_t seed = 0;
 };
 

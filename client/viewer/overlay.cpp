@@ -35,11 +35,13 @@ void drawFigures(const Shown& s) {
   if (ImGui::Begin("figures", nullptr, kPlain)) {
     ImGui::TextUnformatted(s.world.c_str());
     ImGui::Text("%.0f frames/s   mesh %.1f ms", s.framesPerSecond, s.meshMs);
-    if (s.coarseness > 1) ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.marchMs, s.coarseness, s.progress * 100);
-    else ImGui::Text("ray march %.0f ms", s.marchMs);
+    if (s.coarseness > 1)
+      ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.marchMs, s.coarseness, s.progress * 100);
+    else
+      ImGui::Text("ray march %.0f ms", s.marchMs);
     ImGui::Text("%llu triangles in %llu leaves", static_cast<unsigned long long>(s.triangles), static_cast<unsigned long long>(s.leaves));
-    ImGui::Text("iteration %llu, %.1f/s, latency %.0f ms%s", static_cast<unsigned long long>(s.iteration), s.iterationsPerSecond, s.latencyMs,
-                s.settled ? ", settled" : "");
+    ImGui::Text("iteration %llu, %.1f/s, latency %.0f ms%s", static_cast<unsigned long long>(s.iteration), s.iterationsPerSecond,
+                s.latencyMs, s.settled ? ", settled" : "");
     ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
     ImGui::Text("x %.1f  y %.1f  z %.1f m, %.0f m above ground", s.x, s.y, s.z, s.aboveGround);
     ImGui::Text("%.0f m/s   F1 help", s.speed);
@@ -60,7 +62,8 @@ void drawHelp(const Shown& s) {
         "1 / 2 / 3    mesh / ray march / both\n"
         "<- / ->      move the divider (or drag it)\n"
         "F1 help      F3 figures");
-    ImGui::TextUnformatted(s.mouseFree ? "click        look around with the mouse\nEsc          quit" : "mouse        look around\nEsc          free the mouse");
+    ImGui::TextUnformatted(s.mouseFree ? "click        look around with the mouse\nEsc          quit"
+                                       : "mouse        look around\nEsc          free the mouse");
   }
   ImGui::End();
 }

@@ -12,13 +12,13 @@ enum class Mode { kMesh, kMarch, kSplit };
 
 struct Shown {
   Mode mode = Mode::kSplit;
-  double divider = 0.5;            // share of the window's width
+  double divider = 0.5;  // share of the window's width
   bool help = false, figures = true, mouseFree = true;
-  std::string message;             // empty: none; else in the middle, until it changes
+  std::string message;  // empty: none; else in the middle, until it changes
 
-  std::string world;               // terrain, seed, server
+  std::string world;  // terrain, seed, server
   double framesPerSecond = 0, meshMs = 0, marchMs = 0, progress = 1;
-  std::uint32_t coarseness = 1;    // pixels a side that one ray of the march stands for
+  std::uint32_t coarseness = 1;  // pixels a side that one ray of the march stands for
   std::uint64_t triangles = 0, leaves = 0, iteration = 0, bytes = 0;
   double iterationsPerSecond = 0, latencyMs = 0;
   bool settled = false, hashOk = true;
@@ -31,7 +31,7 @@ class Overlay {
   ~Overlay();
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
-  void draw(const Shown& shown);         // into the window's framebuffer
+  void draw(const Shown& shown);  // into the window's framebuffer
 };
 
 }  // namespace ridgecast::viewer

@@ -53,7 +53,9 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
   const bool sceneChanged = sceneVersion != sceneVersion_;
   if (sceneChanged) sceneChanged_ = Clock::now();
   const bool refining = Clock::now() - sceneChanged_ < kRest;
-  const std::uint32_t coarseness = moving ? fitting(view, perSample_, kMeshBudget) : refining ? fitting(view, perSample_, kRefiningBudget) : 1;
+  const std::uint32_t coarseness = moving     ? fitting(view, perSample_, kMeshBudget)
+                                   : refining ? fitting(view, perSample_, kRefiningBudget)
+                                              : 1;
   const render::View samples = coarser(view, coarseness);
   const bool fits = layer_ && layer_->coarseness == coarseness && layer_->canvas.width() == samples.camera.projection.width &&
                     layer_->canvas.height() == samples.camera.projection.height;

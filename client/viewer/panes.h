@@ -59,7 +59,7 @@ class MarchPane {
   render::MarchPass pass_;
   const render::ShadePass* shade_;
   std::optional<Layer> shown_, next_, spare_;
-  render::View view_;                     // of next_, in samples
+  render::View view_;  // of next_, in samples
   double milliseconds_ = 0, spent_ = 0, perSample_ = 0;
 };
 

@@ -29,7 +29,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
 
-constexpr auto kPoseInterval = 33ms;  // poses a second at most 30
+constexpr auto kPoseInterval = 33ms;    // poses a second at most 30
 constexpr double kBoundsMargin = 4000;  // metres that the camera may fly before the highest ground is looked for again
 
 int fail(int code, const std::string& message) {
@@ -45,7 +45,8 @@ class Window {
   static Outcome<std::unique_ptr<Window>> open(std::uint32_t width, std::uint32_t height) {
     glfwSetErrorCallback(nullptr);
     auto window = std::unique_ptr<Window>(new Window);
-    if (!glfwInit()) return Error{"no window can be opened here (" + reason() + "): set DISPLAY, or use `ridgecast-client fly`, which needs no display"};
+    if (!glfwInit())
+      return Error{"no window can be opened here (" + reason() + "): set DISPLAY, or use `ridgecast-client fly`, which needs no display"};
     window->started_ = true;
     glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
     glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
@@ -53,7 +54,9 @@ class Window {
     glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
     glfwWindowHint(GLFW_VISIBLE, GLFW_FALSE);
     window->handle_ = glfwCreateWindow(static_cast<int>(width), static_cast<int>(height), "Ridgecast", nullptr, nullptr);
-    if (!window->handle_) return Error{"this display offers no OpenGL 3.3 core (" + reason() + "): install a newer graphics driver, or use `ridgecast-client fly`"};
+    if (!window->handle_)
+      return Error{"this display offers no OpenGL 3.3 core (" + reason() +
+                   "): install a newer graphics driver, or use `ridgecast-client fly`"};
     glfwMakeContextCurrent(window->handle_);
     glfwSwapInterval(1);
     return window;
@@ -103,8 +106,10 @@ class Viewer {
     glfwShowWindow(window_);
     for (;;) {
       // At rest there is nothing to draw: wait for input, but look at the connection now and then.
-      if (idle_) glfwWaitEventsTimeout(0.02);
-      else glfwPollEvents();
+      if (idle_)
+        glfwWaitEventsTimeout(0.02);
+      else
+        glfwPollEvents();
       const bool ends = glfwWindowShouldClose(window_) || (options_.seconds && secondsSince(began) >= *options_.seconds);
       const double elapsed = std::min(secondsSince(std::exchange(last, Clock::now())), 0.25);
       fly(elapsed);
@@ -142,16 +147,29 @@ class Viewer {
     if (action != GLFW_PRESS) return;
     changed_ = true;
     switch (key) {
-      case GLFW_KEY_1: shown_.mode = Mode::kMesh; break;
-      case GLFW_KEY_2: shown_.mode = Mode::kMarch; break;
-      case GLFW_KEY_3: shown_.mode = Mode::kSplit; break;
-      case GLFW_KEY_F1: shown_.help = !shown_.help; break;
-      case GLFW_KEY_F3: shown_.figures = !shown_.figures; break;
-      case GLFW_KEY_ESCAPE:
-        if (shown_.mouseFree) glfwSetWindowShouldClose(window_, GLFW_TRUE);
-        else freeMouse(true);
+      case GLFW_KEY_1:
+        shown_.mode = Mode::kMesh;
         break;
-      default: break;
+      case GLFW_KEY_2:
+        shown_.mode = Mode::kMarch;
+        break;
+      case GLFW_KEY_3:
+        shown_.mode = Mode::kSplit;
+        break;
+      case GLFW_KEY_F1:
+        shown_.help = !shown_.help;
+        break;
+      case GLFW_KEY_F3:
+        shown_.figures = !shown_.figures;
+        break;
+      case GLFW_KEY_ESCAPE:
+        if (shown_.mouseFree)
+          glfwSetWindowShouldClose(window_, GLFW_TRUE);
+        else
+          freeMouse(true);
+        break;
+      default:
+        break;
     }
   }
 
@@ -184,8 +202,10 @@ class Viewer {
     if (!shown_.mouseFree) return;
     double x = 0, y = 0;
     glfwGetCursorPos(window_, &x, &y);
-    if (shown_.mode == Mode::kSplit && std::abs(x - shown_.divider * windowWidth()) < 10) dragging_ = true;
-    else freeMouse(false);
+    if (shown_.mode == Mode::kSplit && std::abs(x - shown_.divider * windowWidth()) < 10)
+      dragging_ = true;
+    else
+      freeMouse(false);
   }
 
   bool held(int key) const { return glfwGetKey(window_, key) == GLFW_PRESS; }
@@ -193,7 +213,8 @@ class Viewer {
   void fly(double seconds) {
     input_.forward = held(GLFW_KEY_W) - held(GLFW_KEY_S);
     input_.right = held(GLFW_KEY_D) - held(GLFW_KEY_A);
-    input_.up = (held(GLFW_KEY_E) || held(GLFW_KEY_SPACE)) - (held(GLFW_KEY_Q) || held(GLFW_KEY_LEFT_CONTROL) || held(GLFW_KEY_RIGHT_CONTROL));
+    input_.up =
+        (held(GLFW_KEY_E) || held(GLFW_KEY_SPACE)) - (held(GLFW_KEY_Q) || held(GLFW_KEY_LEFT_CONTROL) || held(GLFW_KEY_RIGHT_CONTROL));
     input_.sprint = held(GLFW_KEY_LEFT_SHIFT) || held(GLFW_KEY_RIGHT_SHIFT);
     if (const int arrows = held(GLFW_KEY_RIGHT) - held(GLFW_KEY_LEFT)) moveDivider(shown_.divider + arrows * 0.5 * seconds);
     if (input_.wheel != 0) changed_ = true;
@@ -257,9 +278,9 @@ class Viewer {
   }
 
   static bool sameView(const camera::Camera& a, const camera::Camera& b) {
-    return a.pose.x == b.pose.x && a.pose.z == b.pose.z && a.pose.remainderX == b.pose.remainderX && a.pose.remainderZ == b.pose.remainderZ &&
-           a.pose.y == b.pose.y && a.pose.yaw == b.pose.yaw && a.pose.pitch == b.pose.pitch && a.projection.width == b.projection.width &&
-           a.projection.height == b.projection.height;
+    return a.pose.x == b.pose.x && a.pose.z == b.pose.z && a.pose.remainderX == b.pose.remainderX &&
+           a.pose.remainderZ == b.pose.remainderZ && a.pose.y == b.pose.y && a.pose.yaw == b.pose.yaw && a.pose.pitch == b.pose.pitch &&
+           a.projection.width == b.projection.width && a.projection.height == b.projection.height;
   }
 
   // ---- pictures ----
@@ -279,7 +300,8 @@ class Viewer {
     view.horizon = connection_->world().horizon;
     if (terrain_) {
       const camera::Pose& pose = view.camera.pose;
-      const double moved = boundsAt_ ? std::hypot(static_cast<double>(pose.x - boundsAt_->x), static_cast<double>(pose.z - boundsAt_->z)) : 0;
+      const double moved =
+          boundsAt_ ? std::hypot(static_cast<double>(pose.x - boundsAt_->x), static_cast<double>(pose.z - boundsAt_->z)) : 0;
       if (!boundsAt_ || moved * lattice::kMetresPerStep > kBoundsMargin) {
         boundsAt_ = lattice::Point{pose.x, pose.z};
         bounds_ = render::boundsAround(*terrain_, *boundsAt_, view.horizon + kBoundsMargin);
@@ -316,7 +338,9 @@ class Viewer {
 
   void present(const render::View& view, bool last) {
     const int width = static_cast<int>(view.camera.projection.width), height = static_cast<int>(view.camera.projection.height);
-    const int divider = shown_.mode == Mode::kSplit ? static_cast<int>(std::lround(shown_.divider * width)) : shown_.mode == Mode::kMesh ? width : 0;
+    const int divider = shown_.mode == Mode::kSplit  ? static_cast<int>(std::lround(shown_.divider * width))
+                        : shown_.mode == Mode::kMesh ? width
+                                                     : 0;
     const render::Rectangle whole{0, 0, width, height};
     if (divider > 0 && mesh_.canvas()) render::present(*mesh_.canvas(), whole, {0, 0, divider, height});
     if (divider < width && march_.canvas()) render::present(*march_.canvas(), whole, {divider, 0, width - divider, height});
@@ -358,9 +382,11 @@ class Viewer {
     glPixelStorei(GL_PACK_ALIGNMENT, 1);
     glReadPixels(0, 0, width, height, GL_RGB, GL_UNSIGNED_BYTE, picture.rgb.data());
     for (std::size_t y = 0; y < static_cast<std::size_t>(height) / 2; ++y)
-      std::swap_ranges(picture.rgb.begin() + static_cast<std::ptrdiff_t>(y * row), picture.rgb.begin() + static_cast<std::ptrdiff_t>((y + 1) * row),
+      std::swap_ranges(picture.rgb.begin() + static_cast<std::ptrdiff_t>(y * row),
+                       picture.rgb.begin() + static_cast<std::ptrdiff_t>((y + 1) * row),
                        picture.rgb.end() - static_cast<std::ptrdiff_t>((y + 1) * row));
-    if (auto written = render::writePng(picture, options_.screenshot); !written) std::fprintf(stderr, "ridgecast-client: %s\n", written.error().message.c_str());
+    if (auto written = render::writePng(picture, options_.screenshot); !written)
+      std::fprintf(stderr, "ridgecast-client: %s\n", written.error().message.c_str());
   }
 
   const ViewOptions& options_;
@@ -399,7 +425,8 @@ int view(const ViewOptions& options) {
   if (!connected) return fail(1, connected.error().message);
   const wire::World& world = (*connected)->world();
   auto terrain = render::localTerrain(world);
-  if (!terrain) std::fprintf(stderr, "warning: %s; the ray march is slower and the ground unknown until it arrives\n", terrain.error().message.c_str());
+  if (!terrain)
+    std::fprintf(stderr, "warning: %s; the ray march is slower and the ground unknown until it arrives\n", terrain.error().message.c_str());
   const render::TerrainText text{world.terrainSource, world.seed};
   auto mesh = render::MeshPass::create();
   if (!mesh) return fail(3, mesh.error().message);

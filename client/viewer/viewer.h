@@ -13,11 +13,11 @@ namespace ridgecast::viewer {
 struct ViewOptions {
   connection::Url url;
   wire::Settings settings;
-  std::uint32_t width = 1280, height = 720;      // of the window at first, screen coordinates
-  double x = 0, z = 0, altitude = 150;           // metres; where the flight begins, above the ground there
-  double yaw = 0, pitch = -10;                   // degrees
-  std::optional<double> seconds;                 // close by itself after so long
-  std::filesystem::path screenshot;              // empty: none; else a PNG of the window when it closes
+  std::uint32_t width = 1280, height = 720;  // of the window at first, screen coordinates
+  double x = 0, z = 0, altitude = 150;       // metres; where the flight begins, above the ground there
+  double yaw = 0, pitch = -10;               // degrees
+  std::optional<double> seconds;             // close by itself after so long
+  std::filesystem::path screenshot;          // empty: none; else a PNG of the window when it closes
 };
 
 // Returns the program's exit code: 0 closed by the user or after `seconds`, 1 no server, 3 no display or OpenGL. A connection that

@@ -75,7 +75,8 @@ mesh::LeafMesh randomLeaf(lattice::LeafAddress address, std::size_t triangles, u
   mesh::LeafMesh leaf{address, {}, {}};
   const auto side = static_cast<std::int32_t>(address.side());
   for (std::size_t k = 0; k < triangles + 2; ++k)
-    leaf.vertices.push_back({static_cast<std::int32_t>(random() % (side + 200)) - 100, static_cast<std::int32_t>(random() % (side + 200)) - 100,
+    leaf.vertices.push_back({static_cast<std::int32_t>(random() % (side + 200)) - 100,
+                             static_cast<std::int32_t>(random() % (side + 200)) - 100,
                              static_cast<std::int32_t>(random() % 2000000) - 500000});
   for (std::uint32_t k = 0; k < triangles; ++k) leaf.triangles.push_back({k, k + 1, k + 2});
   return leaf;
@@ -110,7 +111,8 @@ void checkFile(const Glb& glb, const Leaves& leaves, lattice::Step cellX, lattic
     ASSERT_EQ(positions.size(), leaf.vertices.size() * 3);
     float low[3] = {1e9f, 1e9f, 1e9f}, high[3] = {-1e9f, -1e9f, -1e9f};
     for (std::size_t k = 0; k < leaf.vertices.size(); ++k) {
-      const double steps[3] = {static_cast<double>(leaf.vertices[k].x), static_cast<double>(leaf.vertices[k].y), static_cast<double>(leaf.vertices[k].z)};
+      const double steps[3] = {static_cast<double>(leaf.vertices[k].x), static_cast<double>(leaf.vertices[k].y),
+                               static_cast<double>(leaf.vertices[k].z)};
       for (std::size_t c = 0; c < 3; ++c) {
         ASSERT_EQ(positions[3 * k + c] * 256.0, steps[c]);
         low[c] = std::min(low[c], positions[3 * k + c]);

@@ -29,8 +29,10 @@ class Drawing : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     auto made = HeadlessContext::create();
-    if (made) context_ = std::move(*made);
-    else reason_ = made.error().message;
+    if (made)
+      context_ = std::move(*made);
+    else
+      reason_ = made.error().message;
   }
   static void TearDownTestSuite() { context_.reset(); }
   void SetUp() override {
@@ -102,7 +104,8 @@ TEST_F(Drawing, AFlatLeafCoversThePixelsThatGeometrySays) {
       for (std::uint32_t column = 0; column < 200; ++column) {
         const auto at = meets(view, 100, column, row);
         // Distance inside the square, in metres; pixels within 0.5 m of its edge may go either way.
-        const double depth = at ? std::min(std::min((*at)[0] + 10, 32 - ((*at)[0] + 10)), std::min((*at)[1] + 50, 32 - ((*at)[1] + 50))) : -1e9;
+        const double depth =
+            at ? std::min(std::min((*at)[0] + 10, 32 - ((*at)[0] + 10)), std::min((*at)[1] + 50, 32 - ((*at)[1] + 50))) : -1e9;
         if (std::abs(depth) < 0.5) continue;
         inside += depth > 0;
         ASSERT_EQ(drawn->picture.terrain[row * 200 + column], depth > 0 ? 255 : 0) << "column " << column << ", row " << row;
@@ -206,7 +209,8 @@ TEST_F(Drawing, TheRayMarchIsConverged) {
   const auto terrain = terrain::create("alpine", 1);
   ASSERT_TRUE(terrain);
   Renderer r = renderer(std::string((*terrain)->source()));
-  for (const auto& [x, z, above, pitch] : {std::array<double, 4>{2000, 1500, 250, -0.2}, {1e8, -1e8, 40, -0.05}, {300, -2500, 1500, -0.5}}) {
+  for (const auto& [x, z, above, pitch] :
+       {std::array<double, 4>{2000, 1500, 250, -0.2}, {1e8, -1e8, 40, -0.05}, {300, -2500, 1500, -0.5}}) {
     View view = viewFrom(x, 0, z, 0.4, pitch, 320, 180);
     const lattice::Point at{view.camera.pose.x, view.camera.pose.z};
     view.camera.pose.y = (*terrain)->height(at) + above;
@@ -259,7 +263,8 @@ TEST_F(Drawing, TheRayMarchDrawsTheHeightsThatTheServerTriangulates) {
 }
 
 TEST_F(Drawing, ShaderErrorsNameTheTerrainAndItsLine) {
-  const auto made = Renderer::create({"float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {\n  return nonsense;\n}\n", 1});
+  const auto made =
+      Renderer::create({"float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {\n  return nonsense;\n}\n", 1});
   ASSERT_FALSE(made);
   EXPECT_NE(made.error().message.find("nonsense"), std::string::npos) << made.error().message;
   EXPECT_NE(made.error().message.find("2 = terrain"), std::string::npos) << made.error().message;
