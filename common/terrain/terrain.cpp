@@ -13,7 +13,8 @@ namespace {
 // Part of contentHash: change it when the same text and seed would give other heights on the lattice.
 constexpr std::uint64_t kLatticeVersion = 1;
 
-constexpr std::array<Description, 1> kBuiltIn = {{{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow"}}};
+const std::array<Description, kBuiltIns> kBuiltIn = {
+    {{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow", embedded::alpine}}};
 
 std::vector<Variant> usableVariants() {
   std::vector<Variant> usable{baselineVariant()};
@@ -27,17 +28,18 @@ std::vector<Variant> usableVariants() {
   return usable;
 }
 
-class Alpine final : public Terrain {
+class BuiltIn final : public Terrain {
  public:
-  explicit Alpine(std::uint32_t seed) : seed_(seed), heights_(variants().back().alpine) {}
-  std::string_view name() const override { return kBuiltIn[0].name; }
-  std::string_view source() const override { return embedded::alpine; }
+  BuiltIn(std::size_t index, std::uint32_t seed) : index_(index), seed_(seed), heights_(variants().back().terrain[index].heights) {}
+  std::string_view name() const override { return kBuiltIn[index_].name; }
+  std::string_view source() const override { return kBuiltIn[index_].source; }
   std::uint32_t seed() const override { return seed_; }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     heights_(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}), seed_);
   }
 
  private:
+  std::size_t index_;
   std::uint32_t seed_;
   HeightsFunction heights_;
 };
@@ -76,7 +78,8 @@ double Terrain::height(lattice::Point p) const { return heightStep(p) * lattice:
 std::span<const Description> builtIn() { return kBuiltIn; }
 
 Outcome<std::shared_ptr<const Terrain>> create(std::string_view name, std::uint32_t seed) {
-  if (name == kBuiltIn[0].name) return std::shared_ptr<const Terrain>(std::make_shared<Alpine>(seed));
+  for (std::size_t i = 0; i < kBuiltIn.size(); ++i)
+    if (name == kBuiltIn[i].name) return std::shared_ptr<const Terrain>(std::make_shared<BuiltIn>(i, seed));
   std::string names;
   for (const Description& d : kBuiltIn) names.append(names.empty() ? "" : ", ").append(d.name);
   return Error{"there is no terrain \"" + std::string(name.substr(0, 64)) + "\"; there is: " + names};

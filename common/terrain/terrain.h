@@ -42,6 +42,7 @@ class Terrain {
 struct Description {
   std::string_view name;
   std::string_view summary;  // one line for people
+  std::string_view source;   // the GLSL text
 };
 std::span<const Description> builtIn();
 

@@ -1,7 +1,8 @@
 #pragma once
-// Internal to the room and its tests: the terrain files as C++, compiled once for each instruction set. All variants return the same
-// bits; they differ in speed only.
+// Internal to the room, its tests and benches: the terrain files as C++, compiled once for each instruction set. All variants return
+// the same bits; they differ in speed only.
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -16,10 +17,16 @@ using HeightsFunction = void (*)(const lattice::Step* x, const lattice::Step* z,
 // One height as a sample `footprint` metres wide sees it; for tests of the filter.
 using FilteredHeightFunction = float (*)(lattice::Step x, lattice::Step z, float footprint, std::uint32_t seed);
 
+struct Functions {
+  HeightsFunction heights;
+  FilteredHeightFunction filtered;
+};
+
+inline constexpr std::size_t kBuiltIns = 1;
+
 struct Variant {
-  std::string_view name;  // "baseline", "avx2", "avx512"
-  HeightsFunction alpine;
-  FilteredHeightFunction alpineFiltered;
+  std::string_view name;                     // "baseline", "avx2", "avx512"
+  std::array<Functions, kBuiltIns> terrain;  // in the order of builtIn()
 };
 
 // Those that this machine can run, slowest first; never empty. Decided once.

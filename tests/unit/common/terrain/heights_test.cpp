@@ -17,7 +17,7 @@ using lattice::Step;
 
 std::vector<float> heightsOf(const Variant& v, const Points& p, std::uint32_t seed) {
   std::vector<float> out(p.x.size());
-  v.alpine(p.x.data(), p.z.data(), out.data(), out.size(), seed);
+  v.terrain[0].heights(p.x.data(), p.z.data(), out.data(), out.size(), seed);
   return out;
 }
 
@@ -148,7 +148,7 @@ TEST(Filter, footprintZeroIsTheGeometry) {
     for (const Variant& v : variants()) {
       const std::vector<float> h = heightsOf(v, p, 4);
       for (std::size_t i = 0; i < h.size(); ++i) {
-        ASSERT_EQ(std::bit_cast<std::uint32_t>(v.alpineFiltered(p.x[i], p.z[i], 0.0f, 4)), std::bit_cast<std::uint32_t>(h[i])) << v.name;
+        ASSERT_EQ(std::bit_cast<std::uint32_t>(v.terrain[0].filtered(p.x[i], p.z[i], 0.0f, 4)), std::bit_cast<std::uint32_t>(h[i])) << v.name;
       }
     }
   }
@@ -161,7 +161,7 @@ TEST(Filter, convergesToTheGeometryAsTheFootprintShrinks) {
   double previous = 1e9;
   for (const float footprint : {8000.0f, 1000.0f, 100.0f, 10.0f, 1.0f, 0.3f}) {
     double sum = 0;
-    for (std::size_t i = 0; i < h.size(); ++i) sum += std::abs(v.alpineFiltered(p.x[i], p.z[i], footprint, 4) - h[i]);
+    for (std::size_t i = 0; i < h.size(); ++i) sum += std::abs(v.terrain[0].filtered(p.x[i], p.z[i], footprint, 4) - h[i]);
     sum /= static_cast<double>(h.size());
     EXPECT_LE(sum, previous) << footprint;
     EXPECT_LE(sum, footprint) << "an octave changes the height by no more than its wavelength";
