@@ -233,9 +233,10 @@ class Flight {
     if (!similarity) return similarity.error();
     atRest ? recorder_.setSettled(*similarity) : recorder_.addFrame(*similarity);
     ++pictures_;
-    std::fprintf(stderr, "%s-mesh.png, %s-raymarch.png: SSIM %.4f, terrain alone %.4f (%.0f %% of the picture), %llu triangles\n",
-                 name.c_str(), name.c_str(), similarity->mean, similarity->terrain.value_or(NAN), similarity->terrainShare * 100,
-                 static_cast<unsigned long long>(scene_.triangles()));
+    std::string terrain;
+    if (similarity->terrain) terrain = ", terrain alone " + std::to_string(*similarity->terrain).substr(0, 6);
+    std::fprintf(stderr, "%s-mesh.png, %s-raymarch.png: SSIM %.4f%s (%.0f %% of the picture), %llu triangles\n", name.c_str(), name.c_str(),
+                 similarity->mean, terrain.c_str(), similarity->terrainShare * 100, static_cast<unsigned long long>(scene_.triangles()));
     return {};
   }
 
