@@ -20,8 +20,8 @@ class IteratingMesh {
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
 };
 
-using MakeMesh = std::function<std::unique_ptr<IteratingMesh>(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted,
-                                                           std::shared_ptr<scheduling::Pool> pool)>;
+using MakeMesh = std::function<std::unique_ptr<IteratingMesh>(std::shared_ptr<const terrain::Terrain> terrain,
+                                                              const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool)>;
 
 // Makes pipelines.
 MakeMesh pipelineMeshes();
