@@ -109,7 +109,8 @@ void CameraMesh::generate() {
   for (LeafAddress address : tree_.leaves()) {
     RegionId region = tree_.tag(address);
     if (region == kOutside) {
-      region = mesh_.addRegion();
+      const Point2 corner = local({address.x(), address.z()});
+      region = mesh_.addRegion({corner.x, corner.z, static_cast<std::int32_t>(address.side())});
       tree_.setTag(address, region);
       if (region >= leaves_.size()) leaves_.resize(region + 1);
       leaves_[region] = std::make_unique<Leaf>();

@@ -17,7 +17,7 @@ static_assert(Pipeline::kHorizon == quadtree::kHorizon);
 
 namespace {
 
-constexpr double kDefaultPixels = 1.0, kDefaultThesis = 2e-5;
+constexpr double kDefaultPixels = 0.6, kDefaultThesis = 2e-5;
 // At most so many insertions an iteration, the most wanted first, so that the newest camera is never far away.
 constexpr std::size_t kMostInsertions = 24'000;
 // Vertices are removed below this share of the threshold.

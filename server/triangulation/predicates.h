@@ -2,13 +2,10 @@
 // Exact orientation and in-circle tests on integer coordinates, and the tie rule that makes the Delaunay triangulation unique.
 //
 // Coordinates are steps relative to an anchor, |x|, |z| < 2^26, so that differences have 27 bits: orientation is exact in 64-bit
-// integers; in-circle is filtered in doubles (the differences are exact, so Shewchuk's bound for stage A holds) with 128-bit
-// integers behind. Orientation is positive when a, b, c run counter-clockwise seen from above (+X right, +Z towards the viewer).
+// integers; in-circle is filtered in doubles with 128-bit integers behind. Orientation is positive when a, b, c run counter-clockwise seen from above (+X right, +Z towards the viewer).
 //
 // Ties: of four cocircular points the smallest (by x, then z) is lifted infinitesimally less than the others, so the diagonal that
 // holds it is kept. Symbolic perturbation of the lifting map (Edelsbrunner and Muecke 1990, Devillers and Teillaud 2011).
-//
-// Source of the bound: Shewchuk, Adaptive Precision Floating-Point Arithmetic (1997), iccerrboundA = (10 + 96 eps) eps.
 
 #include <cmath>
 #include <cstdint>
@@ -42,16 +39,22 @@ inline bool insideWhenCocircular(const Point2& a, const Point2& b, const Point2&
 }
 
 // Whether d lies inside the circle through a, b, c (counter-clockwise), ties settled; never ambiguous for distinct points.
+//
+// The determinant as a 2 x 2 one of cross and dot products (as in CGAL's side_of_oriented_circle). While differences are below 2^25 the
+// products are exact in doubles, so only the last two multiplications and the subtraction round: three roundings of at most 2^-53 of
+// |AD| + |BC|. Larger differences, which a terrain's triangles do not have, go straight to integers.
 inline bool inCircle(const Point2& a, const Point2& b, const Point2& c, const Point2& d) {
-  const double dx = d.x, dz = d.z;
-  const double ap = a.z - dz, aq = a.x - dx, bp = b.z - dz, bq = b.x - dx, cp = c.z - dz, cq = c.x - dx;
-  const double bpcq = bp * cq, cpbq = cp * bq, cpaq = cp * aq, apcq = ap * cq, apbq = ap * bq, bpaq = bp * aq;
-  const double al = ap * ap + aq * aq, bl = bp * bp + bq * bq, cl = cp * cp + cq * cq;
-  const double det = al * (bpcq - cpbq) + bl * (cpaq - apcq) + cl * (apbq - bpaq);
-  const double permanent = al * (std::abs(bpcq) + std::abs(cpbq)) + bl * (std::abs(cpaq) + std::abs(apcq)) + cl * (std::abs(apbq) + std::abs(bpaq));
-  const double bound = 1.1102230246251577e-15 * permanent;
-  if (det > bound) return true;
-  if (det < -bound) return false;
+  const std::int32_t bp = b.z - a.z, bq = b.x - a.x, cp = c.z - a.z, cq = c.x - a.x, dp = d.z - a.z, dq = d.x - a.x;
+  constexpr std::int32_t kWide = 1 << 25;
+  const auto wide = [](std::int32_t v) { return static_cast<std::uint32_t>(v + kWide) >= 2u * kWide; };
+  if (!(wide(bp) | wide(bq) | wide(cp) | wide(cq) | wide(dp) | wide(dq))) {
+    const double bpd = bp, bqd = bq, cpd = cp, cqd = cq, dpd = dp, dqd = dq;
+    const double A = bpd * dqd - bqd * dpd, B = dpd * (dpd - bpd) + dqd * (dqd - bqd);
+    const double C = bpd * cqd - bqd * cpd, D = cpd * (cpd - bpd) + cqd * (cqd - bqd);
+    const double AD = A * D, BC = B * C, det = AD - BC, bound = 3.4e-16 * (std::abs(AD) + std::abs(BC));
+    if (det > bound) return true;
+    if (det < -bound) return false;
+  }
   const int exact = inCircleExact(a, b, c, d);
   return exact != 0 ? exact > 0 : insideWhenCocircular(a, b, c, d);
 }

@@ -30,30 +30,48 @@ bool Triangulation::collectStar(VertexId v, WriteSet& set) const {
 void Triangulation::fillStar(WriteSet& set) const {
   const auto& border = set.border_;
   const auto count = static_cast<std::uint32_t>(border.size());
+  const RegionId home = triangles_.regionOf(set.hole_.front());
+  auto& link = set.link_;
+  link.resize(count);
+  for (std::uint32_t i = 0; i < count; ++i) link[i] = vertexRecords_[border[i].from].point();
   set.fill_.clear();
   set.spans_.clear();
-  set.spans_.emplace_back(0, count - 1);
-  const auto point = [&](std::uint32_t i) { return vertexRecords_[border[i].from].point(); };
+  set.spans_.push_back({0, count - 1, 0});
+  // A ghost's circle is what lies beyond its hull edge, and the open edge itself.
+  const auto beyond = [](const Point2& u, const Point2& w, const Point2& p) {
+    const std::int64_t side = orientation(u, w, p);
+    return side > 0 || (side == 0 && strictlyBetween(u, w, p));
+  };
   while (!set.spans_.empty()) {
-    const auto [i, j] = set.spans_.back();
+    const auto [i, j, parent] = set.spans_.back();
     set.spans_.pop_back();
     const VertexId a = border[i].from, c = border[j].from;
-    const bool finiteBase = a != kInfinite && c != kInfinite;
     std::uint32_t best = j, infinite = j;
-    for (std::uint32_t m = i + 1; m < j; ++m) {
-      const VertexId b = border[m].from;
-      if (b == kInfinite) {
-        infinite = m;
-        continue;
+    if (a == kInfinite) {
+      for (std::uint32_t m = i + 1; m < j; ++m)
+        if (best == j || beyond(link[best], link[j], link[m])) best = m;
+    } else if (c == kInfinite) {
+      for (std::uint32_t m = i + 1; m < j; ++m)
+        if (best == j || beyond(link[i], link[best], link[m])) best = m;
+    } else {
+      for (std::uint32_t m = i + 1; m < j; ++m) {
+        if (border[m].from == kInfinite) {
+          infinite = m;
+          continue;
+        }
+        if (j - i > 2 && orientation(link[i], link[m], link[j]) <= 0) continue;
+        if (best == j || inCircle(link[i], link[best], link[j], link[m])) best = m;
       }
-      if (finiteBase && orientation(point(i), point(m), point(j)) <= 0) continue;
-      if (best == j || encloses(a, border[best].from, c, b)) best = m;
+      if (best == j) best = infinite;  // nothing to the left of the base: it is a hull edge now
     }
-    if (best == j) best = infinite;  // nothing to the left of the base: it is a hull edge now
     assert(best != j);
-    set.fill_.push_back({i, best, j, regionOfCorners(a, border[best].from, c), kNoEdge});
-    if (best - i > 1) set.spans_.emplace_back(i, best);
-    if (j - best > 1) set.spans_.emplace_back(best, j);
+    RegionId region = kOutside;
+    if ((a != kInfinite) & (c != kInfinite) & (border[best].from != kInfinite))
+      region = regionOfSum(link[i].x + link[best].x + link[j].x, link[i].z + link[best].z + link[j].z, home);
+    const auto fill = static_cast<std::uint32_t>(set.fill_.size());
+    set.fill_.push_back({i, best, j, region, kNoEdge, parent});
+    if (best - i > 1) set.spans_.push_back({i, best, 4 * fill});
+    if (j - best > 1) set.spans_.push_back({best, j, 4 * fill + 1});
   }
 }
 
@@ -81,35 +99,27 @@ Change Triangulation::plan(VertexId v, WriteSet& set) const {
 
 Change Triangulation::apply(VertexId v, WriteSet& set) {
   const auto& border = set.border_;
-  for (TriangleId t : set.hole_) triangles_.release(t);
+  const RegionId home = triangles_.regionOf(set.hole_.front());
+  triangles_.markChanged(home);
+  std::size_t spare = 0;
+  for (TriangleId t : set.hole_) {
+    if (triangles_.regionOf(t) == home) set.hole_[spare++] = t;
+    else triangles_.release(t);
+  }
   for (auto& f : set.fill_) {
-    f.id = triangles_.allocate(f.region);
+    if (f.region == home && spare > 0) triangles_.renew(f.id = set.hole_[--spare]);
+    else f.id = triangles_.allocate(f.region);
     triangleRecords_[f.id] = {{border[f.a].from, border[f.b].from, border[f.c].from}, {kNoEdge, kNoEdge, kNoEdge}};
     setEdge(border[f.a].from, 4 * f.id);
     setEdge(border[f.b].from, 4 * f.id + 1);
     setEdge(border[f.c].from, 4 * f.id + 2);
   }
-  const auto count = static_cast<std::uint32_t>(border.size());
+  while (spare > 0) triangles_.release(set.hole_[--spare]);
   for (std::size_t n = 0; n < set.fill_.size(); ++n) {
     const auto& f = set.fill_[n];
     if (f.b - f.a == 1) link(4 * f.id, border[f.a].outer);
     if (f.c - f.b == 1) link(4 * f.id + 1, border[f.b].outer);
-    if (n == 0) {
-      link(4 * f.id + 2, border[count - 1].outer);
-      continue;
-    }
-    // The triangle whose side is this one's base came earlier.
-    for (std::size_t m = n; m-- > 0;) {
-      const auto& g = set.fill_[m];
-      if (g.a == f.a && g.b == f.c) {
-        link(4 * f.id + 2, 4 * g.id);
-        break;
-      }
-      if (g.b == f.a && g.c == f.c) {
-        link(4 * f.id + 2, 4 * g.id + 1);
-        break;
-      }
-    }
+    link(4 * f.id + 2, n == 0 ? border.back().outer : 4 * set.fill_[f.parent >> 2].id + (f.parent & 3));
   }
   vertices_.release(v);
   return Change::kDone;

@@ -26,12 +26,15 @@ class Pages {
   explicit Pages(std::uint32_t slots);
 
   RegionId addRegion();
-  void removeRegion(RegionId region);
+  void removeRegion(RegionId region);        // must be empty
   std::size_t regionLimit() const { return regions_.size(); }
   bool hasRegion(RegionId region) const { return region < regions_.size() && regions_[region] != nullptr; }
 
   std::uint32_t allocate(RegionId region);   // a fresh slot; kNoSlot when there is none left
   void release(std::uint32_t slot);
+  // The slot is given to a new record of the same region: what release and allocate would do, without the search. The caller marks the
+  // region changed.
+  void renew(std::uint32_t slot) { setFresh(slot); }
   void clear();                              // releases every slot; regions stay
   // Whether at least `pages` pages are free: a change that needs a few slots in unknown regions asks first.
   bool hasFree(std::uint32_t pages) const { return freePages_.load(std::memory_order_relaxed) >= pages; }

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cmath>
+#include <limits>
 
 namespace ridgecast::triangulation {
 
@@ -30,6 +32,7 @@ Triangulation::Triangulation(std::uint32_t triangles, const Partition& partition
     : partition_(&partition),
       triangles_(2 * triangles + 4096 * Pages::kSlots),
       vertices_(triangles + 4096 * Pages::kSlots),
+      squares_(1),
       triangleRecords_(std::make_unique_for_overwrite<Triangle[]>(triangles_.capacity())),
       vertexRecords_(std::make_unique_for_overwrite<Vertex[]>(vertices_.capacity())) {
   static_assert(sizeof(Triangle) == 24 && sizeof(Vertex) == 16);
@@ -44,16 +47,19 @@ void Triangulation::clear() {
   vertexRecords_[infinite] = Vertex{};
 }
 
-RegionId Triangulation::addRegion() {
+RegionId Triangulation::addRegion(const Square& square) {
   const RegionId t = triangles_.addRegion(), v = vertices_.addRegion();
   assert(t == v);
   (void)v;
+  if (t >= squares_.size()) squares_.resize(t + 1);
+  squares_[t] = square;
   return t;
 }
 
 void Triangulation::removeRegion(RegionId region) {
   triangles_.removeRegion(region);
   vertices_.removeRegion(region);
+  squares_[region] = {};
 }
 
 bool Triangulation::takeChanged(RegionId region) {
@@ -72,12 +78,16 @@ std::size_t Triangulation::residentBytes() const {
   return std::size_t{Pages::kSlots} * (triangles_.pagesInUse() * sizeof(Triangle) + vertices_.pagesInUse() * sizeof(Vertex));
 }
 
-RegionId Triangulation::regionOfCorners(VertexId a, VertexId b, VertexId c) const {
-  if (a == kInfinite || b == kInfinite || c == kInfinite) return kOutside;
-  const Vertex &p = vertexRecords_[a], &q = vertexRecords_[b], &r = vertexRecords_[c];
+RegionId Triangulation::askRegion(std::int32_t x3, std::int32_t z3) const {
   // The centroid lies in a square with integer bounds exactly when its floor does.
   const auto third = [](std::int32_t sum) { return sum >= 0 ? sum / 3 : -((2 - sum) / 3); };
-  return partition_->regionAt({third(p.x + q.x + r.x), third(p.z + q.z + r.z)});
+  return partition_->regionAt({third(x3), third(z3)});
+}
+
+RegionId Triangulation::regionOfCorners(VertexId a, VertexId b, VertexId c, RegionId guess) const {
+  if (a == kInfinite || b == kInfinite || c == kInfinite) return kOutside;
+  const Vertex &p = vertexRecords_[a], &q = vertexRecords_[b], &r = vertexRecords_[c];
+  return regionOfSum(p.x + q.x + r.x, p.z + q.z + r.z, guess);
 }
 
 void Triangulation::start(const Vertex& a, const Vertex& b, const Vertex& c) {
@@ -91,7 +101,7 @@ void Triangulation::start(const Vertex& a, const Vertex& b, const Vertex& c) {
     v[k] = vertices_.allocate(partition_->regionAt(corners[k].point()));
     vertexRecords_[v[k]] = corners[k];
   }
-  const TriangleId inner = triangles_.allocate(regionOfCorners(v[0], v[1], v[2]));
+  const TriangleId inner = triangles_.allocate(regionOfCorners(v[0], v[1], v[2], kOutside));
   triangleRecords_[inner] = {{v[0], v[1], v[2]}, {}};
   TriangleId ghosts[3];
   for (int k = 0; k < 3; ++k) {
@@ -104,33 +114,57 @@ void Triangulation::start(const Vertex& a, const Vertex& b, const Vertex& c) {
   vertexRecords_[kInfinite].edge = 4 * ghosts[0] + 2;
 }
 
-bool Triangulation::encloses(VertexId a, VertexId b, VertexId c, VertexId d) const {
-  if (d == kInfinite) return false;
-  // A ghost encloses what is strictly beyond its hull edge, and the open edge itself.
-  const auto ghost = [&](VertexId u, VertexId w) {
-    const Point2 pu = vertexRecords_[u].point(), pw = vertexRecords_[w].point(), pd = vertexRecords_[d].point();
-    const std::int64_t side = orientation(pu, pw, pd);
-    return side > 0 || (side == 0 && strictlyBetween(pu, pw, pd));
-  };
-  if (a == kInfinite) return ghost(b, c);
-  if (b == kInfinite) return ghost(c, a);
-  if (c == kInfinite) return ghost(a, b);
-  return inCircle(vertexRecords_[a].point(), vertexRecords_[b].point(), vertexRecords_[c].point(), vertexRecords_[d].point());
+// A ghost's circle is the half plane strictly beyond its hull edge, and the open edge itself.
+bool Triangulation::ghostContains(const Triangle& t, const Point2& p) const {
+  const int k = t.v[0] == kInfinite ? 1 : t.v[1] == kInfinite ? 2 : 0;
+  const Point2 u = vertexRecords_[t.v[k]].point(), w = vertexRecords_[t.v[k == 2 ? 0 : k + 1]].point();
+  const std::int64_t side = orientation(u, w, p);
+  return side > 0 || (side == 0 && strictlyBetween(u, w, p));
 }
 
-bool Triangulation::holeContains(const Triangle& t, const Point2& p) const {
-  for (int k = 0; k < 3; ++k) {
-    if (t.v[k] != kInfinite) continue;
-    const Point2 u = vertexRecords_[t.v[(k + 1) % 3]].point(), w = vertexRecords_[t.v[(k + 2) % 3]].point();
-    const std::int64_t side = orientation(u, w, p);
-    return side > 0 || (side == 0 && strictlyBetween(u, w, p));
-  }
+inline bool Triangulation::holeContains(const Triangle& t, const Point2& p) const {
+  if ((t.v[0] == kInfinite) | (t.v[1] == kInfinite) | (t.v[2] == kInfinite)) return ghostContains(t, p);
   return inCircle(vertexRecords_[t.v[0]].point(), vertexRecords_[t.v[1]].point(), vertexRecords_[t.v[2]].point(), p);
+}
+
+namespace {
+
+// Spots are exact while coordinates are below this.
+constexpr std::int32_t kExact = 1 << 25;
+
+template <class Spot>
+inline Spot spotOf(const Vertex& v, const Point2& p) {
+  const std::int32_t x = v.x - p.x, z = v.z - p.z;
+  const bool exact = (static_cast<std::uint32_t>(x + kExact) < 2u * kExact) & (static_cast<std::uint32_t>(z + kExact) < 2u * kExact);
+  const double dx = x, dz = z;
+  return {dx, dz, exact ? dx * dx + dz * dz : std::numeric_limits<double>::quiet_NaN()};
+}
+
+}  // namespace
+
+// Whether the circle of the triangle beyond a door holds p. `spot` becomes the apex's.
+//
+// In-circle relative to p: lift(A) (B x C) + lift(B) (C x A) + lift(C) (A x B) for A, B, C counter-clockwise. Lifts and cross products are
+// exact, so only three products and two sums round: at most 3 x 2^-53 of the sum of magnitudes, and a little.
+inline bool Triangulation::opens(const WriteSet::Door& door, const Triangle& beyond, unsigned apex, const Point2& p, WriteSet::Spot& spot) const {
+  const VertexId c = beyond.v[apex];
+  if ((c == kInfinite) | (door.from == kInfinite) | (door.to == kInfinite)) {
+    if (c != kInfinite) spot = spotOf<WriteSet::Spot>(vertexRecords_[c], p);
+    return ghostContains(beyond, p);
+  }
+  spot = spotOf<WriteSet::Spot>(vertexRecords_[c], p);
+  const WriteSet::Spot &A = door.b, &B = door.a, &C = spot;
+  const double u = A.lift * (B.z * C.x - B.x * C.z), v = B.lift * (C.z * A.x - C.x * A.z), w = C.lift * (A.z * B.x - A.x * B.z);
+  const double det = u + v + w, bound = 4.5e-16 * (std::abs(u) + std::abs(v) + std::abs(w));
+  if (det > bound) return true;
+  if (det < -bound) return false;
+  return inCircle(vertexRecords_[door.to].point(), vertexRecords_[door.from].point(), vertexRecords_[c].point(), p);
 }
 
 Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made) {
   const Point2 point = p.point();
-  if (!set.allows(triangles_.regionOf(at))) return Change::kDeferred;
+  const RegionId home = triangles_.regionOf(at);
+  if (!set.allows(home)) return Change::kDeferred;
   const Triangle& start = triangleRecords_[at];
   for (VertexId v : start.v)
     if (v != kInfinite && vertexRecords_[v].point() == point) return Change::kDuplicate;
@@ -140,47 +174,62 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
   // hole has no vertex inside, so its dual is a tree and nothing is met twice.
   auto& hole = set.hole_;
   auto& border = set.border_;
-  auto& stack = set.stack_;
+  auto& doors = set.doors_;
   hole.clear();
   border.clear();
-  stack.clear();
   hole.push_back(at);
-  for (int k = 2; k >= 0; --k) stack.push_back(start.twin[k]);
-  while (!stack.empty()) {
-    const HalfEdge h = stack.back();
-    stack.pop_back();
-    const TriangleId t = h >> 2;
-    if (!set.allows(triangles_.regionOf(t))) return Change::kDeferred;
+  WriteSet::Spot corner[3];
+  for (int k = 0; k < 3; ++k) corner[k] = spotOf<WriteSet::Spot>(vertexRecords_[start.v[k]], point);
+  // The door at hand is kept out of the stack, where it would be read back just after it was written.
+  std::size_t top = 0;
+  WriteSet::Door door{start.twin[0], start.v[0], start.v[1], corner[0], corner[1]};
+  doors[top++] = {start.twin[2], start.v[2], start.v[0], corner[2], corner[0]};
+  doors[top++] = {start.twin[1], start.v[1], start.v[2], corner[1], corner[2]};
+  for (;;) {
+    const TriangleId t = door.outer >> 2;
+    const RegionId region = triangles_.regionOf(t);
+    if (region != home && !set.allows(region)) return Change::kDeferred;
     const Triangle& r = triangleRecords_[t];
-    const unsigned k = h & 3, k1 = k == 2 ? 0 : k + 1, k2 = k == 0 ? 2 : k - 1;
-    if (holeContains(r, point)) {
+    const unsigned k = door.outer & 3, k1 = k == 2 ? 0 : k + 1, k2 = k == 0 ? 2 : k - 1;
+    WriteSet::Spot apex{};
+    if (opens(door, r, k2, point, apex)) {
       hole.push_back(t);
-      stack.push_back(r.twin[k2]);
-      stack.push_back(r.twin[k1]);
-    } else {
-      border.push_back({r.v[k1], r.v[k], h, kOutside});
+      if (top == doors.size()) doors.resize(2 * doors.size());
+      __builtin_prefetch(&triangleRecords_[r.twin[k2] >> 2]);
+      doors[top++] = {r.twin[k2], r.v[k2], door.to, apex, door.b};
+      door.outer = r.twin[k1];
+      door.to = r.v[k2];
+      door.b = apex;
+      continue;
     }
+    RegionId filed = kOutside;
+    if ((door.from != kInfinite) & (door.to != kInfinite))
+      filed = regionOfSum(3 * p.x + static_cast<std::int32_t>(door.a.x + door.b.x), 3 * p.z + static_cast<std::int32_t>(door.a.z + door.b.z), home);
+    if (filed != home && !set.allows(filed)) return Change::kDeferred;
+    border.push_back({door.from, door.to, door.outer, filed});
+    if (top == 0) break;
+    door = doors[--top];
   }
-  const RegionId home = triangles_.regionOf(at);
-  for (auto& b : border) {
-    if (b.from == kInfinite || b.to == kInfinite) {
-      b.region = kOutside;
-    } else {
-      const Vertex &q = vertexRecords_[b.from], &r = vertexRecords_[b.to];
-      const auto third = [](std::int32_t sum) { return sum >= 0 ? sum / 3 : -((2 - sum) / 3); };
-      b.region = partition_->regionAt({third(p.x + q.x + r.x), third(p.z + q.z + r.z)});
-    }
-    if (b.region != home && !set.allows(b.region)) return Change::kDeferred;
-  }
-  const RegionId vertexRegion = partition_->regionAt(point);
+  const Square& square = squares_[home];
+  const RegionId vertexRegion = p.x >= square.x && p.x < square.x + square.side && p.z >= square.z && p.z < square.z + square.side
+                                    ? home
+                                    : partition_->regionAt(point);
   if (!set.allows(vertexRegion)) return Change::kDeferred;
   if (!triangles_.hasFree(64 + static_cast<std::uint32_t>(border.size())) || !vertices_.hasFree(64)) return Change::kFull;
 
   const VertexId v = vertices_.allocate(vertexRegion);
-  for (TriangleId t : hole) triangles_.release(t);
+  // Slots of the hole go to new triangles of the same region, mostly all of them.
+  triangles_.markChanged(home);
+  std::size_t spare = 0;
+  for (TriangleId t : hole) {
+    if (triangles_.regionOf(t) == home) hole[spare++] = t;
+    else triangles_.release(t);
+  }
   HalfEdge first = kNoEdge, last = kNoEdge;
   for (const auto& b : border) {
-    const TriangleId t = triangles_.allocate(b.region);
+    TriangleId t;
+    if (b.region == home && spare > 0) triangles_.renew(t = hole[--spare]);
+    else t = triangles_.allocate(b.region);
     Triangle& r = triangleRecords_[t];
     r.v[0] = v;
     r.v[1] = b.from;
@@ -191,6 +240,7 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
     last = 4 * t + 2;
     setEdge(b.from, 4 * t + 1);
   }
+  while (spare > 0) triangles_.release(hole[--spare]);
   link(last, first);
   vertexRecords_[v] = p;
   setEdge(v, first);
@@ -210,15 +260,20 @@ TriangleId Triangulation::locate(Point2 p, TriangleId from, const WriteSet& set)
     t = r.twin[k] >> 2;
   }
   // The visibility walk ends on every Delaunay triangulation (De Floriani et al. 1991).
+  unsigned entry = 3;  // the side it came in by: the point is beyond it
   for (;;) {
     if (!set.allows(triangles_.regionOf(t))) return kNoEdge;
-    if (isGhost(t)) return t;
     const Triangle& r = triangleRecords_[t];
-    TriangleId onward = kNoEdge;
-    for (int k = 0; k < 3 && onward == kNoEdge; ++k)
-      if (orientation(vertexRecords_[r.v[k]].point(), vertexRecords_[r.v[(k + 1) % 3]].point(), p) < 0) onward = r.twin[k] >> 2;
+    if (isGhost(t)) return t;
+    HalfEdge onward = kNoEdge;
+    for (unsigned k = 0; k < 3; ++k) {
+      if (k == entry || orientation(vertexRecords_[r.v[k]].point(), vertexRecords_[r.v[k == 2 ? 0 : k + 1]].point(), p) >= 0) continue;
+      onward = r.twin[k];
+      break;
+    }
     if (onward == kNoEdge) return t;
-    t = onward;
+    t = onward >> 2;
+    entry = onward & 3;
   }
 }
 
@@ -230,7 +285,7 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
   triangles_.forEach(region, [&](TriangleId t) { triangles.push_back(t); });
   for (TriangleId t : triangles) {
     const Triangle old = triangleRecords_[t];
-    const RegionId home = regionOfCorners(old.v[0], old.v[1], old.v[2]);
+    const RegionId home = regionOfCorners(old.v[0], old.v[1], old.v[2], kOutside);
     if (home == region) continue;
     const TriangleId moved = triangles_.allocate(home);
     if (moved == kNoSlot) throw std::bad_alloc();
@@ -269,6 +324,8 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
 void Triangulation::translate(std::int32_t dx, std::int32_t dz) {
   for (RegionId region = 0; region < regionLimit(); ++region) {
     if (!vertices_.hasRegion(region)) continue;
+    squares_[region].x += dx;
+    squares_[region].z += dz;
     vertices_.forEach(region, [&](VertexId v) {
       if (v == kInfinite) return;
       vertexRecords_[v].x += dx;

@@ -66,6 +66,11 @@ enum class Change {
   kRefused,    // remove: the remaining points would all be collinear; nothing was written
 };
 
+// The half-open square that a region covers, in steps relative to the anchor.
+struct Square {
+  std::int32_t x = 0, z = 0, side = 0;
+};
+
 // Which region holds a point, in steps relative to the anchor. Must answer kOutside where no region is.
 class Partition {
  public:
@@ -93,21 +98,35 @@ class WriteSet {
   bool all_ = false;
   std::uint32_t current_ = 0;
   std::vector<std::uint32_t> stamp_;
-  struct Border {        // an edge of the hole, hole on its left
-    VertexId from, to;
+  struct Spot {          // a point as seen from the one that comes or goes
+    double x, z;         // steps, exact
+    double lift;         // x x + z z, exact; NaN where a coordinate is too large for that, so that no filter decides
+  };
+  struct Door {          // an edge of the hole, hole on its left, that may still be opened
     HalfEdge outer;      // the half-edge that runs back, outside the hole
+    VertexId from, to;
+    Spot a, b;           // of from and to
+  };
+  struct Border {        // an edge of the hole that stays
+    VertexId from, to;
+    HalfEdge outer;
     RegionId region;     // of the new triangle (insertion)
+  };
+  struct Fill {          // a triangle of a removal's plan
+    std::uint32_t a, b, c;     // indices into border_ (their `from`)
+    RegionId region;
+    TriangleId id;
+    std::uint32_t parent;      // 4 * the fill across the base (c, a) + its side
+  };
+  struct Span {
+    std::uint32_t from, to, parent;
   };
   std::vector<TriangleId> hole_;
   std::vector<Border> border_;
-  std::vector<HalfEdge> stack_;
-  struct Fill {
-    std::uint32_t a, b, c;  // indices into border_ (their `from`)
-    RegionId region;
-    TriangleId id;
-  };
+  std::vector<Door> doors_ = std::vector<Door>(64);
+  std::vector<Point2> link_;   // of the star that is filled
   std::vector<Fill> fill_;
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> spans_;
+  std::vector<Span> spans_;
 };
 
 struct Moves {  // told of every record that changes its id in refile()
@@ -121,7 +140,8 @@ class Triangulation {
   Triangulation(std::uint32_t triangles, const Partition& partition);
 
   // ---- regions ----
-  RegionId addRegion();                      // an empty region; the partition decides what it covers
+  // An empty region. Its square must be what the partition answers for it; it spares asking.
+  RegionId addRegion(const Square& square);
   void removeRegion(RegionId region);        // must be empty
   std::uint32_t regionLimit() const { return static_cast<std::uint32_t>(triangles_.regionLimit()); }
   // Files everything in `region` anew by the partition's answers.
@@ -182,17 +202,27 @@ class Triangulation {
  private:
   void setEdge(VertexId v, HalfEdge h) { std::atomic_ref<HalfEdge>(vertexRecords_[v].edge).store(h, std::memory_order_relaxed); }
   bool holeContains(const Triangle& t, const Point2& p) const;
-  bool encloses(VertexId a, VertexId b, VertexId c, VertexId d) const;
-  RegionId regionOfCorners(VertexId a, VertexId b, VertexId c) const;
+  bool ghostContains(const Triangle& t, const Point2& p) const;
+  // The region of a triangle; `guess` is looked at first.
+  RegionId regionOfCorners(VertexId a, VertexId b, VertexId c, RegionId guess) const;
+  RegionId regionOfSum(std::int32_t x3, std::int32_t z3, RegionId guess) const {
+    const Square& s = squares_[guess];
+    const auto width = static_cast<std::uint32_t>(3 * s.side);
+    if (static_cast<std::uint32_t>(x3 - 3 * s.x) < width && static_cast<std::uint32_t>(z3 - 3 * s.z) < width) return guess;
+    return askRegion(x3, z3);
+  }
+  RegionId askRegion(std::int32_t x3, std::int32_t z3) const;
   void link(HalfEdge a, HalfEdge b) {
     triangleRecords_[a >> 2].twin[a & 3] = b;
     triangleRecords_[b >> 2].twin[b & 3] = a;
   }
   bool collectStar(VertexId v, WriteSet& set) const;
   void fillStar(WriteSet& set) const;
+  bool opens(const WriteSet::Door& door, const Triangle& beyond, unsigned apex, const Point2& p, WriteSet::Spot& spot) const;
 
   const Partition* partition_;
   Pages triangles_, vertices_;
+  std::vector<Square> squares_;              // by region; no side: kOutside or unused
   std::unique_ptr<Triangle[]> triangleRecords_;
   std::unique_ptr<Vertex[]> vertexRecords_;
 };

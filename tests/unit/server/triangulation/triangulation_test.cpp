@@ -25,6 +25,7 @@ class Board : public Partition {
     return i < 0 || j < 0 || i >= count_ || j >= count_ ? kOutside : regions_[i * count_ + j];
   }
   RegionId& at(int i, int j) { return regions_[i * count_ + j]; }
+  Square square(int i, int j) const { return {corner_ + i * (1 << bits_), corner_ + j * (1 << bits_), 1 << bits_}; }
   int count() const { return count_; }
 
  private:
@@ -141,7 +142,7 @@ struct World {
   explicit World(Board& b, std::uint32_t room = 20000) : board(b), mesh(room, b) {
     for (int i = 0; i < board.count(); ++i)
       for (int j = 0; j < board.count(); ++j)
-        if ((i + 2 * j) % 5 != 0) board.at(i, j) = mesh.addRegion();
+        if ((i + 2 * j) % 5 != 0) board.at(i, j) = mesh.addRegion(board.square(i, j));
     all.allowAll();
   }
   Change insert(Point2 p) {
@@ -273,7 +274,7 @@ TEST(Triangulation, RefileFollowsThePartitionAndKeepsTheMesh) {
     const int i = static_cast<int>(rng() % 8), j = static_cast<int>(rng() % 8);
     const RegionId old = board.at(i, j);
     if (old == kOutside) {
-      board.at(i, j) = world.mesh.addRegion();
+      board.at(i, j) = world.mesh.addRegion(board.square(i, j));
       world.mesh.refile(kOutside);
     } else {
       board.at(i, j) = kOutside;
@@ -333,7 +334,7 @@ TEST(Triangulation, ThreadsWithDisjointSetsGiveTheSameMesh) {
     Board board(13, 8, -32768);
     Triangulation mesh(100000, board);
     for (int i = 0; i < 8; ++i)
-      for (int j = 0; j < 8; ++j) board.at(i, j) = mesh.addRegion();
+      for (int j = 0; j < 8; ++j) board.at(i, j) = mesh.addRegion(board.square(i, j));
     WriteSet all;
     all.allowAll();
     mesh.start({-32768, -32768, 0, kNoEdge}, {32767, -32768, 0, kNoEdge}, {-32768, 32767, 0, kNoEdge});
