@@ -166,6 +166,7 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
   const RegionId home = triangles_.regionOf(at);
   if (!set.allows(home)) return Change::kDeferred;
   const Triangle& start = triangleRecords_[at];
+  for (HalfEdge h : start.twin) __builtin_prefetch(&triangleRecords_[h >> 2]);
   for (VertexId v : start.v)
     if (v != kInfinite && vertexRecords_[v].point() == point) return Change::kDuplicate;
   assert(holeContains(start, point));
@@ -179,6 +180,7 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
   border.clear();
   hole.push_back(at);
   WriteSet::Spot corner[3];
+  for (HalfEdge h : start.twin) __builtin_prefetch(&vertexRecords_[triangleRecords_[h >> 2].v[(h & 3) == 0 ? 2 : (h & 3) - 1]]);
   for (int k = 0; k < 3; ++k) corner[k] = spotOf<WriteSet::Spot>(vertexRecords_[start.v[k]], point);
   // The door at hand is kept out of the stack, where it would be read back just after it was written.
   std::size_t top = 0;
@@ -195,6 +197,7 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
     if (opens(door, r, k2, point, apex)) {
       hole.push_back(t);
       if (top == doors.size()) doors.resize(2 * doors.size());
+      __builtin_prefetch(&triangleRecords_[r.twin[k1] >> 2]);
       __builtin_prefetch(&triangleRecords_[r.twin[k2] >> 2]);
       doors[top++] = {r.twin[k2], r.v[k2], door.to, apex, door.b};
       door.outer = r.twin[k1];
@@ -262,7 +265,7 @@ TriangleId Triangulation::locate(Point2 p, TriangleId from, const WriteSet& set)
   // The visibility walk ends on every Delaunay triangulation (De Floriani et al. 1991).
   unsigned entry = 3;  // the side it came in by: the point is beyond it
   for (;;) {
-    if (!set.allows(triangles_.regionOf(t))) return kNoEdge;
+    if (!set.all_ && !set.allows(triangles_.regionOf(t))) return kNoEdge;
     const Triangle& r = triangleRecords_[t];
     if (isGhost(t)) return t;
     HalfEdge onward = kNoEdge;
