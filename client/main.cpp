@@ -22,6 +22,18 @@ struct Server {
   wire::Settings settings;
 };
 
+// CLI11's own range lets "nan" pass.
+CLI::Validator within(double low, double high) {
+  const auto judge = [low, high](const std::string& text) {
+    double value = 0;
+    if (CLI::detail::lexical_cast(text, value) && value >= low && value <= high) return std::string();
+    char range[64];
+    std::snprintf(range, sizeof range, "%.12g to %.12g", low, high);
+    return "'" + text + "' is not a number from " + range;
+  };
+  return CLI::Validator(judge, "");
+}
+
 void addServerOptions(CLI::App& command, Server& server) {
   command.add_option("url", server.url, "host:port, http:// or ws://, optional ?session=NAME")->capture_default_str();
   command.add_option("--metric", server.metric, "what refinement is measured by: default, pixels or thesis")
@@ -29,7 +41,7 @@ void addServerOptions(CLI::App& command, Server& server) {
       ->type_name("NAME");
   command
       .add_option("--threshold", server.settings.threshold, "refine above this: pixels, or the thesis's product; 0: the server's default")
-      ->check(CLI::Range(0.0, 1e9).description(""))
+      ->check(within(0.0, 1e9))
       ->type_name("NUMBER");
   command.add_option("--budget", server.settings.triangleBudget, "most triangles; 0: the server's default")->type_name("TRIANGLES");
 }
@@ -66,18 +78,14 @@ int main(int argc, char** argv) {
   CLI::App* viewCommand = app.add_subcommand("view", "A window: fly with keyboard and mouse");
   addServerOptions(*viewCommand, server);
   viewCommand->add_option("--size", size, "of the window, WIDTHxHEIGHT")->capture_default_str();
-  viewCommand->add_option("--x", view.x, "where to begin, metres")->check(CLI::Range(-4e12, 4e12).description(""))->capture_default_str();
-  viewCommand->add_option("--z", view.z, "where to begin, metres")->check(CLI::Range(-4e12, 4e12).description(""))->capture_default_str();
+  viewCommand->add_option("--x", view.x, "where to begin, metres")->check(within(-4e12, 4e12))->capture_default_str();
+  viewCommand->add_option("--z", view.z, "where to begin, metres")->check(within(-4e12, 4e12))->capture_default_str();
   viewCommand->add_option("--altitude", view.altitude, "metres above the ground there")
-      ->check(CLI::Range(1.0, 100000.0).description(""))
+      ->check(within(1.0, 100000.0))
       ->capture_default_str();
-  viewCommand->add_option("--yaw", view.yaw, "degrees, positive to the left")
-      ->check(CLI::Range(-360.0, 360.0).description(""))
-      ->capture_default_str();
-  viewCommand->add_option("--pitch", view.pitch, "degrees, positive upwards")
-      ->check(CLI::Range(-89.0, 89.0).description(""))
-      ->capture_default_str();
-  viewCommand->add_option("--seconds", view.seconds, "close by itself after so long")->check(CLI::Range(0.0, 86400.0).description(""));
+  viewCommand->add_option("--yaw", view.yaw, "degrees, positive to the left")->check(within(-360.0, 360.0))->capture_default_str();
+  viewCommand->add_option("--pitch", view.pitch, "degrees, positive upwards")->check(within(-89.0, 89.0))->capture_default_str();
+  viewCommand->add_option("--seconds", view.seconds, "close by itself after so long")->check(within(0.0, 86400.0));
   viewCommand->add_option("--screenshot", view.screenshot, "a PNG of the window when it closes")->type_name("FILE.png");
 
   FlyOptions fly;
@@ -85,23 +93,21 @@ int main(int argc, char** argv) {
   addServerOptions(*flyCommand, server);
   flyCommand->add_option("--path", fly.path, "camera path")->required()->type_name("FILE.json");
   flyCommand->add_option("--out", fly.out, "folder for pictures and figures")->required()->type_name("DIR");
-  flyCommand->add_option("--rate", fly.rate, "iterations a second of path time")
-      ->check(CLI::Range(0.01, 1000.0).description(""))
-      ->capture_default_str();
+  flyCommand->add_option("--rate", fly.rate, "iterations a second of path time")->check(within(0.01, 1000.0))->capture_default_str();
   flyCommand->add_option("--frames-every", fly.framesEvery, "seconds of path time between pictures; left out: six in all")
-      ->check(CLI::Range(0.001, 86400.0).description(""));
+      ->check(within(0.001, 86400.0));
   flyCommand->add_option("--size", size, "of the pictures, WIDTHxHEIGHT")->capture_default_str();
   flyCommand->add_option("--supersample", fly.supersample, "N x N samples a pixel")
       ->check(CLI::Range(1, 16).description(""))
       ->capture_default_str();
   flyCommand->add_option("--export", fly.exportFile, "the mesh held, as uncompressed glTF")->type_name("FILE.glb");
   flyCommand->add_option("--export-at", fly.exportAt, "second of path time to export at; left out: at the end, settled")
-      ->check(CLI::Range(0.0, 86400.0).description(""));
+      ->check(within(0.0, 86400.0));
   flyCommand->add_option("--settle-limit", fly.settleLimit, "seconds to wait at the end until nothing more is refined")
-      ->check(CLI::Range(0.0, 86400.0).description(""))
+      ->check(within(0.0, 86400.0))
       ->capture_default_str();
   flyCommand->add_flag("--realtime", fly.realtime, "fly by the clock instead of in lock-step");
-  flyCommand->add_option("--seconds", fly.seconds, "fly only so much of the path")->check(CLI::Range(0.0, 86400.0).description(""));
+  flyCommand->add_option("--seconds", fly.seconds, "fly only so much of the path")->check(within(0.0, 86400.0));
 
   try {
     app.parse(argc, argv);

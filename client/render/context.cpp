@@ -73,7 +73,7 @@ Outcome<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
     }
   }
   if (!anyDisplay)
-    return Error{"drawing without a window needs an EGL driver, but none could be started: install libegl-mesa0 and libgl1-mesa-dri"};
+    return Error{"no OpenGL: drawing without a window needs an EGL driver, but none could be started: install libegl-mesa0 and libgl1-mesa-dri"};
   return Error{
       "no EGL driver of this machine offers an OpenGL 3.3 core context without a window: install libgl1-mesa-dri or a newer graphics "
       "driver"};

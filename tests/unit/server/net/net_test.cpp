@@ -8,7 +8,7 @@
 
 #include "common/wire/wire.h"
 #include "server/net/server.h"
-#include "socket_client.h"
+#include "tests/support/socket_client.h"
 
 namespace ridgecast::net {
 namespace {
@@ -16,6 +16,7 @@ namespace {
 using namespace std::chrono_literals;
 using testing::HasSubstr;
 using testing::StartsWith;
+using testing_support::SocketClient;
 
 // A mesh of one empty leaf that is at rest: the sockets are what is tested.
 class StillMesh final : public session::IteratingMesh {

@@ -1,4 +1,4 @@
-#include "socket_client.h"
+#include "tests/support/socket_client.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -9,7 +9,7 @@
 #include <cerrno>
 #include <utility>
 
-namespace ridgecast::net {
+namespace ridgecast::testing_support {
 
 SocketClient::SocketClient(std::uint16_t port) {
   socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
@@ -125,4 +125,4 @@ int SocketClient::awaitClose() {
   return 0;
 }
 
-}  // namespace ridgecast::net
+}  // namespace ridgecast::testing_support

@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-namespace ridgecast::net {
+namespace ridgecast::testing_support {
 
 class SocketClient {
  public:
@@ -42,4 +42,4 @@ class SocketClient {
   std::string buffer_;
 };
 
-}  // namespace ridgecast::net
+}  // namespace ridgecast::testing_support

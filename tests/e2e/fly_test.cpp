@@ -1,0 +1,190 @@
+// `ridgecast-client fly` against the real server: the files it leaves, what they say, and what programs that share no code with it say
+// about them.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "client/evaluation/ssim.h"
+#include "client/render/context.h"
+#include "client/render/picture.h"
+#include "tests/support/process.h"
+#include "tests/support/server_process.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace testing_support;
+using Json = nlohmann::json;
+
+// Where programs lie that check the same things; empty with the reason when there are none.
+std::string sharedChecks(std::string& reason) {
+  const char* folder = std::getenv("RIDGECAST_SHARED_CHECKS");
+  if (!folder)
+    reason = "RIDGECAST_SHARED_CHECKS does not name a folder with check-mesh.mjs and ssim.mjs";
+  else if (!programExists("node"))
+    reason = "node is not installed";
+  return reason.empty() ? folder : "";
+}
+
+// One flight for all tests: two seconds at 10 iterations a second, a picture each second, an export in its middle.
+class Fly : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    if (auto context = render::HeadlessContext::create(); !context) {
+      noGraphics_ = context.error().message;
+      return;
+    }
+    folder_ = std::make_unique<ScratchFolder>();
+    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER);
+    middle_ = fly({"--seconds", "2", "--frames-every", "1", "--export", (*folder_ / "middle.glb").string(), "--export-at", "1"}, "out");
+  }
+  static void TearDownTestSuite() {
+    server_.reset();
+    folder_.reset();
+  }
+  void SetUp() override {
+    if (!noGraphics_.empty()) GTEST_SKIP() << noGraphics_;
+    ASSERT_EQ(middle_.code, 0) << middle_.output;
+  }
+  static Finished fly(std::vector<std::string> more, const std::string& out, const std::string& path = "alpine") {
+    std::vector<std::string> command{
+        RIDGECAST_CLIENT, "fly",     server_->url(), "--path", RIDGECAST_PATHS "/" + path + ".json", "--out", (*folder_ / out).string(),
+        "--size",         "320x180", "--threshold",  "0.5"};
+    command.insert(command.end(), more.begin(), more.end());
+    return runProgram(command, {}, std::chrono::seconds(240));
+  }
+  static std::filesystem::path file(const std::string& name) { return *folder_ / ("out/" + name); }
+
+  static std::unique_ptr<ScratchFolder> folder_;
+  static std::unique_ptr<ServerProcess> server_;
+  static Finished middle_;
+  static std::string noGraphics_;
+};
+std::unique_ptr<ScratchFolder> Fly::folder_;
+std::unique_ptr<ServerProcess> Fly::server_;
+Finished Fly::middle_;
+std::string Fly::noGraphics_;
+
+TEST_F(Fly, LeavesTheFilesThatItNames) {
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(file("").parent_path())) names.push_back(entry.path().filename());
+  // Iterations 1 to 21 are made at 0, 0.1, ... 2 s.
+  EXPECT_THAT(names, testing::UnorderedElementsAre("0011-mesh.png", "0011-raymarch.png", "0021-mesh.png", "0021-raymarch.png",
+                                                   "settled-mesh.png", "settled-raymarch.png", "iterations.jsonl", "summary.json"));
+}
+
+TEST_F(Fly, TheSummaryIsSane) {
+  const Json s = Json::parse(readText(file("summary.json")));
+  EXPECT_EQ(s.at("frames"), 2);
+  for (const char* key : {"ssim_mean", "ssim_min", "ssim_settled", "ssim_settled_terrain"}) {
+    EXPECT_GT(s.at(key).get<double>(), 0.6) << key;
+    EXPECT_LT(s.at(key).get<double>(), 1) << key;
+  }
+  EXPECT_LE(s.at("ssim_min"), s.at("ssim_mean"));
+  EXPECT_GT(s.at("ssim_settled").get<double>(), 0.8);
+  EXPECT_GT(s.at("terrain_share").get<double>(), 0.6);
+  EXPECT_LE(s.at("terrain_share").get<double>(), 1);
+  EXPECT_GT(s.at("triangles").get<std::uint64_t>(), 10'000u);
+  EXPECT_LE(s.at("triangles").get<std::uint64_t>(), 500'000u);
+  for (const char* key : {"iterations_per_second", "mesh_frame_ms", "raymarch_frame_ms", "bytes_received"})
+    EXPECT_GT(s.at(key).get<double>(), 0) << key;
+  EXPECT_EQ(s.at("hash_mismatches"), 0);
+  EXPECT_EQ(s.at("settled"), true);
+  EXPECT_EQ(s.at("pacing"), "lockstep");
+  EXPECT_EQ(s.at("width"), 320);
+}
+
+TEST_F(Fly, EveryIterationIsOneLine) {
+  std::istringstream lines(readText(file("iterations.jsonl")));
+  std::uint64_t number = 0, bytes = 0;
+  for (std::string line; std::getline(lines, line);) {
+    const Json i = Json::parse(line);
+    EXPECT_EQ(i.at("iteration"), ++number);
+    EXPECT_EQ(i.at("hash_ok"), true);
+    for (const char* key : {"select_ms", "generate_ms", "refine_ms", "triangulate_ms", "encode_ms", "inserted", "leaves"})
+      EXPECT_GE(i.at(key).get<double>(), 0) << key;
+    EXPECT_GT(i.at("triangles").get<std::uint64_t>(), 0u);
+    bytes += i.at("bytes").get<std::uint64_t>();
+  }
+  const Json s = Json::parse(readText(file("summary.json")));
+  EXPECT_EQ(s.at("iterations"), number);
+  EXPECT_GT(number, 21u);  // the path's, and those until it was at rest
+  EXPECT_GE(s.at("bytes_received").get<std::uint64_t>(), bytes);
+}
+
+TEST_F(Fly, ThePicturesShowSomething) {
+  for (const char* name : {"0011-mesh.png", "0021-raymarch.png", "settled-mesh.png", "settled-raymarch.png"}) {
+    const auto picture = render::readPng(file(name));
+    ASSERT_TRUE(picture) << name;
+    EXPECT_EQ(picture->width, 320u);
+    EXPECT_EQ(picture->height, 180u);
+    const auto [low, high] = std::minmax_element(picture->rgb.begin(), picture->rgb.end());
+    EXPECT_GT(*high - *low, 100) << name;
+  }
+}
+
+TEST_F(Fly, TheSimilarityIsThatOfThePicturesWritten) {
+  const auto mesh = render::readPng(file("settled-mesh.png")), march = render::readPng(file("settled-raymarch.png"));
+  ASSERT_TRUE(mesh && march);
+  const Json s = Json::parse(readText(file("summary.json")));
+  EXPECT_NEAR(s.at("ssim_settled").get<double>(), evaluation::similarity(*mesh, *march).mean, 1e-9);
+  std::string reason;
+  const std::string checks = sharedChecks(reason);
+  if (checks.empty()) GTEST_SKIP() << reason;
+  const Finished theirs = runProgram({"node", checks + "/ssim.mjs", file("settled-mesh.png"), file("settled-raymarch.png")});
+  ASSERT_EQ(theirs.code, 0) << theirs.output;
+  EXPECT_NEAR(s.at("ssim_settled").get<double>(), std::stod(theirs.output), 1e-4);
+}
+
+// The same flight gives the same pictures and figures, byte for byte.
+TEST_F(Fly, IsRepeatable) {
+  ASSERT_EQ(fly({"--seconds", "2", "--frames-every", "1"}, "again").code, 0);
+  for (const char* name : {"0011-mesh.png", "0021-mesh.png", "settled-mesh.png", "settled-raymarch.png"})
+    EXPECT_EQ(readText(file(name)), readText(*folder_ / ("again/" + std::string(name)))) << name;
+}
+
+TEST_F(Fly, ExportsPassTheIndependentCheck) {
+  std::string reason;
+  const std::string checks = sharedChecks(reason);
+  if (checks.empty()) GTEST_SKIP() << reason;
+  const auto expectSound = [&](const std::string& glb) {
+    const Finished checked = runProgram({"node", checks + "/check-mesh.mjs", (*folder_ / glb).string()});
+    EXPECT_EQ(checked.code, 0) << glb << ": " << checked.output;
+  };
+  expectSound("middle.glb");
+  for (const std::string path : {"alpine", "alpine-1e8", "alpine-1e12"}) {
+    const Finished flown = fly({"--seconds", "1", "--frames-every", "9", "--export", (*folder_ / (path + ".glb")).string()}, path, path);
+    ASSERT_EQ(flown.code, 0) << flown.output;
+    expectSound(path + ".glb");
+  }
+}
+
+TEST_F(Fly, ByTheClock) {
+  const Finished flown = fly({"--seconds", "2", "--frames-every", "9", "--realtime"}, "realtime");
+  ASSERT_EQ(flown.code, 0) << flown.output;
+  const Json s = Json::parse(readText(*folder_ / "realtime/summary.json"));
+  EXPECT_EQ(s.at("pacing"), "realtime");
+  EXPECT_EQ(s.at("hash_mismatches"), 0);
+  EXPECT_EQ(s.at("settled"), true);
+  EXPECT_GT(s.at("ssim_settled").get<double>(), 0.8);
+}
+
+TEST_F(Fly, WarnsOfAnotherTerrainAndFliesOn) {
+  ServerProcess other(RIDGECAST_SERVER, {"--seed", "7"});
+  const Finished flown = runProgram({RIDGECAST_CLIENT, "fly", other.url(), "--path", RIDGECAST_PATHS "/alpine.json", "--out",
+                                     (*folder_ / "seed7").string(), "--size", "64x48", "--seconds", "0.3", "--settle-limit", "0"});
+  EXPECT_EQ(flown.code, 0) << flown.output;
+  EXPECT_THAT(flown.output, testing::HasSubstr("warning: the path was made for terrain alpine, seed 1"));
+}
+
+}  // namespace
+}  // namespace ridgecast

@@ -1,0 +1,260 @@
+// Clients that misbehave, against the real server: it lives, answers, and a client that flies meanwhile does not notice.
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "common/wire/wire.h"
+#include "tests/support/flier.h"
+#include "tests/support/server_process.h"
+#include "tests/support/socket_client.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using namespace testing_support;
+
+std::string noise(std::mt19937_64& random, std::size_t bytes) {
+  std::string text(bytes, '\0');
+  for (char& c : text) c = static_cast<char>(random());
+  return text;
+}
+
+// What a client is told before it is hung up on; fails when it is told nothing.
+wire::ErrorMessage lastWords(SocketClient& client) {
+  wire::ErrorMessage error;
+  while (const auto frame = client.receive()) {
+    if (frame->opcode != 2) break;
+    auto message = wire::decodeServer({reinterpret_cast<const std::uint8_t*>(frame->payload.data()), frame->payload.size()});
+    EXPECT_TRUE(message);
+    if (message && std::holds_alternative<wire::ErrorMessage>(*message)) error = std::get<wire::ErrorMessage>(*message);
+  }
+  EXPECT_FALSE(error.message.empty());
+  return error;
+}
+
+class Hostile : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--patience", "2", "--max-connections", "100"});
+    wire::Settings settings;
+    settings.threshold = 20;
+    flier_ = std::make_unique<Flier>(server_->url(), settings);
+    path_ = std::make_unique<PathCamera>(RIDGECAST_PATHS "/alpine.json", flier_->world());
+  }
+  static void TearDownTestSuite() {
+    flier_.reset();
+    EXPECT_EQ(server_->stop(), 0) << server_->process().output();
+    server_.reset();
+  }
+  // Meanwhile somebody flies on, and every hash agrees.
+  void SetUp() override {
+    pilot_ = std::thread([this] {
+      try {
+        do {
+          flier_->step(path_->looped(++steps_ * 0.1));
+        } while (!landed_);
+      } catch (const std::exception& e) {
+        failure_ = e.what();
+      }
+    });
+  }
+  void TearDown() override {
+    landed_ = true;
+    pilot_.join();
+    EXPECT_EQ(failure_, "");
+    EXPECT_TRUE(server_->healthy()) << server_->process().output();
+  }
+  static std::uint16_t port() { return server_->port(); }
+
+  static std::unique_ptr<ServerProcess> server_;
+  static std::unique_ptr<Flier> flier_;
+  static std::unique_ptr<PathCamera> path_;
+  static int steps_;
+  std::thread pilot_;
+  std::atomic<bool> landed_ = false;
+  std::string failure_;
+};
+std::unique_ptr<ServerProcess> Hostile::server_;
+std::unique_ptr<Flier> Hostile::flier_;
+std::unique_ptr<PathCamera> Hostile::path_;
+int Hostile::steps_ = 0;
+
+TEST_F(Hostile, RandomBytesInsteadOfHttp) {
+  std::mt19937_64 random(1);
+  for (int k = 0; k < 40; ++k) {
+    SocketClient client(port());
+    client.send(noise(random, 1 + random() % 20'000));
+    client.send("\r\n\r\n");
+    EXPECT_TRUE(client.closed());
+  }
+}
+
+TEST_F(Hostile, HttpThatIsNone) {
+  for (const std::string& request : std::vector<std::string>{
+           "GET / HTTP/9.9\r\n\r\n", "\r\n\r\n\r\n", "GET\r\n\r\n", "GET  HTTP/1.1\r\n\r\n",
+           "POST /healthz HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n", "GET /%zz?session=%00 HTTP/1.1\r\nHost: x\r\n\r\n",
+           "GET /v1/stream?session=../../etc HTTP/1.1\r\nHost: x\r\n\r\n",
+           "GET / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\nffffffffffffffff\r\n",
+           "GET /" + std::string(100'000, 'a') + " HTTP/1.1\r\n\r\n", "GET / HTTP/1.1\r\nX: " + std::string(100'000, 'b') + "\r\n\r\n"}) {
+    SocketClient client(port());
+    client.send(request);
+    const std::string answer = client.answer();
+    // A body is never read: what asks for a page and brings one gets the page, and the connection ends.
+    const bool refused = answer.empty() || answer.starts_with("HTTP/1.1 4");
+    EXPECT_TRUE(refused || answer.find("Connection: close\r\n") != std::string::npos)
+        << request.substr(0, 40) << " -> " << answer.substr(0, 200);
+  }
+}
+
+TEST_F(Hostile, AnotherProtocolVersion) {
+  SocketClient client(port());
+  ASSERT_TRUE(client.upgrade());
+  wire::Hello hello;
+  hello.protocolVersion = 2;
+  client.message(wire::encode(wire::ClientMessage{hello}));
+  const wire::ErrorMessage error = lastWords(client);
+  EXPECT_EQ(error.code, wire::ErrorCode::kVersion);
+  EXPECT_NE(error.message.find("version"), std::string::npos) << error.message;
+}
+
+TEST_F(Hostile, RandomMessages) {
+  std::mt19937_64 random(2);
+  for (int k = 0; k < 40; ++k) {
+    SocketClient client(port());
+    ASSERT_TRUE(client.upgrade());
+    if (k % 2) client.message(wire::encode(wire::ClientMessage{wire::Hello{}}));
+    client.message(noise(random, 1 + random() % 100'000));
+    EXPECT_EQ(lastWords(client).code, wire::ErrorCode::kMalformed);
+    if (k > 0) continue;
+    EXPECT_TRUE(client.closed());  // also when the close is not answered
+  }
+}
+
+TEST_F(Hostile, RandomFrames) {
+  std::mt19937_64 random(3);
+  for (int k = 0; k < 40; ++k) {
+    SocketClient client(port());
+    ASSERT_TRUE(client.upgrade());
+    client.send(noise(random, 1 + random() % 5000));
+    if (k % 4 > 0) continue;
+    EXPECT_TRUE(client.closed());  // at the latest when no hello came
+  }
+}
+
+TEST_F(Hostile, TextFrames) {
+  SocketClient client(port());
+  ASSERT_TRUE(client.upgrade());
+  client.frame(1, "hello");
+  EXPECT_EQ(client.awaitClose(), 1003);
+}
+
+TEST_F(Hostile, OversizeMessages) {
+  {
+    SocketClient client(port());
+    ASSERT_TRUE(client.upgrade());
+    client.message(std::string(wire::kMaxClientMessageBytes + 1, 'x'));
+    EXPECT_EQ(client.awaitClose(), 1009);
+  }
+  {
+    // Announced far larger still: it is not waited for.
+    SocketClient client(port());
+    ASSERT_TRUE(client.upgrade());
+    client.frame(2, std::string(wire::kMaxClientMessageBytes + 1, 'x'), true, std::uint64_t{1} << 62);
+    EXPECT_EQ(client.awaitClose(), 1009);
+  }
+  {
+    // In many small pieces.
+    SocketClient client(port());
+    ASSERT_TRUE(client.upgrade());
+    bool open = client.frame(2, std::string(1000, 'x'), false);
+    for (int k = 0; k < 400 && open; ++k) open = client.frame(0, std::string(1000, 'x'), false);
+    EXPECT_TRUE(client.closed());
+  }
+}
+
+TEST_F(Hostile, HalfMessagesAndSuddenEnds) {
+  const std::string hello = wire::encode(wire::ClientMessage{wire::Hello{}});
+  const std::string pose = wire::encode(wire::ClientMessage{wire::PoseMessage{1, path_->at(0)}});
+  for (std::size_t k = 0; k < pose.size(); ++k) {
+    SocketClient client(port());
+    ASSERT_TRUE(client.upgrade());
+    client.message(hello);
+    client.frame(2, pose.substr(0, k), true, pose.size());
+  }
+  // An upgrade, a hello and a pose, and away before the answer.
+  for (int k = 0; k < 20; ++k) {
+    SocketClient client(port());
+    ASSERT_TRUE(client.upgrade());
+    client.message(hello);
+    client.message(pose);
+  }
+  SocketClient client(port());
+  client.send("GET /v1/stream HTTP/1.1\r\nHost: x\r\nConn");
+}
+
+TEST_F(Hostile, HeadersThatNeverEnd) {
+  std::vector<std::unique_ptr<SocketClient>> clients;
+  for (int k = 0; k < 20; ++k) clients.push_back(std::make_unique<SocketClient>(port()));
+  for (auto& c : clients) c->send("GET / HTTP/1.1\r\n");
+  // A line every half second does not buy more time than the server's patience of two seconds.
+  for (int n = 0; n < 6; ++n) {
+    std::this_thread::sleep_for(500ms);
+    for (auto& c : clients) c->send("X-" + std::to_string(n) + ": y\r\n");
+  }
+  for (auto& c : clients) {
+    std::this_thread::sleep_for(1ms);
+    EXPECT_TRUE(c->closed());
+  }
+}
+
+TEST_F(Hostile, FiftyThatSayNothing) {
+  std::vector<std::unique_ptr<SocketClient>> clients;
+  for (int k = 0; k < 50; ++k) {
+    clients.push_back(std::make_unique<SocketClient>(port()));
+    if (k % 2 == 0) continue;
+    ASSERT_TRUE(clients.back()->upgrade());
+  }
+  EXPECT_TRUE(server_->healthy());  // others are served meanwhile
+  for (std::size_t k = 0; k < clients.size(); ++k) {
+    if (k % 2) {
+      EXPECT_EQ(lastWords(*clients[k]).code, wire::ErrorCode::kLimit);
+    }
+    EXPECT_TRUE(clients[k]->closed());
+  }
+}
+
+TEST_F(Hostile, MoreConnectionsThanThereIsRoomFor) {
+  std::vector<std::unique_ptr<SocketClient>> clients;
+  for (int k = 0; k < 150; ++k) clients.push_back(std::make_unique<SocketClient>(port()));
+  clients.clear();
+  const auto until = std::chrono::steady_clock::now() + 10s;
+  while (!server_->healthy() && std::chrono::steady_clock::now() < until) std::this_thread::sleep_for(50ms);
+}
+
+TEST_F(Hostile, MessagesOutOfPlace) {
+  const auto say = [&](std::vector<wire::ClientMessage> messages) {
+    SocketClient client(port());
+    EXPECT_TRUE(client.upgrade());
+    for (const auto& m : messages) client.message(wire::encode(m));
+    return lastWords(client);
+  };
+  wire::PoseMessage pose{1, path_->at(0)}, outside = pose;
+  outside.camera.pose.x = lattice::kMaxPosition * 2;
+  EXPECT_EQ(say({pose}).code, wire::ErrorCode::kMalformed);
+  EXPECT_EQ(say({wire::Hello{}, wire::Hello{}}).code, wire::ErrorCode::kMalformed);
+  EXPECT_EQ(say({wire::Hello{}, outside}).code, wire::ErrorCode::kMalformed);
+  EXPECT_EQ(say({wire::Hello{}, pose, pose}).code, wire::ErrorCode::kInvalid);
+  EXPECT_EQ(say({wire::Hello{}, wire::Acknowledge{77, 0}}).code, wire::ErrorCode::kInvalid);
+}
+
+}  // namespace
+}  // namespace ridgecast

@@ -1,0 +1,141 @@
+// Free pacing with the real server: the newest pose wins, nobody is sent more than the window, a slow client gets fewer iterations, and a
+// camera at rest gets silence.
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <set>
+#include <vector>
+
+#include "tests/support/flier.h"
+#include "tests/support/server_process.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using namespace testing_support;
+
+wire::Settings coarse() {
+  wire::Settings s;
+  s.threshold = 4;
+  return s;
+}
+
+// Takes iterations until one says that nothing is left to refine at pose `sequence`; false when that does not come.
+bool rest(Flier& flier, std::uint64_t sequence) {
+  const auto until = std::chrono::steady_clock::now() + 60s;
+  while (std::chrono::steady_clock::now() < until)
+    if (const auto i = flier.take(200ms); i && i->settled && i->poseSequence == sequence) return true;
+  return false;
+}
+
+TEST(FreePacing, TheNewestPoseWinsAndACameraAtRestGetsSilence) {
+  ServerProcess server(RIDGECAST_SERVER);
+  Flier flier(server.url(), coarse(), wire::Pacing::kFree);
+  const PathCamera path(RIDGECAST_PATHS "/alpine.json", flier.world());
+  // Poses as fast as they can be said: most are passed over, and what is answered only gets newer.
+  std::uint64_t last = 0, lastPose = 0;
+  std::set<std::uint64_t> answered;
+  for (int k = 0; k < 5000; ++k) {
+    last = flier.send(path.at(k * 0.002));
+    while (const auto i = flier.take(0ms)) {
+      answered.insert(i->poseSequence);
+      EXPECT_GE(i->poseSequence, lastPose);
+      lastPose = i->poseSequence;
+    }
+  }
+  EXPECT_LT(answered.size(), 2500u);
+  EXPECT_TRUE(rest(flier, last));
+  EXPECT_FALSE(flier.take(1s)) << "an iteration although nothing changed";
+  EXPECT_FALSE(flier.connection().error());
+  const MeshReport report = flier.check();
+  EXPECT_TRUE(report.clean()) << report.text();
+  // A new pose wakes it.
+  EXPECT_TRUE(rest(flier, flier.send(path.at(12))));
+  EXPECT_TRUE(server.healthy());
+}
+
+TEST(FreePacing, ASlowClientGetsFewerIterationsAndNeverMoreThanTheWindow) {
+  constexpr std::uint64_t kWindow = 3;
+  ServerProcess server(RIDGECAST_SERVER, {"--window", "3"});
+  Flier quick(server.url(), coarse(), wire::Pacing::kFree), slow(server.url(), coarse(), wire::Pacing::kFree);
+  ASSERT_EQ(slow.world().window, kWindow);
+  const PathCamera path(RIDGECAST_PATHS "/alpine.json", quick.world());
+  std::size_t quickly = 0, slowly = 0;
+  // Both ask for the same; the slow one takes an iteration twice a second.
+  const auto began = std::chrono::steady_clock::now();
+  auto next = began + 500ms;
+  std::uint64_t last = 0;
+  for (auto now = began; now < began + 5s; now = std::chrono::steady_clock::now()) {
+    const double t = std::chrono::duration<double>(now - began).count();
+    quick.send(path.at(t));
+    last = slow.send(path.at(t));
+    if (quick.take(20ms)) ++quickly;
+    if (now >= next) {
+      next += 500ms;
+      if (slow.take(0ms)) ++slowly;
+    }
+  }
+  EXPECT_GT(quickly, 2 * slowly);
+  EXPECT_GE(slowly, 5u);
+  // The connection ends a stream that exceeds the window: it has not. What waited is at most the window; then comes the newest pose.
+  EXPECT_FALSE(slow.connection().error()) << slow.connection().error()->message;
+  bool newest = false;
+  for (std::uint64_t k = 0; k <= kWindow && !newest; ++k) {
+    const auto i = slow.take(30s);
+    ASSERT_TRUE(i);
+    newest = i->poseSequence == last;
+  }
+  EXPECT_TRUE(newest);
+  EXPECT_TRUE(rest(slow, slow.send(path.at(5))));
+  EXPECT_TRUE(server.healthy());
+}
+
+TEST(FreePacing, NothingIsSentBeyondTheWindowWithoutAnAcknowledgement) {
+  ServerProcess server(RIDGECAST_SERVER, {"--window", "2"});
+  wire::Hello hello;
+  hello.settings = coarse();
+  const auto url = connection::parseUrl(server.url());
+  auto connected = connection::Connection::open(*url, hello);
+  ASSERT_TRUE(connected) << connected.error().message;
+  connection::Connection& c = **connected;
+  const PathCamera path(RIDGECAST_PATHS "/alpine.json", c.world());
+  std::vector<wire::Iteration> got;
+  for (int k = 1; k <= 20; ++k) {
+    c.send({static_cast<std::uint64_t>(k), path.at(k)});
+    if (auto r = c.receive(200ms)) got.push_back(std::move(r->iteration));
+  }
+  ASSERT_EQ(got.size(), 2u);
+  // One word about both opens the window again, and what comes is for the newest pose.
+  scene::Scene held;
+  for (const wire::Iteration& i : got) ASSERT_TRUE(held.apply(i));
+  EXPECT_EQ(held.hash(), got[1].meshHash);
+  c.acknowledge({2, held.hash()});
+  const auto third = c.receive(30s);
+  ASSERT_TRUE(third);
+  EXPECT_EQ(third->iteration.number, 3u);
+  EXPECT_EQ(third->iteration.poseSequence, 20u);
+  EXPECT_TRUE(server.healthy());
+}
+
+// Forty cameras at once share the machine: all of them get on, none is forgotten.
+TEST(Cameras, ManyShareFairly) {
+  ServerProcess server(RIDGECAST_SERVER);
+  wire::Settings settings;
+  settings.threshold = 50;
+  std::vector<std::unique_ptr<Flier>> fliers;
+  for (int k = 0; k < 40; ++k) fliers.push_back(std::make_unique<Flier>(server.url(), settings));
+  const PathCamera path(RIDGECAST_PATHS "/alpine.json", fliers[0]->world());
+  for (int n = 0; n < 5; ++n) {
+    for (auto& f : fliers) f->send(path.at(n * 0.2));
+    for (auto& f : fliers) ASSERT_TRUE(f->take(60s));
+  }
+  for (auto& f : fliers) EXPECT_EQ(f->scene().hash(), fliers[0]->scene().hash());
+  EXPECT_TRUE(server.healthy());
+}
+
+}  // namespace
+}  // namespace ridgecast

@@ -1,0 +1,212 @@
+// Net, sessions and pipelines together with the client's connection and scene, in one process over loopback.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "server/net/server.h"
+#include "server/scheduling/pool.h"
+#include "server/session/iterating_mesh.h"
+#include "server/session/session.h"
+#include "tests/support/flier.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using namespace testing_support;
+using testing::AnyOf;
+using testing::HasSubstr;
+
+camera::Camera cameraAt(double t) {
+  camera::Camera c;
+  c.pose.x = static_cast<lattice::Step>(2000 * 256 + t * 5000);
+  c.pose.z = static_cast<lattice::Step>(1500 * 256 - t * 9000);
+  c.pose.y = 1900;
+  c.pose.yaw = t * 0.1;
+  c.pose.pitch = -0.2;
+  c.projection.width = 320;
+  c.projection.height = 180;
+  return c;
+}
+
+wire::Settings coarse() {
+  wire::Settings s;
+  s.threshold = 2;
+  return s;
+}
+
+class StreamTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    spdlog::set_level(spdlog::level::warn);
+    settings.port = 0;
+    start();
+  }
+  void TearDown() override { stop(); }
+  void start() {
+    machine = std::make_unique<scheduling::Machine>(2);
+    auto resources = std::make_shared<session::Resources>();
+    resources->machine = machine.get();
+    resources->makeMesh = session::pipelineMeshes();
+    resources->serverName = "integration";
+    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    auto made = net::Server::listen(settings, directory);
+    ASSERT_TRUE(made) << made.error().message;
+    server = std::move(*made);
+    settings.port = server->port();
+  }
+  void stop() {
+    if (server) server->shutdown();
+    machine.reset();
+    server.reset();
+    directory.reset();
+  }
+  std::string url(const std::string& session = "default") const {
+    return "ws://127.0.0.1:" + std::to_string(settings.port) + "/v1/stream?session=" + session;
+  }
+  // Places are given back a moment after a client has gone.
+  bool cameras(std::uint32_t expected) const {
+    const auto until = std::chrono::steady_clock::now() + 10s;
+    while (directory->cameras() != expected && std::chrono::steady_clock::now() < until) std::this_thread::sleep_for(5ms);
+    return directory->cameras() == expected;
+  }
+
+  net::Settings settings;
+  std::unique_ptr<net::Server> server;  // outlives the machine, whose tasks send through it
+  std::unique_ptr<scheduling::Machine> machine;
+  std::shared_ptr<session::Directory> directory;
+};
+
+TEST_F(StreamTest, AFlightEndsInAMeshThatIsSound) {
+  Flier flier(url(), coarse());
+  for (int k = 0; k < 30; ++k) flier.step(cameraAt(k * 0.2));
+  flier.settle(cameraAt(6));
+  const MeshReport report = flier.check();
+  EXPECT_TRUE(report.clean()) << report.text();
+  // The height of the mesh held is near the terrain's under the camera.
+  const auto terrain = terrain::create("alpine", 1).value();
+  const lattice::Point below{cameraAt(6).pose.x, cameraAt(6).pose.z};
+  const auto height = flier.scene().height(below);
+  ASSERT_TRUE(height);
+  EXPECT_NEAR(*height, terrain->height(below), 20);
+}
+
+TEST_F(StreamTest, SessionsAreWorldsOfTheirOwn) {
+  ASSERT_TRUE(directory->add("other", terrain::create("alpine", 2).value()));
+  Flier here(url(), coarse()), there(url("other"), coarse()), beside(url("other"), coarse());
+  EXPECT_EQ(here.world().seed, 1u);
+  EXPECT_EQ(there.world().seed, 2u);
+  EXPECT_EQ(there.world().session, "other");
+  EXPECT_NE(here.world().contentHash, there.world().contentHash);
+  EXPECT_EQ(there.world().contentHash, beside.world().contentHash);
+  for (int k = 0; k < 5; ++k)
+    for (Flier* f : {&here, &there, &beside}) f->step(cameraAt(k));
+  EXPECT_NE(here.scene().hash(), there.scene().hash());
+  EXPECT_EQ(there.scene().hash(), beside.scene().hash());
+}
+
+TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
+  wire::Hello hello;
+  hello.settings = coarse();
+  hello.pacing = wire::Pacing::kLockstep;
+  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello).value();
+  scene::Scene held;
+  std::uint64_t sequence = 0;
+  const auto next = [&] {
+    connection->send({++sequence, cameraAt(0)});
+    auto r = connection->receive(30s);
+    if (!r) throw std::runtime_error("no iteration");
+    return std::move(r->iteration);
+  };
+  auto first = next();
+  ASSERT_TRUE(held.apply(first));
+  // The client says that it holds something else: all comes again, and after that only changes.
+  connection->acknowledge({first.number, first.meshHash + 1});
+  auto second = next();
+  EXPECT_EQ(second.whole.size(), held.leaves().size());
+  scene::Scene fresh;
+  ASSERT_TRUE(fresh.apply(second));
+  EXPECT_EQ(fresh.hash(), second.meshHash);
+  connection->acknowledge({second.number, fresh.hash()});
+  // By name, one leaf alone.
+  const lattice::LeafAddress wanted = fresh.leaves().begin()->first;
+  connection->resend({{wanted}});
+  const auto third = next();
+  EXPECT_TRUE(std::any_of(third.whole.begin(), third.whole.end(), [&](const auto& leaf) { return leaf.address == wanted; }));
+  ASSERT_TRUE(fresh.apply(third));
+  EXPECT_EQ(fresh.hash(), third.meshHash);
+}
+
+TEST_F(StreamTest, ClientsThatLeaveInTheMiddleGiveTheirPlaceBack) {
+  for (int round = 0; round < 5; ++round) {
+    std::vector<std::unique_ptr<Flier>> fliers;
+    for (int k = 0; k < 6; ++k) fliers.push_back(std::make_unique<Flier>(url(), coarse()));
+    EXPECT_EQ(directory->cameras(), 6u);
+    for (auto& f : fliers)
+      for (int k = 0; k < 5; ++k) f->send(cameraAt(k));
+    for (std::size_t k = 0; k < fliers.size(); k += 2) fliers[k]->take(30s);
+    fliers.clear();
+    EXPECT_TRUE(cameras(0));
+  }
+}
+
+TEST_F(StreamTest, AServerThatGoesIsToldOfAndItsSuccessorTakesOver) {
+  std::vector<std::thread> pilots;
+  std::vector<std::string> ends(3);
+  std::atomic<int> flying = 0;
+  for (std::string& end : ends)
+    pilots.emplace_back([this, &end, &flying] {
+      try {
+        Flier flier(url(), coarse());
+        for (int k = 0;; ++k) {
+          flier.step(cameraAt(k * 0.1));
+          if (k == 0) ++flying;
+        }
+      } catch (const std::exception& e) {
+        end = e.what();
+      }
+    });
+  while (flying < 3) std::this_thread::sleep_for(5ms);
+  stop();
+  for (std::thread& p : pilots) p.join();
+  for (const std::string& end : ends)
+    EXPECT_THAT(end, AnyOf(HasSubstr("shuts down"), HasSubstr("shutting down"), HasSubstr("closed"), HasSubstr("ended")));
+  start();  // on the same port
+  Flier again(url(), coarse());
+  for (int k = 0; k < 3; ++k) again.step(cameraAt(k));
+  EXPECT_TRUE(again.check().clean());
+}
+
+TEST_F(StreamTest, ManyComeFlyAndGoAtOnce) {
+  std::vector<std::thread> pilots;
+  std::atomic<int> failures = 0;
+  std::vector<std::uint64_t> hashes(8);
+  for (std::size_t p = 0; p < hashes.size(); ++p)
+    pilots.emplace_back([&, p] {
+      try {
+        for (int round = 0; round < 3; ++round) {
+          Flier flier(url(), coarse());
+          for (int k = 0; k < 6; ++k) flier.step(cameraAt(k * 0.5));
+          hashes[p] = flier.scene().hash();
+        }
+      } catch (const std::exception& e) {
+        ADD_FAILURE() << e.what();
+        ++failures;
+      }
+    });
+  for (std::thread& p : pilots) p.join();
+  EXPECT_EQ(failures, 0);
+  for (const std::uint64_t hash : hashes) EXPECT_EQ(hash, hashes[0]);
+  EXPECT_TRUE(cameras(0));
+}
+
+}  // namespace
+}  // namespace ridgecast

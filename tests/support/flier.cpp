@@ -1,0 +1,83 @@
+#include "tests/support/flier.h"
+
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+namespace ridgecast::testing_support {
+
+using namespace std::chrono_literals;
+
+namespace {
+
+template <class T>
+T orThrow(Outcome<T> outcome) {
+  if (!outcome) throw std::runtime_error(outcome.error().message);
+  return std::move(*outcome);
+}
+
+std::unique_ptr<connection::Connection> connect(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) {
+  wire::Hello hello;
+  hello.clientName = "ridgecast tests";
+  hello.settings = settings;
+  hello.pacing = pacing;
+  return orThrow(connection::Connection::open(orThrow(connection::parseUrl(url)), hello));
+}
+
+}  // namespace
+
+Flier::Flier(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) : connection_(connect(url, settings, pacing)) {}
+
+std::uint64_t Flier::send(const camera::Camera& camera) {
+  connection_->send({++sequence_, camera});
+  return sequence_;
+}
+
+std::optional<wire::Iteration> Flier::take(std::chrono::milliseconds patience) {
+  auto received = connection_->receive(patience);
+  if (!received) return {};
+  wire::Iteration& iteration = received->iteration;
+  const std::string which = "iteration " + std::to_string(iteration.number) + ": ";
+  if (const auto applied = scene_.apply(iteration); !applied) throw std::runtime_error(which + applied.error().message);
+  if (scene_.hash() != iteration.meshHash) throw std::runtime_error(which + "the mesh held is not the server's");
+  connection_->acknowledge({iteration.number, scene_.hash()});
+  return std::move(iteration);
+}
+
+wire::Iteration Flier::step(const camera::Camera& camera) {
+  const std::uint64_t sequence = send(camera);
+  auto iteration = take(60s);
+  if (!iteration) {
+    const auto why = connection_->error();
+    throw std::runtime_error("pose " + std::to_string(sequence) + " was not answered: " + (why ? why->message : "silence"));
+  }
+  if (iteration->poseSequence != sequence)
+    throw std::runtime_error("pose " + std::to_string(sequence) + " was answered as " + std::to_string(iteration->poseSequence));
+  return std::move(*iteration);
+}
+
+int Flier::settle(const camera::Camera& camera, int most) {
+  for (int n = 1; n <= most; ++n)
+    if (step(camera).settled) return n;
+  throw std::runtime_error("not at rest after " + std::to_string(most) + " iterations");
+}
+
+MeshReport Flier::check() const {
+  std::vector<mesh::LeafMesh> leaves;
+  for (const auto& [address, held] : scene_.leaves()) leaves.push_back(*held.mesh);
+  return checkMesh(leaves);
+}
+
+PathCamera::PathCamera(const std::string& file, const wire::World& world)
+    : path_(orThrow(camera::readPath(file))), terrain_(orThrow(terrain::create(world.terrainName, world.seed))) {}
+
+camera::Camera PathCamera::at(double t) const {
+  camera::Camera camera;
+  camera.pose = camera::poseAt(path_, t, [this](lattice::Point p) { return terrain_->height(p); });
+  camera.projection.verticalFov = path_.verticalFov;
+  return camera;
+}
+
+camera::Camera PathCamera::looped(double t) const { return at(std::fmod(t, duration())); }
+
+}  // namespace ridgecast::testing_support

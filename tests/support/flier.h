@@ -1,0 +1,57 @@
+#pragma once
+// A client without pictures: a connection and the scene it fills, in lock-step or by the clock, for tests that fly.
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "client/connection/connection.h"
+#include "client/scene/scene.h"
+#include "common/camera/path.h"
+#include "common/terrain/terrain.h"
+#include "tests/support/mesh_check.h"
+
+namespace ridgecast::testing_support {
+
+class Flier {
+ public:
+  // Throws std::runtime_error when it cannot connect.
+  Flier(const std::string& url, const wire::Settings& settings, wire::Pacing pacing = wire::Pacing::kLockstep);
+
+  const wire::World& world() const { return connection_->world(); }
+  connection::Connection& connection() { return *connection_; }
+  const scene::Scene& scene() const { return scene_; }
+
+  // One pose, sent and not waited for; its sequence.
+  std::uint64_t send(const camera::Camera& camera);
+  // Applies and acknowledges the next iteration; nothing when none came. Throws when it cannot be applied or the hash differs.
+  std::optional<wire::Iteration> take(std::chrono::milliseconds patience);
+  // One pose and its iteration. Throws when none comes within a minute.
+  wire::Iteration step(const camera::Camera& camera);
+  // Steps at one pose until nothing is refined any more; how many steps. Throws after `most`.
+  int settle(const camera::Camera& camera, int most = 200);
+
+  MeshReport check() const;
+
+ private:
+  std::unique_ptr<connection::Connection> connection_;
+  scene::Scene scene_;
+  std::uint64_t sequence_ = 0;
+};
+
+// A camera path over the terrain of a world, as `ridgecast-client fly` sees it.
+class PathCamera {
+ public:
+  PathCamera(const std::string& file, const wire::World& world);  // throws when the file or the terrain is wrong
+  double duration() const { return path_.duration(); }
+  camera::Camera at(double t) const;      // clamped to the path
+  camera::Camera looped(double t) const;  // at its end it begins again, with a jump
+
+ private:
+  camera::Path path_;
+  std::shared_ptr<const terrain::Terrain> terrain_;
+};
+
+}  // namespace ridgecast::testing_support

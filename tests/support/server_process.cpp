@@ -1,0 +1,48 @@
+#include "tests/support/server_process.h"
+
+#include <csignal>
+#include <stdexcept>
+#include <thread>
+
+#include "tests/support/socket_client.h"
+
+namespace ridgecast::testing_support {
+
+using namespace std::chrono_literals;
+
+namespace {
+
+std::vector<std::string> commandLine(const std::string& program, const std::string& portFile, const std::vector<std::string>& arguments) {
+  std::vector<std::string> command{program, "--port", "0", "--port-file", portFile, "--quiet"};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  return command;
+}
+
+}  // namespace
+
+ServerProcess::ServerProcess(const std::string& program, const std::vector<std::string>& arguments)
+    : process_(commandLine(program, (folder_ / "port").string(), arguments)) {
+  const auto until = std::chrono::steady_clock::now() + 60s;
+  std::string text;
+  while ((text = readText(folder_ / "port")).empty()) {
+    if (!process_.running() || std::chrono::steady_clock::now() > until)
+      throw std::runtime_error("the server did not start: " + process_.output());
+    std::this_thread::sleep_for(10ms);
+  }
+  port_ = static_cast<std::uint16_t>(std::stoul(text));
+}
+
+bool ServerProcess::healthy() {
+  if (!process_.running()) return false;
+  SocketClient client(port_);
+  client.send("GET /healthz HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  const std::string answer = client.answer();
+  return answer.starts_with("HTTP/1.1 200 ") && answer.ends_with("\r\n\r\nok\n");
+}
+
+std::optional<int> ServerProcess::stop() {
+  process_.signal(SIGTERM);
+  return process_.wait(10s);
+}
+
+}  // namespace ridgecast::testing_support
