@@ -7,11 +7,6 @@
 namespace ridgecast::mesh {
 namespace {
 
-std::uint64_t hashVertex(const lattice::Vertex& v) {
-  using lattice::mix;
-  return mix(static_cast<std::uint64_t>(v.x) + mix(static_cast<std::uint64_t>(v.z) + mix(static_cast<std::uint64_t>(std::int64_t{v.y}))));
-}
-
 Triangle rotated(Triangle t) {
   if (t[1] < t[0] && t[1] < t[2]) return {t[1], t[2], t[0]};
   if (t[2] < t[0] && t[2] < t[1]) return {t[2], t[0], t[1]};
@@ -19,6 +14,11 @@ Triangle rotated(Triangle t) {
 }
 
 }  // namespace
+
+std::uint64_t hashVertex(const lattice::Vertex& v) {
+  using lattice::mix;
+  return mix(static_cast<std::uint64_t>(v.x) + mix(static_cast<std::uint64_t>(v.z) + mix(static_cast<std::uint64_t>(std::int64_t{v.y}))));
+}
 
 void canonicalize(LeafMesh& leaf) {
   std::vector<char> used(leaf.vertices.size(), 0);
@@ -63,12 +63,11 @@ bool isCanonical(const LeafMesh& leaf) {
 }
 
 std::uint64_t hashTriangle(const lattice::Vertex& a, const lattice::Vertex& b, const lattice::Vertex& c) {
-  using lattice::mix;
   const lattice::Vertex* v[3] = {&a, &b, &c};
   int first = 0;
   for (int k = 1; k < 3; ++k)
     if (std::tie(v[k]->x, v[k]->z) < std::tie(v[first]->x, v[first]->z)) first = k;
-  return mix(hashVertex(*v[first]) + mix(hashVertex(*v[(first + 1) % 3]) + mix(hashVertex(*v[(first + 2) % 3]))));
+  return hashMixed(hashVertex(*v[first]), hashVertex(*v[(first + 1) % 3]), hashVertex(*v[(first + 2) % 3]));
 }
 
 std::uint64_t hashLeaf(const LeafMesh& leaf) {

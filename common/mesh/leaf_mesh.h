@@ -42,6 +42,11 @@ struct LeafMesh {
 void canonicalize(LeafMesh& leaf);
 bool isCanonical(const LeafMesh& leaf);
 
+// A vertex's v, and a triangle's hash from those of its corners, the smallest by x, then z, first.
+std::uint64_t hashVertex(const lattice::Vertex& v);
+constexpr std::uint64_t hashMixed(std::uint64_t v0, std::uint64_t v1, std::uint64_t v2) {
+  return lattice::mix(v0 + lattice::mix(v1 + lattice::mix(v2)));
+}
 std::uint64_t hashTriangle(const lattice::Vertex& a, const lattice::Vertex& b, const lattice::Vertex& c);
 std::uint64_t hashLeaf(const LeafMesh& leaf);
 // One leaf's term of the mesh's hash; the mesh's hash is the sum of these.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "common/mesh/leaf_mesh.h"
 #include "server/generation/grid.h"
 #include "server/refinement/coarsening.h"
 
@@ -158,6 +159,7 @@ void CameraMesh::snapVertices(const std::vector<VertexId>& vertices) {
     const std::int32_t y = lattice::snapHeight(surface_.fineY[v], level);
     if (y == mesh_.vertex(v).y) continue;
     mesh_.setHeight(v, y);
+    surface_.mixed[v] = mixedOf(v);
     const triangulation::HalfEdge first = mesh_.edgeOf(v);
     for (triangulation::HalfEdge h = first;;) {
       mesh_.trianglePages().setFresh(h >> 2);
@@ -189,10 +191,8 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
     return Vertex{q.x, q.z, lattice::snapHeight(fine(p), levelAt(q)), triangulation::kNoEdge};
   };
   std::vector<VertexId> inserted;
-  const auto note = [&](VertexId v, std::int32_t height) {
-    surface_.fineY[v] = height;
-    surface_.level[v] = static_cast<std::uint8_t>(levelAt(mesh_.vertex(v).point()));
-    surface_.loss[v] = kStays;
+  const auto keep = [&](VertexId v, std::int32_t height) {
+    note(v, height, levelAt(mesh_.vertex(v).point()), kStays);
     inserted.push_back(v);
   };
 
@@ -206,7 +206,7 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
     const TriangleId first = mesh_.twin(mesh_.anyTriangle() * 4) >> 2;
     for (VertexId v : mesh_.triangle(first).v) {
       const Point2 p = mesh_.vertex(v).point();
-      note(v, fine({surface_.anchor.x + p.x, surface_.anchor.z + p.z}));
+      keep(v, fine({surface_.anchor.x + p.x, surface_.anchor.z + p.z}));
     }
   }
   TriangleId hint = mesh_.anyTriangle();
@@ -220,7 +220,7 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
       const Change change = mesh_.insert(vertexAt(p), t, all, &v);
       if (change == Change::kFull) throw std::bad_alloc();
       if (change == Change::kDone) {
-        note(v, height);
+        keep(v, height);
         hint = mesh_.edgeOf(v) >> 2;
       } else {
         hint = t;
@@ -258,11 +258,10 @@ void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vect
     leaf->writeSet.assign(1, leaf->region);
     for (LeafAddress a : tree_.touching(leaf->address)) leaf->writeSet.push_back(this->leaf(a)->region);
     // Which points are grid points may have changed here.
-    leaf->screened = {};
     mesh_.vertexPages().forEach(leaf->region, [&](VertexId v) {
       const Point2 p = mesh_.vertex(v).point();
       const bool stays = generation::isGridPoint(tree_, {surface_.anchor.x + p.x, surface_.anchor.z + p.z});
-      if (stays != std::isinf(surface_.loss[v])) surface_.loss[v] = stays ? kStays : 0;
+      if (stays != std::isinf(surface_.loss[v])) surface_.setLoss(v, stays ? kStays : 0);
     });
   }
 }
@@ -279,6 +278,18 @@ void CameraMesh::addCurvature(const std::vector<VertexId>& vertices) {
   for (std::size_t k = 0; k < vertices.size(); ++k) surface_.curvature[vertices[k]] = out[k];
 }
 
+std::uint64_t CameraMesh::mixedOf(VertexId v) const {
+  const Vertex& p = mesh_.vertex(v);
+  return mesh::hashVertex({surface_.anchor.x + p.x, surface_.anchor.z + p.z, p.y});
+}
+
+void CameraMesh::note(VertexId v, std::int32_t fineY, int level, float loss) {
+  surface_.fineY[v] = fineY;
+  surface_.level[v] = static_cast<std::uint8_t>(level);
+  surface_.setLoss(v, loss);
+  surface_.mixed[v] = mixedOf(v);
+}
+
 bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, WriteSet& set) {
   const auto& pages = mesh_.trianglePages();
   if (!pages.alive(p.triangle) || pages.fresh(p.triangle)) return true;  // its triangle is gone: judged again next time
@@ -289,9 +300,7 @@ bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, WriteSet& set) {
   const Change change = mesh_.insert({p.point.x, p.point.z, lattice::snapHeight(fineY, level), triangulation::kNoEdge}, p.triangle, set, &v);
   if (change == Change::kDeferred) return false;
   if (change != Change::kDone) return true;
-  surface_.fineY[v] = fineY;
-  surface_.level[v] = static_cast<std::uint8_t>(level);
-  surface_.loss[v] = error;
+  note(v, fineY, level, error);
   if (thesis_) addCurvature({v});
   leaf.low = std::min(leaf.low, fineY);
   leaf.high = std::max(leaf.high, fineY);
@@ -306,7 +315,7 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
     const Vertex& p = mesh_.vertex(v);
     const float loss = refinement::lossOf(mesh_, surface_, v, set);
     if (!std::isfinite(loss)) continue;
-    surface_.loss[v] = loss;
+    surface_.setLoss(v, loss);
     const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
     if (refinement::pixelsAt(p, loss, view) >= limit) continue;
     if (mesh_.apply(v, set) == Change::kDone) ++leaf.removed;

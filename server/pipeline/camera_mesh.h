@@ -29,14 +29,6 @@ struct Leaf {
   std::vector<triangulation::RegionId> writeSet;         // its own region and those of the leaves that touch it
   std::uint64_t version = 0, hash = 0;
 
-  // What the last screening found, and from where; spares the next ones while it holds (screening.h, coarsening.h).
-  struct Screened {
-    bool candidates = false, losses = false;             // whether the bounds below are known
-    camera::Pose from;
-    refinement::ScreenBound candidate;
-    refinement::LossBound loss;
-  } screened;
-
   // of the current iteration
   bool visible = false;
   std::vector<refinement::Pending> pending;
@@ -72,6 +64,7 @@ class CameraMesh : private triangulation::Partition {
   triangulation::Triangulation& triangulation() { return mesh_; }
   const triangulation::Triangulation& triangulation() const { return mesh_; }
   const refinement::Surface& surface() const { return surface_; }
+  refinement::Surface& surface() { return surface_; }
   const triangulation::Partition& partition() const { return *this; }
   bool thesis() const { return thesis_; }
   std::uint64_t heights() const { return heights_.load(std::memory_order_relaxed); }
@@ -88,6 +81,9 @@ class CameraMesh : private triangulation::Partition {
   void dropOutside();
   void addCurvature(const std::vector<triangulation::VertexId>& vertices);
   void changeLeaf(Leaf& leaf, const refinement::View& view, double limitInside, double limitOutside);
+  // Notes what is kept beside a vertex just inserted; `fineY` steps.
+  std::uint64_t mixedOf(triangulation::VertexId v) const;
+  void note(triangulation::VertexId v, std::int32_t fineY, int level, float loss);
   bool insertOne(Leaf& leaf, const refinement::Pending& p, triangulation::WriteSet& set);
 
   std::shared_ptr<const terrain::Terrain> terrain_;

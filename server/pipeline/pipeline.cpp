@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <numbers>
 
 #include "server/pipeline/camera_mesh.h"
 #include "server/refinement/coarsening.h"
@@ -69,6 +70,7 @@ struct Pipeline::State {
         mesh(std::move(terrain), granted.triangleBudget, granted.metric == wire::Metric::kThesis),
         effective(granted.threshold) {}
 
+  void advance(const camera::Pose& pose);
   void screen(const camera::Camera& camera, const refinement::View& view, const RemovalLimits& removal);
   void limitPending();
   void publish();
@@ -80,14 +82,17 @@ struct Pipeline::State {
   double effective;              // threshold; above the asked one while the budget binds
   std::uint32_t live = 0;        // triangles owned by leaves
   bool settled = false;
+  camera::Pose latest;
+  double travel = 0, turn = 0;   // of the camera so far; steps, radians
   std::uint64_t versions = 0;
   std::vector<LeafState> leaves;
 };
 
-// Steps that the camera moved since a screening; more than anything when the screening does not hold.
-double moved(const camera::Pose& from, const camera::Pose& to) {
-  const double dx = static_cast<double>(to.x - from.x), dz = static_cast<double>(to.z - from.z), dy = (to.y - from.y) * lattice::kStepsPerMetre;
-  return std::sqrt(dx * dx + dz * dz + dy * dy) + 2;  // rounding of positions
+void Pipeline::State::advance(const camera::Pose& pose) {
+  const double dx = static_cast<double>(pose.x - latest.x), dz = static_cast<double>(pose.z - latest.z), dy = (pose.y - latest.y) * lattice::kStepsPerMetre;
+  travel += std::sqrt(dx * dx + dz * dz + dy * dy);
+  turn += std::abs(std::remainder(pose.yaw - latest.yaw, 2 * std::numbers::pi)) + std::abs(pose.pitch - latest.pitch);
+  latest = pose;
 }
 
 // Which leaves may be seen, which candidates they want, which vertices may go.
@@ -108,24 +113,11 @@ void Pipeline::State::screen(const camera::Camera& camera, const refinement::Vie
         high{x + 1.5 * side, leaf.high * lattice::kMetresPerStep - camera.pose.y + 1, z + 1.5 * side};
     leaf.visible = view.wide.mayIntersect(low, high);
 
-    Leaf::Screened& known = leaf.screened;
-    if (mesh.triangulation().trianglePages().changed(leaf.region)) known = {};
-    const double m = moved(known.from, camera.pose);
-    const bool spareCandidates = known.candidates && m < known.candidate.nearest &&
-                                 view.pixelsPerRadian * known.candidate.steepest * known.candidate.nearest < effective * (known.candidate.nearest - m);
-    const double flat = 1 - m / known.loss.flat, away = 1 + m / known.loss.nearest;
-    const bool spareLosses = known.losses && flat > 0 && known.loss.leastPixels * flat > loosest * away * away;
-    if (spareCandidates && spareLosses) return;
-    known = {};
-    known.from = camera.pose;
-    if (leaf.visible && thesis) {
-      refinement::screenThesis(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
-    } else if (leaf.visible) {
-      known.candidate = refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
-      known.candidates = leaf.pending.empty();
+    if (leaf.visible) {
+      if (thesis) refinement::screenThesis(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
+      else refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
     }
-    if (loosest > 0) known.loss = refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, loosest, leaf.removable);
-    known.losses = leaf.removable.empty();
+    if (loosest > 0) refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, loosest, leaf.removable);
   });
 }
 
@@ -161,7 +153,6 @@ void Pipeline::State::publish() {
   for (Leaf* leaf : leafs)
     if (mesh.triangulation().takeChanged(leaf->region)) {
       leaf->version = ++versions;
-      leaf->screened = {};
       changed.push_back(leaf);
     }
   const auto& t = mesh.triangulation();
@@ -193,7 +184,8 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   const double fill = static_cast<double>(s.live) / s.settings.triangleBudget, before = s.effective;
   if (fill > 0.98) s.effective *= 1.05;
   else if (fill < 0.95) s.effective = std::max(s.settings.threshold, s.effective * 0.95);
-  const refinement::View view(camera, s.mesh.surface().anchor);
+  s.advance(camera.pose);
+  const refinement::View view(camera, s.mesh.surface().anchor, s.travel, s.turn);
   const RemovalLimits removal = removalLimits(s.settings.metric == wire::Metric::kThesis, s.effective, fill);
   s.screen(camera, view, removal);
   s.limitPending();

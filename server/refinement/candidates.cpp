@@ -19,8 +19,11 @@ Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity)
       y(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
       error(std::make_unique_for_overwrite<float[]>(triangleCapacity)),
       hash(std::make_unique_for_overwrite<std::uint64_t[]>(triangleCapacity)),
+      screens(std::make_unique<PageScreen[]>(triangleCapacity / triangulation::Pages::kSlots)),
+      losses(std::make_unique<PageLosses[]>(vertexCapacity / triangulation::Pages::kSlots)),
       fineY(std::make_unique_for_overwrite<std::int32_t[]>(vertexCapacity)),
       level(std::make_unique_for_overwrite<std::uint8_t[]>(vertexCapacity)),
+      mixed(std::make_unique_for_overwrite<std::uint64_t[]>(vertexCapacity)),
       curvature(std::make_unique_for_overwrite<float[]>(vertexCapacity)),
       loss(std::make_unique_for_overwrite<float[]>(vertexCapacity)) {}
 
@@ -79,8 +82,10 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
     surface.error[t] = 0;
     const auto& v = mesh.triangle(t).v;
     const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
-    const auto whole = [&](const Vertex& k) { return lattice::Vertex{surface.anchor.x + k.x, surface.anchor.z + k.z, k.y}; };
-    surface.hash[t] = mesh::hashTriangle(whole(a), whole(b), whole(c));
+    surface.renewTriangle(t);
+    const int first = triangulation::smaller(a.point(), b.point()) ? (triangulation::smaller(a.point(), c.point()) ? 0 : 2)
+                                                                   : (triangulation::smaller(b.point(), c.point()) ? 1 : 2);
+    surface.hash[t] = mesh::hashMixed(surface.mixed[v[first]], surface.mixed[v[(first + 1) % 3]], surface.mixed[v[(first + 2) % 3]]);
     const auto attempt = [&](double x, double z) {
       const Point2 p{snapTo(x, bits), snapTo(z, bits)};
       if (!admissible(a, b, c, p)) return;

@@ -19,6 +19,22 @@
 
 namespace ridgecast::refinement {
 
+// What the last screening of a page of triangles found, so that the next ones can be spared while the camera stays near (screening.h).
+struct PageScreen {
+  double travel = -1;               // of the camera at that screening, steps; negative: something is new, look again
+  float steepest = 0;               // largest error / distance of the candidates awake
+  float nearest = 0;                // steps: smallest distance of any candidate
+  std::uint64_t asleep = 0;         // candidates wanted but not worth it for now
+  double sleptTravel = 0, sleptTurn = 0;  // when the first of them fell asleep
+};
+
+// The same for a page of vertices and their losses (coarsening.h).
+struct PageLosses {
+  double travel = -1;
+  float leastPixels = 0;            // of any vertex not appended
+  float flat = 0, nearest = 0;      // steps: smallest horizontal and smallest distance
+};
+
 // What is kept beside the mesh's own records. All positions in steps relative to the mesh's anchor, heights in steps, absolute.
 struct Surface {
   Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity);
@@ -29,27 +45,43 @@ struct Surface {
   std::unique_ptr<float[]> error;           // steps, >= 0: |mesh - snapped terrain| at the candidate; 0: no candidate
   std::unique_ptr<std::uint64_t[]> hash;    // the triangle's term of its leaf's hash (common/mesh)
 
+  std::unique_ptr<PageScreen[]> screens;    // by page of triangles
+  std::unique_ptr<PageLosses[]> losses;     // by page of vertices
+
   // by vertex
   std::unique_ptr<std::int32_t[]> fineY;    // the terrain's height to the step; the mesh's vertex is snapped
   std::unique_ptr<std::uint8_t[]> level;    // the level that the mesh's vertex is snapped to
+  std::unique_ptr<std::uint64_t[]> mixed;   // the vertex's part of its triangles' hashes (common/mesh)
   std::unique_ptr<float[]> curvature;       // metres; only kept for the thesis's metric
   std::unique_ptr<float[]> loss;            // steps: the error that removing it made when last looked at (coarsening.h); infinite: a
                                             // grid point, which stays
 
   lattice::Point anchor;                    // absolute steps; a multiple of the coarsest leaf's side
 
+  // A triangle has a new candidate, a vertex a new loss: their pages' screenings no longer hold.
+  void renewTriangle(std::uint32_t t) {
+    PageScreen& page = screens[t / triangulation::Pages::kSlots];
+    page.travel = -1;
+    page.asleep &= ~(std::uint64_t{1} << (t % triangulation::Pages::kSlots));
+  }
+  void setLoss(std::uint32_t v, float steps) {
+    loss[v] = steps;
+    losses[v / triangulation::Pages::kSlots].travel = -1;
+  }
   void moveTriangle(std::uint32_t from, std::uint32_t to) {
     x[to] = x[from];
     z[to] = z[from];
     y[to] = y[from];
     error[to] = error[from];
     hash[to] = hash[from];
+    renewTriangle(to);
   }
   void moveVertex(std::uint32_t from, std::uint32_t to) {
     fineY[to] = fineY[from];
     level[to] = level[from];
+    mixed[to] = mixed[from];
     curvature[to] = curvature[from];
-    loss[to] = loss[from];
+    setLoss(to, loss[from]);
   }
 };
 

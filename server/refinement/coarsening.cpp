@@ -1,6 +1,7 @@
 #include "server/refinement/coarsening.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -25,27 +26,39 @@ double pixelsAt(const Vertex& v, double error, const View& view) {
   return view.pixelsPerRadian * error * std::sqrt(flat) / d2;
 }
 
-LossBound screenLosses(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double limit,
-                       std::vector<VertexId>& out) {
+void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double limit,
+                  std::vector<VertexId>& out) {
+  using triangulation::Pages;
+  const Pages& pages = mesh.vertexPages();
   const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), most = static_cast<float>(limit * limit);
-  constexpr float far = std::numeric_limits<float>::max();
-  float least = far, flattest = far, nearest = far;
-  mesh.vertexPages().forEach(region, [&](VertexId v) {
-    const float loss = surface.loss[v];
-    if (std::isinf(loss)) return;
-    const Vertex& p = mesh.vertex(v);
-    const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
-    const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest);
-    const float pixels2 = ppr2 * loss * loss * flat / (d2 * d2);
-    if (pixels2 < most) {
-      out.push_back(v);
-    } else {
-      least = std::min(least, pixels2);
-      flattest = std::min(flattest, flat);
-      nearest = std::min(nearest, d2);
+  for (std::uint32_t page : pages.pagesOf(region)) {
+    PageLosses& known = surface.losses[page];
+    if (known.travel >= 0) {
+      const double moved = view.travel - known.travel, flat = 1 - moved / known.flat, away = 1 + moved / known.nearest;
+      if (flat > 0 && known.leastPixels * flat > limit * away * away) continue;
     }
-  });
-  return {std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
+    constexpr float far = std::numeric_limits<float>::max();
+    float least = far, flattest = far, nearest = far;
+    bool any = false;
+    for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1) {
+      const VertexId v = page * Pages::kSlots + static_cast<VertexId>(std::countr_zero(m));
+      const float loss = surface.loss[v];
+      if (v == kInfinite || std::isinf(loss)) continue;
+      const Vertex& p = mesh.vertex(v);
+      const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
+      const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest);
+      const float pixels2 = ppr2 * loss * loss * flat / (d2 * d2);
+      if (pixels2 < most) {
+        out.push_back(v);
+        any = true;
+      } else {
+        least = std::min(least, pixels2);
+        flattest = std::min(flattest, flat);
+        nearest = std::min(nearest, d2);
+      }
+    }
+    known = {any ? -1 : view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
+  }
 }
 
 float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, triangulation::WriteSet& set) {

@@ -13,15 +13,10 @@
 
 namespace ridgecast::refinement {
 
-// As ScreenBound, for the vertices that were not appended: none can come below the limit while
+// Appends the region's vertices whose remembered loss is below `limit` pixels where they are, in the order of storage. Pages are spared
+// as in screenPixels: none of a page's vertices can come below the limit while
 //     leastPixels * (1 - m / flat) / (1 + m / nearest)^2 > limit.
-struct LossBound {
-  float leastPixels = 0;
-  float flat = 0, nearest = 0;      // steps: smallest horizontal and smallest distance of any vertex
-};
-
-// Appends the region's vertices whose remembered loss is below `limit` pixels where they are, in the order of storage.
-LossBound screenLosses(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
+void screenLosses(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view,
                   double limit, std::vector<triangulation::VertexId>& out);
 
 // The loss in steps, by a plan for the removal that stays in `set` for apply(). Infinite where the vertex cannot go now: it lies on the

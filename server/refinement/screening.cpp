@@ -19,6 +19,8 @@ double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * 
 
 // Nearer than this nothing is refined further for being near.
 constexpr float kNearest = 0.5f * 256;  // steps
+// Those asleep wake when the camera has moved this share of the distance to the nearest one, or turned this far (radians).
+constexpr double kWakeMove = 0.03, kWakeTurn = 0.05;
 // Triangles smaller on screen than this are left alone.
 constexpr double kLeastArea = 0.25;     // square pixels
 
@@ -32,7 +34,7 @@ Vec3 areaVector(const Triangulation& mesh, TriangleId t) {
 
 }  // namespace
 
-View::View(const camera::Camera& camera, lattice::Point anchor)
+View::View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned)
     : x(static_cast<std::int32_t>(camera.pose.x - anchor.x)),
       z(static_cast<std::int32_t>(camera.pose.z - anchor.z)),
       y(static_cast<float>(camera.pose.y * lattice::kStepsPerMetre)),
@@ -42,7 +44,9 @@ View::View(const camera::Camera& camera, lattice::Point anchor)
       right(camera::right(camera.pose)),
       up(camera::up(camera.pose)),
       tanX(std::tan(camera.projection.verticalFov / 2) * camera.projection.aspect()),
-      tanY(std::tan(camera.projection.verticalFov / 2)) {}
+      tanY(std::tan(camera.projection.verticalFov / 2)),
+      travel(travelled),
+      turn(turned) {}
 
 namespace {
 
@@ -67,7 +71,7 @@ PageResult screenPage(const std::int32_t* __restrict x, const std::int32_t* __re
     const float flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < kNearest * kNearest ? kNearest * kNearest : d2;
     const float e2 = live[s] != 0 ? error[s] * error[s] : 0.0f;
     wanted[s] = (ppr2 * e2 * flat >= least * n * n) & (e2 > 0);
-    near[s] = n;
+    near[s] = live[s] != 0 ? n : std::numeric_limits<float>::max();
     steep[s] = wanted[s] ? 0.0f : e2 / n;
   }
   float most = 0, least2 = std::numeric_limits<float>::max();
@@ -83,23 +87,39 @@ PageResult screenPage(const std::int32_t* __restrict x, const std::int32_t* __re
 
 }  // namespace
 
-ScreenBound screenPixels(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double threshold,
-                         std::vector<Pending>& out) {
+void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double threshold,
+                  std::vector<Pending>& out) {
   const Pages& pages = mesh.trianglePages();
   const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), least = static_cast<float>(threshold * threshold);
   const std::size_t before = out.size();
-  float steepest2 = 0, nearest2 = std::numeric_limits<float>::max();
   for (std::uint32_t page : pages.pagesOf(region)) {
+    PageScreen& known = surface.screens[page];
+    if (known.asleep != 0 && (view.travel - known.sleptTravel > kWakeMove * known.nearest || view.turn - known.sleptTurn > kWakeTurn)) {
+      known.asleep = 0;
+      known.travel = -1;
+    }
+    if (known.travel >= 0) {
+      const double moved = view.travel - known.travel;
+      if (moved < known.nearest && view.pixelsPerRadian * known.steepest * known.nearest < threshold * (known.nearest - moved)) continue;
+    }
     const std::uint32_t base = page * Pages::kSlots;
     const PageResult r = screenPage(&surface.x[base], &surface.z[base], &surface.y[base], &surface.error[base],
-                                    pages.aliveMask(page) & ~pages.freshMask(page), view.x, view.z, view.y, ppr2, least);
-    steepest2 = std::max(steepest2, r.steepest2);
-    nearest2 = std::min(nearest2, r.nearest2);
+                                    pages.aliveMask(page) & ~pages.freshMask(page) & ~known.asleep, view.x, view.z, view.y, ppr2, least);
+    known.travel = view.travel;
+    known.steepest = std::sqrt(r.steepest2);
+    known.nearest = std::sqrt(r.nearest2);
+    const auto fallAsleep = [&](TriangleId t) {
+      if (known.asleep == 0) {
+        known.sleptTravel = view.travel;
+        known.sleptTurn = view.turn;
+      }
+      known.asleep |= std::uint64_t{1} << (t % Pages::kSlots);
+    };
     for (std::uint64_t mask = r.wanted; mask != 0; mask &= mask - 1) {
       const TriangleId t = base + static_cast<std::uint32_t>(std::countr_zero(mask));
       const Vec3 at = view.relative(surface.x[t], surface.z[t], surface.y[t]);
-      if (!view.wide.contains(at)) {  // it may come into view by a turn alone
-        steepest2 = std::numeric_limits<float>::max();
+      if (!view.wide.contains(at)) {
+        fallAsleep(t);
         continue;
       }
       // Both in metres: the candidate's direction and the area that it sees.
@@ -107,15 +127,18 @@ ScreenBound screenPixels(const Triangulation& mesh, const Surface& surface, tria
       const Vec3 area = areaVector(mesh, t);
       const double seen = std::abs(dot(area, at)) / d * 0.5 * lattice::kMetresPerStep * lattice::kMetresPerStep;
       const double squarePixels = seen * view.pixelsPerRadian * view.pixelsPerRadian / d2;
-      if (squarePixels < kLeastArea) continue;
+      if (squarePixels < kLeastArea) {
+        fallAsleep(t);
+        continue;
+      }
       const double flat = at.x * at.x + at.z * at.z;
       const double pixels = surface.error[t] * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
       // Larger triangles first at equal error: their error covers more of the picture.
       out.push_back({t, {surface.x[t], surface.z[t]}, static_cast<float>(pixels * std::sqrt(std::sqrt(squarePixels)))});
+      known.travel = -1;  // until it is inserted, or no longer wanted
     }
   }
   std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());
-  return {std::sqrt(steepest2), std::sqrt(nearest2)};
 }
 
 void screenThesis(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double threshold,

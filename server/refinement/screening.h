@@ -7,6 +7,13 @@
 // kThesis  (area in normalised device coordinates)^0.5 x 40 x (distance in normalised device coordinates), Cavallin and Pettersson
 //          2019, algorithm 6, with the constants of their published program; skipped where no corner projects inside the wide frustum.
 // Both skip what lies outside the wide frustum.
+//
+// In pixels a page of 64 candidates is looked at only when it may matter. Moving by m changes a distance d by at most m, so no candidate
+// of a page can reach the threshold while
+//     pixelsPerRadian * steepest * nearest / (nearest - m) < threshold,
+// with steepest the largest error / distance and nearest the smallest distance seen last time; m is bounded by the way the camera has
+// travelled since. Candidates that are wanted but not worth a vertex (outside the wide frustum, or their triangle a speck on screen) fall
+// asleep, and wake when the camera has moved or turned far enough for that to change; the wide frustum has that much to spare.
 
 #include <cstdint>
 #include <vector>
@@ -21,7 +28,8 @@ inline constexpr double kThesisArea = 0.5, kThesisDistance = 40;
 
 // A camera as refinement sees it; positions relative to the mesh's anchor.
 struct View {
-  View(const camera::Camera& camera, lattice::Point anchor);
+  // `travel` (steps) and `turn` (radians): how far this camera has moved and turned in its life; they only grow.
+  View(const camera::Camera& camera, lattice::Point anchor, double travel, double turn);
 
   std::int32_t x, z;                // steps
   float y;                          // steps, absolute
@@ -29,6 +37,7 @@ struct View {
   camera::Frustum wide;
   camera::Vec3 forward, right, up;
   double tanX, tanY;                // of the drawn half angles
+  double travel, turn;
 
   // A point in metres relative to the camera.
   camera::Vec3 relative(std::int32_t px, std::int32_t pz, double py) const {
@@ -48,17 +57,9 @@ struct Pending {
   }
 };
 
-// What a screening found about everything it did not append, so that the next ones can be spared while the camera stays near.
-// Moving by m changes a distance d by at most m, so nothing can reach the threshold while
-//     pixelsPerRadian * steepest * nearest / (nearest - m) < threshold.
-struct ScreenBound {
-  float steepest = 0;               // largest error / distance
-  float nearest = 0;                // steps: smallest distance of any candidate
-};
-
 // Appends the region's candidates at or above the threshold, sorted.
-ScreenBound screenPixels(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
-                         double threshold, std::vector<Pending>& out);
+void screenPixels(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double threshold,
+                  std::vector<Pending>& out);
 void screenThesis(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
                   double threshold, std::vector<Pending>& out);
 
