@@ -3,7 +3,6 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
-#include "common/terrain/terrain.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::config {
@@ -11,8 +10,19 @@ namespace ridgecast::config {
 namespace {
 
 // Names begin unindented lines, details are indented: easy to read for people and for scripts.
-void listTerrains() {
-  for (const terrain::Description& d : terrain::builtIn()) std::cout << d.name << "\n    " << d.summary << "\n";
+int listTerrains(const std::filesystem::path& folder) {
+  const auto entries = user_terrain::list(folder);
+  if (!entries) {
+    std::cerr << "ridgecast-server: " << entries.error().message << "\n";
+    return 2;
+  }
+  for (const user_terrain::Entry& e : *entries) {
+    std::cout << e.name << "\n";
+    if (!e.summary.empty()) std::cout << "    " << e.summary << "\n";
+    if (!e.problem.empty()) std::cout << "    cannot be used: " << e.problem << "\n";
+    for (const user_terrain::Parameter& p : e.parameters) std::cout << "    --param " << user_terrain::describe(p) << "\n";
+  }
+  return 0;
 }
 
 }  // namespace
@@ -20,6 +30,7 @@ void listTerrains() {
 Parsed parse(int argc, const char* const* argv) {
   Config c;
   bool list = false;
+  std::vector<std::string> parameters;
   long long patience = c.net.patience.count() / 1000;
   CLI::App app("Streams endless terrain, triangulated for each camera.", "ridgecast-server");
   app.get_formatter()->column_width(34);
@@ -28,9 +39,14 @@ Parsed parse(int argc, const char* const* argv) {
   app.add_option("--port", c.net.port, "Port to listen on; 0: any free one")->capture_default_str();
   app.add_option("--port-file", c.portFile, "Write the port to this file once the server listens");
   app.add_flag("--allow-insecure", c.net.allowInsecure, "Listen on other than loopback addresses, without encryption or access control");
-  app.add_option("--terrain", c.terrain, "Terrain of the default session")->capture_default_str();
-  app.add_option("--seed", c.seed, "Its seed")->capture_default_str();
-  app.add_flag("--list-terrains", list, "List the terrains there are");
+  app.add_option("--terrain", c.terrain.terrain, "Terrain of the default session: a name, or a file of your own, NAME.glsl")->capture_default_str();
+  app.add_option("--seed", c.terrain.seed, "Its seed")->capture_default_str();
+  app.add_option("--param", parameters, "Set a parameter of the terrain, NAME=NUMBER; may be given several times")
+      ->type_name("NAME=NUMBER")
+      ->allow_extra_args(false);
+  app.add_option("--terrain-dir", c.terrain.folder, "A folder of terrain files, to be had by name")->type_name("DIR");
+  app.add_option("--terrain-cache", c.terrain.cache, "Where compiled terrains are kept; left out: in your own cache folder")->type_name("DIR");
+  app.add_flag("--list-terrains", list, "List the terrains there are and their parameters");
   app.add_option("--threads", c.threads, "Threads that work on meshes; 0: as many as the machine has")
       ->check(CLI::Range(0u, 1024u))
       ->capture_default_str();
@@ -57,9 +73,14 @@ Parsed parse(int argc, const char* const* argv) {
     std::cerr << "ridgecast-server: " << e.what() << "; --help lists what there is.\n";
     return {std::nullopt, 2};
   }
-  if (list) {
-    listTerrains();
-    return {std::nullopt, 0};
+  if (list) return {std::nullopt, listTerrains(c.terrain.folder)};
+  for (const std::string& p : parameters) {
+    auto assignment = user_terrain::parseAssignment(p);
+    if (!assignment) {
+      std::cerr << "ridgecast-server: " << assignment.error().message << "\n";
+      return {std::nullopt, 2};
+    }
+    c.terrain.parameters.push_back(std::move(*assignment));
   }
   c.net.patience = std::chrono::seconds(patience);
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);

@@ -9,14 +9,14 @@
 #include "common/outcome/outcome.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
+#include "server/terrain/catalogue.h"
 
 namespace ridgecast::config {
 
 struct Config {
   net::Settings net;
   session::Limits limits;
-  std::string terrain = "alpine";
-  std::uint32_t seed = 1;
+  user_terrain::Request terrain;   // of the default session, with its seed
   unsigned threads = 0;            // 0: as many as the hardware has
   std::filesystem::path portFile;  // empty: none
   bool quiet = false;              // only warnings and errors

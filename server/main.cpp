@@ -11,7 +11,6 @@
 #include <iostream>
 #include <system_error>
 
-#include "common/terrain/terrain.h"
 #include "server/config.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
@@ -41,7 +40,7 @@ bool writePortFile(const std::filesystem::path& file, std::uint16_t port) {
 }
 
 int serve(const config::Config& config, const sigset_t& signals) {
-  auto terrain = terrain::create(config.terrain, config.seed);
+  auto terrain = user_terrain::load(config.terrain, [](const std::string& complaint) { spdlog::warn("{}", complaint); });  // before any thread begins
   if (!terrain) return refuse(terrain.error().message);
 
   std::unique_ptr<net::Server> server;  // before the machine, so that it is destroyed after it: tasks send through it
@@ -56,7 +55,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
     return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
-  spdlog::info("listening on {} with {} threads, terrain {}, seed {}", server->url(), machine.threads(), (*terrain)->name(), config.seed);
+  spdlog::info("listening on {} with {} threads, terrain {}, seed {}", server->url(), machine.threads(), (*terrain)->name(), (*terrain)->seed());
 
   int signal = 0;
   sigwait(&signals, &signal);

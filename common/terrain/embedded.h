@@ -1,5 +1,5 @@
 #pragma once
-// The .glsl files of this folder as text, written into the library at build time (embed.cmake).
+// The .glsl files of this folder, and what they are compiled with, as text, written into the library at build time (embed.cmake).
 
 #include <string_view>
 
@@ -8,5 +8,7 @@ namespace ridgecast::terrain::embedded {
 extern const std::string_view prelude;
 extern const std::string_view shading;
 extern const std::string_view alpine;
+extern const std::string_view glsl_as_cpp;
+extern const std::string_view batch;
 
 }  // namespace ridgecast::terrain::embedded

@@ -25,16 +25,23 @@ struct Vector4;
 // Component k; past the end is the last, so that a wrong index reads what is there.
 template <int K, class V>
 constexpr auto component(V v) {
-  if constexpr (K == 0) return v.x;
-  else if constexpr (K == 1) return v.y;
-  else if constexpr (K == 2) return v.z;
-  else return v.w;
+  if constexpr (K == 0)
+    return v.x;
+  else if constexpr (K == 1)
+    return v.y;
+  else if constexpr (K == 2)
+    return v.z;
+  else
+    return v.w;
 }
 template <class T, int... K, class V>
 constexpr auto swizzled(V v) {
-  if constexpr (sizeof...(K) == 2) return Vector2<T>(component<K>(v)...);
-  else if constexpr (sizeof...(K) == 3) return Vector3<T>(component<K>(v)...);
-  else return Vector4<T>(component<K>(v)...);
+  if constexpr (sizeof...(K) == 2)
+    return Vector2<T>(component<K>(v)...);
+  else if constexpr (sizeof...(K) == 3)
+    return Vector3<T>(component<K>(v)...);
+  else
+    return Vector4<T>(component<K>(v)...);
 }
 
 template <class T>
@@ -50,7 +57,9 @@ struct Vector2 {
   template <class U>
   constexpr explicit Vector2(Vector4<U> v) : x(T(v.x)), y(T(v.y)) {}
   template <int... K>
-  constexpr auto swizzle() const { return swizzled<T, K...>(*this); }
+  constexpr auto swizzle() const {
+    return swizzled<T, K...>(*this);
+  }
   constexpr T& operator[](int i) { return i <= 0 ? x : y; }
   constexpr const T& operator[](int i) const { return i <= 0 ? x : y; }
 };
@@ -67,7 +76,9 @@ struct Vector3 {
   template <class U>
   constexpr explicit Vector3(Vector4<U> v) : x(T(v.x)), y(T(v.y)), z(T(v.z)) {}
   template <int... K>
-  constexpr auto swizzle() const { return swizzled<T, K...>(*this); }
+  constexpr auto swizzle() const {
+    return swizzled<T, K...>(*this);
+  }
   constexpr T& operator[](int i) { return i <= 0 ? x : i == 1 ? y : z; }
   constexpr const T& operator[](int i) const { return i <= 0 ? x : i == 1 ? y : z; }
 };
@@ -86,7 +97,9 @@ struct Vector4 {
   template <class U>
   constexpr explicit Vector4(Vector4<U> v) : x(T(v.x)), y(T(v.y)), z(T(v.z)), w(T(v.w)) {}
   template <int... K>
-  constexpr auto swizzle() const { return swizzled<T, K...>(*this); }
+  constexpr auto swizzle() const {
+    return swizzled<T, K...>(*this);
+  }
   constexpr T& operator[](int i) { return i <= 0 ? x : i == 1 ? y : i == 2 ? z : w; }
   constexpr const T& operator[](int i) const { return i <= 0 ? x : i == 1 ? y : i == 2 ? z : w; }
 };
@@ -113,30 +126,44 @@ constexpr int remainderOf(int a, int b) { return b == 0 || b == -1 ? 0 : a % b; 
 constexpr uint remainderOf(uint a, uint b) { return b == 0u ? 0u : a % b; }
 
 // Component by component, with a scalar on either side.
-#define RIDGECAST_BOTH(name, expression)                                                                                     \
-  template <class T>                                                                                                         \
-  constexpr Vector2<T> name(Vector2<T> a, Vector2<T> b) { return {expression(a.x, b.x), expression(a.y, b.y)}; }             \
-  template <class T>                                                                                                         \
-  constexpr Vector2<T> name(Vector2<T> a, Same<T> b) { return {expression(a.x, b), expression(a.y, b)}; }                    \
-  template <class T>                                                                                                         \
-  constexpr Vector3<T> name(Vector3<T> a, Vector3<T> b) { return {expression(a.x, b.x), expression(a.y, b.y), expression(a.z, b.z)}; } \
-  template <class T>                                                                                                         \
-  constexpr Vector3<T> name(Vector3<T> a, Same<T> b) { return {expression(a.x, b), expression(a.y, b), expression(a.z, b)}; } \
-  template <class T>                                                                                                         \
-  constexpr Vector4<T> name(Vector4<T> a, Vector4<T> b) {                                                                    \
-    return {expression(a.x, b.x), expression(a.y, b.y), expression(a.z, b.z), expression(a.w, b.w)};                         \
-  }                                                                                                                          \
-  template <class T>                                                                                                         \
-  constexpr Vector4<T> name(Vector4<T> a, Same<T> b) {                                                                       \
-    return {expression(a.x, b), expression(a.y, b), expression(a.z, b), expression(a.w, b)};                                 \
+#define RIDGECAST_BOTH(name, expression)                                                             \
+  template <class T>                                                                                 \
+  constexpr Vector2<T> name(Vector2<T> a, Vector2<T> b) {                                            \
+    return {expression(a.x, b.x), expression(a.y, b.y)};                                             \
+  }                                                                                                  \
+  template <class T>                                                                                 \
+  constexpr Vector2<T> name(Vector2<T> a, Same<T> b) {                                               \
+    return {expression(a.x, b), expression(a.y, b)};                                                 \
+  }                                                                                                  \
+  template <class T>                                                                                 \
+  constexpr Vector3<T> name(Vector3<T> a, Vector3<T> b) {                                            \
+    return {expression(a.x, b.x), expression(a.y, b.y), expression(a.z, b.z)};                       \
+  }                                                                                                  \
+  template <class T>                                                                                 \
+  constexpr Vector3<T> name(Vector3<T> a, Same<T> b) {                                               \
+    return {expression(a.x, b), expression(a.y, b), expression(a.z, b)};                             \
+  }                                                                                                  \
+  template <class T>                                                                                 \
+  constexpr Vector4<T> name(Vector4<T> a, Vector4<T> b) {                                            \
+    return {expression(a.x, b.x), expression(a.y, b.y), expression(a.z, b.z), expression(a.w, b.w)}; \
+  }                                                                                                  \
+  template <class T>                                                                                 \
+  constexpr Vector4<T> name(Vector4<T> a, Same<T> b) {                                               \
+    return {expression(a.x, b), expression(a.y, b), expression(a.z, b), expression(a.w, b)};         \
   }
-#define RIDGECAST_SCALAR_FIRST(name, expression)                                                                             \
-  template <class T>                                                                                                         \
-  constexpr Vector2<T> name(Same<T> a, Vector2<T> b) { return {expression(a, b.x), expression(a, b.y)}; }                    \
-  template <class T>                                                                                                         \
-  constexpr Vector3<T> name(Same<T> a, Vector3<T> b) { return {expression(a, b.x), expression(a, b.y), expression(a, b.z)}; } \
-  template <class T>                                                                                                         \
-  constexpr Vector4<T> name(Same<T> a, Vector4<T> b) { return {expression(a, b.x), expression(a, b.y), expression(a, b.z), expression(a, b.w)}; }
+#define RIDGECAST_SCALAR_FIRST(name, expression)                                             \
+  template <class T>                                                                         \
+  constexpr Vector2<T> name(Same<T> a, Vector2<T> b) {                                       \
+    return {expression(a, b.x), expression(a, b.y)};                                         \
+  }                                                                                          \
+  template <class T>                                                                         \
+  constexpr Vector3<T> name(Same<T> a, Vector3<T> b) {                                       \
+    return {expression(a, b.x), expression(a, b.y), expression(a, b.z)};                     \
+  }                                                                                          \
+  template <class T>                                                                         \
+  constexpr Vector4<T> name(Same<T> a, Vector4<T> b) {                                       \
+    return {expression(a, b.x), expression(a, b.y), expression(a, b.z), expression(a, b.w)}; \
+  }
 #define RIDGECAST_PLUS(a, b) T((a) + (b))
 #define RIDGECAST_MINUS(a, b) T((a) - (b))
 #define RIDGECAST_TIMES(a, b) T((a) * (b))
@@ -145,8 +172,8 @@ constexpr uint remainderOf(uint a, uint b) { return b == 0u ? 0u : a % b; }
 #define RIDGECAST_AND(a, b) T((a) & (b))
 #define RIDGECAST_OR(a, b) T((a) | (b))
 #define RIDGECAST_XOR(a, b) T((a) ^ (b))
-#define RIDGECAST_LEFT(a, b) T((a) << ((b) & T(31)))
-#define RIDGECAST_RIGHT(a, b) T((a) >> ((b) & T(31)))
+#define RIDGECAST_LEFT(a, b) T((a) << ((b)&T(31)))
+#define RIDGECAST_RIGHT(a, b) T((a) >> ((b)&T(31)))
 RIDGECAST_BOTH(operator+, RIDGECAST_PLUS)
 RIDGECAST_SCALAR_FIRST(operator+, RIDGECAST_PLUS)
 RIDGECAST_BOTH(operator-, RIDGECAST_MINUS)
@@ -164,13 +191,19 @@ RIDGECAST_BOTH(operator|, RIDGECAST_OR)
 RIDGECAST_BOTH(operator^, RIDGECAST_XOR)
 RIDGECAST_BOTH(operator<<, RIDGECAST_LEFT)
 RIDGECAST_BOTH(operator>>, RIDGECAST_RIGHT)
-#define RIDGECAST_ASSIGN(op)                                             \
-  template <class T, class B>                                            \
-  constexpr Vector2<T>& operator op##=(Vector2<T>& a, B b) { return a = a op b; } \
-  template <class T, class B>                                            \
-  constexpr Vector3<T>& operator op##=(Vector3<T>& a, B b) { return a = a op b; } \
-  template <class T, class B>                                            \
-  constexpr Vector4<T>& operator op##=(Vector4<T>& a, B b) { return a = a op b; }
+#define RIDGECAST_ASSIGN(op)                                 \
+  template <class T, class B>                                \
+  constexpr Vector2<T>& operator op##=(Vector2<T>& a, B b) { \
+    return a = a op b;                                       \
+  }                                                          \
+  template <class T, class B>                                \
+  constexpr Vector3<T>& operator op##=(Vector3<T>& a, B b) { \
+    return a = a op b;                                       \
+  }                                                          \
+  template <class T, class B>                                \
+  constexpr Vector4<T>& operator op##=(Vector4<T>& a, B b) { \
+    return a = a op b;                                       \
+  }
 RIDGECAST_ASSIGN(+)
 RIDGECAST_ASSIGN(-)
 RIDGECAST_ASSIGN(*)
@@ -180,17 +213,29 @@ RIDGECAST_ASSIGN(^)
 RIDGECAST_ASSIGN(<<)
 RIDGECAST_ASSIGN(>>)
 template <class T>
-constexpr Vector2<T> operator-(Vector2<T> a) { return {-a.x, -a.y}; }
+constexpr Vector2<T> operator-(Vector2<T> a) {
+  return {-a.x, -a.y};
+}
 template <class T>
-constexpr Vector3<T> operator-(Vector3<T> a) { return {-a.x, -a.y, -a.z}; }
+constexpr Vector3<T> operator-(Vector3<T> a) {
+  return {-a.x, -a.y, -a.z};
+}
 template <class T>
-constexpr Vector4<T> operator-(Vector4<T> a) { return {-a.x, -a.y, -a.z, -a.w}; }
+constexpr Vector4<T> operator-(Vector4<T> a) {
+  return {-a.x, -a.y, -a.z, -a.w};
+}
 template <class T>
-constexpr bool operator==(Vector2<T> a, Vector2<T> b) { return a.x == b.x && a.y == b.y; }
+constexpr bool operator==(Vector2<T> a, Vector2<T> b) {
+  return a.x == b.x && a.y == b.y;
+}
 template <class T>
-constexpr bool operator==(Vector3<T> a, Vector3<T> b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+constexpr bool operator==(Vector3<T> a, Vector3<T> b) {
+  return a.x == b.x && a.y == b.y && a.z == b.z;
+}
 template <class T>
-constexpr bool operator==(Vector4<T> a, Vector4<T> b) { return a.x == b.x && a.y == b.y && a.z == b.z && a.w == b.w; }
+constexpr bool operator==(Vector4<T> a, Vector4<T> b) {
+  return a.x == b.x && a.y == b.y && a.z == b.z && a.w == b.w;
+}
 
 #ifdef __SSE4_1__
 inline float floor(float v) { return __builtin_floorf(v); }

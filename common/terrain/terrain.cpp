@@ -97,6 +97,8 @@ std::uint64_t contentHash(const Terrain& terrain) {
 
 std::string_view prelude() { return embedded::prelude; }
 std::string_view shading() { return embedded::shading; }
+std::string_view glslAsCpp() { return embedded::glsl_as_cpp; }
+std::string_view batch() { return embedded::batch; }
 
 void curvatures(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, lattice::Step spacing,
                 std::span<float> out) {

@@ -57,6 +57,11 @@ std::uint64_t contentHash(const Terrain& terrain);
 std::string_view prelude();
 std::string_view shading();
 
+// The texts around a terrain file when it is compiled at run time (server/terrain): GLSL as C++ before prelude(), the loop over points
+// after the file.
+std::string_view glslAsCpp();
+std::string_view batch();
+
 // Curvature at points: the height function convolved with a 3 x 3 Laplacian of Gaussian (sigma 1, zero sum, normalised to unit absolute
 // sum; Lee et al.), with samples `spacing` steps apart. Metres, absolute value.
 void curvatures(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, lattice::Step spacing,

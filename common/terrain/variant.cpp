@@ -16,7 +16,7 @@ namespace {
 namespace alpine {
 #include "common/terrain/alpine.glsl"
 #include "common/terrain/batch.h"
-}
+}  // namespace alpine
 static_assert(alpine::kCellBits == lattice::kCellBits);
 
 }  // namespace

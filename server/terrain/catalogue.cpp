@@ -1,0 +1,180 @@
+#include "server/terrain/catalogue.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <fstream>
+#include <optional>
+#include <utility>
+
+#include "common/terrain/variants.h"
+#include "server/terrain/check.h"
+#include "server/terrain/library.h"
+#include "server/terrain/probe.h"
+#include "server/terrain/scratch.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+struct Source {
+  std::string name;  // of the terrain
+  std::string file;  // for messages
+  std::string text;
+};
+
+class Compiled final : public terrain::Terrain {
+ public:
+  Compiled(Source source, std::uint32_t seed, std::shared_ptr<const Library> library, Complain complain)
+      : source_(std::move(source)), seed_(seed), library_(std::move(library)), complain_(std::move(complain)) {}
+  std::string_view name() const override { return source_.name; }
+  std::string_view source() const override { return source_.text; }
+  std::uint32_t seed() const override { return seed_; }
+  void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
+    const std::size_t count = std::min({x.size(), z.size(), out.size()});
+    library_->heights()(x.data(), z.data(), out.data(), count, seed_);
+    constexpr float kMost = static_cast<float>(lattice::kMaxHeight * lattice::kMetresPerStep);
+    bool fine = true;
+    for (std::size_t i = 0; i < count; ++i) fine &= std::abs(out[i]) <= kMost;  // false for what is no number
+    if (fine) return;
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::string_view fault = faultOf(out[i]);
+      if (fault.empty()) continue;
+      if (!told_.exchange(true, std::memory_order_relaxed) && complain_)
+        complain_(source_.file + ": the height at " + placeText(x[i], z[i]) + " " + std::string(fault) + "; taken for " +
+                  (std::isnan(out[i]) ? "0" : "the nearest that is possible") + ", here and wherever it happens again");
+      out[i] = std::isnan(out[i]) ? 0.0f : std::clamp(out[i], -kMost, kMost);
+    }
+  }
+
+ private:
+  Source source_;
+  std::uint32_t seed_;
+  std::shared_ptr<const Library> library_;
+  Complain complain_;
+  mutable std::atomic<bool> told_ = false;
+};
+
+Outcome<std::string> readText(const std::filesystem::path& file) {
+  std::error_code failed;
+  const auto status = std::filesystem::status(file, failed);
+  if (failed || !std::filesystem::is_regular_file(status)) return Error{"there is no file " + file.string()};
+  const auto size = std::filesystem::file_size(file, failed);
+  if (failed) return Error{"cannot read " + file.string()};
+  if (size > kMostText)
+    return Error{file.string() + ": the file has " + std::to_string(size) + " bytes; a terrain file has at most " +
+                 std::to_string(kMostText)};
+  std::ifstream in(file, std::ios::binary);
+  std::string text(static_cast<std::size_t>(size), '\0');
+  in.read(text.data(), static_cast<std::streamsize>(size));
+  if (!in) return Error{"cannot read " + file.string()};
+  if (text.starts_with("\xef\xbb\xbf")) text.erase(0, 3);
+  std::erase(text, '\r');
+  return {boost::system::in_place_value, std::move(text)};
+}
+
+const terrain::Description* builtIn(std::string_view name) {
+  for (const terrain::Description& d : terrain::builtIn())
+    if (d.name == name) return &d;
+  return nullptr;
+}
+
+std::vector<std::filesystem::path> filesOf(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> out;
+  std::error_code failed;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, failed))
+    if (entry.path().extension() == ".glsl" && entry.is_regular_file(failed)) out.push_back(entry.path());
+  std::ranges::sort(out);
+  return out;
+}
+
+Outcome<Source> find(const Request& request) {
+  if (const auto* d = builtIn(request.terrain)) return Source{std::string(d->name), std::string(d->name) + ".glsl", std::string(d->source)};
+  std::filesystem::path file = request.terrain;
+  if (file.extension() != ".glsl") {
+    std::string names;
+    for (const terrain::Description& d : terrain::builtIn()) names.append(names.empty() ? "" : ", ").append(d.name);
+    file.clear();
+    if (!request.folder.empty())
+      for (const auto& f : filesOf(request.folder)) {
+        names.append(", ").append(f.stem().string());
+        if (f.stem() == request.terrain) file = f;
+      }
+    if (file.empty())
+      return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
+                   "; or give a file of your own, NAME.glsl"};
+  }
+  auto text = readText(file);
+  if (!text) return text.error();
+  if (builtIn(file.stem().string()))
+    return Error{file.string() + ": " + file.stem().string() + " is the name of a built-in terrain; rename the file"};
+  return Source{file.stem().string(), file.string(), std::move(*text)};
+}
+
+Outcome<std::shared_ptr<const Library>> built(const Source& source, const Request& request) {
+  const std::string variant = request.variant.empty() ? std::string(terrain::variants().back().name) : request.variant;
+  auto cache = Cache::open(request.cache);
+  std::optional<Scratch> once;  // a user without a cache folder of his own compiles every time; what is loaded stays when its file goes
+  if (!cache && request.cache.empty()) {
+    auto made = Scratch::create();
+    if (!made) return made.error();
+    once.emplace(std::move(*made));
+    cache = Cache::open(once->path());
+  }
+  if (!cache) return cache.error();
+  const std::filesystem::path file = cache->fileFor(source.text, variant);
+  if (cache->has(file))
+    if (auto library = Library::open(file)) return *library;
+  auto checked = checkGlsl(source.file, source.text);
+  if (!checked) return checked.error();
+  auto translated = translate(source.file, checked->tokens, checked->items);
+  if (!translated) return translated.error();
+  if (auto compiled = compile(source.file, *translated, variant, file); !compiled) return compiled.error();
+  return Library::open(file);
+}
+
+}  // namespace
+
+Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain) {
+  if (builtIn(request.terrain) && request.parameters.empty()) return terrain::create(request.terrain, request.seed);
+  auto source = find(request);
+  if (!source) return source.error();
+  if (auto fine = checkText(source->file, source->text); !fine) return fine.error();
+  auto declaration = readDeclaration(source->file, source->text);
+  if (!declaration) return declaration.error();
+  auto text = withParameters(source->file, source->text, *declaration, request.parameters);
+  if (!text) return text.error();
+  source->text = std::move(*text);
+  auto library = built(*source, request);
+  if (!library) return library.error();
+  if (auto fine = probe(source->file, (*library)->heights(), request.seed); !fine) return fine.error();
+  return std::shared_ptr<const terrain::Terrain>(
+      std::make_shared<Compiled>(std::move(*source), request.seed, std::move(*library), std::move(complain)));
+}
+
+Outcome<std::vector<Entry>> list(const std::filesystem::path& folder) {
+  std::vector<Entry> out;
+  for (const terrain::Description& d : terrain::builtIn()) {
+    auto declaration = readDeclaration(std::string(d.name) + ".glsl", d.source);
+    out.push_back({std::string(d.name), std::string(d.summary), declaration ? declaration->parameters : std::vector<Parameter>(), {}});
+  }
+  if (folder.empty()) return out;
+  std::error_code failed;
+  if (!std::filesystem::is_directory(folder, failed)) return Error{"--terrain-dir: there is no folder " + folder.string()};
+  for (const auto& file : filesOf(folder)) {
+    Entry entry{file.stem().string(), {}, {}, {}};
+    auto text = readText(file);
+    auto fine = text ? checkText(file.string(), *text) : Outcome<void>(text.error());
+    auto declaration = fine ? readDeclaration(file.string(), *text) : Outcome<Declaration>(fine.error());
+    if (declaration) {
+      entry.summary = declaration->summary;
+      entry.parameters = declaration->parameters;
+    } else {
+      entry.problem = declaration.error().message;
+    }
+    out.push_back(std::move(entry));
+  }
+  return out;
+}
+
+}  // namespace ridgecast::user_terrain

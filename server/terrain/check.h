@@ -1,0 +1,30 @@
+#pragma once
+// Whether a person's text is a terrain file: size, encoding, what no terrain file may hold, GLSL as every client's compiler speaks it,
+// and the two functions with their signatures. All errors are one sentence for a person that begins with "`file`:line: " where there
+// is a line.
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+#include "server/terrain/tokens.h"
+
+namespace ridgecast::user_terrain {
+
+inline constexpr std::size_t kMostText = 256 << 10;  // bytes
+
+// What can be seen without a compiler.
+Outcome<void> checkText(std::string_view file, std::string_view text);
+
+struct Checked {
+  std::vector<Token> tokens;  // preprocessed
+  std::vector<TopLevel> items;
+};
+
+// The GLSL front end's verdict, as GLSL 3.30 and as GLSL ES 3.00, then the signatures. Runs glslangValidator in a child process;
+// error too when that is not installed.
+Outcome<Checked> checkGlsl(std::string_view file, std::string_view text);
+
+}  // namespace ridgecast::user_terrain

@@ -1,0 +1,114 @@
+#include "server/terrain/child.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <string_view>
+#include <thread>
+
+namespace ridgecast::user_terrain {
+namespace {
+
+void limit(int resource, std::uint64_t most) {
+  rlimit value;
+  if (getrlimit(static_cast<__rlimit_resource_t>(resource), &value) != 0) return;
+  value.rlim_cur = std::min<rlim_t>(most, value.rlim_max);
+  setrlimit(static_cast<__rlimit_resource_t>(resource), &value);
+}
+
+}  // namespace
+
+std::optional<std::filesystem::path> findProgram(const std::string& name) {
+  const char* path = std::getenv("PATH");
+  std::string_view folders = path ? path : "/usr/bin:/bin";
+  while (!folders.empty()) {
+    const std::size_t end = std::min(folders.find(':'), folders.size());
+    const std::filesystem::path file = std::filesystem::path(folders.substr(0, end)) / name;
+    if (end > 0 && access(file.c_str(), X_OK) == 0) return file;
+    folders.remove_prefix(std::min(end + 1, folders.size()));
+  }
+  return std::nullopt;
+}
+
+Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vector<std::string>& arguments, const ChildLimits& limits) {
+  const auto cannot = [&] { return Error{"cannot start " + program.string() + ": " + std::strerror(errno)}; };
+  int ends[2];
+  if (pipe2(ends, O_CLOEXEC) != 0) return cannot();
+  // All memory is taken before the fork: the child may only make calls that are safe in a process that had threads.
+  const std::string file = program.string();
+  std::vector<char*> argv{const_cast<char*>(file.c_str())};
+  for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
+  argv.push_back(nullptr);
+  std::vector<std::string> environment{"LC_ALL=C", "TMPDIR=" + std::filesystem::temp_directory_path().string()};
+  if (const char* path = std::getenv("PATH")) environment.push_back(std::string("PATH=") + path);
+  std::vector<char*> envp;
+  for (std::string& e : environment) envp.push_back(e.data());
+  envp.push_back(nullptr);
+
+  const pid_t child = fork();
+  if (child < 0) {
+    const Error error = cannot();
+    close(ends[0]), close(ends[1]);
+    return error;
+  }
+  if (child == 0) {
+    setpgid(0, 0);
+    sigset_t none;
+    sigemptyset(&none);
+    sigprocmask(SIG_SETMASK, &none, nullptr);
+    dup2(open("/dev/null", O_RDONLY), 0);
+    dup2(ends[1], 1);
+    dup2(ends[1], 2);
+    limit(RLIMIT_AS, limits.memory);
+    limit(RLIMIT_FSIZE, limits.fileSize);
+    limit(RLIMIT_CORE, 0);
+    limit(RLIMIT_CPU, static_cast<std::uint64_t>(limits.time.count() / 1000 + 1));
+    execve(file.c_str(), argv.data(), envp.data());
+    _exit(127);
+  }
+  setpgid(child, child);  // both sides: whoever comes first
+  close(ends[1]);
+
+  ChildEnd out;
+  const auto until = std::chrono::steady_clock::now() + limits.time;
+  char buffer[4096];
+  for (;;) {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now()).count();
+    if (left <= 0) {
+      out.timedOut = true;
+      break;
+    }
+    pollfd wait{ends[0], POLLIN, 0};
+    if (poll(&wait, 1, static_cast<int>(left)) <= 0) continue;
+    const ssize_t n = read(ends[0], buffer, sizeof buffer);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) break;
+    out.output.append(buffer, std::min(static_cast<std::size_t>(n), kMostOutput - std::min(out.output.size(), kMostOutput)));
+  }
+  close(ends[0]);
+  // Its output may end before it does. Seen but not yet reaped, it keeps its group's number from being given to others.
+  for (;;) {
+    out.timedOut |= std::chrono::steady_clock::now() >= until;
+    if (out.timedOut) kill(-child, SIGKILL);
+    siginfo_t ended{};
+    if (waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOWAIT | (out.timedOut ? 0 : WNOHANG)) == 0 && ended.si_pid == child)
+      break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  kill(-child, SIGKILL);  // whatever it has left behind
+  int status = 0;
+  waitpid(child, &status, 0);
+  if (WIFEXITED(status)) out.status = WEXITSTATUS(status);
+  if (out.status == 127 && out.output.empty()) return Error{"cannot start " + program.string()};
+  return out;
+}
+
+}  // namespace ridgecast::user_terrain

@@ -1,0 +1,36 @@
+#pragma once
+// Another program, run to its end under limits: the GLSL front end and the C++ compiler.
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+
+namespace ridgecast::user_terrain {
+
+inline constexpr std::size_t kMostOutput = 1 << 20;  // bytes kept of what it prints
+
+struct ChildLimits {
+  std::chrono::milliseconds time{60'000};            // wall time, then it and what it started are killed
+  std::uint64_t memory = std::uint64_t{3} << 30;     // bytes of address space, each process
+  std::uint64_t fileSize = std::uint64_t{64} << 20;  // bytes, each file it writes
+};
+
+struct ChildEnd {
+  bool timedOut = false;
+  int status = -1;     // exit status; -1 when a signal ended it
+  std::string output;  // stdout and stderr together, the first kMostOutput
+};
+
+// Where the program of this name is, by PATH.
+std::optional<std::filesystem::path> findProgram(const std::string& name);
+
+// Runs it without input, with the C locale. Error: it could not be started.
+Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vector<std::string>& arguments, const ChildLimits& limits = {});
+
+}  // namespace ridgecast::user_terrain

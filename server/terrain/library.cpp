@@ -1,0 +1,163 @@
+#include "server/terrain/library.h"
+
+#include <dlfcn.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <charconv>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "common/terrain/terrain.h"
+#include "server/terrain/child.h"
+#include "server/terrain/embedded.h"
+#include "server/terrain/scratch.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+constexpr const char* kEntry = "ridgecast_heights";
+
+// As the built-in terrains are compiled (common/terrain/CMakeLists.txt); never with fused multiply-add.
+const std::vector<std::string>& commonFlags() {
+  static const std::vector<std::string> flags = {
+      "-std=c++20",          "-O3",     "-fopenmp-simd",  "-ffp-contract=off",           "-fno-math-errno",
+      "-fno-trapping-math",  "-fwrapv", "-fPIC",          "-fvisibility=hidden",         "-shared",
+      "-nostdlib",           "-w",      "-fmax-errors=1", "-fno-diagnostics-show-caret", "-fno-exceptions",
+      "-fno-stack-protector"};
+  return flags;
+}
+std::vector<std::string> variantFlags(std::string_view variant) {
+  if (variant == "avx2") return {"-mavx2"};
+  if (variant == "avx512") return {"-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512"};
+  return {};
+}
+
+std::string programText(const Translation& t) {
+  std::string out = "namespace {\n";
+  out.append(terrain::glslAsCpp()).append("\n").append(embedded::glsl_extras).append("\n").append(terrain::prelude()).append("\n");
+  if (t.bounded) {
+    out.append("thread_local int stepsLeft__;\nconstexpr int kMostSteps = ").append(std::to_string(kMostSteps));
+    out.append(";\nconstexpr uint kOutOfSteps = ")
+        .append(std::to_string(kOutOfSteps))
+        .append("u;\n#define RIDGECAST_STEPS_LEFT stepsLeft__\n");
+  }
+  out.append("namespace person__ {\n")
+      .append(t.text)
+      .append("}\n#line 1 \"batch.h\"\nnamespace program__ {\nusing person__::terrainHeight;\n");
+  out.append(terrain::batch()).append("\n}\n}\nextern \"C\" __attribute__((visibility(\"default\"))) void ").append(kEntry);
+  return out.append(
+      "(const __INT64_TYPE__* x, const __INT64_TYPE__* z, float* out, __SIZE_TYPE__ count, uint seed) {\n"
+      "  program__::heights(x, z, out, count, seed);\n}\n");
+}
+
+std::uint64_t hashed(std::uint64_t hash, std::string_view text) {
+  for (const char c : text) hash = lattice::mix(hash ^ static_cast<unsigned char>(c));
+  return lattice::mix(hash ^ text.size());
+}
+
+bool isPrivate(const struct stat& s) { return s.st_uid == geteuid() && (s.st_mode & (S_IWGRP | S_IWOTH)) == 0; }
+
+// "terrain.glsl:12:7: error: ..." -> "file:12: ..."; errors inside the program's own text are put where the file called it.
+Error complaint(std::string_view file, std::string_view output) {
+  const std::size_t error = output.find("error: ");
+  if (error == std::string_view::npos) return Error{std::string(file) + ": the C++ compiler failed without saying why"};
+  const std::string_view what = output.substr(error + 7, std::min(output.find('\n', error) - error - 7, std::size_t{300}));
+  std::size_t number = 0;
+  const std::string mark = std::string(kPersonsFile) + ":";
+  if (const std::size_t place = output.find(mark); place != std::string_view::npos)
+    std::from_chars(output.data() + place + mark.size(), output.data() + output.size(), number);
+  return Error{std::string(file) + ":" + (number ? std::to_string(number) + ":" : "") +
+               " this GLSL has no counterpart for heights: " + std::string(what) + "; say it in simpler GLSL"};
+}
+
+}  // namespace
+
+Outcome<std::shared_ptr<const Library>> Library::open(const std::filesystem::path& file) {
+  void* handle = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (!handle) return Error{"cannot load " + file.string() + ": " + dlerror()};
+  auto library = std::shared_ptr<Library>(new Library(handle));
+  library->heights_ = reinterpret_cast<terrain::HeightsFunction>(dlsym(handle, kEntry));
+  if (!library->heights_) return Error{file.string() + " is no compiled terrain; remove it"};
+  return std::shared_ptr<const Library>(std::move(library));
+}
+
+Library::~Library() { dlclose(handle_); }
+
+Outcome<Cache> Cache::open(std::filesystem::path folder) {
+  if (folder.empty()) {
+    const char* xdg = std::getenv("XDG_CACHE_HOME");
+    const char* home = std::getenv("HOME");
+    if (xdg && *xdg)
+      folder = std::filesystem::path(xdg) / "ridgecast" / "terrains";
+    else if (home && *home)
+      folder = std::filesystem::path(home) / ".cache" / "ridgecast" / "terrains";
+    else
+      return Error{"there is no place to keep compiled terrains: set HOME, or give --terrain-cache DIR"};
+  }
+  std::error_code failed;
+  if (folder.has_parent_path()) std::filesystem::create_directories(folder.parent_path(), failed);
+  mkdir(folder.c_str(), 0700);
+  struct stat s;
+  if (stat(folder.c_str(), &s) != 0 || !S_ISDIR(s.st_mode) || access(folder.c_str(), W_OK) != 0)
+    return Error{"compiled terrains cannot be kept in " + folder.string() + "; give another folder with --terrain-cache DIR"};
+  if (!isPrivate(s))
+    return Error{"others can write to " + folder.string() +
+                 ", so compiled terrains from it cannot be trusted; give another folder with --terrain-cache DIR"};
+  return Cache(std::move(folder));
+}
+
+std::filesystem::path Cache::fileFor(std::string_view text, std::string_view variant) const {
+  std::uint64_t first = 1, second = 2;  // 128 bits in all
+  std::string all(text);
+  for (const std::string_view part : {terrain::glslAsCpp(), std::string_view(embedded::glsl_extras), terrain::prelude(), terrain::batch(),
+                                      variant, std::string_view(embedded::translate)})
+    all.append(1, '\0').append(part);
+  for (const std::string& flag : commonFlags()) all.append(1, '\0').append(flag);
+  all += std::to_string(kMostSteps);
+  char name[64];
+  std::snprintf(name, sizeof name, "%016llx%016llx", static_cast<unsigned long long>(hashed(first, all)),
+                static_cast<unsigned long long>(hashed(second, all)));
+  return folder_ / (std::string(name) + "-" + std::string(variant) + ".so");
+}
+
+bool Cache::has(const std::filesystem::path& file) const {
+  struct stat s;
+  return lstat(file.c_str(), &s) == 0 && S_ISREG(s.st_mode) && isPrivate(s);
+}
+
+Outcome<void> compile(std::string_view file, const Translation& translation, std::string_view variant,
+                      const std::filesystem::path& target) {
+  auto program = findProgram("g++");
+  if (!program) program = findProgram("c++");
+  if (!program) return Error{"a terrain file is compiled by g++, which is not installed; on Debian: apt-get install g++ glslang-tools"};
+  auto scratch = Scratch::create();
+  if (!scratch) return scratch.error();
+  const std::filesystem::path source = scratch->path() / "terrain.cpp";
+  // Beside its place, so that moving it there cannot fail half way.
+  const std::filesystem::path made = target.string() + "." + std::to_string(getpid()) + ".new";
+  std::ofstream(source, std::ios::binary) << programText(translation);
+  std::vector<std::string> arguments = commonFlags();
+  for (std::string& flag : variantFlags(variant)) arguments.push_back(std::move(flag));
+  arguments.insert(arguments.end(), {"-o", made.string(), source.string()});
+  auto end = runChild(*program, arguments, {.time = std::chrono::seconds(60)});
+  std::error_code failed;
+  if (!end || end->timedOut || end->status != 0) {
+    std::filesystem::remove(made, failed);
+    if (!end) return end.error();
+    if (end->timedOut) return Error{std::string(file) + ": compiling it took more than 60 s; it calls too much: write it shorter"};
+    if (end->output.find("out of memory") != std::string::npos || end->output.find("virtual memory exhausted") != std::string::npos ||
+        end->status < 0)
+      return Error{std::string(file) + ": compiling it needs too much memory; it calls too much: write it shorter"};
+    return complaint(file, end->output);
+  }
+  chmod(made.c_str(), 0600);
+  std::filesystem::rename(made, target, failed);
+  if (failed) return Error{"cannot write " + target.string() + ": " + failed.message()};
+  return {};
+}
+
+}  // namespace ridgecast::user_terrain

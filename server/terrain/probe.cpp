@@ -1,0 +1,128 @@
+#include "server/terrain/probe.h"
+
+#include <poll.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <thread>
+#include <vector>
+
+#include "server/terrain/translate.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+constexpr std::array<double, 10> kPlaces = {0, 5e3, 1e6, -1e6, 3e7, 1e8, -1e9, 1e12, -1e12, 4.39e12};  // metres, x; z is its mirror
+constexpr std::size_t kBatch = 256, kBatches = 16;                                                     // points a place: 4,096
+
+// What the child tells, in memory that both see.
+struct Report {
+  lattice::Step x, z;  // where it is, then where the fault is
+  float height;
+  bool faulty, done;
+};
+
+void tryAll(terrain::HeightsFunction heights, std::uint32_t seed, volatile Report& report) {
+  std::array<lattice::Step, kBatch> x, z;
+  std::array<float, kBatch> out;
+  std::uint64_t random = 1;
+  const auto next = [&] { return random = lattice::mix(random + 0x9e3779b97f4a7c15u); };
+  for (std::size_t round = 0; round < kBatches; ++round) {
+    for (const double place : kPlaces) {
+      const auto centre = static_cast<lattice::Step>(place * lattice::kStepsPerMetre);
+      // Within 128 m, 2 km, 32 km and 128 km in turn.
+      const int bits = std::array{16, 20, 24, 26}[round % 4];
+      const lattice::Step half = lattice::Step{1} << (bits - 1);
+      for (std::size_t i = 0; i < kBatch; ++i) {
+        x[i] = centre + static_cast<lattice::Step>(next() >> (64 - bits)) - half;
+        z[i] = -centre + static_cast<lattice::Step>(next() >> (64 - bits)) - half;
+      }
+      report.x = x[0];
+      report.z = z[0];
+      heights(x.data(), z.data(), out.data(), kBatch, seed);
+      for (std::size_t i = 0; i < kBatch; ++i) {
+        if (faultOf(out[i]).empty()) continue;
+        report.x = x[i];
+        report.z = z[i];
+        report.height = out[i];
+        report.faulty = true;
+        return;
+      }
+    }
+  }
+  report.done = true;
+}
+
+[[noreturn]] void child(terrain::HeightsFunction heights, std::uint32_t seed, volatile Report& report, long seconds) {
+  const rlimit cpu{static_cast<rlim_t>(seconds), static_cast<rlim_t>(seconds)}, none{0, 0};
+  setrlimit(RLIMIT_CPU, &cpu);
+  setrlimit(RLIMIT_CORE, &none);
+  setrlimit(RLIMIT_FSIZE, &none);
+  for (const int signal : {SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT, SIGXCPU}) std::signal(signal, SIG_DFL);
+  tryAll(heights, seed, report);
+  _exit(0);
+}
+
+}  // namespace
+
+std::string_view faultOf(float height) {
+  if (std::bit_cast<std::uint32_t>(height) == kOutOfSteps) return "takes more than 10,000 steps of its loops; a loop there may never end";
+  if (std::isnan(height)) return "is not a number";
+  if (std::isinf(height)) return "is infinite";
+  if (std::abs(height) > lattice::kMaxHeight * lattice::kMetresPerStep) return "is absurd: heights lie within 131,072 m of 0";
+  return {};
+}
+
+std::string placeText(lattice::Step x, lattice::Step z) {
+  char text[96];
+  std::snprintf(text, sizeof text, "x %.10g m, z %.10g m", static_cast<double>(x) * lattice::kMetresPerStep,
+                static_cast<double>(z) * lattice::kMetresPerStep);
+  return text;
+}
+
+Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std::uint32_t seed, std::chrono::milliseconds time) {
+  void* shared = mmap(nullptr, sizeof(Report), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  if (shared == MAP_FAILED) return Error{"no memory to try the terrain with"};
+  struct Unmap {
+    void* memory;
+    ~Unmap() { munmap(memory, sizeof(Report)); }
+  } unmap{shared};
+  auto& report = *new (shared) Report{};
+  const pid_t pid = fork();
+  if (pid < 0) return Error{std::string("no process to try the terrain in: ") + std::strerror(errno)};
+  if (pid == 0) child(heights, seed, report, static_cast<long>(time.count() / 1000 + 1));
+  const auto until = std::chrono::steady_clock::now() + time;
+  int status = 0;
+  bool timedOut = false;
+  while (waitpid(pid, &status, WNOHANG) == 0) {
+    if (!timedOut && std::chrono::steady_clock::now() >= until) {
+      timedOut = true;
+      kill(pid, SIGKILL);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  const std::string where = placeText(report.x, report.z);
+  if (timedOut || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
+    return Error{std::string(file) + ": heights take too long: not done after " + std::to_string(time.count() / 1000) + " s, the last at " +
+                 where};
+  if (WIFSIGNALED(status)) return Error{std::string(file) + ": terrainHeight crashes (" + strsignal(WTERMSIG(status)) + ") near " + where};
+  if (report.faulty) {
+    char height[48];
+    std::snprintf(height, sizeof height, "%g", static_cast<double>(report.height));
+    const bool number = std::isfinite(report.height);
+    return Error{std::string(file) + ": the height at " + where + (number ? std::string(", ") + height + " m, " : " ") +
+                 std::string(faultOf(report.height))};
+  }
+  if (!report.done) return Error{std::string(file) + ": the process that tried its heights ended early"};
+  return {};
+}
+
+}  // namespace ridgecast::user_terrain

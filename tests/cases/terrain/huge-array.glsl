@@ -1,0 +1,9 @@
+float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
+  float a[100000000];
+  a[int(seed)] = 3.0;
+  return a[7];
+}
+
+vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {
+  return vec3(0.3, 0.3, 0.2);
+}

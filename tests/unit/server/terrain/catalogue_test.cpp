@@ -1,0 +1,257 @@
+// Terrain files from text to heights: the same bits as the built-in terrains, GLSL of many kinds, and what happens when a file turns
+// out bad only later.
+
+#include "server/terrain/catalogue.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <bit>
+#include <cmath>
+#include <fstream>
+
+#include "common/terrain/variants.h"
+#include "server/terrain/child.h"
+#include "server/terrain/scratch.h"
+#include "tests/unit/common/terrain/points.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+using std::filesystem::path;
+using terrain::Terrain;
+using testing::HasSubstr;
+
+constexpr std::string_view kColour =
+    "vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) { return abs(normal.zyx) + "
+    "dFdx(height); }\n";
+
+class Files : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!findProgram("glslangValidator") || !(findProgram("g++") || findProgram("c++"))) GTEST_SKIP() << "needs glslangValidator and g++";
+  }
+  path write(const std::string& name, const std::string& text) const {
+    const path file = folder_.path() / name;
+    std::ofstream(file, std::ios::binary) << text;
+    return file;
+  }
+  Request request(const path& file) const {
+    Request r;
+    r.terrain = file.string();
+    r.cache = folder_.path() / "cache";
+    return r;
+  }
+  // A terrain whose height is these statements.
+  Outcome<std::shared_ptr<const Terrain>> made(const std::string& body, const std::string& before = "") {
+    const path file = write(
+        "made" + std::to_string(++count_) + ".glsl",
+        before + "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {\n" + body + "}\n" + std::string(kColour));
+    return load(request(file), [this](const std::string& m) { complaints_.push_back(m); });
+  }
+  // Its height at x, z in steps.
+  float at(const std::string& body, const std::string& before = "", lattice::Step x = 256, lattice::Step z = 512) {
+    const auto t = made(body, before);
+    EXPECT_TRUE(t) << body << ": " << (t ? "" : t.error().message);
+    if (!t) return NAN;
+    float h = NAN;
+    (*t)->heights(std::span(&x, 1), std::span(&z, 1), std::span(&h, 1));
+    return h;
+  }
+
+  Scratch folder_ = Scratch::create().value();
+  std::vector<std::string> complaints_;
+  int count_ = 0;
+};
+
+// The built-in terrains went through the compiler as they are; through the translation they must come out with the same bits, for every
+// instruction set.
+TEST_F(Files, translationKeepsEveryBitOfTheBuiltInTerrains) {
+  for (const terrain::Description& d : terrain::builtIn()) {
+    const path file = write("copy-of-" + std::string(d.name) + ".glsl", std::string(d.source));
+    const auto original = terrain::create(d.name, 77).value();
+    for (const terrain::Variant& v : terrain::variants()) {
+      Request r = request(file);
+      r.variant = v.name;
+      r.seed = 77;
+      const auto copy = load(r, nullptr);
+      ASSERT_TRUE(copy) << copy.error().message;
+      EXPECT_EQ((*copy)->source(), d.source);
+      for (const double distance : terrain::kDistances) {
+        const terrain::Points p = terrain::pointsAt(distance, 10'000);
+        std::vector<float> a(p.x.size()), b(p.x.size());
+        original->heights(p.x, p.z, a);
+        (*copy)->heights(p.x, p.z, b);
+        std::size_t different = 0;
+        for (std::size_t i = 0; i < a.size(); ++i) different += std::bit_cast<std::uint32_t>(a[i]) != std::bit_cast<std::uint32_t>(b[i]);
+        EXPECT_EQ(different, 0u) << d.name << ", " << v.name << " at " << distance;
+      }
+    }
+  }
+}
+
+TEST_F(Files, parametersReachHeightsTextAndHash) {
+  const path file = write("flat.glsl",
+                          "const float level = 5.0;  //! 0..50 m: how high\nfloat terrainHeight(ivec2 cell, vec2 fraction, float "
+                          "footprint, uint seed) { return level; }\n" +
+                              std::string(kColour));
+  Request r = request(file);
+  const auto plain = load(r, nullptr);
+  r.parameters = {{"level", 12.5}};
+  const auto raised = load(r, nullptr);
+  ASSERT_TRUE(plain && raised);
+  EXPECT_EQ((*plain)->name(), "flat");
+  EXPECT_EQ((*plain)->height({3, 4}), 5.0);
+  EXPECT_EQ((*raised)->height({3, 4}), 12.5);
+  EXPECT_THAT(std::string((*raised)->source()), HasSubstr("level = 12.5f;"));
+  EXPECT_NE(terrain::contentHash(**plain), terrain::contentHash(**raised));
+  r.parameters = {{"level", 51}};
+  EXPECT_THAT(load(r, nullptr).error().message, HasSubstr("out of range"));
+}
+
+TEST_F(Files, glslOfManyKinds) {
+  // x is 1 m, z is 2 m: fraction (1, 2) / 4096.
+  EXPECT_EQ(at("return 2. + .5 + 1e1 + float(0x10) + float(7u);\n"), 35.5f);
+  EXPECT_EQ(at("vec4 v = vec4(1, 2, 3, 4); return v.wzyx.x * 1000. + v.rgb.b * 100. + v.st.t * 10. + v.a;\n"), 4324.0f);
+  EXPECT_EQ(at("vec3 v = vec3(fraction * 4.0, 3.0); return (dot(v.zx, v.xy) + v[1] + v.yyy.z) * 1024.0;\n"),
+            3.0f + 2.0f / 1024 + 2.0f + 2.0f);
+  EXPECT_EQ(at("mat2 m = mat2(1.0, 2.0, 3.0, 4.0); vec2 v = m * vec2(1.0, 1.0); return v.x * 10.0 + v.y + (vec2(1.0) * m).x * 100.0;\n"),
+            346.0f);
+  EXPECT_EQ(
+      at("float a[3] = float[3](1.0, 2.0, 4.0); float s = 0.0; for (int i = 0; i < 3; i++) s += a[i]; return s + float(a.length());\n"),
+      10.0f);
+  EXPECT_EQ(at("return table[1] + table[2];\n", "const float table[] = float[](1.0, 2.0, 4.0);\n"), 6.0f);
+  EXPECT_EQ(
+      at("float a, b; both(3.0, a, b); return a + b;\n", "void both(in float v, out float a, inout float b) { a = v; b = v * 2.0; }\n"),
+      9.0f);
+  EXPECT_EQ(at("Hill h = Hill(vec2(3.0, 4.0), 2.0); h.r *= 2.0; return h.r + h.xy.y;\n", "struct Hill { vec2 xy; float r; };\n"), 8.0f);
+  EXPECT_EQ(at("#define TWICE(x) ((x) * 2.0)\n#if 0\nwrong\n#endif\nreturn TWICE(3.0);\n"), 6.0f);
+  EXPECT_EQ(at("highp float new = 3.0; float xor = 1.0; return new - xor;\n"), 2.0f);
+  EXPECT_EQ(at("float s = 0.0; int i = 0; while (true) { if (++i > 20) break; s += 1.0; } do { s += 1.0; } while (s < 30.0); return s;\n"),
+            30.0f);
+  EXPECT_EQ(at("float s = 0.0; for (int i = 0; i < 4; ++i) for (int j = 0; j <= i; ++j) { if (j == 2) continue; s += 1.0; } return s;\n"),
+            8.0f);
+  EXPECT_EQ(at("switch (cell.x) { case 0: return 5.0; default: return 6.0; }\n"), 5.0f);
+  EXPECT_EQ(at("ivec2 c = ivec2(7, -7) / 2; return float(c.x * 100 + 7 % 4 * 10 + c.y);\n"), 327.0f);
+  EXPECT_EQ(at("float a = 12.0; a /= 1.0 + 2.0; int b = 17; b %= 4 + 1; return a + float(b);\n"), 6.0f);
+  EXPECT_EQ(
+      at("vec2 v = mod(vec2(5.5, -1.0), 2.0) + step(1.0, fraction) + clamp(vec2(9.0), vec2(0.0), vec2(1.0, 2.0)); return v.x + v.y;\n"),
+      5.5f);
+  EXPECT_EQ(at("bvec2 b = lessThan(vec2(1.0, 5.0), vec2(2.0)); return any(b) && !all(b) ? 1.0 : 0.0;\n"), 1.0f);
+  EXPECT_NEAR(at("return 1000.0 * (sin(1.0) + cos(2.0) + exp(0.5) + log(3.0) + pow(2.0, 1.5) + atan(1.0, -2.0) + length(vec2(3.0, 4.0)) + "
+                 "tanh(0.5));\n"),
+              1000.0 * (std::sin(1.0) + std::cos(2.0) + std::exp(0.5) + std::log(3.0) + std::pow(2.0, 1.5) + std::atan2(1.0, -2.0) + 5.0 +
+                        std::tanh(0.5)),
+              0.05);
+}
+
+// Nothing that a file can write may trap or leave its memory.
+TEST_F(Files, nothingTraps) {
+  EXPECT_EQ(at("int zero = cell.x; return float(7 / zero) + float(7 % zero) + float((ivec2(3) / ivec2(zero)).x);\n"), 0.0f);
+  EXPECT_EQ(at("uint zero = uint(cell.x); uint q = 7u; q /= zero; return float(q) + float(7u % zero);\n"), 0.0f);
+  EXPECT_EQ(
+      at("int least = -2147483647 - 1; int one = -1 + cell.x; return float(least / one == least) + float(clamp(least % one, -9, 9));\n"),
+      1.0f);
+  EXPECT_EQ(
+      at("float a[2] = float[2](3.0, 4.0); int far = 1000000000 + cell.x; a[far] = 5.0; a[-far] = 6.0; return a[far] * 10.0 + a[-far];\n"),
+      56.0f);
+  EXPECT_EQ(at("vec2 v = vec2(1.0, 2.0); int far = 99 + cell.x; v[far] = 7.0; return v[far] + v[-far];\n"), 8.0f);
+  EXPECT_EQ(at("int s = 40 + cell.x; int big = int(1e30 * float(1 + cell.x)); return float(1 << (s & 15)) + float(big - big);\n"), 256.0f);
+}
+
+// A file that is fine wherever it was tried, and bad in one cell: heights go on, the first bad one is reported, once.
+TEST_F(Files, whatGoesWrongLaterIsReportedOnceAndNeverStops) {
+  struct Case {
+    const char* body;
+    const char* message;
+    float height;
+  };
+  for (const Case& c : {Case{"if (cell.x == 5 && cell.y == 5) return sqrt(-fraction.x); return 1.0;\n", "is not a number", 0.0f},
+                        Case{"if (cell.x == 5 && cell.y == 5) return -1.0 / (fraction.x - fraction.x); return 1.0;\n", "is", 0.0f},
+                        Case{"if (cell.x == 5 && cell.y == 5) return 1e9; return 1.0;\n", "is absurd", 131072.0f},
+                        Case{"float h = 1.0; while (cell.x == 5 && cell.y == 5) h += 1.0; return h;\n", "10,000 steps", 0.0f}}) {
+    complaints_.clear();
+    const auto t = made(c.body);
+    if (!t) {
+      // The probe came by this cell after all: then it must say so.
+      EXPECT_THAT(t.error().message, HasSubstr(c.message));
+      continue;
+    }
+    const lattice::Step inside = (5ll << 20) + 12345;
+    std::vector<lattice::Step> x(600, 256), z(600, 256);
+    for (const std::size_t k : {3u, 300u, 599u}) x[k] = z[k] = inside;
+    std::vector<float> h(600, -1);
+    for (int round = 0; round < 2; ++round) (*t)->heights(x, z, h);
+    for (std::size_t i = 0; i < h.size(); ++i) {
+      if (x[i] != inside)
+        ASSERT_EQ(h[i], 1.0f) << c.body << i;
+      else if (c.height != 0.0f)
+        ASSERT_EQ(h[i], c.height) << c.body;
+      else
+        ASSERT_TRUE(std::isfinite(h[i])) << c.body;
+    }
+    ASSERT_EQ(complaints_.size(), 1u) << c.body;
+    EXPECT_THAT(complaints_[0], HasSubstr(c.message));
+    EXPECT_THAT(complaints_[0], HasSubstr("x 20528.22266 m, z 20528.22266 m"));
+  }
+}
+
+TEST_F(Files, theCacheServesWithoutACompilerAndOnlyWhatIsOurs) {
+  const path file = write(
+      "flat.glsl", "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return 4.0; }\n" + std::string(kColour));
+  ASSERT_TRUE(load(request(file), nullptr));
+  const std::string before = std::getenv("PATH");
+  setenv("PATH", folder_.path().c_str(), 1);
+  const auto again = load(request(file), nullptr);
+  setenv("PATH", before.c_str(), 1);
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_EQ((*again)->height({0, 0}), 4.0);
+  // Others could have put something there.
+  chmod((folder_.path() / "cache").c_str(), 0777);
+  EXPECT_THAT(load(request(file), nullptr).error().message, HasSubstr("cannot be trusted"));
+  chmod((folder_.path() / "cache").c_str(), 0700);
+  // A damaged file is made anew.
+  for (const auto& entry : std::filesystem::directory_iterator(folder_.path() / "cache")) {
+    std::filesystem::remove(entry.path());  // it is mapped: not in place
+    std::ofstream(entry.path()) << "no library";
+    chmod(entry.path().c_str(), 0600);
+  }
+  const auto repaired = load(request(file), nullptr);
+  ASSERT_TRUE(repaired) << repaired.error().message;
+  EXPECT_EQ((*repaired)->height({0, 0}), 4.0);
+}
+
+TEST_F(Files, foldersOfferTerrainsByName) {
+  write("dune.glsl",
+        "//! one dune\nconst float level = 5.0;  //! 0..50 m: how high\nfloat terrainHeight(ivec2 cell, vec2 fraction, float footprint, "
+        "uint seed) { return level; }\n" +
+            std::string(kColour));
+  write("broken.glsl", "#include \"x\"\n");
+  write("notes.txt", "no terrain");
+  const auto entries = list(folder_.path());
+  ASSERT_TRUE(entries);
+  ASSERT_EQ(entries->size(), terrain::builtIn().size() + 2);
+  const Entry& broken = (*entries)[terrain::builtIn().size()];
+  const Entry& dune = entries->back();
+  EXPECT_EQ(broken.name, "broken");
+  EXPECT_THAT(broken.problem, HasSubstr("#include"));
+  EXPECT_EQ(dune.name, "dune");
+  EXPECT_EQ(dune.summary, "one dune");
+  ASSERT_EQ(dune.parameters.size(), 1u);
+  EXPECT_TRUE(list(folder_.path() / "none").has_error());
+
+  Request r = request("dune");
+  r.folder = folder_.path();
+  const auto t = load(r, nullptr);
+  ASSERT_TRUE(t) << t.error().message;
+  EXPECT_EQ((*t)->height({1, 2}), 5.0);
+  r.terrain = "dunes";
+  EXPECT_THAT(load(r, nullptr).error().message, HasSubstr("alpine"));
+  EXPECT_THAT(load(r, nullptr).error().message, HasSubstr("dune"));
+  write("alpine.glsl", "");
+  EXPECT_THAT(load(request(folder_.path() / "alpine.glsl"), nullptr).error().message, HasSubstr("built-in"));
+}
+
+}  // namespace
+}  // namespace ridgecast::user_terrain
