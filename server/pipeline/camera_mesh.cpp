@@ -305,6 +305,7 @@ bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, WriteSet& set) {
   leaf.low = std::min(leaf.low, fineY);
   leaf.high = std::max(leaf.high, fineY);
   ++leaf.inserted;
+  if (recording_) leaf.insertedPoints.push_back(p.point);
   return true;
 }
 
@@ -318,7 +319,10 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
     surface_.setLoss(v, loss);
     const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
     if (refinement::pixelsAt(p, loss, view) >= limit) continue;
-    if (mesh_.apply(v, set) == Change::kDone) ++leaf.removed;
+    const Point2 point = p.point();
+    if (mesh_.apply(v, set) != Change::kDone) continue;
+    ++leaf.removed;
+    if (recording_) leaf.removedPoints.push_back(point);
   }
   for (const Pending& p : leaf.pending)
     if (!insertOne(leaf, p, set)) leaf.deferred.push_back(p);
@@ -335,6 +339,8 @@ std::uint32_t CameraMesh::change(const refinement::View& view, double limitInsid
   used.assign(leaves_.size() + 1, 0);
   for (Leaf* leaf : ordered_) {
     leaf->inserted = leaf->removed = 0;
+    leaf->insertedPoints.clear();
+    leaf->removedPoints.clear();
     leaf->deferred.clear();
     if (leaf->pending.empty() && leaf->removable.empty()) continue;
     std::uint64_t taken = 0;

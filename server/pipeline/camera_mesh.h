@@ -35,6 +35,7 @@ struct Leaf {
   std::vector<triangulation::VertexId> removable;
   std::vector<refinement::Pending> deferred;
   std::uint32_t inserted = 0, removed = 0;
+  std::vector<triangulation::Point2> insertedPoints, removedPoints;  // when recording
 };
 
 struct Follow {
@@ -67,6 +68,7 @@ class CameraMesh : private triangulation::Partition {
   refinement::Surface& surface() { return surface_; }
   const triangulation::Partition& partition() const { return *this; }
   bool thesis() const { return thesis_; }
+  void record(bool on) { recording_ = on; }
   std::uint64_t heights() const { return heights_.load(std::memory_order_relaxed); }
   double groundBelow(const camera::Pose& pose) const;
 
@@ -95,6 +97,7 @@ class CameraMesh : private triangulation::Partition {
   std::vector<Leaf*> ordered_;
   std::vector<lattice::LeafAddress> previous_;           // the tree's leaves before the last follow(), when it changed
   bool pendingGenerate_ = false;
+  bool recording_ = false;
   std::atomic<std::uint64_t> heights_{0};
 };
 

@@ -7,6 +7,7 @@
 
 #include "server/pipeline/camera_mesh.h"
 #include "server/refinement/coarsening.h"
+#include "server/triangulation/verify.h"
 
 namespace ridgecast::pipeline {
 
@@ -212,6 +213,21 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   figures.effectiveThreshold = s.effective;
   s.settled = !follow.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == before;
   return figures;
+}
+
+std::string Pipeline::verify() const { return triangulation::verify(state_->mesh.triangulation(), state_->mesh.partition()); }
+
+void Pipeline::record(bool on) { state_->mesh.record(on); }
+
+Pipeline::Changes Pipeline::changes() const {
+  Changes out;
+  const lattice::Point anchor = state_->mesh.surface().anchor;
+  const auto absolute = [&](triangulation::Point2 p) { return lattice::Point{anchor.x + p.x, anchor.z + p.z}; };
+  for (const Leaf* leaf : state_->mesh.leaves()) {
+    for (const auto& p : leaf->insertedPoints) out.inserted.push_back(absolute(p));
+    for (const auto& p : leaf->removedPoints) out.removed.push_back(absolute(p));
+  }
+  return out;
 }
 
 bool Pipeline::settled() const { return state_->settled; }

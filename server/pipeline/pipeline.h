@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "common/camera/camera.h"
@@ -50,6 +51,15 @@ class Pipeline {
 
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
   mesh::LeafMesh extract(lattice::LeafAddress address) const;
+
+  // A full check of the mesh by triangulation::verify, slow; empty when sound. For tests and benches.
+  std::string verify() const;
+  // The points that the last iteration inserted and removed while refining, when asked to record them. For tests and benches.
+  struct Changes {
+    std::vector<lattice::Point> inserted, removed;
+  };
+  void record(bool on);
+  Changes changes() const;
 
   // Horizontal distance in metres at which the world ends for this camera; what is drawn fades out before it.
   static constexpr double kHorizon = 32'000.0;

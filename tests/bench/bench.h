@@ -48,5 +48,7 @@ Report threads(const Options&);
 Report greedy(const Options&);
 Report error(const Options&);
 Report soak(const Options&);
+Report heights(const Options&);
+Report deltas(const Options&);
 
 }  // namespace ridgecast::bench

@@ -33,6 +33,7 @@ const Entry kEntries[] = {
     {"greedy", "triangles against greedy insertion for the same error on a square", greedy},
     {"error", "the error on screen, measured by rays, against what was asked for", error},
     {"soak", "an hour's flight: budget, memory, soundness", soak},
+    {"heights", "heights in batches against scalar double", heights},
 };
 
 int usage() {

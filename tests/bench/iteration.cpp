@@ -1,0 +1,94 @@
+// Whole iterations, without encoding: a moving camera at a fine setting, a hovering one, and two threads against one.
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+
+#include "server/pipeline/pipeline.h"
+#include "tests/bench/bench.h"
+#include "tests/bench/flight.h"
+
+namespace ridgecast::bench {
+namespace {
+
+struct Rig {
+  Rig(unsigned threads, double threshold) : machine(threads), terrain(terrain::create("alpine", 1).value()) {
+    wire::Settings asked;
+    asked.threshold = threshold;
+    asked.triangleBudget = 2'000'000;
+    pipeline = std::make_unique<pipeline::Pipeline>(terrain, pipeline::grant(asked, {}), machine.makePool(threads));
+  }
+  void settle(double t) {
+    for (int n = 0; n < 300 && !pipeline->settled(); ++n) pipeline->iterate(straight(*terrain, t));
+  }
+  scheduling::Machine machine;
+  std::shared_ptr<const terrain::Terrain> terrain;
+  std::unique_ptr<pipeline::Pipeline> pipeline;
+};
+
+constexpr double kFine = 0.25;  // pixels: about a million triangles
+
+}  // namespace
+
+Report iteration(const Options& options) {
+  Report report;
+  Rig rig(1, kFine);
+  rig.settle(0);
+  const int iterations = options.quick ? 100 : 600;
+  std::uint64_t inserted = 0, removed = 0, heights = 0;
+  wire::Figures sum{}, last{};
+  const double start = cpuSeconds();
+  for (int n = 1; n <= iterations; ++n) {
+    last = rig.pipeline->iterate(straight(*rig.terrain, n * 0.1));
+    inserted += last.inserted;
+    removed += last.removed;
+    heights += last.heights;
+    sum.selectMs += last.selectMs;
+    sum.generateMs += last.generateMs;
+    sum.refineMs += last.refineMs;
+    sum.triangulateMs += last.triangulateMs;
+  }
+  const double moving = cpuSeconds() - start;
+  rig.settle(iterations * 0.1);
+  const double hoverStart = cpuSeconds();
+  const int hovers = 100;
+  for (int n = 0; n < hovers; ++n) rig.pipeline->iterate(straight(*rig.terrain, iterations * 0.1));
+  const double hover = cpuSeconds() - hoverStart;
+
+  report.note("alpine, 50 m/s at 10 iterations a second, threshold 0.25 px, 1280x720, one thread; processor time");
+  report.add("us_per_inserted_vertex", 1e6 * moving / static_cast<double>(inserted), "us, everything but encoding");
+  report.add("iteration_ms", 1e3 * moving / iterations, "ms");
+  report.add("hover_ms", 1e3 * hover / hovers, "ms an iteration with nothing to do");
+  report.add("inserted_per_iteration", static_cast<double>(inserted) / iterations, "vertices");
+  report.add("removed_per_inserted", static_cast<double>(removed) / static_cast<double>(inserted), "");
+  report.add("heights_per_vertex", static_cast<double>(heights) / static_cast<double>(inserted), "evaluated for each vertex inserted");
+  report.add("triangles", last.triangles, "live at the end");
+  report.add("select_ms", sum.selectMs / iterations, "ms, by the clock");
+  report.add("generate_ms", sum.generateMs / iterations, "ms");
+  report.add("refine_ms", sum.refineMs / iterations, "ms");
+  report.add("triangulate_ms", sum.triangulateMs / iterations, "ms");
+  return report;
+}
+
+Report threads(const Options& options) {
+  Report report;
+  const int iterations = options.quick ? 60 : 300;
+  Rig one(1, kFine), two(2, kFine);
+  one.settle(0);
+  two.settle(0);
+  double seconds[2] = {0, 0};
+  // In turn, ten iterations each, so that what else the machine does falls on both.
+  for (int n = 0; n < iterations; n += 10)
+    for (int k = 0; k < 2; ++k) {
+      Rig& rig = k == 0 ? one : two;
+      const Clock clock;
+      for (int m = 1; m <= 10; ++m) rig.pipeline->iterate(straight(*rig.terrain, (n + m) * 0.2));
+      seconds[k] += clock.seconds();
+    }
+  report.note("alpine, 100 m/s at 10 iterations a second, threshold 0.25 px; by the clock, in turn");
+  report.add("speedup_2", seconds[0] / seconds[1], "times the iterations a second of one thread");
+  report.add("one_ms", 1e3 * seconds[0] / iterations, "ms an iteration");
+  report.add("two_ms", 1e3 * seconds[1] / iterations, "ms an iteration");
+  return report;
+}
+
+}  // namespace ridgecast::bench

@@ -1,0 +1,84 @@
+// A pass over all candidates against merely reading the arrays it reads.
+#include <algorithm>
+#include <memory>
+
+#include "server/pipeline/camera_mesh.h"
+#include "server/pipeline/pipeline.h"
+#include "tests/bench/bench.h"
+#include "tests/bench/flight.h"
+
+namespace ridgecast::bench {
+
+Report screening(const Options& options) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  scheduling::Machine machine(1);
+  auto pool = machine.makePool(1);
+  pipeline::CameraMesh mesh(terrain, 1'200'000, false);
+  const auto camera = straight(*terrain, 0);
+  mesh.follow(camera.pose);
+  mesh.generate();
+  mesh.evaluate(*pool);
+  // Refine everywhere in view until there are half a million triangles.
+  double threshold = 4;
+  double travel = 0;
+  for (int n = 0; n < 200 && mesh.triangulation().liveTriangles() < (options.quick ? 100'000u : 500'000u); ++n, threshold *= 0.93) {
+    const refinement::View view(camera, mesh.surface().anchor, travel += 1e12, 0);
+    for (pipeline::Leaf* leaf : mesh.leaves()) {
+      leaf->pending.clear();
+      leaf->removable.clear();
+      refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf->region, view, threshold, leaf->pending);
+    }
+    mesh.change(view, 0, 0, *pool);
+    mesh.evaluate(*pool);
+  }
+  const auto& pages = mesh.triangulation().trianglePages();
+  const auto& s = mesh.surface();
+  std::size_t slots = 0;
+  for (const pipeline::Leaf* leaf : mesh.leaves()) slots += pages.pagesOf(leaf->region).size() * triangulation::Pages::kSlots;
+
+  std::vector<double> read, screen;
+  std::uint64_t sink = 0;
+  std::vector<refinement::Pending> pending;
+  for (int round = 0; round < 31; ++round) {
+    double start = cpuSeconds();
+    for (const pipeline::Leaf* leaf : mesh.leaves())
+      for (std::uint32_t page : pages.pagesOf(leaf->region)) {
+        const std::uint32_t base = page * triangulation::Pages::kSlots;
+        std::uint32_t sum = 0;
+        for (std::uint32_t k = base; k < base + triangulation::Pages::kSlots; ++k)
+          sum += static_cast<std::uint32_t>(s.x[k]) + static_cast<std::uint32_t>(s.z[k]) + static_cast<std::uint32_t>(s.y[k]) +
+                 static_cast<std::uint32_t>(s.error[k] > 1e9f);
+        sink += sum;
+      }
+    read.push_back(cpuSeconds() - start);
+    // A camera far travelled: nothing is spared, every page is looked at. The threshold is above all errors, as when nothing is to be done.
+    const refinement::View view(camera, mesh.surface().anchor, travel += 1e12, 0);
+    start = cpuSeconds();
+    pending.clear();
+    for (const pipeline::Leaf* leaf : mesh.leaves())
+      refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf->region, view, 50, pending);
+    screen.push_back(cpuSeconds() - start);
+  }
+  // The product's own idle iteration, of as many triangles.
+  wire::Settings asked;
+  asked.threshold = options.quick ? 1.0 : 0.4;
+  asked.triangleBudget = 2'000'000;
+  pipeline::Pipeline idle(terrain, pipeline::grant(asked, {}), pool);
+  wire::Figures last{};
+  for (int n = 0; n < 300 && !idle.settled(); ++n) last = idle.iterate(camera);
+  const double start = cpuSeconds();
+  for (int n = 0; n < 50; ++n) last = idle.iterate(camera);
+  const double idleMs = 1e3 * (cpuSeconds() - start) / 50;
+
+  Report report;
+  report.note(std::to_string(mesh.triangulation().liveTriangles()) + " triangles in " + std::to_string(slots) + " slots; one thread, processor time" +
+              (sink == 1 ? " " : ""));
+  report.add("ratio_to_read", median(screen) / median(read), "of reading the arrays once");
+  report.add("read_ns", 1e9 * median(read) / static_cast<double>(slots), "ns a slot");
+  report.add("screen_ns", 1e9 * median(screen) / static_cast<double>(slots), "ns a slot");
+  report.add("idle_iteration_ms", idleMs, "ms");
+  report.add("idle_triangles", last.triangles, "live in the idle iteration");
+  return report;
+}
+
+}  // namespace ridgecast::bench

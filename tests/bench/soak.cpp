@@ -1,0 +1,113 @@
+// An hour's flight in one camera's mesh, without a network: 36,000 iterations with a budget, checked as it goes.
+//   --export DIR   writes 20 exports of the mesh as .glb files
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <stdexcept>
+
+
+#include "client/evaluation/gltf_export.h"
+#include "server/pipeline/pipeline.h"
+#include "tests/bench/bench.h"
+#include "tests/bench/flight.h"
+#include "tests/support/mesh_check.h"
+
+namespace ridgecast::bench {
+
+Report soak(const Options& options) {
+  std::string folder;
+  for (std::size_t k = 0; k + 1 < options.arguments.size(); ++k)
+    if (options.arguments[k] == "--export") folder = options.arguments[k + 1];
+  if (!folder.empty()) std::filesystem::create_directories(folder);
+
+  const int iterations = options.quick ? 1200 : 36'000, speed = options.quick ? 30 : 1;  // a quick one flies the hour in leaps
+  constexpr std::uint32_t kBudget = 300'000;
+  scheduling::Machine machine(2);
+  const auto terrain = terrain::create("alpine", 1).value();
+  wire::Settings asked;
+  asked.threshold = 0.5;
+  asked.triangleBudget = kBudget;
+  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), machine.makePool(2));
+
+  std::uint32_t most = 0, checks = 0, failures = 0, exports = 0, longestHover = 0, hoverChanging = 0;
+  std::uint64_t inserted = 0, removed = 0;
+  double residentMiddle = 0, residentMost = 0;
+  std::string firstFailure;
+  const double start = cpuSeconds();
+  bool hovering = false;
+  pipeline.record(true);
+  std::map<lattice::Point, int> gone;  // points removed, and in which iteration
+  std::uint64_t again = 0;
+  for (int n = 0; n < iterations; ++n) {
+    const double t = 0.1 * n * speed;
+    const auto figures = pipeline.iterate(hour(*terrain, t));
+    most = std::max(most, figures.triangles);
+    const auto changes = pipeline.changes();
+    for (const auto& p : changes.inserted) {
+      const auto it = gone.find(p);
+      again += it != gone.end() && n - it->second <= 20;
+    }
+    for (const auto& p : changes.removed) gone[p] = n;
+    if (n % 50 == 0) std::erase_if(gone, [&](const auto& entry) { return n - entry.second > 20; });
+    inserted += figures.inserted;
+    removed += figures.removed;
+    const bool hover = std::fmod(t, 600) >= 200 && std::fmod(t, 600) < 300;
+    if (hover && !hovering) hoverChanging = 0;
+    if (hover && !pipeline.settled()) longestHover = std::max(longestHover, ++hoverChanging);
+    hovering = hover;
+    if (n % 100 == 99) {
+      ++checks;
+      if (const std::string wrong = pipeline.verify(); !wrong.empty()) {
+        ++failures;
+        if (firstFailure.empty()) firstFailure = "iteration " + std::to_string(n) + ": " + wrong;
+      }
+      const double resident = residentBytes();
+      if (n >= iterations / 2) {
+        if (residentMiddle == 0) residentMiddle = resident;
+        residentMost = std::max(residentMost, resident);
+      }
+    }
+    if ((n + 1) % (iterations / 20) == 0) {
+      std::vector<mesh::LeafMesh> all;
+      for (const auto& l : pipeline.leaves()) all.push_back(pipeline.extract(l.address));
+      const auto report = testing_support::checkMesh(all);
+      if (!report.clean()) {
+        ++failures;
+        if (firstFailure.empty()) firstFailure = "iteration " + std::to_string(n) + ": " + report.text();
+      }
+      if (!folder.empty()) {
+        std::map<lattice::LeafAddress, scene::HeldLeaf> held;
+        for (auto& leaf : all) {
+          const auto address = leaf.address;
+          held[address].mesh = std::make_shared<const mesh::LeafMesh>(std::move(leaf));
+        }
+        const auto file = std::filesystem::path(folder) / ("soak-" + std::to_string(n + 1) + ".glb");
+        const auto written = evaluation::writeGlb(held, hour(*terrain, t).pose, {"alpine", 1}, file);
+        if (!written) throw std::runtime_error(written.error().message);
+        ++exports;
+      }
+      progress(std::to_string(100 * (n + 1) / iterations) + " %: " + std::to_string(figures.triangles) + " triangles, threshold " +
+               std::to_string(figures.effectiveThreshold) + " px, " + std::to_string(static_cast<int>(residentBytes() / 1048576)) + " MiB");
+    }
+  }
+  Report report;
+  report.note(std::to_string(iterations) + " iterations, budget 300,000 triangles, threshold 0.5 px, two threads");
+  if (!firstFailure.empty()) report.note("first failure, " + firstFailure);
+  report.add("max_triangles", most);
+  report.add("rss_growth_percent", 100 * (residentMost / residentMiddle - 1), "% over the second half");
+  report.add("rss_mib", residentMost / 1048576, "MiB");
+  report.add("checks", checks);
+  report.add("failures", failures);
+  report.add("exports", exports);
+  report.add("inserted", static_cast<double>(inserted));
+  report.add("removed", static_cast<double>(removed));
+  report.add("again_percent", 100 * static_cast<double>(again) / static_cast<double>(inserted), "% of insertions put back what was removed within 2 s");
+  report.add("hover_iterations", longestHover, "until nothing changed, the longest");
+  report.add("cpu_s", cpuSeconds() - start, "s");
+  return report;
+}
+
+}  // namespace ridgecast::bench
