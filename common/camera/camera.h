@@ -21,17 +21,20 @@ struct Pose {
   double y = 0;                              // metres, absolute
   double yaw = 0;                            // radians, any value
   double pitch = 0;                          // radians, [-pi/2, pi/2]
+  friend bool operator==(const Pose&, const Pose&) = default;
 };
 
 struct Projection {
   double verticalFov = 1.0471975511965976;   // radians, (0, pi): 60 degrees
   std::uint32_t width = 1280, height = 720;  // pixels of the picture that is drawn, >= 1
   double aspect() const { return static_cast<double>(width) / height; }
+  friend bool operator==(const Projection&, const Projection&) = default;
 };
 
 struct Camera {
   Pose pose;
   Projection projection;
+  friend bool operator==(const Camera&, const Camera&) = default;
 };
 
 // Whether every field is finite and in range. Untrusted poses are checked with this before anything else.

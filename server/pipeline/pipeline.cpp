@@ -76,6 +76,7 @@ struct Pipeline::State {
   void limitPending();
   void publish();
   std::uint32_t owned() const;
+  wire::Figures idle() const;
 
   wire::Settings settings;
   std::shared_ptr<scheduling::Pool> pool;
@@ -83,15 +84,19 @@ struct Pipeline::State {
   double effective;              // threshold; above the asked one while the budget binds
   std::uint32_t live = 0;        // triangles owned by leaves
   bool settled = false;
+  camera::Camera previous;       // of the last iteration that did anything
   camera::Pose latest;
   double travel = 0, turn = 0;   // of the camera so far; steps, radians
+  bool moving = false;           // since the iteration before
   std::uint64_t versions = 0;
   std::vector<LeafState> leaves;
 };
 
 void Pipeline::State::advance(const camera::Pose& pose) {
   const double dx = static_cast<double>(pose.x - latest.x), dz = static_cast<double>(pose.z - latest.z), dy = (pose.y - latest.y) * lattice::kStepsPerMetre;
-  travel += std::sqrt(dx * dx + dz * dz + dy * dy);
+  const double way = std::sqrt(dx * dx + dz * dz + dy * dy);
+  moving = way > 0;
+  travel += way;
   turn += std::abs(std::remainder(pose.yaw - latest.yaw, 2 * std::numbers::pi)) + std::abs(pose.pitch - latest.pitch);
   latest = pose;
 }
@@ -147,6 +152,15 @@ std::uint32_t Pipeline::State::owned() const {
   return sum;
 }
 
+wire::Figures Pipeline::State::idle() const {
+  wire::Figures figures;
+  figures.leaves = figures.validLeaves = static_cast<std::uint32_t>(leaves.size());
+  for (const Leaf* leaf : mesh.leaves()) figures.visibleLeaves += leaf->visible;
+  figures.triangles = live;
+  figures.effectiveThreshold = effective;
+  return figures;
+}
+
 // New versions and hashes for leaves whose triangles changed.
 void Pipeline::State::publish() {
   const auto& leafs = mesh.leaves();
@@ -157,10 +171,7 @@ void Pipeline::State::publish() {
       changed.push_back(leaf);
     }
   const auto& t = mesh.triangulation();
-  for (Leaf* leaf : changed) {
-    leaf->hash = 0;
-    t.trianglePages().forEach(leaf->region, [&](TriangleId id) { leaf->hash += mesh.surface().hash[id]; });
-  }
+  pool->forEach(changed.size(), 16, [&](std::size_t k) { changed[k]->hash = refinement::hashRegion(t, mesh.surface(), changed[k]->region); });
   leaves.clear();
   for (const Leaf* leaf : leafs) leaves.push_back({leaf->address, leaf->version, leaf->hash, t.triangleCount(leaf->region)});
 }
@@ -175,6 +186,8 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   const std::uint64_t heightsBefore = s.mesh.heights();
   Stopwatch watch;
 
+  if (s.settled && camera == s.previous) return s.idle();  // nothing can change
+  s.previous = camera;
   const Follow follow = s.mesh.follow(camera.pose);
   figures.selectMs = watch.lap();
   s.mesh.generate();
@@ -186,7 +199,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   if (fill > 0.98) s.effective *= 1.05;
   else if (fill < 0.95) s.effective = std::max(s.settings.threshold, s.effective * 0.95);
   s.advance(camera.pose);
-  const refinement::View view(camera, s.mesh.surface().anchor, s.travel, s.turn);
+  const refinement::View view(camera, s.mesh.surface().anchor, s.travel, s.turn, s.moving);
   const RemovalLimits removal = removalLimits(s.settings.metric == wire::Metric::kThesis, s.effective, fill);
   s.screen(camera, view, removal);
   s.limitPending();

@@ -1,6 +1,7 @@
 #include "server/refinement/candidates.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "common/mesh/leaf_mesh.h"
@@ -20,6 +21,7 @@ Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity)
       error(std::make_unique_for_overwrite<float[]>(triangleCapacity)),
       hash(std::make_unique_for_overwrite<std::uint64_t[]>(triangleCapacity)),
       screens(std::make_unique<PageScreen[]>(triangleCapacity / triangulation::Pages::kSlots)),
+      hashes(std::make_unique<PageHash[]>(triangleCapacity / triangulation::Pages::kSlots)),
       losses(std::make_unique<PageLosses[]>(vertexCapacity / triangulation::Pages::kSlots)),
       fineY(std::make_unique_for_overwrite<std::int32_t[]>(vertexCapacity)),
       level(std::make_unique_for_overwrite<std::uint8_t[]>(vertexCapacity)),
@@ -33,6 +35,9 @@ std::int32_t snapTo(double v, int bits) {
   return static_cast<std::int32_t>(lattice::roundTo(static_cast<lattice::Step>(std::floor(v + 0.5)), bits));
 }
 
+// (least height / spacing)^2 from which on snapping is harmless: a fifth of the height is then 1.4 spacings.
+constexpr double kRoomy = 49;
+
 // A point that may become a vertex: inside the closed triangle, on no corner.
 bool admissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
   if (orientation(a.point(), b.point(), p) < 0 || orientation(b.point(), c.point(), p) < 0 || orientation(c.point(), a.point(), p) < 0)
@@ -43,6 +48,7 @@ bool admissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
 struct Trial {
   TriangleId triangle;
   Point2 point;
+  float y;         // steps, of the mesh there
 };
 
 struct Scratch {
@@ -62,6 +68,24 @@ double planeHeight(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) 
   return a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y);
 }
 
+std::uint64_t hashRegion(const Triangulation& mesh, Surface& surface, triangulation::RegionId region) {
+  const auto& pages = mesh.trianglePages();
+  std::uint64_t sum = 0;
+  for (std::uint32_t number : pages.pagesOf(region)) {
+    PageHash& page = surface.hashes[number];
+    const std::uint64_t alive = pages.aliveMask(number);
+    if (page.rehash || page.hashed != alive) {
+      page.hash = 0;
+      for (std::uint64_t m = alive; m != 0; m &= m - 1)
+        page.hash += surface.hash[number * triangulation::Pages::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
+      page.hashed = alive;
+      page.rehash = false;
+    }
+    sum += page.hash;
+  }
+  return sum;
+}
+
 double heightOnTriangle(const Triangulation& mesh, TriangleId t, Point2 p) {
   const auto& v = mesh.triangle(t).v;
   return planeHeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p);
@@ -77,6 +101,7 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   pages.forEachFresh(region, [&](TriangleId t) { fresh.push_back(t); });
   if (fresh.empty()) return 0;
   const int bits = lattice::horizontalBits(level);
+  const double spacing2 = std::ldexp(1.0, 2 * bits);
   for (TriangleId t : fresh) {
     pages.clearFresh(t);
     surface.error[t] = 0;
@@ -86,12 +111,21 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
     const int first = triangulation::smaller(a.point(), b.point()) ? (triangulation::smaller(a.point(), c.point()) ? 0 : 2)
                                                                    : (triangulation::smaller(b.point(), c.point()) ? 1 : 2);
     surface.hash[t] = mesh::hashMixed(surface.mixed[v[first]], surface.mixed[v[(first + 1) % 3]], surface.mixed[v[(first + 2) % 3]]);
+    // The plane y = a.y + gx (x - a.x) + gz (z - a.z).
+    const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, by = double(b.y) - a.y,
+                 cy = double(c.y) - a.y, area = bz * cx - bx * cz, gx = (bz * cy - cz * by) / area, gz = (cx * by - bx * cy) / area;
+    // Snapping moves a point by at most 0.71 of the spacing. All points tried lie at least a fifth of a height away from each side, so in
+    // a triangle whose least height is well above the spacing they stay inside, apart and off the corners, and need no test.
+    const double ex = cx - bx, ez = cz - bz, longest2 = std::max({bx * bx + bz * bz, cx * cx + cz * cz, ex * ex + ez * ez});
+    const bool roomy = !thesis && area * area > kRoomy * longest2 * spacing2;
     const auto attempt = [&](double x, double z) {
       const Point2 p{snapTo(x, bits), snapTo(z, bits)};
-      if (!admissible(a, b, c, p)) return;
-      for (auto k = trials.rbegin(); k != trials.rend() && k->triangle == t; ++k)
-        if (k->point == p) return;
-      trials.push_back({t, p});
+      if (!roomy) {
+        if (!admissible(a, b, c, p)) return;
+        for (auto k = trials.rbegin(); k != trials.rend() && k->triangle == t; ++k)
+          if (k->point == p) return;
+      }
+      trials.push_back({t, p, static_cast<float>(a.y + gx * (double(p.x) - a.x) + gz * (double(p.z) - a.z))});
     };
     const double sx = double(a.x) + b.x + c.x, sz = double(a.z) + b.z + c.z;
     if (thesis) {
@@ -111,8 +145,8 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   }
   terrain.heightSteps(px, pz, py);
   for (std::size_t k = 0; k < trials.size(); ++k) {
-    const auto [t, p] = trials[k];
-    const auto error = static_cast<float>(std::abs(heightOnTriangle(mesh, t, p) - lattice::snapHeight(py[k], level)));
+    const auto [t, p, y] = trials[k];
+    const float error = std::abs(y - static_cast<float>(lattice::snapHeight(py[k], level)));
     if (error <= surface.error[t]) continue;
     surface.error[t] = error;
     surface.x[t] = p.x;

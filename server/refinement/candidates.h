@@ -28,7 +28,14 @@ struct PageScreen {
   double sleptTravel = 0, sleptTurn = 0;  // when the first of them fell asleep
 };
 
-// The same for a page of vertices and their losses (coarsening.h).
+// A page of triangles' share of its region's hash.
+struct PageHash {
+  std::uint64_t hash = 0;           // sum over the triangles of the page, while `hashed` is what is alive
+  std::uint64_t hashed = 0;
+  bool rehash = true;               // a triangle of the page is new
+};
+
+// As PageScreen, for a page of vertices and their losses (coarsening.h).
 struct PageLosses {
   double travel = -1;
   float leastPixels = 0;            // of any vertex not appended
@@ -46,6 +53,7 @@ struct Surface {
   std::unique_ptr<std::uint64_t[]> hash;    // the triangle's term of its leaf's hash (common/mesh)
 
   std::unique_ptr<PageScreen[]> screens;    // by page of triangles
+  std::unique_ptr<PageHash[]> hashes;       // by page of triangles
   std::unique_ptr<PageLosses[]> losses;     // by page of vertices
 
   // by vertex
@@ -62,6 +70,7 @@ struct Surface {
   void renewTriangle(std::uint32_t t) {
     PageScreen& page = screens[t / triangulation::Pages::kSlots];
     page.travel = -1;
+    hashes[t / triangulation::Pages::kSlots].rehash = true;
     page.asleep &= ~(std::uint64_t{1} << (t % triangulation::Pages::kSlots));
   }
   void setLoss(std::uint32_t v, float steps) {
@@ -84,6 +93,9 @@ struct Surface {
     setLoss(to, loss[from]);
   }
 };
+
+// The region's hash (common/mesh): the sum over its triangles, of which only pages that changed are summed again.
+std::uint64_t hashRegion(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region);
 
 // The height, in steps, of the plane through three vertices, and of a triangle's plane, at a point.
 double planeHeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c, triangulation::Point2 p);

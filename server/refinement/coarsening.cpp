@@ -31,11 +31,12 @@ void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::Re
   using triangulation::Pages;
   const Pages& pages = mesh.vertexPages();
   const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), most = static_cast<float>(limit * limit);
+  const double spared = view.moving ? limit / kSlack : limit;
   for (std::uint32_t page : pages.pagesOf(region)) {
     PageLosses& known = surface.losses[page];
     if (known.travel >= 0) {
       const double moved = view.travel - known.travel, flat = 1 - moved / known.flat, away = 1 + moved / known.nearest;
-      if (flat > 0 && known.leastPixels * flat > limit * away * away) continue;
+      if (flat > 0 && known.leastPixels * flat > spared * away * away) continue;
     }
     constexpr float far = std::numeric_limits<float>::max();
     float least = far, flattest = far, nearest = far;

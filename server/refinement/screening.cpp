@@ -34,7 +34,7 @@ Vec3 areaVector(const Triangulation& mesh, TriangleId t) {
 
 }  // namespace
 
-View::View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned)
+View::View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned, bool onTheWay)
     : x(static_cast<std::int32_t>(camera.pose.x - anchor.x)),
       z(static_cast<std::int32_t>(camera.pose.z - anchor.z)),
       y(static_cast<float>(camera.pose.y * lattice::kStepsPerMetre)),
@@ -46,7 +46,8 @@ View::View(const camera::Camera& camera, lattice::Point anchor, double travelled
       tanX(std::tan(camera.projection.verticalFov / 2) * camera.projection.aspect()),
       tanY(std::tan(camera.projection.verticalFov / 2)),
       travel(travelled),
-      turn(turned) {}
+      turn(turned),
+      moving(onTheWay) {}
 
 namespace {
 
@@ -92,6 +93,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
   const Pages& pages = mesh.trianglePages();
   const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), least = static_cast<float>(threshold * threshold);
   const std::size_t before = out.size();
+  const double spared = view.moving ? kSlack * threshold : threshold;
   for (std::uint32_t page : pages.pagesOf(region)) {
     PageScreen& known = surface.screens[page];
     if (known.asleep != 0 && (view.travel - known.sleptTravel > kWakeMove * known.nearest || view.turn - known.sleptTurn > kWakeTurn)) {
@@ -100,7 +102,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     }
     if (known.travel >= 0) {
       const double moved = view.travel - known.travel;
-      if (moved < known.nearest && view.pixelsPerRadian * known.steepest * known.nearest < threshold * (known.nearest - moved)) continue;
+      if (moved < known.nearest && view.pixelsPerRadian * known.steepest * known.nearest < spared * (known.nearest - moved)) continue;
     }
     const std::uint32_t base = page * Pages::kSlots;
     const PageResult r = screenPage(&surface.x[base], &surface.z[base], &surface.y[base], &surface.error[base],

@@ -24,12 +24,13 @@
 namespace ridgecast::refinement {
 
 inline constexpr double kWidening = 1.35;         // of the drawn frustum's tangents
+inline constexpr double kSlack = 1.1;
 inline constexpr double kThesisArea = 0.5, kThesisDistance = 40;
 
 // A camera as refinement sees it; positions relative to the mesh's anchor.
 struct View {
   // `travel` (steps) and `turn` (radians): how far this camera has moved and turned in its life; they only grow.
-  View(const camera::Camera& camera, lattice::Point anchor, double travel, double turn);
+  View(const camera::Camera& camera, lattice::Point anchor, double travel, double turn, bool moving);
 
   std::int32_t x, z;                // steps
   float y;                          // steps, absolute
@@ -38,6 +39,7 @@ struct View {
   camera::Vec3 forward, right, up;
   double tanX, tanY;                // of the drawn half angles
   double travel, turn;
+  bool moving;                      // a page is then looked at only when the threshold may be passed by kSlack; at rest, exactly
 
   // A point in metres relative to the camera.
   camera::Vec3 relative(std::int32_t px, std::int32_t pz, double py) const {

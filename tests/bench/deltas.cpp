@@ -194,7 +194,8 @@ Flown fly(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::
           clock = {};
           const auto decoded = codec::decodeDelta(*payload, base, known ? hashes[address] : mesh::hashLeaf(base));
           f.decode += clock.seconds();
-          if (!decoded || !(decoded->leaf == target)) throw std::runtime_error("a delta does not make the leaf it was made from");
+          if (!decoded) throw std::runtime_error(decoded.error().message);
+          if (!(decoded->leaf == target)) throw std::runtime_error("a delta does not make the leaf it was made from");
           bytes = std::min(bytes, static_cast<double>(payload->size()));
         }
       }

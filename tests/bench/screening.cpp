@@ -22,7 +22,7 @@ Report screening(const Options& options) {
   double threshold = 4;
   double travel = 0;
   for (int n = 0; n < 200 && mesh.triangulation().liveTriangles() < (options.quick ? 100'000u : 500'000u); ++n, threshold *= 0.93) {
-    const refinement::View view(camera, mesh.surface().anchor, travel += 1e12, 0);
+    const refinement::View view(camera, mesh.surface().anchor, travel += 1e12, 0, false);
     for (pipeline::Leaf* leaf : mesh.leaves()) {
       leaf->pending.clear();
       leaf->removable.clear();
@@ -52,7 +52,7 @@ Report screening(const Options& options) {
       }
     read.push_back(cpuSeconds() - start);
     // A camera far travelled: nothing is spared, every page is looked at. The threshold is above all errors, as when nothing is to be done.
-    const refinement::View view(camera, mesh.surface().anchor, travel += 1e12, 0);
+    const refinement::View view(camera, mesh.surface().anchor, travel += 1e12, 0, false);
     start = cpuSeconds();
     pending.clear();
     for (const pipeline::Leaf* leaf : mesh.leaves())

@@ -226,7 +226,7 @@ TEST(CameraMesh, KeepsItsLaws) {
     mesh.follow(camera.pose);
     mesh.generate();
     mesh.evaluate(*pool);
-    const refinement::View view(camera, mesh.surface().anchor, n * 1e12, n);  // far apart: nothing is spared
+    const refinement::View view(camera, mesh.surface().anchor, n * 1e12, n, false);  // far apart: nothing is spared
     for (Leaf* leaf : mesh.leaves()) {
       leaf->pending.clear();
       leaf->removable.clear();
