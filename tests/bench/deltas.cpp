@@ -261,7 +261,7 @@ Report deltas(const Options& options) {
     report.note(text("%4.0f points: %5.0f bytes as a delta, %5.0f whole", static_cast<double>(k), delta, whole));
   }
 
-  std::string file = "client/evaluation/paths/alpine.json";
+  std::string file = RIDGECAST_PATHS "/alpine.json";
   for (std::size_t n = 0; n + 1 < options.arguments.size(); ++n)
     if (options.arguments[n] == "--path") file = options.arguments[n + 1];
   const auto path = camera::readPath(file);
@@ -279,7 +279,7 @@ Report deltas(const Options& options) {
   report.add("encode_us_per_leaf", f.encode / (f.changed + f.moved) * 1e6, "us");
   report.add("decode_us_per_leaf", f.decode / (f.changed + f.moved) * 1e6, "us");
   report.add("whole_encode_us_per_leaf", f.wholeEncode / (f.changed + f.moved) * 1e6, "us");
-  report.note("flight: " + file + ", default settings, 10 iterations a second, from the settled start on; " + std::to_string(static_cast<int>(kFrameBytes)) +
+  report.note("flight: " + file.substr(file.rfind('/') + 1) + ", default settings, 10 iterations a second, from the settled start on; " + std::to_string(static_cast<int>(kFrameBytes)) +
               " bytes a leaf added to both sides for address and frame");
   return report;
 }
