@@ -51,6 +51,12 @@ Leaf* CameraMesh::leaf(LeafAddress address) const {
 
 double CameraMesh::groundBelow(const camera::Pose& pose) const { return terrain_->height({pose.x, pose.z}); }
 
+std::size_t CameraMesh::memoryBytes() const {
+  using triangulation::Pages;
+  return mesh_.residentBytes() + mesh_.trianglePages().pagesInUse() * refinement::Surface::kBytesPerTrianglePage +
+         mesh_.vertexPages().pagesInUse() * refinement::Surface::kBytesPerVertexPage + leaves_.size() * sizeof(Leaf);
+}
+
 void CameraMesh::anchorAt(const camera::Pose& pose, bool keep) {
   const auto far = [](Step camera, Step anchor) { return std::abs(camera - anchor) > kAnchorReach; };
   if (keep && !far(pose.x, surface_.anchor.x) && !far(pose.z, surface_.anchor.z)) return;
@@ -132,11 +138,7 @@ void CameraMesh::generate() {
       }
 
   std::vector<VertexId> moved;
-  const triangulation::Moves moves{[&](TriangleId from, TriangleId to) { surface_.moveTriangle(from, to); },
-                                   [&](VertexId from, VertexId to) {
-                                     surface_.moveVertex(from, to);
-                                     moved.push_back(to);
-                                   }};
+  const triangulation::Moves moves = keepBeside(&moved);
   if (!mesh_.empty()) {
     for (const auto& leaf : former) {
       mesh_.refile(leaf->region, moves);
@@ -148,6 +150,21 @@ void CameraMesh::generate() {
   if (!made.empty()) insertGrids(made);
   dropOutside();
   updateWriteSets(made, gone);
+}
+
+// What is kept beside the mesh follows its records.
+triangulation::Moves CameraMesh::keepBeside(std::vector<VertexId>* moved) {
+  return {[this](TriangleId from, TriangleId to) { surface_.moveTriangle(from, to); },
+          [this, moved](VertexId from, VertexId to) {
+            surface_.moveVertex(from, to);
+            if (moved) moved->push_back(to);
+          }};
+}
+
+void CameraMesh::compact() {
+  const triangulation::Moves moves = keepBeside(nullptr);
+  for (const Leaf* leaf : ordered_) mesh_.compact(leaf->region, moves);
+  mesh_.compact(kOutside, moves);
 }
 
 void CameraMesh::snapVertices(const std::vector<VertexId>& vertices) {

@@ -59,6 +59,9 @@ class CameraMesh : private triangulation::Partition {
   // result of doing it leaf by leaf in order of (colour, address). Returns how many changes were deferred to the serial step.
   std::uint32_t change(const refinement::View& view, double limitInside, double limitOutside, scheduling::Pool& pool);
 
+  // Brings the records of leaves closer together where removals have scattered them.
+  void compact();
+
   // Chooses candidates for every fresh triangle.
   void evaluate(scheduling::Pool& pool);
 
@@ -70,9 +73,11 @@ class CameraMesh : private triangulation::Partition {
   bool thesis() const { return thesis_; }
   void record(bool on) { recording_ = on; }
   std::uint64_t heights() const { return heights_.load(std::memory_order_relaxed); }
+  std::size_t memoryBytes() const;
   double groundBelow(const camera::Pose& pose) const;
 
  private:
+  triangulation::Moves keepBeside(std::vector<triangulation::VertexId>* moved);
   triangulation::RegionId regionAt(triangulation::Point2 p) const override;
   triangulation::Point2 local(lattice::Point p) const;
   int levelAt(triangulation::Point2 p) const;

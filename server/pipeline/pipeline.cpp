@@ -81,6 +81,7 @@ struct Pipeline::State {
   wire::Settings settings;
   std::shared_ptr<scheduling::Pool> pool;
   CameraMesh mesh;
+  std::size_t insertionLimit = kMostInsertions;
   double effective;              // threshold; above the asked one while the budget binds
   std::uint32_t live = 0;        // triangles owned by leaves
   bool settled = false;
@@ -131,7 +132,7 @@ void Pipeline::State::screen(const camera::Camera& camera, const refinement::Vie
 void Pipeline::State::limitPending() {
   std::size_t wanted = 0;
   for (const Leaf* leaf : mesh.leaves()) wanted += leaf->pending.size();
-  const std::size_t room = std::min<std::size_t>(kMostInsertions, settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0);
+  const std::size_t room = std::min<std::size_t>(insertionLimit, settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0);
   if (wanted <= room) return;
   std::vector<Pending> all;
   all.reserve(wanted);
@@ -191,6 +192,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   const Follow follow = s.mesh.follow(camera.pose);
   figures.selectMs = watch.lap();
   s.mesh.generate();
+  s.mesh.compact();
   s.mesh.evaluate(*s.pool);
   figures.generateMs = watch.lap();
 
@@ -228,6 +230,8 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   return figures;
 }
 
+std::size_t Pipeline::memoryBytes() const { return state_->mesh.memoryBytes(); }
+
 std::string Pipeline::verify() const { return triangulation::verify(state_->mesh.triangulation(), state_->mesh.partition()); }
 
 void Pipeline::record(bool on) { state_->mesh.record(on); }
@@ -242,6 +246,8 @@ Pipeline::Changes Pipeline::changes() const {
   }
   return out;
 }
+
+void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = std::min<std::size_t>(most, kMostInsertions); }
 
 bool Pipeline::settled() const { return state_->settled; }
 

@@ -43,6 +43,10 @@ class Pipeline {
   // One iteration. `camera` must satisfy camera::isValid.
   wire::Figures iterate(const camera::Camera& camera);
 
+  // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
+  // narrow: what is postponed is detail.
+  void setInsertionLimit(std::uint32_t most);
+
   // Whether the last iteration changed nothing and another one with the same camera would change nothing.
   bool settled() const;
 
@@ -51,6 +55,9 @@ class Pipeline {
 
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
   mesh::LeafMesh extract(lattice::LeafAddress address) const;
+
+  // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.
+  std::size_t memoryBytes() const;
 
   // A full check of the mesh by triangulation::verify, slow; empty when sound. For tests and benches.
   std::string verify() const;

@@ -66,6 +66,11 @@ struct Surface {
 
   lattice::Point anchor;                    // absolute steps; a multiple of the coarsest leaf's side
 
+  static constexpr std::size_t kBytesPerTrianglePage =
+      triangulation::Pages::kSlots * (3 * sizeof(std::int32_t) + sizeof(float) + sizeof(std::uint64_t)) + sizeof(PageScreen) + sizeof(PageHash);
+  static constexpr std::size_t kBytesPerVertexPage =
+      triangulation::Pages::kSlots * (sizeof(std::int32_t) + sizeof(std::uint8_t) + sizeof(std::uint64_t) + 2 * sizeof(float)) + sizeof(PageLosses);
+
   // A triangle has a new candidate, a vertex a new loss: their pages' screenings no longer hold.
   void renewTriangle(std::uint32_t t) {
     PageScreen& page = screens[t / triangulation::Pages::kSlots];

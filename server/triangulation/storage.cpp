@@ -22,7 +22,7 @@ RegionId Pages::addRegion() {
 }
 
 void Pages::removeRegion(RegionId region) {
-  assert(region != kOutside && regions_[region] && regions_[region]->count == 0);
+  assert(region != kOutside && regions_[region] && regions_[region]->pages.empty());
   regions_[region].reset();
   unusedRegions_.push_back(region);
 }
@@ -74,26 +74,41 @@ void Pages::release(std::uint32_t slot) {
     page.open = true;
     region.open.push_back(number);
   }
-  // The page that is being filled stays: a change releases its hole and fills it again at once.
-  if (page.alive == 0 && region.open.back() != number) {
+  if (region.count == 0) {
+    std::lock_guard lock(mutex_);
+    pool_.insert(pool_.end(), region.pages.begin(), region.pages.end());
+    freePages_.fetch_add(static_cast<std::uint32_t>(region.pages.size()), std::memory_order_relaxed);
+    region.pages.clear();
+    region.open.clear();
+  } else if (page.alive == 0 && region.open.back() != number) {
+    // The page that is being filled stays: a change releases its hole and fills it again at once.
     region.open.erase(std::find(region.open.begin(), region.open.end(), number));
     region.pages[page.place] = region.pages.back();
     pages_[region.pages[page.place]].place = page.place;
     region.pages.pop_back();
-    {
-      std::lock_guard lock(mutex_);
-      pool_.push_back(number);
-    }
+    std::lock_guard lock(mutex_);
+    pool_.push_back(number);
     freePages_.fetch_add(1, std::memory_order_relaxed);
-  } else if (region.count == 0) {
-    for (std::uint32_t p : region.pages) {
-      std::lock_guard lock(mutex_);
-      pool_.push_back(p);
-    }
-    freePages_.fetch_add(static_cast<std::uint32_t>(region.pages.size()), std::memory_order_relaxed);
-    region.pages.clear();
-    region.open.clear();
   }
+}
+
+std::vector<std::uint32_t> Pages::keepFullest(Region& region) {
+  std::vector<std::uint32_t> order = region.pages;
+  // Equal ones in the order in which the region got them: page numbers depend on what else happened.
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::uint32_t a, std::uint32_t b) { return std::popcount(pages_[a].alive) > std::popcount(pages_[b].alive); });
+  const std::size_t keep = std::min<std::size_t>(order.size(), (region.count + region.count / 16 + kSlots - 1) / kSlots);
+  std::vector<std::uint32_t> emptied(order.begin() + static_cast<std::ptrdiff_t>(keep), order.end());
+  order.resize(keep);
+  region.pages = order;
+  region.open.clear();
+  for (std::uint32_t k = 0; k < order.size(); ++k) {
+    Page& page = pages_[order[k]];
+    page.place = k;
+    page.open = page.alive != ~std::uint64_t{0};
+    if (page.open) region.open.push_back(order[k]);
+  }
+  return emptied;
 }
 
 void Pages::clear() {

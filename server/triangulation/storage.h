@@ -36,6 +36,13 @@ class Pages {
   // region changed.
   void renew(std::uint32_t slot) { setFresh(slot); }
   void clear();                              // releases every slot; regions stay
+  // Whether a region holds a quarter more pages than it needs, and one, and the cure: move(from, to) is told of every slot that moves.
+  bool sparse(RegionId region) const {
+    const std::size_t needed = (regions_[region]->count + kSlots - 1) / kSlots;
+    return regions_[region]->pages.size() > needed + needed / 4 + 1;
+  }
+  template <class F>
+  void compact(RegionId region, F&& move);
   // Whether at least `pages` pages are free: a change that needs a few slots in unknown regions asks first.
   bool hasFree(std::uint32_t pages) const { return freePages_.load(std::memory_order_relaxed) >= pages; }
 
@@ -81,6 +88,9 @@ class Pages {
     bool changed = false;
   };
 
+  // Keeps the fullest pages that have room for everything and a sixteenth more; the slots of the others, now dead, are returned.
+  std::vector<std::uint32_t> keepFullest(Region& region);
+
   std::uint32_t capacity_;
   std::unique_ptr<Page[]> pages_;
   std::vector<std::unique_ptr<Region>> regions_;   // null: unused id
@@ -90,5 +100,24 @@ class Pages {
   std::uint32_t untouched_ = 0;                    // pages from here on were never used
   std::atomic<std::uint32_t> freePages_;
 };
+
+template <class F>
+void Pages::compact(RegionId id, F&& move) {
+  Region& region = *regions_[id];
+  for (std::uint32_t page : keepFullest(region)) {
+    const std::uint64_t alive = pages_[page].alive, fresh = pages_[page].fresh;
+    for (std::uint64_t m = alive; m != 0; m &= m - 1) {
+      const auto k = static_cast<std::uint32_t>(std::countr_zero(m));
+      --region.count;
+      const std::uint32_t to = allocate(id);
+      if (!((fresh >> k) & 1)) clearFresh(to);
+      move(page * kSlots + k, to);
+    }
+    pages_[page].alive = pages_[page].fresh = 0;
+    std::lock_guard lock(mutex_);
+    pool_.push_back(page);
+    freePages_.fetch_add(1, std::memory_order_relaxed);
+  }
+}
 
 }  // namespace ridgecast::triangulation

@@ -30,8 +30,8 @@ void WriteSet::allow(std::span<const RegionId> regions) {
 // A live set of n points has about 2n triangles; ghosts, and pages that are not full, need room too.
 Triangulation::Triangulation(std::uint32_t triangles, const Partition& partition)
     : partition_(&partition),
-      triangles_(2 * triangles + 4096 * Pages::kSlots),
-      vertices_(triangles + 4096 * Pages::kSlots),
+      triangles_(2 * triangles + 8192 * Pages::kSlots),
+      vertices_(triangles + 8192 * Pages::kSlots),
       squares_(1),
       triangleRecords_(std::make_unique_for_overwrite<Triangle[]>(triangles_.capacity())),
       vertexRecords_(std::make_unique_for_overwrite<Vertex[]>(vertices_.capacity())) {
@@ -282,25 +282,39 @@ TriangleId Triangulation::locate(Point2 p, TriangleId from, const WriteSet& set)
 
 TriangleId Triangulation::anyTriangle() const { return vertexRecords_[kInfinite].edge >> 2; }
 
+void Triangulation::moveTriangle(TriangleId from, TriangleId to) {
+  const Triangle record = triangleRecords_[from];
+  triangleRecords_[to] = record;
+  for (unsigned k = 0; k < 3; ++k) {
+    triangleRecords_[record.twin[k] >> 2].twin[record.twin[k] & 3] = 4 * to + k;
+    if (edgeOf(record.v[k]) == 4 * from + k) setEdge(record.v[k], 4 * to + k);
+  }
+}
+
+void Triangulation::moveVertex(VertexId from, VertexId to) {
+  vertexRecords_[to] = vertexRecords_[from];
+  const HalfEdge first = edgeOf(from);
+  for (HalfEdge h = first;;) {
+    triangleRecords_[h >> 2].v[h & 3] = to;
+    h = twin(previous(h));
+    if (h == first) break;
+  }
+}
+
 void Triangulation::refile(RegionId region, const Moves& moves) {
   std::vector<TriangleId> triangles;
   triangles.reserve(triangles_.count(region));
   triangles_.forEach(region, [&](TriangleId t) { triangles.push_back(t); });
   for (TriangleId t : triangles) {
-    const Triangle old = triangleRecords_[t];
-    const RegionId home = regionOfCorners(old.v[0], old.v[1], old.v[2], kOutside);
+    const Triangle& r = triangleRecords_[t];
+    const RegionId home = regionOfCorners(r.v[0], r.v[1], r.v[2], kOutside);
     if (home == region) continue;
-    const TriangleId moved = triangles_.allocate(home);
-    if (moved == kNoSlot) throw std::bad_alloc();
-    if (!triangles_.fresh(t)) triangles_.clearFresh(moved);
-    triangleRecords_[moved] = old;
-    for (unsigned k = 0; k < 3; ++k) {
-      HalfEdge twin = old.twin[k];
-      triangleRecords_[twin >> 2].twin[twin & 3] = 4 * moved + k;
-      if (edgeOf(old.v[k]) == 4 * t + k) setEdge(old.v[k], 4 * moved + k);
-    }
+    const TriangleId to = triangles_.allocate(home);
+    if (to == kNoSlot) throw std::bad_alloc();
+    if (!triangles_.fresh(t)) triangles_.clearFresh(to);
+    moveTriangle(t, to);
     triangles_.release(t);
-    if (moves.triangle) moves.triangle(t, moved);
+    if (moves.triangle) moves.triangle(t, to);
   }
   std::vector<VertexId> vertices;
   vertices.reserve(vertices_.count(region));
@@ -310,18 +324,25 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
   for (VertexId v : vertices) {
     const RegionId home = partition_->regionAt(vertexRecords_[v].point());
     if (home == region) continue;
-    const VertexId moved = vertices_.allocate(home);
-    if (moved == kNoSlot) throw std::bad_alloc();
-    vertexRecords_[moved] = vertexRecords_[v];
-    const HalfEdge first = edgeOf(v);
-    for (HalfEdge h = first;;) {
-      triangleRecords_[h >> 2].v[h & 3] = moved;
-      h = twin(previous(h));
-      if (h == first) break;
-    }
+    const VertexId to = vertices_.allocate(home);
+    if (to == kNoSlot) throw std::bad_alloc();
+    moveVertex(v, to);
     vertices_.release(v);
-    if (moves.vertex) moves.vertex(v, moved);
+    if (moves.vertex) moves.vertex(v, to);
   }
+}
+
+void Triangulation::compact(RegionId region, const Moves& moves) {
+  if (triangles_.sparse(region))
+    triangles_.compact(region, [&](TriangleId from, TriangleId to) {
+      moveTriangle(from, to);
+      if (moves.triangle) moves.triangle(from, to);
+    });
+  if (region != kOutside && vertices_.sparse(region))  // infinity stays where it is
+    vertices_.compact(region, [&](VertexId from, VertexId to) {
+      moveVertex(from, to);
+      if (moves.vertex) moves.vertex(from, to);
+    });
 }
 
 void Triangulation::translate(std::int32_t dx, std::int32_t dz) {

@@ -136,7 +136,7 @@ struct Moves {  // told of every record that changes its id in refile()
 
 class Triangulation {
  public:
-  // Room for about `triangles` live triangles (more virtual memory than that is reserved; only what is used becomes resident).
+  // Room for `triangles` live triangles, scattered as they may be over at most 4,096 regions that are compacted when sparse (more virtual memory than that is reserved; only what is used becomes resident).
   Triangulation(std::uint32_t triangles, const Partition& partition);
 
   // ---- regions ----
@@ -146,6 +146,8 @@ class Triangulation {
   std::uint32_t regionLimit() const { return static_cast<std::uint32_t>(triangles_.regionLimit()); }
   // Files everything in `region` anew by the partition's answers.
   void refile(RegionId region, const Moves& moves = {});
+  // Moves the records of a region closer together where they lie scattered over too many pages.
+  void compact(RegionId region, const Moves& moves = {});
   std::uint32_t triangleCount(RegionId region) const { return triangles_.count(region); }
   std::uint32_t vertexCount(RegionId region) const { return vertices_.count(region); }
   bool takeChanged(RegionId region);         // whether triangles of the region changed since the last call
@@ -216,6 +218,9 @@ class Triangulation {
     triangleRecords_[a >> 2].twin[a & 3] = b;
     triangleRecords_[b >> 2].twin[b & 3] = a;
   }
+  // The record at `from` is copied to `to` and everything that points to it follows.
+  void moveTriangle(TriangleId from, TriangleId to);
+  void moveVertex(VertexId from, VertexId to);
   bool collectStar(VertexId v, WriteSet& set) const;
   void fillStar(WriteSet& set) const;
   bool opens(const WriteSet::Door& door, const Triangle& beyond, unsigned apex, const Point2& p, WriteSet::Spot& spot) const;

@@ -36,7 +36,7 @@ std::string verify(const Triangulation& mesh, const Partition& partition) {
   };
   const auto at = [&](VertexId v) { return P{mesh.vertex(v).x, mesh.vertex(v).z}; };
   const auto show = [&](VertexId v) {
-    return v == kInfinite ? std::string("infinity") : "(" + std::to_string(at(v).x) + ", " + std::to_string(at(v).z) + ")";
+    return v == kInfinite ? std::string("infinity") : std::string("(") + std::to_string(at(v).x) + ", " + std::to_string(at(v).z) + ")";
   };
 
   std::vector<TriangleId> all;

@@ -36,6 +36,7 @@ Report soak(const Options& options) {
   std::uint64_t inserted = 0, removed = 0;
   double residentMiddle = 0, residentMost = 0;
   std::string firstFailure;
+  double bytesPerTriangle = 0;
   const double start = cpuSeconds();
   bool hovering = false;
   pipeline.record(true);
@@ -45,6 +46,7 @@ Report soak(const Options& options) {
     const double t = 0.1 * n * speed;
     const auto figures = pipeline.iterate(hour(*terrain, t));
     most = std::max(most, figures.triangles);
+    if (figures.triangles > kBudget / 2) bytesPerTriangle = std::max(bytesPerTriangle, static_cast<double>(pipeline.memoryBytes()) / figures.triangles);
     const auto changes = pipeline.changes();
     for (const auto& p : changes.inserted) {
       const auto it = gone.find(p);
@@ -90,7 +92,8 @@ Report soak(const Options& options) {
         ++exports;
       }
       progress(std::to_string(100 * (n + 1) / iterations) + " %: " + std::to_string(figures.triangles) + " triangles, threshold " +
-               std::to_string(figures.effectiveThreshold) + " px, " + std::to_string(static_cast<int>(residentBytes() / 1048576)) + " MiB");
+               std::to_string(figures.effectiveThreshold) + " px, " + std::to_string(static_cast<int>(residentBytes() / 1048576)) + " MiB, " +
+               std::to_string(pipeline.memoryBytes() / std::max(1u, figures.triangles)) + " bytes a triangle");
     }
   }
   Report report;
@@ -99,6 +102,7 @@ Report soak(const Options& options) {
   report.add("max_triangles", most);
   report.add("rss_growth_percent", 100 * (residentMost / residentMiddle - 1), "% over the second half");
   report.add("rss_mib", residentMost / 1048576, "MiB");
+  report.add("bytes_per_triangle", bytesPerTriangle, "bytes, of the camera's mesh in all, the most while the budget is more than half used");
   report.add("checks", checks);
   report.add("failures", failures);
   report.add("exports", exports);

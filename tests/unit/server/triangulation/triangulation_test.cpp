@@ -303,6 +303,51 @@ TEST(Triangulation, ReusesTheStorageOfWhatWasRemoved) {
   EXPECT_EQ(verify(world.mesh, board), "");
 }
 
+TEST(Triangulation, CompactingKeepsTheMesh) {
+  std::mt19937 rng(8);
+  Board board(12, 8, -16384);
+  World world(board, 20000);
+  const auto points = makePoints(kRandom, 3000, rng);
+  ASSERT_TRUE(world.begin(points));
+  for (Point2 p : points) world.insert(p);
+  for (std::size_t k = 3; k < points.size(); ++k)
+    if (k % 8 != 0) {
+      ASSERT_EQ(world.mesh.remove(world.find(points[k]), world.all), Change::kDone);
+    }
+  const auto before = trianglesOf(world.mesh);
+  const std::size_t bytes = world.mesh.residentBytes();
+  std::size_t moved = 0;
+  for (RegionId r = 0; r < world.mesh.regionLimit(); ++r)
+    if (world.mesh.trianglePages().hasRegion(r)) world.mesh.compact(r, {[&](TriangleId, TriangleId) { ++moved; }, {}});
+  EXPECT_GT(moved, 0u);
+  EXPECT_LT(world.mesh.residentBytes(), bytes / 2);
+  EXPECT_EQ(trianglesOf(world.mesh), before);
+  EXPECT_EQ(verify(world.mesh, board), "");
+  for (std::size_t k = 3; k < points.size(); ++k)
+    if (k % 8 != 0) {
+      ASSERT_EQ(world.insert(points[k]), Change::kDone);
+    }
+  EXPECT_EQ(verify(world.mesh, board), "");
+}
+
+// Pages that were empty when their region lost its last record once stayed lost with it.
+TEST(Pages, EveryPageComesBack) {
+  std::mt19937 rng(4);
+  Pages pages(64 * 200);
+  for (int round = 0; round < 300; ++round) {
+    std::vector<RegionId> regions;
+    std::vector<std::uint32_t> slots;
+    for (int r = 0; r < 8; ++r) {
+      regions.push_back(pages.addRegion());
+      for (unsigned n = rng() % 400; n > 0; --n) slots.push_back(pages.allocate(regions.back()));
+    }
+    std::shuffle(slots.begin(), slots.end(), rng);
+    for (std::uint32_t slot : slots) pages.release(slot);
+    for (RegionId r : regions) pages.removeRegion(r);
+    ASSERT_EQ(pages.pagesInUse(), 0u) << "round " << round;
+  }
+}
+
 TEST(Predicates, ObeyTheirLaws) {
   std::mt19937 rng(1);
   const std::int32_t far = (1 << 26) - 1;
