@@ -35,12 +35,13 @@ void main() {
   if (ray.y < 0.0) far = min(far, (marchLowest - viewCameraY) / ray.y);
   if (near >= far) return;
 
+  // A tenth of the gap, so that a cliff of 84 degrees is not stepped over: a quarter lost the upper edge of one behind a deep valley.
   float t = near, above = near;
   float gap = marchGap(ray * t);
   // Grazing rays near the ground take the most steps: ln(far / near) / (0.2 / 700) is 40,000 at 720 lines.
   for (int k = 0; k < 1000000 && gap > 0.0 && t < far; ++k) {
     above = t;
-    t = min(t + max(max(0.25 * gap, 0.2 * sampleWidth * t), 0.005) / marchFineness, far);
+    t = min(t + max(max(0.1 * gap, 0.2 * sampleWidth * t), 0.005) / marchFineness, far);
     gap = marchGap(ray * t);
   }
   if (gap > 0.0) return;

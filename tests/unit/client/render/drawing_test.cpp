@@ -227,6 +227,23 @@ TEST_F(Drawing, TheRayMarchIsConverged) {
   }
 }
 
+// Behind the valley stands a wall of 85 degrees whose upper edge long steps pass over: sky then shows through the mountain.
+TEST_F(Drawing, TheRayMarchDoesNotStepOverCliffs) {
+  const auto terrain = terrain::create("alpine", 1);
+  ASSERT_TRUE(terrain);
+  Renderer r = renderer(std::string((*terrain)->source()));
+  View view = viewFrom(1750, 2160, 2620, 8 * std::numbers::pi / 180, -13 * std::numbers::pi / 180, 320, 180);
+  view.horizon = 32'000;
+  const HeightBounds bounds = boundsAround(**terrain, {view.camera.pose.x, view.camera.pose.z}, view.horizon);
+  view.lowest = bounds.lowest;
+  view.highest = bounds.highest;
+  const auto normal = r.drawMarch(view), finer = r.drawMarch(view, 1, 4);
+  ASSERT_TRUE(normal && finer);
+  std::size_t holes = 0;
+  for (std::size_t k = 0; k < finer->picture.terrain.size(); ++k) holes += normal->picture.terrain[k] < finer->picture.terrain[k];
+  EXPECT_LE(holes, 5u);
+}
+
 TEST_F(Drawing, TheRayMarchDrawsTheHeightsThatTheServerTriangulates) {
   // Looking straight down, the middle of the picture is the terrain below: fine grids from the C++ heights must give the same picture.
   const auto terrain = terrain::create("alpine", 1);
