@@ -8,6 +8,8 @@ namespace ridgecast::terrain::embedded {
 extern const std::string_view prelude;
 extern const std::string_view shading;
 extern const std::string_view alpine;
+extern const std::string_view canyon;
+extern const std::string_view archipelago;
 extern const std::string_view glsl_as_cpp;
 extern const std::string_view batch;
 

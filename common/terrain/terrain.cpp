@@ -14,7 +14,9 @@ namespace {
 constexpr std::uint64_t kLatticeVersion = 1;
 
 const std::array<Description, kBuiltIns> kBuiltIn = {
-    {{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow", embedded::alpine}}};
+    {{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow", embedded::alpine},
+     {"canyon", "a plateau of layered rock, cut into mesas, terraces and gorges", embedded::canyon},
+     {"archipelago", "wooded islands with hills, dunes and beaches in a shallow sea", embedded::archipelago}}};
 
 std::vector<Variant> usableVariants() {
   std::vector<Variant> usable{baselineVariant()};

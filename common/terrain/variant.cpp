@@ -17,6 +17,16 @@ namespace alpine {
 #include "common/terrain/alpine.glsl"
 #include "common/terrain/batch.h"
 }  // namespace alpine
+namespace canyon {
+#include "common/terrain/canyon.glsl"
+
+#include "common/terrain/batch.h"
+}  // namespace canyon
+namespace archipelago {
+#include "common/terrain/archipelago.glsl"
+
+#include "common/terrain/batch.h"
+}  // namespace archipelago
 static_assert(alpine::kCellBits == lattice::kCellBits);
 
 }  // namespace
@@ -30,7 +40,9 @@ static_assert(alpine::kCellBits == lattice::kCellBits);
 Variant RIDGECAST_JOIN(RIDGECAST_VARIANT, Variant)() {
   using namespace RIDGECAST_VARIANT;
   return {{RIDGECAST_TEXT(RIDGECAST_VARIANT), sizeof(RIDGECAST_TEXT(RIDGECAST_VARIANT)) - 1},
-          {{{&alpine::heights, &alpine::filteredHeight}}}};
+          {{{&alpine::heights, &alpine::filteredHeight},
+            {&canyon::heights, &canyon::filteredHeight},
+            {&archipelago::heights, &archipelago::filteredHeight}}}};
 }
 
 }  // namespace ridgecast::terrain

@@ -22,7 +22,7 @@ struct Functions {
   FilteredHeightFunction filtered;
 };
 
-inline constexpr std::size_t kBuiltIns = 1;
+inline constexpr std::size_t kBuiltIns = 3;
 
 struct Variant {
   std::string_view name;                     // "baseline", "avx2", "avx512"

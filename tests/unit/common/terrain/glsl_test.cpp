@@ -88,9 +88,12 @@ class Headless : public testing::Test {
   EGLContext context_ = EGL_NO_CONTEXT;
 };
 
-TEST_F(Headless, heightsAreTheBitsOfTheServer) {
-  constexpr int kSide = 128;  // 16,384 points a distance
-  const auto terrain = create("alpine", 0x1234567u).value();
+class EveryTerrain : public Headless, public testing::WithParamInterface<std::string_view> {};
+INSTANTIATE_TEST_SUITE_P(Glsl, EveryTerrain, testing::Values("alpine", "canyon", "archipelago"), [](const auto& i) { return std::string(i.param); });
+
+TEST_P(EveryTerrain, heightsAreTheBitsOfTheServer) {
+  constexpr int kSide = 317;  // 100,489 points a distance
+  const auto terrain = create(GetParam(), 0x1234567u).value();
   const GLuint program = glCreateProgram();
   glAttachShader(program,
                  shader(GL_VERTEX_SHADER,

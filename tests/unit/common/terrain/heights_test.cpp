@@ -1,4 +1,4 @@
-// Alpine's heights: the same bits from every variant, everywhere; continuous; never repeating; filtered as promised.
+// Heights of the built-in terrains: the same bits from every variant, everywhere; continuous; never repeating; filtered as promised.
 
 #include <gtest/gtest.h>
 
@@ -15,13 +15,23 @@ namespace {
 
 using lattice::Step;
 
-std::vector<float> heightsOf(const Variant& v, const Points& p, std::uint32_t seed) {
+class Heights : public testing::TestWithParam<std::size_t> {
+ protected:
+  std::shared_ptr<const Terrain> made(std::uint32_t seed) const { return create(builtIn()[GetParam()].name, seed).value(); }
+  Functions functions(const Variant& v) const { return v.terrain[GetParam()]; }
+};
+class Filter : public Heights {};
+constexpr auto kName = [](const testing::TestParamInfo<std::size_t>& i) { return std::string(builtIn()[i.param].name); };
+INSTANTIATE_TEST_SUITE_P(Terrain, Heights, testing::Range(std::size_t{0}, kBuiltIns), kName);
+INSTANTIATE_TEST_SUITE_P(Terrain, Filter, testing::Range(std::size_t{0}, kBuiltIns), kName);
+
+std::vector<float> heightsOf(Functions f, const Points& p, std::uint32_t seed) {
   std::vector<float> out(p.x.size());
-  v.terrain[0].heights(p.x.data(), p.z.data(), out.data(), out.size(), seed);
+  f.heights(p.x.data(), p.z.data(), out.data(), out.size(), seed);
   return out;
 }
 
-TEST(Heights, everyVariantReturnsTheSameBits) {
+TEST_P(Heights, everyVariantReturnsTheSameBits) {
   ASSERT_FALSE(variants().empty());
   EXPECT_EQ(variants().front().name, "baseline");
   std::string names;
@@ -30,9 +40,9 @@ TEST(Heights, everyVariantReturnsTheSameBits) {
   for (const double distance : kDistances) {
     const Points p = pointsAt(distance, 100'000);
     for (const std::uint32_t seed : {1u, 0xfedcba98u}) {
-      const std::vector<float> reference = heightsOf(variants().front(), p, seed);
+      const std::vector<float> reference = heightsOf(functions(variants().front()), p, seed);
       for (const Variant& v : variants().subspan(1)) {
-        const std::vector<float> other = heightsOf(v, p, seed);
+        const std::vector<float> other = heightsOf(functions(v), p, seed);
         std::size_t different = 0;
         for (std::size_t i = 0; i < other.size(); ++i)
           different += std::bit_cast<std::uint32_t>(other[i]) != std::bit_cast<std::uint32_t>(reference[i]);
@@ -42,8 +52,8 @@ TEST(Heights, everyVariantReturnsTheSameBits) {
   }
 }
 
-TEST(Heights, doNotDependOnBatchOrNeighbours) {
-  const auto terrain = create("alpine", 11).value();
+TEST_P(Heights, doNotDependOnBatchOrNeighbours) {
+  const auto terrain = made(11);
   const Points p = pointsAt(1e6, 700);
   std::vector<float> all(p.x.size());
   terrain->heights(p.x, p.z, all);
@@ -55,8 +65,8 @@ TEST(Heights, doNotDependOnBatchOrNeighbours) {
   }
 }
 
-TEST(Heights, stayInRangeUpToTheEdgeOfTheLattice) {
-  const auto terrain = create("alpine", 1).value();
+TEST_P(Heights, stayInRangeUpToTheEdgeOfTheLattice) {
+  const auto terrain = made(1);
   for (const double distance : {0.0, 1e6, 1e8, 1e12, 4.39e12}) {
     const Points p = pointsAt(distance, 20'000);
     std::vector<float> out(p.x.size());
@@ -65,13 +75,14 @@ TEST(Heights, stayInRangeUpToTheEdgeOfTheLattice) {
       ASSERT_GE(h, 0.0f);
       ASSERT_LE(h, 4000.0f);
     }
-    EXPECT_GT(*std::max_element(out.begin(), out.end()), 1500.0f);
+    const auto [least, most] = std::minmax_element(out.begin(), out.end());
+    EXPECT_GT(*most - *least, 350.0f);
   }
 }
 
 // Neighbouring steps (3.9 mm) differ by little, across borders of cells as inside them.
-TEST(Heights, areContinuousAcrossCells) {
-  const auto terrain = create("alpine", 2).value();
+TEST_P(Heights, areContinuousAcrossCells) {
+  const auto terrain = made(2);
   for (const double distance : kDistances) {
     const Step centre = lattice::floorTo(static_cast<Step>(distance * 256), lattice::kCellBits);
     std::vector<Step> x, z;
@@ -88,13 +99,13 @@ TEST(Heights, areContinuousAcrossCells) {
     std::vector<float> jump;
     for (std::size_t i = 0; i < h.size(); i += 2) jump.push_back(std::abs(h[i + 1] - h[i]));
     std::sort(jump.begin(), jump.end());
-    EXPECT_LT(jump[jump.size() * 99 / 100], 0.012f) << distance;  // slope 3
+    EXPECT_LT(jump[jump.size() * 99 / 100], 0.020f) << distance;  // slope 5
     EXPECT_LT(jump.back(), 0.25f) << distance;
   }
 }
 
-TEST(Heights, areGentleEnoughForAMesh) {
-  const auto terrain = create("alpine", 1).value();
+TEST_P(Heights, areGentleEnoughForAMesh) {
+  const auto terrain = made(1);
   const Points p = pointsAt(0, 50'000);
   Points q = p;
   for (Step& x : q.x) x += 256;
@@ -106,8 +117,8 @@ TEST(Heights, areGentleEnoughForAMesh) {
   EXPECT_LT(static_cast<double>(steep) / static_cast<double>(a.size()), 0.02);
 }
 
-TEST(Heights, doNotRepeat) {
-  const auto terrain = create("alpine", 1).value();
+TEST_P(Heights, doNotRepeat) {
+  const auto terrain = made(1);
   const Points p = pointsAt(0, 400);
   std::vector<float> a(p.x.size()), b(p.x.size());
   terrain->heights(p.x, p.z, a);
@@ -127,41 +138,41 @@ TEST(Heights, doNotRepeat) {
       }
       EXPECT_LT(equal, land / 50) << "2^" << bits;
       if (bits >= lattice::kCellBits + 2) {
-        EXPECT_GT(difference / static_cast<double>(land), 100.0) << "2^" << bits;
+        EXPECT_GT(difference / static_cast<double>(land), 40.0) << "2^" << bits;
       }
     }
   }
 }
 
-TEST(Heights, dependOnTheSeed) {
+TEST_P(Heights, dependOnTheSeed) {
   const Points p = pointsAt(1e8, 2000);
-  const std::vector<float> a = heightsOf(variants().front(), p, 1), b = heightsOf(variants().front(), p, 2);
+  const std::vector<float> a = heightsOf(functions(variants().front()), p, 1), b = heightsOf(functions(variants().front()), p, 2);
   double difference = 0;
   for (std::size_t i = 0; i < a.size(); ++i) difference += std::abs(a[i] - b[i]);
-  EXPECT_GT(difference / static_cast<double>(a.size()), 100.0);
-  EXPECT_EQ(a, heightsOf(variants().front(), p, 1));
+  EXPECT_GT(difference / static_cast<double>(a.size()), 25.0);
+  EXPECT_EQ(a, heightsOf(functions(variants().front()), p, 1));
 }
 
-TEST(Filter, footprintZeroIsTheGeometry) {
+TEST_P(Filter, footprintZeroIsTheGeometry) {
   for (const double distance : kDistances) {
     const Points p = pointsAt(distance, 5000);
     for (const Variant& v : variants()) {
-      const std::vector<float> h = heightsOf(v, p, 4);
+      const std::vector<float> h = heightsOf(functions(v), p, 4);
       for (std::size_t i = 0; i < h.size(); ++i) {
-        ASSERT_EQ(std::bit_cast<std::uint32_t>(v.terrain[0].filtered(p.x[i], p.z[i], 0.0f, 4)), std::bit_cast<std::uint32_t>(h[i])) << v.name;
+        ASSERT_EQ(std::bit_cast<std::uint32_t>(functions(v).filtered(p.x[i], p.z[i], 0.0f, 4)), std::bit_cast<std::uint32_t>(h[i])) << v.name;
       }
     }
   }
 }
 
-TEST(Filter, convergesToTheGeometryAsTheFootprintShrinks) {
+TEST_P(Filter, convergesToTheGeometryAsTheFootprintShrinks) {
   const Points p = pointsAt(1e6, 2000);
   const Variant& v = variants().back();
-  const std::vector<float> h = heightsOf(v, p, 4);
+  const std::vector<float> h = heightsOf(functions(v), p, 4);
   double previous = 1e9;
   for (const float footprint : {8000.0f, 1000.0f, 100.0f, 10.0f, 1.0f, 0.3f}) {
     double sum = 0;
-    for (std::size_t i = 0; i < h.size(); ++i) sum += std::abs(v.terrain[0].filtered(p.x[i], p.z[i], footprint, 4) - h[i]);
+    for (std::size_t i = 0; i < h.size(); ++i) sum += std::abs(functions(v).filtered(p.x[i], p.z[i], footprint, 4) - h[i]);
     sum /= static_cast<double>(h.size());
     EXPECT_LE(sum, previous) << footprint;
     EXPECT_LE(sum, footprint) << "an octave changes the height by no more than its wavelength";
