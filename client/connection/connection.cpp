@@ -235,10 +235,10 @@ struct Connection::Impl {
     {
       const std::lock_guard lock(mutex_);
       wire::ClientMessage message;
-      if (acknowledge_) {
-        message = *std::exchange(acknowledge_, std::nullopt);
-      } else if (resend_) {
+      if (resend_) {  // before the hash that it explains
         message = *std::exchange(resend_, std::nullopt);
+      } else if (acknowledge_) {
+        message = *std::exchange(acknowledge_, std::nullopt);
       } else if (!poses_.empty()) {
         message = poses_.front();
         poses_.pop_front();

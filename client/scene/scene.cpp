@@ -3,10 +3,14 @@
 #include <algorithm>
 #include <set>
 #include <string>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "common/codec/codec.h"
+#include "common/codec/delta.h"
+#include "common/mesh/gather.h"
+#include "common/wire/wire.h"
 
 namespace ridgecast::scene {
 namespace {
@@ -15,9 +19,9 @@ std::string nameOf(const lattice::LeafAddress& a) {
   return "leaf (level " + std::to_string(a.level) + ", " + std::to_string(a.i) + ", " + std::to_string(a.j) + ")";
 }
 
-HeldLeaf hold(mesh::LeafMesh&& mesh) {
+HeldLeaf hold(mesh::LeafMesh&& mesh, std::uint64_t hash) {
   HeldLeaf leaf;
-  leaf.hash = mesh::hashLeaf(mesh);
+  leaf.hash = hash;
   if (!mesh.vertices.empty()) leaf.low = leaf.high = mesh.vertices.front();
   for (const mesh::LocalVertex& v : mesh.vertices) {
     leaf.low = {std::min(leaf.low.x, v.x), std::min(leaf.low.z, v.z), std::min(leaf.low.y, v.y)};
@@ -26,6 +30,26 @@ HeldLeaf hold(mesh::LeafMesh&& mesh) {
   leaf.mesh = std::make_shared<const mesh::LeafMesh>(std::move(mesh));
   return leaf;
 }
+
+// Which of the leaves that are gone cover a leaf or lie in it.
+class Families {
+ public:
+  explicit Families(const std::set<lattice::LeafAddress>& gone) : gone_(gone) {
+    for (const lattice::LeafAddress& address : gone)
+      for (lattice::LeafAddress up = address; up.level < lattice::kMaxLevel;) below_[up = up.parent()].push_back(address);
+  }
+  std::vector<lattice::LeafAddress> of(const lattice::LeafAddress& address) const {
+    std::vector<lattice::LeafAddress> out;
+    if (const auto it = below_.find(address); it != below_.end()) out = it->second;
+    for (lattice::LeafAddress up = address; up.level < lattice::kMaxLevel;)
+      if (gone_.contains(up = up.parent())) out.push_back(up);
+    return out;
+  }
+
+ private:
+  const std::set<lattice::LeafAddress>& gone_;
+  std::unordered_map<lattice::LeafAddress, std::vector<lattice::LeafAddress>, lattice::LeafAddressHash> below_;
+};
 
 // Twice the area of (a, b, p), positive when p lies to the left of a -> b seen from above. Coordinates below 2^29: exact.
 std::int64_t side(const mesh::LocalVertex& a, const mesh::LocalVertex& b, std::int64_t x, std::int64_t z) {
@@ -56,18 +80,52 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
     subtract(address, held->second);
   }
 
+  // What each delta starts from: the leaf that is held, or the triangles of leaves that are gone.
   std::uint64_t announced = triangles;
-  for (const wire::LeafWhole& whole : iteration.whole) announced += whole.triangles;
   std::map<lattice::LeafAddress, HeldLeaf> fresh;
+  const auto expect = [&](const lattice::LeafAddress& address) -> Outcome<const HeldLeaf*> {
+    if (!lattice::addressIsValid(address)) return Error{name + nameOf(address) + " lies beyond the lattice"};
+    if (!fresh.emplace(address, HeldLeaf{}).second) return Error{name + nameOf(address) + " is there twice"};
+    const auto held = leaves_.find(address);
+    if (held == leaves_.end() || gone.contains(address)) return static_cast<const HeldLeaf*>(nullptr);
+    subtract(address, held->second);
+    announced -= held->second.mesh->triangles.size();
+    return &held->second;
+  };
   for (const wire::LeafWhole& whole : iteration.whole) {
-    if (!lattice::addressIsValid(whole.address)) return Error{name + nameOf(whole.address) + " lies beyond the lattice"};
-    if (fresh.contains(whole.address)) return Error{name + nameOf(whole.address) + " is there twice"};
-    const auto held = leaves_.find(whole.address);
-    if (held != leaves_.end() && !gone.contains(whole.address)) {
-      subtract(whole.address, held->second);
-      announced -= held->second.mesh->triangles.size();
+    announced += whole.triangles;
+    if (auto held = expect(whole.address); !held) return held.error();
+  }
+  struct Base {
+    std::shared_ptr<const mesh::LeafMesh> mesh;
+    std::uint64_t hash = 0;
+  };
+  std::vector<Base> bases;
+  bases.reserve(iteration.changed.size());
+  Families families(gone);
+  std::uint64_t looked = 0;
+  for (const wire::LeafDelta& delta : iteration.changed) {
+    const auto held = expect(delta.address);
+    if (!held) return held.error();
+    Base base;
+    if (*held) {
+      base = {(*held)->mesh, (*held)->hash};
+    } else {
+      std::vector<const mesh::LeafMesh*> sources;
+      for (const lattice::LeafAddress& address : families.of(delta.address)) {
+        sources.push_back(leaves_.at(address).mesh.get());
+        looked += sources.back()->triangles.size();
+      }
+      if (looked > kMaxGathered) return Error{name + "too much would have to be gathered from leaves that are gone"};
+      mesh::LeafMesh gathered = mesh::gather(delta.address, sources);
+      if (!mesh::isCanonical(gathered)) return Error{name + nameOf(delta.address) + " begins with leaves that overlap"};
+      base.hash = mesh::hashLeaf(gathered);
+      base.mesh = std::make_shared<const mesh::LeafMesh>(std::move(gathered));
     }
-    fresh.emplace(whole.address, HeldLeaf{});
+    announced += base.mesh->triangles.size();
+    if (const auto counts = codec::deltaCounts(delta.payload, base.mesh->triangles.size())) announced = announced + counts->added - counts->removed;
+    bases.push_back(std::move(base));
+    if (announced > kMaxTriangles) break;
   }
   count += fresh.size();
   if (announced > kMaxTriangles)
@@ -76,13 +134,23 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
   if (count > kMaxLeaves)
     return Error{name + "the mesh would have " + std::to_string(count) + " leaves, at most " + std::to_string(kMaxLeaves) + " are held"};
 
+  std::set<lattice::LeafAddress> damaged;
+  const auto keep = [&](const lattice::LeafAddress& address, HeldLeaf&& leaf) {
+    hash += mesh::hashTerm(address, leaf.hash);
+    triangles += leaf.mesh->triangles.size();
+    fresh[address] = std::move(leaf);
+  };
   for (const wire::LeafWhole& whole : iteration.whole) {
     Outcome<mesh::LeafMesh> mesh = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
     if (!mesh) return Error{name + nameOf(whole.address) + ": " + mesh.error().message};
-    HeldLeaf& leaf = fresh[whole.address];
-    leaf = hold(std::move(*mesh));
-    hash += mesh::hashTerm(whole.address, leaf.hash);
-    triangles += whole.triangles;
+    const std::uint64_t leafHash = mesh::hashLeaf(*mesh);
+    keep(whole.address, hold(std::move(*mesh), leafHash));
+  }
+  for (std::size_t k = 0; k < iteration.changed.size(); ++k) {
+    const wire::LeafDelta& delta = iteration.changed[k];
+    auto changed = codec::decodeDelta(delta.payload, *bases[k].mesh, bases[k].hash);
+    if (!changed) damaged.insert(delta.address);
+    keep(delta.address, changed ? hold(std::move(changed->leaf), changed->hash) : hold(mesh::LeafMesh(*bases[k].mesh), bases[k].hash));
   }
 
   ++version_;
@@ -90,15 +158,33 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
   for (auto& [address, leaf] : fresh) {
     leaf.version = version_;
     leaves_[address] = std::move(leaf);
+    if (damaged.contains(address) ? damaged_.insert(address).second : (damaged_.erase(address), false)) untold_.insert(address);
   }
+  std::erase_if(damaged_, [&](const lattice::LeafAddress& address) { return !leaves_.contains(address); });
   hash_ = hash;
   triangles_ = triangles;
   iteration_ = iteration.number;
   return {};
 }
 
+std::vector<lattice::LeafAddress> Scene::takeDamaged() {
+  std::vector<lattice::LeafAddress> out(untold_.begin(), untold_.end());
+  untold_.clear();
+  return out;
+}
+
+std::vector<wire::HeldLeaf> Scene::held() const {
+  std::vector<wire::HeldLeaf> out;
+  if (leaves_.size() > wire::kMaxResumed) return out;
+  out.reserve(leaves_.size());
+  for (const auto& [address, leaf] : leaves_) out.push_back({address, leaf.hash});
+  return out;
+}
+
 void Scene::clear() {
   leaves_.clear();
+  damaged_.clear();
+  untold_.clear();
   hash_ = triangles_ = iteration_ = 0;
 }
 

@@ -6,6 +6,8 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
+#include <vector>
 
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
@@ -17,6 +19,8 @@ namespace ridgecast::scene {
 // Most that is held, whatever a server sends.
 inline constexpr std::uint64_t kMaxTriangles = 8'000'000;
 inline constexpr std::size_t kMaxLeaves = 65'536;
+// Triangles of leaves that are gone, each as often as one iteration starts a leaf from them.
+inline constexpr std::uint64_t kMaxGathered = 4 * kMaxTriangles;
 
 struct HeldLeaf {
   std::shared_ptr<const mesh::LeafMesh> mesh;  // never null; may be empty
@@ -29,9 +33,21 @@ class Scene {
  public:
   // Decodes and applies an iteration. Either everything in it is applied, or (error: undecodable payload, a leaf gone that is not
   // held, a leaf named twice, limits, a number that does not follow the last one's) nothing is. The first iteration after the
-  // beginning or clear() may have any number. The hash is not judged here: compare hash() with iteration.meshHash.
+  // beginning, clear() or reconnect() may have any number. The hash is not judged here: compare hash() with iteration.meshHash.
+  //
+  // One thing is forgiven: a delta that does not make the leaf that was meant, because that leaf was damaged here. It stays as it is and
+  // is named by takeDamaged(), to be asked for again.
   Outcome<void> apply(const wire::Iteration& iteration);
   void clear();
+
+  // Leaves that are not what the server thinks, each told once; the server must hear of them (ResendLeaves) before it hears the hash.
+  std::vector<lattice::LeafAddress> takeDamaged();
+  bool damaged() const { return !damaged_.empty(); }
+
+  // The connection was lost, and what is held stays: the next iteration is the first of another one.
+  void reconnect() { iteration_ = 0; }
+  // What is held, to be named to a server; empty when it is more than a server takes.
+  std::vector<wire::HeldLeaf> held() const;
 
   const std::map<lattice::LeafAddress, HeldLeaf>& leaves() const { return leaves_; }
   std::uint64_t hash() const { return hash_; }  // sum of mesh::hashTerm over the leaves held
@@ -45,6 +61,7 @@ class Scene {
  private:
   std::map<lattice::LeafAddress, HeldLeaf> leaves_;
   std::uint64_t hash_ = 0, triangles_ = 0, iteration_ = 0, version_ = 0;
+  std::set<lattice::LeafAddress> damaged_, untold_;
 };
 
 }  // namespace ridgecast::scene

@@ -21,6 +21,7 @@ struct Settings {
   Metric metric = Metric::kDefault;
   double threshold = 0;              // 0: the default of the metric
   std::uint32_t triangleBudget = 0;  // 0: the server's default
+  std::uint64_t bytesPerSecond = 0;  // 0: as many as there are
 };
 
 struct Hello {
@@ -28,6 +29,7 @@ struct Hello {
   std::string clientName;
   Settings settings;
   Pacing pacing = Pacing::kFree;
+  bool deltas = true;  // the client applies Iteration::changed
 };
 
 struct PoseMessage {
@@ -44,7 +46,17 @@ struct ResendLeaves {
   std::vector<lattice::LeafAddress> leaves;
 };
 
-using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves>;
+struct HeldLeaf {
+  lattice::LeafAddress address;
+  std::uint64_t hash = 0;
+};
+
+// After hello and before the first pose: what is still held of an earlier connection.
+struct Resume {
+  std::vector<HeldLeaf> leaves;
+};
+
+using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume>;
 
 struct World {
   std::uint32_t protocolVersion = kProtocolVersion;
@@ -76,11 +88,18 @@ struct LeafWhole {
   std::vector<std::uint8_t> payload;  // empty when the leaf is held and empty
 };
 
+// Made from the leaf that is held, or, where leaves split or merged, from those that are gone (mesh::gather).
+struct LeafDelta {
+  lattice::LeafAddress address;
+  std::vector<std::uint8_t> payload;  // empty: the triangles stay as they are
+};
+
 struct Iteration {
   std::uint64_t number = 0;
   std::uint64_t poseSequence = 0;
   std::vector<lattice::LeafAddress> gone;
   std::vector<LeafWhole> whole;
+  std::vector<LeafDelta> changed;
   std::uint64_t meshHash = 0;
   bool settled = false;
   Figures figures;

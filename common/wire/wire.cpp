@@ -57,7 +57,7 @@ lattice::LeafAddress read(const pb::LeafAddress& in, const char* field, Check& c
 Settings read(const pb::Settings& in, Check& check) {
   check.require(in.metric() >= 0 && in.metric() <= 2, "Settings.metric", "must be 0 (default), 1 (pixels) or 2 (thesis)");
   check.finite(in.threshold(), 0, kMaxThreshold, "Settings.threshold", "must be finite and in [0, 1e12], 0 for the default");
-  return {.metric = static_cast<Metric>(in.metric()), .threshold = in.threshold(), .triangleBudget = in.triangle_budget()};
+  return {.metric = static_cast<Metric>(in.metric()), .threshold = in.threshold(), .triangleBudget = in.triangle_budget(), .bytesPerSecond = in.bytes_per_second()};
 }
 
 Hello read(const pb::Hello& in, Check& check) {
@@ -69,6 +69,7 @@ Hello read(const pb::Hello& in, Check& check) {
   out.settings = read(in.settings(), check);
   check.require(in.pacing() == 0 || in.pacing() == 1, "Hello.pacing", "must be 0 (free) or 1 (lock-step)");
   out.pacing = static_cast<Pacing>(in.pacing());
+  out.deltas = in.deltas();
   return out;
 }
 
@@ -95,6 +96,13 @@ ResendLeaves read(const pb::ResendLeaves& in, Check& check) {
   ResendLeaves out;
   out.leaves.reserve(static_cast<std::size_t>(in.leaves_size()));
   for (const pb::LeafAddress& a : in.leaves()) out.leaves.push_back(read(a, "ResendLeaves.leaves", check));
+  return out;
+}
+
+Resume read(const pb::Resume& in, Check& check) {
+  Resume out;
+  out.leaves.reserve(static_cast<std::size_t>(in.leaves_size()));
+  for (const pb::HeldLeaf& leaf : in.leaves()) out.leaves.push_back({read(leaf.address(), "HeldLeaf.address", check), leaf.hash()});
   return out;
 }
 
@@ -139,6 +147,16 @@ LeafWhole read(pb::LeafWhole& in, Check& check) {
   return out;
 }
 
+LeafDelta read(pb::LeafDelta& in, Check& check) {
+  LeafDelta out;
+  out.address = read(in.address(), "LeafDelta.address", check);
+  check.require(in.payload().size() <= kMaxPayloadBytes, "LeafDelta.payload", "must have at most 64 MiB");
+  if (check.error()) return out;
+  out.payload.assign(in.payload().begin(), in.payload().end());
+  in.clear_payload();  // never twice in memory
+  return out;
+}
+
 Figures read(const pb::Figures& in, Check& check) {
   for (double v : {in.select_ms(), in.generate_ms(), in.refine_ms(), in.triangulate_ms(), in.encode_ms(), in.effective_threshold()})
     check.finite(v, 0, 1e15, "Figures", "must hold finite numbers that are not negative");
@@ -172,6 +190,11 @@ Iteration read(pb::Iteration& in, Check& check) {
     if (check.error()) break;
     out.whole.push_back(read(leaf, check));
   }
+  out.changed.reserve(static_cast<std::size_t>(in.changed_size()));
+  for (pb::LeafDelta& leaf : *in.mutable_changed()) {
+    if (check.error()) break;
+    out.changed.push_back(read(leaf, check));
+  }
   out.meshHash = in.mesh_hash();
   out.settled = in.settled();
   out.figures = read(in.figures(), check);
@@ -196,6 +219,7 @@ void write(const Settings& in, pb::Settings& out) {
   out.set_metric(static_cast<pb::Metric>(in.metric));
   out.set_threshold(in.threshold);
   out.set_triangle_budget(in.triangleBudget);
+  out.set_bytes_per_second(in.bytesPerSecond);
 }
 
 void write(const Hello& in, pb::ClientMessage& message) {
@@ -204,6 +228,7 @@ void write(const Hello& in, pb::ClientMessage& message) {
   out.set_client_name(in.clientName);
   write(in.settings, *out.mutable_settings());
   out.set_pacing(static_cast<pb::Pacing>(in.pacing));
+  out.set_deltas(in.deltas);
 }
 
 void write(const PoseMessage& in, pb::ClientMessage& message) {
@@ -228,6 +253,15 @@ void write(const Acknowledge& in, pb::ClientMessage& message) {
 void write(const ResendLeaves& in, pb::ClientMessage& message) {
   pb::ResendLeaves& out = *message.mutable_resend_leaves();
   for (const lattice::LeafAddress& a : in.leaves) write(a, *out.add_leaves());
+}
+
+void write(const Resume& in, pb::ClientMessage& message) {
+  pb::Resume& out = *message.mutable_resume();
+  for (const HeldLeaf& leaf : in.leaves) {
+    pb::HeldLeaf& held = *out.add_leaves();
+    write(leaf.address, *held.mutable_address());
+    held.set_hash(leaf.hash);
+  }
 }
 
 void write(const World& in, pb::ServerMessage& message) {
@@ -277,6 +311,11 @@ void write(const Iteration& in, pb::ServerMessage& message) {
     whole.set_triangles(leaf.triangles);
     whole.set_payload(leaf.payload.data(), leaf.payload.size());
   }
+  for (const LeafDelta& leaf : in.changed) {
+    pb::LeafDelta& changed = *out.add_changed();
+    write(leaf.address, *changed.mutable_address());
+    changed.set_payload(leaf.payload.data(), leaf.payload.size());
+  }
   out.set_mesh_hash(in.meshHash);
   out.set_settled(in.settled);
   write(in.figures, *out.mutable_figures());
@@ -321,14 +360,16 @@ std::string encode(const ServerMessage& message) {
 
 Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const Limits& limits) {
   if (bytes.size() > limits.maxClientMessageBytes) return tooLong(bytes.size(), limits.maxClientMessageBytes);
-  FieldCounts outer{}, resend{};
+  FieldCounts outer{}, resend{}, resume{};
   const auto ignore = [](std::uint32_t, std::span<const std::uint8_t>) { return true; };
   const bool wellFormed = scanFields(bytes, outer, [&](std::uint32_t field, std::span<const std::uint8_t> content) {
+    if (field == pb::ClientMessage::kResume) return scanFields(content, resume, ignore);
     return field != pb::ClientMessage::kResendLeaves || scanFields(content, resend, ignore);
   });
   if (!wellFormed) return Error{kNoMessage};
   Check check;
   check.count(resend[pb::ResendLeaves::kLeavesFieldNumber], kMaxResendLeaves, "ResendLeaves.leaves");
+  check.count(resume[pb::Resume::kLeavesFieldNumber], kMaxResumeLeaves, "Resume.leaves");
   if (check.error()) return *check.error();
 
   pb::ClientMessage message;
@@ -348,6 +389,10 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
       ClientMessage out = read(message.resend_leaves(), check);
       return finish(check, std::move(out));
     }
+    case pb::ClientMessage::kResume: {
+      ClientMessage out = read(message.resume(), check);
+      return finish(check, std::move(out));
+    }
     case pb::ClientMessage::KIND_NOT_SET:
       break;
   }
@@ -365,6 +410,7 @@ Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const L
   Check check;
   check.count(iteration[pb::Iteration::kGoneFieldNumber], kMaxIterationLeaves, "Iteration.gone");
   check.count(iteration[pb::Iteration::kWholeFieldNumber], kMaxIterationLeaves, "Iteration.whole");
+  check.count(iteration[pb::Iteration::kChangedFieldNumber], kMaxIterationLeaves, "Iteration.changed");
   if (check.error()) return *check.error();
 
   pb::ServerMessage message;

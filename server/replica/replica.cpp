@@ -4,19 +4,36 @@
 #include <cassert>
 
 #include "common/mesh/leaf_mesh.h"
+#include "common/wire/wire.h"
 
 namespace ridgecast::replica {
 
-Replica::Replica(std::uint32_t window) : window_(std::max(window, 1u)) {}
+Replica::Replica(std::uint32_t window, bool deltas) : window_(std::max(window, 1u)), deltas_(deltas) {}
+
+bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
+  assert(lastSent_ == 0);
+  if (held_.size() + leaves.size() > wire::kMaxResumed) return false;
+  scratch_ = held_;
+  for (const wire::HeldLeaf& leaf : leaves) scratch_.push_back({leaf.address, 0, leaf.hash, false});
+  std::sort(scratch_.begin(), scratch_.end(), [](const Held& a, const Held& b) { return a.address < b.address; });
+  const auto twice = std::adjacent_find(scratch_.begin(), scratch_.end(), [](const Held& a, const Held& b) { return a.address == b.address; });
+  if (twice != scratch_.end()) return false;
+  held_.swap(scratch_);
+  for (const wire::HeldLeaf& leaf : leaves) meshHash_ += mesh::hashTerm(leaf.address, leaf.hash);
+  return true;
+}
 
 Changes Replica::send(std::span<const pipeline::LeafState> leaves) {
   assert(hasRoom());
   Changes changes;
+  std::vector<Arrival> arrivals;               // leaves that were not held
+  std::vector<lattice::LeafAddress> sources;   // leaves that are gone, and were not lost
   scratch_.clear();
   scratch_.reserve(leaves.size());
   auto held = held_.cbegin();
   const auto drop = [&] {
     changes.gone.push_back(held->address);
+    if (deltas_ && !held->again) sources.push_back(held->address);
     meshHash_ -= mesh::hashTerm(held->address, held->hash);
     ++held;
   };
@@ -24,17 +41,24 @@ Changes Replica::send(std::span<const pipeline::LeafState> leaves) {
     assert(scratch_.empty() || scratch_.back().address < leaf.address);
     while (held != held_.cend() && held->address < leaf.address) drop();
     const bool known = held != held_.cend() && held->address == leaf.address;
-    if (!known || held->hash != leaf.hash) {
-      if (known) meshHash_ -= mesh::hashTerm(held->address, held->hash);
+    if (!known) {
       meshHash_ += mesh::hashTerm(leaf.address, leaf.hash);
-      changes.whole.push_back(leaf.address);
-    } else if (held->again) {
-      changes.whole.push_back(leaf.address);
+      arrivals.push_back({leaf.address, leaf.hash});
+    } else {
+      const bool differs = held->hash != leaf.hash;
+      if (differs) meshHash_ += mesh::hashTerm(leaf.address, leaf.hash) - mesh::hashTerm(held->address, held->hash);
+      if (held->again || (differs && !deltas_)) {
+        changes.whole.push_back(leaf.address);
+      } else if (differs) {
+        changes.changed.push_back({leaf.address, leaf.hash, held->hash, static_cast<std::uint32_t>(changes.sources.size()), 1});
+        changes.sources.push_back(leaf.address);
+      }
+      ++held;
     }
-    if (known) ++held;
     scratch_.push_back({leaf.address, leaf.version, leaf.hash, false});
   }
   while (held != held_.cend()) drop();
+  derive(changes, arrivals, sources);
   held_.swap(scratch_);
   owes_ = false;
 
@@ -42,6 +66,42 @@ Changes Replica::send(std::span<const pipeline::LeafState> leaves) {
   changes.meshHash = meshHash_;
   unacknowledged_.push_back({changes.number, changes.meshHash});
   return changes;
+}
+
+// Finds for each leaf that was not held the leaves it can be made from; without any it is sent whole.
+void Replica::derive(Changes& changes, std::span<const Arrival> arrivals, std::span<const lattice::LeafAddress> sources) const {
+  struct Pair {
+    std::uint32_t arrival;
+    lattice::LeafAddress source;
+    auto operator<=>(const Pair&) const = default;
+  };
+  std::vector<Pair> pairs;
+  const auto byAddress = [](const Arrival& arrival, const lattice::LeafAddress& a) { return arrival.address < a; };
+  for (const lattice::LeafAddress& source : sources)  // merges: the source lies in the arrival
+    for (lattice::LeafAddress up = source; up.level < lattice::kMaxLevel;) {
+      up = up.parent();
+      const auto it = std::lower_bound(arrivals.begin(), arrivals.end(), up, byAddress);
+      if (it != arrivals.end() && it->address == up) pairs.push_back({static_cast<std::uint32_t>(it - arrivals.begin()), source});
+    }
+  if (!sources.empty())
+    for (std::uint32_t k = 0; k < arrivals.size(); ++k)  // splits: the arrival lies in the source
+      for (lattice::LeafAddress up = arrivals[k].address; up.level < lattice::kMaxLevel;) {
+        up = up.parent();
+        if (std::binary_search(sources.begin(), sources.end(), up)) pairs.push_back({k, up});
+      }
+  std::sort(pairs.begin(), pairs.end());
+  auto pair = pairs.cbegin();
+  for (std::uint32_t k = 0; k < arrivals.size(); ++k) {
+    const auto first = static_cast<std::uint32_t>(changes.sources.size());
+    for (; pair != pairs.cend() && pair->arrival == k; ++pair) changes.sources.push_back(pair->source);
+    const auto count = static_cast<std::uint32_t>(changes.sources.size()) - first;
+    if (count > 0)
+      changes.changed.push_back({arrivals[k].address, arrivals[k].hash, 0, first, count});
+    else
+      changes.whole.push_back(arrivals[k].address);
+  }
+  std::sort(changes.whole.begin(), changes.whole.end());
+  std::sort(changes.changed.begin(), changes.changed.end(), [](const Derived& a, const Derived& b) { return a.address < b.address; });
 }
 
 bool Replica::differs(std::span<const pipeline::LeafState> leaves) const {

@@ -1,9 +1,18 @@
 #pragma once
 // What one client holds: which leaf in which version, once it has applied everything that was sent. Decides what the next iteration
-// must carry and checks what the client acknowledges. Knows no socket, no thread and no mesh, only addresses, versions and hashes.
+// must carry and checks what the client acknowledges. Knows no socket, no thread and no mesh, only addresses, versions and hashes
+// (bases.h remembers the meshes that deltas start from).
 //
 // The stream is ordered and loses nothing, so what was sent is what will be held; acknowledgements bound what is under way and prove,
 // by the hash of the mesh, that both sides agree.
+//
+// A leaf goes through these states, told by the lists of Changes it is named in:
+//
+//               whole, changed (from leaves that are gone)        changed, whole
+//     not held ------------------------------------------> held ---------------+
+//        ^                                                 |  ^                |
+//        +-------------------------------------------------+  +----------------+
+//                              gone
 //
 // Not thread-safe. Memory: about 48 bytes a leaf, and a number and a hash an unacknowledged iteration (at most `window`).
 
@@ -13,6 +22,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/wire/messages.h"
 #include "server/pipeline/pipeline.h"
 
 namespace ridgecast::replica {
@@ -21,12 +31,22 @@ inline constexpr std::uint32_t kDefaultWindow = 4;  // iterations
 // So often is everything sent again without a hash that agrees in between; then the client is beyond help.
 inline constexpr int kMaxRepairs = 3;
 
-// What the next iteration must carry. Addresses in canonical order; a leaf is never in both lists.
+// A leaf that the client can make from what it holds before the iteration.
+struct Derived {
+  lattice::LeafAddress address;
+  std::uint64_t hash = 0;        // of the leaf
+  std::uint64_t sourceHash = 0;  // of its source, where that is the leaf itself
+  std::uint32_t first = 0, count = 0;  // of Changes::sources: the leaf itself, or leaves that are gone and cover or lie in it
+};
+
+// What the next iteration must carry. Addresses in canonical order; a leaf is never in two lists.
 struct Changes {
-  std::uint64_t number = 0;                 // of the iteration, ascending by 1 from 1
-  std::vector<lattice::LeafAddress> gone;   // held, and no longer part of the mesh
-  std::vector<lattice::LeafAddress> whole;  // new, changed or asked for again; leaves without triangles are held as well, and empty
-  std::uint64_t meshHash = 0;               // of what the client holds afterwards
+  std::uint64_t number = 0;                   // of the iteration, ascending by 1 from 1
+  std::vector<lattice::LeafAddress> gone;     // held, and no longer part of the mesh
+  std::vector<lattice::LeafAddress> whole;    // new or asked for again; leaves without triangles are held as well, and empty
+  std::vector<Derived> changed;
+  std::vector<lattice::LeafAddress> sources;  // of `changed`
+  std::uint64_t meshHash = 0;                 // of what the client holds afterwards
 };
 
 enum class Verdict {
@@ -39,7 +59,13 @@ enum class Verdict {
 
 class Replica {
  public:
-  explicit Replica(std::uint32_t window = kDefaultWindow);  // >= 1
+  // window >= 1. Without deltas nothing is ever `changed`, everything whole.
+  explicit Replica(std::uint32_t window = kDefaultWindow, bool deltas = false);
+
+  // The client still holds these of an earlier connection. Only before the first send(); may come in parts. False, and nothing has
+  // happened: a leaf twice, or more than wire::kMaxResumed in all.
+  bool resume(std::span<const wire::HeldLeaf> leaves);
+  void setDeltas(bool deltas) { deltas_ = deltas; }
 
   // Whether another iteration may be sent: fewer than `window` are unacknowledged.
   bool hasRoom() const { return unacknowledged_.size() < window_; }
@@ -77,8 +103,15 @@ class Replica {
     std::uint64_t number = 0;
     std::uint64_t meshHash = 0;
   };
+  struct Arrival {
+    lattice::LeafAddress address;
+    std::uint64_t hash = 0;
+  };
+
+  void derive(Changes& changes, std::span<const Arrival> arrivals, std::span<const lattice::LeafAddress> sources) const;
 
   std::uint32_t window_;
+  bool deltas_;
   std::vector<Held> held_;     // in canonical order
   std::vector<Held> scratch_;  // the next held_: kept for its memory
   std::deque<Sent> unacknowledged_;

@@ -1,10 +1,15 @@
 #include "server/session/camera_session.h"
 
+#include <algorithm>
 #include <chrono>
 #include <exception>
+#include <optional>
 #include <utility>
 
 #include "common/codec/codec.h"
+#include "common/codec/delta.h"
+#include "common/mesh/gather.h"
+#include "common/wire/wire.h"
 
 namespace ridgecast::session {
 
@@ -49,6 +54,12 @@ CameraSession::Refusal CameraSession::take(wire::Hello& hello) {
                                                  ": both must be the same."};
   if (stage_ != Stage::kExpectsHello) return ErrorMessage{ErrorCode::kMalformed, "A second hello came; a connection has exactly one."};
   granted_ = pipeline::grant(hello.settings, session_->resources().limits.mesh);
+  const std::uint64_t most = session_->resources().limits.maxBytesPerSecond;
+  if (granted_.bytesPerSecond == 0 || (most != 0 && granted_.bytesPerSecond > most)) granted_.bytesPerSecond = most;
+  if (granted_.bytesPerSecond != 0) granted_.bytesPerSecond = std::max(granted_.bytesPerSecond, kLeastBytesPerSecond);
+  pace_.setRate(granted_.bytesPerSecond);
+  replica_.setDeltas(hello.deltas);
+  if (hello.deltas) bases_.setBudget(kBaseBytesPerTriangle * granted_.triangleBudget);
   lockstep_ = hello.pacing == wire::Pacing::kLockstep;
   stage_ = Stage::kRuns;
   return {};
@@ -93,6 +104,14 @@ CameraSession::Refusal CameraSession::take(const wire::ResendLeaves& resend) {
   return {};
 }
 
+CameraSession::Refusal CameraSession::take(const wire::Resume& resume) {
+  if (stage_ == Stage::kExpectsHello) return expectsHello("resume");
+  if (lastSequence_ != 0) return ErrorMessage{ErrorCode::kMalformed, "A resume came after a pose; it belongs between hello and the first pose."};
+  if (!replica_.resume(resume.leaves))
+    return ErrorMessage{ErrorCode::kInvalid, "A resume names a leaf twice, or more than " + std::to_string(wire::kMaxResumed) + " in all."};
+  return {};
+}
+
 void CameraSession::close() {
   const std::lock_guard lock(mutex_);
   stage_ = Stage::kClosed;
@@ -116,6 +135,18 @@ bool CameraSession::hasWork() const {
 
 bool CameraSession::wake() {
   if (scheduled_ || !hasWork()) return true;
+  if (stage_ == Stage::kRuns && greeted_ && pace_.limits() && Pace::Clock::now() < pace_.free()) {
+    if (alarmSet_) return true;
+    alarmSet_ = true;
+    session_->resources().alarm.at(pace_.free(), [weak = weak_from_this()] {
+      const auto self = weak.lock();
+      if (!self) return;
+      const std::lock_guard lock(self->mutex_);
+      self->alarmSet_ = false;
+      self->wake();
+    });
+    return true;
+  }
   scheduled_ = pool_->post([self = shared_from_this()] { self->run(); });
   return scheduled_;
 }
@@ -129,10 +160,12 @@ void CameraSession::run() {
   std::unique_ptr<IteratingMesh> freed;  // before the lock: destroyed after it
   const std::lock_guard lock(mutex_);
   scheduled_ = false;
-  if (stage_ == Stage::kClosed)
+  if (stage_ == Stage::kClosed) {
     freed = std::move(mesh_);
-  else
+    bases_.clear();
+  } else {
     wake();
+  }
 }
 
 void CameraSession::work() {
@@ -175,6 +208,7 @@ void CameraSession::iterate() {
     }
   }
   wire::Iteration iteration;
+  if (pace_.limits()) mesh_->setInsertionLimit(pace_.insertions());
   iteration.figures = mesh_->iterate(pose_.camera);
   iteration.poseSequence = pose_.sequence;
   iteration.settled = mesh_->settled();
@@ -188,24 +222,85 @@ void CameraSession::iterate() {
     changes = replica_.send(mesh_->leaves());
   }
   iteration.number = changes.number;
-  iteration.gone = std::move(changes.gone);
   iteration.meshHash = changes.meshHash;
   const auto start = std::chrono::steady_clock::now();
-  iteration.whole = encode(changes.whole);
+  encode(changes, iteration);
+  iteration.gone = std::move(changes.gone);
   iteration.figures.encodeMs = millisecondsSince(start);
+  if (pace_.limits()) {
+    std::size_t bytes = 200 + 12 * iteration.gone.size();
+    for (const wire::LeafWhole& leaf : iteration.whole) bytes += leaf.payload.size() + 24;
+    for (const wire::LeafDelta& leaf : iteration.changed) bytes += leaf.payload.size() + 16;
+    const std::lock_guard lock(mutex_);
+    pace_.sent(Pace::Clock::now(), bytes, iteration.figures.inserted);
+  }
   sender_->send(std::move(iteration));
 }
 
-std::vector<wire::LeafWhole> CameraSession::encode(const std::vector<lattice::LeafAddress>& addresses) const {
-  std::vector<wire::LeafWhole> whole(addresses.size());
-  pool_->forEach(addresses.size(), 2, [&](std::size_t k) {
-    const mesh::LeafMesh leaf = mesh_->extract(addresses[k]);
-    whole[k].address = addresses[k];
-    whole[k].vertices = static_cast<std::uint32_t>(leaf.vertices.size());
-    whole[k].triangles = static_cast<std::uint32_t>(leaf.triangles.size());
-    whole[k].payload = codec::encodeLeaf(leaf);
+namespace {
+
+// A delta of so few bytes a triangle is shorter than any whole leaf of more than a handful of triangles: not worth the comparison.
+constexpr std::size_t kSurelyCheaper = 1;
+// A leaf starts from others when these have at most so many triangles for each of its own: the receiver looks at all of them.
+constexpr std::size_t kMostGathered = 16;
+
+}  // namespace
+
+// Each leaf in the cheaper of its forms.
+void CameraSession::encode(const replica::Changes& changes, wire::Iteration& iteration) {
+  struct Encoded {
+    mesh::LeafMesh leaf;
+    std::vector<std::uint8_t> payload;
+    bool delta = false;
+  };
+  const std::size_t whole = changes.whole.size(), count = whole + changes.changed.size();
+  std::vector<Encoded> encoded(count);
+  const auto baseOf = [&](const replica::Derived& derived, std::size_t triangles) -> std::optional<mesh::LeafMesh> {
+    std::size_t looked = 0;
+    for (std::uint32_t k = 0; k < derived.count; ++k) looked += bases_.triangles(changes.sources[derived.first + k]);
+    if (looked > kMostGathered * triangles) return std::nullopt;
+    std::vector<mesh::LeafMesh> sources;
+    for (std::uint32_t k = 0; k < derived.count; ++k) {
+      auto base = bases_.find(changes.sources[derived.first + k]);
+      if (!base) return std::nullopt;
+      sources.push_back(std::move(*base));
+    }
+    if (sources.size() == 1 && sources.front().address == derived.address) return std::move(sources.front());
+    std::vector<const mesh::LeafMesh*> pointers;
+    for (const mesh::LeafMesh& source : sources) pointers.push_back(&source);
+    return mesh::gather(derived.address, pointers);
+  };
+  pool_->forEach(count, 2, [&](std::size_t k) {
+    Encoded& out = encoded[k];
+    const replica::Derived* derived = k < whole ? nullptr : &changes.changed[k - whole];
+    out.leaf = mesh_->extract(derived ? derived->address : changes.whole[k]);
+    if (derived && !out.leaf.triangles.empty()) {
+      const auto base = baseOf(*derived, out.leaf.triangles.size());
+      if (base && !base->triangles.empty()) {
+        if (auto payload = codec::encodeDelta(*base, out.leaf, derived->hash)) {
+          out.payload = std::move(*payload);
+          out.delta = true;
+          if (out.payload.size() <= kSurelyCheaper * out.leaf.triangles.size()) return;
+        }
+      }
+    }
+    auto payload = codec::encodeLeaf(out.leaf);
+    if (out.delta && out.payload.size() <= payload.size()) return;
+    out.payload = std::move(payload);
+    out.delta = false;
   });
-  return whole;
+
+  for (const lattice::LeafAddress& address : changes.gone) bases_.erase(address);
+  for (Encoded& e : encoded) {
+    if (bases_.budget() > 0) bases_.put(e.leaf);
+    if (e.delta) {
+      iteration.changed.push_back({e.leaf.address, std::move(e.payload)});
+      continue;
+    }
+    iteration.whole.push_back({e.leaf.address, static_cast<std::uint32_t>(e.leaf.vertices.size()),
+                               static_cast<std::uint32_t>(e.leaf.triangles.size()), std::move(e.payload)});
+  }
+  std::sort(iteration.whole.begin(), iteration.whole.end(), [](const auto& a, const auto& b) { return a.address < b.address; });
 }
 
 }  // namespace ridgecast::session

@@ -11,8 +11,11 @@
 // first iteration for a pose is always sent; later ones only when they carry something, and that the mesh is at rest is told once.
 // Lock-step: exactly one iteration for each pose, in order; at most kMaxQueuedPoses wait.
 //
+// A client that resumes names the leaves it still holds between hello and its first pose; only what differs is sent.
+//
 // The client has room when fewer than `window` iterations are unacknowledged and less than maxQueuedBytes wait in its way out. All that
-// waits there belongs to unacknowledged iterations, so an acknowledgement is the only event that can make room.
+// waits there belongs to unacknowledged iterations, so an acknowledgement is the only event that can make room. With a budget of bytes a
+// second an iteration also waits until those before it are paid for (pace.h); an alarm ends that.
 
 #include <deque>
 #include <memory>
@@ -21,6 +24,8 @@
 
 #include "common/wire/messages.h"
 #include "server/replica/replica.h"
+#include "server/replica/bases.h"
+#include "server/session/pace.h"
 #include "server/session/session.h"
 
 namespace ridgecast::session {
@@ -53,6 +58,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   Refusal take(wire::PoseMessage& pose);
   Refusal take(const wire::Acknowledge& acknowledge);
   Refusal take(const wire::ResendLeaves& resend);
+  Refusal take(const wire::Resume& resume);
   bool hasWork() const;
   bool wake();  // false: the pool takes no more
 
@@ -60,7 +66,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void run();
   void work();
   void iterate();
-  std::vector<wire::LeafWhole> encode(const std::vector<lattice::LeafAddress>& addresses) const;
+  void encode(const replica::Changes& changes, wire::Iteration& iteration);
 
   const std::shared_ptr<Session> session_;
   const Place place_;
@@ -78,9 +84,12 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   std::deque<wire::PoseMessage> poses_;  // free: at most one, the newest
   bool atRest_ = true;                   // nothing to do before another pose
   replica::Replica replica_;
+  Pace pace_;
+  bool alarmSet_ = false;
 
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;
+  replica::Bases bases_;
   wire::PoseMessage pose_;  // of the last iteration
   bool posed_ = false;      // there was one; written under the lock
 };

@@ -15,6 +15,7 @@ class IteratingMesh {
  public:
   virtual ~IteratingMesh() = default;
   virtual wire::Figures iterate(const camera::Camera& camera) = 0;
+  virtual void setInsertionLimit(std::uint32_t most) = 0;
   virtual bool settled() const = 0;
   virtual const std::vector<pipeline::LeafState>& leaves() const = 0;
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;

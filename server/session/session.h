@@ -18,6 +18,7 @@
 #include "server/pipeline/pipeline.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
+#include "server/session/alarm.h"
 #include "server/session/iterating_mesh.h"
 
 namespace ridgecast::session {
@@ -27,10 +28,14 @@ struct Limits {
   std::uint32_t maxMembers = 64;   // of one session
   std::uint32_t window = replica::kDefaultWindow;
   std::size_t maxQueuedBytes = 8u << 20;  // no iteration begins while more than this waits in a client's way out
+  std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: no limit
   pipeline::Limits mesh;
 };
 
 inline constexpr std::string_view kDefaultName = "default";
+// What the session remembers of the leaves that a client holds, to make deltas from: so many bytes a triangle of its budget at most.
+inline constexpr std::size_t kBaseBytesPerTriangle = 24;
+inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 inline constexpr std::size_t kMaxQueuedPoses = 64;  // lock-step: poses that wait for their iteration
 
 // What cameras of all sessions share.
@@ -41,6 +46,7 @@ struct Resources {
   MakeMesh makeMesh;
   std::string serverName;
   Limits limits;
+  Alarm alarm;  // wakes cameras whose budget of bytes is used up
 };
 
 // One camera's place; given back when destroyed.

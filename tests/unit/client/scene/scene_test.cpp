@@ -61,7 +61,7 @@ struct Fixture {
   Replica replica;
   std::uint64_t number = 0;
 
-  wire::Iteration next() { return {.number = ++number, .gone = {}, .whole = {}, .figures = {}}; }
+  wire::Iteration next() { return {.number = ++number, .gone = {}, .whole = {}, .changed = {}, .figures = {}}; }
   void set(wire::Iteration& it, lattice::LeafAddress address, int n) {
     mesh::LeafMesh leaf = leafAt(random, address, n);
     it.whole.push_back(wholeOf(leaf));
@@ -115,7 +115,7 @@ TEST(Scene, AppliesNothingOfAWrongIteration) {
   ASSERT_TRUE(f.scene.apply(first));
   expectHolds(f.scene, f.replica, 1);
 
-  wire::Iteration good{.number = 2, .gone = {{0, 0, 0}}, .whole = {}, .figures = {}};
+  wire::Iteration good{.number = 2, .gone = {{0, 0, 0}}, .whole = {}, .changed = {}, .figures = {}};
   for (int k = 3; k < 8; ++k) good.whole.push_back(wholeOf(leafAt(f.random, {0, k, 0}, 4)));
   const auto refuses = [&](const char* what, auto change) {
     wire::Iteration bad = good;
@@ -151,7 +151,7 @@ TEST(Scene, AppliesNothingOfAWrongIteration) {
 TEST(Scene, HeightIsThatOfTheTriangleUnderThePoint) {
   // A tilted plane y = 3 x - 2 z + 1000 over two leaves: every covered point has the plane's height.
   Scene scene;
-  wire::Iteration it{.number = 1, .gone = {}, .whole = {}, .figures = {}};
+  wire::Iteration it{.number = 1, .gone = {}, .whole = {}, .changed = {}, .figures = {}};
   const lattice::LeafAddress left{0, -1, 3}, right{0, 0, 3};
   for (const lattice::LeafAddress& address : {left, right}) {
     mesh::LeafMesh leaf{.address = address, .vertices = {}, .triangles = {}};

@@ -1,6 +1,8 @@
 #include "scripted.h"
 
 #include "common/codec/codec.h"
+#include "common/codec/delta.h"
+#include "common/mesh/gather.h"
 
 namespace ridgecast::session {
 
@@ -36,6 +38,7 @@ class ScriptedMesh final : public IteratingMesh {
     figures.leaves = static_cast<std::uint32_t>(leaves_.size());
     return figures;
   }
+  void setInsertionLimit(std::uint32_t most) override { script_->insertionLimit = most; }
   bool settled() const override { return state_.settled; }
   const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return contentOf(address, state_.leaves.at(address)); }
@@ -92,23 +95,41 @@ void Client::fail(wire::ErrorMessage message) {
 
 void Client::apply(const wire::Iteration& iteration) {
   if (iteration.number != iterations_.size() + 1) complaint_ = "numbers do not ascend by 1";
+  const auto before = held_;
   for (const auto& address : iteration.gone)
     if (held_.erase(address) == 0) complaint_ = "a leaf is gone that is not held";
   for (const auto& whole : iteration.whole) {
     if (whole.triangles == 0) {
       if (!whole.payload.empty()) complaint_ = "an empty leaf has a payload";
-      held_[whole.address] = 0;
+      held_[whole.address] = {whole.address, {}, {}};
       continue;
     }
     const auto leaf = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
     if (!leaf) {
       complaint_ = leaf.error().message;
     } else {
-      held_[whole.address] = mesh::hashLeaf(*leaf);
+      held_[whole.address] = *leaf;
+    }
+  }
+  for (const auto& delta : iteration.changed) {
+    mesh::LeafMesh base{delta.address, {}, {}};
+    if (const auto it = before.find(delta.address); it != before.end()) {
+      base = it->second;
+    } else {
+      std::vector<const mesh::LeafMesh*> sources;
+      for (const auto& address : iteration.gone)
+        if (address.isAncestorOf(delta.address) || delta.address.isAncestorOf(address)) sources.push_back(&before.at(address));
+      base = mesh::gather(delta.address, sources);
+    }
+    const auto changed = codec::decodeDelta(delta.payload, base, mesh::hashLeaf(base));
+    if (!changed) {
+      complaint_ = changed.error().message;
+    } else {
+      held_[delta.address] = changed->leaf;
     }
   }
   meshHash_ = 0;
-  for (const auto& [address, hash] : held_) meshHash_ += mesh::hashTerm(address, hash);
+  for (const auto& [address, leaf] : held_) meshHash_ += mesh::hashTerm(address, mesh::hashLeaf(leaf));
   if (meshHash_ != iteration.meshHash)
     complaint_ = "iteration " + std::to_string(iteration.number) + " left another mesh than it announced";
 }

@@ -31,6 +31,7 @@ struct Script {
   std::function<State(int iteration, const camera::Camera& camera)> next;
   std::atomic<int> iterations{0};
   std::atomic<int> alive{0};  // meshes that exist
+  std::atomic<std::uint32_t> insertionLimit{0};
 };
 MakeMesh scriptedMeshes(std::shared_ptr<Script> script);
 
@@ -62,7 +63,7 @@ class Client : public Sender {
   std::optional<wire::ErrorMessage> error_;
   std::vector<wire::Iteration> iterations_;
   std::size_t taken_ = 0;
-  std::map<lattice::LeafAddress, std::uint64_t> held_;
+  std::map<lattice::LeafAddress, mesh::LeafMesh> held_;
   std::uint64_t meshHash_ = 0;
   std::string complaint_;
 };

@@ -1,0 +1,45 @@
+#pragma once
+// The meshes that a client holds, as far as deltas may start from them: the last version sent of each leaf, packed. What does not fit
+// into the budget is not kept, and its next change is sent whole.
+//
+// One thread writes; find() may be called by several while nobody writes.
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <unordered_map>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "common/mesh/leaf_mesh.h"
+
+namespace ridgecast::replica {
+
+class Bases {
+ public:
+  explicit Bases(std::size_t budgetBytes = 0) : budget_(budgetBytes) {}
+  void setBudget(std::size_t bytes) { budget_ = bytes; }
+
+  void put(const mesh::LeafMesh& leaf);  // canonical; replaces what was there
+  void erase(lattice::LeafAddress address);
+  void clear();
+  std::optional<mesh::LeafMesh> find(lattice::LeafAddress address) const;
+
+  std::size_t triangles(lattice::LeafAddress address) const;  // 0: unknown, or empty
+
+  std::size_t bytes() const { return bytes_; }
+  std::size_t budget() const { return budget_; }
+
+ private:
+  // About 12 bytes a triangle: indices have 16 bits where that is enough.
+  struct Packed {
+    std::vector<mesh::LocalVertex> vertices;
+    std::vector<std::array<std::uint16_t, 3>> narrow;
+    std::vector<mesh::Triangle> wide;
+    std::size_t bytes() const;
+  };
+  std::unordered_map<lattice::LeafAddress, Packed, lattice::LeafAddressHash> leaves_;
+  std::size_t budget_ = 0, bytes_ = 0;
+};
+
+}  // namespace ridgecast::replica

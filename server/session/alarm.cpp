@@ -1,0 +1,65 @@
+#include "server/session/alarm.h"
+
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+namespace ridgecast::session {
+
+struct Alarm::State {
+  std::mutex mutex;
+  std::condition_variable changed;
+  std::multimap<std::chrono::steady_clock::time_point, std::function<void()>> calls;
+  bool ends = false;
+  std::thread thread;
+
+  void run() {
+    std::unique_lock lock(mutex);
+    while (!ends) {
+      if (calls.empty()) {
+        changed.wait(lock);
+        continue;
+      }
+      const auto next = calls.begin();
+      if (std::chrono::steady_clock::now() < next->first) {
+        changed.wait_until(lock, std::chrono::steady_clock::time_point(next->first));
+        continue;
+      }
+      const auto call = std::move(next->second);
+      calls.erase(next);
+      lock.unlock();
+      call();
+      lock.lock();
+    }
+  }
+};
+
+Alarm::Alarm() : state_(std::make_shared<State>()) {}
+
+Alarm::~Alarm() {
+  std::thread thread;
+  {
+    const std::lock_guard lock(state_->mutex);
+    state_->ends = true;
+    thread = std::move(state_->thread);
+  }
+  state_->changed.notify_all();
+  if (!thread.joinable()) return;
+  // A call may drop the last owner of the resources, and with them this.
+  if (thread.get_id() == std::this_thread::get_id())
+    thread.detach();
+  else
+    thread.join();
+}
+
+void Alarm::at(std::chrono::steady_clock::time_point when, std::function<void()> call) const {
+  const std::lock_guard lock(state_->mutex);
+  if (state_->ends) return;
+  state_->calls.emplace(when, std::move(call));
+  if (!state_->thread.joinable()) state_->thread = std::thread([state = state_] { state->run(); });
+  state_->changed.notify_all();
+}
+
+}  // namespace ridgecast::session
