@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <sstream>
+#include <tuple>
 #include <unordered_map>
 
 namespace ridgecast::testing_support {
@@ -106,7 +108,14 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
 
   // Reversed boundary edges run round each hole with the hole on their left, and round the whole with the outside on their left. At a
   // vertex where loops touch, take the leftmost way on, so that a loop never crosses into another.
-  std::size_t outside = 0;
+  std::set<std::tuple<int, std::int64_t, std::int64_t>> squares;
+  for (const mesh::LeafMesh& leaf : leaves) squares.insert({leaf.address.level, leaf.address.i, leaf.address.j});
+  const auto covered = [&](std::int64_t x, std::int64_t z) {
+    for (int level = 0; level <= 12; ++level)
+      if (squares.count({level, x >> (13 + level), z >> (13 + level)})) return true;
+    return false;
+  };
+  const auto surrounded = [&](std::int64_t x, std::int64_t z) { return covered(x, z) && covered(x - 1, z) && covered(x, z - 1) && covered(x - 1, z - 1); };
   while (!boundary.empty()) {
     const std::uint32_t start = boundary.begin()->first;
     std::vector<std::uint32_t> loop{start};
@@ -136,15 +145,17 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
     }
     Wide area = 0;
     for (std::size_t k = 1; k + 1 < loop.size(); ++k) area += turn(loop[0], loop[k], loop[k + 1]);
-    if (area < 0) {  // the outside; a second such loop goes round an overlap
-      report.cracks += outside++ > 0;
+    // Where the leaves end, the mesh may end in loops of its own: pockets and islands that touch the border at a vertex.
+    const bool inside = std::all_of(loop.begin(), loop.end(), [&](std::uint32_t v) { return surrounded(points[v].x, points[v].z); });
+    if (area < 0) {  // round the whole; inside, round an overlap
+      report.cracks += inside;
       continue;
     }
     if (loop.size() == 3) {
       const std::int64_t sx = points[loop[0]].x + points[loop[1]].x + points[loop[2]].x, sz = points[loop[0]].z + points[loop[1]].z + points[loop[2]].z;
       if (std::none_of(leaves.begin(), leaves.end(), [&](const mesh::LeafMesh& l) { return inSquare(l, sx, sz); })) continue;
     }
-    ++report.cracks;
+    report.cracks += inside || loop.size() == 3;
   }
   return report;
 }
