@@ -1,5 +1,7 @@
 // alpine: ridged, eroded mountains with lakes, meadows, scree and snow.
 
+const float snowLine = 1760.0f;  //! 500..4000 m: height of the snow line
+const float treeLine = 1150.0f;  //! 300..3000 m: height up to which woods grow
 const float kWaterLevel = 420.0f;
 
 // One octave of ridges: where the noise crosses zero the ground peaks. The height's crest is sharp; the slope that later octaves follow
@@ -96,7 +98,7 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   vec3 c = mix(rock, scree, smoothstep(0.72f, 0.86f, level + 0.05f * patches));
 
   // Meadow and wood below the tree line, thin turf above it.
-  float line = 1150.0f + 160.0f * moist + 60.0f * patches;
+  float line = treeLine + 160.0f * moist + 60.0f * patches;
   vec3 meadow = mix(vec3(0.075f, 0.10f, 0.032f), vec3(0.135f, 0.125f, 0.06f), smoothstep(-500.0f, 100.0f, height - line) + 0.2f * patches);
   meadow = meadow * (1.0f + 0.25f * fine + 0.15f * patches);
   float green = smoothstep(0.74f, 0.86f, level + 0.06f * patches + 0.03f * fine) * (1.0f - smoothstep(-50.0f, 250.0f, height - line));
@@ -108,8 +110,8 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   c = mix(vec3(0.24f, 0.22f, 0.18f) * (1.0f + 0.3f * fine), c, smoothstep(kWaterLevel + 1.5f, kWaterLevel + 5.0f, height + patches * 2.0f));
 
   // Snow where it is high and lies: less on steep faces, patches around the line.
-  float snowLine = 1760.0f + 120.0f * moist + 70.0f * patches + 15.0f * fine;
-  float lies = smoothstep(0.64f, 0.82f, level + 0.05f * fine + (height - snowLine) * 0.0002f);
-  c = mix(c, vec3(0.60f, 0.64f, 0.70f) * (1.0f + 0.05f * patches + 0.04f * fine), smoothstep(-60.0f, 120.0f, height - snowLine) * lies);
+  float snow = snowLine + 120.0f * moist + 70.0f * patches + 15.0f * fine;
+  float lies = smoothstep(0.64f, 0.82f, level + 0.05f * fine + (height - snow) * 0.0002f);
+  c = mix(c, vec3(0.60f, 0.64f, 0.70f) * (1.0f + 0.05f * patches + 0.04f * fine), smoothstep(-60.0f, 120.0f, height - snow) * lies);
   return c;
 }

@@ -1,6 +1,7 @@
 // archipelago: wooded islands with hills, dunes and beaches in a shallow sea.
 
 const float kSeaLevel = 0.0f;
+const float heathLine = 520.0f;  //! 100..2000 m: height where woods end and heath begins
 
 // One octave of the wide forms.
 Place shaped(Place p, float wavelength, float high, uint salt) {
@@ -124,10 +125,10 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   // Woods in the hollows and up the hills, heath above.
   vec3 wood = mix(vec3(0.028f, 0.050f, 0.019f), vec3(0.060f, 0.082f, 0.030f), 0.5f + 0.5f * patches) * (1.0f + 0.5f * fine);
   float wooded = smoothstep(-0.25f, 0.25f, moist * 0.8f + patches * 0.45f + fine * 0.25f + 0.22f) * smoothstep(22.0f, 46.0f, height + 10.0f * moist) *
-                 (1.0f - smoothstep(470.0f, 560.0f, height + 60.0f * moist)) * smoothstep(0.60f, 0.74f, level);
+                 (1.0f - smoothstep(-50.0f, 40.0f, height - heathLine + 60.0f * moist)) * smoothstep(0.60f, 0.74f, level);
   c = mix(c, wood, wooded);
   vec3 heath = mix(vec3(0.13f, 0.11f, 0.06f), vec3(0.15f, 0.085f, 0.085f), smoothstep(0.0f, 0.6f, patches)) * (1.0f + 0.3f * fine);
-  c = mix(c, heath, smoothstep(470.0f, 580.0f, height + 60.0f * moist) * smoothstep(0.62f, 0.76f, level));
+  c = mix(c, heath, smoothstep(-50.0f, 60.0f, height - heathLine + 60.0f * moist) * smoothstep(0.62f, 0.76f, level));
   // Bare rock where it is steep: dark and volcanic, in beds.
   float bed = wave(height * 0.021f + moist * 0.7f) * 0.6f + wave(height * 0.083f + patches * 0.3f) * 0.4f * octaveWeight(14.0f, footprint);
   vec3 rock = mix(vec3(0.115f, 0.10f, 0.09f), vec3(0.21f, 0.18f, 0.15f), 0.5f + 0.5f * bed) * (1.0f + 0.45f * fine + 0.15f * patches);

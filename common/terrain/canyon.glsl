@@ -1,6 +1,6 @@
 // canyon: a plateau of layered rock, cut into mesas, terraces and gorges, with a river at the bottom of the deepest.
 
-const float kRiverLevel = 212.0f;
+const float riverLevel = 212.0f;  //! 0..600 m: height of the water
 
 // One octave of the wide forms: adds its share to the height's field (x) and to the river's (y), with their slopes.
 struct Forms {
@@ -75,9 +75,10 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   float bank = min(held(abs(f.river) * 6.0f), 1.0f);
   float wall = min(max(held(held(bank * 1.18f) - 0.07f), 0.0f), 1.0f);
   float open = held(held(wall * wall) * held(3.0f - 2.0f * wall));
-  float bed = 200.0f;
+  float bed = 226.0f;
   Place p = f.place;
-  p.height = held(bed + held(held(surface - bed) * open));
+  float channel = 1.0f - min(held(abs(f.river) * 50.0f), 1.0f);
+  p.height = held(held(bed + held(held(surface - bed) * open)) - held(channel * 40.0f));
   float fall = held(held(surface - bed) * held(42.0f * held(wall * held(1.0f - wall))));
   fall = f.river < 0.0f ? -fall : fall;
   p.slope = held(held(p.slope * (steepness * open)) + held(f.riverSlope * fall));
@@ -94,8 +95,9 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
 
   // Layers, gently tilted; the thick ones carry thinner ones.
   float h = held(p.height + tilt);
-  h = terraced(h, 0.0078125f, 128.0f, 0.50f, octaveWeight(400.0f, footprint) * 0.92f);
-  h = terraced(h, 0.03125f, 32.0f, 0.45f, octaveWeight(110.0f, footprint) * 0.62f);
+  float walls = min(held(wall * 3.0f), 1.0f);
+  h = terraced(h, 0.0078125f, 128.0f, 0.50f, held(walls * (octaveWeight(400.0f, footprint) * 0.92f)));
+  h = terraced(h, 0.03125f, 32.0f, 0.45f, held(walls * (octaveWeight(110.0f, footprint) * 0.62f)));
   h = held(h - tilt);
 
   // Blocks below the cliffs, ledges, sand.
@@ -108,11 +110,11 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   crag += held(abs(plainNoise(p.cell, p.at, salt + 9u)) * (octaveWeight(5.86f, footprint) * -1.1f));
   p = finer17(p);
   crag += held(plainNoise(p.cell, p.at, salt + 10u) * (octaveWeight(1.42f, footprint) * 0.16f));
-  return max(held(h + held((held(crag) + 2.0f) * rough)), kRiverLevel);
+  return max(held(h + held((held(crag) + 2.0f) * rough)), riverLevel);
 }
 
 vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {
-  if (height <= kRiverLevel + 0.005f) return vec3(0.055f, 0.068f, 0.042f);
+  if (height <= riverLevel + 0.005f) return vec3(0.055f, 0.068f, 0.042f);
   uint salt = mixedSeed(seed) + 320u;
   Place p = finer5(widestPlace(cell, fraction));
   float broad = valueNoise(p.cell, p.at, salt).x;
@@ -152,7 +154,7 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   float grows = smoothstep(0.12f - 0.42f * high, 0.62f - 0.15f * high, dry * 0.55f + patches * 0.55f + grain * 0.45f + 0.12f) * smoothstep(0.80f, 0.93f, level);
   c = mix(c, sage, grows * 0.85f);
   // Green along the river, then its wet sand.
-  float above = height - kRiverLevel + patches * 3.0f;
+  float above = height - riverLevel + patches * 3.0f;
   vec3 willow = vec3(0.065f, 0.095f, 0.025f) * (1.0f + 0.45f * fine);
   c = mix(c, willow, (1.0f - smoothstep(6.0f, 22.0f, above)) * smoothstep(0.7f, 0.88f, level) * smoothstep(-0.5f, 0.1f, patches + dry));
   c = mix(vec3(0.30f, 0.20f, 0.12f) * (1.0f + 0.2f * fine), c, smoothstep(1.2f, 4.0f, above));
