@@ -117,7 +117,9 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
   };
   const auto surrounded = [&](std::int64_t x, std::int64_t z) { return covered(x, z) && covered(x - 1, z) && covered(x, z - 1) && covered(x - 1, z - 1); };
   while (!boundary.empty()) {
-    const std::uint32_t start = boundary.begin()->first;
+    // Start where only one loop passes, so that it is whole when it comes back there.
+    const auto single = std::find_if(boundary.begin(), boundary.end(), [](const auto& entry) { return entry.second.size() == 1; });
+    const std::uint32_t start = (single == boundary.end() ? boundary.begin() : single)->first;
     std::vector<std::uint32_t> loop{start};
     std::uint32_t from = start, at = boundary[start].back();
     boundary[start].pop_back();
