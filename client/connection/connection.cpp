@@ -235,7 +235,10 @@ struct Connection::Impl {
     {
       const std::lock_guard lock(mutex_);
       wire::ClientMessage message;
-      if (resend_) {  // before the hash that it explains
+      if (!resumes_.empty()) {
+        message = std::move(resumes_.front());
+        resumes_.pop_front();
+      } else if (resend_) {  // before the hash that it explains
         message = *std::exchange(resend_, std::nullopt);
       } else if (acknowledge_) {
         message = *std::exchange(acknowledge_, std::nullopt);
@@ -320,6 +323,7 @@ struct Connection::Impl {
   std::deque<Received> queue_;
   std::uint64_t bytes_ = 0;
   std::deque<wire::PoseMessage> poses_;
+  std::deque<wire::Resume> resumes_;  // the owner's scene bounds them
   std::optional<wire::Acknowledge> acknowledge_;
   std::optional<wire::ResendLeaves> resend_;
 };
@@ -354,6 +358,14 @@ void Connection::acknowledge(const wire::Acknowledge& acknowledge) {
   {
     const std::lock_guard lock(impl_->mutex_);
     impl_->acknowledge_ = acknowledge;
+  }
+  impl_->wake();
+}
+
+void Connection::resume(const wire::Resume& resume) {
+  {
+    const std::lock_guard lock(impl_->mutex_);
+    impl_->resumes_.push_back(resume);
   }
   impl_->wake();
 }

@@ -47,6 +47,8 @@ class Connection {
   static constexpr std::size_t kMaxPoses = 64;
   void send(const wire::PoseMessage& pose);
   void acknowledge(const wire::Acknowledge& acknowledge);
+  // Before the first pose: leaves that are still held (parts of at most wire::kMaxResumeLeaves).
+  void resume(const wire::Resume& resume);
   void resend(const wire::ResendLeaves& resend);
 
   // The next iteration, in order; nothing when none arrived within `patience` (0: do not wait) or when the connection has ended and

@@ -6,6 +6,8 @@
 #include <cmath>
 
 #include "common/codec/codec.h"
+#include "common/codec/delta.h"
+#include "common/mesh/gather.h"
 #include "tests/support/leaf_meshes.h"
 
 namespace ridgecast {
@@ -88,6 +90,117 @@ TEST(Scene, HoldsWhatItWasSent) {
     ASSERT_TRUE(applied) << applied.error().message;
     expectHolds(f.scene, f.replica, f.number);
   }
+}
+
+wire::LeafDelta deltaOf(const mesh::LeafMesh& base, const mesh::LeafMesh& target) {
+  return {target.address, codec::encodeDelta(base, target, mesh::hashLeaf(target)).value()};
+}
+
+// A leaf all of whose triangles have their centroids in its square.
+mesh::LeafMesh ownLeaf(Random& random, lattice::LeafAddress address, int n) {
+  const mesh::LeafMesh leaf = leafAt(random, address, n);
+  const mesh::LeafMesh* source = &leaf;
+  return mesh::gather(address, {&source, 1});
+}
+
+TEST(Scene, AppliesDeltasSplitsAndMerges) {
+  Fixture f;
+  const lattice::LeafAddress parent{1, 3, -2};
+  for (int round = 0; round < 40; ++round) {
+    f.scene.clear();
+    f.replica.clear();
+    wire::Iteration it = f.next();
+    const mesh::LeafMesh first = ownLeaf(f.random, parent, 8);
+    it.whole.push_back(wholeOf(first));
+    f.replica[parent] = first;
+    ASSERT_TRUE(f.scene.apply(it));
+    // A change inside.
+    it = f.next();
+    const mesh::LeafMesh second = support::torn(f.random, first, 0.1);
+    it.changed.push_back(deltaOf(first, second));
+    f.replica[parent] = second;
+    ASSERT_TRUE(f.scene.apply(it));
+    expectHolds(f.scene, f.replica, f.number);
+    // A split: two children are what they were cut from, one is changed, one is sent whole.
+    it = f.next();
+    it.gone = {parent};
+    f.replica.clear();
+    const mesh::LeafMesh* source = &second;
+    for (int q = 0; q < 4; ++q) {
+      mesh::LeafMesh child = mesh::gather(parent.child(q), {&source, 1});
+      if (q < 2) {
+        it.changed.push_back({child.address, {}});
+      } else if (q == 2) {
+        const mesh::LeafMesh changed = support::torn(f.random, child, 0.2);
+        it.changed.push_back(deltaOf(child, changed));
+        child = changed;
+      } else {
+        it.whole.push_back(wholeOf(child));
+      }
+      f.replica[child.address] = child;
+    }
+    const auto split = f.scene.apply(it);
+    ASSERT_TRUE(split) << split.error().message;
+    expectHolds(f.scene, f.replica, f.number);
+    // And a merge.
+    it = f.next();
+    std::vector<const mesh::LeafMesh*> children;
+    for (const auto& [address, leaf] : f.replica) {
+      it.gone.push_back(address);
+      children.push_back(&leaf);
+    }
+    const mesh::LeafMesh gathered = mesh::gather(parent, children), merged = support::torn(f.random, gathered, 0.1);
+    it.changed.push_back(deltaOf(gathered, merged));
+    f.replica = {{parent, merged}};
+    const auto applied = f.scene.apply(it);
+    ASSERT_TRUE(applied) << applied.error().message;
+    expectHolds(f.scene, f.replica, f.number);
+    EXPECT_FALSE(f.scene.damaged());
+  }
+}
+
+TEST(Scene, NamesTheLeafThatADeltaDoesNotFit) {
+  Fixture f;
+  wire::Iteration it = f.next();
+  const mesh::LeafMesh held = leafAt(f.random, {0, 0, 0}, 5), thought = leafAt(f.random, {0, 0, 0}, 5), next = support::torn(f.random, thought, 0.2);
+  it.whole = {wholeOf(held), wholeOf(leafAt(f.random, {0, 1, 0}, 3))};
+  ASSERT_TRUE(f.scene.apply(it));
+  // The server thinks that another leaf is held: the rest of the iteration is applied, and the leaf stays.
+  it = f.next();
+  it.changed = {deltaOf(thought, next)};
+  const mesh::LeafMesh other = leafAt(f.random, {0, 1, 0}, 4);
+  it.whole = {wholeOf(other)};
+  ASSERT_TRUE(f.scene.apply(it));
+  expectHolds(f.scene, {{{0, 0, 0}, held}, {{0, 1, 0}, other}}, 2);
+  EXPECT_EQ(f.scene.takeDamaged(), std::vector<lattice::LeafAddress>{held.address});
+  // Told once.
+  it = f.next();
+  it.changed = {deltaOf(next, thought)};
+  ASSERT_TRUE(f.scene.apply(it));
+  EXPECT_TRUE(f.scene.takeDamaged().empty());
+  EXPECT_TRUE(f.scene.damaged());
+  it = f.next();
+  it.whole = {wholeOf(thought)};
+  ASSERT_TRUE(f.scene.apply(it));
+  EXPECT_FALSE(f.scene.damaged());
+  expectHolds(f.scene, {{{0, 0, 0}, thought}, {{0, 1, 0}, other}}, 4);
+}
+
+TEST(Scene, KeepsWhatItHoldsForAnotherConnection) {
+  Fixture f;
+  wire::Iteration it = f.next();
+  for (int k = 0; k < 4; ++k) f.set(it, {0, k, 0}, 3);
+  ASSERT_TRUE(f.scene.apply(it));
+  f.number = 0;
+  it = f.next();
+  f.set(it, {0, 2, 0}, 4);
+  EXPECT_FALSE(f.scene.apply(it)) << "a number that does not follow";
+  f.scene.reconnect();
+  const auto held = f.scene.held();
+  ASSERT_EQ(held.size(), 4u);
+  for (const wire::HeldLeaf& leaf : held) EXPECT_EQ(leaf.hash, f.scene.leaves().at(leaf.address).hash);
+  ASSERT_TRUE(f.scene.apply(it));
+  expectHolds(f.scene, f.replica, 1);
 }
 
 TEST(Scene, VersionsGrowOnlyForReplacedLeaves) {

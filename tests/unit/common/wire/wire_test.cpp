@@ -16,7 +16,8 @@ using Random = std::mt19937_64;
 
 std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
 
-Hello anyHello() { return {.clientName = "a simulator", .settings = {Metric::kThesis, 0.25, 123'456}, .pacing = Pacing::kLockstep}; }
+Hello anyHello() { return {.clientName = "a simulator", .settings = {Metric::kThesis, 0.25, 123'456, 64'000}, .pacing = Pacing::kLockstep, .deltas = true}; }
+Resume anyResume() { return {{{{3, -5, 6}, 7}, {{0, 1, 2}, ~0ull}}}; }
 PoseMessage anyPose() {
   PoseMessage pose{.sequence = 9, .camera = {}};
   pose.camera.pose = {
@@ -43,6 +44,7 @@ Iteration anyIteration() {
   it.gone = {{0, -1, 2}, {10, 4, -4}};
   it.whole = {{.address = {3, 5, 6}, .vertices = 4, .triangles = 2, .payload = {0, 255, 7, 0, 1}},
               {.address = {4, -5, 6}, .vertices = 0, .triangles = 0, .payload = {}}};
+  it.changed = {{.address = {0, 9, -9}, .payload = {0x20, 0, 255}}, {.address = {1, 7, 7}, .payload = {}}};
   it.meshHash = ~0ull;
   it.settled = true;
   it.figures = {.selectMs = 1.5,
@@ -81,6 +83,7 @@ void expectEqual(const Settings& a, const Settings& b) {
   EXPECT_EQ(a.metric, b.metric);
   EXPECT_EQ(a.threshold, b.threshold);
   EXPECT_EQ(a.triangleBudget, b.triangleBudget);
+  EXPECT_EQ(a.bytesPerSecond, b.bytesPerSecond);
 }
 
 TEST(Wire, HelloSurvives) {
@@ -116,6 +119,29 @@ TEST(Wire, AcknowledgeAndResendSurvive) {
   EXPECT_EQ(roundTrip(many).leaves, many.leaves);
 }
 
+TEST(Wire, ResumeSurvives) {
+  Resume many;
+  for (std::size_t k = 0; k < kMaxResumeLeaves; ++k) many.leaves.push_back({{static_cast<std::int32_t>(k % 11), -static_cast<std::int64_t>(k), 5}, ~k});
+  for (const Resume& in : {Resume{}, anyResume(), many}) {
+    EXPECT_LT(encode(ClientMessage(in)).size(), kMaxClientMessageBytes);
+    const Resume out = roundTrip(in);
+    ASSERT_EQ(out.leaves.size(), in.leaves.size());
+    for (std::size_t k = 0; k < in.leaves.size(); ++k) {
+      EXPECT_EQ(out.leaves[k].address, in.leaves[k].address);
+      EXPECT_EQ(out.leaves[k].hash, in.leaves[k].hash);
+    }
+  }
+  many.leaves.push_back({});
+  const auto decoded = decodeClient(bytesOf(encode(ClientMessage(many))));
+  ASSERT_FALSE(decoded);
+  EXPECT_EQ(decoded.error().message.find("Resume.leaves has 2049"), 0u) << decoded.error().message;
+}
+
+TEST(Wire, DeltasInHelloSurvive) {
+  EXPECT_TRUE(roundTrip(Hello{}).deltas);
+  EXPECT_FALSE(roundTrip(Hello{.clientName = "", .settings = {}, .pacing = Pacing::kFree, .deltas = false}).deltas);
+}
+
 TEST(Wire, WorldSurvives) {
   const World in = anyWorld(), out = roundTrip(in);
   EXPECT_EQ(out.serverName, in.serverName);
@@ -141,6 +167,11 @@ TEST(Wire, IterationSurvives) {
     EXPECT_EQ(out.whole[k].vertices, in.whole[k].vertices);
     EXPECT_EQ(out.whole[k].triangles, in.whole[k].triangles);
     EXPECT_EQ(out.whole[k].payload, in.whole[k].payload);
+  }
+  ASSERT_EQ(out.changed.size(), in.changed.size());
+  for (std::size_t k = 0; k < in.changed.size(); ++k) {
+    EXPECT_EQ(out.changed[k].address, in.changed[k].address);
+    EXPECT_EQ(out.changed[k].payload, in.changed[k].payload);
   }
   EXPECT_EQ(out.meshHash, in.meshHash);
   EXPECT_EQ(out.settled, in.settled);
@@ -265,6 +296,12 @@ TEST(WireRefuses, Addresses) {
     pb::ServerMessage whole = server(anyIteration());
     *whole.mutable_iteration()->mutable_whole(0)->mutable_address() = resend.resend_leaves().leaves(0);
     expectRefused(whole, "LeafWhole.address");
+    pb::ServerMessage changed = server(anyIteration());
+    *changed.mutable_iteration()->mutable_changed(0)->mutable_address() = resend.resend_leaves().leaves(0);
+    expectRefused(changed, "LeafDelta.address");
+    pb::ClientMessage resume = client(anyResume());
+    *resume.mutable_resume()->mutable_leaves(1)->mutable_address() = resend.resend_leaves().leaves(0);
+    expectRefused(resume, "HeldLeaf.address");
   }
 }
 
@@ -359,7 +396,7 @@ void expectTruncationsRefused(const std::string& bytes, Decode decode, Encode en
 
 TEST(WireRefuses, TruncatedAndDamagedMessages) {
   for (const ClientMessage& m : {ClientMessage(anyHello()), ClientMessage(anyPose()), ClientMessage(Acknowledge{4, 5}),
-                                 ClientMessage(ResendLeaves{{{0, 1, 2}, {3, 4, 5}}})})
+                                 ClientMessage(ResendLeaves{{{0, 1, 2}, {3, 4, 5}}}), ClientMessage(anyResume())})
     expectTruncationsRefused(
         encode(m), [](auto bytes) { return decodeClient(bytes); }, [](const ClientMessage& d) { return encode(d); });
   for (const ServerMessage& m :

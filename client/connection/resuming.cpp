@@ -1,0 +1,90 @@
+#include "client/connection/resuming.h"
+
+#include <algorithm>
+#include <thread>
+#include <utility>
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::connection {
+
+using namespace std::chrono_literals;
+
+Resuming::Resuming(Url url, wire::Hello hello, Held held, const Pauses& pauses, std::unique_ptr<Connection> connection)
+    : url_(std::move(url)),
+      hello_(std::move(hello)),
+      held_(std::move(held)),
+      pauses_(pauses),
+      connection_(std::move(connection)),
+      pause_(pauses.first) {}
+
+Outcome<std::unique_ptr<Resuming>> Resuming::open(const Url& url, const wire::Hello& hello, Held held, const Pauses& pauses) {
+  auto connection = Connection::open(url, hello);
+  if (!connection) return connection.error();
+  return std::unique_ptr<Resuming>(new Resuming(url, hello, std::move(held), pauses, std::move(*connection)));
+}
+
+void Resuming::send(const wire::PoseMessage& pose) {
+  pose_ = pose;
+  if (!lost_) connection_->send(pose);
+}
+void Resuming::acknowledge(const wire::Acknowledge& acknowledge) {
+  if (!lost_) connection_->acknowledge(acknowledge);
+}
+void Resuming::resend(const wire::ResendLeaves& resend) {
+  if (!lost_) connection_->resend(resend);
+}
+
+std::optional<Error> Resuming::error() const { return lost_; }
+
+void Resuming::pause() {
+  const auto half = static_cast<unsigned>(pause_.count() / 2);
+  next_ = Clock::now() + std::chrono::milliseconds(half + random_() % (half + 1));
+  pause_ = std::min(2 * pause_, pauses_.longest);
+}
+
+void Resuming::lookAfter() {
+  if (!lost_) {
+    lost_ = connection_->error();
+    if (!lost_) return;
+    pause();
+  }
+  if (!attempt_.valid()) {
+    if (Clock::now() < next_) return;
+    attempt_ = std::async(std::launch::async, [url = url_, hello = hello_, patience = pauses_.patience] { return Connection::open(url, hello, patience); });
+  }
+  if (attempt_.wait_for(0ms) != std::future_status::ready) return;
+  auto opened = attempt_.get();
+  if (!opened) {
+    lost_ = opened.error();
+    pause();
+    return;
+  }
+  bytesBefore_ += connection_->bytesReceived();
+  connection_ = std::move(*opened);
+  lost_.reset();
+  pause_ = pauses_.first;
+  ++reconnections_;
+  const std::vector<wire::HeldLeaf> held = held_(connection_->world());
+  for (std::size_t at = 0; at < held.size(); at += wire::kMaxResumeLeaves) {
+    const auto end = std::min(held.size(), at + wire::kMaxResumeLeaves);
+    connection_->resume({{held.begin() + static_cast<std::ptrdiff_t>(at), held.begin() + static_cast<std::ptrdiff_t>(end)}});
+  }
+  if (pose_) connection_->send(*pose_);
+}
+
+std::optional<Received> Resuming::receive(std::chrono::milliseconds patience) {
+  const auto until = Clock::now() + patience;
+  for (;;) {
+    if (!lost_) {
+      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
+      // What came before the end is taken first.
+      if (auto received = connection_->receive(std::max(left, 0ms))) return received;
+    }
+    lookAfter();
+    if (Clock::now() >= until) return std::nullopt;
+    if (lost_) std::this_thread::sleep_for(std::clamp(std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()), 0ms, 5ms));
+  }
+}
+
+}  // namespace ridgecast::connection

@@ -1,0 +1,272 @@
+// A million random steps of server, line and client, against a model that knows nothing of the replica's code: worlds that refine, split and
+// merge, iterations under way, leaves that the client loses, lines that break and are taken up again.
+#include <gtest/gtest.h>
+
+#include <deque>
+#include <map>
+#include <random>
+#include <set>
+
+#include "common/mesh/leaf_mesh.h"
+#include "server/replica/bases.h"
+#include "server/replica/replica.h"
+#include "tests/support/leaf_meshes.h"
+
+namespace ridgecast::replica {
+namespace {
+
+using lattice::LeafAddress;
+using pipeline::LeafState;
+
+// A quadtree of a few roots whose leaves have contents.
+class World {
+ public:
+  explicit World(std::mt19937& random) : random_(random) {
+    for (int k = 0; k < 3; ++k) leaves_[{3, k, 0}] = next();
+  }
+  void change() {
+    auto it = std::next(leaves_.begin(), static_cast<std::ptrdiff_t>(random_() % leaves_.size()));
+    const LeafAddress a = it->first;
+    switch (random_() % 8) {
+      case 0:  // split, at times twice at once
+        if (a.level == 0) return;
+        leaves_.erase(it);
+        for (int q = 0; q < 4; ++q) leaves_[a.child(q)] = next();
+        if (a.level > 1 && random_() % 3 == 0) {
+          leaves_.erase(a.child(2));
+          for (int q = 0; q < 4; ++q) leaves_[a.child(2).child(q)] = next();
+        }
+        return;
+      case 1: {  // merge
+        if (a.level == 3) return;
+        const LeafAddress parent = a.parent();
+        std::erase_if(leaves_, [&](const auto& leaf) { return parent.isAncestorOf(leaf.first); });
+        leaves_[parent] = next();
+        return;
+      }
+      case 2:  // a root comes or goes
+        if (random_() % 2) {
+          const LeafAddress root{3, static_cast<std::int64_t>(random_() % 5), 0};
+          std::erase_if(leaves_, [&](const auto& leaf) { return root.isAncestorOf(leaf.first); });
+          if (random_() % 2 || leaves_.empty()) leaves_[root] = next();
+        }
+        return;
+      default:
+        it->second = random_() % 3 ? next() : std::pair{++version_, it->second.second};  // often what it was
+    }
+  }
+  std::vector<LeafState> list() const {
+    std::vector<LeafState> out;
+    for (const auto& [a, content] : leaves_) out.push_back({a, content.first, content.second, 5});
+    return out;
+  }
+  const std::map<LeafAddress, std::pair<std::uint64_t, std::uint64_t>>& leaves() const { return leaves_; }
+
+ private:
+  std::pair<std::uint64_t, std::uint64_t> next() { return {++version_, lattice::mix(random_() % 50'000)}; }
+  std::mt19937& random_;
+  std::uint64_t version_ = 0;
+  std::map<LeafAddress, std::pair<std::uint64_t, std::uint64_t>> leaves_;
+};
+
+struct Frame {
+  Changes changes;
+  std::map<LeafAddress, std::uint64_t> content;
+  std::map<LeafAddress, std::uint64_t> sources;  // what each source must hold for the deltas to come out
+};
+
+// Applies frames; a delta over anything but what it was made from leaves the leaf as it is.
+struct Client {
+  std::map<LeafAddress, std::uint64_t> held;
+  std::vector<LeafAddress> lost;  // noticed and not told yet
+
+  void apply(const Frame& frame) {
+    const auto before = held;
+    for (const LeafAddress& a : frame.changes.gone)
+      if (held.erase(a) == 0) ADD_FAILURE() << "gone but not held";
+    for (const LeafAddress& a : frame.changes.whole) {
+      EXPECT_FALSE(frame.changes.gone.end() != std::find(frame.changes.gone.begin(), frame.changes.gone.end(), a));
+      held[a] = frame.content.at(a);
+    }
+    for (const Derived& d : frame.changes.changed) {
+      EXPECT_GT(d.count, 0u);
+      bool sound = true;
+      for (std::uint32_t k = 0; k < d.count; ++k) {
+        const LeafAddress s = frame.changes.sources[d.first + k];
+        const auto it = before.find(s);
+        if (it == before.end()) {
+          ADD_FAILURE() << "made from what is not held";
+          return;
+        }
+        sound = sound && it->second == frame.sources.at(s);
+        if (s == d.address)
+          EXPECT_EQ(d.count, 1u);
+        else
+          EXPECT_TRUE(!held.contains(s) && (s.isAncestorOf(d.address) || d.address.isAncestorOf(s)));
+      }
+      EXPECT_EQ(d.hash, frame.content.at(d.address));
+      held[d.address] = sound ? d.hash : 0xbad;
+      if (!sound) lost.push_back(d.address);
+    }
+  }
+  std::uint64_t meshHash() const {
+    std::uint64_t sum = 0;
+    for (const auto& [a, h] : held) sum += mesh::hashTerm(a, h);
+    return sum;
+  }
+};
+
+TEST(ReplicaAtRandom, ClientAndServerAgreeAfterAMillionSteps) {
+  std::uint64_t deltas = 0, wholes = 0, resumed = 0, repaired = 0;
+  for (unsigned seed = 0; seed < 100; ++seed) {
+    std::mt19937 random(seed);
+    World world(random);
+    Client client;
+    Replica replica(1 + seed % 5, seed % 7 != 0);
+    std::map<LeafAddress, std::uint64_t> sent;  // what the client holds once it has everything
+    std::deque<Frame> underWay;
+    std::deque<std::uint64_t> hashes;  // not acknowledged yet
+    std::uint64_t applied = 0, acknowledged = 0;
+    const auto send = [&] {
+      const auto list = world.list();
+      const bool differed = replica.differs(list);
+      Frame frame{replica.send(list), {}, sent};
+      const Changes& c = frame.changes;
+      EXPECT_EQ(differed, !c.gone.empty() || !c.whole.empty() || !c.changed.empty());
+      EXPECT_TRUE(std::is_sorted(c.whole.begin(), c.whole.end()) && std::is_sorted(c.gone.begin(), c.gone.end()));
+      for (const LeafAddress& a : c.gone) sent.erase(a);
+      for (const LeafAddress& a : c.whole) sent[a] = frame.content[a] = world.leaves().at(a).second;
+      for (const Derived& d : c.changed) {
+        EXPECT_FALSE(frame.content.contains(d.address)) << "in two lists";
+        sent[d.address] = frame.content[d.address] = world.leaves().at(d.address).second;
+      }
+      deltas += c.changed.size();
+      wholes += c.whole.size();
+      EXPECT_EQ(replica.leaves(), world.leaves().size());
+      underWay.push_back(std::move(frame));
+    };
+    const auto tellLost = [&] {
+      if (!client.lost.empty()) replica.resend(client.lost);
+      client.lost.clear();
+    };
+    const auto applyOne = [&] {
+      ASSERT_EQ(underWay.front().changes.number, ++applied);
+      client.apply(underWay.front());
+      underWay.pop_front();
+      tellLost();
+      hashes.push_back(client.meshHash());
+    };
+    // The line breaks: what was under way is lost, and the client says what it has.
+    const auto resume = [&] {
+      underWay.clear();
+      hashes.clear();
+      applied = acknowledged = 0;
+      client.lost.clear();
+      replica = Replica(1 + random() % 5, random() % 7 != 0);
+      std::vector<wire::HeldLeaf> held;
+      for (const auto& [a, h] : client.held) held.push_back({a, h});
+      const std::size_t half = random() % (held.size() + 1);
+      EXPECT_TRUE(replica.resume({held.data(), half}));
+      EXPECT_TRUE(replica.resume({held.data() + half, held.size() - half}));
+      EXPECT_EQ(replica.meshHash(), client.meshHash());
+      sent = client.held;
+      ++resumed;
+    };
+    const auto acknowledge = [&](std::size_t count) {
+      if (count == 0) return;
+      acknowledged += count;
+      hashes.erase(hashes.begin(), hashes.begin() + static_cast<std::ptrdiff_t>(count - 1));
+      const auto verdict = replica.acknowledge(acknowledged, hashes.front());
+      hashes.pop_front();
+      if (verdict == Verdict::kHopeless) return resume();  // the server hangs up, the client comes back
+      ASSERT_TRUE(verdict == Verdict::kAgrees || verdict == Verdict::kRepairs);
+      repaired += verdict == Verdict::kRepairs;
+    };
+    for (int step = 0; step < 10'000; ++step) {
+      for (auto n = random() % 3; n > 0; --n) world.change();
+      if (replica.hasRoom() && random() % 4) send();
+      if (!underWay.empty() && random() % 2) applyOne();
+      if (random() % 200 == 0 && !client.held.empty()) {  // something in the client's memory goes wrong; at times it knows
+        const auto it = std::next(client.held.begin(), static_cast<std::ptrdiff_t>(random() % client.held.size()));
+        it->second = 0xdead;
+        if (random() % 2) {
+          client.lost.push_back(it->first);
+          tellLost();
+        }
+      }
+      if (random() % 500 == 0) resume();
+      acknowledge(random() % (hashes.size() + 1));
+      ASSERT_LE(replica.unacknowledged(), replica.window());
+      if (testing::Test::HasFailure()) FAIL() << "seed " << seed << ", step " << step;
+    }
+    // At rest: at most two repairs away from agreement.
+    for (int round = 0; round < 4; ++round) {
+      while (!underWay.empty()) applyOne();
+      acknowledge(hashes.size());
+      if (replica.hasRoom()) send();
+      while (!underWay.empty()) applyOne();
+    }
+    EXPECT_EQ(client.meshHash(), replica.meshHash()) << "seed " << seed;
+    for (const auto& [a, content] : world.leaves()) EXPECT_EQ(client.held[a], content.second) << "seed " << seed;
+    EXPECT_EQ(client.held.size(), world.leaves().size());
+  }
+  EXPECT_GT(deltas, 500'000u);
+  EXPECT_GT(wholes, 10'000u);
+  EXPECT_GT(resumed, 500u);
+  EXPECT_GT(repaired, 500u);
+}
+
+TEST(Replica, RefusesToResumeTheSameLeafTwice) {
+  Replica replica;
+  const std::vector<wire::HeldLeaf> leaves{{{2, 1, 0}, 5}, {{2, 2, 0}, 6}};
+  EXPECT_TRUE(replica.resume(leaves));
+  EXPECT_FALSE(replica.resume({leaves.data(), 1}));
+  EXPECT_EQ(replica.leaves(), 2u);
+  EXPECT_EQ(replica.meshHash(), mesh::hashTerm({2, 1, 0}, 5) + mesh::hashTerm({2, 2, 0}, 6));
+}
+
+// ---- bases ----
+
+TEST(Bases, KeepWhatTheBudgetHolds) {
+  support::Random random(1);
+  Bases bases(200'000);
+  std::map<LeafAddress, mesh::LeafMesh> model;
+  for (int k = 0; k < 2000; ++k) {
+    mesh::LeafMesh leaf = support::terrainLike(random, static_cast<int>(support::between(random, 1, 14)), 0);
+    leaf.address = {0, support::between(random, 0, 40), 0};
+    if (k % 5 == 0) {
+      bases.erase(leaf.address);
+      model.erase(leaf.address);
+    } else {
+      bases.put(leaf);
+      model[leaf.address] = leaf;
+    }
+    ASSERT_LE(bases.bytes(), bases.budget());
+    const auto found = bases.find(leaf.address);
+    if (found) {
+      ASSERT_TRUE(model.contains(leaf.address) && *found == leaf);
+      EXPECT_EQ(bases.triangles(leaf.address), leaf.triangles.size());
+    }
+  }
+  std::size_t kept = 0;
+  for (const auto& [address, leaf] : model)
+    if (const auto found = bases.find(address)) {
+      EXPECT_TRUE(*found == leaf);  // never an older version
+      ++kept;
+    }
+  EXPECT_GT(kept, 10u);
+  for (const auto& [address, leaf] : model) bases.erase(address);
+  EXPECT_EQ(bases.bytes(), 0u);
+}
+
+TEST(Bases, HoldLargeLeavesToo) {
+  support::Random random(2);
+  Bases bases(100u << 20);
+  const mesh::LeafMesh leaf = support::terrainLike(random, 300, 3);  // more than 65,536 vertices
+  ASSERT_GT(leaf.vertices.size(), 65'536u);
+  bases.put(leaf);
+  EXPECT_TRUE(bases.find(leaf.address).value() == leaf);
+}
+
+}  // namespace
+}  // namespace ridgecast::replica
