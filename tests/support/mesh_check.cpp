@@ -3,9 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <set>
 #include <sstream>
-#include <tuple>
 #include <unordered_map>
 
 namespace ridgecast::testing_support {
@@ -108,14 +106,54 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
 
   // Reversed boundary edges run round each hole with the hole on their left, and round the whole with the outside on their left. At a
   // vertex where loops touch, take the leftmost way on, so that a loop never crosses into another.
-  std::set<std::tuple<int, std::int64_t, std::int64_t>> squares;
-  for (const mesh::LeafMesh& leaf : leaves) squares.insert({leaf.address.level, leaf.address.i, leaf.address.j});
-  const auto covered = [&](std::int64_t x, std::int64_t z) {
-    for (int level = 0; level <= 12; ++level)
-      if (squares.count({level, x >> (13 + level), z >> (13 + level)})) return true;
-    return false;
+  using Polygon = std::vector<std::pair<double, double>>;  // relative to its first point
+  struct Outline {
+    Polygon points;
+    std::int64_t x, z;
   };
-  const auto surrounded = [&](std::int64_t x, std::int64_t z) { return covered(x, z) && covered(x - 1, z) && covered(x, z - 1) && covered(x - 1, z - 1); };
+  const auto polygonOf = [&](const std::vector<std::uint32_t>& loop) {
+    Outline out{{}, points[loop[0]].x, points[loop[0]].z};
+    for (std::uint32_t v : loop) out.points.push_back({static_cast<double>(points[v].x - out.x), static_cast<double>(points[v].z - out.z)});
+    return out;
+  };
+  const auto areaOf = [](const Polygon& p) {
+    double sum = 0;
+    for (std::size_t k = 0; k < p.size(); ++k) {
+      const auto &a = p[k], &b = p[(k + 1) % p.size()];
+      sum += a.first * b.second - b.first * a.second;
+    }
+    return std::abs(sum) / 2;
+  };
+  // The share of an outline that leaves cover; 1 for one without area.
+  const auto coveredShare = [&](const Outline& outline) {
+    const double whole = areaOf(outline.points);
+    if (whole == 0) return 1.0;
+    double sum = 0;
+    for (const mesh::LeafMesh& leaf : leaves) {
+      const std::int64_t side = std::int64_t{1} << (13 + leaf.address.level);
+      const double x0 = static_cast<double>(leaf.address.i * side - outline.x), z0 = static_cast<double>(leaf.address.j * side - outline.z);
+      Polygon part = outline.points;
+      for (int edge = 0; edge < 4 && !part.empty(); ++edge) {  // Sutherland and Hodgman
+        const auto depth = [&](const std::pair<double, double>& p) {
+          const double v = edge < 2 ? p.first - x0 : p.second - z0;
+          return edge % 2 == 0 ? v : static_cast<double>(side) - v;
+        };
+        Polygon kept;
+        for (std::size_t k = 0; k < part.size(); ++k) {
+          const auto &a = part[k], &b = part[(k + 1) % part.size()];
+          const double da = depth(a), db = depth(b);
+          if (da >= 0) kept.push_back(a);
+          if ((da > 0 && db < 0) || (da < 0 && db > 0)) {
+            const double f = da / (da - db);
+            kept.push_back({a.first + f * (b.first - a.first), a.second + f * (b.second - a.second)});
+          }
+        }
+        part = std::move(kept);
+      }
+      if (part.size() > 2) sum += areaOf(part);
+    }
+    return sum / whole;
+  };
   while (!boundary.empty()) {
     // Start where only one loop passes, so that it is whole when it comes back there.
     const auto single = std::find_if(boundary.begin(), boundary.end(), [](const auto& entry) { return entry.second.size() == 1; });
@@ -147,17 +185,17 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
     }
     Wide area = 0;
     for (std::size_t k = 1; k + 1 < loop.size(); ++k) area += turn(loop[0], loop[k], loop[k + 1]);
-    // Where the leaves end, the mesh may end in loops of its own: pockets and islands that touch the border at a vertex.
-    const bool inside = std::all_of(loop.begin(), loop.end(), [&](std::uint32_t v) { return surrounded(points[v].x, points[v].z); });
-    if (area < 0) {  // round the whole; inside, round an overlap
-      report.cracks += inside;
+    // Where the leaves end, the mesh may end in loops of its own: pockets and islands that touch the border at a vertex. What leaves
+    // cover altogether is a hole in them, or an overlap.
+    if (area < 0) {
+      report.cracks += loop.size() < 1000 && coveredShare(polygonOf(loop)) > 1 - 1e-9;
       continue;
     }
     if (loop.size() == 3) {
       const std::int64_t sx = points[loop[0]].x + points[loop[1]].x + points[loop[2]].x, sz = points[loop[0]].z + points[loop[1]].z + points[loop[2]].z;
       if (std::none_of(leaves.begin(), leaves.end(), [&](const mesh::LeafMesh& l) { return inSquare(l, sx, sz); })) continue;
     }
-    report.cracks += inside || loop.size() == 3;
+    report.cracks += loop.size() == 3 || coveredShare(polygonOf(loop)) > 1 - 1e-9;
   }
   return report;
 }
