@@ -154,6 +154,7 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
     }
     return sum / whole;
   };
+  std::vector<Outline> around;
   while (!boundary.empty()) {
     // Start where only one loop passes, so that it is whole when it comes back there.
     const auto single = std::find_if(boundary.begin(), boundary.end(), [](const auto& entry) { return entry.second.size() == 1; });
@@ -188,7 +189,7 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
     // Where the leaves end, the mesh may end in loops of its own: pockets and islands that touch the border at a vertex. What leaves
     // cover altogether is a hole in them, or an overlap.
     if (area < 0) {
-      report.cracks += loop.size() < 1000 && coveredShare(polygonOf(loop)) > 1 - 1e-9;
+      around.push_back(polygonOf(loop));
       continue;
     }
     if (loop.size() == 3) {
@@ -197,6 +198,9 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
     }
     report.cracks += loop.size() == 3 || coveredShare(polygonOf(loop)) > 1 - 1e-9;
   }
+  // The largest goes round the whole mesh.
+  const auto whole = std::max_element(around.begin(), around.end(), [&](const Outline& a, const Outline& b) { return areaOf(a.points) < areaOf(b.points); });
+  for (auto it = around.begin(); it != around.end(); ++it) report.cracks += it != whole && coveredShare(*it) > 1 - 1e-9;
   return report;
 }
 
