@@ -12,16 +12,16 @@ using namespace std::chrono_literals;
 
 namespace {
 
-std::vector<std::string> commandLine(const std::string& program, const std::string& portFile, const std::vector<std::string>& arguments) {
-  std::vector<std::string> command{program, "--port", "0", "--port-file", portFile, "--quiet"};
+std::vector<std::string> commandLine(const std::string& program, const std::string& portFile, std::uint16_t port, const std::vector<std::string>& arguments) {
+  std::vector<std::string> command{program, "--port", std::to_string(port), "--port-file", portFile, "--quiet"};
   command.insert(command.end(), arguments.begin(), arguments.end());
   return command;
 }
 
 }  // namespace
 
-ServerProcess::ServerProcess(const std::string& program, const std::vector<std::string>& arguments)
-    : process_(commandLine(program, (folder_ / "port").string(), arguments)) {
+ServerProcess::ServerProcess(const std::string& program, const std::vector<std::string>& arguments, std::uint16_t port)
+    : process_(commandLine(program, (folder_ / "port").string(), port, arguments)) {
   const auto until = std::chrono::steady_clock::now() + 60s;
   std::string text;
   while ((text = readText(folder_ / "port")).empty()) {

@@ -12,7 +12,8 @@ namespace ridgecast::testing_support {
 class ServerProcess {
  public:
   // Starts `program` and waits until it listens; throws std::runtime_error with its output when it does not.
-  explicit ServerProcess(const std::string& program, const std::vector<std::string>& arguments = {});
+  // Port 0: any free one.
+  explicit ServerProcess(const std::string& program, const std::vector<std::string>& arguments = {}, std::uint16_t port = 0);
 
   std::uint16_t port() const { return port_; }
   std::string url() const { return "ws://127.0.0.1:" + std::to_string(port_); }

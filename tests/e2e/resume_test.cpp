@@ -1,0 +1,165 @@
+// Connections that are lost: a server that is killed and comes back on its port, and a line that breaks while the server lives. Nobody
+// restarts a client, and all hold the right mesh again within seconds.
+
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "client/connection/resuming.h"
+#include "tests/support/flier.h"
+#include "tests/support/relay.h"
+#include "tests/support/server_process.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using namespace testing_support;
+using Clock = std::chrono::steady_clock;
+
+// A client that flies by the clock and comes back by itself.
+class Traveller {
+ public:
+  Traveller(const std::string& url, const wire::Settings& settings) {
+    wire::Hello hello;
+    hello.clientName = "ridgecast tests";
+    hello.settings = settings;
+    auto opened = connection::Resuming::open(*connection::parseUrl(url), hello, [this](const wire::World& world) {
+      if (world.contentHash != contentHash_) scene_.clear();
+      scene_.reconnect();
+      agrees_ = false;
+      auto held = scene_.held();
+      resumed_ += held.size();
+      return held;
+    });
+    if (!opened) throw std::runtime_error(opened.error().message);
+    line_ = std::move(*opened);
+    contentHash_ = line_->world().contentHash;
+  }
+
+  void send(const camera::Camera& camera) { line_->send({++sequence_, camera}); }
+  // Takes what is there; false: something cannot be applied.
+  bool take(std::chrono::milliseconds patience) {
+    while (const auto received = line_->receive(patience)) {
+      patience = 0ms;
+      const auto applied = scene_.apply(received->iteration);
+      if (!applied) {
+        ADD_FAILURE() << applied.error().message;
+        return false;
+      }
+      agrees_ = scene_.hash() == received->iteration.meshHash;
+      if (!agrees_) ++mismatches_;
+      settled_ = received->iteration.settled && received->iteration.poseSequence == sequence_;
+      wholes_ += received->iteration.whole.size();
+      line_->acknowledge({received->iteration.number, scene_.hash()});
+    }
+    return true;
+  }
+
+  connection::Resuming& line() { return *line_; }
+  const scene::Scene& scene() const { return scene_; }
+  bool agrees() const { return agrees_ && !line_->error(); }
+  bool settled() const { return settled_; }
+  std::size_t mismatches() const { return mismatches_; }
+  std::size_t resumed() const { return resumed_; }
+  std::size_t wholes() const { return wholes_; }
+
+ private:
+  scene::Scene scene_;
+  std::unique_ptr<connection::Resuming> line_;
+  std::uint64_t contentHash_ = 0, sequence_ = 0;
+  bool agrees_ = false, settled_ = false;
+  std::size_t mismatches_ = 0, resumed_ = 0, wholes_ = 0;
+};
+
+wire::Settings coarse() {
+  wire::Settings s;
+  s.threshold = 3;
+  return s;
+}
+
+TEST(Resume, EightClientsSurviveAServerThatIsKilled) {
+  auto server = std::make_unique<ServerProcess>(RIDGECAST_SERVER);
+  const std::uint16_t port = server->port();
+  std::vector<std::unique_ptr<Traveller>> clients;
+  for (int k = 0; k < 8; ++k) clients.push_back(std::make_unique<Traveller>(server->url(), coarse()));
+  const PathCamera path(RIDGECAST_PATHS "/alpine.json", clients[0]->line().world());
+  const auto began = Clock::now();
+  const auto fly = [&](auto until) {
+    while (!until()) {
+      const double t = std::chrono::duration<double>(Clock::now() - began).count();
+      for (std::size_t k = 0; k < clients.size(); ++k) {
+        clients[k]->send(path.looped(t + 3 * static_cast<double>(k)));
+        ASSERT_TRUE(clients[k]->take(0ms));
+      }
+      std::this_thread::sleep_for(30ms);
+    }
+  };
+  const auto for_ = [&](std::chrono::milliseconds time) {
+    const auto end = Clock::now() + time;
+    fly([&] { return Clock::now() > end; });
+  };
+  const auto allAgree = [&] {
+    for (auto& c : clients)
+      if (!c->agrees()) return false;
+    return true;
+  };
+  for_(2s);
+  ASSERT_TRUE(allAgree());
+
+  server->process().signal(SIGKILL);
+  server->process().wait(5s);
+  for_(1s);
+  for (auto& c : clients) {
+    EXPECT_TRUE(c->line().error()) << "a client that did not notice";
+    EXPECT_GT(c->scene().triangles(), 1000u) << "what is held stays";
+  }
+  server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
+  const auto back = Clock::now();
+  fly([&] { return allAgree() || Clock::now() > back + 20s; });
+  const double seconds = std::chrono::duration<double>(Clock::now() - back).count();
+  EXPECT_TRUE(allAgree());
+  EXPECT_LT(seconds, 5);
+  RecordProperty("milliseconds", static_cast<int>(seconds * 1e3));
+  for_(1s);
+  for (auto& c : clients) {
+    EXPECT_EQ(c->line().reconnections(), 1u);
+    EXPECT_EQ(c->mismatches(), 0u);
+    EXPECT_GT(c->resumed(), 100u);
+  }
+  EXPECT_TRUE(server->healthy());
+}
+
+TEST(Resume, ALineThatBreaksCostsOnlyWhatIsMissing) {
+  ServerProcess server(RIDGECAST_SERVER);
+  Relay relay(server.port(), {});
+  Traveller client(relay.url(), coarse());
+  const PathCamera path(RIDGECAST_PATHS "/alpine.json", client.line().world());
+  const auto rest = [&] {
+    client.send(path.at(0));
+    for (const auto until = Clock::now() + 30s; Clock::now() < until && !client.settled();) client.take(50ms);
+    return client.settled();
+  };
+  ASSERT_TRUE(rest());
+  const std::uint64_t hash = client.scene().hash();
+  const std::size_t before = client.wholes(), leaves = client.scene().leaves().size();
+  relay.breakAll();
+  for (const auto until = Clock::now() + 10s; Clock::now() < until && client.line().reconnections() == 0;) client.take(20ms);
+  ASSERT_EQ(client.line().reconnections(), 1u);
+  ASSERT_TRUE(rest());
+  EXPECT_EQ(client.mismatches(), 0u);
+  // The same pose comes to nearly the same mesh again, and far leaves were never touched.
+  EXPECT_LT(client.wholes() - before, leaves * 3 / 4);
+  EXPECT_EQ(client.scene().leaves().size(), leaves);
+  (void)hash;
+  EXPECT_TRUE(server.healthy());
+}
+
+}  // namespace
+}  // namespace ridgecast
