@@ -39,7 +39,7 @@ camera::Camera cameraAt(double t) {
 
 wire::Settings coarse() {
   wire::Settings s;
-  s.threshold = 2;
+  s.threshold = 10;
   return s;
 }
 
