@@ -12,6 +12,7 @@
 #include "server/pipeline/camera_mesh.h"
 #include "server/refinement/coarsening.h"
 #include "server/triangulation/verify.h"
+#include "tests/bench/flight.h"
 #include "tests/support/mesh_check.h"
 
 namespace ridgecast::pipeline {
@@ -211,6 +212,27 @@ TEST(Pipeline, AtRestTheErrorOnScreenIsWhatWasAskedFor) {
   std::sort(pixels.begin(), pixels.end());
   EXPECT_LE(pixels[pixels.size() * 99 / 100], 3.0);
   EXPECT_LE(pixels[pixels.size() / 2], 1.0);
+}
+
+// The bench's hour in leaps: straight, circles, hover, turn back, teleport, dive; the budget holds, the mesh is sound, memory stays.
+TEST(Pipeline, AShortSoak) {
+  wire::Settings s;
+  s.threshold = 2;
+  s.triangleBudget = 60'000;
+  Rig rig(2, s);
+  std::size_t most = 0;
+  for (int n = 0; n < 240; ++n) {
+    const auto figures = rig.pipeline.iterate(bench::hour(*rig.terrain, n * 15.0));
+    ASSERT_LE(figures.triangles, 63'000u) << "iteration " << n;
+    if (n % 20 == 19) {
+      ASSERT_EQ(rig.pipeline.verify(), "") << "iteration " << n;
+    }
+    if (n == 80) most = rig.pipeline.memoryBytes();
+    if (n > 80) {
+      ASSERT_LE(rig.pipeline.memoryBytes(), 2 * most) << "iteration " << n;
+    }
+  }
+  rig.expectSound("after the soak");
 }
 
 // The laws of CameraMesh, seen from inside.
