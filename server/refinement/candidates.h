@@ -9,6 +9,7 @@
 //
 // Arrays are indexed by triangle, so that screening (screening.h) is a straight pass over a region's pages.
 
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -24,7 +25,8 @@ struct PageScreen {
   double travel = -1;               // of the camera at that screening, steps; negative: something is new, look again
   float steepest = 0;               // largest error / distance of the candidates awake
   float nearest = 0;                // steps: smallest distance of any candidate
-  std::uint64_t asleep = 0;         // candidates wanted but not worth it for now
+  std::uint64_t asleep = 0;         // candidates wanted but not worth it for now; their error is kept negative meanwhile
+  std::uint64_t blank = 0;          // dead slots whose arrays hold no candidate, far away
   double sleptTravel = 0, sleptTurn = 0;  // when the first of them fell asleep
 };
 
@@ -49,7 +51,7 @@ struct Surface {
   // by triangle
   std::unique_ptr<std::int32_t[]> x, z;     // the candidate; valid where error > 0
   std::unique_ptr<std::int32_t[]> y;        // the terrain's height there, to the step (not snapped to a level)
-  std::unique_ptr<float[]> error;           // steps, >= 0: |mesh - snapped terrain| at the candidate; 0: no candidate
+  std::unique_ptr<float[]> error;           // steps: |mesh - snapped terrain| at the candidate; 0: no candidate; negative: asleep
   std::unique_ptr<std::uint64_t[]> hash;    // the triangle's term of its leaf's hash (common/mesh)
 
   std::unique_ptr<PageScreen[]> screens;    // by page of triangles
@@ -76,17 +78,20 @@ struct Surface {
     PageScreen& page = screens[t / triangulation::Pages::kSlots];
     page.travel = -1;
     hashes[t / triangulation::Pages::kSlots].rehash = true;
-    page.asleep &= ~(std::uint64_t{1} << (t % triangulation::Pages::kSlots));
+    const std::uint64_t bit = std::uint64_t{1} << (t % triangulation::Pages::kSlots);
+    page.asleep &= ~bit;
+    page.blank &= ~bit;
   }
   void setLoss(std::uint32_t v, float steps) {
     loss[v] = steps;
     losses[v / triangulation::Pages::kSlots].travel = -1;
   }
   void moveTriangle(std::uint32_t from, std::uint32_t to) {
+    // A candidate that moves is awake.
     x[to] = x[from];
     z[to] = z[from];
     y[to] = y[from];
-    error[to] = error[from];
+    error[to] = std::abs(error[from]);
     hash[to] = hash[from];
     renewTriangle(to);
   }

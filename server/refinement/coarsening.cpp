@@ -81,7 +81,7 @@ float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, tria
   };
   judge(mesh.vertex(v).point(), surface.fineY[v]);
   for (TriangleId t : set.star())
-    if (surface.error[t] > 0) judge({surface.x[t], surface.z[t]}, surface.y[t]);
+    if (surface.error[t] != 0) judge({surface.x[t], surface.z[t]}, surface.y[t]);
   return static_cast<float>(worst);
 }
 

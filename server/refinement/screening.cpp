@@ -21,6 +21,8 @@ double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * 
 constexpr float kNearest = 0.5f * 256;  // steps
 // Those asleep wake when the camera has moved this share of the distance to the nearest one, or turned this far (radians).
 constexpr double kWakeMove = 0.03, kWakeTurn = 0.05;
+// Where blank slots lie, so that they are nobody's nearest; steps, its square's square fits a float.
+constexpr std::int32_t kFarAway = 1 << 29;
 // Triangles smaller on screen than this are left alone.
 constexpr double kLeastArea = 0.25;     // square pixels
 
@@ -56,33 +58,27 @@ struct PageResult {
   float steepest2, nearest2;        // squared
 };
 
-// One page of arrays. Squared pixels times d^4 against the squared threshold times d^4: no root. Dead slots hold anything, so they are
-// masked out. Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
+// One page of arrays. Squared pixels times d^4 against the squared threshold times d^4: no root. Dead slots are blank. Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
 #if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #endif
 PageResult screenPage(const std::int32_t* __restrict x, const std::int32_t* __restrict z, const std::int32_t* __restrict y,
-                      const float* __restrict error, std::uint64_t alive, std::int32_t cx, std::int32_t cz, float cy, float ppr2, float least) {
-  float live[Pages::kSlots], steep[Pages::kSlots], near[Pages::kSlots];
-  std::int32_t wanted[Pages::kSlots];
-  for (unsigned s = 0; s < Pages::kSlots; ++s) live[s] = static_cast<float>((alive >> s) & 1);
-#pragma omp simd
-  for (unsigned s = 0; s < Pages::kSlots; ++s) {
-    const float dx = static_cast<float>(x[s] - cx), dz = static_cast<float>(z[s] - cz), dy = static_cast<float>(y[s]) - cy;
-    const float flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < kNearest * kNearest ? kNearest * kNearest : d2;
-    const float e2 = live[s] != 0 ? error[s] * error[s] : 0.0f;
-    wanted[s] = (ppr2 * e2 * flat >= least * n * n) & (e2 > 0);
-    near[s] = live[s] != 0 ? n : std::numeric_limits<float>::max();
-    steep[s] = wanted[s] ? 0.0f : e2 / n;
-  }
+                      const float* __restrict error, std::int32_t cx, std::int32_t cz, float cy, float ppr2, float least) {
+  std::uint64_t bits[Pages::kSlots];
   float most = 0, least2 = std::numeric_limits<float>::max();
 #pragma omp simd reduction(max : most) reduction(min : least2)
   for (unsigned s = 0; s < Pages::kSlots; ++s) {
-    most = steep[s] > most ? steep[s] : most;
-    least2 = near[s] < least2 ? near[s] : least2;
+    const float dx = static_cast<float>(x[s] - cx), dz = static_cast<float>(z[s] - cz), dy = static_cast<float>(y[s]) - cy;
+    const float flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < kNearest * kNearest ? kNearest * kNearest : d2;
+    const float e = error[s] > 0 ? error[s] : 0.0f, e2 = e * e;
+    const bool wanted = ppr2 * e2 * flat >= least * n * n;
+    const float steep = wanted ? 0.0f : e2 / n;
+    most = steep > most ? steep : most;
+    least2 = n < least2 ? n : least2;
+    bits[s] = wanted ? std::uint64_t{1} << s : 0;
   }
   std::uint64_t mask = 0;
-  for (unsigned s = 0; s < Pages::kSlots; ++s) mask |= static_cast<std::uint64_t>(wanted[s]) << s;
+  for (unsigned s = 0; s < Pages::kSlots; ++s) mask |= bits[s];
   return {mask, most, least2};
 }
 
@@ -97,6 +93,10 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
   for (std::uint32_t page : pages.pagesOf(region)) {
     PageScreen& known = surface.screens[page];
     if (known.asleep != 0 && (view.travel - known.sleptTravel > kWakeMove * known.nearest || view.turn - known.sleptTurn > kWakeTurn)) {
+      for (std::uint64_t m = known.asleep; m != 0; m &= m - 1) {
+        float& e = surface.error[page * Pages::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
+        e = std::abs(e);
+      }
       known.asleep = 0;
       known.travel = -1;
     }
@@ -105,8 +105,15 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
       if (moved < known.nearest && view.pixelsPerRadian * known.steepest * known.nearest < spared * (known.nearest - moved)) continue;
     }
     const std::uint32_t base = page * Pages::kSlots;
-    const PageResult r = screenPage(&surface.x[base], &surface.z[base], &surface.y[base], &surface.error[base],
-                                    pages.aliveMask(page) & ~pages.freshMask(page) & ~known.asleep, view.x, view.z, view.y, ppr2, least);
+    const std::uint64_t alive = pages.aliveMask(page);
+    known.asleep &= alive;
+    for (std::uint64_t m = ~alive & ~known.blank; m != 0; m &= m - 1) {
+      const std::uint32_t t = base + static_cast<std::uint32_t>(std::countr_zero(m));
+      surface.error[t] = 0;
+      surface.x[t] = surface.z[t] = surface.y[t] = kFarAway;
+    }
+    known.blank = ~alive;
+    const PageResult r = screenPage(&surface.x[base], &surface.z[base], &surface.y[base], &surface.error[base], view.x, view.z, view.y, ppr2, least);
     known.travel = view.travel;
     known.steepest = std::sqrt(r.steepest2);
     known.nearest = std::sqrt(r.nearest2);
@@ -116,6 +123,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
         known.sleptTurn = view.turn;
       }
       known.asleep |= std::uint64_t{1} << (t % Pages::kSlots);
+      surface.error[t] = -surface.error[t];
     };
     for (std::uint64_t mask = r.wanted; mask != 0; mask &= mask - 1) {
       const TriangleId t = base + static_cast<std::uint32_t>(std::countr_zero(mask));
