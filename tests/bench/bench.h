@@ -50,5 +50,6 @@ Report error(const Options&);
 Report soak(const Options&);
 Report heights(const Options&);
 Report deltas(const Options&);
+Report cameras(const Options&);
 
 }  // namespace ridgecast::bench

@@ -39,6 +39,7 @@ class Process {
   // The exit code, 128 + signal when it was killed; nothing when it still runs then.
   std::optional<int> wait(std::chrono::milliseconds patience);
   void signal(int number);
+  pid_t id() const { return pid_; }
   std::string output() const;
 
  private:
