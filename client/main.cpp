@@ -20,6 +20,7 @@ struct Server {
   std::string url = "ws://127.0.0.1:7070";
   std::string metric = "default";
   wire::Settings settings;
+  bool noRemoteShaders = false;
 };
 
 // CLI11's own range lets "nan" pass.
@@ -44,6 +45,7 @@ void addServerOptions(CLI::App& command, Server& server) {
       ->check(within(0.0, 1e9))
       ->type_name("NUMBER");
   command.add_option("--budget", server.settings.triangleBudget, "most triangles; 0: the server's default")->type_name("TRIANGLES");
+  command.add_flag("--no-remote-shaders", server.noRemoteShaders, "never compile GLSL that the server sent: terrains that this client does not have are drawn neutrally");
 }
 
 // "1280x720" -> width and height; an error message, empty when it is right.
@@ -127,9 +129,11 @@ int main(int argc, char** argv) {
     if (fly.exportAt && fly.exportFile.empty()) return wrongArguments("--export-at wants --export FILE.glb beside it");
     fly.url = *url;
     fly.settings = server.settings;
+    fly.remoteShaders = !server.noRemoteShaders;
     return ridgecast::evaluation::fly(fly);
   }
   view.url = *url;
   view.settings = server.settings;
+  view.remoteShaders = !server.noRemoteShaders;
   return ridgecast::viewer::view(view);
 }

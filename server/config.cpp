@@ -46,6 +46,7 @@ Parsed parse(int argc, const char* const* argv) {
       ->allow_extra_args(false);
   app.add_option("--terrain-dir", c.terrain.folder, "A folder of terrain files, to be had by name")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Where compiled terrains are kept; left out: in your own cache folder")->type_name("DIR");
+  app.add_flag("!--private-terrain", c.limits.sendsTerrain, "Never send the terrain's text; clients that do not have it draw neutrally");
   app.add_flag("--list-terrains", list, "List the terrains there are and their parameters");
   app.add_option("--threads", c.threads, "Threads that work on meshes; 0: as many as the machine has")
       ->check(CLI::Range(0u, 1024u))

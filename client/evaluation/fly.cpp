@@ -72,7 +72,7 @@ class Flight {
  private:
   camera::Camera cameraAt(double t) const {
     camera::Camera camera;
-    camera.pose = camera::poseAt(path_, t, [this](lattice::Point p) { return terrain_->height(p); });
+    camera.pose = camera::poseAt(path_, t, [this](lattice::Point p) { return terrain_ ? terrain_->height(p) : scene_.height(p).value_or(0); });
     camera.projection = {path_.verticalFov, options_.width, options_.height};
     return camera;
   }
@@ -81,6 +81,7 @@ class Flight {
     render::View view;
     view.camera = camera_;
     view.horizon = connection_->world().horizon;
+    if (!terrain_) return view;
     const render::HeightBounds bounds = render::boundsAround(*terrain_, {camera_.pose.x, camera_.pose.z}, view.horizon);
     view.lowest = bounds.lowest;
     view.highest = bounds.highest;
@@ -229,6 +230,10 @@ class Flight {
   }
 
   Outcome<void> takePicture(const std::string& name, bool atRest) {
+    if (!terrain_) {  // nothing to compare with
+      ++pictures_;
+      return recorder_.meshPicture(name, renderer_, scene_, view(), options_.supersample);
+    }
     auto similarity = recorder_.picture(name, renderer_, scene_, view(), options_.supersample);
     if (!similarity) return similarity.error();
     atRest ? recorder_.setSettled(*similarity) : recorder_.addFrame(*similarity);
@@ -302,17 +307,17 @@ int fly(const FlyOptions& options) {
   auto connected = connection::Connection::open(options.url, hello);
   if (!connected) return fail(kRuntimeFailure, connected.error().message);
   const wire::World& world = (*connected)->world();
-  auto terrain = render::localTerrain(world);
-  if (!terrain) return fail(kRuntimeFailure, terrain.error().message);
+  auto drawing = render::drawingOf(world, options.remoteShaders);
+  if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
   if (!path->terrain.empty() && (path->terrain != world.terrainName || path->seed != world.seed))
     std::fprintf(stderr, "warning: the path was made for terrain %s, seed %u; the server has %s, seed %u\n", path->terrain.c_str(),
                  path->seed, world.terrainName.c_str(), world.seed);
-  auto renderer = render::Renderer::create({world.terrainSource, world.seed});
+  auto renderer = render::Renderer::create(drawing.text);
   if (!renderer) return fail(kNoGraphics, renderer.error().message);
   std::fprintf(stderr, "flying %s over %s (seed %u, horizon %.0f m), %ux%u, %s\n", options.path.filename().c_str(),
                world.terrainName.c_str(), world.seed, world.horizon, options.width, options.height, render::contextDescription().c_str());
 
-  Flight flight(options, std::move(*path), std::move(*connected), std::move(*terrain), std::move(*renderer), std::move(*recorder));
+  Flight flight(options, std::move(*path), std::move(*connected), std::move(drawing.terrain), std::move(*renderer), std::move(*recorder));
   if (auto flown = flight.fly(); !flown) return fail(kRuntimeFailure, flown.error().message);
   std::fprintf(stderr, "figures in %s\n", (options.out / "summary.json").c_str());
   return kSuccess;

@@ -85,6 +85,14 @@ Outcome<Similarity> Recorder::picture(const std::string& name, render::Renderer&
   return similarity(mesh->picture, march->picture);
 }
 
+Outcome<void> Recorder::meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
+                                    const render::View& view, std::uint32_t samples) {
+  auto mesh = renderer.drawMesh(scene, view, samples);
+  if (!mesh) return mesh.error();
+  meshMs_.push_back(mesh->milliseconds);
+  return render::writePng(mesh->picture, folder_ / (name + "-mesh.png"));
+}
+
 void Recorder::addFrame(const Similarity& similarity) { frames_.push_back(similarity.mean); }
 
 Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scene& scene, const render::View& view, std::uint32_t samples,

@@ -43,6 +43,9 @@ class Recorder {
   // Draws both renderings, writes NAME-mesh.png and NAME-raymarch.png and compares them.
   Outcome<Similarity> picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
                               std::uint32_t samples);
+  // Draws the mesh alone, where this client knows no terrain to compare it with, and writes NAME-mesh.png.
+  Outcome<void> meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
+                            std::uint32_t samples);
   // Counts a comparison among the flight's frames, or as the one at rest.
   void addFrame(const Similarity& similarity);
   void setSettled(const Similarity& similarity) { settled_ = similarity; }

@@ -2,15 +2,24 @@
 
 #include <string>
 
+#include "client/render/gpu_terrain.h"
+#include "client/render/shade_pass.h"
+
 namespace ridgecast::render {
 
-Outcome<std::shared_ptr<const terrain::Terrain>> localTerrain(const wire::World& world) {
-  auto made = terrain::create(world.terrainName, world.seed);
-  if (!made) return Error{"this client cannot compute the server's terrain: " + made.error().message};
-  if (terrain::contentHash(**made) != world.contentHash)
-    return Error{"the server's terrain '" + world.terrainName +
-                 "' is not the one this client was built with: use a client and a server of one version"};
-  return *made;
+Drawing drawingOf(const wire::World& world, bool remoteShaders) {
+  if (auto own = terrain::create(world.terrainName, world.seed); own && terrain::contentHash(**own) == world.contentHash)
+    return {{std::string((*own)->source()), world.seed, false}, *own, {}};
+  const auto neutral = [&](const std::string& why) {
+    return Drawing{{{}, world.seed, true}, nullptr, why + "; drawing the mesh's own shape in neutral colours, without a ray march"};
+  };
+  if (world.terrainSource.empty()) return neutral("the server keeps its terrain's text to itself");
+  if (!remoteShaders) return neutral("the terrain's text came from the server and --no-remote-shaders refuses it");
+  const TerrainText text{world.terrainSource, world.seed, false};
+  auto terrain = gpuTerrain(world.terrainName, text);
+  if (!terrain) return neutral(terrain.error().message);
+  if (auto shade = ShadePass::create(text); !shade) return neutral(shade.error().message);
+  return {text, *terrain, {}};
 }
 
 }  // namespace ridgecast::render

@@ -1,15 +1,24 @@
 #pragma once
-// The server's terrain as a function on this machine: for heights above ground, and for how high the ray march must look.
+// How this client draws a server's world, and what it knows of the ground.
 
 #include <memory>
+#include <string>
 
-#include "common/outcome/outcome.h"
+#include "client/render/view.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::render {
 
-// Error: this client has no terrain of that name, or another version of it (the content hashes differ).
-Outcome<std::shared_ptr<const terrain::Terrain>> localTerrain(const wire::World& world);
+struct Drawing {
+  TerrainText text;                                 // for the shaders; neutral: mesh normals and a ramp of heights, no ray march
+  std::shared_ptr<const terrain::Terrain> terrain;  // null when neutral; else see gpuTerrain for the thread that may call it
+  std::string why;                                  // when neutral: one sentence for a person
+};
+
+// A built-in terrain of this client's own, when the content hash says that it is the server's: nothing received is used. Else the GLSL
+// received, through the graphics driver alone, if `remoteShaders` allows it, the server has sent it and the driver compiles it.
+// Otherwise neutral. Needs a current context.
+Drawing drawingOf(const wire::World& world, bool remoteShaders);
 
 }  // namespace ridgecast::render

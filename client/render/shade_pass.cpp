@@ -31,12 +31,50 @@ void main() {
 }
 )";
 
+// Without the terrain's functions: the normal of the mesh, from the positions beside this one (the nearer of the two on each axis, so
+// that edges do not smear), and a ramp of heights from green through ochre and grey to white.
+constexpr std::string_view kNeutralShade = R"(
+uniform sampler2D shadeSurface;
+layout(location = 0) out vec4 colour;
+vec3 along(vec3 here, ivec2 at, ivec2 step) {
+  ivec2 last = textureSize(shadeSurface, 0) - 1;
+  vec4 after = texelFetch(shadeSurface, min(at + step, last), 0);
+  vec4 before = texelFetch(shadeSurface, max(at - step, ivec2(0)), 0);
+  vec3 forwards = after.xyz - here;
+  vec3 backwards = here - before.xyz;
+  bool first = after.w > 0.0 && at + step == min(at + step, last);
+  bool second = before.w > 0.0 && at - step == max(at - step, ivec2(0));
+  return first && (!second || dot(forwards, forwards) < dot(backwards, backwards)) ? forwards : backwards;
+}
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec4 s = texelFetch(shadeSurface, at, 0);
+  float range = length(s.xyz);
+  bool ground = s.w > 0.0 && range < viewHorizon;
+  vec3 light;
+  if (ground) {
+    vec3 normal = cross(along(s.xyz, at, ivec2(1, 0)), along(s.xyz, at, ivec2(0, 1)));
+    normal = dot(normal, normal) > 0.0 ? normalize(normal) : vec3(0.0, 1.0, 0.0);
+    if (normal.y < 0.0) normal = -normal;
+    float height = viewCameraY + s.y;
+    vec3 ramp = mix(vec3(0.16, 0.20, 0.10), vec3(0.33, 0.29, 0.18), smoothstep(0.0, 800.0, height));
+    ramp = mix(ramp, vec3(0.34, 0.33, 0.32), smoothstep(800.0, 1700.0, height));
+    ramp = mix(ramp, vec3(0.62), smoothstep(1700.0, 3200.0, height));
+    light = ramp * (vec3(2.6, 2.3, 1.9) * max(dot(normal, kSunDirection), 0.0) + vec3(0.30, 0.38, 0.50) * (0.6 + 0.4 * normal.y));
+    light = mix(skyColor(s.xyz / max(range, 1e-6)), light, clearness(range, viewHorizon));
+  } else {
+    light = skyColor(viewRay(gl_FragCoord.xy));
+  }
+  colour = vec4(toDisplay(light), ground ? 1.0 : 0.0);
+}
+)";
+
 }  // namespace
 
 ShadePass::ShadePass(Program program, std::uint32_t seed) : program_(std::move(program)), vertexArray_(makeVertexArray()), seed_(seed) {}
 
 Outcome<ShadePass> ShadePass::create(const TerrainText& terrain) {
-  auto program = buildTerrainProgram("shading", terrain, kShade);
+  auto program = buildTerrainProgram("shading", terrain, terrain.neutral ? kNeutralShade : kShade);
   if (!program) return program.error();
   return ShadePass(std::move(*program), terrain.seed);
 }

@@ -14,6 +14,12 @@ constexpr std::string_view kFullScreenVertex = R"(
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }
 )";
 
+// Ground that no ray meets.
+constexpr std::string_view kNeutralTerrain = R"(
+float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return -131072.0; }
+vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) { return vec3(0.5); }
+)";
+
 // Cells and steps are integers relative to the camera's cell, so that nothing is ever far from anything: the only rounding is that of
 // the offset from the camera, a float.
 constexpr std::string_view kViewFunctions = R"(
@@ -56,7 +62,7 @@ std::string_view viewFunctions() { return kViewFunctions; }
 
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main) {
   const std::array<Program::Piece, 5> pieces = {{{"noise", terrain::prelude()},
-                                                 {"terrain", terrain.source},
+                                                 {"terrain", terrain.neutral ? kNeutralTerrain : std::string_view(terrain.source)},
                                                  {"shading", terrain::shading()},
                                                  {"view", kViewFunctions},
                                                  {what, main}}};

@@ -26,6 +26,7 @@ View supersampled(const View& view, std::uint32_t n);
 struct TerrainText {
   std::string source;  // the terrain file
   std::uint32_t seed = 0;
+  bool neutral = false;    // the text is not to be had: a world without ground for the ray march, shading from the mesh alone
 };
 
 // A full-screen program of version line, terrain prelude, terrain, shading, the view's own functions and `main`.

@@ -97,6 +97,7 @@ class Viewer {
     glfwSetMouseButtonCallback(window_, [](GLFWwindow* w, int button, int action, int) { self(w).onButton(button, action); });
     overlay_.emplace(window_);
     const wire::World& world = connection_->world();
+    if (!terrain_) shown_.mode = Mode::kMesh;
     shown_.world = world.terrainName + ", seed " + std::to_string(world.seed) + ", from " + world.serverName;
   }
 
@@ -424,18 +425,16 @@ int view(const ViewOptions& options) {
   auto connected = connection::Connection::open(options.url, hello);
   if (!connected) return fail(1, connected.error().message);
   const wire::World& world = (*connected)->world();
-  auto terrain = render::localTerrain(world);
-  if (!terrain)
-    std::fprintf(stderr, "warning: %s; the ray march is slower and the ground unknown until it arrives\n", terrain.error().message.c_str());
-  const render::TerrainText text{world.terrainSource, world.seed};
+  auto drawing = render::drawingOf(world, options.remoteShaders);
+  if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
   auto mesh = render::MeshPass::create();
   if (!mesh) return fail(3, mesh.error().message);
-  auto march = render::MarchPass::create(text);
+  auto march = render::MarchPass::create(drawing.text);
   if (!march) return fail(3, march.error().message);
-  auto shade = render::ShadePass::create(text);
+  auto shade = render::ShadePass::create(drawing.text);
   if (!shade) return fail(3, shade.error().message);
   std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
-  Viewer viewer(options, (*window)->handle(), std::move(*connected), terrain ? *terrain : nullptr, std::move(*mesh), std::move(*march),
+  Viewer viewer(options, (*window)->handle(), std::move(*connected), std::move(drawing.terrain), std::move(*mesh), std::move(*march),
                 std::move(*shade));
   return viewer.run();
 }

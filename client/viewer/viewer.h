@@ -16,6 +16,7 @@ struct ViewOptions {
   std::uint32_t width = 1280, height = 720;  // of the window at first, screen coordinates
   double x = 0, z = 0, altitude = 150;       // metres; where the flight begins, above the ground there
   double yaw = 0, pitch = -10;               // degrees
+  bool remoteShaders = true;                 // draw with a terrain's GLSL that the server sent; else neutrally, see drawingOf
   std::optional<double> seconds;             // close by itself after so long
   std::filesystem::path screenshot;          // empty: none; else a PNG of the window when it closes
 };

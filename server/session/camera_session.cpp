@@ -183,7 +183,7 @@ void CameraSession::work() {
   world.serverName = resources.serverName;
   world.session = session_->name();
   world.terrainName = terrain.name();
-  world.terrainSource = terrain.source();
+  if (session_->resources().limits.sendsTerrain) world.terrainSource = terrain.source();
   world.seed = terrain.seed();
   world.contentHash = session_->contentHash();
   world.horizon = pipeline::Pipeline::kHorizon;

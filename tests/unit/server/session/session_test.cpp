@@ -71,6 +71,18 @@ class SessionTest : public testing::Test {
   std::shared_ptr<CameraSession> camera;
 };
 
+TEST_F(SessionTest, APrivateTerrainKeepsItsTextAndSaysWhichItIs) {
+  Limits limits;
+  limits.sendsTerrain = false;
+  start(limits);
+  camera->receive(hello());
+  const auto world = client->world();
+  ASSERT_TRUE(world);
+  EXPECT_EQ(world->terrainSource, "");
+  EXPECT_EQ(world->terrainName, "flat");
+  EXPECT_EQ(world->contentHash, terrain::contentHash(*flatTerrain()));
+}
+
 TEST_F(SessionTest, HelloIsAnsweredWithTheWorldAndWhatWasGranted) {
   start();
   wire::Hello h = hello();

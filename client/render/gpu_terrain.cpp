@@ -1,0 +1,110 @@
+#include "client/render/gpu_terrain.h"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "client/render/gl_objects.h"
+#include "common/lattice/lattice.h"
+
+namespace ridgecast::render {
+namespace {
+
+constexpr std::uint32_t kSide = 64;
+constexpr std::size_t kMost = kSide * kSide;  // points a draw
+
+constexpr std::string_view kHeights = R"(
+uniform isampler2D heightPoints;
+layout(location = 0) out vec4 height;
+void main() {
+  ivec4 p = texelFetch(heightPoints, ivec2(gl_FragCoord.xy), 0);
+  height = vec4(terrainHeight(p.xy, vec2(p.zw) * (1.0 / 1048576.0), 0.0, viewSeed), 0.0, 0.0, 1.0);
+}
+)";
+
+class GpuTerrain final : public terrain::Terrain {
+ public:
+  GpuTerrain(std::string name, const TerrainText& text, Program program)
+      : name_(std::move(name)),
+        text_(text),
+        program_(std::move(program)),
+        vertexArray_(makeVertexArray()),
+        result_(makeTexture(GL_RGBA32F, kSide, kSide)),
+        framebuffer_(makeFramebuffer()) {
+    std::uint32_t points = 0;
+    glGenTextures(1, &points);
+    points_ = GlObject(points, [](std::uint32_t n) { glDeleteTextures(1, &n); });
+    glBindTexture(GL_TEXTURE_2D, points);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32I, kSide, kSide, 0, GL_RGBA_INTEGER, GL_INT, nullptr);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAX_LEVEL, 0);
+    glBindTexture(GL_TEXTURE_2D, 0);
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name());
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, result_.name(), 0);
+    glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  }
+  std::string_view name() const override { return name_; }
+  std::string_view source() const override { return text_.source; }
+  std::uint32_t seed() const override { return text_.seed; }
+
+  void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
+    for (std::size_t begin = 0; begin < out.size(); begin += kMost) {
+      const std::size_t n = std::min(kMost, out.size() - begin);
+      draw(x.subspan(begin, n), z.subspan(begin, n), out.subspan(begin, n));
+    }
+  }
+
+ private:
+  void draw(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
+    constexpr lattice::Step kInCell = (lattice::Step{1} << lattice::kCellBits) - 1;
+    const auto rows = static_cast<GLsizei>((out.size() + kSide - 1) / kSide);
+    std::vector<std::int32_t> texels(static_cast<std::size_t>(rows) * kSide * 4);
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      texels[4 * i] = lattice::cellOf(x[i]);
+      texels[4 * i + 1] = lattice::cellOf(z[i]);
+      texels[4 * i + 2] = static_cast<std::int32_t>(x[i] & kInCell);
+      texels[4 * i + 3] = static_cast<std::int32_t>(z[i] & kInCell);
+    }
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name());
+    glViewport(0, 0, kSide, rows);
+    glDisable(GL_SCISSOR_TEST);
+    glDisable(GL_DEPTH_TEST);
+    glDisable(GL_BLEND);
+    glDisable(GL_CULL_FACE);
+    glActiveTexture(GL_TEXTURE0);
+    glBindTexture(GL_TEXTURE_2D, points_.name());
+    glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+    glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, kSide, rows, GL_RGBA_INTEGER, GL_INT, texels.data());
+    program_.use();
+    program_.set("heightPoints", 0);
+    program_.set("viewSeed", text_.seed);
+    glBindVertexArray(vertexArray_.name());
+    glDrawArrays(GL_TRIANGLES, 0, 3);
+    glBindVertexArray(0);
+    glBindTexture(GL_TEXTURE_2D, 0);
+    std::vector<float> drawn(static_cast<std::size_t>(rows) * kSide);
+    glPixelStorei(GL_PACK_ALIGNMENT, 4);
+    glReadPixels(0, 0, kSide, rows, GL_RED, GL_FLOAT, drawn.data());
+    glBindFramebuffer(GL_FRAMEBUFFER, 0);
+    std::copy_n(drawn.begin(), out.size(), out.begin());
+  }
+
+  std::string name_;
+  TerrainText text_;
+  Program program_;
+  GlObject vertexArray_, result_, framebuffer_, points_;
+};
+
+}  // namespace
+
+Outcome<std::shared_ptr<const terrain::Terrain>> gpuTerrain(std::string name, const TerrainText& text) {
+  auto program = buildTerrainProgram("heights", text, kHeights);
+  if (!program) return program.error();
+  return std::shared_ptr<const terrain::Terrain>(std::make_shared<GpuTerrain>(std::move(name), text, std::move(*program)));
+}
+
+}  // namespace ridgecast::render
