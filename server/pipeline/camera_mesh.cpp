@@ -1,6 +1,7 @@
 #include "server/pipeline/camera_mesh.h"
 
 #include <algorithm>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <limits>
@@ -227,7 +228,13 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
     }
   }
   TriangleId hint = mesh_.anyTriangle();
-  for (Leaf* leaf : made)
+  for (Leaf* leaf : made) {
+    // Start the walk in the leaf itself where it inherited triangles.
+    for (std::uint32_t page : mesh_.trianglePages().pagesOf(leaf->region))
+      if (const std::uint64_t alive = mesh_.trianglePages().aliveMask(page)) {
+        hint = page * triangulation::Pages::kSlots + static_cast<TriangleId>(std::countr_zero(alive));
+        break;
+      }
     for (lattice::Point p : generation::gridPoints(leaf->address)) {
       const std::int32_t height = fine(p);
       leaf->low = std::min(leaf->low, height);
@@ -243,6 +250,7 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
         hint = t;
       }
     }
+  }
   if (thesis_) addCurvature(inserted);
 }
 
