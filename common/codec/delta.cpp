@@ -266,7 +266,9 @@ Outcome<Changed> decodeDelta(std::span<const std::uint8_t> payload, const mesh::
   for (std::size_t t = 0; t < base.triangles.size(); ++t)
     if (walk.fates()[t] == kGoes) changed.hash -= hashOf(base.address, base.vertices, base.triangles[t]);
   for (const mesh::Triangle& t : walk.added()) changed.hash += hashOf(base.address, walk.vertices(), t);
+#ifndef FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION  // or a fuzzer would never get past this line
   if (static_cast<std::uint32_t>(changed.hash) != head->check) return refusal("the leaf it makes is not the one that was meant");
+#endif
   return changed;
 }
 
