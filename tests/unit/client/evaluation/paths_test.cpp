@@ -74,7 +74,7 @@ TEST(Paths, TheEndShowsMostlyTerrain) {
   auto context = render::HeadlessContext::create();
   if (!context) GTEST_SKIP() << "no OpenGL here: " << context.error().message;
   // The demo flies the first 20 s, the evaluation the whole path; both end with the picture that is measured.
-  for (const std::string name : {"alpine", "alpine-1e8", "alpine-1e12"}) {
+  for (const std::string name : {"alpine", "alpine-1e8", "alpine-1e12", "canyon", "archipelago"}) {
     const Flight flight = load(name);
     auto renderer = render::Renderer::create({std::string(flight.terrain->source()), flight.path.seed});
     ASSERT_TRUE(renderer) << renderer.error().message;

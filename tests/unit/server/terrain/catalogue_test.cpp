@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <fstream>
@@ -251,6 +252,26 @@ TEST_F(Files, foldersOfferTerrainsByName) {
   EXPECT_THAT(load(r, nullptr).error().message, HasSubstr("dune"));
   write("alpine.glsl", "");
   EXPECT_THAT(load(request(folder_.path() / "alpine.glsl"), nullptr).error().message, HasSubstr("built-in"));
+}
+
+// What the README tells a newcomer to save and run.
+TEST_F(Files, theTutorialRunsAsItStands) {
+  const path file = path(RIDGECAST_TERRAINS) / "tutorial" / "dunes.glsl";
+  const auto read = [](const path& p) {
+    std::ifstream in(p);
+    return std::string(std::istreambuf_iterator<char>(in), {});
+  };
+  const std::string text = read(file);
+  EXPECT_LT(std::count(text.begin(), text.end(), '\n'), 20);
+  EXPECT_THAT(read(path(RIDGECAST_TERRAINS) / "README.md"), HasSubstr("```glsl\n" + text + "```\n"));
+  const auto t = load(request(file), nullptr);
+  ASSERT_TRUE(t) << t.error().message;
+  const terrain::Points p = terrain::pointsAt(1e8, 2000);
+  std::vector<float> h(p.x.size());
+  (*t)->heights(p.x, p.z, h);
+  const auto [least, most] = std::minmax_element(h.begin(), h.end());
+  EXPECT_GE(*least, 0.0f);
+  EXPECT_GT(*most - *least, 100.0f);
 }
 
 }  // namespace
