@@ -29,7 +29,7 @@ int listTerrains(const std::filesystem::path& folder) {
 
 Parsed parse(int argc, const char* const* argv) {
   Config c;
-  bool list = false;
+  bool list = false, isPrivate = false;
   std::vector<std::string> parameters;
   long long patience = c.net.patience.count() / 1000;
   CLI::App app("Streams endless terrain, triangulated for each camera.", "ridgecast-server");
@@ -46,7 +46,7 @@ Parsed parse(int argc, const char* const* argv) {
       ->allow_extra_args(false);
   app.add_option("--terrain-dir", c.terrain.folder, "A folder of terrain files, to be had by name")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Where compiled terrains are kept; left out: in your own cache folder")->type_name("DIR");
-  app.add_flag("!--private-terrain", c.limits.sendsTerrain, "Never send the terrain's text; clients that do not have it draw neutrally");
+  app.add_flag("--private-terrain", isPrivate, "Never send the terrain's text; clients that do not have it draw neutrally");
   app.add_flag("--list-terrains", list, "List the terrains there are and their parameters");
   app.add_option("--threads", c.threads, "Threads that work on meshes; 0: as many as the machine has")
       ->check(CLI::Range(0u, 1024u))
@@ -64,6 +64,8 @@ Parsed parse(int argc, const char* const* argv) {
   app.add_option("--window", c.limits.window, "Iterations that a client may leave unacknowledged")
       ->check(CLI::Range(1u, wire::kMaxWindow))
       ->capture_default_str();
+  app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Most that the iterations of one client may take; 0: no limit")
+      ->capture_default_str();
   app.add_option("--patience", patience, "Seconds to wait for a request or a hello")->check(CLI::Range(1ll, 600ll))->capture_default_str();
   app.add_flag("--quiet", c.quiet, "Log warnings and errors only");
   try {
@@ -75,6 +77,7 @@ Parsed parse(int argc, const char* const* argv) {
     return {std::nullopt, 2};
   }
   if (list) return {std::nullopt, listTerrains(c.terrain.folder)};
+  c.limits.sendsTerrain = !isPrivate;
   for (const std::string& p : parameters) {
     auto assignment = user_terrain::parseAssignment(p);
     if (!assignment) {

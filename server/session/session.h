@@ -47,7 +47,8 @@ struct Resources {
   MakeMesh makeMesh;
   std::string serverName;
   Limits limits;
-  Alarm alarm;  // wakes cameras whose budget of bytes is used up
+  mutable std::atomic<bool> givesMemoryBack{false};  // an alarm that trims the allocator is set
+  Alarm alarm;                                       // wakes cameras whose budget of bytes is used up
 };
 
 // One camera's place; given back when destroyed.

@@ -11,10 +11,9 @@
 #include <thread>
 #include <vector>
 
-#include "client/connection/resuming.h"
-#include "tests/support/flier.h"
 #include "tests/support/relay.h"
 #include "tests/support/server_process.h"
+#include "tests/support/traveller.h"
 
 namespace ridgecast {
 namespace {
@@ -22,61 +21,6 @@ namespace {
 using namespace std::chrono_literals;
 using namespace testing_support;
 using Clock = std::chrono::steady_clock;
-
-// A client that flies by the clock and comes back by itself.
-class Traveller {
- public:
-  Traveller(const std::string& url, const wire::Settings& settings) {
-    wire::Hello hello;
-    hello.clientName = "ridgecast tests";
-    hello.settings = settings;
-    auto opened = connection::Resuming::open(*connection::parseUrl(url), hello, [this](const wire::World& world) {
-      if (world.contentHash != contentHash_) scene_.clear();
-      scene_.reconnect();
-      agrees_ = false;
-      auto held = scene_.held();
-      resumed_ += held.size();
-      return held;
-    });
-    if (!opened) throw std::runtime_error(opened.error().message);
-    line_ = std::move(*opened);
-    contentHash_ = line_->world().contentHash;
-  }
-
-  void send(const camera::Camera& camera) { line_->send({++sequence_, camera}); }
-  // Takes what is there; false: something cannot be applied.
-  bool take(std::chrono::milliseconds patience) {
-    while (const auto received = line_->receive(patience)) {
-      patience = 0ms;
-      const auto applied = scene_.apply(received->iteration);
-      if (!applied) {
-        ADD_FAILURE() << applied.error().message;
-        return false;
-      }
-      agrees_ = scene_.hash() == received->iteration.meshHash;
-      if (!agrees_) ++mismatches_;
-      settled_ = received->iteration.settled && received->iteration.poseSequence == sequence_;
-      wholes_ += received->iteration.whole.size();
-      line_->acknowledge({received->iteration.number, scene_.hash()});
-    }
-    return true;
-  }
-
-  connection::Resuming& line() { return *line_; }
-  const scene::Scene& scene() const { return scene_; }
-  bool agrees() const { return agrees_ && !line_->error(); }
-  bool settled() const { return settled_; }
-  std::size_t mismatches() const { return mismatches_; }
-  std::size_t resumed() const { return resumed_; }
-  std::size_t wholes() const { return wholes_; }
-
- private:
-  scene::Scene scene_;
-  std::unique_ptr<connection::Resuming> line_;
-  std::uint64_t contentHash_ = 0, sequence_ = 0;
-  bool agrees_ = false, settled_ = false;
-  std::size_t mismatches_ = 0, resumed_ = 0, wholes_ = 0;
-};
 
 wire::Settings coarse() {
   wire::Settings s;

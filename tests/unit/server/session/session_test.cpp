@@ -355,6 +355,127 @@ TEST_F(SessionTest, PlacesAreBoundedAndGivenBack) {
   EXPECT_EQ(directory->cameras(), 1u);
 }
 
+// ---- pace ----
+
+TEST(Pace, PaysBackWhatWasSentAndSavesLittleUp) {
+  Pace pace;
+  EXPECT_FALSE(pace.limits());
+  EXPECT_EQ(pace.insertions(), 0xffffffffu);
+  pace.setRate(64'000);
+  const auto now = Pace::Clock::now();
+  pace.sent(now, 64'000, 0);  // a second's worth, of which a quarter was saved up
+  EXPECT_NEAR(std::chrono::duration<double>(pace.free() - now).count(), 0.75, 1e-6);
+  pace.sent(now, 6'400, 0);
+  EXPECT_NEAR(std::chrono::duration<double>(pace.free() - now).count(), 0.85, 1e-6);
+  pace.sent(now + 10s, 0, 0);
+  EXPECT_LE(pace.free(), now + 10s);
+  // What an insertion costs is learnt.
+  const auto before = pace.insertions();
+  EXPECT_GT(before, 500u);
+  for (int k = 0; k < 20; ++k) pace.sent(now, 40'000, 1000);
+  EXPECT_NEAR(pace.insertions(), 16'000 / 40, 10);
+}
+
+TEST_F(SessionTest, ABudgetOfBytesSpacesIterations) {
+  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}, {kB, n}, {kC, n}}, false}; };  // never at rest
+  Limits limits;
+  limits.maxBytesPerSecond = 4096;
+  start(limits);
+  wire::Hello h = hello();
+  h.settings.bytesPerSecond = 1'000'000;
+  camera->receive(h);
+  EXPECT_EQ(client->world().value().settings.bytesPerSecond, 4096u);
+  camera->receive(pose(1));
+  const auto began = std::chrono::steady_clock::now();
+  int count = 0;
+  while (std::chrono::steady_clock::now() - began < 700ms) {
+    const auto i = client->iteration();
+    ASSERT_TRUE(i);
+    acknowledge(*i);
+    ++count;
+  }
+  // About 300 bytes each are paid for; without a budget there would be thousands.
+  EXPECT_GE(count, 4);
+  EXPECT_LE(count, 25);
+  EXPECT_GE(script->insertionLimit, 32u);
+  EXPECT_LT(script->insertionLimit, 300u);
+}
+
+TEST_F(SessionTest, ABudgetDoesNotLoseTheNewestPose) {
+  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}}, true}; };
+  Limits limits;
+  limits.maxBytesPerSecond = 4096;
+  start(limits);
+  camera->receive(hello());
+  ASSERT_TRUE(client->world());
+  for (std::uint64_t k = 1; k <= 400; ++k) {
+    camera->receive(pose(k, double(k)));
+    std::this_thread::sleep_for(500us);
+  }
+  std::optional<wire::Iteration> i;
+  do {
+    i = client->iteration();
+    ASSERT_TRUE(i);
+    acknowledge(*i);
+  } while (i->poseSequence != 400);
+}
+
+// ---- resuming and deltas ----
+
+TEST_F(SessionTest, OnlyWhatDiffersIsSentToAClientThatResumes) {
+  script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 1}, {kB, 2}, {kC, 0}}, true}; };
+  start();
+  camera->receive(hello());
+  wire::Resume held;
+  held.leaves = {{kA, mesh::hashLeaf(contentOf(kA, 1))}, {kB, mesh::hashLeaf(contentOf(kB, 9))}, {{0, 5, 5}, 7}};
+  camera->receive(held);
+  camera->receive(pose(1));
+  // This client's record knows nothing of what is held: it only has to be read.
+  std::optional<wire::Iteration> i = client->iteration();
+  ASSERT_TRUE(i);
+  ASSERT_EQ(i->whole.size(), 2u);
+  EXPECT_EQ(i->whole[0].address, kB);
+  EXPECT_EQ(i->whole[1].address, kC);
+  EXPECT_TRUE(i->changed.empty()) << "a delta over what the server never saw";
+  EXPECT_EQ(i->gone, (std::vector<lattice::LeafAddress>{{0, 5, 5}}));
+  EXPECT_NE(client->complaint(), "");
+  client = std::make_shared<Client>();
+}
+
+TEST_F(SessionTest, ResumingOutOfPlaceOrTwiceIsRefused) {
+  const auto refusal = [&](std::vector<wire::ClientMessage> messages) {
+    client = std::make_shared<Client>();
+    start();
+    for (auto& m : messages) camera->receive(m);
+    const auto error = client->error();
+    EXPECT_TRUE(error);
+    camera->close();
+    return error.value_or(wire::ErrorMessage{});
+  };
+  const wire::Resume held{{{kA, 1}}};
+  EXPECT_EQ(refusal({held}).code, ErrorCode::kMalformed);
+  EXPECT_EQ(refusal({hello(), pose(1), held}).code, ErrorCode::kMalformed);
+  EXPECT_EQ(refusal({hello(), held, held}).code, ErrorCode::kInvalid);
+}
+
+TEST_F(SessionTest, ClientsWithoutDeltasGetWholeLeaves) {
+  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}, {kB, 1}}, false}; };
+  for (const bool deltas : {false, true}) {
+    client = std::make_shared<Client>();
+    start();
+    wire::Hello h = hello();
+    h.deltas = deltas;
+    camera->receive(h);
+    camera->receive(pose(1));
+    for (int k = 0; k < 5; ++k) {
+      const auto i = client->iteration();
+      ASSERT_TRUE(i);
+      EXPECT_TRUE(deltas || i->changed.empty());
+      acknowledge(*i);
+    }
+  }
+}
+
 TEST_F(SessionTest, DirectoryKnowsSessionsByName) {
   start();
   EXPECT_TRUE(directory->find("default"));
