@@ -64,7 +64,8 @@ Report heights(const Options& options) {
     tutorial.push_back(nanoseconds([&] { (*user)->heights(p.x, p.z, out); }));
   }
 
-  report.note("alpine and common/terrain/tutorial/dunes.glsl at " + std::to_string(kPoints) + " random points, one thread, medians; the file of one's own as the server loads it, compiled for " +
+  report.note("alpine and common/terrain/tutorial/dunes.glsl at " + std::to_string(kPoints) +
+              " random points, one thread, medians; the file of one's own as the server loads it, compiled for " +
               std::string(terrain::variants().back().name));
   report.note("scalar double: the same GLSL and loop, inlined, double for float, g++ -O3 without vector code");
   report.add("double_ns", median(alpineDouble), "ns a height");

@@ -15,8 +15,10 @@ namespace {
 using Single = float;
 template <class To, class From>
 inline To bits(From v) {
-  if constexpr (std::is_same_v<From, double>) return std::bit_cast<To>(static_cast<Single>(v));
-  else return static_cast<To>(std::bit_cast<Single>(v));
+  if constexpr (std::is_same_v<From, double>)
+    return std::bit_cast<To>(static_cast<Single>(v));
+  else
+    return static_cast<To>(std::bit_cast<Single>(v));
 }
 
 #pragma GCC diagnostic ignored "-Wunused-function"

@@ -67,7 +67,8 @@ class Fly : public testing::Test {
 
 // Answers every pose with what `answer` makes of the iteration's number; counts what is asked again. Ends with the client, or when
 // the answer is to have no number.
-void converse(RawConnection& peer, const std::function<wire::Iteration(std::uint64_t)>& answer, std::atomic<int>* resends = nullptr) {
+void converse(RawConnection& peer, const std::function<wire::Iteration(std::uint64_t)>& answer, std::atomic<int>* resends = nullptr,
+              std::uint64_t contentHashOffset = 0) {
   peer.upgrade();
   std::uint64_t number = 0;
   for (std::string frame = peer.readFrame(); !frame.empty(); frame = peer.readFrame()) {
@@ -75,7 +76,7 @@ void converse(RawConnection& peer, const std::function<wire::Iteration(std::uint
     ASSERT_TRUE(message) << message.error().message;
     if (std::holds_alternative<wire::Hello>(*message)) {
       EXPECT_EQ(std::get<wire::Hello>(*message).pacing, wire::Pacing::kLockstep);
-      peer.sendFrame(worldBytes());
+      peer.sendFrame(worldBytes(contentHashOffset));
     } else if (const auto* pose = std::get_if<wire::PoseMessage>(&*message)) {
       wire::Iteration iteration = answer(++number);
       if (iteration.number == 0) return;
@@ -151,16 +152,20 @@ TEST_F(Fly, SaysWhenTheServerGoesAwayInTheMiddle) {
   EXPECT_NE(testing::internal::GetCapturedStderr().find("ridgecast-client: "), std::string::npos);
 }
 
-TEST_F(Fly, RefusesATerrainThatIsNotItsOwn) {
-  RawServer server([](RawConnection& peer) {
-    peer.upgrade();
-    peer.readFrame();
-    peer.sendFrame(worldBytes(1));
-    peer.drain();
-  });
-  testing::internal::CaptureStderr();
-  EXPECT_EQ(fly(options(server)), kRuntimeFailure);
-  EXPECT_NE(testing::internal::GetCapturedStderr().find("one version"), std::string::npos);
+// A terrain that this client does not have: its text is drawn with when that is allowed, else there is nothing to compare the mesh with.
+TEST_F(Fly, DrawsATerrainThatIsNotItsOwnFromItsTextOrNeutrally) {
+  for (const bool allowed : {true, false}) {
+    std::filesystem::remove_all(folder_ / "out");
+    RawServer server([](RawConnection& peer) { converse(peer, honest, nullptr, 1); });
+    FlyOptions o = options(server);
+    o.remoteShaders = allowed;
+    testing::internal::CaptureStderr();
+    EXPECT_EQ(fly(o), kSuccess);
+    EXPECT_EQ(testing::internal::GetCapturedStderr().find("--no-remote-shaders") == std::string::npos, allowed);
+    EXPECT_TRUE(std::filesystem::exists(folder_ / "out" / "settled-mesh.png"));
+    EXPECT_EQ(std::filesystem::exists(folder_ / "out" / "settled-raymarch.png"), allowed);
+    EXPECT_EQ(summary()["ssim_settled"].is_null(), !allowed);
+  }
 }
 
 TEST_F(Fly, NamesWhatIsWrongWithPathAndFolder) {

@@ -116,7 +116,9 @@ TEST_F(LocalTerrain, theNeutralPictureShowsTheShapeOfTheMesh) {
   view.horizon = 32000;
   const auto drawn = renderer->drawMesh(std::map<lattice::LeafAddress, scene::HeldLeaf>{{leaf->address, held}}, view);
   ASSERT_TRUE(drawn) << drawn.error().message;
-  const auto pixel = [&](std::size_t x, std::size_t y, std::size_t c) { return static_cast<int>(drawn->picture.rgb[3 * (y * 64 + x) + c]); };
+  const auto pixel = [&](std::size_t x, std::size_t y, std::size_t c) {
+    return static_cast<int>(drawn->picture.rgb[3 * (y * 64 + x) + c]);
+  };
   for (std::size_t c = 0; c < 3; ++c) {
     EXPECT_GT(pixel(40, 32, c), pixel(24, 32, c) + 20) << "the eastern face looks towards the sun";
     EXPECT_NEAR(pixel(38, 30, c), pixel(40, 34, c), 6) << "one face, one shade";

@@ -89,7 +89,8 @@ class Headless : public testing::Test {
 };
 
 class EveryTerrain : public Headless, public testing::WithParamInterface<std::string_view> {};
-INSTANTIATE_TEST_SUITE_P(Glsl, EveryTerrain, testing::Values("alpine", "canyon", "archipelago"), [](const auto& i) { return std::string(i.param); });
+INSTANTIATE_TEST_SUITE_P(Glsl, EveryTerrain, testing::Values("alpine", "canyon", "archipelago"),
+                         [](const auto& i) { return std::string(i.param); });
 
 TEST_P(EveryTerrain, heightsAreTheBitsOfTheServer) {
   constexpr int kSide = 317;  // 100,489 points a distance

@@ -159,7 +159,8 @@ TEST_P(Filter, footprintZeroIsTheGeometry) {
     for (const Variant& v : variants()) {
       const std::vector<float> h = heightsOf(functions(v), p, 4);
       for (std::size_t i = 0; i < h.size(); ++i) {
-        ASSERT_EQ(std::bit_cast<std::uint32_t>(functions(v).filtered(p.x[i], p.z[i], 0.0f, 4)), std::bit_cast<std::uint32_t>(h[i])) << v.name;
+        ASSERT_EQ(std::bit_cast<std::uint32_t>(functions(v).filtered(p.x[i], p.z[i], 0.0f, 4)), std::bit_cast<std::uint32_t>(h[i]))
+            << v.name;
       }
     }
   }
