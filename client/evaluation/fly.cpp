@@ -122,13 +122,16 @@ class Flight {
     if (auto added = recorder_.add(iteration, record); !added) return added.error();
     if (!record.hashOk) {
       const std::string why = applied ? "its hash differs from the server's" : applied.error().message;
-      std::fprintf(stderr, "warning: the mesh held after iteration %llu is not the server's (%s); asking for all leaves again\n",
+      std::fprintf(stderr, "warning: the mesh held after iteration %llu is not the server's (%s); asking for leaves again\n",
                    static_cast<unsigned long long>(iteration.number), why.c_str());
       if (recorder_.hashMismatches() > kMostMismatches)
         return Error{"the mesh held differed from the server's in more than " + std::to_string(kMostMismatches) +
                      " iterations: the last time " + why};
       if (!applied) scene_.clear();
-      connection_->resend({});
+      // Leaves that are known to be wrong by name, and once; else all of them.
+      const bool known = scene_.damaged();
+      const auto damaged = scene_.takeDamaged();
+      if (!known || !damaged.empty()) connection_->resend({damaged});
     }
     connection_->acknowledge({iteration.number, scene_.hash()});
     return {};

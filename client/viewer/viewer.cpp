@@ -14,7 +14,9 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
+#include "client/connection/resuming.h"
 #include "client/render/context.h"
 #include "client/render/local_terrain.h"
 #include "client/render/renderer.h"
@@ -80,7 +82,7 @@ class Window {
 
 class Viewer {
  public:
-  Viewer(const ViewOptions& options, GLFWwindow* window, std::unique_ptr<connection::Connection> connection,
+  Viewer(const ViewOptions& options, GLFWwindow* window, std::unique_ptr<connection::Resuming> connection,
          std::shared_ptr<const terrain::Terrain> terrain, render::MeshPass mesh, render::MarchPass march, render::ShadePass shade)
       : options_(options),
         window_(window),
@@ -98,7 +100,18 @@ class Viewer {
     overlay_.emplace(window_);
     const wire::World& world = connection_->world();
     if (!terrain_) shown_.mode = Mode::kMesh;
+    contentHash_ = world.contentHash;
     shown_.world = world.terrainName + ", seed " + std::to_string(world.seed) + ", from " + world.serverName;
+  }
+
+  // A new connection has begun: what is held of the last one. Another world than the one that is drawn is the end.
+  std::vector<wire::HeldLeaf> resume(const wire::World& world) {
+    if (world.contentHash != contentHash_) {
+      otherWorld_ = true;
+      return {};
+    }
+    scene_.reconnect();
+    return scene_.held();
   }
 
   int run() {
@@ -226,19 +239,26 @@ class Viewer {
   // ---- the server ----
 
   void converse() {
-    if (lost_) return;
+    if (otherWorld_) return;
     for (int k = 0; k < 4; ++k) {  // a few at a time: the window goes first
       const auto received = connection_->receive(0ms);
       if (!received) break;
       take(*received);
     }
-    if (const auto why = connection_->error()) {
-      lost_ = true;
-      shown_.message = "The connection to the server has ended: " + why->message + "\nThe picture shows what had arrived. Esc quits.";
-      std::fprintf(stderr, "ridgecast-client: %s\n", why->message.c_str());
+    const auto why = connection_->error();
+    if (otherWorld_) {
+      shown_.message = "The server has another world now: start the viewer anew to see it.\nThe picture shows what had arrived. Esc quits.";
       changed_ = true;
-      return;
+    } else if (why && !lost_) {
+      shown_.message = "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Esc quits.";
+      std::fprintf(stderr, "ridgecast-client: %s; trying again\n", why->message.c_str());
+      changed_ = true;
+    } else if (!why && lost_) {
+      shown_.message.clear();
+      std::fprintf(stderr, "ridgecast-client: connected again\n");
+      changed_ = true;
     }
+    lost_ = why.has_value();
     sendPose();
   }
 
@@ -246,7 +266,9 @@ class Viewer {
     const wire::Iteration& iteration = received.iteration;
     const auto applied = scene_.apply(iteration);
     const bool same = applied && scene_.hash() == iteration.meshHash;
-    if (!same) {
+    if (applied && scene_.damaged()) {
+      if (const auto damaged = scene_.takeDamaged(); !damaged.empty()) connection_->resend({damaged});
+    } else if (!same) {
       std::fprintf(stderr, "warning: the mesh held after iteration %llu is not the server's%s; asking for all leaves again\n",
                    static_cast<unsigned long long>(iteration.number), applied ? "" : (" (" + applied.error().message + ")").c_str());
       if (!applied) scene_.clear();
@@ -392,7 +414,7 @@ class Viewer {
 
   const ViewOptions& options_;
   GLFWwindow* window_;
-  std::unique_ptr<connection::Connection> connection_;
+  std::unique_ptr<connection::Resuming> connection_;
   std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here
   scene::Scene scene_;
   render::ShadePass shade_;
@@ -404,11 +426,11 @@ class Viewer {
   Input input_;
 
   std::optional<std::pair<double, double>> lastCursor_;
-  bool dragging_ = false, changed_ = true, idle_ = false, lost_ = false, meshStale_ = false, marchStale_ = false;
+  bool dragging_ = false, changed_ = true, idle_ = false, lost_ = false, otherWorld_ = false, meshStale_ = false, marchStale_ = false;
   std::optional<camera::Camera> sentCamera_, drawnCamera_;
   std::map<std::uint64_t, Clock::time_point> sent_;  // pose sequence -> when; at most 256
   Clock::time_point sentAt_{}, presentedAt_{}, countedSince_ = Clock::now();
-  std::uint64_t sequence_ = 0, sceneVersion_ = 0;
+  std::uint64_t sequence_ = 0, sceneVersion_ = 0, contentHash_ = 0;
   int framesCounted_ = 0, iterationsCounted_ = 0;
   std::optional<lattice::Point> boundsAt_;
   render::HeightBounds bounds_;
@@ -422,7 +444,8 @@ int view(const ViewOptions& options) {
   wire::Hello hello;
   hello.clientName = "ridgecast-client view";
   hello.settings = options.settings;
-  auto connected = connection::Connection::open(options.url, hello);
+  Viewer* viewing = nullptr;
+  auto connected = connection::Resuming::open(options.url, hello, [&viewing](const wire::World& world) { return viewing->resume(world); });
   if (!connected) return fail(1, connected.error().message);
   const wire::World& world = (*connected)->world();
   auto drawing = render::drawingOf(world, options.remoteShaders);
@@ -436,6 +459,7 @@ int view(const ViewOptions& options) {
   std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
   Viewer viewer(options, (*window)->handle(), std::move(*connected), std::move(drawing.terrain), std::move(*mesh), std::move(*march),
                 std::move(*shade));
+  viewing = &viewer;
   return viewer.run();
 }
 

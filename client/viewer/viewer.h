@@ -22,7 +22,7 @@ struct ViewOptions {
 };
 
 // Returns the program's exit code: 0 closed by the user or after `seconds`, 1 no server, 3 no display or OpenGL. A connection that
-// ends later is said in the window, which keeps drawing what it holds. Errors go to stderr. Must run on the main thread.
+// ends later is said in the window, which keeps drawing what it holds and tries to connect again. Errors go to stderr. Must run on the main thread.
 int view(const ViewOptions& options);
 
 }  // namespace ridgecast::viewer
