@@ -262,19 +262,28 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
   const auto& t = s.mesh.triangulation();
   const lattice::Step dx = s.mesh.surface().anchor.x - address.x(), dz = s.mesh.surface().anchor.z - address.z();
   out.triangles.reserve(t.triangleCount(leaf->region));
+  out.vertices.reserve(t.triangleCount(leaf->region) / 2 + 16);
+  // By vertex: 1 + its place in the leaf, 0 between calls. Of each thread, as large as the largest mesh it has seen.
+  thread_local std::vector<std::uint32_t> places;
+  if (places.size() < t.vertexCapacity()) places.resize(t.vertexCapacity(), 0);
   std::vector<VertexId> vertices;
+  vertices.reserve(out.vertices.capacity());
   t.trianglePages().forEach(leaf->region, [&](TriangleId id) {
-    out.triangles.push_back({t.triangle(id).v[0], t.triangle(id).v[1], t.triangle(id).v[2]});
-    for (VertexId v : t.triangle(id).v) vertices.push_back(v);
+    mesh::Triangle triangle;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const VertexId v = t.triangle(id).v[k];
+      std::uint32_t& place = places[v];
+      if (place == 0) {
+        const auto& p = t.vertex(v);
+        out.vertices.push_back({static_cast<std::int32_t>(dx + p.x), static_cast<std::int32_t>(dz + p.z), p.y});
+        vertices.push_back(v);
+        place = static_cast<std::uint32_t>(vertices.size());
+      }
+      triangle[k] = place - 1;
+    }
+    out.triangles.push_back(triangle);
   });
-  std::sort(vertices.begin(), vertices.end());
-  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-  for (VertexId v : vertices) {
-    const auto& p = t.vertex(v);
-    out.vertices.push_back({static_cast<std::int32_t>(dx + p.x), static_cast<std::int32_t>(dz + p.z), p.y});
-  }
-  for (mesh::Triangle& triangle : out.triangles)
-    for (std::uint32_t& v : triangle) v = static_cast<std::uint32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) - vertices.begin());
+  for (VertexId v : vertices) places[v] = 0;
   mesh::canonicalize(out);
   return out;
 }
