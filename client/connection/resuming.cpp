@@ -51,7 +51,8 @@ void Resuming::lookAfter() {
   }
   if (!attempt_.valid()) {
     if (Clock::now() < next_) return;
-    attempt_ = std::async(std::launch::async, [url = url_, hello = hello_, patience = pauses_.patience] { return Connection::open(url, hello, patience); });
+    attempt_ = std::async(std::launch::async,
+                          [url = url_, hello = hello_, patience = pauses_.patience] { return Connection::open(url, hello, patience); });
   }
   if (attempt_.wait_for(0ms) != std::future_status::ready) return;
   auto opened = attempt_.get();
@@ -83,7 +84,8 @@ std::optional<Received> Resuming::receive(std::chrono::milliseconds patience) {
     }
     lookAfter();
     if (Clock::now() >= until) return std::nullopt;
-    if (lost_) std::this_thread::sleep_for(std::clamp(std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()), 0ms, 5ms));
+    if (lost_)
+      std::this_thread::sleep_for(std::clamp(std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()), 0ms, 5ms));
   }
 }
 

@@ -123,7 +123,8 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
       base.mesh = std::make_shared<const mesh::LeafMesh>(std::move(gathered));
     }
     announced += base.mesh->triangles.size();
-    if (const auto counts = codec::deltaCounts(delta.payload, base.mesh->triangles.size())) announced = announced + counts->added - counts->removed;
+    if (const auto counts = codec::deltaCounts(delta.payload, base.mesh->triangles.size()))
+      announced = announced + counts->added - counts->removed;
     bases.push_back(std::move(base));
     if (announced > kMaxTriangles) break;
   }

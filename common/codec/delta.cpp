@@ -7,8 +7,8 @@
 #include <tuple>
 #include <utility>
 
-#include "common/codec/varint.h"
 #include "common/codec/delta_walk.h"
+#include "common/codec/varint.h"
 
 namespace ridgecast::codec {
 namespace {
@@ -118,7 +118,7 @@ class Difference {
   std::vector<std::uint32_t> number_;    // target vertex -> its number in the walk
   std::vector<std::uint32_t> fresh_;     // new number -> target vertex
   std::vector<char> goes_, coded_;
-  std::vector<std::uint32_t> added_;     // triangles of the target
+  std::vector<std::uint32_t> added_;  // triangles of the target
   std::size_t next_ = 0;
   std::vector<Left> left_;
 };
@@ -185,8 +185,7 @@ std::string assemble(const mesh::LeafMesh& base, const std::vector<char>& fates,
 
 std::uint64_t hashOf(const lattice::LeafAddress& address, const std::vector<mesh::LocalVertex>& vertices, const mesh::Triangle& t) {
   lattice::Vertex v[3];
-  for (std::size_t k = 0; k < 3; ++k)
-    v[k] = {address.x() + vertices[t[k]].x, address.z() + vertices[t[k]].z, vertices[t[k]].y};
+  for (std::size_t k = 0; k < 3; ++k) v[k] = {address.x() + vertices[t[k]].x, address.z() + vertices[t[k]].z, vertices[t[k]].y};
   return mesh::hashTriangle(v[0], v[1], v[2]);
 }
 
@@ -201,7 +200,8 @@ Outcome<Head> readHead(std::span<const std::uint8_t> payload, std::size_t baseTr
   Reader reader(payload);
   std::uint8_t form = 0;
   std::uint64_t removed = 0, added = 0, fresh = 0;
-  if (!reader.byte(form) || !reader.varint(removed) || !reader.varint(added) || !reader.varint(fresh)) return refusal("it ends within its header");
+  if (!reader.byte(form) || !reader.varint(removed) || !reader.varint(added) || !reader.varint(fresh))
+    return refusal("it ends within its header");
   if (form != kForm) return refusal("its form is unknown; known is 0x20");
   Head head;
   for (int k = 0; k < 4; ++k) {

@@ -59,8 +59,8 @@ class Walk {
     return file() && remove() && open() && fill() && freshLeft_ == 0;
   }
 
-  std::vector<mesh::LocalVertex>& vertices() { return vertices_; }    // of the base, then the new ones
-  const std::vector<char>& fates() const { return fate_; }            // of the base's triangles: kGoes or not
+  std::vector<mesh::LocalVertex>& vertices() { return vertices_; }     // of the base, then the new ones
+  const std::vector<char>& fates() const { return fate_; }             // of the base's triangles: kGoes or not
   const std::vector<mesh::Triangle>& added() const { return added_; }  // in numbers of vertices()
 
   enum Fate : char { kUndecided, kStays, kGoes };
@@ -284,9 +284,7 @@ class Walk {
     Apex is;
     if constexpr (!Coder::kDecodes) is = truth_.apex(edge.a, edge.b);
     const mesh::LocalVertex &a = vertices_[edge.a], &b = vertices_[edge.b];
-    const auto candidate = [&](std::uint32_t v) {
-      return v != kNobody && orientation(a, b, vertices_[v]) > 0 ? v : kNobody;
-    };
+    const auto candidate = [&](std::uint32_t v) { return v != kNobody && orientation(a, b, vertices_[v]) > 0 ? v : kNobody; };
     const std::uint32_t before = candidate(walk(edge.a, false, 1)), behind = candidate(walk(edge.b, true, 1));
     std::size_t situation = 0;  // 0: one of them, 1: both are one, 2: before is nearer, 3: behind is
     if (before != kNobody && behind != kNobody)
@@ -314,8 +312,10 @@ class Walk {
       for (std::uint32_t k = 1; k <= kMaxWalk && steps == 0; ++k) {
         on = on == kNobody ? kNobody : walk(on, true, 1);
         back = back == kNobody ? kNobody : walk(back, false, 1);
-        if (on == is.vertex) steps = k;
-        else if (back == is.vertex) steps = k, forwards = false;
+        if (on == is.vertex)
+          steps = k;
+        else if (back == is.vertex)
+          steps = k, forwards = false;
       }
     }
     if (coder_.bit(isWalk_, steps > 0)) {
@@ -410,7 +410,8 @@ class Walk {
   }
 
   // Where the plane through three vertices is at a fourth one, not far above or below them.
-  static std::int64_t heightAt(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c, const mesh::LocalVertex& v) {
+  static std::int64_t heightAt(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c,
+                               const mesh::LocalVertex& v) {
     const double ux = double(b.x) - a.x, uz = double(b.z) - a.z, wx = double(c.x) - a.x, wz = double(c.z) - a.z;
     const double px = double(v.x) - a.x, pz = double(v.z) - a.z, det = ux * wz - uz * wx;
     const std::int64_t low = std::min({a.y, b.y, c.y}), high = std::max({a.y, b.y, c.y});

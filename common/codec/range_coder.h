@@ -24,7 +24,8 @@ struct Probability {
   constexpr explicit Probability(unsigned of256) : one(static_cast<std::uint16_t>(of256 << 8)), seen(2) {}
 
   void learn(bool bit) {
-    constexpr std::uint16_t kRate[] = {32768, 21845, 16384, 13107, 10922, 9362, 8192, 7281, 6553, 5957, 5461, 5041, 4681, 4369, 4096, 3855, 3640, 3449, 3276};
+    constexpr std::uint16_t kRate[] = {32768, 21845, 16384, 13107, 10922, 9362, 8192, 7281, 6553, 5957,
+                                       5461,  5041,  4681,  4369,  4096,  3855, 3640, 3449, 3276};
     constexpr std::uint16_t kOldest = 18;
     const std::int32_t target = bit ? 65535 - 64 : 64;
     one = static_cast<std::uint16_t>(one + (((target - one) * kRate[seen]) >> 16));

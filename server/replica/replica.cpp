@@ -16,7 +16,8 @@ bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
   scratch_ = held_;
   for (const wire::HeldLeaf& leaf : leaves) scratch_.push_back({leaf.address, 0, leaf.hash, false});
   std::sort(scratch_.begin(), scratch_.end(), [](const Held& a, const Held& b) { return a.address < b.address; });
-  const auto twice = std::adjacent_find(scratch_.begin(), scratch_.end(), [](const Held& a, const Held& b) { return a.address == b.address; });
+  const auto twice =
+      std::adjacent_find(scratch_.begin(), scratch_.end(), [](const Held& a, const Held& b) { return a.address == b.address; });
   if (twice != scratch_.end()) return false;
   held_.swap(scratch_);
   for (const wire::HeldLeaf& leaf : leaves) meshHash_ += mesh::hashTerm(leaf.address, leaf.hash);
@@ -26,8 +27,8 @@ bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
 Changes Replica::send(std::span<const pipeline::LeafState> leaves) {
   assert(hasRoom());
   Changes changes;
-  std::vector<Arrival> arrivals;               // leaves that were not held
-  std::vector<lattice::LeafAddress> sources;   // leaves that are gone, and were not lost
+  std::vector<Arrival> arrivals;              // leaves that were not held
+  std::vector<lattice::LeafAddress> sources;  // leaves that are gone, and were not lost
   scratch_.clear();
   scratch_.reserve(leaves.size());
   auto held = held_.cbegin();

@@ -34,16 +34,16 @@ inline constexpr int kMaxRepairs = 3;
 // A leaf that the client can make from what it holds before the iteration.
 struct Derived {
   lattice::LeafAddress address;
-  std::uint64_t hash = 0;        // of the leaf
-  std::uint64_t sourceHash = 0;  // of its source, where that is the leaf itself
+  std::uint64_t hash = 0;              // of the leaf
+  std::uint64_t sourceHash = 0;        // of its source, where that is the leaf itself
   std::uint32_t first = 0, count = 0;  // of Changes::sources: the leaf itself, or leaves that are gone and cover or lie in it
 };
 
 // What the next iteration must carry. Addresses in canonical order; a leaf is never in two lists.
 struct Changes {
-  std::uint64_t number = 0;                   // of the iteration, ascending by 1 from 1
-  std::vector<lattice::LeafAddress> gone;     // held, and no longer part of the mesh
-  std::vector<lattice::LeafAddress> whole;    // new or asked for again; leaves without triangles are held as well, and empty
+  std::uint64_t number = 0;                 // of the iteration, ascending by 1 from 1
+  std::vector<lattice::LeafAddress> gone;   // held, and no longer part of the mesh
+  std::vector<lattice::LeafAddress> whole;  // new or asked for again; leaves without triangles are held as well, and empty
   std::vector<Derived> changed;
   std::vector<lattice::LeafAddress> sources;  // of `changed`
   std::uint64_t meshHash = 0;                 // of what the client holds afterwards

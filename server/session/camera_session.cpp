@@ -122,7 +122,8 @@ CameraSession::Refusal CameraSession::take(const wire::ResendLeaves& resend) {
 
 CameraSession::Refusal CameraSession::take(const wire::Resume& resume) {
   if (stage_ == Stage::kExpectsHello) return expectsHello("resume");
-  if (lastSequence_ != 0) return ErrorMessage{ErrorCode::kMalformed, "A resume came after a pose; it belongs between hello and the first pose."};
+  if (lastSequence_ != 0)
+    return ErrorMessage{ErrorCode::kMalformed, "A resume came after a pose; it belongs between hello and the first pose."};
   if (!replica_.resume(resume.leaves))
     return ErrorMessage{ErrorCode::kInvalid, "A resume names a leaf twice, or more than " + std::to_string(wire::kMaxResumed) + " in all."};
   return {};

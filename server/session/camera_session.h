@@ -23,8 +23,8 @@
 #include <optional>
 
 #include "common/wire/messages.h"
-#include "server/replica/replica.h"
 #include "server/replica/bases.h"
+#include "server/replica/replica.h"
 #include "server/session/pace.h"
 #include "server/session/session.h"
 

@@ -38,8 +38,8 @@ class Pace {
   }
 
  private:
-  static constexpr double kShare = 0.25;                      // seconds
-  static constexpr std::chrono::milliseconds kCredit{250};    // what was not used for so long is not saved up
+  static constexpr double kShare = 0.25;                    // seconds
+  static constexpr std::chrono::milliseconds kCredit{250};  // what was not used for so long is not saved up
 
   std::uint64_t rate_ = 0;
   Clock::time_point free_{};

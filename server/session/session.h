@@ -30,7 +30,7 @@ struct Limits {
   std::size_t maxQueuedBytes = 8u << 20;  // no iteration begins while more than this waits in a client's way out
   std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: no limit
   pipeline::Limits mesh;
-  bool sendsTerrain = true;               // false: World's terrain_source stays empty
+  bool sendsTerrain = true;  // false: World's terrain_source stays empty
 };
 
 inline constexpr std::string_view kDefaultName = "default";

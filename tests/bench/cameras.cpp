@@ -49,17 +49,21 @@ struct Plan {
 // One camera's end of the line.
 class Line {
  public:
-  Line(std::uint16_t port, int index, const Plan& plan, const terrain::Terrain& terrain) : index_(index), plan_(plan), terrain_(terrain), opened_(Time::now()) {
+  Line(std::uint16_t port, int index, const Plan& plan, const terrain::Terrain& terrain)
+      : index_(index), plan_(plan), terrain_(terrain), opened_(Time::now()) {
     socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
     sockaddr_in address{};
     address.sin_family = AF_INET;
     address.sin_port = htons(port);
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    if (::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0) throw std::runtime_error("cannot connect to the server");
+    if (::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0)
+      throw std::runtime_error("cannot connect to the server");
     const int one = 1;
     setsockopt(socket_, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
-    write("GET /v1/stream HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
-          "dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
+    write(
+        "GET /v1/stream HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: "
+        "13\r\nSec-WebSocket-Key: "
+        "dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
   }
   ~Line() { ::close(socket_); }
   Line(const Line&) = delete;
@@ -70,7 +74,8 @@ class Line {
     if (!upgraded_) return;
     const double t = plan_.rest ? 0 : since(opened_);
     // Lines a kilometre apart, each camera in its own direction.
-    const double yaw = index_ * 2.399963, x = 1000.0 * (index_ % 8) - 50 * t * std::sin(yaw), z = 1000.0 * (index_ / 8) - 50 * t * std::cos(yaw);
+    const double yaw = index_ * 2.399963, x = 1000.0 * (index_ % 8) - 50 * t * std::sin(yaw),
+                 z = 1000.0 * (index_ / 8) - 50 * t * std::cos(yaw);
     wire::PoseMessage p;
     p.sequence = ++sequence_;
     p.camera = cameraAt(terrain_, x, z, 120, yaw, -0.15);
@@ -118,7 +123,8 @@ class Line {
       const auto opcode = byte(0) & 15;
       if (opcode == 2) take({reinterpret_cast<const std::uint8_t*>(in_.data()) + at + head, length});
       if (opcode == 9) frame(10, in_.substr(at + head, length));
-      if (opcode == 8) throw std::runtime_error("the server closed camera " + std::to_string(index_) + ": " + in_.substr(at + head + 2, length - 2));
+      if (opcode == 8)
+        throw std::runtime_error("the server closed camera " + std::to_string(index_) + ": " + in_.substr(at + head + 2, length - 2));
       at += head + length;
     }
     in_.erase(0, at);
@@ -245,7 +251,8 @@ Report measure(const Plan& plan, const Options& options) {
     while (static_cast<int>(lines.size()) < plan.count && now >= joining * static_cast<double>(lines.size()) / plan.count) {
       const int k = static_cast<int>(lines.size());
       lines.push_back(std::make_unique<Line>(server.port(), k, plan, **terrain));
-      next.push_back(Time::now() + std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(plan.interval * (1 + (k % 16) / 16.0))));
+      next.push_back(Time::now() +
+                     std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(plan.interval * (1 + (k % 16) / 16.0))));
       epoll_event event{};
       event.events = EPOLLIN;
       event.data.u32 = static_cast<std::uint32_t>(k);
@@ -293,9 +300,10 @@ Report measure(const Plan& plan, const Options& options) {
   report.add("encode_share", total > 0 ? encode / total : 0);
   report.add("first_view_ms", median(coarse), "ms");
   if (plan.rest) report.add("at_rest", settled);
-  report.note(std::to_string(plan.count) + (plan.rest ? " cameras at rest" : " cameras at 50 m/s, ten poses a second each") + ", budget " + std::to_string(plan.budget) +
-              " triangles, " + std::to_string(static_cast<int>(seconds + 0.5)) + " s, after " + std::to_string(static_cast<int>(warm + 0.5)) + " s; " +
-              std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) + " cores for server and generator");
+  report.note(std::to_string(plan.count) + (plan.rest ? " cameras at rest" : " cameras at 50 m/s, ten poses a second each") + ", budget " +
+              std::to_string(plan.budget) + " triangles, " + std::to_string(static_cast<int>(seconds + 0.5)) + " s, after " +
+              std::to_string(static_cast<int>(warm + 0.5)) + " s; " + std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) +
+              " cores for server and generator");
   return report;
 }
 
@@ -310,14 +318,22 @@ Report cameras(const Options& options) {
       if (k + 1 >= options.arguments.size()) throw std::runtime_error(name + " needs a value");
       return options.arguments[++k];
     };
-    if (name == "--count") plan.count = std::max(1, std::atoi(value().c_str()));
-    else if (name == "--seconds") plan.seconds = std::max(0.1, std::atof(value().c_str())), seconds = true;
-    else if (name == "--budget") plan.budget = static_cast<std::uint32_t>(std::atoll(value().c_str()));
-    else if (name == "--bytes-per-second") plan.bytesPerSecond = static_cast<std::uint64_t>(std::atoll(value().c_str()));
-    else if (name == "--threads") plan.server = {"--threads", value()};
-    else if (name == "--rest") plan.rest = true;
-    else if (name == "--table") plan.table = true;
-    else throw std::runtime_error("cameras does not know " + name);
+    if (name == "--count")
+      plan.count = std::max(1, std::atoi(value().c_str()));
+    else if (name == "--seconds")
+      plan.seconds = std::max(0.1, std::atof(value().c_str())), seconds = true;
+    else if (name == "--budget")
+      plan.budget = static_cast<std::uint32_t>(std::atoll(value().c_str()));
+    else if (name == "--bytes-per-second")
+      plan.bytesPerSecond = static_cast<std::uint64_t>(std::atoll(value().c_str()));
+    else if (name == "--threads")
+      plan.server = {"--threads", value()};
+    else if (name == "--rest")
+      plan.rest = true;
+    else if (name == "--table")
+      plan.table = true;
+    else
+      throw std::runtime_error("cameras does not know " + name);
   }
   if (options.quick) {
     plan.warmUp = 2;
@@ -326,7 +342,9 @@ Report cameras(const Options& options) {
   if (!plan.table) return measure(plan, options);
   // The curve over the number of cameras, as rows of a Markdown table.
   Report last;
-  std::printf("| cameras | iterations/s slowest | median | p50 ms | p99 ms | fairness | B/s each | encoding | server MiB | server cores |\n|---|---|---|---|---|---|---|---|---|---|\n");
+  std::printf(
+      "| cameras | iterations/s slowest | median | p50 ms | p99 ms | fairness | B/s each | encoding | server MiB | server cores "
+      "|\n|---|---|---|---|---|---|---|---|---|---|\n");
   for (int count = 1; count <= plan.count; count *= 2) {
     Plan one = plan;
     one.count = count;
@@ -336,8 +354,9 @@ Report cameras(const Options& options) {
         if (f.name == name) return f.value;
       return std::nan("");
     };
-    std::printf("| %d | %.1f | %.1f | %.0f | %.0f | %.3f | %.0f | %.0f %% | %.0f | %.2f |\n", count, of("iterations_per_second"), of("median_iterations_per_second"),
-                of("p50_ms"), of("p99_ms"), of("fairness"), of("bytes_per_second"), 100 * of("encode_share"), of("server_rss_mib"), of("server_cores"));
+    std::printf("| %d | %.1f | %.1f | %.0f | %.0f | %.3f | %.0f | %.0f %% | %.0f | %.2f |\n", count, of("iterations_per_second"),
+                of("median_iterations_per_second"), of("p50_ms"), of("p99_ms"), of("fairness"), of("bytes_per_second"),
+                100 * of("encode_share"), of("server_rss_mib"), of("server_cores"));
     std::fflush(stdout);
   }
   return last;

@@ -63,14 +63,18 @@ class Refined {
       Point2 point;
       bool middle;
     };
-    for (RegionId r = 0; r < mesh_.regionLimit(); ++r) mesh_.trianglePages().forEach(r, [&](TriangleId t) { mesh_.trianglePages().clearFresh(t); });
+    for (RegionId r = 0; r < mesh_.regionLimit(); ++r)
+      mesh_.trianglePages().forEach(r, [&](TriangleId t) { mesh_.trianglePages().clearFresh(t); });
     std::vector<Wish> wishes;
     for (RegionId r = 1; r < mesh_.regionLimit(); ++r)
       mesh_.trianglePages().forEach(r, [&](TriangleId t) {
         if (mesh_.isGhost(t)) return;
-        const Vertex &a = mesh_.vertex(mesh_.triangle(t).v[0]), &b = mesh_.vertex(mesh_.triangle(t).v[1]), &c = mesh_.vertex(mesh_.triangle(t).v[2]);
+        const Vertex &a = mesh_.vertex(mesh_.triangle(t).v[0]), &b = mesh_.vertex(mesh_.triangle(t).v[1]),
+                     &c = mesh_.vertex(mesh_.triangle(t).v[2]);
         const Point2 p{(a.x + b.x + c.x) / 3, (a.z + b.z + c.z) / 3};
-        const auto left = [&](const Vertex& u, const Vertex& v) { return std::int64_t{v.z - u.z} * (p.x - u.x) - std::int64_t{v.x - u.x} * (p.z - u.z); };
+        const auto left = [&](const Vertex& u, const Vertex& v) {
+          return std::int64_t{v.z - u.z} * (p.x - u.x) - std::int64_t{v.x - u.x} * (p.z - u.z);
+        };
         if (left(a, b) <= 0 || left(b, c) <= 0 || left(c, a) <= 0) return;  // rounded out of its triangle
         const double flat = (a.y + b.y + c.y) / 3.0;
         const double area = std::abs(double(b.x - a.x) * (c.z - a.z) - double(b.z - a.z) * (c.x - a.x));
@@ -132,11 +136,11 @@ Bytes deltaOf(const mesh::LeafMesh& base, const mesh::LeafMesh& target) {
 // ---- a flight ----
 
 struct Flown {
-  double changed = 0, delta = 0, whole = 0, ratios = 0;          // leaves that changed: how many, bytes as deltas, bytes whole, sum of ratios
-  double moved = 0, movedDelta = 0, movedWhole = 0;              // leaves that came by a split or merge
-  double fresh = 0, freshWhole = 0, freshTriangles = 0;          // leaves with nothing before
+  double changed = 0, delta = 0, whole = 0, ratios = 0;  // leaves that changed: how many, bytes as deltas, bytes whole, sum of ratios
+  double moved = 0, movedDelta = 0, movedWhole = 0;      // leaves that came by a split or merge
+  double fresh = 0, freshWhole = 0, freshTriangles = 0;  // leaves with nothing before
   double wholeBytes = 0, wholeTriangles = 0, newTriangles = 0;
-  double encode = 0, decode = 0, wholeEncode = 0;                // seconds
+  double encode = 0, decode = 0, wholeEncode = 0;  // seconds
 };
 
 // What a message adds to a payload: tags, lengths and the address.
@@ -207,7 +211,9 @@ Flown fly(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::
         std::size_t shared = 0;
         for (auto a = base.triangles.begin(), b = target.triangles.begin(); a != base.triangles.end() && b != target.triangles.end();) {
           // Counted by place, not by index: a new vertex renumbers the others.
-          const auto place = [](const mesh::LeafMesh& m, const mesh::Triangle& v) { return std::array{m.vertices[v[0]], m.vertices[v[1]], m.vertices[v[2]]}; };
+          const auto place = [](const mesh::LeafMesh& m, const mesh::Triangle& v) {
+            return std::array{m.vertices[v[0]], m.vertices[v[1]], m.vertices[v[2]]};
+          };
           const auto pa = place(base, *a), pb = place(target, *b);
           shared += pa == pb;
           if (pa <= pb) ++a;
@@ -252,7 +258,8 @@ Report deltas(const Options& options) {
   const lattice::Point corner{lattice::floorTo(1900 * 256, 13), lattice::floorTo(2000 * 256, 13)};
   for (const std::size_t k : {8, 64, 512}) {
     Refined refined(**terrain, corner);
-    while (refined.triangles() < 4096) refined.refine(std::max<std::size_t>(16, std::min<std::size_t>(400, (4110 - refined.triangles()) / 2)), false);
+    while (refined.triangles() < 4096)
+      refined.refine(std::max<std::size_t>(16, std::min<std::size_t>(400, (4110 - refined.triangles()) / 2)), false);
     const mesh::LeafMesh base = refined.leaf();
     refined.refine(k, true);
     const mesh::LeafMesh target = refined.leaf();
@@ -279,8 +286,8 @@ Report deltas(const Options& options) {
   report.add("encode_us_per_leaf", f.encode / (f.changed + f.moved) * 1e6, "us");
   report.add("decode_us_per_leaf", f.decode / (f.changed + f.moved) * 1e6, "us");
   report.add("whole_encode_us_per_leaf", f.wholeEncode / (f.changed + f.moved) * 1e6, "us");
-  report.note("flight: " + file.substr(file.rfind('/') + 1) + ", default settings, 10 iterations a second, from the settled start on; " + std::to_string(static_cast<int>(kFrameBytes)) +
-              " bytes a leaf added to both sides for address and frame");
+  report.note("flight: " + file.substr(file.rfind('/') + 1) + ", default settings, 10 iterations a second, from the settled start on; " +
+              std::to_string(static_cast<int>(kFrameBytes)) + " bytes a leaf added to both sides for address and frame");
   return report;
 }
 

@@ -48,7 +48,8 @@ int holes(const scene::Scene& scene, const camera::Pose& pose) {
   for (const double radius : {5.0, 60.0, 700.0, 6'000.0, 29'000.0})
     for (int k = 0; k < 16; ++k) {
       const double angle = (k + 0.37) * std::numbers::pi / 8;
-      count += !scene.height({pose.x + std::llround(radius * 256 * std::cos(angle)), pose.z + std::llround(radius * 256 * std::sin(angle))});
+      count +=
+          !scene.height({pose.x + std::llround(radius * 256 * std::cos(angle)), pose.z + std::llround(radius * 256 * std::sin(angle))});
     }
   return count;
 }
@@ -89,7 +90,7 @@ TEST(Lines, AQuickTurnOverALongLineShowsNoHole) {
   RecordProperty("p99_ms", static_cast<int>(p99));
   EXPECT_GT(client.latencies().size(), 20u);
   EXPECT_GE(p50, 100) << "the line is not as long as it should be";
-  EXPECT_LT(p50, 250);   // the round trip, jitter and 150 ms; on a machine that has nothing else to do the 99th percentile keeps to it too
+  EXPECT_LT(p50, 250);  // the round trip, jitter and 150 ms; on a machine that has nothing else to do the 99th percentile keeps to it too
   EXPECT_LT(p99, 1000);
   EXPECT_TRUE(server.healthy());
 }
@@ -146,12 +147,15 @@ class Neighbours : public testing::Test {
     while (Clock::now() < end) {
       good_->send(path_->looped(secondsSince(began_)));
       const auto next = Clock::now() + 100ms;
-      while (Clock::now() < next) EXPECT_TRUE(good_->take(std::chrono::duration_cast<std::chrono::milliseconds>(next - Clock::now()) + 1ms));
+      while (Clock::now() < next)
+        EXPECT_TRUE(good_->take(std::chrono::duration_cast<std::chrono::milliseconds>(next - Clock::now()) + 1ms));
     }
     return static_cast<double>(good_->iterations() - before) / secondsSince(start);
   }
 
-  std::string poseMessage(std::uint64_t sequence) { return wire::encode(wire::ClientMessage(wire::PoseMessage{sequence, path_->at(static_cast<double>(sequence % 40))})); }
+  std::string poseMessage(std::uint64_t sequence) {
+    return wire::encode(wire::ClientMessage(wire::PoseMessage{sequence, path_->at(static_cast<double>(sequence % 40))}));
+  }
   std::string helloMessage() {
     wire::Hello hello;
     hello.settings = settings(2);
@@ -191,7 +195,8 @@ TEST_F(Neighbours, ClientsThatStopOrReadAByteASecondCostAFixedBound) {
   fly(4s);
   RecordProperty("rate_before", std::to_string(before));
   RecordProperty("rate_during", std::to_string(during));
-  RecordProperty("mib_before_peak_after", std::to_string(memory) + " " + std::to_string(peak) + " " + std::to_string(residentMib(server_->process().id())));
+  RecordProperty("mib_before_peak_after",
+                 std::to_string(memory) + " " + std::to_string(peak) + " " + std::to_string(residentMib(server_->process().id())));
   EXPECT_LT(residentMib(server_->process().id()), memory + 0.5 * (peak - memory) + 30);
 }
 
@@ -205,12 +210,13 @@ TEST_F(Neighbours, LiarsAreSentAwayAndTheOthersKeepTheirRate) {
       liars.push_back(std::make_unique<SocketClient>(server_->port()));
       ASSERT_TRUE(liars.back()->upgrade());
       liars.back()->message(helloMessage());
-      if (k == 2) liars.back()->message(wire::encode(wire::ClientMessage(wire::Resume{{{{0, 1, 2}, 77}, {{5, 0, 0}, 78}}})));  // holds none of it
+      if (k == 2)
+        liars.back()->message(wire::encode(wire::ClientMessage(wire::Resume{{{{0, 1, 2}, 77}, {{5, 0, 0}, 78}}})));  // holds none of it
       liars.back()->message(poseMessage(1));
     }
     during += fly(1s) / 4;
     liars[0]->message(wire::encode(wire::ClientMessage(wire::Acknowledge{1'000'000, 1})));  // was never sent
-    for (std::uint64_t n = 1; n <= 40; ++n)  // every hash wrong
+    for (std::uint64_t n = 1; n <= 40; ++n)                                                 // every hash wrong
       for (int k = 1; k < 3; ++k) liars[static_cast<std::size_t>(k)]->message(wire::encode(wire::ClientMessage(wire::Acknowledge{n, 5})));
     for (auto& liar : liars) {
       const int code = liar->awaitClose();

@@ -19,7 +19,8 @@ void require(bool ok) {
 
 void checkSound(const mesh::LeafMesh& leaf) {
   require(mesh::isCanonical(leaf));
-  for (const mesh::Triangle& t : leaf.triangles) require(support::doubledArea(leaf.vertices[t[0]], leaf.vertices[t[1]], leaf.vertices[t[2]]) > 0);
+  for (const mesh::Triangle& t : leaf.triangles)
+    require(support::doubledArea(leaf.vertices[t[0]], leaf.vertices[t[1]], leaf.vertices[t[2]]) > 0);
   for (const mesh::LocalVertex& v : leaf.vertices) {
     require(std::max(std::abs(v.x), std::abs(v.z)) <= codec::kMaxOffset);
     require(std::abs(v.y) <= lattice::kMaxHeight);

@@ -37,7 +37,8 @@ std::string framed(const std::vector<Message>& messages) {
 }
 
 wire::LeafWhole wholeOf(const mesh::LeafMesh& leaf) {
-  return {leaf.address, static_cast<std::uint32_t>(leaf.vertices.size()), static_cast<std::uint32_t>(leaf.triangles.size()), codec::encodeLeaf(leaf)};
+  return {leaf.address, static_cast<std::uint32_t>(leaf.vertices.size()), static_cast<std::uint32_t>(leaf.triangles.size()),
+          codec::encodeLeaf(leaf)};
 }
 
 wire::LeafDelta deltaOf(const mesh::LeafMesh& base, const mesh::LeafMesh& target) {
@@ -54,7 +55,8 @@ void clientSeeds() {
   second.sequence = 2;
   using M = wire::ClientMessage;
   const wire::Resume resume{{{{0, 1, 2}, 3}, {{1, 2, -2}, 9}}};
-  for (const M& m : {M(hello), M(pose), M(wire::Acknowledge{1, 7}), M(wire::ResendLeaves{{{0, 0, 0}, {3, -4, 5}}}), M(wire::ResendLeaves{}), M(resume)})
+  for (const M& m :
+       {M(hello), M(pose), M(wire::Acknowledge{1, 7}), M(wire::ResendLeaves{{{0, 0, 0}, {3, -4, 5}}}), M(wire::ResendLeaves{}), M(resume)})
     write("client", framed<M>({m}));
   write("client", framed<M>({hello, resume, pose, wire::Acknowledge{1, 0}, second, wire::ResendLeaves{}, wire::Acknowledge{2, 5}}));
 }
@@ -104,7 +106,8 @@ void payloadSeeds() {
     const mesh::LeafMesh& leaf = bases[k];
     const auto whole = codec::encodeLeaf(leaf);
     if (leaf.vertices.size() < 256 && leaf.triangles.size() < 256)
-      write("payload", std::string{0, static_cast<char>(leaf.vertices.size()), static_cast<char>(leaf.triangles.size())} + std::string(whole.begin(), whole.end()));
+      write("payload", std::string{0, static_cast<char>(leaf.vertices.size()), static_cast<char>(leaf.triangles.size())} +
+                           std::string(whole.begin(), whole.end()));
     for (double share : {0.05, 0.5}) {
       mesh::LeafMesh target = share < 0.1 ? support::torn(random, leaf, share) : support::randomTin(random, 20);
       target.address = leaf.address;
@@ -112,7 +115,8 @@ void payloadSeeds() {
       mesh::canonicalize(target);
       if (!mesh::isCanonical(target)) continue;
       const auto delta = codec::encodeDelta(leaf, target, mesh::hashLeaf(target));
-      if (delta && !delta->empty()) write("payload", std::string{static_cast<char>(2 * k + 1), 0, 0} + std::string(delta->begin(), delta->end()));
+      if (delta && !delta->empty())
+        write("payload", std::string{static_cast<char>(2 * k + 1), 0, 0} + std::string(delta->begin(), delta->end()));
     }
   }
 }

@@ -64,7 +64,8 @@ struct Relay::Impl {
 
   std::size_t capacity() const {
     const double seconds = std::chrono::duration<double>(line.delay + line.jitter).count() + 0.05;
-    return std::max<std::size_t>(65536, static_cast<std::size_t>(static_cast<double>(line.bytesPerSecond ? line.bytesPerSecond : 200'000'000) * seconds));
+    return std::max<std::size_t>(
+        65536, static_cast<std::size_t>(static_cast<double>(line.bytesPerSecond ? line.bytesPerSecond : 200'000'000) * seconds));
   }
 
   void wake() {
@@ -82,8 +83,11 @@ struct Relay::Impl {
     }
     const auto now = Clock::now();
     way.sent = std::max(way.sent, now);
-    if (line.bytesPerSecond) way.sent += std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * static_cast<double>(n) / static_cast<double>(line.bytesPerSecond)));
-    const auto jitter = line.jitter.count() ? std::chrono::microseconds(random() % static_cast<unsigned>(line.jitter.count())) : std::chrono::microseconds(0);
+    if (line.bytesPerSecond)
+      way.sent +=
+          std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * static_cast<double>(n) / static_cast<double>(line.bytesPerSecond)));
+    const auto jitter = line.jitter.count() ? std::chrono::microseconds(random() % static_cast<unsigned>(line.jitter.count()))
+                                            : std::chrono::microseconds(0);
     way.lastDue = std::max(way.lastDue, way.sent + line.delay + jitter);
     way.line.push_back({way.lastDue, std::string(bytes, static_cast<std::size_t>(n))});
     way.waiting += static_cast<std::size_t>(n);
@@ -141,8 +145,10 @@ struct Relay::Impl {
           short events = 0;
           if (!held && !in->ended && in->waiting < room) events |= POLLIN;
           if (!held && !out->line.empty()) {
-            if (out->line.front().due <= Clock::now()) events |= POLLOUT;
-            else next = std::min(next, out->line.front().due);
+            if (out->line.front().due <= Clock::now())
+              events |= POLLOUT;
+            else
+              next = std::min(next, out->line.front().due);
           }
           polled.push_back({events ? socket : -1, events, 0});
         }
@@ -179,8 +185,8 @@ Relay::Relay(std::uint16_t port, const Line& line) : impl_(std::make_unique<Impl
   impl_->listener = ::socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in address = loopback(0);
   socklen_t size = sizeof address;
-  if (::bind(impl_->listener, reinterpret_cast<const sockaddr*>(&address), size) != 0 || ::listen(impl_->listener, 64) != 0 || ::pipe(impl_->wakeup) != 0 ||
-      ::getsockname(impl_->listener, reinterpret_cast<sockaddr*>(&address), &size) != 0)
+  if (::bind(impl_->listener, reinterpret_cast<const sockaddr*>(&address), size) != 0 || ::listen(impl_->listener, 64) != 0 ||
+      ::pipe(impl_->wakeup) != 0 || ::getsockname(impl_->listener, reinterpret_cast<sockaddr*>(&address), &size) != 0)
     throw std::runtime_error("the relay cannot listen");
   impl_->port = ntohs(address.sin_port);
   impl_->thread = std::thread([impl = impl_.get()] { impl->run(); });

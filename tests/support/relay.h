@@ -25,8 +25,8 @@ class Relay {
 
   std::uint16_t port() const;
   std::string url() const { return "ws://127.0.0.1:" + std::to_string(port()); }
-  void breakAll();         // resets every connection; new ones are taken as before
-  void hold(bool held);    // nothing moves while held
+  void breakAll();                  // resets every connection; new ones are taken as before
+  void hold(bool held);             // nothing moves while held
   std::uint64_t bytesDown() const;  // from the server
 
  private:

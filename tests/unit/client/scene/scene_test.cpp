@@ -162,7 +162,8 @@ TEST(Scene, AppliesDeltasSplitsAndMerges) {
 TEST(Scene, NamesTheLeafThatADeltaDoesNotFit) {
   Fixture f;
   wire::Iteration it = f.next();
-  const mesh::LeafMesh held = leafAt(f.random, {0, 0, 0}, 5), thought = leafAt(f.random, {0, 0, 0}, 5), next = support::torn(f.random, thought, 0.2);
+  const mesh::LeafMesh held = leafAt(f.random, {0, 0, 0}, 5), thought = leafAt(f.random, {0, 0, 0}, 5),
+                       next = support::torn(f.random, thought, 0.2);
   it.whole = {wholeOf(held), wholeOf(leafAt(f.random, {0, 1, 0}, 3))};
   ASSERT_TRUE(f.scene.apply(it));
   // The server thinks that another leaf is held: the rest of the iteration is applied, and the leaf stays.

@@ -108,7 +108,8 @@ TEST(Delta, AFewNewPointsCostAFewBytes) {
 
 // The example of PROTOCOL.md: a point into a square of two triangles, on its diagonal.
 mesh::LeafMesh square(bool split) {
-  mesh::LeafMesh leaf{.address = {0, 0, 0}, .vertices = {{0, 0, 0}, {0, 512, 0}, {512, 0, 0}, {512, 512, 0}}, .triangles = {{0, 1, 2}, {1, 3, 2}}};
+  mesh::LeafMesh leaf{
+      .address = {0, 0, 0}, .vertices = {{0, 0, 0}, {0, 512, 0}, {512, 0, 0}, {512, 512, 0}}, .triangles = {{0, 1, 2}, {1, 3, 2}}};
   if (split) {
     leaf.vertices.push_back({256, 256, 100});
     leaf.triangles = {{0, 1, 4}, {1, 3, 4}, {3, 2, 4}, {2, 0, 4}};
@@ -159,7 +160,8 @@ void expectSane(const Outcome<codec::Changed>& changed, const mesh::LeafMesh& ba
   EXPECT_EQ(changed->hash, mesh::hashLeaf(changed->leaf));
   for (const mesh::Triangle& t : changed->leaf.triangles)
     EXPECT_GT(support::doubledArea(changed->leaf.vertices[t[0]], changed->leaf.vertices[t[1]], changed->leaf.vertices[t[2]]), 0);
-  for (const mesh::LocalVertex& v : changed->leaf.vertices) EXPECT_LE(std::max({std::abs(v.x), std::abs(v.z), std::abs(v.y)}), codec::kMaxOffset);
+  for (const mesh::LocalVertex& v : changed->leaf.vertices)
+    EXPECT_LE(std::max({std::abs(v.x), std::abs(v.z), std::abs(v.y)}), codec::kMaxOffset);
 }
 
 TEST(HostileDelta, EveryTruncatedPrefixIsRefused) {
@@ -188,7 +190,8 @@ TEST(HostileDelta, FlippedBitsAndNoiseNeverYieldAnUnsoundLeaf) {
       expectSane(codec::decodeDelta(changed, s.base, mesh::hashLeaf(s.base)), s.base);
     }
     for (int k = 0; k < 200; ++k) {
-      Bytes noise{0x20, static_cast<std::uint8_t>(random() % 8), static_cast<std::uint8_t>(random() % 40), static_cast<std::uint8_t>(random() % 9)};
+      Bytes noise{0x20, static_cast<std::uint8_t>(random() % 8), static_cast<std::uint8_t>(random() % 40),
+                  static_cast<std::uint8_t>(random() % 9)};
       for (int n = 0; n < 40; ++n) noise.push_back(static_cast<std::uint8_t>(random()));
       expectSane(codec::decodeDelta(noise, s.base, mesh::hashLeaf(s.base)), s.base);
     }

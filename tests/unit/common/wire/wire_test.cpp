@@ -16,7 +16,9 @@ using Random = std::mt19937_64;
 
 std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
 
-Hello anyHello() { return {.clientName = "a simulator", .settings = {Metric::kThesis, 0.25, 123'456, 64'000}, .pacing = Pacing::kLockstep, .deltas = true}; }
+Hello anyHello() {
+  return {.clientName = "a simulator", .settings = {Metric::kThesis, 0.25, 123'456, 64'000}, .pacing = Pacing::kLockstep, .deltas = true};
+}
 Resume anyResume() { return {{{{3, -5, 6}, 7}, {{0, 1, 2}, ~0ull}}}; }
 PoseMessage anyPose() {
   PoseMessage pose{.sequence = 9, .camera = {}};
@@ -121,7 +123,8 @@ TEST(Wire, AcknowledgeAndResendSurvive) {
 
 TEST(Wire, ResumeSurvives) {
   Resume many;
-  for (std::size_t k = 0; k < kMaxResumeLeaves; ++k) many.leaves.push_back({{static_cast<std::int32_t>(k % 11), -static_cast<std::int64_t>(k), 5}, ~k});
+  for (std::size_t k = 0; k < kMaxResumeLeaves; ++k)
+    many.leaves.push_back({{static_cast<std::int32_t>(k % 11), -static_cast<std::int64_t>(k), 5}, ~k});
   for (const Resume& in : {Resume{}, anyResume(), many}) {
     EXPECT_LT(encode(ClientMessage(in)).size(), kMaxClientMessageBytes);
     const Resume out = roundTrip(in);
