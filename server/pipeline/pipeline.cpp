@@ -22,6 +22,8 @@ namespace {
 constexpr double kDefaultPixels = 0.6, kDefaultThesis = 2e-5;
 // At most so many insertions an iteration, the most wanted first, so that the newest camera is never far away.
 constexpr std::size_t kMostInsertions = 24'000;
+// A budget that binds raises the threshold by at most this factor: one below the grids alone, which always stay, cannot be kept.
+constexpr double kMostRaised = 100;
 // Vertices are removed below this share of the threshold.
 constexpr double kRemoval = 0.5;
 // The thesis never removes; with its metric vertices go only where the wide frustum does not look, when the budget is nearly full.
@@ -198,7 +200,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
 
   s.live = s.owned();
   const double fill = static_cast<double>(s.live) / s.settings.triangleBudget, before = s.effective;
-  if (fill > 0.98) s.effective *= 1.05;
+  if (fill > 0.98) s.effective = std::min(s.effective * 1.05, kMostRaised * s.settings.threshold);
   else if (fill < 0.95) s.effective = std::max(s.settings.threshold, s.effective * 0.95);
   s.advance(camera.pose);
   const refinement::View view(camera, s.mesh.surface().anchor, s.travel, s.turn, s.moving);

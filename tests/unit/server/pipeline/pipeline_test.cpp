@@ -162,6 +162,16 @@ TEST(Pipeline, AFinerThresholdHasMoreTrianglesAndTheBudgetHolds) {
   rig.expectSound("under a tight budget");
 }
 
+// A budget below the grids alone once raised the threshold for ever, and nothing settled.
+TEST(Pipeline, ABudgetBelowTheGridsSettles) {
+  wire::Settings least;
+  least.triangleBudget = 10'000;
+  Rig rig(2, least);
+  int n = 0;
+  for (; n < 150 && !rig.pipeline.settled(); ++n) rig.pipeline.iterate(cameraAt(*rig.terrain, 0, 0, 100));
+  EXPECT_LT(n, 150);
+}
+
 TEST(Pipeline, TheThesissMetricRefinesAndSettles) {
   wire::Settings s;
   s.metric = wire::Metric::kThesis;
