@@ -178,21 +178,17 @@ void CameraMesh::snapVertices(const std::vector<VertexId>& vertices) {
     if (y == mesh_.vertex(v).y) continue;
     mesh_.setHeight(v, y);
     surface_.mixed[v] = mixedOf(v);
-    const triangulation::HalfEdge first = mesh_.edgeOf(v);
-    for (triangulation::HalfEdge h = first;;) {
+    mesh_.forEachAround(v, [&](triangulation::HalfEdge h) {
       mesh_.trianglePages().setFresh(h >> 2);
       mesh_.markChanged(mesh_.regionOf(h >> 2));
-      h = mesh_.twin(triangulation::Triangulation::previous(h));
-      if (h == first) break;
-    }
+    });
   }
 }
 
 void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
-  std::vector<lattice::Point> points;
+  std::vector<lattice::Point> sorted;
   for (const Leaf* leaf : made)
-    for (lattice::Point p : generation::gridPoints(leaf->address)) points.push_back(p);
-  std::vector<lattice::Point> sorted = points;
+    for (lattice::Point p : generation::gridPoints(leaf->address)) sorted.push_back(p);
   std::sort(sorted.begin(), sorted.end());
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
   std::vector<Step> x(sorted.size()), z(sorted.size());

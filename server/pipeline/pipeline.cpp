@@ -78,7 +78,7 @@ struct Pipeline::State {
   void limitPending();
   void publish();
   std::uint32_t owned() const;
-  wire::Figures idle() const;
+  void describe(wire::Figures& figures) const;
 
   wire::Settings settings;
   std::shared_ptr<scheduling::Pool> pool;
@@ -155,13 +155,12 @@ std::uint32_t Pipeline::State::owned() const {
   return sum;
 }
 
-wire::Figures Pipeline::State::idle() const {
-  wire::Figures figures;
+// The figures of what there is, as against those of what was done.
+void Pipeline::State::describe(wire::Figures& figures) const {
   figures.leaves = figures.validLeaves = static_cast<std::uint32_t>(leaves.size());
   for (const Leaf* leaf : mesh.leaves()) figures.visibleLeaves += leaf->visible;
   figures.triangles = live;
   figures.effectiveThreshold = effective;
-  return figures;
 }
 
 // New versions and hashes for leaves whose triangles changed.
@@ -189,7 +188,10 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   const std::uint64_t heightsBefore = s.mesh.heights();
   Stopwatch watch;
 
-  if (s.settled && camera == s.previous) return s.idle();  // nothing can change
+  if (s.settled && camera == s.previous) {  // nothing can change
+    s.describe(figures);
+    return figures;
+  }
   s.previous = camera;
   const Follow follow = s.mesh.follow(camera.pose);
   figures.selectMs = watch.lap();
@@ -219,15 +221,12 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   for (const Leaf* leaf : s.mesh.leaves()) {
     figures.inserted += leaf->inserted;
     figures.removed += leaf->removed;
-    figures.visibleLeaves += leaf->visible;
   }
   s.live = s.owned();
-  figures.leaves = figures.validLeaves = static_cast<std::uint32_t>(s.mesh.leaves().size());
+  s.describe(figures);
   figures.generatedLeaves = follow.generated;
   figures.droppedLeaves = follow.dropped;
-  figures.triangles = s.live;
   figures.heights = s.mesh.heights() - heightsBefore;
-  figures.effectiveThreshold = s.effective;
   s.settled = !follow.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == before;
   return figures;
 }

@@ -16,10 +16,6 @@ using triangulation::Triangulation;
 using triangulation::Vertex;
 using triangulation::VertexId;
 
-namespace {
-constexpr float kNearest = 0.5f * 256;  // steps, as in screening
-}
-
 double pixelsAt(const Vertex& v, double error, const View& view) {
   const double dx = double(v.x) - view.x, dz = double(v.z) - view.z, dy = double(v.y) - view.y, flat = dx * dx + dz * dz;
   const double d2 = std::max(flat + dy * dy, double(kNearest) * kNearest);

@@ -17,8 +17,6 @@ namespace {
 
 double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
-// Nearer than this nothing is refined further for being near.
-constexpr float kNearest = 0.5f * 256;  // steps
 // Those asleep wake when the camera has moved this share of the distance to the nearest one, or turned this far (radians): together
 // 7.5 degrees, and the wide frustum is 8 degrees wider on each side than the one that is drawn at 60 degrees.
 constexpr double kWakeMove = 0.08, kWakeTurn = 0.05;

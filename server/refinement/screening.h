@@ -25,6 +25,7 @@ namespace ridgecast::refinement {
 
 inline constexpr double kWidening = 1.35;         // of the drawn frustum's tangents
 inline constexpr double kSlack = 1.1;
+inline constexpr float kNearest = 0.5f * 256;     // steps: nearer than this nothing is refined further for being near
 inline constexpr double kThesisArea = 0.5, kThesisDistance = 40;
 
 // A camera as refinement sees it; positions relative to the mesh's anchor.

@@ -293,12 +293,7 @@ void Triangulation::moveTriangle(TriangleId from, TriangleId to) {
 
 void Triangulation::moveVertex(VertexId from, VertexId to) {
   vertexRecords_[to] = vertexRecords_[from];
-  const HalfEdge first = edgeOf(from);
-  for (HalfEdge h = first;;) {
-    triangleRecords_[h >> 2].v[h & 3] = to;
-    h = twin(previous(h));
-    if (h == first) break;
-  }
+  forEachAround(from, [&](HalfEdge h) { triangleRecords_[h >> 2].v[h & 3] = to; });
 }
 
 void Triangulation::refile(RegionId region, const Moves& moves) {

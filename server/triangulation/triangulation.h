@@ -129,14 +129,15 @@ class WriteSet {
   std::vector<Span> spans_;
 };
 
-struct Moves {  // told of every record that changes its id in refile()
+struct Moves {  // told of every record that changes its id in refile() or compact()
   std::function<void(TriangleId from, TriangleId to)> triangle;
   std::function<void(VertexId from, VertexId to)> vertex;
 };
 
 class Triangulation {
  public:
-  // Room for `triangles` live triangles, scattered as they may be over at most 4,096 regions that are compacted when sparse (more virtual memory than that is reserved; only what is used becomes resident).
+  // Room for `triangles` live triangles, scattered as they may be over at most 4,096 regions that are compacted when sparse (more
+  // virtual memory than that is reserved; only what is used becomes resident).
   Triangulation(std::uint32_t triangles, const Partition& partition);
 
   // ---- regions ----
@@ -184,6 +185,16 @@ class Triangulation {
   HalfEdge twin(HalfEdge h) const { return triangleRecords_[h >> 2].twin[h & 3]; }
   static HalfEdge next(HalfEdge h) { return (h & 3) == 2 ? h - 2 : h + 1; }
   static HalfEdge previous(HalfEdge h) { return (h & 3) == 0 ? h + 2 : h - 1; }
+  // f(h) for every half-edge that starts at v, counter-clockwise.
+  template <class F>
+  void forEachAround(VertexId v, F&& f) const {
+    const HalfEdge first = edgeOf(v);
+    for (HalfEdge h = first;;) {
+      f(h);
+      h = twin(previous(h));
+      if (h == first) return;
+    }
+  }
   bool isGhost(TriangleId t) const {
     const Triangle& r = triangleRecords_[t];
     return r.v[0] == kInfinite || r.v[1] == kInfinite || r.v[2] == kInfinite;
