@@ -1,0 +1,15 @@
+#pragma once
+// A connection before it is a stream: HTTP requests and answers, one after the other. For the room's own sources.
+
+#include <memory>
+
+#include <boost/asio/ip/tcp.hpp>
+
+#include "server/net/shared.h"
+
+namespace ridgecast::net {
+
+// Serves the connection until either side ends it or it becomes a stream. `socket` runs on a strand of its own.
+void startHttp(boost::asio::ip::tcp::socket&& socket, Counted counted, std::shared_ptr<Shared> shared);
+
+}  // namespace ridgecast::net

@@ -1,0 +1,279 @@
+#include "server/net/stream.h"
+
+#include <spdlog/spdlog.h>
+
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/websocket.hpp>
+#include <deque>
+#include <optional>
+#include <utility>
+
+#include "common/wire/wire.h"
+#include "server/session/camera_session.h"
+
+namespace ridgecast::net {
+
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+namespace websocket = beast::websocket;
+using beast::error_code;
+
+// After an error the client has this long to take it and to answer the close.
+constexpr std::chrono::seconds kFarewellPatience{3};
+
+websocket::close_reason closeReason(const wire::ErrorMessage& message, std::optional<websocket::close_code> code) {
+  websocket::close_reason reason;
+  switch (message.code) {
+    case wire::ErrorCode::kVersion:
+    case wire::ErrorCode::kMalformed:
+      reason.code = websocket::close_code::protocol_error;
+      break;
+    case wire::ErrorCode::kInternal:
+      reason.code = websocket::close_code::internal_error;
+      break;
+    default:
+      reason.code = websocket::close_code::policy_error;
+  }
+  if (code) reason.code = *code;
+  reason.reason =
+      beast::string_view(message.message.data(), std::min<std::size_t>(message.message.size(), 120));  // a control frame has 125 bytes
+  return reason;
+}
+
+// One client's stream. Everything runs on its strand but for the counter of queued bytes.
+//
+//   accepting -> open -> farewell (an error or the server's end: one last message, then the closing handshake) -> over
+class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
+ public:
+  Stream(beast::tcp_stream&& stream, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
+         std::string peer)
+      : ws_(std::move(stream)),
+        timer_(ws_.get_executor()),
+        counted_(std::move(counted)),
+        shared_(std::move(shared)),
+        session_(std::move(session)),
+        peer_(std::move(peer)) {}
+
+  ~Stream() override {
+    const std::lock_guard lock(shared_->mutex);
+    shared_->streams.erase(this);
+    shared_->fewerStreams.notify_all();
+  }
+
+  void start(http::request<http::empty_body> request) {
+    {
+      const std::lock_guard lock(shared_->mutex);
+      shared_->streams.emplace(this, weak_from_this());
+    }
+    request_ = std::move(request);
+    beast::get_lowest_layer(ws_).expires_never();  // the stream has timeouts of its own
+    websocket::stream_base::timeout timeout{};
+    timeout.handshake_timeout = shared_->settings.patience;
+    timeout.idle_timeout = shared_->settings.idle;
+    timeout.keep_alive_pings = true;
+    ws_.set_option(timeout);
+    ws_.set_option(
+        websocket::stream_base::decorator([](websocket::response_type& response) { response.set(http::field::server, kServerName); }));
+    ws_.read_message_max(0);  // counted here, so that the client is told before it is closed
+    ws_.auto_fragment(false);
+    ws_.binary(true);
+    ws_.async_accept(request_, [self = shared_from_this()](error_code ec) { self->accepted(ec); });
+  }
+
+  // Any thread.
+  void post(std::string bytes) {
+    asio::post(ws_.get_executor(), [self = shared_from_this(), bytes = std::move(bytes)]() mutable { self->enqueue(std::move(bytes)); });
+  }
+  void postFailure(wire::ErrorMessage message) {
+    asio::post(ws_.get_executor(), [self = shared_from_this(), message = std::move(message)] { self->fail(message); });
+  }
+  void postGoingAway() override {
+    asio::post(ws_.get_executor(), [self = shared_from_this()] {
+      self->farewell({}, {websocket::close_code::going_away, "The server shuts down."});
+    });
+  }
+  const std::shared_ptr<std::atomic<std::size_t>>& queuedBytes() const { return queuedBytes_; }
+
+ private:
+  void accepted(error_code ec);
+
+  void read() {
+    const std::size_t room = wire::kMaxClientMessageBytes + 1 - buffer_.size();
+    ws_.async_read_some(buffer_, room, [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
+  }
+
+  void hasRead(error_code ec) {
+    if (ec) return end();
+    if (stage_ != Stage::kOpen) {  // what still arrives after an error is passed over
+      buffer_.clear();
+      return read();
+    }
+    if (buffer_.size() > wire::kMaxClientMessageBytes)
+      return fail({wire::ErrorCode::kLimit,
+                   "A message has more than " + std::to_string(wire::kMaxClientMessageBytes) + " bytes, the most there may be."},
+                  websocket::close_code::too_big);
+    if (!ws_.is_message_done()) return read();
+    if (ws_.got_text())
+      return fail({wire::ErrorCode::kMalformed, "A text message came; messages are binary, one protobuf ClientMessage each."},
+                  websocket::close_code::unknown_data);
+    const auto bytes = buffer_.cdata();
+    auto message = wire::decodeClient({static_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
+    buffer_.clear();
+    if (!message) return fail({wire::ErrorCode::kMalformed, message.error().message});
+    if (!greeted_) {
+      greeted_ = true;
+      timer_.cancel();
+      if (const auto* hello = std::get_if<wire::Hello>(&*message))
+        spdlog::info("camera {}: {} says hello as '{}', protocol {}", camera_->id(), peer_, hello->clientName, hello->protocolVersion);
+    }
+    camera_->receive(std::move(*message));
+    read();
+  }
+
+  void enqueue(std::string bytes) {
+    if (stage_ != Stage::kOpen) {
+      *queuedBytes_ -= bytes.size();
+      return;
+    }
+    if (out_.size() >= kMaxQueuedMessages) {
+      *queuedBytes_ -= bytes.size();
+      return fail({wire::ErrorCode::kLimit, "Too much waits for this client."});
+    }
+    out_.push_back(std::move(bytes));
+    if (!writing_) write();
+  }
+
+  void write() {
+    writing_ = true;
+    ws_.async_write(asio::buffer(out_.front()), [self = shared_from_this()](error_code ec, std::size_t) {
+      self->writing_ = false;
+      *self->queuedBytes_ -= self->out_.front().size();
+      self->out_.pop_front();
+      if (ec) return self->end();
+      if (!self->out_.empty()) return self->write();
+      if (self->stage_ == Stage::kFarewell) self->sayClose();
+    });
+  }
+
+  void fail(const wire::ErrorMessage& message, std::optional<websocket::close_code> code = {}) {
+    if (stage_ != Stage::kOpen) return;
+    spdlog::info("camera {}: {} is sent away: {}", camera_ ? camera_->id() : 0, peer_, message.message);
+    farewell(wire::encode(wire::ServerMessage(message)), closeReason(message, code));
+  }
+
+  // One last message, when there is one, then the closing handshake.
+  void farewell(std::string last, websocket::close_reason reason) {
+    if (stage_ == Stage::kAccepting) return end();
+    if (stage_ != Stage::kOpen) return;
+    stage_ = Stage::kFarewell;
+    reason_ = std::move(reason);
+    leave();
+    while (out_.size() > (writing_ ? 1u : 0u)) {
+      *queuedBytes_ -= out_.back().size();
+      out_.pop_back();
+    }
+    timer_.expires_after(kFarewellPatience);
+    timer_.async_wait([weak = weak_from_this()](error_code ec) {
+      if (ec) return;
+      if (auto self = weak.lock()) self->end();
+    });
+    if (!last.empty()) {
+      *queuedBytes_ += last.size();
+      out_.push_back(std::move(last));
+    }
+    if (writing_) return;
+    out_.empty() ? sayClose() : write();
+  }
+
+  void sayClose() {
+    ws_.async_close(reason_, [self = shared_from_this()](error_code) { self->end(); });
+  }
+
+  // Gives the camera's place back.
+  void leave() {
+    if (camera_) camera_->close();
+    camera_.reset();
+  }
+
+  void end() {
+    if (stage_ == Stage::kOver) return;
+    stage_ = Stage::kOver;
+    timer_.cancel();
+    if (camera_) spdlog::info("camera {}: {} is gone", camera_->id(), peer_);
+    leave();
+    beast::get_lowest_layer(ws_).close();
+  }
+
+  enum class Stage { kAccepting, kOpen, kFarewell, kOver };
+
+  websocket::stream<beast::tcp_stream, false> ws_;
+  asio::steady_timer timer_;
+  const Counted counted_;
+  const std::shared_ptr<Shared> shared_;
+  const std::shared_ptr<session::Session> session_;
+  const std::string peer_;
+  http::request<http::empty_body> request_;
+  Stage stage_ = Stage::kAccepting;
+  std::shared_ptr<session::CameraSession> camera_;
+  beast::flat_buffer buffer_;
+  bool greeted_ = false;
+  std::deque<std::string> out_;  // at most kMaxQueuedMessages; the first is being written while writing_
+  bool writing_ = false;
+  websocket::close_reason reason_;
+  std::shared_ptr<std::atomic<std::size_t>> queuedBytes_ = std::make_shared<std::atomic<std::size_t>>(0);
+};
+
+// A camera session's way to its client. Messages are encoded here, on the thread that sends: a camera's pool.
+class StreamSender final : public session::Sender {
+ public:
+  explicit StreamSender(const std::shared_ptr<Stream>& stream) : stream_(stream), queuedBytes_(stream->queuedBytes()) {}
+
+  void send(wire::ServerMessage message) override {
+    const auto stream = stream_.lock();
+    if (!stream) return;
+    std::string bytes = wire::encode(message);
+    *queuedBytes_ += bytes.size();
+    stream->post(std::move(bytes));
+  }
+  std::size_t queuedBytes() const override { return *queuedBytes_; }
+  void fail(wire::ErrorMessage message) override {
+    if (const auto stream = stream_.lock()) stream->postFailure(std::move(message));
+  }
+
+ private:
+  const std::weak_ptr<Stream> stream_;
+  const std::shared_ptr<std::atomic<std::size_t>> queuedBytes_;
+};
+
+void Stream::accepted(error_code ec) {
+  if (ec || stage_ != Stage::kAccepting) return end();
+  stage_ = Stage::kOpen;
+  auto place = session_->enter();
+  if (!place) return fail({wire::ErrorCode::kLimit, place.error().message});
+  camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
+                                                     std::make_shared<StreamSender>(shared_from_this()));
+  timer_.expires_after(shared_->settings.patience);
+  timer_.async_wait([weak = weak_from_this()](error_code waited) {
+    if (waited) return;
+    const auto self = weak.lock();
+    if (self && !self->greeted_)
+      self->fail({wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self->shared_->settings.patience.count()) + " ms."},
+                 websocket::close_code::policy_error);
+  });
+  read();
+}
+
+}  // namespace
+
+void startStream(beast::tcp_stream&& connection, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
+                 std::string peer, http::request<http::empty_body> request) {
+  std::make_shared<Stream>(std::move(connection), std::move(counted), std::move(shared), std::move(session), std::move(peer))
+      ->start(std::move(request));
+}
+
+}  // namespace ridgecast::net
