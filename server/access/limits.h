@@ -1,0 +1,72 @@
+#pragma once
+// How many and how often: counts by client, and rates.
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <utility>
+
+#include "server/access/network.h"
+
+namespace ridgecast::access {
+
+// At most so many a second on average, twice as many at once. Not synchronised: one owner.
+class Rate {
+ public:
+  using Clock = std::chrono::steady_clock;
+  explicit Rate(double perSecond) : perSecond_(perSecond), left_(2 * perSecond) {}  // 0: no limit
+  bool take(Clock::time_point now) {
+    if (perSecond_ <= 0) return true;
+    left_ = std::min(2 * perSecond_, left_ + perSecond_ * std::chrono::duration<double>(now - last_).count());
+    last_ = now;
+    if (left_ < 1) return false;
+    left_ -= 1;
+    return true;
+  }
+
+ private:
+  double perSecond_, left_;
+  Clock::time_point last_ = Clock::now();
+};
+
+// Connections of each client. One entry for each client that has any. Any thread.
+class Census {
+  struct State {
+    std::mutex mutex;
+    std::map<Address, std::uint32_t> counts;
+  };
+
+ public:
+  explicit Census(std::uint32_t mostEach) : mostEach_(mostEach) {}  // 0: no limit
+
+  // Given back when destroyed, which may be after the census.
+  class Place {
+   public:
+    Place(Place&&) = default;
+    Place& operator=(Place&& other) noexcept {
+      std::swap(state_, other.state_);
+      std::swap(who_, other.who_);
+      return *this;
+    }
+    ~Place();
+    const Address& who() const { return who_; }
+
+   private:
+    friend class Census;
+    Place(std::shared_ptr<State> state, const Address& who) : state_(std::move(state)), who_(who) {}
+    std::shared_ptr<State> state_;
+    Address who_;
+  };
+  // A place for a connection of this client (its household). Nothing: it has as many as it may.
+  std::optional<Place> enter(const Address& client);
+
+ private:
+  const std::uint32_t mostEach_;
+  const std::shared_ptr<State> state_ = std::make_shared<State>();
+};
+
+}  // namespace ridgecast::access

@@ -1,0 +1,52 @@
+#pragma once
+// Who may do what: bearer tokens from a file, and JSON Web Tokens.
+//
+// A file of tokens has one token a line, of which only the SHA-256 is kept (a token is 256 random bits, so that nothing more is needed):
+//
+//     # holder   rights       session   expires                hash of the token
+//     lab        view,query   *         never                  sha256:9f86d0...
+//     guest      view         harbour   2027-01-01T00:00:00Z   sha256:60303a...
+//
+// Bounds: 100,000 tokens, lines of 1,024 bytes.
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+
+#include "common/outcome/outcome.h"
+#include "server/access/grant.h"
+
+namespace ridgecast::access {
+
+// Immutable; any thread.
+class Tokens {
+ public:
+  // A path that is empty is left out. Errors, for people: a file cannot be read, a line is wrong (and which), the secret is too short.
+  static Outcome<std::shared_ptr<const Tokens>> load(const std::filesystem::path& tokenFile, const std::filesystem::path& jwtSecretFile);
+
+  // Error: why it is refused, in one sentence that tells nothing of the token.
+  Outcome<Grant> judge(std::string_view token, Time now) const;
+
+  std::size_t count() const { return byHash_.size(); }
+
+ private:
+  std::unordered_map<std::string, Grant> byHash_;  // hex SHA-256 of the token
+  std::string secret_;                             // empty: no JSON Web Tokens
+};
+
+// A new token, and its line for the file.
+struct NewToken {
+  std::string token, line;
+};
+NewToken makeToken(const Grant& grant);
+
+// The secret that JSON Web Tokens are signed with: the file's bytes without the end of line. Error: unreadable, or shorter than 32 bytes.
+Outcome<std::string> loadSecret(const std::filesystem::path& file);
+
+// 2027-01-01T00:00:00Z <-> time; nothing when it is not that.
+std::optional<Time> parseTime(std::string_view text);
+std::string toText(Time time);
+
+}  // namespace ridgecast::access

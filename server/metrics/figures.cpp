@@ -1,0 +1,70 @@
+#include "server/metrics/figures.h"
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <fstream>
+
+namespace ridgecast::metrics {
+
+namespace {
+
+double residentBytes() {
+  std::ifstream in("/proc/self/statm");
+  double size = 0, resident = 0;
+  in >> size >> resident;
+  return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+double processorSeconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+constexpr std::array<std::string_view, 5> kStages{"select", "generate", "refine", "triangulate", "encode"};
+
+}  // namespace
+
+Figures::Figures()
+    : iterations(registry.counter("ridgecast_iterations_total", "Iterations of all cameras.")),
+      iterationsSent(registry.counter("ridgecast_iterations_sent_total", "Iterations that were sent to a client.")),
+      inserted(registry.counter("ridgecast_vertices_inserted_total", "Vertices inserted into meshes.")),
+      removed(registry.counter("ridgecast_vertices_removed_total", "Vertices removed from meshes.")),
+      heights(registry.counter("ridgecast_heights_total", "Heights evaluated by iterations.")),
+      triangles(registry.gauge("ridgecast_triangles", "Live triangles of all cameras' meshes.")),
+      bytesSent(registry.counter("ridgecast_sent_bytes_total", "Bytes of messages and answers sent.")),
+      bytesReceived(registry.counter("ridgecast_received_bytes_total", "Bytes of messages received.")),
+      messagesReceived(registry.counter("ridgecast_received_messages_total", "Messages received.")),
+      queuedBytes(registry.gauge("ridgecast_queued_bytes", "Bytes that wait in the way out to clients.")),
+      connections(registry.counter("ridgecast_connections_total", "Connections accepted.")),
+      tlsHandshakes(registry.counter("ridgecast_tls_handshakes_total", "TLS handshakes that came to their end.")),
+      requests(registry.counter("ridgecast_http_requests_total", "HTTP requests answered.")),
+      streams(registry.counter("ridgecast_streams_total", "Streams opened.")),
+      streamsOpen(registry.gauge("ridgecast_streams", "Streams that are open.")) {
+  // From a tenth of a millisecond to some seconds.
+  const std::vector<double> bounds{0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5};
+  for (std::size_t k = 0; k < stages.size(); ++k)
+    stages[k] = &registry.histogram("ridgecast_stage_seconds", "Seconds that each stage of an iteration took.", bounds,
+                                    {{"stage", std::string(kStages[k])}});
+  for (std::size_t k = 0; k < refusals.size(); ++k)
+    refusals[k] = &registry.counter("ridgecast_refusals_total", "Connections, requests and streams refused or sent away, by reason.",
+                                    {{"reason", std::string(kRefusalNames[k])}});
+  registry.ask("process_resident_memory_bytes", "Memory of this process.", residentBytes);
+  registry.ask("process_cpu_seconds_total", "Processor time of this process.", processorSeconds, {}, true);
+  registry.ask("process_start_time_seconds", "When this process began, seconds since 1970.",
+               [now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count()] { return now; });
+}
+
+void Figures::iterated(const wire::Figures& f) {
+  iterations.add();
+  inserted.add(f.inserted);
+  removed.add(f.removed);
+  heights.add(f.heights);
+  const double milliseconds[] = {f.selectMs, f.generateMs, f.refineMs, f.triangulateMs, f.encodeMs};
+  for (std::size_t k = 0; k < stages.size(); ++k) stages[k]->observe(milliseconds[k] / 1000);
+}
+
+}  // namespace ridgecast::metrics

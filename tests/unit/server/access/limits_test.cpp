@@ -1,0 +1,78 @@
+#include "server/access/limits.h"
+
+#include <gtest/gtest.h>
+
+#include <thread>
+#include <vector>
+
+namespace ridgecast::access {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST(Rate, LetsThroughWhatItSays) {
+  Rate rate(10);
+  auto now = Rate::Clock::now();
+  int taken = 0;
+  for (int k = 0; k < 100; ++k) taken += rate.take(now);
+  EXPECT_EQ(taken, 20);
+  for (int k = 0; k < 10'000; ++k) taken += rate.take(now += 1ms);
+  EXPECT_NEAR(taken, 120, 2);
+  taken = 0;
+  now += 1h;
+  for (int k = 0; k < 100; ++k) taken += rate.take(now);
+  EXPECT_EQ(taken, 20);
+  Rate none(0);
+  for (int k = 0; k < 100; ++k) EXPECT_TRUE(none.take(now));
+}
+
+TEST(Census, CountsEachClientAlone) {
+  const Address a = *parseAddress("192.0.2.1"), b = *parseAddress("192.0.2.2");
+  Census census(2);
+  auto first = census.enter(a), second = census.enter(a);
+  ASSERT_TRUE(first && second);
+  EXPECT_FALSE(census.enter(a));
+  auto other = census.enter(b);
+  EXPECT_TRUE(other);
+  first.reset();
+  auto third = census.enter(a);
+  ASSERT_TRUE(third);
+  EXPECT_FALSE(census.enter(a));
+  *third = std::move(*other);  // gives a's back in its stead
+  other.reset();
+  EXPECT_TRUE(census.enter(a));
+  // Neighbours in one /64 are one client.
+  auto six = census.enter(*parseAddress("2001:db8::1")), more = census.enter(*parseAddress("2001:db8::2"));
+  EXPECT_FALSE(census.enter(*parseAddress("2001:db8::3")));
+  EXPECT_TRUE(census.enter(*parseAddress("2001:db8:0:1::3")));
+}
+
+TEST(Census, IsExactAmongThreadsAndOutlived) {
+  std::optional<Census::Place> last;
+  {
+    Census census(5);
+    std::atomic<int> inside{0}, most{0};
+    std::vector<std::thread> threads;
+    for (int t = 0; t < 4; ++t)
+      threads.emplace_back([&] {
+        for (int k = 0; k < 2000; ++k) {
+          std::vector<Census::Place> places;
+          for (int j = 0; j < 3; ++j)
+            if (auto place = census.enter(*parseAddress("192.0.2.1"))) {
+              places.push_back(std::move(*place));
+              const int now = ++inside;
+              for (int seen = most; now > seen && !most.compare_exchange_weak(seen, now);) {
+              }
+            }
+          inside -= static_cast<int>(places.size());
+        }
+      });
+    for (auto& thread : threads) thread.join();
+    EXPECT_LE(most, 5);
+    last = census.enter(*parseAddress("192.0.2.1"));
+  }
+  last.reset();
+}
+
+}  // namespace
+}  // namespace ridgecast::access
