@@ -138,7 +138,24 @@ Outcome<std::string> queryParameter(std::string_view query, std::string_view nam
   return Outcome<std::string>(boost::system::in_place_value);
 }
 
-Answer answer(const Request& request, const session::Directory& directory, std::string_view version) {
+bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
+  if (etag.empty()) return false;
+  while (!ifNoneMatch.empty()) {
+    const auto end = std::min(ifNoneMatch.find(','), ifNoneMatch.size());
+    std::string_view one = ifNoneMatch.substr(0, end);
+    ifNoneMatch.remove_prefix(std::min(end + 1, ifNoneMatch.size()));
+    while (!one.empty() && (one.front() == ' ' || one.front() == '\t')) one.remove_prefix(1);
+    while (!one.empty() && (one.back() == ' ' || one.back() == '\t')) one.remove_suffix(1);
+    if (one == "*") return true;
+    if (one.starts_with("W/")) one.remove_prefix(2);
+    if (one.size() == etag.size() + 2 && one.front() == '"' && one.back() == '"' && one.substr(1, etag.size()) == etag) return true;
+  }
+  return false;
+}
+
+Answer answer(const Request& request, const session::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
+  for (const Route& route : routes)
+    if (auto a = route(request)) return std::move(*a);
   const auto split = std::min(request.target.find('?'), request.target.size());
   const std::string_view path = request.target.substr(0, split);
   const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));

@@ -7,8 +7,13 @@
 //   GET /v1/stream?session=NAME     upgrades to a WebSocket
 // HEAD is answered where GET is. Everything else is refused in one plain sentence.
 
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stop_token>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/outcome/outcome.h"
@@ -16,7 +21,7 @@
 
 namespace ridgecast::net {
 
-struct Request {
+struct Request {  // the views live while the request is answered, not in work that is done later
   std::string_view method;
   std::string_view target;  // path and query
   std::string_view host;    // the Host header; untrusted
@@ -24,17 +29,35 @@ struct Request {
   std::string_view webSocketVersion;
 };
 
+struct Later;
+
 struct Answer {
   unsigned status = 200;
   std::string type = "text/plain; charset=utf-8";
   std::string body;
   std::vector<std::pair<std::string, std::string>> headers;
+  std::string etag;                             // of a 200, without quotation marks; sends 304 to who has it already
   std::shared_ptr<session::Session> upgradeTo;  // set: answer with the upgrade instead
+  std::shared_ptr<const Later> later;           // set: the answer comes of work; of this one only etag counts, which may stay empty
 };
 
-Answer answer(const Request& request, const session::Directory& directory, std::string_view version);
+// Work that makes the answer on a thread of its own (jobs.h). `stop` is requested when the asker leaves or the server shuts down: then
+// return soon, with whatever, for nobody reads it. Work that may take seconds is `patient`: it gives way to everything else.
+struct Later {
+  bool patient = false;
+  std::function<Answer(std::stop_token stop)> work;
+};
+
+// Answers what other rooms have; nothing when the path is none of its own. Any thread.
+using Route = std::function<std::optional<Answer>(const Request& request)>;
+
+// `routes` are asked first, in order.
+Answer answer(const Request& request, const session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
 
 // The value of a query's parameter, percent-decoded; empty when it is absent. Error: an escape that is none.
 Outcome<std::string> queryParameter(std::string_view query, std::string_view name);
+
+// Whether an If-None-Match header names this etag.
+bool namesEtag(std::string_view ifNoneMatch, std::string_view etag);
 
 }  // namespace ridgecast::net

@@ -35,8 +35,8 @@ constexpr std::chrono::milliseconds kShutdownPatience{500};
 
 class ListeningServer final : public Server {
  public:
-  ListeningServer(const Settings& settings, std::shared_ptr<session::Directory> directory)
-      : shared_(std::make_shared<Shared>(settings, std::move(directory))),
+  ListeningServer(const Settings& settings, std::shared_ptr<session::Directory> directory, std::vector<Route> routes)
+      : shared_(std::make_shared<Shared>(settings, std::move(directory), std::move(routes))),
         acceptor_(asio::make_strand(io_)),
         retry_(acceptor_.get_executor()) {}
 
@@ -78,6 +78,8 @@ class ListeningServer final : public Server {
 
   void shutdown() override {
     if (threads_.empty()) return;
+    shared_->promptJobs.stop();
+    shared_->patientJobs.stop();
     asio::post(acceptor_.get_executor(), [this] {
       error_code ignored;
       acceptor_.close(ignored);
@@ -139,8 +141,9 @@ class ListeningServer final : public Server {
 
 }  // namespace
 
-Outcome<std::unique_ptr<Server>> Server::listen(const Settings& settings, std::shared_ptr<session::Directory> directory) {
-  auto server = std::make_unique<ListeningServer>(settings, std::move(directory));
+Outcome<std::unique_ptr<Server>> Server::listen(const Settings& settings, std::shared_ptr<session::Directory> directory,
+                                                std::vector<Route> routes) {
+  auto server = std::make_unique<ListeningServer>(settings, std::move(directory), std::move(routes));
   if (auto error = server->open()) return std::move(*error);
   return std::unique_ptr<Server>(std::move(server));
 }

@@ -12,6 +12,9 @@
 //   client message     wire::kMaxClientMessageBytes   Error, close 1009
 //   way out            kMaxQueuedMessages      closed (a session keeps to its window, so it does not happen)
 //   silence            idle, pings at half     closed
+//   work for answers   promptJobs, patientJobs HTTP 503 with Retry-After; ends when the asker hangs up or half-closes
+//   answers on the way maxAnswerBytes          HTTP 503 to who asks for patient work meanwhile
+//   slow readers       patience, then 64 KiB/s closed
 // A message that is none, or another protocol version: Error, close 1002 (text: 1003). A message out of place or of range that the session
 // refuses: Error, close 1008. The process lives on.
 
@@ -21,6 +24,8 @@
 #include <string>
 
 #include "common/outcome/outcome.h"
+#include "server/net/jobs.h"
+#include "server/net/routes.h"
 #include "server/session/session.h"
 
 namespace ridgecast::net {
@@ -36,13 +41,17 @@ struct Settings {
   std::uint32_t maxHeaderBytes = 8192;
   std::chrono::milliseconds patience{10'000};
   std::chrono::milliseconds idle{60'000};
+  Jobs::Limits promptJobs{2, 64, 0};   // answers that take milliseconds
+  Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds: beside other work they get a thirtieth of a core
+  std::size_t maxAnswerBytes = std::size_t{1} << 30;
 };
 
 class Server {
  public:
   // Listens and serves until destroyed. Errors, for people: the host is no address of this machine or not a loopback address, the port
   // is in use or not permitted.
-  static Outcome<std::unique_ptr<Server>> listen(const Settings& settings, std::shared_ptr<session::Directory> directory);
+  static Outcome<std::unique_ptr<Server>> listen(const Settings& settings, std::shared_ptr<session::Directory> directory,
+                                                 std::vector<Route> routes = {});
   // Shuts down. The machine must be gone by then: first shutdown(), then the machine, then this, so that no task still sends.
   virtual ~Server() = default;
   // Tells clients that the server goes away (waiting at most half a second), then serves no more.

@@ -28,10 +28,14 @@ class OpenStream {
 
 // What all connections share. Outlives them.
 struct Shared {
-  explicit Shared(const Settings& s, std::shared_ptr<session::Directory> d) : settings(s), directory(std::move(d)) {}
+  Shared(const Settings& s, std::shared_ptr<session::Directory> d, std::vector<Route> r)
+      : settings(s), directory(std::move(d)), routes(std::move(r)), promptJobs(s.promptJobs), patientJobs(s.patientJobs) {}
   const Settings settings;
   const std::shared_ptr<session::Directory> directory;
+  const std::vector<Route> routes;
   std::atomic<std::uint32_t> connections{0};
+  std::atomic<std::size_t> answerBytes{0};  // of bodies made by work, until they are sent
+  Jobs promptJobs, patientJobs;
 
   std::mutex mutex;
   std::condition_variable fewerStreams;

@@ -1,5 +1,10 @@
 #include "server/scheduling/pool.h"
 
+#ifdef __linux__
+#include <sys/resource.h>
+#include <unistd.h>
+#endif
+
 #include <algorithm>
 #include <atomic>
 #include <cassert>
@@ -177,10 +182,19 @@ void Machine::State::serve() {
   }
 }
 
-Machine::Machine(unsigned threads) : state_(std::make_shared<State>()) {
+void setNiceness([[maybe_unused]] int niceness) {
+#ifdef __linux__
+  if (niceness > 0) setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), niceness);  // on Linux a thread has its own
+#endif
+}
+
+Machine::Machine(unsigned threads, int niceness) : state_(std::make_shared<State>()) {
   state_->threads = threads ? threads : std::max(1u, std::thread::hardware_concurrency());
   state_->workers.reserve(state_->threads);
-  for (unsigned k = 0; k < state_->threads; ++k) state_->workers.emplace_back([state = state_.get()] { state->serve(); });
+  for (unsigned k = 0; k < state_->threads; ++k) state_->workers.emplace_back([state = state_.get(), niceness] {
+    setNiceness(niceness);
+    state->serve();
+  });
 }
 
 Machine::~Machine() {

@@ -15,9 +15,14 @@ namespace ridgecast::scheduling {
 
 class Pool;
 
+// The calling thread gives way to all threads of lower niceness, 0..19: at 15 it gets a thirtieth of what a thread of 0 gets beside it.
+// For good: a thread cannot take it back. Nothing happens where the system does not know niceness of threads.
+void setNiceness(int niceness);
+
 class Machine {
  public:
-  explicit Machine(unsigned threads);  // 0: as many as the hardware has
+  // threads 0: as many as the hardware has. niceness: as setNiceness, of all of them.
+  explicit Machine(unsigned threads, int niceness = 0);
   ~Machine();                          // waits for the tasks in flight; tasks still queued are dropped
   Machine(const Machine&) = delete;
   Machine& operator=(const Machine&) = delete;

@@ -1,0 +1,207 @@
+#include "server/net/jobs.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+
+#include <atomic>
+#include <chrono>
+#include <future>
+#include <thread>
+
+#include "server/net/server.h"
+#include "tests/support/socket_client.h"
+
+namespace ridgecast::net {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+using testing::StartsWith;
+using testing_support::SocketClient;
+
+template <class Condition>
+bool soon(const Condition& condition) {
+  for (int k = 0; k < 2500 && !condition(); ++k) std::this_thread::sleep_for(2ms);
+  return condition();
+}
+
+TEST(Jobs, RunWhatTheyTakeAndRefuseTheRest) {
+  Jobs jobs({.threads = 2, .waiting = 3});
+  std::promise<void> gate;
+  const std::shared_future<void> open = gate.get_future().share();
+  std::atomic<int> done{0};
+  int taken = 0;
+  for (int k = 0; k < 20; ++k)
+    taken += jobs.post(std::stop_source(), [&](std::stop_token) {
+      open.wait();
+      ++done;
+    });
+  EXPECT_GE(taken, 3);
+  EXPECT_LE(taken, 5);  // two run, three wait
+  gate.set_value();
+  EXPECT_TRUE(soon([&] { return done == taken; }));
+  EXPECT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) { throw std::runtime_error("on purpose"); }));
+  EXPECT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) { ++done; }));
+  EXPECT_TRUE(soon([&] { return done == taken + 1; }));
+}
+
+TEST(Jobs, WhatIsAbandonedMakesRoomAndNeverBegins) {
+  Jobs jobs({.threads = 1, .waiting = 1});
+  std::promise<void> gate, began;
+  ASSERT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) {
+    began.set_value();
+    gate.get_future().wait();
+  }));
+  began.get_future().wait();
+  std::atomic<bool> ran{false}, second{false};
+  std::stop_source asker;
+  ASSERT_TRUE(jobs.post(asker, [&](std::stop_token) { ran = true; }));
+  EXPECT_FALSE(jobs.post(std::stop_source(), [](std::stop_token) {}));
+  asker.request_stop();
+  EXPECT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) { second = true; }));
+  gate.set_value();
+  EXPECT_TRUE(soon([&] { return second.load(); }));
+  EXPECT_FALSE(ran);
+}
+
+TEST(Jobs, StoppingStopsThoseThatRun) {
+  Jobs jobs({.threads = 2, .waiting = 4});
+  std::atomic<int> began{0}, ended{0};
+  for (int k = 0; k < 4; ++k)
+    jobs.post(std::stop_source(), [&](std::stop_token stop) {
+      ++began;
+      while (!stop.stop_requested()) std::this_thread::sleep_for(1ms);
+      ++ended;
+    });
+  EXPECT_TRUE(soon([&] { return began == 2; }));
+  jobs.stop();
+  EXPECT_EQ(ended, 2);
+  EXPECT_FALSE(jobs.post(std::stop_source(), [](std::stop_token) {}));
+}
+
+// Routes whose answers come of work, over real sockets.
+class LaterTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    spdlog::set_level(spdlog::level::off);
+    settings.port = 0;
+    settings.patientJobs = {1, 1, 0};
+    auto resources = std::make_shared<session::Resources>();
+    resources->machine = &machine;
+    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    server = Server::listen(settings, directory, {[this](const Request& r) { return route(r); }}).value();
+  }
+  void TearDown() override { server->shutdown(); }
+  std::optional<Answer> route(const Request& request) {
+    Answer a;
+    auto later = std::make_shared<Later>();
+    if (request.target == "/prompt") {
+      a.etag = "v1";
+      later->work = [this](std::stop_token) {
+        ++worked;
+        Answer made;
+        made.body = "made\n";
+        made.etag = "v1";
+        return made;
+      };
+    } else if (request.target == "/large") {
+      later->patient = true;
+      later->work = [](std::stop_token) {
+        Answer made;
+        made.body.assign(30'000'000, 'x');
+        return made;
+      };
+    } else if (request.target == "/endless") {
+      ++asked;
+      later->patient = true;
+      later->work = [this](std::stop_token stop) {
+        ++began;
+        while (!stop.stop_requested()) std::this_thread::sleep_for(1ms);
+        ++ended;
+        return Answer{};
+      };
+    } else if (request.target == "/throws") {
+      later->work = [](std::stop_token) -> Answer { throw std::runtime_error("on purpose"); };
+    } else {
+      return std::nullopt;
+    }
+    a.later = std::move(later);
+    return a;
+  }
+  static std::string get(std::string_view target, std::string_view more = "", std::string_view method = "GET") {
+    return std::string(method) + " " + std::string(target) + " HTTP/1.1\r\nHost: x\r\n" + std::string(more) + "\r\n";
+  }
+  std::string ask(const std::string& request, bool hasBody = true) {
+    SocketClient client(server->port());
+    client.send(request);
+    return client.answer(hasBody);
+  }
+
+  scheduling::Machine machine{1};
+  Settings settings;
+  std::shared_ptr<session::Directory> directory;
+  std::unique_ptr<Server> server;
+  std::atomic<int> worked{0}, asked{0}, began{0}, ended{0};
+};
+
+TEST_F(LaterTest, AnswersComeInOrderOnOneConnection) {
+  SocketClient client(server->port());
+  for (int k = 0; k < 3; ++k) {
+    client.send(get("/prompt"));
+    EXPECT_THAT(client.answer(), AllOf(StartsWith("HTTP/1.1 200"), HasSubstr("ETag: \"v1\""), HasSubstr("\r\n\r\nmade\n")));
+  }
+  client.send(get("/prompt") + get("/healthz") + get("/prompt"));  // all at once
+  EXPECT_THAT(client.answer(), HasSubstr("made\n"));
+  EXPECT_THAT(client.answer(), HasSubstr("ok\n"));
+  EXPECT_THAT(client.answer(), HasSubstr("made\n"));
+  client.send(get("/prompt", "", "HEAD"));
+  EXPECT_THAT(client.answer(false), AllOf(HasSubstr("Content-Length: 5"), Not(HasSubstr("made"))));
+  EXPECT_THAT(ask(get("/throws")), StartsWith("HTTP/1.1 500"));
+}
+
+TEST_F(LaterTest, WhoHasItAlreadyCostsNoWork) {
+  for (const char* has : {"If-None-Match: \"v1\"\r\n", "If-None-Match: \"v0\", W/\"v1\"\r\n", "If-None-Match: *\r\n"}) {
+    const std::string answer = ask(get("/prompt", has), false);
+    EXPECT_THAT(answer,
+                AllOf(StartsWith("HTTP/1.1 304"), HasSubstr("ETag: \"v1\""), Not(HasSubstr("made")), Not(HasSubstr("Content-Type:"))));
+  }
+  EXPECT_EQ(worked, 0);
+  EXPECT_THAT(ask(get("/prompt", "If-None-Match: v1\r\n")), HasSubstr("made"));
+  EXPECT_EQ(worked, 1);
+}
+
+TEST_F(LaterTest, LongAnswersArriveWhole) {
+  const std::string answer = ask(get("/large"));
+  ASSERT_GT(answer.size(), 30'000'000u);
+  EXPECT_EQ(answer.substr(answer.size() - 30'000'000).find_first_not_of('x'), std::string::npos);
+}
+
+TEST_F(LaterTest, WhoHangsUpStopsHisWorkAndWhoComesTooManyIsTold) {
+  auto first = std::make_unique<SocketClient>(server->port()), second = std::make_unique<SocketClient>(server->port());
+  first->send(get("/endless"));
+  ASSERT_TRUE(soon([&] { return began == 1; }));
+  second->send(get("/endless"));
+  ASSERT_TRUE(soon([&] { return asked == 2; }));
+  std::this_thread::sleep_for(20ms);
+  EXPECT_THAT(ask(get("/large")), AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("Retry-After: ")));
+  EXPECT_THAT(ask(get("/prompt")), HasSubstr("made"));  // another row
+  second.reset();
+  first.reset();
+  EXPECT_TRUE(soon([&] { return ended == began; }));
+  EXPECT_TRUE(soon([&] { return ask(get("/large")).starts_with("HTTP/1.1 200"); }));
+  EXPECT_LE(began, 2);
+}
+
+TEST_F(LaterTest, TheServersEndStopsWork) {
+  SocketClient client(server->port());
+  client.send(get("/endless"));
+  ASSERT_TRUE(soon([&] { return began == 1; }));
+  server->shutdown();
+  EXPECT_EQ(ended, 1);
+}
+
+}  // namespace
+}  // namespace ridgecast::net
