@@ -72,7 +72,8 @@ struct Connection::Impl {
         patience_(patience),
         resolver_(context_.get_executor()),
         socket_(context_.get_executor()),
-        timer_(context_.get_executor()) {}
+        timer_(context_.get_executor()),
+        askTimer_(context_.get_executor()) {}
 
   // ---- owner's thread ----
 
@@ -216,6 +217,13 @@ struct Connection::Impl {
       world_ = std::move(*world);
       hasWorld_ = true;
       changed_.notify_all();
+      if (hello_.clock && world_.revision >= 1) askClock(0);
+    } else if (!std::holds_alternative<wire::Iteration>(*message)) {
+      if (state_ != State::kStreaming) return end("the server at " + where() + " spoke of its session before its world");
+      const std::lock_guard lock(mutex_);
+      bytes_ += size;
+      if (const auto wrong = takeNews(*message)) return endLocked("the server at " + where() + " sent what cannot be: " + *wrong);
+      changed_.notify_all();
     } else {
       if (state_ != State::kStreaming) return end("the server at " + where() + " sent an iteration before its world");
       const std::lock_guard lock(mutex_);
@@ -229,13 +237,38 @@ struct Connection::Impl {
     read();
   }
 
+  // Under the lock. What is wrong with it, if anything.
+  std::optional<std::string> takeNews(wire::ServerMessage& message) {
+    const auto now = std::chrono::steady_clock::now();
+    if (const auto* members = std::get_if<wire::Members>(&message)) {
+      if (const auto applied = roster_.apply(*members, now); !applied) return applied.error().message;
+    } else if (const auto* clock = std::get_if<wire::Clock>(&message)) {
+      clock_.hear(*clock, now);
+    }
+    return {};
+  }
+
+  // A few times at once, so that one question finds the way free, then every second.
+  void askClock(int asked) {
+    asks_ = true;
+    askTimer_.expires_after(asked < kFirstAsks ? kFirstAskPause : kAskPause);
+    askTimer_.async_wait([this, asked](error_code e) {
+      if (e || state_ == State::kEnded) return;
+      askClock(asked + 1);
+      write();
+    });
+  }
+
   // One frame at a time; what is most urgent first.
   void write() {
     if (writing_ || state_ != State::kStreaming) return;
     {
       const std::lock_guard lock(mutex_);
       wire::ClientMessage message;
-      if (!resumes_.empty()) {
+      if (asks_) {  // at once: the time on its way is what makes the answer unsure
+        asks_ = false;
+        message = clock_.ask(std::chrono::steady_clock::now());
+      } else if (!resumes_.empty()) {
         message = std::move(resumes_.front());
         resumes_.pop_front();
       } else if (resend_) {  // before the hash that it explains
@@ -245,6 +278,9 @@ struct Connection::Impl {
       } else if (!poses_.empty()) {
         message = poses_.front();
         poses_.pop_front();
+      } else if (!sayings_.empty()) {
+        message = std::move(sayings_.front());
+        sayings_.pop_front();
       } else {
         return;
       }
@@ -277,6 +313,7 @@ struct Connection::Impl {
 
   void hangUp() {
     timer_.cancel();
+    askTimer_.cancel();
     resolver_.cancel();
     error_code ignored;
     socket_.next_layer().close(ignored);
@@ -296,7 +333,21 @@ struct Connection::Impl {
 
   std::string where() const { return (url_.host.find(':') == std::string::npos ? url_.host : "[" + url_.host + "]") + ":" + url_.port; }
 
+  void say(wire::ClientMessage message) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (sayings_.size() >= kMaxSayings) {
+        net::post(context_, [this] { end(std::to_string(kMaxSayings) + " messages wait to leave: the server does not read"); });
+        return;
+      }
+      sayings_.push_back(std::move(message));
+    }
+    wake();
+  }
+
   static constexpr std::size_t kRoomyFrame = std::size_t{4} << 20;
+  static constexpr int kFirstAsks = 5;
+  static constexpr milliseconds kFirstAskPause{20}, kAskPause{1000};
 
   const Url url_;
   const wire::Hello hello_;
@@ -308,11 +359,12 @@ struct Connection::Impl {
   State state_ = State::kResolving;
   Resolver resolver_;
   websocket::stream<Socket, false> socket_;
-  Timer timer_;
+  Timer timer_, askTimer_;
   websocket::response_type response_;
   boost::beast::flat_buffer buffer_;
   std::string frame_;  // being written
   bool writing_ = false;
+  bool asks_ = false;  // a question for the clock is to be sent
 
   // shared
   mutable std::mutex mutex_;
@@ -326,6 +378,9 @@ struct Connection::Impl {
   std::deque<wire::Resume> resumes_;  // the owner's scene bounds them
   std::optional<wire::Acknowledge> acknowledge_;
   std::optional<wire::ResendLeaves> resend_;
+  std::deque<wire::ClientMessage> sayings_;
+  Roster roster_;
+  SessionClock clock_;
 };
 
 Outcome<std::unique_ptr<Connection>> Connection::open(const Url& url, const wire::Hello& hello, milliseconds patience) {
@@ -390,6 +445,27 @@ std::optional<Received> Connection::receive(milliseconds patience) {
   impl_->queue_.pop_front();
   return received;
 }
+
+std::optional<Roster> Connection::others(std::uint64_t seen) const {
+  const std::lock_guard lock(impl_->mutex_);
+  if (impl_->roster_.version() == seen) return std::nullopt;
+  return impl_->roster_;
+}
+
+SessionClock Connection::clock() const {
+  const std::lock_guard lock(impl_->mutex_);
+  return impl_->clock_;
+}
+
+bool Connection::waitForClock(std::uint64_t seen, milliseconds patience) const {
+  std::unique_lock lock(impl_->mutex_);
+  impl_->changed_.wait_for(lock, patience, [&] { return impl_->clock_.version() > seen || impl_->error_; });
+  return impl_->clock_.version() > seen;
+}
+
+void Connection::setClock(const wire::SetClock& set) { impl_->say(set); }
+void Connection::step(const wire::Step& step) { impl_->say(step); }
+void Connection::stepDone(const wire::StepDone& done) { impl_->say(done); }
 
 std::optional<Error> Connection::error() const {
   const std::lock_guard lock(impl_->mutex_);

@@ -9,6 +9,8 @@
 #include <string>
 #include <string_view>
 
+#include "client/connection/roster.h"
+#include "client/connection/session_clock.h"
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
@@ -55,6 +57,21 @@ class Connection {
   // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations; a server that
   // sends more is disconnected.
   std::optional<Received> receive(std::chrono::milliseconds patience);
+  // With hello.members: the other members, as last heard. `version` grows with everything that is heard; while it is `seen`, nothing is
+  // copied and nothing returned.
+  std::optional<Roster> others(std::uint64_t seen = 0) const;
+
+  // With hello.clock: the session's clock, asked for again and again so that it stays good to a fraction of a round trip.
+  SessionClock clock() const;
+  // Waits until something newer than `seen` (SessionClock::version) was heard; false when nothing was within `patience` or the connection
+  // has ended.
+  bool waitForClock(std::uint64_t seen, std::chrono::milliseconds patience) const;
+  // Never block. At most kMaxSayings of these wait to leave: one more ends the connection with an error.
+  static constexpr std::size_t kMaxSayings = 256;
+  void setClock(const wire::SetClock& set);
+  void step(const wire::Step& step);
+  void stepDone(const wire::StepDone& done);
+
   std::optional<Error> error() const;  // set when the connection has ended
   std::uint64_t bytesReceived() const;
 

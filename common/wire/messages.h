@@ -3,6 +3,7 @@
 // Units and meaning are those of proto/ridgecast/v1/stream.proto.
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -13,9 +14,12 @@
 namespace ridgecast::wire {
 
 inline constexpr std::uint32_t kProtocolVersion = 1;
+inline constexpr std::uint32_t kRevision = 1;  // of that version: members, clock, queries and grounds are known
 
 enum class Metric { kDefault = 0, kPixels = 1, kThesis = 2 };
 enum class Pacing { kFree = 0, kLockstep = 1 };
+enum class Role { kViewer = 0, kSensor = 1 };
+enum class ClockMode { kRealTime = 0, kScaled = 1, kStepped = 2 };
 
 struct Settings {
   Metric metric = Metric::kDefault;
@@ -30,6 +34,10 @@ struct Hello {
   Settings settings;
   Pacing pacing = Pacing::kFree;
   bool deltas = true;  // the client applies Iteration::changed
+  Role role = Role::kViewer;
+  bool members = false;  // wants Members
+  bool clock = false;    // wants Clock, and answers steps that wait
+  bool errors = false;   // wants the error of every leaf
 };
 
 struct PoseMessage {
@@ -56,7 +64,50 @@ struct Resume {
   std::vector<HeldLeaf> leaves;
 };
 
-using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume>;
+struct AskClock {
+  std::uint64_t echo = 0;
+};
+
+struct SetClock {
+  bool own = true;
+  ClockMode mode = ClockMode::kRealTime;
+  double rate = 1;  // kScaled
+};
+
+struct Step {
+  std::uint64_t time = 0;  // microseconds
+  bool wait = false;
+};
+
+struct StepDone {
+  std::uint64_t step = 0;
+};
+
+enum class QueryKind { kHeights, kNormals, kRays };
+
+struct Ray {
+  lattice::Step x = 0, z = 0;
+  double y = 0;                                           // metres
+  double directionX = 0, directionY = 0, directionZ = 0;  // of any length but 0
+  double reach = 0;                                       // metres
+};
+
+struct Query {
+  std::uint64_t id = 0;
+  QueryKind kind = QueryKind::kHeights;
+  std::vector<lattice::Step> x, z;  // heights, normals: as many of both
+  std::uint32_t spacing = 0;        // normals: steps; 0: the default
+  std::vector<Ray> rays;
+};
+
+struct AskGround {
+  std::uint64_t id = 0;
+  lattice::Point at;
+  double radius = 0, error = 0;  // metres
+};
+
+using ClientMessage =
+    std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, Step, StepDone, Query, AskGround>;
 
 struct World {
   std::uint32_t protocolVersion = kProtocolVersion;
@@ -71,6 +122,7 @@ struct World {
   Settings settings;
   std::uint32_t window = 0;
   std::uint64_t camera = 0;
+  std::uint32_t revision = kRevision;
 };
 
 // What an iteration did. Milliseconds are wall time.
@@ -86,12 +138,14 @@ struct LeafWhole {
   lattice::LeafAddress address;
   std::uint32_t vertices = 0, triangles = 0;
   std::vector<std::uint8_t> payload;  // empty when the leaf is held and empty
+  float error = 0;                    // metres; 0 when it was not asked for
 };
 
 // Made from the leaf that is held, or, where leaves split or merged, from those that are gone (mesh::gather).
 struct LeafDelta {
   lattice::LeafAddress address;
   std::vector<std::uint8_t> payload;  // empty: the triangles stay as they are
+  float error = 0;                    // as LeafWhole's
 };
 
 struct Iteration {
@@ -112,6 +166,49 @@ struct ErrorMessage {
   std::string message;
 };
 
-using ServerMessage = std::variant<World, Iteration, ErrorMessage>;
+struct Moved {
+  std::uint64_t camera = 0;
+  PoseMessage pose;
+  std::uint64_t time = 0;  // session time when the server received it, microseconds
+};
+
+struct Member {
+  std::uint64_t camera = 0;
+  Role role = Role::kViewer;
+  std::string name;
+  std::optional<Moved> moved;  // nothing until it has sent a pose; its `camera` is the member's
+};
+
+// How the other members changed: joined, then moved, then left.
+struct Members {
+  std::vector<Member> joined;
+  std::vector<Moved> moved;
+  std::vector<std::uint64_t> left;
+};
+
+struct Clock {
+  ClockMode mode = ClockMode::kRealTime;
+  double rate = 1;          // session seconds a second; 0 when it is stepped
+  std::uint64_t time = 0;   // microseconds, when it was sent
+  std::uint64_t owner = 0;  // 0: none
+  std::uint64_t step = 0;
+  std::vector<std::uint64_t> waitsFor;
+  std::uint64_t echo = 0;
+};
+
+struct Answer {
+  std::uint64_t id = 0;
+  std::vector<float> heights;     // metres
+  std::vector<float> normals;     // x, y, z of each
+  std::vector<double> distances;  // metres; -1: none
+};
+
+struct Ground {
+  std::uint64_t id = 0;
+  double error = 0;  // metres
+  std::vector<LeafWhole> leaves;
+};
+
+using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground>;
 
 }  // namespace ridgecast::wire

@@ -1,49 +1,21 @@
 #include "common/wire/wire.h"
 
 #include <algorithm>
-#include <cmath>
 #include <numbers>
-#include <optional>
 #include <utility>
 
 #include <google/protobuf/stubs/logging.h>
 
+#include "common/wire/fields.h"
 #include "common/wire/scan.h"
-#include "ridgecast/v1/stream.pb.h"
 
 namespace ridgecast::wire {
 namespace {
-
-namespace pb = ridgecast::v1;
 
 // Protobuf would print to stderr what a peer sends wrong; the errors returned here say it instead.
 [[maybe_unused]] const auto previousLogHandler = google::protobuf::SetLogHandler(nullptr);
 
 constexpr double kMaxPitch = std::numbers::pi / 2 + 1e-9;  // as camera::isValid
-
-// ---- checking: the first thing that is wrong is what the error says ----
-
-class Check {
- public:
-  void require(bool ok, const char* field, const std::string& right) {
-    if (!ok && !error_) error_ = Error{std::string(field) + " " + right};
-  }
-  void finite(double v, double low, double high, const char* field, const char* right) {
-    require(std::isfinite(v) && v >= low && v <= high, field, right);
-  }
-  void text(const std::string& s, std::size_t most, const char* field) {
-    require(s.size() <= most, field, "has " + std::to_string(s.size()) + " bytes, at most " + std::to_string(most) + " are allowed");
-    const bool printable = std::none_of(s.begin(), s.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; });
-    require(printable, field, "must not contain control characters");
-  }
-  void count(std::size_t n, std::size_t most, const char* field) {
-    require(n <= most, field, "has " + std::to_string(n) + " entries, at most " + std::to_string(most) + " are allowed");
-  }
-  const std::optional<Error>& error() const { return error_; }
-
- private:
-  std::optional<Error> error_;
-};
 
 lattice::LeafAddress read(const pb::LeafAddress& in, const char* field, Check& check) {
   check.require(in.level() <= static_cast<std::uint32_t>(lattice::kMaxLevel), field,
@@ -73,8 +45,14 @@ Hello read(const pb::Hello& in, Check& check) {
   check.require(in.pacing() == 0 || in.pacing() == 1, "Hello.pacing", "must be 0 (free) or 1 (lock-step)");
   out.pacing = static_cast<Pacing>(in.pacing());
   out.deltas = in.deltas();
+  out.role = in.role() == pb::ROLE_SENSOR ? Role::kSensor : Role::kViewer;  // roles of a later revision are viewers
+  out.members = in.members();
+  out.clock = in.clock();
+  out.errors = in.errors();
   return out;
 }
+
+}  // namespace
 
 PoseMessage read(const pb::Pose& in, Check& check) {
   check.require(in.sequence() >= 1, "Pose.sequence", "must be at least 1");
@@ -94,6 +72,8 @@ PoseMessage read(const pb::Pose& in, Check& check) {
   check.require(camera::isValid(out.camera), "Pose", "is out of range");
   return out;
 }
+
+namespace {
 
 ResendLeaves read(const pb::ResendLeaves& in, Check& check) {
   ResendLeaves out;
@@ -131,8 +111,11 @@ World read(const pb::World& in, Check& check) {
   out.settings = read(in.settings(), check);
   out.window = in.window();
   out.camera = in.camera();
+  out.revision = in.revision();
   return out;
 }
+
+}  // namespace
 
 LeafWhole read(pb::LeafWhole& in, Check& check) {
   LeafWhole out;
@@ -144,16 +127,22 @@ LeafWhole read(pb::LeafWhole& in, Check& check) {
   check.require(consistent, "LeafWhole.vertices", "must be 3 to 3 times the triangles, and 0 without triangles");
   check.require(in.payload().size() <= kMaxPayloadBytes, "LeafWhole.payload", "must have at most 64 MiB");
   check.require(in.payload().empty() == (out.triangles == 0), "LeafWhole.payload", "must be absent exactly when the leaf is empty");
+  out.error = in.error();
+  check.finite(out.error, 0, 1e6, "LeafWhole.error", "must be finite and not negative");
   if (check.error()) return out;
   out.payload.assign(in.payload().begin(), in.payload().end());
   in.clear_payload();  // never twice in memory
   return out;
 }
 
+namespace {
+
 LeafDelta read(pb::LeafDelta& in, Check& check) {
   LeafDelta out;
   out.address = read(in.address(), "LeafDelta.address", check);
   check.require(in.payload().size() <= kMaxPayloadBytes, "LeafDelta.payload", "must have at most 64 MiB");
+  out.error = in.error();
+  check.finite(out.error, 0, 1e6, "LeafDelta.error", "must be finite and not negative");
   if (check.error()) return out;
   out.payload.assign(in.payload().begin(), in.payload().end());
   in.clear_payload();  // never twice in memory
@@ -232,10 +221,15 @@ void write(const Hello& in, pb::ClientMessage& message) {
   write(in.settings, *out.mutable_settings());
   out.set_pacing(static_cast<pb::Pacing>(in.pacing));
   out.set_deltas(in.deltas);
+  out.set_role(static_cast<pb::Role>(in.role));
+  out.set_members(in.members);
+  out.set_clock(in.clock);
+  out.set_errors(in.errors);
 }
 
-void write(const PoseMessage& in, pb::ClientMessage& message) {
-  pb::Pose& out = *message.mutable_pose();
+}  // namespace
+
+void write(const PoseMessage& in, pb::Pose& out) {
   const camera::Pose& pose = in.camera.pose;
   out.set_sequence(in.sequence);
   out.set_x(pose.x);
@@ -247,6 +241,18 @@ void write(const PoseMessage& in, pb::ClientMessage& message) {
   out.set_width(in.camera.projection.width);
   out.set_height(in.camera.projection.height);
 }
+
+void write(const LeafWhole& in, pb::LeafWhole& out) {
+  write(in.address, *out.mutable_address());
+  out.set_vertices(in.vertices);
+  out.set_triangles(in.triangles);
+  out.set_payload(in.payload.data(), in.payload.size());
+  out.set_error(in.error);
+}
+
+namespace {
+
+void write(const PoseMessage& in, pb::ClientMessage& message) { wire::write(in, *message.mutable_pose()); }
 
 void write(const Acknowledge& in, pb::ClientMessage& message) {
   message.mutable_acknowledge()->set_iteration(in.iteration);
@@ -281,6 +287,7 @@ void write(const World& in, pb::ServerMessage& message) {
   write(in.settings, *out.mutable_settings());
   out.set_window(in.window);
   out.set_camera(in.camera);
+  out.set_revision(in.revision);
 }
 
 void write(const Figures& in, pb::Figures& out) {
@@ -307,17 +314,12 @@ void write(const Iteration& in, pb::ServerMessage& message) {
   out.set_number(in.number);
   out.set_pose_sequence(in.poseSequence);
   for (const lattice::LeafAddress& a : in.gone) write(a, *out.add_gone());
-  for (const LeafWhole& leaf : in.whole) {
-    pb::LeafWhole& whole = *out.add_whole();
-    write(leaf.address, *whole.mutable_address());
-    whole.set_vertices(leaf.vertices);
-    whole.set_triangles(leaf.triangles);
-    whole.set_payload(leaf.payload.data(), leaf.payload.size());
-  }
+  for (const LeafWhole& leaf : in.whole) wire::write(leaf, *out.add_whole());
   for (const LeafDelta& leaf : in.changed) {
     pb::LeafDelta& changed = *out.add_changed();
     write(leaf.address, *changed.mutable_address());
     changed.set_payload(leaf.payload.data(), leaf.payload.size());
+    changed.set_error(leaf.error);
   }
   out.set_mesh_hash(in.meshHash);
   out.set_settled(in.settled);
@@ -363,16 +365,23 @@ std::string encode(const ServerMessage& message) {
 
 Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const Limits& limits) {
   if (bytes.size() > limits.maxClientMessageBytes) return tooLong(bytes.size(), limits.maxClientMessageBytes);
-  FieldCounts outer{}, resend{}, resume{};
+  FieldCounts outer{}, resend{}, resume{}, rays{};
   const auto ignore = [](std::uint32_t, std::span<const std::uint8_t>) { return true; };
   const bool wellFormed = scanFields(bytes, outer, [&](std::uint32_t field, std::span<const std::uint8_t> content) {
     if (field == pb::ClientMessage::kResume) return scanFields(content, resume, ignore);
+    if (field == pb::ClientMessage::kQuery) {
+      FieldCounts query{};
+      return scanFields(content, query, [&](std::uint32_t kind, std::span<const std::uint8_t> inside) {
+        return kind != pb::Query::kRaysFieldNumber || scanFields(inside, rays, ignore);
+      });
+    }
     return field != pb::ClientMessage::kResendLeaves || scanFields(content, resend, ignore);
   });
   if (!wellFormed) return Error{kNoMessage};
   Check check;
   check.count(resend[pb::ResendLeaves::kLeavesFieldNumber], kMaxResendLeaves, "ResendLeaves.leaves");
   check.count(resume[pb::Resume::kLeavesFieldNumber], kMaxResumeLeaves, "Resume.leaves");
+  check.count(rays[pb::Rays::kRaysFieldNumber], kMaxRays, "Rays.rays");
   if (check.error()) return *check.error();
 
   pb::ClientMessage message;
@@ -396,6 +405,26 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
       ClientMessage out = read(message.resume(), check);
       return finish(check, std::move(out));
     }
+    case pb::ClientMessage::kAskClock:
+      return ClientMessage(AskClock{message.ask_clock().echo()});
+    case pb::ClientMessage::kSetClock: {
+      ClientMessage out = wire::read(message.set_clock(), check);
+      return finish(check, std::move(out));
+    }
+    case pb::ClientMessage::kStep: {
+      ClientMessage out = wire::read(message.step(), check);
+      return finish(check, std::move(out));
+    }
+    case pb::ClientMessage::kStepDone:
+      return ClientMessage(StepDone{message.step_done().step()});
+    case pb::ClientMessage::kQuery: {
+      ClientMessage out = wire::read(message.query(), check);
+      return finish(check, std::move(out));
+    }
+    case pb::ClientMessage::kAskGround: {
+      ClientMessage out = wire::read(message.ask_ground(), check);
+      return finish(check, std::move(out));
+    }
     case pb::ClientMessage::KIND_NOT_SET:
       break;
   }
@@ -404,16 +433,35 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
 
 Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const Limits& limits) {
   if (bytes.size() > limits.maxServerMessageBytes) return tooLong(bytes.size(), limits.maxServerMessageBytes);
-  FieldCounts outer{}, iteration{};
+  FieldCounts outer{}, iteration{}, members{}, ground{};
+  std::size_t small = 0;  // bytes of messages whose lists of numbers are not counted one by one
   const auto ignore = [](std::uint32_t, std::span<const std::uint8_t>) { return true; };
   const bool wellFormed = scanFields(bytes, outer, [&](std::uint32_t field, std::span<const std::uint8_t> content) {
-    return field != pb::ServerMessage::kIteration || scanFields(content, iteration, ignore);
+    switch (field) {
+      case pb::ServerMessage::kIteration:
+        return scanFields(content, iteration, ignore);
+      case pb::ServerMessage::kGround:
+        return scanFields(content, ground, ignore);
+      case pb::ServerMessage::kMembers:
+        small += content.size();
+        return scanFields(content, members, ignore);
+      case pb::ServerMessage::kClock:
+      case pb::ServerMessage::kAnswer:
+        small += content.size();
+        return true;
+      default:
+        return true;
+    }
   });
   if (!wellFormed) return Error{kNoMessage};
   Check check;
   check.count(iteration[pb::Iteration::kGoneFieldNumber], kMaxIterationLeaves, "Iteration.gone");
   check.count(iteration[pb::Iteration::kWholeFieldNumber], kMaxIterationLeaves, "Iteration.whole");
   check.count(iteration[pb::Iteration::kChangedFieldNumber], kMaxIterationLeaves, "Iteration.changed");
+  check.count(ground[pb::Ground::kLeavesFieldNumber], kMaxIterationLeaves, "Ground.leaves");
+  check.count(members[pb::Members::kJoinedFieldNumber], kMaxMembers, "Members.joined");
+  check.count(members[pb::Members::kMovedFieldNumber], kMaxMembers, "Members.moved");
+  check.require(small <= kMaxSmallMessageBytes, "Members, Clock or Answer", "must have at most 16 MiB");
   if (check.error()) return *check.error();
 
   pb::ServerMessage message;
@@ -429,6 +477,22 @@ Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const L
     }
     case pb::ServerMessage::kError: {
       ServerMessage out = read(message.error(), check);
+      return finish(check, std::move(out));
+    }
+    case pb::ServerMessage::kMembers: {
+      ServerMessage out = wire::read(message.members(), check);
+      return finish(check, std::move(out));
+    }
+    case pb::ServerMessage::kClock: {
+      ServerMessage out = wire::read(message.clock(), check);
+      return finish(check, std::move(out));
+    }
+    case pb::ServerMessage::kAnswer: {
+      ServerMessage out = wire::read(message.answer(), check);
+      return finish(check, std::move(out));
+    }
+    case pb::ServerMessage::kGround: {
+      ServerMessage out = wire::read(*message.mutable_ground(), check);
       return finish(check, std::move(out));
     }
     case pb::ServerMessage::KIND_NOT_SET:

@@ -29,7 +29,17 @@ inline constexpr std::uint32_t kMaxLeafTriangles = 1u << 20;
 inline constexpr std::size_t kMaxPayloadBytes = std::size_t{64} << 20;
 inline constexpr std::uint32_t kMaxWindow = 64;
 inline constexpr double kMaxThreshold = 1e12;
-inline constexpr double kMaxHorizon = 1e7;  // metres
+inline constexpr double kMaxHorizon = 1e7;                                   // metres
+inline constexpr std::size_t kMaxMembers = 65'536;                           // of each list of a Members, and of Clock.waits_for
+inline constexpr std::size_t kMaxSmallMessageBytes = std::size_t{16} << 20;  // of Members, Clock and Answer
+inline constexpr double kMaxRate = 1000;
+inline constexpr std::uint64_t kMaxStepTime = 3'600'000'000;  // microseconds
+inline constexpr std::uint64_t kMaxTime = std::uint64_t{1} << 53;
+inline constexpr std::size_t kMaxPlaces = 8192;                                                      // of a query
+inline constexpr std::size_t kMaxRays = 256;                                                         // of a query
+inline constexpr std::uint32_t kMaxSpacing = 65'536;                                                 // steps
+inline constexpr double kMaxReach = 1e5;                                                             // metres
+inline constexpr double kLeastRadius = 1, kMostRadius = 4096, kLeastError = 0.02, kMostError = 100;  // metres, of a ground
 
 // Whether a session's name can be one: 1..kMaxSessionBytes of [A-Za-z0-9._-].
 bool sessionNameIsValid(std::string_view name);

@@ -45,6 +45,11 @@ websocket::close_reason closeReason(const wire::ErrorMessage& message, std::opti
   return reason;
 }
 
+struct Outgoing {
+  std::string bytes;
+  std::shared_ptr<const void> ticket;  // let go when they have left or are dropped
+};
+
 // One client's stream. Everything runs on its strand but for the counter of queued bytes.
 //
 //   accepting -> open -> farewell (an error or the server's end: one last message, then the closing handshake) -> over
@@ -86,8 +91,9 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
 
   // Any thread.
-  void post(std::string bytes) {
-    asio::post(ws_.get_executor(), [self = shared_from_this(), bytes = std::move(bytes)]() mutable { self->enqueue(std::move(bytes)); });
+  void post(Outgoing message) {
+    asio::post(ws_.get_executor(),
+               [self = shared_from_this(), message = std::move(message)]() mutable { self->enqueue(std::move(message)); });
   }
   void postFailure(wire::ErrorMessage message) {
     asio::post(ws_.get_executor(), [self = shared_from_this(), message = std::move(message)] { self->fail(message); });
@@ -135,24 +141,24 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     read();
   }
 
-  void enqueue(std::string bytes) {
+  void enqueue(Outgoing message) {
     if (stage_ != Stage::kOpen) {
-      *queuedBytes_ -= bytes.size();
+      *queuedBytes_ -= message.bytes.size();
       return;
     }
     if (out_.size() >= kMaxQueuedMessages) {
-      *queuedBytes_ -= bytes.size();
+      *queuedBytes_ -= message.bytes.size();
       return fail({wire::ErrorCode::kLimit, "Too much waits for this client."});
     }
-    out_.push_back(std::move(bytes));
+    out_.push_back(std::move(message));
     if (!writing_) write();
   }
 
   void write() {
     writing_ = true;
-    ws_.async_write(asio::buffer(out_.front()), [self = shared_from_this()](error_code ec, std::size_t) {
+    ws_.async_write(asio::buffer(out_.front().bytes), [self = shared_from_this()](error_code ec, std::size_t) {
       self->writing_ = false;
-      *self->queuedBytes_ -= self->out_.front().size();
+      *self->queuedBytes_ -= self->out_.front().bytes.size();
       self->out_.pop_front();
       if (ec) return self->end();
       if (!self->out_.empty()) return self->write();
@@ -174,7 +180,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     reason_ = std::move(reason);
     leave();
     while (out_.size() > (writing_ ? 1u : 0u)) {
-      *queuedBytes_ -= out_.back().size();
+      *queuedBytes_ -= out_.back().bytes.size();
       out_.pop_back();
     }
     timer_.expires_after(kFarewellPatience);
@@ -184,7 +190,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     });
     if (!last.empty()) {
       *queuedBytes_ += last.size();
-      out_.push_back(std::move(last));
+      out_.push_back({std::move(last), {}});
     }
     if (writing_) return;
     out_.empty() ? sayClose() : write();
@@ -222,7 +228,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   std::shared_ptr<session::CameraSession> camera_;
   beast::flat_buffer buffer_;
   bool greeted_ = false;
-  std::deque<std::string> out_;  // at most kMaxQueuedMessages; the first is being written while writing_
+  std::deque<Outgoing> out_;  // at most kMaxQueuedMessages; the first is being written while writing_
   bool writing_ = false;
   websocket::close_reason reason_;
   std::shared_ptr<std::atomic<std::size_t>> queuedBytes_ = std::make_shared<std::atomic<std::size_t>>(0);
@@ -233,12 +239,13 @@ class StreamSender final : public session::Sender {
  public:
   explicit StreamSender(const std::shared_ptr<Stream>& stream) : stream_(stream), queuedBytes_(stream->queuedBytes()) {}
 
-  void send(wire::ServerMessage message) override {
+  void send(wire::ServerMessage message) override { send(std::move(message), {}); }
+  void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override {
     const auto stream = stream_.lock();
     if (!stream) return;
     std::string bytes = wire::encode(message);
     *queuedBytes_ += bytes.size();
-    stream->post(std::move(bytes));
+    stream->post({std::move(bytes), std::move(ticket)});
   }
   std::size_t queuedBytes() const override { return *queuedBytes_; }
   void fail(wire::ErrorMessage message) override {

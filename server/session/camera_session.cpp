@@ -77,6 +77,7 @@ CameraSession::Refusal CameraSession::take(wire::Hello& hello) {
   replica_.setDeltas(hello.deltas);
   if (hello.deltas) bases_.setBudget(kBaseBytesPerTriangle * granted_.triangleBudget);
   lockstep_ = hello.pacing == wire::Pacing::kLockstep;
+  hello_ = hello;
   stage_ = Stage::kRuns;
   return {};
 }
@@ -93,6 +94,53 @@ CameraSession::Refusal CameraSession::take(wire::PoseMessage& pose) {
   lastSequence_ = pose.sequence;
   if (!lockstep_) poses_.clear();
   poses_.push_back(pose);
+  if (greeted_) session_->presence().moved(id_, pose);
+  return {};
+}
+
+CameraSession::Refusal CameraSession::expectsWorld(std::string_view what) const {
+  if (stage_ == Stage::kExpectsHello) return expectsHello(what);
+  if (greeted_) return {};
+  return ErrorMessage{ErrorCode::kMalformed, "A " + std::string(what) + " came before the world was sent; wait for the world."};
+}
+
+CameraSession::Refusal CameraSession::take(const wire::AskClock& ask) {
+  if (auto refusal = expectsWorld("question for the clock")) return refusal;
+  session_->presence().ask(id_, ask);
+  return {};
+}
+
+CameraSession::Refusal CameraSession::take(const wire::SetClock& set) {
+  if (auto refusal = expectsWorld("clock")) return refusal;
+  session_->presence().set(id_, set);
+  return {};
+}
+
+CameraSession::Refusal CameraSession::take(const wire::Step& step) {
+  if (auto refusal = expectsWorld("step")) return refusal;
+  switch (session_->presence().step(id_, step)) {
+    case Clock::Stepped::kBegins:
+    case Clock::Stepped::kQueues:
+    case Clock::Stepped::kNotYours:  // answered with the clock, which says whose it is
+      return {};
+    case Clock::Stepped::kNotStepped:
+      return ErrorMessage{ErrorCode::kInvalid, "A step came while the clock runs by itself; set it to stepped first."};
+    case Clock::Stepped::kTooMany:
+      break;
+  }
+  return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(Clock::kMaxQueuedSteps) +
+                                             " steps wait for the members: send the next when the clock says that one has begun."};
+}
+
+CameraSession::Refusal CameraSession::take(wire::Query&) { return ErrorMessage{ErrorCode::kInvalid, "This server answers no queries."}; }
+
+CameraSession::Refusal CameraSession::take(const wire::AskGround&) {
+  return ErrorMessage{ErrorCode::kInvalid, "This server answers no queries."};
+}
+
+CameraSession::Refusal CameraSession::take(const wire::StepDone& done) {
+  if (auto refusal = expectsWorld("step done")) return refusal;
+  session_->presence().done(id_, done);
   return {};
 }
 
@@ -133,6 +181,7 @@ void CameraSession::close() {
   const std::lock_guard lock(mutex_);
   stage_ = Stage::kClosed;
   poses_.clear();
+  session_->presence().leave(id_);
   wake();
 }
 
@@ -212,10 +261,13 @@ void CameraSession::work() {
   world.settings = granted_;
   world.window = resources.limits.window;
   world.camera = id_;
-  sender_->send(std::move(world));
   mesh_ = resources.makeMesh(session_->terrain(), granted_, pool_);
+  // Under the lock: whoever has received the world may say anything.
   const std::lock_guard lock(mutex_);
   greeted_ = true;
+  if (stage_ == Stage::kClosed) return;
+  sender_->send(std::move(world));
+  session_->presence().join(id_, hello_, sender_, poses_.empty() ? std::nullopt : std::optional(poses_.back()));
 }
 
 void CameraSession::iterate() {

@@ -26,18 +26,10 @@
 #include "server/replica/bases.h"
 #include "server/replica/replica.h"
 #include "server/session/pace.h"
+#include "server/session/sender.h"
 #include "server/session/session.h"
 
 namespace ridgecast::session {
-
-// The way to the client. Any thread; no call blocks or calls back into the camera session.
-class Sender {
- public:
-  virtual ~Sender() = default;
-  virtual void send(wire::ServerMessage message) = 0;
-  virtual std::size_t queuedBytes() const = 0;        // not yet handed to the operating system
-  virtual void fail(wire::ErrorMessage message) = 0;  // sends the message, then ends the connection
-};
 
 class CameraSession : public std::enable_shared_from_this<CameraSession> {
  public:
@@ -59,6 +51,13 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   Refusal take(const wire::Acknowledge& acknowledge);
   Refusal take(const wire::ResendLeaves& resend);
   Refusal take(const wire::Resume& resume);
+  Refusal take(const wire::AskClock& ask);
+  Refusal take(const wire::SetClock& set);
+  Refusal take(const wire::Step& step);
+  Refusal take(const wire::StepDone& done);
+  Refusal take(wire::Query& query);
+  Refusal take(const wire::AskGround& ask);
+  Refusal expectsWorld(std::string_view what) const;
   bool hasWork() const;
   bool wake();  // false: the pool takes no more
 
@@ -79,6 +78,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   bool scheduled_ = false;  // a task is queued or runs
   bool greeted_ = false;    // the world was sent
   bool lockstep_ = false;
+  wire::Hello hello_;
   wire::Settings granted_;
   std::uint64_t lastSequence_ = 0;
   std::deque<wire::PoseMessage> poses_;  // free: at most one, the newest

@@ -24,7 +24,8 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       contentHash_(terrain::contentHash(*terrain_)),
       resources_(std::move(resources)),
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
-      cameras_(std::move(cameras)) {}
+      cameras_(std::move(cameras)),
+      presence_(std::make_shared<Presence>(resources_->alarm)) {}
 
 Outcome<Place> Session::enter() {
   const Limits& limits = resources_->limits;

@@ -20,6 +20,7 @@
 #include "server/scheduling/pool.h"
 #include "server/session/alarm.h"
 #include "server/session/iterating_mesh.h"
+#include "server/session/presence.h"
 
 namespace ridgecast::session {
 
@@ -68,7 +69,7 @@ class Place {
   std::shared_ptr<std::atomic<std::uint32_t>> members_, cameras_;
 };
 
-// Immutable but for its members; any thread.
+// Immutable but for its members and their clock; any thread.
 class Session {
  public:
   Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, std::shared_ptr<const Resources> resources,
@@ -79,6 +80,7 @@ class Session {
   std::uint64_t contentHash() const { return contentHash_; }
   const Resources& resources() const { return *resources_; }
   std::uint32_t members() const { return *members_; }
+  Presence& presence() const { return *presence_; }
 
   // Error: the session or the server is full.
   Outcome<Place> enter();
@@ -89,6 +91,7 @@ class Session {
   std::uint64_t contentHash_;
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> members_, cameras_;
+  std::shared_ptr<Presence> presence_;
 };
 
 // Any thread.

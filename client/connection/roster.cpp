@@ -1,0 +1,26 @@
+#include "client/connection/roster.h"
+
+#include <string>
+#include <utility>
+
+namespace ridgecast::connection {
+
+Outcome<void> Roster::apply(const wire::Members& news, std::chrono::steady_clock::time_point now) {
+  auto others = others_;
+  const auto name = [](std::uint64_t camera) { return "member " + std::to_string(camera); };
+  for (const wire::Member& m : news.joined)
+    if (!others.emplace(m.camera, Other{m, now}).second) return Error{name(m.camera) + " joined twice"};
+  for (const wire::Moved& m : news.moved) {
+    const auto it = others.find(m.camera);
+    if (it == others.end()) return Error{name(m.camera) + " moved but had not joined"};
+    it->second.member.moved = m;
+    it->second.heard = now;
+  }
+  for (const std::uint64_t camera : news.left)
+    if (others.erase(camera) == 0) return Error{name(camera) + " left but had not joined"};
+  others_ = std::move(others);
+  ++version_;
+  return {};
+}
+
+}  // namespace ridgecast::connection

@@ -1,0 +1,30 @@
+#pragma once
+// The other members of the session, as far as this client has heard. Not thread-safe; a value.
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::connection {
+
+struct Other {
+  wire::Member member;
+  std::chrono::steady_clock::time_point heard;  // when the newest of it arrived
+};
+
+class Roster {
+ public:
+  // Error: somebody joins twice, or moves or leaves without having joined; nothing is applied then.
+  Outcome<void> apply(const wire::Members& news, std::chrono::steady_clock::time_point now);
+  const std::map<std::uint64_t, Other>& others() const { return others_; }  // by camera; not this client itself
+  std::uint64_t version() const { return version_; }                        // grows with everything that is applied; 0: nothing yet
+
+ private:
+  std::map<std::uint64_t, Other> others_;
+  std::uint64_t version_ = 0;
+};
+
+}  // namespace ridgecast::connection

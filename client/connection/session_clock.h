@@ -1,0 +1,44 @@
+#pragma once
+// The session's clock as this client knows it: what the server said last, and what time it is now by the client's own steady clock.
+//
+// While the clock runs, every answer to a question bounds the session's time at the moment between asking and hearing by half the round
+// trip; of the last answers the one with the shortest round trip counts (Cristian 1989), older ones less and less. Good to half a round
+// trip. A stepped clock is exact. Not thread-safe; a value.
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+
+#include "common/wire/messages.h"
+
+namespace ridgecast::connection {
+
+class SessionClock {
+ public:
+  using Instant = std::chrono::steady_clock::time_point;
+
+  const wire::Clock& said() const { return said_; }          // the last that was heard
+  std::uint64_t version() const { return version_; }         // grows with everything that is heard; 0: nothing yet
+  std::uint64_t time(Instant now) const;                     // session time, microseconds
+  std::chrono::microseconds uncertainty(Instant now) const;  // of time(): half a round trip, and what two clocks drift; 0 when stepped
+  bool waitsFor(std::uint64_t camera) const;                 // the newest step is not done before this member says so
+
+  wire::AskClock ask(Instant now);  // a question to send now; an earlier one that was not answered is forgotten
+  void hear(const wire::Clock& clock, Instant now);
+
+ private:
+  struct Sample {
+    Instant at;  // when the session's time was `time`
+    double time = 0;
+    double spread = 0;  // microseconds, either way
+  };
+  static double spreadOf(const Sample& sample, Instant now);
+
+  wire::Clock said_;
+  std::uint64_t version_ = 0, asked_ = 0;
+  std::optional<Instant> askedAt_;
+  std::optional<Sample> best_;
+  double halfTrip_ = 0;  // microseconds, the shortest so far
+};
+
+}  // namespace ridgecast::connection

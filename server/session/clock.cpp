@@ -1,0 +1,91 @@
+#include "server/session/clock.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::session {
+
+std::uint64_t Clock::time(Instant now) const {
+  if (mode_ == wire::ClockMode::kStepped) return time_;
+  const double passed = std::max(0.0, std::chrono::duration<double, std::micro>(now - since_).count()) * rate_;
+  return std::min(wire::kMaxTime, time_ + static_cast<std::uint64_t>(std::min(passed, 1e18)));
+}
+
+wire::Clock Clock::state(Instant now) const {
+  wire::Clock out;
+  out.mode = mode_;
+  out.rate = rate_;
+  out.time = time(now);
+  out.owner = owner_;
+  out.step = step_;
+  out.waitsFor.assign(waitsFor_.begin(), waitsFor_.end());
+  return out;
+}
+
+bool Clock::leave(std::uint64_t member, Instant) {
+  followers_.erase(member);
+  bool changed = waitsFor_.erase(member) > 0;
+  if (owner_ == member) {
+    owner_ = 0;
+    queued_.clear();
+    changed = true;
+  }
+  if (changed) goOn();
+  return changed;
+}
+
+bool Clock::set(std::uint64_t member, const wire::SetClock& set, Instant now) {
+  if (owner_ != 0 && owner_ != member) return false;
+  if (!set.own) {
+    if (owner_ == 0) return false;
+    owner_ = 0;
+    queued_.clear();
+    return true;
+  }
+  owner_ = member;
+  time_ = time(now);
+  since_ = now;
+  if (set.mode != wire::ClockMode::kStepped) {
+    queued_.clear();
+    waitsFor_.clear();
+  }
+  mode_ = set.mode;
+  rate_ = mode_ == wire::ClockMode::kRealTime ? 1 : mode_ == wire::ClockMode::kScaled ? set.rate : 0;
+  return true;
+}
+
+Clock::Stepped Clock::step(std::uint64_t member, const wire::Step& step) {
+  if (owner_ != member) return Stepped::kNotYours;
+  if (mode_ != wire::ClockMode::kStepped) return Stepped::kNotStepped;
+  if (queued_.size() >= kMaxQueuedSteps) return Stepped::kTooMany;
+  queued_.push_back(step);
+  const std::uint64_t before = step_;
+  goOn();
+  return step_ != before ? Stepped::kBegins : Stepped::kQueues;
+}
+
+bool Clock::done(std::uint64_t member, std::uint64_t step) {
+  if (step != step_ || waitsFor_.erase(member) == 0) return false;
+  if (!waitsFor_.empty()) return false;  // of interest is only when nobody is left
+  goOn();
+  return true;
+}
+
+void Clock::begin(const wire::Step& step) {
+  ++step_;
+  time_ = std::min(wire::kMaxTime, time_ + step.time);
+  if (!step.wait) return;
+  waitsFor_ = followers_;
+  waitsFor_.erase(owner_);  // it knows what it does
+}
+
+void Clock::goOn() {
+  while (waitsFor_.empty() && !queued_.empty()) {
+    begin(queued_.front());
+    queued_.pop_front();
+  }
+}
+
+}  // namespace ridgecast::session

@@ -1,0 +1,178 @@
+#include "server/session/presence.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace ridgecast::session {
+
+namespace {
+
+std::shared_ptr<const void> ticket() { return std::make_shared<char>(); }
+
+}  // namespace
+
+Presence::Presence(const Alarm& alarm) : alarm_(alarm), clock_(Time::now()) {}
+
+void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender,
+                    const std::optional<wire::PoseMessage>& pose) {
+  const std::lock_guard lock(mutex_);
+  Entry& entry = entries_[camera];
+  entry.member = {camera, hello.role, hello.clientName, {}};
+  entry.sender = std::move(sender);
+  entry.wantsMembers = hello.members;
+  entry.wantsClock = hello.clock;
+  entry.joinedAt = ++version_;
+  if (pose) {
+    entry.member.moved = wire::Moved{camera, *pose, clock_.time(Time::now())};
+    entry.movedAt = version_;
+  }
+  if (entry.wantsClock) {
+    clock_.follow(camera);
+    sendClock(entry, 0);
+  }
+  membersChanged();
+}
+
+void Presence::moved(std::uint64_t camera, const wire::PoseMessage& pose) {
+  const std::lock_guard lock(mutex_);
+  const auto it = entries_.find(camera);
+  if (it == entries_.end()) return;
+  it->second.member.moved = wire::Moved{camera, pose, clock_.time(Time::now())};
+  it->second.movedAt = ++version_;
+  membersChanged();
+}
+
+void Presence::leave(std::uint64_t camera) {
+  const std::lock_guard lock(mutex_);
+  const auto it = entries_.find(camera);
+  if (it == entries_.end()) return;
+  const std::uint64_t joinedAt = it->second.joinedAt;
+  entries_.erase(it);
+  for (auto& [id, entry] : entries_)
+    if (entry.wantsMembers && entry.told >= joinedAt) entry.left.push_back(camera);
+  ++version_;
+  membersChanged();
+  if (clock_.leave(camera, Time::now())) clockChanged();
+}
+
+// ---- members ----
+
+void Presence::membersChanged() {
+  if (membersAlarm_) return;
+  if (std::none_of(entries_.begin(), entries_.end(), [](const auto& e) { return e.second.wantsMembers; })) return;
+  membersAlarm_ = true;
+  alarm_.at(std::max(Time::now(), lastTold_ + kLeastPause), [weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    const std::lock_guard lock(self->mutex_);
+    self->membersAlarm_ = false;
+    self->tellMembers();
+  });
+}
+
+void Presence::tellMembers() {
+  lastTold_ = Time::now();
+  bool all = true;
+  for (auto& [id, entry] : entries_)
+    if (entry.wantsMembers && !tell(entry)) all = false;
+  if (!all) membersChanged();
+}
+
+bool Presence::tell(Entry& entry) {
+  if (entry.told == version_) return true;
+  if (!entry.waiting.expired()) return false;
+  wire::Members news;
+  for (const auto& [id, other] : entries_) {
+    if (&other == &entry) continue;
+    if (other.joinedAt > entry.told)
+      news.joined.push_back(other.member);
+    else if (other.movedAt > entry.told)
+      news.moved.push_back(*other.member.moved);
+  }
+  news.left = std::exchange(entry.left, {});
+  const bool first = entry.told == 0;  // the first is sent though nobody else may be there
+  entry.told = version_;
+  if (!first && news.joined.empty() && news.moved.empty() && news.left.empty()) return true;
+  const auto held = ticket();
+  entry.waiting = held;
+  entry.sender->send(std::move(news), held);
+  return true;
+}
+
+// ---- clock ----
+
+void Presence::ask(std::uint64_t camera, const wire::AskClock& ask) {
+  const std::lock_guard lock(mutex_);
+  if (const auto it = entries_.find(camera); it != entries_.end()) sendClock(it->second, ask.echo);
+}
+
+void Presence::set(std::uint64_t camera, const wire::SetClock& set) {
+  const std::lock_guard lock(mutex_);
+  const auto it = entries_.find(camera);
+  if (it == entries_.end()) return;
+  const bool changed = clock_.set(camera, set, Time::now());
+  if (changed) clockChanged();
+  if (!changed || !it->second.wantsClock) sendClock(it->second, 0);
+}
+
+Clock::Stepped Presence::step(std::uint64_t camera, const wire::Step& step) {
+  const std::lock_guard lock(mutex_);
+  const auto it = entries_.find(camera);
+  if (it == entries_.end()) return Clock::Stepped::kNotYours;
+  const Clock::Stepped stepped = clock_.step(camera, step);
+  if (stepped == Clock::Stepped::kBegins) clockChanged();
+  if (stepped == Clock::Stepped::kNotYours) sendClock(it->second, 0);
+  return stepped;
+}
+
+void Presence::done(std::uint64_t camera, const wire::StepDone& done) {
+  const std::lock_guard lock(mutex_);
+  if (clock_.done(camera, done.step)) clockChanged();
+}
+
+void Presence::clockChanged() {
+  for (auto& [id, entry] : entries_) entry.clockStale = entry.wantsClock;
+  tellClock();
+}
+
+void Presence::tellClock() {
+  bool all = true;
+  for (auto& [id, entry] : entries_) {
+    if (!entry.clockStale) continue;
+    if (entry.clockWaiting.expired())
+      sendClock(entry, 0);
+    else
+      all = false;
+  }
+  if (all || clockAlarm_) return;
+  clockAlarm_ = true;
+  alarm_.at(Time::now() + kClockRetry, [weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    const std::lock_guard lock(self->mutex_);
+    self->clockAlarm_ = false;
+    self->tellClock();
+  });
+}
+
+void Presence::sendClock(Entry& entry, std::uint64_t echo) {
+  wire::Clock clock = clock_.state(Time::now());
+  clock.echo = echo;
+  entry.clockStale = false;
+  const auto held = ticket();
+  entry.clockWaiting = held;
+  entry.sender->send(std::move(clock), held);
+}
+
+Presence::Seen Presence::look() const {
+  const std::lock_guard lock(mutex_);
+  Seen seen;
+  seen.clock = clock_.state(Time::now());
+  for (const auto& [id, entry] : entries_) {
+    seen.members.push_back(entry.member);
+    if (id == seen.clock.owner) seen.ownerName = entry.member.name;
+  }
+  return seen;
+}
+
+}  // namespace ridgecast::session

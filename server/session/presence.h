@@ -1,0 +1,84 @@
+#pragma once
+// Who is in a session and where, and its clock; and what each member is told of that.
+//
+// A member that wants to know of the others is told of all that changed since it was last told, in one message, at most every kLeastPause
+// (20 times a second), and not while the last such message still waits in its way out: for a slow member changes merge. A member that
+// follows the clock is told of every state of it that is current when the message before has left: a step that waits for it is always told.
+//
+// Any thread. Messages are handed to the members' senders under a lock of its own; senders do not call back.
+// Bounds: one entry a member; what a member still has to be told of those that left is at most the members it was told of.
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/wire/messages.h"
+#include "server/session/alarm.h"
+#include "server/session/clock.h"
+#include "server/session/sender.h"
+
+namespace ridgecast::session {
+
+class Presence : public std::enable_shared_from_this<Presence> {
+ public:
+  static constexpr std::chrono::milliseconds kLeastPause{50};
+  static constexpr std::chrono::milliseconds kClockRetry{5};  // when the last word about the clock has not left yet
+
+  // The alarm wakes it when somebody has to be told later; it must outlive this.
+  explicit Presence(const Alarm& alarm);
+
+  // `hello` says name, role and what is wanted; `pose` is the newest there is. The member's world must have been sent.
+  void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose);
+  void moved(std::uint64_t camera, const wire::PoseMessage& pose);  // unknown cameras are ignored, here and below
+  void leave(std::uint64_t camera);
+
+  void ask(std::uint64_t camera, const wire::AskClock& ask);
+  // Answered with the clock as it is then, whether it was this camera's to set or not.
+  void set(std::uint64_t camera, const wire::SetClock& set);
+  Clock::Stepped step(std::uint64_t camera, const wire::Step& step);
+  void done(std::uint64_t camera, const wire::StepDone& done);
+
+  struct Seen {
+    wire::Clock clock;
+    std::string ownerName;
+    std::vector<wire::Member> members;
+  };
+  Seen look() const;  // for tables
+
+ private:
+  using Time = std::chrono::steady_clock;
+  struct Entry {
+    wire::Member member;
+    std::shared_ptr<Sender> sender;
+    bool wantsMembers = false, wantsClock = false;
+    std::uint64_t joinedAt = 0, movedAt = 0;  // versions
+    // What it was told.
+    std::uint64_t told = 0;             // version
+    std::vector<std::uint64_t> left;    // to be told
+    std::weak_ptr<const void> waiting;  // the last Members, until it has left
+    bool clockStale = false;
+    std::weak_ptr<const void> clockWaiting;
+  };
+
+  void membersChanged();  // under the lock, as all below
+  void tellMembers();
+  bool tell(Entry& entry);  // whether it is up to date now
+  void clockChanged();
+  void tellClock();
+  void sendClock(Entry& entry, std::uint64_t echo);
+
+  const Alarm& alarm_;
+  mutable std::mutex mutex_;
+  std::map<std::uint64_t, Entry> entries_;
+  std::uint64_t version_ = 0;
+  Time::time_point lastTold_{};
+  bool membersAlarm_ = false, clockAlarm_ = false;
+  Clock clock_;
+};
+
+}  // namespace ridgecast::session

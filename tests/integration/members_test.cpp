@@ -1,0 +1,253 @@
+// Eight members of one session, two of them sensors, over loopback: each sees the others in time, their clocks agree, and a stepped clock
+// waits for everybody. RIDGECAST_MEMBERS_SECONDS makes it longer than a few seconds.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstdlib>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "client/connection/connection.h"
+#include "server/net/server.h"
+#include "server/scheduling/pool.h"
+#include "server/session/iterating_mesh.h"
+#include "server/session/session.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using connection::Connection;
+using Time = std::chrono::steady_clock;
+
+double seconds() {
+  const char* given = std::getenv("RIDGECAST_MEMBERS_SECONDS");
+  return given ? std::atof(given) : 4;
+}
+
+wire::Hello helloOf(const std::string& name, wire::Role role = wire::Role::kViewer) {
+  wire::Hello hello;
+  hello.clientName = name;
+  hello.role = role;
+  hello.members = hello.clock = true;
+  hello.settings.threshold = 20;
+  hello.settings.triangleBudget = 20'000;
+  return hello;
+}
+
+wire::PoseMessage poseAt(std::uint64_t sequence) {
+  wire::PoseMessage pose;
+  pose.sequence = sequence;
+  pose.camera.pose = {
+      .x = 1'000 * static_cast<lattice::Step>(sequence), .z = 0, .remainderX = 0, .remainderZ = 0, .y = 1500, .yaw = 0, .pitch = 0};
+  pose.camera.projection.width = 160;
+  pose.camera.projection.height = 90;
+  return pose;
+}
+
+class MembersTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    spdlog::set_level(spdlog::level::warn);
+    machine = std::make_unique<scheduling::Machine>(2);
+    auto resources = std::make_shared<session::Resources>();
+    resources->machine = machine.get();
+    resources->makeMesh = session::pipelineMeshes();
+    resources->serverName = "integration";
+    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    net::Settings settings;
+    settings.port = 0;
+    auto made = net::Server::listen(settings, directory);
+    ASSERT_TRUE(made) << made.error().message;
+    server = std::move(*made);
+  }
+  void TearDown() override {
+    if (server) server->shutdown();
+    machine.reset();
+    server.reset();
+  }
+  std::unique_ptr<Connection> join(const wire::Hello& hello) {
+    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello);
+    if (!opened) throw std::runtime_error(opened.error().message);
+    return std::move(*opened);
+  }
+  std::unique_ptr<net::Server> server;
+  std::unique_ptr<scheduling::Machine> machine;
+  std::shared_ptr<session::Directory> directory;
+};
+
+TEST_F(MembersTest, EightMembersSeeEachOtherInTimeAndTheirClocksAgree) {
+  constexpr std::size_t kMembers = 8;
+  std::vector<std::unique_ptr<Connection>> members;
+  for (std::size_t k = 0; k < kMembers; ++k)
+    members.push_back(join(helloOf("member " + std::to_string(k), k < 2 ? wire::Role::kSensor : wire::Role::kViewer)));
+  std::vector<std::uint64_t> camera;
+  for (const auto& m : members) camera.push_back(m->world().camera);
+
+  // sentAt[k][s]: when member k sent its pose s. Written before the pose is sent, read after it was received.
+  const auto span = std::chrono::duration<double>(seconds());
+  const auto poses = static_cast<std::size_t>(span / 40ms) + 10;
+  std::vector<std::vector<std::atomic<std::int64_t>>> sentAt(kMembers);
+  for (auto& s : sentAt) s = std::vector<std::atomic<std::int64_t>>(poses + 2);
+  std::atomic<bool> ends{false};
+  std::mutex mutex;
+  std::vector<double> ages;  // milliseconds: how old is what is seen of somebody, now
+  std::vector<std::thread> threads;
+  for (std::size_t k = 0; k < kMembers; ++k) {
+    threads.emplace_back([&, k] {
+      Connection& me = *members[k];
+      std::vector<double> mine;
+      auto next = Time::now();
+      connection::Roster roster;
+      for (std::uint64_t s = 1; s <= poses && !ends; ++s) {
+        sentAt[k][s] = Time::now().time_since_epoch().count();
+        me.send(poseAt(s));
+        next += 40ms;
+        while (Time::now() < next) {
+          if (auto received = me.receive(5ms)) me.acknowledge({received->iteration.number, received->iteration.meshHash});
+          if (auto news = me.others(roster.version())) roster = std::move(*news);
+          // How old is the view of each: since when has the member been elsewhere than it is seen?
+          const auto now = Time::now().time_since_epoch().count();
+          for (std::size_t other = 0; other < kMembers; ++other) {
+            const auto it = roster.others().find(camera[other]);
+            if (other == k || it == roster.others().end() || !it->second.member.moved) continue;
+            const std::uint64_t seen = it->second.member.moved->pose.sequence;
+            if (seen + 1 >= sentAt[other].size()) continue;
+            const std::int64_t left = sentAt[other][seen + 1];
+            mine.push_back(left == 0 ? 0 : std::max(0.0, static_cast<double>(now - left) / 1e6));
+          }
+        }
+      }
+      const std::lock_guard lock(mutex);
+      ages.insert(ages.end(), mine.begin(), mine.end());
+    });
+  }
+  // Meanwhile: what do they think what time it is?
+  std::vector<double> apart;
+  const auto until = Time::now() + std::chrono::duration_cast<Time::duration>(span);
+  std::this_thread::sleep_for(500ms);
+  while (Time::now() < until) {
+    std::int64_t least = std::numeric_limits<std::int64_t>::max(), most = std::numeric_limits<std::int64_t>::min();
+    for (const auto& m : members) {
+      const auto clock = m->clock();
+      const auto now = Time::now();
+      // Against the machine's own clock, as not all can be asked at once.
+      const auto off = static_cast<std::int64_t>(clock.time(now)) -
+                       std::chrono::duration_cast<std::chrono::microseconds>(now.time_since_epoch()).count();
+      least = std::min(least, off);
+      most = std::max(most, off);
+    }
+    apart.push_back(static_cast<double>(most - least) / 1e3);
+    std::this_thread::sleep_for(10ms);
+  }
+  ends = true;
+  for (auto& t : threads) t.join();
+  for (const auto& m : members) {
+    ASSERT_FALSE(m->error()) << m->error()->message;
+    const auto others = m->others();
+    ASSERT_TRUE(others);
+    EXPECT_EQ(others->others().size(), kMembers - 1);
+    std::size_t sensors = 0;
+    for (const auto& [id, other] : others->others()) sensors += other.member.role == wire::Role::kSensor;
+    EXPECT_GE(sensors, 1u);
+  }
+  ASSERT_FALSE(ages.empty());
+  std::sort(ages.begin(), ages.end());
+  std::sort(apart.begin(), apart.end());
+  const double p99 = ages[ages.size() * 99 / 100];
+  std::printf("views of others: median %.1f ms, p99 %.1f ms, most %.1f ms; clocks apart: median %.2f ms, most %.2f ms\n",
+              ages[ages.size() / 2], p99, ages.back(), apart[apart.size() / 2], apart.back());
+  RecordProperty("p99_ms", std::to_string(p99));
+#if !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
+  EXPECT_LE(p99, 100);
+  EXPECT_LE(apart[apart.size() * 99 / 100], 10);
+#endif
+}
+
+TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
+  auto owner = join(helloOf("owner"));
+  owner->setClock({true, wire::ClockMode::kStepped, 0});
+  while (owner->clock().said().owner != owner->world().camera) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), 5s));
+
+  const std::uint64_t begin = owner->clock().said().time;
+  constexpr std::size_t kOthers = 7;
+  constexpr std::uint64_t kSteps = 60;
+  std::vector<std::unique_ptr<Connection>> others;
+  for (std::size_t k = 0; k < kOthers; ++k) others.push_back(join(helloOf("other", k < 2 ? wire::Role::kSensor : wire::Role::kViewer)));
+  for (auto& o : others) ASSERT_TRUE(o->waitForClock(0, 5s));
+
+  std::array<std::atomic<std::uint64_t>, kOthers> done{};  // steps that each has finished its work for
+  std::atomic<bool> ranAhead{false};
+  std::vector<std::thread> threads;
+  for (std::size_t k = 0; k < kOthers; ++k)
+    threads.emplace_back([&, k] {
+      Connection& me = *others[k];
+      std::uint64_t version = 0;
+      while (done[k] < kSteps && me.waitForClock(version, 20s)) {
+        const auto clock = me.clock();
+        version = clock.version();
+        const auto& said = clock.said();
+        for (const auto& d : done)
+          if (said.step > d + 1) ranAhead = true;  // the step before is not done by somebody
+        if (said.time != begin + said.step * 20'000) ranAhead = true;
+        if (!clock.waitsFor(me.world().camera) || said.step == done[k]) continue;
+        if ((said.step + k) % 9 == 0) std::this_thread::sleep_for(2ms);  // its work
+        done[k] = said.step;
+        me.stepDone({said.step});
+      }
+    });
+  for (std::uint64_t s = 0; s < kSteps; ++s) owner->step({20'000, true});  // queued, as far as they do not wait
+  for (auto& t : threads) t.join();
+  for (const auto& d : done) EXPECT_EQ(d, kSteps);
+  EXPECT_FALSE(ranAhead);
+  EXPECT_FALSE(owner->error());
+}
+
+TEST_F(MembersTest, WhoLeavesIsNotWaitedForAndAnotherTakesTheClock) {
+  auto owner = join(helloOf("owner")), lazy = join(helloOf("lazy")), next = join(helloOf("next"));
+  owner->setClock({true, wire::ClockMode::kStepped, 0});
+  while (owner->clock().said().owner == 0) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), 5s));
+  owner->step({1000, true});
+  while (next->clock().said().step != 1) ASSERT_TRUE(next->waitForClock(next->clock().version(), 5s));
+  next->stepDone({1});
+  lazy.reset();
+  while (!owner->clock().said().waitsFor.empty() || owner->clock().said().step != 1)
+    ASSERT_TRUE(owner->waitForClock(owner->clock().version(), 5s));
+  next->setClock({true, wire::ClockMode::kRealTime, 1});  // in vain
+  std::this_thread::sleep_for(300ms);
+  EXPECT_EQ(next->clock().said().owner, owner->world().camera);
+  owner.reset();
+  while (next->clock().said().owner != 0) ASSERT_TRUE(next->waitForClock(next->clock().version(), 5s));
+  next->setClock({true, wire::ClockMode::kScaled, 3});
+  while (next->clock().said().owner != next->world().camera) ASSERT_TRUE(next->waitForClock(next->clock().version(), 5s));
+  EXPECT_EQ(next->clock().said().rate, 3);
+}
+
+TEST_F(MembersTest, AnOldClientIsSentNothingNew) {
+  wire::Hello old;  // wants nothing
+  auto client = join(old);
+  auto other = join(helloOf("other"));
+  other->send(poseAt(1));
+  ASSERT_TRUE(other->receive(30s));
+  client->send(poseAt(1));
+  ASSERT_TRUE(client->receive(30s));
+  EXPECT_FALSE(client->others());
+  EXPECT_EQ(client->clock().version(), 0u);
+  EXPECT_FALSE(client->error());
+  const auto until = Time::now() + 5s;
+  while (Time::now() < until && (!other->others() || other->others()->others().empty())) std::this_thread::sleep_for(5ms);
+  EXPECT_EQ(other->others()->others().size(), 1u);
+}
+
+}  // namespace
+}  // namespace ridgecast

@@ -1,0 +1,206 @@
+#include "server/session/presence.h"
+
+#include <gtest/gtest.h>
+
+#include <condition_variable>
+#include <thread>
+
+namespace ridgecast::session {
+namespace {
+
+using namespace std::chrono_literals;
+using Time = std::chrono::steady_clock;
+
+// A member's end: keeps a table by the protocol's rules alone. While `reads` is false nothing leaves.
+class Listener : public Sender {
+ public:
+  void send(wire::ServerMessage message) override { send(std::move(message), nullptr); }
+  void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override {
+    const std::lock_guard lock(mutex_);
+    if (!reads) tickets_.push_back(std::move(ticket));
+    if (const auto* m = std::get_if<wire::Members>(&message)) {
+      times.push_back(Time::now());
+      for (const auto& j : m->joined)
+        if (!table.emplace(j.camera, j).second) complaint = "joined twice";
+      for (const auto& v : m->moved) {
+        if (!table.contains(v.camera)) complaint = "moved without having joined";
+        table[v.camera].moved = v;
+      }
+      for (const auto camera : m->left)
+        if (table.erase(camera) == 0) complaint = "left without having joined";
+    } else if (const auto* c = std::get_if<wire::Clock>(&message)) {
+      clocks.push_back(*c);
+    }
+    changed_.notify_all();
+  }
+  std::size_t queuedBytes() const override { return 0; }
+  void fail(wire::ErrorMessage) override {}
+  void readOn() {
+    const std::lock_guard lock(mutex_);
+    reads = true;
+    tickets_.clear();
+  }
+  template <class Condition>
+  bool wait(const Condition& condition) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, 5s, [&] { return condition(*this); });
+  }
+  std::size_t messages() {
+    const std::lock_guard lock(mutex_);
+    return times.size();
+  }
+
+  std::atomic<bool> reads{true};
+  std::map<std::uint64_t, wire::Member> table;
+  std::vector<Time::time_point> times;
+  std::vector<wire::Clock> clocks;
+  std::string complaint;
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<std::shared_ptr<const void>> tickets_;
+};
+
+wire::PoseMessage pose(std::uint64_t sequence, double y = 1) {
+  wire::PoseMessage p;
+  p.sequence = sequence;
+  p.camera.pose.y = y;
+  return p;
+}
+
+class PresenceTest : public testing::Test {
+ protected:
+  std::shared_ptr<Listener> join(std::uint64_t id, const std::string& name = "somebody", bool members = true, bool clock = true,
+                                 wire::Role role = wire::Role::kViewer) {
+    auto listener = std::make_shared<Listener>();
+    wire::Hello hello;
+    hello.clientName = name;
+    hello.members = members;
+    hello.clock = clock;
+    hello.role = role;
+    presence->join(id, hello, listener, {});
+    return listener;
+  }
+  Alarm alarm;
+  std::shared_ptr<Presence> presence = std::make_shared<Presence>(alarm);
+};
+
+TEST_F(PresenceTest, MembersSeeEachOtherComeMoveAndGo) {
+  const auto a = join(1, "a");
+  EXPECT_TRUE(a->wait([](Listener& l) { return l.times.size() == 1 && l.table.empty(); })) << "that nobody is there is told, too";
+  const auto b = join(2, "b", true, true, wire::Role::kSensor);
+  EXPECT_TRUE(a->wait([](Listener& l) { return l.table.contains(2); }));
+  EXPECT_EQ(a->table[2].name, "b");
+  EXPECT_EQ(a->table[2].role, wire::Role::kSensor);
+  EXPECT_FALSE(a->table[2].moved);
+  EXPECT_TRUE(b->wait([](Listener& l) { return l.table.contains(1); }));
+  presence->moved(2, pose(1, 77));
+  EXPECT_TRUE(a->wait([](Listener& l) { return l.table[2].moved && l.table[2].moved->pose.camera.pose.y == 77; }));
+  presence->leave(2);
+  EXPECT_TRUE(a->wait([](Listener& l) { return l.table.empty(); }));
+  presence->moved(2, pose(2));
+  EXPECT_EQ(a->complaint + b->complaint, "");
+  EXPECT_FALSE(b->table.contains(2)) << "nobody is told of itself";
+}
+
+TEST_F(PresenceTest, WhoDidNotAskIsToldNothingButIsSeen) {
+  const auto silent = join(1, "old client", false, false);
+  const auto curious = join(2);
+  EXPECT_TRUE(curious->wait([](Listener& l) { return l.table.contains(1); }));
+  presence->moved(1, pose(1));
+  EXPECT_TRUE(curious->wait([](Listener& l) { return l.table[1].moved.has_value(); }));
+  EXPECT_TRUE(silent->times.empty() && silent->clocks.empty());
+}
+
+TEST_F(PresenceTest, AtMostTwentyASecond) {
+  const auto a = join(1);
+  join(2);
+  const auto begin = Time::now();
+  for (std::uint64_t k = 1; Time::now() < begin + 400ms; ++k) {
+    presence->moved(2, pose(k));
+    std::this_thread::sleep_for(1ms);
+  }
+  std::this_thread::sleep_for(100ms);  // the last one
+  EXPECT_LE(a->messages(), 12u);
+  EXPECT_GE(a->messages(), 3u);
+  for (std::size_t k = 1; k < a->times.size(); ++k) EXPECT_GE(a->times[k] - a->times[k - 1], 45ms);
+}
+
+TEST_F(PresenceTest, ForASlowMemberChangesMerge) {
+  const auto slow = join(1, "slow", true, false);
+  ASSERT_TRUE(slow->wait([](Listener& l) { return l.times.size() == 1; }));
+  slow->reads = false;
+  const auto other = join(2);
+  ASSERT_TRUE(slow->wait([](Listener& l) { return l.times.size() == 2; }));
+  for (std::uint64_t k = 1; k <= 100; ++k) presence->moved(2, pose(k));
+  join(3);
+  join(4);
+  presence->leave(3);
+  std::this_thread::sleep_for(200ms);
+  EXPECT_EQ(slow->messages(), 2u) << "the one before has not left";
+  slow->readOn();
+  ASSERT_TRUE(slow->wait([](Listener& l) { return l.times.size() == 3; }));
+  EXPECT_EQ(slow->table[2].moved->pose.sequence, 100u);
+  EXPECT_TRUE(slow->table.contains(4));
+  EXPECT_FALSE(slow->table.contains(3)) << "it came and went in between: nobody needs to hear of it";
+  EXPECT_EQ(slow->complaint, "");
+}
+
+TEST_F(PresenceTest, TheClockIsToldToThoseWhoFollowAndToThoseWhoAsk) {
+  const auto owner = join(1, "owner"), follower = join(2, "follower"), asks = join(3, "asks", false, false);
+  presence->set(1, {true, wire::ClockMode::kStepped, 0});
+  const std::uint64_t before = presence->look().clock.time;
+  EXPECT_EQ(presence->step(1, {20'000, true}), Clock::Stepped::kBegins);
+  ASSERT_TRUE(follower->wait([](Listener& l) { return !l.clocks.empty() && l.clocks.back().step == 1; }));
+  EXPECT_EQ(follower->clocks.back().owner, 1u);
+  EXPECT_EQ(follower->clocks.back().time, before + 20'000);
+  EXPECT_EQ(follower->clocks.back().waitsFor, std::vector<std::uint64_t>{2});
+  presence->done(2, {1});
+  EXPECT_TRUE(owner->wait([](Listener& l) { return l.clocks.back().step == 1 && l.clocks.back().waitsFor.empty(); }));
+  EXPECT_TRUE(asks->clocks.empty());
+  presence->ask(3, {99});
+  ASSERT_EQ(asks->clocks.size(), 1u);
+  EXPECT_EQ(asks->clocks[0].echo, 99u);
+  presence->set(2, {true, wire::ClockMode::kRealTime, 1});
+  EXPECT_EQ(follower->clocks.back().owner, 1u) << "the answer says whose it is";
+  EXPECT_EQ(presence->step(3, {1, false}), Clock::Stepped::kNotYours);
+  EXPECT_EQ(presence->look().ownerName, "owner");
+  presence->leave(1);
+  EXPECT_EQ(presence->look().clock.owner, 0u);
+  EXPECT_EQ(presence->look().clock.mode, wire::ClockMode::kStepped);
+}
+
+TEST_F(PresenceTest, StepsMergeForAMemberThatDoesNotReadAndOnesThatWaitArrive) {
+  join(1, "owner");
+  const auto slow = join(2, "slow", false);
+  slow->reads = false;
+  presence->set(1, {true, wire::ClockMode::kStepped, 0});
+  for (int k = 0; k < 1000; ++k) presence->step(1, {1, false});
+  presence->step(1, {1, true});
+  std::this_thread::sleep_for(30ms);
+  EXPECT_LE(slow->clocks.size(), 3u);
+  slow->readOn();
+  EXPECT_TRUE(slow->wait([](Listener& l) { return l.clocks.back().step == 1001 && l.clocks.back().waitsFor.size() == 1; }));
+}
+
+TEST_F(PresenceTest, ManyThreadsAtOnceEndInOneTable) {
+  const auto watcher = join(1000, "watcher");
+  std::vector<std::thread> threads;
+  for (std::uint64_t t = 1; t <= 4; ++t)
+    threads.emplace_back([&, t] {
+      for (std::uint64_t round = 0; round < 50; ++round) {
+        const auto me = join(t * 100 + round);
+        for (std::uint64_t k = 1; k < 20; ++k) presence->moved(t * 100 + round, pose(k));
+        presence->set(t * 100 + round, {true, wire::ClockMode::kStepped, 0});
+        presence->step(t * 100 + round, {1, true});
+        if (round % 2 == 0) presence->leave(t * 100 + round);
+      }
+    });
+  for (auto& t : threads) t.join();
+  EXPECT_TRUE(watcher->wait([](Listener& l) { return l.table.size() == 100; }));
+  EXPECT_EQ(watcher->complaint, "");
+}
+
+}  // namespace
+}  // namespace ridgecast::session
