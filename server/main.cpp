@@ -1,17 +1,16 @@
 // ridgecast-server: reads the command line, puts the rooms together, serves until SIGINT or SIGTERM.
 // Exit status: 0 after a signal, 1 when something failed while running, 2 when what was asked for cannot be.
 
-#include <spdlog/sinks/stdout_color_sinks.h>
-#include <spdlog/spdlog.h>
-
 #include <csignal>
 #include <cstdio>
 #include <exception>
 #include <fstream>
 #include <iostream>
+#include <string>
 #include <system_error>
 
-#include "server/config.h"
+#include "server/config/config.h"
+#include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
@@ -40,7 +39,8 @@ bool writePortFile(const std::filesystem::path& file, std::uint16_t port) {
 }
 
 int serve(const config::Config& config, const sigset_t& signals) {
-  auto terrain = user_terrain::load(config.terrain, [](const std::string& complaint) { spdlog::warn("{}", complaint); });  // before any thread begins
+  auto terrain =
+      user_terrain::load(config.terrain, [](const std::string& complaint) { logging::warning(complaint); });  // before any thread begins
   if (!terrain) return refuse(terrain.error().message);
 
   std::unique_ptr<net::Server> server;  // before the machine, so that it is destroyed after it: tasks send through it
@@ -55,11 +55,12 @@ int serve(const config::Config& config, const sigset_t& signals) {
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
     return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
-  spdlog::info("listening on {} with {} threads, terrain {}, seed {}", server->url(), machine.threads(), (*terrain)->name(), (*terrain)->seed());
+  logging::info("listening on " + server->url() + " with " + std::to_string(machine.threads()) + " threads, terrain " + std::string((*terrain)->name()) +
+                ", seed " + std::to_string((*terrain)->seed()));
 
   int signal = 0;
   sigwait(&signals, &signal);
-  spdlog::info("{}: shutting down", signal == SIGINT ? "interrupted" : "terminated");
+  logging::info(signal == SIGINT ? "interrupted: shutting down" : "terminated: shutting down");
   server->shutdown();
   if (!config.portFile.empty()) {
     std::error_code ignored;
@@ -71,11 +72,9 @@ int serve(const config::Config& config, const sigset_t& signals) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const config::Parsed parsed = config::parse(argc, argv);
+  const config::Parsed parsed = config::parse(argc, argv, environ);
   if (!parsed.config) return parsed.status;
-  spdlog::set_default_logger(spdlog::stderr_color_mt("server"));
-  spdlog::set_pattern("%H:%M:%S %^%l%$ %v");
-  if (parsed.config->quiet) spdlog::set_level(spdlog::level::warn);
+  logging::setUp(parsed.config->logFormat, parsed.config->logLevel);
 
   // Blocked before any thread begins, so that only sigwait sees them.
   sigset_t signals;

@@ -20,10 +20,14 @@
 
 #include <chrono>
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "common/outcome/outcome.h"
+#include "common/wire/wire.h"
+#include "server/access/network.h"
 #include "server/net/jobs.h"
 #include "server/net/routes.h"
 #include "server/session/session.h"
@@ -35,15 +39,24 @@ inline constexpr std::size_t kMaxQueuedMessages = 128;
 struct Settings {
   std::string host = "127.0.0.1";  // an address or a name of this machine
   std::uint16_t port = 7070;       // 0: any free one
-  bool allowInsecure = false;      // listen on other than loopback addresses; there are no tokens and no encryption yet
+  bool allowInsecure = false;      // listen on other than loopback addresses without TLS or without tokens
+  std::filesystem::path tlsCertificate, tlsKey;    // PEM; both or none
+  std::filesystem::path tokenFile, jwtSecretFile;  // both empty: everybody may do everything
+  std::vector<std::string> allowedOrigins;         // of browsers' pages beside the server's own: https://example.org, *
+  std::vector<access::Network> trustedProxies;
   unsigned threads = 2;
   std::uint32_t maxConnections = 512;
+  std::uint32_t maxConnectionsPerAddress = 256;  // 0: no limit
   std::uint32_t maxHeaderBytes = 8192;
+  std::size_t maxMessageBytes = wire::kMaxClientMessageBytes;
+  std::uint32_t maxMessagesPerSecond = 4000;  // 0: no limit
   std::chrono::milliseconds patience{10'000};
   std::chrono::milliseconds idle{60'000};
   Jobs::Limits promptJobs{2, 64, 0};   // answers that take milliseconds
   Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds: beside other work they get a thirtieth of a core
   std::size_t maxAnswerBytes = std::size_t{1} << 30;
+  std::chrono::milliseconds drain{5'000};
+  std::string reconnectUrl;  // told to clients when the server leaves; empty: where they came from
 };
 
 class Server {

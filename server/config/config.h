@@ -1,5 +1,5 @@
 #pragma once
-// The server's command line.
+// What the server is told: command line, environment, settings file (layers.h).
 
 #include <cstdint>
 #include <filesystem>
@@ -7,6 +7,7 @@
 #include <string>
 
 #include "common/outcome/outcome.h"
+#include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 #include "server/terrain/catalogue.h"
@@ -19,15 +20,16 @@ struct Config {
   user_terrain::Request terrain;   // of the default session, with its seed
   unsigned threads = 0;            // 0: as many as the hardware has
   std::filesystem::path portFile;  // empty: none
-  bool quiet = false;              // only warnings and errors
+  logging::Format logFormat = logging::Format::kText;
+  logging::Level logLevel = logging::Level::kInfo;
 };
 
-// What the command line asks for. Either `config`, or the process is to end now with `status`, its text printed already:
-// 0 after --help, --version and --list-terrains, 2 after an error, which is one sentence on stderr.
+// What is asked for. Either `config`, or the process is to end now with `status`, its text printed already: 0 after --help, --version,
+// --list-terrains, --print-config and `token`, 2 after an error, which is one sentence on stderr.
 struct Parsed {
   std::optional<Config> config;
   int status = 0;
 };
-Parsed parse(int argc, const char* const* argv);
+Parsed parse(int argc, const char* const* argv, const char* const* environment);
 
 }  // namespace ridgecast::config

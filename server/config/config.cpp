@@ -1,0 +1,219 @@
+#include "server/config/config.h"
+
+#include <CLI/CLI.hpp>
+#include <iostream>
+#include <map>
+
+#include "common/wire/wire.h"
+#include "server/config/layers.h"
+#include "server/config/token_command.h"
+
+namespace ridgecast::config {
+
+namespace {
+
+// Names begin unindented lines, details are indented: easy to read for people and for scripts.
+int listTerrains(const std::filesystem::path& folder) {
+  const auto entries = user_terrain::list(folder);
+  if (!entries) {
+    std::cerr << "ridgecast-server: " << entries.error().message << "\n";
+    return 2;
+  }
+  for (const user_terrain::Entry& e : *entries) {
+    std::cout << e.name << "\n";
+    if (!e.summary.empty()) std::cout << "    " << e.summary << "\n";
+    if (!e.problem.empty()) std::cout << "    cannot be used: " << e.problem << "\n";
+    for (const user_terrain::Parameter& p : e.parameters) std::cout << "    --param " << user_terrain::describe(p) << "\n";
+  }
+  return 0;
+}
+
+int refuse(const std::string& sentence) {
+  std::cerr << "ridgecast-server: " << sentence << "\n";
+  return 2;
+}
+
+// Settings as they are written; finish() makes a Config of them.
+struct Written {
+  Config config;
+  bool isPrivate = false, quiet = false;
+  std::vector<std::string> parameters, trustedProxies;
+  long long patience = 0, idle = 0, drain = 0;
+  std::string logFormat = "text", logLevel = "info";
+};
+
+void addTerrain(CLI::App& app, Written& w) {
+  Config& c = w.config;
+  app.add_option("--terrain", c.terrain.terrain, "Terrain of the default session: a name, or a file of your own, NAME.glsl")
+      ->capture_default_str();
+  app.add_option("--seed", c.terrain.seed, "Its seed")->capture_default_str();
+  app.add_option("--param", w.parameters, "Set a parameter of the terrain, NAME=NUMBER; may be given several times")
+      ->type_name("NAME=NUMBER")
+      ->allow_extra_args(false);
+  app.add_option("--terrain-dir", c.terrain.folder, "A folder of terrain files, to be had by name")->type_name("DIR");
+  app.add_option("--terrain-cache", c.terrain.cache, "Where compiled terrains are kept; left out: in your own cache folder")
+      ->type_name("DIR");
+  app.add_flag("--private-terrain", w.isPrivate, "Never send the terrain's text; clients that do not have it draw neutrally");
+}
+
+void addListening(CLI::App& app, Written& w) {
+  Config& c = w.config;
+  app.add_option("--host", c.net.host, "Address to listen on")->capture_default_str();
+  app.add_option("--port", c.net.port, "Port to listen on; 0: any free one")->capture_default_str();
+  app.add_option("--port-file", c.portFile, "Write the port to this file once the server listens")->type_name("FILE");
+  app.add_option("--threads", c.threads, "Threads that work on meshes; 0: as many as the machine has")
+      ->check(CLI::Range(0u, 1024u))
+      ->capture_default_str();
+}
+
+void addAccess(CLI::App& app, Written& w) {
+  net::Settings& n = w.config.net;
+  app.add_option("--tls-cert", n.tlsCertificate, "Certificate chain (PEM): the port speaks TLS; SIGHUP reads it again")->type_name("FILE");
+  app.add_option("--tls-key", n.tlsKey, "Its private key (PEM)")->type_name("FILE");
+  app.add_option("--token-file", n.tokenFile, "Tokens and their rights, see 'ridgecast-server token --help'; SIGHUP reads it again")
+      ->type_name("FILE");
+  app.add_option("--jwt-secret-file", n.jwtSecretFile, "Secret of JSON Web Tokens (HS256), at least 32 bytes; SIGHUP reads it again")
+      ->type_name("FILE");
+  app.add_option("--allow-origin", n.allowedOrigins, "Another origin whose pages may connect, such as https://example.org; * for any")
+      ->type_name("ORIGIN")
+      ->allow_extra_args(false);
+  app.add_option("--trusted-proxy", w.trustedProxies, "Networks whose X-Forwarded-For is believed, such as 10.0.0.0/8")
+      ->type_name("CIDR")
+      ->allow_extra_args(false);
+  app.add_flag("--allow-insecure", n.allowInsecure, "Listen on other than loopback addresses without TLS or without tokens");
+}
+
+void addLimits(CLI::App& app, Written& w) {
+  Config& c = w.config;
+  app.add_option("--max-cameras", c.limits.maxCameras, "Cameras at a time, of all sessions")
+      ->check(CLI::Range(1u, 65535u))
+      ->capture_default_str();
+  app.add_option("--max-members", c.limits.maxMembers, "Cameras at a time in one session")
+      ->check(CLI::Range(1u, 65535u))
+      ->capture_default_str();
+  app.add_option("--max-connections", c.net.maxConnections, "Connections at a time")->check(CLI::Range(1u, 65535u))->capture_default_str();
+  app.add_option("--max-connections-per-address", c.net.maxConnectionsPerAddress,
+                 "Connections at a time of one client address; 0: no limit")
+      ->check(CLI::Range(0u, 65535u))
+      ->capture_default_str();
+  app.add_option("--max-header-bytes", c.net.maxHeaderBytes, "Longest header of an HTTP request")
+      ->check(CLI::Range(1024u, 65536u))
+      ->capture_default_str();
+  app.add_option("--max-message-bytes", c.net.maxMessageBytes, "Longest message of a client")
+      ->check(CLI::Range(std::size_t{1024}, wire::kMaxClientMessageBytes))
+      ->capture_default_str();
+  app.add_option("--max-messages-per-second", c.net.maxMessagesPerSecond,
+                 "Messages of one client on average, twice as many at once; 0: no limit")
+      ->capture_default_str();
+  app.add_option("--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted")
+      ->check(CLI::Range(10'000u, 50'000'000u))
+      ->capture_default_str();
+  app.add_option("--window", c.limits.window, "Iterations that a client may leave unacknowledged")
+      ->check(CLI::Range(1u, wire::kMaxWindow))
+      ->capture_default_str();
+  app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Most that the iterations of one client may take; 0: no limit")
+      ->capture_default_str();
+  app.add_option("--patience", w.patience, "Seconds to wait for each of: TLS handshake, request, hello")
+      ->check(CLI::Range(1ll, 600ll))
+      ->capture_default_str();
+  app.add_option("--idle", w.idle, "Seconds of silence after which a stream is closed; half as long: a ping")
+      ->check(CLI::Range(2ll, 86400ll))
+      ->capture_default_str();
+}
+
+void addOperation(CLI::App& app, Written& w) {
+  app.add_option("--drain", w.drain, "Seconds that clients have to leave after SIGTERM")
+      ->check(CLI::Range(0ll, 3600ll))
+      ->capture_default_str();
+  app.add_option("--reconnect-url", w.config.net.reconnectUrl,
+                 "Where clients are told to go when this server leaves; left out: where they came from")
+      ->type_name("URL");
+  app.add_option("--log-format", w.logFormat, "text, or json: one object a line")
+      ->check(CLI::IsMember({"text", "json"}))
+      ->capture_default_str();
+  app.add_option("--log-level", w.logLevel, "debug, info, warning or error")
+      ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
+      ->capture_default_str();
+  app.add_flag("--quiet", w.quiet, "As --log-level warning");
+}
+
+// Error: one sentence.
+Outcome<Config> finish(Written&& w) {
+  Config& c = w.config;
+  c.limits.sendsTerrain = !w.isPrivate;
+  for (const std::string& p : w.parameters) {
+    auto assignment = user_terrain::parseAssignment(p);
+    if (!assignment) return assignment.error();
+    c.terrain.parameters.push_back(std::move(*assignment));
+  }
+  for (const std::string& text : w.trustedProxies) {
+    const auto network = access::Network::parse(text);
+    if (!network) return network.error();
+    c.net.trustedProxies.push_back(*network);
+  }
+  c.net.patience = std::chrono::seconds(w.patience);
+  c.net.idle = std::chrono::seconds(w.idle);
+  c.net.drain = std::chrono::seconds(w.drain);
+  c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);
+  c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
+  if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
+  const std::map<std::string, logging::Level> levels{{"debug", logging::Level::kDebug},
+                                                     {"info", logging::Level::kInfo},
+                                                     {"warning", logging::Level::kWarning},
+                                                     {"error", logging::Level::kError}};
+  c.logLevel = levels.at(w.logLevel);
+  if (w.quiet) c.logLevel = std::max(c.logLevel, logging::Level::kWarning);
+  return Outcome<Config>(boost::system::in_place_value, std::move(c));
+}
+
+}  // namespace
+
+Parsed parse(int argc, const char* const* argv, const char* const* environment) {
+  if (argc > 1 && std::string_view(argv[1]) == "token") return {std::nullopt, runTokenCommand(argc - 1, argv + 1)};
+  Written w;
+  w.patience = w.config.net.patience / std::chrono::seconds(1);
+  w.idle = w.config.net.idle / std::chrono::seconds(1);
+  w.drain = w.config.net.drain / std::chrono::seconds(1);
+  bool list = false, print = false;
+  std::filesystem::path file;
+  CLI::App app(
+      "Streams endless terrain, triangulated for each camera. 'ridgecast-server token --help' tells how to make tokens.\n"
+      "A setting's flag goes before its environment variable (--max-cameras: RIDGECAST_MAX_CAMERAS), that before the settings file.",
+      "ridgecast-server");
+  app.get_formatter()->column_width(34);
+  app.get_help_ptr()->configurable(false);
+  app.set_version_flag("--version", "ridgecast-server " RIDGECAST_VERSION ", protocol " + std::to_string(wire::kProtocolVersion))
+      ->configurable(false);
+  app.add_option("--config", file, "Settings file (TOML): flags without hyphens in front, such as max-cameras = 64")
+      ->type_name("FILE")
+      ->configurable(false);
+  app.add_flag("--print-config", print, "Print every setting and where it comes from")->configurable(false);
+  app.add_flag("--list-terrains", list, "List the terrains there are and their parameters")->configurable(false);
+  addListening(app, w);
+  addTerrain(app, w);
+  addAccess(app, w);
+  addLimits(app, w);
+  addOperation(app, w);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& e) {  // --help, --version
+    return {std::nullopt, app.exit(e)};
+  } catch (const CLI::ParseError& e) {
+    return {std::nullopt, refuse(std::string(e.what()) + "; --help lists what there is.")};
+  }
+  const std::string variable = variableOf("config") + "=";
+  for (const char* const* entry = environment; file.empty() && *entry; ++entry)
+    if (std::string_view(*entry).starts_with(variable)) file = *entry + variable.size();
+  const auto sources = addLayers(app, file, environment);
+  if (!sources) return {std::nullopt, refuse(sources.error().message)};
+  if (print) {
+    std::cout << describe(app, *sources);
+    return {std::nullopt, 0};
+  }
+  if (list) return {std::nullopt, listTerrains(w.config.terrain.folder)};
+  auto config = finish(std::move(w));
+  if (!config) return {std::nullopt, refuse(config.error().message)};
+  return {std::move(*config), 0};
+}
+
+}  // namespace ridgecast::config

@@ -1,0 +1,107 @@
+#include "server/config/token_command.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <charconv>
+#include <chrono>
+#include <filesystem>
+#include <iostream>
+#include <optional>
+#include <string>
+
+#include "common/wire/wire.h"
+#include "server/access/jwt.h"
+#include "server/access/tokens.h"
+
+namespace ridgecast::config {
+
+namespace {
+
+// "90s", "15m", "12h", "30d" -> seconds.
+std::optional<std::chrono::seconds> parseDuration(const std::string& text) {
+  long long number = 0;
+  const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (ec != std::errc() || number < 1 || number > 100'000 || end + 1 != text.data() + text.size()) return std::nullopt;
+  switch (*end) {
+    case 's':
+      return std::chrono::seconds(number);
+    case 'm':
+      return std::chrono::minutes(number);
+    case 'h':
+      return std::chrono::hours(number);
+    case 'd':
+      return std::chrono::hours(24 * number);
+    default:
+      return std::nullopt;
+  }
+}
+
+// Behind what is there, in one write; a new file is its owner's alone.
+bool appendLine(const std::filesystem::path& file, const std::string& line) {
+  const int descriptor = open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
+  if (descriptor < 0) return false;
+  char last = '\n';
+  const off_t size = lseek(descriptor, 0, SEEK_END);
+  if (size > 0 && pread(descriptor, &last, 1, size - 1) != 1) last = '\n';
+  const std::string text = (last == '\n' ? "" : "\n") + line + "\n";
+  const bool written = write(descriptor, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+  return close(descriptor) == 0 && written;
+}
+
+int refuse(const std::string& sentence) {
+  std::cerr << "ridgecast-server token: " << sentence << "\n";
+  return 2;
+}
+
+}  // namespace
+
+int runTokenCommand(int argc, const char* const* argv) {
+  std::string rights = "view", holder = "anyone", expires, session;
+  std::filesystem::path tokenFile, secretFile;
+  CLI::App app("Issues a token: a random one whose hash is added to a token file, or a JSON Web Token (HS256).", "ridgecast-server token");
+  app.add_option("--rights", rights, "What it grants: view, create, query, snapshot, with commas")->capture_default_str();
+  app.add_option("--holder", holder, "Whose it is, for the log")->capture_default_str();
+  app.add_option("--session", session, "The one session it is for; left out: all")->type_name("NAME");
+  app.add_option("--expires", expires, "How long it lasts: 90s, 15m, 12h, 30d; left out: a JSON Web Token 12h, another for ever")
+      ->type_name("DURATION");
+  auto* file = app.add_option("--token-file", tokenFile, "Make a random token and add its hash to this file")->type_name("FILE");
+  app.add_option("--jwt-secret-file", secretFile, "Sign a JSON Web Token with the secret in this file")->type_name("FILE")->excludes(file);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& e) {
+    return app.exit(e);
+  } catch (const CLI::ParseError& e) {
+    return refuse(std::string(e.what()) + "; --help lists what there is.");
+  }
+  access::Grant grant;
+  const auto parsed = access::parseRights(rights);
+  if (!parsed) return refuse(parsed.error().message);
+  grant.rights = *parsed;
+  if (!access::holderNameIsValid(holder)) return refuse("--holder has 1 to 64 letters, digits, '.', '_', '-' or '@'.");
+  grant.name = holder;
+  if (!session.empty() && !wire::sessionNameIsValid(session))
+    return refuse("--session has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
+  grant.session = session;
+  const auto now = std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now());
+  if (expires.empty() && !secretFile.empty()) expires = "12h";
+  if (!expires.empty()) {
+    const auto duration = parseDuration(expires);
+    if (!duration) return refuse("--expires is a number and s, m, h or d, such as 12h, and not '" + expires + "'.");
+    grant.expires = now + *duration;
+  }
+  if (!secretFile.empty()) {
+    const auto secret = access::loadSecret(secretFile);
+    if (!secret) return refuse(secret.error().message);
+    std::cout << access::issueJwt(grant, *secret, now) << "\n";
+    return 0;
+  }
+  if (tokenFile.empty()) return refuse("Say where the token is to be good: --token-file FILE or --jwt-secret-file FILE.");
+  const access::NewToken made = access::makeToken(grant);
+  if (!appendLine(tokenFile, made.line)) return refuse("Cannot write to '" + tokenFile.string() + "'.");
+  std::cout << made.token << "\n";
+  return 0;
+}
+
+}  // namespace ridgecast::config
