@@ -103,12 +103,16 @@ Change Triangulation::apply(VertexId v, WriteSet& set) {
   triangles_.markChanged(home);
   std::size_t spare = 0;
   for (TriangleId t : set.hole_) {
-    if (triangles_.regionOf(t) == home) set.hole_[spare++] = t;
-    else triangles_.release(t);
+    if (triangles_.regionOf(t) == home)
+      set.hole_[spare++] = t;
+    else
+      triangles_.release(t);
   }
   for (auto& f : set.fill_) {
-    if (f.region == home && spare > 0) triangles_.renew(f.id = set.hole_[--spare]);
-    else f.id = triangles_.allocate(f.region);
+    if (f.region == home && spare > 0)
+      triangles_.renew(f.id = set.hole_[--spare]);
+    else
+      f.id = triangles_.allocate(f.region);
     triangleRecords_[f.id] = {{border[f.a].from, border[f.b].from, border[f.c].from}, {kNoEdge, kNoEdge, kNoEdge}};
     setEdge(border[f.a].from, 4 * f.id);
     setEdge(border[f.b].from, 4 * f.id + 1);

@@ -1,12 +1,27 @@
 #include "server/triangulation/storage.h"
 
+#include <sys/mman.h>
+
 #include <algorithm>
 #include <cassert>
+#include <new>
 
 namespace ridgecast::triangulation {
 
+void* reserve(std::size_t bytes) {
+  constexpr std::size_t huge = std::size_t{2} << 20, large = 8 * huge;
+  void* const at = bytes < large ? std::malloc(bytes) : std::aligned_alloc(huge, (bytes + huge - 1) / huge * huge);
+  if (!at) throw std::bad_alloc();
+#ifdef MADV_HUGEPAGE
+  if (bytes >= large) madvise(at, bytes, MADV_HUGEPAGE);  // an offer; nothing is wrong where it is declined
+#endif
+  return at;
+}
+
 Pages::Pages(std::uint32_t slots)
-    : capacity_((slots + kSlots - 1) / kSlots * kSlots), pages_(std::make_unique<Page[]>(capacity_ / kSlots)), freePages_(capacity_ / kSlots) {
+    : capacity_((slots + kSlots - 1) / kSlots * kSlots),
+      pages_(std::make_unique<Page[]>(capacity_ / kSlots)),
+      freePages_(capacity_ / kSlots) {
   regions_.push_back(std::make_unique<Region>());  // kOutside
 }
 

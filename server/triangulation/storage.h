@@ -9,8 +9,10 @@
 #include <atomic>
 #include <bit>
 #include <cstdint>
+#include <cstdlib>
 #include <memory>
 #include <mutex>
+#include <type_traits>
 #include <vector>
 
 namespace ridgecast::triangulation {
@@ -19,6 +21,26 @@ using RegionId = std::uint32_t;
 inline constexpr RegionId kOutside = 0;
 inline constexpr std::uint32_t kNoSlot = 0xffffffffu;
 
+// Room for records that are written before they are read: nothing of it is resident until it is touched. Large arrays ask for huge pages,
+// which spare a tenth of an insertion's time in address translation and page faults, at up to 2 MiB more resident memory each.
+void* reserve(std::size_t bytes);  // throws std::bad_alloc; to be given to std::free
+template <class T>
+class Records {
+ public:
+  static_assert(std::is_trivially_default_constructible_v<T> && std::is_trivially_destructible_v<T>);
+  explicit Records(std::size_t count) : at_(static_cast<T*>(reserve(count * sizeof(T)))) {}
+  T& operator[](std::size_t k) { return at_.get()[k]; }
+  const T& operator[](std::size_t k) const { return at_.get()[k]; }
+  T* get() { return at_.get(); }
+  const T* get() const { return at_.get(); }
+
+ private:
+  struct Free {
+    void operator()(T* p) const { std::free(p); }
+  };
+  std::unique_ptr<T, Free> at_;
+};
+
 class Pages {
  public:
   static constexpr std::uint32_t kSlots = 64;
@@ -26,16 +48,16 @@ class Pages {
   explicit Pages(std::uint32_t slots);
 
   RegionId addRegion();
-  void removeRegion(RegionId region);        // must be empty
+  void removeRegion(RegionId region);  // must be empty
   std::size_t regionLimit() const { return regions_.size(); }
   bool hasRegion(RegionId region) const { return region < regions_.size() && regions_[region] != nullptr; }
 
-  std::uint32_t allocate(RegionId region);   // a fresh slot; kNoSlot when there is none left
+  std::uint32_t allocate(RegionId region);  // a fresh slot; kNoSlot when there is none left
   void release(std::uint32_t slot);
   // The slot is given to a new record of the same region: what release and allocate would do, without the search. The caller marks the
   // region changed.
   void renew(std::uint32_t slot) { setFresh(slot); }
-  void clear();                              // releases every slot; regions stay
+  void clear();  // releases every slot; regions stay
   // Whether a region holds a quarter more pages than it needs, and one, and the cure: move(from, to) is told of every slot that moves.
   bool sparse(RegionId region) const {
     const std::size_t needed = (regions_[region]->count + kSlots - 1) / kSlots;
@@ -79,8 +101,8 @@ class Pages {
   struct Page {
     std::uint64_t alive = 0, fresh = 0;
     RegionId region = kOutside;
-    std::uint32_t place = 0;      // index in its region's list of pages
-    bool open = false;            // in its region's list of pages with room
+    std::uint32_t place = 0;  // index in its region's list of pages
+    bool open = false;        // in its region's list of pages with room
   };
   struct Region {
     std::vector<std::uint32_t> pages, open;
@@ -93,11 +115,11 @@ class Pages {
 
   std::uint32_t capacity_;
   std::unique_ptr<Page[]> pages_;
-  std::vector<std::unique_ptr<Region>> regions_;   // null: unused id
+  std::vector<std::unique_ptr<Region>> regions_;  // null: unused id
   std::vector<RegionId> unusedRegions_;
   std::mutex mutex_;
-  std::vector<std::uint32_t> pool_;                // released pages, last in first out
-  std::uint32_t untouched_ = 0;                    // pages from here on were never used
+  std::vector<std::uint32_t> pool_;  // released pages, last in first out
+  std::uint32_t untouched_ = 0;      // pages from here on were never used
   std::atomic<std::uint32_t> freePages_;
 };
 

@@ -2,6 +2,7 @@
 #include "server/triangulation/triangulation.h"
 
 #include <algorithm>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <limits>
@@ -33,8 +34,8 @@ Triangulation::Triangulation(std::uint32_t triangles, const Partition& partition
       triangles_(2 * triangles + 8192 * Pages::kSlots),
       vertices_(triangles + 8192 * Pages::kSlots),
       squares_(1),
-      triangleRecords_(std::make_unique_for_overwrite<Triangle[]>(triangles_.capacity())),
-      vertexRecords_(std::make_unique_for_overwrite<Vertex[]>(vertices_.capacity())) {
+      triangleRecords_(triangles_.capacity()),
+      vertexRecords_(vertices_.capacity()) {
   static_assert(sizeof(Triangle) == 24 && sizeof(Vertex) == 16);
   clear();
 }
@@ -44,7 +45,7 @@ void Triangulation::clear() {
   vertices_.clear();
   const VertexId infinite = vertices_.allocate(kOutside);  // the first slot there is
   assert(infinite == kInfinite);
-  vertexRecords_[infinite] = Vertex{};
+  vertexRecords_[infinite] = {0, 0, 0, kNoEdge};
 }
 
 RegionId Triangulation::addRegion(const Square& square) {
@@ -146,7 +147,8 @@ inline Spot spotOf(const Vertex& v, const Point2& p) {
 //
 // In-circle relative to p: lift(A) (B x C) + lift(B) (C x A) + lift(C) (A x B) for A, B, C counter-clockwise. Lifts and cross products are
 // exact, so only three products and two sums round: at most 3 x 2^-53 of the sum of magnitudes, and a little.
-inline bool Triangulation::opens(const WriteSet::Door& door, const Triangle& beyond, unsigned apex, const Point2& p, WriteSet::Spot& spot) const {
+inline bool Triangulation::opens(const WriteSet::Door& door, const Triangle& beyond, unsigned apex, const Point2& p,
+                                 WriteSet::Spot& spot) const {
   const VertexId c = beyond.v[apex];
   if ((c == kInfinite) | (door.from == kInfinite) | (door.to == kInfinite)) {
     if (c != kInfinite) spot = spotOf<WriteSet::Spot>(vertexRecords_[c], p);
@@ -180,7 +182,7 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
   border.clear();
   hole.push_back(at);
   WriteSet::Spot corner[3];
-  for (HalfEdge h : start.twin) __builtin_prefetch(&vertexRecords_[triangleRecords_[h >> 2].v[(h & 3) == 0 ? 2 : (h & 3) - 1]]);
+  for (HalfEdge h : start.twin) __builtin_prefetch(&vertexRecords_[triangleRecords_[h >> 2].v[before(h & 3)]]);
   for (int k = 0; k < 3; ++k) corner[k] = spotOf<WriteSet::Spot>(vertexRecords_[start.v[k]], point);
   // The door at hand is kept out of the stack, where it would be read back just after it was written.
   std::size_t top = 0;
@@ -192,7 +194,7 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
     const RegionId region = triangles_.regionOf(t);
     if (region != home && !set.allows(region)) return Change::kDeferred;
     const Triangle& r = triangleRecords_[t];
-    const unsigned k = door.outer & 3, k1 = k == 2 ? 0 : k + 1, k2 = k == 0 ? 2 : k - 1;
+    const unsigned k1 = after(door.outer & 3), k2 = before(door.outer & 3);
     WriteSet::Spot apex{};
     if (opens(door, r, k2, point, apex)) {
       hole.push_back(t);
@@ -207,7 +209,8 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
     }
     RegionId filed = kOutside;
     if ((door.from != kInfinite) & (door.to != kInfinite))
-      filed = regionOfSum(3 * p.x + static_cast<std::int32_t>(door.a.x + door.b.x), 3 * p.z + static_cast<std::int32_t>(door.a.z + door.b.z), home);
+      filed = regionOfSum(3 * p.x + static_cast<std::int32_t>(door.a.x + door.b.x),
+                          3 * p.z + static_cast<std::int32_t>(door.a.z + door.b.z), home);
     if (filed != home && !set.allows(filed)) return Change::kDeferred;
     border.push_back({door.from, door.to, door.outer, filed});
     if (top == 0) break;
@@ -225,21 +228,27 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
   triangles_.markChanged(home);
   std::size_t spare = 0;
   for (TriangleId t : hole) {
-    if (triangles_.regionOf(t) == home) hole[spare++] = t;
-    else triangles_.release(t);
+    if (triangles_.regionOf(t) == home)
+      hole[spare++] = t;
+    else
+      triangles_.release(t);
   }
   HalfEdge first = kNoEdge, last = kNoEdge;
   for (const auto& b : border) {
     TriangleId t;
-    if (b.region == home && spare > 0) triangles_.renew(t = hole[--spare]);
-    else t = triangles_.allocate(b.region);
+    if (b.region == home && spare > 0)
+      triangles_.renew(t = hole[--spare]);
+    else
+      t = triangles_.allocate(b.region);
     Triangle& r = triangleRecords_[t];
     r.v[0] = v;
     r.v[1] = b.from;
     r.v[2] = b.to;
     link(4 * t + 1, b.outer);
-    if (last != kNoEdge) link(last, 4 * t);
-    else first = 4 * t;
+    if (last != kNoEdge)
+      link(last, 4 * t);
+    else
+      first = 4 * t;
     last = 4 * t + 2;
     setEdge(b.from, 4 * t + 1);
   }
@@ -268,13 +277,12 @@ TriangleId Triangulation::locate(Point2 p, TriangleId from, const WriteSet& set)
     if (!set.all_ && !set.allows(triangles_.regionOf(t))) return kNoEdge;
     const Triangle& r = triangleRecords_[t];
     if (isGhost(t)) return t;
-    HalfEdge onward = kNoEdge;
-    for (unsigned k = 0; k < 3; ++k) {
-      if (k == entry || orientation(vertexRecords_[r.v[k]].point(), vertexRecords_[r.v[k == 2 ? 0 : k + 1]].point(), p) >= 0) continue;
-      onward = r.twin[k];
-      break;
-    }
-    if (onward == kNoEdge) return t;
+    unsigned beyond = 0;  // bit k: p is to the right of side k
+    for (unsigned k = 0; k < 3; ++k)
+      beyond |= static_cast<unsigned>(orientation(vertexRecords_[r.v[k]].point(), vertexRecords_[r.v[after(k)]].point(), p) < 0) << k;
+    beyond &= ~(1u << entry);
+    if (beyond == 0) return t;
+    const HalfEdge onward = r.twin[std::countr_zero(beyond)];
     t = onward >> 2;
     entry = onward & 3;
   }

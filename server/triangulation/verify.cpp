@@ -76,7 +76,8 @@ std::string verify(const Triangulation& mesh, const Partition& partition) {
     RegionId home = kOutside;
     if (!ghost) {
       const auto floorThird = [](std::int64_t s) { return static_cast<std::int32_t>((s - ((s % 3) + 3) % 3) / 3); };
-      home = partition.regionAt({floorThird(at(r.v[0]).x + at(r.v[1]).x + at(r.v[2]).x), floorThird(at(r.v[0]).z + at(r.v[1]).z + at(r.v[2]).z)});
+      home = partition.regionAt(
+          {floorThird(at(r.v[0]).x + at(r.v[1]).x + at(r.v[2]).x), floorThird(at(r.v[0]).z + at(r.v[1]).z + at(r.v[2]).z)});
     }
     if (home != mesh.regionOf(t)) fault("triangle ", t, " filed under ", mesh.regionOf(t), ", its centroid is in ", home);
   }
@@ -85,12 +86,15 @@ std::string verify(const Triangulation& mesh, const Partition& partition) {
     const P p = at(v);
     if (!places.insert((static_cast<std::uint64_t>(p.x) << 32) ^ (static_cast<std::uint64_t>(p.z) & 0xffffffffu)).second)
       fault("two vertices at ", show(v));
-    if (mesh.regionOfVertex(v) != partition.regionAt({mesh.vertex(v).x, mesh.vertex(v).z})) fault("vertex ", show(v), " filed under a wrong region");
-    if (mesh.origin(mesh.edgeOf(v)) != v || !mesh.trianglePages().alive(mesh.edgeOf(v) >> 2)) fault("vertex ", show(v), " names an edge that is not its own");
+    if (mesh.regionOfVertex(v) != partition.regionAt({mesh.vertex(v).x, mesh.vertex(v).z}))
+      fault("vertex ", show(v), " filed under a wrong region");
+    if (mesh.origin(mesh.edgeOf(v)) != v || !mesh.trianglePages().alive(mesh.edgeOf(v) >> 2))
+      fault("vertex ", show(v), " names an edge that is not its own");
   }
   if (used.size() != vertices.size() + 1) fault("triangles use ", used.size(), " vertices, ", vertices.size() + 1, " are stored");
   // Euler on the sphere (infinity included): F = 2 V - 4.
-  if (all.size() != 2 * (vertices.size() + 1) - 4) fault("not one closed surface: ", all.size(), " triangles, ", vertices.size() + 1, " vertices");
+  if (all.size() != 2 * (vertices.size() + 1) - 4)
+    fault("not one closed surface: ", all.size(), " triangles, ", vertices.size() + 1, " vertices");
 
   for (const auto& [key, h] : edges) {
     const VertexId a = static_cast<VertexId>(key >> 32), b = static_cast<VertexId>(key);

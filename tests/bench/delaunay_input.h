@@ -1,7 +1,7 @@
 #pragma once
 // What both programs of `ridgecast-bench delaunay` do, as a file: insertions in the order in which the engine makes them (grids first,
 // then round after round, leaf by leaf, points inside triangles), each with an earlier point that is a corner of the triangle it falls
-// into, and then removals, leaf by leaf, of every other point. Both programs thus know as much as the engine does.
+// into, and then removals, leaf by leaf, of every other point.
 
 #include <cstdint>
 #include <cstdio>
@@ -18,6 +18,7 @@ struct Insertion {
 
 struct DelaunayInput {
   std::vector<Insertion> insertions;
+  std::vector<std::uint32_t> at;         // our id of the triangle that each point falls into: the engine knows it. Not in the file
   std::vector<std::uint32_t> removals;   // indices of insertions
 
   std::uint64_t hash() const {
