@@ -32,7 +32,10 @@ constexpr float kStays = std::numeric_limits<float>::infinity();              //
 }  // namespace
 
 CameraMesh::CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, bool thesis)
-    : terrain_(std::move(terrain)), thesis_(thesis), mesh_(triangles, *this), surface_(mesh_.triangleCapacity(), mesh_.vertexCapacity()) {}
+    : terrain_(std::move(terrain)),
+      thesis_(thesis),
+      mesh_(triangles, *this),
+      surface_(mesh_.triangleCapacity(), mesh_.vertexCapacity(), thesis) {}
 
 RegionId CameraMesh::regionAt(Point2 p) const { return tree_.tagAt({surface_.anchor.x + p.x, surface_.anchor.z + p.z}); }
 
@@ -67,8 +70,9 @@ void CameraMesh::anchorAt(const camera::Pose& pose, bool keep) {
     mesh_.translate(dx, dz);
     for (const Leaf* leaf : ordered_)
       mesh_.trianglePages().forEach(leaf->region, [&](TriangleId t) {
-        surface_.x[t] += dx;
-        surface_.z[t] += dz;
+        refinement::CandidatePage& page = surface_.candidates[t / refinement::CandidatePage::kSlots];
+        page.x[t % refinement::CandidatePage::kSlots] += dx;
+        page.z[t % refinement::CandidatePage::kSlots] += dz;
       });
   }
   surface_.anchor = anchor;
@@ -121,6 +125,8 @@ void CameraMesh::generate() {
       region = mesh_.addRegion({corner.x, corner.z, static_cast<std::int32_t>(address.side())});
       tree_.setTag(address, region);
       if (region >= leaves_.size()) leaves_.resize(region + 1);
+      if (region >= surface_.regions.size()) surface_.regions.resize(region + 1);
+      surface_.regions[region] = {};
       leaves_[region] = std::make_unique<Leaf>();
       leaves_[region]->address = address;
       leaves_[region]->region = region;
@@ -155,9 +161,9 @@ void CameraMesh::generate() {
 
 // What is kept beside the mesh follows its records.
 triangulation::Moves CameraMesh::keepBeside(std::vector<VertexId>* moved) {
-  return {[this](TriangleId from, TriangleId to) { surface_.moveTriangle(from, to); },
+  return {[this](TriangleId from, TriangleId to) { surface_.moveTriangle(from, to, mesh_.regionOf(to)); },
           [this, moved](VertexId from, VertexId to) {
-            surface_.moveVertex(from, to);
+            surface_.moveVertex(from, to, mesh_.regionOfVertex(to));
             if (moved) moved->push_back(to);
           }};
 }
@@ -172,12 +178,13 @@ void CameraMesh::snapVertices(const std::vector<VertexId>& vertices) {
   for (VertexId v : vertices) {
     if (!mesh_.vertexPages().alive(v)) continue;
     const int level = levelAt(mesh_.vertex(v).point());
-    if (surface_.level[v] <= level + 1) continue;
-    surface_.level[v] = static_cast<std::uint8_t>(level);
-    const std::int32_t y = lattice::snapHeight(surface_.fineY[v], level);
+    refinement::VertexExtra& extra = surface_.vertices[v];
+    if (static_cast<int>(extra.level) <= level + 1) continue;
+    extra.level = static_cast<std::uint32_t>(level) & 31;
+    const std::int32_t y = lattice::snapHeight(extra.fineY, level);
     if (y == mesh_.vertex(v).y) continue;
     mesh_.setHeight(v, y);
-    surface_.mixed[v] = mixedOf(v);
+    extra.mixed = mixedOf(v);
     mesh_.forEachAround(v, [&](triangulation::HalfEdge h) {
       mesh_.trianglePages().setFresh(h >> 2);
       mesh_.markChanged(mesh_.regionOf(h >> 2));
@@ -199,7 +206,9 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
   }
   terrain_->heightSteps(x, z, y);
   heights_ += y.size();
-  const auto fine = [&](lattice::Point p) { return y[static_cast<std::size_t>(std::lower_bound(sorted.begin(), sorted.end(), p) - sorted.begin())]; };
+  const auto fine = [&](lattice::Point p) {
+    return y[static_cast<std::size_t>(std::lower_bound(sorted.begin(), sorted.end(), p) - sorted.begin())];
+  };
   const auto vertexAt = [&](lattice::Point p) {
     const Point2 q = local(p);
     return Vertex{q.x, q.z, lattice::snapHeight(fine(p), levelAt(q)), triangulation::kNoEdge};
@@ -282,7 +291,9 @@ void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vect
     mesh_.vertexPages().forEach(leaf->region, [&](VertexId v) {
       const Point2 p = mesh_.vertex(v).point();
       const bool stays = generation::isGridPoint(tree_, {surface_.anchor.x + p.x, surface_.anchor.z + p.z});
-      if (stays != std::isinf(surface_.loss[v])) surface_.setLoss(v, stays ? kStays : 0);
+      if (stays == std::isinf(surface_.vertices[v].loss)) return;
+      surface_.vertices[v].loss = stays ? kStays : 0;
+      surface_.wakeVertex(v, leaf->region);
     });
   }
 }
@@ -305,26 +316,30 @@ std::uint64_t CameraMesh::mixedOf(VertexId v) const {
 }
 
 void CameraMesh::note(VertexId v, std::int32_t fineY, int level, float loss) {
-  surface_.fineY[v] = fineY;
-  surface_.level[v] = static_cast<std::uint8_t>(level);
-  surface_.setLoss(v, loss);
-  surface_.mixed[v] = mixedOf(v);
+  refinement::VertexExtra& extra = surface_.vertices[v];
+  extra.mixed = mixedOf(v);
+  extra.loss = loss;
+  extra.fineY = fineY;
+  extra.level = static_cast<std::uint32_t>(level) & 31;
 }
 
-bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, WriteSet& set) {
+bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, const refinement::View& view, WriteSet& set) {
   const auto& pages = mesh_.trianglePages();
   if (!pages.alive(p.triangle) || pages.fresh(p.triangle)) return true;  // its triangle is gone: judged again next time
-  const std::int32_t fineY = surface_.y[p.triangle];
-  const float error = surface_.error[p.triangle];
+  const refinement::Surface::Candidate c = surface_.candidate(p.triangle);
   const int level = levelAt(p.point);
   VertexId v;
-  const Change change = mesh_.insert({p.point.x, p.point.z, lattice::snapHeight(fineY, level), triangulation::kNoEdge}, p.triangle, set, &v);
+  const Change change = mesh_.insert({p.point.x, p.point.z, lattice::snapHeight(c.y, level), triangulation::kNoEdge}, p.triangle, set, &v);
   if (change == Change::kDeferred) return false;
-  if (change != Change::kDone) return true;
-  note(v, fineY, level, error);
+  if (change != Change::kDone) {
+    surface_.wakeCandidate(p.triangle, leaf.region);
+    return true;
+  }
+  note(v, c.y, level, c.error);
+  refinement::foldLoss(mesh_.vertex(v), v, c.error, mesh_.regionOfVertex(v), view, surface_);
   if (thesis_) addCurvature({v});
-  leaf.low = std::min(leaf.low, fineY);
-  leaf.high = std::max(leaf.high, fineY);
+  leaf.low = std::min(leaf.low, c.y);
+  leaf.high = std::max(leaf.high, c.y);
   ++leaf.inserted;
   if (recording_) leaf.insertedPoints.push_back(p.point);
   return true;
@@ -336,17 +351,22 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
   for (VertexId v : leaf.removable) {
     const Vertex& p = mesh_.vertex(v);
     const float loss = refinement::lossOf(mesh_, surface_, v, set);
-    if (!std::isfinite(loss)) continue;
-    surface_.setLoss(v, loss);
+    if (!std::isfinite(loss)) {
+      surface_.wakeVertex(v, leaf.region);
+      continue;
+    }
+    refinement::foldLoss(p, v, loss, leaf.region, view, surface_);
     const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
-    if (refinement::pixelsAt(p, loss, view) >= limit) continue;
     const Point2 point = p.point();
+    if (refinement::pixelsAt(p, loss, view) >= limit) continue;
     if (mesh_.apply(v, set) != Change::kDone) continue;
     ++leaf.removed;
     if (recording_) leaf.removedPoints.push_back(point);
   }
-  for (const Pending& p : leaf.pending)
-    if (!insertOne(leaf, p, set)) leaf.deferred.push_back(p);
+  for (std::size_t k = 0; k < leaf.pending.size(); ++k) {
+    if (k + 2 < leaf.pending.size()) mesh_.prefetch(leaf.pending[k + 2].triangle);
+    if (!insertOne(leaf, leaf.pending[k], view, set)) leaf.deferred.push_back(leaf.pending[k]);
+  }
 }
 
 std::uint32_t CameraMesh::change(const refinement::View& view, double limitInside, double limitOutside, scheduling::Pool& pool) {
@@ -392,19 +412,19 @@ std::uint32_t CameraMesh::change(const refinement::View& view, double limitInsid
   for (const Task& task : tasks)
     for (const Pending& p : task.leaf->deferred) {
       ++deferred;
-      insertOne(*task.leaf, p, all);
+      insertOne(*task.leaf, p, view, all);
     }
   return deferred;
 }
 
-void CameraMesh::evaluate(scheduling::Pool& pool) {
+void CameraMesh::evaluate(scheduling::Pool& pool, const refinement::View* view) {
   thread_local std::vector<Leaf*> changed;
   changed.clear();
   for (Leaf* leaf : ordered_)
     if (mesh_.trianglePages().changed(leaf->region)) changed.push_back(leaf);
   const auto& list = changed;
   pool.forEach(list.size(), 4, [&, leaves = list.data()](std::size_t k) {
-    heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaves[k]->region, leaves[k]->address.level, thesis_),
+    heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaves[k]->region, leaves[k]->address.level, thesis_, view),
                        std::memory_order_relaxed);
   });
 }

@@ -25,8 +25,8 @@ namespace ridgecast::pipeline {
 struct Leaf {
   lattice::LeafAddress address;
   triangulation::RegionId region = triangulation::kOutside;
-  std::int32_t low = 0, high = 0;                        // steps: bounds of its vertices' heights
-  std::vector<triangulation::RegionId> writeSet;         // its own region and those of the leaves that touch it
+  std::int32_t low = 0, high = 0;                 // steps: bounds of its vertices' heights
+  std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
   std::uint64_t version = 0, hash = 0;
 
   // of the current iteration
@@ -40,7 +40,7 @@ struct Leaf {
 
 struct Follow {
   bool changed = false;
-  std::uint32_t generated = 0, dropped = 0;              // leaves
+  std::uint32_t generated = 0, dropped = 0;  // leaves
 };
 
 class CameraMesh : private triangulation::Partition {
@@ -62,8 +62,8 @@ class CameraMesh : private triangulation::Partition {
   // Brings the records of leaves closer together where removals have scattered them.
   void compact();
 
-  // Chooses candidates for every fresh triangle.
-  void evaluate(scheduling::Pool& pool);
+  // Chooses candidates for every fresh triangle. `view`: of the last screening, if there was one since generate().
+  void evaluate(scheduling::Pool& pool, const refinement::View* view = nullptr);
 
   triangulation::Triangulation& triangulation() { return mesh_; }
   const triangulation::Triangulation& triangulation() const { return mesh_; }
@@ -91,16 +91,16 @@ class CameraMesh : private triangulation::Partition {
   // Notes what is kept beside a vertex just inserted; `fineY` steps.
   std::uint64_t mixedOf(triangulation::VertexId v) const;
   void note(triangulation::VertexId v, std::int32_t fineY, int level, float loss);
-  bool insertOne(Leaf& leaf, const refinement::Pending& p, triangulation::WriteSet& set);
+  bool insertOne(Leaf& leaf, const refinement::Pending& p, const refinement::View& view, triangulation::WriteSet& set);
 
   std::shared_ptr<const terrain::Terrain> terrain_;
   bool thesis_;
   quadtree::Quadtree tree_;
   triangulation::Triangulation mesh_;
   refinement::Surface surface_;
-  std::vector<std::unique_ptr<Leaf>> leaves_;            // by region; null: unused
+  std::vector<std::unique_ptr<Leaf>> leaves_;  // by region; null: unused
   std::vector<Leaf*> ordered_;
-  std::vector<lattice::LeafAddress> previous_;           // the tree's leaves before the last follow(), when it changed
+  std::vector<lattice::LeafAddress> previous_;  // the tree's leaves before the last follow(), when it changed
   bool pendingGenerate_ = false;
   bool recording_ = false;
   std::atomic<std::uint64_t> heights_{0};

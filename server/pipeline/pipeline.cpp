@@ -84,19 +84,20 @@ struct Pipeline::State {
   std::shared_ptr<scheduling::Pool> pool;
   CameraMesh mesh;
   std::size_t insertionLimit = kMostInsertions;
-  double effective;              // threshold; above the asked one while the budget binds
-  std::uint32_t live = 0;        // triangles owned by leaves
+  double effective;        // threshold; above the asked one while the budget binds
+  std::uint32_t live = 0;  // triangles owned by leaves
   bool settled = false;
-  camera::Camera previous;       // of the last iteration that did anything
+  camera::Camera previous;  // of the last iteration that did anything
   camera::Pose latest;
-  double travel = 0, turn = 0;   // of the camera so far; steps, radians
-  bool moving = false;           // since the iteration before
+  double travel = 0, turn = 0;  // of the camera so far; steps, radians
+  bool moving = false;          // since the iteration before
   std::uint64_t versions = 0;
   std::vector<LeafState> leaves;
 };
 
 void Pipeline::State::advance(const camera::Pose& pose) {
-  const double dx = static_cast<double>(pose.x - latest.x), dz = static_cast<double>(pose.z - latest.z), dy = (pose.y - latest.y) * lattice::kStepsPerMetre;
+  const double dx = static_cast<double>(pose.x - latest.x), dz = static_cast<double>(pose.z - latest.z),
+               dy = (pose.y - latest.y) * lattice::kStepsPerMetre;
   const double way = std::sqrt(dx * dx + dz * dz + dy * dy);
   moving = way > 0;
   travel += way;
@@ -123,8 +124,10 @@ void Pipeline::State::screen(const camera::Camera& camera, const refinement::Vie
     leaf.visible = view.wide.mayIntersect(low, high);
 
     if (leaf.visible) {
-      if (thesis) refinement::screenThesis(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
-      else refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
+      if (thesis)
+        refinement::screenThesis(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
+      else
+        refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
     }
     if (loosest > 0) refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, loosest, leaf.removable);
   });
@@ -139,14 +142,18 @@ void Pipeline::State::limitPending() {
   std::vector<Pending> all;
   all.reserve(wanted);
   for (const Leaf* leaf : mesh.leaves()) all.insert(all.end(), leaf->pending.begin(), leaf->pending.end());
+  const auto postpone = [&](Leaf& leaf, std::size_t from) {
+    for (std::size_t k = from; k < leaf.pending.size(); ++k) mesh.surface().wakeCandidate(leaf.pending[k].triangle, leaf.region);
+    leaf.pending.resize(from);
+  };
   if (room == 0) {
-    for (Leaf* leaf : mesh.leaves()) leaf->pending.clear();
+    for (Leaf* leaf : mesh.leaves()) postpone(*leaf, 0);
     return;
   }
   std::nth_element(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(room - 1), all.end());
   const Pending last = all[room - 1];
   for (Leaf* leaf : mesh.leaves())
-    leaf->pending.erase(std::upper_bound(leaf->pending.begin(), leaf->pending.end(), last), leaf->pending.end());
+    postpone(*leaf, static_cast<std::size_t>(std::upper_bound(leaf->pending.begin(), leaf->pending.end(), last) - leaf->pending.begin()));
 }
 
 std::uint32_t Pipeline::State::owned() const {
@@ -173,7 +180,8 @@ void Pipeline::State::publish() {
       changed.push_back(leaf);
     }
   const auto& t = mesh.triangulation();
-  pool->forEach(changed.size(), 16, [&](std::size_t k) { changed[k]->hash = refinement::hashRegion(t, mesh.surface(), changed[k]->region); });
+  pool->forEach(changed.size(), 16,
+                [&](std::size_t k) { changed[k]->hash = refinement::hashRegion(t, mesh.surface(), changed[k]->region); });
   leaves.clear();
   for (const Leaf* leaf : leafs) leaves.push_back({leaf->address, leaf->version, leaf->hash, t.triangleCount(leaf->region)});
 }
@@ -202,8 +210,10 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
 
   s.live = s.owned();
   const double fill = static_cast<double>(s.live) / s.settings.triangleBudget, before = s.effective;
-  if (fill > 0.98) s.effective = std::min(s.effective * 1.05, kMostRaised * s.settings.threshold);
-  else if (fill < 0.95) s.effective = std::max(s.settings.threshold, s.effective * 0.95);
+  if (fill > 0.98)
+    s.effective = std::min(s.effective * 1.05, kMostRaised * s.settings.threshold);
+  else if (fill < 0.95)
+    s.effective = std::max(s.settings.threshold, s.effective * 0.95);
   s.advance(camera.pose);
   const refinement::View view(camera, s.mesh.surface().anchor, s.travel, s.turn, s.moving);
   const RemovalLimits removal = removalLimits(s.settings.metric == wire::Metric::kThesis, s.effective, fill);
@@ -213,7 +223,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
 
   figures.deferred = s.mesh.change(view, removal.inside, removal.outside, *s.pool);
   figures.triangulateMs = watch.lap();
-  s.mesh.evaluate(*s.pool);
+  s.mesh.evaluate(*s.pool, &view);
   figures.refineMs += watch.lap();
   s.publish();
   figures.triangulateMs += watch.lap();

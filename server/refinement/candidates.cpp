@@ -1,10 +1,17 @@
 #include "server/refinement/candidates.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 
 #include "common/mesh/leaf_mesh.h"
+#include "server/refinement/screening.h"
+
+// Compiled for several instruction sets, chosen when the program starts; nothing is contracted, so the results are the same in each.
+#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define RIDGECAST_VECTOR_CLONES
+#endif
 
 namespace ridgecast::refinement {
 
@@ -14,29 +21,73 @@ using triangulation::TriangleId;
 using triangulation::Triangulation;
 using triangulation::Vertex;
 
-Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity)
-    : x(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
-      z(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
-      y(std::make_unique_for_overwrite<std::int32_t[]>(triangleCapacity)),
-      error(std::make_unique_for_overwrite<float[]>(triangleCapacity)),
-      hash(std::make_unique_for_overwrite<std::uint64_t[]>(triangleCapacity)),
-      screens(std::make_unique<PageScreen[]>(triangleCapacity / triangulation::Pages::kSlots)),
-      hashes(std::make_unique<PageHash[]>(triangleCapacity / triangulation::Pages::kSlots)),
-      losses(std::make_unique<PageLosses[]>(vertexCapacity / triangulation::Pages::kSlots)),
-      fineY(std::make_unique_for_overwrite<std::int32_t[]>(vertexCapacity)),
-      level(std::make_unique_for_overwrite<std::uint8_t[]>(vertexCapacity)),
-      mixed(std::make_unique_for_overwrite<std::uint64_t[]>(vertexCapacity)),
-      curvature(std::make_unique_for_overwrite<float[]>(vertexCapacity)),
-      loss(std::make_unique_for_overwrite<float[]>(vertexCapacity)) {}
+double planeHeight(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
+  const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, px = double(p.x) - a.x,
+               pz = double(p.z) - a.z;
+  const double area = bz * cx - bx * cz;
+  const double wb = (pz * cx - px * cz) / area, wc = (bz * px - bx * pz) / area;
+  return a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y);
+}
+
+double heightOnTriangle(const Triangulation& mesh, TriangleId t, Point2 p) {
+  const auto& v = mesh.triangle(t).v;
+  return planeHeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p);
+}
 
 namespace {
 
-std::int32_t snapTo(double v, int bits) {
-  return static_cast<std::int32_t>(lattice::roundTo(static_cast<lattice::Step>(std::floor(v + 0.5)), bits));
-}
-
 // (least height / spacing)^2 from which on snapping is harmless: a fifth of the height is then 1.4 spacings.
 constexpr double kRoomy = 49;
+constexpr unsigned kPoints = 4;     // tried in a triangle
+constexpr std::size_t kBatch = 64;  // triangles at a time; scratch stays in the first-level cache
+
+// A batch of triangles as a structure of arrays.
+struct Batch {
+  std::int32_t ax[kBatch], az[kBatch], ay[kBatch], bx[kBatch], bz[kBatch], by[kBatch], cx[kBatch], cz[kBatch], cy[kBatch];
+  std::int32_t px[kPoints][kBatch], pz[kPoints][kBatch];  // the points tried, snapped
+  float y[kPoints][kBatch];                               // of the mesh there, steps
+  double roomy[kBatch];                                   // >= 0: see choosePoints
+};
+
+// floor(v + 1/2), then to the nearest multiple of 2^bits; |v| < 2^30.
+inline std::int32_t snapTo(double v, int bits, std::int32_t half) {
+  const double w = v + 0.5;
+  std::int32_t i = static_cast<std::int32_t>(w);
+  i -= static_cast<double>(i) > w;
+  return ((i + half) >> bits) << bits;
+}
+constexpr std::int32_t halfOf(int bits) { return bits == 0 ? 0 : std::int32_t{1} << (bits - 1); }
+
+// The points to try in each triangle, and the mesh's height there: the plane y = a.y + gx (x - a.x) + gz (z - a.z).
+// Snapping moves a point by at most 0.71 of the spacing. All points tried lie at least a fifth of a height away from each side, so in a
+// triangle whose least height is well above the spacing (`roomy`) they stay inside, apart and off the corners, and need no test.
+RIDGECAST_VECTOR_CLONES
+void choosePoints(Batch& batch, int count, int bits) {
+  const std::int32_t half = halfOf(bits);
+  const double spacing2 = std::ldexp(kRoomy, 2 * bits);
+#pragma omp simd
+  for (int i = 0; i < count; ++i) {
+    const double ax = batch.ax[i], az = batch.az[i], ay = batch.ay[i];
+    const double bx = batch.bx[i] - ax, bz = batch.bz[i] - az, by = batch.by[i] - ay;
+    const double cx = batch.cx[i] - ax, cz = batch.cz[i] - az, cy = batch.cy[i] - ay;
+    const double area = bz * cx - bx * cz, gx = (bz * cy - cz * by) / area, gz = (cx * by - bx * cy) / area;
+    const double ex = cx - bx, ez = cz - bz;
+    const double b2 = bx * bx + bz * bz, c2 = cx * cx + cz * cz, e2 = ex * ex + ez * ez;
+    const double bc2 = b2 > c2 ? b2 : c2, longest2 = bc2 > e2 ? bc2 : e2;
+    batch.roomy[i] = area * area - longest2 * spacing2;
+    const double sx = 3 * ax + bx + cx, sz = 3 * az + bz + cz;
+    const auto attempt = [&](unsigned k, double x, double z) __attribute__((always_inline)) {
+      const std::int32_t px = snapTo(x, bits, half), pz = snapTo(z, bits, half);
+      batch.px[k][i] = px;
+      batch.pz[k][i] = pz;
+      batch.y[k][i] = static_cast<float>(ay + gx * (px - ax) + gz * (pz - az));
+    };
+    attempt(0, sx / 3, sz / 3);
+    attempt(1, (sx + 2 * ax) / 5, (sz + 2 * az) / 5);
+    attempt(2, (sx + 2 * (ax + bx)) / 5, (sz + 2 * (az + bz)) / 5);
+    attempt(3, (sx + 2 * (ax + cx)) / 5, (sz + 2 * (az + cz)) / 5);
+  }
+}
 
 // A point that may become a vertex: inside the closed triangle, on no corner.
 bool admissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
@@ -46,94 +97,81 @@ bool admissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
 }
 
 struct Trial {
-  TriangleId triangle;
+  std::uint32_t slot;  // of the triangle in `fresh`
   Point2 point;
-  float y;         // steps, of the mesh there
+  float y;  // steps, of the mesh there
 };
 
 struct Scratch {
+  Batch batch;
   std::vector<TriangleId> fresh;
   std::vector<Trial> trials;
   std::vector<lattice::Step> x, z;
   std::vector<std::int32_t> y;
+  std::vector<Surface::Candidate> best;
 };
+
+// The thesis's one point.
+void tryThesisPoint(const Triangulation& mesh, const Surface& surface, TriangleId t, std::uint32_t slot, int bits,
+                    std::vector<Trial>& trials) {
+  const auto& v = mesh.triangle(t).v;
+  const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
+  const double wa = surface.curvature[v[0]] + 1e-6, wb = surface.curvature[v[1]] + 1e-6, wc = surface.curvature[v[2]] + 1e-6,
+               w = wa + wb + wc;
+  const double sx = double(a.x) + b.x + c.x, sz = double(a.z) + b.z + c.z;
+  const Point2 p{snapTo(0.4 * sx / 3 + 0.6 * (wa * a.x + wb * b.x + wc * c.x) / w, bits, halfOf(bits)),
+                 snapTo(0.4 * sz / 3 + 0.6 * (wa * a.z + wb * b.z + wc * c.z) / w, bits, halfOf(bits))};
+  if (admissible(a, b, c, p)) trials.push_back({slot, p, static_cast<float>(planeHeight(a, b, c, p))});
+}
 
 }  // namespace
 
-double planeHeight(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
-  const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, px = double(p.x) - a.x,
-               pz = double(p.z) - a.z;
-  const double area = bz * cx - bx * cz;
-  const double wb = (pz * cx - px * cz) / area, wc = (bz * px - bx * pz) / area;
-  return a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y);
-}
-
-std::uint64_t hashRegion(const Triangulation& mesh, Surface& surface, triangulation::RegionId region) {
-  const auto& pages = mesh.trianglePages();
-  std::uint64_t sum = 0;
-  for (std::uint32_t number : pages.pagesOf(region)) {
-    PageHash& page = surface.hashes[number];
-    const std::uint64_t alive = pages.aliveMask(number);
-    if (page.rehash || page.hashed != alive) {
-      page.hash = 0;
-      for (std::uint64_t m = alive; m != 0; m &= m - 1)
-        page.hash += surface.hash[number * triangulation::Pages::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
-      page.hashed = alive;
-      page.rehash = false;
-    }
-    sum += page.hash;
-  }
-  return sum;
-}
-
-double heightOnTriangle(const Triangulation& mesh, TriangleId t, Point2 p) {
-  const auto& v = mesh.triangle(t).v;
-  return planeHeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p);
-}
-
-std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain, triangulation::RegionId region, int level,
-                            bool thesis) {
+std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain, triangulation::RegionId region,
+                            int level, bool thesis, const View* view) {
   thread_local Scratch scratch;  // grown once, kept by the worker
-  auto& [fresh, trials, px, pz, py] = scratch;
+  auto& [batch, fresh, trials, px, pz, py, best] = scratch;
   fresh.clear();
   trials.clear();
   auto& pages = mesh.trianglePages();
   pages.forEachFresh(region, [&](TriangleId t) { fresh.push_back(t); });
   if (fresh.empty()) return 0;
   const int bits = lattice::horizontalBits(level);
-  const double spacing2 = std::ldexp(1.0, 2 * bits);
-  for (TriangleId t : fresh) {
-    pages.clearFresh(t);
-    surface.error[t] = 0;
-    const auto& v = mesh.triangle(t).v;
-    const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
-    surface.renewTriangle(t);
-    const int first = triangulation::smaller(a.point(), b.point()) ? (triangulation::smaller(a.point(), c.point()) ? 0 : 2)
-                                                                   : (triangulation::smaller(b.point(), c.point()) ? 1 : 2);
-    surface.hash[t] = mesh::hashMixed(surface.mixed[v[first]], surface.mixed[v[(first + 1) % 3]], surface.mixed[v[(first + 2) % 3]]);
-    // The plane y = a.y + gx (x - a.x) + gz (z - a.z).
-    const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, by = double(b.y) - a.y,
-                 cy = double(c.y) - a.y, area = bz * cx - bx * cz, gx = (bz * cy - cz * by) / area, gz = (cx * by - bx * cy) / area;
-    // Snapping moves a point by at most 0.71 of the spacing. All points tried lie at least a fifth of a height away from each side, so in
-    // a triangle whose least height is well above the spacing they stay inside, apart and off the corners, and need no test.
-    const double ex = cx - bx, ez = cz - bz, longest2 = std::max({bx * bx + bz * bz, cx * cx + cz * cz, ex * ex + ez * ez});
-    const bool roomy = !thesis && area * area > kRoomy * longest2 * spacing2;
-    const auto attempt = [&](double x, double z) {
-      const Point2 p{snapTo(x, bits), snapTo(z, bits)};
-      if (!roomy) {
-        if (!admissible(a, b, c, p)) return;
-        for (auto k = trials.rbegin(); k != trials.rend() && k->triangle == t; ++k)
-          if (k->point == p) return;
-      }
-      trials.push_back({t, p, static_cast<float>(a.y + gx * (double(p.x) - a.x) + gz * (double(p.z) - a.z))});
-    };
-    const double sx = double(a.x) + b.x + c.x, sz = double(a.z) + b.z + c.z;
+  for (std::size_t begin = 0; begin < fresh.size(); begin += kBatch) {
+    const std::size_t count = std::min(kBatch, fresh.size() - begin);
+    for (std::size_t i = 0; i < count; ++i) {
+      const TriangleId t = fresh[begin + i];
+      pages.clearFresh(t);
+      const auto& v = mesh.triangle(t).v;
+      const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
+      batch.ax[i] = a.x, batch.az[i] = a.z, batch.ay[i] = a.y;
+      batch.bx[i] = b.x, batch.bz[i] = b.z, batch.by[i] = b.y;
+      batch.cx[i] = c.x, batch.cz[i] = c.z, batch.cy[i] = c.y;
+      const std::uint64_t ma = surface.vertices[v[0]].mixed, mb = surface.vertices[v[1]].mixed, mc = surface.vertices[v[2]].mixed;
+      const bool ab = triangulation::smaller(a.point(), b.point()), ac = triangulation::smaller(a.point(), c.point()),
+                 bc = triangulation::smaller(b.point(), c.point());
+      const bool aFirst = ab & ac, bFirst = !ab & bc;
+      surface.setHash(t, mesh::hashMixed(aFirst ? ma : bFirst ? mb : mc, aFirst ? mb : bFirst ? mc : ma, aFirst ? mc : bFirst ? ma : mb));
+    }
     if (thesis) {
-      const double wa = surface.curvature[v[0]] + 1e-6, wb = surface.curvature[v[1]] + 1e-6, wc = surface.curvature[v[2]] + 1e-6, w = wa + wb + wc;
-      attempt(0.4 * sx / 3 + 0.6 * (wa * a.x + wb * b.x + wc * c.x) / w, 0.4 * sz / 3 + 0.6 * (wa * a.z + wb * b.z + wc * c.z) / w);
-    } else {
-      attempt(sx / 3, sz / 3);
-      for (const Vertex* k : {&a, &b, &c}) attempt((sx + 2.0 * k->x) / 5, (sz + 2.0 * k->z) / 5);
+      for (std::size_t i = 0; i < count; ++i)
+        tryThesisPoint(mesh, surface, fresh[begin + i], static_cast<std::uint32_t>(begin + i), bits, trials);
+      continue;
+    }
+    choosePoints(batch, static_cast<int>(count), bits);
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto slot = static_cast<std::uint32_t>(begin + i);
+      const std::size_t first = trials.size();
+      for (unsigned k = 0; k < kPoints; ++k) {
+        const Point2 p{batch.px[k][i], batch.pz[k][i]};
+        if (batch.roomy[i] <= 0) {
+          const auto& v = mesh.triangle(fresh[slot]).v;
+          if (!admissible(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p)) continue;
+          if (std::any_of(trials.begin() + static_cast<std::ptrdiff_t>(first), trials.end(),
+                          [&](const Trial& other) { return other.point == p; }))
+            continue;
+        }
+        trials.push_back({slot, p, batch.y[k][i]});
+      }
     }
   }
   px.resize(trials.size());
@@ -144,14 +182,21 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
     pz[k] = surface.anchor.z + trials[k].point.z;
   }
   terrain.heightSteps(px, pz, py);
+  best.assign(fresh.size(), {{0, 0}, 0, 0.0f});
   for (std::size_t k = 0; k < trials.size(); ++k) {
-    const auto [t, p, y] = trials[k];
+    const auto& [slot, p, y] = trials[k];
     const float error = std::abs(y - static_cast<float>(lattice::snapHeight(py[k], level)));
-    if (error <= surface.error[t]) continue;
-    surface.error[t] = error;
-    surface.x[t] = p.x;
-    surface.z[t] = p.z;
-    surface.y[t] = py[k];
+    if (error > best[slot].error) best[slot] = {p, py[k], error};
+  }
+  RegionScreen& screen = surface.regions[region];
+  for (std::size_t k = 0; k < fresh.size(); ++k) {
+    Surface::Candidate& c = best[k];
+    if (!(c.error > 0)) c = {{kFarAway, kFarAway}, kFarAway, 0.0f};
+    surface.setCandidate(fresh[k], c);
+    if (view)
+      foldCandidate(surface.screens[fresh[k] / CandidatePage::kSlots], screen, c, *view);
+    else
+      surface.wakeCandidate(fresh[k], region);
   }
   return trials.size();
 }

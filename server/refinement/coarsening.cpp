@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "server/refinement/candidates.h"
+
 namespace ridgecast::refinement {
 
 using triangulation::Change;
@@ -22,40 +24,86 @@ double pixelsAt(const Vertex& v, double error, const View& view) {
   return view.pixelsPerRadian * error * std::sqrt(flat) / d2;
 }
 
+namespace {
+
+constexpr float kNone = std::numeric_limits<float>::max();
+
+// In and out: squared. Slopes are errors as seen, pixels / pixelsPerRadian.
+struct Seen {
+  float slope2, flat2, distance2;
+};
+inline Seen see(const Vertex& p, float loss, const View& view) {
+  const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
+  const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest);
+  return {loss * loss * flat / (d2 * d2), flat, d2};
+}
+
+void setDue(PageLosses& page, double spared) {
+  page.due = page.travel < 0 ? kAlways : page.travel + (1 - spared / page.leastSlope) / (1 / page.flat + 2 / page.nearest);
+}
+
+}  // namespace
+
 void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double limit,
                   std::vector<VertexId>& out) {
   using triangulation::Pages;
+  RegionScreen& screen = surface.regions[region];
+  const double slope = limit / view.pixelsPerRadian, spared = view.moving ? slope / kSlack : slope;
+  const bool same = screen.lossesSpared == spared;
+  if (same && view.travel < screen.lossesDue) return;
+  screen.lossesSpared = spared;
+  screen.lossesDue = std::numeric_limits<double>::infinity();
   const Pages& pages = mesh.vertexPages();
-  const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), most = static_cast<float>(limit * limit);
-  const double spared = view.moving ? limit / kSlack : limit;
+  const auto most = static_cast<float>(slope * slope);
   for (std::uint32_t page : pages.pagesOf(region)) {
     PageLosses& known = surface.losses[page];
-    if (known.travel >= 0) {
-      const double moved = view.travel - known.travel, flat = 1 - moved / known.flat, away = 1 + moved / known.nearest;
-      if (flat > 0 && known.leastPixels * flat > spared * away * away) continue;
-    }
-    constexpr float far = std::numeric_limits<float>::max();
-    float least = far, flattest = far, nearest = far;
-    bool any = false;
-    for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1) {
-      const VertexId v = page * Pages::kSlots + static_cast<VertexId>(std::countr_zero(m));
-      const float loss = surface.loss[v];
-      if (v == kInfinite || std::isinf(loss)) continue;
-      const Vertex& p = mesh.vertex(v);
-      const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
-      const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest);
-      const float pixels2 = ppr2 * loss * loss * flat / (d2 * d2);
-      if (pixels2 < most) {
-        out.push_back(v);
-        any = true;
-      } else {
-        least = std::min(least, pixels2);
-        flattest = std::min(flattest, flat);
-        nearest = std::min(nearest, d2);
+    if (!same) setDue(known, spared);
+    if (!(view.travel < known.due)) {
+      float least = kNone, flattest = kNone, nearest = kNone;
+      for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1) {
+        const VertexId v = page * Pages::kSlots + static_cast<VertexId>(std::countr_zero(m));
+        const float loss = surface.vertices[v].loss;
+        if (v == kInfinite || std::isinf(loss)) continue;
+        const Seen seen = see(mesh.vertex(v), loss, view);
+        if (seen.slope2 < most) {
+          out.push_back(v);
+        } else {
+          least = std::min(least, seen.slope2);
+          flattest = std::min(flattest, seen.flat2);
+          nearest = std::min(nearest, seen.distance2);
+        }
       }
+      known = {0, view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
+      setDue(known, spared);
     }
-    known = {any ? -1 : view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
+    screen.lossesDue = std::min(screen.lossesDue, known.due);
   }
+}
+
+void foldLoss(const Vertex& p, VertexId v, float loss, triangulation::RegionId region, const View& view, Surface& surface) {
+  surface.vertices[v].loss = loss;
+  PageLosses& page = surface.losses[v / triangulation::Pages::kSlots];
+  RegionScreen& screen = surface.regions[region];
+  if (page.travel >= 0 && std::isfinite(loss)) {
+    const auto moved = static_cast<float>(view.travel - page.travel);
+    if (4 * moved >= std::min(page.flat, page.nearest)) {
+      page.travel = -1;
+    } else {
+      if (moved > 0) {  // the bounds as they are after that way
+        const float away = 1 + moved / page.nearest;
+        page.leastSlope *= (1 - moved / page.flat) / (away * away);
+        page.flat -= moved;
+        page.nearest -= moved;
+        page.travel = view.travel;
+      }
+      const Seen seen = see(p, loss, view);
+      page.leastSlope = std::min(page.leastSlope, std::sqrt(seen.slope2));
+      page.flat = std::min(page.flat, std::sqrt(seen.flat2));
+      page.nearest = std::min(page.nearest, std::sqrt(seen.distance2));
+    }
+    setDue(page, screen.lossesSpared);
+  }
+  screen.lossesDue = std::min(screen.lossesDue, page.due);
 }
 
 float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, triangulation::WriteSet& set) {
@@ -69,15 +117,16 @@ float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, tria
     set.forEachFill([&](VertexId a, VertexId b, VertexId c) {
       if (found) return;
       const Vertex &va = mesh.vertex(a), &vb = mesh.vertex(b), &vc = mesh.vertex(c);
-      if (orientation(va.point(), vb.point(), p) < 0 || orientation(vb.point(), vc.point(), p) < 0 || orientation(vc.point(), va.point(), p) < 0)
+      if (orientation(va.point(), vb.point(), p) < 0 || orientation(vb.point(), vc.point(), p) < 0 ||
+          orientation(vc.point(), va.point(), p) < 0)
         return;
       found = true;
       worst = std::max(worst, std::abs(planeHeight(va, vb, vc, p) - y));
     });
   };
-  judge(mesh.vertex(v).point(), surface.fineY[v]);
+  judge(mesh.vertex(v).point(), surface.vertices[v].fineY);
   for (TriangleId t : set.star())
-    if (surface.error[t] != 0) judge({surface.x[t], surface.z[t]}, surface.y[t]);
+    if (const Surface::Candidate c = surface.candidate(t); c.error != 0) judge(c.point, c.y);
   return static_cast<float>(worst);
 }
 

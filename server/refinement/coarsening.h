@@ -5,6 +5,9 @@
 // the known candidates of its star against that surface. (Its own error alone is not enough: vertices that hold up their neighbours'
 // candidates would come and go for ever.) The largest of these is its *loss*, a vertical error that does not depend on the camera. The
 // loss last seen is kept as a filter: only vertices that pass with it are looked at again, and those that then fail remember why.
+// Screening spares pages and regions as screenPixels does; a vertex appended is told once: who neither removes it nor folds its new loss
+// says so by Surface::wakeVertex.
+//
 // The limit is half the threshold at which vertices are inserted, so nothing flickers.
 
 #include <vector>
@@ -13,11 +16,16 @@
 
 namespace ridgecast::refinement {
 
-// Appends the region's vertices whose remembered loss is below `limit` pixels where they are, in the order of storage. Pages are spared
-// as in screenPixels: none of a page's vertices can come below the limit while
-//     leastPixels * (1 - m / flat) / (1 + m / nearest)^2 > limit.
+// Appends the region's vertices whose remembered loss is below `limit` pixels where they are, in the order of storage. None of a page's
+// other vertices can come below it while
+//     leastPixels (1 - m / flat) / (1 + m / nearest)^2 > limit,
+// for which leastPixels (1 - m (1 / flat + 2 / nearest)) > limit is enough.
 void screenLosses(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view,
                   double limit, std::vector<triangulation::VertexId>& out);
+
+// Notes a vertex's loss, and its page's bounds learn of it.
+void foldLoss(const triangulation::Vertex& p, triangulation::VertexId v, float loss, triangulation::RegionId region, const View& view,
+              Surface& surface);
 
 // The loss in steps, by a plan for the removal that stays in `set` for apply(). Infinite where the vertex cannot go now: it lies on the
 // hull or beside a triangle without a candidate yet, or its star leaves the write set.

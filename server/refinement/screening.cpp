@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "server/refinement/candidates.h"
+
 namespace ridgecast::refinement {
 
 using camera::Vec3;
@@ -17,13 +19,8 @@ namespace {
 
 double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
-// Those asleep wake when the camera has moved this share of the distance to the nearest one, or turned this far (radians): together
-// 7.5 degrees, and the wide frustum is 8 degrees wider on each side than the one that is drawn at 60 degrees.
-constexpr double kWakeMove = 0.08, kWakeTurn = 0.05;
-// Where blank slots lie, so that they are nobody's nearest; steps, its square's square fits a float.
-constexpr std::int32_t kFarAway = 1 << 29;
 // Triangles smaller on screen than this are left alone.
-constexpr double kLeastArea = 0.25;     // square pixels
+constexpr double kLeastArea = 0.25;  // square pixels
 
 // Twice the area vector of a triangle, in steps.
 Vec3 areaVector(const Triangulation& mesh, TriangleId t) {
@@ -52,100 +49,153 @@ View::View(const camera::Camera& camera, lattice::Point anchor, double travelled
 
 namespace {
 
-struct PageResult {
+struct PageLook {
   std::uint64_t wanted;
-  float steepest2, nearest2;        // squared
+  float steepest2, nearest2;  // squared, of the candidates not wanted
+};
+struct Eye {
+  std::int32_t x, z;
+  float y, ppr2, least;  // pixels per radian and threshold, squared
 };
 
-// One page of arrays. Squared pixels times d^4 against the squared threshold times d^4: no root. Dead slots are blank. Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
+// One page, sixteen candidates at a time: squared pixels times d^4 against the squared threshold times d^4, no root. Dead slots are blank.
+// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
 #if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #endif
-PageResult screenPage(const std::int32_t* __restrict x, const std::int32_t* __restrict z, const std::int32_t* __restrict y,
-                      const float* __restrict error, std::int32_t cx, std::int32_t cz, float cy, float ppr2, float least) {
-  std::uint64_t bits[Pages::kSlots];
-  float most = 0, least2 = std::numeric_limits<float>::max();
-#pragma omp simd reduction(max : most) reduction(min : least2)
-  for (unsigned s = 0; s < Pages::kSlots; ++s) {
-    const float dx = static_cast<float>(x[s] - cx), dz = static_cast<float>(z[s] - cz), dy = static_cast<float>(y[s]) - cy;
-    const float flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < kNearest * kNearest ? kNearest * kNearest : d2;
-    const float e = error[s] > 0 ? error[s] : 0.0f, e2 = e * e;
-    const bool wanted = ppr2 * e2 * flat >= least * n * n;
-    const float steep = wanted ? 0.0f : e2 / n;
-    most = steep > most ? steep : most;
-    least2 = n < least2 ? n : least2;
-    bits[s] = wanted ? std::uint64_t{1} << s : 0;
+PageLook
+screenPage(const CandidatePage& page, const Eye& eye) {
+  constexpr unsigned kWidth = 16, kVectors = CandidatePage::kSlots / kWidth;
+  typedef float Floats __attribute__((vector_size(4 * kWidth)));
+  typedef std::int32_t Ints __attribute__((vector_size(4 * kWidth)));
+  const auto& x = reinterpret_cast<const Ints(&)[kVectors]>(page.x);
+  const auto& z = reinterpret_cast<const Ints(&)[kVectors]>(page.z);
+  const auto& y = reinterpret_cast<const Ints(&)[kVectors]>(page.y);
+  const auto& error = reinterpret_cast<const Floats(&)[kVectors]>(page.error);
+  const Floats zero{}, nearest2 = zero + kNearest * kNearest;
+  Floats steepest = zero, nearest = zero + std::numeric_limits<float>::max();
+  Ints wanted[kVectors], any{};
+  for (unsigned k = 0; k < kVectors; ++k) {
+    const Floats dx = __builtin_convertvector(x[k] - eye.x, Floats), dz = __builtin_convertvector(z[k] - eye.z, Floats),
+                 dy = __builtin_convertvector(y[k], Floats) - eye.y;
+    const Floats flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < nearest2 ? nearest2 : d2;
+    const Floats e = error[k] > zero ? error[k] : zero, e2 = e * e;
+    wanted[k] = eye.ppr2 * e2 * flat >= eye.least * n * n;
+    any |= wanted[k];
+    const Floats steep = wanted[k] ? zero : e2 / n;
+    steepest = steep > steepest ? steep : steepest;
+    nearest = n < nearest ? n : nearest;
   }
-  std::uint64_t mask = 0;
-  for (unsigned s = 0; s < Pages::kSlots; ++s) mask |= bits[s];
-  return {mask, most, least2};
+  // Halves against each other until all lanes hold the same.
+  const Ints lanes{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+  for (std::int32_t apart = kWidth / 2; apart > 0; apart /= 2) {
+    const Ints other = lanes ^ apart;
+    const Floats s = __builtin_shuffle(steepest, other), d = __builtin_shuffle(nearest, other);
+    steepest = s > steepest ? s : steepest;
+    nearest = d < nearest ? d : nearest;
+    any |= __builtin_shuffle(any, other);
+  }
+  PageLook result{0, steepest[0], nearest[0]};
+  if (any[0] != 0)
+    for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
+      result.wanted |= static_cast<std::uint64_t>(wanted[k / kWidth][k % kWidth] != 0) << k;
+  return result;
+}
+
+void wake(PageScreen& known, CandidatePage& page) {
+  for (std::uint64_t m = known.asleep; m != 0; m &= m - 1) {
+    float& e = page.error[std::countr_zero(m)];
+    e = std::abs(e);
+  }
+  known.asleep = 0;
+}
+
+void blankDead(PageScreen& known, CandidatePage& page, std::uint64_t alive) {
+  for (std::uint64_t m = ~alive & ~known.blank; m != 0; m &= m - 1) {
+    const auto k = std::countr_zero(m);
+    page.error[k] = 0;
+    page.x[k] = page.z[k] = page.y[k] = kFarAway;
+  }
+  known.blank = ~alive;
 }
 
 }  // namespace
 
 void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double threshold,
                   std::vector<Pending>& out) {
+  RegionScreen& screen = surface.regions[region];
+  const double spared = sparedSlope(view, threshold);
+  const bool same = screen.spared == spared;
+  if (same && view.travel < screen.due && view.turn < screen.dueTurn) return;
+  screen.spared = spared;
+  screen.due = screen.dueTurn = std::numeric_limits<double>::infinity();
+  const auto count = [&](const PageScreen& page) {
+    screen.due = std::min(screen.due, page.due);
+    screen.dueTurn = std::min(screen.dueTurn, page.dueTurn);
+  };
   const Pages& pages = mesh.trianglePages();
-  const float ppr2 = static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian), least = static_cast<float>(threshold * threshold);
-  const std::size_t before = out.size();
-  const double spared = view.moving ? kSlack * threshold : threshold;
+  thread_local std::vector<std::uint32_t> due;
+  due.clear();
   for (std::uint32_t page : pages.pagesOf(region)) {
     PageScreen& known = surface.screens[page];
-    if (known.asleep != 0 && (view.travel - known.sleptTravel > kWakeMove * known.nearest || view.turn - known.sleptTurn > kWakeTurn)) {
-      for (std::uint64_t m = known.asleep; m != 0; m &= m - 1) {
-        float& e = surface.error[page * Pages::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
-        e = std::abs(e);
-      }
-      known.asleep = 0;
-      known.travel = -1;
+    if (!same) setDue(known, spared);
+    if (view.travel < known.due && view.turn < known.dueTurn)
+      count(known);
+    else
+      due.push_back(page);
+  }
+  const Eye eye{view.x, view.z, view.y, static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian),
+                static_cast<float>(threshold * threshold)};
+  const std::size_t before = out.size();
+  for (std::size_t n = 0; n < due.size(); ++n) {
+    if (n + 1 < due.size()) {
+      const char* ahead = reinterpret_cast<const char*>(&surface.candidates[due[n + 1]]);
+      for (std::size_t k = 0; k < sizeof(CandidatePage); k += 64) __builtin_prefetch(ahead + k);
     }
-    if (known.travel >= 0) {
-      const double moved = view.travel - known.travel;
-      if (moved < known.nearest && view.pixelsPerRadian * known.steepest * known.nearest < spared * (known.nearest - moved)) continue;
-    }
-    const std::uint32_t base = page * Pages::kSlots;
-    const std::uint64_t alive = pages.aliveMask(page);
+    PageScreen& known = surface.screens[due[n]];
+    CandidatePage& page = surface.candidates[due[n]];
+    const std::uint64_t alive = pages.aliveMask(due[n]);
     known.asleep &= alive;
-    for (std::uint64_t m = ~alive & ~known.blank; m != 0; m &= m - 1) {
-      const std::uint32_t t = base + static_cast<std::uint32_t>(std::countr_zero(m));
-      surface.error[t] = 0;
-      surface.x[t] = surface.z[t] = surface.y[t] = kFarAway;
-    }
-    known.blank = ~alive;
-    const PageResult r = screenPage(&surface.x[base], &surface.z[base], &surface.y[base], &surface.error[base], view.x, view.z, view.y, ppr2, least);
+    if (known.asleep != 0 &&
+        (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn - known.sleptTurn >= kWakeTurn))
+      wake(known, page);
+    blankDead(known, page, alive);
+    const PageLook seen = screenPage(page, eye);
     known.travel = view.travel;
-    known.steepest = std::sqrt(r.steepest2);
-    known.nearest = std::sqrt(r.nearest2);
-    const auto fallAsleep = [&](TriangleId t) {
+    known.steepest = std::sqrt(seen.steepest2);
+    known.nearest = std::sqrt(seen.nearest2);
+    const auto fallAsleep = [&](unsigned k) {
       if (known.asleep == 0) {
         known.sleptTravel = view.travel;
         known.sleptTurn = view.turn;
       }
-      known.asleep |= std::uint64_t{1} << (t % Pages::kSlots);
-      surface.error[t] = -surface.error[t];
+      known.asleep |= std::uint64_t{1} << k;
+      page.error[k] = -page.error[k];
     };
-    for (std::uint64_t mask = r.wanted; mask != 0; mask &= mask - 1) {
-      const TriangleId t = base + static_cast<std::uint32_t>(std::countr_zero(mask));
-      const Vec3 at = view.relative(surface.x[t], surface.z[t], surface.y[t]);
+    for (std::uint64_t wanted = seen.wanted; wanted != 0; wanted &= wanted - 1) {
+      const auto k = static_cast<unsigned>(std::countr_zero(wanted));
+      const TriangleId t = due[n] * Pages::kSlots + k;
+      const Vec3 at = view.relative(page.x[k], page.z[k], page.y[k]);
       if (!view.wide.contains(at)) {
-        fallAsleep(t);
+        fallAsleep(k);
         continue;
       }
       // Both in metres: the candidate's direction and the area that it sees.
       const double d2 = std::max(dot(at, at), 0.25), d = std::sqrt(d2);
       const Vec3 area = areaVector(mesh, t);
-      const double seen = std::abs(dot(area, at)) / d * 0.5 * lattice::kMetresPerStep * lattice::kMetresPerStep;
-      const double squarePixels = seen * view.pixelsPerRadian * view.pixelsPerRadian / d2;
+      const double squareMetres = std::abs(dot(area, at)) / d * 0.5 * lattice::kMetresPerStep * lattice::kMetresPerStep;
+      const double squarePixels = squareMetres * view.pixelsPerRadian * view.pixelsPerRadian / d2;
       if (squarePixels < kLeastArea) {
-        fallAsleep(t);
+        fallAsleep(k);
         continue;
       }
       const double flat = at.x * at.x + at.z * at.z;
-      const double pixels = surface.error[t] * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
+      const double pixels = page.error[k] * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
       // Larger triangles first at equal error: their error covers more of the picture.
-      out.push_back({t, {surface.x[t], surface.z[t]}, static_cast<float>(pixels * std::sqrt(std::sqrt(squarePixels)))});
-      known.travel = -1;  // until it is inserted, or no longer wanted
+      out.push_back({t, {page.x[k], page.z[k]}, static_cast<float>(pixels * std::sqrt(std::sqrt(squarePixels)))});
     }
+    setDue(known, spared);
+    count(known);
   }
   std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());
 }
@@ -164,7 +214,8 @@ void screenThesis(const Triangulation& mesh, const Surface& surface, triangulati
   };
   const auto distance = [](const Screen& a, const Screen& b) { return std::hypot(a.x - b.x, a.y - b.y); };
   mesh.trianglePages().forEach(region, [&](TriangleId t) {
-    if (mesh.trianglePages().fresh(t) || surface.error[t] <= 0) return;
+    const Surface::Candidate candidate = surface.candidate(t);
+    if (mesh.trianglePages().fresh(t) || candidate.error <= 0) return;
     Screen corner[3];
     bool inside = false;
     for (int k = 0; k < 3; ++k) {
@@ -176,8 +227,9 @@ void screenThesis(const Triangulation& mesh, const Surface& surface, triangulati
     if (!inside || !corner[0].ahead || !corner[1].ahead || !corner[2].ahead) return;
     const double a = distance(corner[0], corner[1]), b = distance(corner[1], corner[2]), c = distance(corner[2], corner[0]);
     const double area = std::max(0.0, (a + b + c) * (-a + b + c) * (a - b + c) * (a + b - c));  // Heron, without the root
-    const triangulation::Point2 p{surface.x[t], surface.z[t]};
-    const Screen on = project(view.relative(p.x, p.z, heightOnTriangle(mesh, t, p))), lifted = project(view.relative(p.x, p.z, surface.y[t]));
+    const triangulation::Point2 p = candidate.point;
+    const Screen on = project(view.relative(p.x, p.z, heightOnTriangle(mesh, t, p))),
+                 lifted = project(view.relative(p.x, p.z, candidate.y));
     if (!on.ahead || !lifted.ahead) return;
     const double value = std::pow(area, kThesisArea) * kThesisDistance * distance(on, lifted);
     if (value >= threshold) out.push_back({t, p, static_cast<float>(value)});

@@ -12,20 +12,30 @@
 // of a page can reach the threshold while
 //     pixelsPerRadian * steepest * nearest / (nearest - m) < threshold,
 // with steepest the largest error / distance and nearest the smallest distance seen last time; m is bounded by the way the camera has
-// travelled since. Candidates that are wanted but not worth a vertex (outside the wide frustum, or their triangle a speck on screen) fall
-// asleep, and wake when the camera has moved or turned far enough for that to change; the wide frustum has that much to spare.
+// travelled since. That gives the way after which the page is *due*, and the region is due with the earliest of its pages. New candidates
+// are folded into their page's bounds when they are made. Candidates that are wanted but not worth a vertex (outside the wide frustum, or
+// their triangle a speck on screen) fall asleep, and wake when the camera has moved or turned far enough for that to change; the wide
+// frustum has that much to spare.
+//
+// A wanted candidate is told once: who does not insert it says so by Surface::wakeCandidate.
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "common/camera/camera.h"
-#include "server/refinement/candidates.h"
+#include "server/refinement/surface.h"
 
 namespace ridgecast::refinement {
 
-inline constexpr double kWidening = 1.35;         // of the drawn frustum's tangents
+inline constexpr double kWidening = 1.35;  // of the drawn frustum's tangents
 inline constexpr double kSlack = 1.1;
-inline constexpr float kNearest = 0.5f * 256;     // steps: nearer than this nothing is refined further for being near
+inline constexpr float kNearest = 0.5f * 256;  // steps: nearer than this nothing is refined further for being near
+// Those asleep wake when the camera has moved this share of the distance to the nearest one, or turned this far (radians): together
+// 7.5 degrees, and the wide frustum is 8 degrees wider on each side than the one that is drawn at 60 degrees.
+inline constexpr double kWakeMove = 0.08, kWakeTurn = 0.05;
 inline constexpr double kThesisArea = 0.5, kThesisDistance = 40;
 
 // A camera as refinement sees it; positions relative to the mesh's anchor.
@@ -33,14 +43,14 @@ struct View {
   // `travel` (steps) and `turn` (radians): how far this camera has moved and turned in its life; they only grow.
   View(const camera::Camera& camera, lattice::Point anchor, double travel, double turn, bool moving);
 
-  std::int32_t x, z;                // steps
-  float y;                          // steps, absolute
+  std::int32_t x, z;  // steps
+  float y;            // steps, absolute
   double pixelsPerRadian;
   camera::Frustum wide;
   camera::Vec3 forward, right, up;
-  double tanX, tanY;                // of the drawn half angles
+  double tanX, tanY;  // of the drawn half angles
   double travel, turn;
-  bool moving;                      // a page is then looked at only when the threshold may be passed by kSlack; at rest, exactly
+  bool moving;  // a page is then looked at only when the threshold may be passed by kSlack; at rest, exactly
 
   // A point in metres relative to the camera.
   camera::Vec3 relative(std::int32_t px, std::int32_t pz, double py) const {
@@ -51,7 +61,7 @@ struct View {
 struct Pending {
   triangulation::TriangleId triangle;
   triangulation::Point2 point;
-  float priority;                   // the greater the earlier
+  float priority;  // the greater the earlier
 
   // A total order that depends on values only.
   friend bool operator<(const Pending& a, const Pending& b) {
@@ -60,9 +70,48 @@ struct Pending {
   }
 };
 
+// The largest error / distance that is still spared, from the threshold in pixels.
+inline double sparedSlope(const View& view, double threshold) {
+  return (view.moving ? kSlack * threshold : threshold) / view.pixelsPerRadian;
+}
+
+// When a page with these bounds is due. `spared`: see above.
+inline void setDue(PageScreen& page, double spared) {
+  page.due = page.travel < 0 ? kAlways : page.travel + page.nearest * (1 - page.steepest / spared);
+  page.dueTurn = std::numeric_limits<double>::infinity();
+  if (page.asleep != 0) {
+    page.due = std::min(page.due, page.sleptTravel + kWakeMove * page.nearest);
+    page.dueTurn = page.sleptTurn + kWakeTurn;
+  }
+}
+
+// A new candidate enters its page's bounds.
+inline void foldCandidate(PageScreen& page, RegionScreen& region, const Surface::Candidate& c, const View& view) {
+  if (page.travel >= 0) {
+    const auto moved = static_cast<float>(view.travel - page.travel);
+    if (2 * moved >= page.nearest) {
+      page.travel = -1;
+    } else {
+      if (moved > 0) {  // the bounds as they are after that way
+        page.steepest *= page.nearest / (page.nearest - moved);
+        page.nearest -= moved;
+        page.travel = view.travel;
+      }
+      const float dx = static_cast<float>(c.point.x - view.x), dz = static_cast<float>(c.point.z - view.z),
+                  dy = static_cast<float>(c.y) - view.y;
+      const float d = std::max(std::sqrt(dx * dx + dz * dz + dy * dy), kNearest);
+      page.steepest = std::max(page.steepest, c.error / d);
+      page.nearest = std::min(page.nearest, d);
+    }
+    setDue(page, region.spared);
+  }
+  region.due = std::min(region.due, page.due);
+  region.dueTurn = std::min(region.dueTurn, page.dueTurn);
+}
+
 // Appends the region's candidates at or above the threshold, sorted.
-void screenPixels(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double threshold,
-                  std::vector<Pending>& out);
+void screenPixels(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view,
+                  double threshold, std::vector<Pending>& out);
 void screenThesis(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
                   double threshold, std::vector<Pending>& out);
 

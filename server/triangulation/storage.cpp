@@ -9,8 +9,9 @@
 namespace ridgecast::triangulation {
 
 void* reserve(std::size_t bytes) {
-  constexpr std::size_t huge = std::size_t{2} << 20, large = 8 * huge;
-  void* const at = bytes < large ? std::malloc(bytes) : std::aligned_alloc(huge, (bytes + huge - 1) / huge * huge);
+  constexpr std::size_t line = 64, huge = std::size_t{2} << 20, large = 8 * huge;
+  const std::size_t alignment = bytes < large ? line : huge;
+  void* const at = std::aligned_alloc(alignment, (std::max(bytes, line) + alignment - 1) / alignment * alignment);
   if (!at) throw std::bad_alloc();
 #ifdef MADV_HUGEPAGE
   if (bytes >= large) madvise(at, bytes, MADV_HUGEPAGE);  // an offer; nothing is wrong where it is declined

@@ -23,11 +23,11 @@ inline constexpr std::uint32_t kNoSlot = 0xffffffffu;
 
 // Room for records that are written before they are read: nothing of it is resident until it is touched. Large arrays ask for huge pages,
 // which spare a tenth of an insertion's time in address translation and page faults, at up to 2 MiB more resident memory each.
-void* reserve(std::size_t bytes);  // throws std::bad_alloc; to be given to std::free
+void* reserve(std::size_t bytes);  // at a line of the cache; throws std::bad_alloc; to be given to std::free
 template <class T>
 class Records {
  public:
-  static_assert(std::is_trivially_default_constructible_v<T> && std::is_trivially_destructible_v<T>);
+  static_assert(std::is_trivially_default_constructible_v<T> && std::is_trivially_destructible_v<T> && alignof(T) <= 64);
   explicit Records(std::size_t count) : at_(static_cast<T*>(reserve(count * sizeof(T)))) {}
   T& operator[](std::size_t k) { return at_.get()[k]; }
   const T& operator[](std::size_t k) const { return at_.get()[k]; }

@@ -50,7 +50,8 @@ struct Mesh {
     insert({side, side}, f.at(f.n, f.n), mesh.anyTriangle());
   }
   void insert(Point2 p, std::int32_t y, TriangleId hint) {
-    if (mesh.insert({p.x, p.z, y, kNoEdge}, mesh.locate(p, hint, all), all) != Change::kDone) throw std::runtime_error("a point was refused");
+    if (mesh.insert({p.x, p.z, y, kNoEdge}, mesh.locate(p, hint, all), all) != Change::kDone)
+      throw std::runtime_error("a point was refused");
   }
   // f(i, j, error) for every sample whose triangle is t (edges count for both sides).
   template <class F>
@@ -74,7 +75,9 @@ struct Mesh {
   }
   double rms() const {
     std::vector<float> error(field.y.size(), 0);
-    forEach([&](TriangleId t) { scan(t, [&](int i, int j, double e) { error[static_cast<std::size_t>(j) * (field.n + 1) + i] = static_cast<float>(e); }); });
+    forEach([&](TriangleId t) {
+      scan(t, [&](int i, int j, double e) { error[static_cast<std::size_t>(j) * (field.n + 1) + i] = static_cast<float>(e); });
+    });
     double sum = 0;
     for (float e : error) sum += double(e) * e;
     return std::sqrt(sum / static_cast<double>(error.size())) / 256;
@@ -150,15 +153,14 @@ Report greedy(const Options& options) {
 
   // The engine's way: its own candidates, all above a falling threshold, in rounds.
   Mesh m(field, 4 * target);
-  refinement::Surface surface(m.mesh.triangleCapacity(), m.mesh.vertexCapacity());
+  refinement::Surface surface(m.mesh.triangleCapacity(), m.mesh.vertexCapacity(), false);
+  surface.regions.resize(m.mesh.regionLimit());
   surface.anchor = {0, 0};
-  std::fill_n(surface.mixed.get(), m.mesh.vertexCapacity(), 0);  // no hashes here
+  std::fill_n(surface.vertices.get(), m.mesh.vertexCapacity(), refinement::VertexExtra{});  // no hashes here
   double threshold = 0;
-  const auto evaluate = [&] {
-    refinement::evaluateFresh(m.mesh, surface, *terrain, m.whole.region, 0, false);
-  };
+  const auto evaluate = [&] { refinement::evaluateFresh(m.mesh, surface, *terrain, m.whole.region, 0, false, nullptr); };
   evaluate();
-  m.forEach([&](TriangleId t) { threshold = std::max(threshold, double(surface.error[t])); });
+  m.forEach([&](TriangleId t) { threshold = std::max(threshold, double(surface.candidate(t).error)); });
   while (m.triangles() < target) {
     struct Wanted {
       float error;
@@ -166,12 +168,13 @@ Report greedy(const Options& options) {
     };
     std::vector<Wanted> wanted;
     m.forEach([&](TriangleId t) {
-      if (surface.error[t] >= threshold) wanted.push_back({surface.error[t], t});
+      if (const float error = surface.candidate(t).error; error >= threshold) wanted.push_back({error, t});
     });
     std::sort(wanted.begin(), wanted.end(), [](const Wanted& a, const Wanted& b) { return a.error > b.error; });
     for (const Wanted& w : wanted) {
       if (!m.mesh.trianglePages().alive(w.t) || m.mesh.trianglePages().fresh(w.t) || m.triangles() >= target) continue;
-      m.mesh.insert({surface.x[w.t], surface.z[w.t], surface.y[w.t], kNoEdge}, w.t, m.all);
+      const refinement::Surface::Candidate c = surface.candidate(w.t);
+      m.mesh.insert({c.point.x, c.point.z, c.y, kNoEdge}, w.t, m.all);
     }
     evaluate();
     if (wanted.size() < 8) threshold *= 0.9;

@@ -43,11 +43,11 @@ Report screening(const Options& options) {
     double start = cpuSeconds();
     for (const pipeline::Leaf* leaf : mesh.leaves())
       for (std::uint32_t page : pages.pagesOf(leaf->region)) {
-        const std::uint32_t base = page * triangulation::Pages::kSlots;
+        const refinement::CandidatePage& c = s.candidates[page];
         std::uint32_t sum = 0;
-        for (std::uint32_t k = base; k < base + triangulation::Pages::kSlots; ++k)
-          sum += static_cast<std::uint32_t>(s.x[k]) + static_cast<std::uint32_t>(s.z[k]) + static_cast<std::uint32_t>(s.y[k]) +
-                 static_cast<std::uint32_t>(s.error[k] > 1e9f);
+        for (std::uint32_t k = 0; k < refinement::CandidatePage::kSlots; ++k)
+          sum += static_cast<std::uint32_t>(c.x[k]) + static_cast<std::uint32_t>(c.z[k]) + static_cast<std::uint32_t>(c.y[k]) +
+                 static_cast<std::uint32_t>(c.error[k] > 1e9f);
         sink += sum;
       }
     read.push_back(cpuSeconds() - start);
@@ -71,8 +71,8 @@ Report screening(const Options& options) {
   const double idleMs = 1e3 * (cpuSeconds() - start) / 50;
 
   Report report;
-  report.note(std::to_string(mesh.triangulation().liveTriangles()) + " triangles in " + std::to_string(slots) + " slots; one thread, processor time" +
-              (sink == 1 ? " " : ""));
+  report.note(std::to_string(mesh.triangulation().liveTriangles()) + " triangles in " + std::to_string(slots) +
+              " slots; one thread, processor time" + (sink == 1 ? " " : ""));
   report.add("ratio_to_read", median(screen) / median(read), "of reading the arrays once");
   report.add("read_ns", 1e9 * median(read) / static_cast<double>(slots), "ns a slot");
   report.add("screen_ns", 1e9 * median(screen) / static_cast<double>(slots), "ns a slot");

@@ -282,8 +282,8 @@ TEST(CameraMesh, KeepsItsLaws) {
         int level = quadtree::kRootLevel;
         for (const Leaf* leaf : mesh.leaves())
           if (leaf->region == r && r != triangulation::kOutside) level = leaf->address.level;
-        ASSERT_LE(mesh.surface().level[v], level + 1);
-        ASSERT_EQ(p.y, lattice::snapHeight(terrain->heightStep({anchor.x + p.x, anchor.z + p.z}), mesh.surface().level[v]));
+        ASSERT_LE(static_cast<int>(mesh.surface().vertices[v].level), level + 1);
+        ASSERT_EQ(p.y, lattice::snapHeight(terrain->heightStep({anchor.x + p.x, anchor.z + p.z}), static_cast<int>(mesh.surface().vertices[v].level)));
       });
     }
     for (const Leaf* leaf : mesh.leaves())
@@ -292,15 +292,16 @@ TEST(CameraMesh, KeepsItsLaws) {
     int looked = 0;
     for (const Leaf* leaf : mesh.leaves())
       t.trianglePages().forEach(leaf->region, [&](triangulation::TriangleId id) {
-        if (rng() % 50 != 0 || mesh.surface().error[id] == 0) return;
+        const auto c = mesh.surface().candidate(id);
+        if (rng() % 50 != 0 || c.error == 0) return;
         ++looked;
-        const triangulation::Point2 p{mesh.surface().x[id], mesh.surface().z[id]};
+        const triangulation::Point2 p = c.point;
         const auto& v = t.triangle(id).v;
         for (int k = 0; k < 3; ++k)
           ASSERT_GE(triangulation::orientation(t.vertex(v[k]).point(), t.vertex(v[(k + 1) % 3]).point(), p), 0);
         const std::int32_t fine = terrain->heightStep({anchor.x + p.x, anchor.z + p.z});
-        ASSERT_EQ(fine, mesh.surface().y[id]);
-        ASSERT_NEAR(std::abs(refinement::heightOnTriangle(t, id, p) - lattice::snapHeight(fine, leaf->address.level)), std::abs(mesh.surface().error[id]),
+        ASSERT_EQ(fine, c.y);
+        ASSERT_NEAR(std::abs(refinement::heightOnTriangle(t, id, p) - lattice::snapHeight(fine, leaf->address.level)), std::abs(c.error),
                     1 << lattice::verticalBits(leaf->address.level + 1));
       });
     ASSERT_GT(looked, 0);

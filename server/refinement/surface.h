@@ -1,0 +1,155 @@
+#pragma once
+// What refinement keeps beside the triangulation's records: candidates by triangle, true heights and losses by vertex, and by page and by
+// region what the last screening found, so that the next ones can be spared while the camera stays near (screening.h, coarsening.h).
+//
+// Arrays are indexed as the mesh's are and grow resident with it. All positions in steps relative to the mesh's anchor, heights in steps,
+// absolute. Threads: as the triangulation; what belongs to a region is touched by one thread at a time.
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::refinement {
+
+// Where slots without a candidate lie, so that they are nobody's nearest; steps, its square's square fits a float.
+inline constexpr std::int32_t kFarAway = 1 << 29;
+inline constexpr double kAlways = -std::numeric_limits<double>::infinity();  // due whatever the camera has done
+
+// The candidates of a page of triangles, so that screening reads one run of memory. A triangle without one has error 0.
+struct alignas(64) CandidatePage {
+  static constexpr std::uint32_t kSlots = triangulation::Pages::kSlots;
+  std::int32_t x[kSlots], z[kSlots];
+  std::int32_t y[kSlots];  // the terrain's height there, to the step (not snapped to a level)
+  float error[kSlots];     // steps: |mesh - snapped terrain|; negative: asleep
+};
+
+struct PageScreen {
+  double due = kAlways;                   // looked at again when the camera has travelled so far,
+  double dueTurn = kAlways;               // or turned so far
+  double travel = -1;                     // of the camera when the bounds held; negative: there are none, look again
+  float steepest = 0;                     // largest error / distance of the candidates awake
+  float nearest = 0;                      // steps: smallest distance of any candidate
+  std::uint64_t asleep = 0;               // candidates wanted but not worth it for now; their error is kept negative meanwhile
+  std::uint64_t blank = 0;                // dead slots that hold no candidate, far away
+  double sleptTravel = 0, sleptTurn = 0;  // when the first of them fell asleep
+};
+
+// As PageScreen, for the losses of a page of vertices.
+struct PageLosses {
+  double due = kAlways;
+  double travel = -1;
+  float leastSlope = 0;         // of any vertex that was not to go: loss as seen, pixels / pixels per radian
+  float flat = 0, nearest = 0;  // steps: smallest horizontal and smallest distance
+};
+
+// A page of triangles' share of its region's hash.
+struct PageHash {
+  std::uint64_t hash = 0;  // sum over the slots in `hashed` of what `hash` below holds for them
+  std::uint64_t hashed = 0;
+};
+
+// The earliest of a region's pages, valid for the limit that it was made for.
+struct RegionScreen {
+  double due = kAlways, dueTurn = kAlways;
+  double spared = 1;  // error / distance
+  double lossesDue = kAlways;
+  double lossesSpared = 1;
+};
+
+struct VertexExtra {
+  std::uint64_t mixed;      // the vertex's part of its triangles' hashes (common/mesh)
+  float loss;               // steps: the error that removing it made when last looked at; infinite: a grid point, which stays
+  std::int32_t fineY : 27;  // the terrain's height to the step; the mesh's vertex is snapped
+  std::uint32_t level : 5;  // the level that the mesh's vertex is snapped to
+};
+static_assert(sizeof(VertexExtra) == 16 && lattice::kMaxHeight < (1 << 26));
+
+struct Surface {
+  // `thesis`: curvatures are kept too.
+  Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity, bool thesis);
+
+  // by triangle
+  triangulation::Records<CandidatePage> candidates;  // by page
+  triangulation::Records<std::uint64_t> hash;        // the triangle's term of its leaf's hash (common/mesh)
+  std::unique_ptr<PageScreen[]> screens;             // by page of triangles
+  std::unique_ptr<PageHash[]> hashes;                // by page of triangles
+  std::unique_ptr<PageLosses[]> losses;              // by page of vertices
+  std::vector<RegionScreen> regions;                 // by region; as long as the largest id needs
+
+  // by vertex
+  triangulation::Records<VertexExtra> vertices;
+  triangulation::Records<float> curvature;  // metres; of no length unless kept
+
+  lattice::Point anchor;  // absolute steps; a multiple of the coarsest leaf's side
+
+  static constexpr std::size_t kBytesPerTrianglePage =
+      sizeof(CandidatePage) + triangulation::Pages::kSlots * sizeof(std::uint64_t) + sizeof(PageScreen) + sizeof(PageHash);
+  static constexpr std::size_t kBytesPerVertexPage = triangulation::Pages::kSlots * sizeof(VertexExtra) + sizeof(PageLosses);
+
+  struct Candidate {
+    triangulation::Point2 point;
+    std::int32_t y;
+    float error;  // as in CandidatePage
+  };
+  Candidate candidate(std::uint32_t t) const {
+    const CandidatePage& page = candidates[t / CandidatePage::kSlots];
+    const std::uint32_t k = t % CandidatePage::kSlots;
+    return {{page.x[k], page.z[k]}, page.y[k], page.error[k]};
+  }
+  // The candidate of a new triangle, awake. The page's bounds do not know it yet: see foldCandidate() in screening.h.
+  void setCandidate(std::uint32_t t, const Candidate& c) {
+    CandidatePage& page = candidates[t / CandidatePage::kSlots];
+    const std::uint32_t k = t % CandidatePage::kSlots;
+    page.x[k] = c.point.x;
+    page.z[k] = c.point.z;
+    page.y[k] = c.y;
+    page.error[k] = c.error;
+    PageScreen& screen = screens[t / CandidatePage::kSlots];
+    const std::uint64_t bit = std::uint64_t{1} << k;
+    screen.asleep &= ~bit;
+    screen.blank &= ~bit;
+  }
+  // The triangle's term; what the slot held before leaves the page's sum.
+  void setHash(std::uint32_t t, std::uint64_t term) {
+    PageHash& page = hashes[t / CandidatePage::kSlots];
+    const std::uint64_t bit = std::uint64_t{1} << (t % CandidatePage::kSlots);
+    if (page.hashed & bit) page.hash -= hash[t];
+    page.hash += term;
+    page.hashed |= bit;
+    hash[t] = term;
+  }
+  // The page of a candidate, of a vertex is looked at again whatever is known of it.
+  void wakeCandidate(std::uint32_t t, triangulation::RegionId region) {
+    PageScreen& page = screens[t / CandidatePage::kSlots];
+    page.travel = -1;
+    page.due = regions[region].due = kAlways;
+  }
+  void wakeVertex(std::uint32_t v, triangulation::RegionId region) {
+    PageLosses& page = losses[v / triangulation::Pages::kSlots];
+    page.travel = -1;
+    page.due = regions[region].lossesDue = kAlways;
+  }
+  void moveTriangle(std::uint32_t from, std::uint32_t to, triangulation::RegionId region) {
+    Candidate c = candidate(from);
+    c.error = std::abs(c.error);  // a candidate that moves is awake
+    setCandidate(to, c);
+    setHash(to, hash[from]);
+    wakeCandidate(to, region);
+  }
+  void moveVertex(std::uint32_t from, std::uint32_t to, triangulation::RegionId region) {
+    vertices[to] = vertices[from];
+    if (keepsCurvature) curvature[to] = curvature[from];
+    wakeVertex(to, region);
+  }
+  bool keepsCurvature;
+};
+
+// The region's hash (common/mesh): the sum over its triangles, of which only what changed is summed again.
+std::uint64_t hashRegion(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region);
+
+}  // namespace ridgecast::refinement
