@@ -15,6 +15,7 @@
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
+#include "server/web/route.h"
 
 namespace {
 
@@ -38,10 +39,25 @@ bool writePortFile(const std::filesystem::path& file, std::uint16_t port) {
   return !ec;
 }
 
+// The browser viewer's files; null where there are none and none were asked for.
+Outcome<std::shared_ptr<const web::Site>> loadSite(std::filesystem::path folder) {
+  if (folder.empty()) folder = web::Site::defaultFolder().value_or("");
+  if (folder.empty()) return std::shared_ptr<const web::Site>();
+  return web::Site::load(folder);
+}
+
 int serve(const config::Config& config, const sigset_t& signals) {
   auto terrain =
       user_terrain::load(config.terrain, [](const std::string& complaint) { logging::warning(complaint); });  // before any thread begins
   if (!terrain) return refuse(terrain.error().message);
+
+  auto site = loadSite(config.webFolder);
+  if (!site) return refuse(site.error().message);
+  std::vector<net::Route> routes;
+  if (*site)
+    routes.push_back(web::route(std::move(*site)));
+  else
+    logging::info("the browser viewer is not beside this program; / says how to connect otherwise");
 
   std::unique_ptr<net::Server> server;  // before the machine, so that it is destroyed after it: tasks send through it
   scheduling::Machine machine(config.threads);
@@ -50,13 +66,13 @@ int serve(const config::Config& config, const sigset_t& signals) {
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
   resources->limits = config.limits;
-  auto listening = net::Server::listen(config.net, std::make_shared<session::Directory>(resources, *terrain));
+  auto listening = net::Server::listen(config.net, std::make_shared<session::Directory>(resources, *terrain), std::move(routes));
   if (!listening) return refuse(listening.error().message);
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
     return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
-  logging::info("listening on " + server->url() + " with " + std::to_string(machine.threads()) + " threads, terrain " + std::string((*terrain)->name()) +
-                ", seed " + std::to_string((*terrain)->seed()));
+  logging::info("listening on " + server->url() + " with " + std::to_string(machine.threads()) + " threads, terrain " +
+                std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 
   int signal = 0;
   sigwait(&signals, &signal);

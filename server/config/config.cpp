@@ -61,6 +61,7 @@ void addListening(CLI::App& app, Written& w) {
   app.add_option("--host", c.net.host, "Address to listen on")->capture_default_str();
   app.add_option("--port", c.net.port, "Port to listen on; 0: any free one")->capture_default_str();
   app.add_option("--port-file", c.portFile, "Write the port to this file once the server listens")->type_name("FILE");
+  app.add_option("--web-dir", c.webFolder, "Folder of the browser viewer; left out: the one installed or built with this program")->type_name("DIR");
   app.add_option("--threads", c.threads, "Threads that work on meshes; 0: as many as the machine has")
       ->check(CLI::Range(0u, 1024u))
       ->capture_default_str();

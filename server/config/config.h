@@ -17,9 +17,10 @@ namespace ridgecast::config {
 struct Config {
   net::Settings net;
   session::Limits limits;
-  user_terrain::Request terrain;   // of the default session, with its seed
-  unsigned threads = 0;            // 0: as many as the hardware has
-  std::filesystem::path portFile;  // empty: none
+  user_terrain::Request terrain;    // of the default session, with its seed
+  unsigned threads = 0;             // 0: as many as the hardware has
+  std::filesystem::path portFile;   // empty: none
+  std::filesystem::path webFolder;  // of the browser viewer; empty: the one beside the program, where there is one
   logging::Format logFormat = logging::Format::kText;
   logging::Level logLevel = logging::Level::kInfo;
 };

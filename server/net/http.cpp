@@ -75,6 +75,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     request.host = view(header[http::field::host]);
     request.upgrade = websocket::is_upgrade(header);
     request.webSocketVersion = view(header[http::field::sec_websocket_version]);
+    request.acceptEncoding = view(header[http::field::accept_encoding]);
     Answer a = answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes);
     const bool hasBody = parser_->chunked() || parser_->content_length().value_or(0) > 0;
     if (a.upgradeTo && (hasBody || buffer_.size() > 0)) return refuse(400, "Something follows the request before the upgrade is answered.");

@@ -74,11 +74,14 @@ dt { opacity: .65; } dd { margin: 0; }
 <p class="lead">Endless terrain, triangulated for each camera and streamed.</p>
 )";
 
-std::string page(const Request& request, const session::Directory& directory, std::string_view version) {
+std::string page(const Request& request, const session::Directory& directory, std::string_view version, bool hasViewer) {
   const std::string host = hostIsHarmless(request.host) ? std::string(request.host) : "HOST:PORT";
   const auto session = directory.find(session::kDefaultName);
   std::string out(kPageHead);
-  out += "<p>Fly over it from a terminal:</p>\n<pre>ridgecast-client view ws://" + host + "</pre>\n";
+  out += hasViewer ? "<p>Fly over it <a href=\"/\">in this browser</a> or from a terminal:</p>\n"
+                   : "<p>The viewer for browsers is not here: it is built with npm (<code>./run build</code> does that) and lies beside the server's "
+                     "program, or where <code>--web-dir</code> says. Fly over the terrain from a terminal:</p>\n";
+  out += "<pre>ridgecast-client view ws://" + host + "</pre>\n";
   out += "<p>or, without a window, along a path into a folder of pictures and figures:</p>\n<pre>ridgecast-client fly ws://" + host +
          " --path PATH.json --out DIR</pre>\n";
   out += "<p>Any other program speaks binary WebSocket messages (protobuf, <code>proto/PROTOCOL.md</code>) at</p>\n<pre>ws://" + host +
@@ -159,7 +162,7 @@ Answer answer(const Request& request, const session::Directory& directory, std::
   const auto split = std::min(request.target.find('?'), request.target.size());
   const std::string_view path = request.target.substr(0, split);
   const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
-  const bool known = path == "/" || path == "/healthz" || path == "/version" || path == "/v1/stream";
+  const bool known = path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream";
   if (!known) return plain(404, "There is nothing here; see / for what this server has.");
   const bool isStream = path == "/v1/stream";
   if (request.method != "GET" && (isStream || request.method != "HEAD")) {
@@ -177,7 +180,7 @@ Answer answer(const Request& request, const session::Directory& directory, std::
              std::to_string(wire::kProtocolVersion) + "}\n";
   } else {
     a.type = "text/html; charset=utf-8";
-    a.body = page(request, directory, version);
+    a.body = page(request, directory, version, path == "/about");
   }
   return a;
 }

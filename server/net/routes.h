@@ -1,7 +1,7 @@
 #pragma once
 // What the server answers over HTTP: pure functions from a request to an answer, without sockets.
 //
-//   GET /                           what this is and how to connect, as a page
+//   GET /, /about                   what this is and how to connect, as a page; / is the browser viewer where there is one (server/web)
 //   GET /healthz                    "ok"
 //   GET /version                    {"name": ..., "version": ..., "protocol": ...}
 //   GET /v1/stream?session=NAME     upgrades to a WebSocket
@@ -27,6 +27,7 @@ struct Request {  // the views live while the request is answered, not in work t
   std::string_view host;    // the Host header; untrusted
   bool upgrade = false;     // asks for a WebSocket
   std::string_view webSocketVersion;
+  std::string_view acceptEncoding;
 };
 
 struct Later;

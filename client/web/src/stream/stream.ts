@@ -1,0 +1,229 @@
+// One connection to a server: hello, resume, poses and acknowledgements out, worlds and iterations in. PROTOCOL.md, The conversation.
+// Comes back by itself after a loss, waiting longer after each failure and by chance.
+
+import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
+import type { LeafAddress } from '../codec/mesh';
+import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Error_Code, HelloSchema, Iteration, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, World } from '../generated/ridgecast/v1/stream_pb';
+import { Refusal } from '../codec/mesh';
+
+export const PROTOCOL_VERSION = 1;
+const FIRST_WAIT = 50, LONGEST_WAIT = 2000; // ms
+const PATIENCE = 15_000; // ms from the attempt to the world
+const MAX_MESSAGE = 256 * 2 ** 20;
+const MAX_RESENT = 4096, RESUMED_AT_A_TIME = 2048, MAX_RESUMED = 65_536;
+
+/** A camera in protocol units: steps, metres, radians, pixels. */
+export interface Camera {
+  x: number; // whole steps
+  z: number;
+  y: number;
+  yaw: number;
+  pitch: number;
+  verticalFov: number;
+  width: number;
+  height: number;
+}
+
+export interface Settings {
+  threshold: number; // pixels; 0: the server's default
+  triangleBudget: number; // 0: the server's default
+}
+
+export interface Held {
+  address: LeafAddress;
+  hash: bigint;
+}
+
+/** What a stream needs of a WebSocket. */
+export interface Socket {
+  binaryType: string;
+  onopen: (() => void) | null;
+  onmessage: ((event: { data: unknown }) => void) | null;
+  onclose: ((event: { code: number; reason: string }) => void) | null;
+  send(bytes: Uint8Array): void;
+  close(code?: number): void;
+}
+
+export interface Listener {
+  /** A connection has begun. What is still held of the last one, to be resumed; empty: nothing. */
+  onWorld(world: World): Held[];
+  /** Must end in acknowledge(). A Refusal that is thrown ends the connection. */
+  onIteration(iteration: Iteration, bytes: number): void;
+  /** The connection is lost and will be tried again; `final`: it will not. The sentence is for a person. */
+  onLost(sentence: string, final: boolean): void;
+}
+
+export interface Options {
+  open: () => Socket;
+  clientName: string;
+  settings: Settings;
+  lockstep?: boolean;
+  /** Why a connection could not even be opened, where that can be found out; sockets do not say. */
+  explain?: () => Promise<{ sentence: string; final: boolean } | undefined>;
+}
+
+const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
+const wireAddress = (a: LeafAddress): { level: number; i: bigint; j: bigint } => ({ level: a.level, i: BigInt(a.i), j: BigInt(a.j) });
+
+export class Stream {
+  private socket: Socket | undefined;
+  private world: World | undefined;
+  private sequence = 0n;
+  private camera: Camera | undefined; // the newest, sent again to the next connection
+  private wait = FIRST_WAIT;
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private watchdog: ReturnType<typeof setTimeout> | undefined;
+  private over = false;
+  private why = ''; // what the server said before it hung up
+  private final = false;
+
+  constructor(
+    private readonly options: Options,
+    private readonly listener: Listener,
+  ) {
+    this.connect();
+  }
+
+  /** For good. */
+  close(): void {
+    this.over = true;
+    clearTimeout(this.timer);
+    clearTimeout(this.watchdog);
+    const socket = this.socket;
+    this.forget();
+    socket?.close(1000);
+  }
+
+  get connected(): boolean {
+    return this.world !== undefined;
+  }
+
+  /** Try again now, without waiting. */
+  hurry(): void {
+    if (this.over || this.socket) return;
+    clearTimeout(this.timer);
+    this.wait = FIRST_WAIT;
+    this.connect();
+  }
+
+  /** The pose's sequence; 0 while there is no connection: it is then sent when there is one. */
+  pose(camera: Camera): bigint {
+    this.camera = camera;
+    if (!this.world) return 0n;
+    const pose = create(PoseSchema, { ...camera, sequence: ++this.sequence, x: BigInt(camera.x), z: BigInt(camera.z) });
+    this.send({ case: 'pose', value: pose });
+    return this.sequence;
+  }
+
+  acknowledge(iteration: bigint, meshHash: bigint): void {
+    this.send({ case: 'acknowledge', value: create(AcknowledgeSchema, { iteration, meshHash }) });
+  }
+
+  /** None named: all. */
+  resend(leaves: readonly LeafAddress[]): void {
+    this.send({ case: 'resendLeaves', value: create(ResendLeavesSchema, { leaves: leaves.length > MAX_RESENT ? [] : leaves.map(wireAddress) }) });
+  }
+
+  private send(kind: ClientMessage['kind']): void {
+    this.socket?.send(toBinary(ClientMessageSchema, create(ClientMessageSchema, { kind })));
+  }
+
+  private connect(): void {
+    this.why = '';
+    let socket: Socket;
+    try {
+      socket = this.options.open();
+    } catch (error) {
+      this.over = true;
+      this.listener.onLost(String(error), true);
+      return;
+    }
+    this.socket = socket;
+    socket.binaryType = 'arraybuffer';
+    socket.onopen = () => this.hello();
+    socket.onmessage = (event) => this.receive(event.data);
+    socket.onclose = (event) => void this.lost(event.code, event.reason);
+    this.watchdog = setTimeout(() => {
+      this.why = 'The server did not answer in time.';
+      this.socket?.close();
+      void this.lost(1006, '');
+    }, PATIENCE);
+  }
+
+  private hello(): void {
+    const { settings, lockstep } = this.options;
+    this.send({
+      case: 'hello',
+      value: create(HelloSchema, {
+        protocolVersion: PROTOCOL_VERSION,
+        clientName: new TextEncoder().encode(this.options.clientName),
+        settings: { metric: Metric.PIXELS, threshold: settings.threshold, triangleBudget: settings.triangleBudget },
+        pacing: lockstep ? Pacing.LOCKSTEP : Pacing.FREE,
+        deltas: true,
+      }),
+    });
+  }
+
+  private receive(data: unknown): void {
+    if (!this.socket) return;
+    try {
+      if (!(data instanceof ArrayBuffer) || data.byteLength > MAX_MESSAGE) throw new Refusal('a message that is not binary, or too large');
+      const { kind } = fromBinary(ServerMessageSchema, new Uint8Array(data));
+      if (kind.case === 'world') this.begin(kind.value);
+      else if (kind.case === 'iteration' && this.world) this.listener.onIteration(kind.value, data.byteLength);
+      else if (kind.case === 'error') {
+        this.why = text(kind.value.message);
+        this.final = kind.value.code === Error_Code.VERSION;
+      } else if (kind.case === 'iteration') throw new Refusal('an iteration before the world');
+    } catch (error) {
+      this.why = `The server sent what cannot be understood: ${error instanceof Error ? error.message : error}.`;
+      if (!(error instanceof Refusal)) console.warn(error);
+      this.socket?.close();
+      void this.lost(1002, '');
+    }
+  }
+
+  private begin(world: World): void {
+    if (this.world) throw new Refusal('a second world');
+    if (world.protocolVersion !== PROTOCOL_VERSION || world.stepBits !== 8) {
+      this.final = true;
+      throw new Refusal(`it speaks protocol ${world.protocolVersion}, this page ${PROTOCOL_VERSION}; reload the page`);
+    }
+    clearTimeout(this.watchdog);
+    this.world = world;
+    this.sequence = 0n;
+    this.wait = FIRST_WAIT;
+    const held = this.listener.onWorld(world);
+    if (held.length <= MAX_RESUMED)
+      for (let k = 0; k < held.length; k += RESUMED_AT_A_TIME) {
+        const leaves = held.slice(k, k + RESUMED_AT_A_TIME).map((leaf) => ({ address: wireAddress(leaf.address), hash: leaf.hash }));
+        this.send({ case: 'resume', value: create(ResumeSchema, { leaves }) });
+      }
+    if (this.camera && !this.options.lockstep) this.pose(this.camera);
+  }
+
+  private forget(): void {
+    if (this.socket) this.socket.onopen = this.socket.onmessage = this.socket.onclose = null;
+    this.socket = undefined;
+    this.world = undefined;
+  }
+
+  private async lost(code: number, reason: string): Promise<void> {
+    const opened = this.world !== undefined;
+    clearTimeout(this.watchdog);
+    this.forget();
+    if (this.over) return;
+    let sentence = this.why || reason || (opened ? `The connection was lost (${code}).` : '');
+    if (!sentence) {
+      const explained = await this.options.explain?.();
+      if (this.over || this.socket) return;
+      sentence = explained?.sentence ?? 'The server cannot be reached.';
+      this.final = explained?.final ?? false;
+    }
+    this.over = this.final;
+    this.listener.onLost(sentence, this.final);
+    if (this.final) return;
+    this.timer = setTimeout(() => this.connect(), this.wait * (0.5 + 0.5 * Math.random()));
+    this.wait = Math.min(LONGEST_WAIT, 2 * this.wait);
+  }
+}
