@@ -66,7 +66,16 @@ int serve(const config::Config& config, const sigset_t& signals) {
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
   resources->limits = config.limits;
-  auto listening = net::Server::listen(config.net, std::make_shared<session::Directory>(resources, *terrain), std::move(routes));
+  if (config.limits.maxSessions > 1)
+    resources->makeTerrain = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec) {
+      user_terrain::Request made = request;
+      if (spec.terrain != own) made.terrain = spec.terrain;  // a name: paths are refused before
+      made.seed = spec.seed;
+      made.parameters = spec.parameters;
+      return user_terrain::load(made, [](const std::string& complaint) { logging::warning(complaint); });
+    };
+  auto listening = net::Server::listen(config.net, std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters),
+                            std::move(routes));
   if (!listening) return refuse(listening.error().message);
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))

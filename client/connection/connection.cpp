@@ -136,7 +136,8 @@ struct Connection::Impl {
     socket_.auto_fragment(false);
     socket_.binary(true);
     socket_.read_message_max(wire::kMaxServerMessageBytes);
-    socket_.async_handshake(response_, where(), "/v1/stream?session=" + url_.session, [this](error_code e) {
+    const std::string target = "/v1/stream?session=" + url_.session + (url_.world.empty() ? "" : "&" + url_.world);
+    socket_.async_handshake(response_, where(), target, [this](error_code e) {
       if (state_ == State::kEnded) return;
       if (e) return end(notUpgraded(e));
       greet();

@@ -20,8 +20,12 @@ struct Url {
   std::string host = "127.0.0.1";
   std::string port = "7070";
   std::string session = "default";
+  // What the URL says about the session's world, "terrain=NAME&seed=N&param=NAME=NUMBER" or parts of it: where there is no such session and
+  // a terrain is named, the server makes it; where there is, it must be that world.
+  std::string world = {};
 };
-// host, host:port, [ipv6]:port, http:// or ws:// before it, optional path (ignored) and ?session=NAME (other parameters are ignored).
+// host, host:port, [ipv6]:port, http:// or ws:// before it, optional path (ignored) and ?session=NAME&terrain=NAME&seed=N&param=NAME=NUMBER
+// (other parameters are ignored).
 // Without a port: 7070, and 80 behind http:// or ws://. Empty text: the defaults. https and wss: an error that says TLS is not there yet.
 Outcome<Url> parseUrl(std::string_view text);
 

@@ -35,6 +35,14 @@ bool hostIsValid(std::string_view host, bool isAddress6) {
   return !host.empty() && host.size() <= 253 && std::all_of(host.begin(), host.end(), allowed);
 }
 
+// Fit to stand in a request as it is.
+bool isPlain(std::string_view parameter) {
+  return std::all_of(parameter.begin(), parameter.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+           std::string_view("._-+%=").find(c) != std::string_view::npos;
+  });
+}
+
 }  // namespace
 
 Outcome<Url> parseUrl(std::string_view text) {
@@ -80,6 +88,11 @@ Outcome<Url> parseUrl(std::string_view text) {
   for (std::string_view query = rest.substr(question + 1); !query.empty();) {
     const std::string_view parameter = query.substr(0, query.find('&'));
     query.remove_prefix(std::min(query.size(), parameter.size() + 1));
+    for (const std::string_view known : {"terrain=", "seed=", "param="}) {
+      if (!parameter.starts_with(known)) continue;
+      if (!isPlain(parameter)) return wrong(text, "terrain, seed and param have letters, digits and . _ - + % = alone");
+      url.world.append(url.world.empty() ? "" : "&").append(parameter);
+    }
     if (!parameter.starts_with("session=")) continue;
     url.session = parameter.substr(8);
     if (!wire::sessionNameIsValid(url.session)) return wrong(text, "a session's name has 1 to 64 letters, digits, '.', '_' or '-'");

@@ -38,7 +38,7 @@ struct Written {
   Config config;
   bool isPrivate = false, quiet = false;
   std::vector<std::string> parameters, trustedProxies;
-  long long patience = 0, idle = 0, drain = 0;
+  long long patience = 0, idle = 0, drain = 0, sessionIdle = 0;
   std::string logFormat = "text", logLevel = "info";
 };
 
@@ -91,6 +91,12 @@ void addLimits(CLI::App& app, Written& w) {
       ->capture_default_str();
   app.add_option("--max-members", c.limits.maxMembers, "Cameras at a time in one session")
       ->check(CLI::Range(1u, 65535u))
+      ->capture_default_str();
+  app.add_option("--max-sessions", c.limits.maxSessions, "Sessions at a time, the default one included; 1: clients cannot make any")
+      ->check(CLI::Range(1u, 65535u))
+      ->capture_default_str();
+  app.add_option("--session-idle", w.sessionIdle, "Seconds that a session without members lives on; the default one always does")
+      ->check(CLI::Range(1ll, 31'536'000ll))
       ->capture_default_str();
   app.add_option("--max-connections", c.net.maxConnections, "Connections at a time")->check(CLI::Range(1u, 65535u))->capture_default_str();
   app.add_option("--max-connections-per-address", c.net.maxConnectionsPerAddress,
@@ -155,6 +161,7 @@ Outcome<Config> finish(Written&& w) {
   c.net.patience = std::chrono::seconds(w.patience);
   c.net.idle = std::chrono::seconds(w.idle);
   c.net.drain = std::chrono::seconds(w.drain);
+  c.limits.sessionIdle = std::chrono::seconds(w.sessionIdle);
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
@@ -175,6 +182,7 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
   w.patience = w.config.net.patience / std::chrono::seconds(1);
   w.idle = w.config.net.idle / std::chrono::seconds(1);
   w.drain = w.config.net.drain / std::chrono::seconds(1);
+  w.sessionIdle = w.config.limits.sessionIdle / std::chrono::seconds(1);
   bool list = false, print = false;
   std::filesystem::path file;
   CLI::App app(

@@ -78,16 +78,18 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     request.acceptEncoding = view(header[http::field::accept_encoding]);
     Answer a = answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes);
     const bool hasBody = parser_->chunked() || parser_->content_length().value_or(0) > 0;
-    if (a.upgradeTo && (hasBody || buffer_.size() > 0)) return refuse(400, "Something follows the request before the upgrade is answered.");
+    if (request.upgrade && hasBody) return refuse(400, "Something follows the request before the upgrade is answered.");
     keepAlive_ = header.keep_alive() && !hasBody && ++answered_ < 1000;
     head_ = header.method() == http::verb::head;
     ifNoneMatch_ = header[http::field::if_none_match];
     if (a.later && !namesEtag(ifNoneMatch_, a.etag)) return work(a.later);
-    if (!a.upgradeTo) return send(std::move(a));
+    a.upgradeTo ? upgrade(std::move(a.upgradeTo)) : send(std::move(a));
+  }
 
+  void upgrade(std::shared_ptr<session::Session> session) {
+    if (buffer_.size() > 0) return refuse(400, "Something follows the request before the upgrade is answered.");
     error_code ignored;
     const auto endpoint = stream_.socket().remote_endpoint(ignored);
-    auto session = std::move(a.upgradeTo);
     startStream(std::move(stream_), std::move(counted_), shared_, std::move(session), nameOf(endpoint), parser_->release());
   }
 
@@ -159,7 +161,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       return close();
     }
     answerBytes_ = bytes;
-    send(std::move(a));
+    if (!a.upgradeTo) return send(std::move(a));
+    stream_.expires_never();
+    upgrade(std::move(a.upgradeTo));
   }
 
   void send(Answer a) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "common/wire/wire.h"
+#include "server/net/worlds.h"
 
 namespace ridgecast::net {
 
@@ -94,26 +95,6 @@ std::string page(const Request& request, const session::Directory& directory, st
   return out;
 }
 
-Answer stream(const Request& request, std::string_view query, const session::Directory& directory) {
-  const auto name = queryParameter(query, "session");
-  if (!name) return plain(400, name.error().message);
-  const std::string wanted = name->empty() ? std::string(session::kDefaultName) : *name;
-  if (!wire::sessionNameIsValid(wanted))
-    return plain(400,
-                 "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
-  if (!request.upgrade || request.webSocketVersion != "13") {
-    Answer a = plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.");
-    a.headers = {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}};
-    return a;
-  }
-  auto session = directory.find(wanted);
-  if (!session) return plain(404, "There is no session named '" + wanted + "' here; 'default' always exists.");
-  Answer a;
-  a.status = 101;
-  a.upgradeTo = std::move(session);
-  return a;
-}
-
 }  // namespace
 
 Outcome<std::string> queryParameter(std::string_view query, std::string_view name) {
@@ -156,13 +137,14 @@ bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
   return false;
 }
 
-Answer answer(const Request& request, const session::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
+Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
   for (const Route& route : routes)
     if (auto a = route(request)) return std::move(*a);
   const auto split = std::min(request.target.find('?'), request.target.size());
   const std::string_view path = request.target.substr(0, split);
   const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
-  const bool known = path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream";
+  const bool known = path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream" ||
+                     path == "/v1/sessions";
   if (!known) return plain(404, "There is nothing here; see / for what this server has.");
   const bool isStream = path == "/v1/stream";
   if (request.method != "GET" && (isStream || request.method != "HEAD")) {
@@ -170,7 +152,8 @@ Answer answer(const Request& request, const session::Directory& directory, std::
     a.headers = {{"Allow", isStream ? "GET" : "GET, HEAD"}};
     return a;
   }
-  if (isStream) return stream(request, query, directory);
+  if (isStream) return streamAnswer(request, query, directory);
+  if (path == "/v1/sessions") return sessionsAnswer(directory);
   Answer a;
   if (path == "/healthz") {
     a.body = "ok\n";

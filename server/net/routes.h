@@ -4,7 +4,8 @@
 //   GET /, /about                   what this is and how to connect, as a page; / is the browser viewer where there is one (server/web)
 //   GET /healthz                    "ok"
 //   GET /version                    {"name": ..., "version": ..., "protocol": ...}
-//   GET /v1/stream?session=NAME     upgrades to a WebSocket
+//   GET /v1/stream?session=NAME     upgrades to a WebSocket; &terrain=NAME&seed=N&param=NAME=NUMBER makes the session when there is none
+//   GET /v1/sessions                the sessions, their worlds, members and clocks, as JSON
 // HEAD is answered where GET is. Everything else is refused in one plain sentence.
 
 #include <functional>
@@ -39,7 +40,7 @@ struct Answer {
   std::vector<std::pair<std::string, std::string>> headers;
   std::string etag;                             // of a 200, without quotation marks; sends 304 to who has it already
   std::shared_ptr<session::Session> upgradeTo;  // set: answer with the upgrade instead
-  std::shared_ptr<const Later> later;           // set: the answer comes of work; of this one only etag counts, which may stay empty
+  std::shared_ptr<const Later> later;           // set: the answer comes of work, and may be an upgrade; of this one only etag counts
 };
 
 // Work that makes the answer on a thread of its own (jobs.h). `stop` is requested when the asker leaves or the server shuts down: then
@@ -53,7 +54,7 @@ struct Later {
 using Route = std::function<std::optional<Answer>(const Request& request)>;
 
 // `routes` are asked first, in order.
-Answer answer(const Request& request, const session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
+Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
 
 // The value of a query's parameter, percent-decoded; empty when it is absent. Error: an escape that is none.
 Outcome<std::string> queryParameter(std::string_view query, std::string_view name);

@@ -1,5 +1,6 @@
 #include "server/session/session.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "common/wire/wire.h"
@@ -17,9 +18,10 @@ bool raise(std::atomic<std::uint32_t>& counter, std::uint32_t limit) {
 
 }  // namespace
 
-Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, std::shared_ptr<const Resources> resources,
-                 std::shared_ptr<std::atomic<std::uint32_t>> cameras)
+Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec,
+                 std::shared_ptr<const Resources> resources, std::shared_ptr<std::atomic<std::uint32_t>> cameras)
     : name_(std::move(name)),
+      spec_(std::move(spec)),
       terrain_(std::move(terrain)),
       contentHash_(terrain::contentHash(*terrain_)),
       resources_(std::move(resources)),
@@ -33,30 +35,87 @@ Outcome<Place> Session::enter() {
     return Error{"This server is full: it serves " + std::to_string(limits.maxCameras) + " cameras; try again later."};
   if (!raise(*members_, limits.maxMembers)) {
     --*cameras_;
+    if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended, as nobody was in it; connect again to make it anew."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
+  ++entries_;
   return Place(members_, cameras_);
 }
 
-Directory::Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain)
+bool Session::end() {
+  std::uint32_t nobody = 0;
+  return members_->compare_exchange_strong(nobody, kEnded);
+}
+
+Directory::Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
+                     std::vector<std::pair<std::string, double>> defaultParameters)
     : resources_(std::move(resources)) {
-  const std::string name(kDefaultName);
-  sessions_[name] = std::make_shared<Session>(name, std::move(defaultTerrain), resources_, cameras_);
+  add(std::string(kDefaultName), std::move(defaultTerrain), std::move(defaultParameters)).value();
 }
 
 std::shared_ptr<Session> Directory::find(std::string_view name) const {
   const std::lock_guard lock(mutex_);
-  const auto it = sessions_.find(std::string(name));
-  return it == sessions_.end() ? nullptr : it->second;
+  const auto it = sessions_.find(name);
+  return it == sessions_.end() ? nullptr : it->second.session;
 }
 
-Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_ptr<const terrain::Terrain> terrain) {
+Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
+                                                 std::vector<std::pair<std::string, double>> parameters) {
   if (!wire::sessionNameIsValid(name))
     return Error{"A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens."};
-  auto session = std::make_shared<Session>(name, std::move(terrain), resources_, cameras_);
+  std::sort(parameters.begin(), parameters.end());
+  WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters)};
+  auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, cameras_);
   const std::lock_guard lock(mutex_);
-  if (!sessions_.emplace(name, session).second) return Error{"There is a session named '" + name + "' already; choose another name."};
+  if (sessions_.contains(name)) return Error{"There is a session named '" + name + "' already; choose another name."};
+  if (sessions_.size() >= resources_->limits.maxSessions)
+    return Error{"This server has " + std::to_string(resources_->limits.maxSessions) + " sessions, the most it takes; try again later."};
+  sessions_.emplace(std::move(name), Kept{session, 0, {}});
+  sweepSoon();
   return session;
+}
+
+std::vector<std::shared_ptr<Session>> Directory::all() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::shared_ptr<Session>> out;
+  for (const auto& [name, kept] : sessions_) out.push_back(kept.session);
+  return out;
+}
+
+bool Directory::full() const {
+  const std::lock_guard lock(mutex_);
+  return sessions_.size() >= resources_->limits.maxSessions;
+}
+
+void Directory::sweepSoon() {
+  if (sweepSet_ || sessions_.size() <= 1) return;
+  sweepSet_ = true;
+  const auto pause = std::max<std::chrono::milliseconds>(resources_->limits.sessionIdle / 8, std::chrono::milliseconds(10));
+  resources_->alarm.at(std::chrono::steady_clock::now() + pause, [weak = weak_from_this()] {
+    if (const auto self = weak.lock()) self->sweep();
+  });
+}
+
+void Directory::sweep() {
+  std::vector<std::shared_ptr<Session>> ended;  // destroyed outside the lock
+  const std::lock_guard lock(mutex_);
+  sweepSet_ = false;
+  const auto now = std::chrono::steady_clock::now();
+  for (auto it = sessions_.begin(); it != sessions_.end();) {
+    Kept& kept = it->second;
+    const std::uint64_t entries = kept.session->entries();
+    if (kept.session->members() > 0 || kept.entries != entries) kept.idleSince.reset();
+    kept.entries = entries;
+    if (!kept.idleSince && kept.session->members() == 0) kept.idleSince = now;
+    const bool isOver = kept.idleSince && now - *kept.idleSince >= resources_->limits.sessionIdle && it->first != kDefaultName;
+    if (!isOver || !kept.session->end()) {
+      ++it;
+      continue;
+    }
+    ended.push_back(std::move(kept.session));
+    it = sessions_.erase(it);
+  }
+  sweepSoon();
 }
 
 }  // namespace ridgecast::session

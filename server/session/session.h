@@ -1,17 +1,23 @@
 #pragma once
 // Named worlds and who is in them.
 //
-// A Session is a terrain with its seed that several cameras look at; it never changes while it lives. The Directory holds the sessions
-// by name; `default` is always there. Every camera has a mesh, a replica and a pool of its own (camera_session.h).
+// A Session is a terrain with its seed and parameters that several cameras look at; it never changes while it lives. The Directory holds
+// the sessions by name; `default` is always there, the others end when nobody has been in them for a while. Every camera has a mesh, a
+// replica and a pool of its own (camera_session.h).
 
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <string_view>
-#include <unordered_map>
+#include <utility>
+#include <vector>
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
@@ -25,14 +31,26 @@
 namespace ridgecast::session {
 
 struct Limits {
-  std::uint32_t maxCameras = 256;  // of all sessions together
-  std::uint32_t maxMembers = 64;   // of one session
+  std::uint32_t maxCameras = 256;                  // of all sessions together
+  std::uint32_t maxMembers = 64;                   // of one session
+  std::uint32_t maxSessions = 64;                  // `default` included
+  std::chrono::milliseconds sessionIdle{300'000};  // so long a session without members lives on
   std::uint32_t window = replica::kDefaultWindow;
   std::size_t maxQueuedBytes = 8u << 20;  // no iteration begins while more than this waits in a client's way out
   std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: no limit
   pipeline::Limits mesh;
   bool sendsTerrain = true;  // false: World's terrain_source stays empty
 };
+
+// What a world is made of. Terrain and parameters by name, as `--terrain` and `--param` have them.
+struct WorldSpec {
+  std::string terrain;
+  std::uint32_t seed = 1;
+  std::vector<std::pair<std::string, double>> parameters;  // that are not the terrain's own defaults; ascending by name
+  friend bool operator==(const WorldSpec&, const WorldSpec&) = default;
+};
+// May take seconds, where a terrain has to be compiled. Any thread. Error: one sentence for the person who asked.
+using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&)>;
 
 inline constexpr std::string_view kDefaultName = "default";
 // What the session remembers of the leaves that a client holds, to make deltas from: so many bytes a triangle of its budget at most.
@@ -46,6 +64,7 @@ struct Resources {
   // the sockets are closed; tasks that are left then are dropped.
   scheduling::Machine* machine = nullptr;
   MakeMesh makeMesh;
+  MakeTerrain makeTerrain;  // of sessions that clients create; empty: they cannot
   std::string serverName;
   Limits limits;
   mutable std::atomic<bool> givesMemoryBack{false};  // an alarm that trims the allocator is set
@@ -72,21 +91,28 @@ class Place {
 // Immutable but for its members and their clock; any thread.
 class Session {
  public:
-  Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, std::shared_ptr<const Resources> resources,
+  Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec, std::shared_ptr<const Resources> resources,
           std::shared_ptr<std::atomic<std::uint32_t>> cameras);
 
   const std::string& name() const { return name_; }
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
+  const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }
   const Resources& resources() const { return *resources_; }
-  std::uint32_t members() const { return *members_; }
+  std::uint32_t members() const { return *members_ & ~kEnded; }
   Presence& presence() const { return *presence_; }
 
-  // Error: the session or the server is full.
+  // Error: the session or the server is full, or the session has just ended.
   Outcome<Place> enter();
+  // Ends it, unless somebody is in it: nobody enters any more.
+  bool end();
+  std::uint64_t entries() const { return entries_; }  // how often somebody has entered
 
  private:
+  static constexpr std::uint32_t kEnded = 1u << 31;  // in members_, which is 0 then
   std::string name_;
+  WorldSpec spec_;
+  std::atomic<std::uint64_t> entries_{0};
   std::shared_ptr<const terrain::Terrain> terrain_;
   std::uint64_t contentHash_;
   std::shared_ptr<const Resources> resources_;
@@ -94,14 +120,18 @@ class Session {
   std::shared_ptr<Presence> presence_;
 };
 
-// Any thread.
-class Directory {
+// Any thread. Sessions that are idle end only where this is held by a shared_ptr.
+class Directory : public std::enable_shared_from_this<Directory> {
  public:
-  Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain);
+  Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
+            std::vector<std::pair<std::string, double>> defaultParameters = {});
 
   std::shared_ptr<Session> find(std::string_view name) const;  // none: nullptr
-  // Error: the name is taken or cannot be one.
-  Outcome<std::shared_ptr<Session>> add(std::string name, std::shared_ptr<const terrain::Terrain> terrain);
+  // Error: the name is taken or cannot be one, or there are as many sessions as there may be.
+  Outcome<std::shared_ptr<Session>> add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
+                                        std::vector<std::pair<std::string, double>> parameters = {});
+  std::vector<std::shared_ptr<Session>> all() const;  // by name
+  bool full() const;                                  // no other session can be added
 
   const Resources& resources() const { return *resources_; }
   std::uint32_t cameras() const { return *cameras_; }
@@ -111,8 +141,18 @@ class Directory {
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> cameras_ = std::make_shared<std::atomic<std::uint32_t>>(0);
   std::atomic<std::uint64_t> lastCameraId_{0};
+  struct Kept {
+    std::shared_ptr<Session> session;
+    // Nobody was in it at `idleSince`, and nobody has entered since.
+    std::uint64_t entries = 0;
+    std::optional<std::chrono::steady_clock::time_point> idleSince;
+  };
+  void sweepSoon();  // under the lock
+  void sweep();
+
   mutable std::mutex mutex_;
-  std::unordered_map<std::string, std::shared_ptr<Session>> sessions_;
+  std::map<std::string, Kept, std::less<>> sessions_;
+  bool sweepSet_ = false;
 };
 
 }  // namespace ridgecast::session

@@ -34,6 +34,13 @@ TEST(Url, Table) {
   }
 }
 
+TEST(Url, KeepsWhatItSaysAboutTheWorld) {
+  EXPECT_EQ(parseUrl("h?session=s&terrain=canyon&token=x&seed=7&param=depth=3.5")->world, "terrain=canyon&seed=7&param=depth=3.5");
+  EXPECT_EQ(parseUrl("h?session=s")->world, "");
+  EXPECT_FALSE(parseUrl("h?terrain=a b"));
+  EXPECT_FALSE(parseUrl("h?terrain=a\r\nX-Header:"));
+}
+
 TEST(Url, SaysWhatIsWrong) {
   for (auto [text, why] : std::initializer_list<std::pair<const char*, const char*>>{
            {"https://h", "TLS"},
