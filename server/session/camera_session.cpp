@@ -235,6 +235,7 @@ void CameraSession::run() {
     }
     freed = std::move(mesh_);
     bases = std::exchange(bases_, replica::Bases());
+    countTriangles(0);
   }
   if (freed) giveMemoryBackSoon(session_->resources());
 }
@@ -270,7 +271,13 @@ void CameraSession::work() {
   session_->presence().join(id_, hello_, sender_, poses_.empty() ? std::nullopt : std::optional(poses_.back()));
 }
 
+void CameraSession::countTriangles(std::uint32_t now) {
+  session_->resources().figures->triangles.add(static_cast<std::int64_t>(now) - static_cast<std::int64_t>(counted_));
+  counted_ = now;
+}
+
 void CameraSession::iterate() {
+  metrics::Figures& figures = *session_->resources().figures;
   bool newPose = false;
   {
     const std::lock_guard lock(mutex_);
@@ -284,6 +291,7 @@ void CameraSession::iterate() {
   wire::Iteration iteration;
   if (pace_.limits()) mesh_->setInsertionLimit(pace_.insertions());
   iteration.figures = mesh_->iterate(pose_.camera);
+  countTriangles(iteration.figures.triangles);
   iteration.poseSequence = pose_.sequence;
   iteration.settled = mesh_->settled();
   replica::Changes changes;
@@ -292,7 +300,10 @@ void CameraSession::iterate() {
     if (stage_ != Stage::kRuns) return;
     const bool tellsRest = iteration.settled && !atRest_;
     atRest_ = iteration.settled;
-    if (!newPose && !tellsRest && !replica_.differs(mesh_->leaves())) return;
+    if (!newPose && !tellsRest && !replica_.differs(mesh_->leaves())) {
+      figures.iterated(iteration.figures);
+      return;
+    }
     changes = replica_.send(mesh_->leaves());
   }
   iteration.number = changes.number;
@@ -301,6 +312,8 @@ void CameraSession::iterate() {
   encode(changes, iteration);
   iteration.gone = std::move(changes.gone);
   iteration.figures.encodeMs = millisecondsSince(start);
+  figures.iterated(iteration.figures);
+  figures.iterationsSent.add();
   if (pace_.limits()) {
     std::size_t bytes = 200 + 12 * iteration.gone.size();
     for (const wire::LeafWhole& leaf : iteration.whole) bytes += leaf.payload.size() + 24;

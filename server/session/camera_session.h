@@ -65,6 +65,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void run();
   void work();
   void iterate();
+  void countTriangles(std::uint32_t now);
   void encode(const replica::Changes& changes, wire::Iteration& iteration);
 
   const std::shared_ptr<Session> session_;
@@ -91,6 +92,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   std::unique_ptr<IteratingMesh> mesh_;
   replica::Bases bases_;
   wire::PoseMessage pose_;  // of the last iteration
+  std::uint32_t counted_ = 0;  // triangles, in the figures
   bool posed_ = false;      // there was one; written under the lock
 };
 

@@ -21,6 +21,7 @@
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
+#include "server/metrics/figures.h"
 #include "server/pipeline/pipeline.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
@@ -67,6 +68,7 @@ struct Resources {
   MakeTerrain makeTerrain;  // of sessions that clients create; empty: they cannot
   std::string serverName;
   Limits limits;
+  std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
   mutable std::atomic<bool> givesMemoryBack{false};  // an alarm that trims the allocator is set
   Alarm alarm;                                       // wakes cameras whose budget of bytes is used up
 };
