@@ -1,4 +1,5 @@
-// ridgecast-server: reads the command line, puts the rooms together, serves until SIGINT or SIGTERM.
+// ridgecast-server: reads its settings, puts the rooms together, serves until SIGINT or SIGTERM. SIGHUP reads certificate and tokens again,
+// SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready again.
 // Exit status: 0 after a signal, 1 when something failed while running, 2 when what was asked for cannot be.
 
 #include <csignal>
@@ -12,7 +13,7 @@
 #include "server/config/config.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
-#include "server/net/snapshot_route.h"
+#include "server/notify.h"
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
@@ -75,9 +76,8 @@ int serve(const config::Config& config, const sigset_t& signals) {
       made.parameters = spec.parameters;
       return user_terrain::load(made, [](const std::string& complaint) { logging::warning(complaint); });
     };
-  auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
-  routes.insert(routes.begin(), net::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots)));
-  auto listening = net::Server::listen(config.net, directory, std::move(routes));
+  auto listening = net::Server::listen(config.net, std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters),
+                            std::move(routes));
   if (!listening) return refuse(listening.error().message);
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
@@ -85,9 +85,30 @@ int serve(const config::Config& config, const sigset_t& signals) {
   logging::info("listening on " + server->url() + " with " + std::to_string(machine.threads()) + " threads, terrain " +
                 std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 
-  int signal = 0;
-  sigwait(&signals, &signal);
-  logging::info(signal == SIGINT ? "interrupted: shutting down" : "terminated: shutting down");
+  notify("READY=1\nSTATUS=Serving at " + server->url());
+  for (int signal = 0;;) {
+    sigwait(&signals, &signal);
+    if (signal == SIGHUP) {
+      notify("RELOADING=1");
+      if (const auto error = server->reload())
+        logging::error("not reloaded: " + error->message);
+      else
+        logging::info("reloaded: certificate and tokens");
+      notify("READY=1");
+    } else if (signal == SIGUSR1) {
+      logging::info("draining: clients are told to connect again; SIGUSR2 ends it");
+      server->drain();
+      notify("STATUS=Draining");
+    } else if (signal == SIGUSR2) {
+      logging::info("ready again");
+      server->undrain();
+      notify("STATUS=Serving at " + server->url());
+    } else {
+      logging::info(signal == SIGINT ? "interrupted: shutting down" : "terminated: shutting down");
+      break;
+    }
+  }
+  notify("STOPPING=1\nSTATUS=Waiting for clients to leave");
   server->shutdown();
   if (!config.portFile.empty()) {
     std::error_code ignored;
@@ -107,7 +128,7 @@ int main(int argc, char** argv) {
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
-  sigaddset(&signals, SIGTERM);
+  for (const int signal : {SIGTERM, SIGHUP, SIGUSR1, SIGUSR2}) sigaddset(&signals, signal);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
   try {

@@ -159,11 +159,12 @@ struct Iteration {
   Figures figures;
 };
 
-enum class ErrorCode { kUnspecified = 0, kVersion = 1, kMalformed = 2, kInvalid = 3, kLimit = 4, kNotFound = 5, kInternal = 6 };
+enum class ErrorCode { kUnspecified = 0, kVersion = 1, kMalformed = 2, kInvalid = 3, kLimit = 4, kNotFound = 5, kInternal = 6, kGoingAway = 7 };
 
 struct ErrorMessage {
   ErrorCode code = ErrorCode::kUnspecified;
   std::string message;
+  std::string reconnectUrl{};  // kGoingAway: where to connect again; empty: where the client came from
 };
 
 struct Moved {

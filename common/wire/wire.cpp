@@ -195,8 +195,9 @@ Iteration read(pb::Iteration& in, Check& check) {
 
 ErrorMessage read(const pb::Error& in, Check& check) {
   check.require(in.message().size() <= kMaxErrorBytes, "Error.message", "must have at most 4096 bytes");
-  const bool known = in.code() >= 0 && in.code() <= static_cast<int>(ErrorCode::kInternal);
-  return {.code = known ? static_cast<ErrorCode>(in.code()) : ErrorCode::kUnspecified, .message = in.message()};
+  check.require(in.reconnect_url().size() <= kMaxErrorBytes, "Error.reconnect_url", "must have at most 4096 bytes");
+  const bool known = in.code() >= 0 && in.code() <= static_cast<int>(ErrorCode::kGoingAway);
+  return {.code = known ? static_cast<ErrorCode>(in.code()) : ErrorCode::kUnspecified, .message = in.message(), .reconnectUrl = in.reconnect_url()};
 }
 
 // ---- building ----
@@ -329,6 +330,7 @@ void write(const Iteration& in, pb::ServerMessage& message) {
 void write(const ErrorMessage& in, pb::ServerMessage& message) {
   message.mutable_error()->set_code(static_cast<pb::Error::Code>(in.code));
   message.mutable_error()->set_message(in.message.substr(0, kMaxErrorBytes));
+  if (!in.reconnectUrl.empty()) message.mutable_error()->set_reconnect_url(in.reconnectUrl.substr(0, kMaxErrorBytes));
 }
 
 template <class Message>

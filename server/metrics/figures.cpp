@@ -38,7 +38,6 @@ Figures::Figures()
       bytesSent(registry.counter("ridgecast_sent_bytes_total", "Bytes of messages and answers sent.")),
       bytesReceived(registry.counter("ridgecast_received_bytes_total", "Bytes of messages received.")),
       messagesReceived(registry.counter("ridgecast_received_messages_total", "Messages received.")),
-      queuedBytes(registry.gauge("ridgecast_queued_bytes", "Bytes that wait in the way out to clients.")),
       connections(registry.counter("ridgecast_connections_total", "Connections accepted.")),
       tlsHandshakes(registry.counter("ridgecast_tls_handshakes_total", "TLS handshakes that came to their end.")),
       requests(registry.counter("ridgecast_http_requests_total", "HTTP requests answered.")),

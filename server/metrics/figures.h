@@ -47,7 +47,6 @@ struct Figures {
   std::array<Histogram*, 5> stages{};  // select, generate, refine, triangulate, encode
   Gauge& triangles;                    // live, of all cameras
   Counter &bytesSent, &bytesReceived, &messagesReceived;
-  Gauge& queuedBytes;  // on the way out of all streams
   Counter &connections, &tlsHandshakes, &requests, &streams;
   Gauge& streamsOpen;
   std::array<Counter*, kRefusalNames.size()> refusals{};

@@ -1,12 +1,9 @@
 #include "server/net/http.h"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <boost/asio/dispatch.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <chrono>
@@ -16,6 +13,8 @@
 #include <string_view>
 #include <utility>
 
+#include "server/logging/logging.h"
+#include "server/net/channel.h"
 #include "server/net/routes.h"
 #include "server/net/stream.h"
 
@@ -30,43 +29,81 @@ namespace websocket = beast::websocket;
 using asio::ip::tcp;
 using beast::error_code;
 
-constexpr char kRetrySeconds[] = "5";     // after which who found us busy may ask again
-constexpr std::size_t kSlowest = 65'536;  // bytes a second that a reader must take of a long answer
+constexpr char kRetrySeconds[] = "5";               // after which who found us busy may ask again
+constexpr std::chrono::seconds kTurnedPatience{2};  // for a request of who is only told that there are too many
+constexpr std::size_t kSlowest = 65'536;            // bytes a second that a reader must take of a long answer
 
 // A connection before it is a stream: requests and answers, one after the other.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
   HttpConnection(tcp::socket&& socket, Counted counted, std::shared_ptr<Shared> shared)
-      : stream_(std::move(socket)),
+      : peer_(addressOf(endpointOf(socket))),
+        peerName_(nameOf(endpointOf(socket))),
+        stream_(noDelay(std::move(socket))),
         counted_(std::move(counted)),
         shared_(std::move(shared)),
         buffer_(shared_->settings.maxHeaderBytes + 4096) {}
 
   void start() {
-    error_code ignored;
-    stream_.socket().set_option(tcp::no_delay(true), ignored);
-    asio::dispatch(stream_.get_executor(), [self = shared_from_this()] { self->read(); });
+    asio::dispatch(stream_.get_executor(), [self = shared_from_this()] { self->begin(); });
   }
 
  private:
+  static tcp::endpoint endpointOf(const tcp::socket& socket) {
+    error_code ignored;
+    return socket.remote_endpoint(ignored);
+  }
+  static tcp::socket&& noDelay(tcp::socket&& socket) {
+    error_code ignored;
+    socket.set_option(tcp::no_delay(true), ignored);
+    return std::move(socket);
+  }
+
+  void begin() {
+    std::shared_ptr<TlsContext> tls;
+    {
+      const std::lock_guard lock(shared_->mutex);
+      tls = shared_->tls;
+    }
+    if (!tls) return read();
+    stream_.expires_after(patience());
+    stream_.startTls(std::move(tls), Channel::Done([self = shared_from_this()](error_code ec, std::size_t) {
+                       self->clear_ = ec == asio::error::no_protocol_option;
+                       if (!ec) self->shared_->figures->tlsHandshakes.add();
+                       if (!ec || self->clear_) return self->read();
+                       self->shared_->figures->refused(metrics::Refusal::kTls);
+                       self->close();
+                     }));
+  }
+
+  std::chrono::milliseconds patience() const {
+    const std::chrono::milliseconds usual = shared_->settings.patience;
+    return counted_.surplus() == Counted::Surplus::kNone ? usual : std::min<std::chrono::milliseconds>(usual, kTurnedPatience);
+  }
+
   void read() {
     parser_.emplace();
     parser_->header_limit(shared_->settings.maxHeaderBytes);
-    stream_.expires_after(shared_->settings.patience);
+    stream_.expires_after(patience());
     http::async_read_header(stream_, buffer_, *parser_, [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
   }
 
   void hasRead(error_code ec) {
     if (ec == http::error::header_limit || ec == http::error::buffer_overflow)
       return refuse(
-          431, "The request's header has more than " + std::to_string(shared_->settings.maxHeaderBytes) + " bytes, the most there may be.");
+          431, metrics::Refusal::kHeader,
+          "The request's header has more than " + std::to_string(shared_->settings.maxHeaderBytes) + " bytes, the most there may be.");
     if (ec && ec != http::error::end_of_stream && ec != http::error::partial_message &&
         ec.category() == http::make_error_code(http::error::bad_method).category())
-      return refuse(400, "This is no HTTP request (" + ec.message() + ").");
+      return refuse(400, metrics::Refusal::kRequest, "This is no HTTP request (" + ec.message() + ").");
+    if (ec == asio::error::operation_aborted && answered_ == 0) shared_->figures->refused(metrics::Refusal::kPatience);
     if (ec) return close();
-    if (counted_.rank() > shared_->settings.maxConnections)
-      return refuse(
-          503, "This server has " + std::to_string(shared_->settings.maxConnections) + " connections, the most it takes; try again later.");
+    const Settings& settings = shared_->settings;
+    if (clear_) return refuse(400, metrics::Refusal::kTls, "This port speaks TLS: use https:// or wss://.");
+    if (counted_.surplus() == Counted::Surplus::kConnections)
+      return refuse(503, {},
+                    "This server has " + std::to_string(settings.maxConnections) + " connections, the most it takes; try again later.");
+    if (counted_.surplus() == Counted::Surplus::kAddress) return refuseAddress();
 
     const auto& header = parser_->get();
     Request request;
@@ -76,9 +113,27 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     request.upgrade = websocket::is_upgrade(header);
     request.webSocketVersion = view(header[http::field::sec_websocket_version]);
     request.acceptEncoding = view(header[http::field::accept_encoding]);
-    Answer a = answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes);
+    request.origin = view(header[http::field::origin]);
+    request.authorization = view(header[http::field::authorization]);
+    request.subprotocols = view(header[http::field::sec_websocket_protocol]);
+    if (!settings.trustedProxies.empty()) {
+      const access::Address client = access::clientAddress(peer_, view(header["X-Forwarded-For"]), settings.trustedProxies);
+      if (client != peer_) peerName_ = access::toText(client);
+      if (!counted_.belongsTo(client)) {
+        shared_->figures->refused(metrics::Refusal::kAddress);
+        return refuseAddress();
+      }
+    }
+    auto judged = shared_->gate.judge(request);
+    const auto* grant = std::get_if<access::Grant>(&judged);
+    if (grant) request.rights = grant->rights;
+    Answer a = grant ? answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes) : std::get<Answer>(std::move(judged));
+    grant_ = grant ? *grant : access::Grant();
+    const auto session = queryParameter(request.target.substr(std::min(request.target.find('?') + 1, request.target.size())), "session");
+    asked_ = session ? session->substr(0, 100) : std::string();
     const bool hasBody = parser_->chunked() || parser_->content_length().value_or(0) > 0;
-    if (request.upgrade && hasBody) return refuse(400, "Something follows the request before the upgrade is answered.");
+    if (request.upgrade && hasBody)
+      return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
     keepAlive_ = header.keep_alive() && !hasBody && ++answered_ < 1000;
     head_ = header.method() == http::verb::head;
     ifNoneMatch_ = header[http::field::if_none_match];
@@ -87,15 +142,27 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void upgrade(std::shared_ptr<session::Session> session) {
-    if (buffer_.size() > 0) return refuse(400, "Something follows the request before the upgrade is answered.");
-    error_code ignored;
-    const auto endpoint = stream_.socket().remote_endpoint(ignored);
-    startStream(std::move(stream_), std::move(counted_), shared_, std::move(session), nameOf(endpoint), parser_->release());
+    if (!shared_->ready) {
+      Answer a = sentenceOf(503, "This server is leaving; connect again.");
+      a.refusal = metrics::Refusal::kDraining;
+      a.headers = {{"Retry-After", "1"}};
+      return send(std::move(a));
+    }
+    if (buffer_.size() > 0) return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
+    startStream(std::move(stream_), std::move(counted_), shared_, std::move(session), peerName_, std::move(grant_), parser_->release());
   }
 
-  void refuse(unsigned status, std::string sentence) {
+  void refuseAddress() {
+    refuse(429, {},
+           "Your address has " + std::to_string(shared_->settings.maxConnectionsPerAddress) +
+               " connections, the most it may have; close one first.");
+  }
+
+  void refuse(unsigned status, std::optional<metrics::Refusal> reason, std::string sentence) {
     keepAlive_ = head_ = false;
-    send(sentenceOf(status, std::move(sentence)));
+    Answer a = sentenceOf(status, std::move(sentence));
+    a.refusal = reason;
+    send(std::move(a));
   }
 
   static Answer sentenceOf(unsigned status, std::string sentence) {
@@ -108,6 +175,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void busy() {
     Answer a = sentenceOf(503, "This server is busy with the work of others; ask again in " + std::string(kRetrySeconds) + " seconds.");
     a.headers = {{"Retry-After", kRetrySeconds}};
+    a.refusal = metrics::Refusal::kBusy;
     send(std::move(a));
   }
 
@@ -120,7 +188,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       try {
         a = later->work(stop);
       } catch (const std::exception& e) {
-        spdlog::error("work for an answer failed: {}", e.what());
+        logging::error(std::string("work for an answer failed: ") + e.what());
         a = sentenceOf(500, "The server failed at this; its log says why.");
       }
       self->shared_->answerBytes += a.body.size();
@@ -167,6 +235,11 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void send(Answer a) {
+    if (a.refusal) {
+      shared_->figures->refused(*a.refusal);
+      logging::info({asked_, 0, peerName_, grant_.name},
+                    "is refused with " + std::to_string(a.status) + ": " + a.body.substr(0, a.body.find('\n')));
+    }
     const bool known = a.status == 200 && namesEtag(ifNoneMatch_, a.etag);
     if (known) {
       a.status = 304;
@@ -199,38 +272,35 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   // A piece at a time: who takes no piece for too long, or takes all of them too slowly, is not waited for.
   void write() {
     stream_.expires_at(std::min(patienceEnds_, std::chrono::steady_clock::now() + shared_->settings.patience));
-    http::async_write_some(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t) {
+    http::async_write_some(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t bytes) {
+      self->shared_->figures->bytesSent.add(bytes);
       ec || self->serializer_->is_done() ? self->sent(ec) : self->write();
     });
   }
 
   void sent(error_code ec) {
+    shared_->figures->requests.add();
     shared_->answerBytes -= std::exchange(answerBytes_, 0);
     serializer_.reset();
     response_ = {};
     if (ec) return close();
-    keepAlive_ ? read() : closePolitely();
+    keepAlive_ && shared_->ready ? read() : closePolitely();
   }
 
   // Says that nothing follows and passes over what the client still sends for a moment: closing with unread bytes would reset the
   // connection and could take the answer with it.
   void closePolitely() {
-    error_code ignored;
-    stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
     stream_.expires_after(std::chrono::seconds(1));
-    drain(64);
-  }
-  void drain(int more) {
-    buffer_.clear();
-    stream_.async_read_some(buffer_.prepare(4096), [self = shared_from_this(), more](error_code ec, std::size_t) {
-      ec || more == 0 ? self->close() : self->drain(more - 1);
-    });
+    stream_.finish(Channel::Done([self = shared_from_this()](error_code, std::size_t) { self->close(); }));
   }
   void close() { stream_.close(); }
 
   static std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
-  beast::tcp_stream stream_;
+  const access::Address peer_;
+  std::string peerName_;  // behind a trusted proxy: its client's
+  Channel stream_;
+  bool clear_ = false;  // although the port speaks TLS
   Counted counted_;
   const std::shared_ptr<Shared> shared_;
   beast::flat_buffer buffer_;
@@ -240,6 +310,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   int answered_ = 0;
 
   // Of the request that is being answered.
+  access::Grant grant_;
+  std::string asked_;  // the session's name as it came, for the log
   bool keepAlive_ = false, head_ = false;
   std::string ifNoneMatch_;
   std::chrono::steady_clock::time_point patienceEnds_;

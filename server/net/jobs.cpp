@@ -1,11 +1,10 @@
 #include "server/net/jobs.h"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <exception>
 #include <utility>
 
+#include "server/logging/logging.h"
 #include "server/scheduling/pool.h"
 
 namespace ridgecast::net {
@@ -62,7 +61,7 @@ void Jobs::work(std::size_t thread) {
       try {
         job.run(job.stop.get_token());
       } catch (const std::exception& e) {
-        spdlog::error("a request's work failed: {}", e.what());
+        logging::error(std::string("a request's work failed: ") + e.what());
       }
       job = {std::stop_source(std::nostopstate), {}};
       lock.lock();

@@ -16,6 +16,12 @@ Answer plain(unsigned status, std::string sentence) {
   return a;
 }
 
+Answer refused(unsigned status, metrics::Refusal why, std::string sentence) {
+  Answer a = plain(status, std::move(sentence));
+  a.refusal = why;
+  return a;
+}
+
 int hexDigit(char c) {
   if (c >= '0' && c <= '9') return c - '0';
   if (c >= 'a' && c <= 'f') return c - 'a' + 10;
@@ -80,16 +86,20 @@ std::string page(const Request& request, const session::Directory& directory, st
   const auto session = directory.find(session::kDefaultName);
   std::string out(kPageHead);
   out += hasViewer ? "<p>Fly over it <a href=\"/\">in this browser</a> or from a terminal:</p>\n"
-                   : "<p>The viewer for browsers is not here: it is built with npm (<code>./run build</code> does that) and lies beside the server's "
+                   : "<p>The viewer for browsers is not here: it is built with npm (<code>./run build</code> does that) and lies beside "
+                     "the server's "
                      "program, or where <code>--web-dir</code> says. Fly over the terrain from a terminal:</p>\n";
   out += "<pre>ridgecast-client view ws://" + host + "</pre>\n";
   out += "<p>or, without a window, along a path into a folder of pictures and figures:</p>\n<pre>ridgecast-client fly ws://" + host +
          " --path PATH.json --out DIR</pre>\n";
   out += "<p>Any other program speaks binary WebSocket messages (protobuf, <code>proto/PROTOCOL.md</code>) at</p>\n<pre>ws://" + host +
          "/v1/stream?session=default</pre>\n<dl>\n";
-  out += "<dt>terrain</dt><dd>" + escaped(session->terrain()->name()) + ", seed " + std::to_string(session->terrain()->seed()) + "</dd>\n";
-  out += "<dt>cameras</dt><dd>" + std::to_string(directory.cameras()) + " of at most " +
-         std::to_string(directory.resources().limits.maxCameras) + "</dd>\n";
+  if (request.rights.has(access::Right::kView)) {
+    out +=
+        "<dt>terrain</dt><dd>" + escaped(session->terrain()->name()) + ", seed " + std::to_string(session->terrain()->seed()) + "</dd>\n";
+    out += "<dt>cameras</dt><dd>" + std::to_string(directory.cameras()) + " of at most " +
+           std::to_string(directory.resources().limits.maxCameras) + "</dd>\n";
+  }
   out += "<dt>version</dt><dd>" + std::string(version) + ", protocol " + std::to_string(wire::kProtocolVersion) + "</dd>\n";
   out += "</dl>\n</body>\n</html>\n";
   return out;
@@ -143,12 +153,12 @@ Answer answer(const Request& request, session::Directory& directory, std::string
   const auto split = std::min(request.target.find('?'), request.target.size());
   const std::string_view path = request.target.substr(0, split);
   const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
-  const bool known = path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream" ||
-                     path == "/v1/sessions";
-  if (!known) return plain(404, "There is nothing here; see / for what this server has.");
+  const bool known =
+      path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream" || path == "/v1/sessions";
+  if (!known) return refused(404, metrics::Refusal::kRequest, "There is nothing here; see / for what this server has.");
   const bool isStream = path == "/v1/stream";
   if (request.method != "GET" && (isStream || request.method != "HEAD")) {
-    Answer a = plain(405, isStream ? "Only GET is possible here." : "Only GET and HEAD are possible here.");
+    Answer a = refused(405, metrics::Refusal::kRequest, isStream ? "Only GET is possible here." : "Only GET and HEAD are possible here.");
     a.headers = {{"Allow", isStream ? "GET" : "GET, HEAD"}};
     return a;
   }

@@ -3,6 +3,8 @@
 //
 //   GET /, /about                   what this is and how to connect, as a page; / is the browser viewer where there is one (server/web)
 //   GET /healthz                    "ok"
+//   GET /readyz                     "ready", or 503 while the server leaves
+//   GET /metrics                    figures for Prometheus
 //   GET /version                    {"name": ..., "version": ..., "protocol": ...}
 //   GET /v1/stream?session=NAME     upgrades to a WebSocket; &terrain=NAME&seed=N&param=NAME=NUMBER makes the session when there is none
 //   GET /v1/sessions                the sessions, their worlds, members and clocks, as JSON
@@ -18,6 +20,8 @@
 #include <vector>
 
 #include "common/outcome/outcome.h"
+#include "server/access/grant.h"
+#include "server/metrics/figures.h"
 #include "server/session/session.h"
 
 namespace ridgecast::net {
@@ -29,6 +33,8 @@ struct Request {  // the views live while the request is answered, not in work t
   bool upgrade = false;     // asks for a WebSocket
   std::string_view webSocketVersion;
   std::string_view acceptEncoding;
+  std::string_view origin, authorization, subprotocols;  // headers; untrusted, judged by the gate before a route sees them
+  access::Rights rights = access::Rights::all();         // of who asks
 };
 
 struct Later;
@@ -40,6 +46,7 @@ struct Answer {
   std::vector<std::pair<std::string, std::string>> headers;
   std::string etag;                             // of a 200, without quotation marks; sends 304 to who has it already
   std::shared_ptr<session::Session> upgradeTo;  // set: answer with the upgrade instead
+  std::optional<metrics::Refusal> refusal;      // why it is no good answer, for the figures
   std::shared_ptr<const Later> later;           // set: the answer comes of work, and may be an upgrade; of this one only etag counts
 };
 

@@ -1,7 +1,6 @@
 #include "server/net/server.h"
 
-#include <spdlog/spdlog.h>
-
+#include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
@@ -13,7 +12,10 @@
 #include <utility>
 #include <vector>
 
+#include "common/wire/wire.h"
+#include "server/logging/logging.h"
 #include "server/net/http.h"
+#include "server/net/operations.h"
 #include "server/net/shared.h"
 
 namespace ridgecast::net {
@@ -23,15 +25,19 @@ std::string nameOf(const boost::asio::ip::tcp::endpoint& endpoint) {
   return (endpoint.address().is_v6() ? "[" + address + "]" : address) + ":" + std::to_string(endpoint.port());
 }
 
+access::Address addressOf(const boost::asio::ip::tcp::endpoint& endpoint) {
+  const auto address = endpoint.address();
+  return (address.is_v6() ? address.to_v6() : boost::asio::ip::make_address_v6(boost::asio::ip::v4_mapped, address.to_v4())).to_bytes();
+}
+
 namespace {
 
 namespace asio = boost::asio;
 using asio::ip::tcp;
 using boost::system::error_code;
 
-// Connections beyond the limit that are still told so, instead of being closed at once.
-constexpr std::uint32_t kRefusedAtATime = 32;
-constexpr std::chrono::milliseconds kShutdownPatience{500};
+// Connections beyond a limit that are still told so, instead of being closed at once.
+constexpr std::uint32_t kTurnedAtATime = 32;
 
 class ListeningServer final : public Server {
  public:
@@ -51,11 +57,17 @@ class ListeningServer final : public Server {
     if (ec || found.empty())
       return Error{"Cannot listen on '" + settings.host + "': it is no address or name of this machine; 127.0.0.1 is the usual one."};
     const tcp::endpoint endpoint = found.begin()->endpoint();
-    if (!endpoint.address().is_loopback() && !settings.allowInsecure)
-      return Error{"Refusing to listen on " + settings.host +
-                   ": there is no encryption and no access control yet, so everybody who reaches the port could use it; say "
-                   "--allow-insecure if that "
-                   "is meant, or listen on 127.0.0.1."};
+    if (settings.tlsCertificate.empty() != settings.tlsKey.empty())
+      return Error{"TLS takes both a certificate and its key: --tls-cert FILE --tls-key FILE."};
+    const bool encrypted = !settings.tlsCertificate.empty();
+    if (!endpoint.address().is_loopback() && !settings.allowInsecure && !(encrypted && shared_->gate.asksForTokens()))
+      return Error{"Refusing to listen on " + settings.host + " without " +
+                   (encrypted                       ? "tokens"
+                    : shared_->gate.asksForTokens() ? "TLS"
+                                                    : "TLS and tokens") +
+                   ": everybody who reaches the port could use it or listen in; give --tls-cert and --tls-key, and --token-file or "
+                   "--jwt-secret-file, or listen on 127.0.0.1, or say --allow-insecure if it is meant."};
+    if (auto error = reload()) return error;
     const std::string where = nameOf(endpoint);
     acceptor_.open(endpoint.protocol(), ec);
     if (ec) return Error{"Cannot listen on " + where + ": " + ec.message() + "."};
@@ -68,16 +80,36 @@ class ListeningServer final : public Server {
       return Error{"Cannot listen on " + where + ": that takes rights this user lacks; choose a port above 1023."};
     if (ec) return Error{"Cannot listen on " + where + ": " + ec.message() + "; 127.0.0.1 is the usual address."};
     endpoint_ = acceptor_.local_endpoint(ec);
+    addOperations(shared_);
     asio::post(acceptor_.get_executor(), [this] { accept(); });
     for (unsigned k = 0; k < std::max(1u, settings.threads); ++k) threads_.emplace_back([this] { serve(); });
     return {};
   }
 
   std::uint16_t port() const override { return endpoint_.port(); }
-  std::string url() const override { return "http://" + nameOf(endpoint_); }
+  std::string url() const override { return (shared_->settings.tlsCertificate.empty() ? "http://" : "https://") + nameOf(endpoint_); }
+
+  std::optional<Error> reload() override {
+    const Settings& settings = shared_->settings;
+    if (!settings.tlsCertificate.empty()) {
+      auto tls = loadTls(settings.tlsCertificate, settings.tlsKey);
+      if (!tls) return tls.error();
+      const std::lock_guard lock(shared_->mutex);
+      shared_->tls = std::move(*tls);
+    }
+    return shared_->gate.load();
+  }
+
+  void drain() override {
+    shared_->ready = false;
+    sendAway();
+  }
+  void undrain() override { shared_->ready = true; }
 
   void shutdown() override {
     if (threads_.empty()) return;
+    shared_->ready = false;
+    const auto until = std::chrono::steady_clock::now() + shared_->settings.drain;
     shared_->promptJobs.stop();
     shared_->patientJobs.stop();
     asio::post(acceptor_.get_executor(), [this] {
@@ -85,17 +117,10 @@ class ListeningServer final : public Server {
       acceptor_.close(ignored);
       retry_.cancel();
     });
-    std::vector<std::shared_ptr<OpenStream>> streams;
-    {
-      const std::lock_guard lock(shared_->mutex);
-      for (const auto& [key, weak] : shared_->streams)
-        if (auto stream = weak.lock()) streams.push_back(std::move(stream));
-    }
-    for (auto& stream : streams) stream->postGoingAway();
-    streams.clear();
+    sendAway();
     {
       std::unique_lock lock(shared_->mutex);
-      shared_->fewerStreams.wait_for(lock, kShutdownPatience, [this] { return shared_->streams.empty(); });
+      shared_->fewerStreams.wait_until(lock, until, [this] { return shared_->streams.empty(); });
     }
     io_.stop();
     for (auto& thread : threads_) thread.join();
@@ -103,13 +128,23 @@ class ListeningServer final : public Server {
   }
 
  private:
+  void sendAway() {
+    std::vector<std::shared_ptr<OpenStream>> streams;
+    {
+      const std::lock_guard lock(shared_->mutex);
+      for (const auto& [key, weak] : shared_->streams)
+        if (auto stream = weak.lock()) streams.push_back(std::move(stream));
+    }
+    for (auto& stream : streams) stream->postGoingAway();
+  }
+
   void serve() {
     for (;;) {
       try {
         io_.run();
         return;
       } catch (const std::exception& e) {
-        spdlog::error("a connection failed: {}", e.what());
+        logging::error(std::string("a connection failed: ") + e.what());
       }
     }
   }
@@ -118,17 +153,40 @@ class ListeningServer final : public Server {
     acceptor_.async_accept(asio::make_strand(io_), [this](error_code ec, tcp::socket socket) {
       if (ec == asio::error::operation_aborted || !acceptor_.is_open()) return;
       if (ec) {  // most likely out of file descriptors: the ones that are open may end
-        spdlog::warn("cannot accept a connection: {}", ec.message());
+        logging::warning("cannot accept a connection: " + ec.message());
         retry_.expires_after(std::chrono::milliseconds(200));
         retry_.async_wait([this](error_code waited) {
           if (!waited) accept();
         });
         return;
       }
-      Counted counted(shared_);
-      if (counted.rank() <= shared_->settings.maxConnections + kRefusedAtATime) startHttp(std::move(socket), std::move(counted), shared_);
+      take(std::move(socket));
       accept();
     });
+  }
+
+  // Everything that limits connections is judged here, before anything is made for this one.
+  void take(tcp::socket&& socket) {
+    const Settings& settings = shared_->settings;
+    shared_->figures->connections.add();
+    error_code gone;
+    const tcp::endpoint peer = socket.remote_endpoint(gone);
+    if (gone) return;
+    const access::Address address = addressOf(peer);
+    const auto isProxy = [&](const access::Network& network) { return network.contains(address); };
+    auto surplus = Counted::Surplus::kNone;
+    std::optional<access::Census::Place> place;
+    if (shared_->connections >= settings.maxConnections) {
+      surplus = Counted::Surplus::kConnections;
+    } else if (std::none_of(settings.trustedProxies.begin(), settings.trustedProxies.end(), isProxy)) {
+      place = shared_->census.enter(address);
+      if (!place) surplus = Counted::Surplus::kAddress;
+    }
+    if (surplus != Counted::Surplus::kNone) {
+      shared_->figures->refused(surplus == Counted::Surplus::kAddress ? metrics::Refusal::kAddress : metrics::Refusal::kConnections);
+      if (shared_->turned >= kTurnedAtATime) return;
+    }
+    startHttp(std::move(socket), Counted(shared_, surplus, std::move(place)), shared_);
   }
 
   std::shared_ptr<Shared> shared_;

@@ -1,15 +1,18 @@
 #pragma once
 // The one port: HTTP requests and WebSocket streams. The only room of the server that sees sockets; Boost.Beast stays in http.cpp
-// and stream.cpp.
+// and stream.cpp, OpenSSL in channel.cpp.
 //
 // Every connection has one strand; nothing of it runs twice at a time, and one writer sends its messages in order. Encoding and all work
 // on meshes runs on the cameras' pools; the threads here only move bytes.
 //
 // Bounds, each followed by what happens beyond it:
-//   connections        maxConnections          HTTP 503; a few more than that, closed at once
+//   connections        maxConnections          HTTP 503; where 32 are being told so, closed at once
+//   of one address     maxConnectionsPerAddress      HTTP 429, or closed as above; a /64 of IPv6 is one address
 //   request header     maxHeaderBytes          HTTP 431
-//   request, hello     patience                closed; a stream without hello is told why
-//   client message     wire::kMaxClientMessageBytes   Error, close 1009
+//   TLS, request, hello   patience each        closed; a stream without hello is told why
+//   client message     maxMessageBytes         Error, close 1009
+//   messages a second  maxMessagesPerSecond, twice at once   Error, close 1008
+//   token              until it expires        Error, close 1008
 //   way out            kMaxQueuedMessages      closed (a session keeps to its window, so it does not happen)
 //   silence            idle, pings at half     closed
 //   work for answers   promptJobs, patientJobs HTTP 503 with Retry-After; ends when the asker hangs up or half-closes
@@ -22,6 +25,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -37,9 +41,9 @@ namespace ridgecast::net {
 inline constexpr std::size_t kMaxQueuedMessages = 128;
 
 struct Settings {
-  std::string host = "127.0.0.1";  // an address or a name of this machine
-  std::uint16_t port = 7070;       // 0: any free one
-  bool allowInsecure = false;      // listen on other than loopback addresses without TLS or without tokens
+  std::string host = "127.0.0.1";                  // an address or a name of this machine
+  std::uint16_t port = 7070;                       // 0: any free one
+  bool allowInsecure = false;                      // listen on other than loopback addresses without TLS or without tokens
   std::filesystem::path tlsCertificate, tlsKey;    // PEM; both or none
   std::filesystem::path tokenFile, jwtSecretFile;  // both empty: everybody may do everything
   std::vector<std::string> allowedOrigins;         // of browsers' pages beside the server's own: https://example.org, *
@@ -67,7 +71,13 @@ class Server {
                                                  std::vector<Route> routes = {});
   // Shuts down. The machine must be gone by then: first shutdown(), then the machine, then this, so that no task still sends.
   virtual ~Server() = default;
-  // Tells clients that the server goes away (waiting at most half a second), then serves no more.
+  // Any thread, all of these.
+  // Not ready: /readyz says so, no stream is opened, those that are open are told to connect again. The port stays open.
+  virtual void drain() = 0;
+  virtual void undrain() = 0;
+  // Reads certificate and tokens again, for connections to come. Error: what is wrong; then those there are stay.
+  virtual std::optional<Error> reload() = 0;
+  // As drain(), and accepts no more; waits for streams to end, at most settings.drain, then serves no more.
   virtual void shutdown() = 0;
   virtual std::uint16_t port() const = 0;
   virtual std::string url() const = 0;  // http://ADDRESS:PORT

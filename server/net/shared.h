@@ -6,12 +6,16 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <unordered_map>
 #include <utility>
 
 #include <boost/asio/ip/tcp.hpp>
 
+#include "server/access/limits.h"
+#include "server/net/channel.h"
+#include "server/net/gate.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 
@@ -23,21 +27,36 @@ inline constexpr char kServerName[] = "ridgecast-server/" RIDGECAST_VERSION;
 class OpenStream {
  public:
   virtual ~OpenStream() = default;
-  virtual void postGoingAway() = 0;  // any thread
+  // Any thread.
+  virtual void postGoingAway() = 0;
+  virtual std::size_t waitingBytes() const = 0;
 };
 
 // What all connections share. Outlives them.
 struct Shared {
   Shared(const Settings& s, std::shared_ptr<session::Directory> d, std::vector<Route> r)
-      : settings(s), directory(std::move(d)), routes(std::move(r)), promptJobs(s.promptJobs), patientJobs(s.patientJobs) {}
+      : settings(s),
+        directory(std::move(d)),
+        routes(std::move(r)),
+        figures(directory->resources().figures),
+        gate(settings),
+        census(settings.maxConnectionsPerAddress),
+        promptJobs(s.promptJobs),
+        patientJobs(s.patientJobs) {}
   const Settings settings;
   const std::shared_ptr<session::Directory> directory;
-  const std::vector<Route> routes;
+  std::vector<Route> routes;  // constant once connections are accepted
+  const std::shared_ptr<metrics::Figures> figures;
+  Gate gate;
+  access::Census census;
+  std::atomic<bool> ready{true};         // false: no new streams
+  std::atomic<std::uint32_t> turned{0};  // connections that are only told that there are too many
   std::atomic<std::uint32_t> connections{0};
   std::atomic<std::size_t> answerBytes{0};  // of bodies made by work, until they are sent
   Jobs promptJobs, patientJobs;
 
   std::mutex mutex;
+  std::shared_ptr<TlsContext> tls;  // of new connections; none: the port is in the clear
   std::condition_variable fewerStreams;
   std::unordered_map<const OpenStream*, std::weak_ptr<OpenStream>> streams;
 };
@@ -45,20 +64,36 @@ struct Shared {
 // Counts a connection for as long as it lives.
 class Counted {
  public:
-  explicit Counted(std::shared_ptr<Shared> shared) : shared_(std::move(shared)), rank_(++shared_->connections) {}
+  // Why it is not served; at most kTurnedAtATime of these are told so.
+  enum class Surplus { kNone, kConnections, kAddress };
+
+  // `place`: among the connections of its address; nothing: behind a proxy, whose clients are counted when they ask.
+  Counted(std::shared_ptr<Shared> shared, Surplus surplus, std::optional<access::Census::Place> place)
+      : shared_(std::move(shared)), surplus_(surplus), place_(std::move(place)) {
+    ++(surplus_ == Surplus::kNone ? shared_->connections : shared_->turned);
+  }
   Counted(Counted&&) = default;
   Counted& operator=(Counted&&) = delete;
   ~Counted() {
-    if (shared_) --shared_->connections;
+    if (shared_) --(surplus_ == Surplus::kNone ? shared_->connections : shared_->turned);
   }
-  std::uint32_t rank() const { return rank_; }
+  Surplus surplus() const { return surplus_; }
+  // The connection is this client's from now on. False: the client has too many.
+  bool belongsTo(const access::Address& client) {
+    if (place_ && place_->who() == access::household(client)) return true;
+    place_.reset();
+    place_ = shared_->census.enter(client);
+    return place_.has_value();
+  }
 
  private:
   std::shared_ptr<Shared> shared_;
-  std::uint32_t rank_;
+  Surplus surplus_;
+  std::optional<access::Census::Place> place_;
 };
 
 // ADDRESS:PORT, [ADDRESS]:PORT
 std::string nameOf(const boost::asio::ip::tcp::endpoint& endpoint);
+access::Address addressOf(const boost::asio::ip::tcp::endpoint& endpoint);
 
 }  // namespace ridgecast::net

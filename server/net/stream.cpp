@@ -1,7 +1,5 @@
 #include "server/net/stream.h"
 
-#include <spdlog/spdlog.h>
-
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
@@ -11,6 +9,8 @@
 #include <utility>
 
 #include "common/wire/wire.h"
+#include "server/access/limits.h"
+#include "server/logging/logging.h"
 #include "server/session/camera_session.h"
 
 namespace ridgecast::net {
@@ -45,6 +45,21 @@ websocket::close_reason closeReason(const wire::ErrorMessage& message, std::opti
   return reason;
 }
 
+metrics::Refusal refusalOf(wire::ErrorCode code) {
+  switch (code) {
+    case wire::ErrorCode::kVersion:
+      return metrics::Refusal::kVersion;
+    case wire::ErrorCode::kMalformed:
+      return metrics::Refusal::kMalformed;
+    case wire::ErrorCode::kInvalid:
+      return metrics::Refusal::kInvalid;
+    case wire::ErrorCode::kLimit:
+      return metrics::Refusal::kLimit;
+    default:
+      return metrics::Refusal::kInternal;
+  }
+}
+
 struct Outgoing {
   std::string bytes;
   std::shared_ptr<const void> ticket;  // let go when they have left or are dropped
@@ -55,16 +70,23 @@ struct Outgoing {
 //   accepting -> open -> farewell (an error or the server's end: one last message, then the closing handshake) -> over
 class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
  public:
-  Stream(beast::tcp_stream&& stream, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
-         std::string peer)
-      : ws_(std::move(stream)),
+  Stream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session, std::string peer,
+         access::Grant grant)
+      : ws_(std::move(channel)),
         timer_(ws_.get_executor()),
+        expiry_(ws_.get_executor()),
         counted_(std::move(counted)),
         shared_(std::move(shared)),
         session_(std::move(session)),
-        peer_(std::move(peer)) {}
+        peer_(std::move(peer)),
+        grant_(std::move(grant)),
+        rate_(shared_->settings.maxMessagesPerSecond) {
+    shared_->figures->streams.add();
+    shared_->figures->streamsOpen.add(1);
+  }
 
   ~Stream() override {
+    shared_->figures->streamsOpen.add(-1);
     const std::lock_guard lock(shared_->mutex);
     shared_->streams.erase(this);
     shared_->fewerStreams.notify_all();
@@ -83,7 +105,10 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     timeout.keep_alive_pings = true;
     ws_.set_option(timeout);
     ws_.set_option(
-        websocket::stream_base::decorator([](websocket::response_type& response) { response.set(http::field::server, kServerName); }));
+        websocket::stream_base::decorator([offered = request_[http::field::sec_websocket_protocol]](websocket::response_type& response) {
+          response.set(http::field::server, kServerName);
+          if (offered.find(kSubprotocol) != beast::string_view::npos) response.set(http::field::sec_websocket_protocol, kSubprotocol);
+        }));
     ws_.read_message_max(0);  // counted here, so that the client is told before it is closed
     ws_.auto_fragment(false);
     ws_.binary(true);
@@ -99,17 +124,21 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     asio::post(ws_.get_executor(), [self = shared_from_this(), message = std::move(message)] { self->fail(message); });
   }
   void postGoingAway() override {
-    asio::post(ws_.get_executor(), [self = shared_from_this()] {
-      self->farewell({}, {websocket::close_code::going_away, "The server shuts down."});
-    });
+    asio::post(ws_.get_executor(), [self = shared_from_this()] { self->goAway(); });
   }
+  std::size_t waitingBytes() const override { return *queuedBytes_; }
   const std::shared_ptr<std::atomic<std::size_t>>& queuedBytes() const { return queuedBytes_; }
 
  private:
   void accepted(error_code ec);
 
+  void goAway() {
+    const wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server leaves; connect again.", shared_->settings.reconnectUrl};
+    farewell(wire::encode(wire::ServerMessage(last)), {websocket::close_code::going_away, last.message});
+  }
+
   void read() {
-    const std::size_t room = wire::kMaxClientMessageBytes + 1 - buffer_.size();
+    const std::size_t room = shared_->settings.maxMessageBytes + 1 - buffer_.size();
     ws_.async_read_some(buffer_, room, [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
   }
 
@@ -119,23 +148,34 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
       buffer_.clear();
       return read();
     }
-    if (buffer_.size() > wire::kMaxClientMessageBytes)
-      return fail({wire::ErrorCode::kLimit,
-                   "A message has more than " + std::to_string(wire::kMaxClientMessageBytes) + " bytes, the most there may be."},
+    const Settings& settings = shared_->settings;
+    if (buffer_.size() > settings.maxMessageBytes)
+      return fail(metrics::Refusal::kMessageSize,
+                  {wire::ErrorCode::kLimit,
+                   "A message has more than " + std::to_string(settings.maxMessageBytes) + " bytes, the most there may be."},
                   websocket::close_code::too_big);
     if (!ws_.is_message_done()) return read();
+    shared_->figures->messagesReceived.add();
+    shared_->figures->bytesReceived.add(buffer_.size());
+    if (!rate_.take(access::Rate::Clock::now()))
+      return fail(metrics::Refusal::kMessageRate, {wire::ErrorCode::kLimit, "More than " + std::to_string(settings.maxMessagesPerSecond) +
+                                                                                " messages came a second, the most there may be."});
     if (ws_.got_text())
-      return fail({wire::ErrorCode::kMalformed, "A text message came; messages are binary, one protobuf ClientMessage each."},
+      return fail(metrics::Refusal::kMalformed,
+                  {wire::ErrorCode::kMalformed, "A text message came; messages are binary, one protobuf ClientMessage each."},
                   websocket::close_code::unknown_data);
     const auto bytes = buffer_.cdata();
     auto message = wire::decodeClient({static_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
     buffer_.clear();
     if (!message) return fail({wire::ErrorCode::kMalformed, message.error().message});
+    const bool asks = std::holds_alternative<wire::Query>(*message) || std::holds_alternative<wire::AskGround>(*message);
+    if (asks && !grant_.rights.has(access::Right::kQuery))
+      return fail(metrics::Refusal::kRight, {wire::ErrorCode::kInvalid, "The token lacks the right 'query'."});
     if (!greeted_) {
       greeted_ = true;
       timer_.cancel();
       if (const auto* hello = std::get_if<wire::Hello>(&*message))
-        spdlog::info("camera {}: {} says hello as '{}', protocol {}", camera_->id(), peer_, hello->clientName, hello->protocolVersion);
+        logging::info(about(), "says hello as '" + hello->clientName + "', protocol " + std::to_string(hello->protocolVersion));
     }
     camera_->receive(std::move(*message));
     read();
@@ -156,19 +196,22 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   void write() {
     writing_ = true;
-    ws_.async_write(asio::buffer(out_.front().bytes), [self = shared_from_this()](error_code ec, std::size_t) {
+    ws_.async_write(asio::buffer(out_.front().bytes), [self = shared_from_this()](error_code ec, std::size_t bytes) {
       self->writing_ = false;
       *self->queuedBytes_ -= self->out_.front().bytes.size();
       self->out_.pop_front();
       if (ec) return self->end();
+      self->shared_->figures->bytesSent.add(bytes);
       if (!self->out_.empty()) return self->write();
       if (self->stage_ == Stage::kFarewell) self->sayClose();
     });
   }
 
-  void fail(const wire::ErrorMessage& message, std::optional<websocket::close_code> code = {}) {
+  void fail(const wire::ErrorMessage& message) { fail(refusalOf(message.code), message); }
+  void fail(metrics::Refusal reason, const wire::ErrorMessage& message, std::optional<websocket::close_code> code = {}) {
     if (stage_ != Stage::kOpen) return;
-    spdlog::info("camera {}: {} is sent away: {}", camera_ ? camera_->id() : 0, peer_, message.message);
+    shared_->figures->refused(reason);
+    logging::info(about(), "is sent away: " + message.message);
     farewell(wire::encode(wire::ServerMessage(message)), closeReason(message, code));
   }
 
@@ -210,19 +253,24 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     if (stage_ == Stage::kOver) return;
     stage_ = Stage::kOver;
     timer_.cancel();
-    if (camera_) spdlog::info("camera {}: {} is gone", camera_->id(), peer_);
+    expiry_.cancel();
+    if (camera_) logging::info(about(), "is gone");
     leave();
     beast::get_lowest_layer(ws_).close();
   }
 
+  logging::About about() const { return {session_->name(), camera_ ? camera_->id() : 0, peer_, grant_.name}; }
+
   enum class Stage { kAccepting, kOpen, kFarewell, kOver };
 
-  websocket::stream<beast::tcp_stream, false> ws_;
-  asio::steady_timer timer_;
+  websocket::stream<Channel, false> ws_;
+  asio::steady_timer timer_, expiry_;
   const Counted counted_;
   const std::shared_ptr<Shared> shared_;
   const std::shared_ptr<session::Session> session_;
   const std::string peer_;
+  const access::Grant grant_;
+  access::Rate rate_;
   http::request<http::empty_body> request_;
   Stage stage_ = Stage::kAccepting;
   std::shared_ptr<session::CameraSession> camera_;
@@ -260,8 +308,9 @@ class StreamSender final : public session::Sender {
 void Stream::accepted(error_code ec) {
   if (ec || stage_ != Stage::kAccepting) return end();
   stage_ = Stage::kOpen;
+  if (!shared_->ready) return goAway();  // it began to leave meanwhile
   auto place = session_->enter();
-  if (!place) return fail({wire::ErrorCode::kLimit, place.error().message});
+  if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
                                                      std::make_shared<StreamSender>(shared_from_this()));
   timer_.expires_after(shared_->settings.patience);
@@ -269,17 +318,24 @@ void Stream::accepted(error_code ec) {
     if (waited) return;
     const auto self = weak.lock();
     if (self && !self->greeted_)
-      self->fail({wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self->shared_->settings.patience.count()) + " ms."},
-                 websocket::close_code::policy_error);
+      self->fail(metrics::Refusal::kPatience,
+                 {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self->shared_->settings.patience.count()) + " ms."});
   });
+  if (grant_.expires) {
+    expiry_.expires_after(std::max<std::chrono::nanoseconds>(*grant_.expires - std::chrono::system_clock::now(), std::chrono::seconds(0)));
+    expiry_.async_wait([weak = weak_from_this()](error_code waited) {
+      if (waited) return;
+      if (const auto self = weak.lock()) self->fail(metrics::Refusal::kExpired, {wire::ErrorCode::kLimit, "The token has expired."});
+    });
+  }
   read();
 }
 
 }  // namespace
 
-void startStream(beast::tcp_stream&& connection, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
-                 std::string peer, http::request<http::empty_body> request) {
-  std::make_shared<Stream>(std::move(connection), std::move(counted), std::move(shared), std::move(session), std::move(peer))
+void startStream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
+                 std::string peer, access::Grant grant, http::request<http::empty_body> request) {
+  std::make_shared<Stream>(std::move(channel), std::move(counted), std::move(shared), std::move(session), std::move(peer), std::move(grant))
       ->start(std::move(request));
 }
 

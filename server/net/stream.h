@@ -4,17 +4,17 @@
 #include <memory>
 #include <string>
 
-#include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/message.hpp>
 
+#include "server/access/grant.h"
+#include "server/net/channel.h"
 #include "server/net/shared.h"
 
 namespace ridgecast::net {
 
-// Answers the upgrade that `request` asks for and serves the stream until either side ends it. On the connection's strand.
-void startStream(boost::beast::tcp_stream&& connection, Counted counted, std::shared_ptr<Shared> shared,
-                 std::shared_ptr<session::Session> session, std::string peer,
-                 boost::beast::http::request<boost::beast::http::empty_body> request);
+// `peer`: the client's address, for the log. Answers the upgrade that `request` asks for and serves the stream until either side ends it. On the connection's strand.
+void startStream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
+                 std::string peer, access::Grant grant, boost::beast::http::request<boost::beast::http::empty_body> request);
 
 }  // namespace ridgecast::net

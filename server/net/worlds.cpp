@@ -22,6 +22,12 @@ Answer plain(unsigned status, std::string sentence) {
   return a;
 }
 
+Answer refused(unsigned status, metrics::Refusal why, std::string sentence) {
+  Answer a = plain(status, std::move(sentence));
+  a.refusal = why;
+  return a;
+}
+
 Answer upgrade(std::shared_ptr<session::Session> session) {
   Answer a;
   a.status = 101;
@@ -98,19 +104,20 @@ std::string describe(const WorldSpec& spec) {
 // Joins, where the session is the world that is wished for.
 Answer join(std::shared_ptr<session::Session> session, const Wish& wish) {
   if (wish.isMetBy(session->spec())) return upgrade(std::move(session));
-  return plain(409, "Session '" + session->name() + "' is another world (" + describe(session->spec()) +
-                        ") and does not change while it lives; leave the terrain out to join it, or choose another name.");
+  return refused(409, metrics::Refusal::kSession,
+                 "Session '" + session->name() + "' is another world (" + describe(session->spec()) +
+                     ") and does not change while it lives; leave the terrain out to join it, or choose another name.");
 }
 
 Answer make(const std::string& name, const Wish& wish, session::Directory& directory) {
   const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters};
   auto terrain = directory.resources().makeTerrain(spec);
-  if (!terrain) return plain(400, "Session '" + name + "' cannot be made: " + terrain.error().message);
+  if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be made: " + terrain.error().message);
   const auto added = directory.add(name, std::move(*terrain), spec.parameters);
   if (added) return upgrade(*added);
   // Somebody else may have been faster.
   if (auto session = directory.find(name)) return join(std::move(session), wish);
-  return plain(503, added.error().message);
+  return refused(503, metrics::Refusal::kFull, added.error().message);
 }
 
 void appendText(std::string& out, std::string_view text) {
@@ -141,13 +148,14 @@ std::string number(double value) {
 
 Answer streamAnswer(const Request& request, std::string_view query, session::Directory& directory) {
   const auto name = queryParameter(query, "session");
-  if (!name) return plain(400, name.error().message);
+  if (!name) return refused(400, metrics::Refusal::kSession, name.error().message);
   const std::string wanted = name->empty() ? std::string(session::kDefaultName) : *name;
   if (!wire::sessionNameIsValid(wanted))
-    return plain(400,
-                 "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
+    return refused(
+        400, metrics::Refusal::kSession,
+        "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
   const auto wish = readWish(query);
-  if (!wish) return plain(400, wish.error().message);
+  if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (!request.upgrade || request.webSocketVersion != "13") {
     Answer a = plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.");
     a.headers = {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}};
@@ -155,11 +163,16 @@ Answer streamAnswer(const Request& request, std::string_view query, session::Dir
   }
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish);
   if (wish->terrain.empty())
-    return plain(404, "There is no session named '" + wanted + "' here; 'default' always exists, and &terrain=NAME makes one.");
-  if (!directory.resources().makeTerrain) return plain(403, "Sessions cannot be made on this server; 'default' always exists.");
+    return refused(404, metrics::Refusal::kSession,
+                   "There is no session named '" + wanted + "' here; 'default' always exists, and &terrain=NAME makes one.");
+  if (!request.rights.has(access::Right::kCreate))
+    return refused(403, metrics::Refusal::kRight, "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
+  if (!directory.resources().makeTerrain)
+    return refused(403, metrics::Refusal::kSession, "Sessions cannot be made on this server; 'default' always exists.");
   if (directory.full())
-    return plain(503, "This server has " + std::to_string(directory.resources().limits.maxSessions) +
-                          " sessions, the most it takes; try again later.");
+    return refused(
+        503, metrics::Refusal::kFull,
+        "This server has " + std::to_string(directory.resources().limits.maxSessions) + " sessions, the most it takes; try again later.");
   const auto builtIn = terrain::builtIn();
   const bool atOnce =
       wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });

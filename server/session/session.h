@@ -21,12 +21,12 @@
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
+#include "server/metrics/figures.h"
 #include "server/pipeline/pipeline.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
 #include "server/session/alarm.h"
 #include "server/session/iterating_mesh.h"
-#include "server/session/live_cameras.h"
 #include "server/session/presence.h"
 
 namespace ridgecast::session {
@@ -68,6 +68,7 @@ struct Resources {
   MakeTerrain makeTerrain;  // of sessions that clients create; empty: they cannot
   std::string serverName;
   Limits limits;
+  std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
   mutable std::atomic<bool> givesMemoryBack{false};  // an alarm that trims the allocator is set
   Alarm alarm;                                       // wakes cameras whose budget of bytes is used up
 };
@@ -102,7 +103,6 @@ class Session {
   const Resources& resources() const { return *resources_; }
   std::uint32_t members() const { return *members_ & ~kEnded; }
   Presence& presence() const { return *presence_; }
-  LiveCameras& live() const { return *live_; }
 
   // Error: the session or the server is full, or the session has just ended.
   Outcome<Place> enter();
@@ -120,7 +120,6 @@ class Session {
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> members_, cameras_;
   std::shared_ptr<Presence> presence_;
-  std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
 };
 
 // Any thread. Sessions that are idle end only where this is held by a shared_ptr.

@@ -3,7 +3,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
@@ -18,6 +17,7 @@
 #include <vector>
 
 #include "client/connection/connection.h"
+#include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
@@ -58,7 +58,7 @@ wire::PoseMessage poseAt(std::uint64_t sequence) {
 class MembersTest : public testing::Test {
  protected:
   void SetUp() override {
-    spdlog::set_level(spdlog::level::warn);
+    logging::setUp(logging::Format::kText, logging::Level::kWarning);
     machine = std::make_unique<scheduling::Machine>(2);
     auto resources = std::make_shared<session::Resources>();
     resources->machine = machine.get();

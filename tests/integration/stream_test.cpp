@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <spdlog/spdlog.h>
 
 #include <atomic>
 #include <chrono>
@@ -11,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
@@ -46,7 +46,7 @@ wire::Settings coarse() {
 class StreamTest : public testing::Test {
  protected:
   void SetUp() override {
-    spdlog::set_level(spdlog::level::warn);
+    logging::setUp(logging::Format::kText, logging::Level::kWarning);
     settings.port = 0;
     start();
   }
@@ -178,7 +178,7 @@ TEST_F(StreamTest, AServerThatGoesIsToldOfAndItsSuccessorTakesOver) {
   stop();
   for (std::thread& p : pilots) p.join();
   for (const std::string& end : ends)
-    EXPECT_THAT(end, AnyOf(HasSubstr("shuts down"), HasSubstr("shutting down"), HasSubstr("closed"), HasSubstr("ended")));
+    EXPECT_THAT(end, AnyOf(HasSubstr("leaves"), HasSubstr("shutting down"), HasSubstr("closed"), HasSubstr("ended")));
   start();  // on the same port
   Flier again(url(), coarse());
   for (int k = 0; k < 3; ++k) again.step(cameraAt(k));

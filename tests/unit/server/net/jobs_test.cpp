@@ -1,8 +1,8 @@
+#include "server/logging/logging.h"
 #include "server/net/jobs.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <spdlog/spdlog.h>
 
 #include <atomic>
 #include <chrono>
@@ -86,7 +86,7 @@ TEST(Jobs, StoppingStopsThoseThatRun) {
 class LaterTest : public testing::Test {
  protected:
   void SetUp() override {
-    spdlog::set_level(spdlog::level::off);
+    logging::setUp(logging::Format::kText, logging::Level::kOff);
     settings.port = 0;
     settings.patientJobs = {1, 1, 0};
     auto resources = std::make_shared<session::Resources>();

@@ -1,12 +1,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <spdlog/spdlog.h>
 
 #include <chrono>
 #include <random>
 #include <thread>
 
 #include "common/wire/wire.h"
+#include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "tests/support/socket_client.h"
 
@@ -34,7 +34,7 @@ class StillMesh final : public session::IteratingMesh {
 class NetTest : public testing::Test {
  protected:
   void SetUp() override {
-    spdlog::set_level(spdlog::level::warn);
+    logging::setUp(logging::Format::kText, logging::Level::kWarning);
     settings.port = 0;
     start();
   }

@@ -1,0 +1,120 @@
+#include "server/net/gate.h"
+
+#include <algorithm>
+
+#include "server/session/session.h"
+
+namespace ridgecast::net {
+
+namespace {
+
+bool equalsIgnoringCase(std::string_view a, std::string_view b) {
+  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; };
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [&](char x, char y) { return lower(x) == lower(y); });
+}
+
+std::string_view withoutPort(std::string_view host) {
+  if (host.starts_with('[')) return host.substr(0, std::min(host.find(']'), host.size() - 1) + 1);
+  return host.substr(0, host.rfind(':'));
+}
+
+// Among the subprotocols that are offered; empty: none.
+std::string_view bearerOf(const Request& request) {
+  constexpr std::string_view scheme = "Bearer ", prefix = "bearer.";
+  if (request.authorization.size() > scheme.size() && equalsIgnoringCase(request.authorization.substr(0, scheme.size()), scheme))
+    return request.authorization.substr(scheme.size());
+  for (std::string_view rest = request.subprotocols; !rest.empty();) {
+    const auto end = std::min(rest.find(','), rest.size());
+    std::string_view one = rest.substr(0, end);
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    while (one.starts_with(' ')) one.remove_prefix(1);
+    while (one.ends_with(' ')) one.remove_suffix(1);
+    if (one.starts_with(prefix)) return one.substr(prefix.size());
+  }
+  return {};
+}
+
+Answer refused(unsigned status, metrics::Refusal why, std::string sentence) {
+  Answer a;
+  a.status = status;
+  a.refusal = why;
+  a.body = std::move(sentence) + "\n";
+  return a;
+}
+
+Answer unauthorised(std::string sentence, bool wasShown) {
+  Answer a = refused(401, metrics::Refusal::kToken, std::move(sentence));
+  a.headers = {{"WWW-Authenticate", wasShown ? R"(Bearer realm="ridgecast", error="invalid_token")" : R"(Bearer realm="ridgecast")"}};
+  return a;
+}
+
+}  // namespace
+
+Needed needed(std::string_view method, std::string_view path) {
+  using access::Right;
+  if (path == "/metrics") return {Right::kView, true};
+  if (!path.starts_with("/v1/")) return {};
+  if (path == "/v1/sessions") return {method == "GET" || method == "HEAD" ? Right::kView : Right::kCreate, true};
+  if (path.starts_with("/v1/snapshot")) return {Right::kSnapshot};
+  for (const std::string_view query : {"/v1/heights", "/v1/normals", "/v1/rays", "/v1/query"})
+    if (path.starts_with(query)) return {Right::kQuery};
+  return {Right::kView};
+}
+
+std::optional<Error> Gate::load() {
+  if (!asksForTokens()) return {};
+  auto tokens = access::Tokens::load(settings_.tokenFile, settings_.jwtSecretFile);
+  if (!tokens) return tokens.error();
+  const std::lock_guard lock(mutex_);
+  tokens_ = std::move(*tokens);
+  return {};
+}
+
+// A page of the server's own, or one that was allowed. Where nobody needs a token, a name of the server's that is not the loopback's own
+// could be another's name for this machine (DNS rebinding): it must be allowed by name.
+bool Gate::originMayAsk(std::string_view origin, std::string_view host) const {
+  for (const std::string& allowed : settings_.allowedOrigins)
+    if (allowed == "*" || equalsIgnoringCase(allowed, origin)) return true;
+  const auto scheme = origin.find("://");
+  if (scheme == std::string_view::npos || host.empty() || !equalsIgnoringCase(origin.substr(scheme + 3), host)) return false;
+  const std::string_view name = withoutPort(host);
+  return asksForTokens() || equalsIgnoringCase(name, "localhost") || access::parseAddress(name);
+}
+
+std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {
+  const std::string_view path = request.target.substr(0, std::min(request.target.find('?'), request.target.size()));
+  const Needed need = needed(request.method, path);
+  if (!request.origin.empty() && need.right && !originMayAsk(request.origin, request.host))
+    return refused(403, metrics::Refusal::kOrigin,
+                   "Pages of this origin may not use this server; whoever runs it can allow them with --allow-origin.");
+  if (!asksForTokens()) return access::Grant{{}, access::Rights::all(), {}, {}};
+  if (!need.right) return access::Grant{};
+
+  const std::string_view bearer = bearerOf(request);
+  if (bearer.empty()) return unauthorised("This needs a token: Authorization: Bearer TOKEN.", false);
+  std::shared_ptr<const access::Tokens> tokens;
+  {
+    const std::lock_guard lock(mutex_);
+    tokens = tokens_;
+  }
+  auto grant = tokens->judge(bearer, std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now()));
+  if (!grant) return unauthorised(grant.error().message, true);
+  const auto forbidden = [&](std::string sentence) {
+    Answer a = refused(403, metrics::Refusal::kRight, std::move(sentence));
+    a.headers = {{"WWW-Authenticate", R"(Bearer realm="ridgecast", error="insufficient_scope")"}};
+    return a;
+  };
+  if (!grant->rights.has(*need.right)) return forbidden("The token lacks the right '" + std::string(name(*need.right)) + "'.");
+  if (need.everySession) {
+    if (!grant->session.empty()) return forbidden("The token is for session '" + grant->session + "' alone.");
+    return std::move(*grant);
+  }
+  const std::string_view query = request.target.substr(std::min(path.size() + 1, request.target.size()));
+  const auto session = queryParameter(query, "session");
+  if (session && !grant->reaches(session->empty() ? session::kDefaultName : std::string_view(*session)))
+    return forbidden("The token is for another session.");
+  if (!session && !grant->session.empty()) return forbidden("The token is for another session.");
+  return std::move(*grant);
+}
+
+}  // namespace ridgecast::net

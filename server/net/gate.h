@@ -1,0 +1,48 @@
+#pragma once
+// Who may pass: origins of browsers' pages and bearer tokens. Judged before a request reaches its route, for every route alike.
+//
+// A token comes as `Authorization: Bearer TOKEN`. Pages cannot set headers of a WebSocket; they offer two subprotocols instead,
+// `ridgecast.v1` and `bearer.TOKEN`, of which the server takes the first.
+
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "server/access/tokens.h"
+#include "server/net/routes.h"
+#include "server/net/server.h"
+
+namespace ridgecast::net {
+
+inline constexpr std::string_view kSubprotocol = "ridgecast.v1";
+
+class Gate {
+ public:
+  explicit Gate(const Settings& settings) : settings_(settings) {}
+
+  // Reads the tokens, again too: then an error leaves those there are.
+  std::optional<Error> load();
+  bool asksForTokens() const { return !settings_.tokenFile.empty() || !settings_.jwtSecretFile.empty(); }
+
+  // What the one who asks is granted, or why it is refused. Without tokens: everything.
+  std::variant<access::Grant, Answer> judge(const Request& request) const;
+
+ private:
+  bool originMayAsk(std::string_view origin, std::string_view host) const;
+
+  const Settings settings_;
+  mutable std::mutex mutex_;
+  std::shared_ptr<const access::Tokens> tokens_;
+};
+
+// What a route asks for; nothing: it is open to all. Every path below /v1/ asks for something.
+struct Needed {
+  std::optional<access::Right> right;
+  bool everySession = false;  // shows more than one session
+};
+Needed needed(std::string_view method, std::string_view path);
+
+}  // namespace ridgecast::net

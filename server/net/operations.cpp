@@ -1,0 +1,52 @@
+#include "server/net/operations.h"
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::net {
+
+void addOperations(const std::shared_ptr<Shared>& shared) {
+  // Weak: the figures may be shared with others and outlive this server.
+  const auto ask = [weak = std::weak_ptr(shared)](double (*value)(Shared&)) {
+    return [weak, value]() -> double {
+      const auto now = weak.lock();
+      return now ? value(*now) : 0;
+    };
+  };
+  metrics::Registry& registry = shared->figures->registry;
+  registry.ask("ridgecast_cameras", "Cameras of all sessions.", ask([](Shared& s) -> double { return s.directory->cameras(); }));
+  registry.ask("ridgecast_open_connections", "Connections that are open.", ask([](Shared& s) -> double { return s.connections; }));
+  registry.ask("ridgecast_queued_bytes", "Bytes that wait in the way out to clients.", ask([](Shared& s) {
+                 const std::lock_guard lock(s.mutex);
+                 std::size_t bytes = 0;
+                 for (const auto& [stream, weak] : s.streams) bytes += stream->waitingBytes();
+                 return static_cast<double>(bytes);
+               }));
+  registry.ask("ridgecast_ready", "1 where new streams are taken.", ask([](Shared& s) -> double { return s.ready ? 1 : 0; }));
+  registry.ask("ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
+               {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}});
+
+  shared->routes.push_back([weak = std::weak_ptr(shared)](const Request& request) -> std::optional<Answer> {
+    const std::string_view path = request.target.substr(0, request.target.find('?'));
+    if (path != "/readyz" && path != "/metrics") return std::nullopt;
+    Answer a;
+    if (request.method != "GET" && request.method != "HEAD") {
+      a.status = 405;
+      a.refusal = metrics::Refusal::kRequest;
+      a.body = "Only GET and HEAD are possible here.\n";
+      a.headers = {{"Allow", "GET, HEAD"}};
+      return a;
+    }
+    const auto now = weak.lock();
+    if (path == "/metrics") {
+      a.type = "text/plain; version=0.0.4; charset=utf-8";
+      if (now) a.body = now->figures->registry.text();
+      return a;
+    }
+    const bool ready = now && now->ready;
+    a.status = ready ? 200 : 503;
+    a.body = ready ? "ready\n" : "This server is leaving.\n";
+    return a;
+  });
+}
+
+}  // namespace ridgecast::net
