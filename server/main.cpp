@@ -13,6 +13,7 @@
 #include "server/config/config.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
+#include "server/net/snapshot_route.h"
 #include "server/notify.h"
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
@@ -76,8 +77,9 @@ int serve(const config::Config& config, const sigset_t& signals) {
       made.parameters = spec.parameters;
       return user_terrain::load(made, [](const std::string& complaint) { logging::warning(complaint); });
     };
-  auto listening = net::Server::listen(config.net, std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters),
-                            std::move(routes));
+  auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
+  routes.insert(routes.begin(), net::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots)));
+  auto listening = net::Server::listen(config.net, directory, std::move(routes));
   if (!listening) return refuse(listening.error().message);
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))

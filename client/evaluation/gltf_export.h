@@ -1,10 +1,6 @@
 #pragma once
 // The mesh held as an uncompressed binary glTF file (.glb): one node for each leaf, empty ones included.
-//   node.extras        {level, i, j, side}: the leaf's address, side in metres
-//   node.translation   the leaf's corner (least x and z, y 0) in metres relative to the corner of the camera's 4,096 m cell
-//   POSITION           metres relative to that corner; all are multiples of 1/256 m and exact in a float
-//   asset.extras       cellX, cellZ (the camera's cell, integers: metres / 4,096), terrain, seed, latticeStep (metres)
-// Triangles are counter-clockwise seen from above; a leaf without triangles is a node without a mesh.
+// see common/gltf/glb.h. The file's cell is the camera's; asset.extras has terrain and seed beside what every file has.
 
 #include <cstdint>
 #include <filesystem>

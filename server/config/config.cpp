@@ -115,6 +115,10 @@ void addLimits(CLI::App& app, Written& w) {
   app.add_option("--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted")
       ->check(CLI::Range(10'000u, 50'000'000u))
       ->capture_default_str();
+  app.add_option("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot")->check(CLI::Range(10'000u, 20'000'000u))->capture_default_str();
+  app.add_option("--max-snapshot-seconds", c.snapshots.seconds, "Longest that a snapshot may take")
+      ->check(CLI::Range(1.0, 600.0))
+      ->capture_default_str();
   app.add_option("--window", c.limits.window, "Iterations that a client may leave unacknowledged")
       ->check(CLI::Range(1u, wire::kMaxWindow))
       ->capture_default_str();

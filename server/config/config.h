@@ -10,6 +10,7 @@
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
+#include "server/snapshot/question.h"
 #include "server/terrain/catalogue.h"
 
 namespace ridgecast::config {
@@ -17,6 +18,7 @@ namespace ridgecast::config {
 struct Config {
   net::Settings net;
   session::Limits limits;
+  snapshot::Limits snapshots;
   user_terrain::Request terrain;    // of the default session, with its seed
   unsigned threads = 0;             // 0: as many as the hardware has
   std::filesystem::path portFile;   // empty: none

@@ -34,6 +34,16 @@ std::string_view bearerOf(const Request& request) {
   return {};
 }
 
+// Of /v1/sessions/NAME/...
+std::optional<std::string_view> sessionOf(std::string_view path) {
+  constexpr std::string_view prefix = "/v1/sessions/";
+  if (!path.starts_with(prefix)) return std::nullopt;
+  path.remove_prefix(prefix.size());
+  const auto slash = path.find('/');
+  if (slash == std::string_view::npos) return std::nullopt;
+  return path.substr(0, slash);
+}
+
 Answer refused(unsigned status, metrics::Refusal why, std::string sentence) {
   Answer a;
   a.status = status;
@@ -55,7 +65,8 @@ Needed needed(std::string_view method, std::string_view path) {
   if (path == "/metrics") return {Right::kView, true};
   if (!path.starts_with("/v1/")) return {};
   if (path == "/v1/sessions") return {method == "GET" || method == "HEAD" ? Right::kView : Right::kCreate, true};
-  if (path.starts_with("/v1/snapshot")) return {Right::kSnapshot};
+  if (sessionOf(path))
+    return method == "OPTIONS" ? Needed{} : Needed{path.substr(path.rfind('/')).starts_with("/snapshot.") ? Right::kSnapshot : Right::kView};
   for (const std::string_view query : {"/v1/heights", "/v1/normals", "/v1/rays", "/v1/query"})
     if (path.starts_with(query)) return {Right::kQuery};
   return {Right::kView};
@@ -107,6 +118,10 @@ std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {
   if (!grant->rights.has(*need.right)) return forbidden("The token lacks the right '" + std::string(name(*need.right)) + "'.");
   if (need.everySession) {
     if (!grant->session.empty()) return forbidden("The token is for session '" + grant->session + "' alone.");
+    return std::move(*grant);
+  }
+  if (const auto session = sessionOf(path)) {
+    if (!grant->reaches(*session)) return forbidden("The token is for another session.");
     return std::move(*grant);
   }
   const std::string_view query = request.target.substr(std::min(path.size() + 1, request.target.size()));

@@ -184,7 +184,8 @@ void Machine::State::serve() {
 
 void setNiceness([[maybe_unused]] int niceness) {
 #ifdef __linux__
-  if (niceness > 0) setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), niceness);  // on Linux a thread has its own
+  const auto thread = static_cast<id_t>(gettid());  // on Linux a thread has a niceness of its own
+  if (niceness > 0) setpriority(PRIO_PROCESS, thread, std::min(19, getpriority(PRIO_PROCESS, thread) + niceness));
 #endif
 }
 

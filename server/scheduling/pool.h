@@ -15,7 +15,7 @@ namespace ridgecast::scheduling {
 
 class Pool;
 
-// The calling thread gives way to all threads of lower niceness, 0..19: at 15 it gets a thirtieth of what a thread of 0 gets beside it.
+// The calling thread becomes nicer, by 0..19: it gives way to those that are less so. 15 more than another it gets a thirtieth of its share.
 // For good: a thread cannot take it back. Nothing happens where the system does not know niceness of threads.
 void setNiceness(int niceness);
 

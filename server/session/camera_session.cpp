@@ -182,6 +182,7 @@ void CameraSession::close() {
   stage_ = Stage::kClosed;
   poses_.clear();
   session_->presence().leave(id_);
+  session_->live().remove(id_);
   wake();
 }
 
@@ -193,7 +194,7 @@ void CameraSession::refuse(ErrorMessage message) {
 // Whether a task has something to do now.
 bool CameraSession::hasWork() const {
   if (stage_ == Stage::kExpectsHello) return false;
-  if (stage_ == Stage::kClosed || !greeted_) return true;
+  if (stage_ == Stage::kClosed || !greeted_ || !holds_.empty()) return true;
   if (!replica_.hasRoom() || sender_->queuedBytes() > session_->resources().limits.maxQueuedBytes) return false;
   if (lockstep_) return !poses_.empty();
   return !poses_.empty() || (posed_ && (!atRest_ || replica_.owes()));
@@ -201,7 +202,7 @@ bool CameraSession::hasWork() const {
 
 bool CameraSession::wake() {
   if (scheduled_ || !hasWork()) return true;
-  if (stage_ == Stage::kRuns && greeted_ && pace_.limits() && Pace::Clock::now() < pace_.free()) {
+  if (stage_ == Stage::kRuns && greeted_ && holds_.empty() && pace_.limits() && Pace::Clock::now() < pace_.free()) {
     if (alarmSet_) return true;
     alarmSet_ = true;
     session_->resources().alarm.at(pace_.free(), [weak = weak_from_this()] {
@@ -225,6 +226,7 @@ void CameraSession::run() {
   }
   // Taken under the lock, for another task may follow; destroyed after it.
   std::unique_ptr<IteratingMesh> freed;
+  std::vector<Hold> disappointed;
   replica::Bases bases;
   {
     const std::lock_guard lock(mutex_);
@@ -234,20 +236,23 @@ void CameraSession::run() {
       return;
     }
     freed = std::move(mesh_);
+    disappointed.swap(holds_);
     bases = std::exchange(bases_, replica::Bases());
     countTriangles(0);
   }
+  for (const Hold& done : disappointed) done(nullptr);
   if (freed) giveMemoryBackSoon(session_->resources());
 }
 
 void CameraSession::work() {
-  bool greet = false;
+  bool greet = false, copies = false;
   {
     const std::lock_guard lock(mutex_);
     if (stage_ == Stage::kClosed) return;
     greet = !greeted_;
+    copies = !holds_.empty();
   }
-  if (!greet) return iterate();
+  if (!greet) return copies ? copy() : iterate();
 
   const Resources& resources = session_->resources();
   const terrain::Terrain& terrain = *session_->terrain();
@@ -267,6 +272,7 @@ void CameraSession::work() {
   const std::lock_guard lock(mutex_);
   greeted_ = true;
   if (stage_ == Stage::kClosed) return;
+  session_->live().add(id_, weak_from_this());
   sender_->send(std::move(world));
   session_->presence().join(id_, hello_, sender_, poses_.empty() ? std::nullopt : std::optional(poses_.back()));
 }
@@ -276,12 +282,43 @@ void CameraSession::countTriangles(std::uint32_t now) {
   counted_ = now;
 }
 
+bool CameraSession::hold(Hold done) {
+  const std::lock_guard lock(mutex_);
+  if (stage_ != Stage::kRuns || sentNumber_ == 0 || holds_.size() >= kMaxHolds) return false;
+  holds_.push_back(std::move(done));
+  return wake();
+}
+
+void CameraSession::copy() {
+  constexpr std::chrono::milliseconds kTurn{2};
+  const auto end = std::chrono::steady_clock::now() + kTurn;
+  if (!copy_) copy_ = std::make_shared<HeldMesh>();
+  const auto& leaves = mesh_->leaves();
+  while (copy_->leaves.size() < leaves.size()) {
+    if (std::chrono::steady_clock::now() >= end) return;
+    copy_->leaves.push_back(mesh_->extract(leaves[copy_->leaves.size()].address));
+  }
+  std::vector<Hold> holds;
+  {
+    const std::lock_guard lock(mutex_);
+    copy_->iteration = sentNumber_;
+    copy_->meshHash = sentHash_;
+    copy_->settings = granted_;
+    holds.swap(holds_);
+  }
+  copy_->camera = pose_.camera;
+  copy_->effectiveThreshold = effectiveThreshold_;
+  const std::shared_ptr<const HeldMesh> made = std::move(copy_);
+  copy_.reset();
+  for (const Hold& done : holds) done(made);
+}
+
 void CameraSession::iterate() {
   metrics::Figures& figures = *session_->resources().figures;
   bool newPose = false;
   {
     const std::lock_guard lock(mutex_);
-    if (!hasWork() || stage_ != Stage::kRuns) return;
+    if (!hasWork() || stage_ != Stage::kRuns || !holds_.empty()) return;
     if (!poses_.empty()) {
       pose_ = poses_.front();
       poses_.pop_front();
@@ -294,6 +331,7 @@ void CameraSession::iterate() {
   countTriangles(iteration.figures.triangles);
   iteration.poseSequence = pose_.sequence;
   iteration.settled = mesh_->settled();
+  effectiveThreshold_ = iteration.figures.effectiveThreshold;
   replica::Changes changes;
   {
     const std::lock_guard lock(mutex_);
@@ -305,6 +343,8 @@ void CameraSession::iterate() {
       return;
     }
     changes = replica_.send(mesh_->leaves());
+    sentNumber_ = changes.number;
+    sentHash_ = changes.meshHash;
   }
   iteration.number = changes.number;
   iteration.meshHash = changes.meshHash;

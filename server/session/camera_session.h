@@ -39,6 +39,11 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   // The client is gone: nothing more is sent, the mesh is freed by a task of the pool.
   void close();
 
+  // Copies the mesh between two iterations, a few milliseconds at a time so that other cameras have their turns, and hands it over on a
+  // thread of the pool; nullptr when the camera closes before that. False: there was no iteration yet, or kMaxHolds wait already.
+  bool hold(Hold done);
+  static constexpr std::size_t kMaxHolds = 16;
+
   std::uint64_t id() const { return id_; }
 
  private:
@@ -66,6 +71,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void work();
   void iterate();
   void countTriangles(std::uint32_t now);
+  void copy();
   void encode(const replica::Changes& changes, wire::Iteration& iteration);
 
   const std::shared_ptr<Session> session_;
@@ -87,6 +93,8 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   replica::Replica replica_;
   Pace pace_;
   bool alarmSet_ = false;
+  std::vector<Hold> holds_;
+  std::uint64_t sentNumber_ = 0, sentHash_ = 0;  // of the last iteration
 
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;
@@ -94,6 +102,8 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   wire::PoseMessage pose_;  // of the last iteration
   std::uint32_t counted_ = 0;  // triangles, in the figures
   bool posed_ = false;      // there was one; written under the lock
+  double effectiveThreshold_ = 0;
+  std::shared_ptr<HeldMesh> copy_;
 };
 
 }  // namespace ridgecast::session

@@ -27,6 +27,7 @@
 #include "server/scheduling/pool.h"
 #include "server/session/alarm.h"
 #include "server/session/iterating_mesh.h"
+#include "server/session/live_cameras.h"
 #include "server/session/presence.h"
 
 namespace ridgecast::session {
@@ -103,6 +104,7 @@ class Session {
   const Resources& resources() const { return *resources_; }
   std::uint32_t members() const { return *members_ & ~kEnded; }
   Presence& presence() const { return *presence_; }
+  LiveCameras& live() const { return *live_; }
 
   // Error: the session or the server is full, or the session has just ended.
   Outcome<Place> enter();
@@ -120,6 +122,7 @@ class Session {
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> members_, cameras_;
   std::shared_ptr<Presence> presence_;
+  std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
 };
 
 // Any thread. Sessions that are idle end only where this is held by a shared_ptr.

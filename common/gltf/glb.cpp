@@ -1,0 +1,332 @@
+#include "common/gltf/glb.h"
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wshadow"
+#include <tiny_gltf.h>
+#pragma GCC diagnostic pop
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdlib>
+#include <cstring>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <utility>
+
+#include "common/gltf/draco_primitive.h"
+
+namespace ridgecast::gltf {
+namespace {
+
+constexpr char kDraco[] = "KHR_draco_mesh_compression";
+constexpr std::size_t kMostBytes = 0xf0000000u;
+constexpr double kNear = 0.5, kFar = 40'000;  // metres, of the camera
+
+double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+
+// tinygltf's integers have 32 bits; leaf numbers may have 38, which a double holds exactly and JSON writes without a fraction.
+tinygltf::Value number(std::int64_t v) {
+  if (v >= std::numeric_limits<std::int32_t>::min() && v <= std::numeric_limits<std::int32_t>::max())
+    return tinygltf::Value(static_cast<int>(v));
+  return tinygltf::Value(static_cast<double>(v));
+}
+
+tinygltf::Value valueOf(const nlohmann::json& j) {
+  switch (j.type()) {
+    case nlohmann::json::value_t::object: {
+      tinygltf::Value::Object object;
+      for (const auto& [key, value] : j.items()) object[key] = valueOf(value);
+      return tinygltf::Value(std::move(object));
+    }
+    case nlohmann::json::value_t::array: {
+      tinygltf::Value::Array array;
+      for (const auto& value : j) array.push_back(valueOf(value));
+      return tinygltf::Value(std::move(array));
+    }
+    case nlohmann::json::value_t::string:
+      return tinygltf::Value(j.get<std::string>());
+    case nlohmann::json::value_t::boolean:
+      return tinygltf::Value(j.get<bool>());
+    case nlohmann::json::value_t::number_integer:
+    case nlohmann::json::value_t::number_unsigned:
+      return number(j.get<std::int64_t>());
+    case nlohmann::json::value_t::number_float:
+      return tinygltf::Value(j.get<double>());
+    default:
+      return {};
+  }
+}
+
+// Every coordinate of a leaf, in steps, must be an exact float.
+bool isExact(const mesh::LeafMesh& leaf) {
+  constexpr std::int32_t kExact = 1 << 24;
+  return std::ranges::all_of(leaf.vertices, [](const mesh::LocalVertex& v) {
+    return std::abs(v.x) <= kExact && std::abs(v.z) <= kExact && std::abs(v.y) <= kExact;
+  });
+}
+
+// What many accessors share: their values one after the other in one buffer view.
+struct Store {
+  std::vector<unsigned char> bytes;
+  int view = -1;
+  std::size_t stride = 0;  // 0: indices
+  template <class T>
+  std::size_t add(const T* values, std::size_t count) {
+    const std::size_t at = bytes.size();
+    const auto* first = reinterpret_cast<const unsigned char*>(values);
+    bytes.insert(bytes.end(), first, first + count * sizeof(T));
+    bytes.resize((bytes.size() + 3) / 4 * 4);
+    return at;
+  }
+};
+
+class Writer {
+ public:
+  Writer(const Document& document, Compression compression) : document_(document), compression_(compression) {
+    stores_[kPositions].stride = stores_[kNormals].stride = 12;
+    stores_[kColours].stride = 8;
+  }
+
+  Outcome<std::string> write(const std::stop_token& stop) {
+    begin();
+    for (const Leaf& leaf : document_.leaves) {
+      if (stop.stop_requested()) return Error{"nobody waits for the file any more"};
+      if (auto added = add(leaf); !added) return added.error();
+    }
+    addCamera();
+    finish();
+    std::ostringstream out;
+    tinygltf::TinyGLTF writer;
+    if (!writer.WriteGltfSceneToStream(&model_, out, false, true) || !out) return Error{"the file could not be written"};
+    return Outcome<std::string>(boost::system::in_place_value, std::move(out).str());
+  }
+
+ private:
+  enum { kPositions, kNormals, kColours, kShort, kLong, kStores };
+
+  void begin() {
+    const lattice::Step cellX = document_.origin.x >> lattice::kCellBits, cellZ = document_.origin.z >> lattice::kCellBits;
+    corner_ = {cellX << lattice::kCellBits, cellZ << lattice::kCellBits};
+    auto extras = nlohmann::json::parse(document_.extras);
+    extras["cellX"] = cellX;
+    extras["cellZ"] = cellZ;
+    extras["latticeStep"] = lattice::kMetresPerStep;
+    model_.asset.version = "2.0";
+    model_.asset.generator = "Ridgecast";
+    model_.asset.extras = valueOf(extras);
+    scene_.name = "terrain";
+  }
+
+  Outcome<void> add(const Leaf& leaf) {
+    const lattice::LeafAddress address = leaf.mesh->address;
+    if (!isExact(*leaf.mesh))
+      return Error{"a leaf of the mesh reaches further than 65,536 m from its corner, which a .glb cannot hold exactly"};
+    tinygltf::Node node;
+    node.translation = {metres(address.x() - corner_.x), 0.0, metres(address.z() - corner_.z)};
+    node.extras = tinygltf::Value(tinygltf::Value::Object{{"level", number(address.level)},
+                                                          {"i", number(address.i)},
+                                                          {"j", number(address.j)},
+                                                          {"side", tinygltf::Value(metres(address.side()))}});
+    if (!leaf.mesh->triangles.empty()) {
+      tinygltf::Mesh mesh;
+      mesh.primitives.push_back(primitiveOf(leaf));
+      model_.meshes.push_back(std::move(mesh));
+      node.mesh = static_cast<int>(model_.meshes.size() - 1);
+    }
+    scene_.nodes.push_back(static_cast<int>(model_.nodes.size()));
+    model_.nodes.push_back(std::move(node));
+    std::size_t bytes = compressed_.size();
+    for (const Store& s : stores_) bytes += s.bytes.size();
+    if (bytes > kMostBytes) return Error{"the mesh is larger than the 4 GiB that a .glb can hold: ask for less"};
+    return {};
+  }
+
+  tinygltf::Primitive primitiveOf(const Leaf& leaf) {
+    tinygltf::Primitive primitive;
+    primitive.mode = TINYGLTF_MODE_TRIANGLES;
+    primitive.material = 0;
+    std::optional<DracoPrimitive> draco;
+    if (compression_ == Compression::kDraco) draco = compress(leaf);
+    if (!draco) {
+      addPlain(leaf, primitive);
+      return primitive;
+    }
+    tinygltf::BufferView view;
+    view.buffer = 0;
+    view.byteOffset = compressed_.size();
+    view.byteLength = draco->bytes.size();
+    compressed_.insert(compressed_.end(), draco->bytes.begin(), draco->bytes.end());
+    compressed_.resize((compressed_.size() + 3) / 4 * 4);
+    model_.bufferViews.push_back(std::move(view));
+    const auto described = [&](int type, int component, std::size_t count) {
+      tinygltf::Accessor accessor;
+      accessor.type = type;
+      accessor.componentType = component;
+      accessor.count = count;
+      return accessor;
+    };
+    tinygltf::Accessor positions = described(TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT, draco->points);
+    bound(*leaf.mesh, positions);
+    tinygltf::Value::Object ids;
+    const auto attribute = [&](const char* name, int id, tinygltf::Accessor accessor) {
+      if (id < 0) return;
+      primitive.attributes[name] = addAccessor(std::move(accessor));
+      ids[name] = tinygltf::Value(id);
+    };
+    attribute("POSITION", draco->position, std::move(positions));
+    attribute("NORMAL", draco->normal, described(TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT, draco->points));
+    attribute("COLOR_0", draco->colour, described(TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT, draco->points));
+    primitive.indices = addAccessor(described(TINYGLTF_TYPE_SCALAR, indexType(draco->points), std::size_t{3} * draco->triangles));
+    primitive.extensions[kDraco] = tinygltf::Value(tinygltf::Value::Object{
+        {"bufferView", tinygltf::Value(static_cast<int>(model_.bufferViews.size() - 1))}, {"attributes", tinygltf::Value(std::move(ids))}});
+    return primitive;
+  }
+
+  static int indexType(std::size_t vertices) {  // 65535 itself is glTF's primitive restart
+    return vertices < 65535 ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT : TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
+  }
+
+  static void bound(const mesh::LeafMesh& leaf, tinygltf::Accessor& accessor) {
+    std::vector<double> low(3, std::numeric_limits<double>::max()), high(3, std::numeric_limits<double>::lowest());
+    for (const mesh::LocalVertex& v : leaf.vertices) {
+      const double p[3] = {metres(v.x), metres(v.y), metres(v.z)};
+      for (std::size_t c = 0; c < 3; ++c) {
+        low[c] = std::min(low[c], p[c]);
+        high[c] = std::max(high[c], p[c]);
+      }
+    }
+    accessor.minValues = std::move(low);
+    accessor.maxValues = std::move(high);
+  }
+
+  void addPlain(const Leaf& leaf, tinygltf::Primitive& primitive) {
+    std::vector<float> positions;
+    positions.reserve(leaf.mesh->vertices.size() * 3);
+    for (const mesh::LocalVertex& v : leaf.mesh->vertices)
+      for (const std::int32_t steps : {v.x, v.y, v.z}) positions.push_back(static_cast<float>(metres(steps)));
+    tinygltf::Accessor accessor = stored(kPositions, stores_[kPositions].add(positions.data(), positions.size()), TINYGLTF_TYPE_VEC3,
+                                         TINYGLTF_COMPONENT_TYPE_FLOAT, leaf.mesh->vertices.size());
+    bound(*leaf.mesh, accessor);
+    primitive.attributes["POSITION"] = addAccessor(std::move(accessor));
+    if (!leaf.normals.empty())
+      primitive.attributes["NORMAL"] = addAccessor(stored(kNormals, stores_[kNormals].add(leaf.normals.data(), leaf.normals.size()),
+                                                          TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT, leaf.normals.size()));
+    if (!leaf.colours.empty()) {
+      std::vector<std::array<std::uint16_t, 4>> padded;
+      padded.reserve(leaf.colours.size());
+      for (const auto& c : leaf.colours) padded.push_back({c[0], c[1], c[2], 0});
+      tinygltf::Accessor colours = stored(kColours, stores_[kColours].add(padded.data(), padded.size()), TINYGLTF_TYPE_VEC3,
+                                          TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, padded.size());
+      colours.normalized = true;
+      primitive.attributes["COLOR_0"] = addAccessor(std::move(colours));
+    }
+    const std::size_t count = leaf.mesh->triangles.size() * 3;
+    if (indexType(leaf.mesh->vertices.size()) == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT) {
+      std::vector<std::uint16_t> indices;
+      indices.reserve(count);
+      for (const mesh::Triangle& t : leaf.mesh->triangles)
+        for (const std::uint32_t index : t) indices.push_back(static_cast<std::uint16_t>(index));
+      primitive.indices = addAccessor(
+          stored(kShort, stores_[kShort].add(indices.data(), count), TINYGLTF_TYPE_SCALAR, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, count));
+    } else {
+      primitive.indices = addAccessor(stored(kLong, stores_[kLong].add(leaf.mesh->triangles.data(), leaf.mesh->triangles.size()),
+                                             TINYGLTF_TYPE_SCALAR, TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, count));
+    }
+  }
+
+  // The buffer view is known once everything is stored: until then the accessor names -2 - store.
+  tinygltf::Accessor stored(int store, std::size_t at, int type, int component, std::size_t count) {
+    tinygltf::Accessor accessor;
+    accessor.bufferView = -2 - store;
+    accessor.byteOffset = at;
+    accessor.type = type;
+    accessor.componentType = component;
+    accessor.count = count;
+    return accessor;
+  }
+
+  int addAccessor(tinygltf::Accessor accessor) {
+    model_.accessors.push_back(std::move(accessor));
+    return static_cast<int>(model_.accessors.size() - 1);
+  }
+
+  void addCamera() {
+    if (!document_.camera) return;
+    const auto& [pose, projection] = *document_.camera;
+    tinygltf::Camera camera;
+    camera.type = "perspective";
+    camera.perspective.yfov = projection.verticalFov;
+    camera.perspective.aspectRatio = projection.aspect();
+    camera.perspective.znear = kNear;
+    camera.perspective.zfar = kFar;
+    model_.cameras.push_back(std::move(camera));
+    tinygltf::Node node;
+    node.name = "camera";
+    node.camera = 0;
+    node.translation = {metres(pose.x - corner_.x) + pose.remainderX * lattice::kMetresPerStep, pose.y,
+                        metres(pose.z - corner_.z) + pose.remainderZ * lattice::kMetresPerStep};
+    const double yaw = std::remainder(pose.yaw, 2 * 3.14159265358979323846) / 2, pitch = pose.pitch / 2;
+    node.rotation = {std::cos(yaw) * std::sin(pitch), std::sin(yaw) * std::cos(pitch), -std::sin(yaw) * std::sin(pitch),
+                     std::cos(yaw) * std::cos(pitch)};
+    model_.nodes.push_back(std::move(node));
+  }
+
+  void finish() {
+    std::vector<unsigned char> data = std::move(compressed_);
+    for (Store& s : stores_) {
+      if (s.bytes.empty()) continue;
+      tinygltf::BufferView view;
+      view.buffer = 0;
+      view.byteOffset = data.size();
+      view.byteLength = s.bytes.size();
+      view.byteStride = s.stride;
+      view.target = s.stride ? TINYGLTF_TARGET_ARRAY_BUFFER : TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER;
+      data.insert(data.end(), s.bytes.begin(), s.bytes.end());
+      s.bytes = {};
+      s.view = static_cast<int>(model_.bufferViews.size());
+      model_.bufferViews.push_back(std::move(view));
+    }
+    for (tinygltf::Accessor& a : model_.accessors)
+      if (a.bufferView <= -2) a.bufferView = stores_[static_cast<std::size_t>(-2 - a.bufferView)].view;
+    if (!model_.meshes.empty()) {  // glTF knows no empty buffers, meshes or materials
+      model_.buffers.emplace_back();
+      model_.buffers[0].data = std::move(data);
+      tinygltf::Material material;
+      material.name = "terrain";
+      const bool coloured = std::ranges::any_of(document_.leaves, [](const Leaf& leaf) { return !leaf.colours.empty(); });
+      const double grey = coloured ? 1.0 : 0.5;  // rock, until someone brings their own
+      material.pbrMetallicRoughness.baseColorFactor = {grey, grey, grey, 1.0};
+      material.pbrMetallicRoughness.metallicFactor = 0;
+      material.pbrMetallicRoughness.roughnessFactor = 1;
+      model_.materials.push_back(std::move(material));
+      if (std::ranges::any_of(model_.meshes, [](const tinygltf::Mesh& m) { return m.primitives[0].extensions.contains(kDraco); }))
+        model_.extensionsUsed = model_.extensionsRequired = {kDraco};
+    }
+    model_.scenes.push_back(std::move(scene_));
+    if (document_.camera) {
+      tinygltf::Scene second;
+      second.name = "camera";
+      second.nodes.push_back(static_cast<int>(model_.nodes.size() - 1));
+      model_.scenes.push_back(std::move(second));
+    }
+    model_.defaultScene = 0;
+  }
+
+  const Document& document_;
+  const Compression compression_;
+  lattice::Point corner_;
+  tinygltf::Model model_;
+  tinygltf::Scene scene_;
+  std::array<Store, kStores> stores_;
+  std::vector<unsigned char> compressed_;
+};
+
+}  // namespace
+
+Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop) {
+  return Writer(document, compression).write(stop);
+}
+
+}  // namespace ridgecast::gltf

@@ -1,0 +1,50 @@
+#pragma once
+// A mesh of leaves as one binary glTF file (.glb), plain or compressed by Draco.
+//
+// One glTF node a leaf, empty ones included (those have no mesh):
+//   node.extras        {level, i, j, side}: the leaf's address, side in metres
+//   node.translation   the leaf's corner (least x and z, y 0) in metres relative to the corner of the file's 4,096 m cell
+//   POSITION           metres relative to that corner; all are multiples of 1/256 m and exact in a float, compressed or not
+//   NORMAL             unit; compressed: within half a degree
+//   COLOR_0            linear, 16 bits; compressed: 8 bits (see kColourBits)
+//   asset.extras       cellX, cellZ (the cell, integers: metres / 4,096), latticeStep (metres) and what the caller adds
+// Triangles are counter-clockwise seen from above. A camera is the only node of a scene of its own, the second one, so that the nodes of
+// the first have translations alone; its rotation is yaw, then pitch. Equal documents give equal bytes. Pure functions; any thread.
+// tinygltf stays in glb.cpp, Draco in draco_primitive.cpp.
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "common/camera/camera.h"
+#include "common/lattice/lattice.h"
+#include "common/mesh/leaf_mesh.h"
+#include "common/outcome/outcome.h"
+
+namespace ridgecast::gltf {
+
+inline constexpr int kColourBits = 8;  // of a channel where Draco compresses
+
+enum class Compression { kNone, kDraco };
+
+struct Leaf {
+  const mesh::LeafMesh* mesh = nullptr;               // canonical; lives as long as the document
+  std::vector<std::array<float, 3>> normals;          // of every vertex, or none
+  std::vector<std::array<std::uint16_t, 3>> colours;  // linear, 65535 is 1; of every vertex, or none
+};
+
+struct Document {
+  lattice::Point origin;  // the file's cell is the one that holds it
+  std::vector<Leaf> leaves;
+  std::optional<camera::Camera> camera;
+  std::string extras = "{}";  // JSON object, added to asset.extras
+};
+
+// Errors: the mesh is too large for a .glb (4 GiB), a leaf's coordinates are not exact in a float (they reach 65 km), or `stop` was
+// requested.
+Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop = {});
+
+}  // namespace ridgecast::gltf

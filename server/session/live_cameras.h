@@ -1,0 +1,49 @@
+#pragma once
+// The cameras of a session by their number, for who wants to look at what one of them holds. Any thread.
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <unordered_map>
+#include <vector>
+
+#include "common/mesh/leaf_mesh.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::session {
+
+class CameraSession;
+
+// The mesh of a camera as one of its iterations left it: what its client holds when it has applied that iteration.
+struct HeldMesh {
+  std::uint64_t iteration = 0, meshHash = 0;
+  camera::Camera camera;
+  wire::Settings settings;                // as granted
+  double effectiveThreshold = 0;
+  std::vector<mesh::LeafMesh> leaves;     // in canonical order of address, empty ones included
+};
+using Hold = std::function<void(std::shared_ptr<const HeldMesh>)>;
+
+class LiveCameras {
+ public:
+  void add(std::uint64_t id, std::weak_ptr<CameraSession> camera) {
+    const std::lock_guard lock(mutex_);
+    cameras_[id] = std::move(camera);
+  }
+  void remove(std::uint64_t id) {
+    const std::lock_guard lock(mutex_);
+    cameras_.erase(id);
+  }
+  std::shared_ptr<CameraSession> find(std::uint64_t id) const {  // none: nullptr
+    const std::lock_guard lock(mutex_);
+    const auto it = cameras_.find(id);
+    return it == cameras_.end() ? nullptr : it->second.lock();
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::unordered_map<std::uint64_t, std::weak_ptr<CameraSession>> cameras_;
+};
+
+}  // namespace ridgecast::session

@@ -1,0 +1,138 @@
+#include "server/snapshot/attributes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+namespace ridgecast::snapshot {
+namespace {
+
+using lattice::Step;
+using Float3 = std::array<float, 3>;
+
+using Colours = std::function<void(const Step*, const Step*, const float*, const Float3*, float, Float3*, std::size_t, std::uint32_t)>;
+template <class T>
+Colours coloursIn(const T& terrain) {
+  if constexpr (requires { terrain.colours(); })
+    return terrain.colours();
+  else
+    return {};
+}
+
+constexpr int kFinest = -1, kWidest = 9;  // widths a vertex stands for, as powers of two in metres
+constexpr std::size_t kBatch = 1024;
+
+// A vertex wherever leaves hold it.
+struct Shared {
+  Step x = 0, z = 0;
+  std::int32_t y = 0;  // steps
+  std::int8_t width = kFinest;
+  double area = 0;  // of its triangles, square steps, twice
+};
+
+struct Corner {
+  Step x, z;
+  std::uint32_t leaf, vertex;
+};
+
+std::vector<Shared> gather(const std::vector<gltf::Leaf>& leaves, std::vector<std::vector<std::uint32_t>>& indices) {
+  std::vector<Corner> corners;
+  indices.resize(leaves.size());
+  for (std::uint32_t l = 0; l < leaves.size(); ++l) {
+    const mesh::LeafMesh& mesh = *leaves[l].mesh;
+    indices[l].resize(mesh.vertices.size());
+    for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v)
+      corners.push_back({mesh.address.x() + mesh.vertices[v].x, mesh.address.z() + mesh.vertices[v].z, l, v});
+  }
+  std::sort(corners.begin(), corners.end(), [](const Corner& a, const Corner& b) { return a.x != b.x ? a.x < b.x : a.z < b.z; });
+  std::vector<Shared> out;
+  for (const Corner& c : corners) {
+    if (out.empty() || out.back().x != c.x || out.back().z != c.z)
+      out.push_back({c.x, c.z, leaves[c.leaf].mesh->vertices[c.vertex].y, kFinest, 0});
+    indices[c.leaf][c.vertex] = static_cast<std::uint32_t>(out.size() - 1);
+  }
+  for (std::uint32_t l = 0; l < leaves.size(); ++l) {
+    const mesh::LeafMesh& mesh = *leaves[l].mesh;
+    for (const mesh::Triangle& t : mesh.triangles) {
+      const auto &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
+      const double area = std::abs((double(b.z) - a.z) * (double(c.x) - a.x) - (double(b.x) - a.x) * (double(c.z) - a.z));
+      for (const std::uint32_t v : t) out[indices[l][v]].area += area;
+    }
+  }
+  for (Shared& v : out) {  // a vertex has six triangles and a share of a third in each: the square of the width is their area / 6 * 2
+    const double metres = std::sqrt(v.area / 6) * lattice::kMetresPerStep;
+    v.width = static_cast<std::int8_t>(std::clamp(std::ilogb(std::max(metres, 0.01)), kFinest, kWidest));
+  }
+  return out;
+}
+
+// The slope between neighbours a quarter of the width away on each side.
+void normalsOf(const terrain::Terrain& terrain, const Shared* v, std::size_t n, Float3* out) {
+  std::vector<Step> x, z;
+  for (std::size_t k = 0; k < n; ++k) {
+    const Step reach = Step{1} << (lattice::kStepBits + v[k].width - 1);
+    for (const auto& [dx, dz] : {std::pair{-reach, Step{0}}, {reach, Step{0}}, {Step{0}, -reach}, {Step{0}, reach}}) {
+      x.push_back(v[k].x + dx);
+      z.push_back(v[k].z + dz);
+    }
+  }
+  std::vector<float> h(x.size());
+  terrain.heights(x, z, h);
+  for (std::size_t k = 0; k < n; ++k) {
+    const double reach = std::ldexp(1.0, v[k].width - 1), nx = h[4 * k] - h[4 * k + 1], nz = h[4 * k + 2] - h[4 * k + 3], ny = 2 * reach;
+    const double length = std::sqrt(nx * nx + ny * ny + nz * nz);
+    out[k] = {static_cast<float>(nx / length), static_cast<float>(ny / length), static_cast<float>(nz / length)};
+  }
+}
+
+void coloursOf(const terrain::Terrain& terrain, const Colours& colours, const Shared* v, std::size_t n, const Float3* normals,
+               std::array<std::uint16_t, 3>* out) {
+  for (int width = kFinest; width <= kWidest; ++width) {
+    std::vector<std::size_t> which;
+    std::vector<Step> x, z;
+    std::vector<float> height;
+    std::vector<Float3> normal;
+    for (std::size_t k = 0; k < n; ++k) {
+      if (v[k].width != width) continue;
+      which.push_back(k);
+      x.push_back(v[k].x);
+      z.push_back(v[k].z);
+      height.push_back(static_cast<float>(v[k].y * lattice::kMetresPerStep));
+      normal.push_back(normals[k]);
+    }
+    if (which.empty()) continue;
+    std::vector<Float3> made(which.size());
+    colours(x.data(), z.data(), height.data(), normal.data(), static_cast<float>(std::ldexp(1.0, width)), made.data(), made.size(),
+            terrain.seed());
+    for (std::size_t k = 0; k < which.size(); ++k)
+      for (std::size_t c = 0; c < 3; ++c)
+        out[which[k]][c] = made[k][c] > 0 ? static_cast<std::uint16_t>(std::min(made[k][c], 1.0f) * 65535.0f + 0.5f) : std::uint16_t{0};
+  }
+}
+
+}  // namespace
+
+bool addAttributes(const terrain::Terrain& terrain, bool normals, bool wantsColours, std::vector<gltf::Leaf>& leaves,
+                   scheduling::Pool& pool, const Watch& watch) {
+  const Colours colours = wantsColours ? coloursIn(terrain) : Colours();
+  if (!normals && !colours) return true;
+  std::vector<std::vector<std::uint32_t>> indices;
+  const std::vector<Shared> vertices = gather(leaves, indices);
+  std::vector<Float3> normal(vertices.size());
+  std::vector<std::array<std::uint16_t, 3>> colour(colours ? vertices.size() : 0);
+  pool.forEach((vertices.size() + kBatch - 1) / kBatch, 1, [&](std::size_t k) {
+    if (watch.over()) return;
+    const std::size_t begin = k * kBatch, n = std::min(kBatch, vertices.size() - begin);
+    normalsOf(terrain, &vertices[begin], n, &normal[begin]);
+    if (colours) coloursOf(terrain, colours, &vertices[begin], n, &normal[begin], &colour[begin]);
+  });
+  if (watch.over()) return false;
+  for (std::size_t l = 0; l < leaves.size(); ++l)
+    for (const std::uint32_t v : indices[l]) {
+      if (normals) leaves[l].normals.push_back(normal[v]);
+      if (colours) leaves[l].colours.push_back(colour[v]);
+    }
+  return true;
+}
+
+}  // namespace ridgecast::snapshot

@@ -1,0 +1,224 @@
+#include "server/snapshot/question.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <numbers>
+#include <optional>
+
+namespace ridgecast::snapshot {
+namespace {
+
+constexpr std::size_t kMostParameters = 32;
+constexpr double kMostMetres = 4e12;
+constexpr double kRadians = std::numbers::pi / 180;
+
+int digit(char c) {
+  return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+}
+
+std::optional<std::string> decoded(std::string_view raw) {
+  std::string out;
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    if (raw[k] != '%') {
+      out += raw[k] == '+' ? ' ' : raw[k];
+      continue;
+    }
+    const int high = k + 1 < raw.size() ? digit(raw[k + 1]) : -1, low = k + 2 < raw.size() ? digit(raw[k + 2]) : -1;
+    if (high < 0 || low < 0) return std::nullopt;
+    out += static_cast<char>(high * 16 + low);
+    k += 2;
+  }
+  return out;
+}
+
+std::string text(double v) {
+  char out[40];
+  std::snprintf(out, sizeof out, "%.12g", v);
+  return out;
+}
+
+// Anything can stand in a URL: only what is harmless is repeated.
+std::string quoted(std::string_view text) {
+  std::string out = "'";
+  for (const char c : text.substr(0, 40)) out += c >= ' ' && c <= '~' && c != '\'' && c != '\\' ? c : '?';
+  return out + (text.size() > 40 ? "...'" : "'");
+}
+
+class Parameters {
+ public:
+  Outcome<void> read(std::string_view query) {
+    while (!query.empty()) {
+      const auto end = std::min(query.find('&'), query.size());
+      const std::string_view part = query.substr(0, end);
+      query.remove_prefix(std::min(end + 1, query.size()));
+      if (part.empty()) continue;
+      const auto equals = std::min(part.find('='), part.size());
+      const auto name = decoded(part.substr(0, equals)), value = decoded(part.substr(std::min(equals + 1, part.size())));
+      if (!name || !value) return Error{"The query has a % that two hexadecimal digits do not follow."};
+      if (values_.size() >= kMostParameters)
+        return Error{"The query has more than " + std::to_string(kMostParameters) + " parameters, the most there may be."};
+      if (!values_.emplace(*name, *value).second) return Error{"The query says " + quoted(*name) + " twice; say it once."};
+    }
+    return {};
+  }
+
+  bool has(const char* name) const { return values_.contains(name); }
+
+  std::optional<std::string> take(const char* name) {
+    const auto it = values_.find(name);
+    if (it == values_.end()) return std::nullopt;
+    std::string value = std::move(it->second);
+    values_.erase(it);
+    return value;
+  }
+
+  // A number within its range; `otherwise` where it is missing, and without that, an error. Once something was wrong, all is.
+  double number(const char* name, double low, double high, const char* unit, std::optional<double> otherwise = {}) {
+    const auto value = take(name);
+    if (!value) {
+      if (!otherwise) refuse("The query lacks '" + std::string(name) + "', a number from " + text(low) + " to " + text(high) + unit + ".");
+      return otherwise.value_or(low);
+    }
+    double v = 0;
+    const char* end = value->data() + value->size();
+    const auto [stopped, failed] = std::from_chars(value->data(), end, v);
+    if (failed != std::errc() || stopped != end || !(v >= low && v <= high)) {
+      refuse("'" + std::string(name) + "' is " + quoted(*value) + "; it must be a number from " + text(low) + " to " + text(high) + unit +
+             ".");
+      return low;
+    }
+    return v;
+  }
+
+  std::uint64_t whole(const char* name, std::uint64_t low, std::uint64_t high, const char* unit,
+                      std::optional<std::uint64_t> otherwise = {}) {
+    const auto value = take(name);
+    if (!value && otherwise) return *otherwise;
+    std::uint64_t v = 0;
+    const char* end = value ? value->data() + value->size() : nullptr;
+    if (value) {
+      const auto [stopped, failed] = std::from_chars(value->data(), end, v);
+      if (failed == std::errc() && stopped == end && v >= low && v <= high) return v;
+    }
+    refuse("'" + std::string(name) + "' is " + quoted(value.value_or("")) + "; it must be a whole number from " + std::to_string(low) +
+           " to " + std::to_string(high) + unit + ".");
+    return low;
+  }
+
+  bool flag(const char* name) {
+    const auto value = take(name);
+    if (!value || *value == "1") return true;
+    if (*value != "0") refuse("'" + std::string(name) + "' is " + quoted(*value) + "; it must be 0 or 1.");
+    return false;
+  }
+
+  void refuse(std::string sentence) {
+    if (!error_) error_ = Error{std::move(sentence)};
+  }
+  std::optional<Error> finish() {
+    if (!error_ && !values_.empty())
+      refuse(
+          "The query says " + quoted(values_.begin()->first) +
+          ", which does not belong here. A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, or of "
+          "x0, z0, x1, z1, error; with compression, normals and colours.");
+    return error_;
+  }
+
+ private:
+  std::map<std::string, std::string> values_;
+  std::optional<Error> error_;
+};
+
+lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre)); }
+
+OfPose poseOf(Parameters& p, const Limits& limits) {
+  OfPose out;
+  const auto place = [&](const char* name, lattice::Step& whole) { whole = steps(p.number(name, -kMostMetres, kMostMetres, " m")); };
+  place("x", out.camera.pose.x);
+  place("z", out.camera.pose.z);
+  out.aboveGround = !p.has("y");
+  if (!out.aboveGround && p.has("altitude")) p.refuse("The query says both 'y' and 'altitude'; say one of them.");
+  out.camera.pose.y = out.aboveGround ? p.number("altitude", -1'000, 100'000, " m") : p.number("y", -131'000, 200'000, " m");
+  out.camera.pose.yaw = p.number("yaw", -360, 360, " degrees") * kRadians;
+  out.camera.pose.pitch = p.number("pitch", -90, 90, " degrees") * kRadians;
+  out.camera.projection.verticalFov = p.number("fov", 1, 170, " degrees", 60) * kRadians;
+  out.camera.projection.width = static_cast<std::uint32_t>(p.whole("width", 16, 16'384, " pixels", 1280));
+  out.camera.projection.height = static_cast<std::uint32_t>(p.whole("height", 16, 16'384, " pixels", 720));
+  out.threshold = p.number("threshold", limits.leastThreshold, limits.mostThreshold, " pixels", 0.6);
+  return out;
+}
+
+OfBox boxOf(Parameters& p, const Limits& limits) {
+  OfBox out;
+  double corner[4];
+  const char* names[4] = {"x0", "z0", "x1", "z1"};
+  for (int k = 0; k < 4; ++k) corner[k] = p.number(names[k], -kMostMetres, kMostMetres, " m");
+  out.error = p.number("error", limits.leastError, limits.mostError, " m");
+  for (int k = 0; k < 2; ++k) {
+    const double side = corner[k + 2] - corner[k];
+    if (!(side >= 1 && side <= limits.boxSide))
+      p.refuse("The box is " + text(side) + " m wide from " + names[k] + " to " + names[k + 2] + "; it must be 1 to " +
+               text(limits.boxSide) + " m.");
+  }
+  out.low = {steps(corner[0]), steps(corner[1])};
+  out.high = {steps(corner[2]), steps(corner[3])};
+  return out;
+}
+
+}  // namespace
+
+Outcome<Question> parse(std::string_view query, const Limits& limits) {
+  Parameters p;
+  if (auto read = p.read(query); !read) return read.error();
+  Question out;
+  if (const auto value = p.take("compression")) {
+    if (*value == "draco")
+      out.compression = gltf::Compression::kDraco;
+    else if (*value != "none")
+      p.refuse("'compression' is " + quoted(*value) + "; it must be draco or none.");
+  }
+  out.normals = p.flag("normals");
+  out.colours = p.flag("colours");
+  if (p.has("camera"))
+    out.of = OfCamera{p.whole("camera", 1, ~std::uint64_t{0}, "")};
+  else if (p.has("x0") || p.has("z0") || p.has("x1") || p.has("z1"))
+    out.of = boxOf(p, limits);
+  else
+    out.of = poseOf(p, limits);
+  if (auto error = p.finish()) return *error;
+  return out;
+}
+
+std::string canonical(const Question& q) {
+  std::string out = q.compression == gltf::Compression::kDraco ? "draco" : "none";
+  out += q.normals ? " normals" : "";
+  out += q.colours ? " colours" : "";
+  const auto add = [&](auto v) { out += ' ' + std::to_string(v); };
+  const auto addExact = [&](double v) {  // every double has one shortest spelling
+    char buffer[32];
+    const auto end = std::to_chars(buffer, buffer + sizeof buffer, v).ptr;
+    out.append(" ").append(buffer, end);
+  };
+  if (const auto* camera = std::get_if<OfCamera>(&q.of)) {
+    out += " camera";
+    add(camera->id);
+  } else if (const auto* pose = std::get_if<OfPose>(&q.of)) {
+    out += pose->aboveGround ? " above" : " pose";
+    const camera::Pose& p = pose->camera.pose;
+    add(p.x);
+    add(p.z);
+    for (const double v : {p.y, p.yaw, p.pitch, pose->camera.projection.verticalFov, pose->threshold}) addExact(v);
+    add(pose->camera.projection.width);
+    add(pose->camera.projection.height);
+  } else if (const auto* box = std::get_if<OfBox>(&q.of)) {
+    out += " box";
+    for (const lattice::Step v : {box->low.x, box->low.z, box->high.x, box->high.z}) add(v);
+    addExact(box->error);
+  }
+  return out;
+}
+
+}  // namespace ridgecast::snapshot

@@ -1,0 +1,245 @@
+#include "server/snapshot/snapshot.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <condition_variable>
+#include <cstdio>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <thread>
+#include <utility>
+
+#include "server/pipeline/pipeline.h"
+#include "server/session/camera_session.h"
+#include "server/snapshot/attributes.h"
+#include "server/snapshot/box_mesh.h"
+#include "server/terrain/declaration.h"
+
+namespace ridgecast::snapshot {
+
+using Json = nlohmann::json;
+
+namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+constexpr int kVersion = 1;  // part of the ETag: change it when the same question gives another file
+
+double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+
+std::string hexadecimal(std::uint64_t v) {
+  char out[17];
+  std::snprintf(out, sizeof out, "%016llx", static_cast<unsigned long long>(v));
+  return out;
+}
+
+std::string text(double v) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%.3g", v);
+  return out;
+}
+
+double shortened(double v) { return std::round(v * 1e9) / 1e9; }  // degrees that came as degrees
+
+Json describe(const camera::Camera& c, const terrain::Terrain& terrain) {
+  const double ground = terrain.height({c.pose.x, c.pose.z});
+  return {{"x", metres(c.pose.x)},
+          {"z", metres(c.pose.z)},
+          {"y", c.pose.y},
+          {"altitude", c.pose.y - ground},
+          {"yaw", shortened(std::remainder(c.pose.yaw, 2 * std::numbers::pi) * kDegrees)},
+          {"pitch", shortened(c.pose.pitch * kDegrees)},
+          {"fov", shortened(c.projection.verticalFov * kDegrees)},
+          {"width", c.projection.width},
+          {"height", c.projection.height}};
+}
+
+Json parametersOf(const terrain::Terrain& terrain) {
+  Json out = Json::object();
+  if (const auto declaration = user_terrain::readDeclaration(terrain.name(), terrain.source()))
+    for (const user_terrain::Parameter& p : declaration->parameters) out[p.name] = p.value;
+  return out;
+}
+
+// What all kinds of snapshots come to.
+struct Made {
+  std::vector<mesh::LeafMesh> own;
+  std::shared_ptr<const session::HeldMesh> held;  // or these
+  lattice::Point origin;
+  std::optional<camera::Camera> camera;
+  Json extras;
+  const std::vector<mesh::LeafMesh>& leaves() const { return held ? held->leaves : own; }
+};
+
+Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const Watch& watch) {
+  const Problem none{Problem::Kind::kNotThere,
+                     "Session '" + session.name() + "' has no camera " + std::to_string(of.id) +
+                         " that holds a mesh; a client learns the number of its camera from the world it is sent."};
+  const auto camera = session.live().find(of.id);
+  if (!camera) return none;
+  struct Waiting {
+    std::mutex mutex;
+    std::condition_variable_any come;
+    std::shared_ptr<const session::HeldMesh> mesh;
+    bool done = false;
+  };
+  const auto waiting = std::make_shared<Waiting>();
+  const bool taken = camera->hold([waiting](std::shared_ptr<const session::HeldMesh> mesh) {
+    const std::lock_guard lock(waiting->mutex);
+    waiting->mesh = std::move(mesh);
+    waiting->done = true;
+    waiting->come.notify_all();
+  });
+  if (!taken) return none;
+  std::unique_lock lock(waiting->mutex);
+  waiting->come.wait_until(lock, watch.stop, watch.deadline, [&] { return waiting->done; });
+  if (!waiting->done) return watch.problem();
+  if (!waiting->mesh) return none;
+  Made out;
+  out.held = waiting->mesh;
+  const session::HeldMesh& held = *out.held;
+  out.camera = held.camera;
+  out.origin = {held.camera.pose.x, held.camera.pose.z};
+  out.extras = {{"of", "camera"},
+                {"camera", {{"id", of.id}, {"iteration", held.iteration}, {"meshHash", hexadecimal(held.meshHash)}}},
+                {"pose", describe(held.camera, *session.terrain())},
+                {"error",
+                 {{"unit", held.settings.metric == wire::Metric::kThesis ? "thesis" : "pixels"},
+                  {"asked", held.settings.threshold},
+                  {"kept", held.effectiveThreshold}}}};
+  return out;
+}
+
+Result<Made> ofPose(const session::Session& session, const OfPose& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+                    const Watch& watch) {
+  Made out;
+  camera::Camera camera = of.camera;
+  if (of.aboveGround) camera.pose.y += session.terrain()->height({camera.pose.x, camera.pose.z});
+  if (!camera::isValid(camera))
+    return Problem{Problem::Kind::kTooMuch, "This pose lies outside what there is: up to 4e12 m from the origin and 200 km high."};
+  pipeline::Limits budget;
+  budget.defaultBudget = budget.maxBudget = limits.triangles;
+  wire::Settings asked;
+  asked.metric = wire::Metric::kPixels;
+  asked.threshold = of.threshold;
+  pipeline::Pipeline pipeline(session.terrain(), pipeline::grant(asked, budget), pool);
+  wire::Figures figures;
+  do {
+    if (watch.over()) return watch.problem();
+    figures = pipeline.iterate(camera);
+    if (figures.effectiveThreshold > of.threshold * 1.0001)
+      return Problem{Problem::Kind::kTooMuch, "This pose at a threshold of " + text(of.threshold) + " pixels takes more than " +
+                                                  std::to_string(limits.triangles) + " triangles, the most there may be; a threshold of " +
+                                                  text(of.threshold * 2) + " pixels takes about a third of them."};
+  } while (!pipeline.settled());
+  const auto& leaves = pipeline.leaves();
+  out.own.resize(leaves.size());
+  pool->forEach(leaves.size(), 8, [&](std::size_t k) { out.own[k] = pipeline.extract(leaves[k].address); });
+  out.camera = camera;
+  out.origin = {camera.pose.x, camera.pose.z};
+  out.extras = {{"of", "pose"},
+                {"pose", describe(camera, *session.terrain())},
+                {"error", {{"unit", "pixels"}, {"asked", of.threshold}, {"kept", figures.effectiveThreshold}}}};
+  return out;
+}
+
+Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+                   const Watch& watch) {
+  auto box = meshBox(*session.terrain(), of, limits.triangles, *pool, watch);
+  if (!box) return box.error();
+  Made out;
+  out.own = std::move(box->leaves);
+  out.origin = box->low;
+  out.extras = {{"of", "box"},
+                {"box", {{"x0", metres(box->low.x)}, {"z0", metres(box->low.z)}, {"x1", metres(box->high.x)}, {"z1", metres(box->high.z)}}},
+                {"error", {{"unit", "metres"}, {"asked", of.error}, {"kept", box->error}, {"samples", box->samples}}}};
+  return out;
+}
+
+}  // namespace
+
+Problem Watch::problem() const {
+  if (stop.stop_requested()) return {Problem::Kind::kStopped, "Nobody waits for this snapshot any more."};
+  return {Problem::Kind::kTooSlow,
+          "This snapshot was not ready after " + text(seconds) +
+              " seconds, the most that one may take; ask again when the server has less to do, or for less: a larger "
+              "threshold or error, a smaller box."};
+}
+
+Snapshots::Snapshots(const Limits& limits, unsigned threads)
+    : limits_(limits), machine_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), kNiceness) {}
+
+Result<Snapshot> Snapshots::take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop) {
+  const auto start = std::chrono::steady_clock::now();
+  const Watch watch{stop,
+                    start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(limits_.seconds)),
+                    limits_.seconds};
+  const auto pool = machine_.makePool(machine_.threads());
+  Result<Made> made = Problem{};
+  if (const auto* camera = std::get_if<OfCamera>(&question.of))
+    made = ofCamera(session, *camera, watch);
+  else if (const auto* pose = std::get_if<OfPose>(&question.of))
+    made = ofPose(session, *pose, limits_, pool, watch);
+  else
+    made = ofBox(session, std::get<OfBox>(question.of), limits_, pool, watch);
+  if (!made) return made.error();
+
+  const terrain::Terrain& terrain = *session.terrain();
+  gltf::Document document;
+  std::uint64_t triangles = 0, vertices = 0;
+  for (const mesh::LeafMesh& leaf : made->leaves()) {
+    triangles += leaf.triangles.size();
+    vertices += leaf.vertices.size();
+    document.leaves.push_back({&leaf, {}, {}});
+  }
+  if (triangles > limits_.triangles)
+    return Problem{Problem::Kind::kTooMuch, "This camera holds " + std::to_string(triangles) + " triangles; a snapshot may have at most " +
+                                                std::to_string(limits_.triangles) + "."};
+  Json& extras = made->extras;
+  extras["session"] = session.name();
+  extras["terrain"] = terrain.name();
+  extras["seed"] = terrain.seed();
+  extras["parameters"] = parametersOf(terrain);
+  extras["contentHash"] = hexadecimal(session.contentHash());
+  extras["leaves"] = document.leaves.size();
+  extras["triangles"] = triangles;
+  extras["vertices"] = vertices;
+  Snapshot out;
+  out.name = "ridgecast-" + std::string(terrain.name()) + "-" + extras["of"].get<std::string>();
+  if (metadataOnly) {
+    extras["cellX"] = made->origin.x >> lattice::kCellBits;
+    extras["cellZ"] = made->origin.z >> lattice::kCellBits;
+    extras["latticeStep"] = lattice::kMetresPerStep;
+    out.metadata = extras.dump(2) + "\n";
+    return out;
+  }
+  if (!addAttributes(terrain, question.normals, question.colours, document.leaves, *pool, watch)) return watch.problem();
+  document.origin = made->origin;
+  document.camera = made->camera;
+  document.extras = extras.dump();
+  auto glb = gltf::writeGlb(document, question.compression, stop);
+  if (!glb) {
+    if (watch.over()) return watch.problem();
+    return Problem{Problem::Kind::kTooMuch, "This snapshot cannot be a .glb: " + glb.error().message + "."};
+  }
+  out.glb = std::move(*glb);
+  return out;
+}
+
+std::string Snapshots::etag(const session::Session& session, const Question& question, bool metadataOnly) {
+  if (std::holds_alternative<OfCamera>(question.of)) return {};
+  std::uint64_t first = lattice::mix(session.contentHash() ^ kVersion), second = lattice::mix(first);
+  const std::string asked = canonical(question);
+  for (const std::string_view part : {std::string_view(session.name()), std::string_view(RIDGECAST_VERSION), std::string_view(asked),
+                                      std::string_view(metadataOnly ? "json" : "glb")}) {
+    for (const char c : part) {
+      first = lattice::mix(first ^ static_cast<unsigned char>(c));
+      second = lattice::mix(second + first);
+    }
+    first = lattice::mix(first ^ part.size());
+  }
+  return hexadecimal(first) + hexadecimal(second);
+}
+
+}  // namespace ridgecast::snapshot

@@ -1,0 +1,50 @@
+#pragma once
+// A mesh at a moment as a file: of a live camera, of a pose, of a box (question.h). Works on threads of its own that give way to all
+// cameras; one snapshot is made at a time by each thread that asks.
+//
+// asset.extras, and the metadata alone:
+//   of            "camera", "pose" or "box"
+//   session, terrain, seed, parameters {name: value}, contentHash (16 hexadecimal digits)
+//   pose          x, z, y (metres, absolute), altitude, yaw, pitch, fov (degrees, as in path files), width, height; of camera and pose
+//   camera        id, iteration, meshHash (as acknowledged by its client); of a live camera
+//   box           x0, z0, x1, z1 (metres: what is covered, at most a quarter of the error wider than asked for)
+//   error         unit ("pixels" or "metres"), asked, kept; of a box also samples: kept is the largest error found on so many points
+//   leaves, triangles, vertices (of all leaves, shared ones each time), cellX, cellZ, latticeStep
+
+#include <memory>
+#include <string>
+
+#include "server/scheduling/pool.h"
+#include "server/session/session.h"
+#include "server/snapshot/problem.h"
+#include "server/snapshot/question.h"
+
+namespace ridgecast::snapshot {
+
+struct Snapshot {
+  std::string glb;       // empty when only the metadata were wanted
+  std::string metadata;  // JSON
+  std::string name;      // of a file, without its ending
+};
+
+class Snapshots {
+ public:
+  // threads 0: one less than there are, at least one.
+  explicit Snapshots(const Limits& limits, unsigned threads = 0);
+
+  const Limits& limits() const { return limits_; }
+
+  // Blocks until it is made: for a thread of its own. Any thread.
+  Result<Snapshot> take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop);
+
+  // Equal for equal files; empty where only the file itself can tell (a live camera).
+  static std::string etag(const session::Session& session, const Question& question, bool metadataOnly);
+
+  static constexpr int kNiceness = 15;
+
+ private:
+  const Limits limits_;
+  scheduling::Machine machine_;
+};
+
+}  // namespace ridgecast::snapshot

@@ -1,0 +1,99 @@
+#include "server/snapshot/question.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+namespace ridgecast::snapshot {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr Limits kLimits;
+constexpr char kPose[] = "x=1&z=-2&altitude=100&yaw=30&pitch=-10";
+
+std::string refusal(const std::string& query) {
+  const auto question = parse(query, kLimits);
+  if (question) return "";
+  EXPECT_TRUE(question.error().message.ends_with('.')) << question.error().message;
+  EXPECT_LT(question.error().message.size(), 400u);
+  return question.error().message;
+}
+
+TEST(Question, Poses) {
+  const auto q = parse(kPose, kLimits);
+  ASSERT_TRUE(q) << q.error().message;
+  const auto& pose = std::get<OfPose>(q->of);
+  EXPECT_EQ(pose.camera.pose.x, 256);
+  EXPECT_EQ(pose.camera.pose.z, -512);
+  EXPECT_EQ(pose.camera.pose.y, 100);
+  EXPECT_TRUE(pose.aboveGround);
+  EXPECT_DOUBLE_EQ(pose.camera.pose.yaw, std::numbers::pi / 6);
+  EXPECT_EQ(pose.camera.projection.width, 1280u);
+  EXPECT_EQ(pose.threshold, 0.6);
+  EXPECT_TRUE(q->normals && q->colours && q->compression == gltf::Compression::kNone);
+  const auto other =
+      parse("x=1e12&z=0&y=900&yaw=0&pitch=0&fov=45&width=640&height=360&threshold=2&compression=draco&normals=0&colours=0", kLimits);
+  ASSERT_TRUE(other);
+  EXPECT_FALSE(std::get<OfPose>(other->of).aboveGround || other->normals || other->colours);
+  EXPECT_EQ(std::get<OfPose>(other->of).camera.pose.x, 256'000'000'000'000);
+  EXPECT_EQ(other->compression, gltf::Compression::kDraco);
+}
+
+TEST(Question, CamerasAndBoxes) {
+  EXPECT_EQ(std::get<OfCamera>(parse("camera=7", kLimits)->of).id, 7u);
+  const auto box = std::get<OfBox>(parse("x0=-10.5&z0=0&x1=20&z1=30&error=0.5", kLimits)->of);
+  EXPECT_EQ(box.low, (lattice::Point{-2688, 0}));
+  EXPECT_EQ(box.high, (lattice::Point{5120, 7680}));
+  EXPECT_EQ(box.error, 0.5);
+}
+
+TEST(Question, RefusalsSayWhichLimitAndWhatWouldFit) {
+  EXPECT_THAT(refusal(""), HasSubstr("lacks 'x'"));
+  EXPECT_THAT(refusal("x=nan&z=0&altitude=1&yaw=0&pitch=0"), HasSubstr("'x' is 'nan'; it must be a number from"));
+  for (const char* bad : {"inf", "-inf", "1e999", "0x10", "1,5", "", " 1", "1 ", "1e13", "--1"})
+    EXPECT_THAT(refusal("x=" + std::string(bad) + "&z=0&altitude=1&yaw=0&pitch=0"), HasSubstr("number from")) << bad;
+  EXPECT_THAT(refusal(std::string(kPose) + "&threshold=0.001"), HasSubstr("0.05 to 1000 pixels"));
+  EXPECT_THAT(refusal(std::string(kPose) + "&width=100000"), HasSubstr("16 to 16384"));
+  EXPECT_THAT(refusal(std::string(kPose) + "&y=1"), HasSubstr("both"));
+  EXPECT_THAT(refusal(std::string(kPose) + "&compression=zip"), HasSubstr("draco or none"));
+  EXPECT_THAT(refusal(std::string(kPose) + "&color=1"), HasSubstr("'color'"));
+  EXPECT_THAT(refusal(std::string(kPose) + "&x=1"), HasSubstr("twice"));
+  EXPECT_THAT(refusal("x=%zz"), HasSubstr("hexadecimal"));
+  EXPECT_THAT(refusal("camera=0"), HasSubstr("whole number"));
+  EXPECT_THAT(refusal("camera=-1"), HasSubstr("whole number"));
+  EXPECT_THAT(refusal("camera=1&x=1"), HasSubstr("does not belong"));
+  EXPECT_THAT(refusal("x0=0&z0=0&x1=100000&z1=1&error=1"), HasSubstr("1 to 32768 m"));
+  EXPECT_THAT(refusal("x0=5&z0=0&x1=1&z1=9&error=1"), HasSubstr("must be 1 to"));
+  EXPECT_THAT(refusal("x0=0&z0=0&x1=9&z1=9&error=0"), HasSubstr("0.02 to 1000 m"));
+  EXPECT_THAT(refusal("x0=0&z0=0&x1=9&z1=9"), HasSubstr("lacks 'error'"));
+  std::string many;
+  for (int k = 0; k < 100; ++k) many += "a" + std::to_string(k) + "&";
+  EXPECT_THAT(refusal(many), HasSubstr("32 parameters"));
+  EXPECT_THAT(refusal("x=%3Cscript%3E%00%0d%0aSet-Cookie"),
+              testing::Not(testing::AnyOf(HasSubstr("\r"), HasSubstr("\n"), HasSubstr(std::string(1, '\0')))));
+}
+
+TEST(Question, TheSameQuestionHasOneText) {
+  EXPECT_EQ(canonical(*parse(kPose, kLimits)),
+            canonical(*parse("pitch=-10.0&yaw=3e1&altitude=%31%30%30&z=-2.000&x=1&fov=60&threshold=0.60", kLimits)));
+  const std::string base = canonical(*parse(kPose, kLimits));
+  for (const char* more : {"&fov=61", "&width=1281", "&height=719", "&threshold=0.61", "&compression=draco", "&normals=0", "&colours=0"})
+    EXPECT_NE(canonical(*parse(std::string(kPose) + more, kLimits)), base) << more;
+}
+
+TEST(Question, AnyBytesAreAnsweredInOneSentence) {
+  std::mt19937 random(3);
+  const std::string letters = "xzy01=&%+-.einfa\n\0<>'\"";
+  for (int k = 0; k < 20'000; ++k) {
+    std::string query(random() % 60, ' ');
+    for (char& c : query) c = random() % 4 ? letters[random() % letters.size()] : static_cast<char>(random());
+    refusal(query);
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast::snapshot
