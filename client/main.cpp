@@ -2,8 +2,10 @@
 // Exit codes: 0 done, 1 it failed on the way (no server, ...), 2 wrong arguments or a wrong file, 3 no OpenGL or no display.
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <charconv>
 #include <cstdio>
+#include <fstream>
 #include <string>
 
 #include "client/connection/connection.h"
@@ -21,6 +23,7 @@ struct Server {
   std::string metric = "default";
   wire::Settings settings;
   bool noRemoteShaders = false;
+  std::string ca, tokenFile;
 };
 
 // CLI11's own range lets "nan" pass.
@@ -36,7 +39,7 @@ CLI::Validator within(double low, double high) {
 }
 
 void addServerOptions(CLI::App& command, Server& server) {
-  command.add_option("url", server.url, "host:port, http:// or ws://, optional ?session=NAME")->capture_default_str();
+  command.add_option("url", server.url, "host:port, ws:// or wss:// (http:// and https:// are the same), optional ?session=NAME")->capture_default_str();
   command.add_option("--metric", server.metric, "what refinement is measured by: default, pixels or thesis")
       ->check(CLI::IsMember({"default", "pixels", "thesis"}).description(""))
       ->type_name("NAME");
@@ -45,6 +48,8 @@ void addServerOptions(CLI::App& command, Server& server) {
       ->check(within(0.0, 1e9))
       ->type_name("NUMBER");
   command.add_option("--budget", server.settings.triangleBudget, "most triangles; 0: the server's default")->type_name("TRIANGLES");
+  command.add_option("--ca", server.ca, "trust servers by these authorities (PEM) instead of the system's")->type_name("FILE");
+  command.add_option("--token-file", server.tokenFile, "show the token in this file")->type_name("FILE");
   command.add_flag("--no-remote-shaders", server.noRemoteShaders, "never compile GLSL that the server sent: terrains that this client does not have are drawn neutrally");
 }
 
@@ -120,8 +125,14 @@ int main(int argc, char** argv) {
   const bool flies = flyCommand->parsed();
   if (!flies && !viewCommand->parsed()) return wrongArguments("say what to do: view or fly; --help tells more");
 
-  const auto url = ridgecast::connection::parseUrl(server.url);
+  auto url = ridgecast::connection::parseUrl(server.url);
   if (!url) return wrongArguments(url.error().message);
+  url->ca = server.ca;
+  if (!server.tokenFile.empty()) {
+    std::ifstream in(server.tokenFile);
+    if (!(in >> url->token) || url->token.size() > 4096 || !std::all_of(url->token.begin(), url->token.end(), [](char c) { return c > ' ' && c < 0x7f; }))
+      return wrongArguments("--token-file: '" + server.tokenFile + "' holds no token, as 'ridgecast-server token' prints one");
+  }
   if (server.metric != "default") server.settings.metric = server.metric == "pixels" ? wire::Metric::kPixels : wire::Metric::kThesis;
   if (const std::string wrong = parseSize(size, flies ? fly.width : view.width, flies ? fly.height : view.height); !wrong.empty())
     return wrongArguments(wrong);

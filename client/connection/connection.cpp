@@ -19,6 +19,7 @@
 #include <boost/beast/http/status.hpp>
 #include <boost/beast/websocket.hpp>
 
+#include "client/connection/line.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::connection {
@@ -34,20 +35,7 @@ constexpr std::chrono::seconds kSilence{30};  // without a word, ping or pong fr
 
 using Executor = net::io_context::executor_type;
 using Resolver = net::ip::basic_resolver<net::ip::tcp, Executor>;
-struct Socket : net::basic_stream_socket<net::ip::tcp, Executor> {
-  using basic_stream_socket::basic_stream_socket;
-};
 using Timer = net::basic_waitable_timer<std::chrono::steady_clock, net::wait_traits<std::chrono::steady_clock>, Executor>;
-
-// How a WebSocket ends below its last frame (found by Beast through its argument). Beast's own way waits for the server to hang up
-// first; whoever has to say why the connection ended cannot wait for that.
-template <class Handler>
-void async_teardown(boost::beast::role_type, Socket& socket, Handler&& handler) {
-  error_code ignored;
-  socket.shutdown(net::socket_base::shutdown_both, ignored);
-  socket.close(ignored);
-  net::post(socket.get_executor(), boost::beast::bind_front_handler(std::forward<Handler>(handler), error_code{}));
-}
 
 // One line of a text from the network, fit for a terminal.
 std::string oneLine(std::string_view text) {
@@ -60,11 +48,11 @@ std::string oneLine(std::string_view text) {
 
 }  // namespace
 
-//   resolving -> connecting -> upgrading -> greeting -> streaming -> ended
+//   resolving -> connecting (-> securing) -> upgrading -> greeting -> streaming -> ended
 // Every state may go to ended. All members below "network thread" are touched by that thread alone; those below "shared" under mutex_.
 // Handlers hold a plain `this`: the destructor of Connection joins the thread first, and none of them runs after it.
 struct Connection::Impl {
-  enum class State { kResolving, kConnecting, kUpgrading, kGreeting, kStreaming, kEnded };
+  enum class State { kResolving, kConnecting, kSecuring, kUpgrading, kGreeting, kStreaming, kEnded };
 
   Impl(Url url, wire::Hello hello, milliseconds patience)
       : url_(std::move(url)),
@@ -113,26 +101,33 @@ struct Connection::Impl {
 
   void connect(const Resolver::results_type& found) {
     state_ = State::kConnecting;
-    net::async_connect(socket_.next_layer(), found, [this](error_code e, const net::ip::tcp::endpoint&) {
+    net::async_connect(socket_.next_layer().socket(), found, [this](error_code e, const net::ip::tcp::endpoint&) {
       if (state_ == State::kEnded) return;
       if (e == net::error::connection_refused)
         return end("no server at " + where() + "; start one with ridgecast-server --port " + url_.port);
       if (e) return end("no connection to " + where() + ": " + e.message());
-      upgrade();
+      if (!url_.secure) return upgrade();
+      state_ = State::kSecuring;
+      socket_.next_layer().startTls(url_.host, url_.ca, [this](std::optional<std::string> wrong) {
+        if (state_ == State::kEnded) return;
+        wrong ? end("no secure connection to " + where() + ": " + *wrong) : upgrade();
+      });
     });
   }
 
   void upgrade() {
     state_ = State::kUpgrading;
     error_code ignored;
-    socket_.next_layer().set_option(net::ip::tcp::no_delay(true), ignored);
+    socket_.next_layer().socket().set_option(net::ip::tcp::no_delay(true), ignored);
     websocket::stream_base::timeout timeout;
     timeout.handshake_timeout = patience_ + std::chrono::seconds(1);  // timer_ ends it first, and says why
     timeout.idle_timeout = kSilence;
     timeout.keep_alive_pings = true;
     socket_.set_option(timeout);
-    socket_.set_option(websocket::stream_base::decorator(
-        [](websocket::request_type& request) { request.set(boost::beast::http::field::user_agent, "ridgecast-client"); }));
+    socket_.set_option(websocket::stream_base::decorator([this](websocket::request_type& request) {
+      request.set(boost::beast::http::field::user_agent, "ridgecast-client");
+      if (!url_.token.empty()) request.set(boost::beast::http::field::authorization, "Bearer " + url_.token);
+    }));
     socket_.auto_fragment(false);
     socket_.binary(true);
     socket_.read_message_max(wire::kMaxServerMessageBytes);
@@ -204,8 +199,13 @@ struct Connection::Impl {
     buffer_.clear();
     if (size > kRoomyFrame) buffer_.shrink_to_fit();  // one large frame must not hold its memory for good
     if (!message) return end("the server at " + where() + " sent what cannot be read: " + message.error().message);
-    if (auto* error = std::get_if<wire::ErrorMessage>(&*message))
+    if (auto* error = std::get_if<wire::ErrorMessage>(&*message)) {
+      if (error->code == wire::ErrorCode::kGoingAway) {
+        const std::lock_guard lock(mutex_);
+        sentTo_ = error->reconnectUrl;
+      }
       return end("the server at " + where() + " says: " + oneLine(error->message));
+    }
     if (auto* world = std::get_if<wire::World>(&*message)) {
       if (state_ != State::kGreeting) return end("the server at " + where() + " sent a second world");
       if (world->protocolVersion != wire::kProtocolVersion)
@@ -317,7 +317,7 @@ struct Connection::Impl {
     askTimer_.cancel();
     resolver_.cancel();
     error_code ignored;
-    socket_.next_layer().close(ignored);
+    socket_.next_layer().socket().close(ignored);
     context_.stop();  // or Beast's own timers would keep the thread until they expire
   }
 
@@ -359,7 +359,7 @@ struct Connection::Impl {
   // network thread
   State state_ = State::kResolving;
   Resolver resolver_;
-  websocket::stream<Socket, false> socket_;
+  websocket::stream<Line, false> socket_;
   Timer timer_, askTimer_;
   websocket::response_type response_;
   boost::beast::flat_buffer buffer_;
@@ -373,6 +373,7 @@ struct Connection::Impl {
   bool hasWorld_ = false;
   wire::World world_;  // constant once hasWorld_
   std::optional<Error> error_;
+  std::optional<std::string> sentTo_;
   std::deque<Received> queue_;
   std::uint64_t bytes_ = 0;
   std::deque<wire::PoseMessage> poses_;
@@ -471,6 +472,11 @@ void Connection::stepDone(const wire::StepDone& done) { impl_->say(done); }
 std::optional<Error> Connection::error() const {
   const std::lock_guard lock(impl_->mutex_);
   return impl_->error_;
+}
+
+std::optional<std::string> Connection::sentTo() const {
+  const std::lock_guard lock(impl_->mutex_);
+  return impl_->sentTo_;
 }
 
 std::uint64_t Connection::bytesReceived() const {

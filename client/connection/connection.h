@@ -23,10 +23,13 @@ struct Url {
   // What the URL says about the session's world, "terrain=NAME&seed=N&param=NAME=NUMBER" or parts of it: where there is no such session and
   // a terrain is named, the server makes it; where there is, it must be that world.
   std::string world = {};
+  bool secure = false;     // speak TLS
+  std::string ca = {};     // file of authorities to trust (PEM); empty: those of this system
+  std::string token = {};  // shown to the server; empty: none
 };
 // host, host:port, [ipv6]:port, http:// or ws:// before it, optional path (ignored) and ?session=NAME&terrain=NAME&seed=N&param=NAME=NUMBER
 // (other parameters are ignored).
-// Without a port: 7070, and 80 behind http:// or ws://. Empty text: the defaults. https and wss: an error that says TLS is not there yet.
+// Without a port: 7070, 80 behind http:// or ws://, 443 behind https:// or wss://, which speak TLS. Empty text: the defaults.
 Outcome<Url> parseUrl(std::string_view text);
 
 struct Received {
@@ -77,6 +80,8 @@ class Connection {
   void stepDone(const wire::StepDone& done);
 
   std::optional<Error> error() const;  // set when the connection has ended
+  // Set when it ended because the server leaves: where to connect again; empty: at the same place.
+  std::optional<std::string> sentTo() const;
   std::uint64_t bytesReceived() const;
 
  private:

@@ -12,6 +12,7 @@ using namespace std::chrono_literals;
 
 Resuming::Resuming(Url url, wire::Hello hello, Held held, const Pauses& pauses, std::unique_ptr<Connection> connection)
     : url_(std::move(url)),
+      target_(url_),
       hello_(std::move(hello)),
       held_(std::move(held)),
       pauses_(pauses),
@@ -47,17 +48,27 @@ void Resuming::lookAfter() {
   if (!lost_) {
     lost_ = connection_->error();
     if (!lost_) return;
+    target_ = url_;
+    if (const auto sentTo = connection_->sentTo(); sentTo && !sentTo->empty()) {
+      const auto other = parseUrl(*sentTo);
+      if (other && (other->secure || !url_.secure)) {  // a token and a mesh that were encrypted stay so
+        target_.host = other->host;
+        target_.port = other->port;
+        target_.secure = other->secure;
+      }
+    }
     pause();
   }
   if (!attempt_.valid()) {
     if (Clock::now() < next_) return;
     attempt_ = std::async(std::launch::async,
-                          [url = url_, hello = hello_, patience = pauses_.patience] { return Connection::open(url, hello, patience); });
+                          [url = target_, hello = hello_, patience = pauses_.patience] { return Connection::open(url, hello, patience); });
   }
   if (attempt_.wait_for(0ms) != std::future_status::ready) return;
   auto opened = attempt_.get();
   if (!opened) {
     lost_ = opened.error();
+    target_ = url_;
     pause();
     return;
   }

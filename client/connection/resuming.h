@@ -1,6 +1,7 @@
 #pragma once
 // A connection that comes back: when it ends, another one is opened, after a pause that grows and is never the same for two clients; what
-// is still held is named to the server, which sends the rest, and the newest pose is sent again. The server may have been started anew.
+// is still held is named to the server, which sends the rest, and the newest pose is sent again. The server may have been started anew, or
+// have sent us to another.
 //
 // One owner; never blocks but in receive(). Attempts run on a thread of their own.
 
@@ -54,6 +55,7 @@ class Resuming {
   void pause();
 
   const Url url_;
+  Url target_;  // of the next attempt: where a server that left has sent us, and, when nobody is there, where we came from
   const wire::Hello hello_;
   const Held held_;
   const Pauses pauses_;

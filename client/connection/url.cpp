@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <string>
+#include <tuple>
 
 #include "client/connection/connection.h"
 #include "common/wire/wire.h"
@@ -50,15 +51,16 @@ Outcome<Url> parseUrl(std::string_view text) {
   if (text.empty()) return url;
   if (text.size() > kMaxUrlBytes) return wrong(text, "it is too long");
   std::string_view rest = text;
-  if (startsWith(rest, "https://") || startsWith(rest, "wss://"))
-    return wrong(text, "encrypted connections are not there yet, use ws:// or a proxy that speaks TLS");
-  for (std::string_view scheme : {"http://", "ws://"}) {
+  for (const auto& [scheme, port, secure] : {std::tuple{"http://", "80", false}, std::tuple{"ws://", "80", false},
+                                             std::tuple{"https://", "443", true}, std::tuple{"wss://", "443", true}}) {
     if (!startsWith(rest, scheme)) continue;
-    rest.remove_prefix(scheme.size());
-    url.port = "80";
+    rest.remove_prefix(std::string_view(scheme).size());
+    url.port = port;
+    url.secure = secure;
     break;
   }
-  if (rest.find("://") != std::string_view::npos) return wrong(text, "its scheme is unknown, known are ws:// and http://");
+  if (rest.find("://") != std::string_view::npos)
+    return wrong(text, "its scheme is unknown, known are ws://, wss://, http:// and https://");
 
   rest = rest.substr(0, rest.find('#'));
   const std::size_t endOfHost = std::min(rest.size(), rest.find_first_of("/?"));

@@ -2,6 +2,7 @@
 
 #include <openssl/err.h>
 #include <openssl/ssl.h>
+#include <openssl/x509.h>
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
@@ -41,13 +42,15 @@ Outcome<std::shared_ptr<TlsContext>> loadTls(const std::filesystem::path& certif
   context->use_certificate_chain_file(certificate.string(), ec);
   if (ec)
     return Error{"Cannot use '" + certificate.string() + "' as certificate: " + ec.message() + "; it must be a readable chain in PEM."};
+  const std::string strangers = "The key '" + key.string() + "' is not that of the certificate '" + certificate.string() + "'.";
   context->use_private_key_file(key.string(), ssl::context::pem, ec);
+  if (ec && ERR_GET_REASON(static_cast<unsigned long>(ec.value())) == X509_R_KEY_VALUES_MISMATCH) return Error{strangers};
   if (ec)
     return Error{"Cannot use '" + key.string() + "' as key: " + ec.message() +
                  "; it must be the certificate's, in PEM, without a password."};
   if (SSL_CTX_check_private_key(native) != 1) {
     ERR_clear_error();
-    return Error{"The key '" + key.string() + "' is not that of the certificate '" + certificate.string() + "'."};
+    return Error{strangers};
   }
   return context;
 }

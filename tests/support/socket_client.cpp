@@ -68,13 +68,15 @@ bool SocketClient::closed() {
   return errno != EAGAIN && errno != EWOULDBLOCK;
 }
 
-bool SocketClient::upgrade(std::string_view target) {
+bool SocketClient::upgrade(std::string_view target, std::string_view headers) {
   send("GET " + std::string(target) +
        " HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
-       "dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
+       "dGhlIHNhbXBsZSBub25jZQ==\r\n" + std::string(headers) + "\r\n");
   const std::string a = answer();
   // The answer to this key is the example of RFC 6455, section 1.3.
-  return a.starts_with("HTTP/1.1 101 ") && a.find("s3pPLMBiTxaQ9kYGzzhZRbK+xOo=") != std::string::npos;
+  if (a.starts_with("HTTP/1.1 101 ") && a.find("s3pPLMBiTxaQ9kYGzzhZRbK+xOo=") != std::string::npos) return true;
+  refusal_ = a;
+  return false;
 }
 
 bool SocketClient::frame(int opcode, std::string_view payload, bool final, std::optional<std::uint64_t> announced) {

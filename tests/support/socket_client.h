@@ -20,7 +20,9 @@ class SocketClient {
   std::string answer(bool hasBody = true);
   bool closed();  // whether the server closes within five seconds
 
-  bool upgrade(std::string_view target = "/v1/stream?session=default");
+  // `headers`: further lines, each with its \r\n. False: another answer than the upgrade, kept in refusal().
+  bool upgrade(std::string_view target = "/v1/stream?session=default", std::string_view headers = "");
+  const std::string& refusal() const { return refusal_; }
   // One masked frame. `announced` replaces the length in its header.
   bool frame(int opcode, std::string_view payload, bool final = true, std::optional<std::uint64_t> announced = {});
   bool message(std::string_view payload) { return frame(2, payload); }
@@ -39,7 +41,7 @@ class SocketClient {
  private:
   bool fill(std::size_t bytes);  // until so many are there
   int socket_ = -1;
-  std::string buffer_;
+  std::string buffer_, refusal_;
 };
 
 }  // namespace ridgecast::testing_support

@@ -1,0 +1,190 @@
+// Two servers behind HAProxy, with the configuration that docker/ ships: sessions stay on their server, and one server that is drained or
+// ended loses its clients to the other, with the right mesh, without any client being started again.
+
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <map>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/support/server_process.h"
+#include "tests/support/socket_client.h"
+#include "tests/support/traveller.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using namespace testing_support;
+using Clock = std::chrono::steady_clock;
+
+wire::Settings coarse() {
+  wire::Settings s;
+  s.threshold = 8;
+  return s;
+}
+
+std::uint16_t freePort() {
+  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  EXPECT_EQ(bind(socket, reinterpret_cast<sockaddr*>(&address), size), 0);
+  EXPECT_EQ(getsockname(socket, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  close(socket);
+  return ntohs(address.sin_port);
+}
+
+std::string get(std::uint16_t port, const std::string& target) {
+  SocketClient client(port);
+  client.send("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  return client.answer();
+}
+
+// A figure without labels.
+double figure(std::uint16_t port, const std::string& name) {
+  const std::string text = get(port, "/metrics");
+  const auto at = text.find("\n" + name + " ");
+  return at == std::string::npos ? -1 : std::stod(text.substr(at + name.size() + 2));
+}
+
+class Balance : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!programExists("haproxy") && !std::filesystem::exists("/usr/sbin/haproxy")) GTEST_SKIP() << "haproxy is not installed";
+    for (auto& server : servers)
+      server = std::make_unique<ServerProcess>(RIDGECAST_SERVER,
+                                               std::vector<std::string>{"--trusted-proxy", "127.0.0.0/8", "--reconnect-url", ""});
+    port = freePort();
+    const auto at = [](std::uint16_t p) { return "127.0.0.1:" + std::to_string(p); };
+    balancer = std::make_unique<Process>(std::vector<std::string>{"/usr/sbin/haproxy", "-db", "-f", RIDGECAST_HAPROXY},
+                                         Environment{{"BIND", at(port)},
+                                                     {"SERVER_A", at(servers[0]->port())},
+                                                     {"SERVER_B", at(servers[1]->port())},
+                                                     {"ADMIN", (folder / "admin").string()}});
+    const auto until = Clock::now() + 20s;
+    for (bool ready = false; !ready && Clock::now() < until;) {
+      try {
+        ready = get(port, "/readyz").starts_with("HTTP/1.1 200");
+      } catch (const std::exception&) {
+      }
+      if (!ready) std::this_thread::sleep_for(50ms);
+    }
+  }
+
+  std::string url(const std::string& session) const {
+    return "ws://127.0.0.1:" + std::to_string(port) + "?session=" + session + "&terrain=alpine&seed=1";
+  }
+  bool allAgree() {
+    for (auto& c : clients)
+      if (!c->agrees()) return false;
+    return true;
+  }
+  void fly(std::chrono::milliseconds atMost, const std::function<bool()>& until) {
+    for (const auto end = Clock::now() + atMost; Clock::now() < end && !until();) {
+      for (std::size_t k = 0; k < clients.size(); ++k) {
+        clients[k]->send(path->looped(std::chrono::duration<double>(Clock::now() - began).count() + 3 * static_cast<double>(k)));
+        ASSERT_TRUE(clients[k]->take(0ms)) << clients[k]->failure();
+      }
+      std::this_thread::sleep_for(30ms);
+    }
+  }
+  // Six clients in three sessions, flying.
+  void depart() {
+    for (int k = 0; k < 6; ++k) clients.push_back(std::make_unique<Traveller>(url("world-" + std::to_string(k % 3)), coarse()));
+    path = std::make_unique<PathCamera>(RIDGECAST_PATHS "/alpine.json", clients[0]->line().world());
+    fly(1500ms, [] { return false; });
+    fly(20s, [&] { return allAgree(); });
+    ASSERT_TRUE(allAgree());
+    ASSERT_EQ(figure(servers[0]->port(), "ridgecast_cameras") + figure(servers[1]->port(), "ridgecast_cameras"), 6);
+  }
+  // The server that has clients: the one to be drained.
+  std::size_t busier() {
+    return figure(servers[0]->port(), "ridgecast_cameras") >= figure(servers[1]->port(), "ridgecast_cameras") ? 0 : 1;
+  }
+  // All fly on at the other server within ten seconds, holding what they held, and nobody was started again.
+  void expectAllAt(std::size_t remaining, double moved) {
+    const auto start = Clock::now();
+    std::uint64_t again = 0;
+    const auto arrived = [&] {
+      again = 0;
+      for (auto& c : clients) again += c->line().reconnections();
+      return again >= static_cast<std::uint64_t>(moved) && allAgree();
+    };
+    fly(30s, arrived);
+    const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+    EXPECT_TRUE(arrived());
+    EXPECT_LT(seconds, 10);
+    RecordProperty("milliseconds", static_cast<int>(seconds * 1e3));
+    fly(1s, [] { return false; });
+    fly(20s, [&] { return allAgree(); });
+    EXPECT_TRUE(allAgree());
+    std::size_t resumed = 0;
+    for (auto& c : clients) {
+      EXPECT_EQ(c->mismatches(), 0u);
+      resumed += c->resumed();
+    }
+    EXPECT_GT(resumed, 100u);
+    EXPECT_EQ(figure(servers[remaining]->port(), "ridgecast_cameras"), 6);
+  }
+
+  ScratchFolder folder;
+  std::unique_ptr<ServerProcess> servers[2];
+  std::unique_ptr<Process> balancer;
+  std::uint16_t port = 0;
+  std::vector<std::unique_ptr<Traveller>> clients;
+  std::unique_ptr<PathCamera> path;
+  const Clock::time_point began = Clock::now();
+};
+
+TEST_F(Balance, SessionsStayOnTheirServer) {
+  // Each session is made by its first member: a second one on another server would make another.
+  std::vector<std::unique_ptr<SocketClient>> held;
+  for (int round = 0; round < 3; ++round)
+    for (int k = 0; k < 20; ++k) {
+      held.push_back(std::make_unique<SocketClient>(port));
+      ASSERT_TRUE(held.back()->upgrade("/v1/stream?session=world-" + std::to_string(k) + "&terrain=alpine&seed=1"))
+          << held.back()->refusal();
+    }
+  std::map<std::string, int> servedBy;
+  for (auto& server : servers) {
+    const std::string list = get(server->port(), "/v1/sessions");
+    EXPECT_GT(figure(server->port(), "ridgecast_cameras"), 3) << "both are used";
+    for (int k = 0; k < 20; ++k) {
+      const std::string name = "\"world-" + std::to_string(k) + "\"";
+      servedBy[name] += list.find(name) != std::string::npos;
+    }
+  }
+  for (const auto& [name, count] : servedBy) EXPECT_EQ(count, 1) << name;
+}
+
+TEST_F(Balance, DrainingMovesClientsToTheOther) {
+  depart();
+  const std::size_t leaving = busier();
+  const double moved = figure(servers[leaving]->port(), "ridgecast_cameras");
+  servers[leaving]->process().signal(SIGUSR1);
+  expectAllAt(1 - leaving, moved);
+  EXPECT_TRUE(get(servers[leaving]->port(), "/readyz").starts_with("HTTP/1.1 503"));
+  EXPECT_EQ(figure(servers[leaving]->port(), "ridgecast_cameras"), 0);
+  EXPECT_EQ(servers[leaving]->stop(), 0);
+}
+
+TEST_F(Balance, EndingDoesTheSame) {
+  depart();
+  const std::size_t leaving = busier();
+  const double moved = figure(servers[leaving]->port(), "ridgecast_cameras");
+  servers[leaving]->process().signal(SIGTERM);
+  expectAllAt(1 - leaving, moved);
+  EXPECT_EQ(servers[leaving]->process().wait(10s), 0);
+}
+
+}  // namespace
+}  // namespace ridgecast

@@ -1,0 +1,417 @@
+// Who may do what: tokens on the WebSocket and on every HTTP route, TLS with an authority of our own, origins, proxies, limits, leaving.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "client/connection/connection.h"
+#include "common/wire/wire.h"
+#include "server/access/crypto.h"
+#include "server/access/jwt.h"
+#include "server/access/tokens.h"
+#include "server/logging/logging.h"
+#include "server/net/server.h"
+#include "server/scheduling/pool.h"
+#include "server/session/session.h"
+#include "tests/support/authority.h"
+#include "tests/support/socket_client.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::AnyOf;
+using testing::HasSubstr;
+using testing::StartsWith;
+using testing_support::SocketClient;
+
+// A mesh of one empty leaf that is at rest: who may see it is what is tested.
+class StillMesh final : public session::IteratingMesh {
+ public:
+  wire::Figures iterate(const camera::Camera&) override { return {}; }
+  void setInsertionLimit(std::uint32_t) override {}
+  bool settled() const override { return true; }
+  const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
+  mesh::LeafMesh extract(lattice::LeafAddress address) const override { return {address, {}, {}}; }
+
+ private:
+  std::vector<pipeline::LeafState> leaves_{{{0, 1, 2}, 1, 0, 0}};
+};
+
+const std::string kSecret = "an integration test's secret of enough bytes";
+
+class AccessTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    logging::setUp(logging::Format::kText, logging::Level::kError);
+    settings.port = 0;
+    settings.drain = 2s;
+  }
+  void TearDown() override { stop(); }
+  void start() {
+    stop();
+    machine = std::make_unique<scheduling::Machine>(2);
+    resources = std::make_shared<session::Resources>();
+    resources->machine = machine.get();
+    resources->makeMesh = [](auto, const auto&, auto) { return std::make_unique<StillMesh>(); };
+    resources->makeTerrain = [](const session::WorldSpec& spec) { return terrain::create(spec.terrain, spec.seed); };
+    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    auto made = net::Server::listen(settings, directory);
+    ASSERT_TRUE(made) << made.error().message;
+    server = std::move(*made);
+  }
+  void stop() {
+    if (server) server->shutdown();
+    machine.reset();
+    server.reset();
+    directory.reset();
+  }
+  std::string file(const std::string& name, const std::string& text) {
+    const auto path = folder / name;
+    std::ofstream(path) << text;
+    return path.string();
+  }
+  static access::Time now() { return std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now()); }
+  static std::string jwt(access::Rights rights, const std::string& session = "", std::chrono::seconds lasts = 1h) {
+    return access::issueJwt({"tester", rights, session, now() + lasts}, kSecret, now());
+  }
+  // The status of a GET, or of the upgrade where the path is a stream's.
+  int status(const std::string& target, const std::string& headers, const std::string& method = "GET") {
+    SocketClient client(server->port());
+    std::string answer;
+    if (target.starts_with("/v1/stream")) {
+      if (client.upgrade(target, headers)) return 101;
+      answer = client.refusal();
+    } else {
+      client.send(method + " " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + headers + "\r\n");
+      answer = client.answer(method != "HEAD");
+    }
+    return answer.size() > 12 ? std::stoi(answer.substr(9, 3)) : 0;
+  }
+  std::string get(const std::string& target, const std::string& headers = "") {
+    SocketClient client(server->port());
+    client.send("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + headers + "\r\n");
+    return client.answer();
+  }
+  std::uint64_t refusals(metrics::Refusal reason) const { return resources->figures->refusals[static_cast<std::size_t>(reason)]->value(); }
+  Outcome<std::unique_ptr<connection::Connection>> connect(const std::string& address, const std::string& ca,
+                                                           const std::string& token = "") const {
+    auto url = connection::parseUrl(address).value();
+    url.ca = ca;
+    url.token = token;
+    return connection::Connection::open(url, wire::Hello{}, 5s);
+  }
+
+  testing_support::ScratchFolder folder;
+  net::Settings settings;
+  std::unique_ptr<net::Server> server;  // outlives the machine, whose tasks send through it
+  std::unique_ptr<scheduling::Machine> machine;
+  std::shared_ptr<session::Resources> resources;
+  std::shared_ptr<session::Directory> directory;
+};
+
+TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
+  using access::Right;
+  const access::NewToken listed = access::makeToken({"lab", access::Rights::all(), "", {}});
+  const access::NewToken expired = access::makeToken({"late", access::Rights::all(), "", now() - 1h});
+  settings.tokenFile = file("tokens", listed.line + "\n" + expired.line + "\n");
+  settings.jwtSecretFile = file("secret", kSecret + "\n");
+  start();
+
+  // Every route that shows or does something, and the right that it asks for.
+  struct Guarded {
+    std::string method, target;
+    Right right;
+    bool everySession;
+  };
+  const std::vector<Guarded> guarded{{"GET", "/v1/stream?session=default", Right::kView, false},
+                                     {"GET", "/v1/stream", Right::kView, false},
+                                     {"GET", "/v1/sessions", Right::kView, true},
+                                     {"HEAD", "/v1/sessions", Right::kView, true},
+                                     {"POST", "/v1/sessions", Right::kCreate, true},
+                                     {"GET", "/metrics", Right::kView, true},
+                                     {"GET", "/v1/heights?session=default&x=0&z=0", Right::kQuery, false},
+                                     {"GET", "/v1/normals?session=default", Right::kQuery, false},
+                                     {"GET", "/v1/rays", Right::kQuery, false},
+                                     {"POST", "/v1/query", Right::kQuery, false},
+                                     {"GET", "/v1/snapshot.glb?session=default", Right::kSnapshot, false},
+                                     {"GET", "/v1/snapshot", Right::kSnapshot, false},
+                                     {"GET", "/v1/whatever/comes/later", Right::kView, false}};
+  const std::vector<Right> rights{Right::kView, Right::kCreate, Right::kQuery, Right::kSnapshot};
+  const auto bearer = [](const std::string& token) { return "Authorization: Bearer " + token + "\r\n"; };
+  const std::string good = jwt(access::Rights::all());
+  std::string tampered = good;
+  tampered[good.find('.') + 5] ^= 1;
+  std::string resigned = good;
+  resigned.back() = resigned.back() == 'A' ? 'B' : 'A';
+  const std::string unsignedToken =
+      access::base64url(R"({"alg":"none"})") + good.substr(good.find('.'), good.rfind('.') - good.find('.') + 1);
+  const std::string otherSecret = access::issueJwt({"x", access::Rights::all(), "", now() + 1h}, kSecret + "!", now());
+  struct Bad {
+    std::string what, headers;
+  };
+  const std::vector<Bad> bad{{"missing", ""},
+                             {"empty", "Authorization: Bearer \r\n"},
+                             {"another scheme", "Authorization: Basic " + access::base64url("lab:" + listed.token) + "\r\n"},
+                             {"unknown", bearer(listed.token.substr(0, listed.token.size() - 1))},
+                             {"its hash", bearer(listed.line.substr(listed.line.find("sha256:") + 7))},
+                             {"expired, listed", bearer(expired.token)},
+                             {"expired", bearer(jwt(access::Rights::all(), "", -1s))},
+                             {"tampered", bearer(tampered)},
+                             {"tampered signature", bearer(resigned)},
+                             {"alg:none", bearer(unsignedToken)},
+                             {"another secret", bearer(otherSecret)},
+                             {"in the query only", ""},
+                             {"a subprotocol of no token", "Sec-WebSocket-Protocol: ridgecast.v1, bearer.nothing\r\n"}};
+  for (const Guarded& g : guarded) {
+    SCOPED_TRACE(g.method + " " + g.target);
+    for (const Bad& b : bad) {
+      const std::string more =
+          b.what == "in the query only" ? std::string(g.target.find('?') == std::string::npos ? "?" : "&") + "token=" + listed.token : "";
+      EXPECT_EQ(status(g.target + more, b.headers, g.method), 401) << b.what;
+    }
+    for (const Right right : rights) {
+      const int answered = status(g.target, bearer(jwt(right)), g.method);
+      if (right == g.right)
+        EXPECT_THAT(answered, testing::Not(AnyOf(401, 403))) << access::name(right);
+      else
+        EXPECT_EQ(answered, 403) << access::name(right);
+    }
+    EXPECT_EQ(status(g.target, bearer(jwt(access::Rights::all(), "elsewhere")), g.method), 403) << "wrong session";
+    const int own = status(g.target, bearer(jwt(access::Rights::all(), "default")), g.method);
+    if (g.everySession)
+      EXPECT_EQ(own, 403);
+    else
+      EXPECT_THAT(own, testing::Not(AnyOf(401, 403)));
+    EXPECT_THAT(status(g.target, bearer(listed.token), g.method), testing::Not(AnyOf(401, 403)));
+    EXPECT_THAT(status(g.target, "Sec-WebSocket-Protocol: ridgecast.v1, bearer." + good + "\r\n", g.method), testing::Not(AnyOf(401, 403)));
+  }
+  // What is open to all, and tells nothing.
+  for (const char* target : {"/", "/about", "/healthz", "/readyz", "/version"}) EXPECT_EQ(status(target, ""), 200) << target;
+  EXPECT_THAT(get("/about"), testing::Not(HasSubstr("alpine, seed")));
+  // To make a session takes the right to.
+  EXPECT_EQ(status("/v1/stream?session=new&terrain=canyon", bearer(jwt(Right::kView))), 403);
+  EXPECT_EQ(status("/v1/stream?session=new&terrain=canyon", bearer(jwt(access::Rights(Right::kView) | Right::kCreate))), 101);
+  EXPECT_EQ(status("/v1/stream?session=new", bearer(jwt(Right::kView))), 101);
+  // The session is the decoded one, however it is written, and the first of two.
+  EXPECT_EQ(status("/v1/stream?session=n%65w", bearer(jwt(Right::kView, "new"))), 101);
+  EXPECT_EQ(status("/v1/stream?session=default&session=new", bearer(jwt(Right::kView, "new"))), 403);
+  EXPECT_GT(refusals(metrics::Refusal::kToken), 100u);
+  EXPECT_GT(refusals(metrics::Refusal::kRight), 20u);
+}
+
+TEST_F(AccessTest, AStreamEndsWithItsTokenAndAsksNothingWithoutTheRight) {
+  settings.jwtSecretFile = file("secret", kSecret);
+  start();
+  SocketClient client(server->port());
+  ASSERT_TRUE(client.upgrade("/v1/stream", "Authorization: Bearer " + jwt(access::Right::kView, "", 2s) + "\r\n"));
+  client.message(wire::encode(wire::ClientMessage(wire::Hello{})));
+  EXPECT_EQ(client.awaitClose(), 1008);
+  EXPECT_EQ(refusals(metrics::Refusal::kExpired), 1u);
+  SocketClient curious(server->port());
+  ASSERT_TRUE(curious.upgrade("/v1/stream", "Authorization: Bearer " + jwt(access::Right::kView) + "\r\n"));
+  curious.message(wire::encode(wire::ClientMessage(wire::Hello{})));
+  wire::Query query;
+  query.x = {0};
+  query.z = {0};
+  curious.message(wire::encode(wire::ClientMessage(query)));
+  EXPECT_EQ(curious.awaitClose(), 1008);
+  EXPECT_EQ(refusals(metrics::Refusal::kRight), 1u);
+}
+
+TEST_F(AccessTest, ReloadingTakesTokensAwayAndAMistakeChangesNothing) {
+  const access::NewToken first = access::makeToken({"a", access::Right::kView, "", {}}),
+                         second = access::makeToken({"b", access::Right::kView, "", {}});
+  settings.tokenFile = file("tokens", first.line);
+  start();
+  const auto may = [&](const access::NewToken& t) { return status("/v1/sessions", "Authorization: Bearer " + t.token + "\r\n") == 200; };
+  EXPECT_TRUE(may(first) && !may(second));
+  file("tokens", second.line);
+  EXPECT_FALSE(server->reload());
+  EXPECT_TRUE(!may(first) && may(second));
+  file("tokens", "nonsense");
+  const auto error = server->reload();
+  ASSERT_TRUE(error);
+  EXPECT_THAT(error->message, HasSubstr("Line 1"));
+  EXPECT_TRUE(may(second));
+}
+
+TEST_F(AccessTest, TlsIsVerifiedByTheClientAndReloaded) {
+  testing_support::Authority authority, stranger;
+  auto issued = authority.issue("DNS:localhost,IP:127.0.0.1");
+  settings.tlsCertificate = folder / "server.pem";
+  settings.tlsKey = folder / "server.key";
+  const auto install = [&](const testing_support::Authority::Issued& i) {
+    std::filesystem::copy_file(i.certificate, settings.tlsCertificate, std::filesystem::copy_options::overwrite_existing);
+    std::filesystem::copy_file(i.key, settings.tlsKey, std::filesystem::copy_options::overwrite_existing);
+  };
+  install(issued);
+  settings.jwtSecretFile = file("secret", kSecret);
+  settings.patience = 2s;
+  start();
+  EXPECT_THAT(server->url(), StartsWith("https://"));
+  const std::string port = std::to_string(server->port());
+  const std::string token = jwt(access::Right::kView);
+
+  auto stream = connect("wss://localhost:" + port, authority.certificate(), token);
+  ASSERT_TRUE(stream) << stream.error().message;
+  EXPECT_EQ((*stream)->world().terrainName, "alpine");
+  wire::PoseMessage pose;
+  pose.sequence = 1;
+  (*stream)->send(pose);
+  EXPECT_TRUE((*stream)->receive(5s));
+  EXPECT_TRUE(connect("https://127.0.0.1:" + port, authority.certificate(), token));
+  const auto complaint = [&](const std::string& address, const std::string& ca, const std::string& t) {
+    const auto refused = connect(address, ca, t);
+    return refused ? std::string("it was accepted") : refused.error().message;
+  };
+  EXPECT_THAT(complaint("wss://localhost:" + port, stranger.certificate(), token), HasSubstr("not to be trusted"));
+  EXPECT_THAT(complaint("wss://localhost:" + port, "", token), HasSubstr("--ca"));
+  EXPECT_THAT(complaint("wss://localhost:" + port, "/no/such/file", token), HasSubstr("/no/such/file"));
+  EXPECT_THAT(complaint("wss://localhost:" + port, authority.certificate(), ""), HasSubstr("401"));
+  EXPECT_THAT(complaint("ws://localhost:" + port, "", token), HasSubstr("TLS"));
+  EXPECT_THAT(get("/healthz"), AllOf(StartsWith("HTTP/1.1 400"), HasSubstr("https://")));
+
+  install(authority.issue("DNS:elsewhere.example"));
+  EXPECT_FALSE(server->reload());
+  EXPECT_THAT(complaint("wss://localhost:" + port, authority.certificate(), token), HasSubstr("not for 'localhost'"));
+  EXPECT_FALSE((*stream)->error()) << "who is there stays";
+  // A key that is another's: refused, and what there was stays.
+  std::filesystem::copy_file(issued.key, settings.tlsKey, std::filesystem::copy_options::overwrite_existing);
+  const auto error = server->reload();
+  ASSERT_TRUE(error);
+  EXPECT_THAT(error->message, HasSubstr("is not that of the certificate"));
+  install(issued);
+  EXPECT_FALSE(server->reload());
+  EXPECT_TRUE(connect("wss://localhost:" + port, authority.certificate(), token));
+  // Bytes that begin like TLS and are none.
+  SocketClient junk(server->port());
+  junk.send("\x16\x03\x01 this is no handshake");
+  EXPECT_TRUE(junk.closed());
+  EXPECT_GE(refusals(metrics::Refusal::kTls), 2u);
+}
+
+TEST_F(AccessTest, PlacesAreRefusedWithoutTlsAndTokens) {
+  const auto complaint = [&] {
+    auto made = net::Server::listen(settings, directory);
+    return made ? std::string("it listens") : made.error().message;
+  };
+  start();
+  testing_support::Authority authority;
+  const auto issued = authority.issue("DNS:localhost");
+  settings.host = "0.0.0.0";
+  EXPECT_THAT(complaint(), AllOf(HasSubstr("without TLS and tokens"), HasSubstr("--allow-insecure")));
+  settings.jwtSecretFile = file("secret", kSecret);
+  EXPECT_THAT(complaint(), HasSubstr("without TLS:"));
+  settings.tlsCertificate = issued.certificate;
+  EXPECT_THAT(complaint(), HasSubstr("--tls-key"));
+  settings.tlsKey = issued.key;
+  EXPECT_EQ(complaint(), "it listens");
+  settings.jwtSecretFile.clear();
+  EXPECT_THAT(complaint(), HasSubstr("without tokens"));
+  settings.allowInsecure = true;
+  EXPECT_EQ(complaint(), "it listens");
+  settings.tlsKey = file("no.key", "nonsense");
+  EXPECT_THAT(complaint(), HasSubstr("no.key"));
+}
+
+TEST_F(AccessTest, OnlyPagesThatMayConnect) {
+  settings.allowedOrigins = {"https://friend.example"};
+  start();
+  const std::string port = std::to_string(server->port());
+  const auto from = [&](const std::string& origin, const std::string& host, const std::string& target = "/v1/stream") {
+    SocketClient client(server->port());
+    client.send("GET " + target + " HTTP/1.1\r\nHost: " + host + "\r\nOrigin: " + origin +
+                "\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
+                "dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
+    return std::stoi(client.answer(false).substr(9, 3));
+  };
+  EXPECT_EQ(from("http://127.0.0.1:" + port, "127.0.0.1:" + port), 101);
+  EXPECT_EQ(from("http://localhost:" + port, "LOCALHOST:" + port), 101);
+  EXPECT_EQ(from("https://friend.example", "127.0.0.1:" + port), 101);
+  EXPECT_EQ(from("https://foe.example", "127.0.0.1:" + port), 403);
+  EXPECT_EQ(from("null", "127.0.0.1:" + port), 403);
+  EXPECT_EQ(from("http://127.0.0.1:1", "127.0.0.1:" + port), 403);
+  EXPECT_EQ(from("https://friend.example.foe.example", "127.0.0.1:" + port), 403);
+  EXPECT_EQ(from("http://foe.example:" + port, "foe.example:" + port), 403) << "another's name for this machine";
+  EXPECT_EQ(from("https://foe.example", "127.0.0.1:" + port, "/v1/sessions"), 403);
+  EXPECT_EQ(refusals(metrics::Refusal::kOrigin), 6u);
+}
+
+TEST_F(AccessTest, ConnectionsOfOneAddressAndOfThoseBehindAProxy) {
+  settings.maxConnectionsPerAddress = 3;
+  start();
+  {
+    std::vector<std::unique_ptr<SocketClient>> held;
+    for (int k = 0; k < 3; ++k) {
+      held.push_back(std::make_unique<SocketClient>(server->port()));
+      ASSERT_TRUE(held.back()->upgrade());
+    }
+    EXPECT_THAT(get("/healthz"), AllOf(StartsWith("HTTP/1.1 429"), HasSubstr("3 connections")));
+  }
+  for (int k = 0; k < 500 && !get("/healthz").starts_with("HTTP/1.1 200"); ++k) std::this_thread::sleep_for(10ms);
+  EXPECT_EQ(status("/healthz", ""), 200);
+
+  settings.trustedProxies = {access::Network::parse("127.0.0.0/8").value()};
+  start();
+  std::vector<std::unique_ptr<SocketClient>> held;
+  const auto enters = [&](const std::string& client) {
+    held.push_back(std::make_unique<SocketClient>(server->port()));
+    return held.back()->upgrade("/v1/stream", "X-Forwarded-For: " + client + "\r\n");
+  };
+  for (int k = 0; k < 3; ++k) EXPECT_TRUE(enters("192.0.2.1"));
+  EXPECT_FALSE(enters("192.0.2.1"));
+  EXPECT_THAT(held.back()->refusal(), StartsWith("HTTP/1.1 429"));
+  EXPECT_FALSE(enters("192.0.2.9, 192.0.2.1")) << "what a client says of itself counts for nothing";
+  EXPECT_TRUE(enters("192.0.2.2"));
+}
+
+TEST_F(AccessTest, MessagesHaveASizeAndARate) {
+  settings.maxMessageBytes = 2000;
+  settings.maxMessagesPerSecond = 20;
+  start();
+  SocketClient large(server->port());
+  ASSERT_TRUE(large.upgrade());
+  large.message(std::string(2001, 'x'));
+  EXPECT_EQ(large.awaitClose(), 1009);
+  SocketClient often(server->port());
+  ASSERT_TRUE(often.upgrade());
+  often.message(wire::encode(wire::ClientMessage(wire::Hello{})));
+  wire::PoseMessage pose;
+  for (pose.sequence = 1; pose.sequence < 60; ++pose.sequence) often.message(wire::encode(wire::ClientMessage(pose)));
+  EXPECT_EQ(often.awaitClose(), 1008);
+  EXPECT_EQ(refusals(metrics::Refusal::kMessageSize), 1u);
+  EXPECT_EQ(refusals(metrics::Refusal::kMessageRate), 1u);
+}
+
+TEST_F(AccessTest, LeavingTellsClientsWhereToGo) {
+  settings.reconnectUrl = "ws://192.0.2.1:7070";
+  start();
+  const std::string address = "ws://127.0.0.1:" + std::to_string(server->port());
+  auto stream = connect(address, "");
+  ASSERT_TRUE(stream);
+  EXPECT_EQ(status("/readyz", ""), 200);
+  server->drain();
+  EXPECT_EQ(status("/readyz", ""), 503);
+  EXPECT_EQ(status("/healthz", ""), 200);
+  EXPECT_EQ(status("/v1/stream", ""), 503);
+  for (int k = 0; k < 500 && !(*stream)->error(); ++k) std::this_thread::sleep_for(10ms);
+  EXPECT_EQ((*stream)->sentTo(), "ws://192.0.2.1:7070");
+  server->undrain();
+  EXPECT_EQ(status("/readyz", ""), 200);
+  auto again = connect(address, "");
+  ASSERT_TRUE(again);
+  const auto began = std::chrono::steady_clock::now();
+  server->shutdown();
+  EXPECT_LT(std::chrono::steady_clock::now() - began, 3s);
+  EXPECT_EQ((*again)->sentTo(), "ws://192.0.2.1:7070");
+}
+
+}  // namespace
+}  // namespace ridgecast
