@@ -10,6 +10,8 @@ extern const std::string_view shading;
 extern const std::string_view alpine;
 extern const std::string_view canyon;
 extern const std::string_view archipelago;
+extern const std::string_view raster_cubic;
+extern const std::string_view raster;
 extern const std::string_view glsl_as_cpp;
 extern const std::string_view batch;
 

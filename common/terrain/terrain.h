@@ -22,6 +22,8 @@
 
 namespace ridgecast::terrain {
 
+class Raster;
+
 // A terrain with its seed. Immutable; every member may be called from any thread.
 class Terrain {
  public:
@@ -29,6 +31,7 @@ class Terrain {
   virtual std::string_view name() const = 0;
   virtual std::string_view source() const = 0;  // the GLSL text of the terrain file
   virtual std::uint32_t seed() const = 0;
+  virtual const Raster* raster() const { return nullptr; }  // the samples of a height map (raster.h); null: heights are a formula
 
   // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.
   virtual void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const = 0;

@@ -37,23 +37,29 @@ int refuse(const std::string& sentence) {
 struct Written {
   Config config;
   bool isPrivate = false, quiet = false;
-  std::vector<std::string> parameters, trustedProxies;
+  std::vector<std::string> parameters, raster, trustedProxies;
   long long patience = 0, idle = 0, drain = 0, sessionIdle = 0;
   std::string logFormat = "text", logLevel = "info";
 };
 
 void addTerrain(CLI::App& app, Written& w) {
   Config& c = w.config;
-  app.add_option("--terrain", c.terrain.terrain, "Terrain of the default session: a name, or a file of your own, NAME.glsl")
+  app.add_option("--terrain", c.terrain.terrain, "Terrain of the default session: a name, or a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .r16 or .raw")
       ->capture_default_str();
   app.add_option("--seed", c.terrain.seed, "Its seed")->capture_default_str();
   app.add_option("--param", w.parameters, "Set a parameter of the terrain, NAME=NUMBER; may be given several times")
       ->type_name("NAME=NUMBER")
       ->allow_extra_args(false);
+  app.add_option("--raster", w.raster,
+                 "How a height map is read, NAME=VALUE; may be given several times: pitch=METRES, scale=NUMBER, offset=METRES, "
+                 "edge=clamp|mirror|repeat|METRES, nodata=METRES, place=centre|geo; raw files: size=COLUMNSxROWS, order=little|big, "
+                 "type=unsigned|signed")
+      ->type_name("NAME=VALUE")
+      ->allow_extra_args(false);
   app.add_option("--terrain-dir", c.terrain.folder, "A folder of terrain files, to be had by name")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Where compiled terrains are kept; left out: in your own cache folder")
       ->type_name("DIR");
-  app.add_flag("--private-terrain", w.isPrivate, "Never send the terrain's text; clients that do not have it draw neutrally");
+  app.add_flag("--private-terrain", w.isPrivate, "Never send the terrain's text or samples; colours and normals travel with the vertices instead");
 }
 
 void addListening(CLI::App& app, Written& w) {
@@ -152,11 +158,14 @@ void addOperation(CLI::App& app, Written& w) {
 Outcome<Config> finish(Written&& w) {
   Config& c = w.config;
   c.limits.sendsTerrain = !w.isPrivate;
+  c.terrain.colours = w.isPrivate;
   for (const std::string& p : w.parameters) {
     auto assignment = user_terrain::parseAssignment(p);
     if (!assignment) return assignment.error();
     c.terrain.parameters.push_back(std::move(*assignment));
   }
+  for (const std::string& option : w.raster)
+    if (auto added = user_terrain::addRasterOption(option, c.terrain.raster); !added) return added.error();
   for (const std::string& text : w.trustedProxies) {
     const auto network = access::Network::parse(text);
     if (!network) return network.error();

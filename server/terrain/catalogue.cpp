@@ -12,6 +12,7 @@
 #include "server/terrain/check.h"
 #include "server/terrain/library.h"
 #include "server/terrain/probe.h"
+#include "server/terrain/raster_terrain.h"
 #include "server/terrain/scratch.h"
 
 namespace ridgecast::user_terrain {
@@ -102,7 +103,7 @@ Outcome<Source> find(const Request& request) {
       }
     if (file.empty())
       return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
-                   "; or give a file of your own, NAME.glsl"};
+                   "; or give a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .r16 or .raw"};
   }
   auto text = readText(file);
   if (!text) return text.error();
@@ -137,6 +138,10 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
 
 Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain) {
   if (builtIn(request.terrain) && request.parameters.empty()) return terrain::create(request.terrain, request.seed);
+  if (isRasterName(request.terrain)) {
+    if (!request.parameters.empty()) return Error{"--param sets parameters of GLSL terrains; a height map takes --raster NAME=VALUE"};
+    return loadRaster(request.terrain, request.raster, request.seed);
+  }
   auto source = find(request);
   if (!source) return source.error();
   if (auto fine = checkText(source->file, source->text); !fine) return fine.error();

@@ -1,7 +1,7 @@
 #pragma once
-// The terrains a server can be started with: the built-in ones, and files of a person's own.
+// The terrains a server can be started with: the built-in ones, files of a person's own, and height maps (raster_terrain.h).
 //
-// A file is checked (check.h), translated (translate.h), compiled for this machine and cached (library.h), tried in a child process
+// A GLSL file is checked (check.h), translated (translate.h), compiled for this machine and cached (library.h), tried in a child process
 // (probe.h) and loaded. From then on its heights are looked at batch by batch: what is no number becomes 0, what is absurd is clamped,
 // loops end after kMostSteps steps, and the first such place is reported.
 
@@ -16,13 +16,15 @@
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
 #include "server/terrain/declaration.h"
+#include "server/terrain/raster_options.h"
 
 namespace ridgecast::user_terrain {
 
 struct Request {
-  std::string terrain = "alpine";      // a built-in name, a name in `folder`, or a path that ends in .glsl
+  std::string terrain = "alpine";      // a built-in name, a name in `folder`, or a path that ends in .glsl, .tif, .png, .r16 or .raw
   std::filesystem::path folder;        // of terrain files, NAME.glsl each; empty: none
   std::vector<Assignment> parameters;  // a built-in terrain is compiled like a file when one is given
+  RasterOptions raster;                // of a height map
   std::filesystem::path cache;         // empty: the user's own, see Cache::open
   std::string variant;                 // "baseline", "avx2", "avx512"; empty: the best that this machine can run
   std::uint32_t seed = 1;

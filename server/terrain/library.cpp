@@ -27,7 +27,7 @@ const std::vector<std::string>& commonFlags() {
       "-std=c++20",          "-O3",     "-fopenmp-simd",  "-ffp-contract=off",           "-fno-math-errno",
       "-fno-trapping-math",  "-fwrapv", "-fPIC",          "-fvisibility=hidden",         "-shared",
       "-nostdlib",           "-w",      "-fmax-errors=1", "-fno-diagnostics-show-caret", "-fno-exceptions",
-      "-fno-stack-protector"};
+      "-fno-stack-protector", "-fstack-clash-protection"};  // the last: what is too large for the stack hits its end, never jumps over
   return flags;
 }
 std::vector<std::string> variantFlags(std::string_view variant) {

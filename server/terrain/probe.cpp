@@ -61,7 +61,25 @@ void tryAll(terrain::HeightsFunction heights, std::uint32_t seed, volatile Repor
   report.done = true;
 }
 
-[[noreturn]] void child(terrain::HeightsFunction heights, std::uint32_t seed, volatile Report& report, long seconds) {
+// Bytes of address space that this process has now; 0: unknown.
+std::uint64_t addressSpace() {
+  std::uint64_t pages = 0;
+  if (std::FILE* f = std::fopen("/proc/self/statm", "r")) {
+    unsigned long long n = 0;
+    if (std::fscanf(f, "%llu", &n) == 1) pages = n;
+    std::fclose(f);
+  }
+  return pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+// A function has nowhere to take memory from but its variables. It gets less of a stack than the threads that will call it later have.
+constexpr rlim_t kStack = 1 << 20;
+constexpr std::uint64_t kRoom = 16 << 20;  // bytes beside what the server has already
+
+[[noreturn]] void child(terrain::HeightsFunction heights, std::uint32_t seed, volatile Report& report, long seconds, std::uint64_t memory) {
+  const rlimit stack{kStack, kStack}, space{memory, memory};
+  setrlimit(RLIMIT_STACK, &stack);
+  if (memory) setrlimit(RLIMIT_AS, &space);
   const rlimit cpu{static_cast<rlim_t>(seconds), static_cast<rlim_t>(seconds)}, none{0, 0};
   setrlimit(RLIMIT_CPU, &cpu);
   setrlimit(RLIMIT_CORE, &none);
@@ -96,9 +114,10 @@ Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std
     ~Unmap() { munmap(memory, sizeof(Report)); }
   } unmap{shared};
   auto& report = *new (shared) Report{};
+  const std::uint64_t used = addressSpace();
   const pid_t pid = fork();
   if (pid < 0) return Error{std::string("no process to try the terrain in: ") + std::strerror(errno)};
-  if (pid == 0) child(heights, seed, report, static_cast<long>(time.count() / 1000 + 1));
+  if (pid == 0) child(heights, seed, report, static_cast<long>(time.count() / 1000 + 1), used ? used + kRoom : 0);
   const auto until = std::chrono::steady_clock::now() + time;
   int status = 0;
   bool timedOut = false;
@@ -113,6 +132,8 @@ Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std
   if (timedOut || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
     return Error{std::string(file) + ": heights take too long: not done after " + std::to_string(time.count() / 1000) + " s, the last at " +
                  where};
+  if (WIFSIGNALED(status) && WTERMSIG(status) == SIGSEGV)
+    return Error{std::string(file) + ": terrainHeight crashes, most likely because its variables need more than the 1 MiB there is, near " + where};
   if (WIFSIGNALED(status)) return Error{std::string(file) + ": terrainHeight crashes (" + strsignal(WTERMSIG(status)) + ") near " + where};
   if (report.faulty) {
     char height[48];

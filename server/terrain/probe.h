@@ -1,5 +1,6 @@
 #pragma once
-// Tries a compiled terrain before the server relies on it: in a child process under limits of time and memory, at points near the
+// Tries a compiled terrain before the server relies on it: in a child process under limits of time and memory
+// (RLIMIT_AS, RLIMIT_STACK), at points near the
 // origin and as far as the lattice goes.
 
 #include <chrono>

@@ -1,0 +1,143 @@
+#include "common/terrain/raster.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+
+#include "common/terrain/embedded.h"
+
+namespace ridgecast::terrain {
+namespace {
+
+namespace glsl {
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-function"
+#pragma GCC diagnostic ignored "-Wshadow"
+#include "common/terrain/glsl_as_cpp.h"
+float held(float v) { return v; }
+#include "common/terrain/raster_cubic.glsl"
+#pragma GCC diagnostic pop
+}  // namespace glsl
+
+float inverseOf(std::uint32_t pitch) { return static_cast<float>(1.0 / pitch); }
+
+std::string number(double v) {
+  char text[48];
+  std::snprintf(text, sizeof text, "%.9g", v);
+  std::string out = text;
+  if (out.find_first_of(".e") == std::string::npos) out += ".0";
+  return out + "f";
+}
+
+}  // namespace
+
+bool isValid(const RasterShape& s) {
+  return s.pitch >= kMinPitch && s.pitch <= kMaxPitch && std::abs(s.originX) <= lattice::kMaxPosition &&
+         std::abs(s.originZ) <= lattice::kMaxPosition && s.width >= 2 && s.height >= 2 && s.lowest >= -kMaxSample &&
+         s.highest <= kMaxSample && s.lowest <= s.highest;
+}
+
+bool tileIsValid(const RasterShape& s, TileAddress tile) {
+  const std::int64_t limit = 2 * lattice::kMaxPosition / (std::int64_t{s.pitch} << kTileBits) + 1;
+  return std::abs(tile.i) <= limit && std::abs(tile.j) <= limit;
+}
+
+float cubicHeight(const std::array<std::int32_t, 16>& s, std::int32_t beyondX, std::int32_t beyondZ, std::uint32_t pitch) {
+  const float inverse = inverseOf(pitch);
+  return glsl::rasterCubic({s[0], s[1], s[2], s[3]}, {s[4], s[5], s[6], s[7]}, {s[8], s[9], s[10], s[11]}, {s[12], s[13], s[14], s[15]},
+                           {static_cast<float>(beyondX) * inverse, static_cast<float>(beyondZ) * inverse});
+}
+
+std::string rasterSource(const RasterShape& s) {
+  char content[24];
+  std::snprintf(content, sizeof content, "%016llx", static_cast<unsigned long long>(s.content));
+  std::string out = "// A height map of " + std::to_string(s.width) + " x " + std::to_string(s.height) + " samples, from (" +
+                    std::to_string(s.originX) + ", " + std::to_string(s.originZ) + ") steps on; content " + content + ".\n";
+  out += "const int rasterPitch = " + std::to_string(s.pitch) + ";\n";
+  out += "const float rasterPitchMetres = " + number(s.pitch * lattice::kMetresPerStep) + ";\n";
+  out += "const float rasterPitchInverse = " + number(inverseOf(s.pitch)) + ";\n";
+  out += "const float rasterLowest = " + number(s.lowest * lattice::kMetresPerStep) + ";\n";
+  out += "const float rasterHighest = " + number(s.highest * lattice::kMetresPerStep) + ";\n";
+  return out.append(embedded::raster_cubic).append("\n").append(embedded::raster);
+}
+
+// Along one axis the curve leaves the range of its samples by at most an eighth of it (all weights' negative parts at t = 1/2 sum to
+// 1/8), along both by 1/8 + (1 + 2/8) / 8.
+RasterBounds boundsOf(const RasterShape& s) {
+  const double low = s.lowest * lattice::kMetresPerStep, high = s.highest * lattice::kMetresPerStep, swing = 0.2875 * (high - low) + 0.1;
+  return {low - swing, high + swing};
+}
+
+namespace {
+
+std::int64_t guess(const Tile& tile, std::size_t x, std::size_t z) {
+  const std::size_t k = z * kTileSide + x;
+  if (x == 0) return z == 0 ? 0 : tile[k - kTileSide];
+  if (z == 0) return tile[k - 1];
+  return std::int64_t{tile[k - 1]} + tile[k - kTileSide] - tile[k - kTileSide - 1];
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> encodeTile(const Tile& tile) {
+  std::vector<std::uint8_t> out{0x30};
+  out.reserve(kTileSamples * 2);
+  const auto put = [&out](std::uint64_t v) {
+    for (; v >= 0x80; v >>= 7) out.push_back(static_cast<std::uint8_t>(v | 0x80));
+    out.push_back(static_cast<std::uint8_t>(v));
+  };
+  std::uint64_t zeros = 0;
+  const auto flush = [&] {
+    if (zeros == 0) return;
+    put(0);
+    put(zeros - 1);
+    zeros = 0;
+  };
+  for (std::size_t z = 0; z < kTileSide; ++z)
+    for (std::size_t x = 0; x < kTileSide; ++x) {
+      const std::int64_t d = tile[z * kTileSide + x] - guess(tile, x, z);
+      if (d == 0) {
+        ++zeros;
+        continue;
+      }
+      flush();
+      put((static_cast<std::uint64_t>(d) << 1) ^ static_cast<std::uint64_t>(d >> 63));
+    }
+  flush();
+  return out;
+}
+
+Outcome<Tile> decodeTile(std::span<const std::uint8_t> bytes) {
+  if (bytes.empty() || bytes[0] != 0x30) return Error{"a tile of heights has a form that is not known"};
+  std::size_t at = 1;
+  const auto get = [&](std::uint64_t& v) {
+    v = 0;
+    for (int shift = 0; shift < 35; shift += 7) {
+      if (at >= bytes.size()) return false;
+      const std::uint8_t b = bytes[at++];
+      v |= std::uint64_t{b & 0x7fu} << shift;
+      if (b < 0x80) return true;
+    }
+    return false;
+  };
+  Tile tile;
+  std::uint64_t zeros = 0;
+  for (std::size_t k = 0; k < kTileSamples; ++k) {
+    std::int64_t d = 0;
+    if (zeros > 0) {
+      --zeros;
+    } else {
+      std::uint64_t v = 0;
+      if (!get(v)) return Error{"a tile of heights is cut off"};
+      if (v == 0 && !get(zeros)) return Error{"a tile of heights is cut off"};
+      d = static_cast<std::int64_t>(v >> 1) ^ -static_cast<std::int64_t>(v & 1);
+    }
+    const std::int64_t h = guess(tile, k % kTileSide, k / kTileSide) + d;
+    if (h < -kMaxSample || h > kMaxSample) return Error{"a tile of heights has one beyond 32,768 m"};
+    tile[k] = static_cast<std::int32_t>(h);
+  }
+  if (zeros != 0 || at != bytes.size()) return Error{"a tile of heights is longer than a tile"};
+  return tile;
+}
+
+}  // namespace ridgecast::terrain

@@ -1,0 +1,57 @@
+// A height map as a terrain. Before this text stand (terrain::rasterSource):
+//   const int rasterPitch              steps between samples
+//   const float rasterPitchMetres, rasterPitchInverse (1 / steps), rasterLowest, rasterHighest (metres)
+// and before those, from whoever compiles it, the window of samples around the camera that it holds:
+//   ivec2 rasterBaseCell, rasterBaseSteps   where the window's first sample lies: the cell, and steps inside it
+//   int rasterTexel(ivec2 index, int level) the sample `index` from there in steps, in the pyramid's level (each the mean of 2 x 2 of
+//                                           the one before, 0 to 7); below -2^24 where the window does not reach
+
+const float kUnknownHeight = -131072.0f;  // what lies outside the window: so deep that no ray meets it
+
+float rasterSmooth(ivec2 steps, int level) {
+  int size = rasterPitch << level;
+  ivec2 from = steps - ivec2((size - rasterPitch) >> 1);  // a sample of a coarser level stands in the middle of those it was made of
+  if (from.x < size || from.y < size) return kUnknownHeight;
+  ivec2 index = ivec2(int(uint(from.x) / uint(size)), int(uint(from.y) / uint(size)));
+  float inverse = rasterPitchInverse / float(1 << level);
+  vec2 t = vec2(float(from.x - index.x * size) * inverse, float(from.y - index.y * size) * inverse);
+  ivec4 row[4];
+  ivec4 least = ivec4(0);
+  for (int j = 0; j < 4; ++j) {
+    ivec2 first = index + ivec2(-1, j - 1);
+    row[j] = ivec4(rasterTexel(first, level), rasterTexel(first + ivec2(1, 0), level), rasterTexel(first + ivec2(2, 0), level),
+                   rasterTexel(first + ivec2(3, 0), level));
+    least = min(least, row[j]);
+  }
+  if (min(min(least.x, least.y), min(least.z, least.w)) < -16777216) return kUnknownHeight;
+  return rasterCubic(row[0], row[1], row[2], row[3], t);
+}
+
+float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
+  ivec2 inside = ivec2(int(floor(fraction.x * 1048576.0f)), int(floor(fraction.y * 1048576.0f)));
+  ivec2 steps = (cell - rasterBaseCell) * 1048576 + inside - rasterBaseSteps;
+  float detail = footprint / rasterPitchMetres;
+  if (detail <= 0.5f) return rasterSmooth(steps, 0);
+  float level = min(log2(detail) + 1.0f, 7.0f);
+  int finer = int(level);
+  float low = rasterSmooth(steps, finer);
+  float part = level - float(finer);
+  if (part <= 0.0f || low <= kUnknownHeight) return low;
+  float high = rasterSmooth(steps, finer + 1);
+  return high <= kUnknownHeight ? low : mix(low, high, part);
+}
+
+vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {
+  // Where between the lowest and the highest sample, ragged by noise of 60 m and 11 m.
+  Place wide = finer17(finer17(finer17(finer5(widestPlace(cell, fraction)))));
+  Place small = finer5(finer5(wide));
+  float ragged = valueNoise(wide.cell, wide.at, mixedSeed(seed)).x * octaveWeight(104.0f, footprint) +
+                 0.6f * valueNoise(small.cell, small.at, mixedSeed(seed) + 7u).x * octaveWeight(21.0f, footprint);
+  float up = (height - rasterLowest) / max(rasterHighest - rasterLowest, 1.0f) + 0.03f * ragged;
+  vec3 ground = mix(vec3(0.11f, 0.16f, 0.06f), vec3(0.07f, 0.12f, 0.05f), smoothstep(0.1f, 0.3f, up));
+  ground = mix(ground, vec3(0.20f, 0.19f, 0.09f), smoothstep(0.35f, 0.55f, up));
+  ground = mix(ground, vec3(0.26f, 0.24f, 0.21f), smoothstep(0.55f, 0.72f, up));
+  ground = mix(ground, vec3(0.75f, 0.79f, 0.85f), smoothstep(0.76f, 0.86f, up) * smoothstep(0.55f, 0.8f, normal.y));
+  vec3 rock = mix(vec3(0.23f, 0.20f, 0.17f), vec3(0.29f, 0.27f, 0.26f), 0.5f + 0.5f * ragged);
+  return mix(ground, rock, 1.0f - smoothstep(0.66f, 0.80f, normal.y + 0.04f * ragged)) * (1.0f + 0.12f * ragged);
+}

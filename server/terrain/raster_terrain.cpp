@@ -1,0 +1,215 @@
+#include "server/terrain/raster_terrain.h"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "server/terrain/raster_file.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+using lattice::Step;
+using terrain::kTileSide;
+
+std::string inMegabytes(std::uint64_t bytes) { return std::to_string((bytes + 999'999) / 1'000'000) + " MB"; }
+
+class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
+ public:
+  RasterTerrain(std::string name, std::uint32_t seed, const terrain::RasterShape& shape, Samples samples, Edge edge, std::int32_t constant)
+      : name_(std::move(name)),
+        source_(terrain::rasterSource(shape)),
+        seed_(seed),
+        shape_(shape),
+        samples_(std::move(samples)),
+        edge_(edge),
+        constant_(constant) {}
+  std::string_view name() const override { return name_; }
+  std::string_view source() const override { return source_; }
+  std::uint32_t seed() const override { return seed_; }
+  const terrain::Raster* raster() const override { return this; }
+  const terrain::RasterShape& shape() const override { return shape_; }
+
+  void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override {
+    std::array<std::int32_t, 16> around;
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      const terrain::Between bx = terrain::between(x[k], shape_.originX, shape_.pitch), bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
+      gather(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
+      out[k] = terrain::cubicHeight(around, bx.steps, bz.steps, shape_.pitch);
+    }
+  }
+
+  void tile(terrain::TileAddress address, terrain::Tile& out) const override {
+    gather(address.i * kTileSide, address.j * kTileSide, kTileSide, kTileSide, out.data());
+  }
+
+ private:
+  // At most kTileSide columns.
+  void gather(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const {
+    std::array<std::optional<std::uint32_t>, kTileSide> column;
+    const bool inside = x >= 0 && x + columns <= std::int64_t{samples_.width()};
+    if (!inside)
+      for (std::int32_t k = 0; k < columns; ++k) column[static_cast<std::size_t>(k)] = folded(x + k, samples_.width(), edge_);
+    for (std::int32_t j = 0; j < rows; ++j) {
+      const auto row = folded(z + j, samples_.height(), edge_);
+      for (std::int32_t k = 0; k < columns; ++k) {
+        const auto at = inside ? static_cast<std::uint32_t>(x + k) : column[static_cast<std::size_t>(k)];
+        *out++ = row && at ? samples_.at(*at, *row) : constant_;
+      }
+    }
+  }
+
+  std::string name_, source_;
+  std::uint32_t seed_;
+  terrain::RasterShape shape_;
+  Samples samples_;
+  Edge edge_;
+  std::int32_t constant_;
+};
+
+// What one pass over the file finds.
+struct Found {
+  std::int32_t lowest = terrain::kMaxSample, highest = -terrain::kMaxSample;
+  std::uint64_t hash = 0, missing = 0;
+  std::uint32_t missingX = 0, missingZ = 0;
+};
+
+Outcome<Found> fill(const std::string& name, RasterFile& file, const RasterOptions& options, Samples& samples) {
+  const RasterHeader& header = file.header();
+  Found found;
+  std::vector<double> values(header.width);
+  std::int32_t instead = 0;
+  if (options.noData) instead = static_cast<std::int32_t>(std::llround(*options.noData * lattice::kStepsPerMetre));
+  for (std::uint32_t z = 0; z < header.height; ++z) {
+    if (auto read = file.row(values); !read) return read.error();
+    const std::span<std::int32_t> row = samples.row(z);
+    for (std::uint32_t x = 0; x < header.width; ++x) {
+      const double v = values[x];
+      if (std::isnan(v) || (header.noData && v == *header.noData)) {
+        if (found.missing++ == 0) found.missingX = x, found.missingZ = z;
+        row[x] = instead;
+      } else {
+        const double steps = std::floor((v * options.scale + options.offset) * lattice::kStepsPerMetre + 0.5);
+        if (!(std::abs(steps) <= terrain::kMaxSample)) {
+          char text[64];
+          std::snprintf(text, sizeof text, "%.6g", v * options.scale + options.offset);
+          return Error{name + ": the sample at column " + std::to_string(x) + ", row " + std::to_string(z) + " is " + text +
+                       " m high; heights lie within 32,768 m of 0: correct --raster scale=, offset= or nodata="};
+        }
+        row[x] = static_cast<std::int32_t>(steps);
+      }
+      found.lowest = std::min(found.lowest, row[x]);
+      found.highest = std::max(found.highest, row[x]);
+      found.hash = (found.hash ^ static_cast<std::uint32_t>(row[x])) * 0x9e3779b97f4a7c15ull;
+      found.hash ^= found.hash >> 32;
+    }
+  }
+  if (found.missing && !options.noData)
+    return Error{name + ": " + std::to_string(found.missing) + " samples are none (NoData), the first at column " +
+                 std::to_string(found.missingX) + ", row " + std::to_string(found.missingZ) +
+                 ": say what stands there with --raster nodata=METRES, or fill them (gdal_fillnodata.py)"};
+  return found;
+}
+
+}  // namespace
+
+Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory) {
+  const std::uint64_t bytes = std::uint64_t{width} * height * sizeof(std::int32_t);
+  void* data = MAP_FAILED;
+  if (bytes <= inMemory) {
+    data = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (data == MAP_FAILED) return Error{"the height map takes " + inMegabytes(bytes) + " of memory, more than there is"};
+  } else {
+    std::error_code failed;
+    const std::filesystem::path folder = std::filesystem::temp_directory_path(failed);
+    std::string file = (folder / "ridgecast-XXXXXX").string();
+    const int descriptor = failed ? -1 : mkostemp(file.data(), O_CLOEXEC);
+    if (descriptor >= 0) unlink(file.c_str());
+    // Room is taken now: a disk that is full later would end the process.
+    if (descriptor >= 0 && posix_fallocate(descriptor, 0, static_cast<off_t>(bytes)) == 0)
+      data = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
+    if (descriptor >= 0) ::close(descriptor);
+    if (data == MAP_FAILED)
+      return Error{"the height map takes " + inMegabytes(bytes) + " in " + folder.string() +
+                   ", where there is not so much room: set TMPDIR to a folder that has it"};
+  }
+  return Samples(static_cast<std::int32_t*>(data), width, height);
+}
+
+Samples::~Samples() {
+  if (data_) munmap(data_, std::size_t{width_} * height_ * sizeof(std::int32_t));
+}
+
+Samples::Samples(Samples&& other) noexcept : data_(std::exchange(other.data_, nullptr)), width_(other.width_), height_(other.height_) {}
+
+std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge) {
+  const auto size = static_cast<std::int64_t>(n);
+  if (k >= 0 && k < size) return static_cast<std::uint32_t>(k);
+  const auto modulo = [k](std::int64_t period) { return ((k % period) + period) % period; };
+  switch (edge) {
+    case Edge::kClamp:
+      return k < 0 ? 0u : n - 1;
+    case Edge::kRepeat:
+      return static_cast<std::uint32_t>(modulo(size));
+    case Edge::kMirror: {
+      const std::int64_t m = modulo(2 * (size - 1));
+      return static_cast<std::uint32_t>(std::min(m, 2 * (size - 1) - m));
+    }
+    case Edge::kConstant:
+      break;
+  }
+  return std::nullopt;
+}
+
+Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& path, const RasterOptions& options,
+                                                            std::uint32_t seed, std::uint64_t inMemory) {
+  auto file = openRaster(path, options);
+  if (!file) return file.error();
+  const RasterHeader header = (*file)->header();
+  const std::string name = path.string();
+
+  terrain::RasterShape shape;
+  shape.width = header.width;
+  shape.height = header.height;
+  const double pitch = std::round(options.pitch.value_or(header.pitch.value_or(1.0)) * lattice::kStepsPerMetre);
+  if (!(pitch >= terrain::kMinPitch && pitch <= terrain::kMaxPitch))
+    return Error{name + ": its samples are " + std::to_string(pitch * lattice::kMetresPerStep) +
+                 " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
+  shape.pitch = static_cast<std::uint32_t>(pitch);
+  if (options.geographic) {
+    if (!header.easting) return Error{name + ": it does not say where it lies: leave --raster place=geo out"};
+    const double x = std::round(*header.easting * lattice::kStepsPerMetre), z = std::round(-*header.northing * lattice::kStepsPerMetre);
+    constexpr double kMost = static_cast<double>(lattice::kMaxPosition);
+    if (!(std::abs(x) <= kMost && std::abs(z) <= kMost)) return Error{name + ": it says that it lies beyond 4.39e12 m: leave --raster place=geo out"};
+    shape.originX = static_cast<Step>(x);
+    shape.originZ = static_cast<Step>(z);
+  } else {
+    shape.originX = -static_cast<Step>(header.width / 2) * shape.pitch;
+    shape.originZ = -static_cast<Step>(header.height / 2) * shape.pitch;
+  }
+
+  auto samples = Samples::create(header.width, header.height, inMemory);
+  if (!samples) return Error{name + ": " + samples.error().message};
+  const auto found = fill(name, **file, options, *samples);
+  if (!found) return found.error();
+  shape.lowest = found->lowest;
+  shape.highest = found->highest;
+  const auto constant = static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre));
+  if (options.edge == Edge::kConstant) {
+    shape.lowest = std::min(shape.lowest, constant);
+    shape.highest = std::max(shape.highest, constant);
+  }
+  shape.content = lattice::mix(found->hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
+  return std::shared_ptr<const terrain::Terrain>(
+      std::make_shared<RasterTerrain>(path.stem().string(), seed, shape, std::move(*samples), options.edge, constant));
+}
+
+}  // namespace ridgecast::user_terrain

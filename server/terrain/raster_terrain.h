@@ -1,0 +1,48 @@
+#pragma once
+// A height map as a terrain. At start-up its file is read once, row by row, and its samples are kept as whole steps: in memory up to
+// kMostInMemory, else in a nameless file where temporary files go, which the system pages in where somebody flies. After that every
+// height is a few reads: no lock, no wait, nothing that can fail.
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "common/outcome/outcome.h"
+#include "common/terrain/raster.h"
+#include "common/terrain/terrain.h"
+#include "server/terrain/raster_options.h"
+
+namespace ridgecast::user_terrain {
+
+inline constexpr std::uint64_t kMostInMemory = std::uint64_t{1} << 30;  // bytes; four a sample
+
+// width x height steps, row after row. Owns its pages.
+class Samples {
+ public:
+  // Error: no memory, or no room for the file; says how much is wanted and where. `inMemory` is the most that is not put into a file.
+  static Outcome<Samples> create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory = kMostInMemory);
+  ~Samples();
+  Samples(Samples&& other) noexcept;
+  Samples& operator=(Samples&&) = delete;
+  std::span<std::int32_t> row(std::uint32_t z) { return {data_ + std::size_t{width_} * z, width_}; }
+  std::int32_t at(std::uint32_t x, std::uint32_t z) const { return data_[std::size_t{width_} * z + x]; }
+  std::uint32_t width() const { return width_; }
+  std::uint32_t height() const { return height_; }
+
+ private:
+  Samples(std::int32_t* data, std::uint32_t width, std::uint32_t height) : data_(data), width_(width), height_(height) {}
+  std::int32_t* data_;
+  std::uint32_t width_, height_;
+};
+
+// Where a number on the endless axis falls on a map of n samples, n >= 2; nothing: beyond it, where the rule is a constant.
+std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge);
+
+// Reads a file (raster_file.h) whole. Error: what openRaster and reading say; samples that are none without nodata=; heights beyond
+// 32,768 m; positions beyond the lattice.
+Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& file, const RasterOptions& options,
+                                                            std::uint32_t seed, std::uint64_t inMemory = kMostInMemory);
+
+}  // namespace ridgecast::user_terrain

@@ -1,0 +1,212 @@
+// The one includer of libtiff: TIFF and BigTIFF in strips or tiles, whatever libtiff unpacks, one band of integers or floats; and the
+// tags that make a TIFF a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, keys 34735) or GDAL's (NoData 42113).
+
+#include <tiffio.h>
+
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "server/terrain/raster_file.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kGeoKeys = 34735, kNoData = 42113;
+
+thread_local std::string complaint;  // libtiff's first, since it was last cleared
+
+void keepComplaint(const char*, const char* format, std::va_list arguments) {
+  if (!complaint.empty()) return;
+  char text[200];
+  std::vsnprintf(text, sizeof text, format, arguments);
+  complaint = text;
+}
+
+// libtiff must know the tags' types, or a hostile file chooses them.
+void addTags(TIFF* tiff) {
+  static char scale[] = "ModelPixelScale", tie[] = "ModelTiepoint", keys[] = "GeoKeyDirectory", none[] = "GDALNoData";
+  static const TIFFFieldInfo fields[] = {
+      {kPixelScale, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, scale},
+      {kTiePoint, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, tie},
+      {kGeoKeys, -1, -1, TIFF_SHORT, FIELD_CUSTOM, 1, 1, keys},
+      {kNoData, -1, -1, TIFF_ASCII, FIELD_CUSTOM, 1, 0, none},
+  };
+  TIFFMergeFieldInfo(tiff, fields, 4);
+}
+
+void setUpLibrary() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    TIFFSetErrorHandler(&keepComplaint);
+    TIFFSetWarningHandler(nullptr);
+    TIFFSetTagExtender(&addTags);
+  });
+}
+
+class TiffFile final : public RasterFile {
+ public:
+  explicit TiffFile(std::string name) : name_(std::move(name)) {}
+  ~TiffFile() override {
+    if (tiff_) TIFFClose(tiff_);
+  }
+  const RasterHeader& header() const override { return header_; }
+
+  Outcome<void> open(std::uint64_t size, const RasterOptions& options) {
+    setUpLibrary();
+    complaint.clear();
+    tiff_ = TIFFOpen(name_.c_str(), "rm");  // without mapping: a file that shrinks must not end the server
+    if (!tiff_) return broken("this is no TIFF, or a broken one");
+    std::uint16_t bands = 1, bits = 1, format = SAMPLEFORMAT_UINT, packing = COMPRESSION_NONE;
+    TIFFGetField(tiff_, TIFFTAG_IMAGEWIDTH, &header_.width);
+    TIFFGetField(tiff_, TIFFTAG_IMAGELENGTH, &header_.height);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLESPERPIXEL, &bands);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_BITSPERSAMPLE, &bits);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLEFORMAT, &format);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_COMPRESSION, &packing);
+    if (bands != 1)
+      return Error{name_ + ": it has " + std::to_string(bands) + " bands; a height map has one (gdal_translate -b 1 takes the first)"};
+    const bool isFloat = format == SAMPLEFORMAT_IEEEFP && (bits == 32 || bits == 64);
+    const bool isInteger = (format == SAMPLEFORMAT_UINT || format == SAMPLEFORMAT_INT || format == SAMPLEFORMAT_VOID) &&
+                           (bits == 8 || bits == 16 || bits == 32);
+    if (!isFloat && !isInteger)
+      return Error{name_ + ": its samples have " + std::to_string(bits) + " bits of a kind that heights are not read from; integers of 8, 16 or 32 bits are, and floats of 32 or 64"};
+    kind_ = isFloat ? Kind::kFloat : format == SAMPLEFORMAT_INT ? Kind::kSigned : Kind::kUnsigned;
+    bytes_ = bits / 8u;
+    if (auto fine = checkClaim(name_, header_.width, header_.height, bytes_, size, packing != COMPRESSION_NONE); !fine) return fine;
+    if (auto fine = checkPieces(size); !fine) return fine;
+    if (!TIFFIsCODECConfigured(packing)) return Error{name_ + ": it is packed in a way that the installed libtiff does not unpack"};
+    readNoData();
+    return readPlace(options);
+  }
+
+  Outcome<void> row(std::span<double> out) override {
+    complaint.clear();
+    const unsigned char* from = nullptr;
+    if (tileWidth_) {
+      if (next_ % tileHeight_ == 0)
+        if (auto read = readTiles(); !read) return read;
+      from = &buffer_[next_ % tileHeight_ * rowBytes_];
+    } else {
+      if (TIFFReadScanline(tiff_, buffer_.data(), next_) != 1) return broken("row " + std::to_string(next_) + " cannot be read");
+      from = buffer_.data();
+    }
+    ++next_;
+    for (std::size_t k = 0; k < out.size(); ++k) out[k] = value(from + k * bytes_);
+    return {};
+  }
+
+ private:
+  enum class Kind { kUnsigned, kSigned, kFloat };
+
+  Error broken(const std::string& what) const {
+    return {name_ + ": " + what + (complaint.empty() ? "" : " (" + complaint + ")") + "; it is cut off or broken"};
+  }
+
+  // Strips and tiles must lie in the file, and be no larger than what is kept in memory of them.
+  Outcome<void> checkPieces(std::uint64_t size) {
+    if (TIFFIsTiled(tiff_)) {
+      TIFFGetField(tiff_, TIFFTAG_TILEWIDTH, &tileWidth_);
+      TIFFGetField(tiff_, TIFFTAG_TILELENGTH, &tileHeight_);
+      const std::uint64_t across = tileWidth_ ? (std::uint64_t{header_.width} + tileWidth_ - 1) / tileWidth_ : 0;
+      if (!tileWidth_ || !tileHeight_ || tileWidth_ > 65536 || tileHeight_ > 65536 ||
+          across * tileWidth_ * tileHeight_ * bytes_ > kMostRowBytes)
+        return Error{name_ + ": its tiles of " + std::to_string(tileWidth_) + " x " + std::to_string(tileHeight_) + " are too large to read"};
+      rowBytes_ = across * tileWidth_ * bytes_;
+    } else {
+      rowBytes_ = static_cast<std::size_t>(TIFFScanlineSize64(tiff_));
+      if (rowBytes_ < std::uint64_t{header_.width} * bytes_ || rowBytes_ > kMostRowBytes) return broken("its rows have a length that cannot be");
+    }
+    const std::uint32_t pieces = tileWidth_ ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_);
+    for (std::uint32_t k = 0; k < pieces; ++k) {
+      const std::uint64_t at = TIFFGetStrileOffset(tiff_, k), length = TIFFGetStrileByteCount(tiff_, k);
+      if (at == 0 && length == 0) return Error{name_ + ": parts of it were never written (a sparse file): write them, with NoData where there is none"};
+      if (length > size || at > size - length)
+        return broken("part " + std::to_string(k + 1) + " of " + std::to_string(pieces) + " lies beyond the end of the file");
+    }
+    buffer_.resize(rowBytes_ * (tileWidth_ ? tileHeight_ : 1));
+    if (tileWidth_) tile_.resize(static_cast<std::size_t>(TIFFTileSize64(tiff_)));
+    if (tileWidth_ && tile_.size() < std::size_t{tileWidth_} * tileHeight_ * bytes_) return broken("its tiles have a length that cannot be");
+    return {};
+  }
+
+  Outcome<void> readTiles() {
+    const std::size_t line = std::size_t{tileWidth_} * bytes_;
+    for (std::uint32_t x = 0, k = 0; x < header_.width; x += tileWidth_, ++k) {
+      if (TIFFReadTile(tiff_, tile_.data(), x, next_, 0, 0) < 0) return broken("the tile at column " + std::to_string(x) + ", row " + std::to_string(next_) + " cannot be read");
+      for (std::uint32_t y = 0; y < tileHeight_; ++y) std::memcpy(&buffer_[y * rowBytes_ + k * line], &tile_[y * line], line);
+      if (header_.width - x <= tileWidth_) break;
+    }
+    return {};
+  }
+
+  double value(const unsigned char* p) const {
+    const auto as = [p](auto v) {
+      std::memcpy(&v, p, sizeof v);
+      return static_cast<double>(v);
+    };
+    if (kind_ == Kind::kFloat) return bytes_ == 4 ? as(0.0f) : as(0.0);
+    if (kind_ == Kind::kSigned) return bytes_ == 1 ? as(std::int8_t{}) : bytes_ == 2 ? as(std::int16_t{}) : as(std::int32_t{});
+    return bytes_ == 1 ? as(std::uint8_t{}) : bytes_ == 2 ? as(std::uint16_t{}) : as(std::uint32_t{});
+  }
+
+  void readNoData() {
+    const char* text = nullptr;
+    if (TIFFGetField(tiff_, kNoData, &text) != 1 || !text) return;
+    char* end = nullptr;
+    const double v = std::strtod(text, &end);
+    if (end != text) header_.noData = kind_ == Kind::kFloat && bytes_ == 4 ? static_cast<double>(static_cast<float>(v)) : v;
+  }
+
+  Outcome<void> readPlace(const RasterOptions& options) {
+    std::uint16_t count = 0;
+    const double* scale = nullptr;
+    if (TIFFGetField(tiff_, kPixelScale, &count, &scale) != 1 || count < 2 || !scale) return {};
+    const double x = scale[0], y = scale[1];
+    bool isArea = true, isDegrees = false;
+    const std::uint16_t* keys = nullptr;
+    if (TIFFGetField(tiff_, kGeoKeys, &count, &keys) == 1 && keys)
+      for (std::size_t k = 4; k + 3 < count; k += 4) {
+        if (keys[k] == 1024 && keys[k + 1] == 0) isDegrees = keys[k + 3] == 2;  // GTModelTypeGeoKey: geographic
+        if (keys[k] == 1025 && keys[k + 1] == 0) isArea = keys[k + 3] != 2;     // GTRasterTypeGeoKey: 2 is point
+      }
+    if (isDegrees) {
+      if (!options.pitch) return Error{name_ + ": its samples are degrees apart, not metres: project it (gdalwarp -t_srs), or say --raster pitch=METRES"};
+      if (options.geographic) return Error{name_ + ": it lies in degrees, so it has no easting and northing: leave --raster place=geo out, or project it (gdalwarp -t_srs)"};
+      return {};
+    }
+    if (!options.pitch && !(std::abs(x - y) <= 1e-3 * std::abs(x)))
+      return Error{name_ + ": its samples are " + std::to_string(x) + " m apart one way and " + std::to_string(y) + " m the other: say --raster pitch=METRES"};
+    header_.pitch = x;
+    const double* tie = nullptr;
+    if (TIFFGetField(tiff_, kTiePoint, &count, &tie) == 1 && count >= 6 && tie) {
+      const double half = isArea ? 0.5 : 0.0;  // to the middle of the pixel
+      header_.easting = tie[3] + (half - tie[0]) * x;
+      header_.northing = tie[4] - (half - tie[1]) * y;
+    }
+    return {};
+  }
+
+  std::string name_;
+  TIFF* tiff_ = nullptr;
+  RasterHeader header_;
+  Kind kind_ = Kind::kUnsigned;
+  std::size_t bytes_ = 1, rowBytes_ = 0;
+  std::uint32_t tileWidth_ = 0, tileHeight_ = 0, next_ = 0;
+  std::vector<unsigned char> buffer_, tile_;
+};
+
+}  // namespace
+
+Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
+  auto tiff = std::make_unique<TiffFile>(file.string());
+  if (auto opened = tiff->open(size, options); !opened) return opened.error();
+  return std::unique_ptr<RasterFile>(std::move(tiff));
+}
+
+}  // namespace ridgecast::user_terrain
