@@ -3,6 +3,7 @@
 #include <condition_variable>
 #include <deque>
 #include <functional>
+#include <iterator>
 #include <mutex>
 #include <span>
 #include <thread>
@@ -219,6 +220,13 @@ struct Connection::Impl {
       hasWorld_ = true;
       changed_.notify_all();
       if (hello_.clock && world_.revision >= 1) askClock(0);
+    } else if (auto* tiles = std::get_if<wire::HeightTiles>(&*message)) {
+      const std::lock_guard lock(mutex_);
+      bytes_ += size;
+      if (tiles->tiles.size() > unanswered_ - tiles_.size())
+        return endLocked("the server at " + where() + " sent tiles of heights that were not asked for");
+      std::move(tiles->tiles.begin(), tiles->tiles.end(), std::back_inserter(tiles_));
+        changed_.notify_all();
     } else if (!std::holds_alternative<wire::Iteration>(*message)) {
       if (state_ != State::kStreaming) return end("the server at " + where() + " spoke of its session before its world");
       const std::lock_guard lock(mutex_);
@@ -276,6 +284,9 @@ struct Connection::Impl {
         message = *std::exchange(resend_, std::nullopt);
       } else if (acknowledge_) {
         message = *std::exchange(acknowledge_, std::nullopt);
+      } else if (!wants_.empty()) {
+        message = std::move(wants_.front());
+        wants_.pop_front();
       } else if (!poses_.empty()) {
         message = poses_.front();
         poses_.pop_front();
@@ -377,7 +388,10 @@ struct Connection::Impl {
   std::deque<Received> queue_;
   std::uint64_t bytes_ = 0;
   std::deque<wire::PoseMessage> poses_;
-  std::deque<wire::Resume> resumes_;  // the owner's scene bounds them
+  std::deque<wire::Resume> resumes_;     // the owner's scene bounds them
+  std::deque<wire::WantTiles> wants_;    // bounded by what may be unanswered
+  std::vector<wire::HeightTile> tiles_;  // that came
+  std::size_t unanswered_ = 0;           // wanted and not taken, tiles_ included
   std::optional<wire::Acknowledge> acknowledge_;
   std::optional<wire::ResendLeaves> resend_;
   std::deque<wire::ClientMessage> sayings_;
@@ -437,6 +451,26 @@ void Connection::resend(const wire::ResendLeaves& resend) {
     if (all || waiting->leaves.size() > wire::kMaxResendLeaves) waiting->leaves.clear();
   }
   impl_->wake();
+}
+
+void Connection::want(const wire::WantTiles& wanted) {
+  {
+    const std::lock_guard lock(impl_->mutex_);
+    impl_->unanswered_ += wanted.tiles.size();
+    impl_->wants_.push_back(wanted);
+  }
+  impl_->wake();
+}
+
+std::vector<wire::HeightTile> Connection::takeTiles() {
+  const std::lock_guard lock(impl_->mutex_);
+  impl_->unanswered_ -= impl_->tiles_.size();
+  return std::exchange(impl_->tiles_, {});
+}
+
+std::size_t Connection::unansweredTiles() const {
+  const std::lock_guard lock(impl_->mutex_);
+  return impl_->unanswered_;
 }
 
 std::optional<Received> Connection::receive(milliseconds patience) {

@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "client/connection/roster.h"
 #include "client/connection/session_clock.h"
@@ -59,6 +60,12 @@ class Connection {
   // Before the first pose: leaves that are still held (parts of at most wire::kMaxResumeLeaves).
   void resume(const wire::Resume& resume);
   void resend(const wire::ResendLeaves& resend);
+
+  // Tiles of the world's height map; at most wire::kMaxWantedTiles unanswered, and one message's worth a call.
+  void want(const wire::WantTiles& wanted);
+  // Those that have come since the last call.
+  std::vector<wire::HeightTile> takeTiles();
+  std::size_t unansweredTiles() const;  // wanted and not taken
 
   // The next iteration, in order; nothing when none arrived within `patience` (0: do not wait) or when the connection has ended and
   // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations; a server that

@@ -41,6 +41,12 @@ class Resuming {
   void acknowledge(const wire::Acknowledge& acknowledge);
   void resend(const wire::ResendLeaves& resend);
 
+  // Tiles that were wanted of an ended connection never come: ask again after reconnections() has grown.
+  void want(const wire::WantTiles& wanted) {
+    if (!lost_) connection_->want(wanted);
+  }
+  std::vector<wire::HeightTile> takeTiles() { return lost_ ? std::vector<wire::HeightTile>() : connection_->takeTiles(); }
+
   // As Connection's; also looks after the connection, so call it often.
   std::optional<Received> receive(std::chrono::milliseconds patience);
 

@@ -7,12 +7,15 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 
 #include "client/evaluation/gltf_export.h"
 #include "client/evaluation/recorder.h"
 #include "client/render/context.h"
+#include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
+#include "client/scene/exchange_tiles.h"
 #include "client/scene/scene.h"
 #include "common/camera/path.h"
 
@@ -35,22 +38,27 @@ int fail(int code, const std::string& message) {
 
 class Flight {
  public:
-  Flight(const FlyOptions& options, camera::Path path, std::unique_ptr<connection::Connection> connection,
-         std::shared_ptr<const terrain::Terrain> terrain, render::Renderer renderer, Recorder recorder)
+  Flight(const FlyOptions& options, camera::Path path, std::unique_ptr<connection::Connection> connection, render::Drawing drawing,
+         render::Renderer renderer, Recorder recorder)
       : options_(options),
         path_(std::move(path)),
         connection_(std::move(connection)),
-        terrain_(std::move(terrain)),
+        terrain_(std::move(drawing.terrain)),
+        window_(std::move(drawing.window)),
         renderer_(std::move(renderer)),
         recorder_(std::move(recorder)),
         duration_(std::min(path_.duration(), options.seconds.value_or(path_.duration()))),
         pictureEvery_(options.framesEvery.value_or(std::max(duration_ / 6, 1 / options.rate))),
         nextPicture_(pictureEvery_),
-        exportDue_(!options.exportFile.empty() && options.exportAt && *options.exportAt < duration_) {}
+        exportDue_(!options.exportFile.empty() && options.exportAt && *options.exportAt < duration_) {
+    if (window_) texture_.emplace(window_->shape());
+    scene_.expectShades(connection_->world().shadedVertices);
+  }
 
   Outcome<void> fly() {
     // Drivers compile shaders when they are first used: not in the first picture's time.
     camera_ = cameraAt(0);
+    if (broken_) return *broken_;
     render::View small = view();
     small.camera.projection.width = small.camera.projection.height = 16;
     if (auto drawn = renderer_.drawMarch(small); !drawn) return drawn.error();
@@ -70,9 +78,35 @@ class Flight {
   }
 
  private:
-  camera::Camera cameraAt(double t) const {
+  // A height map's tiles around the camera are waited for, so that the same flight gives the same pictures.
+  Outcome<void> fetchTiles(lattice::Point p) {
+    window_->moveTo(p);
+    for (const auto began = Clock::now(); !window_->complete();) {
+      auto exchanged = scene::exchangeTiles(*connection_, *window_);
+      if (!exchanged) return exchanged.error();
+      if (connection_->error()) return ended();
+      if (*exchanged) continue;
+      if (Clock::now() - began > kPatience)
+        return Error{"the server has not sent the heights around the camera for " + std::to_string(kPatience / 1s) + " s"};
+      std::this_thread::sleep_for(1ms);
+    }
+    texture_->update(*window_, static_cast<std::size_t>(render::HeightTexture::kTiles * render::HeightTexture::kTiles));
+    return {};
+  }
+
+  double ground(lattice::Point p) {
+    if (window_)
+      if (auto fetched = fetchTiles(p); !fetched) {
+        if (!broken_) broken_ = fetched.error();
+        return 0;
+      }
+    return terrain_ ? terrain_->height(p) : scene_.height(p).value_or(0);
+  }
+
+  camera::Camera cameraAt(double t) {
     camera::Camera camera;
-    camera.pose = camera::poseAt(path_, t, [this](lattice::Point p) { return terrain_ ? terrain_->height(p) : scene_.height(p).value_or(0); });
+    camera.pose = camera::poseAt(path_, t, [this](lattice::Point p) { return ground(p); });
+    ground({camera.pose.x, camera.pose.z});
     camera.projection = {path_.verticalFov, options_.width, options_.height};
     return camera;
   }
@@ -85,6 +119,7 @@ class Flight {
     const render::HeightBounds bounds = render::boundsAround(*terrain_, {camera_.pose.x, camera_.pose.z}, view.horizon);
     view.lowest = bounds.lowest;
     view.highest = bounds.highest;
+    view.heights = texture_ ? &*texture_ : nullptr;
     return view;
   }
 
@@ -146,6 +181,7 @@ class Flight {
   Outcome<void> lockStep(double t) {
     const auto began = Clock::now();
     sendPose(t);
+    if (broken_) return *broken_;
     for (;;) {
       if (const auto received = connection_->receive(1s)) {
         const bool mine = received->iteration.poseSequence >= sequence_;
@@ -199,6 +235,7 @@ class Flight {
   Outcome<void> flyByTheClock() {
     for (double t = 0; t < duration_; t = totals_.seconds) {
       sendPose(t);
+      if (broken_) return *broken_;
       const auto stepped = Clock::now();
       if (auto taken = takeUntil(stepped + kPoseInterval); !taken) return taken.error();
       totals_.seconds += secondsSince(stepped);
@@ -280,6 +317,9 @@ class Flight {
   camera::Path path_;
   std::unique_ptr<connection::Connection> connection_;
   std::shared_ptr<const terrain::Terrain> terrain_;
+  std::shared_ptr<scene::HeightWindow> window_;  // of a height map; else null
+  std::optional<render::HeightTexture> texture_;
+  std::optional<Error> broken_;  // its tiles did not come
   render::Renderer renderer_;
   Recorder recorder_;
   scene::Scene scene_;
@@ -320,7 +360,7 @@ int fly(const FlyOptions& options) {
   std::fprintf(stderr, "flying %s over %s (seed %u, horizon %.0f m), %ux%u, %s\n", options.path.filename().c_str(),
                world.terrainName.c_str(), world.seed, world.horizon, options.width, options.height, render::contextDescription().c_str());
 
-  Flight flight(options, std::move(*path), std::move(*connected), std::move(drawing.terrain), std::move(*renderer), std::move(*recorder));
+  Flight flight(options, std::move(*path), std::move(*connected), std::move(drawing), std::move(*renderer), std::move(*recorder));
   if (auto flown = flight.fly(); !flown) return fail(kRuntimeFailure, flown.error().message);
   std::fprintf(stderr, "figures in %s\n", (options.out / "summary.json").c_str());
   return kSuccess;

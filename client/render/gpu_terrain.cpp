@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "client/render/gl_objects.h"
+#include "client/render/height_texture.h"
 #include "common/lattice/lattice.h"
 
 namespace ridgecast::render {
@@ -27,9 +28,10 @@ void main() {
 
 class GpuTerrain final : public terrain::Terrain {
  public:
-  GpuTerrain(std::string name, const TerrainText& text, Program program)
+  GpuTerrain(std::string name, const TerrainText& text, const HeightTexture* heights, Program program)
       : name_(std::move(name)),
         text_(text),
+        window_(heights),
         program_(std::move(program)),
         vertexArray_(makeVertexArray()),
         result_(makeTexture(GL_RGBA32F, kSide, kSide)),
@@ -82,6 +84,7 @@ class GpuTerrain final : public terrain::Terrain {
     program_.use();
     program_.set("heightPoints", 0);
     program_.set("viewSeed", text_.seed);
+    if (window_) window_->bind(program_);
     glBindVertexArray(vertexArray_.name());
     glDrawArrays(GL_TRIANGLES, 0, 3);
     glBindVertexArray(0);
@@ -95,16 +98,17 @@ class GpuTerrain final : public terrain::Terrain {
 
   std::string name_;
   TerrainText text_;
+  const HeightTexture* window_;
   Program program_;
   GlObject vertexArray_, result_, framebuffer_, points_;
 };
 
 }  // namespace
 
-Outcome<std::shared_ptr<const terrain::Terrain>> gpuTerrain(std::string name, const TerrainText& text) {
+Outcome<std::shared_ptr<const terrain::Terrain>> gpuTerrain(std::string name, const TerrainText& text, const HeightTexture* heights) {
   auto program = buildTerrainProgram("heights", text, kHeights);
   if (!program) return program.error();
-  return std::shared_ptr<const terrain::Terrain>(std::make_shared<GpuTerrain>(std::move(name), text, std::move(*program)));
+  return std::shared_ptr<const terrain::Terrain>(std::make_shared<GpuTerrain>(std::move(name), text, heights, std::move(*program)));
 }
 
 }  // namespace ridgecast::render

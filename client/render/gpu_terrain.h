@@ -12,6 +12,9 @@ namespace ridgecast::render {
 
 // Unlike other terrains it may be called on one thread only: that of the context that was current when it was made, while it is
 // current. Error: the driver does not compile the terrain; names the line.
-Outcome<std::shared_ptr<const terrain::Terrain>> gpuTerrain(std::string name, const TerrainText& text);
+// A height map's text needs `heights`, which the terrain refers to.
+class HeightTexture;
+Outcome<std::shared_ptr<const terrain::Terrain>> gpuTerrain(std::string name, const TerrainText& text,
+                                                            const HeightTexture* heights = nullptr);
 
 }  // namespace ridgecast::render

@@ -3,23 +3,38 @@
 #include <string>
 
 #include "client/render/gpu_terrain.h"
+#include "client/render/march_pass.h"
 #include "client/render/shade_pass.h"
 
 namespace ridgecast::render {
 
 Drawing drawingOf(const wire::World& world, bool remoteShaders) {
   if (auto own = terrain::create(world.terrainName, world.seed); own && terrain::contentHash(**own) == world.contentHash)
-    return {{std::string((*own)->source()), world.seed, false}, *own, {}};
+    return {{std::string((*own)->source()), world.seed, false}, *own, nullptr, {}};
   const auto neutral = [&](const std::string& why) {
-    return Drawing{{{}, world.seed, true}, nullptr, why + "; drawing the mesh's own shape in neutral colours, without a ray march"};
+    return Drawing{
+        {{}, world.seed, true}, nullptr, nullptr, why + "; drawing the mesh's own shape in neutral colours, without a ray march"};
   };
+  if (world.shadedVertices)
+    return {{{}, world.seed, true, true},
+            nullptr,
+            nullptr,
+            "the server keeps its terrain's text to itself; drawing the colours and normals that come with the mesh, without a ray march"};
   if (world.terrainSource.empty()) return neutral("the server keeps its terrain's text to itself");
-  if (!remoteShaders) return neutral("the terrain's text came from the server and --no-remote-shaders refuses it");
-  const TerrainText text{world.terrainSource, world.seed, false};
+  const bool own = world.heightMap && world.terrainSource == terrain::rasterSource(*world.heightMap);
+  if (!own && !remoteShaders) return neutral("the terrain's text came from the server and --no-remote-shaders refuses it");
+  const TerrainText text{world.terrainSource, world.seed, false, false, world.heightMap.has_value()};
+  if (world.heightMap) {
+    if (auto shade = ShadePass::create(text); !shade) return neutral(shade.error().message);
+    if (auto march = MarchPass::create(text); !march) return neutral(march.error().message);
+    auto window =
+        std::make_shared<scene::HeightWindow>(world.terrainName, world.terrainSource, world.seed, *world.heightMap, world.horizon);
+    return {text, window, window, {}};
+  }
   auto terrain = gpuTerrain(world.terrainName, text);
   if (!terrain) return neutral(terrain.error().message);
   if (auto shade = ShadePass::create(text); !shade) return neutral(shade.error().message);
-  return {text, *terrain, {}};
+  return {text, *terrain, nullptr, {}};
 }
 
 }  // namespace ridgecast::render

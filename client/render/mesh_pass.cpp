@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <string>
+#include <vector>
 
 namespace ridgecast::render {
 namespace {
@@ -21,7 +23,17 @@ uniform float near;
 uniform bool reversedDepth;
 out vec3 offset;
 out float depth;
+#ifdef SHADED
+layout(location = 1) in vec2 shadeNormal;  // stereographic
+layout(location = 2) in vec3 shadeColour;  // roots of linear light
+out vec3 normal, albedo;
+#endif
 void main() {
+#ifdef SHADED
+  float p = dot(shadeNormal, shadeNormal);
+  normal = vec3(2.0 * shadeNormal.x, 1.0 - p, 2.0 * shadeNormal.y) / (1.0 + p);
+  albedo = shadeColour * shadeColour;
+#endif
   vec3 metres = (vec3(position + leafOffset) - remainder) * (1.0 / 256.0);
   offset = metres.xzy;
   depth = dot(offset, forward);
@@ -33,7 +45,14 @@ constexpr std::string_view kReversedFragment = R"(
 in vec3 offset;
 in float depth;
 layout(location = 0) out vec4 surface;
-void main() { surface = vec4(offset, 1.0); }
+#ifdef SHADED
+in vec3 normal, albedo;
+layout(location = 1) out vec4 carried;
+#endif
+void main() {
+  surface = vec4(offset, 1.0);
+  LIGHT
+}
 )";
 
 // Without glClipControl half of the float's range would be wasted: the logarithm spreads 0.1 m to 200 km evenly instead.
@@ -42,13 +61,36 @@ uniform float near;
 in vec3 offset;
 in float depth;
 layout(location = 0) out vec4 surface;
+#ifdef SHADED
+in vec3 normal, albedo;
+layout(location = 1) out vec4 carried;
+#endif
 void main() {
   surface = vec4(offset, 1.0);
+  LIGHT
   gl_FragDepth = clamp(1.0 - log2(depth / near) / log2(200000.0 / near), 0.0, 1.0);
 }
 )";
 
-constexpr std::size_t kVertexSize = sizeof(mesh::LocalVertex), kIndexSize = sizeof(std::uint32_t);
+// Sun, sky and what the ground throws back, as shading.glsl without shadows and hollows, which a client without the terrain cannot know.
+constexpr std::string_view kLit = R"(
+#define SHADED
+#define LIGHT carried = vec4(lit(), 1.0);
+)";
+constexpr std::string_view kLight = R"(
+#ifdef SHADED
+vec3 lit() {
+  vec3 n = normalize(normal);
+  vec3 sun = vec3(0.5609701, 0.5385313, -0.6283046);
+  vec3 light = vec3(2.75, 2.4, 1.9) * max(dot(n, sun), 0.0) + vec3(0.27, 0.38, 0.56) * (0.55 + 0.45 * n.y);
+  light += vec3(0.16, 0.14, 0.11) * max(0.5 - 0.5 * dot(n, vec3(sun.x, -0.3, sun.z)), 0.0);
+  return albedo * light;
+}
+#endif
+)";
+constexpr std::string_view kUnlit = "#define LIGHT\n";
+
+constexpr std::size_t kShadeSize = 8, kVertexSize = sizeof(mesh::LocalVertex), kIndexSize = sizeof(std::uint32_t);
 static_assert(kVertexSize == 12 && offsetof(mesh::LocalVertex, z) == 4 && offsetof(mesh::LocalVertex, y) == 8);
 static_assert(sizeof(mesh::Triangle) == 12);
 
@@ -75,21 +117,25 @@ void write(const GlObject& buffer, std::size_t start, std::size_t bytes, const v
 
 }  // namespace
 
-MeshPass::MeshPass(Program program, bool reversedDepth)
+MeshPass::MeshPass(Program program, bool reversedDepth, bool shaded)
     : program_(std::move(program)),
       reversedDepth_(reversedDepth),
+      shaded_(shaded),
       leafOffset_(program_.location("leafOffset")),
       vertexArray_(makeVertexArray()) {}
 
-Outcome<MeshPass> MeshPass::create() {
+Outcome<MeshPass> MeshPass::create(bool shaded) {
   const bool reversed = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");
-  const std::array<Program::Piece, 1> fragment = {{{"mesh", reversed ? kReversedFragment : kLogarithmicFragment}}};
-  auto program = Program::build("mesh", kVertex, fragment);
+  std::string main(reversed ? kReversedFragment : kLogarithmicFragment);
+  main.insert(main.find("void main"), kLight);  // behind what it reads
+  const std::array<Program::Piece, 2> fragment = {{{"mode", shaded ? kLit : kUnlit}, {"mesh", main}}};
+  auto program = Program::build("mesh", std::string(shaded ? kLit : kUnlit) + std::string(kVertex), fragment);
   if (!program) return program.error();
-  return MeshPass(std::move(*program), reversed);
+  return MeshPass(std::move(*program), reversed, shaded);
 }
 
-void MeshPass::upload(const mesh::LeafMesh& leaf, Slot& slot) {
+void MeshPass::upload(const scene::HeldLeaf& held, Slot& slot) {
+  const mesh::LeafMesh& leaf = *held.mesh;
   slot.vertices = leaf.vertices.size();
   slot.indices = leaf.triangles.size() * 3;
   if (!slot.indices) return;
@@ -97,6 +143,26 @@ void MeshPass::upload(const mesh::LeafMesh& leaf, Slot& slot) {
   slot.firstIndex = takeOrGrow(indexArena_, indexBuffer_, kIndexSize, slot.indices);
   write(vertexBuffer_, slot.firstVertex * kVertexSize, slot.vertices * kVertexSize, leaf.vertices.data());
   write(indexBuffer_, slot.firstIndex * kIndexSize, slot.indices * kIndexSize, leaf.triangles.data());
+  if (shaded_) {
+    if (shadeCapacity_ != vertexArena_.capacity()) {
+      GlObject larger = makeBuffer();
+      glBindBuffer(GL_COPY_WRITE_BUFFER, larger.name());
+      glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(vertexArena_.capacity() * kShadeSize), nullptr, GL_DYNAMIC_DRAW);
+      if (shadeCapacity_) {
+        glBindBuffer(GL_COPY_READ_BUFFER, shadeBuffer_.name());
+        glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, static_cast<GLsizeiptr>(shadeCapacity_ * kShadeSize));
+      }
+      shadeBuffer_ = std::move(larger);
+      shadeCapacity_ = vertexArena_.capacity();
+    }
+    std::vector<std::array<std::uint8_t, kShadeSize>> shades(slot.vertices);
+    if (held.shades)
+      for (std::size_t k = 0; k < std::min(shades.size(), held.shades->size()); ++k) {
+        const terrain::Shade& s = (*held.shades)[k];
+        shades[k] = {static_cast<std::uint8_t>(s.normalX), static_cast<std::uint8_t>(s.normalZ), 0, 0, s.red, s.green, s.blue, 0};
+      }
+    write(shadeBuffer_, slot.firstVertex * kShadeSize, shades.size() * kShadeSize, shades.data());
+  }
   slot.low = slot.high = leaf.vertices.front();
   for (const mesh::LocalVertex& v : leaf.vertices) {
     slot.low = {std::min(slot.low.x, v.x), std::min(slot.low.z, v.z), std::min(slot.low.y, v.y)};
@@ -123,7 +189,7 @@ void MeshPass::update(const std::map<lattice::LeafAddress, scene::HeldLeaf>& lea
     const auto [slot, isNew] = slots_.try_emplace(address);
     if (!isNew) continue;
     slot->second.version = held.version;
-    upload(*held.mesh, slot->second);
+    upload(held, slot->second);
   }
 }
 
@@ -133,6 +199,12 @@ void MeshPass::bindArrays() const {
   glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, indexBuffer_.name());
   glEnableVertexAttribArray(0);
   glVertexAttribIPointer(0, 3, GL_INT, kVertexSize, nullptr);
+  if (!shaded_) return;
+  glBindBuffer(GL_ARRAY_BUFFER, shadeBuffer_.name());
+  glEnableVertexAttribArray(1);
+  glVertexAttribPointer(1, 2, GL_BYTE, GL_TRUE, kShadeSize, nullptr);
+  glEnableVertexAttribArray(2);
+  glVertexAttribPointer(2, 3, GL_UNSIGNED_BYTE, GL_TRUE, kShadeSize, reinterpret_cast<const void*>(std::uintptr_t{4}));
 }
 
 MeshPass::Drawn MeshPass::draw(const View& view, const Surface& surface) const {

@@ -18,7 +18,9 @@ inline constexpr double kNear = 0.1;
 
 class MeshPass {
  public:
-  static Outcome<MeshPass> create();
+  // `shaded`: leaves bring shades along, which are lit into the surface's carried colours.
+  static Outcome<MeshPass> create(bool shaded = false);
+  bool shaded() const { return shaded_; }
 
   // Copies leaves that are new or whose version grew, forgets those that are gone. Memory follows what the scene holds (doubling).
   void update(const scene::Scene& scene);
@@ -38,16 +40,18 @@ class MeshPass {
     std::size_t firstVertex = 0, vertices = 0, firstIndex = 0, indices = 0;
     mesh::LocalVertex low, high;  // bounding box, as the leaf's vertices
   };
-  MeshPass(Program program, bool reversedDepth);
+  MeshPass(Program program, bool reversedDepth, bool shaded);
   void bindArrays() const;
-  void upload(const mesh::LeafMesh& leaf, Slot& slot);
+  void upload(const scene::HeldLeaf& held, Slot& slot);
   void giveBack(const Slot& slot);
 
   Program program_;
   bool reversedDepth_;  // float depth from 1 at the near plane to 0 at infinity; else logarithmic depth, written by the fragment shader
+  bool shaded_;
   int leafOffset_ = -1;
-  GlObject vertexArray_, vertexBuffer_, indexBuffer_;
+  GlObject vertexArray_, vertexBuffer_, indexBuffer_, shadeBuffer_;  // shades lie where their vertices do
   Arena vertexArena_{0}, indexArena_{0};
+  std::size_t shadeCapacity_ = 0;
   std::map<lattice::LeafAddress, Slot> slots_;
 };
 

@@ -5,11 +5,18 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <vector>
+
+#include "common/terrain/raster.h"
 
 namespace ridgecast::render {
 
 HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre, double radius) {
+  if (const terrain::Raster* raster = terrain.raster()) {
+    const terrain::RasterBounds bounds = terrain::boundsOf(raster->shape());
+    return {bounds.lowest, bounds.highest};
+  }
   constexpr double kMargin = 400;
   constexpr lattice::Step kSpacing = 128 << lattice::kStepBits;
   const auto n = static_cast<lattice::Step>(std::ceil(radius * lattice::kStepsPerMetre / kSpacing));
@@ -33,7 +40,7 @@ Renderer::Renderer(MeshPass mesh, MarchPass march, ShadePass shade)
     : mesh_(std::move(mesh)), march_(std::move(march)), shade_(std::move(shade)) {}
 
 Outcome<Renderer> Renderer::create(const TerrainText& terrain) {
-  auto mesh = MeshPass::create();
+  auto mesh = MeshPass::create(terrain.shaded);
   if (!mesh) return mesh.error();
   auto march = MarchPass::create(terrain);
   if (!march) return march.error();
@@ -47,7 +54,7 @@ Outcome<void> Renderer::fit(const View& view) {
   if (canvas_ && canvas_->width() == width && canvas_->height() == height) return {};
   surface_.reset();
   canvas_.reset();
-  auto surface = Surface::create(width, height);
+  auto surface = Surface::create(width, height, mesh_.shaded());
   if (!surface) return surface.error();
   auto canvas = Canvas::create(width, height);
   if (!canvas) return canvas.error();

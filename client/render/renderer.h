@@ -14,7 +14,8 @@
 
 namespace ridgecast::render {
 
-// Heights that the terrain does not leave within `radius` metres around a point: sampled every 128 m, with a margin of 400 m for what lies between.
+// Heights that the terrain does not leave within `radius` metres around a point: sampled every 128 m, with a margin of 400 m for what lies between;
+// a height map's are those of all its samples.
 struct HeightBounds {
   double lowest = 0, highest = 0;
 };

@@ -28,7 +28,7 @@ Outcome<void> checkComplete(std::uint32_t width, std::uint32_t height) {
 
 }  // namespace
 
-Outcome<Surface> Surface::create(std::uint32_t width, std::uint32_t height) {
+Outcome<Surface> Surface::create(std::uint32_t width, std::uint32_t height, bool carried) {
   if (auto fits = checkSize(width, height); !fits) return fits.error();
   Surface s;
   s.width_ = width;
@@ -38,6 +38,12 @@ Outcome<Surface> Surface::create(std::uint32_t width, std::uint32_t height) {
   s.framebuffer_ = makeFramebuffer();
   glBindFramebuffer(GL_FRAMEBUFFER, s.framebuffer_.name());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, s.positions_.name(), 0);
+  if (carried) {
+    s.carried_ = makeTexture(GL_RGBA16F, width, height);
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, s.carried_.name(), 0);
+    const GLenum both[] = {GL_COLOR_ATTACHMENT0, GL_COLOR_ATTACHMENT1};
+    glDrawBuffers(2, both);
+  }
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, s.depth_.name(), 0);
   if (auto complete = checkComplete(width, height); !complete) return complete.error();
   return s;

@@ -12,7 +12,9 @@ namespace ridgecast::render {
 class Surface {
  public:
   // Error: the driver refuses a picture of this size.
-  static Outcome<Surface> create(std::uint32_t width, std::uint32_t height);
+  // With `carried` it also takes what vertices bring along: linear light (r, g, b), from the mesh pass alone.
+  static Outcome<Surface> create(std::uint32_t width, std::uint32_t height, bool carried = false);
+  std::uint32_t carried() const { return carried_.name(); }  // texture; 0: none
   std::uint32_t width() const { return width_; }
   std::uint32_t height() const { return height_; }
   std::uint32_t texture() const { return positions_.name(); }
@@ -20,7 +22,7 @@ class Surface {
 
  private:
   std::uint32_t width_ = 0, height_ = 0;
-  GlObject positions_, depth_, framebuffer_;
+  GlObject positions_, carried_, depth_, framebuffer_;
 };
 
 // Colours as 8-bit display values; alpha is 1 where terrain shows.

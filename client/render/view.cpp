@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 
+#include "client/render/height_texture.h"
 #include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
 
@@ -61,7 +62,9 @@ View supersampled(const View& view, std::uint32_t n) {
 std::string_view viewFunctions() { return kViewFunctions; }
 
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main) {
-  const std::array<Program::Piece, 5> pieces = {{{"noise", terrain::prelude()},
+  std::string noise(terrain::prelude());
+  if (terrain.raster) noise += HeightTexture::accessor();
+  const std::array<Program::Piece, 5> pieces = {{{"noise", noise},
                                                  {"terrain", terrain.neutral ? kNeutralTerrain : std::string_view(terrain.source)},
                                                  {"shading", terrain::shading()},
                                                  {"view", kViewFunctions},
@@ -85,6 +88,7 @@ void setView(const Program& program, const View& view, std::uint32_t seed) {
   program.set("viewSize", static_cast<float>(projection.width), static_cast<float>(projection.height));
   program.set("viewHorizon", static_cast<float>(view.horizon));
   program.set("viewSeed", seed);
+  if (view.heights) view.heights->bind(program);
 }
 
 }  // namespace ridgecast::render

@@ -12,11 +12,14 @@
 
 namespace ridgecast::render {
 
+class HeightTexture;
+
 struct View {
   camera::Camera camera;  // projection: of the picture that is drawn, in samples
   double horizon = 0;     // metres from the camera at which both renderings end
   // No terrain is higher or lower within the horizon: lets the ray march skip the air. Metres, absolute; the defaults are always right.
   double lowest = -131072, highest = 131072;
+  const HeightTexture* heights = nullptr;  // where the text is a height map's: what is known of it; outlives the view
 };
 
 // The camera with n x n samples for each pixel.
@@ -26,7 +29,9 @@ View supersampled(const View& view, std::uint32_t n);
 struct TerrainText {
   std::string source;  // the terrain file
   std::uint32_t seed = 0;
-  bool neutral = false;    // the text is not to be had: a world without ground for the ray march, shading from the mesh alone
+  bool neutral = false;  // the text is not to be had: a world without ground for the ray march, shading from the mesh alone
+  bool shaded = false;   // neutral, but colours and normals come with the vertices
+  bool raster = false;   // it is a height map's (common/terrain/raster.glsl): views need `heights`
 };
 
 // A full-screen program of version line, terrain prelude, terrain, shading, the view's own functions and `main`.

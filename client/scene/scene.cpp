@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <set>
+#include <span>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -51,6 +52,44 @@ class Families {
   std::unordered_map<lattice::LeafAddress, std::vector<lattice::LeafAddress>, lattice::LeafAddressHash> below_;
 };
 
+using Shades = std::vector<terrain::Shade>;
+
+terrain::Shade shadeAt(std::span<const std::uint8_t> bytes, std::size_t k) {
+  const std::uint8_t* b = &bytes[k * terrain::kShadeBytes];
+  return {static_cast<std::int8_t>(b[0]), static_cast<std::int8_t>(b[1]), b[2], b[3], b[4]};
+}
+
+// What vertices of the leaves that a delta starts from look like, by whole position.
+using KnownShades = std::map<lattice::Vertex, terrain::Shade>;
+void collect(const HeldLeaf& leaf, KnownShades& known) {
+  if (!leaf.shades) return;
+  for (std::size_t k = 0; k < leaf.shades->size(); ++k) {
+    const mesh::LocalVertex& v = leaf.mesh->vertices[k];
+    known.emplace(lattice::Vertex{leaf.mesh->address.x() + v.x, leaf.mesh->address.z() + v.z, v.y}, (*leaf.shades)[k]);
+  }
+}
+
+// Shades of a leaf's vertices: those of the base by position, the others in order from the bytes. Null: the bytes are too few or too many.
+std::shared_ptr<const Shades> shadesOf(const mesh::LeafMesh& leaf, const mesh::LeafMesh* base, const KnownShades& known,
+                                       std::span<const std::uint8_t> bytes) {
+  auto out = std::make_shared<Shades>();
+  out->reserve(leaf.vertices.size());
+  std::size_t taken = 0;
+  auto old = base ? base->vertices.begin() : leaf.vertices.end();
+  const auto end = base ? base->vertices.end() : leaf.vertices.end();
+  for (const mesh::LocalVertex& v : leaf.vertices) {
+    while (old != end && (old->x < v.x || (old->x == v.x && old->z < v.z))) ++old;
+    if (old != end && *old == v) {
+      const auto it = known.find({leaf.address.x() + v.x, leaf.address.z() + v.z, v.y});
+      out->push_back(it == known.end() ? terrain::Shade{} : it->second);
+    } else {
+      if ((taken + 1) * terrain::kShadeBytes > bytes.size()) return nullptr;
+      out->push_back(shadeAt(bytes, taken++));
+    }
+  }
+  return taken * terrain::kShadeBytes == bytes.size() ? out : nullptr;
+}
+
 // Twice the area of (a, b, p), positive when p lies to the left of a -> b seen from above. Coordinates below 2^29: exact.
 std::int64_t side(const mesh::LocalVertex& a, const mesh::LocalVertex& b, std::int64_t x, std::int64_t z) {
   return (std::int64_t{b.z} - a.z) * (x - a.x) - (std::int64_t{b.x} - a.x) * (z - a.z);
@@ -99,6 +138,7 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
   struct Base {
     std::shared_ptr<const mesh::LeafMesh> mesh;
     std::uint64_t hash = 0;
+    std::vector<const HeldLeaf*> leaves;  // that it consists of
   };
   std::vector<Base> bases;
   bases.reserve(iteration.changed.size());
@@ -109,11 +149,12 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
     if (!held) return held.error();
     Base base;
     if (*held) {
-      base = {(*held)->mesh, (*held)->hash};
+      base = {(*held)->mesh, (*held)->hash, {*held}};
     } else {
       std::vector<const mesh::LeafMesh*> sources;
       for (const lattice::LeafAddress& address : families.of(delta.address)) {
-        sources.push_back(leaves_.at(address).mesh.get());
+        base.leaves.push_back(&leaves_.at(address));
+        sources.push_back(base.leaves.back()->mesh.get());
         looked += sources.back()->triangles.size();
       }
       if (looked > kMaxGathered) return Error{name + "too much would have to be gathered from leaves that are gone"};
@@ -145,13 +186,24 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
     Outcome<mesh::LeafMesh> mesh = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
     if (!mesh) return Error{name + nameOf(whole.address) + ": " + mesh.error().message};
     const std::uint64_t leafHash = mesh::hashLeaf(*mesh);
-    keep(whole.address, hold(std::move(*mesh), leafHash));
+    HeldLeaf leaf = hold(std::move(*mesh), leafHash);
+    if (shaded_ && !(leaf.shades = shadesOf(*leaf.mesh, nullptr, {}, whole.shades)))
+      return Error{name + nameOf(whole.address) + ": its shades are not those of its vertices"};
+    keep(whole.address, std::move(leaf));
   }
   for (std::size_t k = 0; k < iteration.changed.size(); ++k) {
     const wire::LeafDelta& delta = iteration.changed[k];
     auto changed = codec::decodeDelta(delta.payload, *bases[k].mesh, bases[k].hash);
     if (!changed) damaged.insert(delta.address);
-    keep(delta.address, changed ? hold(std::move(changed->leaf), changed->hash) : hold(mesh::LeafMesh(*bases[k].mesh), bases[k].hash));
+    HeldLeaf leaf = changed ? hold(std::move(changed->leaf), changed->hash) : hold(mesh::LeafMesh(*bases[k].mesh), bases[k].hash);
+    if (shaded_) {
+      KnownShades known;
+      for (const HeldLeaf* source : bases[k].leaves) collect(*source, known);
+      const std::span<const std::uint8_t> bytes = changed ? std::span<const std::uint8_t>(delta.shades) : std::span<const std::uint8_t>();
+      if (!(leaf.shades = shadesOf(*leaf.mesh, bases[k].mesh.get(), known, bytes)))
+        return Error{name + nameOf(delta.address) + ": its shades are not those of its vertices"};
+    }
+    keep(delta.address, std::move(leaf));
   }
 
   ++version_;

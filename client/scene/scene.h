@@ -12,6 +12,7 @@
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
 #include "common/outcome/outcome.h"
+#include "common/terrain/shades.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::scene {
@@ -23,22 +24,26 @@ inline constexpr std::size_t kMaxLeaves = 65'536;
 inline constexpr std::uint64_t kMaxGathered = 4 * kMaxTriangles;
 
 struct HeldLeaf {
-  std::shared_ptr<const mesh::LeafMesh> mesh;  // never null; may be empty
-  mesh::LocalVertex low, high;                 // bounds of its vertices, in their frame; both zero when it is empty
-  std::uint64_t hash = 0;                      // mesh::hashLeaf
-  std::uint64_t version = 0;                   // of this scene: grows whenever this leaf is replaced
+  std::shared_ptr<const mesh::LeafMesh> mesh;                 // never null; may be empty
+  mesh::LocalVertex low, high;                                // bounds of its vertices, in their frame; both zero when it is empty
+  std::uint64_t hash = 0;                                     // mesh::hashLeaf
+  std::uint64_t version = 0;                                  // of this scene: grows whenever this leaf is replaced
+  std::shared_ptr<const std::vector<terrain::Shade>> shades;  // of its vertices, where the world's travel with them; else null
 };
 
 class Scene {
  public:
   // Decodes and applies an iteration. Either everything in it is applied, or (error: undecodable payload, a leaf gone that is not
-  // held, a leaf named twice, limits, a number that does not follow the last one's) nothing is. The first iteration after the
+  // held, a leaf named twice, limits, a number that does not follow the last one's, shades that are not those of its vertices) nothing is. The first iteration after the
   // beginning, clear() or reconnect() may have any number. The hash is not judged here: compare hash() with iteration.meshHash.
   //
   // One thing is forgiven: a delta that does not make the leaf that was meant, because that leaf was damaged here. It stays as it is and
   // is named by takeDamaged(), to be asked for again.
   Outcome<void> apply(const wire::Iteration& iteration);
   void clear();
+
+  // From the first iteration on: whether shades travel with the vertices (World.shaded_vertices).
+  void expectShades(bool expect) { shaded_ = expect; }
 
   // Leaves that are not what the server thinks, each told once; the server must hear of them (ResendLeaves) before it hears the hash.
   std::vector<lattice::LeafAddress> takeDamaged();
@@ -62,6 +67,7 @@ class Scene {
   std::map<lattice::LeafAddress, HeldLeaf> leaves_;
   std::uint64_t hash_ = 0, triangles_ = 0, iteration_ = 0, version_ = 0;
   std::set<lattice::LeafAddress> damaged_, untold_;
+  bool shaded_ = false;
 };
 
 }  // namespace ridgecast::scene

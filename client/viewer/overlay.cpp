@@ -44,6 +44,7 @@ void drawFigures(const Shown& s) {
                 s.latencyMs, s.settled ? ", settled" : "");
     ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
     ImGui::Text("x %.1f  y %.1f  z %.1f m, %.0f m above ground", s.x, s.y, s.z, s.aboveGround);
+    if (s.knownReach > 0) ImGui::Text("height map held for %.1f km around", s.knownReach / 1000);
     ImGui::Text("%.0f m/s   F1 help", s.speed);
   }
   ImGui::End();

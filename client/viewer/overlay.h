@@ -21,6 +21,7 @@ struct Shown {
   std::uint32_t coarseness = 1;  // pixels a side that one ray of the march stands for
   std::uint64_t triangles = 0, leaves = 0, iteration = 0, bytes = 0;
   double iterationsPerSecond = 0, latencyMs = 0;
+  double knownReach = 0;  // metres; of a height map: so far it is known here; 0: all is
   bool settled = false, hashOk = true;
   double x = 0, z = 0, y = 0, aboveGround = 0, speed = 0;
 };

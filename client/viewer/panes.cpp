@@ -32,14 +32,14 @@ std::uint32_t fitting(const render::View& view, double perSample, std::chrono::m
 }
 
 // Keeps `layer` when it already has that size.
-Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::uint32_t coarseness) {
+Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::uint32_t coarseness, bool carried = false) {
   const std::uint32_t width = view.camera.projection.width, height = view.camera.projection.height;
   if (layer && layer->canvas.width() == width && layer->canvas.height() == height) {
     layer->coarseness = coarseness;
     return {};
   }
   layer.reset();
-  auto surface = render::Surface::create(width, height);
+  auto surface = render::Surface::create(width, height, carried);
   if (!surface) return surface.error();
   auto canvas = render::Canvas::create(width, height);
   if (!canvas) return canvas.error();
@@ -60,7 +60,7 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
   const bool fits = layer_ && layer_->coarseness == coarseness && layer_->canvas.width() == samples.camera.projection.width &&
                     layer_->canvas.height() == samples.camera.projection.height;
   if (fits && !moving && !sceneChanged) return refining && coarseness > 1;
-  if (auto fitted = fit(layer_, samples, coarseness); !fitted) return fitted.error();
+  if (auto fitted = fit(layer_, samples, coarseness, pass_.shaded()); !fitted) return fitted.error();
   if (sceneChanged) pass_.update(scene);
   sceneVersion_ = sceneVersion;
   const auto began = Clock::now();

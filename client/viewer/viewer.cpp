@@ -13,13 +13,16 @@
 #include <numbers>
 #include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
 #include "client/connection/resuming.h"
 #include "client/render/context.h"
+#include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
 #include "client/render/renderer.h"
+#include "client/scene/exchange_tiles.h"
 #include "client/scene/scene.h"
 #include "client/viewer/controls.h"
 #include "client/viewer/overlay.h"
@@ -82,12 +85,13 @@ class Window {
 
 class Viewer {
  public:
-  Viewer(const ViewOptions& options, GLFWwindow* window, std::unique_ptr<connection::Resuming> connection,
-         std::shared_ptr<const terrain::Terrain> terrain, render::MeshPass mesh, render::MarchPass march, render::ShadePass shade)
+  Viewer(const ViewOptions& options, GLFWwindow* window, std::unique_ptr<connection::Resuming> connection, render::Drawing drawing,
+         render::MeshPass mesh, render::MarchPass march, render::ShadePass shade)
       : options_(options),
         window_(window),
         connection_(std::move(connection)),
-        terrain_(std::move(terrain)),
+        terrain_(std::move(drawing.terrain)),
+        heights_(std::move(drawing.window)),
         shade_(std::move(shade)),
         mesh_(std::move(mesh), shade_),
         march_(std::move(march), shade_),
@@ -99,6 +103,8 @@ class Viewer {
     glfwSetMouseButtonCallback(window_, [](GLFWwindow* w, int button, int action, int) { self(w).onButton(button, action); });
     overlay_.emplace(window_);
     const wire::World& world = connection_->world();
+    if (heights_) texture_.emplace(heights_->shape());
+    scene_.expectShades(world.shadedVertices);
     if (!terrain_) shown_.mode = Mode::kMesh;
     contentHash_ = world.contentHash;
     shown_.world = world.terrainName + ", seed " + std::to_string(world.seed) + ", from " + world.serverName;
@@ -147,7 +153,25 @@ class Viewer {
     return pose;
   }
 
-  std::optional<double> ground(lattice::Point p) const { return terrain_ ? terrain_->height(p) : scene_.height(p); }
+  std::optional<double> ground(lattice::Point p) const {
+    return terrain_ && (!heights_ || heights_->knows(p)) ? terrain_->height(p) : scene_.height(p);
+  }
+
+  // Whether the samples that are drawn with have changed.
+  bool exchangeHeights() {
+    if (!heights_) return false;
+    if (reconnections_ != connection_->reconnections()) {
+      reconnections_ = connection_->reconnections();
+      heights_->forgetAsked();
+    }
+    heights_->moveTo({controls_.pose().x, controls_.pose().z});
+    if (auto exchanged = scene::exchangeTiles(*connection_, *heights_); !exchanged)
+      std::fprintf(stderr, "warning: %s\n", exchanged.error().message.c_str());
+    const std::uint64_t before = texture_->version();
+    texture_->update(*heights_, 16);
+    shown_.knownReach = heights_->knownReach();
+    return texture_->version() != before;
+  }
 
   // ---- input ----
 
@@ -250,7 +274,8 @@ class Viewer {
       shown_.message = "The server has another world now: start the viewer anew to see it.\nThe picture shows what had arrived. Esc quits.";
       changed_ = true;
     } else if (why && !lost_) {
-      shown_.message = "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Esc quits.";
+      shown_.message =
+          "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Esc quits.";
       std::fprintf(stderr, "ridgecast-client: %s; trying again\n", why->message.c_str());
       changed_ = true;
     } else if (!why && lost_) {
@@ -321,6 +346,7 @@ class Viewer {
     render::View view;
     view.camera = {controls_.pose(), projection()};
     view.horizon = connection_->world().horizon;
+    view.heights = texture_ ? &*texture_ : nullptr;
     if (terrain_) {
       const camera::Pose& pose = view.camera.pose;
       const double moved =
@@ -336,8 +362,9 @@ class Viewer {
   }
 
   Outcome<void> draw(bool last) {
+    const bool newHeights = exchangeHeights();
     const render::View view = currentView();
-    const bool moving = !drawnCamera_ || !sameView(*drawnCamera_, view.camera);
+    const bool moving = newHeights || !drawnCamera_ || !sameView(*drawnCamera_, view.camera);
     drawnCamera_ = view.camera;
     bool drew = std::exchange(changed_, false) || moving;
     if (shown_.mode != Mode::kMarch) {
@@ -416,6 +443,9 @@ class Viewer {
   GLFWwindow* window_;
   std::unique_ptr<connection::Resuming> connection_;
   std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here
+  std::shared_ptr<scene::HeightWindow> heights_;     // of a height map, the same terrain; else null
+  std::optional<render::HeightTexture> texture_;
+  std::uint64_t reconnections_ = 0;
   scene::Scene scene_;
   render::ShadePass shade_;
   MeshPane mesh_;
@@ -450,14 +480,21 @@ int view(const ViewOptions& options) {
   const wire::World& world = (*connected)->world();
   auto drawing = render::drawingOf(world, options.remoteShaders);
   if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
-  auto mesh = render::MeshPass::create();
+  auto mesh = render::MeshPass::create(drawing.text.shaded);
   if (!mesh) return fail(3, mesh.error().message);
   auto march = render::MarchPass::create(drawing.text);
   if (!march) return fail(3, march.error().message);
   auto shade = render::ShadePass::create(drawing.text);
   if (!shade) return fail(3, shade.error().message);
   std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
-  Viewer viewer(options, (*window)->handle(), std::move(*connected), std::move(drawing.terrain), std::move(*mesh), std::move(*march),
+  if (drawing.window) {  // the ground where the flight begins
+    drawing.window->moveTo({std::llround(options.x * lattice::kStepsPerMetre), std::llround(options.z * lattice::kStepsPerMetre)});
+    for (const auto began = Clock::now(); !drawing.window->complete() && secondsSince(began) < 5;) {
+      if (auto exchanged = scene::exchangeTiles(**connected, *drawing.window); !exchanged) return fail(1, exchanged.error().message);
+      std::this_thread::sleep_for(2ms);
+    }
+  }
+  Viewer viewer(options, (*window)->handle(), std::move(*connected), std::move(drawing), std::move(*mesh), std::move(*march),
                 std::move(*shade));
   viewing = &viewer;
   return viewer.run();

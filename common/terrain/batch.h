@@ -61,3 +61,22 @@ float filteredHeight(__INT64_TYPE__ x, __INT64_TYPE__ z, float footprint, uint s
                             static_cast<float>(static_cast<int>(static_cast<uint>(z) & kInCell)) * kStepOfCell),
                        footprint, seed);
 }
+
+#ifdef RIDGECAST_COLOURS
+// normal and out: three floats a point.
+void colours(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, float footprint, float* out,
+             __SIZE_TYPE__ count, uint seed) {
+  for (__SIZE_TYPE__ i = 0; i < count; ++i) {
+#ifdef RIDGECAST_STEPS_LEFT
+    RIDGECAST_STEPS_LEFT = kMostSteps;
+#endif
+    const vec3 c = terrainColor(ivec2(static_cast<int>(x[i] >> kCellBits), static_cast<int>(z[i] >> kCellBits)),
+                                vec2(static_cast<float>(static_cast<int>(static_cast<uint>(x[i]) & kInCell)) * kStepOfCell,
+                                     static_cast<float>(static_cast<int>(static_cast<uint>(z[i]) & kInCell)) * kStepOfCell),
+                                height[i], vec3(normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]), footprint, seed);
+    out[3 * i] = c.x;
+    out[3 * i + 1] = c.y;
+    out[3 * i + 2] = c.z;
+  }
+}
+#endif

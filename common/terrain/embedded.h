@@ -12,6 +12,7 @@ extern const std::string_view canyon;
 extern const std::string_view archipelago;
 extern const std::string_view raster_cubic;
 extern const std::string_view raster;
+extern const std::string_view raster_color;
 extern const std::string_view glsl_as_cpp;
 extern const std::string_view batch;
 

@@ -14,7 +14,8 @@ namespace glsl {
 #pragma GCC diagnostic ignored "-Wunused-function"
 #pragma GCC diagnostic ignored "-Wshadow"
 #include "common/terrain/glsl_as_cpp.h"
-float held(float v) { return v; }
+#include "common/terrain/prelude.glsl"
+#include "common/terrain/raster_color.glsl"
 #include "common/terrain/raster_cubic.glsl"
 #pragma GCC diagnostic pop
 }  // namespace glsl
@@ -48,6 +49,20 @@ float cubicHeight(const std::array<std::int32_t, 16>& s, std::int32_t beyondX, s
                            {static_cast<float>(beyondX) * inverse, static_cast<float>(beyondZ) * inverse});
 }
 
+Colours rasterColours(const RasterShape& shape) {
+  const auto lowest = static_cast<float>(shape.lowest * lattice::kMetresPerStep),
+             highest = static_cast<float>(shape.highest * lattice::kMetresPerStep);
+  return [lowest, highest](const lattice::Step* x, const lattice::Step* z, const float* height, const std::array<float, 3>* normal,
+                           float footprint, std::array<float, 3>* out, std::size_t count, std::uint32_t seed) {
+    for (std::size_t k = 0; k < count; ++k) {
+      const glsl::vec3 c =
+          glsl::rasterColor({lattice::cellOf(x[k]), lattice::cellOf(z[k])}, {lattice::fractionOf(x[k]), lattice::fractionOf(z[k])},
+                            height[k], {normal[k][0], normal[k][1], normal[k][2]}, footprint, seed, lowest, highest);
+      out[k] = {c.x, c.y, c.z};
+    }
+  };
+}
+
 std::string rasterSource(const RasterShape& s) {
   char content[24];
   std::snprintf(content, sizeof content, "%016llx", static_cast<unsigned long long>(s.content));
@@ -58,7 +73,7 @@ std::string rasterSource(const RasterShape& s) {
   out += "const float rasterPitchInverse = " + number(inverseOf(s.pitch)) + ";\n";
   out += "const float rasterLowest = " + number(s.lowest * lattice::kMetresPerStep) + ";\n";
   out += "const float rasterHighest = " + number(s.highest * lattice::kMetresPerStep) + ";\n";
-  return out.append(embedded::raster_cubic).append("\n").append(embedded::raster);
+  return out.append(embedded::raster_cubic).append("\n").append(embedded::raster_color).append("\n").append(embedded::raster);
 }
 
 // Along one axis the curve leaves the range of its samples by at most an eighth of it (all weights' negative parts at t = 1/2 sum to

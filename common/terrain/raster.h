@@ -15,10 +15,11 @@
 
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
+#include "common/terrain/terrain.h"
 
 namespace ridgecast::terrain {
 
-inline constexpr std::int32_t kMaxSample = std::int32_t{1} << 23;  // steps, +-: 32,768 m; floats hold their differences
+inline constexpr std::int32_t kMaxSample = std::int32_t{1} << 23;     // steps, +-: 32,768 m; floats hold their differences
 inline constexpr std::uint32_t kMinPitch = 16, kMaxPitch = 1u << 18;  // steps: 6.25 cm to 1,024 m
 inline constexpr int kTileBits = 7;
 inline constexpr std::int32_t kTileSide = 1 << kTileBits;  // samples
@@ -67,6 +68,9 @@ float cubicHeight(const std::array<std::int32_t, 16>& samples, std::int32_t beyo
 
 // The height map as a terrain file: its two functions, and the constants that are its own. Needs what raster.glsl lists.
 std::string rasterSource(const RasterShape& shape);
+
+// The file's colours, in this program.
+Colours rasterColours(const RasterShape& shape);
 
 // Least and most that heights between samples can be, metres: the curve swings beyond its samples.
 struct RasterBounds {

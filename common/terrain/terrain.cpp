@@ -36,6 +36,7 @@ class BuiltIn final : public Terrain {
   std::string_view name() const override { return kBuiltIn[index_].name; }
   std::string_view source() const override { return kBuiltIn[index_].source; }
   std::uint32_t seed() const override { return seed_; }
+  Colours colours() const override { return asColours(variants().back().terrain[index_].colours); }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     heights_(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}), seed_);
   }

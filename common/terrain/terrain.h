@@ -10,7 +10,9 @@
 //       linear RGB albedo, 0..1.
 // Heights are bit for bit the same from every code path and, without fused multiply-add, from the graphics driver.
 
+#include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -24,6 +26,10 @@ namespace ridgecast::terrain {
 
 class Raster;
 
+// Linear red, green and blue at `count` points of these heights (metres) and unit normals, as samples `footprint` metres wide see them.
+using Colours = std::function<void(const lattice::Step* x, const lattice::Step* z, const float* height, const std::array<float, 3>* normal,
+                                   float footprint, std::array<float, 3>* out, std::size_t count, std::uint32_t seed)>;
+
 // A terrain with its seed. Immutable; every member may be called from any thread.
 class Terrain {
  public:
@@ -32,6 +38,7 @@ class Terrain {
   virtual std::string_view source() const = 0;  // the GLSL text of the terrain file
   virtual std::uint32_t seed() const = 0;
   virtual const Raster* raster() const { return nullptr; }  // the samples of a height map (raster.h); null: heights are a formula
+  virtual Colours colours() const { return {}; }            // empty: colours are GLSL only (a person's file, unless it is private)
 
   // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.
   virtual void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const = 0;

@@ -8,8 +8,9 @@ namespace ridgecast::terrain {
 namespace RIDGECAST_VARIANT {
 namespace {
 
-#pragma GCC diagnostic ignored "-Wunused-function"  // colours, and noise that no terrain calls
+#pragma GCC diagnostic ignored "-Wunused-function"  // noise that no terrain calls
 
+#define RIDGECAST_COLOURS
 #include "common/terrain/glsl_as_cpp.h"
 #include "common/terrain/prelude.glsl"
 
@@ -40,9 +41,9 @@ static_assert(alpine::kCellBits == lattice::kCellBits);
 Variant RIDGECAST_JOIN(RIDGECAST_VARIANT, Variant)() {
   using namespace RIDGECAST_VARIANT;
   return {{RIDGECAST_TEXT(RIDGECAST_VARIANT), sizeof(RIDGECAST_TEXT(RIDGECAST_VARIANT)) - 1},
-          {{{&alpine::heights, &alpine::filteredHeight},
-            {&canyon::heights, &canyon::filteredHeight},
-            {&archipelago::heights, &archipelago::filteredHeight}}}};
+          {{{&alpine::heights, &alpine::filteredHeight, &alpine::colours},
+            {&canyon::heights, &canyon::filteredHeight, &canyon::colours},
+            {&archipelago::heights, &archipelago::filteredHeight, &archipelago::colours}}}};
 }
 
 }  // namespace ridgecast::terrain

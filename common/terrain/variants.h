@@ -9,6 +9,7 @@
 #include <string_view>
 
 #include "common/lattice/lattice.h"
+#include "common/terrain/terrain.h"
 
 namespace ridgecast::terrain {
 
@@ -17,9 +18,14 @@ using HeightsFunction = void (*)(const lattice::Step* x, const lattice::Step* z,
 // One height as a sample `footprint` metres wide sees it; for tests of the filter.
 using FilteredHeightFunction = float (*)(lattice::Step x, lattice::Step z, float footprint, std::uint32_t seed);
 
+// Colours, see terrain::Colours; normals and results are three floats a point.
+using ColoursFunction = void (*)(const lattice::Step* x, const lattice::Step* z, const float* height, const float* normal, float footprint,
+                                 float* out, std::size_t count, std::uint32_t seed);
+
 struct Functions {
   HeightsFunction heights;
   FilteredHeightFunction filtered;
+  ColoursFunction colours;
 };
 
 inline constexpr std::size_t kBuiltIns = 3;
@@ -28,6 +34,12 @@ struct Variant {
   std::string_view name;                     // "baseline", "avx2", "avx512"
   std::array<Functions, kBuiltIns> terrain;  // in the order of builtIn()
 };
+
+inline Colours asColours(ColoursFunction f) {
+  return [f](const lattice::Step* x, const lattice::Step* z, const float* height, const std::array<float, 3>* normal, float footprint,
+             std::array<float, 3>* out, std::size_t count,
+             std::uint32_t seed) { f(x, z, height, normal->data(), footprint, out->data(), count, seed); };
+}
 
 // Those that this machine can run, slowest first; never empty. Decided once.
 std::span<const Variant> variants();

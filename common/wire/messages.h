@@ -10,6 +10,7 @@
 
 #include "common/camera/camera.h"
 #include "common/lattice/lattice.h"
+#include "common/terrain/raster.h"
 
 namespace ridgecast::wire {
 
@@ -106,8 +107,14 @@ struct AskGround {
   double radius = 0, error = 0;  // metres
 };
 
+// Tiles of World::heightMap that the client would like to hold.
+struct WantTiles {
+  std::vector<terrain::TileAddress> tiles;
+};
+
 using ClientMessage =
-    std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, Step, StepDone, Query, AskGround>;
+    std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, Step, StepDone, Query, AskGround,
+                 WantTiles>;
 
 struct World {
   std::uint32_t protocolVersion = kProtocolVersion;
@@ -123,6 +130,8 @@ struct World {
   std::uint32_t window = 0;
   std::uint64_t camera = 0;
   std::uint32_t revision = kRevision;
+  std::optional<terrain::RasterShape> heightMap{};  // nothing: heights are a formula, or private
+  bool shadedVertices = false;                      // colours and normals travel with the vertices
 };
 
 // What an iteration did. Milliseconds are wall time.
@@ -139,6 +148,7 @@ struct LeafWhole {
   std::uint32_t vertices = 0, triangles = 0;
   std::vector<std::uint8_t> payload;  // empty when the leaf is held and empty
   float error = 0;                    // metres; 0 when it was not asked for
+  std::vector<std::uint8_t> shades{};  // terrain::Shade of every vertex, where World::shadedVertices; else empty
 };
 
 // Made from the leaf that is held, or, where leaves split or merged, from those that are gone (mesh::gather).
@@ -146,6 +156,7 @@ struct LeafDelta {
   lattice::LeafAddress address;
   std::vector<std::uint8_t> payload;  // empty: the triangles stay as they are
   float error = 0;                    // as LeafWhole's
+  std::vector<std::uint8_t> shades{};  // of the vertices that the base does not have
 };
 
 struct Iteration {
@@ -210,6 +221,14 @@ struct Ground {
   std::vector<LeafWhole> leaves;
 };
 
-using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground>;
+struct HeightTile {
+  terrain::TileAddress address;
+  std::vector<std::uint8_t> samples;  // terrain::encodeTile
+};
+struct HeightTiles {
+  std::vector<HeightTile> tiles;
+};
+
+using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles>;
 
 }  // namespace ridgecast::wire

@@ -89,6 +89,44 @@ Resume read(const pb::Resume& in, Check& check) {
   return out;
 }
 
+terrain::TileAddress read(const pb::TileAddress& in, Check& check) {
+  constexpr std::int64_t kMost = 2 * lattice::kMaxPosition / (std::int64_t{terrain::kMinPitch} << terrain::kTileBits) + 1;
+  check.require(in.i() >= -kMost && in.i() <= kMost && in.j() >= -kMost && in.j() <= kMost, "TileAddress",
+                "lies beyond the lattice (2^50 steps from the origin)");
+  return {in.i(), in.j()};
+}
+
+WantTiles read(const pb::WantTiles& in, Check& check) {
+  WantTiles out;
+  out.tiles.reserve(static_cast<std::size_t>(in.tiles_size()));
+  for (const pb::TileAddress& a : in.tiles()) out.tiles.push_back(read(a, check));
+  return out;
+}
+
+HeightTiles read(const pb::HeightTiles& in, Check& check) {
+  HeightTiles out;
+  for (const pb::HeightTile& tile : in.tiles()) {
+    const terrain::TileAddress address = read(tile.address(), check);
+    check.require(tile.samples().size() <= terrain::kMaxTileBytes, "HeightTile.samples", "has more bytes than a tile takes");
+    if (check.error()) break;
+    out.tiles.push_back({address, {tile.samples().begin(), tile.samples().end()}});
+  }
+  return out;
+}
+
+terrain::RasterShape read(const pb::HeightMap& in, Check& check) {
+  const terrain::RasterShape out{.pitch = in.pitch(),
+                                 .originX = in.origin_x(),
+                                 .originZ = in.origin_z(),
+                                 .width = in.width(),
+                                 .height = in.height(),
+                                 .lowest = in.lowest(),
+                                 .highest = in.highest(),
+                                 .content = in.content()};
+  check.require(terrain::isValid(out), "World.height_map", "has a pitch, place, size or height that cannot be");
+  return out;
+}
+
 World read(const pb::World& in, Check& check) {
   World out;
   out.protocolVersion = in.protocol_version();
@@ -112,6 +150,8 @@ World read(const pb::World& in, Check& check) {
   out.window = in.window();
   out.camera = in.camera();
   out.revision = in.revision();
+  if (in.has_height_map()) out.heightMap = read(in.height_map(), check);
+  out.shadedVertices = in.shaded_vertices();
   return out;
 }
 
@@ -132,6 +172,8 @@ LeafWhole read(pb::LeafWhole& in, Check& check) {
   if (check.error()) return out;
   out.payload.assign(in.payload().begin(), in.payload().end());
   in.clear_payload();  // never twice in memory
+  check.require(in.shades().size() <= kMaxShadeBytes, "LeafWhole.shades", "must have at most 16 MiB");
+  if (!check.error()) out.shades.assign(in.shades().begin(), in.shades().end());
   return out;
 }
 
@@ -146,6 +188,8 @@ LeafDelta read(pb::LeafDelta& in, Check& check) {
   if (check.error()) return out;
   out.payload.assign(in.payload().begin(), in.payload().end());
   in.clear_payload();  // never twice in memory
+  check.require(in.shades().size() <= kMaxShadeBytes, "LeafDelta.shades", "must have at most 16 MiB");
+  if (!check.error()) out.shades.assign(in.shades().begin(), in.shades().end());
   return out;
 }
 
@@ -249,6 +293,7 @@ void write(const LeafWhole& in, pb::LeafWhole& out) {
   out.set_triangles(in.triangles);
   out.set_payload(in.payload.data(), in.payload.size());
   out.set_error(in.error);
+  if (!in.shades.empty()) out.set_shades(in.shades.data(), in.shades.size());
 }
 
 namespace {
@@ -274,6 +319,25 @@ void write(const Resume& in, pb::ClientMessage& message) {
   }
 }
 
+void write(terrain::TileAddress in, pb::TileAddress& out) {
+  out.set_i(in.i);
+  out.set_j(in.j);
+}
+
+void write(const WantTiles& in, pb::ClientMessage& message) {
+  pb::WantTiles& out = *message.mutable_want_tiles();
+  for (const terrain::TileAddress& a : in.tiles) write(a, *out.add_tiles());
+}
+
+void write(const HeightTiles& in, pb::ServerMessage& message) {
+  pb::HeightTiles& out = *message.mutable_height_tiles();
+  for (const HeightTile& tile : in.tiles) {
+    pb::HeightTile& added = *out.add_tiles();
+    write(tile.address, *added.mutable_address());
+    added.set_samples(tile.samples.data(), tile.samples.size());
+  }
+}
+
 void write(const World& in, pb::ServerMessage& message) {
   pb::World& out = *message.mutable_world();
   out.set_protocol_version(in.protocolVersion);
@@ -289,6 +353,17 @@ void write(const World& in, pb::ServerMessage& message) {
   out.set_window(in.window);
   out.set_camera(in.camera);
   out.set_revision(in.revision);
+  out.set_shaded_vertices(in.shadedVertices);
+  if (!in.heightMap) return;
+  pb::HeightMap& map = *out.mutable_height_map();
+  map.set_pitch(in.heightMap->pitch);
+  map.set_origin_x(in.heightMap->originX);
+  map.set_origin_z(in.heightMap->originZ);
+  map.set_width(in.heightMap->width);
+  map.set_height(in.heightMap->height);
+  map.set_lowest(in.heightMap->lowest);
+  map.set_highest(in.heightMap->highest);
+  map.set_content(in.heightMap->content);
 }
 
 void write(const Figures& in, pb::Figures& out) {
@@ -321,6 +396,7 @@ void write(const Iteration& in, pb::ServerMessage& message) {
     write(leaf.address, *changed.mutable_address());
     changed.set_payload(leaf.payload.data(), leaf.payload.size());
     changed.set_error(leaf.error);
+    if (!leaf.shades.empty()) changed.set_shades(leaf.shades.data(), leaf.shades.size());
   }
   out.set_mesh_hash(in.meshHash);
   out.set_settled(in.settled);
@@ -367,7 +443,7 @@ std::string encode(const ServerMessage& message) {
 
 Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const Limits& limits) {
   if (bytes.size() > limits.maxClientMessageBytes) return tooLong(bytes.size(), limits.maxClientMessageBytes);
-  FieldCounts outer{}, resend{}, resume{}, rays{};
+  FieldCounts outer{}, resend{}, resume{}, rays{}, wanted{};
   const auto ignore = [](std::uint32_t, std::span<const std::uint8_t>) { return true; };
   const bool wellFormed = scanFields(bytes, outer, [&](std::uint32_t field, std::span<const std::uint8_t> content) {
     if (field == pb::ClientMessage::kResume) return scanFields(content, resume, ignore);
@@ -377,6 +453,7 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
         return kind != pb::Query::kRaysFieldNumber || scanFields(inside, rays, ignore);
       });
     }
+    if (field == pb::ClientMessage::kWantTiles) return scanFields(content, wanted, ignore);
     return field != pb::ClientMessage::kResendLeaves || scanFields(content, resend, ignore);
   });
   if (!wellFormed) return Error{kNoMessage};
@@ -384,6 +461,7 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
   check.count(resend[pb::ResendLeaves::kLeavesFieldNumber], kMaxResendLeaves, "ResendLeaves.leaves");
   check.count(resume[pb::Resume::kLeavesFieldNumber], kMaxResumeLeaves, "Resume.leaves");
   check.count(rays[pb::Rays::kRaysFieldNumber], kMaxRays, "Rays.rays");
+  check.count(wanted[pb::WantTiles::kTilesFieldNumber], kMaxTiles, "WantTiles.tiles");
   if (check.error()) return *check.error();
 
   pb::ClientMessage message;
@@ -427,6 +505,10 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
       ClientMessage out = wire::read(message.ask_ground(), check);
       return finish(check, std::move(out));
     }
+    case pb::ClientMessage::kWantTiles: {
+      ClientMessage out = read(message.want_tiles(), check);
+      return finish(check, std::move(out));
+    }
     case pb::ClientMessage::KIND_NOT_SET:
       break;
   }
@@ -435,13 +517,15 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
 
 Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const Limits& limits) {
   if (bytes.size() > limits.maxServerMessageBytes) return tooLong(bytes.size(), limits.maxServerMessageBytes);
-  FieldCounts outer{}, iteration{}, members{}, ground{};
+  FieldCounts outer{}, iteration{}, members{}, ground{}, tiles{};
   std::size_t small = 0;  // bytes of messages whose lists of numbers are not counted one by one
   const auto ignore = [](std::uint32_t, std::span<const std::uint8_t>) { return true; };
   const bool wellFormed = scanFields(bytes, outer, [&](std::uint32_t field, std::span<const std::uint8_t> content) {
     switch (field) {
       case pb::ServerMessage::kIteration:
         return scanFields(content, iteration, ignore);
+      case pb::ServerMessage::kHeightTiles:
+        return scanFields(content, tiles, ignore);
       case pb::ServerMessage::kGround:
         return scanFields(content, ground, ignore);
       case pb::ServerMessage::kMembers:
@@ -464,6 +548,7 @@ Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const L
   check.count(members[pb::Members::kJoinedFieldNumber], kMaxMembers, "Members.joined");
   check.count(members[pb::Members::kMovedFieldNumber], kMaxMembers, "Members.moved");
   check.require(small <= kMaxSmallMessageBytes, "Members, Clock or Answer", "must have at most 16 MiB");
+  check.count(tiles[pb::HeightTiles::kTilesFieldNumber], kMaxTiles, "HeightTiles.tiles");
   if (check.error()) return *check.error();
 
   pb::ServerMessage message;
@@ -475,6 +560,10 @@ Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const L
     }
     case pb::ServerMessage::kIteration: {
       ServerMessage out = read(*message.mutable_iteration(), check);
+      return finish(check, std::move(out));
+    }
+    case pb::ServerMessage::kHeightTiles: {
+      ServerMessage out = read(message.height_tiles(), check);
       return finish(check, std::move(out));
     }
     case pb::ServerMessage::kError: {

@@ -13,6 +13,7 @@
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
 #include "common/mesh/gather.h"
+#include "common/terrain/shades.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::session {
@@ -177,6 +178,21 @@ CameraSession::Refusal CameraSession::take(const wire::Resume& resume) {
   return {};
 }
 
+CameraSession::Refusal CameraSession::take(const wire::WantTiles& wanted) {
+  if (stage_ == Stage::kExpectsHello) return expectsHello("wish for tiles");
+  const terrain::Raster* raster = session_->terrain()->raster();
+  if (!raster || !session_->resources().limits.sendsTerrain)
+    return ErrorMessage{ErrorCode::kInvalid, "Tiles are wanted of a world that has no height map."};
+  if (tiles_.size() + wanted.tiles.size() > wire::kMaxWantedTiles)
+    return ErrorMessage{ErrorCode::kLimit,
+                        "More than " + std::to_string(wire::kMaxWantedTiles) + " tiles wait to be sent: want fewer at a time."};
+  for (const terrain::TileAddress& tile : wanted.tiles)
+    if (!terrain::tileIsValid(raster->shape(), tile))
+      return ErrorMessage{ErrorCode::kInvalid, "A tile is wanted that lies beyond the lattice."};
+  tiles_.insert(tiles_.end(), wanted.tiles.begin(), wanted.tiles.end());
+  return {};
+}
+
 void CameraSession::close() {
   const std::lock_guard lock(mutex_);
   stage_ = Stage::kClosed;
@@ -195,7 +211,9 @@ void CameraSession::refuse(ErrorMessage message) {
 bool CameraSession::hasWork() const {
   if (stage_ == Stage::kExpectsHello) return false;
   if (stage_ == Stage::kClosed || !greeted_ || !holds_.empty()) return true;
-  if (!replica_.hasRoom() || sender_->queuedBytes() > session_->resources().limits.maxQueuedBytes) return false;
+  if (sender_->queuedBytes() > session_->resources().limits.maxQueuedBytes) return false;
+  if (!tiles_.empty()) return true;
+  if (!replica_.hasRoom()) return false;
   if (lockstep_) return !poses_.empty();
   return !poses_.empty() || (posed_ && (!atRest_ || replica_.owes()));
 }
@@ -245,14 +263,15 @@ void CameraSession::run() {
 }
 
 void CameraSession::work() {
-  bool greet = false, copies = false;
+  bool greet = false, copies = false, tiles = false;
   {
     const std::lock_guard lock(mutex_);
     if (stage_ == Stage::kClosed) return;
     greet = !greeted_;
     copies = !holds_.empty();
+    tiles = !tiles_.empty();
   }
-  if (!greet) return copies ? copy() : iterate();
+  if (!greet) return copies ? copy() : tiles ? sendTiles() : iterate();
 
   const Resources& resources = session_->resources();
   const terrain::Terrain& terrain = *session_->terrain();
@@ -260,7 +279,12 @@ void CameraSession::work() {
   world.serverName = resources.serverName;
   world.session = session_->name();
   world.terrainName = terrain.name();
-  if (session_->resources().limits.sendsTerrain) world.terrainSource = terrain.source();
+  if (session_->resources().limits.sendsTerrain) {
+    world.terrainSource = terrain.source();
+    if (terrain.raster()) world.heightMap = terrain.raster()->shape();
+  } else {
+    world.shadedVertices = static_cast<bool>(terrain.colours());
+  }
   world.seed = terrain.seed();
   world.contentHash = session_->contentHash();
   world.horizon = pipeline::Pipeline::kHorizon;
@@ -313,12 +337,39 @@ void CameraSession::copy() {
   for (const Hold& done : holds) done(made);
 }
 
+// As many as one task should take; the rest of what is wanted goes with the next ones.
+void CameraSession::sendTiles() {
+  constexpr std::size_t kTilesATask = 16;
+  std::vector<terrain::TileAddress> wanted;
+  {
+    const std::lock_guard lock(mutex_);
+    const std::size_t n = std::min(tiles_.size(), kTilesATask);
+    wanted.assign(tiles_.begin(), tiles_.begin() + static_cast<std::ptrdiff_t>(n));
+    tiles_.erase(tiles_.begin(), tiles_.begin() + static_cast<std::ptrdiff_t>(n));
+  }
+  const terrain::Raster& raster = *session_->terrain()->raster();
+  wire::HeightTiles message;
+  message.tiles.resize(wanted.size());
+  pool_->forEach(wanted.size(), 2, [&](std::size_t k) {
+    const auto tile = std::make_unique<terrain::Tile>();
+    raster.tile(wanted[k], *tile);
+    message.tiles[k] = {wanted[k], terrain::encodeTile(*tile)};
+  });
+  if (pace_.limits()) {
+    std::size_t bytes = 0;
+    for (const wire::HeightTile& tile : message.tiles) bytes += tile.samples.size() + 16;
+    const std::lock_guard lock(mutex_);
+    pace_.sent(Pace::Clock::now(), bytes, 0);
+  }
+  sender_->send(std::move(message));
+}
+
 void CameraSession::iterate() {
   metrics::Figures& figures = *session_->resources().figures;
   bool newPose = false;
   {
     const std::lock_guard lock(mutex_);
-    if (!hasWork() || stage_ != Stage::kRuns || !holds_.empty()) return;
+    if (!hasWork() || stage_ != Stage::kRuns || !holds_.empty() || !tiles_.empty()) return;
     if (!poses_.empty()) {
       pose_ = poses_.front();
       poses_.pop_front();
@@ -356,8 +407,8 @@ void CameraSession::iterate() {
   figures.iterationsSent.add();
   if (pace_.limits()) {
     std::size_t bytes = 200 + 12 * iteration.gone.size();
-    for (const wire::LeafWhole& leaf : iteration.whole) bytes += leaf.payload.size() + 24;
-    for (const wire::LeafDelta& leaf : iteration.changed) bytes += leaf.payload.size() + 16;
+    for (const wire::LeafWhole& leaf : iteration.whole) bytes += leaf.payload.size() + leaf.shades.size() + 24;
+    for (const wire::LeafDelta& leaf : iteration.changed) bytes += leaf.payload.size() + leaf.shades.size() + 16;
     const std::lock_guard lock(mutex_);
     pace_.sent(Pace::Clock::now(), bytes, iteration.figures.inserted);
   }
@@ -371,15 +422,37 @@ constexpr std::size_t kSurelyCheaper = 1;
 // A leaf starts from others when these have at most so many triangles for each of its own: the receiver looks at all of them.
 constexpr std::size_t kMostGathered = 16;
 
+// Of the leaf's vertices, in order, that the base does not have (same position); of all without one.
+std::vector<std::uint8_t> shadesOf(const terrain::Terrain& terrain, const mesh::LeafMesh& leaf, const mesh::LeafMesh* base) {
+  std::vector<lattice::Step> x, z;
+  auto old = base ? base->vertices.begin() : leaf.vertices.end();
+  const auto end = base ? base->vertices.end() : leaf.vertices.end();
+  for (const mesh::LocalVertex& v : leaf.vertices) {  // both ascend by x, then z
+    while (old != end && (old->x < v.x || (old->x == v.x && old->z < v.z))) ++old;
+    if (old != end && *old == v) continue;
+    x.push_back(leaf.address.x() + v.x);
+    z.push_back(leaf.address.z() + v.z);
+  }
+  std::vector<terrain::Shade> shades(x.size());
+  terrain::shadesAt(terrain, x, z, leaf.address.level, shades);
+  std::vector<std::uint8_t> out;
+  out.reserve(shades.size() * terrain::kShadeBytes);
+  for (const terrain::Shade& s : shades)
+    out.insert(out.end(), {static_cast<std::uint8_t>(s.normalX), static_cast<std::uint8_t>(s.normalZ), s.red, s.green, s.blue});
+  return out;
+}
+
 }  // namespace
 
 // Each leaf in the cheaper of its forms.
 void CameraSession::encode(const replica::Changes& changes, wire::Iteration& iteration) {
   struct Encoded {
     mesh::LeafMesh leaf;
-    std::vector<std::uint8_t> payload;
+    std::vector<std::uint8_t> payload, shades;
     bool delta = false;
   };
+  const terrain::Terrain& terrain = *session_->terrain();
+  const bool shades = !session_->resources().limits.sendsTerrain && terrain.colours();
   const std::size_t whole = changes.whole.size(), count = whole + changes.changed.size();
   std::vector<Encoded> encoded(count);
   const auto baseOf = [&](const replica::Derived& derived, std::size_t triangles) -> std::optional<mesh::LeafMesh> {
@@ -407,6 +480,7 @@ void CameraSession::encode(const replica::Changes& changes, wire::Iteration& ite
         if (auto payload = codec::encodeDelta(*base, out.leaf, derived->hash)) {
           out.payload = std::move(*payload);
           out.delta = true;
+          if (shades) out.shades = shadesOf(terrain, out.leaf, &*base);
           if (out.payload.size() <= kSurelyCheaper * out.leaf.triangles.size()) return;
         }
       }
@@ -415,17 +489,18 @@ void CameraSession::encode(const replica::Changes& changes, wire::Iteration& ite
     if (out.delta && out.payload.size() <= payload.size()) return;
     out.payload = std::move(payload);
     out.delta = false;
+    if (shades) out.shades = shadesOf(terrain, out.leaf, nullptr);
   });
 
   for (const lattice::LeafAddress& address : changes.gone) bases_.erase(address);
   for (Encoded& e : encoded) {
     if (bases_.budget() > 0) bases_.put(e.leaf);
     if (e.delta) {
-      iteration.changed.push_back({e.leaf.address, std::move(e.payload)});
+      iteration.changed.push_back({e.leaf.address, std::move(e.payload), 0, std::move(e.shades)});
       continue;
     }
     iteration.whole.push_back({e.leaf.address, static_cast<std::uint32_t>(e.leaf.vertices.size()),
-                               static_cast<std::uint32_t>(e.leaf.triangles.size()), std::move(e.payload)});
+                               static_cast<std::uint32_t>(e.leaf.triangles.size()), std::move(e.payload), 0, std::move(e.shades)});
   }
   std::sort(iteration.whole.begin(), iteration.whole.end(), [](const auto& a, const auto& b) { return a.address < b.address; });
 }

@@ -63,6 +63,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   Refusal take(wire::Query& query);
   Refusal take(const wire::AskGround& ask);
   Refusal expectsWorld(std::string_view what) const;
+  Refusal take(const wire::WantTiles& wanted);
   bool hasWork() const;
   bool wake();  // false: the pool takes no more
 
@@ -72,6 +73,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void iterate();
   void countTriangles(std::uint32_t now);
   void copy();
+  void sendTiles();
   void encode(const replica::Changes& changes, wire::Iteration& iteration);
 
   const std::shared_ptr<Session> session_;
@@ -88,8 +90,9 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   wire::Hello hello_;
   wire::Settings granted_;
   std::uint64_t lastSequence_ = 0;
-  std::deque<wire::PoseMessage> poses_;  // free: at most one, the newest
-  bool atRest_ = true;                   // nothing to do before another pose
+  std::deque<wire::PoseMessage> poses_;     // free: at most one, the newest
+  std::deque<terrain::TileAddress> tiles_;  // wanted, at most wire::kMaxWantedTiles; sent before the next iteration
+  bool atRest_ = true;                      // nothing to do before another pose
   replica::Replica replica_;
   Pace pace_;
   bool alarmSet_ = false;

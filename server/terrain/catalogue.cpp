@@ -31,6 +31,7 @@ class Compiled final : public terrain::Terrain {
   std::string_view name() const override { return source_.name; }
   std::string_view source() const override { return source_.text; }
   std::uint32_t seed() const override { return seed_; }
+  terrain::Colours colours() const override { return library_->colours() ? terrain::asColours(library_->colours()) : terrain::Colours(); }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     const std::size_t count = std::min({x.size(), z.size(), out.size()});
     library_->heights()(x.data(), z.data(), out.data(), count, seed_);
@@ -123,12 +124,12 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
     cache = Cache::open(once->path());
   }
   if (!cache) return cache.error();
-  const std::filesystem::path file = cache->fileFor(source.text, variant);
+  const std::filesystem::path file = cache->fileFor(source.text, variant, request.colours);
   if (cache->has(file))
     if (auto library = Library::open(file)) return *library;
   auto checked = checkGlsl(source.file, source.text);
   if (!checked) return checked.error();
-  auto translated = translate(source.file, checked->tokens, checked->items);
+  auto translated = translate(source.file, checked->tokens, checked->items, request.colours);
   if (!translated) return translated.error();
   if (auto compiled = compile(source.file, *translated, variant, file); !compiled) return compiled.error();
   return Library::open(file);

@@ -19,15 +19,28 @@
 namespace ridgecast::user_terrain {
 namespace {
 
-constexpr const char* kEntry = "ridgecast_heights";
+constexpr const char *kEntry = "ridgecast_heights", *kColours = "ridgecast_colours";
 
 // As the built-in terrains are compiled (common/terrain/CMakeLists.txt); never with fused multiply-add.
 const std::vector<std::string>& commonFlags() {
   static const std::vector<std::string> flags = {
-      "-std=c++20",          "-O3",     "-fopenmp-simd",  "-ffp-contract=off",           "-fno-math-errno",
-      "-fno-trapping-math",  "-fwrapv", "-fPIC",          "-fvisibility=hidden",         "-shared",
-      "-nostdlib",           "-w",      "-fmax-errors=1", "-fno-diagnostics-show-caret", "-fno-exceptions",
-      "-fno-stack-protector", "-fstack-clash-protection"};  // the last: what is too large for the stack hits its end, never jumps over
+      "-std=c++20",
+      "-O3",
+      "-fopenmp-simd",
+      "-ffp-contract=off",
+      "-fno-math-errno",
+      "-fno-trapping-math",
+      "-fwrapv",
+      "-fPIC",
+      "-fvisibility=hidden",
+      "-shared",
+      "-nostdlib",
+      "-w",
+      "-fmax-errors=1",
+      "-fno-diagnostics-show-caret",
+      "-fno-exceptions",
+      "-fno-stack-protector",
+      "-fstack-clash-protection"};  // the last: what is too large for the stack hits its end, never jumps over
   return flags;
 }
 std::vector<std::string> variantFlags(std::string_view variant) {
@@ -45,13 +58,22 @@ std::string programText(const Translation& t) {
         .append(std::to_string(kOutOfSteps))
         .append("u;\n#define RIDGECAST_STEPS_LEFT stepsLeft__\n");
   }
+  if (t.colours) out.append("#define RIDGECAST_COLOURS\n");
   out.append("namespace person__ {\n")
       .append(t.text)
       .append("}\n#line 1 \"batch.h\"\nnamespace program__ {\nusing person__::terrainHeight;\n");
+  if (t.colours) out.append("using person__::terrainColor;\n");
   out.append(terrain::batch()).append("\n}\n}\nextern \"C\" __attribute__((visibility(\"default\"))) void ").append(kEntry);
-  return out.append(
+  out.append(
       "(const __INT64_TYPE__* x, const __INT64_TYPE__* z, float* out, __SIZE_TYPE__ count, uint seed) {\n"
       "  program__::heights(x, z, out, count, seed);\n}\n");
+  if (t.colours)
+    out.append("extern \"C\" __attribute__((visibility(\"default\"))) void ")
+        .append(kColours)
+        .append(
+            "(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, float footprint, float* out, "
+            "__SIZE_TYPE__ count, uint seed) {\n  program__::colours(x, z, height, normal, footprint, out, count, seed);\n}\n");
+  return out;
 }
 
 std::uint64_t hashed(std::uint64_t hash, std::string_view text) {
@@ -81,6 +103,7 @@ Outcome<std::shared_ptr<const Library>> Library::open(const std::filesystem::pat
   if (!handle) return Error{"cannot load " + file.string() + ": " + dlerror()};
   auto library = std::shared_ptr<Library>(new Library(handle));
   library->heights_ = reinterpret_cast<terrain::HeightsFunction>(dlsym(handle, kEntry));
+  library->colours_ = reinterpret_cast<terrain::ColoursFunction>(dlsym(handle, kColours));
   if (!library->heights_) return Error{file.string() + " is no compiled terrain; remove it"};
   return std::shared_ptr<const Library>(std::move(library));
 }
@@ -110,14 +133,14 @@ Outcome<Cache> Cache::open(std::filesystem::path folder) {
   return Cache(std::move(folder));
 }
 
-std::filesystem::path Cache::fileFor(std::string_view text, std::string_view variant) const {
+std::filesystem::path Cache::fileFor(std::string_view text, std::string_view variant, bool colours) const {
   std::uint64_t first = 1, second = 2;  // 128 bits in all
   std::string all(text);
   for (const std::string_view part : {terrain::glslAsCpp(), std::string_view(embedded::glsl_extras), terrain::prelude(), terrain::batch(),
                                       variant, std::string_view(embedded::translate)})
     all.append(1, '\0').append(part);
   for (const std::string& flag : commonFlags()) all.append(1, '\0').append(flag);
-  all += std::to_string(kMostSteps);
+  all += std::to_string(kMostSteps) + (colours ? "c" : "");
   char name[64];
   std::snprintf(name, sizeof name, "%016llx%016llx", static_cast<unsigned long long>(hashed(first, all)),
                 static_cast<unsigned long long>(hashed(second, all)));

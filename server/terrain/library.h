@@ -22,11 +22,13 @@ class Library {
   Library(const Library&) = delete;
   Library& operator=(const Library&) = delete;
   terrain::HeightsFunction heights() const { return heights_; }
+  terrain::ColoursFunction colours() const { return colours_; }  // null unless translated with them
 
  private:
   explicit Library(void* handle) : handle_(handle) {}
   void* handle_;
   terrain::HeightsFunction heights_ = nullptr;
+  terrain::ColoursFunction colours_ = nullptr;
 };
 
 // Compiled terrains by content. Only a folder that belongs to this user and that nobody else can write is trusted.
@@ -36,7 +38,7 @@ class Cache {
   // be made or is not private.
   static Outcome<Cache> open(std::filesystem::path folder);
   // Where the compilation of this text for this instruction set is, or belongs. Depends on everything that goes into it.
-  std::filesystem::path fileFor(std::string_view text, std::string_view variant) const;
+  std::filesystem::path fileFor(std::string_view text, std::string_view variant, bool colours = false) const;
   bool has(const std::filesystem::path& file) const;  // a file of this user's
 
  private:

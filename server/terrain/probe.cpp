@@ -133,7 +133,8 @@ Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std
     return Error{std::string(file) + ": heights take too long: not done after " + std::to_string(time.count() / 1000) + " s, the last at " +
                  where};
   if (WIFSIGNALED(status) && WTERMSIG(status) == SIGSEGV)
-    return Error{std::string(file) + ": terrainHeight crashes, most likely because its variables need more than the 1 MiB there is, near " + where};
+    return Error{std::string(file) + ": terrainHeight crashes, most likely because its variables need more than the 1 MiB there is, near " +
+                 where};
   if (WIFSIGNALED(status)) return Error{std::string(file) + ": terrainHeight crashes (" + strsignal(WTERMSIG(status)) + ") near " + where};
   if (report.faulty) {
     char height[48];

@@ -27,9 +27,9 @@ inline constexpr std::uint64_t kMostRowBytes = std::uint64_t{256} << 20;
 inline constexpr std::uint64_t kMostUnpacked = 2000;
 
 struct RasterHeader {
-  std::uint32_t width = 0, height = 0;  // samples
-  std::optional<double> noData;         // the sample value that stands for none
-  std::optional<double> pitch;          // metres, when the file says so
+  std::uint32_t width = 0, height = 0;      // samples
+  std::optional<double> noData;             // the sample value that stands for none
+  std::optional<double> pitch;              // metres, when the file says so
   std::optional<double> easting, northing;  // of the first sample, metres
 };
 

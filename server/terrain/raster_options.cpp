@@ -33,9 +33,7 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
   const std::size_t equals = assignment.find('=');
   const std::string_view name = assignment.substr(0, equals);
   const std::string_view value = equals == std::string_view::npos ? std::string_view() : assignment.substr(equals + 1);
-  const auto wrong = [&](const std::string& right) {
-    return Error{"--raster " + std::string(assignment.substr(0, 64)) + ": " + right};
-  };
+  const auto wrong = [&](const std::string& right) { return Error{"--raster " + std::string(assignment.substr(0, 64)) + ": " + right}; };
   if (name == "pitch") {
     constexpr double kLeast = terrain::kMinPitch * lattice::kMetresPerStep, kMost = terrain::kMaxPitch * lattice::kMetresPerStep;
     const auto v = number(value);
@@ -46,11 +44,16 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
     if (!v || std::abs(*v) > 1e9 || (name == "scale" && *v == 0)) return wrong("a finite number is wanted, and no scale of 0");
     (name == "scale" ? o.scale : o.offset) = *v;
   } else if (name == "edge") {
-    if (value == "clamp") o.edge = Edge::kClamp;
-    else if (value == "mirror") o.edge = Edge::kMirror;
-    else if (value == "repeat") o.edge = Edge::kRepeat;
-    else if (const auto v = number(value); v && isHeight(*v)) o.edge = Edge::kConstant, o.constant = *v;
-    else return wrong("beyond the map's edge goes on clamp, mirror, repeat, or a height in metres");
+    if (value == "clamp")
+      o.edge = Edge::kClamp;
+    else if (value == "mirror")
+      o.edge = Edge::kMirror;
+    else if (value == "repeat")
+      o.edge = Edge::kRepeat;
+    else if (const auto v = number(value); v && isHeight(*v))
+      o.edge = Edge::kConstant, o.constant = *v;
+    else
+      return wrong("beyond the map's edge goes on clamp, mirror, repeat, or a height in metres");
   } else if (name == "nodata") {
     const auto v = number(value);
     if (!v || !isHeight(*v)) return wrong("nodata is a height in metres for samples that are none");
@@ -69,8 +72,9 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
   } else if (name == "place" && (value == "centre" || value == "geo")) {
     o.geographic = value == "geo";
   } else {
-    return wrong("there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, nodata=METRES, "
-                 "place=centre|geo, and for raw files size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
+    return wrong(
+        "there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, nodata=METRES, "
+        "place=centre|geo, and for raw files size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
   }
   return {};
 }

@@ -14,15 +14,15 @@ namespace ridgecast::user_terrain {
 enum class Edge { kClamp, kMirror, kRepeat, kConstant };
 
 struct RasterOptions {
-  std::optional<double> pitch;      // pitch=METRES between samples; nothing: what a GeoTIFF says, else 1
-  double scale = 1, offset = 0;     // scale=S offset=O: height = S * sample + O, metres
-  Edge edge = Edge::kClamp;         // edge=clamp|mirror|repeat|METRES
-  double constant = 0;              // metres, beyond the edge
-  std::optional<double> noData;     // nodata=METRES in place of samples that are none; nothing: such a map is refused
+  std::optional<double> pitch;          // pitch=METRES between samples; nothing: what a GeoTIFF says, else 1
+  double scale = 1, offset = 0;         // scale=S offset=O: height = S * sample + O, metres
+  Edge edge = Edge::kClamp;             // edge=clamp|mirror|repeat|METRES
+  double constant = 0;                  // metres, beyond the edge
+  std::optional<double> noData;         // nodata=METRES in place of samples that are none; nothing: such a map is refused
   std::uint32_t width = 0, height = 0;  // size=WxH, of a raw file; 0: a square, by its length
-  bool bigEndian = false;           // order=little|big, of a raw file
-  bool isSigned = false;            // type=unsigned|signed, of a raw file
-  bool geographic = false;          // place=centre|geo: the map's middle at x 0, z 0, or easting at x and northing at -z
+  bool bigEndian = false;               // order=little|big, of a raw file
+  bool isSigned = false;                // type=unsigned|signed, of a raw file
+  bool geographic = false;              // place=centre|geo: the map's middle at x 0, z 0, or easting at x and northing at -z
 };
 
 // Adds one assignment. Error: no such name, or a value that cannot be; says what would be right.

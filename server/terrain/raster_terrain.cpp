@@ -36,12 +36,14 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   std::string_view source() const override { return source_; }
   std::uint32_t seed() const override { return seed_; }
   const terrain::Raster* raster() const override { return this; }
+  terrain::Colours colours() const override { return terrain::rasterColours(shape_); }
   const terrain::RasterShape& shape() const override { return shape_; }
 
   void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override {
     std::array<std::int32_t, 16> around;
     for (std::size_t k = 0; k < out.size(); ++k) {
-      const terrain::Between bx = terrain::between(x[k], shape_.originX, shape_.pitch), bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
+      const terrain::Between bx = terrain::between(x[k], shape_.originX, shape_.pitch),
+                             bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
       gather(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
       out[k] = terrain::cubicHeight(around, bx.steps, bz.steps, shape_.pitch);
     }
@@ -188,7 +190,8 @@ Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesyste
     if (!header.easting) return Error{name + ": it does not say where it lies: leave --raster place=geo out"};
     const double x = std::round(*header.easting * lattice::kStepsPerMetre), z = std::round(-*header.northing * lattice::kStepsPerMetre);
     constexpr double kMost = static_cast<double>(lattice::kMaxPosition);
-    if (!(std::abs(x) <= kMost && std::abs(z) <= kMost)) return Error{name + ": it says that it lies beyond 4.39e12 m: leave --raster place=geo out"};
+    if (!(std::abs(x) <= kMost && std::abs(z) <= kMost))
+      return Error{name + ": it says that it lies beyond 4.39e12 m: leave --raster place=geo out"};
     shape.originX = static_cast<Step>(x);
     shape.originZ = static_cast<Step>(z);
   } else {
@@ -207,7 +210,8 @@ Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesyste
     shape.lowest = std::min(shape.lowest, constant);
     shape.highest = std::max(shape.highest, constant);
   }
-  shape.content = lattice::mix(found->hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
+  shape.content =
+      lattice::mix(found->hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
   return std::shared_ptr<const terrain::Terrain>(
       std::make_shared<RasterTerrain>(path.stem().string(), seed, shape, std::move(*samples), options.edge, constant));
 }

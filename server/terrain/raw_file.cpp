@@ -13,7 +13,12 @@ namespace {
 class RawFile final : public RasterFile {
  public:
   RawFile(std::string name, std::ifstream in, RasterHeader header, bool bigEndian, bool isSigned)
-      : name_(std::move(name)), in_(std::move(in)), header_(header), bigEndian_(bigEndian), isSigned_(isSigned), bytes_(2 * std::size_t{header.width}) {}
+      : name_(std::move(name)),
+        in_(std::move(in)),
+        header_(header),
+        bigEndian_(bigEndian),
+        isSigned_(isSigned),
+        bytes_(2 * std::size_t{header.width}) {}
   const RasterHeader& header() const override { return header_; }
   Outcome<void> row(std::span<double> out) override {
     in_.read(reinterpret_cast<char*>(bytes_.data()), static_cast<std::streamsize>(bytes_.size()));

@@ -28,6 +28,17 @@ void keepComplaint(const char*, const char* format, std::va_list arguments) {
   complaint = text;
 }
 
+// libtiff only warns where tags cannot be read, and leaves them out: then a map would lie elsewhere, or be of another size.
+thread_local std::string warning;
+void keepWarning(const char*, const char* format, std::va_list arguments) {
+  char text[200];
+  std::vsnprintf(text, sizeof text, format, arguments);
+  const std::string said = text;
+  const bool lost =
+      std::strstr(text, "error") || std::strstr(text, "ignored") || std::strstr(text, "ncorrect") || std::strstr(text, "ailed");
+  if (warning.empty() && lost) warning = said;
+}
+
 // libtiff must know the tags' types, or a hostile file chooses them.
 void addTags(TIFF* tiff) {
   static char scale[] = "ModelPixelScale", tie[] = "ModelTiepoint", keys[] = "GeoKeyDirectory", none[] = "GDALNoData";
@@ -44,7 +55,7 @@ void setUpLibrary() {
   static std::once_flag once;
   std::call_once(once, [] {
     TIFFSetErrorHandler(&keepComplaint);
-    TIFFSetWarningHandler(nullptr);
+    TIFFSetWarningHandler(&keepWarning);
     TIFFSetTagExtender(&addTags);
   });
 }
@@ -60,8 +71,11 @@ class TiffFile final : public RasterFile {
   Outcome<void> open(std::uint64_t size, const RasterOptions& options) {
     setUpLibrary();
     complaint.clear();
+    warning.clear();
     tiff_ = TIFFOpen(name_.c_str(), "rm");  // without mapping: a file that shrinks must not end the server
     if (!tiff_) return broken("this is no TIFF, or a broken one");
+    if (!warning.empty())
+      return Error{name_ + ": a part of what it says about itself cannot be read (" + warning + "); it is cut off or broken"};
     std::uint16_t bands = 1, bits = 1, format = SAMPLEFORMAT_UINT, packing = COMPRESSION_NONE;
     TIFFGetField(tiff_, TIFFTAG_IMAGEWIDTH, &header_.width);
     TIFFGetField(tiff_, TIFFTAG_IMAGELENGTH, &header_.height);
@@ -75,7 +89,8 @@ class TiffFile final : public RasterFile {
     const bool isInteger = (format == SAMPLEFORMAT_UINT || format == SAMPLEFORMAT_INT || format == SAMPLEFORMAT_VOID) &&
                            (bits == 8 || bits == 16 || bits == 32);
     if (!isFloat && !isInteger)
-      return Error{name_ + ": its samples have " + std::to_string(bits) + " bits of a kind that heights are not read from; integers of 8, 16 or 32 bits are, and floats of 32 or 64"};
+      return Error{name_ + ": its samples have " + std::to_string(bits) +
+                   " bits of a kind that heights are not read from; integers of 8, 16 or 32 bits are, and floats of 32 or 64"};
     kind_ = isFloat ? Kind::kFloat : format == SAMPLEFORMAT_INT ? Kind::kSigned : Kind::kUnsigned;
     bytes_ = bits / 8u;
     if (auto fine = checkClaim(name_, header_.width, header_.height, bytes_, size, packing != COMPRESSION_NONE); !fine) return fine;
@@ -116,29 +131,34 @@ class TiffFile final : public RasterFile {
       const std::uint64_t across = tileWidth_ ? (std::uint64_t{header_.width} + tileWidth_ - 1) / tileWidth_ : 0;
       if (!tileWidth_ || !tileHeight_ || tileWidth_ > 65536 || tileHeight_ > 65536 ||
           across * tileWidth_ * tileHeight_ * bytes_ > kMostRowBytes)
-        return Error{name_ + ": its tiles of " + std::to_string(tileWidth_) + " x " + std::to_string(tileHeight_) + " are too large to read"};
+        return Error{name_ + ": its tiles of " + std::to_string(tileWidth_) + " x " + std::to_string(tileHeight_) +
+                     " are too large to read"};
       rowBytes_ = across * tileWidth_ * bytes_;
     } else {
       rowBytes_ = static_cast<std::size_t>(TIFFScanlineSize64(tiff_));
-      if (rowBytes_ < std::uint64_t{header_.width} * bytes_ || rowBytes_ > kMostRowBytes) return broken("its rows have a length that cannot be");
+      if (rowBytes_ < std::uint64_t{header_.width} * bytes_ || rowBytes_ > kMostRowBytes)
+        return broken("its rows have a length that cannot be");
     }
     const std::uint32_t pieces = tileWidth_ ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_);
     for (std::uint32_t k = 0; k < pieces; ++k) {
       const std::uint64_t at = TIFFGetStrileOffset(tiff_, k), length = TIFFGetStrileByteCount(tiff_, k);
-      if (at == 0 && length == 0) return Error{name_ + ": parts of it were never written (a sparse file): write them, with NoData where there is none"};
+      if (at == 0 && length == 0)
+        return Error{name_ + ": parts of it were never written (a sparse file): write them, with NoData where there is none"};
       if (length > size || at > size - length)
         return broken("part " + std::to_string(k + 1) + " of " + std::to_string(pieces) + " lies beyond the end of the file");
     }
     buffer_.resize(rowBytes_ * (tileWidth_ ? tileHeight_ : 1));
     if (tileWidth_) tile_.resize(static_cast<std::size_t>(TIFFTileSize64(tiff_)));
-    if (tileWidth_ && tile_.size() < std::size_t{tileWidth_} * tileHeight_ * bytes_) return broken("its tiles have a length that cannot be");
+    if (tileWidth_ && tile_.size() < std::size_t{tileWidth_} * tileHeight_ * bytes_)
+      return broken("its tiles have a length that cannot be");
     return {};
   }
 
   Outcome<void> readTiles() {
     const std::size_t line = std::size_t{tileWidth_} * bytes_;
     for (std::uint32_t x = 0, k = 0; x < header_.width; x += tileWidth_, ++k) {
-      if (TIFFReadTile(tiff_, tile_.data(), x, next_, 0, 0) < 0) return broken("the tile at column " + std::to_string(x) + ", row " + std::to_string(next_) + " cannot be read");
+      if (TIFFReadTile(tiff_, tile_.data(), x, next_, 0, 0) < 0)
+        return broken("the tile at column " + std::to_string(x) + ", row " + std::to_string(next_) + " cannot be read");
       for (std::uint32_t y = 0; y < tileHeight_; ++y) std::memcpy(&buffer_[y * rowBytes_ + k * line], &tile_[y * line], line);
       if (header_.width - x <= tileWidth_) break;
     }
@@ -176,12 +196,17 @@ class TiffFile final : public RasterFile {
         if (keys[k] == 1025 && keys[k + 1] == 0) isArea = keys[k + 3] != 2;     // GTRasterTypeGeoKey: 2 is point
       }
     if (isDegrees) {
-      if (!options.pitch) return Error{name_ + ": its samples are degrees apart, not metres: project it (gdalwarp -t_srs), or say --raster pitch=METRES"};
-      if (options.geographic) return Error{name_ + ": it lies in degrees, so it has no easting and northing: leave --raster place=geo out, or project it (gdalwarp -t_srs)"};
+      if (!options.pitch)
+        return Error{name_ + ": its samples are degrees apart, not metres: project it (gdalwarp -t_srs), or say --raster pitch=METRES"};
+      if (options.geographic)
+        return Error{
+            name_ +
+            ": it lies in degrees, so it has no easting and northing: leave --raster place=geo out, or project it (gdalwarp -t_srs)"};
       return {};
     }
     if (!options.pitch && !(std::abs(x - y) <= 1e-3 * std::abs(x)))
-      return Error{name_ + ": its samples are " + std::to_string(x) + " m apart one way and " + std::to_string(y) + " m the other: say --raster pitch=METRES"};
+      return Error{name_ + ": its samples are " + std::to_string(x) + " m apart one way and " + std::to_string(y) +
+                   " m the other: say --raster pitch=METRES"};
     header_.pitch = x;
     const double* tie = nullptr;
     if (TIFFGetField(tiff_, kTiePoint, &count, &tie) == 1 && count >= 6 && tie) {

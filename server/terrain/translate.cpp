@@ -61,14 +61,17 @@ struct CountedLoop {
 
 class Translator {
  public:
-  Translator(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items)
-      : file_(file), tokens_(tokens), items_(items) {}
+  Translator(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items, bool colours)
+      : file_(file), tokens_(tokens), items_(items) {
+    out_.colours = colours;
+  }
 
   Outcome<Translation> run() {
     collect();
-    if (const double size = inlined("terrainHeight"); size > kMostInlined)
-      return Error{std::string(file_) + ": with all its calls written out terrainHeight would be " +
-                   std::to_string(static_cast<long long>(std::min(size, 1e15))) + " words long; it calls too much: write it shorter"};
+    for (const std::string name : {"terrainHeight", "terrainColor"})
+      if (const double size = inlined(name); size > kMostInlined && (out_.colours || name == "terrainHeight"))
+        return Error{std::string(file_) + ": with all its calls written out " + name + " would be " +
+                     std::to_string(static_cast<long long>(std::min(size, 1e15))) + " words long; it calls too much: write it shorter"};
     for (const TopLevel& item : items_) {
       if (std::ranges::none_of(item.names, [&](const std::string& n) { return wanted_.contains(n); })) continue;
       if (item.what == TopLevel::What::kFunction || item.what == TopLevel::What::kPrototype) {
@@ -101,6 +104,7 @@ class Translator {
         if (isName(i) && (is(i + 1, ";") || is(i + 1, ",") || is(i + 1, "["))) members_.insert(tokens_[i].text);
     }
     std::vector<std::string> ask{"terrainHeight"};
+    if (out_.colours) ask.push_back("terrainColor");
     while (!ask.empty()) {
       const std::string name = std::move(ask.back());
       ask.pop_back();
@@ -378,8 +382,8 @@ class Translator {
 
 }  // namespace
 
-Outcome<Translation> translate(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items) {
-  return Translator(file, tokens, items).run();
+Outcome<Translation> translate(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items, bool colours) {
+  return Translator(file, tokens, items, colours).run();
 }
 
 }  // namespace ridgecast::user_terrain

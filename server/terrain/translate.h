@@ -1,6 +1,6 @@
 #pragma once
-// From checked GLSL to C++ that glsl_as_cpp.h, glsl_extras.h and prelude.glsl stand before: what terrainHeight needs of the file, and
-// nothing else (colours stay GLSL). Swizzles, `out`, arrays, literals and division are rewritten; small counted loops are written out,
+// From checked GLSL to C++ that glsl_as_cpp.h, glsl_extras.h and prelude.glsl stand before: what terrainHeight needs of the file, and,
+// where the terrain is private, terrainColor (else colours stay GLSL). Swizzles, `out`, arrays, literals and division are rewritten; small counted loops are written out,
 // which lets the loop over points become vector code; all others run down a counter of kMostSteps steps a point, after which they end.
 
 #include <cstdint>
@@ -18,11 +18,13 @@ inline constexpr std::uint32_t kOutOfSteps = 0x7fc0dead;  // the bits of what su
 struct Translation {
   std::string text;      // with #line directives that name kPersonsFile
   bool bounded = false;  // whether it has loops that count steps
+  bool colours = false;  // terrainColor is there too
 };
 
 inline constexpr std::string_view kPersonsFile = "terrain.glsl";
 
 // Error: something that heights cannot have, such as assigning to several components at once; begins with "`file`:line: ".
-Outcome<Translation> translate(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items);
+Outcome<Translation> translate(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items,
+                               bool colours = false);
 
 }  // namespace ridgecast::user_terrain

@@ -1,0 +1,112 @@
+#include "client/render/height_texture.h"
+
+#include <epoxy/gl.h>
+
+#include <limits>
+#include <vector>
+
+namespace ridgecast::render {
+namespace {
+
+constexpr std::int32_t kUnknown = std::numeric_limits<std::int32_t>::min();
+constexpr GLint kSide = static_cast<GLint>(HeightTexture::kTiles) * terrain::kTileSide;
+
+constexpr std::string_view kAccessor = R"(
+uniform isampler2D rasterWindow;
+uniform ivec2 rasterBaseCell, rasterBaseSteps;  // where the window's first sample lies
+uniform ivec2 rasterFirst;                      // and where it is in the texture, which wraps around
+int rasterTexel(ivec2 index, int level) {
+  int side = 2048 >> level;
+  if (index.x < 0 || index.y < 0 || index.x >= side || index.y >= side) return -2147483647;
+  return texelFetch(rasterWindow, ((rasterFirst >> level) + index) & (side - 1), level).x;
+}
+)";
+
+}  // namespace
+
+HeightTexture::HeightTexture(const terrain::RasterShape& shape) : shape_(shape) {
+  std::uint32_t name = 0;
+  glGenTextures(1, &name);
+  texture_ = GlObject(name, [](std::uint32_t n) { glDeleteTextures(1, &n); });
+  glActiveTexture(GL_TEXTURE3);
+  glBindTexture(GL_TEXTURE_2D, name);
+  const std::vector<std::int32_t> unknown(std::size_t{kSide} * kSide, kUnknown);
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+  for (int level = 0; level < kLevels; ++level)
+    glTexImage2D(GL_TEXTURE_2D, level, GL_R32I, kSide >> level, kSide >> level, 0, GL_RED_INTEGER, GL_INT, unknown.data());
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST_MIPMAP_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAX_LEVEL, kLevels - 1);
+  glBindTexture(GL_TEXTURE_2D, 0);
+  glActiveTexture(GL_TEXTURE0);
+}
+
+void HeightTexture::upload(terrain::TileAddress address, const terrain::Tile* tile) {
+  std::vector<std::int32_t> texels;
+  if (tile)
+    texels.assign(tile->begin(), tile->end());
+  else
+    texels.assign(terrain::kTileSamples, kUnknown);
+  const auto x = static_cast<GLint>(address.i & (kTiles - 1)) * terrain::kTileSide,
+             y = static_cast<GLint>(address.j & (kTiles - 1)) * terrain::kTileSide;
+  for (int level = 0; level < kLevels; ++level) {
+    const GLint side = terrain::kTileSide >> level;
+    glTexSubImage2D(GL_TEXTURE_2D, level, x >> level, y >> level, side, side, GL_RED_INTEGER, GL_INT, texels.data());
+    if (!tile) continue;
+    const auto n = static_cast<std::size_t>(side), half = n / 2;
+    for (std::size_t j = 0; j < half; ++j)
+      for (std::size_t i = 0; i < half; ++i) {
+        const std::size_t k = 2 * j * n + 2 * i;  // never before what is still to be read
+        texels[j * half + i] = (texels[k] + texels[k + 1] + texels[k + n] + texels[k + n + 1]) >> 2;
+      }
+  }
+}
+
+bool HeightTexture::update(const scene::HeightWindow& window, std::size_t most) {
+  if (seen_ == window.version()) return true;
+  const terrain::TileAddress centre = window.centre();
+  base_ = {centre.i - kTiles / 2, centre.j - kTiles / 2};
+  glActiveTexture(GL_TEXTURE3);
+  glBindTexture(GL_TEXTURE_2D, texture_.name());
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+  std::size_t uploaded = 0;
+  bool all = true;
+  for (std::int64_t j = 0; j < kTiles; ++j)
+    for (std::int64_t i = 0; i < kTiles; ++i) {
+      const terrain::TileAddress address{base_.i + i, base_.j + j};
+      auto& slot = slots_[static_cast<std::size_t>((address.j & (kTiles - 1)) * kTiles + (address.i & (kTiles - 1)))];
+      if (slot == address) continue;
+      const terrain::Tile* tile = window.find(address);
+      if (tile && uploaded >= most) {
+        all = false;
+        tile = nullptr;
+      }
+      if (!tile && !slot) continue;
+      upload(address, tile);
+      uploaded += tile ? 1 : 0;
+      slot = tile ? std::optional(address) : std::nullopt;
+    }
+  glBindTexture(GL_TEXTURE_2D, 0);
+  glActiveTexture(GL_TEXTURE0);
+  if (all) seen_ = window.version();
+  ++version_;
+  return all;
+}
+
+void HeightTexture::bind(const Program& program) const {
+  const lattice::Step x = shape_.originX + base_.i * terrain::kTileSide * shape_.pitch,
+                      z = shape_.originZ + base_.j * terrain::kTileSide * shape_.pitch;
+  constexpr lattice::Step kInCell = (lattice::Step{1} << lattice::kCellBits) - 1;
+  program.set("rasterBaseCell", lattice::cellOf(x), lattice::cellOf(z));
+  program.set("rasterBaseSteps", static_cast<int>(x & kInCell), static_cast<int>(z & kInCell));
+  program.set("rasterFirst", static_cast<int>(base_.i & (kTiles - 1)) * terrain::kTileSide,
+              static_cast<int>(base_.j & (kTiles - 1)) * terrain::kTileSide);
+  program.set("rasterWindow", 3);
+  glActiveTexture(GL_TEXTURE3);
+  glBindTexture(GL_TEXTURE_2D, texture_.name());
+  glActiveTexture(GL_TEXTURE0);
+}
+
+std::string_view HeightTexture::accessor() { return kAccessor; }
+
+}  // namespace ridgecast::render

@@ -1,0 +1,128 @@
+#include "client/scene/height_window.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace ridgecast::scene {
+
+using terrain::kTileBits;
+using terrain::kTileSide;
+using terrain::TileAddress;
+
+namespace {
+
+std::int64_t distance(TileAddress a, TileAddress b) { return std::max(std::abs(a.i - b.i), std::abs(a.j - b.j)); }
+
+}  // namespace
+
+HeightWindow::HeightWindow(std::string name, std::string source, std::uint32_t seed, const terrain::RasterShape& shape, double reach)
+    : name_(std::move(name)), source_(std::move(source)), seed_(seed), shape_(shape) {
+  const double tile = shape.pitch * lattice::kMetresPerStep * kTileSide;
+  tilesFromCentre_ = static_cast<std::int64_t>(std::clamp(std::ceil(reach / tile), 1.0, static_cast<double>(kMostTilesFromCentre)));
+  centre_ = tileOf(at_);
+}
+
+TileAddress HeightWindow::tileOf(lattice::Point p) const {
+  return {terrain::between(p.x, shape_.originX, shape_.pitch).sample >> kTileBits,
+          terrain::between(p.z, shape_.originZ, shape_.pitch).sample >> kTileBits};
+}
+
+void HeightWindow::moveTo(lattice::Point p) {
+  at_ = p;
+  const TileAddress centre = tileOf(p);
+  if (centre == centre_) return;
+  centre_ = centre;
+  ++version_;
+}
+
+std::vector<TileAddress> HeightWindow::take() {
+  std::vector<TileAddress> out;
+  for (std::int64_t ring = 0; ring <= tilesFromCentre_; ++ring)
+    for (std::int64_t j = -ring; j <= ring; ++j)
+      for (std::int64_t i = -ring; i <= ring; ++i) {
+        const TileAddress a{centre_.i + i, centre_.j + j};
+        if (std::max(std::abs(i), std::abs(j)) != ring || !terrain::tileIsValid(shape_, a) || tiles_.contains(a) || asked_.contains(a))
+          continue;
+        if (asked_.size() >= kMost) return out;
+        asked_.insert(a);
+        out.push_back(a);
+      }
+  return out;
+}
+
+bool HeightWindow::complete() const {
+  for (std::int64_t j = -tilesFromCentre_; j <= tilesFromCentre_; ++j)
+    for (std::int64_t i = -tilesFromCentre_; i <= tilesFromCentre_; ++i)
+      if (const TileAddress a{centre_.i + i, centre_.j + j}; terrain::tileIsValid(shape_, a) && !tiles_.contains(a)) return false;
+  return true;
+}
+
+Outcome<void> HeightWindow::put(const wire::HeightTile& tile) {
+  if (asked_.erase(tile.address) == 0) return Error{"a tile of heights came that was not asked for"};
+  auto decoded = terrain::decodeTile(tile.samples);
+  if (!decoded) return decoded.error();
+  tiles_[tile.address] = std::make_unique<terrain::Tile>(*decoded);
+  ++version_;
+  while (tiles_.size() > kMaxTilesHeld)
+    tiles_.erase(std::max_element(tiles_.begin(), tiles_.end(), [this](const auto& a, const auto& b) {
+      return distance(a.first, centre_) < distance(b.first, centre_);
+    }));
+  return {};
+}
+
+const terrain::Tile* HeightWindow::find(TileAddress address) const {
+  const auto it = tiles_.find(address);
+  return it == tiles_.end() ? nullptr : it->second.get();
+}
+
+std::optional<std::array<std::int32_t, 16>> HeightWindow::around(std::int64_t i, std::int64_t j) const {
+  std::array<std::int32_t, 16> out;
+  for (std::int64_t k = 0; k < 16; ++k) {
+    const std::int64_t x = i - 1 + k % 4, z = j - 1 + k / 4;
+    const terrain::Tile* tile = find({x >> kTileBits, z >> kTileBits});
+    if (!tile) return std::nullopt;
+    out[static_cast<std::size_t>(k)] = (*tile)[static_cast<std::size_t>((z & (kTileSide - 1)) * kTileSide + (x & (kTileSide - 1)))];
+  }
+  return out;
+}
+
+void HeightWindow::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    const terrain::Between bx = terrain::between(x[k], shape_.originX, shape_.pitch),
+                           bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
+    const auto samples = around(bx.sample, bz.sample);
+    out[k] = samples ? terrain::cubicHeight(*samples, bx.steps, bz.steps, shape_.pitch) : std::numeric_limits<float>::quiet_NaN();
+  }
+}
+
+void HeightWindow::tile(TileAddress address, terrain::Tile& out) const {
+  if (const terrain::Tile* held = find(address))
+    out = *held;
+  else
+    out.fill(0);
+}
+
+bool HeightWindow::knows(lattice::Point p) const {
+  return around(terrain::between(p.x, shape_.originX, shape_.pitch).sample, terrain::between(p.z, shape_.originZ, shape_.pitch).sample)
+      .has_value();
+}
+
+// Tiles that are missing bound it; what the cubic needs beyond a tile is two samples.
+double HeightWindow::knownReach() const {
+  const auto sampleX = terrain::between(at_.x, shape_.originX, shape_.pitch).sample,
+             sampleZ = terrain::between(at_.z, shape_.originZ, shape_.pitch).sample;
+  std::int64_t nearest = (tilesFromCentre_ + 1) * kTileSide;
+  for (std::int64_t j = -tilesFromCentre_ - 1; j <= tilesFromCentre_ + 1; ++j)
+    for (std::int64_t i = -tilesFromCentre_ - 1; i <= tilesFromCentre_ + 1; ++i) {
+      const TileAddress a{centre_.i + i, centre_.j + j};
+      if (std::max(std::abs(i), std::abs(j)) <= tilesFromCentre_ && tiles_.contains(a)) continue;
+      const auto gap = [](std::int64_t from, std::int64_t first) {
+        return std::max({first - from, from - (first + kTileSide - 1), std::int64_t{0}});
+      };
+      nearest = std::min(nearest, std::max(gap(sampleX, a.i * kTileSide), gap(sampleZ, a.j * kTileSide)));
+    }
+  return static_cast<double>(std::max<std::int64_t>(nearest - 2, 0)) * shape_.pitch * lattice::kMetresPerStep;
+}
+
+}  // namespace ridgecast::scene

@@ -1,0 +1,88 @@
+// Flights over a height map and over a private terrain: real server, real client. Need EGL; skip, saying why, where there is none.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "client/render/context.h"
+#include "client/render/picture.h"
+#include "tests/support/process.h"
+#include "tests/support/server_process.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace testing_support;
+
+class TerrainFlight : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (auto context = render::HeadlessContext::create(); !context) GTEST_SKIP() << context.error().message;
+    std::ofstream(folder_ / "path.json") << R"({"keyframes": [{"t": 0, "x": 500, "z": 900, "altitude": 150, "yaw": 10, "pitch": -15},
+                                               {"t": 0.5, "x": 520, "z": 800, "altitude": 150, "yaw": 15, "pitch": -15}]})";
+  }
+  nlohmann::json fly(const ServerProcess& server, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> command{RIDGECAST_CLIENT,
+                                     "fly",
+                                     server.url(),
+                                     "--path",
+                                     (folder_ / "path.json").string(),
+                                     "--out",
+                                     (folder_ / "out").string(),
+                                     "--size",
+                                     "320x180",
+                                     "--rate",
+                                     "4",
+                                     "--threshold",
+                                     "2"};
+    command.insert(command.end(), more.begin(), more.end());
+    const Finished finished = runProgram(command);
+    output_ = finished.output;
+    EXPECT_EQ(finished.code, 0) << finished.output;
+    std::ifstream in(folder_ / "out/summary.json");
+    return nlohmann::json::parse(in, nullptr, false);
+  }
+  ScratchFolder folder_;
+  std::string output_;
+};
+
+TEST_F(TerrainFlight, OverAHeightMapTheMeshLooksLikeTheRayMarch) {
+  {
+    std::ofstream map(folder_ / "hills.r16", std::ios::binary);
+    for (int z = 0; z < 200; ++z)
+      for (int x = 0; x < 300; ++x) {
+        const int v = static_cast<int>(9000 + 4000 * std::sin(x * 0.11) * std::cos(z * 0.09) + 1500 * std::sin(x * 0.31 + z * 0.4));
+        map.put(static_cast<char>(v & 255)).put(static_cast<char>(v >> 8));
+      }
+  }
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain", (folder_ / "hills.r16").string(), "--raster", "size=300x200", "--raster", "pitch=25",
+                                          "--raster", "scale=0.05", "--raster", "edge=mirror"});
+  const auto summary = fly(server, {"--no-remote-shaders"});  // its text is the client's own
+  EXPECT_EQ(summary["terrain"], "hills");
+  EXPECT_EQ(summary["hash_mismatches"], 0);
+  EXPECT_GT(summary["ssim_settled"], 0.93) << output_;
+  EXPECT_GT(summary["ssim_settled_terrain"], 0.9);
+}
+
+TEST_F(TerrainFlight, APrivateTerrainsColoursTravelWithItsMesh) {
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain", RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl", "--terrain-cache",
+                                          (folder_ / "cache").string(), "--private-terrain"});
+  const auto summary = fly(server);
+  EXPECT_EQ(summary["hash_mismatches"], 0);
+  EXPECT_TRUE(summary["ssim_settled"].is_null());
+  EXPECT_NE(output_.find("come with the mesh"), std::string::npos) << output_;
+  const auto picture = render::readPng(folder_ / "out/settled-mesh.png");
+  ASSERT_TRUE(picture);
+  // Sand: red over green over blue everywhere near the camera.
+  std::size_t sand = 0, pixels = 0;
+  for (std::size_t y = 120; y < 180; ++y)
+    for (std::size_t x = 0; x < 320; ++x, ++pixels) {
+      const std::uint8_t* p = &picture->rgb[3 * (y * 320 + x)];
+      sand += p[0] > p[1] && p[1] > p[2];
+    }
+  EXPECT_GT(sand, pixels * 95 / 100);
+}
+
+}  // namespace
+}  // namespace ridgecast

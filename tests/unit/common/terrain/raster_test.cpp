@@ -1,0 +1,149 @@
+// Height maps: the surface between samples against one computed another way, tiles on the wire, whatever comes for one.
+#include "common/terrain/raster.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <random>
+
+#include "common/terrain/shades.h"
+
+namespace ridgecast::terrain {
+namespace {
+
+// Catmull-Rom from its definition: the cubic through p1 and p2 with slopes (p2 - p0) / 2 and (p3 - p1) / 2.
+double curve(double p0, double p1, double p2, double p3, double t) {
+  const double m1 = (p2 - p0) / 2, m2 = (p3 - p1) / 2;
+  return (2 * t * t * t - 3 * t * t + 1) * p1 + (t * t * t - 2 * t * t + t) * m1 + (-2 * t * t * t + 3 * t * t) * p2 +
+         (t * t * t - t * t) * m2;
+}
+
+TEST(Raster, theSurfaceIsTheCubicThroughItsSamples) {
+  std::mt19937 random(1);
+  for (int round = 0; round < 2000; ++round) {
+    std::array<std::int32_t, 16> s;
+    const std::int32_t base = static_cast<std::int32_t>(random() % 8'000'000) - 4'000'000;
+    for (std::int32_t& v : s) v = base + static_cast<std::int32_t>(random() % 200'000);
+    const std::uint32_t pitch = kMinPitch + random() % (kMaxPitch - kMinPitch);
+    const auto x = static_cast<std::int32_t>(random() % pitch), z = static_cast<std::int32_t>(random() % pitch);
+    std::array<double, 4> rows;
+    for (std::size_t j = 0; j < 4; ++j) rows[j] = curve(s[4 * j], s[4 * j + 1], s[4 * j + 2], s[4 * j + 3], static_cast<double>(x) / pitch);
+    const double expected = curve(rows[0], rows[1], rows[2], rows[3], static_cast<double>(z) / pitch) / 256;
+    EXPECT_NEAR(cubicHeight(s, x, z, pitch), expected, 0.004);
+    EXPECT_EQ(cubicHeight(s, 0, 0, pitch), static_cast<float>(s[5]) / 256);
+  }
+}
+
+TEST(Raster, heightsKeepToTheBoundsThatAreTold) {
+  std::mt19937 random(2);
+  RasterShape shape{.pitch = 256, .width = 4, .height = 4, .lowest = -1000, .highest = 5000};
+  const RasterBounds bounds = boundsOf(shape);
+  for (int round = 0; round < 20'000; ++round) {
+    std::array<std::int32_t, 16> s;
+    for (std::int32_t& v : s) v = random() % 2 ? shape.lowest : shape.highest;
+    const float h = cubicHeight(s, static_cast<std::int32_t>(random() % 256), static_cast<std::int32_t>(random() % 256), 256);
+    ASSERT_GE(h, bounds.lowest);
+    ASSERT_LE(h, bounds.highest);
+  }
+}
+
+TEST(Raster, coordinatesFallBetweenSamplesOnBothSidesOfTheOrigin) {
+  for (const std::uint32_t pitch : {16u, 7680u, 2637u, kMaxPitch}) {
+    for (lattice::Step v = -3 * lattice::Step{pitch}; v <= 3 * lattice::Step{pitch}; v += 1 + pitch / 64) {
+      const Between b = between(v + 1000, 1000, pitch);
+      ASSERT_GE(b.steps, 0);
+      ASSERT_LT(b.steps, static_cast<std::int32_t>(pitch));
+      ASSERT_EQ(b.sample * pitch + b.steps, v);
+    }
+  }
+  EXPECT_EQ(between(lattice::kMaxPosition, -lattice::kMaxPosition, 16).sample, std::int64_t{1} << 47);
+}
+
+std::unique_ptr<Tile> tileOf(const std::function<std::int32_t(int, int)>& height) {
+  auto tile = std::make_unique<Tile>();
+  for (int z = 0; z < kTileSide; ++z)
+    for (int x = 0; x < kTileSide; ++x) (*tile)[static_cast<std::size_t>(z * kTileSide + x)] = height(x, z);
+  return tile;
+}
+
+TEST(RasterTile, comesBackAsItWas) {
+  std::mt19937 random(3);
+  const std::vector<std::unique_ptr<Tile>> tiles = [&] {
+    std::vector<std::unique_ptr<Tile>> out;
+    out.push_back(tileOf([](int, int) { return 0; }));
+    out.push_back(tileOf([](int, int) { return -kMaxSample; }));
+    out.push_back(tileOf([](int x, int z) { return 3 * x - 5 * z; }));
+    out.push_back(tileOf([](int x, int z) { return (x + z) % 2 ? kMaxSample : -kMaxSample; }));
+    out.push_back(tileOf([&](int, int) { return static_cast<std::int32_t>(random() % (2 * kMaxSample + 1)) - kMaxSample; }));
+    out.push_back(tileOf([&](int x, int) { return x < 64 ? 100 : static_cast<std::int32_t>(random() % 50); }));
+    return out;
+  }();
+  for (const auto& tile : tiles) {
+    const auto bytes = encodeTile(*tile);
+    EXPECT_LE(bytes.size(), kMaxTileBytes);
+    const auto decoded = decodeTile(bytes);
+    ASSERT_TRUE(decoded) << decoded.error().message;
+    EXPECT_EQ(*decoded, *tile);
+  }
+  EXPECT_LT(encodeTile(*tiles[0]).size(), 8u);
+  EXPECT_LT(encodeTile(*tiles[2]).size(), 1100u) << "a plane costs its edges";
+}
+
+TEST(RasterTile, whateverElseComesIsRefused) {
+  std::mt19937 random(4);
+  const auto tile = tileOf([&](int x, int z) { return 10 * x + static_cast<std::int32_t>(random() % 40) + z; });
+  auto bytes = encodeTile(*tile);
+  for (std::size_t n = 0; n < bytes.size(); n += 1 + n / 50) EXPECT_FALSE(decodeTile(std::span(bytes).first(n))) << n;
+  bytes.push_back(0);
+  EXPECT_FALSE(decodeTile(bytes));
+  bytes.pop_back();
+  bytes[0] = 0x31;
+  EXPECT_FALSE(decodeTile(bytes));
+  for (int round = 0; round < 300; ++round) {  // never reads or writes beyond; the sanitizers look
+    std::vector<std::uint8_t> noise(random() % 60'000);
+    for (std::uint8_t& b : noise) b = static_cast<std::uint8_t>(random());
+    if (!noise.empty()) noise[0] = 0x30;
+    if (const auto decoded = decodeTile(noise)) {
+      for (const std::int32_t h : *decoded) ASSERT_LE(std::abs(h), kMaxSample);
+    }
+  }
+}
+
+TEST(Shades, normalsAndColoursSurviveTheirFiveBytes) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> any(-1, 1), unit(0, 1);
+  for (int round = 0; round < 1000; ++round) {
+    std::array<float, 3> n{any(random), 0.05f + unit(random), any(random)};
+    const float length = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (float& v : n) v /= length;
+    const std::array<float, 3> c{unit(random), unit(random), unit(random)};
+    const Shade s = makeShade(n, c);
+    const float x = static_cast<float>(s.normalX) / 127, z = static_cast<float>(s.normalZ) / 127, p = x * x + z * z;
+    EXPECT_NEAR(2 * x / (1 + p), n[0], 0.01);
+    EXPECT_NEAR((1 - p) / (1 + p), n[1], 0.01);
+    EXPECT_NEAR(2 * z / (1 + p), n[2], 0.01);
+    EXPECT_NEAR(std::pow(static_cast<float>(s.red) / 255, 2), c[0], 0.005);
+  }
+  EXPECT_EQ(makeShade({NAN, NAN, NAN}, {NAN, -1, 7}), (Shade{0, 0, 0, 0, 255}));
+}
+
+TEST(Shades, ofABuiltInTerrainAreItsColoursAndSlopes) {
+  const auto terrain = create("alpine", 1).value();
+  ASSERT_TRUE(terrain->colours());
+  std::vector<lattice::Step> x, z;
+  for (lattice::Step k = 0; k < 200; ++k) x.push_back(k * 10'000), z.push_back(k * 7'000);
+  std::vector<Shade> shades(x.size());
+  shadesAt(*terrain, x, z, 0, shades);
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    const double dx = terrain->height({x[k] + 128, z[k]}) - terrain->height({x[k] - 128, z[k]});
+    const float sx = static_cast<float>(shades[k].normalX);
+    if (std::abs(dx) > 0.2) {
+      EXPECT_LT(sx * static_cast<float>(dx), 0.0f) << "uphill the normal leans back";
+    }
+    EXPECT_GT(shades[k].red + shades[k].green + shades[k].blue, 30);
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast::terrain
