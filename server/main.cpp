@@ -15,6 +15,7 @@
 #include "server/net/server.h"
 #include "server/net/snapshot_route.h"
 #include "server/notify.h"
+#include "server/query/http.h"
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
@@ -79,6 +80,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
     };
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
   routes.insert(routes.begin(), net::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots)));
+  routes.push_back(query::route(directory));
   auto listening = net::Server::listen(config.net, directory, std::move(routes));
   if (!listening) return refuse(listening.error().message);
   server = std::move(*listening);

@@ -20,6 +20,7 @@
 #include <boost/beast/http/status.hpp>
 #include <boost/beast/websocket.hpp>
 
+#include "client/connection/asked.h"
 #include "client/connection/line.h"
 #include "common/wire/wire.h"
 
@@ -253,6 +254,10 @@ struct Connection::Impl {
       if (const auto applied = roster_.apply(*members, now); !applied) return applied.error().message;
     } else if (const auto* clock = std::get_if<wire::Clock>(&message)) {
       clock_.hear(*clock, now);
+    } else if (auto* answer = std::get_if<wire::Answer>(&message)) {
+      if (!queries_.take(answer->id, std::move(*answer))) return "an answer to a query that was not asked";
+    } else if (auto* ground = std::get_if<wire::Ground>(&message)) {
+      if (!grounds_.take(ground->id, std::move(*ground))) return "a ground that was not asked for";
     }
     return {};
   }
@@ -293,6 +298,10 @@ struct Connection::Impl {
       } else if (!sayings_.empty()) {
         message = std::move(sayings_.front());
         sayings_.pop_front();
+      } else if (auto query = queries_.next()) {
+        message = std::move(*query);
+      } else if (auto ask = grounds_.next()) {
+        message = std::move(*ask);
       } else {
         return;
       }
@@ -319,6 +328,8 @@ struct Connection::Impl {
     if (state_ == State::kEnded) return;
     state_ = State::kEnded;
     error_ = Error{std::move(why)};
+    queries_.fail(*error_);
+    grounds_.fail(*error_);
     changed_.notify_all();
     hangUp();
   }
@@ -332,9 +343,21 @@ struct Connection::Impl {
     context_.stop();  // or Beast's own timers would keep the thread until they expire
   }
 
+  // Under the lock: why nothing can be asked, if so.
+  std::optional<Error> deaf() const {
+    if (error_) return error_;
+    if (world_.revision < 1) return Error{"the server at " + where() + " is of a version that answers no queries"};
+    return std::nullopt;
+  }
+
   // The owner leaves: say goodbye when there is somebody to say it to, and do not wait long.
   void part() {
     if (state_ == State::kEnded) return;
+    {
+      const std::lock_guard lock(mutex_);
+      queries_.fail({"the connection was closed"});
+      grounds_.fail({"the connection was closed"});
+    }
     const bool polite = state_ == State::kGreeting || state_ == State::kStreaming;
     state_ = State::kEnded;
     if (!polite) return hangUp();
@@ -397,6 +420,8 @@ struct Connection::Impl {
   std::deque<wire::ClientMessage> sayings_;
   Roster roster_;
   SessionClock clock_;
+  Asked<wire::Query, wire::Answer> queries_{wire::kMaxQueries, kMaxSayings};
+  Asked<wire::AskGround, wire::Ground> grounds_{wire::kMaxGrounds, kMaxSayings};
 };
 
 Outcome<std::unique_ptr<Connection>> Connection::open(const Url& url, const wire::Hello& hello, milliseconds patience) {
@@ -502,6 +527,26 @@ bool Connection::waitForClock(std::uint64_t seen, milliseconds patience) const {
 void Connection::setClock(const wire::SetClock& set) { impl_->say(set); }
 void Connection::step(const wire::Step& step) { impl_->say(step); }
 void Connection::stepDone(const wire::StepDone& done) { impl_->say(done); }
+
+std::future<Outcome<wire::Answer>> Connection::ask(wire::Query query) {
+  std::future<Outcome<wire::Answer>> future;
+  {
+    const std::lock_guard lock(impl_->mutex_);
+    future = impl_->queries_.add(std::move(query), impl_->deaf());
+  }
+  impl_->wake();
+  return future;
+}
+
+std::future<Outcome<wire::Ground>> Connection::askGround(const wire::AskGround& ask) {
+  std::future<Outcome<wire::Ground>> future;
+  {
+    const std::lock_guard lock(impl_->mutex_);
+    future = impl_->grounds_.add(ask, impl_->deaf());
+  }
+  impl_->wake();
+  return future;
+}
 
 std::optional<Error> Connection::error() const {
   const std::lock_guard lock(impl_->mutex_);

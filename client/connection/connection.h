@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <future>
 #include <memory>
 #include <optional>
 #include <string>
@@ -85,6 +86,12 @@ class Connection {
   void setClock(const wire::SetClock& set);
   void step(const wire::Step& step);
   void stepDone(const wire::StepDone& done);
+
+  // Questions to the server; `id` is set here. The future is ready when the answer has come, or with the error when the connection ends, the
+  // server knows no queries (World::revision 0), or more than kMaxSayings wait. No more than wire::kMaxQueries and wire::kMaxGrounds are on
+  // their way at a time; the others wait here. Futures may outlive the connection.
+  std::future<Outcome<wire::Answer>> ask(wire::Query query);
+  std::future<Outcome<wire::Ground>> askGround(const wire::AskGround& ask);
 
   std::optional<Error> error() const;  // set when the connection has ended
   // Set when it ended because the server leaves: where to connect again; empty: at the same place.

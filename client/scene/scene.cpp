@@ -20,8 +20,9 @@ std::string nameOf(const lattice::LeafAddress& a) {
   return "leaf (level " + std::to_string(a.level) + ", " + std::to_string(a.i) + ", " + std::to_string(a.j) + ")";
 }
 
-HeldLeaf hold(mesh::LeafMesh&& mesh, std::uint64_t hash) {
+HeldLeaf hold(mesh::LeafMesh&& mesh, std::uint64_t hash, float error) {
   HeldLeaf leaf;
+  leaf.error = error;
   leaf.hash = hash;
   if (!mesh.vertices.empty()) leaf.low = leaf.high = mesh.vertices.front();
   for (const mesh::LocalVertex& v : mesh.vertices) {
@@ -186,7 +187,7 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
     Outcome<mesh::LeafMesh> mesh = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
     if (!mesh) return Error{name + nameOf(whole.address) + ": " + mesh.error().message};
     const std::uint64_t leafHash = mesh::hashLeaf(*mesh);
-    HeldLeaf leaf = hold(std::move(*mesh), leafHash);
+    HeldLeaf leaf = hold(std::move(*mesh), leafHash, whole.error);
     if (shaded_ && !(leaf.shades = shadesOf(*leaf.mesh, nullptr, {}, whole.shades)))
       return Error{name + nameOf(whole.address) + ": its shades are not those of its vertices"};
     keep(whole.address, std::move(leaf));
@@ -195,7 +196,8 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
     const wire::LeafDelta& delta = iteration.changed[k];
     auto changed = codec::decodeDelta(delta.payload, *bases[k].mesh, bases[k].hash);
     if (!changed) damaged.insert(delta.address);
-    HeldLeaf leaf = changed ? hold(std::move(changed->leaf), changed->hash) : hold(mesh::LeafMesh(*bases[k].mesh), bases[k].hash);
+    HeldLeaf leaf =
+        changed ? hold(std::move(changed->leaf), changed->hash, delta.error) : hold(mesh::LeafMesh(*bases[k].mesh), bases[k].hash, 0);
     if (shaded_) {
       KnownShades known;
       for (const HeldLeaf* source : bases[k].leaves) collect(*source, known);

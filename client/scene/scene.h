@@ -29,6 +29,7 @@ struct HeldLeaf {
   std::uint64_t hash = 0;                                     // mesh::hashLeaf
   std::uint64_t version = 0;                                  // of this scene: grows whenever this leaf is replaced
   std::shared_ptr<const std::vector<terrain::Shade>> shades;  // of its vertices, where the world's travel with them; else null
+  float error = 0;                                            // metres: the true terrain is at most so far above or below; 0: not known
 };
 
 class Scene {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "common/camera/camera.h"
+#include "common/ground/ray.h"
 #include "common/lattice/lattice.h"
 #include "common/terrain/raster.h"
 
@@ -86,12 +87,7 @@ struct StepDone {
 
 enum class QueryKind { kHeights, kNormals, kRays };
 
-struct Ray {
-  lattice::Step x = 0, z = 0;
-  double y = 0;                                           // metres
-  double directionX = 0, directionY = 0, directionZ = 0;  // of any length but 0
-  double reach = 0;                                       // metres
-};
+using ground::Ray;
 
 struct Query {
   std::uint64_t id = 0;

@@ -40,6 +40,8 @@ inline constexpr std::uint64_t kMaxStepTime = 3'600'000'000;  // microseconds
 inline constexpr std::uint64_t kMaxTime = std::uint64_t{1} << 53;
 inline constexpr std::size_t kMaxPlaces = 8192;                                                      // of a query
 inline constexpr std::size_t kMaxRays = 256;                                                         // of a query
+inline constexpr std::size_t kMaxQueries = 64;                                                       // of one client that are not answered
+inline constexpr std::size_t kMaxGrounds = 4;                                                        // the same
 inline constexpr std::uint32_t kMaxSpacing = 65'536;                                                 // steps
 inline constexpr double kMaxReach = 1e5;                                                             // metres
 inline constexpr double kLeastRadius = 1, kMostRadius = 4096, kLeastError = 0.02, kMostError = 100;  // metres, of a ground

@@ -15,6 +15,7 @@
 #include "common/mesh/gather.h"
 #include "common/terrain/shades.h"
 #include "common/wire/wire.h"
+#include "server/query/query.h"
 
 namespace ridgecast::session {
 
@@ -133,10 +134,26 @@ CameraSession::Refusal CameraSession::take(const wire::Step& step) {
                                              " steps wait for the members: send the next when the clock says that one has begun."};
 }
 
-CameraSession::Refusal CameraSession::take(wire::Query&) { return ErrorMessage{ErrorCode::kInvalid, "This server answers no queries."}; }
+CameraSession::Refusal CameraSession::take(wire::Query& query) {
+  if (auto refusal = expectsWorld("query")) return refusal;
+  if (*queries_ >= wire::kMaxQueries)
+    return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
+                                               " queries wait for their answers: send the next when one has arrived."};
+  ++*queries_;
+  // Open until the answer has left.
+  std::shared_ptr<const void> ticket(nullptr, [open = queries_](const void*) { --*open; });
+  pool_->post([terrain = session_->terrain(), sender = sender_, query = std::move(query), ticket = std::move(ticket)]() mutable {
+    sender->send(query::answer(*terrain, query), std::move(ticket));
+  });
+  return {};
+}
 
-CameraSession::Refusal CameraSession::take(const wire::AskGround&) {
-  return ErrorMessage{ErrorCode::kInvalid, "This server answers no queries."};
+CameraSession::Refusal CameraSession::take(const wire::AskGround& ask) {
+  if (auto refusal = expectsWorld("question for the ground")) return refusal;
+  if (!grounds_) grounds_ = std::make_shared<Grounds>(session_->terrain(), granted_, session_->resources().makeMesh, pool_, sender_);
+  if (grounds_->ask(ask)) return {};
+  return ErrorMessage{ErrorCode::kLimit,
+                      "More than " + std::to_string(wire::kMaxGrounds) + " grounds were asked for: ask for the next when one has arrived."};
 }
 
 CameraSession::Refusal CameraSession::take(const wire::StepDone& done) {
@@ -199,6 +216,8 @@ void CameraSession::close() {
   poses_.clear();
   session_->presence().leave(id_);
   session_->live().remove(id_);
+  if (grounds_) grounds_->close();
+  grounds_.reset();
   wake();
 }
 
@@ -450,6 +469,7 @@ void CameraSession::encode(const replica::Changes& changes, wire::Iteration& ite
     mesh::LeafMesh leaf;
     std::vector<std::uint8_t> payload, shades;
     bool delta = false;
+    float error = 0;
   };
   const terrain::Terrain& terrain = *session_->terrain();
   const bool shades = !session_->resources().limits.sendsTerrain && terrain.colours();
@@ -474,6 +494,7 @@ void CameraSession::encode(const replica::Changes& changes, wire::Iteration& ite
     Encoded& out = encoded[k];
     const replica::Derived* derived = k < whole ? nullptr : &changes.changed[k - whole];
     out.leaf = mesh_->extract(derived ? derived->address : changes.whole[k]);
+    if (hello_.errors) out.error = query::deviation(*session_->terrain(), out.leaf);
     if (derived && !out.leaf.triangles.empty()) {
       const auto base = baseOf(*derived, out.leaf.triangles.size());
       if (base && !base->triangles.empty()) {
@@ -496,11 +517,11 @@ void CameraSession::encode(const replica::Changes& changes, wire::Iteration& ite
   for (Encoded& e : encoded) {
     if (bases_.budget() > 0) bases_.put(e.leaf);
     if (e.delta) {
-      iteration.changed.push_back({e.leaf.address, std::move(e.payload), 0, std::move(e.shades)});
+      iteration.changed.push_back({e.leaf.address, std::move(e.payload), e.error, std::move(e.shades)});
       continue;
     }
     iteration.whole.push_back({e.leaf.address, static_cast<std::uint32_t>(e.leaf.vertices.size()),
-                               static_cast<std::uint32_t>(e.leaf.triangles.size()), std::move(e.payload), 0, std::move(e.shades)});
+                               static_cast<std::uint32_t>(e.leaf.triangles.size()), std::move(e.payload), e.error, std::move(e.shades)});
   }
   std::sort(iteration.whole.begin(), iteration.whole.end(), [](const auto& a, const auto& b) { return a.address < b.address; });
 }

@@ -14,9 +14,10 @@
 // A client that resumes names the leaves it still holds between hello and its first pose; only what differs is sent.
 //
 // The client has room when fewer than `window` iterations are unacknowledged and less than maxQueuedBytes wait in its way out. All that
-// waits there belongs to unacknowledged iterations, so an acknowledgement is the only event that can make room. With a budget of bytes a
+// waits there for long belongs to unacknowledged iterations, so an acknowledgement is the only event that can make room. With a budget of bytes a
 // second an iteration also waits until those before it are paid for (pace.h); an alarm ends that.
 
+#include <atomic>
 #include <deque>
 #include <memory>
 #include <mutex>
@@ -25,12 +26,14 @@
 #include "common/wire/messages.h"
 #include "server/replica/bases.h"
 #include "server/replica/replica.h"
+#include "server/session/grounds.h"
 #include "server/session/pace.h"
 #include "server/session/sender.h"
 #include "server/session/session.h"
 
 namespace ridgecast::session {
 
+// Queries are answered by tasks of their own beside the iterations; at most wire::kMaxQueries are open at a time.
 class CameraSession : public std::enable_shared_from_this<CameraSession> {
  public:
   CameraSession(std::shared_ptr<Session> session, Place place, std::uint64_t id, std::shared_ptr<Sender> sender);
@@ -98,6 +101,8 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   bool alarmSet_ = false;
   std::vector<Hold> holds_;
   std::uint64_t sentNumber_ = 0, sentHash_ = 0;  // of the last iteration
+  std::shared_ptr<std::atomic<std::size_t>> queries_ = std::make_shared<std::atomic<std::size_t>>(0);  // not answered, or not sent yet
+  std::shared_ptr<Grounds> grounds_;                                                                   // once one was asked for
 
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;

@@ -1,0 +1,115 @@
+#include "client/query/ground.h"
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <future>
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::query {
+
+lattice::Step toSteps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre + 0.5)); }
+
+namespace {
+
+std::shared_ptr<const terrain::Terrain> builtInOf(const wire::World& world) {
+  auto terrain = terrain::create(world.terrainName, world.seed);
+  if (!terrain || terrain::contentHash(**terrain) != world.contentHash) return nullptr;
+  return *terrain;
+}
+
+constexpr std::size_t kBatch = 1000;   // places a query
+constexpr std::size_t kInFlight = 16;  // queries
+
+}  // namespace
+
+Ground::Ground(connection::Connection& connection, std::chrono::milliseconds patience)
+    : connection_(connection), patience_(patience), local_(builtInOf(connection.world())) {}
+
+// `count` things in batches of `each`, `numbers` of the answer to each thing.
+template <class Number, class Make, class Take>
+Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
+                          const Take& take) {
+  const auto until = std::chrono::steady_clock::now() + patience_;
+  std::deque<std::future<Outcome<wire::Answer>>> open;
+  std::size_t asked = 0, taken = 0;
+  while (taken < count) {
+    while (asked < count && open.size() < kInFlight) {
+      const std::size_t n = std::min(each, count - asked);
+      open.push_back(connection_.ask(make(asked, n)));
+      asked += n;
+    }
+    if (open.front().wait_until(until) != std::future_status::ready)
+      return Error{"the server did not answer a query within " + std::to_string(patience_.count()) + " ms"};
+    auto answer = open.front().get();
+    open.pop_front();
+    if (!answer) return answer.error();
+    const auto& values = take(*answer);
+    const std::size_t n = std::min(each, count - taken);
+    if (values.size() != n * numbers) return Error{"the server answered a query with another number of values than was asked for"};
+    std::copy(values.begin(), values.end(), out.begin() + static_cast<std::ptrdiff_t>(taken * numbers));
+    taken += n;
+  }
+  return {};
+}
+
+Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) {
+  if (local_) {
+    local_->heights(x, z, out);
+    return {};
+  }
+  return ask(
+      out.size(), kBatch, out, 1,
+      [&](std::size_t at, std::size_t n) {
+        wire::Query q;
+        q.x.assign(x.begin() + static_cast<std::ptrdiff_t>(at), x.begin() + static_cast<std::ptrdiff_t>(at + n));
+        q.z.assign(z.begin() + static_cast<std::ptrdiff_t>(at), z.begin() + static_cast<std::ptrdiff_t>(at + n));
+        return q;
+      },
+      [](const wire::Answer& a) -> const std::vector<float>& { return a.heights; });
+}
+
+Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
+                              std::uint32_t spacing) {
+  if (local_) {
+    ground::normals(*local_, x, z, spacing, out);
+    return {};
+  }
+  return ask(
+      x.size(), kBatch, out, 3,
+      [&](std::size_t at, std::size_t n) {
+        wire::Query q;
+        q.kind = wire::QueryKind::kNormals;
+        q.spacing = spacing;
+        q.x.assign(x.begin() + static_cast<std::ptrdiff_t>(at), x.begin() + static_cast<std::ptrdiff_t>(at + n));
+        q.z.assign(z.begin() + static_cast<std::ptrdiff_t>(at), z.begin() + static_cast<std::ptrdiff_t>(at + n));
+        return q;
+      },
+      [](const wire::Answer& a) -> const std::vector<float>& { return a.normals; });
+}
+
+Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> out) {
+  if (local_) {
+    for (std::size_t k = 0; k < rays.size(); ++k) out[k] = ground::cast(*local_, rays[k]);
+    return {};
+  }
+  return ask(
+      rays.size(), wire::kMaxRays, out, 1,
+      [&](std::size_t at, std::size_t n) {
+        wire::Query q;
+        q.kind = wire::QueryKind::kRays;
+        q.rays.assign(rays.begin() + static_cast<std::ptrdiff_t>(at), rays.begin() + static_cast<std::ptrdiff_t>(at + n));
+        return q;
+      },
+      [](const wire::Answer& a) -> const std::vector<double>& { return a.distances; });
+}
+
+Outcome<double> Ground::height(double x, double z) {
+  const lattice::Step atX = toSteps(x), atZ = toSteps(z);
+  float out = 0;
+  if (const auto asked = heights({&atX, 1}, {&atZ, 1}, {&out, 1}); !asked) return asked.error();
+  return static_cast<double>(out);
+}
+
+}  // namespace ridgecast::query

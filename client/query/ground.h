@@ -1,0 +1,56 @@
+#pragma once
+// The true terrain of a session's world, for simulations: heights, normals, rays.
+//
+// Where the terrain is one that is built in here and its content hash is the world's, the answers are made here, at once; else the server
+// is asked, in batches, and a call waits for it. Both are the same bits. (What the held mesh says is another thing: mesh_ground.h.)
+//
+// Places are steps of the lattice (1/256 m); toSteps() makes them of metres. Not thread-safe where the server is asked, but several may
+// share a connection; local answers may be had from any thread.
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "client/connection/connection.h"
+#include "common/ground/ground.h"
+#include "common/lattice/lattice.h"
+#include "common/outcome/outcome.h"
+#include "common/terrain/terrain.h"
+
+namespace ridgecast::query {
+
+// The nearest step; |metres| must be at most 4.398e12.
+lattice::Step toSteps(double metres);
+
+class Ground {
+ public:
+  enum class Source { kLocal, kServer };
+
+  // `connection` must outlive this where the source is the server. `patience`: how long one call may wait for it.
+  explicit Ground(connection::Connection& connection, std::chrono::milliseconds patience = std::chrono::seconds(10));
+
+  Source source() const { return local_ ? Source::kLocal : Source::kServer; }
+
+  // Heights in metres, as the terrain function returns them. x, z and out have the same size, and all errors are the server's: it is gone,
+  // or did not answer in time. `out` is then undefined.
+  Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out);
+  // Unit normals, three numbers each, over `spacing` steps to each side (ground.h).
+  Outcome<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
+                        std::uint32_t spacing = ground::kDefaultSpacing);
+  // Metres along each ray to the ground, ground::kNoHit where it meets none.
+  Outcome<void> cast(std::span<const ground::Ray> rays, std::span<double> out);
+
+  // One place, for those who ask for one alone; metres.
+  Outcome<double> height(double x, double z);
+
+ private:
+  template <class Number, class Make, class Take>
+  Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make, const Take& take);
+
+  connection::Connection& connection_;
+  const std::chrono::milliseconds patience_;
+  std::shared_ptr<const terrain::Terrain> local_;  // null: ask the server
+};
+
+}  // namespace ridgecast::query

@@ -1,0 +1,110 @@
+#include "client/query/mesh_ground.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+namespace ridgecast::query {
+
+namespace {
+
+double boundOf(const scene::HeldLeaf& leaf) { return leaf.error > 0 ? leaf.error : std::numeric_limits<double>::infinity(); }
+
+// Twice the area of (a, b, p), positive when p lies to the left of a -> b seen from above.
+std::int64_t side(const mesh::LocalVertex& a, const mesh::LocalVertex& b, std::int64_t x, std::int64_t z) {
+  return (std::int64_t{b.z} - a.z) * (x - a.x) - (std::int64_t{b.x} - a.x) * (z - a.z);
+}
+
+struct Vec {
+  double x, y, z;
+};
+Vec operator-(const Vec& a, const Vec& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+Vec cross(const Vec& a, const Vec& b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+double dot(const Vec& a, const Vec& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+
+}  // namespace
+
+std::optional<MeshHeight> heightOf(const scene::Scene& scene, lattice::Point at) {
+  for (const auto& [address, leaf] : scene.leaves()) {
+    const std::int64_t x = at.x - address.x(), z = at.z - address.z();
+    if (x < leaf.low.x || x > leaf.high.x || z < leaf.low.z || z > leaf.high.z) continue;
+    for (const mesh::Triangle& t : leaf.mesh->triangles) {
+      const mesh::LocalVertex &a = leaf.mesh->vertices[t[0]], &b = leaf.mesh->vertices[t[1]], &c = leaf.mesh->vertices[t[2]];
+      const std::int64_t wa = side(b, c, x, z), wb = side(c, a, x, z), wc = side(a, b, x, z);
+      if (wa < 0 || wb < 0 || wc < 0) continue;
+      const double total = static_cast<double>(wa + wb + wc);
+      const double steps = (static_cast<double>(wa) * a.y + static_cast<double>(wb) * b.y + static_cast<double>(wc) * c.y) / total;
+      const auto vec = [](const mesh::LocalVertex& v) { return Vec{double(v.x), double(v.y), double(v.z)}; };
+      const Vec n = cross(vec(b) - vec(a), vec(c) - vec(a));
+      const double length = std::sqrt(dot(n, n));
+      return MeshHeight{steps * lattice::kMetresPerStep, boundOf(leaf), n.x / length, n.y / length, n.z / length};
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray) {
+  // In steps, relative to the ray's origin.
+  Vec d{ray.directionX, ray.directionY, ray.directionZ};
+  const double most = std::max({std::abs(d.x), std::abs(d.y), std::abs(d.z)});
+  d = {d.x / most, d.y / most, d.z / most};
+  const double length = std::sqrt(dot(d, d));
+  d = {d.x / length, d.y / length, d.z / length};
+  const double originY = ray.y * lattice::kStepsPerMetre;
+  double nearest = ray.reach * lattice::kStepsPerMetre;
+  std::optional<MeshHit> hit;
+  for (const auto& [address, leaf] : scene.leaves()) {
+    if (leaf.mesh->triangles.empty()) continue;
+    const Vec corner{static_cast<double>(address.x() - ray.x), 0, static_cast<double>(address.z() - ray.z)};
+    const auto vec = [&](const mesh::LocalVertex& v) { return Vec{corner.x + v.x, v.y - originY, corner.z + v.z}; };
+    // Slabs of the leaf's box.
+    const Vec low = vec(leaf.low), high = vec(leaf.high);
+    double from = 0, to = nearest;
+    const std::array<std::array<double, 3>, 3> slabs{{{d.x, low.x, high.x}, {d.y, low.y, high.y}, {d.z, low.z, high.z}}};
+    for (const auto& [direction, least, greatest] : slabs) {
+      if (direction == 0) {
+        if (least > 0 || greatest < 0) to = -1;
+        continue;
+      }
+      from = std::max(from, std::min(least / direction, greatest / direction));
+      to = std::min(to, std::max(least / direction, greatest / direction));
+    }
+    if (from > to) continue;
+    for (const mesh::Triangle& t : leaf.mesh->triangles) {  // Moeller and Trumbore 1997
+      const Vec a = vec(leaf.mesh->vertices[t[0]]), ab = vec(leaf.mesh->vertices[t[1]]) - a, ac = vec(leaf.mesh->vertices[t[2]]) - a;
+      const Vec p = cross(d, ac);
+      const double determinant = dot(ab, p);
+      if (determinant == 0) continue;
+      const Vec s{-a.x, -a.y, -a.z};
+      const double u = dot(s, p) / determinant;
+      if (u < 0 || u > 1) continue;
+      const Vec q = cross(s, ab);
+      const double v = dot(d, q) / determinant;
+      if (v < 0 || u + v > 1) continue;
+      const double distance = dot(ac, q) / determinant;
+      if (distance < 0 || distance > nearest) continue;
+      nearest = distance;
+      hit = MeshHit{distance * lattice::kMetresPerStep, boundOf(leaf)};
+    }
+  }
+  return hit;
+}
+
+Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
+                            std::chrono::milliseconds patience) {
+  auto asked = connection.askGround({0, at, radius, error});
+  if (asked.wait_for(patience) != std::future_status::ready)
+    return Error{"the server did not answer a question for the ground within " + std::to_string(patience.count()) + " ms"};
+  auto ground = asked.get();
+  if (!ground) return ground.error();
+  Patch patch;
+  patch.error = ground->error;
+  wire::Iteration iteration;
+  iteration.number = 1;
+  iteration.whole = std::move(ground->leaves);
+  if (const auto applied = patch.scene.apply(iteration); !applied) return applied.error();
+  return patch;
+}
+
+}  // namespace ridgecast::query

@@ -1,0 +1,128 @@
+#include "common/ground/ground.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace ridgecast::ground {
+
+using lattice::Step;
+
+void normals(const terrain::Terrain& terrain, std::span<const Step> x, std::span<const Step> z, std::uint32_t spacing,
+             std::span<float> out) {
+  constexpr std::size_t kBatch = 64;  // 256 heights a call
+  const Step s = spacing;
+  std::array<Step, 4 * kBatch> sampleX, sampleZ;
+  std::array<float, 4 * kBatch> height;
+  const auto within = [](Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
+  for (std::size_t begin = 0; begin < x.size(); begin += kBatch) {
+    const std::size_t n = std::min(kBatch, x.size() - begin);
+    for (std::size_t k = 0; k < n; ++k) {
+      const Step atX = x[begin + k], atZ = z[begin + k];
+      sampleX[k] = within(atX - s), sampleZ[k] = atZ;
+      sampleX[n + k] = within(atX + s), sampleZ[n + k] = atZ;
+      sampleX[2 * n + k] = atX, sampleZ[2 * n + k] = within(atZ - s);
+      sampleX[3 * n + k] = atX, sampleZ[3 * n + k] = within(atZ + s);
+    }
+    terrain.heights(std::span(sampleX).first(4 * n), std::span(sampleZ).first(4 * n), std::span(height).first(4 * n));
+    for (std::size_t k = 0; k < n; ++k) {
+      const double acrossX = static_cast<double>(sampleX[n + k] - sampleX[k]) * lattice::kMetresPerStep;
+      const double acrossZ = static_cast<double>(sampleZ[3 * n + k] - sampleZ[2 * n + k]) * lattice::kMetresPerStep;
+      const double slopeX = (static_cast<double>(height[n + k]) - height[k]) / acrossX;
+      const double slopeZ = (static_cast<double>(height[3 * n + k]) - height[2 * n + k]) / acrossZ;
+      const double length = std::sqrt(slopeX * slopeX + 1.0 + slopeZ * slopeZ);
+      float* normal = &out[3 * (begin + k)];
+      normal[0] = static_cast<float>(-slopeX / length);
+      normal[1] = static_cast<float>(1.0 / length);
+      normal[2] = static_cast<float>(-slopeZ / length);
+    }
+  }
+}
+
+namespace {
+
+// Heights of the ray above the ground at distances along it.
+class Above {
+ public:
+  Above(const terrain::Terrain& terrain, const Ray& ray) : terrain_(terrain), ray_(ray) {
+    // Scaled before it is squared: any length that is a number has a direction.
+    const double most = std::max({std::abs(ray.directionX), std::abs(ray.directionY), std::abs(ray.directionZ)});
+    const double x = ray.directionX / most, y = ray.directionY / most, z = ray.directionZ / most;
+    const double length = std::sqrt(x * x + y * y + z * z);
+    x_ = x / length, y_ = y / length, z_ = z / length;
+  }
+
+  // False: one of them lies beyond the lattice; those before it are answered, `count` says how many.
+  bool at(std::span<const double> distances, std::span<double> above, std::size_t& count) const {
+    constexpr std::size_t kMost = 256;
+    std::array<Step, kMost> x, z;
+    std::array<float, kMost> height;
+    for (count = 0; count < distances.size(); ++count) {
+      const double t = distances[count];
+      x[count] = ray_.x + static_cast<Step>(std::floor(x_ * t * lattice::kStepsPerMetre + 0.5));
+      z[count] = ray_.z + static_cast<Step>(std::floor(z_ * t * lattice::kStepsPerMetre + 0.5));
+      if (!lattice::positionIsValid(x[count], z[count])) break;
+    }
+    terrain_.heights(std::span(x).first(count), std::span(z).first(count), std::span(height).first(count));
+    for (std::size_t k = 0; k < count; ++k) above[k] = ray_.y + y_ * distances[k] - height[k];
+    return count == distances.size();
+  }
+
+ private:
+  const terrain::Terrain& terrain_;
+  const Ray& ray_;
+  double x_, y_, z_;
+};
+
+}  // namespace
+
+double cast(const terrain::Terrain& terrain, const Ray& ray) {
+  constexpr std::size_t kBlock = 64, kParts = 16;
+  constexpr double kFinest = 0.25, kShare = 1.0 / 1024;
+  constexpr int kRounds = 4;  // 1/4 m in 16^4 parts: 4 micrometres
+  const Above ray_above(terrain, ray);
+  std::array<double, kBlock> distance, above;
+  double before = 0, aboveBefore = 0;  // the last that is known to lie above the ground
+  bool first = true;
+  std::size_t known = 0;
+  for (bool last = false; !last;) {
+    std::size_t n = 0;
+    double t = before;
+    if (first) distance[n++] = 0;
+    while (n < kBlock && !last) {
+      t += std::max(kFinest, t * kShare);
+      last = t >= ray.reach;
+      distance[n++] = last ? ray.reach : t;
+    }
+    if (!ray_above.at(std::span(distance).first(n), above, known)) last = true;
+    if (first && known > 0 && above[0] <= 0) return 0;
+    std::size_t hit = 0;
+    while (hit < known && above[hit] > 0) ++hit;
+    if (hit == known) {
+      if (known == 0) return kNoHit;
+      before = distance[known - 1];
+      aboveBefore = above[known - 1];
+      first = false;
+      continue;
+    }
+    if (hit > 0) {
+      before = distance[hit - 1];
+      aboveBefore = above[hit - 1];
+    }
+    // Between `before`, above the ground, and `behind`, on it or below: the first part in which it is met, again and again.
+    double behind = distance[hit], aboveBehind = above[hit];
+    for (int round = 0; round < kRounds && behind > before; ++round) {
+      const double part = (behind - before) / kParts;
+      for (std::size_t k = 0; k + 1 < kParts; ++k) distance[k] = before + part * static_cast<double>(k + 1);
+      ray_above.at(std::span(distance).first(kParts - 1), above, known);
+      std::size_t k = 0;
+      while (k < known && above[k] > 0) ++k;
+      if (k < known) behind = distance[k], aboveBehind = above[k];
+      if (k > 0) before = distance[k - 1], aboveBefore = above[k - 1];
+    }
+    return before + (behind - before) * (aboveBefore / (aboveBefore - aboveBehind));
+  }
+  return kNoHit;
+}
+
+}  // namespace ridgecast::ground

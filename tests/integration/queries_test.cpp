@@ -1,0 +1,270 @@
+// Queries over loopback: local answers are the server's bit for bit, on a million places of every built-in terrain; meshes keep their
+// bounds; and how fast both are. RIDGECAST_QUERY_PLACES makes it fewer.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <future>
+#include <memory>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "client/connection/connection.h"
+#include "client/query/ground.h"
+#include "client/query/mesh_ground.h"
+#include "common/wire/wire.h"
+#include "server/logging/logging.h"
+#include "server/net/server.h"
+#include "server/scheduling/pool.h"
+#include "server/session/iterating_mesh.h"
+#include "server/session/session.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using connection::Connection;
+using lattice::Step;
+using query::Ground;
+using Time = std::chrono::steady_clock;
+
+std::size_t places() {
+  const char* given = std::getenv("RIDGECAST_QUERY_PLACES");
+#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+  return given ? std::strtoull(given, nullptr, 10) : 50'000;
+#else
+  return given ? std::strtoull(given, nullptr, 10) : 1'000'000;
+#endif
+}
+
+// A built-in terrain that no client knows: its name is another.
+class Renamed final : public terrain::Terrain {
+ public:
+  explicit Renamed(std::shared_ptr<const terrain::Terrain> t) : terrain_(std::move(t)) {}
+  std::string_view name() const override { return "renamed"; }
+  std::string_view source() const override { return terrain_->source(); }
+  std::uint32_t seed() const override { return terrain_->seed(); }
+  void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override { terrain_->heights(x, z, out); }
+
+ private:
+  std::shared_ptr<const terrain::Terrain> terrain_;
+};
+
+class QueriesTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    logging::setUp(logging::Format::kText, logging::Level::kWarning);
+    machine = std::make_unique<scheduling::Machine>(2);
+    auto resources = std::make_shared<session::Resources>();
+    resources->machine = machine.get();
+    resources->makeMesh = session::pipelineMeshes();
+    resources->serverName = "integration";
+    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    for (const auto& d : terrain::builtIn()) {
+      const auto terrain = terrain::create(d.name, 11).value();
+      directory->add(std::string(d.name), terrain).value();
+      directory->add("renamed-" + std::string(d.name), std::make_shared<Renamed>(terrain)).value();
+    }
+    net::Settings settings;
+    settings.port = 0;
+    auto made = net::Server::listen(settings, directory);
+    ASSERT_TRUE(made) << made.error().message;
+    server = std::move(*made);
+  }
+  void TearDown() override {
+    if (server) server->shutdown();
+    machine.reset();
+    server.reset();
+  }
+  std::unique_ptr<Connection> join(const std::string& session, const wire::Hello& hello = {}) {
+    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), session}, hello);
+    if (!opened) throw std::runtime_error(opened.error().message);
+    return std::move(*opened);
+  }
+  std::unique_ptr<net::Server> server;
+  std::unique_ptr<scheduling::Machine> machine;
+  std::shared_ptr<session::Directory> directory;
+};
+
+struct Places {
+  std::vector<Step> x, z;
+};
+Places randomPlaces(std::size_t count, std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  Places p;
+  for (std::size_t k = 0; k < count; ++k) {
+    // Near, far and at the lattice's end.
+    const int bits = std::array{12, 24, 34, 50}[k % 4];
+    const auto one = [&] { return static_cast<Step>(random() >> (63 - bits)) - (Step{1} << bits); };
+    p.x.push_back(one());
+    p.z.push_back(one());
+  }
+  return p;
+}
+
+TEST_F(QueriesTest, LocalAnswersAreTheServersBitForBit) {
+  const Places p = randomPlaces(places(), 5);
+  for (const auto& d : terrain::builtIn()) {
+    auto here = join(std::string(d.name)), there = join("renamed-" + std::string(d.name));
+    Ground local(*here), remote(*there, 120s);
+    ASSERT_EQ(local.source(), Ground::Source::kLocal);
+    ASSERT_EQ(remote.source(), Ground::Source::kServer);
+    std::vector<float> a(p.x.size()), b(p.x.size());
+    auto begin = Time::now();
+    // In batches of 1,000, as a simulation asks.
+    for (std::size_t at = 0; at < a.size(); at += 1000) {
+      const std::size_t n = std::min<std::size_t>(1000, a.size() - at);
+      ASSERT_TRUE(local.heights(std::span(p.x).subspan(at, n), std::span(p.z).subspan(at, n), std::span(a).subspan(at, n)));
+    }
+    const double localSeconds = std::chrono::duration<double>(Time::now() - begin).count();
+    begin = Time::now();
+    const auto asked = remote.heights(p.x, p.z, b);
+    ASSERT_TRUE(asked) << asked.error().message;
+    const double remoteSeconds = std::chrono::duration<double>(Time::now() - begin).count();
+    EXPECT_EQ(std::memcmp(a.data(), b.data(), a.size() * sizeof(float)), 0) << d.name;
+    std::printf("%s: %.1f million heights/s locally in batches of 1,000, %.2f million/s over the socket\n", std::string(d.name).c_str(),
+                static_cast<double>(a.size()) / localSeconds / 1e6, static_cast<double>(a.size()) / remoteSeconds / 1e6);
+
+    const std::size_t some = 5000;
+    std::vector<float> na(3 * some), nb(3 * some);
+    ASSERT_TRUE(local.normals(std::span(p.x).first(some), std::span(p.z).first(some), na));
+    ASSERT_TRUE(remote.normals(std::span(p.x).first(some), std::span(p.z).first(some), nb));
+    EXPECT_EQ(std::memcmp(na.data(), nb.data(), na.size() * sizeof(float)), 0) << d.name;
+    std::vector<ground::Ray> rays;
+    std::mt19937 random(8);
+    const auto uniform = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
+    for (int k = 0; k < 600; ++k)
+      rays.push_back({static_cast<Step>(uniform(-1e7, 1e7)), static_cast<Step>(uniform(-1e7, 1e7)), uniform(0, 4000), uniform(-1, 1),
+                      uniform(-1, 0.1), uniform(-1, 1), 3000});
+    std::vector<double> ra(rays.size()), rb(rays.size());
+    ASSERT_TRUE(local.cast(rays, ra));
+    ASSERT_TRUE(remote.cast(rays, rb));
+    EXPECT_EQ(std::memcmp(ra.data(), rb.data(), ra.size() * sizeof(double)), 0) << d.name;
+    EXPECT_GT(std::count_if(ra.begin(), ra.end(), [](double t) { return t > 0; }), 100);
+  }
+}
+
+TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
+  wire::Hello hello;
+  hello.role = wire::Role::kSensor;
+  hello.errors = true;
+  hello.settings.threshold = 4;
+  auto connection = join("alpine", hello);
+  Ground truth(*connection);
+  scene::Scene scene;
+  wire::PoseMessage pose;
+  pose.sequence = 1;
+  pose.camera.pose = {.x = 2000 * 256, .z = 1500 * 256, .remainderX = 0, .remainderZ = 0, .y = 1900, .yaw = 0.3, .pitch = -0.3};
+  pose.camera.projection.width = 640;
+  pose.camera.projection.height = 360;
+  connection->send(pose);
+  for (bool settled = false; !settled;) {
+    auto received = connection->receive(60s);
+    ASSERT_TRUE(received) << (connection->error() ? connection->error()->message : "nothing came");
+    ASSERT_TRUE(scene.apply(received->iteration));
+    connection->acknowledge({received->iteration.number, scene.hash()});
+    settled = received->iteration.settled;
+  }
+  std::mt19937_64 random(6);
+  std::size_t asked = 0, beyond = 0;
+  double worst = 0;
+  for (int k = 0; k < 4000; ++k) {
+    const double reach = k % 2 == 0 ? 300 * 256 : 8000 * 256;
+    const auto one = [&] { return static_cast<Step>(std::uniform_real_distribution<double>(-reach, reach)(random)); };
+    const lattice::Point at{pose.camera.pose.x + one(), pose.camera.pose.z + one()};
+    const auto height = query::heightOf(scene, at);
+    if (!height) continue;
+    ASSERT_TRUE(std::isfinite(height->bound));
+    EXPECT_GT(height->normalY, 0);
+    float exact = 0;
+    ASSERT_TRUE(truth.heights({&at.x, 1}, {&at.z, 1}, {&exact, 1}));
+    ++asked;
+    worst = std::max(worst, std::abs(exact - height->height) / height->bound);
+    beyond += std::abs(exact - height->height) > height->bound;
+  }
+  EXPECT_GT(asked, 3000u);
+  EXPECT_EQ(beyond, 0u) << "of " << asked;
+  std::printf("%zu places of the streamed mesh: at most %.2f of the bound\n", asked, worst);
+  // A ray straight down meets the mesh at its height.
+  const lattice::Point below{pose.camera.pose.x, pose.camera.pose.z};
+  const auto hit = query::cast(scene, {below.x, below.z, 3000, 0, -1, 0, 5000});
+  ASSERT_TRUE(hit);
+  EXPECT_NEAR(3000 - hit->distance, query::heightOf(scene, below)->height, 1e-6);
+  EXPECT_FALSE(query::cast(scene, {below.x, below.z, 9000, 0, 1, 0, 5000}));
+}
+
+TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
+  wire::Hello hello;
+  hello.role = wire::Role::kSensor;
+  for (const auto& d : terrain::builtIn()) {
+    auto connection = join(std::string(d.name), hello);
+    Ground truth(*connection);
+    std::mt19937_64 random(6);
+    for (const auto& [radius, error] : {std::pair(20.0, 0.1), std::pair(60.0, 0.25), std::pair(400.0, 2.0)}) {
+      if (radius > 100 && d.name == "canyon") continue;  // it takes long
+      const lattice::Point at{5000 * 256 + static_cast<Step>(radius * 700), -3000 * 256};
+      const auto begin = Time::now();
+      const auto patch = query::groundAround(*connection, at, radius, error, 60s);
+      ASSERT_TRUE(patch) << patch.error().message;
+      const double milliseconds = std::chrono::duration<double, std::milli>(Time::now() - begin).count();
+      // What lies between the places that were looked at is allowed for: where there are cliffs, the bound may stay above what was asked.
+      EXPECT_LE(patch->error, 2 * error) << d.name << " " << radius;
+      double worst = 0;
+      for (int k = 0; k < 2000; ++k) {
+        const double angle = std::uniform_real_distribution<double>(0, 6.28318)(random);
+        const double far = std::sqrt(std::uniform_real_distribution<double>(0, 1)(random)) * radius * 256;
+        const lattice::Point place{at.x + static_cast<Step>(far * std::cos(angle)), at.z + static_cast<Step>(far * std::sin(angle))};
+        const auto height = query::heightOf(patch->scene, place);
+        ASSERT_TRUE(height) << "the whole circle is covered";
+        float exact = 0;
+        ASSERT_TRUE(truth.heights({&place.x, 1}, {&place.z, 1}, {&exact, 1}));
+        worst = std::max(worst, std::abs(exact - height->height));
+        ASSERT_LE(std::abs(exact - height->height), height->bound);
+      }
+      EXPECT_LE(worst, error) << d.name << " " << radius;
+      std::printf("%s, %g m at %g m: %llu triangles, error %.3f m (%.3f m found), %.0f ms\n", std::string(d.name).c_str(), radius, error,
+                  static_cast<unsigned long long>(patch->scene.triangles()), patch->error, worst, milliseconds);
+    }
+  }
+}
+
+TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
+  auto connection = join("alpine");
+  // More than the server lets wait at a time wait here.
+  std::vector<std::future<Outcome<wire::Answer>>> asked;
+  for (std::size_t k = 0; k < 200; ++k) {
+    wire::Query q;
+    q.x.assign(1000, 5);
+    q.z.assign(1000, 7);
+    asked.push_back(connection->ask(q));
+  }
+  for (auto& a : asked) {
+    ASSERT_EQ(a.wait_for(30s), std::future_status::ready);
+    EXPECT_TRUE(a.get());
+  }
+  // What is out of range ends the connection with the server's sentence, and whoever waits is told.
+  wire::Query wrong;
+  wrong.x.assign(wire::kMaxPlaces + 1, 0);
+  wrong.z = wrong.x;
+  auto refused = connection->ask(wrong);
+  ASSERT_EQ(refused.wait_for(30s), std::future_status::ready);
+  const auto answer = refused.get();
+  ASSERT_FALSE(answer);
+  EXPECT_NE(answer.error().message.find("Places.x"), std::string::npos) << answer.error().message;
+  EXPECT_FALSE(connection->ask({}).get()) << "afterwards, too";
+
+  auto leaves = join("alpine");
+  auto open = leaves->askGround({0, {0, 0}, 100, 0.05});
+  leaves.reset();
+  ASSERT_EQ(open.wait_for(30s), std::future_status::ready);
+  EXPECT_FALSE(open.get());
+}
+
+}  // namespace
+}  // namespace ridgecast
