@@ -1,0 +1,212 @@
+#include "client/connection/download.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <boost/asio/connect.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/write.hpp>
+#include <charconv>
+#include <fstream>
+#include <optional>
+#include <system_error>
+
+#include "client/connection/line.h"
+
+namespace ridgecast::connection {
+
+namespace {
+
+namespace asio = boost::asio;
+using Clock = std::chrono::steady_clock;
+using error_code = boost::system::error_code;
+
+constexpr std::size_t kMostHeader = 65'536, kMostSentence = 4096;
+constexpr std::chrono::milliseconds kTellEvery{100};
+
+char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
+
+// What there is to know of an answer's header.
+struct Header {
+  int status = 0;
+  std::optional<std::uint64_t> length;
+  std::string retryAfter;
+};
+
+std::optional<Header> parse(std::string_view text) {
+  Header out;
+  if (!text.starts_with("HTTP/1.") || text.size() < 12) return std::nullopt;
+  if (std::from_chars(text.data() + 9, text.data() + 12, out.status).ptr != text.data() + 12) return std::nullopt;
+  for (auto at = text.find("\r\n"); at != std::string_view::npos;) {
+    const auto next = text.find("\r\n", at + 2);
+    const std::string_view line = text.substr(at + 2, next == std::string_view::npos ? std::string_view::npos : next - at - 2);
+    at = next;
+    const auto colon = line.find(':');
+    if (colon == std::string_view::npos) continue;
+    std::string name(line.substr(0, colon));
+    std::transform(name.begin(), name.end(), name.begin(), lower);
+    std::string_view value = line.substr(colon + 1);
+    while (value.starts_with(' ')) value.remove_prefix(1);
+    if (name == "content-length") {
+      std::uint64_t n = 0;
+      if (std::from_chars(value.data(), value.data() + value.size(), n).ptr != value.data() + value.size()) return std::nullopt;
+      out.length = n;
+    } else if (name == "retry-after") {
+      out.retryAfter = std::string(value.substr(0, 20));
+    }
+  }
+  return out;
+}
+
+class Download {
+ public:
+  Download(const Url& url, const std::filesystem::path& file, std::chrono::milliseconds patience, const std::function<void(const Progress&)>& tell)
+      : url_(url), file_(file), unfinished_(file.string() + "." + std::to_string(getpid()) + ".part"), patience_(patience), tell_(tell) {}
+  ~Download() {
+    std::error_code ignored;
+    if (!finished_) std::filesystem::remove(unfinished_, ignored);
+  }
+
+  Outcome<std::uint64_t> run(const std::string& target) {
+    out_.open(unfinished_, std::ios::binary | std::ios::trunc);
+    if (!out_) return cannotWrite();
+    request_ = "GET " + target + " HTTP/1.1\r\nHost: " + where() + "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nConnection: close\r\n" +
+               (url_.token.empty() ? "" : "Authorization: Bearer " + url_.token + "\r\n") + "\r\n";
+    lastWord_ = Clock::now();
+    begun_ = lastWord_;
+    resolver_.async_resolve(url_.host, url_.port, [this](error_code ec, const asio::ip::tcp::resolver::results_type& found) {
+      if (ec) return end("the host '" + url_.host + "' is not known (" + ec.message() + "); check the server's address");
+      connect(found);
+    });
+    while (!ended_) {
+      context_.run_one_for(kTellEvery);
+      context_.poll();
+      if (Clock::now() - told_ >= kTellEvery) report();
+      if (!ended_ && Clock::now() - lastWord_ > patience_)
+        end(header_ ? "the server sends nothing any more" : "no answer from " + where() + " within " + std::to_string(patience_.count() / 1000) + " s");
+      if (context_.stopped()) context_.restart();
+    }
+    line_.hangUp();
+    if (error_) return *error_;
+    out_.close();
+    if (!out_) return cannotWrite();
+    std::error_code failed;
+    std::filesystem::rename(unfinished_, file_, failed);
+    if (failed) return cannotWrite();
+    finished_ = true;
+    report();
+    return received_;
+  }
+
+ private:
+  std::string where() const { return (url_.host.find(':') == std::string::npos ? url_.host : "[" + url_.host + "]") + ":" + url_.port; }
+  Error cannotWrite() const { return Error{"cannot write " + file_.string() + ": choose a folder that exists, may be written and has room"}; }
+
+  void report() {
+    told_ = Clock::now();
+    if (tell_) tell_({std::chrono::duration_cast<std::chrono::milliseconds>(told_ - begun_), received_, header_ ? header_->length.value_or(0) : 0});
+  }
+  void end(std::string why) {
+    if (ended_) return;
+    ended_ = true;
+    error_ = Error{std::move(why)};
+  }
+
+  void connect(const asio::ip::tcp::resolver::results_type& found) {
+    asio::async_connect(line_.socket(), found, [this](error_code ec, const asio::ip::tcp::endpoint&) {
+      if (ended_) return;
+      if (ec == asio::error::connection_refused) return end("no server at " + where() + "; start one with ridgecast-server --port " + url_.port);
+      if (ec) return end("no connection to " + where() + ": " + ec.message());
+      if (!url_.secure) return ask();
+      line_.startTls(url_.host, url_.ca, [this](std::optional<std::string> wrong) {
+        if (ended_) return;
+        wrong ? end("no secure connection to " + where() + ": " + *wrong) : ask();
+      });
+    });
+  }
+
+  void ask() {
+    asio::async_write(line_, asio::buffer(request_), [this](error_code ec, std::size_t) {
+      if (ec) return end("the connection to " + where() + " was lost: " + ec.message());
+      read();
+    });
+  }
+
+  void read() {
+    line_.async_read_some(asio::buffer(buffer_), [this](error_code ec, std::size_t bytes) {
+      if (ended_) return;
+      lastWord_ = Clock::now();
+      take({buffer_.data(), bytes});
+      if (ended_) return;
+      if (!ec) return read();
+      if (header_ && !header_->length && ec == asio::error::eof) return complete();
+      end("the connection to " + where() + " was lost before all had come: " + ec.message());
+    });
+  }
+
+  void take(std::string_view bytes) {
+    if (!header_) {
+      text_ += bytes;
+      const auto blank = text_.find("\r\n\r\n");
+      if (blank == std::string::npos) {
+        if (text_.size() > kMostHeader) end("what answers at " + where() + " is no Ridgecast server; check host and port");
+        return;
+      }
+      header_ = parse(std::string_view(text_).substr(0, blank));
+      if (!header_) return end("what answers at " + where() + " is no Ridgecast server; check host and port");
+      const std::string rest = text_.substr(blank + 4);
+      text_.clear();
+      if (header_->length && *header_->length == 0) return complete();
+      return rest.empty() ? void() : take(rest);
+    }
+    received_ += bytes.size();
+    if (header_->status == 200)
+      out_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    else
+      text_ += bytes.substr(0, kMostSentence - std::min(kMostSentence, text_.size()));
+    if (!out_) {
+      ended_ = true;
+      error_ = cannotWrite();
+    } else if (header_->length && received_ >= *header_->length) {
+      complete();
+    }
+  }
+
+  void complete() {
+    if (header_->status != 200) {
+      std::string sentence;
+      for (const char c : text_) sentence += c == '\n' || c == '\r' ? ' ' : c >= ' ' && c != 0x7f ? c : '?';
+      while (sentence.ends_with(' ')) sentence.pop_back();
+      const std::string later = header_->retryAfter.empty() ? "" : " (try again in " + header_->retryAfter + " s)";
+      return end("the server at " + where() + " says: " + (sentence.empty() ? "HTTP " + std::to_string(header_->status) : sentence) + later);
+    }
+    ended_ = true;
+  }
+
+  const Url& url_;
+  const std::filesystem::path file_, unfinished_;
+  const std::chrono::milliseconds patience_;
+  const std::function<void(const Progress&)>& tell_;
+  std::ofstream out_;
+  asio::io_context context_;
+  asio::ip::tcp::resolver resolver_{context_};
+  Line line_{context_.get_executor()};
+  std::string request_, text_;  // what was read of the header, then of a refusal's sentence
+  std::array<char, 65'536> buffer_;
+  std::optional<Header> header_;
+  std::uint64_t received_ = 0;
+  Clock::time_point begun_, lastWord_, told_{};
+  bool ended_ = false, finished_ = false;
+  std::optional<Error> error_;
+};
+
+}  // namespace
+
+Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file, std::chrono::milliseconds patience,
+                                const std::function<void(const Progress&)>& tell) {
+  return std::make_unique<Download>(url, file, patience, tell)->run(target);
+}
+
+}  // namespace ridgecast::connection

@@ -1,0 +1,27 @@
+#pragma once
+// One file from a server by HTTP, in the clear or under TLS as the URL says.
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+
+#include "client/connection/connection.h"
+#include "common/outcome/outcome.h"
+
+namespace ridgecast::connection {
+
+struct Progress {
+  std::chrono::milliseconds waited{0};
+  std::uint64_t received = 0, total = 0;  // bytes; total 0: the answer has not begun
+};
+
+// Blocks. `target`: path and query, already percent-encoded. The file is there whole or not at all. `tell` is called some ten times a second
+// and when all is there. Returns how many bytes it has.
+// Errors: as Connection::open; the server's own sentence when it refuses; no answer within `patience`, or `patience` without a byte while
+// one comes; the file cannot be written.
+Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file, std::chrono::milliseconds patience,
+                                const std::function<void(const Progress&)>& tell);
+
+}  // namespace ridgecast::connection

@@ -1,0 +1,94 @@
+#include "client/snapshot/snapshot.h"
+
+#include <unistd.h>
+
+#include <charconv>
+#include <cstdio>
+
+#include "client/connection/download.h"
+
+namespace ridgecast::snapshot {
+
+namespace {
+
+std::string number(double v) {
+  char out[32];
+  return std::string(out, std::to_chars(out, out + sizeof out, v).ptr);
+}
+
+// One line that changes where people watch; where a file does, a line when something begins.
+class Teller {
+ public:
+  void operator()(const connection::Progress& p) {
+    const double mega = 1e-6, seconds = static_cast<double>(p.waited.count()) / 1000;
+    const bool arrives = p.total > 0;
+    if (isatty(STDERR_FILENO)) {
+      if (!arrives)
+        std::fprintf(stderr, "\rThe server is at work, %.0f s ", seconds);
+      else
+        std::fprintf(stderr, "\r%.1f of %.1f MB, %3.0f %%         ", static_cast<double>(p.received) * mega, static_cast<double>(p.total) * mega,
+                     100.0 * static_cast<double>(p.received) / static_cast<double>(p.total));
+      open_ = true;
+    } else if (stage_ < 1 + arrives) {
+      stage_ = 1 + arrives;
+      if (arrives)
+        std::fprintf(stderr, "Receiving %.1f MB after %.1f s\n", static_cast<double>(p.total) * mega, seconds);
+      else
+        std::fprintf(stderr, "The server is at work\n");
+    }
+  }
+  void end() {
+    if (open_) std::fprintf(stderr, "\n");
+  }
+
+ private:
+  int stage_ = 0;
+  bool open_ = false;
+};
+
+}  // namespace
+
+std::string target(const SnapshotOptions& o) {
+  std::string out = "/v1/sessions/" + o.url.session + (o.metadata ? "/snapshot.json" : "/snapshot.glb");
+  char next = '?';
+  const auto add = [&](const char* name, const std::string& value) {
+    out.append(1, next).append(name).append("=").append(value);
+    next = '&';
+  };
+  if (o.camera) {
+    add("camera", std::to_string(*o.camera));
+  } else if (o.box) {
+    const char* names[4] = {"x0", "z0", "x1", "z1"};
+    for (std::size_t k = 0; k < 4; ++k) add(names[k], number((*o.box)[k]));
+    add("error", number(o.error));
+  } else {
+    add("x", number(o.x));
+    add("z", number(o.z));
+    add("altitude", number(o.altitude));
+    add("yaw", number(o.yaw));
+    add("pitch", number(o.pitch));
+    add("fov", number(o.fov));
+    add("width", std::to_string(o.width));
+    add("height", std::to_string(o.height));
+    add("threshold", number(o.threshold));
+  }
+  if (o.draco) add("compression", "draco");
+  if (!o.normals) add("normals", "0");
+  if (!o.colours) add("colours", "0");
+  return out;
+}
+
+int snapshot(const SnapshotOptions& options) {
+  Teller teller;
+  const auto made = connection::download(options.url, target(options), options.out,
+                                         std::chrono::milliseconds(static_cast<std::int64_t>(options.patience * 1000)), std::ref(teller));
+  teller.end();
+  if (!made) {
+    std::fprintf(stderr, "ridgecast-client: %s\n", made.error().message.c_str());
+    return 1;
+  }
+  std::printf("%s: %llu bytes\n", options.out.c_str(), static_cast<unsigned long long>(*made));
+  return 0;
+}
+
+}  // namespace ridgecast::snapshot
