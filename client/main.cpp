@@ -10,6 +10,7 @@
 
 #include "client/connection/connection.h"
 #include "client/evaluation/fly.h"
+#include "client/snapshot/snapshot.h"
 #include "client/viewer/viewer.h"
 
 namespace {
@@ -67,6 +68,34 @@ std::string parseSize(const std::string& text, std::uint32_t& width, std::uint32
   return "--size: '" + text + "' is not WIDTHxHEIGHT with 16 to 16384 pixels a side, such as 1280x720";
 }
 
+// The server has the limits; here only what would not reach it as a number.
+void addSnapshotOptions(CLI::App& command, Server& server, ridgecast::snapshot::SnapshotOptions& shot, std::string& size) {
+  const auto any = within(-1e15, 1e15);
+  command.add_option("url", server.url, "host:port, ws:// or wss:// (http:// and https:// are the same), optional ?session=NAME")->capture_default_str();
+  command.add_option("--ca", server.ca, "trust servers by these authorities (PEM) instead of the system's")->type_name("FILE");
+  command.add_option("--token-file", server.tokenFile, "show the token in this file")->type_name("FILE");
+  command.add_option("--out", shot.out, "the file to write")->required()->type_name("FILE.glb");
+  auto* camera = command.add_option("--camera", shot.camera, "of what this camera's client holds")->type_name("ID");
+  auto* box = command.add_option("--box", shot.box, "of this box, in metres: X0 Z0 X1 Z1")->delimiter(',')->type_name("X0,Z0,X1,Z1")->excludes(camera);
+  command.add_option("--error", shot.error, "most vertical error in a box, metres")->needs(box)->check(any)->capture_default_str();
+  const auto pose = [&](const char* name, double& value, const char* help) {
+    command.add_option(name, value, help)->excludes(camera)->excludes(box)->check(any)->capture_default_str();
+  };
+  pose("--x", shot.x, "of a pose: where, metres");
+  pose("--z", shot.z, "where, metres");
+  pose("--altitude", shot.altitude, "metres above the ground there");
+  pose("--yaw", shot.yaw, "degrees, positive to the left");
+  pose("--pitch", shot.pitch, "degrees, positive upwards");
+  pose("--fov", shot.fov, "vertical, degrees");
+  pose("--threshold", shot.threshold, "refined above this, pixels");
+  command.add_option("--size", size, "of the picture that the pose is refined for, WIDTHxHEIGHT")->excludes(camera)->excludes(box)->capture_default_str();
+  command.add_flag("--draco", shot.draco, "compressed by Draco");
+  command.add_flag("!--no-normals", shot.normals, "without normals");
+  command.add_flag("!--no-colours", shot.colours, "without vertex colours");
+  command.add_flag("--metadata", shot.metadata, "the metadata alone, as JSON");
+  command.add_option("--patience", shot.patience, "seconds to wait for the server")->check(within(1, 3600))->capture_default_str();
+}
+
 int wrongArguments(const std::string& message) {
   std::fprintf(stderr, "ridgecast-client: %s\n", message.c_str());
   return ridgecast::evaluation::kBadInput;
@@ -116,14 +145,18 @@ int main(int argc, char** argv) {
   flyCommand->add_flag("--realtime", fly.realtime, "fly by the clock instead of in lock-step");
   flyCommand->add_option("--seconds", fly.seconds, "fly only so much of the path")->check(within(0.0, 86400.0));
 
+  ridgecast::snapshot::SnapshotOptions shot;
+  CLI::App* snapshotCommand = app.add_subcommand("snapshot", "A glTF file of a pose, a live camera or a box, made by the server");
+  addSnapshotOptions(*snapshotCommand, server, shot, size);
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : ridgecast::evaluation::kBadInput;
   }
 
-  const bool flies = flyCommand->parsed();
-  if (!flies && !viewCommand->parsed()) return wrongArguments("say what to do: view or fly; --help tells more");
+  const bool flies = flyCommand->parsed(), shoots = snapshotCommand->parsed();
+  if (!flies && !shoots && !viewCommand->parsed()) return wrongArguments("say what to do: view, fly or snapshot; --help tells more");
 
   auto url = ridgecast::connection::parseUrl(server.url);
   if (!url) return wrongArguments(url.error().message);
@@ -134,8 +167,13 @@ int main(int argc, char** argv) {
       return wrongArguments("--token-file: '" + server.tokenFile + "' holds no token, as 'ridgecast-server token' prints one");
   }
   if (server.metric != "default") server.settings.metric = server.metric == "pixels" ? wire::Metric::kPixels : wire::Metric::kThesis;
-  if (const std::string wrong = parseSize(size, flies ? fly.width : view.width, flies ? fly.height : view.height); !wrong.empty())
+  if (const std::string wrong = parseSize(size, flies ? fly.width : shoots ? shot.width : view.width, flies ? fly.height : shoots ? shot.height : view.height);
+      !wrong.empty())
     return wrongArguments(wrong);
+  if (shoots) {
+    shot.url = *url;
+    return ridgecast::snapshot::snapshot(shot);
+  }
   if (flies) {
     if (fly.exportAt && fly.exportFile.empty()) return wrongArguments("--export-at wants --export FILE.glb beside it");
     fly.url = *url;

@@ -62,7 +62,8 @@ std::optional<Header> parse(std::string_view text) {
 
 class Download {
  public:
-  Download(const Url& url, const std::filesystem::path& file, std::chrono::milliseconds patience, const std::function<void(const Progress&)>& tell)
+  Download(const Url& url, const std::filesystem::path& file, std::chrono::milliseconds patience,
+           const std::function<void(const Progress&)>& tell)
       : url_(url), file_(file), unfinished_(file.string() + "." + std::to_string(getpid()) + ".part"), patience_(patience), tell_(tell) {}
   ~Download() {
     std::error_code ignored;
@@ -72,7 +73,8 @@ class Download {
   Outcome<std::uint64_t> run(const std::string& target) {
     out_.open(unfinished_, std::ios::binary | std::ios::trunc);
     if (!out_) return cannotWrite();
-    request_ = "GET " + target + " HTTP/1.1\r\nHost: " + where() + "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nConnection: close\r\n" +
+    request_ = "GET " + target + " HTTP/1.1\r\nHost: " + where() +
+               "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nConnection: close\r\n" +
                (url_.token.empty() ? "" : "Authorization: Bearer " + url_.token + "\r\n") + "\r\n";
     lastWord_ = Clock::now();
     begun_ = lastWord_;
@@ -85,7 +87,8 @@ class Download {
       context_.poll();
       if (Clock::now() - told_ >= kTellEvery) report();
       if (!ended_ && Clock::now() - lastWord_ > patience_)
-        end(header_ ? "the server sends nothing any more" : "no answer from " + where() + " within " + std::to_string(patience_.count() / 1000) + " s");
+        end(header_ ? "the server sends nothing any more"
+                    : "no answer from " + where() + " within " + std::to_string(patience_.count() / 1000) + " s");
       if (context_.stopped()) context_.restart();
     }
     line_.hangUp();
@@ -102,11 +105,14 @@ class Download {
 
  private:
   std::string where() const { return (url_.host.find(':') == std::string::npos ? url_.host : "[" + url_.host + "]") + ":" + url_.port; }
-  Error cannotWrite() const { return Error{"cannot write " + file_.string() + ": choose a folder that exists, may be written and has room"}; }
+  Error cannotWrite() const {
+    return Error{"cannot write " + file_.string() + ": choose a folder that exists, may be written and has room"};
+  }
 
   void report() {
     told_ = Clock::now();
-    if (tell_) tell_({std::chrono::duration_cast<std::chrono::milliseconds>(told_ - begun_), received_, header_ ? header_->length.value_or(0) : 0});
+    if (tell_)
+      tell_({std::chrono::duration_cast<std::chrono::milliseconds>(told_ - begun_), received_, header_ ? header_->length.value_or(0) : 0});
   }
   void end(std::string why) {
     if (ended_) return;
@@ -117,7 +123,8 @@ class Download {
   void connect(const asio::ip::tcp::resolver::results_type& found) {
     asio::async_connect(line_.socket(), found, [this](error_code ec, const asio::ip::tcp::endpoint&) {
       if (ended_) return;
-      if (ec == asio::error::connection_refused) return end("no server at " + where() + "; start one with ridgecast-server --port " + url_.port);
+      if (ec == asio::error::connection_refused)
+        return end("no server at " + where() + "; start one with ridgecast-server --port " + url_.port);
       if (ec) return end("no connection to " + where() + ": " + ec.message());
       if (!url_.secure) return ask();
       line_.startTls(url_.host, url_.ca, [this](std::optional<std::string> wrong) {
@@ -180,7 +187,8 @@ class Download {
       for (const char c : text_) sentence += c == '\n' || c == '\r' ? ' ' : c >= ' ' && c != 0x7f ? c : '?';
       while (sentence.ends_with(' ')) sentence.pop_back();
       const std::string later = header_->retryAfter.empty() ? "" : " (try again in " + header_->retryAfter + " s)";
-      return end("the server at " + where() + " says: " + (sentence.empty() ? "HTTP " + std::to_string(header_->status) : sentence) + later);
+      return end("the server at " + where() + " says: " + (sentence.empty() ? "HTTP " + std::to_string(header_->status) : sentence) +
+                 later);
     }
     ended_ = true;
   }
@@ -204,8 +212,8 @@ class Download {
 
 }  // namespace
 
-Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file, std::chrono::milliseconds patience,
-                                const std::function<void(const Progress&)>& tell) {
+Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
+                                std::chrono::milliseconds patience, const std::function<void(const Progress&)>& tell) {
   return std::make_unique<Download>(url, file, patience, tell)->run(target);
 }
 

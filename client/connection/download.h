@@ -21,7 +21,7 @@ struct Progress {
 // and when all is there. Returns how many bytes it has.
 // Errors: as Connection::open; the server's own sentence when it refuses; no answer within `patience`, or `patience` without a byte while
 // one comes; the file cannot be written.
-Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file, std::chrono::milliseconds patience,
-                                const std::function<void(const Progress&)>& tell);
+Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
+                                std::chrono::milliseconds patience, const std::function<void(const Progress&)>& tell);
 
 }  // namespace ridgecast::connection

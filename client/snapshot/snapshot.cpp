@@ -26,8 +26,8 @@ class Teller {
       if (!arrives)
         std::fprintf(stderr, "\rThe server is at work, %.0f s ", seconds);
       else
-        std::fprintf(stderr, "\r%.1f of %.1f MB, %3.0f %%         ", static_cast<double>(p.received) * mega, static_cast<double>(p.total) * mega,
-                     100.0 * static_cast<double>(p.received) / static_cast<double>(p.total));
+        std::fprintf(stderr, "\r%.1f of %.1f MB, %3.0f %%         ", static_cast<double>(p.received) * mega,
+                     static_cast<double>(p.total) * mega, 100.0 * static_cast<double>(p.received) / static_cast<double>(p.total));
       open_ = true;
     } else if (stage_ < 1 + arrives) {
       stage_ = 1 + arrives;

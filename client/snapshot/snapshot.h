@@ -14,14 +14,14 @@ namespace ridgecast::snapshot {
 struct SnapshotOptions {
   connection::Url url;
   std::filesystem::path out;
-  std::optional<std::uint64_t> camera;         // a live one; else...
-  std::optional<std::array<double, 4>> box;    // x0, z0, x1, z1 in metres; else the pose
-  double error = 1;                            // metres, of a box
+  std::optional<std::uint64_t> camera;                                  // a live one; else...
+  std::optional<std::array<double, 4>> box;                             // x0, z0, x1, z1 in metres; else the pose
+  double error = 1;                                                     // metres, of a box
   double x = 0, z = 0, altitude = 120, yaw = 0, pitch = -10, fov = 60;  // metres, degrees
-  std::uint32_t width = 1280, height = 720;    // pixels
-  double threshold = 0.6;                      // pixels
+  std::uint32_t width = 1280, height = 720;                             // pixels
+  double threshold = 0.6;                                               // pixels
   bool draco = false, normals = true, colours = true, metadata = false;
-  double patience = 120;                       // seconds
+  double patience = 120;  // seconds
 };
 
 // Path and query of the request.
