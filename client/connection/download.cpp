@@ -51,7 +51,8 @@ std::optional<Header> parse(std::string_view text) {
     while (value.starts_with(' ')) value.remove_prefix(1);
     if (name == "content-length") {
       std::uint64_t n = 0;
-      if (std::from_chars(value.data(), value.data() + value.size(), n).ptr != value.data() + value.size()) return std::nullopt;
+      const auto [stopped, failed] = std::from_chars(value.data(), value.data() + value.size(), n);
+      if (failed != std::errc() || stopped != value.data() + value.size()) return std::nullopt;
       out.length = n;
     } else if (name == "retry-after") {
       out.retryAfter = std::string(value.substr(0, 20));

@@ -250,6 +250,30 @@ TEST_F(Snapshot, WhoHangsUpIsNotWorkedFor) {
   EXPECT_LT(std::chrono::steady_clock::now() - start, 20s);
 }
 
+TEST_F(Snapshot, TheSameFromTheCommandLine) {
+  ScratchFolder folder;
+  const std::string file = folder / "a.glb";
+  const auto shoot = [&](std::vector<std::string> more) {
+    std::vector<std::string> command{RIDGECAST_CLIENT, "snapshot", server_->url(), "--out", file};
+    command.insert(command.end(), more.begin(), more.end());
+    return runProgram(command);
+  };
+  Finished done = shoot({"--box", "-60.5,100,340,420", "--error", "0.8", "--draco"});
+  EXPECT_EQ(done.code, 0) << done.output;
+  EXPECT_THAT(done.output, testing::AllOf(HasSubstr("at work"), HasSubstr("Receiving"), HasSubstr(file)));
+  EXPECT_EQ(readText(file), ask(glb(std::string(kBox) + "&compression=draco")).body);
+  done = shoot({"--altitude", "120", "--yaw", "30", "--size", "640x360", "--threshold", "1.5"});
+  EXPECT_EQ(done.code, 0) << done.output;
+  EXPECT_EQ(readText(file), ask(glb(kPose)).body);
+  std::filesystem::remove(file);
+  done = shoot({"--camera", "12345"});
+  EXPECT_EQ(done.code, 1);
+  EXPECT_THAT(done.output, HasSubstr("no camera 12345"));
+  EXPECT_EQ(shoot({"--camera", "1", "--x", "3"}).code, 2);
+  EXPECT_EQ(shoot({"--box", "0,0,1,nan"}).code, 1);
+  EXPECT_FALSE(std::filesystem::exists(file));
+}
+
 // The same flight with and without a snapshot in the making, turn by turn; what counts is the server's own time for an iteration.
 TEST_F(Snapshot, OtherCamerasHardlyNotice) {
   Camera camera(server_->url(), 1);
