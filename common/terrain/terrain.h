@@ -38,7 +38,7 @@ class Terrain {
   virtual std::string_view source() const = 0;  // the GLSL text of the terrain file
   virtual std::uint32_t seed() const = 0;
   virtual const Raster* raster() const { return nullptr; }  // the samples of a height map (raster.h); null: heights are a formula
-  virtual Colours colours() const { return {}; }            // empty: colours are GLSL only (a person's file, unless it is private)
+  virtual Colours colours() const { return {}; }            // empty: they have no counterpart in C++ (some files of persons)
 
   // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.
   virtual void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const = 0;

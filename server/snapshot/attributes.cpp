@@ -2,22 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 
 namespace ridgecast::snapshot {
 namespace {
 
 using lattice::Step;
 using Float3 = std::array<float, 3>;
-
-using Colours = std::function<void(const Step*, const Step*, const float*, const Float3*, float, Float3*, std::size_t, std::uint32_t)>;
-template <class T>
-Colours coloursIn(const T& terrain) {
-  if constexpr (requires { terrain.colours(); })
-    return terrain.colours();
-  else
-    return {};
-}
 
 constexpr int kFinest = -1, kWidest = 9;  // widths a vertex stands for, as powers of two in metres
 constexpr std::size_t kBatch = 1024;
@@ -85,7 +75,7 @@ void normalsOf(const terrain::Terrain& terrain, const Shared* v, std::size_t n, 
   }
 }
 
-void coloursOf(const terrain::Terrain& terrain, const Colours& colours, const Shared* v, std::size_t n, const Float3* normals,
+void coloursOf(const terrain::Terrain& terrain, const terrain::Colours& colours, const Shared* v, std::size_t n, const Float3* normals,
                std::array<std::uint16_t, 3>* out) {
   for (int width = kFinest; width <= kWidest; ++width) {
     std::vector<std::size_t> which;
@@ -114,7 +104,7 @@ void coloursOf(const terrain::Terrain& terrain, const Colours& colours, const Sh
 
 bool addAttributes(const terrain::Terrain& terrain, bool normals, bool wantsColours, std::vector<gltf::Leaf>& leaves,
                    scheduling::Pool& pool, const Watch& watch) {
-  const Colours colours = wantsColours ? coloursIn(terrain) : Colours();
+  const terrain::Colours colours = wantsColours ? terrain.colours() : terrain::Colours();
   if (!normals && !colours) return true;
   std::vector<std::vector<std::uint32_t>> indices;
   const std::vector<Shared> vertices = gather(leaves, indices);

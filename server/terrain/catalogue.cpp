@@ -124,15 +124,20 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
     cache = Cache::open(once->path());
   }
   if (!cache) return cache.error();
-  const std::filesystem::path file = cache->fileFor(source.text, variant, request.colours);
-  if (cache->has(file))
-    if (auto library = Library::open(file)) return *library;
-  auto checked = checkGlsl(source.file, source.text);
-  if (!checked) return checked.error();
-  auto translated = translate(source.file, checked->tokens, checked->items, request.colours);
-  if (!translated) return translated.error();
-  if (auto compiled = compile(source.file, *translated, variant, file); !compiled) return compiled.error();
-  return Library::open(file);
+  // With colours where they have a counterpart in C++: snapshots have them. Only a private terrain must have them.
+  const auto make = [&](bool colours) -> Outcome<std::shared_ptr<const Library>> {
+    const std::filesystem::path file = cache->fileFor(source.text, variant, colours);
+    if (cache->has(file))
+      if (auto library = Library::open(file)) return *library;
+    auto checked = checkGlsl(source.file, source.text);
+    if (!checked) return checked.error();
+    auto translated = translate(source.file, checked->tokens, checked->items, colours);
+    if (!translated) return translated.error();
+    if (auto compiled = compile(source.file, *translated, variant, file); !compiled) return compiled.error();
+    return Library::open(file);
+  };
+  auto coloured = make(true);
+  return coloured || request.colours ? std::move(coloured) : make(false);
 }
 
 }  // namespace

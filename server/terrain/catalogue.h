@@ -28,7 +28,7 @@ struct Request {
   std::filesystem::path cache;         // empty: the user's own, see Cache::open
   std::string variant;                 // "baseline", "avx2", "avx512"; empty: the best that this machine can run
   std::uint32_t seed = 1;
-  bool colours = false;  // they are wanted in this process: a private terrain's travel with its vertices
+  bool colours = false;  // must be had in C++: a private terrain's travel with its vertices. Else they may be missing
 };
 
 // Called once a terrain, with one sentence, when a height turns out bad after all; from whatever thread asked for it.

@@ -1,6 +1,6 @@
 #pragma once
 // From checked GLSL to C++ that glsl_as_cpp.h, glsl_extras.h and prelude.glsl stand before: what terrainHeight needs of the file, and,
-// where the terrain is private, terrainColor (else colours stay GLSL). Swizzles, `out`, arrays, literals and division are rewritten; small counted loops are written out,
+// where it can be had so, terrainColor (else colours stay GLSL). Swizzles, `out`, arrays, literals and division are rewritten; small counted loops are written out,
 // which lets the loop over points become vector code; all others run down a counter of kMostSteps steps a point, after which they end.
 
 #include <cstdint>
