@@ -364,7 +364,13 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
     if (recording_) leaf.removedPoints.push_back(point);
   }
   for (std::size_t k = 0; k < leaf.pending.size(); ++k) {
-    if (k + 2 < leaf.pending.size()) mesh_.prefetch(leaf.pending[k + 2].triangle);
+    if (k + 6 < leaf.pending.size()) mesh_.prefetch(leaf.pending[k + 6].triangle);
+    if (k + 3 < leaf.pending.size()) {
+      mesh_.prefetchCorners(leaf.pending[k + 3].triangle);
+      mesh_.prefetchNeighbours(leaf.pending[k + 3].triangle);
+    }
+    if (k + 1 < leaf.pending.size())
+      for (triangulation::HalfEdge h : mesh_.triangle(leaf.pending[k + 1].triangle).twin) mesh_.prefetchCorners(h >> 2);
     if (!insertOne(leaf, leaf.pending[k], view, set)) leaf.deferred.push_back(leaf.pending[k]);
   }
 }

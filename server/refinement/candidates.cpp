@@ -136,10 +136,20 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   pages.forEachFresh(region, [&](TriangleId t) { fresh.push_back(t); });
   if (fresh.empty()) return 0;
   const int bits = lattice::horizontalBits(level);
+  const auto ahead = [&](std::size_t k) {
+    if (k + 16 < fresh.size()) mesh.prefetch(fresh[k + 16]);
+    if (k + 8 >= fresh.size()) return;
+    const TriangleId t = fresh[k + 8];
+    mesh.prefetchCorners(t);
+    for (triangulation::VertexId v : mesh.triangle(t).v) __builtin_prefetch(&surface.vertices[v]);
+    __builtin_prefetch(&surface.hash[t]);
+  };
+  for (std::size_t k = 0; k < std::min<std::size_t>(16, fresh.size()); ++k) mesh.prefetch(fresh[k]);
   for (std::size_t begin = 0; begin < fresh.size(); begin += kBatch) {
     const std::size_t count = std::min(kBatch, fresh.size() - begin);
     for (std::size_t i = 0; i < count; ++i) {
       const TriangleId t = fresh[begin + i];
+      ahead(begin + i);
       pages.clearFresh(t);
       const auto& v = mesh.triangle(t).v;
       const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
@@ -190,6 +200,7 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   }
   RegionScreen& screen = surface.regions[region];
   for (std::size_t k = 0; k < fresh.size(); ++k) {
+    if (k + 4 < fresh.size()) surface.prefetchCandidate(fresh[k + 4]);
     Surface::Candidate& c = best[k];
     if (!(c.error > 0)) c = {{kFarAway, kFarAway}, kFarAway, 0.0f};
     surface.setCandidate(fresh[k], c);

@@ -51,7 +51,7 @@ namespace {
 
 struct PageLook {
   std::uint64_t wanted;
-  float steepest2, nearest2;  // squared, of the candidates not wanted
+  float steepest2, seen2, growth2, nearest2;  // squared, of the candidates not wanted
 };
 struct Eye {
   std::int32_t x, z;
@@ -73,7 +73,7 @@ screenPage(const CandidatePage& page, const Eye& eye) {
   const auto& y = reinterpret_cast<const Ints(&)[kVectors]>(page.y);
   const auto& error = reinterpret_cast<const Floats(&)[kVectors]>(page.error);
   const Floats zero{}, nearest2 = zero + kNearest * kNearest;
-  Floats steepest = zero, nearest = zero + std::numeric_limits<float>::max();
+  Floats steepest = zero, growth = zero, mostSeen = zero, nearest = zero + std::numeric_limits<float>::max();
   Ints wanted[kVectors], any{};
   for (unsigned k = 0; k < kVectors; ++k) {
     const Floats dx = __builtin_convertvector(x[k] - eye.x, Floats), dz = __builtin_convertvector(z[k] - eye.z, Floats),
@@ -82,20 +82,25 @@ screenPage(const CandidatePage& page, const Eye& eye) {
     const Floats e = error[k] > zero ? error[k] : zero, e2 = e * e;
     wanted[k] = eye.ppr2 * e2 * flat >= eye.least * n * n;
     any |= wanted[k];
-    const Floats steep = wanted[k] ? zero : e2 / n;
+    const Floats inverse = 1.0f / n, steep = wanted[k] ? zero : e2 * inverse, grow = steep * inverse, seen = grow * flat;
     steepest = steep > steepest ? steep : steepest;
+    growth = grow > growth ? grow : growth;
+    mostSeen = seen > mostSeen ? seen : mostSeen;
     nearest = n < nearest ? n : nearest;
   }
   // Halves against each other until all lanes hold the same.
   const Ints lanes{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
   for (std::int32_t apart = kWidth / 2; apart > 0; apart /= 2) {
     const Ints other = lanes ^ apart;
-    const Floats s = __builtin_shuffle(steepest, other), d = __builtin_shuffle(nearest, other);
+    const Floats s = __builtin_shuffle(steepest, other), d = __builtin_shuffle(nearest, other), g = __builtin_shuffle(growth, other),
+                 m = __builtin_shuffle(mostSeen, other);
     steepest = s > steepest ? s : steepest;
+    growth = g > growth ? g : growth;
+    mostSeen = m > mostSeen ? m : mostSeen;
     nearest = d < nearest ? d : nearest;
     any |= __builtin_shuffle(any, other);
   }
-  PageLook result{0, steepest[0], nearest[0]};
+  PageLook result{0, steepest[0], mostSeen[0], growth[0], nearest[0]};
   if (any[0] != 0)
     for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
       result.wanted |= static_cast<std::uint64_t>(wanted[k / kWidth][k % kWidth] != 0) << k;
@@ -163,6 +168,8 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     const PageLook seen = screenPage(page, eye);
     known.travel = view.travel;
     known.steepest = std::sqrt(seen.steepest2);
+    known.seen = std::sqrt(seen.seen2);
+    known.growth = std::sqrt(seen.growth2);
     known.nearest = std::sqrt(seen.nearest2);
     const auto fallAsleep = [&](unsigned k) {
       if (known.asleep == 0) {

@@ -8,10 +8,11 @@
 //          2019, algorithm 6, with the constants of their published program; skipped where no corner projects inside the wide frustum.
 // Both skip what lies outside the wide frustum.
 //
-// In pixels a page of 64 candidates is looked at only when it may matter. Moving by m changes a distance d by at most m, so no candidate
-// of a page can reach the threshold while
-//     pixelsPerRadian * steepest * nearest / (nearest - m) < threshold,
-// with steepest the largest error / distance and nearest the smallest distance seen last time; m is bounded by the way the camera has
+// In pixels a page of 64 candidates is looked at only when it may matter. Moving by m changes a distance d and a horizontal distance f by at
+// most m, so no candidate of a page can reach the threshold while either
+//     error / (d - m) <= steepest nearest / (nearest - m)                           or
+//     error (f + m) / (d - m)^2 <= (seen + growth m) (nearest / (nearest - m))^2
+// times pixelsPerRadian is below it, with the largest values seen last time; m is bounded by the way the camera has
 // travelled since. That gives the way after which the page is *due*, and the region is due with the earliest of its pages. New candidates
 // are folded into their page's bounds when they are made. Candidates that are wanted but not worth a vertex (outside the wide frustum, or
 // their triangle a speck on screen) fall asleep, and wake when the camera has moved or turned far enough for that to change; the wide
@@ -77,7 +78,9 @@ inline double sparedSlope(const View& view, double threshold) {
 
 // When a page with these bounds is due. `spared`: see above.
 inline void setDue(PageScreen& page, double spared) {
-  page.due = page.travel < 0 ? kAlways : page.travel + page.nearest * (1 - page.steepest / spared);
+  const double level = page.nearest * (1 - page.steepest / spared),
+               steep = (spared - page.seen) / (page.growth + 2 * spared / page.nearest);
+  page.due = page.travel < 0 ? kAlways : page.travel + std::max(level, steep);
   page.dueTurn = std::numeric_limits<double>::infinity();
   if (page.asleep != 0) {
     page.due = std::min(page.due, page.sleptTravel + kWakeMove * page.nearest);
@@ -93,14 +96,19 @@ inline void foldCandidate(PageScreen& page, RegionScreen& region, const Surface:
       page.travel = -1;
     } else {
       if (moved > 0) {  // the bounds as they are after that way
-        page.steepest *= page.nearest / (page.nearest - moved);
+        const float closer = page.nearest / (page.nearest - moved);
+        page.steepest *= closer;
+        page.seen = (page.seen + page.growth * moved) * closer * closer;
+        page.growth *= closer * closer;
         page.nearest -= moved;
         page.travel = view.travel;
       }
       const float dx = static_cast<float>(c.point.x - view.x), dz = static_cast<float>(c.point.z - view.z),
                   dy = static_cast<float>(c.y) - view.y;
-      const float d = std::max(std::sqrt(dx * dx + dz * dz + dy * dy), kNearest);
-      page.steepest = std::max(page.steepest, c.error / d);
+      const float flat = dx * dx + dz * dz, d = std::max(std::sqrt(flat + dy * dy), kNearest), steep = c.error / d;
+      page.steepest = std::max(page.steepest, steep);
+      page.seen = std::max(page.seen, steep * std::sqrt(flat) / d);
+      page.growth = std::max(page.growth, steep / d);
       page.nearest = std::min(page.nearest, d);
     }
     setDue(page, region.spared);

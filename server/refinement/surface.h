@@ -32,7 +32,9 @@ struct PageScreen {
   double due = kAlways;                   // looked at again when the camera has travelled so far,
   double dueTurn = kAlways;               // or turned so far
   double travel = -1;                     // of the camera when the bounds held; negative: there are none, look again
-  float steepest = 0;                     // largest error / distance of the candidates awake
+  float steepest = 0;                     // of the candidates awake the largest error / distance,
+  float seen = 0;                         // error x horizontal distance / distance^2, which is what is seen of it,
+  float growth = 0;                       // and error / distance^2
   float nearest = 0;                      // steps: smallest distance of any candidate
   std::uint64_t asleep = 0;               // candidates wanted but not worth it for now; their error is kept negative meanwhile
   std::uint64_t blank = 0;                // dead slots that hold no candidate, far away
@@ -100,6 +102,14 @@ struct Surface {
     const CandidatePage& page = candidates[t / CandidatePage::kSlots];
     const std::uint32_t k = t % CandidatePage::kSlots;
     return {{page.x[k], page.z[k]}, page.y[k], page.error[k]};
+  }
+  void prefetchCandidate(std::uint32_t t) const {
+    const CandidatePage& page = candidates[t / CandidatePage::kSlots];
+    const std::uint32_t k = t % CandidatePage::kSlots;
+    __builtin_prefetch(&page.x[k], 1);
+    __builtin_prefetch(&page.z[k], 1);
+    __builtin_prefetch(&page.y[k], 1);
+    __builtin_prefetch(&page.error[k], 1);
   }
   // The candidate of a new triangle, awake. The page's bounds do not know it yet: see foldCandidate() in screening.h.
   void setCandidate(std::uint32_t t, const Candidate& c) {

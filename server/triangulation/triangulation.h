@@ -162,8 +162,14 @@ class Triangulation {
 
   // Inserts a point that lies in the closed triangle `at` (or, outside the hull, beyond the hull edge of the ghost `at`).
   Change insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made = nullptr);
-  // Brings what insert() first reads into the cache: for who knows which triangles come next.
+  // Brings what will be read into the cache, for who knows which triangles come next: the record; and, once that is there, what it names.
   void prefetch(TriangleId t) const { __builtin_prefetch(&triangleRecords_[t]); }
+  void prefetchCorners(TriangleId t) const {
+    for (VertexId v : triangleRecords_[t].v) __builtin_prefetch(&vertexRecords_[v]);
+  }
+  void prefetchNeighbours(TriangleId t) const {
+    for (HalfEdge h : triangleRecords_[t].twin) __builtin_prefetch(&triangleRecords_[h >> 2]);
+  }
   // Removal in two steps: plan() fills the hole that v would leave, writing nothing but the set's scratch (kDone: there is a plan);
   // the plan can be looked at, and applied as long as nothing changed in between. remove() is both.
   Change plan(VertexId v, WriteSet& set) const;
