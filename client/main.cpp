@@ -41,8 +41,8 @@ CLI::Validator within(double low, double high) {
 
 void addServerOptions(CLI::App& command, Server& server) {
   command.add_option("url", server.url, "host:port, ws:// or wss:// (http:// and https:// are the same), optional ?session=NAME")->capture_default_str();
-  command.add_option("--metric", server.metric, "what refinement is measured by: default, pixels or thesis")
-      ->check(CLI::IsMember({"default", "pixels", "thesis"}).description(""))
+  command.add_option("--metric", server.metric, "what refinement is measured by: default, pixels, area (pixels weighted by what they cover) or thesis")
+      ->check(CLI::IsMember({"default", "pixels", "area", "thesis"}).description(""))
       ->type_name("NAME");
   command
       .add_option("--threshold", server.settings.threshold, "refine above this: pixels, or the thesis's product; 0: the server's default")
@@ -166,7 +166,7 @@ int main(int argc, char** argv) {
     if (!(in >> url->token) || url->token.size() > 4096 || !std::all_of(url->token.begin(), url->token.end(), [](char c) { return c > ' ' && c < 0x7f; }))
       return wrongArguments("--token-file: '" + server.tokenFile + "' holds no token, as 'ridgecast-server token' prints one");
   }
-  if (server.metric != "default") server.settings.metric = server.metric == "pixels" ? wire::Metric::kPixels : wire::Metric::kThesis;
+  if (server.metric != "default") server.settings.metric = server.metric == "pixels" ? wire::Metric::kPixels : server.metric == "area" ? wire::Metric::kArea : wire::Metric::kThesis;
   if (const std::string wrong = parseSize(size, flies ? fly.width : shoots ? shot.width : view.width, flies ? fly.height : shoots ? shot.height : view.height);
       !wrong.empty())
     return wrongArguments(wrong);

@@ -15,7 +15,7 @@ Json mean(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
 }
 
-std::string_view metricName(wire::Metric metric) { return metric == wire::Metric::kThesis ? "thesis" : "pixels"; }
+std::string_view metricName(wire::Metric metric) { return metric == wire::Metric::kThesis ? "thesis" : metric == wire::Metric::kArea ? "area" : "pixels"; }
 
 Error cannotWrite(const std::filesystem::path& file) {
   return {"cannot write " + file.string() + ": choose a folder that exists, may be written and has room"};

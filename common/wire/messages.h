@@ -18,7 +18,7 @@ namespace ridgecast::wire {
 inline constexpr std::uint32_t kProtocolVersion = 1;
 inline constexpr std::uint32_t kRevision = 1;  // of that version: members, clock, queries and grounds are known
 
-enum class Metric { kDefault = 0, kPixels = 1, kThesis = 2 };
+enum class Metric { kDefault = 0, kPixels = 1, kThesis = 2, kArea = 3 };
 enum class Pacing { kFree = 0, kLockstep = 1 };
 enum class Role { kViewer = 0, kSensor = 1 };
 enum class ClockMode { kRealTime = 0, kScaled = 1, kStepped = 2 };

@@ -27,7 +27,7 @@ lattice::LeafAddress read(const pb::LeafAddress& in, const char* field, Check& c
 }
 
 Settings read(const pb::Settings& in, Check& check) {
-  check.require(in.metric() >= 0 && in.metric() <= 2, "Settings.metric", "must be 0 (default), 1 (pixels) or 2 (thesis)");
+  check.require(in.metric() >= 0 && in.metric() <= 3, "Settings.metric", "must be 0 (default), 1 (pixels), 2 (thesis) or 3 (area)");
   check.finite(in.threshold(), 0, kMaxThreshold, "Settings.threshold", "must be finite and in [0, 1e12], 0 for the default");
   return {.metric = static_cast<Metric>(in.metric()),
           .threshold = in.threshold(),

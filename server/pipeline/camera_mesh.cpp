@@ -31,11 +31,11 @@ constexpr Step kAnchorReach = Step{1} << 24;                                  //
 constexpr float kStays = std::numeric_limits<float>::infinity();              // the loss of a grid point
 }  // namespace
 
-CameraMesh::CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, bool thesis)
+CameraMesh::CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric)
     : terrain_(std::move(terrain)),
-      thesis_(thesis),
+      metric_(metric),
       mesh_(triangles, *this),
-      surface_(mesh_.triangleCapacity(), mesh_.vertexCapacity(), thesis) {}
+      surface_(mesh_.triangleCapacity(), mesh_.vertexCapacity(), metric == refinement::Metric::kThesis) {}
 
 RegionId CameraMesh::regionAt(Point2 p) const { return tree_.tagAt({surface_.anchor.x + p.x, surface_.anchor.z + p.z}); }
 
@@ -256,7 +256,7 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
       }
     }
   }
-  if (thesis_) addCurvature(inserted);
+  if (surface_.keepsCurvature) addCurvature(inserted);
 }
 
 // Outside all leaves only the grids' points remain.
@@ -337,7 +337,7 @@ bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, const refinement::View&
   }
   note(v, c.y, level, c.error);
   refinement::foldLoss(mesh_.vertex(v), v, c.error, mesh_.regionOfVertex(v), view, surface_);
-  if (thesis_) addCurvature({v});
+  if (surface_.keepsCurvature) addCurvature({v});
   leaf.low = std::min(leaf.low, c.y);
   leaf.high = std::max(leaf.high, c.y);
   ++leaf.inserted;
@@ -350,7 +350,7 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
   set.allow(leaf.writeSet);
   for (VertexId v : leaf.removable) {
     const Vertex& p = mesh_.vertex(v);
-    const float loss = refinement::lossOf(mesh_, surface_, v, set);
+    const float loss = refinement::lossOf(mesh_, surface_, v, view.area, set);
     if (!std::isfinite(loss)) {
       surface_.wakeVertex(v, leaf.region);
       continue;
@@ -358,7 +358,7 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
     refinement::foldLoss(p, v, loss, leaf.region, view, surface_);
     const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
     const Point2 point = p.point();
-    if (refinement::pixelsAt(p, loss, view) >= limit) continue;
+    if (refinement::measure(p, loss, view) >= limit) continue;
     if (mesh_.apply(v, set) != Change::kDone) continue;
     ++leaf.removed;
     if (recording_) leaf.removedPoints.push_back(point);
@@ -430,7 +430,7 @@ void CameraMesh::evaluate(scheduling::Pool& pool, const refinement::View* view) 
     if (mesh_.trianglePages().changed(leaf->region)) changed.push_back(leaf);
   const auto& list = changed;
   pool.forEach(list.size(), 4, [&, leaves = list.data()](std::size_t k) {
-    heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaves[k]->region, leaves[k]->address.level, thesis_, view),
+    heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaves[k]->region, leaves[k]->address.level, metric_, view),
                        std::memory_order_relaxed);
   });
 }

@@ -45,7 +45,7 @@ struct Follow {
 
 class CameraMesh : private triangulation::Partition {
  public:
-  CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, bool thesis);
+  CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric);
 
   // select: which leaves there are. Call generate() next.
   Follow follow(const camera::Pose& pose);
@@ -70,7 +70,6 @@ class CameraMesh : private triangulation::Partition {
   const refinement::Surface& surface() const { return surface_; }
   refinement::Surface& surface() { return surface_; }
   const triangulation::Partition& partition() const { return *this; }
-  bool thesis() const { return thesis_; }
   void record(bool on) { recording_ = on; }
   std::uint64_t heights() const { return heights_.load(std::memory_order_relaxed); }
   std::size_t memoryBytes() const;
@@ -94,7 +93,7 @@ class CameraMesh : private triangulation::Partition {
   bool insertOne(Leaf& leaf, const refinement::Pending& p, const refinement::View& view, triangulation::WriteSet& set);
 
   std::shared_ptr<const terrain::Terrain> terrain_;
-  bool thesis_;
+  refinement::Metric metric_;
   quadtree::Quadtree tree_;
   triangulation::Triangulation mesh_;
   refinement::Surface surface_;

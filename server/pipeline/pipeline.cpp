@@ -19,7 +19,7 @@ static_assert(Pipeline::kHorizon == quadtree::kHorizon);
 
 namespace {
 
-constexpr double kDefaultPixels = 0.6, kDefaultThesis = 2e-5;
+constexpr double kDefaultPixels = 0.6, kDefaultArea = 1.2, kDefaultThesis = 2e-5;
 // At most so many insertions an iteration, the most wanted first, so that the newest camera is never far away.
 constexpr std::size_t kMostInsertions = 24'000;
 // A budget that binds raises the threshold by at most this factor: one below the grids alone, which always stay, cannot be kept.
@@ -58,22 +58,33 @@ class Stopwatch {
 wire::Settings grant(const wire::Settings& asked, const Limits& limits) {
   wire::Settings granted = asked;
   if (granted.metric == wire::Metric::kDefault) granted.metric = wire::Metric::kPixels;
-  const bool pixels = granted.metric == wire::Metric::kPixels;
-  if (!(granted.threshold > 0)) granted.threshold = pixels ? kDefaultPixels : kDefaultThesis;
-  granted.threshold = std::clamp(granted.threshold, pixels ? 0.05 : 1e-9, pixels ? 1000.0 : 1e9);
+  const bool thesis = granted.metric == wire::Metric::kThesis;
+  if (!(granted.threshold > 0))
+    granted.threshold = thesis ? kDefaultThesis : granted.metric == wire::Metric::kArea ? kDefaultArea : kDefaultPixels;
+  granted.threshold = std::clamp(granted.threshold, thesis ? 1e-9 : 0.05, thesis ? 1e9 : 1000.0);
   if (granted.triangleBudget == 0) granted.triangleBudget = limits.defaultBudget;
   granted.triangleBudget = std::clamp<std::uint32_t>(granted.triangleBudget, 10'000, limits.maxBudget);
   return granted;
 }
 
+namespace {
+refinement::Metric metricOf(wire::Metric metric) {
+  return metric == wire::Metric::kThesis ? refinement::Metric::kThesis
+         : metric == wire::Metric::kArea ? refinement::Metric::kArea
+                                         : refinement::Metric::kPixels;
+}
+}  // namespace
+
 struct Pipeline::State {
   State(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> workers)
       : settings(granted),
         pool(std::move(workers)),
-        mesh(std::move(terrain), granted.triangleBudget, granted.metric == wire::Metric::kThesis),
+        horizon(terrain),
+        mesh(std::move(terrain), granted.triangleBudget, metricOf(granted.metric)),
         effective(granted.threshold) {}
 
   void advance(const camera::Pose& pose);
+  void lookAround(const camera::Camera& camera, refinement::View& view);
   void screen(const camera::Camera& camera, const refinement::View& view, const RemovalLimits& removal);
   void limitPending();
   void publish();
@@ -82,6 +93,7 @@ struct Pipeline::State {
 
   wire::Settings settings;
   std::shared_ptr<scheduling::Pool> pool;
+  refinement::Horizon horizon;
   CameraMesh mesh;
   std::size_t insertionLimit = kMostInsertions;
   double effective;        // threshold; above the asked one while the budget binds
@@ -103,6 +115,14 @@ void Pipeline::State::advance(const camera::Pose& pose) {
   travel += way;
   turn += std::abs(std::remainder(pose.yaw - latest.yaw, 2 * std::numbers::pi)) + std::abs(pose.pitch - latest.pitch);
   latest = pose;
+}
+
+// What the ground hides. The thesis's metric knows nothing of that.
+void Pipeline::State::lookAround(const camera::Camera& camera, refinement::View& view) {
+  if (settings.metric == wire::Metric::kThesis) return;
+  const std::vector<int>& rays = horizon.follow(camera, camera.pose.y - mesh.groundBelow(camera.pose), refinement::kWidening);
+  pool->forEach(rays.size(), 16, [&](std::size_t k) { horizon.cast(rays[k]); });
+  view.horizon = &horizon;
 }
 
 // Which leaves may be seen, which candidates they want, which vertices may go.
@@ -193,7 +213,7 @@ Pipeline::~Pipeline() = default;
 wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   State& s = *state_;
   wire::Figures figures;
-  const std::uint64_t heightsBefore = s.mesh.heights();
+  const std::uint64_t heightsBefore = s.mesh.heights() + s.horizon.heights();
   Stopwatch watch;
 
   if (s.settled && camera == s.previous) {  // nothing can change
@@ -215,7 +235,8 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   else if (fill < 0.95)
     s.effective = std::max(s.settings.threshold, s.effective * 0.95);
   s.advance(camera.pose);
-  const refinement::View view(camera, s.mesh.surface().anchor, s.travel, s.turn, s.moving);
+  refinement::View view(camera, s.mesh.surface().anchor, s.travel, s.turn, s.moving, s.settings.metric == wire::Metric::kArea);
+  s.lookAround(camera, view);
   const RemovalLimits removal = removalLimits(s.settings.metric == wire::Metric::kThesis, s.effective, fill);
   s.screen(camera, view, removal);
   s.limitPending();
@@ -236,7 +257,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   s.describe(figures);
   figures.generatedLeaves = follow.generated;
   figures.droppedLeaves = follow.dropped;
-  figures.heights = s.mesh.heights() - heightsBefore;
+  figures.heights = s.mesh.heights() + s.horizon.heights() - heightsBefore;
   s.settled = !follow.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == before;
   return figures;
 }

@@ -19,7 +19,7 @@
 namespace ridgecast::pipeline {
 
 struct Limits {
-  std::uint32_t defaultBudget = 500'000;    // triangles
+  std::uint32_t defaultBudget = 500'000;  // triangles
   std::uint32_t maxBudget = 2'000'000;
 };
 
@@ -28,8 +28,8 @@ wire::Settings grant(const wire::Settings& asked, const Limits& limits);
 
 struct LeafState {
   lattice::LeafAddress address;
-  std::uint64_t version = 0;   // grows whenever the leaf's triangles change; never reused for other content
-  std::uint64_t hash = 0;      // mesh::hashLeaf of its content
+  std::uint64_t version = 0;  // grows whenever the leaf's triangles change; never reused for other content
+  std::uint64_t hash = 0;     // mesh::hashLeaf of its content
   std::uint32_t triangles = 0;
 };
 

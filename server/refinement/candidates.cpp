@@ -29,6 +29,13 @@ double planeHeight(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) 
   return a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y);
 }
 
+double areaWeight(const Vertex& a, const Vertex& b, const Vertex& c) {
+  const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, by = double(b.y) - a.y, cx = double(c.x) - a.x, cz = double(c.z) - a.z,
+               cy = double(c.y) - a.y;
+  const double nx = by * cz - bz * cy, ny = bz * cx - bx * cz, nz = bx * cy - by * cx;
+  return std::sqrt(std::sqrt(0.5 * std::sqrt(nx * nx + ny * ny + nz * nz)));
+}
+
 double heightOnTriangle(const Triangulation& mesh, TriangleId t, Point2 p) {
   const auto& v = mesh.triangle(t).v;
   return planeHeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p);
@@ -127,7 +134,7 @@ void tryThesisPoint(const Triangulation& mesh, const Surface& surface, TriangleI
 }  // namespace
 
 std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain, triangulation::RegionId region,
-                            int level, bool thesis, const View* view) {
+                            int level, Metric metric, const View* view) {
   thread_local Scratch scratch;  // grown once, kept by the worker
   auto& [batch, fresh, trials, px, pz, py, best] = scratch;
   fresh.clear();
@@ -162,7 +169,7 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
       const bool aFirst = ab & ac, bFirst = !ab & bc;
       surface.setHash(t, mesh::hashMixed(aFirst ? ma : bFirst ? mb : mc, aFirst ? mb : bFirst ? mc : ma, aFirst ? mc : bFirst ? ma : mb));
     }
-    if (thesis) {
+    if (metric == Metric::kThesis) {
       for (std::size_t i = 0; i < count; ++i)
         tryThesisPoint(mesh, surface, fresh[begin + i], static_cast<std::uint32_t>(begin + i), bits, trials);
       continue;
@@ -198,6 +205,11 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
     const float error = std::abs(y - static_cast<float>(lattice::snapHeight(py[k], level)));
     if (error > best[slot].error) best[slot] = {p, py[k], error};
   }
+  if (metric == Metric::kArea)
+    for (std::size_t k = 0; k < fresh.size(); ++k) {
+      const auto& v = mesh.triangle(fresh[k]).v;
+      best[k].error *= static_cast<float>(areaWeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2])));
+    }
   RegionScreen& screen = surface.regions[region];
   for (std::size_t k = 0; k < fresh.size(); ++k) {
     if (k + 4 < fresh.size()) surface.prefetchCandidate(fresh[k + 4]);

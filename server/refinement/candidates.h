@@ -19,12 +19,14 @@ struct View;
 
 // The height, in steps, of the plane through three vertices, and of a triangle's plane, at a point.
 double planeHeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c, triangulation::Point2 p);
+// The fourth root of a triangle's area in square steps, its weight for kArea.
+double areaWeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c);
 double heightOnTriangle(const triangulation::Triangulation& mesh, triangulation::TriangleId t, triangulation::Point2 p);
 
 // Chooses the candidates of a region's fresh triangles, hashes them, and marks them seen. `level` is the leaf's. With the view of the last
 // screening their pages' bounds learn of them; without, the pages are screened anew. Returns how many heights were evaluated. Different
 // regions may be evaluated at the same time.
 std::uint64_t evaluateFresh(triangulation::Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain,
-                            triangulation::RegionId region, int level, bool thesis, const View* view);
+                            triangulation::RegionId region, int level, Metric metric, const View* view);
 
 }  // namespace ridgecast::refinement

@@ -18,37 +18,33 @@ using triangulation::Triangulation;
 using triangulation::Vertex;
 using triangulation::VertexId;
 
-double pixelsAt(const Vertex& v, double error, const View& view) {
-  const double dx = double(v.x) - view.x, dz = double(v.z) - view.z, dy = double(v.y) - view.y, flat = dx * dx + dz * dz;
-  const double d2 = std::max(flat + dy * dy, double(kNearest) * kNearest);
-  return view.pixelsPerRadian * error * std::sqrt(flat) / d2;
-}
-
 namespace {
 
 constexpr float kNone = std::numeric_limits<float>::max();
 
-// In and out: squared. Slopes are errors as seen, pixels / pixelsPerRadian.
+// Slopes are errors as seen, the measure / the view's gain. All squared.
 struct Seen {
   float slope2, flat2, distance2;
 };
 inline Seen see(const Vertex& p, float loss, const View& view) {
   const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
-  const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest);
-  return {loss * loss * flat / (d2 * d2), flat, d2};
+  const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest), reach = view.area ? d2 * std::sqrt(d2) : d2;
+  return {loss * loss * flat / (d2 * reach), flat, d2};
 }
 
-void setDue(PageLosses& page, double spared) {
-  page.due = page.travel < 0 ? kAlways : page.travel + (1 - spared / page.leastSlope) / (1 / page.flat + 2 / page.nearest);
+void setDue(PageLosses& page, double spared, double power) {
+  page.due = page.travel < 0 ? kAlways : page.travel + (1 - spared / page.leastSlope) / (1 / page.flat + (power + 1) / page.nearest);
 }
 
 }  // namespace
+
+double measure(const Vertex& v, float error, const View& view) { return view.gain * std::sqrt(see(v, error, view).slope2); }
 
 void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double limit,
                   std::vector<VertexId>& out) {
   using triangulation::Pages;
   RegionScreen& screen = surface.regions[region];
-  const double slope = limit / view.pixelsPerRadian, spared = view.moving ? slope / kSlack : slope;
+  const double slope = limit / view.gain, spared = view.moving ? slope / kSlack : slope;
   const bool same = screen.lossesSpared == spared;
   if (same && view.travel < screen.lossesDue) return;
   screen.lossesSpared = spared;
@@ -57,7 +53,7 @@ void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::Re
   const auto most = static_cast<float>(slope * slope);
   for (std::uint32_t page : pages.pagesOf(region)) {
     PageLosses& known = surface.losses[page];
-    if (!same) setDue(known, spared);
+    if (!same) setDue(known, spared, view.power());
     if (!(view.travel < known.due)) {
       float least = kNone, flattest = kNone, nearest = kNone;
       for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1) {
@@ -74,7 +70,7 @@ void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::Re
         }
       }
       known = {0, view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
-      setDue(known, spared);
+      setDue(known, spared, view.power());
     }
     screen.lossesDue = std::min(screen.lossesDue, known.due);
   }
@@ -91,7 +87,7 @@ void foldLoss(const Vertex& p, VertexId v, float loss, triangulation::RegionId r
     } else {
       if (moved > 0) {  // the bounds as they are after that way
         const float away = 1 + moved / page.nearest;
-        page.leastSlope *= (1 - moved / page.flat) / (away * away);
+        page.leastSlope *= (1 - moved / page.flat) / (away * away * (view.area ? std::sqrt(away) : 1));
         page.flat -= moved;
         page.nearest -= moved;
         page.travel = view.travel;
@@ -101,12 +97,12 @@ void foldLoss(const Vertex& p, VertexId v, float loss, triangulation::RegionId r
       page.flat = std::min(page.flat, std::sqrt(seen.flat2));
       page.nearest = std::min(page.nearest, std::sqrt(seen.distance2));
     }
-    setDue(page, screen.lossesSpared);
+    setDue(page, screen.lossesSpared, view.power());
   }
   screen.lossesDue = std::min(screen.lossesDue, page.due);
 }
 
-float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, triangulation::WriteSet& set) {
+float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, bool area, triangulation::WriteSet& set) {
   constexpr float never = std::numeric_limits<float>::infinity();
   if (mesh.plan(v, set) != Change::kDone) return never;
   for (TriangleId t : set.star())
@@ -121,7 +117,7 @@ float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, tria
           orientation(vc.point(), va.point(), p) < 0)
         return;
       found = true;
-      worst = std::max(worst, std::abs(planeHeight(va, vb, vc, p) - y));
+      worst = std::max(worst, std::abs(planeHeight(va, vb, vc, p) - y) * (area ? areaWeight(va, vb, vc) : 1));
     });
   };
   judge(mesh.vertex(v).point(), surface.vertices[v].fineY);

@@ -18,8 +18,8 @@ namespace ridgecast::refinement {
 
 // Appends the region's vertices whose remembered loss is below `limit` pixels where they are, in the order of storage. None of a page's
 // other vertices can come below it while
-//     leastPixels (1 - m / flat) / (1 + m / nearest)^2 > limit,
-// for which leastPixels (1 - m (1 / flat + 2 / nearest)) > limit is enough.
+//     leastSlope (1 - m / flat) / (1 + m / nearest)^(p + 1) > limit / gain,
+// for which leastSlope (1 - m (1 / flat + (p + 1) / nearest)) is enough; p as in screening.h.
 void screenLosses(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view,
                   double limit, std::vector<triangulation::VertexId>& out);
 
@@ -27,11 +27,12 @@ void screenLosses(const triangulation::Triangulation& mesh, Surface& surface, tr
 void foldLoss(const triangulation::Vertex& p, triangulation::VertexId v, float loss, triangulation::RegionId region, const View& view,
               Surface& surface);
 
-// The loss in steps, by a plan for the removal that stays in `set` for apply(). Infinite where the vertex cannot go now: it lies on the
+// The loss in steps, times the weight of the triangle where `area`, by a plan for the removal that stays in `set` for apply(). Infinite where the vertex cannot go now: it lies on the
 // hull or beside a triangle without a candidate yet, or its star leaves the write set.
-float lossOf(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::VertexId v, triangulation::WriteSet& set);
+float lossOf(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::VertexId v, bool area,
+             triangulation::WriteSet& set);
 
-// Pixels that a vertical error of so many steps at a vertex covers, as in screenPixels.
-double pixelsAt(const triangulation::Vertex& v, double error, const View& view);
+// What a vertical error of so many steps at a vertex comes to, as in screenPixels; of the whole of kArea's measure the error holds the area.
+double measure(const triangulation::Vertex& v, float error, const View& view);
 
 }  // namespace ridgecast::refinement

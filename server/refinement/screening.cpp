@@ -22,6 +22,9 @@ double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * 
 // Triangles smaller on screen than this are left alone.
 constexpr double kLeastArea = 0.25;  // square pixels
 
+// What is hidden lies so far below what is in front of it, in pixels.
+constexpr double kHiddenMargin = 2;
+
 // Twice the area vector of a triangle, in steps.
 Vec3 areaVector(const Triangulation& mesh, TriangleId t) {
   const auto& v = mesh.triangle(t).v;
@@ -32,7 +35,7 @@ Vec3 areaVector(const Triangulation& mesh, TriangleId t) {
 
 }  // namespace
 
-View::View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned, bool onTheWay)
+View::View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned, bool onTheWay, bool byArea)
     : x(static_cast<std::int32_t>(camera.pose.x - anchor.x)),
       z(static_cast<std::int32_t>(camera.pose.z - anchor.z)),
       y(static_cast<float>(camera.pose.y * lattice::kStepsPerMetre)),
@@ -45,26 +48,24 @@ View::View(const camera::Camera& camera, lattice::Point anchor, double travelled
       tanY(std::tan(camera.projection.verticalFov / 2)),
       travel(travelled),
       turn(turned),
-      moving(onTheWay) {}
+      moving(onTheWay),
+      area(byArea),
+      gain(byArea ? pixelsPerRadian * std::sqrt(pixelsPerRadian) : pixelsPerRadian) {}
 
 namespace {
 
 struct PageLook {
   std::uint64_t wanted;
-  float steepest2, seen2, growth2, nearest2;  // squared, of the candidates not wanted
+  float steepest2, seen2, nearest2;  // squared, of the candidates not wanted
 };
 struct Eye {
   std::int32_t x, z;
-  float y, ppr2, least;  // pixels per radian and threshold, squared
+  float y, gain2, least;  // gain and threshold, squared
 };
 
-// One page, sixteen candidates at a time: squared pixels times d^4 against the squared threshold times d^4, no root. Dead slots are blank.
-// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-__attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#endif
-PageLook
-screenPage(const CandidatePage& page, const Eye& eye) {
+// One page, sixteen candidates at a time: the square of what is seen, and of the threshold, both times d^(2 p + 2). Dead slots are blank.
+template <bool kByArea>
+inline __attribute__((always_inline)) PageLook lookThrough(const CandidatePage& page, const Eye& eye) {
   constexpr unsigned kWidth = 16, kVectors = CandidatePage::kSlots / kWidth;
   typedef float Floats __attribute__((vector_size(4 * kWidth)));
   typedef std::int32_t Ints __attribute__((vector_size(4 * kWidth)));
@@ -73,18 +74,20 @@ screenPage(const CandidatePage& page, const Eye& eye) {
   const auto& y = reinterpret_cast<const Ints(&)[kVectors]>(page.y);
   const auto& error = reinterpret_cast<const Floats(&)[kVectors]>(page.error);
   const Floats zero{}, nearest2 = zero + kNearest * kNearest;
-  Floats steepest = zero, growth = zero, mostSeen = zero, nearest = zero + std::numeric_limits<float>::max();
+  Floats steepest = zero, mostSeen = zero, nearest = zero + std::numeric_limits<float>::max();
   Ints wanted[kVectors], any{};
   for (unsigned k = 0; k < kVectors; ++k) {
     const Floats dx = __builtin_convertvector(x[k] - eye.x, Floats), dz = __builtin_convertvector(z[k] - eye.z, Floats),
                  dy = __builtin_convertvector(y[k], Floats) - eye.y;
     const Floats flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < nearest2 ? nearest2 : d2;
     const Floats e = error[k] > zero ? error[k] : zero, e2 = e * e;
-    wanted[k] = eye.ppr2 * e2 * flat >= eye.least * n * n;
+    Floats reach = n;  // d^(2 p)
+    if constexpr (kByArea)
+      for (unsigned lane = 0; lane < kWidth; ++lane) reach[lane] = n[lane] * __builtin_sqrtf(n[lane]);
+    wanted[k] = eye.gain2 * e2 * flat >= eye.least * n * reach;
     any |= wanted[k];
-    const Floats inverse = 1.0f / n, steep = wanted[k] ? zero : e2 * inverse, grow = steep * inverse, seen = grow * flat;
+    const Floats inverse = 1.0f / n, steep = wanted[k] ? zero : (kByArea ? e2 / reach : e2 * inverse), seen = steep * inverse * flat;
     steepest = steep > steepest ? steep : steepest;
-    growth = grow > growth ? grow : growth;
     mostSeen = seen > mostSeen ? seen : mostSeen;
     nearest = n < nearest ? n : nearest;
   }
@@ -92,19 +95,38 @@ screenPage(const CandidatePage& page, const Eye& eye) {
   const Ints lanes{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
   for (std::int32_t apart = kWidth / 2; apart > 0; apart /= 2) {
     const Ints other = lanes ^ apart;
-    const Floats s = __builtin_shuffle(steepest, other), d = __builtin_shuffle(nearest, other), g = __builtin_shuffle(growth, other),
-                 m = __builtin_shuffle(mostSeen, other);
+    const Floats s = __builtin_shuffle(steepest, other), d = __builtin_shuffle(nearest, other), m = __builtin_shuffle(mostSeen, other);
     steepest = s > steepest ? s : steepest;
-    growth = g > growth ? g : growth;
     mostSeen = m > mostSeen ? m : mostSeen;
     nearest = d < nearest ? d : nearest;
     any |= __builtin_shuffle(any, other);
   }
-  PageLook result{0, steepest[0], mostSeen[0], growth[0], nearest[0]};
+  PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
   if (any[0] != 0)
     for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
       result.wanted |= static_cast<std::uint64_t>(wanted[k / kWidth][k % kWidth] != 0) << k;
   return result;
+}
+// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
+#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define RIDGECAST_VECTOR_CLONES
+#endif
+RIDGECAST_VECTOR_CLONES PageLook screenPageInPixels(const CandidatePage& page, const Eye& eye) { return lookThrough<false>(page, eye); }
+RIDGECAST_VECTOR_CLONES PageLook screenPageByArea(const CandidatePage& page, const Eye& eye) { return lookThrough<true>(page, eye); }
+
+// Whether a triangle and its candidate `at` (metres from the eye), on the terrain as on the mesh, cannot be seen. `error`: at least a bound of
+// the distance between the two, metres.
+bool isHidden(const Triangulation& mesh, const View& view, TriangleId t, const Vec3& at, double error) {
+  if (!view.horizon) return false;
+  const double margin = kHiddenMargin / view.pixelsPerRadian;
+  if (!view.horizon->hidden({at.x, at.y + error, at.z}, margin)) return false;
+  for (const triangulation::VertexId v : mesh.triangle(t).v) {
+    const Vertex& p = mesh.vertex(v);
+    if (!view.horizon->hidden(view.relative(p.x, p.z, p.y), margin)) return false;
+  }
+  return true;
 }
 
 void wake(PageScreen& known, CandidatePage& page) {
@@ -143,14 +165,13 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
   due.clear();
   for (std::uint32_t page : pages.pagesOf(region)) {
     PageScreen& known = surface.screens[page];
-    if (!same) setDue(known, spared);
+    if (!same) setDue(known, spared, view.power());
     if (view.travel < known.due && view.turn < known.dueTurn)
       count(known);
     else
       due.push_back(page);
   }
-  const Eye eye{view.x, view.z, view.y, static_cast<float>(view.pixelsPerRadian * view.pixelsPerRadian),
-                static_cast<float>(threshold * threshold)};
+  const Eye eye{view.x, view.z, view.y, static_cast<float>(view.gain * view.gain), static_cast<float>(threshold * threshold)};
   const std::size_t before = out.size();
   for (std::size_t n = 0; n < due.size(); ++n) {
     if (n + 1 < due.size()) {
@@ -165,11 +186,10 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
         (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn - known.sleptTurn >= kWakeTurn))
       wake(known, page);
     blankDead(known, page, alive);
-    const PageLook seen = screenPage(page, eye);
+    const PageLook seen = view.area ? screenPageByArea(page, eye) : screenPageInPixels(page, eye);
     known.travel = view.travel;
     known.steepest = std::sqrt(seen.steepest2);
     known.seen = std::sqrt(seen.seen2);
-    known.growth = std::sqrt(seen.growth2);
     known.nearest = std::sqrt(seen.nearest2);
     const auto fallAsleep = [&](unsigned k) {
       if (known.asleep == 0) {
@@ -192,16 +212,20 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
       const Vec3 area = areaVector(mesh, t);
       const double squareMetres = std::abs(dot(area, at)) / d * 0.5 * lattice::kMetresPerStep * lattice::kMetresPerStep;
       const double squarePixels = squareMetres * view.pixelsPerRadian * view.pixelsPerRadian / d2;
-      if (squarePixels < kLeastArea) {
+      if (squarePixels < kLeastArea ||
+          isHidden(mesh, view, t, at,
+                   page.error[k] * lattice::kMetresPerStep / (view.area ? std::sqrt(std::sqrt(0.5 * std::sqrt(dot(area, area)))) : 1))) {
         fallAsleep(k);
         continue;
       }
+      // Larger triangles first at equal error: their error covers more of the picture.
       const double flat = at.x * at.x + at.z * at.z;
       const double pixels = page.error[k] * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
-      // Larger triangles first at equal error: their error covers more of the picture.
-      out.push_back({t, {page.x[k], page.z[k]}, static_cast<float>(pixels * std::sqrt(std::sqrt(squarePixels)))});
+      const double priority =
+          view.area ? page.error[k] * view.gain * std::sqrt(flat / (d2 * d2 * d)) : pixels * std::sqrt(std::sqrt(squarePixels));
+      out.push_back({t, {page.x[k], page.z[k]}, static_cast<float>(priority)});
     }
-    setDue(known, spared);
+    setDue(known, spared, view.power());
     count(known);
   }
   std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());

@@ -4,18 +4,20 @@
 // kPixels  the distance on screen, in pixels, between the candidate on the mesh and on the terrain, measured where the camera looks
 //          straight at it: error x cos(elevation) x pixels per radian / distance. It does not depend on where the camera turns, so
 //          turning makes no thrash. At or above the threshold the candidate is wanted.
+// kArea    the same times the fourth root of the triangle's area in square pixels, seen face on at the candidate's distance: an error that
+//          covers more of the picture counts for more. The least triangles for a picture; no promise about any one pixel.
 // kThesis  (area in normalised device coordinates)^0.5 x 40 x (distance in normalised device coordinates), Cavallin and Pettersson
 //          2019, algorithm 6, with the constants of their published program; skipped where no corner projects inside the wide frustum.
-// Both skip what lies outside the wide frustum.
+// All skip what lies outside the wide frustum.
 //
-// In pixels a page of 64 candidates is looked at only when it may matter. Moving by m changes a distance d and a horizontal distance f by at
+// But for the thesis's metric a page of 64 candidates is looked at only when it may matter. Moving by m changes a distance d and a horizontal distance f by at
 // most m, so no candidate of a page can reach the threshold while either
-//     error / (d - m) <= steepest nearest / (nearest - m)                           or
-//     error (f + m) / (d - m)^2 <= (seen + growth m) (nearest / (nearest - m))^2
-// times pixelsPerRadian is below it, with the largest values seen last time; m is bounded by the way the camera has
+//     error / (d - m)^p <= steepest (nearest / (nearest - m))^p                           or
+//     error (f + m) / (d - m)^(p + 1) <= (seen + steepest m / nearest) (nearest / (nearest - m))^(p + 1)
+// times the view's gain is below it (kPixels: p = 1; kArea: p = 3/2, with the area's fourth root in the error), with the largest values seen last time; m is bounded by the way the camera has
 // travelled since. That gives the way after which the page is *due*, and the region is due with the earliest of its pages. New candidates
-// are folded into their page's bounds when they are made. Candidates that are wanted but not worth a vertex (outside the wide frustum, or
-// their triangle a speck on screen) fall asleep, and wake when the camera has moved or turned far enough for that to change; the wide
+// are folded into their page's bounds when they are made. Candidates that are wanted but not worth a vertex (outside the wide frustum, hidden
+// with their whole triangle behind other ground, or in a triangle that is a speck on screen) fall asleep, and wake when the camera has moved or turned far enough for that to change; the wide
 // frustum has that much to spare.
 //
 // A wanted candidate is told once: who does not insert it says so by Surface::wakeCandidate.
@@ -27,6 +29,7 @@
 #include <vector>
 
 #include "common/camera/camera.h"
+#include "server/refinement/horizon.h"
 #include "server/refinement/surface.h"
 
 namespace ridgecast::refinement {
@@ -42,7 +45,7 @@ inline constexpr double kThesisArea = 0.5, kThesisDistance = 40;
 // A camera as refinement sees it; positions relative to the mesh's anchor.
 struct View {
   // `travel` (steps) and `turn` (radians): how far this camera has moved and turned in its life; they only grow.
-  View(const camera::Camera& camera, lattice::Point anchor, double travel, double turn, bool moving);
+  View(const camera::Camera& camera, lattice::Point anchor, double travel, double turn, bool moving, bool area = false);
 
   std::int32_t x, z;  // steps
   float y;            // steps, absolute
@@ -52,6 +55,10 @@ struct View {
   double tanX, tanY;  // of the drawn half angles
   double travel, turn;
   bool moving;  // a page is then looked at only when the threshold may be passed by kSlack; at rest, exactly
+  bool area;    // kArea
+  double gain;  // what is seen of an error in steps at a distance in steps is gain x error x horizontal distance / distance^(p + 1)
+  const Horizon* horizon = nullptr;                // of kPixels and kArea; none: nothing is hidden
+  double power() const { return area ? 1.5 : 1; }  // p
 
   // A point in metres relative to the camera.
   camera::Vec3 relative(std::int32_t px, std::int32_t pz, double py) const {
@@ -71,15 +78,14 @@ struct Pending {
   }
 };
 
-// The largest error / distance that is still spared, from the threshold in pixels.
-inline double sparedSlope(const View& view, double threshold) {
-  return (view.moving ? kSlack * threshold : threshold) / view.pixelsPerRadian;
-}
+// The largest error / distance^p that is still spared, from the threshold.
+inline double sparedSlope(const View& view, double threshold) { return (view.moving ? kSlack * threshold : threshold) / view.gain; }
 
 // When a page with these bounds is due. `spared`: see above.
-inline void setDue(PageScreen& page, double spared) {
-  const double level = page.nearest * (1 - page.steepest / spared),
-               steep = (spared - page.seen) / (page.growth + 2 * spared / page.nearest);
+inline void setDue(PageScreen& page, double spared, double power) {
+  // (1 - x)^p >= 1 - p x
+  const double level = page.nearest * (1 - page.steepest / spared) / power,
+               steep = page.nearest * (spared - page.seen) / (page.steepest + (power + 1) * spared);
   page.due = page.travel < 0 ? kAlways : page.travel + std::max(level, steep);
   page.dueTurn = std::numeric_limits<double>::infinity();
   if (page.asleep != 0) {
@@ -97,21 +103,21 @@ inline void foldCandidate(PageScreen& page, RegionScreen& region, const Surface:
     } else {
       if (moved > 0) {  // the bounds as they are after that way
         const float closer = page.nearest / (page.nearest - moved);
-        page.steepest *= closer;
-        page.seen = (page.seen + page.growth * moved) * closer * closer;
-        page.growth *= closer * closer;
+        const float faster = view.area ? closer * std::sqrt(closer) : closer;
+        page.seen = (page.seen + page.steepest * moved / page.nearest) * faster * closer;
+        page.steepest *= faster;
         page.nearest -= moved;
         page.travel = view.travel;
       }
       const float dx = static_cast<float>(c.point.x - view.x), dz = static_cast<float>(c.point.z - view.z),
                   dy = static_cast<float>(c.y) - view.y;
-      const float flat = dx * dx + dz * dz, d = std::max(std::sqrt(flat + dy * dy), kNearest), steep = c.error / d;
+      const float flat = dx * dx + dz * dz, d = std::max(std::sqrt(flat + dy * dy), kNearest),
+                  steep = c.error / (view.area ? d * std::sqrt(d) : d);
       page.steepest = std::max(page.steepest, steep);
       page.seen = std::max(page.seen, steep * std::sqrt(flat) / d);
-      page.growth = std::max(page.growth, steep / d);
       page.nearest = std::min(page.nearest, d);
     }
-    setDue(page, region.spared);
+    setDue(page, region.spared, view.power());
   }
   region.due = std::min(region.due, page.due);
   region.dueTurn = std::min(region.dueTurn, page.dueTurn);

@@ -18,6 +18,8 @@ namespace ridgecast::refinement {
 
 // Where slots without a candidate lie, so that they are nobody's nearest; steps, its square's square fits a float.
 inline constexpr std::int32_t kFarAway = 1 << 29;
+enum class Metric { kPixels, kArea, kThesis };  // see screening.h
+
 inline constexpr double kAlways = -std::numeric_limits<double>::infinity();  // due whatever the camera has done
 
 // The candidates of a page of triangles, so that screening reads one run of memory. A triangle without one has error 0.
@@ -25,7 +27,7 @@ struct alignas(64) CandidatePage {
   static constexpr std::uint32_t kSlots = triangulation::Pages::kSlots;
   std::int32_t x[kSlots], z[kSlots];
   std::int32_t y[kSlots];  // the terrain's height there, to the step (not snapped to a level)
-  float error[kSlots];     // steps: |mesh - snapped terrain|; negative: asleep
+  float error[kSlots];     // steps: |mesh - snapped terrain|, for kArea times the triangle's weight; negative: asleep
 };
 
 struct PageScreen {
@@ -33,8 +35,7 @@ struct PageScreen {
   double dueTurn = kAlways;               // or turned so far
   double travel = -1;                     // of the camera when the bounds held; negative: there are none, look again
   float steepest = 0;                     // of the candidates awake the largest error / distance,
-  float seen = 0;                         // error x horizontal distance / distance^2, which is what is seen of it,
-  float growth = 0;                       // and error / distance^2
+  float seen = 0;                         // and error x horizontal distance / distance^2, which is what is seen of it
   float nearest = 0;                      // steps: smallest distance of any candidate
   std::uint64_t asleep = 0;               // candidates wanted but not worth it for now; their error is kept negative meanwhile
   std::uint64_t blank = 0;                // dead slots that hold no candidate, far away

@@ -87,11 +87,11 @@ struct Settled {
   double heightsPerVertex;
 };
 
-Settled settle(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Camera& camera, const std::vector<Hit>& hits, bool thesis,
+Settled settle(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Camera& camera, const std::vector<Hit>& hits, wire::Metric metric,
                double threshold) {
   scheduling::Machine machine(2);
   wire::Settings asked;
-  asked.metric = thesis ? wire::Metric::kThesis : wire::Metric::kPixels;
+  asked.metric = metric;
   asked.threshold = threshold;
   asked.triangleBudget = 2'000'000;
   pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), machine.makePool(2));
@@ -173,7 +173,7 @@ Report error(const Options& options) {
   const auto terrain = terrain::create("alpine", 1).value();
   const auto camera = straight(*terrain, 0);
   const auto hits = castRays(*terrain, camera, options.quick ? 160 : 480);
-  const Settled ours = settle(terrain, camera, hits, false, 1.0);
+  const Settled ours = settle(terrain, camera, hits, wire::Metric::kPixels, 1.0);
   std::vector<double> near, far;
   for (std::size_t k = 0; k < ours.pixels.size(); ++k) (ours.distance[k] < 1000 ? near : far).push_back(ours.pixels[k]);
 
@@ -183,7 +183,7 @@ Report error(const Options& options) {
   Settled thesis{};
   for (int n = 0; n < (options.quick ? 7 : 11); ++n) {
     const double middle = std::sqrt(low * high);
-    thesis = settle(terrain, camera, hits, true, middle);
+    thesis = settle(terrain, camera, hits, wire::Metric::kThesis, middle);
     progress("thesis's metric, threshold " + std::to_string(middle * 1e6) + "e-6: " + std::to_string(thesis.triangles) + " triangles, mean error " +
              std::to_string(mean(thesis.pixels)) + " px (wanted " + std::to_string(target) + ")");
     (mean(thesis.pixels) > target ? high : low) = middle;

@@ -13,7 +13,7 @@ Report screening(const Options& options) {
   const auto terrain = terrain::create("alpine", 1).value();
   scheduling::Machine machine(1);
   auto pool = machine.makePool(1);
-  pipeline::CameraMesh mesh(terrain, 1'200'000, false);
+  pipeline::CameraMesh mesh(terrain, 1'200'000, refinement::Metric::kPixels);
   const auto camera = straight(*terrain, 0);
   mesh.follow(camera.pose);
   mesh.generate();

@@ -1,0 +1,51 @@
+#pragma once
+// Which ground the ground itself hides from a camera, so that no vertex is spent on it.
+//
+// Rays leave the eye in fixed directions of the compass; along each the true terrain is sampled at distances that grow geometrically, and
+// the steepest elevation up to each is kept. A point is hidden when it lies below what both neighbouring rays have seen before it. That
+// depends on where the eye is and not on where it turns. Between rays and samples the ground may dip, so a few points that are seen through a
+// notch a few pixels wide are called hidden; what is called visible merely costs triangles.
+//
+// The rays start from a centre that the eye may leave a little before they are cast again, and only the directions that the wide frustum
+// can see are cast. follow() and cast(): one thread decides, then any number cast different rays. hidden(): any thread, in between.
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "common/camera/camera.h"
+#include "common/terrain/terrain.h"
+
+namespace ridgecast::refinement {
+
+class Horizon {
+ public:
+  static constexpr int kRays = 720;  // half a degree apart
+  static constexpr int kSamples = 102;
+  static constexpr double kFirst = 32;     // metres: the nearest sample
+  static constexpr double kGrowth = 1.07;  // of the distance from sample to sample: the last is 30 km away
+
+  explicit Horizon(std::shared_ptr<const terrain::Terrain> terrain) : terrain_(std::move(terrain)) {}
+
+  // Where the eye is now; `above`: metres over the ground. The rays that are to be cast before the next hidden(), by number.
+  const std::vector<int>& follow(const camera::Camera& camera, double above, double widening);
+  // Casts a ray that follow() named.
+  void cast(int ray);
+
+  // Whether a point, in metres from the eye, lies more than `margin` (a tangent) below what is in front of it.
+  bool hidden(const camera::Vec3& p, double margin) const;
+
+  std::uint64_t heights() const { return heights_; }  // named to be evaluated so far
+
+ private:
+  std::shared_ptr<const terrain::Terrain> terrain_;
+  camera::Pose centre_;
+  bool centred_ = false;
+  camera::Vec3 offset_{};  // metres, from the centre to the eye
+  std::vector<std::uint8_t> known_ = std::vector<std::uint8_t>(kRays, 0);
+  std::vector<float> steepest_;  // [ray][sample]: largest tangent of the elevation from the first sample up to this one
+  std::vector<int> wanted_;
+  std::uint64_t heights_ = 0;
+};
+
+}  // namespace ridgecast::refinement
