@@ -3,7 +3,7 @@
 
 import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
 import type { LeafAddress } from '../codec/mesh';
-import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Error_Code, HelloSchema, Iteration, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, World } from '../generated/ridgecast/v1/stream_pb';
+import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, World } from '../generated/ridgecast/v1/stream_pb';
 import { Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
@@ -50,7 +50,15 @@ export interface Listener {
   /** Must end in acknowledge(). A Refusal that is thrown ends the connection. */
   onIteration(iteration: Iteration, bytes: number): void;
   /** The connection is lost and will be tried again; `final`: it will not. The sentence is for a person. */
-  onLost(sentence: string, final: boolean): void;
+  onLost(sentence: string, final: boolean, wantsToken: boolean): void;
+  /** Who else is in the session, and who came, moved and went since. */
+  onMembers?(members: Members): void;
+}
+
+export interface Explanation {
+  sentence: string;
+  final: boolean;
+  wantsToken: boolean;
 }
 
 export interface Options {
@@ -59,7 +67,7 @@ export interface Options {
   settings: Settings;
   lockstep?: boolean;
   /** Why a connection could not even be opened, where that can be found out; sockets do not say. */
-  explain?: () => Promise<{ sentence: string; final: boolean } | undefined>;
+  explain?: () => Promise<Explanation | undefined>;
 }
 
 const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
@@ -135,7 +143,7 @@ export class Stream {
       socket = this.options.open();
     } catch (error) {
       this.over = true;
-      this.listener.onLost(String(error), true);
+      this.listener.onLost(String(error), true, false);
       return;
     }
     this.socket = socket;
@@ -160,6 +168,7 @@ export class Stream {
         settings: { metric: Metric.PIXELS, threshold: settings.threshold, triangleBudget: settings.triangleBudget },
         pacing: lockstep ? Pacing.LOCKSTEP : Pacing.FREE,
         deltas: true,
+        members: this.listener.onMembers !== undefined,
       }),
     });
   }
@@ -171,6 +180,7 @@ export class Stream {
       const { kind } = fromBinary(ServerMessageSchema, new Uint8Array(data));
       if (kind.case === 'world') this.begin(kind.value);
       else if (kind.case === 'iteration' && this.world) this.listener.onIteration(kind.value, data.byteLength);
+      else if (kind.case === 'members' && this.world) this.listener.onMembers?.(kind.value);
       else if (kind.case === 'error') {
         this.why = text(kind.value.message);
         this.final = kind.value.code === Error_Code.VERSION;
@@ -213,15 +223,17 @@ export class Stream {
     clearTimeout(this.watchdog);
     this.forget();
     if (this.over) return;
+    let wantsToken = false;
     let sentence = this.why || reason || (opened ? `The connection was lost (${code}).` : '');
     if (!sentence) {
       const explained = await this.options.explain?.();
       if (this.over || this.socket) return;
       sentence = explained?.sentence ?? 'The server cannot be reached.';
       this.final = explained?.final ?? false;
+      wantsToken = explained?.wantsToken ?? false;
     }
     this.over = this.final;
-    this.listener.onLost(sentence, this.final);
+    this.listener.onLost(sentence, this.final, wantsToken);
     if (this.final) return;
     this.timer = setTimeout(() => this.connect(), this.wait * (0.5 + 0.5 * Math.random()));
     this.wait = Math.min(LONGEST_WAIT, 2 * this.wait);

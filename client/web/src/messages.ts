@@ -1,0 +1,99 @@
+// What the page's three threads say to each other. The page itself reads keys and shows figures; the engine (engine.worker.ts) holds the
+// connection and the mesh; the painter (painter.worker.ts) holds the pictures. Only plain values and transferred buffers travel.
+
+import type { LeafAddress } from './codec/mesh';
+import type { Camera, Settings } from './stream/stream';
+import type { Pose } from './render/view';
+
+// ---- the page to the engine ----
+
+export type ToEngine =
+  | { kind: 'painter'; port: MessagePort }
+  | { kind: 'start'; url: string; settings: Settings; token: string } // begins, or begins anew; what is held is resumed
+  | { kind: 'pose'; camera: Camera }
+  | { kind: 'hurry' } // try to connect now
+  | { kind: 'stop' };
+
+export interface WorldTold {
+  terrain: string;
+  seed: number;
+  session: string;
+  server: string;
+  camera: string; // its number, decimal
+  horizon: number; // metres
+  hasSource: boolean;
+  threshold: number; // granted
+  triangleBudget: number;
+}
+
+/** Somebody else in the session. */
+export interface MemberTold {
+  camera: string;
+  name: string;
+  at: { x: number; y: number; z: number } | undefined; // steps, metres, steps; nothing: it has sent no pose
+}
+
+export interface Figures {
+  iteration: number;
+  triangles: number;
+  leaves: number;
+  settled: boolean;
+  hashOk: boolean;
+  effectiveThreshold: number;
+  bytes: number; // of iterations, since the page began
+  decoded: number; // triangles that came, since the page began
+  decodeMs: number; // of this iteration
+  hashes: number; // iterations whose hash was compared, since the page began
+  mismatches: number;
+  latencyMs: number; // from a pose to its iteration; 0: unknown
+}
+
+export type FromEngine =
+  | { kind: 'world'; world: WorldTold }
+  | { kind: 'members'; members: MemberTold[] } // all the others
+  | { kind: 'lost'; sentence: string; final: boolean; wantsToken: boolean }
+  | { kind: 'figures'; figures: Figures }
+  | { kind: 'ground'; metres: number }; // of the mesh below the newest pose
+
+// ---- the engine to the painter, over a port of their own ----
+
+export interface LeafBuffers {
+  key: string;
+  address: LeafAddress;
+  corners: Int32Array; // x, z, y of three corners a triangle, steps from the leaf's corner
+  low: readonly [number, number, number];
+  high: readonly [number, number, number];
+}
+
+export type ToPainterFromEngine =
+  | { kind: 'world'; source: string; seed: number; horizon: number }
+  | { kind: 'change'; gone: string[]; fresh: LeafBuffers[]; clear: boolean };
+
+/** The painter has taken a change: the engine acknowledges only then, so that changes never pile up here. */
+export type FromPainterToEngine = { kind: 'taken' };
+
+// ---- the page to the painter ----
+
+export type Mode = 'mesh' | 'march' | 'split';
+
+export interface Look {
+  mode: Mode;
+  divider: number; // share of the width where the mesh ends in 'split'
+  wireframe: boolean;
+  nodes: boolean;
+}
+
+export type ToPainter =
+  | { kind: 'begin'; canvas: OffscreenCanvas; engine: MessagePort }
+  | { kind: 'size'; width: number; height: number } // pixels of the canvas
+  | { kind: 'pose'; pose: Pose; verticalFov: number }
+  | { kind: 'look'; look: Look }
+  | { kind: 'ground'; pose: Pose } // asks for the terrain's height there
+  | { kind: 'picture' }; // asks for a PNG of what is shown
+
+export type FromPainter =
+  | { kind: 'ready'; renderer: string }
+  | { kind: 'problem'; sentence: string; fatal: boolean }
+  | { kind: 'ground'; metres: number }
+  | { kind: 'frames'; perSecond: number; coarseness: number; milliseconds: number; finest: boolean; drawnTriangles: number }
+  | { kind: 'picture'; png: Blob };

@@ -1,0 +1,127 @@
+// Keyboard, mouse and fingers -> Input. Keeps what is held down; pointers on the canvas look around, the stick and two buttons fly.
+
+import { Input, atRest } from './flying';
+
+const LOOK_KEYS = 500; // pixels a second that an arrow key is worth
+
+export class Hands {
+  /** A pointer went down on the canvas: whether it was taken (the divider is dragged) and should not look around. */
+  onGrab: (x: number) => boolean = () => false;
+  onDrag: (x: number) => void = () => {};
+  onKey: (code: string) => void = () => {};
+  private readonly held = new Set<string>();
+  private readonly pointers = new Map<number, { x: number; y: number; drags: boolean }>();
+  private turnX = 0;
+  private turnY = 0;
+  private wheel = 0;
+  private pinch = 0;
+  private stick = { x: 0, y: 0 };
+  private lift = 0;
+
+  constructor(private readonly canvas: HTMLCanvasElement) {
+    window.addEventListener('keydown', (event) => {
+      const typing = (event.target as HTMLElement).closest('input, select, textarea, dialog');
+      if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
+      if (!event.repeat) this.onKey(event.code);
+      this.held.add(event.code);
+      if (event.code.startsWith('Arrow') || event.code === 'Space') event.preventDefault();
+    });
+    window.addEventListener('keyup', (event) => this.held.delete(event.code));
+    window.addEventListener('blur', () => this.held.clear());
+    canvas.addEventListener('pointerdown', (event) => {
+      canvas.focus({ preventScroll: true });
+      canvas.setPointerCapture(event.pointerId);
+      canvas.classList.add('held');
+      this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY, drags: this.onGrab(event.clientX) });
+    });
+    canvas.addEventListener('pointermove', (event) => this.move(event));
+    for (const kind of ['pointerup', 'pointercancel'] as const)
+      canvas.addEventListener(kind, (event) => {
+        this.pointers.delete(event.pointerId);
+        if (this.pointers.size === 0) canvas.classList.remove('held');
+      });
+    canvas.addEventListener('dblclick', () => void (canvas.requestPointerLock() as unknown as Promise<void> | undefined)?.catch(() => {}));
+    canvas.addEventListener(
+      'wheel',
+      (event) => {
+        event.preventDefault();
+        this.wheel -= Math.sign(event.deltaY);
+      },
+      { passive: false },
+    );
+    canvas.addEventListener('contextmenu', (event) => event.preventDefault());
+  }
+
+  /** The stick and the buttons for thumbs. */
+  attachTouch(stick: HTMLElement, lift: HTMLElement): void {
+    const knob = stick.firstElementChild as HTMLElement;
+    const place = (event: PointerEvent | undefined): void => {
+      const box = stick.getBoundingClientRect();
+      let x = 0, y = 0;
+      if (event) {
+        x = (event.clientX - box.left) / (box.width / 2) - 1;
+        y = (event.clientY - box.top) / (box.height / 2) - 1;
+        const length = Math.hypot(x, y);
+        if (length > 1) (x /= length), (y /= length);
+      }
+      this.stick = { x, y };
+      knob.style.transform = `translate(${x * 2.5}rem, ${y * 2.5}rem)`;
+    };
+    stick.addEventListener('pointerdown', (event) => {
+      stick.setPointerCapture(event.pointerId);
+      place(event);
+    });
+    stick.addEventListener('pointermove', (event) => {
+      if (stick.hasPointerCapture(event.pointerId)) place(event);
+    });
+    for (const kind of ['pointerup', 'pointercancel'] as const) stick.addEventListener(kind, () => place(undefined));
+    for (const button of lift.querySelectorAll<HTMLElement>('[data-lift]')) {
+      button.addEventListener('pointerdown', () => (this.lift = Number(button.dataset['lift'])));
+      for (const kind of ['pointerup', 'pointercancel', 'pointerleave'] as const) button.addEventListener(kind, () => (this.lift = 0));
+    }
+  }
+
+  /** What happened since the last call, which was so long ago. */
+  take(seconds: number): Input {
+    const input = atRest();
+    const key = (...codes: string[]): number => (codes.some((code) => this.held.has(code)) ? 1 : 0);
+    const clamp = (v: number): number => Math.max(-1, Math.min(1, v));
+    input.forward = clamp(key('KeyW') - key('KeyS') - this.stick.y + clamp(this.pinch / 12));
+    input.right = clamp(key('KeyD') - key('KeyA') + this.stick.x);
+    input.up = clamp(key('KeyE', 'Space') - key('KeyQ') + this.lift);
+    input.sprint = key('ShiftLeft', 'ShiftRight') === 1;
+    input.turnX = this.turnX + (key('ArrowRight') - key('ArrowLeft')) * LOOK_KEYS * seconds;
+    input.turnY = this.turnY + (key('ArrowDown') - key('ArrowUp')) * LOOK_KEYS * seconds;
+    input.wheel = this.wheel;
+    this.turnX = this.turnY = this.wheel = this.pinch = 0;
+    return input;
+  }
+
+  private move(event: PointerEvent): void {
+    if (document.pointerLockElement === this.canvas) {
+      this.turnX += event.movementX;
+      this.turnY += event.movementY;
+      return;
+    }
+    const pointer = this.pointers.get(event.pointerId);
+    if (!pointer) return;
+    const before = this.spread();
+    const dx = event.clientX - pointer.x, dy = event.clientY - pointer.y;
+    pointer.x = event.clientX;
+    pointer.y = event.clientY;
+    if (pointer.drags) return this.onDrag(event.clientX);
+    if (this.pointers.size > 1) {
+      this.pinch += this.spread() - before;
+      return;
+    }
+    const sign = event.pointerType === 'touch' ? -1 : 1; // a finger holds the ground, a mouse turns the head
+    this.turnX += sign * dx;
+    this.turnY += sign * dy;
+  }
+
+  /** Pixels between the first two fingers. */
+  private spread(): number {
+    const [a, b] = [...this.pointers.values()];
+    return a && b ? Math.hypot(a.x - b.x, a.y - b.y) : 0;
+  }
+}
