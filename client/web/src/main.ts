@@ -140,7 +140,6 @@ engine.onmessage = ({ data }: MessageEvent<FromEngine>) => {
       members.set(others);
       break;
   }
-  report();
 };
 engine.onerror = (event) => problem('The page failed', `${event.message || 'Its engine could not be loaded.'} Reload it.`);
 
@@ -171,7 +170,6 @@ painter.onmessage = ({ data }: MessageEvent<FromPainter>) => {
       break;
     }
   }
-  report();
 };
 painter.onerror = (event) => problem('No pictures', `${event.message || 'The part of the page that draws could not be loaded.'} Reload it.`);
 
@@ -384,15 +382,33 @@ export interface Report {
   others: MemberTold[];
   pose: View['pose'];
 }
-function report(): void {
-  const told: Report = { connected: lost === '' && world !== undefined, lost, world, figures, frames, others, pose: flying.pose };
-  (globalThis as unknown as { ridgecast: Report }).ridgecast = told;
-}
+(globalThis as unknown as { ridgecast: Report }).ridgecast = {
+  get connected() {
+    return lost === '' && world !== undefined;
+  },
+  get lost() {
+    return lost;
+  },
+  get world() {
+    return world;
+  },
+  get figures() {
+    return figures;
+  },
+  get frames() {
+    return frames;
+  },
+  get others() {
+    return others;
+  },
+  get pose() {
+    return flying.pose;
+  },
+};
 
 // ---- the beginning ----
 
 function begin(): void {
-  report();
   setLook();
   if (!('transferControlToOffscreen' in canvas) || typeof OffscreenCanvas === 'undefined')
     return problem('This browser is too old', 'The viewer draws in a worker (OffscreenCanvas), which Chrome 69, Firefox 105 and Safari 17 and those after them can.');

@@ -28,7 +28,10 @@ export class Server {
   static async start(args: string[] = [], port = 0): Promise<Server> {
     const folder = mkdtempSync(join(tmpdir(), 'ridgecast-web-'));
     const file = join(folder, 'port');
-    const child = spawn(needed('RIDGECAST_SERVER'), ['--port', String(port), '--port-file', file, '--quiet', ...args], { stdio: ['ignore', 'inherit', 'inherit'] });
+    const child = spawn(needed('RIDGECAST_SERVER'), ['--port', String(port), '--port-file', file, '--quiet', ...args], {
+      stdio: ['ignore', 'inherit', 'inherit'],
+      env: Object.fromEntries(Object.entries(process.env).filter(([name]) => !name.startsWith('RIDGECAST_'))), // a server's settings begin so
+    });
     for (let k = 0; k < 600 && child.exitCode === null; ++k) {
       if (existsSync(file)) return new Server(child, folder, Number(readFileSync(file, 'utf8')));
       await sleep(50);

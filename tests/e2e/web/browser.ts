@@ -1,0 +1,101 @@
+// Debian's Chromium without a screen, drawing in software, and what the page tells about itself.
+
+import { createRequire } from 'node:module';
+import { existsSync } from 'node:fs';
+import type { Browser, Page } from 'playwright-core';
+import type { Report } from '../../../client/web/src/main';
+import { needed, sleep } from './server';
+
+const PROGRAM = process.env['CHROMIUM'] ?? '/usr/bin/chromium';
+const SWITCHES = ['--headless=new', '--no-sandbox', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync', '--disable-backgrounding-occluded-windows', '--disable-renderer-backgrounding'];
+const SOFTWARE = ['--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'];
+
+/** Why no page can be tested here; empty: one can. */
+export function missing(): string {
+  if (!existsSync(PROGRAM)) return `there is no browser at ${PROGRAM}; Debian's package is chromium`;
+  if (!existsSync(`${needed('RIDGECAST_PAGE')}/index.html`)) return 'the page is not built; ./run build does that';
+  return '';
+}
+
+const launched: Browser[] = [];
+
+export async function closeAll(): Promise<void> {
+  for (const browser of launched) await browser.close();
+}
+
+export async function launch(switches: string[] = SOFTWARE): Promise<Browser> {
+  const { chromium } = createRequire(needed('RIDGECAST_WEB') + '/')('playwright-core') as typeof import('playwright-core');
+  const browser = await chromium.launch({ executablePath: PROGRAM, args: [...SWITCHES, ...switches] });
+  launched.push(browser);
+  return browser;
+}
+
+interface Watched {
+  ridgecast?: Report;
+  longTasks: { start: number; ms: number }[];
+}
+
+export class Viewer {
+  readonly complaints: string[] = [];
+  private constructor(readonly page: Page) {}
+
+  static async open(browser: Browser, url: string, size = { width: 640, height: 360 }): Promise<Viewer> {
+    const page = await (await browser.newContext({ viewport: size, acceptDownloads: true })).newPage();
+    const viewer = new Viewer(page);
+    page.on('console', (message) => {
+      if (message.type() === 'error' || message.type() === 'warning') viewer.complaints.push(message.text());
+    });
+    page.on('pageerror', (error) => viewer.complaints.push(error.message));
+    await page.addInitScript(() => {
+      const own = globalThis as unknown as Watched;
+      own.longTasks = [];
+      new PerformanceObserver((list) => {
+        for (const entry of list.getEntries()) own.longTasks.push({ start: entry.startTime, ms: entry.duration });
+      }).observe({ type: 'longtask', buffered: true });
+    });
+    await page.goto(url);
+    return viewer;
+  }
+
+  async report(): Promise<Report> {
+    return this.page.evaluate(() => ({ ...(globalThis as unknown as Watched).ridgecast! }));
+  }
+
+  /** Waits until the page's report says so. */
+  async until(what: string, is: (report: Report) => boolean, patience = 120_000): Promise<Report> {
+    const end = Date.now() + patience;
+    for (;;) {
+      const report = await this.report();
+      if (report && is(report)) return report;
+      if (Date.now() > end) throw new Error(`the page was to be ${what}, but is ${JSON.stringify(report)}, ${await this.problem()}`);
+      await sleep(100);
+    }
+  }
+
+  /** The picture that the page keeps for people. */
+  async picture(): Promise<Buffer> {
+    const [download] = await Promise.all([this.page.waitForEvent('download'), this.page.keyboard.press('KeyP')]);
+    const chunks: Buffer[] = [];
+    for await (const chunk of await download.createReadStream()) chunks.push(chunk as Buffer);
+    return Buffer.concat(chunks);
+  }
+
+  /** What the page says in its middle; empty when it says nothing. */
+  async problem(): Promise<string> {
+    return this.page.evaluate(() => {
+      const box = document.getElementById('problem')!;
+      return box.hidden ? '' : box.innerText.replace(/\s+/g, ' ').trim();
+    });
+  }
+
+  /** Milliseconds of the longest task of the page's own thread since it had run so long. */
+  async longestTask(since: number): Promise<number> {
+    return this.page.evaluate((from) => Math.max(0, ...(globalThis as unknown as Watched).longTasks.filter((t) => t.start >= from).map((t) => t.ms)), since);
+  }
+  async now(): Promise<number> {
+    return this.page.evaluate(() => performance.now());
+  }
+  async close(): Promise<void> {
+    await this.page.context().close();
+  }
+}

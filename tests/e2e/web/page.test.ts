@@ -1,0 +1,204 @@
+// The page in Debian's Chromium against the real server: it connects, shows terrain, flies, comes back, sees others, agrees with the
+// desktop client's picture, keeps its thread free, and says what is wrong.
+
+import assert from 'node:assert/strict';
+import { execFile } from 'node:child_process';
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { createServer } from 'node:http';
+import type { AddressInfo } from 'node:net';
+import { tmpdir } from 'node:os';
+import { extname, join } from 'node:path';
+import { test } from 'node:test';
+import { promisify } from 'node:util';
+import { Viewer, closeAll, launch, missing } from './browser';
+import { contrast, decodePng, ssim } from './picture';
+import { Replay, record } from './replay';
+import { Server, needed, sleep } from './server';
+
+const POSE = { x: 1400, z: 3600, y: 2830, yaw: -20, pitch: -12 };
+const place = (more = ''): string => '#' + Object.entries(POSE).map(([k, v]) => `${k}=${v}`).join('&') + more;
+
+const why = missing();
+if (why) {
+  console.log(`SKIPPED: ${why}`);
+  process.exit(77);
+}
+
+const browser = await launch();
+test.afterEach(async () => {
+  for (const context of browser.contexts()) await context.close();
+});
+let server = await Server.start(['--terrain', 'alpine', '--seed', '1']);
+test.after(async () => {
+  await closeAll();
+  await server.stop();
+});
+
+/** What the desktop client draws at the same pose, from its mesh or by its ray march. */
+async function desktopPicture(kind: 'mesh' | 'raymarch', size: string): Promise<Buffer> {
+  const folder = mkdtempSync(join(tmpdir(), 'ridgecast-desktop-'));
+  try {
+    const path = join(folder, 'path.json');
+    writeFileSync(path, JSON.stringify({ terrain: 'alpine', seed: 1, keyframes: [{ t: 0, ...POSE }, { t: 0.1, ...POSE }] }));
+    await promisify(execFile)(needed('RIDGECAST_CLIENT'), ['fly', server.ws, '--path', path, '--out', join(folder, 'out'), '--size', size, '--frames-every', '100']);
+    return readFileSync(join(folder, 'out', `settled-${kind}.png`));
+  } finally {
+    rmSync(folder, { recursive: true, force: true });
+  }
+}
+
+test('shows terrain, the same as the desktop client', async (t) => {
+  const viewer = await Viewer.open(browser, `${server.http}/${place()}`);
+  const settled = await viewer.until('settled and drawn in full', (r) => r.figures?.settled === true && r.frames?.finest === true);
+  assert.equal(settled.world?.terrain, 'alpine');
+  assert.equal(settled.figures!.mismatches, 0);
+  assert.equal(settled.figures!.hashes, settled.figures!.iteration);
+  const png = await viewer.picture();
+  if (process.env['RIDGECAST_KEEP']) writeFileSync(process.env['RIDGECAST_KEEP'], png);
+  const shown = decodePng(png);
+  assert.deepEqual([shown.width, shown.height], [640, 360]);
+  assert.ok(contrast(shown) > 25, `a flat picture: ${contrast(shown)}`);
+  const alike = ssim(shown, decodePng(await desktopPicture('mesh', '640x360')));
+  t.diagnostic(`SSIM with the desktop client ${alike.toFixed(4)}, ${settled.figures!.triangles} triangles`);
+  assert.ok(alike >= 0.9, `SSIM ${alike}`);
+  assert.deepEqual(viewer.complaints, []);
+  await viewer.close();
+});
+
+test('flies, and comes back after the server started anew', async () => {
+  const viewer = await Viewer.open(browser, `${server.http}/${place()}`, { width: 320, height: 180 });
+  const before = await viewer.until('settled', (r) => r.figures?.settled === true);
+  await viewer.page.keyboard.down('KeyW');
+  await sleep(1500);
+  await viewer.page.keyboard.up('KeyW');
+  await viewer.page.mouse.move(160, 160);
+  await viewer.page.mouse.down();
+  await viewer.page.mouse.move(120, 172, { steps: 4 });
+  await viewer.page.mouse.up();
+  const flown = await viewer.until('settled elsewhere', (r) => r.figures!.iteration > before.figures!.iteration + 1 && r.figures!.settled);
+  const metres = Math.hypot(flown.pose.x - before.pose.x, flown.pose.z - before.pose.z) / 256;
+  assert.ok(metres > 20 && metres < 400, `${metres} m`);
+  await viewer.until('looking elsewhere', (r) => r.pose.yaw > before.pose.yaw + 0.05 && r.pose.pitch < before.pose.pitch - 0.01, 10_000);
+  assert.equal(flown.figures!.mismatches, 0);
+  assert.deepEqual(viewer.complaints, []);
+
+  const { port } = server;
+  await server.stop();
+  await viewer.until('without a connection', (r) => !r.connected);
+  assert.match(await viewer.page.innerText('#note'), /trying again/);
+  server = await Server.start(['--terrain', 'alpine', '--seed', '1'], port);
+  const back = await viewer.until('connected again', (r) => r.connected && r.figures!.settled);
+  assert.equal(back.figures!.mismatches, 0);
+  assert.ok(back.figures!.triangles > 0.8 * flown.figures!.triangles);
+  // What was held is kept: a fraction of it comes again.
+  assert.ok(back.figures!.decoded - flown.figures!.decoded < 0.5 * back.figures!.triangles, `${back.figures!.decoded - flown.figures!.decoded} triangles came again`);
+  assert.deepEqual(viewer.complaints.filter((c) => !/ERR_CONNECTION_REFUSED|WebSocket connection/.test(c)), []);
+  await viewer.close();
+});
+
+test('two pages see each other', async () => {
+  const one = await Viewer.open(browser, `${server.http}/${place()}`, { width: 320, height: 180 });
+  await one.until('connected', (r) => r.connected);
+  // The other stands 300 m in front of it.
+  const other = await Viewer.open(browser, `${server.http}/#x=1502&z=3320&y=2770&yaw=160&pitch=0`, { width: 320, height: 180 });
+  const seen = await one.until('not alone', (r) => r.others.length === 1 && r.others[0]!.at !== undefined);
+  assert.ok(Math.abs(seen.others[0]!.at!.x - 1502 * 256) < 2);
+  await one.page.waitForSelector('.member:not([hidden])', { timeout: 10_000 });
+  assert.match(await one.page.innerText('.member:not([hidden])'), /30[0-9] m/);
+  await other.until('not alone', (r) => r.others.length === 1);
+  await other.close();
+  await one.until('alone', (r) => r.others.length === 0);
+  assert.deepEqual(one.complaints, []);
+  await one.close();
+});
+
+test('the ray march shows what the mesh shows, and overlays show', async (t) => {
+  const viewer = await Viewer.open(browser, `${server.http}/${place()}`, { width: 160, height: 90 });
+  const finest = (): Promise<unknown> => viewer.until('drawn in full', (r) => r.figures?.settled === true && r.frames?.finest === true);
+  await finest();
+  const mesh = decodePng(await viewer.picture());
+  await viewer.page.keyboard.press('Digit2');
+  await sleep(700);
+  await finest();
+  const march = decodePng(await viewer.picture());
+  const alike = ssim(march, decodePng(await desktopPicture('raymarch', '160x90')));
+  t.diagnostic(`SSIM of the ray march with the desktop client's ${alike.toFixed(4)}, of mesh and ray march at 160x90 ${ssim(mesh, march).toFixed(4)}`);
+  assert.ok(alike >= 0.9, `SSIM ${alike}`);
+  assert.ok(ssim(mesh, march) > 0.7 && ssim(mesh, march) < 1, 'mesh and ray march show one place');
+  await viewer.page.keyboard.press('Digit1');
+  await viewer.page.keyboard.press('KeyX');
+  await viewer.page.keyboard.press('KeyN');
+  await sleep(700);
+  await finest();
+  assert.ok(ssim(mesh, decodePng(await viewer.picture())) < 0.9, 'edges and nodes change the picture');
+  await viewer.page.keyboard.press('KeyF');
+  await viewer.page.waitForFunction(() => /triangles in \d+ leaves/.test(document.getElementById('figures')!.textContent ?? ''));
+  assert.deepEqual(viewer.complaints, []);
+  await viewer.close();
+});
+
+test('its own thread stays free while 100,000 triangles a second come', async (t) => {
+  // The stream of a fast flight, recorded, so that the page is measured and not the server. A machine that is busy with something else
+  // holds up any thread now and then: the best of three counts.
+  const cameras = Array.from({ length: 70 }, (_, k) => ({ x: 358_400 + 5000 * k, z: 921_600 - 15_000 * k, y: 2830, yaw: -0.35, pitch: -0.21, verticalFov: 1.0472, width: 1280, height: 720 }));
+  const messages = await record(server.ws, cameras, 0.6);
+  const flights: string[] = [];
+  for (let attempt = 0; attempt < 3; ++attempt) {
+    const replay = new Replay(needed('RIDGECAST_PAGE'), messages);
+    const viewer = await Viewer.open(browser, `${await replay.listen()}/${place()}`, { width: 160, height: 90 });
+    const before = await viewer.until('on its way', (r) => (r.figures?.iteration ?? 0) >= 8);
+    const since = await viewer.now();
+    const after = await viewer.until('at the end', (r) => r.figures!.iteration === cameras.length);
+    const seconds = ((await viewer.now()) - since) / 1000, triangles = after.figures!.decoded - before.figures!.decoded;
+    const longest = await viewer.longestTask(since);
+    flights.push(`${triangles} triangles in ${seconds.toFixed(1)} s (${Math.round(triangles / seconds)} a second), longest task ${longest || 'below 50'} ms`);
+    assert.equal(after.figures!.mismatches, 0);
+    assert.equal(after.figures!.hashes, cameras.length);
+    await viewer.close();
+    replay.close();
+    if (triangles / seconds >= 100_000 && longest <= 50) break;
+    if (attempt === 2) assert.fail(flights.join('; '));
+  }
+  t.diagnostic(flights.join('; '));
+});
+
+test('says what is wrong', async (t) => {
+  await t.test('a session that is not there', async () => {
+    const viewer = await Viewer.open(browser, `${server.http}/#session=nowhere`, { width: 320, height: 180 });
+    await viewer.until('refused', (r) => r.lost !== '');
+    await viewer.page.waitForFunction(() => /session/.test(document.getElementById('problem')!.innerText));
+    await viewer.close();
+  });
+  await t.test('a token that is missing', async () => {
+    const types: Record<string, string> = { '.html': 'text/html', '.js': 'text/javascript', '.css': 'text/css', '.wasm': 'application/wasm' };
+    const tokens: string[] = [];
+    const guarded = createServer((request, response) => {
+      const path = new URL(request.url!, 'http://x').pathname;
+      if (path.startsWith('/v1/')) {
+        if (request.headers.authorization) tokens.push(request.headers.authorization);
+        response.writeHead(401, { 'Content-Type': 'text/plain' }).end('This needs a token.\n');
+        return;
+      }
+      const file = join(needed('RIDGECAST_PAGE'), path === '/' ? 'index.html' : path);
+      if (!existsSync(file)) response.writeHead(404).end();
+      else response.writeHead(200, { 'Content-Type': types[extname(file)] ?? 'text/plain' }).end(readFileSync(file));
+    });
+    guarded.on('upgrade', (_, socket) => socket.end('HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n'));
+    await new Promise<void>((listening) => guarded.listen(0, '127.0.0.1', listening));
+    const viewer = await Viewer.open(browser, `http://127.0.0.1:${(guarded.address() as AddressInfo).port}/`, { width: 320, height: 180 });
+    await viewer.page.waitForSelector('#token input', { state: 'visible' });
+    assert.match(await viewer.problem(), /asks for a token/);
+    await viewer.page.fill('#token input', 'secret');
+    await viewer.page.click('#token button');
+    await viewer.page.waitForFunction(() => /Give another/.test(document.getElementById('problem')!.innerText));
+    assert.deepEqual(tokens, ['Bearer secret']);
+    await viewer.close();
+    guarded.closeAllConnections();
+    guarded.close();
+  });
+  await t.test('no WebGL 2', async () => {
+    const viewer = await Viewer.open(await launch(['--disable-gpu', '--disable-software-rasterizer']), server.http, { width: 320, height: 180 });
+    await viewer.page.waitForFunction(() => /WebGL 2/.test(document.getElementById('problem')!.innerText));
+    await viewer.close();
+  });
+});
