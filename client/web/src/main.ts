@@ -160,18 +160,37 @@ painter.onmessage = ({ data }: MessageEvent<FromPainter>) => {
     case 'frames':
       frames = data;
       break;
-    case 'picture': {
-      const link = document.createElement('a');
-      link.href = URL.createObjectURL(data.png);
-      link.download = `ridgecast-${world?.terrain ?? 'view'}.png`;
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+    case 'picture':
+      keep(data.png, 'png');
       note('The picture is kept in your downloads.');
       break;
-    }
   }
 };
 painter.onerror = (event) => problem('No pictures', `${event.message || 'The part of the page that draws could not be loaded.'} Reload it.`);
+
+function keep(file: Blob, extension: string): void {
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(file);
+  link.download = `ridgecast-${world?.terrain ?? 'view'}.${extension}`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+const authorization = (): Record<string, string> => (token ? { Authorization: `Bearer ${token}` } : {});
+
+// Exactly the mesh that this page holds, from the server.
+async function keepMesh(): Promise<void> {
+  if (!world) return;
+  note('The server writes the mesh …', 0);
+  try {
+    const answer = await fetch(`./v1/sessions/${world.session}/snapshot.glb?camera=${world.camera}`, { headers: authorization() });
+    if (!answer.ok) throw new Error((await answer.text()).trim().slice(0, 300));
+    keep(await answer.blob(), 'glb');
+    note('The mesh is kept in your downloads.');
+  } catch (error) {
+    note(`The server gives no mesh: ${error instanceof Error ? error.message : error}`, 8000);
+  }
+}
 
 // The start is given above the ground, whose height was not known until now.
 function beginAbove(metres: number): void {
@@ -271,7 +290,7 @@ async function showWorlds(): Promise<void> {
   const list = element('sessions');
   list.textContent = 'Asking the server …';
   try {
-    const answer = await fetch('./v1/sessions', { headers: token ? { Authorization: `Bearer ${token}` } : {} });
+    const answer = await fetch('./v1/sessions', { headers: authorization() });
     if (!answer.ok) throw new Error((await answer.text()).trim());
     const { sessions } = (await answer.json()) as { sessions: { name: string; terrain: string; seed: number; members: number }[] };
     list.replaceChildren(
@@ -306,6 +325,7 @@ const keys: Record<string, () => void> = {
   KeyN: () => toggle('nodes'),
   KeyF: () => toggle('figures'),
   KeyP: () => toPainter({ kind: 'picture' }),
+  KeyG: () => void keepMesh(),
   KeyL: () => void copyLink(),
   KeyH: () => element<HTMLDialogElement>('help-text').showModal(),
 };
@@ -313,6 +333,7 @@ hands.onKey = (code) => keys[code]?.();
 for (const button of document.querySelectorAll<HTMLElement>('[data-mode]')) button.addEventListener('click', () => setMode(button.dataset['mode'] as Mode));
 for (const button of document.querySelectorAll<HTMLElement>('[data-toggle]')) button.addEventListener('click', () => toggle(button.dataset['toggle']!));
 element('picture').addEventListener('click', () => keys['KeyP']!());
+element('gltf').addEventListener('click', () => keys['KeyG']!());
 element('link').addEventListener('click', () => keys['KeyL']!());
 element('help').addEventListener('click', () => keys['KeyH']!());
 element('place').addEventListener('click', () => void showWorlds());
