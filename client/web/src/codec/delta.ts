@@ -18,6 +18,25 @@ const IS_BEFORE = GROWS + 4, IS_BEHIND = IS_BEFORE + 12, IS_FRESH = IS_BEHIND + 
 const IS_WALK = IS_NONE + 3, IS_FORWARDS = IS_WALK + 1, SEED_IS_FRESH = IS_FORWARDS + 1;
 const FINER = SEED_IS_FRESH + 1, FINER_HEIGHT = FINER + 11, CONTEXTS = FINER_HEIGHT + 11;
 
+// Working memory is kept from one delta to the next: most deltas are small, and zeroed arrays would cost more than decoding. It grows
+// to what the largest leaf needs, and nothing in it is valid after the call. One thread.
+const kept: Uint32Array[] = [];
+const keptBytes: Uint8Array[] = [];
+function words(slot: number, count: number): Uint32Array {
+  let array = kept[slot];
+  if (!array || array.length < count) array = kept[slot] = new Uint32Array(Math.max(1024, 2 * count));
+  return array;
+}
+function bytes(slot: number, count: number): Uint8Array {
+  let array = keptBytes[slot];
+  if (!array || array.length < count) array = keptBytes[slot] = new Uint8Array(Math.max(1024, 2 * count));
+  return array;
+}
+function signed(slot: number, count: number): Int32Array {
+  const array = words(slot, count);
+  return new Int32Array(array.buffer, 0, array.length);
+}
+
 export interface DeltaHead {
   removed: number;
   added: number;
@@ -40,6 +59,7 @@ export function readHead(payload: Uint8Array, baseTriangles: number): DeltaHead 
 }
 
 class Walk {
+  readonly triangleCount: number; // of the base
   readonly fates: Uint8Array; // of the base's triangles
   readonly added: Uint32Array; // triangles that came
   readonly vertices: Int32Array; // the base's, then those that came
@@ -73,35 +93,38 @@ class Walk {
     private readonly head: DeltaHead,
   ) {
     const triangles = base.triangles.length / 3;
+    this.triangleCount = triangles;
     this.level = base.address.level;
     this.effort = 256 * (triangles + head.added) + 65536;
     this.vertexCount = base.vertices.length / 3;
     const most = this.vertexCount + head.fresh;
-    this.vertices = new Int32Array(3 * most);
+    this.vertices = signed(0, 3 * most);
     this.vertices.set(base.vertices);
     this.added = new Uint32Array(3 * head.added);
-    this.fates = new Uint8Array(triangles);
+    this.fates = bytes(0, triangles).fill(UNDECIDED, 0, triangles);
     this.gone = new Uint32Array(head.removed);
-    this.start = new Uint32Array(this.vertexCount + 1);
-    for (const v of base.triangles) ++this.start[v + 1]!;
-    for (let v = 0; v < this.vertexCount; ++v) this.start[v + 1]! += this.start[v]!;
-    this.around = new Uint32Array(base.triangles.length);
-    const at = this.start.slice();
-    for (let k = 0; k < base.triangles.length; ++k) this.around[at[base.triangles[k]!]!++] = (k / 3) | 0;
+    const corners = base.triangles, start = words(1, this.vertexCount + 2).fill(0, 0, this.vertexCount + 2), around = words(2, corners.length);
+    // A counting sort; start[v] ends one place too far to the right until all are placed.
+    for (let k = 0; k < corners.length; ++k) ++start[corners[k]! + 2]!;
+    for (let v = 0; v < this.vertexCount; ++v) start[v + 2]! += start[v + 1]!;
+    for (let t = 0, k = 0; k < corners.length; ++t)
+      for (const end = k + 3; k < end; ++k) around[start[corners[k]! + 1]!++] = t;
+    this.start = start;
+    this.around = around;
     // Each triangle that goes opens at most three edges, each that comes two more, a seed three.
     const edges = 3 * (head.removed + head.added);
-    this.edgeA = new Uint32Array(edges);
-    this.edgeB = new Uint32Array(edges);
-    this.edgeThird = new Uint32Array(edges);
-    this.edgeKind = new Uint8Array(edges);
-    this.edgeOpen = new Uint8Array(edges);
-    this.nextOut = new Uint32Array(edges);
-    this.previousOut = new Uint32Array(edges);
-    this.nextIn = new Uint32Array(edges);
-    this.previousIn = new Uint32Array(edges);
-    this.out = new Uint32Array(most).fill(NOBODY);
-    this.into = new Uint32Array(most).fill(NOBODY);
-    this.filled = new Uint32Array(most).fill(NOBODY);
+    this.edgeA = words(3, edges);
+    this.edgeB = words(4, edges);
+    this.edgeThird = words(5, edges);
+    this.edgeKind = bytes(1, edges);
+    this.edgeOpen = bytes(2, edges);
+    this.nextOut = words(6, edges);
+    this.previousOut = words(7, edges);
+    this.nextIn = words(8, edges);
+    this.previousIn = words(9, edges);
+    this.out = words(10, most).fill(NOBODY, 0, most);
+    this.into = words(11, most).fill(NOBODY, 0, most);
+    this.filled = words(12, most).fill(NOBODY, 0, most);
   }
 
   run(): void {
@@ -160,13 +183,13 @@ class Walk {
     let cursor = 0;
     while (this.goneCount < gone.length) {
       let gap = this.number(GAP);
-      for (; cursor < fates.length; ++cursor) {
+      for (; cursor < this.triangleCount; ++cursor) {
         if (fates[cursor] !== UNDECIDED) continue;
         if (gap === 0) break;
         --gap;
         fates[cursor] = STAYS;
       }
-      if (cursor >= fates.length) throw new Refusal('its delta does not fit the leaf that is held');
+      if (cursor >= this.triangleCount) throw new Refusal('its delta does not fit the leaf that is held');
       const first = this.goneCount;
       fates[cursor] = GOES;
       gone[this.goneCount++] = cursor;
@@ -375,14 +398,14 @@ class Walk {
 
 /** What stays and what came, in canonical order: both are merged, since what stays is in order already. */
 function assemble(base: LeafMesh, walk: Walk): LeafMesh {
-  const { vertices, fates, added } = walk;
+  const { vertices, fates, added, triangleCount } = walk, corners = base.triangles;
   const old = base.vertices.length / 3, count = walk.vertexCount;
-  const used = new Uint8Array(count);
+  const used = bytes(3, count).fill(0, 0, count);
   let kept = 0;
-  for (let t = 0; t < fates.length; ++t) {
+  for (let t = 0; t < triangleCount; ++t) {
     if (fates[t] === GOES) continue;
     ++kept;
-    for (let c = 0; c < 3; ++c) used[base.triangles[3 * t + c]!] = 1;
+    used[corners[3 * t]!] = used[corners[3 * t + 1]!] = used[corners[3 * t + 2]!] = 1;
   }
   for (const v of added) used[v] = 1;
   const fresh = new Uint32Array(count - old);
@@ -393,50 +416,40 @@ function assemble(base: LeafMesh, walk: Walk): LeafMesh {
   const compare = (a: number, b: number): number => vertices[3 * a]! - vertices[3 * b]! || vertices[3 * a + 1]! - vertices[3 * b + 1]!;
   fresh.sort(compare);
 
-  const place = new Uint32Array(count);
-  const to = new Int32Array(3 * count);
-  let n = 0;
-  const put = (v: number): void => {
-    place[v] = n;
-    to[3 * n] = vertices[3 * v]!;
-    to[3 * n + 1] = vertices[3 * v + 1]!;
-    to[3 * n + 2] = vertices[3 * v + 2]!;
-    if (n > 0 && to[3 * n] === to[3 * n - 3] && to[3 * n + 1] === to[3 * n - 2]) throw new Refusal('two vertices share a place');
-    ++n;
-  };
-  let next = 0;
-  for (let v = 0; v < old; ++v) {
-    if (!used[v]) continue;
-    while (next < fresh.length && compare(fresh[next]!, v) < 0) put(fresh[next++]!);
-    put(v);
+  // Old and new vertices; next: the new one that is waited with, as far behind as it belongs.
+  const place = words(13, count);
+  let total = fresh.length;
+  for (let v = 0; v < old; ++v) total += used[v]!;
+  const to = new Int32Array(3 * total);
+  let n = 0, next = 0;
+  for (let v = 0; v <= old; ++v) {
+    if (v < old && !used[v]) continue;
+    while (next < fresh.length && (v === old || compare(fresh[next]!, v) < 0)) {
+      const f = fresh[next++]!;
+      place[f] = n / 3;
+      to[n++] = vertices[3 * f]!, to[n++] = vertices[3 * f + 1]!, to[n++] = vertices[3 * f + 2]!;
+    }
+    if (v === old) break;
+    place[v] = n / 3;
+    to[n++] = vertices[3 * v]!, to[n++] = vertices[3 * v + 1]!, to[n++] = vertices[3 * v + 2]!;
   }
-  while (next < fresh.length) put(fresh[next++]!);
+  for (let k = 3; k < n; k += 3) if (to[k] === to[k - 3] && to[k + 1] === to[k - 2]) throw new Refusal('two vertices share a place');
 
   const came = new Uint32Array(added.length);
   for (let k = 0; k < added.length; k += 3) putRotated(came, k, place[added[k]!]!, place[added[k + 1]!]!, place[added[k + 2]!]!);
-  const comes = cameInOrder(came, n);
+  const comes = cameInOrder(came, total);
   const triangles = new Uint32Array(3 * kept + added.length);
   let at = 0, c = 0;
-  const take = (from: Uint32Array, k: number): void => {
-    triangles[at++] = from[k]!;
-    triangles[at++] = from[k + 1]!;
-    triangles[at++] = from[k + 2]!;
-  };
-  const here = new Uint32Array(3);
-  for (let t = 0; t < fates.length; ++t) {
+  for (let t = 0, k = 0; t < triangleCount; ++t, k += 3) {
     if (fates[t] === GOES) continue;
-    for (let k = 0; k < 3; ++k) here[k] = place[base.triangles[3 * t + k]!]!;
-    while (c < comes.length && (comes[c]! - here[0]! || comes[c + 1]! - here[1]! || comes[c + 2]! - here[2]!) < 0) {
-      take(comes, c);
-      c += 3;
+    const p = place[corners[k]!]!, q = place[corners[k + 1]!]!, r = place[corners[k + 2]!]!;
+    while (c < comes.length && (comes[c]! - p || comes[c + 1]! - q || comes[c + 2]! - r) < 0) {
+      triangles[at++] = comes[c++]!, triangles[at++] = comes[c++]!, triangles[at++] = comes[c++]!;
     }
-    take(here, 0);
+    triangles[at++] = p, triangles[at++] = q, triangles[at++] = r;
   }
-  while (c < comes.length) {
-    take(comes, c);
-    c += 3;
-  }
-  return { address: base.address, vertices: to.slice(0, 3 * n), triangles };
+  while (c < comes.length) triangles[at++] = comes[c++]!;
+  return { address: base.address, vertices: to, triangles };
 }
 
 // A few triangles do not deserve counting sorts over all vertices.
@@ -466,7 +479,7 @@ export function decodeDelta(payload: Uint8Array, base: LeafMesh, baseHash: bigin
 
   // The hash follows the difference: only what goes and what comes is hashed.
   const sum = Sum.of(baseHash);
-  const hashes = new Int32Array(2 * walk.vertexCount), known = new Uint8Array(walk.vertexCount);
+  const hashes = signed(14, 2 * walk.vertexCount), known = bytes(4, walk.vertexCount).fill(0, 0, walk.vertexCount);
   const x0 = cornerX(base.address), z0 = cornerZ(base.address), v = walk.vertices;
   const hash = (k: number): void => {
     if (known[k]) return;
@@ -483,7 +496,7 @@ export function decodeDelta(payload: Uint8Array, base: LeafMesh, baseHash: bigin
     else hashTriangle(hashes, a, b, c);
   };
   const t = base.triangles;
-  for (let k = 0; k < walk.fates.length; ++k) {
+  for (let k = 0; k < walk.triangleCount; ++k) {
     if (walk.fates[k] !== GOES) continue;
     hashOf(t[3 * k]!, t[3 * k + 1]!, t[3 * k + 2]!);
     sum.subtract(out[0]!, out[1]!);
