@@ -55,6 +55,10 @@ Json describe(const camera::Camera& c, const terrain::Terrain& terrain) {
           {"height", c.projection.height}};
 }
 
+const char* unitOf(wire::Metric metric) {
+  return metric == wire::Metric::kThesis ? "thesis" : metric == wire::Metric::kArea ? "area" : "pixels";
+}
+
 Json parametersOf(const terrain::Terrain& terrain) {
   Json out = Json::object();
   if (const auto declaration = user_terrain::readDeclaration(terrain.name(), terrain.source()))
@@ -104,10 +108,7 @@ Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const
   out.extras = {{"of", "camera"},
                 {"camera", {{"id", of.id}, {"iteration", held.iteration}, {"meshHash", hexadecimal(held.meshHash)}}},
                 {"pose", describe(held.camera, *session.terrain())},
-                {"error",
-                 {{"unit", held.settings.metric == wire::Metric::kThesis ? "thesis" : "pixels"},
-                  {"asked", held.settings.threshold},
-                  {"kept", held.effectiveThreshold}}}};
+                {"error", {{"unit", unitOf(held.settings.metric)}, {"asked", held.settings.threshold}, {"kept", held.effectiveThreshold}}}};
   return out;
 }
 

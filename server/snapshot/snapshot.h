@@ -8,7 +8,7 @@
 //   pose          x, z, y (metres, absolute), altitude, yaw, pitch, fov (degrees, as in path files), width, height; of camera and pose
 //   camera        id, iteration, meshHash (as acknowledged by its client); of a live camera
 //   box           x0, z0, x1, z1 (metres: what is covered, at most a quarter of the error wider than asked for)
-//   error         unit ("pixels" or "metres"), asked, kept; of a box also samples: kept is the largest error found on so many points
+//   error         unit ("metres" of a box, else the metric: "pixels", "area" or "thesis"), asked, kept; of a box also samples: kept is the largest error found on so many points
 //   leaves, triangles, vertices (of all leaves, shared ones each time), cellX, cellZ, latticeStep
 
 #include <memory>

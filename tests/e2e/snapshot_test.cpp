@@ -12,10 +12,13 @@
 #include <iostream>
 #include <memory>
 #include <random>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "client/evaluation/ssim.h"
+#include "client/render/picture.h"
 #include "tests/support/flier.h"
 #include "tests/support/glb_file.h"
 #include "tests/support/process.h"
@@ -163,6 +166,36 @@ TEST_F(Snapshot, OtherProgramsFindNoFault) {
   command.insert(command.end(), all.begin(), all.end());
   const Finished validated = runProgram(command);
   EXPECT_EQ(validated.code, 0) << validated.output;
+}
+
+// What a viewer makes of a plain and of a compressed file looks the same, through the file's own camera.
+TEST_F(Snapshot, ThreeJsDrawsBothAlike) {
+  const char* chromium = std::getenv("CHROMIUM");
+  if (!chromium) chromium = "/usr/bin/chromium";
+  if (!std::getenv("RIDGECAST_NODE_TOOLS") || !programExists("node") || !std::filesystem::exists(chromium))
+    GTEST_SKIP() << "no Chromium at " << chromium
+                 << ", or no node, or RIDGECAST_NODE_TOOLS names no folder with three.js: nothing was drawn";
+  ScratchFolder folder;
+  std::vector<std::string> command{"node", RIDGECAST_TOOLS "/screenshot-gltf.mjs"};
+  std::size_t bytes[2][2];
+  for (int k = 0; k < 2; ++k)
+    for (int draco = 0; draco < 2; ++draco) {
+      const Response r = ask(glb(std::string(k ? kBox : kPose) + (draco ? "&compression=draco" : "")));
+      ASSERT_THAT(r.head, StartsWith("HTTP/1.1 200")) << r.body;
+      bytes[k][draco] = r.body.size();
+      command.push_back(folder / (std::to_string(k) + std::to_string(draco) + ".glb"));
+      std::ofstream(command.back(), std::ios::binary) << r.body;
+    }
+  const Finished drawn = runProgram(command);
+  ASSERT_EQ(drawn.code, 0) << drawn.output;
+  for (std::size_t k = 0; k < 2; ++k) {
+    const auto plain = render::readPng(command[2 + 2 * k] + ".png"), draco = render::readPng(command[3 + 2 * k] + ".png");
+    ASSERT_TRUE(plain && draco);
+    const std::set<std::uint8_t> shades(plain->rgb.begin(), plain->rgb.end());
+    EXPECT_GT(shades.size(), 60u);  // something is there
+    EXPECT_GE(evaluation::similarity(*draco, *plain).mean, 0.99);
+  }
+  EXPECT_LE(bytes[1][1], bytes[1][0] / 4);
 }
 
 // Two hundred questions that deserve no answer, while somebody flies.
