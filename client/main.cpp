@@ -9,6 +9,7 @@
 #include <string>
 
 #include "client/connection/connection.h"
+#include "client/evaluation/evaluate.h"
 #include "client/evaluation/fly.h"
 #include "client/snapshot/snapshot.h"
 #include "client/viewer/viewer.h"
@@ -51,7 +52,8 @@ void addServerOptions(CLI::App& command, Server& server) {
   command.add_option("--budget", server.settings.triangleBudget, "most triangles; 0: the server's default")->type_name("TRIANGLES");
   command.add_option("--ca", server.ca, "trust servers by these authorities (PEM) instead of the system's")->type_name("FILE");
   command.add_option("--token-file", server.tokenFile, "show the token in this file")->type_name("FILE");
-  command.add_flag("--no-remote-shaders", server.noRemoteShaders, "never compile GLSL that the server sent: terrains that this client does not have are drawn neutrally");
+  command.add_flag("--no-remote-shaders", server.noRemoteShaders,
+                   "never compile GLSL that the server sent: terrains that this client does not have are drawn neutrally");
 }
 
 // "1280x720" -> width and height; an error message, empty when it is right.
@@ -145,6 +147,19 @@ int main(int argc, char** argv) {
   flyCommand->add_flag("--realtime", fly.realtime, "fly by the clock instead of in lock-step");
   flyCommand->add_option("--seconds", fly.seconds, "fly only so much of the path")->check(within(0.0, 86400.0));
 
+  flyCommand->add_flag("--popping", fly.measurePopping,
+                       "measure how much pictures jump while the mesh refines at the end of the path, with and without morphing");
+
+  ridgecast::evaluation::EvaluateOptions evaluate;
+  CLI::App* evaluateCommand =
+      app.add_subcommand("evaluate", "Fly over all terrains with servers of its own: tables, plots and one HTML report");
+  evaluateCommand->add_option("--out", evaluate.out, "folder for it all; flights that are there already are not repeated")
+      ->required()
+      ->type_name("DIR");
+  evaluateCommand->add_flag("--quick", evaluate.quick, "small pictures and short flights: minutes on a software driver");
+  evaluateCommand->add_option("--server", evaluate.server, "the server's program; left out: ridgecast-server beside this one")
+      ->type_name("FILE");
+
   ridgecast::snapshot::SnapshotOptions shot;
   CLI::App* snapshotCommand = app.add_subcommand("snapshot", "A glTF file of a pose, a live camera or a box, made by the server");
   addSnapshotOptions(*snapshotCommand, server, shot, size);
@@ -155,15 +170,17 @@ int main(int argc, char** argv) {
     return app.exit(e) == 0 ? 0 : ridgecast::evaluation::kBadInput;
   }
 
+  if (evaluateCommand->parsed()) return ridgecast::evaluation::evaluate(evaluate);
   const bool flies = flyCommand->parsed(), shoots = snapshotCommand->parsed();
-  if (!flies && !shoots && !viewCommand->parsed()) return wrongArguments("say what to do: view, fly or snapshot; --help tells more");
+  if (!flies && !shoots && !viewCommand->parsed()) return wrongArguments("say what to do: view, fly, snapshot or evaluate; --help tells more");
 
   auto url = ridgecast::connection::parseUrl(server.url);
   if (!url) return wrongArguments(url.error().message);
   url->ca = server.ca;
   if (!server.tokenFile.empty()) {
     std::ifstream in(server.tokenFile);
-    if (!(in >> url->token) || url->token.size() > 4096 || !std::all_of(url->token.begin(), url->token.end(), [](char c) { return c > ' ' && c < 0x7f; }))
+    if (!(in >> url->token) || url->token.size() > 4096 ||
+        !std::all_of(url->token.begin(), url->token.end(), [](char c) { return c > ' ' && c < 0x7f; }))
       return wrongArguments("--token-file: '" + server.tokenFile + "' holds no token, as 'ridgecast-server token' prints one");
   }
   if (server.metric != "default") server.settings.metric = server.metric == "pixels" ? wire::Metric::kPixels : server.metric == "area" ? wire::Metric::kArea : wire::Metric::kThesis;

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "client/evaluation/gltf_export.h"
+#include "client/evaluation/popping.h"
 #include "client/evaluation/recorder.h"
 #include "client/render/context.h"
 #include "client/render/height_texture.h"
@@ -210,8 +211,12 @@ class Flight {
 
   Outcome<void> restInLockStep() {
     const auto began = Clock::now();
-    while (!settled_ && secondsSince(began) < options_.settleLimit)
+    constexpr std::size_t kMostStates = 40;
+    if (options_.measurePopping) states_.push_back(scene_.leaves());
+    while (!settled_ && secondsSince(began) < options_.settleLimit) {
       if (auto stepped = lockStep(t_); !stepped) return stepped.error();
+      if (options_.measurePopping && states_.size() < kMostStates) states_.push_back(scene_.leaves());
+    }
     totals_.settled = settled_;
     return {};
   }
@@ -306,6 +311,17 @@ class Flight {
     if (!options_.exportFile.empty() && !exported_)
       if (auto written = exportMesh(); !written) return written.error();
     if (auto drawn = takePicture("settled", true); !drawn) return drawn.error();
+    if (!states_.empty()) {
+      std::fprintf(stderr, "drawing %zu iterations at 60 frames a second, with and without morphing\n", states_.size());
+      render::View small = view();
+      small.camera.projection.width = std::min(small.camera.projection.width, 320u);
+      small.camera.projection.height = std::min(small.camera.projection.height, 180u);
+      auto popping = measurePopping(renderer_, small, states_);
+      if (!popping) return popping.error();
+      std::fprintf(stderr, "popping: 1 - SSIM from frame to frame at most %.4f with morphing, %.4f without\n", popping->worstOn,
+                   popping->worstOff);
+      totals_.popping = std::move(*popping);
+    }
     totals_.bytesReceived = connection_->bytesReceived();
     totals_.pacing = options_.realtime ? "realtime" : "lockstep";
     totals_.path = options_.path.filename().string();
@@ -325,6 +341,7 @@ class Flight {
   scene::Scene scene_;
   camera::Camera camera_;
 
+  std::vector<render::Morph::Leaves> states_;  // of the standing camera, when popping is measured
   double t_ = 0, duration_, pictureEvery_, nextPicture_;
   bool exportDue_, exported_ = false, settled_ = false;
   std::uint64_t sequence_ = 0, settledPose_ = 0, pictures_ = 0;

@@ -22,8 +22,9 @@ struct FlyOptions {
   std::filesystem::path exportFile;          // empty: no export
   std::optional<double> exportAt;            // seconds of path time; nothing: at the end, once settled
   double settleLimit = 120;                  // seconds of wall time to wait at the end until nothing is refined any more
-  bool remoteShaders = true;                     // draw with a terrain's GLSL that the server sent; else neutrally, see drawingOf
+  bool remoteShaders = true;                 // draw with a terrain's GLSL that the server sent; else neutrally, see drawingOf
   bool realtime = false;                     // by the clock instead of in lock-step
+  bool measurePopping = false;               // lock-step: from frame to frame while the mesh refines at the end of the path (popping.h)
   std::optional<double> seconds;             // fly only the beginning of the path
 };
 

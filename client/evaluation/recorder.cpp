@@ -123,6 +123,11 @@ Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scen
   summary["width"] = view.camera.projection.width;
   summary["height"] = view.camera.projection.height;
   summary["samples"] = samples * samples;
+  if (totals.popping) {
+    summary["popping_off"] = totals.popping->worstOff;
+    summary["popping_on"] = totals.popping->worstOn;
+    summary["popping_frames"] = {{"off", totals.popping->off}, {"on", totals.popping->on}};
+  }
   summary["pacing"] = totals.pacing;
   summary["path"] = totals.path;
   summary["terrain"] = world.terrainName;

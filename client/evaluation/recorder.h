@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "client/evaluation/popping.h"
 #include "client/evaluation/ssim.h"
 #include "client/render/renderer.h"
 #include "client/scene/scene.h"
@@ -31,6 +32,7 @@ struct Totals {
   bool settled = false;
   double settleSeconds = 0;
   std::string pacing, path, renderer;
+  std::optional<Popping> popping;
 };
 
 class Recorder {

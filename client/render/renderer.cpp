@@ -36,23 +36,29 @@ HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre
   return {low - kMargin, high + kMargin};
 }
 
-Renderer::Renderer(MeshPass mesh, MarchPass march, ShadePass shade)
-    : mesh_(std::move(mesh)), march_(std::move(march)), shade_(std::move(shade)) {}
+Renderer::Renderer(MeshPass mesh, MeshPass before, MorphPass morph, MarchPass march, ShadePass shade)
+    : mesh_(std::move(mesh)), before_(std::move(before)), morph_(std::move(morph)), march_(std::move(march)), shade_(std::move(shade)) {}
 
 Outcome<Renderer> Renderer::create(const TerrainText& terrain) {
   auto mesh = MeshPass::create(terrain.shaded);
   if (!mesh) return mesh.error();
+  auto before = MeshPass::create(terrain.shaded);
+  if (!before) return before.error();
+  auto morph = MorphPass::create();
+  if (!morph) return morph.error();
   auto march = MarchPass::create(terrain);
   if (!march) return march.error();
   auto shade = ShadePass::create(terrain);
   if (!shade) return shade.error();
-  return Renderer(std::move(*mesh), std::move(*march), std::move(*shade));
+  return Renderer(std::move(*mesh), std::move(*before), std::move(*morph), std::move(*march), std::move(*shade));
 }
 
 Outcome<void> Renderer::fit(const View& view) {
   const std::uint32_t width = view.camera.projection.width, height = view.camera.projection.height;
   if (canvas_ && canvas_->width() == width && canvas_->height() == height) return {};
   surface_.reset();
+  first_.reset();
+  second_.reset();
   canvas_.reset();
   auto surface = Surface::create(width, height, mesh_.shaded());
   if (!surface) return surface.error();
@@ -82,6 +88,27 @@ Outcome<Renderer::Drawn> Renderer::drawMesh(const std::map<lattice::LeafAddress,
   glFinish();
   const auto began = std::chrono::steady_clock::now();
   mesh_.draw(fine, *surface_);
+  return finish(fine, samples, began);
+}
+
+Outcome<Renderer::Drawn> Renderer::drawMorph(const std::map<lattice::LeafAddress, scene::HeldLeaf>& from,
+                                             const std::map<lattice::LeafAddress, scene::HeldLeaf>& to, float share, const View& view,
+                                             std::uint32_t samples) {
+  const View fine = supersampled(view, samples);
+  if (auto fits = fit(fine); !fits) return fits.error();
+  for (std::optional<Surface>* surface : {&first_, &second_}) {
+    if (*surface) continue;
+    auto made = Surface::create(surface_->width(), surface_->height(), mesh_.shaded());
+    if (!made) return made.error();
+    surface->emplace(std::move(*made));
+  }
+  before_.update(from);
+  mesh_.update(to);
+  glFinish();
+  const auto began = std::chrono::steady_clock::now();
+  before_.draw(fine, *first_);
+  mesh_.draw(fine, *second_);
+  morph_.blend(*first_, *second_, share, *surface_);
   return finish(fine, samples, began);
 }
 

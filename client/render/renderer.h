@@ -7,6 +7,7 @@
 
 #include "client/render/march_pass.h"
 #include "client/render/mesh_pass.h"
+#include "client/render/morph_pass.h"
 #include "client/render/picture.h"
 #include "client/render/shade_pass.h"
 #include "client/scene/scene.h"
@@ -33,17 +34,22 @@ class Renderer {
   // The view is that of the picture; n x n samples a pixel, averaged as display values. Error: a picture larger than the driver draws.
   Outcome<Drawn> drawMesh(const scene::Scene& scene, const View& view, std::uint32_t samples = 1);
   Outcome<Drawn> drawMesh(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view, std::uint32_t samples = 1);
+  // What is between two meshes (morph_pass.h).
+  Outcome<Drawn> drawMorph(const std::map<lattice::LeafAddress, scene::HeldLeaf>& from,
+                           const std::map<lattice::LeafAddress, scene::HeldLeaf>& to, float share, const View& view,
+                           std::uint32_t samples = 1);
   Outcome<Drawn> drawMarch(const View& view, std::uint32_t samples = 1, float fineness = 1);
 
  private:
-  Renderer(MeshPass mesh, MarchPass march, ShadePass shade);
+  Renderer(MeshPass mesh, MeshPass before, MorphPass morph, MarchPass march, ShadePass shade);
   Outcome<void> fit(const View& view);
   Drawn finish(const View& view, std::uint32_t samples, std::chrono::steady_clock::time_point began);
 
-  MeshPass mesh_;
+  MeshPass mesh_, before_;
+  MorphPass morph_;
   MarchPass march_;
   ShadePass shade_;
-  std::optional<Surface> surface_;
+  std::optional<Surface> surface_, first_, second_;  // the last two for morphs
   std::optional<Canvas> canvas_;
 };
 

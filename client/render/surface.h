@@ -31,6 +31,7 @@ class Canvas {
   static Outcome<Canvas> create(std::uint32_t width, std::uint32_t height);
   std::uint32_t width() const { return width_; }
   std::uint32_t height() const { return height_; }
+  std::uint32_t texture() const { return colours_.name(); }
   std::uint32_t framebuffer() const { return framebuffer_.name(); }
 
  private:

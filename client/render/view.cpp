@@ -59,6 +59,8 @@ View supersampled(const View& view, std::uint32_t n) {
   return out;
 }
 
+std::string_view fullScreenVertex() { return kFullScreenVertex; }
+
 std::string_view viewFunctions() { return kViewFunctions; }
 
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main) {

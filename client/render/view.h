@@ -44,6 +44,9 @@ Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& t
 // and the uniforms viewForward, viewCameraY (metres), viewHorizon, viewSeed.
 std::string_view viewFunctions();
 
+// The vertex shader of such programs: one triangle that covers the picture, drawn without any buffer.
+std::string_view fullScreenVertex();
+
 // Sets those uniforms; the program must be in use.
 void setView(const Program& program, const View& view, std::uint32_t seed);
 

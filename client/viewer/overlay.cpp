@@ -25,6 +25,7 @@ void drawDivider(const Shown& shown) {
     list->AddLine(ImVec2(x, 0), ImVec2(x, size.y), IM_COL32(255, 255, 255, 220), 2);
     list->AddCircleFilled(ImVec2(x, size.y / 2), 7, IM_COL32(255, 255, 255, 220));
   }
+  if (shown.mode == Mode::kDifference) return label(list, x, "difference of mesh and ray march", false);
   if (shown.mode != Mode::kMarch) label(list, x, "mesh", true);
   if (shown.mode != Mode::kMesh) label(list, x, "ray march", false);
 }
@@ -44,6 +45,8 @@ void drawFigures(const Shown& s) {
                 s.latencyMs, s.settled ? ", settled" : "");
     ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
     ImGui::Text("x %.1f  y %.1f  z %.1f m, %.0f m above ground", s.x, s.y, s.z, s.aboveGround);
+    if (!s.smooth) ImGui::TextUnformatted("morphing is off (M)");
+    if (s.recording) ImGui::Text("recording, %llu keyframes (R ends it)", static_cast<unsigned long long>(s.keyframes));
     if (s.knownReach > 0) ImGui::Text("height map held for %.1f km around", s.knownReach / 1000);
     ImGui::Text("%.0f m/s   F1 help", s.speed);
   }
@@ -61,6 +64,10 @@ void drawHelp(const Shown& s) {
         "Shift        five times as fast\n"
         "mouse wheel  speed\n"
         "1 / 2 / 3    mesh / ray march / both\n"
+        "4            their difference as a heat map\n"
+        "M            changes of the mesh: smooth or at once\n"
+        "R            record a camera path, and end it\n"
+        "F12          screenshot\n"
         "<- / ->      move the divider (or drag it)\n"
         "F1 help      F3 figures");
     ImGui::TextUnformatted(s.mouseFree ? "click        look around with the mouse\nEsc          quit"

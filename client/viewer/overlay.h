@@ -8,7 +8,7 @@ struct GLFWwindow;
 
 namespace ridgecast::viewer {
 
-enum class Mode { kMesh, kMarch, kSplit };
+enum class Mode { kMesh, kMarch, kSplit, kDifference };
 
 struct Shown {
   Mode mode = Mode::kSplit;
@@ -22,6 +22,8 @@ struct Shown {
   std::uint64_t triangles = 0, leaves = 0, iteration = 0, bytes = 0;
   double iterationsPerSecond = 0, latencyMs = 0;
   double knownReach = 0;  // metres; of a height map: so far it is known here; 0: all is
+  bool smooth = true, recording = false;
+  std::size_t keyframes = 0;  // recorded
   bool settled = false, hashOk = true;
   double x = 0, z = 0, y = 0, aboveGround = 0, speed = 0;
 };

@@ -49,22 +49,48 @@ Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::ui
 
 }  // namespace
 
+Outcome<void> MeshPane::fitBefore() {
+  for (auto* surface : {&first_, &second_}) {
+    if (*surface && (*surface)->width() == layer_->surface.width() && (*surface)->height() == layer_->surface.height()) continue;
+    surface->reset();
+    auto made = render::Surface::create(layer_->surface.width(), layer_->surface.height(), pass_.shaded());
+    if (!made) return made.error();
+    surface->emplace(std::move(*made));
+  }
+  return {};
+}
+
 Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving) {
+  const double now = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const bool wasActive = morph_.active();
+  morph_.advance(scene.leaves(), sceneVersion, now, smooth_);
   const bool sceneChanged = sceneVersion != sceneVersion_;
+  sceneVersion_ = sceneVersion;
   if (sceneChanged) sceneChanged_ = Clock::now();
-  const bool refining = Clock::now() - sceneChanged_ < kRest;
+  const bool morphing = morph_.active() || wasActive || morph_.version() != shownVersion_;
+  const bool refining = morphing || Clock::now() - sceneChanged_ < kRest;
   const std::uint32_t coarseness = moving     ? fitting(view, perSample_, kMeshBudget)
                                    : refining ? fitting(view, perSample_, kRefiningBudget)
                                               : 1;
   const render::View samples = coarser(view, coarseness);
   const bool fits = layer_ && layer_->coarseness == coarseness && layer_->canvas.width() == samples.camera.projection.width &&
                     layer_->canvas.height() == samples.camera.projection.height;
-  if (fits && !moving && !sceneChanged) return refining && coarseness > 1;
+  if (fits && !moving && !morphing) return refining && coarseness > 1;
   if (auto fitted = fit(layer_, samples, coarseness, pass_.shaded()); !fitted) return fitted.error();
-  if (sceneChanged) pass_.update(scene);
-  sceneVersion_ = sceneVersion;
+  if (morph_.version() != shownVersion_) {
+    before_.update(morph_.from());
+    pass_.update(morph_.to());
+    shownVersion_ = morph_.version();
+  }
   const auto began = Clock::now();
-  pass_.draw(samples, layer_->surface);
+  if (morph_.active()) {
+    if (auto fitted = fitBefore(); !fitted) return fitted.error();
+    before_.draw(samples, *first_);
+    pass_.draw(samples, *second_);
+    blend_.blend(*first_, *second_, morph_.share(now), layer_->surface);
+  } else {
+    pass_.draw(samples, layer_->surface);
+  }
   shade_->shade(samples, layer_->surface, layer_->canvas);
   glFinish();
   milliseconds_ = millisecondsSince(began);

@@ -9,6 +9,8 @@
 
 #include "client/render/march_pass.h"
 #include "client/render/mesh_pass.h"
+#include "client/render/morph.h"
+#include "client/render/morph_pass.h"
 #include "client/render/shade_pass.h"
 #include "client/render/surface.h"
 
@@ -26,18 +28,26 @@ struct Layer {
 
 class MeshPane {
  public:
-  MeshPane(render::MeshPass pass, const render::ShadePass& shade) : pass_(std::move(pass)), shade_(&shade) {}
+  MeshPane(render::MeshPass pass, render::MeshPass before, render::MorphPass morph, const render::ShadePass& shade)
+      : pass_(std::move(pass)), before_(std::move(before)), blend_(std::move(morph)), shade_(&shade) {}
   // Whether it drew or will soon go finer. `sceneVersion` tells scenes apart. Error: the window is larger than the driver draws.
   Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
+  // Changes of the mesh are shown over a fraction of a second (render/morph.h), or at once.
+  void setSmooth(bool smooth) { smooth_ = smooth; }
   const render::Canvas* canvas() const { return layer_ ? &layer_->canvas : nullptr; }
   double milliseconds() const { return milliseconds_; }
   bool isFinest() const { return layer_ && layer_->coarseness == 1; }
 
  private:
-  render::MeshPass pass_;
+  Outcome<void> fitBefore();
+  render::MeshPass pass_, before_;
+  render::MorphPass blend_;
+  render::Morph morph_;
+  bool smooth_ = true;
   const render::ShadePass* shade_;
   std::optional<Layer> layer_;
-  std::uint64_t sceneVersion_ = ~std::uint64_t{0};
+  std::optional<render::Surface> first_, second_;  // of the layer's size, while the mesh morphs
+  std::uint64_t sceneVersion_ = ~std::uint64_t{0}, shownVersion_ = ~std::uint64_t{0};
   std::chrono::steady_clock::time_point sceneChanged_{};
   double milliseconds_ = 0, perSample_ = 0;
 };

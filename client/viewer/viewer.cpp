@@ -19,6 +19,7 @@
 
 #include "client/connection/resuming.h"
 #include "client/render/context.h"
+#include "client/render/difference_pass.h"
 #include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
 #include "client/render/renderer.h"
@@ -27,6 +28,7 @@
 #include "client/viewer/controls.h"
 #include "client/viewer/overlay.h"
 #include "client/viewer/panes.h"
+#include "client/viewer/path_recorder.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -86,15 +88,17 @@ class Window {
 class Viewer {
  public:
   Viewer(const ViewOptions& options, GLFWwindow* window, std::unique_ptr<connection::Resuming> connection, render::Drawing drawing,
-         render::MeshPass mesh, render::MarchPass march, render::ShadePass shade)
+         render::MeshPass mesh, render::MeshPass before, render::MorphPass morph, render::MarchPass march, render::ShadePass shade,
+         render::DifferencePass difference)
       : options_(options),
         window_(window),
         connection_(std::move(connection)),
         terrain_(std::move(drawing.terrain)),
         heights_(std::move(drawing.window)),
         shade_(std::move(shade)),
-        mesh_(std::move(mesh), shade_),
+        mesh_(std::move(mesh), std::move(before), std::move(morph), shade_),
         march_(std::move(march), shade_),
+        difference_(std::move(difference)),
         controls_(startPose()) {
     glfwSetWindowUserPointer(window_, this);
     glfwSetKeyCallback(window_, [](GLFWwindow* w, int key, int, int action, int) { self(w).onKey(key, action); });
@@ -197,6 +201,18 @@ class Viewer {
       case GLFW_KEY_F1:
         shown_.help = !shown_.help;
         break;
+      case GLFW_KEY_4:
+        shown_.mode = Mode::kDifference;
+        break;
+      case GLFW_KEY_M:
+        mesh_.setSmooth(shown_.smooth = !shown_.smooth);
+        break;
+      case GLFW_KEY_R:
+        record();
+        break;
+      case GLFW_KEY_F12:
+        wantsScreenshot_ = true;
+        break;
       case GLFW_KEY_F3:
         shown_.figures = !shown_.figures;
         break;
@@ -209,6 +225,26 @@ class Viewer {
       default:
         break;
     }
+  }
+
+  // Names that are not taken: ridgecast-1.json, ridgecast-2.json, ...
+  static std::filesystem::path freeName(const std::string& ending) {
+    for (int k = 1;; ++k) {
+      std::filesystem::path file = "ridgecast-" + std::to_string(k) + ending;
+      std::error_code ignored;
+      if (!std::filesystem::exists(file, ignored)) return file;
+    }
+  }
+
+  void record() {
+    if (!recorder_) {
+      recorder_.emplace(connection_->world().terrainName, connection_->world().seed);
+      return;
+    }
+    const std::filesystem::path file = freeName(".json");
+    const auto written = recorder_->write(file);
+    std::fprintf(stderr, "%s\n", written ? ("the path flown is in " + file.string()).c_str() : written.error().message.c_str());
+    recorder_.reset();
   }
 
   double windowWidth() const {
@@ -362,6 +398,7 @@ class Viewer {
   }
 
   Outcome<void> draw(bool last) {
+    if (recorder_) recorder_->add(std::chrono::duration<double>(Clock::now().time_since_epoch()).count(), controls_.pose());
     const bool newHeights = exchangeHeights();
     const render::View view = currentView();
     const bool moving = newHeights || !drawnCamera_ || !sameView(*drawnCamera_, view.camera);
@@ -392,13 +429,18 @@ class Viewer {
                         : shown_.mode == Mode::kMesh ? width
                                                      : 0;
     const render::Rectangle whole{0, 0, width, height};
-    if (divider > 0 && mesh_.canvas()) render::present(*mesh_.canvas(), whole, {0, 0, divider, height});
-    if (divider < width && march_.canvas()) render::present(*march_.canvas(), whole, {divider, 0, width - divider, height});
+    if (shown_.mode == Mode::kDifference) {
+      if (mesh_.canvas() && march_.canvas()) difference_.present(*mesh_.canvas(), *march_.canvas(), width, height);
+    } else {
+      if (divider > 0 && mesh_.canvas()) render::present(*mesh_.canvas(), whole, {0, 0, divider, height});
+      if (divider < width && march_.canvas()) render::present(*march_.canvas(), whole, {divider, 0, width - divider, height});
+    }
     tellFigures();
     glBindFramebuffer(GL_FRAMEBUFFER, 0);
     glViewport(0, 0, width, height);
     overlay_->draw(shown_);
-    if (last && !options_.screenshot.empty()) screenshot(width, height);
+    if (last && !options_.screenshot.empty()) screenshot(width, height, options_.screenshot);
+    if (std::exchange(wantsScreenshot_, false)) screenshot(width, height, freeName(".png"));
     glfwSwapBuffers(window_);
     presentedAt_ = Clock::now();
     ++framesCounted_;
@@ -412,6 +454,8 @@ class Viewer {
       countedSince_ = Clock::now();
     }
     const camera::Pose& pose = controls_.pose();
+    shown_.recording = recorder_.has_value();
+    shown_.keyframes = recorder_ ? recorder_->keyframes() : 0;
     shown_.meshMs = mesh_.milliseconds();
     shown_.marchMs = march_.milliseconds();
     shown_.coarseness = march_.coarseness();
@@ -424,7 +468,7 @@ class Viewer {
     shown_.speed = controls_.speed();
   }
 
-  void screenshot(int width, int height) {
+  void screenshot(int width, int height, const std::filesystem::path& file) {
     render::Picture picture{static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height), {}, {}};
     const std::size_t row = static_cast<std::size_t>(width) * 3;
     picture.rgb.resize(row * static_cast<std::size_t>(height));
@@ -435,7 +479,7 @@ class Viewer {
       std::swap_ranges(picture.rgb.begin() + static_cast<std::ptrdiff_t>(y * row),
                        picture.rgb.begin() + static_cast<std::ptrdiff_t>((y + 1) * row),
                        picture.rgb.end() - static_cast<std::ptrdiff_t>((y + 1) * row));
-    if (auto written = render::writePng(picture, options_.screenshot); !written)
+    if (auto written = render::writePng(picture, file); !written)
       std::fprintf(stderr, "ridgecast-client: %s\n", written.error().message.c_str());
   }
 
@@ -450,7 +494,10 @@ class Viewer {
   render::ShadePass shade_;
   MeshPane mesh_;
   MarchPane march_;
+  render::DifferencePass difference_;
   Controls controls_;
+  std::optional<PathRecorder> recorder_;
+  bool wantsScreenshot_ = false;
   std::optional<Overlay> overlay_;
   Shown shown_;
   Input input_;
@@ -482,10 +529,16 @@ int view(const ViewOptions& options) {
   if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
   auto mesh = render::MeshPass::create(drawing.text.shaded);
   if (!mesh) return fail(3, mesh.error().message);
+  auto before = render::MeshPass::create(drawing.text.shaded);
+  if (!before) return fail(3, before.error().message);
+  auto morph = render::MorphPass::create();
+  if (!morph) return fail(3, morph.error().message);
   auto march = render::MarchPass::create(drawing.text);
   if (!march) return fail(3, march.error().message);
   auto shade = render::ShadePass::create(drawing.text);
   if (!shade) return fail(3, shade.error().message);
+  auto difference = render::DifferencePass::create();
+  if (!difference) return fail(3, difference.error().message);
   std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
   if (drawing.window) {  // the ground where the flight begins
     drawing.window->moveTo({std::llround(options.x * lattice::kStepsPerMetre), std::llround(options.z * lattice::kStepsPerMetre)});
@@ -494,8 +547,8 @@ int view(const ViewOptions& options) {
       std::this_thread::sleep_for(2ms);
     }
   }
-  Viewer viewer(options, (*window)->handle(), std::move(*connected), std::move(drawing), std::move(*mesh), std::move(*march),
-                std::move(*shade));
+  Viewer viewer(options, (*window)->handle(), std::move(*connected), std::move(drawing), std::move(*mesh), std::move(*before),
+                std::move(*morph), std::move(*march), std::move(*shade), std::move(*difference));
   viewing = &viewer;
   return viewer.run();
 }

@@ -1,0 +1,60 @@
+#include "client/render/difference_pass.h"
+
+#include <epoxy/gl.h>
+
+#include <array>
+
+#include "client/render/view.h"
+
+namespace ridgecast::render {
+namespace {
+
+constexpr std::string_view kDifference = R"(
+uniform sampler2D differenceA, differenceB;
+uniform vec2 differenceSize;
+layout(location = 0) out vec4 colour;
+void main() {
+  vec2 at = gl_FragCoord.xy / differenceSize;
+  vec3 a = texelFetch(differenceA, ivec2(at * vec2(textureSize(differenceA, 0))), 0).rgb;
+  vec3 b = texelFetch(differenceB, ivec2(at * vec2(textureSize(differenceB, 0))), 0).rgb;
+  float v = min(length(a - b) * (4.0 / 1.7320508), 1.0) * 4.0;
+  // Inferno (van der Walt and Smith), at five places.
+  vec3 ramp[5] = vec3[5](vec3(0.0, 0.0, 0.016), vec3(0.341, 0.062, 0.429), vec3(0.735, 0.216, 0.330), vec3(0.976, 0.557, 0.035), vec3(0.988, 0.998, 0.645));
+  int k = min(int(v), 3);
+  colour = vec4(mix(ramp[k], ramp[k + 1], v - float(k)), 1.0);
+}
+)";
+
+}  // namespace
+
+DifferencePass::DifferencePass(Program program) : program_(std::move(program)), vertexArray_(makeVertexArray()) {}
+
+Outcome<DifferencePass> DifferencePass::create() {
+  const std::array<Program::Piece, 1> pieces = {{{"difference", kDifference}}};
+  auto program = Program::build("difference", fullScreenVertex(), pieces);
+  if (!program) return program.error();
+  return DifferencePass(std::move(*program));
+}
+
+void DifferencePass::present(const Canvas& a, const Canvas& b, int width, int height) const {
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  glViewport(0, 0, width, height);
+  glDisable(GL_SCISSOR_TEST);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+  program_.use();
+  glActiveTexture(GL_TEXTURE1);
+  glBindTexture(GL_TEXTURE_2D, b.texture());
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_2D, a.texture());
+  program_.set("differenceA", 0);
+  program_.set("differenceB", 1);
+  program_.set("differenceSize", static_cast<float>(width), static_cast<float>(height));
+  glBindVertexArray(vertexArray_.name());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBindVertexArray(0);
+  glBindTexture(GL_TEXTURE_2D, 0);
+}
+
+}  // namespace ridgecast::render

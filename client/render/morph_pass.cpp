@@ -1,0 +1,72 @@
+#include "client/render/morph_pass.h"
+
+#include <epoxy/gl.h>
+
+#include <array>
+
+#include "client/render/view.h"
+
+namespace ridgecast::render {
+namespace {
+
+constexpr std::string_view kBlend = R"(
+uniform sampler2D morphFrom, morphTo, morphCarriedFrom, morphCarriedTo;
+uniform float morphShare;
+layout(location = 0) out vec4 surface;
+layout(location = 1) out vec4 carried;
+float chance(ivec2 at) {
+  uint h = uint(at.x) * 0x9e3779b1u ^ uint(at.y) * 0x85ebca77u;
+  h = (h ^ (h >> 15u)) * 0x2c1b3c6du;
+  h = (h ^ (h >> 12u)) * 0x297a2d39u;
+  return float((h ^ (h >> 15u)) >> 8u) * (1.0 / 16777216.0);
+}
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec4 a = texelFetch(morphFrom, at, 0);
+  vec4 b = texelFetch(morphTo, at, 0);
+  float near = length(a.xyz), far = length(b.xyz);
+  float share = morphShare;
+  if (a.w != b.w || abs(near - far) > 0.05 * min(near, far)) share = chance(at) < share ? 1.0 : 0.0;
+  surface = mix(a, b, share);
+  carried = mix(texelFetch(morphCarriedFrom, at, 0), texelFetch(morphCarriedTo, at, 0), share);
+}
+)";
+
+}  // namespace
+
+MorphPass::MorphPass(Program program) : program_(std::move(program)), vertexArray_(makeVertexArray()) {}
+
+Outcome<MorphPass> MorphPass::create() {
+  const std::array<Program::Piece, 1> pieces = {{{"morph", kBlend}}};
+  auto program = Program::build("morph", fullScreenVertex(), pieces);
+  if (!program) return program.error();
+  return MorphPass(std::move(*program));
+}
+
+void MorphPass::blend(const Surface& from, const Surface& to, float share, const Surface& out) const {
+  glBindFramebuffer(GL_FRAMEBUFFER, out.framebuffer());
+  glViewport(0, 0, static_cast<GLsizei>(out.width()), static_cast<GLsizei>(out.height()));
+  glDisable(GL_SCISSOR_TEST);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+  program_.use();
+  const std::array<std::pair<const char*, std::uint32_t>, 4> textures = {
+      {{"morphFrom", from.texture()}, {"morphTo", to.texture()}, {"morphCarriedFrom", from.carried()}, {"morphCarriedTo", to.carried()}}};
+  for (std::size_t k = 0; k < textures.size(); ++k) {
+    glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(k));
+    glBindTexture(GL_TEXTURE_2D, textures[k].second);
+    program_.set(textures[k].first, static_cast<int>(k));
+  }
+  program_.set("morphShare", share);
+  glBindVertexArray(vertexArray_.name());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBindVertexArray(0);
+  for (std::size_t k = textures.size(); k-- > 0;) {
+    glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(k));
+    glBindTexture(GL_TEXTURE_2D, 0);
+  }
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+}
+
+}  // namespace ridgecast::render
