@@ -46,7 +46,7 @@ std::vector<Plan> planOf(bool quick) {
   if (quick) out.push_back({runOf("alpine", "pixels", 3, 0, 1), false});
   for (unsigned threads = 1; threads < cores; threads *= 2)
     for (int r = 1; r <= repeats; ++r) out.push_back({runOf("alpine", "pixels", 1, threads, r), false});
-  for (const std::string terrain : quick ? std::vector<std::string>{"alpine"} : std::vector<std::string>{"alpine", "canyon", "archipelago"})
+  for (const std::string& terrain : quick ? std::vector<std::string>{"alpine"} : std::vector<std::string>{"alpine", "canyon", "archipelago"})
     out.push_back({runOf(terrain, "pixels", 1, 0, 1, "-standing"), true});
   return out;
 }
