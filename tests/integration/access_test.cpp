@@ -140,8 +140,9 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
                                      {"GET", "/v1/normals?session=default", Right::kQuery, false},
                                      {"GET", "/v1/rays", Right::kQuery, false},
                                      {"POST", "/v1/query", Right::kQuery, false},
-                                     {"GET", "/v1/snapshot.glb?session=default", Right::kSnapshot, false},
-                                     {"GET", "/v1/snapshot", Right::kSnapshot, false},
+                                     {"GET", "/v1/sessions/default/snapshot.glb", Right::kSnapshot, false},
+                                     {"HEAD", "/v1/sessions/default/snapshot.json?session=elsewhere", Right::kSnapshot, false},
+                                     {"GET", "/v1/sessions/default/whatever", Right::kView, false},
                                      {"GET", "/v1/whatever/comes/later", Right::kView, false}};
   const std::vector<Right> rights{Right::kView, Right::kCreate, Right::kQuery, Right::kSnapshot};
   const auto bearer = [](const std::string& token) { return "Authorization: Bearer " + token + "\r\n"; };

@@ -1,0 +1,340 @@
+// A server as those see it who run it: figures under load, logs, signals, and floods that clients who are served do not feel.
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <set>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/support/flier.h"
+#include "tests/support/server_process.h"
+#include "tests/support/socket_client.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using namespace testing_support;
+using nlohmann::json;
+using testing::HasSubstr;
+using Clock = std::chrono::steady_clock;
+
+std::string get(std::uint16_t port, const std::string& target) {
+  SocketClient client(port);
+  client.send("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  const std::string answer = client.answer();
+  return answer.substr(std::min(answer.size(), answer.find("\r\n\r\n") + 4));
+}
+
+// Name with labels -> value. Fails at a line that is none of the exposition format.
+std::map<std::string, double> scrape(std::uint16_t port) {
+  static const std::regex sample(R"(^([a-zA-Z_:][a-zA-Z0-9_:]*(\{([a-zA-Z_][a-zA-Z0-9_]*="([^"\\\n]|\\.)*",?)*\})?) (\S+)$)");
+  std::map<std::string, double> figures;
+  std::istringstream text(get(port, "/metrics"));
+  for (std::string line; std::getline(text, line);) {
+    if (line.starts_with("# HELP ") || line.starts_with("# TYPE ")) continue;
+    std::smatch match;
+    if (!std::regex_match(line, match, sample)) {
+      ADD_FAILURE() << "no sample: " << line;
+      continue;
+    }
+    EXPECT_TRUE(figures.emplace(match[1], std::stod(match[5])).second) << "twice: " << line;
+  }
+  return figures;
+}
+
+wire::Settings coarse() {
+  wire::Settings s;
+  s.threshold = 10;
+  return s;
+}
+
+TEST(Operations, FiguresUnderLoadAreThereAndSane) {
+  ServerProcess server(RIDGECAST_SERVER);
+  Flier first(server.url(), coarse()), second(server.url(), coarse());
+  const PathCamera path(RIDGECAST_PATHS "/alpine.json", first.world());
+  std::uint64_t live = 0, iterations = 0;
+  for (int k = 0; k < 40; ++k) {
+    first.step(path.at(0.1 * k));
+    live = second.step(path.at(1 + 0.1 * k)).figures.triangles;
+    iterations += 2;
+  }
+  SocketClient lost(server.port());
+  EXPECT_FALSE(lost.upgrade("/v1/stream?session=gone"));
+  auto now = scrape(server.port());
+  EXPECT_EQ(now["ridgecast_cameras"], 2);
+  EXPECT_EQ(now["ridgecast_streams"], 2);
+  EXPECT_EQ(now["ridgecast_ready"], 1);
+  EXPECT_GE(now["ridgecast_open_connections"], 3);
+  EXPECT_LE(now["ridgecast_open_connections"], 5);
+  EXPECT_GE(now["ridgecast_iterations_total"], static_cast<double>(iterations));
+  EXPECT_GE(now["ridgecast_iterations_sent_total"], static_cast<double>(iterations));
+  EXPECT_LE(now["ridgecast_iterations_sent_total"], now["ridgecast_iterations_total"]);
+  EXPECT_GT(now["ridgecast_triangles"], static_cast<double>(live));
+  EXPECT_LT(now["ridgecast_triangles"], 4 * static_cast<double>(live));
+  const double received = static_cast<double>(first.connection().bytesReceived() + second.connection().bytesReceived());
+  EXPECT_GE(now["ridgecast_sent_bytes_total"], received);
+  EXPECT_LE(now["ridgecast_sent_bytes_total"], received * 1.1 + 100'000);
+  EXPECT_GE(now["ridgecast_received_messages_total"], 2.0 * static_cast<double>(iterations));
+  EXPECT_GT(now["ridgecast_received_bytes_total"], now["ridgecast_received_messages_total"]);
+  EXPECT_LT(now["ridgecast_queued_bytes"], 64.0 * (1 << 20));
+  EXPECT_GT(now["ridgecast_vertices_inserted_total"], 1000);
+  EXPECT_GT(now["ridgecast_heights_total"], now["ridgecast_vertices_inserted_total"]);
+  EXPECT_EQ(now["ridgecast_refusals_total{reason=\"session\"}"], 1);
+  EXPECT_EQ(now["ridgecast_refusals_total{reason=\"internal\"}"], 0);
+  double seconds = 0;
+  for (const char* stage : {"select", "generate", "refine", "triangulate", "encode"}) {
+    const std::string label = std::string("{stage=\"") + stage + "\"}";
+    EXPECT_EQ(now["ridgecast_stage_seconds_count" + label], now["ridgecast_iterations_total"]) << stage;
+    EXPECT_GE(now["ridgecast_stage_seconds_sum" + label], 0);
+    EXPECT_EQ(now[std::string("ridgecast_stage_seconds_bucket{stage=\"") + stage + "\",le=\"+Inf\"}"],
+              now["ridgecast_stage_seconds_count" + label]);
+    double below = 0;
+    for (const char* le : {"0.0001", "0.001", "0.01", "0.1", "1", "+Inf"}) {
+      const double count = now[std::string("ridgecast_stage_seconds_bucket{stage=\"") + stage + "\",le=\"" + le + "\"}"];
+      EXPECT_GE(count, below) << stage << " " << le;
+      below = count;
+    }
+    seconds += now["ridgecast_stage_seconds_sum" + label];
+  }
+  EXPECT_GT(seconds, 0.001);
+  EXPECT_GT(now["process_cpu_seconds_total"], 0.01);
+  EXPECT_GT(now["process_resident_memory_bytes"], 1 << 20);
+
+  // What the dashboard and the alerts name is there.
+  std::set<std::string> names;
+  for (const auto& [name, value] : now) names.insert(name.substr(0, name.find('{')));
+  const std::string asked =
+      readText(RIDGECAST_DOCKER "/grafana/dashboards/ridgecast.json") + readText(RIDGECAST_DOCKER "/prometheus/rules.yml");
+  ASSERT_FALSE(json::parse(readText(RIDGECAST_DOCKER "/grafana/dashboards/ridgecast.json"), nullptr, false).is_discarded());
+  const std::regex figure("(ridgecast|process)_[a-z_]+");
+  int found = 0;
+  for (auto at = std::sregex_iterator(asked.begin(), asked.end(), figure); at != std::sregex_iterator(); ++at, ++found)
+    EXPECT_TRUE(names.count(at->str())) << at->str();
+  EXPECT_GT(found, 15);
+}
+
+TEST(Operations, EveryLineOfTheLogIsJsonWhateverClientsSay) {
+  std::string output;
+  {
+    ScratchFolder folder;
+    Process server(
+        {RIDGECAST_SERVER, "--port", "0", "--port-file", (folder / "port").string(), "--log-format", "json", "--log-level", "debug"});
+    std::string port;
+    for (int k = 0; k < 3000 && (port = readText(folder / "port")).empty(); ++k) std::this_thread::sleep_for(10ms);
+    ASSERT_FALSE(port.empty()) << server.output();
+    const auto number = static_cast<std::uint16_t>(std::stoul(port));
+    for (const char* name : {"%22%2C%22level%22%3A%22error", "%0A%7B%22level%22%3A%22error%22%7D", "%00", "%ff%fe", "%1b%5B2J", "%e2%80%a8",
+                             "..%2F..%2Fetc", "%5C%22", "%", "a b"}) {
+      SocketClient client(number);
+      EXPECT_FALSE(client.upgrade(std::string("/v1/stream?session=") + name));
+    }
+    SocketClient raw(number);
+    raw.send("GET /v1/stream?session=\"\x01\xff HTTP/1.1\r\nHost: x\r\n\r\n");
+    raw.answer();
+    wire::Settings settings = coarse();
+    Flier flier("ws://127.0.0.1:" + std::to_string(number), settings);
+    server.signal(SIGHUP);
+    std::this_thread::sleep_for(200ms);
+    server.signal(SIGTERM);
+    EXPECT_EQ(server.wait(20s), 0);
+    output = server.output();
+  }
+  std::istringstream lines(output);
+  int count = 0, refused = 0, ofCamera = 0;
+  for (std::string line; std::getline(lines, line); ++count) {
+    const json object = json::parse(line, nullptr, false);
+    ASSERT_TRUE(object.is_object()) << line;
+    for (const char* key : {"time", "level", "message"}) EXPECT_TRUE(object.contains(key) && object[key].is_string()) << line;
+    EXPECT_NE(object["level"], "error") << line;
+    refused += object.contains("session") && object["message"].get<std::string>().starts_with("is refused");
+    ofCamera += object.contains("camera") && object["camera"].is_number_integer() && object["session"] == "default";
+  }
+  EXPECT_GT(refused, 6) << output;
+  EXPECT_GT(ofCamera, 0) << output;
+  EXPECT_GT(count, 12);
+}
+
+TEST(Operations, TellsItsManagerAndEndsWithinItsBound) {
+  // What systemd would hear.
+  ScratchFolder folder;
+  const std::string path = (folder / "notify").string();
+  const int socket = ::socket(AF_UNIX, SOCK_DGRAM, 0);
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  ASSERT_LT(path.size(), sizeof address.sun_path);
+  path.copy(address.sun_path, path.size());
+  ASSERT_EQ(bind(socket, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
+  const auto heard = [&](const std::string& what) {
+    for (pollfd p{socket, POLLIN, 0}; poll(&p, 1, 30'000) == 1;) {
+      char text[512];
+      const ssize_t size = recv(socket, text, sizeof text, 0);
+      if (size > 0 && std::string(text, static_cast<std::size_t>(size)).starts_with(what)) return true;
+    }
+    return false;
+  };
+  Process server({RIDGECAST_SERVER, "--port", "0", "--port-file", (folder / "port").string(), "--drain", "2"}, {{"NOTIFY_SOCKET", path}});
+  ASSERT_TRUE(heard("READY=1"));
+  const auto port = static_cast<std::uint16_t>(std::stoul(readText(folder / "port")));
+  server.signal(SIGHUP);
+  EXPECT_TRUE(heard("RELOADING=1\nMONOTONIC_USEC="));
+  EXPECT_TRUE(heard("READY=1"));
+  // Clients that never answer anything cannot hold it.
+  SocketClient stream(port), half(port), idle(port);
+  ASSERT_TRUE(stream.upgrade());
+  half.send("GET /healthz HTT");
+  const auto began = Clock::now();
+  server.signal(SIGTERM);
+  EXPECT_TRUE(heard("STOPPING=1"));
+  EXPECT_EQ(server.wait(20s), 0);
+  EXPECT_LT(Clock::now() - began, 6s);
+  EXPECT_FALSE(std::filesystem::exists(folder / "port"));
+  close(socket);
+}
+
+// Sockets of our own, many at once.
+class Many {
+ public:
+  explicit Many(std::uint16_t port) {
+    address_.sin_family = AF_INET;
+    address_.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    address_.sin_port = htons(port);
+  }
+  ~Many() { closeAll(); }
+  bool open(std::string_view bytes) {
+    const int socket = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (socket < 0) return false;
+    if (connect(socket, reinterpret_cast<const sockaddr*>(&address_), sizeof address_) != 0) {
+      close(socket);
+      return false;
+    }
+    if (!bytes.empty()) (void)!::send(socket, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+    sockets_.push_back(socket);
+    return true;
+  }
+  void sendAll(std::string_view bytes) {
+    for (const int socket : sockets_) (void)!::send(socket, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+  }
+  void closeAll() {
+    for (const int socket : sockets_) {
+      const linger now{1, 0};  // no lingering state for each of thousands
+      setsockopt(socket, SOL_SOCKET, SO_LINGER, &now, sizeof now);
+      close(socket);
+    }
+    sockets_.clear();
+  }
+  std::size_t count() const { return sockets_.size(); }
+
+ private:
+  sockaddr_in address_{};
+  std::vector<int> sockets_;
+};
+
+// Clients that are served keep their rate, whatever others do to the port, and memory comes back. They ask twenty times a second; a
+// sleeping server would keep up with ten times as many, so what they lose they lose to the flood.
+TEST(Operations, FloodsAreNotFeltByThoseWhoAreServed) {
+  ServerProcess server(RIDGECAST_SERVER, {"--patience", "2", "--max-connections", "600", "--max-connections-per-address", "600"});
+  wire::Settings settings;
+  settings.threshold = 30;
+  std::atomic<bool> landed = false;
+  std::atomic<std::uint64_t> steps{0};
+  std::string failure;
+  std::thread pilot([&] {
+    try {
+      Flier flier(server.url(), settings);
+      const PathCamera path(RIDGECAST_PATHS "/alpine.json", flier.world());
+      for (int k = 0; !landed; ++k) {
+        const auto due = Clock::now() + 50ms;
+        flier.step(path.looped(0.02 * k));
+        ++steps;
+        std::this_thread::sleep_until(due);
+      }
+    } catch (const std::exception& e) {
+      failure = e.what();
+    }
+  });
+  const auto rate = [&](const std::function<void()>& meanwhile, std::chrono::milliseconds least) {
+    const auto start = Clock::now();
+    const std::uint64_t before = steps;
+    meanwhile();
+    std::this_thread::sleep_until(start + least);
+    return static_cast<double>(steps - before) / std::chrono::duration<double>(Clock::now() - start).count();
+  };
+  while (steps < 20 && failure.empty()) std::this_thread::sleep_for(10ms);
+  const double quiet = rate([] {}, 3s);
+  const double memory = scrape(server.port())["process_resident_memory_bytes"];
+  // The rate of the served while something goes on; a machine that others use may need a second look.
+  std::map<std::string, double> rates;
+  const auto flood = [&](const std::string& what, const std::function<void()>& meanwhile) {
+    for (int look = 0; look < 3 && rates[what] < 0.9 * quiet; ++look) rates[what] = std::max(rates[what], rate(meanwhile, 2s));
+  };
+  Many many(server.port());
+  flood("500 half-open handshakes", [&] {
+    for (int k = 0; k < 500; ++k) many.open("GET /v1/stream HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n");
+  });
+  many.closeAll();
+  flood("slow headers", [&] {
+    for (int k = 0; k < 200; ++k) many.open("GET / HTTP/1.1\r\n");
+    for (int k = 0; k < 15; ++k) {
+      many.sendAll("X");
+      std::this_thread::sleep_for(100ms);
+    }
+  });
+  many.closeAll();
+  flood("header floods", [&] {
+    const std::string header = "GET / HTTP/1.1\r\n" + std::string(60'000, 'h');
+    for (int k = 0; k < 200; ++k) many.open(header);
+  });
+  many.closeAll();
+  std::size_t attempts = 0;
+  flood("10,000 connection attempts", [&] {
+    for (int k = 0; k < 10'000; ++k) {
+      attempts += many.open("");
+      if (many.count() >= 800) many.closeAll();  // more than the server takes
+    }
+  });
+  many.closeAll();
+  EXPECT_GE(attempts, 10'000u);
+  for (const auto& [what, measured] : rates) {
+    RecordProperty(std::regex_replace(what, std::regex("[^a-z0-9]+"), "_"), static_cast<int>(measured * 1000));
+    EXPECT_GE(measured, 0.9 * quiet) << what << ": " << measured << " against " << quiet << " a second";
+  }
+  RecordProperty("quiet", static_cast<int>(quiet * 1000));
+  const auto refusedLast = scrape(server.port());
+  EXPECT_GT(
+      refusedLast.at("ridgecast_refusals_total{reason=\"connections\"}") + refusedLast.at("ridgecast_refusals_total{reason=\"address\"}"),
+      500);
+  EXPECT_GT(refusedLast.at("ridgecast_refusals_total{reason=\"header\"}"), 100);
+  // Memory and places come back.
+  std::map<std::string, double> after;
+  for (int k = 0; k < 100; ++k) {
+    after = scrape(server.port());
+    if (after["ridgecast_open_connections"] <= 3 && after["process_resident_memory_bytes"] < memory + (16 << 20)) break;
+    std::this_thread::sleep_for(100ms);
+  }
+  EXPECT_LE(after["ridgecast_open_connections"], 3);
+  EXPECT_LT(after["process_resident_memory_bytes"], memory + (16 << 20));
+  landed = true;
+  pilot.join();
+  EXPECT_EQ(failure, "");
+  EXPECT_EQ(server.stop(), 0);
+}
+
+}  // namespace
+}  // namespace ridgecast
