@@ -13,6 +13,7 @@
 #include "client/evaluation/fly.h"
 #include "client/snapshot/snapshot.h"
 #include "client/viewer/viewer.h"
+#include "common/version/version.h"
 
 namespace {
 
@@ -107,7 +108,7 @@ int wrongArguments(const std::string& message) {
 
 int main(int argc, char** argv) {
   CLI::App app{"Flies over terrain that a Ridgecast server streams, beside the same terrain ray-marched."};
-  app.set_version_flag("--version", "ridgecast-client " RIDGECAST_VERSION);
+  app.set_version_flag("--version", ridgecast::version::describe("ridgecast-client", wire::kProtocolVersion));
 
   Server server;
   std::string size = "1280x720";

@@ -4,6 +4,7 @@
 #include <iostream>
 #include <map>
 
+#include "common/version/version.h"
 #include "common/wire/wire.h"
 #include "server/config/layers.h"
 #include "server/config/token_command.h"
@@ -44,7 +45,8 @@ struct Written {
 
 void addTerrain(CLI::App& app, Written& w) {
   Config& c = w.config;
-  app.add_option("--terrain", c.terrain.terrain, "Terrain of the default session: a name, or a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .r16 or .raw")
+  app.add_option("--terrain", c.terrain.terrain,
+                 "Terrain of the default session: a name, or a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .r16 or .raw")
       ->capture_default_str();
   app.add_option("--seed", c.terrain.seed, "Its seed")->capture_default_str();
   app.add_option("--param", w.parameters, "Set a parameter of the terrain, NAME=NUMBER; may be given several times")
@@ -59,7 +61,8 @@ void addTerrain(CLI::App& app, Written& w) {
   app.add_option("--terrain-dir", c.terrain.folder, "A folder of terrain files, to be had by name")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Where compiled terrains are kept; left out: in your own cache folder")
       ->type_name("DIR");
-  app.add_flag("--private-terrain", w.isPrivate, "Never send the terrain's text or samples; colours and normals travel with the vertices instead");
+  app.add_flag("--private-terrain", w.isPrivate,
+               "Never send the terrain's text or samples; colours and normals travel with the vertices instead");
 }
 
 void addListening(CLI::App& app, Written& w) {
@@ -67,7 +70,8 @@ void addListening(CLI::App& app, Written& w) {
   app.add_option("--host", c.net.host, "Address to listen on")->capture_default_str();
   app.add_option("--port", c.net.port, "Port to listen on; 0: any free one")->capture_default_str();
   app.add_option("--port-file", c.portFile, "Write the port to this file once the server listens")->type_name("FILE");
-  app.add_option("--web-dir", c.webFolder, "Folder of the browser viewer; left out: the one installed or built with this program")->type_name("DIR");
+  app.add_option("--web-dir", c.webFolder, "Folder of the browser viewer; left out: the one installed or built with this program")
+      ->type_name("DIR");
   app.add_option("--threads", c.threads, "Threads that work on meshes; 0: as many as the machine has")
       ->check(CLI::Range(0u, 1024u))
       ->capture_default_str();
@@ -121,7 +125,9 @@ void addLimits(CLI::App& app, Written& w) {
   app.add_option("--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted")
       ->check(CLI::Range(10'000u, 50'000'000u))
       ->capture_default_str();
-  app.add_option("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot")->check(CLI::Range(10'000u, 20'000'000u))->capture_default_str();
+  app.add_option("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot")
+      ->check(CLI::Range(10'000u, 20'000'000u))
+      ->capture_default_str();
   app.add_option("--max-snapshot-seconds", c.snapshots.seconds, "Longest that a snapshot may take")
       ->check(CLI::Range(1.0, 600.0))
       ->capture_default_str();
@@ -204,8 +210,7 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
       "ridgecast-server");
   app.get_formatter()->column_width(34);
   app.get_help_ptr()->configurable(false);
-  app.set_version_flag("--version", "ridgecast-server " RIDGECAST_VERSION ", protocol " + std::to_string(wire::kProtocolVersion))
-      ->configurable(false);
+  app.set_version_flag("--version", version::describe("ridgecast-server", wire::kProtocolVersion))->configurable(false);
   app.add_option("--config", file, "Settings file (TOML): flags without hyphens in front, such as max-cameras = 64")
       ->type_name("FILE")
       ->configurable(false);

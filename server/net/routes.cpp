@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "common/version/version.h"
 #include "common/wire/wire.h"
 #include "server/net/worlds.h"
 
@@ -170,7 +171,7 @@ Answer answer(const Request& request, session::Directory& directory, std::string
   } else if (path == "/version") {
     a.type = "application/json";
     a.body = R"({"name": "ridgecast-server", "version": ")" + std::string(version) + R"(", "protocol": )" +
-             std::to_string(wire::kProtocolVersion) + "}\n";
+             std::to_string(wire::kProtocolVersion) + ", \"commit\": \"" + std::string(version::commit()) + "\"}\n";
   } else {
     a.type = "text/html; charset=utf-8";
     a.body = page(request, directory, version, path == "/about");

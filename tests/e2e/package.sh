@@ -1,0 +1,59 @@
+#!/usr/bin/env bash
+# Installs what was built, builds the example against it with find_package alone, and lets it fly at an installed server.
+#   package.sh BUILD SOURCE COMPILER_FLAGS [deb]
+# With deb the packages that cpack makes are unpacked instead of cmake --install.
+set -euo pipefail
+build=$1 source=$2 flags=$3 deb=${4:-}
+scratch=$(mktemp -d)
+server=
+trap '[[ -z $server ]] || kill "$server" 2>/dev/null || true; rm -rf "$scratch"' EXIT
+
+if [[ $deb == deb ]]; then
+  (cd "$build" && cpack -G DEB -B "$scratch/packages" >"$scratch/cpack.log" 2>&1) || { cat "$scratch/cpack.log" >&2; exit 1; }
+  for package in "$scratch"/packages/*.deb; do
+    dpkg-deb --info "$package" | grep -E '^ (Package|Version|Depends):'
+    dpkg-deb -x "$package" "$scratch/root"
+  done
+  prefix=$scratch/root/usr
+else
+  cmake --install "$build" --prefix "$scratch/root" >/dev/null
+  prefix=$scratch/root
+fi
+
+# The example knows nothing but the prefix.
+cp -r "$source/client/example" "$scratch/example"
+cmake -S "$scratch/example" -B "$scratch/out" -DCMAKE_PREFIX_PATH="$prefix" -DCMAKE_CXX_FLAGS="$flags" >"$scratch/configure.log" 2>&1 ||
+  { cat "$scratch/configure.log" >&2; exit 1; }
+cmake --build "$scratch/out" 2>&1 | tail -n 40
+! ldd "$scratch/out/example" | grep -E 'libGL|libEGL|libglfw|libepoxy' || { echo "the example needs OpenGL" >&2; exit 1; }
+
+for program in ridgecast-server ridgecast-client; do
+  said=$("$prefix/bin/$program" --version)
+  echo "$said"
+  [[ $said =~ ^$program\ [0-9]+\.[0-9]+\.[0-9]+,\ protocol\ [0-9]+,\ commit\ ([0-9a-f]{12}\+?|unknown)$ ]] || { echo "that is no version" >&2; exit 1; }
+done
+"$prefix/bin/ridgecast-server" --port 0 --port-file "$scratch/port" >"$scratch/server.log" 2>&1 &
+server=$!
+for ((k = 0; k < 300; ++k)); do
+  [[ ! -s $scratch/port ]] || break
+  sleep 0.1
+done
+[[ -s $scratch/port ]] || { cat "$scratch/server.log" >&2; exit 1; }
+url=127.0.0.1:$(<"$scratch/port")
+"$scratch/out/example" "ws://$url" | tee "$scratch/flight"
+[[ $(grep -c 'ground' "$scratch/flight") -eq 20 ]]
+# Another world, made by its URL; the README's line for heights.
+"$scratch/out/example" "ws://$url?session=race&terrain=canyon&seed=7" >/dev/null
+node -e '
+  const [url] = process.argv.slice(1);
+  const get = async (path) => { const r = await fetch("http://" + url + path); if (!r.ok) throw Error(await r.text()); return r.json(); };
+  (async () => {
+    const sessions = (await get("/v1/sessions")).sessions;
+    if (!sessions.some((s) => s.name === "race" && s.terrain === "canyon" && s.seed === 7)) throw Error("the session is not listed");
+    const heights = (await get("/v1/heights?at=2000,1500&at=2001,1500")).heights;
+    if (heights.length !== 2 || !heights.every(Number.isFinite)) throw Error("no heights");
+  })().catch((e) => { console.error(e.message); process.exit(1); });
+' "$url"
+documents=$(find "$prefix/share/doc" -name copyright | wc -l)
+[[ $documents -ge 2 && -s $prefix/share/doc/ridgecast/THIRD_PARTY.md && -d $prefix/share/doc/ridgecast/licences ]] || { echo "licences are missing" >&2; exit 1; }
+echo "installed, built, flown"
