@@ -150,7 +150,7 @@ CameraSession::Refusal CameraSession::take(wire::Query& query) {
 
 CameraSession::Refusal CameraSession::take(const wire::AskGround& ask) {
   if (auto refusal = expectsWorld("question for the ground")) return refusal;
-  if (!grounds_) grounds_ = std::make_shared<Grounds>(session_->terrain(), granted_, session_->resources().makeMesh, pool_, sender_);
+  if (!grounds_) grounds_ = std::make_shared<Grounds>(session_->terrain(), granted_.triangleBudget, pool_, sender_);
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
                       "More than " + std::to_string(wire::kMaxGrounds) + " grounds were asked for: ask for the next when one has arrived."};

@@ -1,26 +1,23 @@
 #include "server/session/grounds.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <exception>
-#include <numbers>
 #include <utility>
+#include <vector>
 
 #include "common/codec/codec.h"
 #include "common/wire/wire.h"
 #include "server/query/query.h"
+#include "server/snapshot/box_mesh.h"
 
 namespace ridgecast::session {
 
 namespace {
 
-constexpr double kPixels = 1;         // the threshold: triangles below a quarter of a pixel are not refined, so it is not a small one
-constexpr int kMostIterations = 100;  // of one question
-constexpr int kMostRounds = 4;        // of looking how good the mesh is and asking for more
-constexpr double kWorthwhile = 0.9;   // another round, when the one before took the error to this share
-constexpr int kFineness = 8;          // of the look: 1/256 of a leaf's side
-constexpr std::uint32_t kMostPixels = 32768;
+constexpr double kCoarser = 2;    // times the error, when it cannot be reached
+constexpr double kInside = 0.65;  // of the error is the mesher's share, the rest what its samples have not seen
+constexpr int kFineness = 8;      // of the look at the result: 1/256 of a leaf's side
 
 // Lets go of one open question when it is destroyed.
 struct Ticket {
@@ -31,174 +28,94 @@ struct Ticket {
   ~Ticket() { --*open; }
 };
 
-wire::Settings finest(const wire::Settings& granted) {
-  wire::Settings s = granted;
-  s.metric = wire::Metric::kPixels;
-  s.threshold = kPixels;
-  return s;
+// Keeps the triangles of which the box touches the circle.
+void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
+  const lattice::Step cornerX = leaf.address.x() - at.x, cornerZ = leaf.address.z() - at.z;
+  std::erase_if(leaf.triangles, [&](const mesh::Triangle& t) {
+    lattice::Step lowX = lattice::kMaxPosition, highX = -lowX, lowZ = lowX, highZ = -lowX;
+    for (const std::uint32_t v : t) {
+      lowX = std::min(lowX, cornerX + leaf.vertices[v].x), highX = std::max(highX, cornerX + leaf.vertices[v].x);
+      lowZ = std::min(lowZ, cornerZ + leaf.vertices[v].z), highZ = std::max(highZ, cornerZ + leaf.vertices[v].z);
+    }
+    const auto dx = static_cast<double>(std::max({lowX, -highX, lattice::Step{0}}));
+    const auto dz = static_cast<double>(std::max({lowZ, -highZ, lattice::Step{0}}));
+    return dx * dx + dz * dz > radius * radius;
+  });
+  mesh::canonicalize(leaf);
 }
 
 }  // namespace
 
-Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, MakeMesh makeMesh,
-                 std::shared_ptr<scheduling::Pool> pool, std::shared_ptr<Sender> sender)
-    : terrain_(std::move(terrain)),
-      settings_(finest(granted)),
-      makeMesh_(std::move(makeMesh)),
-      pool_(std::move(pool)),
-      sender_(std::move(sender)) {}
+Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<scheduling::Pool> pool,
+                 std::shared_ptr<Sender> sender)
+    : terrain_(std::move(terrain)), triangleBudget_(triangleBudget), pool_(std::move(pool)), sender_(std::move(sender)) {}
 
 bool Grounds::ask(const wire::AskGround& ask) {
   const std::lock_guard lock(mutex_);
-  if (closed_) return true;
   if (*open_ >= wire::kMaxGrounds) return false;
   ++*open_;
   asked_.push_back(ask);
-  if (!runs_) runs_ = post();
+  if (!runs_) runs_ = pool_->post([self = shared_from_this()] { self->run(); });
   return true;
 }
 
 void Grounds::close() {
+  stop_.request_stop();
   const std::lock_guard lock(mutex_);
-  closed_ = true;
   asked_.clear();
-  if (!runs_) runs_ = post();  // frees the mesh
-}
-
-bool Grounds::post() {
-  return pool_->post([self = shared_from_this()] { self->run(); });
 }
 
 void Grounds::run() {
-  bool closed = false;
+  wire::AskGround asked;
   {
     const std::lock_guard lock(mutex_);
-    closed = closed_;
-    if (!closed && !begun_) {
-      begun_ = true;
-      now_ = asked_.front();
-      iterations_ = rounds_ = 0;
-      sharpness_ = 1;
-    }
+    runs_ = false;
+    if (asked_.empty() || stop_.stop_requested()) return;
+    asked = asked_.front();
+    asked_.pop_front();
+    runs_ = true;
   }
-  if (closed) {
-    mesh_.reset();
-    return;
-  }
-  bool done = true;
   try {
-    if (iterations_ == 0) aim();
-    done = work();
+    answer(asked);
   } catch (const std::exception& e) {
     sender_->fail({wire::ErrorCode::kInternal, std::string("The server failed: ") + e.what()});
   }
   const std::lock_guard lock(mutex_);
-  if (done) {
-    begun_ = false;
-    if (!asked_.empty()) asked_.pop_front();
-  }
-  runs_ = (!asked_.empty() || closed_) && post();
+  runs_ = !asked_.empty() && pool_->post([self = shared_from_this()] { self->run(); });
 }
 
-// An error is seen best from the side, a triangle from above (server/refinement/screening.h): the eye stands off so that it looks down at
-// the circle at 20 to 60 degrees. The field of view holds all of it, and the picture is so fine that where the asked error looks smallest
-// it is the threshold.
-void Grounds::aim() {
-  constexpr int kSide = 16;
-  std::array<lattice::Step, kSide * kSide> x, z;
-  std::array<float, kSide * kSide> height;
-  const double radius = now_.radius;
-  for (std::size_t k = 0; k < x.size(); ++k) {
-    const auto place = [&](std::size_t i) {
-      return static_cast<lattice::Step>(radius * lattice::kStepsPerMetre * (2.0 * static_cast<double>(i) / (kSide - 1) - 1));
-    };
-    x[k] = std::clamp(now_.at.x + place(k % kSide), -lattice::kMaxPosition, lattice::kMaxPosition);
-    z[k] = std::clamp(now_.at.z + place(k / kSide), -lattice::kMaxPosition, lattice::kMaxPosition);
-  }
-  terrain_->heights(x, z, height);
-  const auto [low, high] = std::minmax_element(height.begin(), height.end());
-  const double away = 1.8 * radius + 32;
-  const lattice::Step eyeZ = now_.at.z + static_cast<lattice::Step>(away * lattice::kStepsPerMetre);
-  camera::Pose& pose = camera_.pose;
-  pose = {};
-  pose.x = now_.at.x;
-  pose.z = std::clamp(eyeZ, -lattice::kMaxPosition, lattice::kMaxPosition);
-  pose.y = *high + 0.9 * radius + 24;
-  pose.pitch = -std::atan2(pose.y - 0.5 * (static_cast<double>(*low) + *high), away);
-  const camera::Vec3 forward = camera::forward(pose), right = camera::right(pose), up = camera::up(pose);
-  double tangent = 0.1, reach = 0;
-  for (std::size_t k = 0; k < x.size(); ++k) {
-    const double dx = static_cast<double>(x[k] - pose.x) * lattice::kMetresPerStep, dy = height[k] - pose.y,
-                 dz = static_cast<double>(z[k] - pose.z) * lattice::kMetresPerStep;
-    const auto along = [&](const camera::Vec3& axis) { return axis.x * dx + axis.y * dy + axis.z * dz; };
-    const double depth = std::max(along(forward), 1.0);
-    tangent = std::max({tangent, std::abs(along(right)) / depth, std::abs(along(up)) / depth});
-    const double flat2 = dx * dx + dz * dz;
-    reach = std::max(reach, (flat2 + dy * dy) / std::sqrt(std::max(flat2, 1.0)));
-  }
-  tangent = std::min(1.1 * tangent, 12.0);
-  const double pixelsPerRadian = kPixels * reach / now_.error * sharpness_;
-  camera_.projection.verticalFov = 2 * std::atan(tangent);
-  camera_.projection.width = camera_.projection.height =
-      static_cast<std::uint32_t>(std::clamp(2 * tangent * pixelsPerRadian, 16.0, static_cast<double>(kMostPixels)));
-}
+void Grounds::answer(const wire::AskGround& asked) {
+  const double radius = asked.radius * lattice::kStepsPerMetre;
+  const auto reach = static_cast<lattice::Step>(std::ceil(radius)) + 1;
+  const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
+  const auto make = [&](double error) {
+    const snapshot::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + kPatience, static_cast<double>(kPatience.count())};
+    return snapshot::meshBox(
+        *terrain_,
+        {{within(asked.at.x - reach), within(asked.at.z - reach)}, {within(asked.at.x + reach), within(asked.at.z + reach)}, error},
+        triangleBudget_, *pool_, watch);
+  };
+  double error = asked.error * kInside;
+  auto made = make(error);
+  // A cliff, the budget or the time do not allow it: as good as it gets.
+  using Kind = snapshot::Problem::Kind;
+  while (!made && error < 1e4 && (made.error().kind == Kind::kTooMuch || made.error().kind == Kind::kTooSlow))
+    made = make(error *= kCoarser);
+  if (stop_.stop_requested()) return;
+  if (!made) return sender_->fail({wire::ErrorCode::kLimit, "The ground that was asked for could not be made: " + made.error().message});
 
-bool Grounds::work() {
-  if (!mesh_) mesh_ = makeMesh_(terrain_, settings_, pool_);
-  mesh_->iterate(camera_);
-  const bool last = ++iterations_ >= kMostIterations;
-  if (!mesh_->settled() && !last) return false;
-  wire::Ground ground = answer();
-  const bool couldBeFiner = camera_.projection.width < kMostPixels;
-  const bool helps = rounds_ == 0 || ground.error < kWorthwhile * lastError_;
-  if (ground.error > now_.error && couldBeFiner && helps && !last && ++rounds_ < kMostRounds) {
-    lastError_ = ground.error;
-    sharpness_ *= std::clamp(1.1 * ground.error / now_.error, 1.2, 3.0);
-    aim();
-    return false;
-  }
-  sender_->send(std::move(ground), std::make_shared<Ticket>(open_));
-  return true;
-}
-
-// The triangles over the circle, by leaf.
-wire::Ground Grounds::answer() {
   wire::Ground ground;
-  ground.id = now_.id;
-  const auto radius = static_cast<lattice::Step>(std::ceil(now_.radius * lattice::kStepsPerMetre));
-  std::vector<mesh::LeafMesh> leaves;
-  for (const pipeline::LeafState& state : mesh_->leaves()) {
-    const lattice::LeafAddress& a = state.address;
-    // Triangles reach beyond their leaf's square by less than the square's side.
-    const lattice::Step reach = radius + a.side();
-    if (a.x() > now_.at.x + reach || a.x() + a.side() < now_.at.x - reach || a.z() > now_.at.z + reach ||
-        a.z() + a.side() < now_.at.z - reach)
-      continue;
-    mesh::LeafMesh leaf = mesh_->extract(a);
-    const auto over = [&](const mesh::Triangle& t) {
-      lattice::Step lowX = lattice::kMaxPosition, highX = -lattice::kMaxPosition, lowZ = lowX, highZ = highX;
-      for (const std::uint32_t v : t) {
-        const lattice::Step x = a.x() + leaf.vertices[v].x, z = a.z() + leaf.vertices[v].z;
-        lowX = std::min(lowX, x), highX = std::max(highX, x), lowZ = std::min(lowZ, z), highZ = std::max(highZ, z);
-      }
-      // The nearest place of the triangle's box lies in the circle.
-      const double dx = static_cast<double>(std::max({lowX - now_.at.x, now_.at.x - highX, lattice::Step{0}}));
-      const double dz = static_cast<double>(std::max({lowZ - now_.at.z, now_.at.z - highZ, lattice::Step{0}}));
-      return dx * dx + dz * dz <= static_cast<double>(radius) * static_cast<double>(radius);
-    };
-    std::erase_if(leaf.triangles, [&](const mesh::Triangle& t) { return !over(t); });
-    if (leaf.triangles.empty()) continue;
-    mesh::canonicalize(leaf);
-    leaves.push_back(std::move(leaf));
-  }
-  ground.leaves.resize(leaves.size());
-  pool_->forEach(leaves.size(), 1, [&](std::size_t k) {
-    const mesh::LeafMesh& leaf = leaves[k];
+  ground.id = asked.id;
+  for (mesh::LeafMesh& leaf : made->leaves) trim(leaf, asked.at, radius);
+  std::erase_if(made->leaves, [](const mesh::LeafMesh& leaf) { return leaf.triangles.empty(); });
+  ground.leaves.resize(made->leaves.size());
+  pool_->forEach(made->leaves.size(), 1, [&](std::size_t k) {
+    const mesh::LeafMesh& leaf = made->leaves[k];
     ground.leaves[k] = {leaf.address, static_cast<std::uint32_t>(leaf.vertices.size()), static_cast<std::uint32_t>(leaf.triangles.size()),
                         codec::encodeLeaf(leaf), query::deviation(*terrain_, leaf, kFineness)};
   });
   for (const wire::LeafWhole& leaf : ground.leaves) ground.error = std::max(ground.error, static_cast<double>(leaf.error));
-  return ground;
+  sender_->send(std::move(ground), std::make_shared<Ticket>(open_));
 }
 
 }  // namespace ridgecast::session

@@ -160,14 +160,6 @@ Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limit
 
 }  // namespace
 
-Problem Watch::problem() const {
-  if (stop.stop_requested()) return {Problem::Kind::kStopped, "Nobody waits for this snapshot any more."};
-  return {Problem::Kind::kTooSlow,
-          "This snapshot was not ready after " + text(seconds) +
-              " seconds, the most that one may take; ask again when the server has less to do, or for less: a larger "
-              "threshold or error, a smaller box."};
-}
-
 Snapshots::Snapshots(const Limits& limits, unsigned threads)
     : limits_(limits), machine_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), kNiceness) {}
 
