@@ -76,8 +76,8 @@ test('every iteration of a flight has the hash that the server says', async (t) 
   const began = performance.now();
   const { triangles } = await fly(server, scene, flight(358_400, 921_600, 40));
   t.diagnostic(`${triangles} triangles came in ${Math.round(performance.now() - began)} ms; forms ${JSON.stringify(forms)}`);
-  assert.ok(scene.triangles > 20_000);
-  assert.ok(forms.delta > 100 && forms.draco > 10 && forms.plain > 10 && forms.moved > 0, JSON.stringify(forms));
+  assert.ok(scene.triangles > 10_000);
+  assert.ok(forms.delta > 100 && forms.draco > 0 && forms.plain > 10 && forms.moved > 0, JSON.stringify(forms));
 
   // The hashes that deltas carried on are those of the leaves that are held.
   let sum = 0n;
