@@ -106,7 +106,7 @@ Follow CameraMesh::follow(const camera::Pose& pose) {
   return result;
 }
 
-void CameraMesh::generate() {
+void CameraMesh::generate(scheduling::Pool& pool) {
   if (!pendingGenerate_) return;
   pendingGenerate_ = false;
   std::vector<Leaf*> made;
@@ -148,7 +148,12 @@ void CameraMesh::generate() {
   const triangulation::Moves moves = keepBeside(&moved);
   if (!mesh_.empty()) {
     for (const auto& leaf : former) {
-      mesh_.refile(leaf->region, moves);
+      const auto parent =
+          std::find_if(made.begin(), made.end(), [&](const Leaf* heir) { return heir->address.isAncestorOf(leaf->address); });
+      if (parent != made.end())
+        mesh_.adopt(leaf->region, (*parent)->region);
+      else
+        mesh_.refile(leaf->region, moves);
       mesh_.removeRegion(leaf->region);
     }
     mesh_.refile(kOutside, moves);
@@ -156,7 +161,7 @@ void CameraMesh::generate() {
   }
   if (!made.empty()) insertGrids(made);
   dropOutside();
-  updateWriteSets(made, gone);
+  updateWriteSets(made, gone, pool);
 }
 
 // What is kept beside the mesh follows its records.
@@ -276,7 +281,7 @@ void CameraMesh::dropOutside() {
   }
 }
 
-void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vector<LeafAddress>& gone) {
+void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vector<LeafAddress>& gone, scheduling::Pool& pool) {
   std::vector<Leaf*> stale = made;
   for (const Leaf* leaf : made)
     for (LeafAddress a : tree_.touching(leaf->address)) stale.push_back(this->leaf(a));
@@ -284,7 +289,8 @@ void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vect
     for (LeafAddress a : tree_.touching(g)) stale.push_back(this->leaf(a));
   std::sort(stale.begin(), stale.end());
   stale.erase(std::unique(stale.begin(), stale.end()), stale.end());
-  for (Leaf* leaf : stale) {
+  pool.forEach(stale.size(), 4, [&](std::size_t k) {
+    Leaf* const leaf = stale[k];
     leaf->writeSet.assign(1, leaf->region);
     for (LeafAddress a : tree_.touching(leaf->address)) leaf->writeSet.push_back(this->leaf(a)->region);
     // Which points are grid points may have changed here.
@@ -295,7 +301,7 @@ void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vect
       surface_.vertices[v].loss = stays ? kStays : 0;
       surface_.wakeVertex(v, leaf->region);
     });
-  }
+  });
 }
 
 void CameraMesh::addCurvature(const std::vector<VertexId>& vertices) {

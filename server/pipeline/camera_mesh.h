@@ -5,7 +5,7 @@
 //   - a vertex's height is the terrain's, snapped to a level that is at most one above that of the leaf that holds it: one level is
 //     not seen (0.15 px), and splits and merges then move no vertex;
 //   - coordinates are relative to an anchor and stay below 2^26.
-// One thread; insertAll spreads over the pool inside.
+// One thread; generate, change and evaluate spread over the pool inside.
 
 #include <atomic>
 #include <cstdint>
@@ -50,7 +50,7 @@ class CameraMesh : private triangulation::Partition {
   // select: which leaves there are. Call generate() next.
   Follow follow(const camera::Pose& pose);
   // generate: re-files what the tree re-drew, drops what is gone, inserts the grids that are missing.
-  void generate();
+  void generate(scheduling::Pool& pool);
 
   const std::vector<Leaf*>& leaves() const { return ordered_; }  // canonical order of address
   Leaf* leaf(lattice::LeafAddress address) const;                // null: not a leaf
@@ -83,7 +83,7 @@ class CameraMesh : private triangulation::Partition {
   void anchorAt(const camera::Pose& pose, bool keep);
   void snapVertices(const std::vector<triangulation::VertexId>& vertices);
   void insertGrids(const std::vector<Leaf*>& made);
-  void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<lattice::LeafAddress>& gone);
+  void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<lattice::LeafAddress>& gone, scheduling::Pool& pool);
   void dropOutside();
   void addCurvature(const std::vector<triangulation::VertexId>& vertices);
   void changeLeaf(Leaf& leaf, const refinement::View& view, double limitInside, double limitOutside);

@@ -223,7 +223,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   s.previous = camera;
   const Follow follow = s.mesh.follow(camera.pose);
   figures.selectMs = watch.lap();
-  s.mesh.generate();
+  s.mesh.generate(*s.pool);
   s.mesh.compact();
   s.mesh.evaluate(*s.pool);
   figures.generateMs = watch.lap();

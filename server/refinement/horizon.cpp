@@ -13,7 +13,7 @@ namespace ridgecast::refinement {
 namespace {
 
 // Rays are cast anew when the eye has moved this far from where they start: metres, and a share of its height above the ground.
-constexpr double kStay = 2, kStayShare = 0.1;
+constexpr double kStay = 4, kStayShare = 0.15;
 // Nothing is hidden by what lies nearer to it than this share of its distance: the surface does not hide itself.
 constexpr double kBefore = 0.98;
 

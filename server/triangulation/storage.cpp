@@ -43,6 +43,21 @@ void Pages::removeRegion(RegionId region) {
   unusedRegions_.push_back(region);
 }
 
+void Pages::adopt(RegionId from, RegionId to) {
+  Region &giver = *regions_[from], &heir = *regions_[to];
+  for (std::uint32_t page : giver.pages) {
+    pages_[page].region = to;
+    pages_[page].place = static_cast<std::uint32_t>(heir.pages.size());
+    heir.pages.push_back(page);
+  }
+  heir.open.insert(heir.open.end(), giver.open.begin(), giver.open.end());
+  heir.count += giver.count;
+  heir.changed = true;
+  giver.pages.clear();
+  giver.open.clear();
+  giver.count = 0;
+}
+
 std::uint32_t Pages::allocate(RegionId id) {
   Region& region = *regions_[id];
   while (!region.open.empty() && pages_[region.open.back()].alive == ~std::uint64_t{0}) {

@@ -48,7 +48,8 @@ class Pages {
   explicit Pages(std::uint32_t slots);
 
   RegionId addRegion();
-  void removeRegion(RegionId region);  // must be empty
+  void removeRegion(RegionId region);      // must be empty
+  void adopt(RegionId from, RegionId to);  // the pages of one become the other's, slots and all
   std::size_t regionLimit() const { return regions_.size(); }
   bool hasRegion(RegionId region) const { return region < regions_.size() && regions_[region] != nullptr; }
 

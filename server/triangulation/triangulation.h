@@ -145,6 +145,11 @@ class Triangulation {
   RegionId addRegion(const Square& square);
   void removeRegion(RegionId region);  // must be empty
   std::uint32_t regionLimit() const { return static_cast<std::uint32_t>(triangles_.regionLimit()); }
+  // What is filed under `from` is filed under `to`, whose square holds that of `from`. Nothing moves.
+  void adopt(RegionId from, RegionId to) {
+    triangles_.adopt(from, to);
+    vertices_.adopt(from, to);
+  }
   // Files everything in `region` anew by the partition's answers.
   void refile(RegionId region, const Moves& moves = {});
   // Moves the records of a region closer together where they lie scattered over too many pages.

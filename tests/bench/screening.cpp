@@ -16,7 +16,7 @@ Report screening(const Options& options) {
   pipeline::CameraMesh mesh(terrain, 1'200'000, refinement::Metric::kPixels);
   const auto camera = straight(*terrain, 0);
   mesh.follow(camera.pose);
-  mesh.generate();
+  mesh.generate(*pool);
   mesh.evaluate(*pool);
   // Refine everywhere in view until there are half a million triangles.
   double threshold = 4;

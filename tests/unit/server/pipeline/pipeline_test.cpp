@@ -310,7 +310,7 @@ TEST(CameraMesh, KeepsItsLaws) {
   for (int n = 0; n < 30; ++n) {
     const auto camera = cameraAt(*terrain, x, z, 30 + rng() % 500, n * 0.2);
     mesh.follow(camera.pose);
-    mesh.generate();
+    mesh.generate(*pool);
     mesh.evaluate(*pool);
     const refinement::View view(camera, mesh.surface().anchor, n * 1e12, n, false);  // far apart: nothing is spared
     for (Leaf* leaf : mesh.leaves()) {

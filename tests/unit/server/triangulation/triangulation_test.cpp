@@ -286,6 +286,47 @@ TEST(Triangulation, RefileFollowsThePartitionAndKeepsTheMesh) {
   EXPECT_EQ(trianglesOf(world.mesh), before);
 }
 
+// A merge of leaves: four regions become one without a record that moves.
+TEST(Triangulation, AdoptingARegionsPagesMovesNothing) {
+  struct Quarters : Partition {
+    RegionId parts[4] = {}, whole = kOutside;
+    RegionId regionAt(Point2 p) const override {
+      if (p.x < -4096 || p.z < -4096 || p.x >= 4096 || p.z >= 4096) return kOutside;
+      return whole != kOutside ? whole : parts[(p.x >= 0) + 2 * (p.z >= 0)];
+    }
+  } quarters;
+  Triangulation mesh(20'000, quarters);
+  for (int k = 0; k < 4; ++k) quarters.parts[k] = mesh.addRegion({k % 2 * 4096 - 4096, k / 2 * 4096 - 4096, 4096});
+  WriteSet all;
+  all.allowAll();
+  mesh.start({-5000, -5000, 0, kNoEdge}, {-5000, 5000, 0, kNoEdge}, {6000, 0, 0, kNoEdge});
+  std::mt19937 rng(3);
+  const auto insert = [&](int count) {
+    for (int n = 0; n < count; ++n) {
+      const Point2 p{static_cast<std::int32_t>(rng() % 8192) - 4096, static_cast<std::int32_t>(rng() % 8192) - 4096};
+      mesh.insert({p.x, p.z, 0, kNoEdge}, mesh.locate(p, mesh.anyTriangle(), all), all);
+    }
+  };
+  insert(3000);
+  const auto before = trianglesOf(mesh);
+  std::uint32_t triangles = 0, vertices = 0;
+  quarters.whole = mesh.addRegion({-4096, -4096, 8192});
+  for (RegionId part : quarters.parts) {
+    triangles += mesh.triangleCount(part);
+    vertices += mesh.vertexCount(part);
+    mesh.adopt(part, quarters.whole);
+    mesh.removeRegion(part);
+  }
+  mesh.refile(kOutside);
+  EXPECT_GE(mesh.triangleCount(quarters.whole), triangles);
+  EXPECT_EQ(mesh.vertexCount(quarters.whole), vertices);
+  EXPECT_EQ(trianglesOf(mesh), before);
+  ASSERT_EQ(verify(mesh, quarters), "");
+  insert(1000);
+  mesh.compact(quarters.whole);
+  ASSERT_EQ(verify(mesh, quarters), "");
+}
+
 TEST(Triangulation, ReusesTheStorageOfWhatWasRemoved) {
   std::mt19937 rng(5);
   Board board(12, 8, -16384);
