@@ -94,14 +94,12 @@ Follow CameraMesh::follow(const camera::Pose& pose) {
       mesh_.removeRegion(leaf->region);
       leaves_[leaf->region].reset();
     }
-    result.dropped = static_cast<std::uint32_t>(ordered_.size());
     ordered_.clear();
-    previous_.clear();
   }
   anchorAt(pose, anyKept);
   if (result.changed) {
-    for (LeafAddress a : previous_) result.dropped += !tree_.isLeaf(a);
-    result.generated = static_cast<std::uint32_t>(tree_.leafCount() - (previous_.size() - (anyKept ? result.dropped : 0)));
+    result.generated = static_cast<std::uint32_t>(tree_.untagged([](std::uint32_t) {}).size());
+    result.dropped = static_cast<std::uint32_t>(previous_.size() + result.generated - tree_.leafCount());
   }
   return result;
 }
@@ -112,30 +110,34 @@ void CameraMesh::generate(scheduling::Pool& pool) {
   std::vector<Leaf*> made;
   std::vector<LeafAddress> gone;
   std::vector<std::unique_ptr<Leaf>> former;
-  for (Leaf* leaf : ordered_)
-    if (!tree_.isLeaf(leaf->address)) {
+  ++generation_;
+  const std::vector<LeafAddress> fresh = tree_.untagged([&](std::uint32_t tag) { leaves_[tag]->generation = generation_; });
+  std::vector<Leaf*> kept;
+  kept.reserve(ordered_.size());
+  for (Leaf* leaf : ordered_) {
+    if (leaf->generation == generation_) {
+      kept.push_back(leaf);
+    } else {
       gone.push_back(leaf->address);
       former.push_back(std::move(leaves_[leaf->region]));
     }
-  ordered_.clear();
-  for (LeafAddress address : tree_.leaves()) {
-    RegionId region = tree_.tag(address);
-    if (region == kOutside) {
-      const Point2 corner = local({address.x(), address.z()});
-      region = mesh_.addRegion({corner.x, corner.z, static_cast<std::int32_t>(address.side())});
-      tree_.setTag(address, region);
-      if (region >= leaves_.size()) leaves_.resize(region + 1);
-      if (region >= surface_.regions.size()) surface_.regions.resize(region + 1);
-      surface_.regions[region] = {};
-      leaves_[region] = std::make_unique<Leaf>();
-      leaves_[region]->address = address;
-      leaves_[region]->region = region;
-      leaves_[region]->low = lattice::kMaxHeight;
-      leaves_[region]->high = -lattice::kMaxHeight;
-      made.push_back(leaves_[region].get());
-    }
-    ordered_.push_back(leaves_[region].get());
   }
+  for (LeafAddress address : fresh) {
+    const Point2 corner = local({address.x(), address.z()});
+    const RegionId region = mesh_.addRegion({corner.x, corner.z, static_cast<std::int32_t>(address.side())});
+    tree_.setTag(address, region);
+    if (region >= leaves_.size()) leaves_.resize(region + 1);
+    if (region >= surface_.regions.size()) surface_.regions.resize(region + 1);
+    surface_.regions[region] = {};
+    leaves_[region] = std::make_unique<Leaf>();
+    leaves_[region]->address = address;
+    leaves_[region]->region = region;
+    leaves_[region]->low = lattice::kMaxHeight;
+    leaves_[region]->high = -lattice::kMaxHeight;
+    made.push_back(leaves_[region].get());
+  }
+  ordered_.resize(kept.size() + made.size());
+  std::merge(kept.begin(), kept.end(), made.begin(), made.end(), ordered_.begin(), [](const Leaf* l, const Leaf* r) { return l->address < r->address; });
   // From here on the partition answers with the new leaves.
   for (const auto& leaf : former)
     for (Leaf* heir : made)

@@ -28,6 +28,7 @@ struct Leaf {
   std::int32_t low = 0, high = 0;                 // steps: bounds of its vertices' heights
   std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
   std::uint64_t version = 0, hash = 0;
+  std::uint64_t generation = 0;                          // the last generate() that found it in the tree
 
   // of the current iteration
   bool visible = false;
@@ -101,6 +102,7 @@ class CameraMesh : private triangulation::Partition {
   std::vector<Leaf*> ordered_;
   std::vector<lattice::LeafAddress> previous_;  // the tree's leaves before the last follow(), when it changed
   bool pendingGenerate_ = false;
+  std::uint64_t generation_ = 0;
   bool recording_ = false;
   std::atomic<std::uint64_t> heights_{0};
 };

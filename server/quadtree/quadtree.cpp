@@ -58,8 +58,8 @@ double Quadtree::distance(const View& view, LeafAddress square) const {
 
 bool Quadtree::wantsChildren(const View& view, LeafAddress address, double factor) const {
   if (address.level == 0) return false;
-  const double side = static_cast<double>(address.side()) * lattice::kMetresPerStep;
-  return side > factor * std::hypot(distance(view, address), view.above);
+  const double side = static_cast<double>(address.side()) * lattice::kMetresPerStep, flat = distance(view, address);
+  return side * side > factor * factor * (flat * flat + view.above * view.above);
 }
 
 void Quadtree::update(const View& view, std::int32_t node, LeafAddress address) {
@@ -125,7 +125,7 @@ bool Quadtree::follow(const camera::Pose& pose, double ground) {
 template <class F>
 void Quadtree::visit(std::int32_t node, LeafAddress address, F&& f) const {
   if (nodes_[node].children < 0) {
-    f(address);
+    f(address, nodes_[node].tag);
     return;
   }
   for (int k = 0; k < 4; ++k) visit(nodes_[node].children + k, address.child(k), f);
@@ -134,7 +134,18 @@ void Quadtree::visit(std::int32_t node, LeafAddress address, F&& f) const {
 std::vector<LeafAddress> Quadtree::leaves() const {
   std::vector<LeafAddress> out;
   out.reserve(leafCount_);
-  for (const auto& [address, node] : roots_) visit(node, address, [&](LeafAddress a) { out.push_back(a); });
+  for (const auto& [address, node] : roots_) visit(node, address, [&](LeafAddress a, std::uint32_t) { out.push_back(a); });
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+std::vector<LeafAddress> Quadtree::untagged(const std::function<void(std::uint32_t)>& tagged) const {
+  std::vector<LeafAddress> out;
+  for (const auto& [address, node] : roots_)
+    visit(node, address, [&](LeafAddress a, std::uint32_t tag) {
+      if (tag == 0) out.push_back(a);
+      else tagged(tag);
+    });
   std::sort(out.begin(), out.end());
   return out;
 }

@@ -11,6 +11,7 @@
 // One thread at a time.
 
 #include <cstdint>
+#include <functional>
 #include <unordered_map>
 #include <vector>
 
@@ -34,6 +35,8 @@ class Quadtree {
   // Every leaf of the tree, in canonical order of address.
   std::vector<lattice::LeafAddress> leaves() const;
   std::size_t leafCount() const { return leafCount_; }
+  // The leaves without a tag, in canonical order; `tagged` is told the tags of the others, in any order.
+  std::vector<lattice::LeafAddress> untagged(const std::function<void(std::uint32_t)>& tagged) const;
 
   bool isLeaf(lattice::LeafAddress address) const;
   // The leaf that holds a point; false when the point is beyond every root.
