@@ -176,7 +176,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
   for (std::size_t n = 0; n < due.size(); ++n) {
     if (n + 1 < due.size()) {
       const char* ahead = reinterpret_cast<const char*>(&surface.candidates[due[n + 1]]);
-      for (std::size_t k = 0; k < sizeof(CandidatePage); k += 64) __builtin_prefetch(ahead + k);
+      for (std::size_t k = 0; k < sizeof(CandidatePage); k += 256) __builtin_prefetch(ahead + k);
     }
     PageScreen& known = surface.screens[due[n]];
     CandidatePage& page = surface.candidates[due[n]];

@@ -44,7 +44,10 @@ Report screening(const Options& options) {
     for (const pipeline::Leaf* leaf : mesh.leaves())
       for (std::uint32_t page : pages.pagesOf(leaf->region)) {
         const refinement::CandidatePage& c = s.candidates[page];
-        std::uint32_t sum = 0;
+        // The page's own record and mask are read by the pass, too.
+        const refinement::PageScreen& known = s.screens[page];
+        std::uint32_t sum =
+            static_cast<std::uint32_t>(known.asleep + known.blank + pages.aliveMask(page)) + static_cast<std::uint32_t>(known.travel < 0);
         for (std::uint32_t k = 0; k < refinement::CandidatePage::kSlots; ++k)
           sum += static_cast<std::uint32_t>(c.x[k]) + static_cast<std::uint32_t>(c.z[k]) + static_cast<std::uint32_t>(c.y[k]) +
                  static_cast<std::uint32_t>(c.error[k] > 1e9f);
