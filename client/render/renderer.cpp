@@ -36,8 +36,13 @@ HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre
   return {low - kMargin, high + kMargin};
 }
 
-Renderer::Renderer(MeshPass mesh, MeshPass before, MorphPass morph, MarchPass march, ShadePass shade)
-    : mesh_(std::move(mesh)), before_(std::move(before)), morph_(std::move(morph)), march_(std::move(march)), shade_(std::move(shade)) {}
+Renderer::Renderer(MeshPass mesh, MeshPass before, MorphPass morph, CorrectionPass correction, MarchPass march, ShadePass shade)
+    : mesh_(std::move(mesh)),
+      before_(std::move(before)),
+      morph_(std::move(morph)),
+      correction_(std::move(correction)),
+      march_(std::move(march)),
+      shade_(std::move(shade)) {}
 
 Outcome<Renderer> Renderer::create(const TerrainText& terrain) {
   auto mesh = MeshPass::create(terrain.shaded);
@@ -46,11 +51,13 @@ Outcome<Renderer> Renderer::create(const TerrainText& terrain) {
   if (!before) return before.error();
   auto morph = MorphPass::create();
   if (!morph) return morph.error();
+  auto correction = CorrectionPass::create(terrain);
+  if (!correction) return correction.error();
   auto march = MarchPass::create(terrain);
   if (!march) return march.error();
   auto shade = ShadePass::create(terrain);
   if (!shade) return shade.error();
-  return Renderer(std::move(*mesh), std::move(*before), std::move(*morph), std::move(*march), std::move(*shade));
+  return Renderer(std::move(*mesh), std::move(*before), std::move(*morph), std::move(*correction), std::move(*march), std::move(*shade));
 }
 
 Outcome<void> Renderer::fit(const View& view) {
@@ -66,6 +73,14 @@ Outcome<void> Renderer::fit(const View& view) {
   if (!canvas) return canvas.error();
   surface_.emplace(std::move(*surface));
   canvas_.emplace(std::move(*canvas));
+  return {};
+}
+
+Outcome<void> Renderer::fitBeside(std::optional<Surface>& surface) {
+  if (surface) return {};
+  auto made = Surface::create(surface_->width(), surface_->height(), mesh_.shaded());
+  if (!made) return made.error();
+  surface.emplace(std::move(*made));
   return {};
 }
 
@@ -96,12 +111,8 @@ Outcome<Renderer::Drawn> Renderer::drawMorph(const std::map<lattice::LeafAddress
                                              std::uint32_t samples) {
   const View fine = supersampled(view, samples);
   if (auto fits = fit(fine); !fits) return fits.error();
-  for (std::optional<Surface>* surface : {&first_, &second_}) {
-    if (*surface) continue;
-    auto made = Surface::create(surface_->width(), surface_->height(), mesh_.shaded());
-    if (!made) return made.error();
-    surface->emplace(std::move(*made));
-  }
+  for (std::optional<Surface>* surface : {&first_, &second_})
+    if (auto fits = fitBeside(*surface); !fits) return fits.error();
   before_.update(from);
   mesh_.update(to);
   glFinish();
@@ -110,6 +121,49 @@ Outcome<Renderer::Drawn> Renderer::drawMorph(const std::map<lattice::LeafAddress
   mesh_.draw(fine, *second_);
   morph_.blend(*first_, *second_, share, *surface_);
   return finish(fine, samples, began);
+}
+
+Outcome<Renderer::Drawn> Renderer::drawCorrected(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view,
+                                                 std::uint32_t samples, int steps) {
+  if (!correction_.canCorrect()) return drawMesh(leaves, view, samples);
+  const View fine = supersampled(view, samples);
+  if (auto fits = fit(fine); !fits) return fits.error();
+  if (auto fits = fitBeside(first_); !fits) return fits.error();
+  mesh_.update(leaves);
+  glFinish();
+  const auto began = std::chrono::steady_clock::now();
+  mesh_.draw(fine, *first_);
+  correction_.correct(fine, *first_, *surface_, steps);
+  return finish(fine, samples, began);
+}
+
+Outcome<Renderer::Drawn> Renderer::shadeAgain(const View& view, std::uint32_t samples) {
+  const View fine = supersampled(view, samples);
+  if (!surface_ || surface_->width() != fine.camera.projection.width || surface_->height() != fine.camera.projection.height)
+    return Error{"nothing of this size was drawn that could be coloured anew"};
+  glFinish();
+  return finish(fine, samples, std::chrono::steady_clock::now());
+}
+
+std::vector<float> Renderer::positions() const {
+  if (!surface_) return {};
+  const std::size_t row = std::size_t{4} * surface_->width(), height = surface_->height();
+  std::vector<float> drawn(row * height), out(drawn.size());
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, surface_->framebuffer());
+  glReadBuffer(GL_COLOR_ATTACHMENT0);
+  glPixelStorei(GL_PACK_ALIGNMENT, 4);
+  glReadPixels(0, 0, static_cast<GLsizei>(surface_->width()), static_cast<GLsizei>(surface_->height()), GL_RGBA, GL_FLOAT, drawn.data());
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
+  for (std::size_t y = 0; y < height; ++y) std::copy_n(&drawn[(height - 1 - y) * row], row, &out[y * row]);
+  return out;
+}
+
+double Renderer::upload(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves) {
+  glFinish();
+  const auto began = std::chrono::steady_clock::now();
+  mesh_.update(leaves);
+  glFinish();
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - began).count();
 }
 
 Outcome<Renderer::Drawn> Renderer::drawMarch(const View& view, std::uint32_t samples, float fineness) {

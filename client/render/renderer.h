@@ -4,7 +4,9 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <vector>
 
+#include "client/render/correction_pass.h"
 #include "client/render/march_pass.h"
 #include "client/render/mesh_pass.h"
 #include "client/render/morph_pass.h"
@@ -38,18 +40,30 @@ class Renderer {
   Outcome<Drawn> drawMorph(const std::map<lattice::LeafAddress, scene::HeldLeaf>& from,
                            const std::map<lattice::LeafAddress, scene::HeldLeaf>& to, float share, const View& view,
                            std::uint32_t samples = 1);
+  // The mesh with each sample moved onto the true terrain (correction_pass.h).
+  Outcome<Drawn> drawCorrected(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view, std::uint32_t samples = 1,
+                               int steps = kCorrectionSteps);
   Outcome<Drawn> drawMarch(const View& view, std::uint32_t samples = 1, float fineness = 1);
 
+  // What was drawn last, coloured anew: by another `filtered`. The camera and the samples must be the same.
+  Outcome<Drawn> shadeAgain(const View& view, std::uint32_t samples = 1);
+  // Where it has its samples: x, y, z in metres from the camera and 1 for ground, 0 for sky; rows from top to bottom.
+  std::vector<float> positions() const;
+  // Brings the graphics card up to what is held, without drawing; milliseconds until it is there.
+  double upload(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves);
+
  private:
-  Renderer(MeshPass mesh, MeshPass before, MorphPass morph, MarchPass march, ShadePass shade);
+  Renderer(MeshPass mesh, MeshPass before, MorphPass morph, CorrectionPass correction, MarchPass march, ShadePass shade);
   Outcome<void> fit(const View& view);
+  Outcome<void> fitBeside(std::optional<Surface>& surface);
   Drawn finish(const View& view, std::uint32_t samples, std::chrono::steady_clock::time_point began);
 
   MeshPass mesh_, before_;
   MorphPass morph_;
+  CorrectionPass correction_;
   MarchPass march_;
   ShadePass shade_;
-  std::optional<Surface> surface_, first_, second_;  // the last two for morphs
+  std::optional<Surface> surface_, first_, second_;  // the last two for morphs, the first of them also for what is corrected
   std::optional<Canvas> canvas_;
 };
 

@@ -24,7 +24,7 @@ void main() {
     vec2 fraction;
     viewLocate(s.xz, cell, fraction);
     float height = terrainHeight(cell, fraction, 0.0, viewSeed);
-    light = shadeTerrain(cell, fraction, height, viewFootprint(dot(s.xyz, viewForward)), s.xyz / max(range, 1e-6), range, viewHorizon, viewSeed);
+    light = shadeTerrain(cell, fraction, height, viewFilter(dot(s.xyz, viewForward)), s.xyz / max(range, 1e-6), range, viewHorizon, viewSeed);
   } else {
     light = skyColor(viewRay(gl_FragCoord.xy));
   }
@@ -106,7 +106,7 @@ void main() {
     vec2 fraction;
     viewLocate(s.xz, cell, fraction);
     vec3 direction = s.xyz / max(range, 1e-6);
-    float footprint = viewFootprint(dot(s.xyz, viewForward));
+    float footprint = viewFilter(dot(s.xyz, viewForward));
     float reach = max(footprint, rasterPitchMetres);
     float height = terrainHeight(cell, fraction, 0.0, viewSeed);
     float least = min(min(heightNear(cell, fraction, -reach, -reach, footprint, viewSeed), heightNear(cell, fraction, reach, reach, footprint, viewSeed)),

@@ -33,6 +33,7 @@ uniform vec2 viewTangents;     // of the half angles, horizontal and vertical
 uniform vec2 viewSize;         // of the picture, in samples
 uniform float viewHorizon;
 uniform uint viewSeed;
+uniform float viewFiltered;      // 1 or 0
 
 void viewLocate(vec2 offset, out ivec2 cell, out vec2 fraction) {
   ivec2 steps = viewSteps + ivec2(floor(offset * 256.0 + viewRemainder));
@@ -44,6 +45,7 @@ vec3 viewRay(vec2 sampleAt) {
   return normalize(viewForward + s.x * viewRight + s.y * viewUp);
 }
 float viewFootprint(float depth) { return depth * 2.0 * viewTangents.y / viewSize.y; }
+float viewFilter(float depth) { return viewFiltered * viewFootprint(depth); }
 )";
 
 void setVector(const Program& program, const char* name, const camera::Vec3& v) {
@@ -90,6 +92,7 @@ void setView(const Program& program, const View& view, std::uint32_t seed) {
   program.set("viewSize", static_cast<float>(projection.width), static_cast<float>(projection.height));
   program.set("viewHorizon", static_cast<float>(view.horizon));
   program.set("viewSeed", seed);
+  program.set("viewFiltered", view.filtered ? 1.0f : 0.0f);
   if (view.heights) view.heights->bind(program);
 }
 

@@ -17,6 +17,8 @@ class HeightTexture;
 struct View {
   camera::Camera camera;  // projection: of the picture that is drawn, in samples
   double horizon = 0;     // metres from the camera at which both renderings end
+  // Colours as samples of the picture's own width see them; else as points, with all the aliasing that has.
+  bool filtered = true;
   // No terrain is higher or lower within the horizon: lets the ray march skip the air. Metres, absolute; the defaults are always right.
   double lowest = -131072, highest = 131072;
   const HeightTexture* heights = nullptr;  // where the text is a height map's: what is known of it; outlives the view
@@ -41,6 +43,7 @@ Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& t
 //   void viewLocate(vec2 offset, out ivec2 cell, out vec2 fraction)   offset in metres from the camera, x and z
 //   vec3 viewRay(vec2 sampleAt)                                       unit direction through gl_FragCoord.xy
 //   float viewFootprint(float depth)                                  width in metres of a sample at this depth along the axis
+//   float viewFilter(float depth)                                     what colours there are filtered by: the same, or 0
 // and the uniforms viewForward, viewCameraY (metres), viewHorizon, viewSeed.
 std::string_view viewFunctions();
 

@@ -244,39 +244,108 @@ TEST_F(Drawing, TheRayMarchDoesNotStepOverCliffs) {
   EXPECT_LE(holes, 5u);
 }
 
+// The true heights of a leaf on a grid of so many cells a side.
+scene::HeldLeaf sampledLeaf(const terrain::Terrain& terrain, lattice::LeafAddress address, std::int32_t cells) {
+  auto leaf = std::make_shared<mesh::LeafMesh>();
+  leaf->address = address;
+  std::vector<lattice::Step> xs, zs;
+  const lattice::Step spacing = address.side() / cells;
+  for (std::int32_t i = 0; i <= cells; ++i)
+    for (std::int32_t j = 0; j <= cells; ++j) {
+      xs.push_back(address.x() + i * spacing);
+      zs.push_back(address.z() + j * spacing);
+    }
+  std::vector<std::int32_t> heights(xs.size());
+  terrain.heightSteps(xs, zs, heights);
+  for (std::size_t k = 0; k < xs.size(); ++k)
+    leaf->vertices.push_back({static_cast<std::int32_t>(xs[k] - address.x()), static_cast<std::int32_t>(zs[k] - address.z()), heights[k]});
+  const auto n = static_cast<std::uint32_t>(cells);
+  for (std::uint32_t i = 0; i < n; ++i)
+    for (std::uint32_t j = 0; j < n; ++j) {
+      const std::uint32_t a = i * (n + 1) + j, b = a + n + 1;
+      leaf->triangles.push_back({a, a + 1, b});
+      leaf->triangles.push_back({a + 1, b + 1, b});
+    }
+  return hold(leaf, 1);
+}
+
 TEST_F(Drawing, TheRayMarchDrawsTheHeightsThatTheServerTriangulates) {
   // Looking straight down, the middle of the picture is the terrain below: fine grids from the C++ heights must give the same picture.
   const auto terrain = terrain::create("alpine", 1);
   ASSERT_TRUE(terrain);
   Renderer r = renderer(std::string((*terrain)->source()));
   const lattice::LeafAddress address{2, 15, 11};  // 128 m
-  constexpr std::int32_t kCells = 256;
-  auto leaf = std::make_shared<mesh::LeafMesh>();
-  leaf->address = address;
-  std::vector<lattice::Step> xs, zs;
-  const lattice::Step spacing = address.side() / kCells;
-  for (std::int32_t i = 0; i <= kCells; ++i)
-    for (std::int32_t j = 0; j <= kCells; ++j) {
-      xs.push_back(address.x() + i * spacing);
-      zs.push_back(address.z() + j * spacing);
-    }
-  std::vector<std::int32_t> heights(xs.size());
-  (*terrain)->heightSteps(xs, zs, heights);
-  for (std::size_t k = 0; k < xs.size(); ++k)
-    leaf->vertices.push_back({static_cast<std::int32_t>(xs[k] - address.x()), static_cast<std::int32_t>(zs[k] - address.z()), heights[k]});
-  for (std::uint32_t i = 0; i < kCells; ++i)
-    for (std::uint32_t j = 0; j < kCells; ++j) {
-      const std::uint32_t a = i * (kCells + 1) + j, b = a + kCells + 1;
-      leaf->triangles.push_back({a, a + 1, b});
-      leaf->triangles.push_back({a + 1, b + 1, b});
-    }
   View view = viewFrom((static_cast<double>(address.x()) / 256) + 64, 0, static_cast<double>(address.z()) / 256 + 64, 0, -1.57, 160, 160);
   view.camera.pose.y = (*terrain)->height({view.camera.pose.x, view.camera.pose.z}) + 70;
   view.camera.projection.verticalFov = 0.8;
   view.highest = 8000;
-  const auto mesh = r.drawMesh(Leaves{{address, hold(leaf, 1)}}, view), march = r.drawMarch(view);
+  const auto mesh = r.drawMesh(Leaves{{address, sampledLeaf(**terrain, address, 256)}}, view), march = r.drawMarch(view);
   ASSERT_TRUE(mesh && march);
   EXPECT_GT(evaluation::similarity(mesh->picture, march->picture).mean, 0.98);
+}
+
+// A mesh of cells of 16 m, from above: corrected it must show the ray march's picture, at points that the C++ heights confirm.
+TEST_F(Drawing, CorrectedSamplesLieOnTheTrueSurface) {
+  const auto terrain = terrain::create("alpine", 1);
+  ASSERT_TRUE(terrain);
+  Renderer r = renderer(std::string((*terrain)->source()));
+  const lattice::LeafAddress address{4, 3, 2};  // 512 m
+  const Leaves leaves{{address, sampledLeaf(**terrain, address, 32)}};
+  View view =
+      viewFrom((static_cast<double>(address.x()) / 256) + 256, 0, static_cast<double>(address.z()) / 256 + 256, 0.3, -1.5, 240, 160);
+  view.camera.pose.y = (*terrain)->height({view.camera.pose.x, view.camera.pose.z}) + 250;
+  view.camera.projection.verticalFov = 0.7;
+  view.highest = 8000;
+  // The least and the greatest height of what is seen above the terrain, as a share of the samples that are nearer than 0.1 m.
+  const auto near = [&] {
+    const std::vector<float> seen = r.positions();
+    EXPECT_EQ(seen.size(), std::size_t{4} * 240 * 160);
+    std::size_t close = 0, all = 0;
+    for (std::size_t k = 0; k < seen.size(); k += 4) {
+      if (seen[k + 3] == 0) continue;
+      const lattice::Point at{view.camera.pose.x + std::llround(seen[k] * 256), view.camera.pose.z + std::llround(seen[k + 2] * 256)};
+      ++all;
+      close += std::abs((*terrain)->height(at) - (view.camera.pose.y + seen[k + 1])) < 0.1;
+    }
+    EXPECT_GT(all, seen.size() / 5);
+    return static_cast<double>(close) / static_cast<double>(all);
+  };
+  const auto march = r.drawMarch(view);
+  ASSERT_TRUE(march);
+  EXPECT_GT(near(), 0.99);
+  const auto mesh = r.drawMesh(leaves, view);
+  ASSERT_TRUE(mesh);
+  const double before = near();
+  const auto corrected = r.drawCorrected(leaves, view);
+  ASSERT_TRUE(corrected);
+  EXPECT_GT(near(), 0.95);
+  EXPECT_LT(before, 0.7);
+  const double plain = evaluation::similarity(mesh->picture, march->picture).mean;
+  const double better = evaluation::similarity(corrected->picture, march->picture).mean;
+  EXPECT_GT(better, 0.97);
+  EXPECT_GT(1 - plain, 3 * (1 - better)) << plain << " against " << better;
+  EXPECT_EQ(mesh->picture.terrain, corrected->picture.terrain);  // silhouettes stay the mesh's
+}
+
+// Shaded at no width the same squares are drawn, harder; what was seen stays where it was.
+TEST_F(Drawing, ColouringAnewChangesColoursAlone) {
+  const auto terrain = terrain::create("alpine", 1);
+  ASSERT_TRUE(terrain);
+  Renderer r = renderer(std::string((*terrain)->source()));
+  View view = viewFrom(2000, 0, 1500, 0.4, -0.3, 160, 96);
+  view.camera.pose.y = (*terrain)->height({view.camera.pose.x, view.camera.pose.z}) + 250;
+  const auto filtered = r.drawMarch(view, 2);
+  ASSERT_TRUE(filtered);
+  const std::vector<float> seen = r.positions();
+  const auto again = r.shadeAgain(view, 2);
+  view.filtered = false;
+  const auto points = r.shadeAgain(view, 2);
+  ASSERT_TRUE(again && points);
+  EXPECT_EQ(again->picture.rgb, filtered->picture.rgb);
+  EXPECT_NE(points->picture.rgb, filtered->picture.rgb);
+  EXPECT_EQ(points->picture.terrain, filtered->picture.terrain);
+  EXPECT_EQ(r.positions(), seen);
+  EXPECT_FALSE(r.shadeAgain(view, 1));
 }
 
 TEST_F(Drawing, ShaderErrorsNameTheTerrainAndItsLine) {
