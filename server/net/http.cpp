@@ -225,7 +225,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     working_ = false;
     const std::size_t bytes = a.body.size();
     if (asker_.stop_requested()) {
-      shared_->answerBytes -= bytes;
+      forget(bytes);
       return close();
     }
     answerBytes_ = bytes;
@@ -280,11 +280,19 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void sent(error_code ec) {
     shared_->figures->requests.add();
-    shared_->answerBytes -= std::exchange(answerBytes_, 0);
+    if (const std::size_t bytes = std::exchange(answerBytes_, 0)) forget(bytes);
     serializer_.reset();
     response_ = {};
     if (ec) return close();
     keepAlive_ && shared_->ready ? read() : closePolitely();
+  }
+
+  void forget(std::size_t bytes) {
+    {
+      const std::lock_guard lock(shared_->mutex);
+      shared_->answerBytes -= bytes;
+    }
+    shared_->fewer.notify_all();
   }
 
   // Says that nothing follows and passes over what the client still sends for a moment: closing with unread bytes would reset the

@@ -20,7 +20,7 @@ bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run)
   std::vector<Job> dropped;  // destroyed after the lock is given back
   {
     const std::lock_guard lock(mutex_);
-    if (stopped_) return false;
+    if (closed_) return false;
     const auto abandoned =
         std::stable_partition(waiting_.begin(), waiting_.end(), [](const Job& job) { return !job.stop.stop_requested(); });
     std::move(abandoned, waiting_.end(), std::back_inserter(dropped));
@@ -32,12 +32,26 @@ bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run)
   return true;
 }
 
+std::size_t Jobs::waiting() const {
+  const std::lock_guard lock(mutex_);
+  return waiting_.size();
+}
+
+void Jobs::finish(std::chrono::steady_clock::time_point until) {
+  {
+    std::unique_lock lock(mutex_);
+    closed_ = true;
+    ended_.wait_until(lock, until, [this] { return stopped_ || (waiting_.empty() && idle_ == running_.size()); });
+  }
+  stop();
+}
+
 void Jobs::stop() {
   std::deque<Job> dropped;
   std::vector<std::thread> threads;
   {
     const std::lock_guard lock(mutex_);
-    stopped_ = true;
+    closed_ = stopped_ = true;
     dropped.swap(waiting_);
     threads.swap(threads_);
     for (std::stop_source& job : running_) job.request_stop();
@@ -72,6 +86,7 @@ void Jobs::work(std::size_t thread) {
       job = {std::stop_source(std::nostopstate), {}};
       lock.lock();
     }
+    ended_.notify_all();
   }
 }
 

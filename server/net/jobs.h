@@ -5,6 +5,7 @@
 // down. Bounds: `threads` jobs run, `waiting` wait; beyond that post() refuses. A job that is stopped before it began never begins.
 // Any thread may post; what a job throws is the job's mistake and ends as `failed`.
 
+#include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <deque>
@@ -30,6 +31,10 @@ class Jobs {
 
   // False: full, or stopped. `run` is called once, on a thread of this, unless `stop` is requested before.
   bool post(std::stop_source stop, std::function<void(std::stop_token)> run);
+  // How many wait; at most `threads` more run. Any thread.
+  std::size_t waiting() const;
+  // Takes no more; what runs or waits has until then to end, then as stop(). Any thread but a job's.
+  void finish(std::chrono::steady_clock::time_point until);
   // Stops all jobs and waits for those that run. Any thread but a job's.
   void stop();
 
@@ -41,12 +46,12 @@ class Jobs {
   void work(std::size_t thread);
 
   const Limits limits_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_, ended_;
   std::deque<Job> waiting_;
   std::vector<std::stop_source> running_;  // by thread
   std::size_t idle_ = 0;                   // threads without a job
-  bool stopped_ = false;
+  bool closed_ = false, stopped_ = false;
   std::vector<std::thread> threads_;
 };
 

@@ -21,6 +21,14 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
                  for (const auto& [stream, weak] : s.streams) bytes += stream->waitingBytes();
                  return static_cast<double>(bytes);
                }));
+  const std::pair<const char*, double (*)(Shared&)> queues[] = {
+      {"iterations", [](Shared& s) -> double { return s.directory->resources().machine->queued(); }},
+      {"answers", [](Shared& s) -> double { return s.promptJobs.waiting(); }},
+      {"snapshots", [](Shared& s) -> double { return s.patientJobs.waiting(); }}};
+  for (const auto& [name, depth] : queues)
+    registry.ask("ridgecast_queue_depth",
+                 "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, snapshots and other long answers.", ask(depth),
+                 {{"queue", name}});
   registry.ask("ridgecast_ready", "1 where new streams are taken.", ask([](Shared& s) -> double { return s.ready ? 1 : 0; }));
   registry.ask("ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
                {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}});

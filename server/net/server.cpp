@@ -110,17 +110,17 @@ class ListeningServer final : public Server {
     if (threads_.empty()) return;
     shared_->ready = false;
     const auto until = std::chrono::steady_clock::now() + shared_->settings.drain;
-    shared_->promptJobs.stop();
-    shared_->patientJobs.stop();
     asio::post(acceptor_.get_executor(), [this] {
       error_code ignored;
       acceptor_.close(ignored);
       retry_.cancel();
     });
     sendAway();
+    shared_->promptJobs.finish(until);
+    shared_->patientJobs.finish(until);
     {
       std::unique_lock lock(shared_->mutex);
-      shared_->fewerStreams.wait_until(lock, until, [this] { return shared_->streams.empty(); });
+      shared_->fewer.wait_until(lock, until, [this] { return shared_->streams.empty() && shared_->answerBytes == 0; });
     }
     io_.stop();
     for (auto& thread : threads_) thread.join();

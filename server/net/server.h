@@ -77,7 +77,8 @@ class Server {
   virtual void undrain() = 0;
   // Reads certificate and tokens again, for connections to come. Error: what is wrong; then those there are stay.
   virtual std::optional<Error> reload() = 0;
-  // As drain(), and accepts no more; waits for streams to end, at most settings.drain, then serves no more.
+  // As drain(), and accepts no more; waits for streams to end and for the answers that are worked at, at most settings.drain,
+  // then serves no more.
   virtual void shutdown() = 0;
   virtual std::uint16_t port() const = 0;
   virtual std::string url() const = 0;  // http://ADDRESS:PORT

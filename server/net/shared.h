@@ -57,7 +57,7 @@ struct Shared {
 
   std::mutex mutex;
   std::shared_ptr<TlsContext> tls;  // of new connections; none: the port is in the clear
-  std::condition_variable fewerStreams;
+  std::condition_variable fewer;    // streams, or answers on their way
   std::unordered_map<const OpenStream*, std::weak_ptr<OpenStream>> streams;
 };
 

@@ -89,7 +89,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     shared_->figures->streamsOpen.add(-1);
     const std::lock_guard lock(shared_->mutex);
     shared_->streams.erase(this);
-    shared_->fewerStreams.notify_all();
+    shared_->fewer.notify_all();
   }
 
   void start(http::request<http::empty_body> request) {

@@ -88,6 +88,9 @@ Outcome<Wish> readWish(std::string_view query) {
     wish.parameters.emplace_back(name, value);
   }
   std::sort(wish.parameters.begin(), wish.parameters.end());
+  const auto twice =
+      std::adjacent_find(wish.parameters.begin(), wish.parameters.end(), [](const auto& a, const auto& b) { return a.first == b.first; });
+  if (twice != wish.parameters.end()) return Error{"The parameter '" + twice->first + "' is given twice; once is right."};
   return wish;
 }
 

@@ -192,10 +192,11 @@ void setNiceness([[maybe_unused]] int niceness) {
 Machine::Machine(unsigned threads, int niceness) : state_(std::make_shared<State>()) {
   state_->threads = threads ? threads : std::max(1u, std::thread::hardware_concurrency());
   state_->workers.reserve(state_->threads);
-  for (unsigned k = 0; k < state_->threads; ++k) state_->workers.emplace_back([state = state_.get(), niceness] {
-    setNiceness(niceness);
-    state->serve();
-  });
+  for (unsigned k = 0; k < state_->threads; ++k)
+    state_->workers.emplace_back([state = state_.get(), niceness] {
+      setNiceness(niceness);
+      state->serve();
+    });
 }
 
 Machine::~Machine() {
@@ -215,6 +216,13 @@ Machine::~Machine() {
 }
 
 unsigned Machine::threads() const { return state_->threads; }
+
+std::size_t Machine::queued() const {
+  const std::lock_guard lock(state_->mutex);
+  std::size_t sum = 0;
+  for (const Pool::Impl* pool : state_->pools) sum += pool->posted.size();
+  return sum;
+}
 
 std::shared_ptr<Pool> Machine::makePool(unsigned limit) {
   auto impl = std::make_shared<Pool::Impl>();

@@ -23,11 +23,13 @@ class Machine {
  public:
   // threads 0: as many as the hardware has. niceness: as setNiceness, of all of them.
   explicit Machine(unsigned threads, int niceness = 0);
-  ~Machine();                          // waits for the tasks in flight; tasks still queued are dropped
+  ~Machine();  // waits for the tasks in flight; tasks still queued are dropped
   Machine(const Machine&) = delete;
   Machine& operator=(const Machine&) = delete;
 
   unsigned threads() const;
+  // Posted tasks that no thread has begun, of all pools. Any thread.
+  std::size_t queued() const;
   // limit 0: min(4, threads). The pool may outlive the machine only without being used.
   std::shared_ptr<Pool> makePool(unsigned limit = 0);
 

@@ -94,6 +94,11 @@ TEST(Operations, FiguresUnderLoadAreThereAndSane) {
   EXPECT_GE(now["ridgecast_received_messages_total"], 2.0 * static_cast<double>(iterations));
   EXPECT_GT(now["ridgecast_received_bytes_total"], now["ridgecast_received_messages_total"]);
   EXPECT_LT(now["ridgecast_queued_bytes"], 64.0 * (1 << 20));
+  for (const char* queue : {"iterations", "answers", "snapshots"}) {
+    const std::string name = std::string("ridgecast_queue_depth{queue=\"") + queue + "\"}";
+    ASSERT_TRUE(now.contains(name));
+    EXPECT_LE(now[name], 4) << name;  // two cameras, nobody asks for anything else
+  }
   EXPECT_GT(now["ridgecast_vertices_inserted_total"], 1000);
   EXPECT_GT(now["ridgecast_heights_total"], now["ridgecast_vertices_inserted_total"]);
   EXPECT_EQ(now["ridgecast_refusals_total{reason=\"session\"}"], 1);
@@ -206,6 +211,44 @@ TEST(Operations, TellsItsManagerAndEndsWithinItsBound) {
   EXPECT_LT(Clock::now() - began, 6s);
   EXPECT_FALSE(std::filesystem::exists(folder / "port"));
   close(socket);
+}
+
+std::string snapshotOf(const std::string& box) { return "GET /v1/sessions/default/snapshot.glb?" + box + " HTTP/1.1\r\nHost: x\r\n\r\n"; }
+
+// What waits can be seen, and a server that is told to end hands over what it is working at.
+TEST(Operations, QueuesAreCountedAndSnapshotsInTheMakingAreFinished) {
+  ServerProcess server(RIDGECAST_SERVER, {"--drain", "60"});
+  const std::string slow = snapshotOf("x0=0&z0=0&x1=400&z1=400&error=0.5");
+  std::vector<std::unique_ptr<SocketClient>> askers;
+  for (int k = 0; k < 3; ++k) {
+    askers.push_back(std::make_unique<SocketClient>(server.port()));
+    askers.back()->send(slow);
+  }
+  double waiting = 0;
+  for (int k = 0; k < 100 && waiting != 2; ++k) waiting = scrape(server.port())["ridgecast_queue_depth{queue=\"snapshots\"}"];
+  EXPECT_EQ(waiting, 2);
+  server.process().signal(SIGTERM);
+  for (auto& asker : askers) {
+    std::string answer;
+    for (int k = 0; k < 24 && answer.find("\r\n\r\n") == std::string::npos; ++k) answer += asker->answer();
+    EXPECT_THAT(answer, testing::StartsWith("HTTP/1.1 200"));
+    const auto body = answer.find("\r\n\r\n");
+    ASSERT_NE(body, std::string::npos);
+    EXPECT_THAT(answer, HasSubstr("Content-Length: " + std::to_string(answer.size() - body - 4) + "\r\n"));
+  }
+  EXPECT_EQ(server.process().wait(20s), 0);
+}
+
+TEST(Operations, ASnapshotThatTakesTooLongDoesNotHoldTheEnd) {
+  ServerProcess server(RIDGECAST_SERVER, {"--drain", "1"});
+  SocketClient asker(server.port());
+  asker.send(snapshotOf("x0=0&z0=0&x1=20000&z1=20000&error=6"));
+  std::this_thread::sleep_for(300ms);
+  const auto began = Clock::now();
+  server.process().signal(SIGTERM);
+  EXPECT_EQ(server.process().wait(20s), 0);
+  EXPECT_GE(Clock::now() - began, 900ms);
+  EXPECT_LT(Clock::now() - began, 6s);
 }
 
 // Sockets of our own, many at once.

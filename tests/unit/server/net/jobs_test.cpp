@@ -1,5 +1,5 @@
-#include "server/logging/logging.h"
 #include "server/net/jobs.h"
+#include "server/logging/logging.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -65,6 +65,32 @@ TEST(Jobs, WhatIsAbandonedMakesRoomAndNeverBegins) {
   gate.set_value();
   EXPECT_TRUE(soon([&] { return second.load(); }));
   EXPECT_FALSE(ran);
+}
+
+TEST(Jobs, FinishingLetsThemEndUntilTheTimeIsUp) {
+  Jobs jobs({.threads = 1, .waiting = 4});
+  std::atomic<int> done{0};
+  for (int k = 0; k < 3; ++k)
+    jobs.post(std::stop_source(), [&](std::stop_token) {
+      std::this_thread::sleep_for(20ms);
+      ++done;
+    });
+  EXPECT_GE(jobs.waiting(), 1u);
+  jobs.finish(std::chrono::steady_clock::now() + 30s);
+  EXPECT_EQ(done, 3);
+  EXPECT_EQ(jobs.waiting(), 0u);
+  EXPECT_FALSE(jobs.post(std::stop_source(), [](std::stop_token) {}));
+
+  Jobs endless({.threads = 1, .waiting = 4});
+  std::atomic<int> began{0};
+  for (int k = 0; k < 2; ++k)
+    endless.post(std::stop_source(), [&](std::stop_token stop) {
+      ++began;
+      while (!stop.stop_requested()) std::this_thread::sleep_for(1ms);
+    });
+  EXPECT_TRUE(soon([&] { return began == 1; }));
+  endless.finish(std::chrono::steady_clock::now() + 50ms);
+  EXPECT_EQ(began, 1);
 }
 
 TEST(Jobs, StoppingStopsThoseThatRun) {

@@ -146,9 +146,10 @@ TEST_F(WorldsTest, AUrlMakesAWorldOrJoinsIt) {
 }
 
 TEST_F(WorldsTest, WhatIsNoWorldIsSaidInASentence) {
-  for (const char* wrong : {"terrain=../../etc/passwd", "terrain=a.glsl", "terrain=%00", "terrain=%zz", "terrain=alpine&seed=-1",
-                            "terrain=alpine&seed=4294967296", "terrain=alpine&seed=1x", "terrain=alpine&param=depth",
-                            "terrain=alpine&param=a=nan", "terrain=alpine&param=a=1e999", "terrain=atlantis"}) {
+  for (const char* wrong :
+       {"terrain=../../etc/passwd", "terrain=a.glsl", "terrain=%00", "terrain=%zz", "terrain=alpine&seed=-1",
+        "terrain=alpine&seed=4294967296", "terrain=alpine&seed=1x", "terrain=alpine&param=depth", "terrain=alpine&param=a=nan",
+        "terrain=alpine&param=a=1&param=b=2&param=a=1", "terrain=alpine&param=a=1e999", "terrain=atlantis"}) {
     const Answer a = connect("/v1/stream?session=new&" + std::string(wrong));
     EXPECT_EQ(a.status, 400u) << wrong;
     EXPECT_TRUE(a.body.ends_with(".\n") || a.body.find("there is:") != std::string::npos) << a.body;

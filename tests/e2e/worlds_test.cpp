@@ -1,0 +1,105 @@
+// Worlds that clients make by URL: parameters make another ground, for the mesh, for queries and for whoever joins.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tests/support/flier.h"
+#include "tests/support/process.h"
+#include "tests/support/server_process.h"
+#include "tests/support/socket_client.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace testing_support;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+constexpr double kPlaces[][2] = {{0, 0}, {333.5, -71}, {1500, 2750.25}, {-4000, 900}};
+
+class Worlds : public testing::Test {
+ protected:
+  // The tutorial's terrain and a cache of its own: every parameter is compiled here.
+  ScratchFolder folder_;
+  ServerProcess server_{
+      RIDGECAST_SERVER,
+      {"--terrain", RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl", "--terrain-cache", (folder_ / "cache").string()}};
+
+  std::string get(const std::string& target) {
+    SocketClient client(server_.port());
+    client.send("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+    const std::string answer = client.answer();
+    return answer.substr(answer.find("\r\n\r\n") + 4);
+  }
+  std::vector<double> heights(const std::string& session) {
+    std::string target = "/v1/heights?session=" + session;
+    for (const auto& [x, z] : kPlaces) target += "&at=" + std::to_string(x) + "," + std::to_string(z);
+    return nlohmann::json::parse(get(target)).at("heights").get<std::vector<double>>();
+  }
+};
+
+TEST_F(Worlds, ParametersMakeAnotherGround) {
+  wire::Settings settings;
+  settings.threshold = 20;
+  Flier flat(server_.url() + "?session=flat&terrain=dunes&seed=1&param=tallest=65", settings);
+  Flier high(server_.url() + "?session=high&terrain=dunes&seed=1&param=tallest=1040", settings);
+  Flier usual(server_.url() + "?session=usual&terrain=dunes&seed=1&param=tallest=260", settings);
+  Flier river(server_.url() + "?session=river&terrain=canyon&seed=1&param=riverLevel=550", settings);
+  const auto low = heights("flat"), tall = heights("high"), said = heights("usual"), own = heights("default");
+  EXPECT_EQ(said, own);  // what is the default anyway
+  for (std::size_t k = 0; k < low.size(); ++k) EXPECT_NEAR(tall[k], 16 * low[k], 1e-3 * std::abs(tall[k]) + 0.01) << k;
+  EXPECT_NE(low, tall);
+  const auto flooded = heights("river");
+  for (const double h : flooded) EXPECT_GE(h, 545);
+
+  // The mesh is of that ground, too.
+  camera::Camera camera;
+  camera.pose.y = 1300;
+  camera.pose.pitch = -0.6;
+  for (auto* flier : {&flat, &high}) flier->settle(camera);
+  const double true_ = tall[0], held = *high.scene().height({0, 0}), other = *flat.scene().height({0, 0});
+  EXPECT_NEAR(held, true_, 0.1 * true_ + 20);
+  EXPECT_LT(other, held / 4);
+
+  // Others join by name, or by saying the same; another number is another world, and a refusal says which it is.
+  Flier joins(server_.url() + "?session=high", settings),
+      repeats(server_.url() + "?session=high&terrain=dunes&param=tallest=1040", settings);
+  EXPECT_EQ(joins.world().contentHash, high.world().contentHash);
+  EXPECT_EQ(repeats.world().contentHash, high.world().contentHash);
+  EXPECT_NE(flat.world().contentHash, high.world().contentHash);
+  SocketClient stranger(server_.port());
+  EXPECT_FALSE(stranger.upgrade("/v1/stream?session=high&terrain=dunes&param=tallest=1041"));
+  EXPECT_THAT(stranger.refusal(), testing::AllOf(StartsWith("HTTP/1.1 409"), HasSubstr("tallest=1040")));
+
+  const auto listed = nlohmann::json::parse(get("/v1/sessions")).at("sessions");
+  int found = 0;
+  for (const auto& session : listed)
+    if (session["name"] == "high") {
+      ++found;
+      EXPECT_EQ(session["parameters"]["tallest"], 1040.0);
+      EXPECT_EQ(session["members"], 3);
+    }
+  EXPECT_EQ(found, 1);
+}
+
+TEST_F(Worlds, ImpossibleParametersAreRefusedInOneSentence) {
+  const std::pair<const char*, const char*> cases[] = {{"tallest=5", "tallest"},   {"tallest=1e300", "tallest"},
+                                                       {"widest=3", "widest"},     {"tallest=260&param=tallest=261", "tallest"},
+                                                       {"tallest", "NAME=NUMBER"}, {"%2e%2e/x=1", "NAME=NUMBER"}};
+  for (const auto& [parameter, named] : cases) {
+    SocketClient client(server_.port());
+    EXPECT_FALSE(client.upgrade(std::string("/v1/stream?session=odd&terrain=dunes&param=") + parameter));
+    EXPECT_THAT(client.refusal(), testing::AllOf(StartsWith("HTTP/1.1 400"), HasSubstr(named))) << parameter;
+  }
+  EXPECT_THAT(get("/v1/sessions"), testing::Not(HasSubstr("odd")));
+  EXPECT_TRUE(server_.healthy());
+}
+
+}  // namespace
+}  // namespace ridgecast
