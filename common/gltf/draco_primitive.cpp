@@ -74,6 +74,7 @@ std::optional<DracoPrimitive> compress(const Leaf& leaf) {
   draco::ExpertEncoder encoder(mesh);
   encoder.SetSpeedOptions(kEncodeSpeed, kDecodeSpeed);
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
+  encoder.options().SetGlobalBool("split_mesh_on_seams", true);  // all attributes share the corners of the positions: 2 % less, 25 % faster
   encoder.SetTrackEncodedProperties(true);
   const float origin[3] = {metres(least[0]), metres(least[1]), metres(least[2])};
   const float range = static_cast<float>(((std::int64_t{1} << bits) - 1) << shift) * static_cast<float>(lattice::kMetresPerStep);

@@ -13,6 +13,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <string_view>
 #include <utility>
 
 #include "common/gltf/draco_primitive.h"
@@ -67,6 +68,43 @@ bool isExact(const mesh::LeafMesh& leaf) {
   });
 }
 
+// Whole numbers without their ".0", and without what glTF says anyway: tinygltf writes both, and a file may have thousands of leaves.
+void thin(nlohmann::json& value) {
+  if (value.is_number_float()) {
+    const double number = value.get<double>();
+    if (number == std::floor(number) && std::abs(number) < 9e15) value = static_cast<std::int64_t>(number);
+  } else if (value.is_structured()) {
+    for (auto& inner : value) thin(inner);
+  }
+}
+
+void put32(std::string& out, std::size_t value) {
+  for (int shift = 0; shift < 32; shift += 8) out += static_cast<char>(value >> shift & 255);
+}
+
+// The same file with thinner JSON.
+std::string thinned(std::string_view glb) {
+  constexpr std::size_t kText = 20;  // header, chunk's length and name
+  std::size_t length = 0;
+  for (std::size_t k = 0; k < 4; ++k) length |= std::size_t{static_cast<unsigned char>(glb[12 + k])} << (8 * k);
+  nlohmann::json json = nlohmann::json::parse(glb.substr(kText, length));
+  thin(json);
+  if (json.contains("meshes"))
+    for (auto& mesh : json["meshes"]) mesh["primitives"][0].erase("mode");  // triangles
+  std::string text = json.dump();
+  text.resize((text.size() + 3) / 4 * 4, ' ');
+  const std::string_view rest = glb.substr(kText + length);
+  std::string out;
+  out.reserve(kText + text.size() + rest.size());
+  out += glb.substr(0, 8);
+  put32(out, kText + text.size() + rest.size());
+  put32(out, text.size());
+  out += glb.substr(16, 4);
+  out += text;
+  out += rest;
+  return out;
+}
+
 // What many accessors share: their values one after the other in one buffer view.
 struct Store {
   std::vector<unsigned char> bytes;
@@ -89,18 +127,30 @@ class Writer {
     stores_[kColours].stride = 8;
   }
 
-  Outcome<std::string> write(const std::stop_token& stop) {
+  Outcome<std::string> write(const std::stop_token& stop, const ForEach& forEach) {
     begin();
-    for (const Leaf& leaf : document_.leaves) {
+    if (compression_ == Compression::kDraco) {
+      packed_.resize(document_.leaves.size());
+      const std::function<void(std::size_t)> pack = [&](std::size_t k) {
+        const Leaf& leaf = document_.leaves[k];
+        if (!stop.stop_requested() && !leaf.mesh->triangles.empty() && isExact(*leaf.mesh)) packed_[k] = compress(leaf);
+      };
+      if (forEach)
+        forEach(packed_.size(), pack);
+      else
+        for (std::size_t k = 0; k < packed_.size(); ++k) pack(k);
+    }
+    for (std::size_t k = 0; k < document_.leaves.size(); ++k) {
       if (stop.stop_requested()) return Error{"nobody waits for the file any more"};
-      if (auto added = add(leaf); !added) return added.error();
+      if (auto added = add(k); !added) return added.error();
     }
     addCamera();
     finish();
     std::ostringstream out;
     tinygltf::TinyGLTF writer;
     if (!writer.WriteGltfSceneToStream(&model_, out, false, true) || !out) return Error{"the file could not be written"};
-    return Outcome<std::string>(boost::system::in_place_value, std::move(out).str());
+    model_ = {};
+    return Outcome<std::string>(boost::system::in_place_value, thinned(out.view()));
   }
 
  private:
@@ -119,7 +169,8 @@ class Writer {
     scene_.name = "terrain";
   }
 
-  Outcome<void> add(const Leaf& leaf) {
+  Outcome<void> add(std::size_t k) {
+    const Leaf& leaf = document_.leaves[k];
     const lattice::LeafAddress address = leaf.mesh->address;
     if (!isExact(*leaf.mesh))
       return Error{"a leaf of the mesh reaches further than 65,536 m from its corner, which a .glb cannot hold exactly"};
@@ -131,7 +182,7 @@ class Writer {
                                                           {"side", tinygltf::Value(metres(address.side()))}});
     if (!leaf.mesh->triangles.empty()) {
       tinygltf::Mesh mesh;
-      mesh.primitives.push_back(primitiveOf(leaf));
+      mesh.primitives.push_back(primitiveOf(leaf, packed_.empty() ? std::nullopt : std::exchange(packed_[k], {})));
       model_.meshes.push_back(std::move(mesh));
       node.mesh = static_cast<int>(model_.meshes.size() - 1);
     }
@@ -143,12 +194,10 @@ class Writer {
     return {};
   }
 
-  tinygltf::Primitive primitiveOf(const Leaf& leaf) {
+  tinygltf::Primitive primitiveOf(const Leaf& leaf, const std::optional<DracoPrimitive>& draco) {
     tinygltf::Primitive primitive;
     primitive.mode = TINYGLTF_MODE_TRIANGLES;
     primitive.material = 0;
-    std::optional<DracoPrimitive> draco;
-    if (compression_ == Compression::kDraco) draco = compress(leaf);
     if (!draco) {
       addPlain(leaf, primitive);
       return primitive;
@@ -320,13 +369,14 @@ class Writer {
   tinygltf::Model model_;
   tinygltf::Scene scene_;
   std::array<Store, kStores> stores_;
+  std::vector<std::optional<DracoPrimitive>> packed_;  // by leaf, until it is added; nothing: plain
   std::vector<unsigned char> compressed_;
 };
 
 }  // namespace
 
-Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop) {
-  return Writer(document, compression).write(stop);
+Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop, const ForEach& forEach) {
+  return Writer(document, compression).write(stop, forEach);
 }
 
 }  // namespace ridgecast::gltf

@@ -10,10 +10,15 @@
 //   asset.extras       cellX, cellZ (the cell, integers: metres / 4,096), latticeStep (metres) and what the caller adds
 // Triangles are counter-clockwise seen from above. A camera is the only node of a scene of its own, the second one, so that the nodes of
 // the first have translations alone; its rotation is yaw, then pitch. Equal documents give equal bytes. Pure functions; any thread.
+// A leaf takes some 600 bytes of JSON, compressed or not, and Draco's own description of a mesh 200: files of a million triangles shrink to
+// a fifth, those of many leaves with eight triangles each to a third. Accessors are not shared between leaves, although glTF allows it:
+// several importers keep what Draco decoded by accessor.
 // tinygltf stays in glb.cpp, Draco in draco_primitive.cpp.
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -43,8 +48,12 @@ struct Document {
   std::string extras = "{}";  // JSON object, added to asset.extras
 };
 
+// Calls its body for every index below the count, in whatever order, by as many threads as there are; returns when all are done.
+using ForEach = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;
+
+// `forEach`: leaves are compressed by it; none: one after the other. Equal bytes either way.
 // Errors: the mesh is too large for a .glb (4 GiB), a leaf's coordinates are not exact in a float (they reach 65 km), or `stop` was
 // requested.
-Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop = {});
+Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop = {}, const ForEach& forEach = {});
 
 }  // namespace ridgecast::gltf

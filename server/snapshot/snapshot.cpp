@@ -24,7 +24,7 @@ using Json = nlohmann::json;
 namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;
-constexpr int kVersion = 1;  // part of the ETag: change it when the same question gives another file
+constexpr int kVersion = 2;  // part of the ETag: change it when the same question gives another file
 
 double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 
@@ -211,7 +211,8 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   document.origin = made->origin;
   document.camera = made->camera;
   document.extras = extras.dump();
-  auto glb = gltf::writeGlb(document, question.compression, stop);
+  auto glb =
+      gltf::writeGlb(document, question.compression, stop, [&](std::size_t count, const auto& body) { pool->forEach(count, 8, body); });
   if (!glb) {
     if (watch.over()) return watch.problem();
     return Problem{Problem::Kind::kTooMuch, "This snapshot cannot be a .glb: " + glb.error().message + "."};

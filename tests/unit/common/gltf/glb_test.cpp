@@ -70,6 +70,12 @@ TEST(Glb, HoldsTheSameLatticePointsPlainAndCompressed) {
       const auto bytes = writeGlb(w.document, compression);
       ASSERT_TRUE(bytes) << bytes.error().message;
       EXPECT_EQ(*bytes, *writeGlb(w.document, compression));  // the same question, the same bytes
+      EXPECT_EQ(*bytes, *writeGlb(w.document, compression, {}, [](std::size_t count, const auto& body) {
+        for (std::size_t k = count; k-- > 0;) body(k);
+      }));
+      const std::string text(bytes->substr(20, bytes->find("BIN") - 20));
+      EXPECT_EQ(text.find(".0,"), std::string::npos);  // whole numbers are written as such, addresses far away, too
+      EXPECT_EQ(text.find("e+"), std::string::npos);
       const GlbFile file = readGlb(*bytes);
       ASSERT_EQ(file.leaves.size(), w.meshes.size());
       for (std::size_t k = 0; k < w.meshes.size(); ++k) {
