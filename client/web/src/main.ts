@@ -97,6 +97,7 @@ function streamUrl(): string {
   url.searchParams.set('session', place.session);
   if (place.terrain) url.searchParams.set('terrain', place.terrain);
   if (place.terrain && place.seed) url.searchParams.set('seed', place.seed);
+  if (place.terrain) for (const parameter of place.parameters) url.searchParams.append('param', parameter);
   return url.href;
 }
 
@@ -278,7 +279,7 @@ function wantGround(): void {
 }
 
 function goTo(session: string, terrain: string, seed: string): void {
-  Object.assign(place, { session, terrain, seed });
+  Object.assign(place, { session, terrain, seed, parameters: [] });
   element<HTMLDialogElement>('worlds').close();
   history.replaceState(null, '', address());
   light('wait', 'connecting');

@@ -2,7 +2,7 @@
 
 import { createRequire } from 'node:module';
 import { existsSync } from 'node:fs';
-import type { Browser, Page } from 'playwright-core';
+import type { Browser, BrowserContextOptions, Page } from 'playwright-core';
 import type { Report } from '../../../client/web/src/main';
 import { needed, sleep } from './server';
 
@@ -39,8 +39,8 @@ export class Viewer {
   readonly complaints: string[] = [];
   private constructor(readonly page: Page) {}
 
-  static async open(browser: Browser, url: string, size = { width: 640, height: 360 }): Promise<Viewer> {
-    const page = await (await browser.newContext({ viewport: size, acceptDownloads: true })).newPage();
+  static async open(browser: Browser, url: string, size = { width: 640, height: 360 }, more: BrowserContextOptions = {}): Promise<Viewer> {
+    const page = await (await browser.newContext({ viewport: size, acceptDownloads: true, ...more })).newPage();
     const viewer = new Viewer(page);
     page.on('console', (message) => {
       if (message.type() === 'error' || message.type() === 'warning') viewer.complaints.push(message.text());

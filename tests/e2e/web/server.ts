@@ -46,6 +46,10 @@ export class Server {
   get http(): string {
     return `http://127.0.0.1:${this.port}`;
   }
+  /** Where it was started with a certificate. */
+  get https(): string {
+    return `https://127.0.0.1:${this.port}`;
+  }
 
   async stop(): Promise<void> {
     if (this.child.exitCode === null) {

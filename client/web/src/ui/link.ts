@@ -10,6 +10,7 @@ export interface Place {
   session: string;
   terrain: string; // of a session that is to be made where there is none; else empty
   seed: string;
+  parameters: string[]; // of such a session's terrain, each NAME=NUMBER
   threshold: number | undefined;
   mode: Mode;
   token: string;
@@ -33,6 +34,7 @@ export function readPlace(hash: string): Place {
     session: values.get('session') || 'default',
     terrain: values.get('terrain') ?? '',
     seed: values.get('seed') ?? '',
+    parameters: values.getAll('param').slice(0, 32),
     threshold: number('threshold', 0.05, 1000),
     mode: mode === 'march' || mode === 'split' ? mode : 'mesh',
     token: values.get('token') ?? '',
@@ -55,6 +57,7 @@ export function writePlace(place: Omit<Place, 'altitude' | 'token'>): string {
   if (place.session !== 'default') parts.push(['session', place.session]);
   if (place.terrain) parts.push(['terrain', place.terrain]);
   if (place.terrain && place.seed) parts.push(['seed', place.seed]);
+  if (place.terrain) for (const parameter of place.parameters) parts.push(['param', parameter]);
   if (place.threshold !== undefined && place.threshold !== 1) parts.push(['threshold', String(place.threshold)]);
   if (place.mode !== 'mesh') parts.push(['mode', place.mode]);
   return '#' + parts.map(([name, value]) => `${name}=${encodeURIComponent(value)}`).join('&');
