@@ -134,7 +134,9 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
     auto translated = translate(source.file, checked->tokens, checked->items, colours);
     if (!translated) return translated.error();
     if (auto compiled = compile(source.file, *translated, variant, file); !compiled) return compiled.error();
-    return Library::open(file);
+    auto library = Library::open(file);
+    cache->trim();
+    return library;
   };
   auto coloured = make(true);
   return coloured || request.colours ? std::move(coloured) : make(false);

@@ -1,14 +1,17 @@
 #include "server/terrain/library.h"
 
 #include <dlfcn.h>
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/terrain/terrain.h"
@@ -149,7 +152,23 @@ std::filesystem::path Cache::fileFor(std::string_view text, std::string_view var
 
 bool Cache::has(const std::filesystem::path& file) const {
   struct stat s;
-  return lstat(file.c_str(), &s) == 0 && S_ISREG(s.st_mode) && isPrivate(s);
+  if (lstat(file.c_str(), &s) != 0 || !S_ISREG(s.st_mode) || !isPrivate(s)) return false;
+  utimensat(AT_FDCWD, file.c_str(), nullptr, AT_SYMLINK_NOFOLLOW);
+  return true;
+}
+
+void Cache::trim() const {
+  std::vector<std::pair<std::filesystem::file_time_type, std::filesystem::path>> kept;
+  std::error_code failed;
+  for (const auto& entry : std::filesystem::directory_iterator(folder_, failed)) {
+    const std::string name = entry.path().filename().string();  // as fileFor() makes them; what else lies there is somebody's
+    if (name.find_first_not_of("0123456789abcdef") != 32 || name[32] != '-' || name.find(".so") == std::string::npos) continue;
+    const auto used = entry.last_write_time(failed);
+    if (!failed) kept.emplace_back(used, entry.path());
+  }
+  if (kept.size() <= kMostKept) return;
+  std::ranges::sort(kept);
+  for (std::size_t k = 0; k < kept.size() - kMostKept; ++k) std::filesystem::remove(kept[k].second, failed);
 }
 
 Outcome<void> compile(std::string_view file, const Translation& translation, std::string_view variant,

@@ -39,7 +39,11 @@ class Cache {
   static Outcome<Cache> open(std::filesystem::path folder);
   // Where the compilation of this text for this instruction set is, or belongs. Depends on everything that goes into it.
   std::filesystem::path fileFor(std::string_view text, std::string_view variant, bool colours = false) const;
-  bool has(const std::filesystem::path& file) const;  // a file of this user's
+  bool has(const std::filesystem::path& file) const;  // a file of this user's; it counts as used now
+  // Removes those that were not used for longest, beyond kMostKept: who may make sessions could fill the disk with parameters otherwise.
+  // What is loaded stays loaded.
+  void trim() const;
+  static constexpr std::size_t kMostKept = 256;
 
  private:
   explicit Cache(std::filesystem::path folder) : folder_(std::move(folder)) {}

@@ -213,6 +213,39 @@ TEST(Operations, TellsItsManagerAndEndsWithinItsBound) {
   close(socket);
 }
 
+// By the programs that read them, where these are installed.
+TEST(Operations, FilesForSystemdAndPrometheusAreGood) {
+  ScratchFolder folder;
+  int judged = 0;
+  if (programExists("systemd-analyze")) {
+    std::string unit = readText(RIDGECAST_DOCKER "/systemd/ridgecast-server.service");
+    const std::string installed = "ExecStart=/usr/bin/ridgecast-server";
+    const auto at = unit.find(installed + " --config");
+    ASSERT_NE(at, std::string::npos);
+    unit.replace(at, installed.size(), std::string("ExecStart=") + RIDGECAST_SERVER);  // systemd asks that the program is there
+    const std::string file = folder / "ridgecast-server.service";
+    std::ofstream(file) << unit;
+    const Finished verified = runProgram({"systemd-analyze", "verify", file});
+    EXPECT_EQ(verified.code, 0) << verified.output;
+    EXPECT_EQ(verified.output.find("ridgecast-server.service"), std::string::npos) << verified.output;  // warnings name it
+    ++judged;
+  }
+  if (programExists("promtool")) {
+    for (const std::vector<std::string>& check : {std::vector<std::string>{"config", RIDGECAST_DOCKER "/prometheus/prometheus.yml"},
+                                                  {"rules", RIDGECAST_DOCKER "/prometheus/rules.yml"}}) {
+      std::vector<std::string> command{"promtool", "check"};
+      command.insert(command.end(), check.begin(), check.end());
+      const Finished checked = runProgram(command);
+      EXPECT_EQ(checked.code, 0) << checked.output;
+    }
+    ++judged;
+  }
+  const Finished settings = runProgram({RIDGECAST_SERVER, "--config", RIDGECAST_DOCKER "/systemd/server.toml", "--print-config"});
+  EXPECT_EQ(settings.code, 0) << settings.output;
+  EXPECT_THAT(settings.output, HasSubstr("log-format = \"json\""));
+  if (judged < 2) GTEST_SKIP() << "systemd-analyze or promtool (package prometheus) is not installed: " << judged << " of 2 judged";
+}
+
 std::string snapshotOf(const std::string& box) { return "GET /v1/sessions/default/snapshot.glb?" + box + " HTTP/1.1\r\nHost: x\r\n\r\n"; }
 
 // What waits can be seen, and a server that is told to end hands over what it is working at.

@@ -14,6 +14,7 @@
 
 #include "common/terrain/variants.h"
 #include "server/terrain/child.h"
+#include "server/terrain/library.h"
 #include "server/terrain/scratch.h"
 #include "tests/unit/common/terrain/points.h"
 
@@ -272,6 +273,45 @@ TEST_F(Files, theTutorialRunsAsItStands) {
   const auto [least, most] = std::minmax_element(h.begin(), h.end());
   EXPECT_GE(*least, 0.0f);
   EXPECT_GT(*most - *least, 100.0f);
+}
+
+// Parameters come over the network, each with a compilation of its own.
+TEST_F(Files, TheCacheKeepsWhatWasUsedLast) {
+  const path cache = folder_.path() / "cache", file = write("kept.glsl",
+                                                            "const float tall = 5.0;  //! 1..9 m: how tall\n"
+                                                            "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, "
+                                                            "uint seed) {\nreturn tall;\n}\n" +
+                                                                std::string(kColour));
+  Request first = request(file);
+  first.parameters = {{"tall", 2.0}};
+  ASSERT_TRUE(load(first, {}));
+  const auto entries = [&] {
+    std::vector<path> out;
+    for (const auto& entry : std::filesystem::directory_iterator(cache)) out.push_back(entry.path());
+    return out;
+  };
+  ASSERT_EQ(entries().size(), 1u);
+  const path used = entries().front();
+  const auto old = std::filesystem::file_time_type::clock::now() - std::chrono::hours(9);
+  std::filesystem::last_write_time(used, old - std::chrono::hours(1));  // the oldest of all
+  std::ofstream(cache / "somebody-elses.so") << "mine";
+  std::filesystem::last_write_time(cache / "somebody-elses.so", old - std::chrono::hours(2));
+  for (std::size_t k = 0; k < Cache::kMostKept + 20; ++k) {
+    char name[64];
+    std::snprintf(name, sizeof name, "%032zx-baseline.so", k);
+    std::ofstream(cache / name) << "old";
+    std::filesystem::last_write_time(cache / name, old + std::chrono::seconds(k));
+  }
+  ASSERT_TRUE(load(first, {}));  // used again
+  Request second = first;
+  second.parameters = {{"tall", 3.0}};
+  const auto loaded = load(second, {});
+  ASSERT_TRUE(loaded);
+  EXPECT_EQ((*loaded)->height({0, 0}), 3.0);
+  EXPECT_EQ(entries().size(), Cache::kMostKept + 1);
+  EXPECT_TRUE(std::filesystem::exists(used));
+  EXPECT_TRUE(std::filesystem::exists(cache / "somebody-elses.so"));
+  EXPECT_FALSE(std::filesystem::exists(cache / (std::string(32, '0') + "-baseline.so")));
 }
 
 }  // namespace
