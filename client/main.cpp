@@ -148,6 +148,8 @@ int main(int argc, char** argv) {
   flyCommand->add_flag("--realtime", fly.realtime, "fly by the clock instead of in lock-step");
   flyCommand->add_option("--seconds", fly.seconds, "fly only so much of the path")->check(within(0.0, 86400.0));
 
+  flyCommand->add_flag("--corrected", fly.corrected, "draw and compare the mesh corrected onto the true surface along each ray, too");
+  flyCommand->add_flag("--unfiltered", fly.unfiltered, "compare without filtering by footprint, too");
   flyCommand->add_flag("--popping", fly.measurePopping,
                        "measure how much pictures jump while the mesh refines at the end of the path, with and without morphing");
 
@@ -158,6 +160,19 @@ int main(int argc, char** argv) {
       ->required()
       ->type_name("DIR");
   evaluateCommand->add_flag("--quick", evaluate.quick, "small pictures and short flights: minutes on a software driver");
+  std::string evaluateSize;
+  evaluateCommand->add_option("--terrains", evaluate.terrains, "of the built-in ones; left out: all of them")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"alpine", "canyon", "archipelago"}).description(""))
+      ->type_name("NAME,...");
+  evaluateCommand->add_option("--only", evaluate.only, "views (standing cameras, settled meshes) or flights; left out: both")
+      ->check(CLI::IsMember({"views", "flights"}).description(""))
+      ->type_name("WHICH");
+  evaluateCommand->add_option("--size", evaluateSize, "of the pictures, WIDTHxHEIGHT; left out: 1280x720, quick 480x270");
+  evaluateCommand->add_option("--supersample", evaluate.supersample, "most samples a side of each pixel, 1, 2, 4 or 8; left out: 2")
+      ->check(CLI::IsMember({1, 2, 4, 8}).description(""));
+  evaluateCommand->add_option("--repeats", evaluate.repeats, "of what is timed; left out: 3, quick 1")->check(CLI::Range(1, 100).description(""));
+  evaluateCommand->add_option("--seconds", evaluate.seconds, "only the beginning of each flight; left out: all of it, quick 3")->check(within(0.0, 86400.0));
   evaluateCommand->add_option("--server", evaluate.server, "the server's program; left out: ridgecast-server beside this one")
       ->type_name("FILE");
 
@@ -171,6 +186,12 @@ int main(int argc, char** argv) {
     return app.exit(e) == 0 ? 0 : ridgecast::evaluation::kBadInput;
   }
 
+  if (evaluateCommand->parsed() && !evaluateSize.empty()) {
+    std::uint32_t width = 0, height = 0;
+    if (const std::string wrong = parseSize(evaluateSize, width, height); !wrong.empty()) return wrongArguments(wrong);
+    evaluate.width = width;
+    evaluate.height = height;
+  }
   if (evaluateCommand->parsed()) return ridgecast::evaluation::evaluate(evaluate);
   const bool flies = flyCommand->parsed(), shoots = snapshotCommand->parsed();
   if (!flies && !shoots && !viewCommand->parsed()) return wrongArguments("say what to do: view, fly, snapshot or evaluate; --help tells more");

@@ -1,18 +1,31 @@
 #pragma once
-// `ridgecast-client evaluate`: flies predefined paths over servers of its own and writes what came out as CSV, SVG plots and one HTML page
-// that opens without a network.
+// `ridgecast-client evaluate`: stands and flies over predefined ground with servers of its own and writes what came out as CSV, SVG plots,
+// one HTML page that opens without a network, and a document of the same tables.
 
+#include <cstdint>
 #include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
 
 namespace ridgecast::evaluation {
 
+// What is left out is what the full evaluation has, or with `quick` the quick one.
 struct EvaluateOptions {
-  std::filesystem::path out;     // a folder, made when missing; what is there already is not flown again
-  bool quick = false;            // small pictures, short flights: minutes on a software driver
-  std::filesystem::path server;  // the program; empty: ridgecast-server beside this one
+  std::filesystem::path out;                   // a folder, made when missing; what is there already is not measured again
+  bool quick = false;                          // small pictures, short flights: minutes on a software driver
+  std::filesystem::path server;                // the program; empty: ridgecast-server beside this one
+  std::vector<std::string> terrains;           // built-in ones; empty: all
+  std::string only;                            // "views", "flights" or empty: both
+  std::optional<std::uint32_t> width, height;  // pixels, both or none
+  std::optional<std::uint32_t>
+      supersample;                // 1, 2, 4, ...: views are drawn with 1, 2, ... up to N x N samples; flights with N x N, 2 x 2 at most
+  std::optional<int> repeats;     // of what is timed
+  std::optional<double> seconds;  // only the beginning of each flight
 };
 
-// Progress goes to stderr, one line a flight. Returns an exit code of fly.h. Resumable: a flight whose summary is there is not repeated.
+// Progress goes to stderr, a line for each thing measured. Returns an exit code of fly.h. Resumable: what has its result in the folder is
+// not measured again; a folder that was begun with other options is refused (kBadInput).
 int evaluate(const EvaluateOptions& options);
 
 }  // namespace ridgecast::evaluation

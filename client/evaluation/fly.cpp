@@ -66,7 +66,7 @@ class Flight {
 
     auto flown = options_.realtime ? flyByTheClock() : flyInLockStep();
     if (!flown) return flown.error();
-    if (pictures_ == 0)
+    if (pictures_ == 0 && !options_.atRest)
       if (auto drawn = takePicture(number(scene_.iteration()), false); !drawn) return drawn.error();
     std::fprintf(stderr, "at the end of the path: waiting until nothing more is refined\n");
     const auto began = Clock::now();
@@ -155,6 +155,16 @@ class Flight {
     record.hashOk = applied && scene_.hash() == iteration.meshHash;
     record.held = scene_.triangles();
     settled_ = iteration.settled && record.hashOk;
+    if (options_.measureFrames && !options_.realtime) {
+      record.uploadMs = renderer_.upload(scene_.leaves());
+      render::View small = view();
+      small.camera.projection.width = std::max(small.camera.projection.width / 4, 16u);
+      small.camera.projection.height = std::max(small.camera.projection.height / 4, 16u);
+      auto drawn = renderer_.drawMesh(scene_, small);
+      if (!drawn) return drawn.error();
+      record.drawMs = drawn->milliseconds;
+      unmeasured_ += secondsSince(began) - record.applyMs / 1e3;
+    }
     if (auto added = recorder_.add(iteration, record); !added) return added.error();
     if (!record.hashOk) {
       const std::string why = applied ? "its hash differs from the server's" : applied.error().message;
@@ -195,7 +205,7 @@ class Flight {
                      " s: look at its log, or ask for fewer triangles (--budget)"};
       }
     }
-    totals_.seconds += secondsSince(began);
+    totals_.seconds += secondsSince(began) - std::exchange(unmeasured_, 0.0);
     progress();
     return {};
   }
@@ -262,7 +272,7 @@ class Flight {
   }
 
   Outcome<void> keepWhatIsDue() {
-    if (t_ + 1e-6 >= nextPicture_) {
+    if (t_ + 1e-6 >= nextPicture_ && !options_.atRest) {
       nextPicture_ = (std::floor((t_ + 1e-6) / pictureEvery_) + 1) * pictureEvery_;
       if (auto drawn = takePicture(number(scene_.iteration()), false); !drawn) return drawn.error();
     }
@@ -279,14 +289,16 @@ class Flight {
       ++pictures_;
       return recorder_.meshPicture(name, renderer_, scene_, view(), options_.supersample);
     }
-    auto similarity = recorder_.picture(name, renderer_, scene_, view(), options_.supersample);
-    if (!similarity) return similarity.error();
-    atRest ? recorder_.setSettled(*similarity) : recorder_.addFrame(*similarity);
+    auto compared = recorder_.picture(name, renderer_, scene_, view(), {options_.supersample, options_.corrected, options_.unfiltered});
+    if (!compared) return compared.error();
+    atRest ? recorder_.setSettled(*compared) : recorder_.addFrame(*compared);
     ++pictures_;
+    const Similarity& similarity = compared->mesh;
     std::string terrain;
-    if (similarity->terrain) terrain = ", terrain alone " + std::to_string(*similarity->terrain).substr(0, 6);
+    if (similarity.terrain) terrain = ", terrain alone " + std::to_string(*similarity.terrain).substr(0, 6);
+    if (compared->corrected) terrain += ", corrected " + std::to_string(compared->corrected->mean).substr(0, 6);
     std::fprintf(stderr, "%s-mesh.png, %s-raymarch.png: SSIM %.4f%s (%.0f %% of the picture), %llu triangles\n", name.c_str(), name.c_str(),
-                 similarity->mean, terrain.c_str(), similarity->terrainShare * 100, static_cast<unsigned long long>(scene_.triangles()));
+                 similarity.mean, terrain.c_str(), similarity.terrainShare * 100, static_cast<unsigned long long>(scene_.triangles()));
     return {};
   }
 
@@ -310,7 +322,11 @@ class Flight {
   Outcome<void> conclude() {
     if (!options_.exportFile.empty() && !exported_)
       if (auto written = exportMesh(); !written) return written.error();
-    if (auto drawn = takePicture("settled", true); !drawn) return drawn.error();
+    if (!options_.atRest) {
+      if (auto drawn = takePicture("settled", true); !drawn) return drawn.error();
+    } else if (auto measured = options_.atRest({renderer_, scene_, view(), terrain_.get(), totals_.settled}); !measured) {
+      return measured.error();
+    }
     if (!states_.empty()) {
       std::fprintf(stderr, "drawing %zu iterations at 60 frames a second, with and without morphing\n", states_.size());
       render::View small = view();
@@ -344,6 +360,7 @@ class Flight {
   std::vector<render::Morph::Leaves> states_;  // of the standing camera, when popping is measured
   double t_ = 0, duration_, pictureEvery_, nextPicture_;
   bool exportDue_, exported_ = false, settled_ = false;
+  double unmeasured_ = 0;  // seconds of this step that went into frames
   std::uint64_t sequence_ = 0, settledPose_ = 0, pictures_ = 0;
   std::map<std::uint64_t, std::pair<Clock::time_point, double>> sent_;  // pose sequence -> when, path time; at most 4,096
   Clock::time_point nextProgress_ = Clock::now();

@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <optional>
 
 #include "client/connection/connection.h"
+#include "client/evaluation/views.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::evaluation {
@@ -23,9 +25,13 @@ struct FlyOptions {
   std::optional<double> exportAt;            // seconds of path time; nothing: at the end, once settled
   double settleLimit = 120;                  // seconds of wall time to wait at the end until nothing is refined any more
   bool remoteShaders = true;                 // draw with a terrain's GLSL that the server sent; else neutrally, see drawingOf
+  bool corrected = false;                    // draw and compare the corrected mesh, too (render/correction_pass.h)
+  bool unfiltered = false;                   // and compare all of it without filtering, too
+  bool measureFrames = false;                // lock-step: upload and draw every iteration, a quarter of the size
   bool realtime = false;                     // by the clock instead of in lock-step
   bool measurePopping = false;               // lock-step: from frame to frame while the mesh refines at the end of the path (popping.h)
   std::optional<double> seconds;             // fly only the beginning of the path
+  std::function<Outcome<void>(const AtRest&)> atRest;  // in place of all pictures: called at the end
 };
 
 // Exit codes of the program.

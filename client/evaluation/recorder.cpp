@@ -15,7 +15,9 @@ Json mean(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
 }
 
-std::string_view metricName(wire::Metric metric) { return metric == wire::Metric::kThesis ? "thesis" : metric == wire::Metric::kArea ? "area" : "pixels"; }
+std::string_view metricName(wire::Metric metric) {
+  return metric == wire::Metric::kThesis ? "thesis" : metric == wire::Metric::kArea ? "area" : "pixels";
+}
 
 Error cannotWrite(const std::filesystem::path& file) {
   return {"cannot write " + file.string() + ": choose a folder that exists, may be written and has room"};
@@ -36,33 +38,35 @@ Outcome<Recorder> Recorder::create(const std::filesystem::path& folder) {
 
 Outcome<void> Recorder::add(const wire::Iteration& iteration, const IterationRecord& record) {
   const wire::Figures& f = iteration.figures;
-  const Json line = {{"iteration", iteration.number},
-                     {"pose", iteration.poseSequence},
-                     {"t", record.t},
-                     {"select_ms", f.selectMs},
-                     {"generate_ms", f.generateMs},
-                     {"refine_ms", f.refineMs},
-                     {"triangulate_ms", f.triangulateMs},
-                     {"encode_ms", f.encodeMs},
-                     {"apply_ms", record.applyMs},
-                     {"latency_ms", record.latencyMs},
-                     {"triangles", f.triangles},
-                     {"triangles_held", record.held},
-                     {"inserted", f.inserted},
-                     {"removed", f.removed},
-                     {"deferred", f.deferred},
-                     {"heights", f.heights},
-                     {"leaves", f.leaves},
-                     {"leaves_valid", f.validLeaves},
-                     {"leaves_visible", f.visibleLeaves},
-                     {"leaves_generated", f.generatedLeaves},
-                     {"leaves_dropped", f.droppedLeaves},
-                     {"leaves_sent", iteration.whole.size()},
-                     {"leaves_gone", iteration.gone.size()},
-                     {"bytes", record.bytes},
-                     {"effective_threshold", f.effectiveThreshold},
-                     {"settled", iteration.settled},
-                     {"hash_ok", record.hashOk}};
+  Json line = {{"iteration", iteration.number},
+               {"pose", iteration.poseSequence},
+               {"t", record.t},
+               {"select_ms", f.selectMs},
+               {"generate_ms", f.generateMs},
+               {"refine_ms", f.refineMs},
+               {"triangulate_ms", f.triangulateMs},
+               {"encode_ms", f.encodeMs},
+               {"apply_ms", record.applyMs},
+               {"latency_ms", record.latencyMs},
+               {"triangles", f.triangles},
+               {"triangles_held", record.held},
+               {"inserted", f.inserted},
+               {"removed", f.removed},
+               {"deferred", f.deferred},
+               {"heights", f.heights},
+               {"leaves", f.leaves},
+               {"leaves_valid", f.validLeaves},
+               {"leaves_visible", f.visibleLeaves},
+               {"leaves_generated", f.generatedLeaves},
+               {"leaves_dropped", f.droppedLeaves},
+               {"leaves_sent", iteration.whole.size()},
+               {"leaves_gone", iteration.gone.size()},
+               {"bytes", record.bytes},
+               {"effective_threshold", f.effectiveThreshold},
+               {"settled", iteration.settled},
+               {"hash_ok", record.hashOk}};
+  if (record.uploadMs) line["upload_ms"] = *record.uploadMs;
+  if (record.drawMs) line["draw_ms"] = *record.drawMs;
   ++iterations_;
   mismatches_ += record.hashOk ? 0 : 1;
   latency_ += record.latencyMs;
@@ -72,17 +76,41 @@ Outcome<void> Recorder::add(const wire::Iteration& iteration, const IterationRec
   return {};
 }
 
-Outcome<Similarity> Recorder::picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
-                                      const render::View& view, std::uint32_t samples) {
+Outcome<Comparison> Recorder::picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
+                                      const render::View& view, const PictureSettings& settings) {
+  const std::uint32_t samples = settings.samples;
+  render::View points = view;
+  points.filtered = false;
+  Comparison out;
+  std::optional<render::Picture> meshPoints, corrected;
   auto mesh = renderer.drawMesh(scene, view, samples);
   if (!mesh) return mesh.error();
+  if (settings.unfiltered) {
+    auto again = renderer.shadeAgain(points, samples);
+    if (!again) return again.error();
+    meshPoints = std::move(again->picture);
+  }
+  if (settings.corrected) {
+    auto drawn = renderer.drawCorrected(scene.leaves(), view, samples);
+    if (!drawn) return drawn.error();
+    correctedMs_.push_back(drawn->milliseconds);
+    corrected = std::move(drawn->picture);
+    if (auto written = render::writePng(*corrected, folder_ / (name + "-corrected.png")); !written) return written.error();
+  }
   auto march = renderer.drawMarch(view, samples);
   if (!march) return march.error();
+  if (meshPoints) {
+    auto again = renderer.shadeAgain(points, samples);
+    if (!again) return again.error();
+    out.unfiltered = similarity(*meshPoints, again->picture);
+  }
   if (auto written = render::writePng(mesh->picture, folder_ / (name + "-mesh.png")); !written) return written.error();
   if (auto written = render::writePng(march->picture, folder_ / (name + "-raymarch.png")); !written) return written.error();
   meshMs_.push_back(mesh->milliseconds);
   marchMs_.push_back(march->milliseconds);
-  return similarity(mesh->picture, march->picture);
+  out.mesh = similarity(mesh->picture, march->picture);
+  if (corrected) out.corrected = similarity(*corrected, march->picture);
+  return out;
 }
 
 Outcome<void> Recorder::meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
@@ -93,21 +121,33 @@ Outcome<void> Recorder::meshPicture(const std::string& name, render::Renderer& r
   return render::writePng(mesh->picture, folder_ / (name + "-mesh.png"));
 }
 
-void Recorder::addFrame(const Similarity& similarity) { frames_.push_back(similarity.mean); }
-
 Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scene& scene, const render::View& view, std::uint32_t samples,
                                      const Totals& totals) {
   lines_.flush();
   Json summary;
+  std::vector<double> whole, terrain, unfiltered, corrected;
+  for (const Comparison& frame : frames_) {
+    whole.push_back(frame.mesh.mean);
+    if (frame.mesh.terrain) terrain.push_back(*frame.mesh.terrain);
+    if (frame.unfiltered) unfiltered.push_back(frame.unfiltered->mean);
+    if (frame.corrected) corrected.push_back(frame.corrected->mean);
+  }
   summary["frames"] = frames_.size();
-  summary["ssim_mean"] = mean(frames_);
-  summary["ssim_min"] = frames_.empty() ? Json(nullptr) : Json(*std::ranges::min_element(frames_));
-  summary["ssim_settled"] = settled_ ? Json(settled_->mean) : Json(nullptr);
-  summary["ssim_settled_terrain"] = settled_ && settled_->terrain ? Json(*settled_->terrain) : Json(nullptr);
-  summary["terrain_share"] = settled_ ? Json(settled_->terrainShare) : Json(nullptr);
+  summary["ssim_mean"] = mean(whole);
+  summary["ssim_min"] = whole.empty() ? Json(nullptr) : Json(*std::ranges::min_element(whole));
+  summary["ssim_frames"] = whole;
+  summary["ssim_mean_terrain"] = mean(terrain);
+  if (!unfiltered.empty()) summary["ssim_mean_unfiltered"] = mean(unfiltered);
+  if (!corrected.empty()) summary["ssim_mean_corrected"] = mean(corrected);
+  summary["ssim_settled"] = settled_ ? Json(settled_->mesh.mean) : Json(nullptr);
+  summary["ssim_settled_terrain"] = settled_ && settled_->mesh.terrain ? Json(*settled_->mesh.terrain) : Json(nullptr);
+  if (settled_ && settled_->unfiltered) summary["ssim_settled_unfiltered"] = settled_->unfiltered->mean;
+  if (settled_ && settled_->corrected) summary["ssim_settled_corrected"] = settled_->corrected->mean;
+  summary["terrain_share"] = settled_ ? Json(settled_->mesh.terrainShare) : Json(nullptr);
   summary["triangles"] = scene.triangles();
   summary["iterations_per_second"] = totals.seconds > 0 ? Json(static_cast<double>(iterations_) / totals.seconds) : Json(nullptr);
   summary["mesh_frame_ms"] = mean(meshMs_);
+  if (!correctedMs_.empty()) summary["corrected_frame_ms"] = mean(correctedMs_);
   summary["raymarch_frame_ms"] = mean(marchMs_);
   summary["bytes_received"] = totals.bytesReceived;
   summary["iterations"] = iterations_;

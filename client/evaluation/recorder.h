@@ -24,6 +24,19 @@ struct IterationRecord {
   double applyMs = 0;       // decoding and applying
   bool hashOk = false;      // the mesh held afterwards is the server's
   std::uint64_t held = 0;   // triangles held afterwards
+  // Where frames are measured: bringing the graphics card up to date, and drawing.
+  std::optional<double> uploadMs, drawMs;
+};
+
+// One picture of the mesh against the ray march of the same camera.
+struct Comparison {
+  Similarity mesh;
+  std::optional<Similarity> corrected, unfiltered;  // where asked for
+};
+
+struct PictureSettings {
+  std::uint32_t samples = 1;  // a side of each pixel
+  bool corrected = false, unfiltered = false;
 };
 
 struct Totals {
@@ -42,15 +55,15 @@ class Recorder {
 
   Outcome<void> add(const wire::Iteration& iteration, const IterationRecord& record);
 
-  // Draws both renderings, writes NAME-mesh.png and NAME-raymarch.png and compares them.
-  Outcome<Similarity> picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
-                              std::uint32_t samples);
+  // Draws both renderings, writes NAME-mesh.png and NAME-raymarch.png (NAME-corrected.png, too, where asked for) and compares them.
+  Outcome<Comparison> picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
+                              const PictureSettings& settings);
   // Draws the mesh alone, where this client knows no terrain to compare it with, and writes NAME-mesh.png.
   Outcome<void> meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
                             std::uint32_t samples);
   // Counts a comparison among the flight's frames, or as the one at rest.
-  void addFrame(const Similarity& similarity);
-  void setSettled(const Similarity& similarity) { settled_ = similarity; }
+  void addFrame(const Comparison& comparison) { frames_.push_back(comparison); }
+  void setSettled(const Comparison& comparison) { settled_ = comparison; }
 
   std::uint64_t hashMismatches() const { return mismatches_; }
   Outcome<void> writeSummary(const wire::World& world, const scene::Scene& scene, const render::View& view, std::uint32_t samples,
@@ -62,9 +75,9 @@ class Recorder {
   std::ofstream lines_;
   std::uint64_t iterations_ = 0, mismatches_ = 0;
   double latency_ = 0, latencyWorst_ = 0;
-  std::vector<double> frames_;  // SSIM of each
-  std::vector<double> meshMs_, marchMs_;
-  std::optional<Similarity> settled_;
+  std::vector<Comparison> frames_;
+  std::vector<double> meshMs_, marchMs_, correctedMs_;
+  std::optional<Comparison> settled_;
 };
 
 }  // namespace ridgecast::evaluation

@@ -8,7 +8,13 @@
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
+
+#include "client/evaluation/flight_tables.h"
+#include "client/evaluation/table.h"
+#include "client/evaluation/view_tables.h"
+#include "client/render/picture.h"
 
 namespace ridgecast::evaluation {
 namespace {
@@ -19,45 +25,39 @@ using Points = std::vector<std::pair<double, double>>;
 // Okabe and Ito's palette, told apart by colour-blind eyes.
 constexpr std::array<const char*, 7> kColours = {"#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"};
 
-struct Column {
-  const char* key;    // of summary.json
-  const char* title;  // with its unit
-  const char* format;
-};
-constexpr std::array<Column, 17> kColumns = {{{"frames", "pictures", "%.0f"},
-                                              {"ssim_mean", "SSIM mean", "%.4f"},
-                                              {"ssim_min", "SSIM least", "%.4f"},
-                                              {"ssim_settled", "SSIM settled", "%.4f"},
-                                              {"ssim_settled_terrain", "SSIM settled, terrain alone", "%.4f"},
-                                              {"triangles", "triangles settled", "%.0f"},
-                                              {"leaves", "nodes", "%.0f"},
-                                              {"iterations", "iterations", "%.0f"},
-                                              {"iterations_per_second", "iterations/s", "%.2f"},
-                                              {"mesh_frame_ms", "mesh ms/frame", "%.1f"},
-                                              {"raymarch_frame_ms", "ray march ms/frame", "%.1f"},
-                                              {"bytes_received", "bytes", "%.0f"},
-                                              {"latency_ms_mean", "latency ms", "%.1f"},
-                                              {"settle_seconds", "settled after s", "%.1f"},
-                                              {"hash_mismatches", "hashes that differed", "%.0f"},
-                                              {"popping_off", "popping, morphing off", "%.4f"},
-                                              {"popping_on", "popping, morphing on", "%.4f"}}};
-
-std::string text(const char* format, double v) {
-  char out[64];
-  std::snprintf(out, sizeof out, format, v);
-  return out;
-}
+// Of summary.json, for runs.csv.
+constexpr std::array<const char*, 27> kColumns = {"frames",
+                                                  "ssim_mean",
+                                                  "ssim_min",
+                                                  "ssim_mean_terrain",
+                                                  "ssim_mean_unfiltered",
+                                                  "ssim_mean_corrected",
+                                                  "ssim_settled",
+                                                  "ssim_settled_terrain",
+                                                  "ssim_settled_unfiltered",
+                                                  "ssim_settled_corrected",
+                                                  "triangles",
+                                                  "leaves",
+                                                  "iterations",
+                                                  "iterations_per_second",
+                                                  "mesh_frame_ms",
+                                                  "corrected_frame_ms",
+                                                  "raymarch_frame_ms",
+                                                  "bytes_received",
+                                                  "latency_ms_mean",
+                                                  "latency_ms_max",
+                                                  "settle_seconds",
+                                                  "hash_mismatches",
+                                                  "popping_off",
+                                                  "popping_on",
+                                                  "samples",
+                                                  "width",
+                                                  "height"};
 
 std::optional<double> value(const Json& summary, const char* key) {
   const auto it = summary.find(key);
   if (it == summary.end() || !it->is_number()) return std::nullopt;
   return it->get<double>();
-}
-
-std::string escaped(const std::string& s) {
-  std::string out;
-  for (const char c : s) out += c == '<' ? "&lt;" : c == '&' ? "&amp;" : c == '"' ? "&quot;" : std::string(1, c);
-  return out;
 }
 
 std::string slurp(const std::filesystem::path& file) {
@@ -79,36 +79,36 @@ std::string base64(const std::string& bytes) {
 }
 
 // Lines over one pair of axes.
-std::string plot(const std::string& title, const std::string& xTitle, const std::string& yTitle,
-                 const std::map<std::string, Points>& lines) {
+std::string plot(const std::string& title, const std::string& xTitle, const std::string& yTitle, const std::map<std::string, Points>& lines,
+                 double lowest = 0) {
   constexpr double kWidth = 640, kHeight = 320, kLeft = 70, kBottom = 44, kTop = 34, kRight = 170;
-  double most = 1e-9, last = 1e-9;
+  double most = lowest + 1e-9, last = 1e-9;
   for (const auto& [name, points] : lines)
     for (const auto& [x, y] : points) most = std::max(most, y), last = std::max(last, x);
   const auto px = [&](double x) { return kLeft + x / last * (kWidth - kLeft - kRight); };
-  const auto py = [&](double y) { return kHeight - kBottom - y / most * (kHeight - kBottom - kTop); };
+  const auto py = [&](double y) { return kHeight - kBottom - (y - lowest) / (most - lowest) * (kHeight - kBottom - kTop); };
   std::ostringstream out;
   out << R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 640 320" font-family="sans-serif" font-size="12" role="img" aria-label=")"
-      << escaped(title) << "\"><rect width=\"640\" height=\"320\" fill=\"#fff\"/><text x=\"" << kLeft << "\" y=\"20\" font-size=\"14\">"
-      << escaped(title) << "</text>\n";
+      << escapedHtml(title) << "\"><rect width=\"640\" height=\"320\" fill=\"#fff\"/><text x=\"" << kLeft << "\" y=\"20\" font-size=\"14\">"
+      << escapedHtml(title) << "</text>\n";
   for (int k = 0; k <= 4; ++k) {
-    const double y = most * k / 4, x = last * k / 4;
+    const double y = lowest + (most - lowest) * k / 4, x = last * k / 4;
     out << "<line x1=\"" << kLeft << "\" x2=\"" << kWidth - kRight << "\" y1=\"" << py(y) << "\" y2=\"" << py(y)
-        << "\" stroke=\"#ddd\"/><text x=\"" << kLeft - 6 << "\" y=\"" << py(y) + 4 << "\" text-anchor=\"end\">" << text("%.3g", y)
-        << "</text><text x=\"" << px(x) << "\" y=\"" << kHeight - kBottom + 16 << "\" text-anchor=\"middle\">" << text("%.3g", x)
+        << "\" stroke=\"#ddd\"/><text x=\"" << kLeft - 6 << "\" y=\"" << py(y) + 4 << "\" text-anchor=\"end\">" << cell("%.3g", y)
+        << "</text><text x=\"" << px(x) << "\" y=\"" << kHeight - kBottom + 16 << "\" text-anchor=\"middle\">" << cell("%.3g", x)
         << "</text>\n";
   }
-  out << "<text x=\"" << (kLeft + kWidth - kRight) / 2 << "\" y=\"" << kHeight - 8 << "\" text-anchor=\"middle\">" << escaped(xTitle)
-      << "</text><text transform=\"translate(14 " << kHeight / 2 << ") rotate(-90)\" text-anchor=\"middle\">" << escaped(yTitle)
+  out << "<text x=\"" << (kLeft + kWidth - kRight) / 2 << "\" y=\"" << kHeight - 8 << "\" text-anchor=\"middle\">" << escapedHtml(xTitle)
+      << "</text><text transform=\"translate(14 " << kHeight / 2 << ") rotate(-90)\" text-anchor=\"middle\">" << escapedHtml(yTitle)
       << "</text>\n";
   std::size_t k = 0;
   for (const auto& [name, points] : lines) {
     const char* colour = kColours[k % kColours.size()];
     out << "<polyline fill=\"none\" stroke-width=\"2\" stroke=\"" << colour << "\" points=\"";
-    for (const auto& [x, y] : points) out << text("%.1f", px(x)) << "," << text("%.1f", py(y)) << " ";
+    for (const auto& [x, y] : points) out << cell("%.1f", px(x)) << "," << cell("%.1f", py(y)) << " ";
     const double y = kTop + 16 * static_cast<double>(k++);
     out << "\"/><rect x=\"" << kWidth - kRight + 12 << "\" y=\"" << y << "\" width=\"12\" height=\"4\" fill=\"" << colour
-        << "\"/><text x=\"" << kWidth - kRight + 30 << "\" y=\"" << y + 7 << "\">" << escaped(name) << "</text>\n";
+        << "\"/><text x=\"" << kWidth - kRight + 30 << "\" y=\"" << y + 7 << "\">" << escapedHtml(name) << "</text>\n";
   }
   out << "</svg>\n";
   return out.str();
@@ -128,13 +128,29 @@ struct Plot {
 
 std::vector<Plot> plots(const std::vector<Run>& runs, const std::vector<Json>& summaries) {
   std::vector<Plot> out;
-  std::map<std::string, Points> triangles, bytes, popping;
+  std::map<std::string, Points> triangles, bytes, popping, likeness;
+  std::map<std::pair<std::string, std::string>, std::size_t> finest;
+  double least = 1;
   for (std::size_t r = 0; r < runs.size(); ++r) {
     if (const auto it = summaries[r].find("popping_frames"); it != summaries[r].end())
       for (const char* which : {"off", "on"})
         for (std::size_t k = 0; k < (*it)[which].size(); ++k)
-          popping[std::string("morphing ") + which].push_back({static_cast<double>(k) / 60, (*it)[which][k].get<double>()});
-    if (runs[r].repeat > 1 || runs[r].threads) continue;
+          popping[runs[r].terrain + ", morphing " + which].push_back({static_cast<double>(k) / 60, (*it)[which][k].get<double>()});
+    // One line for each terrain and metric: its finest flight.
+    const std::pair key{runs[r].terrain, runs[r].metric};
+    if (const auto [at, isNew] = finest.try_emplace(key, r); runs[r].threads || (!isNew && runs[at->second].threshold <= runs[r].threshold))
+      continue;
+    else
+      at->second = r;
+  }
+  for (const auto& [key, r] : finest) {
+    if (const auto it = summaries[r].find("ssim_frames"); it != summaries[r].end() && it->size() > 1) {
+      std::vector<double> sorted = it->get<std::vector<double>>();
+      std::ranges::sort(sorted);
+      least = std::min(least, sorted.front());
+      for (std::size_t k = 0; k < sorted.size(); ++k)
+        likeness[runs[r].name].push_back({static_cast<double>(k) / static_cast<double>(sorted.size() - 1), sorted[k]});
+    }
     const std::vector<Json> iterations = iterationsOf(runs[r]);
     double sum = 0, n = 0;
     for (const Json& i : iterations) {
@@ -154,68 +170,75 @@ std::vector<Plot> plots(const std::vector<Run>& runs, const std::vector<Json>& s
     }
     out.push_back({"stages.svg", plot("Time of each stage, " + runs.front().name, "iteration", "milliseconds", stages)});
   }
+  if (!likeness.empty())
+    out.push_back({"likeness.svg", plot("SSIM along the flights: distribution", "share of the pictures below", "SSIM", likeness,
+                                        std::floor(least * 20) / 20)});
   if (!popping.empty()) out.push_back({"popping.svg", plot("Change from frame to frame, standing camera", "seconds", "1 - SSIM", popping)});
   return out;
 }
 
-// Mean and half the range of what repeats of one setting gave.
-std::string spread(const std::vector<double>& values, const char* format) {
-  if (values.empty()) return "";
-  const auto [least, most] = std::ranges::minmax(values);
-  double sum = 0;
-  for (const double v : values) sum += v;
-  std::string out = text(format, sum / static_cast<double>(values.size()));
-  return values.size() > 1 ? out + " &plusmn; " + text(format, (most - least) / 2) : out;
+// A picture of at most 640 pixels across, for the page; empty when there is none.
+std::string figure(const std::filesystem::path& file, const std::string& caption) {
+  auto picture = render::readPng(file);
+  if (!picture) return {};
+  picture->terrain.assign(std::size_t{picture->width} * picture->height, 255);
+  std::uint32_t n = 1;
+  while (picture->width / n > 640 && picture->width % (2 * n) == 0 && picture->height % (2 * n) == 0) n *= 2;
+  return "<figure><img alt=\"" + escapedHtml(caption) + "\" src=\"data:image/jpeg;base64," +
+         base64(render::encodeJpeg(render::downsample(*picture, n), 88)) + "\"><figcaption>" + escapedHtml(caption) +
+         "</figcaption></figure>\n";
 }
 
-std::string html(const std::vector<Run>& runs, const std::vector<Json>& summaries, const std::vector<Plot>& drawn,
-                 const std::string& machine) {
+std::string html(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& views, const std::vector<Table>& viewTables,
+                 const std::vector<Table>& flightTables, const std::vector<Plot>& drawn, const std::string& machine) {
   std::ostringstream out;
-  out << "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Ridgecast: mesh against ray march</title><style>body{font:15px "
-         "sans-serif;max-width:1200px;"
-         "margin:2em auto;padding:0 1em}table{border-collapse:collapse;font-size:13px}td,th{border:1px solid #ccc;padding:3px "
-         "7px;text-align:right}th{background:#f3f3f3}"
-         "td:first-child{text-align:left}img,svg{max-width:100%}figure{display:inline-block;width:48%;margin:.5%}.wide{overflow-x:auto}</"
-         "style>\n<h1>Mesh against ray march</h1>\n<p>"
-      << escaped(machine)
-      << "</p>\n<p>Each row is a flight in lock-step over a server of its own; where it was repeated, mean and half the range. SSIM "
-         "compares the streamed mesh with a "
-         "converged ray march of the same camera: along the flight, and at its end, settled; on the whole picture and on terrain alone. "
-         "Shading is filtered by footprint alike on both "
-         "sides.</p>\n<div class=\"wide\"><table><tr><th>flight";
-  for (const Column& c : kColumns) out << "<th>" << c.title;
-  out << "\n";
-  std::map<std::string, std::vector<std::size_t>> settings;
-  std::vector<std::string> order;
-  for (std::size_t r = 0; r < runs.size(); ++r) {
-    const std::string key = runs[r].name.substr(0, runs[r].name.rfind("-r"));
-    if (!settings.contains(key)) order.push_back(key);
-    settings[key].push_back(r);
+  out << "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
+         "content=\"width=device-width\"><title>Ridgecast: mesh against ray "
+         "march</title><style>body{font:15px/1.45 sans-serif;max-width:1240px;margin:2em auto;padding:0 "
+         "1em;color:#222}table{border-collapse:collapse;font-size:13px}"
+         "td,th{border:1px solid #ccc;padding:3px "
+         "7px;text-align:right}th{background:#f3f3f3;vertical-align:bottom}td:first-child{text-align:left;white-space:nowrap}"
+         "tr:nth-child(odd) "
+         "td{background:#fafafa}img,svg{max-width:100%;width:100%}figure{display:inline-block;width:48%;margin:.5%;vertical-align:top}"
+         "figcaption{font-size:12px;color:#555}.wide{overflow-x:auto}h2{margin-top:2em}</style>\n<h1>Mesh against ray march</h1>\n<p>"
+      << escapedHtml(machine) << "</p>\n";
+  if (!viewTables.empty()) {
+    out << "<h2>Standing cameras, settled meshes</h2>\n";
+    for (const Table& table : viewTables) out << asHtml(table);
+    out << "<h3>Pictures</h3>\n";
+    for (const std::filesystem::path& view : views)
+      for (const auto& [file, what] : {std::pair{"mesh.png", "mesh"},
+                                       {"march.png", "ray march"},
+                                       {"corrected.png", "mesh, corrected"},
+                                       {"loss.png", "1 - SSIM of the mesh: black 0, white 0.25 and more"}})
+        out << figure(view / file, view.filename().string() + ": " + what);
   }
-  for (const std::string& key : order) {
-    out << "<tr><td>" << escaped(key);
-    for (const Column& c : kColumns) {
-      std::vector<double> values;
-      for (const std::size_t r : settings[key])
-        if (const auto v = value(summaries[r], c.key)) values.push_back(*v);
-      out << "<td>" << spread(values, c.format);
-    }
-    out << "\n";
-  }
-  out << "</table></div>\n<h2>Plots</h2>\n";
-  for (const Plot& p : drawn) out << "<figure>" << p.svg << "</figure>\n";
-  out << "<h2>Pictures</h2>\n";
-  for (std::size_t r = 0; r < runs.size(); ++r) {
-    if (runs[r].repeat > 1) continue;
-    for (const char* picture : {"settled-mesh.png", "settled-raymarch.png"}) {
-      const std::string bytes = slurp(runs[r].folder / picture);
-      if (!bytes.empty())
-        out << "<figure><img alt=\"\" src=\"data:image/png;base64," << base64(bytes) << "\"><figcaption>" << escaped(runs[r].name) << ", "
-            << picture << "</figcaption></figure>\n";
-    }
+  if (!flightTables.empty()) {
+    out << "<h2>Flights</h2>\n<p>Each row is a flight in lock-step over a server of its own; where it was repeated, mean and half the "
+           "range.</p>\n";
+    for (const Table& table : flightTables) out << asHtml(table);
+    out << "<h3>Plots</h3>\n";
+    for (const Plot& p : drawn) out << "<figure>" << p.svg << "</figure>\n";
+    out << "<h3>Pictures</h3>\n";
+    for (const Run& run : runs)
+      if (run.repeat == 1)
+        for (const auto& [file, what] : {std::pair{"settled-mesh.png", "mesh"}, {"settled-raymarch.png", "ray march"}})
+          out << figure(run.folder / file, run.name + ", settled: " + what);
   }
   out << "</html>\n";
   return out.str();
+}
+
+// The same tables as a document.
+std::string markdown(const std::vector<Table>& viewTables, const std::vector<Table>& flightTables, const std::string& machine) {
+  std::string out = "# Mesh against ray march\n\nWritten by `ridgecast-client evaluate`: " + machine + ".\n\n";
+  for (const Table& table : viewTables) out += asMarkdown(table);
+  if (!flightTables.empty())
+    out +=
+        "Each of the following rows is a flight in lock-step over a server of its own; where it was repeated, mean and half the range.\n\n";
+  for (const Table& table : flightTables) out += asMarkdown(table);
+  while (out.ends_with("\n\n")) out.pop_back();
+  return out;
 }
 
 Outcome<void> write(const std::filesystem::path& file, const std::string& content) {
@@ -228,28 +251,33 @@ Outcome<void> write(const std::filesystem::path& file, const std::string& conten
 
 }  // namespace
 
-Outcome<void> writeReport(const std::vector<Run>& runs, const std::filesystem::path& folder, const std::string& machine) {
+Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& views,
+                          const std::filesystem::path& folder, const std::string& machine) {
+  auto settled = viewTables(views);
+  if (!settled) return settled.error();
+  auto flown = flightTables(runs);
+  if (!flown) return flown.error();
   std::vector<Json> summaries;
   std::string csv = "flight,terrain,metric,threshold,threads,repeat";
-  for (const Column& c : kColumns) csv.append(",").append(c.key);
+  for (const char* column : kColumns) csv.append(",").append(column);
   csv += "\n";
   for (const Run& run : runs) {
-    Json summary = Json::parse(slurp(run.folder / "summary.json"), nullptr, false);
-    if (!summary.is_object()) return Error{(run.folder / "summary.json").string() + " is broken: remove the folder, and it is flown again"};
-    csv += run.name + "," + run.terrain + "," + run.metric + "," + text("%g", run.threshold) + "," + std::to_string(run.threads) + "," +
+    summaries.push_back(Json::parse(slurp(run.folder / "summary.json"), nullptr, false));  // flightTables has read it
+    csv += run.name + "," + run.terrain + "," + run.metric + "," + cell("%g", run.threshold) + "," + std::to_string(run.threads) + "," +
            std::to_string(run.repeat);
-    for (const Column& c : kColumns) {
-      const auto v = value(summary, c.key);
-      csv += "," + (v ? text("%.10g", *v) : std::string());
-    }
+    for (const char* column : kColumns) csv += "," + cell("%.10g", value(summaries.back(), column).value_or(std::nan("")));
     csv += "\n";
-    summaries.push_back(std::move(summary));
   }
-  if (auto written = write(folder / "runs.csv", csv); !written) return written;
-  const std::vector<Plot> drawn = plots(runs, summaries);
+  if (!runs.empty())
+    if (auto written = write(folder / "runs.csv", csv); !written) return written;
+  for (const std::vector<Table>& tables : {*settled, *flown})
+    for (const Table& table : tables)
+      if (auto written = write(folder / (table.name + ".csv"), asCsv(table)); !written) return written;
+  const std::vector<Plot> drawn = runs.empty() ? std::vector<Plot>() : plots(runs, summaries);
   for (const Plot& p : drawn)
     if (auto written = write(folder / p.file, p.svg); !written) return written;
-  return write(folder / "report.html", html(runs, summaries, drawn, machine));
+  if (auto written = write(folder / "report.md", markdown(*settled, *flown, machine)); !written) return written;
+  return write(folder / "report.html", html(runs, views, *settled, *flown, drawn, machine));
 }
 
 }  // namespace ridgecast::evaluation

@@ -1,5 +1,6 @@
 #pragma once
-// What a folder of flights says, for people: runs.csv, plots as SVG, and report.html with everything inside.
+// What flights and standing cameras gave, for people: each table as CSV, runs.csv with every flight, plots as SVG, and all of it as one
+// page, report.html, that opens without a network, and as a document, report.md.
 
 #include <filesystem>
 #include <string>
@@ -18,7 +19,9 @@ struct Run {
   std::filesystem::path folder;  // with summary.json, iterations.jsonl and pictures, as `fly` leaves them
 };
 
-// Error: a summary that cannot be read, or a file that cannot be written.
-Outcome<void> writeReport(const std::vector<Run>& runs, const std::filesystem::path& folder, const std::string& machine);
+// `views`: folders as ViewMeasurement leaves them. `machine`: what it was measured with. Error: a summary that cannot be read, or a file
+// that cannot be written.
+Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& views,
+                          const std::filesystem::path& folder, const std::string& machine);
 
 }  // namespace ridgecast::evaluation

@@ -8,7 +8,7 @@
 namespace ridgecast::evaluation {
 namespace {
 
-constexpr std::size_t kWindow = 11;
+constexpr std::size_t kWindow = kSimilarityWindow;
 
 std::array<double, kWindow> gaussian() {
   std::array<double, kWindow> kernel{};
@@ -66,7 +66,7 @@ std::vector<bool> terrainWindows(const render::Picture& p) {
 
 }  // namespace
 
-Similarity similarity(const render::Picture& picture, const render::Picture& reference) {
+SimilarityMap similarityMap(const render::Picture& picture, const render::Picture& reference) {
   assert(picture.width == reference.width && picture.height == reference.height && picture.width >= kWindow && picture.height >= kWindow);
   const std::size_t width = picture.width, height = picture.height;
   const std::vector<double> a = luma(picture), b = luma(reference);
@@ -75,24 +75,31 @@ Similarity similarity(const render::Picture& picture, const render::Picture& ref
   const std::vector<double> product = windowMeans(a, &b, width, height);
 
   const bool masked = reference.terrain.size() == width * height;
-  const std::vector<bool> isTerrain = masked ? terrainWindows(reference) : std::vector<bool>(meanA.size(), false);
+  SimilarityMap out{width - (kWindow - 1), height - (kWindow - 1), std::vector<double>(meanA.size()), {}};
+  out.terrain = masked ? terrainWindows(reference) : std::vector<bool>(meanA.size(), false);
   constexpr double kC1 = (0.01 * 255) * (0.01 * 255), kC2 = (0.03 * 255) * (0.03 * 255);
-  double total = 0, terrainTotal = 0;
-  std::size_t terrainCount = 0;
   for (std::size_t k = 0; k < meanA.size(); ++k) {
     const double ma = meanA[k], mb = meanB[k];
     const double va = squareA[k] - ma * ma, vb = squareB[k] - mb * mb, covariance = product[k] - ma * mb;
-    const double s = (2 * ma * mb + kC1) * (2 * covariance + kC2) / ((ma * ma + mb * mb + kC1) * (va + vb + kC2));
-    total += s;
-    if (isTerrain[k]) {
-      terrainTotal += s;
-      ++terrainCount;
-    }
+    out.values[k] = (2 * ma * mb + kC1) * (2 * covariance + kC2) / ((ma * ma + mb * mb + kC1) * (va + vb + kC2));
+  }
+  return out;
+}
+
+Similarity similarity(const render::Picture& picture, const render::Picture& reference) {
+  const SimilarityMap map = similarityMap(picture, reference);
+  double total = 0, terrainTotal = 0;
+  std::size_t terrainCount = 0;
+  for (std::size_t k = 0; k < map.values.size(); ++k) {
+    total += map.values[k];
+    if (!map.terrain[k]) continue;
+    terrainTotal += map.values[k];
+    ++terrainCount;
   }
   Similarity out;
-  out.mean = total / static_cast<double>(meanA.size());
+  out.mean = total / static_cast<double>(map.values.size());
   if (terrainCount) out.terrain = terrainTotal / static_cast<double>(terrainCount);
-  if (masked) {
+  if (!reference.terrain.empty()) {
     std::size_t terrain = 0;
     for (const std::uint8_t m : reference.terrain) terrain += m == 255;
     out.terrainShare = static_cast<double>(terrain) / static_cast<double>(reference.terrain.size());

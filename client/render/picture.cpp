@@ -31,6 +31,15 @@ Picture downsample(const Picture& picture, std::uint32_t n) {
   return out;
 }
 
+std::string encodeJpeg(const Picture& picture, int quality) {
+  std::string out;
+  const auto append = [](void* text, void* data, int size) {
+    static_cast<std::string*>(text)->append(static_cast<char*>(data), static_cast<std::size_t>(size));
+  };
+  stbi_write_jpg_to_func(append, &out, static_cast<int>(picture.width), static_cast<int>(picture.height), 3, picture.rgb.data(), quality);
+  return out;
+}
+
 Outcome<void> writePng(const Picture& picture, const std::filesystem::path& file) {
   std::ofstream out(file, std::ios::binary);
   const auto append = [](void* stream, void* data, int size) {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "common/outcome/outcome.h"
@@ -19,6 +20,9 @@ struct Picture {
 // The mean of n x n blocks, in display values, rounded to nearest; width and height must be multiples of n >= 1.
 // A pixel shows terrain when all of its samples do.
 Picture downsample(const Picture& picture, std::uint32_t n);
+
+// JPEG; quality 1..100.
+std::string encodeJpeg(const Picture& picture, int quality);
 
 // Error: the file cannot be written.
 Outcome<void> writePng(const Picture& picture, const std::filesystem::path& file);

@@ -1,0 +1,173 @@
+// `ridgecast-client evaluate` from its beginning to its end, shrunken: one terrain, small pictures, a second of each flight, killed in
+// the middle and gone on from there.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "client/render/context.h"
+#include "tests/support/process.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace testing_support;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+using testing::Not;
+
+std::vector<std::string> command(const std::filesystem::path& out, const std::string& size = "64x48") {
+  return {RIDGECAST_CLIENT, "evaluate", "--quick", "--terrains", "archipelago", "--size", size, "--seconds", "1", "--out", out.string()};
+}
+
+// The cells of each line of a table without line breaks or quotes inside its cells.
+std::vector<std::vector<std::string>> cellsOf(const std::filesystem::path& file) {
+  std::vector<std::vector<std::string>> out;
+  std::istringstream lines(readText(file));
+  for (std::string line; std::getline(lines, line);) {
+    if (line.ends_with('\r')) line.pop_back();
+    out.emplace_back();
+    std::string cell;
+    bool quoted = false;
+    for (const char c : line + ",")
+      if (c == '"')
+        quoted = !quoted;
+      else if (c == ',' && !quoted)
+        out.back().push_back(std::exchange(cell, {}));
+      else
+        cell += c;
+  }
+  return out;
+}
+
+class Evaluate : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    if (auto context = render::HeadlessContext::create(); !context) {
+      noGraphics_ = context.error().message;
+      return;
+    }
+    folder_ = std::make_unique<ScratchFolder>();
+    Process first(command(out()));
+    const std::filesystem::path early = out() / "views/archipelago-low/view.json";
+    for (int k = 0; k < 1200 && first.running() && !std::filesystem::exists(early); ++k)
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    killedInTheMiddle_ = first.running();
+    first.signal(SIGKILL);
+    first.wait(std::chrono::seconds(10));
+    early_ = readText(early);
+    second_ = runProgram(command(out()), {}, std::chrono::seconds(240));
+  }
+  static void TearDownTestSuite() { folder_.reset(); }
+  void SetUp() override {
+    if (!noGraphics_.empty()) GTEST_SKIP() << noGraphics_;
+    ASSERT_EQ(second_.code, 0) << second_.output;
+  }
+  static std::filesystem::path out() { return *folder_ / "out"; }
+
+  static inline std::unique_ptr<ScratchFolder> folder_;
+  static inline std::string noGraphics_, early_;
+  static inline bool killedInTheMiddle_ = false;
+  static inline Finished second_;
+};
+
+TEST_F(Evaluate, GoesOnWhereItWasKilled) {
+  EXPECT_TRUE(killedInTheMiddle_);
+  ASSERT_FALSE(early_.empty());
+  EXPECT_EQ(readText(out() / "views/archipelago-low/view.json"), early_);  // not measured again
+  // And once all is there, nothing is: only the report is written.
+  const auto again = runProgram(command(out()), {}, std::chrono::seconds(30));
+  EXPECT_EQ(again.code, 0) << again.output;
+  EXPECT_THAT(again.output, Not(HasSubstr("flying")));
+}
+
+TEST_F(Evaluate, RefusesAFolderOfOtherOptions) {
+  const auto other = runProgram(command(out(), "128x64"), {}, std::chrono::seconds(30));
+  EXPECT_EQ(other.code, 2);
+  EXPECT_THAT(other.output, HasSubstr("choose another --out"));
+}
+
+TEST_F(Evaluate, EveryTableIsThereWithItsFigures) {
+  for (const auto& [name, rows] : std::vector<std::pair<std::string, std::size_t>>{{"likeness", 6},
+                                                                                   {"missing", 6},
+                                                                                   {"speed", 6},
+                                                                                   {"corrected", 6},
+                                                                                   {"likeness-corrected", 6},
+                                                                                   {"steps", 6},
+                                                                                   {"flights", 4},
+                                                                                   {"rates", 4},
+                                                                                   {"stages", 4},
+                                                                                   {"stream", 4},
+                                                                                   {"frames", 1},
+                                                                                   {"popping", 1},
+                                                                                   {"runs", 4}}) {
+    const auto cells = cellsOf(out() / (name + ".csv"));
+    ASSERT_GT(cells.size(), rows) << name;
+    for (const auto& row : cells) {
+      EXPECT_EQ(row.size(), cells.front().size()) << name;
+      EXPECT_FALSE(row.front().empty()) << name;
+    }
+  }
+  const std::string document = readText(out() / "report.md");
+  for (const char* title : {"Likeness of the settled mesh", "What is missing", "faster by", "The mesh corrected along each ray",
+                            "Along the flights", "Time of each stage", "The stream", "because of uploads", "Popping"})
+    EXPECT_THAT(document, HasSubstr(title));
+}
+
+TEST_F(Evaluate, ViewsSayWhatTheyShould) {
+  for (const char* name : {"low", "overview", "grazing"}) {
+    const Json view = Json::parse(readText(out() / "views" / ("archipelago-" + std::string(name)) / "view.json"));
+    ASSERT_EQ(view.at("meshes").size(), 2u);
+    EXPECT_GT(view.at("marcher").at("ssim").get<double>(), 0.98);
+    for (const Json& mesh : view.at("meshes")) {
+      EXPECT_EQ(mesh.at("settled"), true);
+      EXPECT_LE(mesh.at("triangles").get<std::uint64_t>(), 500'000u);
+      ASSERT_EQ(mesh.at("pictures").size(), 4u);  // 1 x 1 and 2 x 2, with and without filter
+      for (const Json& picture : mesh.at("pictures")) {
+        EXPECT_GT(picture.at("mesh").at("ssim").get<double>(), 0.5);
+        EXPECT_LE(picture.at("mesh").at("ssim").get<double>(), 1);
+        EXPECT_GE(picture.at("corrected").at("ssim").get<double>(), picture.at("mesh").at("ssim").get<double>() - 0.01);
+      }
+      const Json& missing = mesh.at("missing");
+      double sum = 0;
+      for (const char* part : {"silhouettes", "geometry", "shading", "marcher"}) sum += missing.at(part).get<double>();
+      EXPECT_NEAR(sum, missing.at("total").get<double>(), 1e-9);
+      EXPECT_NEAR(missing.at("total").get<double>(), 1 - mesh.at("pictures")[0].at("mesh").at("ssim").get<double>(), 1e-9);
+      EXPECT_LT(mesh.at("pixel_error_corrected").at("median"), mesh.at("pixel_error").at("median"));
+    }
+    EXPECT_GT(view.at("meshes")[1].at("pictures")[2].at("mesh").at("ssim"), view.at("meshes")[0].at("pictures")[2].at("mesh").at("ssim"))
+        << "more triangles";
+  }
+}
+
+TEST_F(Evaluate, ThePageOpensWithoutANetwork) {
+  const std::string page = readText(out() / "report.html");
+  EXPECT_TRUE(page.starts_with("<!doctype html>"));
+  EXPECT_TRUE(page.ends_with("</html>\n"));
+  std::size_t pictures = 0;
+  for (std::size_t at = 0; (at = page.find("<img", at)) != std::string::npos; ++at, ++pictures)
+    EXPECT_EQ(page.find(" src=\"data:image/jpeg;base64,", at), page.find(" src=", at));
+  EXPECT_GE(pictures, 12u + 8u);
+  for (const char* outside : {"<script", "<link", "@import", "url(", "href="}) EXPECT_THAT(page, Not(HasSubstr(outside)));
+  for (std::size_t at = 0; (at = page.find("http", at)) != std::string::npos; ++at)
+    EXPECT_EQ(page.compare(at - 7, 34, "xmlns=\"http://www.w3.org/2000/svg\"", 0, 34), 0) << page.substr(at, 60);
+  for (const char* plot : {"triangles.svg", "bytes.svg", "stages.svg", "popping.svg"}) {
+    const std::string svg = readText(out() / plot);
+    EXPECT_TRUE(svg.starts_with("<svg") && svg.ends_with("</svg>\n")) << plot;
+    EXPECT_THAT(svg, HasSubstr("<polyline")) << plot;
+    EXPECT_THAT(svg, Not(HasSubstr("nan"))) << plot;
+    EXPECT_THAT(page, HasSubstr(svg)) << plot;
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast
