@@ -358,13 +358,18 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
   set.allow(leaf.writeSet);
   for (VertexId v : leaf.removable) {
     const Vertex& p = mesh_.vertex(v);
+    const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
+    if (refinement::measure(p, surface_.vertices[v].loss, view) >= limit) {  // it was the other limit that let it through
+      surface_.wakeVertex(v, leaf.region);
+      continue;
+    }
     const float loss = refinement::lossOf(mesh_, surface_, v, view.area, set);
+
     if (!std::isfinite(loss)) {
       surface_.wakeVertex(v, leaf.region);
       continue;
     }
     refinement::foldLoss(p, v, loss, leaf.region, view, surface_);
-    const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
     const Point2 point = p.point();
     if (refinement::measure(p, loss, view) >= limit) continue;
     if (mesh_.apply(v, set) != Change::kDone) continue;

@@ -1,7 +1,10 @@
-// Whole iterations, without encoding: a moving camera at a fine setting, a hovering one, and two threads against one.
+// Whole iterations, without encoding: a moving camera at a fine setting (or --threshold PIXELS, --budget TRIANGLES), a hovering one, and two
+// threads against one.
 #include <algorithm>
 #include <cstdio>
 #include <memory>
+#include <stdexcept>
+#include <string>
 
 #include "server/pipeline/pipeline.h"
 #include "tests/bench/bench.h"
@@ -11,10 +14,11 @@ namespace ridgecast::bench {
 namespace {
 
 struct Rig {
-  Rig(unsigned threads, double threshold) : machine(threads), terrain(terrain::create("alpine", 1).value()) {
+  Rig(unsigned threads, double threshold, std::uint32_t budget = 2'000'000)
+      : machine(threads), terrain(terrain::create("alpine", 1).value()) {
     wire::Settings asked;
     asked.threshold = threshold;
-    asked.triangleBudget = 2'000'000;
+    asked.triangleBudget = budget;
     pipeline = std::make_unique<pipeline::Pipeline>(terrain, pipeline::grant(asked, {}), machine.makePool(threads));
   }
   void settle(double t) {
@@ -30,8 +34,15 @@ constexpr double kFine = 0.25;  // pixels: about a million triangles
 }  // namespace
 
 Report iteration(const Options& options) {
+  double threshold = kFine, budget = 2e6;
+  for (std::size_t k = 0; k + 1 < options.arguments.size(); k += 2) {
+    const std::string& name = options.arguments[k];
+    if (name != "--threshold" && name != "--budget")
+      throw std::runtime_error("iteration takes --threshold PIXELS and --budget TRIANGLES, not " + name);
+    (name == "--budget" ? budget : threshold) = std::stod(options.arguments[k + 1]);
+  }
   Report report;
-  Rig rig(1, kFine);
+  Rig rig(1, threshold, static_cast<std::uint32_t>(budget));
   rig.settle(0);
   const int iterations = options.quick ? 100 : 600;
   std::uint64_t inserted = 0, removed = 0, heights = 0;
@@ -54,7 +65,8 @@ Report iteration(const Options& options) {
   for (int n = 0; n < hovers; ++n) rig.pipeline->iterate(straight(*rig.terrain, iterations * 0.1));
   const double hover = cpuSeconds() - hoverStart;
 
-  report.note("alpine, 50 m/s at 10 iterations a second, threshold 0.25 px, 1280x720, one thread; processor time");
+  report.note("alpine, 50 m/s at 10 iterations a second, threshold " + std::to_string(threshold) +
+              " px, 1280x720, one thread; processor time");
   report.add("us_per_inserted_vertex", 1e6 * moving / static_cast<double>(inserted), "us, everything but encoding");
   report.add("iteration_ms", 1e3 * moving / iterations, "ms");
   report.add("hover_ms", 1e3 * hover / hovers, "ms an iteration with nothing to do");
