@@ -16,6 +16,11 @@ namespace {
 constexpr std::uint8_t kForm = 0x20;
 constexpr std::size_t kTrianglesAByte = 64;  // more never come out of a byte of a delta
 
+WalkMemory& memory() {
+  thread_local WalkMemory mine;
+  return mine;
+}
+
 Error refusal(const std::string& why) { return {"the leaf's delta cannot be decoded: " + why}; }
 
 // What a decoder knows beforehand: nothing.
@@ -233,7 +238,7 @@ std::optional<std::vector<std::uint8_t>> encodeDelta(const mesh::LeafMesh& base,
   for (int k = 0; k < 4; ++k) out.push_back(static_cast<std::uint8_t>(targetHash >> (8 * k)));
   const std::size_t head = out.size();
   RangeEncoder coder(out);
-  Walk walk(coder, truth, base, counts);
+  Walk walk(coder, truth, base, counts, memory());
   if (!walk.run()) return std::nullopt;
   coder.finish();
   if (counts.added > kTrianglesAByte * (out.size() - head + 1)) return std::nullopt;
@@ -255,7 +260,7 @@ Outcome<Changed> decodeDelta(std::span<const std::uint8_t> payload, const mesh::
   if (!head) return head.error();
   RangeDecoder coder(head->body);
   Unknown truth;
-  Walk walk(coder, truth, base, head->counts);
+  Walk walk(coder, truth, base, head->counts, memory());
   if (!walk.run()) return refusal("it does not fit the leaf that is held");
   if (!coder.finished()) return refusal("it does not have the length that its content needs");
 

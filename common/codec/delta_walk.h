@@ -43,17 +43,41 @@ struct Apex {
   mesh::LocalVertex position;      // kFresh
 };
 
+// An edge of a hole, or of what fills it.
+struct OpenEdge {
+  std::uint32_t a, b;
+  std::uint32_t third;  // a vertex that, with a and b, says how the surface goes on
+  std::uint8_t kind;    // 0: a triangle that stays lies on its right, 1: nothing of the base does, 2: a new triangle does
+  bool open = true;
+  std::uint32_t nextOut = kNobody, previousOut = kNobody, nextIn = kNobody, previousIn = kNobody;
+};
+
+// What a walk keeps by vertex and by triangle, apart from it so that its memory can be used again.
+struct WalkMemory {
+  std::vector<std::uint32_t> start, around, end, gone;
+  std::vector<char> fate;
+  std::vector<mesh::LocalVertex> vertices;
+  std::vector<mesh::Triangle> added;
+  std::vector<OpenEdge> edges;
+  std::vector<std::uint32_t> out, in, filled;
+};
+
 template <class Coder, class Truth>
 class Walk {
  public:
-  Walk(Coder& coder, Truth& truth, const mesh::LeafMesh& base, const DeltaCounts& counts)
-      : coder_(coder), truth_(truth), base_(base), counts_(counts), level_(base.address.level) {}
+  // `memory`: nobody else's while the walk lives.
+  Walk(Coder& coder, Truth& truth, const mesh::LeafMesh& base, const DeltaCounts& counts, WalkMemory& memory)
+      : coder_(coder), truth_(truth), base_(base), counts_(counts), level_(base.address.level), memory_(memory) {
+    gone_.clear();
+    added_.clear();
+    edges_.clear();
+  }
 
   // False: not a delta, or one that takes more work than its size allows.
   bool run() {
     effort_ = 256 * (base_.triangles.size() + std::size_t{counts_.added}) + 65536;
     vertices_.reserve(base_.vertices.size() + counts_.fresh);
-    vertices_ = base_.vertices;
+    vertices_.assign(base_.vertices.begin(), base_.vertices.end());
     freshLeft_ = counts_.fresh;
     added_.reserve(counts_.added);
     return file() && remove() && open() && fill() && freshLeft_ == 0;
@@ -66,13 +90,7 @@ class Walk {
   enum Fate : char { kUndecided, kStays, kGoes };
 
  private:
-  struct Edge {
-    std::uint32_t a, b;
-    std::uint32_t third;  // a vertex that, with a and b, says how the surface goes on
-    std::uint8_t kind;    // 0: a triangle that stays lies on its right, 1: nothing of the base does, 2: a new triangle does
-    bool open = true;
-    std::uint32_t nextOut = kNobody, previousOut = kNobody, nextIn = kNobody, previousIn = kNobody;
-  };
+  using Edge = OpenEdge;
 
   bool spend(std::size_t n = 1) {
     if (effort_ < n) return false;
@@ -123,7 +141,8 @@ class Walk {
       for (std::uint32_t v : t) ++start_[v + 1];
     for (std::size_t v = 0; v < base_.vertices.size(); ++v) start_[v + 1] += start_[v];
     around_.resize(3 * base_.triangles.size());
-    std::vector<std::uint32_t> at(start_.begin(), start_.end() - 1);
+    std::vector<std::uint32_t>& at = memory_.end;
+    at.assign(start_.begin(), start_.end() - 1);
     for (std::uint32_t t = 0; t < base_.triangles.size(); ++t)
       for (std::uint32_t v : base_.triangles[t]) around_[at[v]++] = t;
     fate_.assign(base_.triangles.size(), kUndecided);
@@ -429,13 +448,14 @@ class Walk {
   std::size_t effort_ = 0;
   std::uint32_t freshLeft_ = 0;
 
-  std::vector<std::uint32_t> start_, around_, gone_;
-  std::vector<char> fate_;
-  std::vector<mesh::LocalVertex> vertices_;
-  std::vector<mesh::Triangle> added_;
-  std::vector<Edge> edges_;
-  std::vector<std::uint32_t> out_, in_;  // by vertex: the newest open edge from and to it
-  std::vector<std::uint32_t> filled_;    // by vertex: the newest edge of kind 1 from it that has been filled
+  WalkMemory& memory_;
+  std::vector<std::uint32_t>&start_ = memory_.start, &around_ = memory_.around, &gone_ = memory_.gone;
+  std::vector<char>& fate_ = memory_.fate;
+  std::vector<mesh::LocalVertex>& vertices_ = memory_.vertices;
+  std::vector<mesh::Triangle>& added_ = memory_.added;
+  std::vector<Edge>& edges_ = memory_.edges;
+  std::vector<std::uint32_t>&out_ = memory_.out, &in_ = memory_.in;  // by vertex: the newest open edge from and to it
+  std::vector<std::uint32_t>& filled_ = memory_.filled;              // by vertex: the newest edge of kind 1 from it that has been filled
 
   using P = Probability;
   Number gap_, steps_, place_, height_;

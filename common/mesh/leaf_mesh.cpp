@@ -21,25 +21,51 @@ std::uint64_t hashVertex(const lattice::Vertex& v) {
 }
 
 void canonicalize(LeafMesh& leaf) {
-  std::vector<char> used(leaf.vertices.size(), 0);
+  // Kept for their memory: a server does this for every leaf that changes.
+  struct Placed {
+    std::uint64_t key;  // x, then z, as an unsigned number
+    std::uint32_t vertex;
+  };
+  thread_local std::vector<char> used;
+  thread_local std::vector<Placed> order;
+  thread_local std::vector<std::uint32_t> place, start;
+  thread_local std::vector<LocalVertex> vertices;
+  thread_local std::vector<Triangle> triangles;
+
+  used.assign(leaf.vertices.size(), 0);
   for (const Triangle& t : leaf.triangles)
     for (std::uint32_t v : t) used[v] = 1;
-  std::vector<std::uint32_t> order;
-  order.reserve(leaf.vertices.size());
+  order.clear();
+  const auto ascending = [](std::int32_t v) { return static_cast<std::uint32_t>(v) ^ 0x80000000u; };
   for (std::uint32_t v = 0; v < leaf.vertices.size(); ++v)
-    if (used[v]) order.push_back(v);
-  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return leaf.vertices[a] < leaf.vertices[b]; });
+    if (used[v]) order.push_back({std::uint64_t{ascending(leaf.vertices[v].x)} << 32 | ascending(leaf.vertices[v].z), v});
+  std::sort(order.begin(), order.end(), [&](const Placed& a, const Placed& b) {
+    return a.key != b.key ? a.key < b.key : leaf.vertices[a.vertex].y < leaf.vertices[b.vertex].y;
+  });
 
-  std::vector<std::uint32_t> place(leaf.vertices.size(), 0);
-  std::vector<LocalVertex> vertices;
-  vertices.reserve(order.size());
-  for (std::uint32_t v : order) {
-    if (vertices.empty() || vertices.back() != leaf.vertices[v]) vertices.push_back(leaf.vertices[v]);
-    place[v] = static_cast<std::uint32_t>(vertices.size() - 1);
+  place.resize(leaf.vertices.size());
+  vertices.clear();
+  for (const Placed& p : order) {
+    const LocalVertex& v = leaf.vertices[p.vertex];
+    if (vertices.empty() || vertices.back() != v) vertices.push_back(v);
+    place[p.vertex] = static_cast<std::uint32_t>(vertices.size() - 1);
   }
-  leaf.vertices = std::move(vertices);
-  for (Triangle& t : leaf.triangles) t = rotated({place[t[0]], place[t[1]], place[t[2]]});
-  std::sort(leaf.triangles.begin(), leaf.triangles.end());
+  leaf.vertices.assign(vertices.begin(), vertices.end());
+
+  // Counted by their first vertex, which few share.
+  start.assign(vertices.size() + 1, 0);
+  for (Triangle& t : leaf.triangles) {
+    t = rotated({place[t[0]], place[t[1]], place[t[2]]});
+    ++start[t[0] + 1];
+  }
+  for (std::size_t v = 0; v < vertices.size(); ++v) start[v + 1] += start[v];
+  triangles.resize(leaf.triangles.size());
+  for (const Triangle& t : leaf.triangles) triangles[start[t[0]]++] = t;  // start: now where each one's triangles end
+  for (std::size_t v = 0, first = 0; v < vertices.size(); first = start[v++]) {
+    const auto begin = triangles.begin() + static_cast<std::ptrdiff_t>(first), end = triangles.begin() + start[v];
+    if (end - begin > 1) std::sort(begin, end);
+  }
+  std::copy(triangles.begin(), triangles.end(), leaf.triangles.begin());
 }
 
 bool isCanonical(const LeafMesh& leaf) {

@@ -353,25 +353,19 @@ bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, const refinement::View&
   return true;
 }
 
-void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double limitInside, double limitOutside) {
+void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view) {
   thread_local WriteSet set;
   set.allow(leaf.writeSet);
   for (VertexId v : leaf.removable) {
     const Vertex& p = mesh_.vertex(v);
-    const double limit = view.wide.contains(view.relative(p.x, p.z, p.y)) ? limitInside : limitOutside;
-    if (refinement::measure(p, surface_.vertices[v].loss, view) >= limit) {  // it was the other limit that let it through
-      surface_.wakeVertex(v, leaf.region);
-      continue;
-    }
     const float loss = refinement::lossOf(mesh_, surface_, v, view.area, set);
-
     if (!std::isfinite(loss)) {
       surface_.wakeVertex(v, leaf.region);
       continue;
     }
     refinement::foldLoss(p, v, loss, leaf.region, view, surface_);
     const Point2 point = p.point();
-    if (refinement::measure(p, loss, view) >= limit) continue;
+    if (refinement::measure(p, loss, view) >= leaf.removalLimit) continue;
     if (mesh_.apply(v, set) != Change::kDone) continue;
     ++leaf.removed;
     if (recording_) leaf.removedPoints.push_back(point);
@@ -388,7 +382,7 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view, double lim
   }
 }
 
-std::uint32_t CameraMesh::change(const refinement::View& view, double limitInside, double limitOutside, scheduling::Pool& pool) {
+std::uint32_t CameraMesh::change(const refinement::View& view, scheduling::Pool& pool) {
   // Greedy colours in canonical order: leaves of one colour share no region that either may write.
   struct Task {
     std::uint32_t colour;
@@ -423,7 +417,7 @@ std::uint32_t CameraMesh::change(const refinement::View& view, double limitInsid
     std::sort(before.begin(), before.end());
     before.erase(std::unique(before.begin(), before.end()), before.end());
   }
-  pool.forEachOrdered(order, [&](std::size_t k) { changeLeaf(*tasks[k].leaf, view, limitInside, limitOutside); });
+  pool.forEachOrdered(order, [&](std::size_t k) { changeLeaf(*tasks[k].leaf, view); });
 
   WriteSet all;
   all.allowAll();

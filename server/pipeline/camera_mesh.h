@@ -32,6 +32,7 @@ struct Leaf {
 
   // of the current iteration
   bool visible = false;
+  double removalLimit = 0;  // pixels of loss below which vertices go
   std::vector<refinement::Pending> pending;
   std::vector<triangulation::VertexId> removable;
   std::vector<refinement::Pending> deferred;
@@ -56,9 +57,9 @@ class CameraMesh : private triangulation::Partition {
   const std::vector<Leaf*>& leaves() const { return ordered_; }  // canonical order of address
   Leaf* leaf(lattice::LeafAddress address) const;                // null: not a leaf
 
-  // Applies every leaf's `removable` (those whose loss is below removalLimit pixels) and `pending`, in parallel where write sets are disjoint, with the
+  // Applies every leaf's `removable` (those whose loss is below `removalLimit`) and `pending`, in parallel where write sets are disjoint, with the
   // result of doing it leaf by leaf in order of (colour, address). Returns how many changes were deferred to the serial step.
-  std::uint32_t change(const refinement::View& view, double limitInside, double limitOutside, scheduling::Pool& pool);
+  std::uint32_t change(const refinement::View& view, scheduling::Pool& pool);
 
   // Brings the records of leaves closer together where removals have scattered them.
   void compact();
@@ -87,7 +88,7 @@ class CameraMesh : private triangulation::Partition {
   void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<lattice::LeafAddress>& gone, scheduling::Pool& pool);
   void dropOutside();
   void addCurvature(const std::vector<triangulation::VertexId>& vertices);
-  void changeLeaf(Leaf& leaf, const refinement::View& view, double limitInside, double limitOutside);
+  void changeLeaf(Leaf& leaf, const refinement::View& view);
   // Notes what is kept beside a vertex just inserted; `fineY` steps.
   std::uint64_t mixedOf(triangulation::VertexId v) const;
   void note(triangulation::VertexId v, std::int32_t fineY, int level, float loss);

@@ -26,13 +26,13 @@ constexpr std::size_t kMostInsertions = 24'000;
 constexpr double kMostRaised = 100;
 // Vertices are removed below this share of the threshold.
 constexpr double kRemoval = 0.5;
-// The thesis never removes; with its metric vertices go only where the wide frustum does not look, when the budget is nearly full.
+// The thesis never removes; with its metric vertices go only in leaves that the wide frustum does not see, when the budget is nearly full.
 constexpr double kThesisRemovalPixels = 1.0;
-// "Nearly full": outside the wide frustum vertices are then removed below the whole threshold.
+// "Nearly full": leaves outside the wide frustum then lose vertices below the whole threshold.
 constexpr double kTight = 0.9;
 
 struct RemovalLimits {
-  double inside, outside;  // pixels of loss, in and out of the wide frustum
+  double inside, outside;  // pixels of loss, for leaves that may be seen and for the others
 };
 RemovalLimits removalLimits(bool thesis, double threshold, double fill) {
   const bool tight = fill >= kTight;
@@ -129,8 +129,6 @@ void Pipeline::State::lookAround(const camera::Camera& camera, refinement::View&
 void Pipeline::State::screen(const camera::Camera& camera, const refinement::View& view, const RemovalLimits& removal) {
   const bool thesis = settings.metric == wire::Metric::kThesis;
   const auto& leafs = mesh.leaves();
-  // A leaf that may be seen can have vertices outside all the same.
-  const double loosest = std::max(removal.inside, removal.outside);
   pool->forEach(leafs.size(), 16, [&](std::size_t k) {
     Leaf& leaf = *leafs[k];
     leaf.pending.clear();
@@ -149,7 +147,9 @@ void Pipeline::State::screen(const camera::Camera& camera, const refinement::Vie
       else
         refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf.region, view, effective, leaf.pending);
     }
-    if (loosest > 0) refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, loosest, leaf.removable);
+    leaf.removalLimit = leaf.visible ? removal.inside : removal.outside;
+    if (leaf.removalLimit > 0)
+      refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf.region, view, leaf.removalLimit, leaf.removable);
   });
 }
 
@@ -242,7 +242,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   s.limitPending();
   figures.refineMs = watch.lap();
 
-  figures.deferred = s.mesh.change(view, removal.inside, removal.outside, *s.pool);
+  figures.deferred = s.mesh.change(view, *s.pool);
   figures.triangulateMs = watch.lap();
   s.mesh.evaluate(*s.pool, &view);
   figures.refineMs += watch.lap();
@@ -298,8 +298,8 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
   // By vertex: 1 + its place in the leaf, 0 between calls. Of each thread, as large as the largest mesh it has seen.
   thread_local std::vector<std::uint32_t> places;
   if (places.size() < t.vertexCapacity()) places.resize(t.vertexCapacity(), 0);
-  std::vector<VertexId> vertices;
-  vertices.reserve(out.vertices.capacity());
+  thread_local std::vector<VertexId> vertices;
+  vertices.clear();
   t.trianglePages().forEach(leaf->region, [&](TriangleId id) {
     mesh::Triangle triangle;
     for (std::size_t k = 0; k < 3; ++k) {

@@ -140,7 +140,7 @@ struct Flown {
   double moved = 0, movedDelta = 0, movedWhole = 0;      // leaves that came by a split or merge
   double fresh = 0, freshWhole = 0, freshTriangles = 0;  // leaves with nothing before
   double wholeBytes = 0, wholeTriangles = 0, newTriangles = 0;
-  double encode = 0, decode = 0, wholeEncode = 0;  // seconds
+  double encode = 0, extract = 0, extracted = 0, decode = 0, wholeEncode = 0;  // seconds
 };
 
 // What a message adds to a payload: tags, lengths and the address.
@@ -173,8 +173,11 @@ Flown fly(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::
     }
     for (const auto& [address, hash] : now) {
       if (const auto it = hashes.find(address); it != hashes.end() && it->second == hash) continue;
-      mesh::LeafMesh target = pipeline.extract(address);
       Clock clock;
+      mesh::LeafMesh target = pipeline.extract(address);
+      f.extract += clock.seconds();
+      ++f.extracted;
+      clock = {};
       const double whole = static_cast<double>(codec::encodeLeaf(target).size());
       f.wholeEncode += clock.seconds();
       f.wholeBytes += whole;
@@ -283,6 +286,7 @@ Report deltas(const Options& options) {
   report.add("leaves_changed", f.changed);
   report.add("bytes_per_second", (f.delta + f.movedDelta + f.freshWhole) / seconds, "B/s");
   report.add("whole_bytes_per_second", (f.whole + f.movedWhole + f.freshWhole) / seconds, "B/s");
+  report.add("extract_us_per_leaf", f.extract / f.extracted * 1e6, "us");
   report.add("encode_us_per_leaf", f.encode / (f.changed + f.moved) * 1e6, "us");
   report.add("decode_us_per_leaf", f.decode / (f.changed + f.moved) * 1e6, "us");
   report.add("whole_encode_us_per_leaf", f.wholeEncode / (f.changed + f.moved) * 1e6, "us");

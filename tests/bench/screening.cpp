@@ -28,7 +28,7 @@ Report screening(const Options& options) {
       leaf->removable.clear();
       refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf->region, view, threshold, leaf->pending);
     }
-    mesh.change(view, 0, 0, *pool);
+    mesh.change(view, *pool);
     mesh.evaluate(*pool);
   }
   const auto& pages = mesh.triangulation().trianglePages();

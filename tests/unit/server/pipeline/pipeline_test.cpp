@@ -316,10 +316,11 @@ TEST(CameraMesh, KeepsItsLaws) {
     for (Leaf* leaf : mesh.leaves()) {
       leaf->pending.clear();
       leaf->removable.clear();
+      leaf->removalLimit = 1.5;
       refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf->region, view, 3, leaf->pending);
-      refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf->region, view, 1.5, leaf->removable);
+      refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf->region, view, leaf->removalLimit, leaf->removable);
     }
-    mesh.change(view, 1.5, 1.5, *pool);
+    mesh.change(view, *pool);
     mesh.evaluate(*pool);
     ASSERT_EQ(triangulation::verify(mesh.triangulation(), mesh.partition()), "") << "iteration " << n;
     const auto& t = mesh.triangulation();
