@@ -6,7 +6,6 @@
 
 #include <array>
 #include <cstdint>
-#include <optional>
 #include <unordered_map>
 #include <vector>
 
@@ -20,10 +19,11 @@ class Bases {
   explicit Bases(std::size_t budgetBytes = 0) : budget_(budgetBytes) {}
   void setBudget(std::size_t bytes) { budget_ = bytes; }
 
-  void put(const mesh::LeafMesh& leaf);  // canonical; replaces what was there
+  void put(mesh::LeafMesh leaf);  // canonical; replaces what was there
   void erase(lattice::LeafAddress address);
   void clear();
-  std::optional<mesh::LeafMesh> find(lattice::LeafAddress address) const;
+  // Into `leaf`, whose memory is used again; false: unknown.
+  bool find(lattice::LeafAddress address, mesh::LeafMesh& leaf) const;
 
   std::size_t triangles(lattice::LeafAddress address) const;  // 0: unknown, or empty
 

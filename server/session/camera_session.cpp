@@ -8,6 +8,7 @@
 #include <chrono>
 #include <exception>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "common/codec/codec.h"
@@ -475,20 +476,22 @@ void CameraSession::encode(const replica::Changes& changes, wire::Iteration& ite
   const bool shades = !session_->resources().limits.sendsTerrain && terrain.colours();
   const std::size_t whole = changes.whole.size(), count = whole + changes.changed.size();
   std::vector<Encoded> encoded(count);
-  const auto baseOf = [&](const replica::Derived& derived, std::size_t triangles) -> std::optional<mesh::LeafMesh> {
+  // Null: not all of it is known, or it is too much. Valid until the same thread asks again.
+  const auto baseOf = [&](const replica::Derived& derived, std::size_t triangles) -> const mesh::LeafMesh* {
+    const auto sources = std::span(changes.sources).subspan(derived.first, derived.count);
+    thread_local mesh::LeafMesh base;
+    if (sources.size() == 1 && sources.front() == derived.address) return bases_.find(derived.address, base) ? &base : nullptr;
     std::size_t looked = 0;
-    for (std::uint32_t k = 0; k < derived.count; ++k) looked += bases_.triangles(changes.sources[derived.first + k]);
-    if (looked > kMostGathered * triangles) return std::nullopt;
-    std::vector<mesh::LeafMesh> sources;
-    for (std::uint32_t k = 0; k < derived.count; ++k) {
-      auto base = bases_.find(changes.sources[derived.first + k]);
-      if (!base) return std::nullopt;
-      sources.push_back(std::move(*base));
-    }
-    if (sources.size() == 1 && sources.front().address == derived.address) return std::move(sources.front());
+    for (const lattice::LeafAddress& source : sources) looked += bases_.triangles(source);
+    if (looked > kMostGathered * triangles) return nullptr;
+    std::vector<mesh::LeafMesh> meshes(sources.size());
     std::vector<const mesh::LeafMesh*> pointers;
-    for (const mesh::LeafMesh& source : sources) pointers.push_back(&source);
-    return mesh::gather(derived.address, pointers);
+    for (std::size_t k = 0; k < sources.size(); ++k) {
+      if (!bases_.find(sources[k], meshes[k])) return nullptr;
+      pointers.push_back(&meshes[k]);
+    }
+    base = mesh::gather(derived.address, pointers);
+    return &base;
   };
   pool_->forEach(count, 2, [&](std::size_t k) {
     Encoded& out = encoded[k];
@@ -496,12 +499,12 @@ void CameraSession::encode(const replica::Changes& changes, wire::Iteration& ite
     out.leaf = mesh_->extract(derived ? derived->address : changes.whole[k]);
     if (hello_.errors) out.error = query::deviation(*session_->terrain(), out.leaf);
     if (derived && !out.leaf.triangles.empty()) {
-      const auto base = baseOf(*derived, out.leaf.triangles.size());
+      const mesh::LeafMesh* const base = baseOf(*derived, out.leaf.triangles.size());
       if (base && !base->triangles.empty()) {
         if (auto payload = codec::encodeDelta(*base, out.leaf, derived->hash)) {
           out.payload = std::move(*payload);
           out.delta = true;
-          if (shades) out.shades = shadesOf(terrain, out.leaf, &*base);
+          if (shades) out.shades = shadesOf(terrain, out.leaf, base);
           if (out.payload.size() <= kSurelyCheaper * out.leaf.triangles.size()) return;
         }
       }
@@ -515,13 +518,12 @@ void CameraSession::encode(const replica::Changes& changes, wire::Iteration& ite
 
   for (const lattice::LeafAddress& address : changes.gone) bases_.erase(address);
   for (Encoded& e : encoded) {
-    if (bases_.budget() > 0) bases_.put(e.leaf);
-    if (e.delta) {
+    if (e.delta)
       iteration.changed.push_back({e.leaf.address, std::move(e.payload), e.error, std::move(e.shades)});
-      continue;
-    }
-    iteration.whole.push_back({e.leaf.address, static_cast<std::uint32_t>(e.leaf.vertices.size()),
-                               static_cast<std::uint32_t>(e.leaf.triangles.size()), std::move(e.payload), e.error, std::move(e.shades)});
+    else
+      iteration.whole.push_back({e.leaf.address, static_cast<std::uint32_t>(e.leaf.vertices.size()),
+                                 static_cast<std::uint32_t>(e.leaf.triangles.size()), std::move(e.payload), e.error, std::move(e.shades)});
+    if (bases_.budget() > 0) bases_.put(std::move(e.leaf));
   }
   std::sort(iteration.whole.begin(), iteration.whole.end(), [](const auto& a, const auto& b) { return a.address < b.address; });
 }
