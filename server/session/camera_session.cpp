@@ -1,9 +1,5 @@
 #include "server/session/camera_session.h"
 
-#ifdef __GLIBC__
-#include <malloc.h>
-#endif
-
 #include <algorithm>
 #include <chrono>
 #include <exception>
@@ -16,6 +12,7 @@
 #include "common/mesh/gather.h"
 #include "common/terrain/shades.h"
 #include "common/wire/wire.h"
+#include "server/memory/memory.h"
 #include "server/query/query.h"
 
 namespace ridgecast::session {
@@ -32,13 +29,11 @@ double millisecondsSince(std::chrono::steady_clock::time_point start) {
 // What cameras leave behind lies scattered in the allocator's arenas, which keep it until they are told. It takes milliseconds: once for all
 // cameras that close within a second.
 void giveMemoryBackSoon(const Resources& resources) {
-#ifdef __GLIBC__
   if (resources.givesMemoryBack.exchange(true)) return;
   resources.alarm.at(std::chrono::steady_clock::now() + std::chrono::seconds(1), [&resources] {  // they own the alarm
     resources.givesMemoryBack = false;
-    malloc_trim(0);
+    memory::giveBack();
   });
-#endif
 }
 
 ErrorMessage expectsHello(std::string_view what) {
