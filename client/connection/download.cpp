@@ -12,6 +12,7 @@
 #include <fstream>
 #include <optional>
 #include <system_error>
+#include <utility>
 
 #include "client/connection/line.h"
 
@@ -32,7 +33,7 @@ char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + '
 struct Header {
   int status = 0;
   std::optional<std::uint64_t> length;
-  std::string retryAfter;
+  std::string retryAfter, progress;
 };
 
 std::optional<Header> parse(std::string_view text) {
@@ -56,6 +57,8 @@ std::optional<Header> parse(std::string_view text) {
       out.length = n;
     } else if (name == "retry-after") {
       out.retryAfter = std::string(value.substr(0, 20));
+    } else if (name == "progress") {
+      for (const char c : value.substr(0, 80)) out.progress += c >= ' ' && c < 0x7f ? c : '?';
     }
   }
   return out;
@@ -75,7 +78,7 @@ class Download {
     out_.open(unfinished_, std::ios::binary | std::ios::trunc);
     if (!out_) return cannotWrite();
     request_ = "GET " + target + " HTTP/1.1\r\nHost: " + where() +
-               "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nConnection: close\r\n" +
+               "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nPrefer: progress\r\nConnection: close\r\n" +
                (url_.token.empty() ? "" : "Authorization: Bearer " + url_.token + "\r\n") + "\r\n";
     lastWord_ = Clock::now();
     begun_ = lastWord_;
@@ -113,7 +116,8 @@ class Download {
   void report() {
     told_ = Clock::now();
     if (tell_)
-      tell_({std::chrono::duration_cast<std::chrono::milliseconds>(told_ - begun_), received_, header_ ? header_->length.value_or(0) : 0});
+      tell_({std::chrono::duration_cast<std::chrono::milliseconds>(told_ - begun_), received_, header_ ? header_->length.value_or(0) : 0,
+             work_});
   }
   void end(std::string why) {
     if (ended_) return;
@@ -155,8 +159,9 @@ class Download {
   }
 
   void take(std::string_view bytes) {
-    if (!header_) {
-      text_ += bytes;
+    std::string rest;
+    if (!header_) text_ += bytes;
+    while (!header_) {
       const auto blank = text_.find("\r\n\r\n");
       if (blank == std::string::npos) {
         if (text_.size() > kMostHeader) end("what answers at " + where() + " is no Ridgecast server; check host and port");
@@ -164,10 +169,16 @@ class Download {
       }
       header_ = parse(std::string_view(text_).substr(0, blank));
       if (!header_) return end("what answers at " + where() + " is no Ridgecast server; check host and port");
-      const std::string rest = text_.substr(blank + 4);
-      text_.clear();
+      text_.erase(0, blank + 4);
+      if (header_->status / 100 == 1) {  // word of the work; the answer itself follows
+        work_ = header_->progress;
+        header_.reset();
+        continue;
+      }
+      rest = std::exchange(text_, {});
+      bytes = rest;
       if (header_->length && *header_->length == 0) return complete();
-      return rest.empty() ? void() : take(rest);
+      if (bytes.empty()) return;
     }
     received_ += bytes.size();
     if (header_->status == 200)
@@ -205,6 +216,7 @@ class Download {
   std::string request_, text_;  // what was read of the header, then of a refusal's sentence
   std::array<char, 65'536> buffer_;
   std::optional<Header> header_;
+  std::string work_;  // what the server says about it
   std::uint64_t received_ = 0;
   Clock::time_point begun_, lastWord_, told_{};
   bool ended_ = false, finished_ = false;

@@ -15,6 +15,7 @@ namespace ridgecast::connection {
 struct Progress {
   std::chrono::milliseconds waited{0};
   std::uint64_t received = 0, total = 0;  // bytes; total 0: the answer has not begun
+  std::string work;                       // how far the server is, in its words, at most 80 characters; empty: it does not say
 };
 
 // Blocks. `target`: path and query, already percent-encoded. The file is there whole or not at all. `tell` is called some ten times a second

@@ -24,10 +24,10 @@ class Teller {
     const bool arrives = p.total > 0;
     if (isatty(STDERR_FILENO)) {
       if (!arrives)
-        std::fprintf(stderr, "\rThe server is at work, %.0f s ", seconds);
+        std::fprintf(stderr, "\rThe server is at work, %.0f s%s%-50s", seconds, p.work.empty() ? "" : ": ", p.work.c_str());
       else
-        std::fprintf(stderr, "\r%.1f of %.1f MB, %3.0f %%         ", static_cast<double>(p.received) * mega,
-                     static_cast<double>(p.total) * mega, 100.0 * static_cast<double>(p.received) / static_cast<double>(p.total));
+        std::fprintf(stderr, "\r%.1f of %.1f MB, %3.0f %%%60s", static_cast<double>(p.received) * mega, static_cast<double>(p.total) * mega,
+                     100.0 * static_cast<double>(p.received) / static_cast<double>(p.total), "");
       open_ = true;
     } else if (stage_ < 1 + arrives) {
       stage_ = 1 + arrives;
@@ -35,6 +35,9 @@ class Teller {
         std::fprintf(stderr, "Receiving %.1f MB after %.1f s\n", static_cast<double>(p.total) * mega, seconds);
       else
         std::fprintf(stderr, "The server is at work\n");
+    } else if (!arrives && !p.work.empty() && p.work.substr(0, p.work.find(',')) != work_) {
+      work_ = p.work.substr(0, p.work.find(','));
+      std::fprintf(stderr, "After %.1f s: %s\n", seconds, p.work.c_str());
     }
   }
   void end() {
@@ -43,6 +46,7 @@ class Teller {
 
  private:
   int stage_ = 0;
+  std::string work_;  // the stage of the server's that was told
   bool open_ = false;
 };
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <boost/asio/dispatch.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/write.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
@@ -29,9 +31,10 @@ namespace websocket = beast::websocket;
 using asio::ip::tcp;
 using beast::error_code;
 
-constexpr char kRetrySeconds[] = "5";               // after which who found us busy may ask again
-constexpr std::chrono::seconds kTurnedPatience{2};  // for a request of who is only told that there are too many
-constexpr std::size_t kSlowest = 65'536;            // bytes a second that a reader must take of a long answer
+constexpr char kRetrySeconds[] = "5";                 // after which who found us busy may ask again
+constexpr std::chrono::seconds kTurnedPatience{2};    // for a request of who is only told that there are too many
+constexpr std::chrono::milliseconds kTellEvery{700};  // how far work has come
+constexpr std::size_t kSlowest = 65'536;              // bytes a second that a reader must take of a long answer
 
 // A connection before it is a stream: requests and answers, one after the other.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
@@ -42,7 +45,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
         stream_(noDelay(std::move(socket))),
         counted_(std::move(counted)),
         shared_(std::move(shared)),
-        buffer_(shared_->settings.maxHeaderBytes + 4096) {}
+        buffer_(shared_->settings.maxHeaderBytes + 4096),
+        ticking_(stream_.get_executor()) {}
 
   void start() {
     asio::dispatch(stream_.get_executor(), [self = shared_from_this()] { self->begin(); });
@@ -137,6 +141,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     keepAlive_ = header.keep_alive() && !hasBody && ++answered_ < 1000;
     head_ = header.method() == http::verb::head;
     ifNoneMatch_ = header[http::field::if_none_match];
+    wantsProgress_ = header.version() == 11 && header["Prefer"].find("progress") != beast::string_view::npos;
     if (a.later && !namesEtag(ifNoneMatch_, a.etag)) return work(a.later);
     a.upgradeTo ? upgrade(std::move(a.upgradeTo)) : send(std::move(a));
   }
@@ -199,6 +204,24 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     working_ = true;
     stream_.expires_never();
     watch();
+    if (wantsProgress_ && later->progress) tick(std::move(later));
+  }
+
+  // Says now and then how far the work has come. So little that it never waits for a reader: the socket's buffer takes all of it.
+  void tick(std::shared_ptr<const Later> later) {
+    ticking_.expires_after(kTellEvery);
+    ticking_.async_wait([self = shared_from_this(), later = std::move(later)](error_code ec) mutable {
+      if (ec || !self->working_ || self->made_) return;
+      self->word_ = "HTTP/1.1 102 Processing\r\nProgress: " + later->progress() + "\r\n\r\n";
+      self->telling_ = true;
+      asio::async_write(self->stream_, asio::buffer(self->word_),
+                        [self, later = std::move(later)](error_code failed, std::size_t bytes) mutable {
+                          self->telling_ = false;
+                          self->shared_->figures->bytesSent.add(bytes);
+                          if (self->made_) return self->worked(std::move(*std::exchange(self->made_, {})));
+                          if (!failed && self->working_) self->tick(std::move(later));
+                        });
+    });
   }
 
   void watch() {
@@ -208,7 +231,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     stream_.async_read_some(buffer_.prepare(room), [self = shared_from_this()](error_code ec, std::size_t bytes) {
       self->watching_ = false;
       self->buffer_.commit(bytes);
-      if (self->made_) return self->worked(std::move(*std::exchange(self->made_, {})));
+      if (self->made_ && !self->telling_) return self->worked(std::move(*std::exchange(self->made_, {})));
       if (!self->working_) return;
       if (!ec) return self->watch();  // the next request, early
       self->asker_.request_stop();
@@ -217,6 +240,11 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void worked(Answer a) {
+    ticking_.cancel();
+    if (telling_) {  // one writer at a time: its end goes on
+      made_ = std::move(a);
+      return;
+    }
     if (watching_) {  // one reader at a time: its end sends the answer
       made_ = std::move(a);
       stream_.cancel();
@@ -325,7 +353,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::chrono::steady_clock::time_point patienceEnds_;
   // While work is done for it.
   std::stop_source asker_{std::nostopstate};
-  bool working_ = false, watching_ = false;
+  asio::steady_timer ticking_;
+  std::string word_;  // that is being told
+  bool working_ = false, watching_ = false, telling_ = false, wantsProgress_ = false;
   std::optional<Answer> made_;
   std::size_t answerBytes_ = 0;  // what this answer adds to the shared number
 };

@@ -55,6 +55,9 @@ struct Answer {
 struct Later {
   bool patient = false;
   std::function<Answer(std::stop_token stop)> work;
+  // How far it has come, a few words without line breaks. Told about once a second, as HTTP 102 with a header `Progress`, to who asks for it
+  // by `Prefer: progress`. Any thread, while the work waits or runs.
+  std::function<std::string()> progress;
 };
 
 // Answers what other rooms have; nothing when the path is none of its own. Any thread.

@@ -106,9 +106,11 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     a.etag = Snapshots::etag(*session, *question, metadataOnly);
     auto later = std::make_shared<Later>();
     later->patient = true;
-    later->work = [snapshots, session = std::move(session), question = std::move(*question), metadataOnly,
+    const auto progress = std::make_shared<snapshot::Progress>();
+    later->progress = [progress] { return progress->text(); };
+    later->work = [snapshots, progress, session = std::move(session), question = std::move(*question), metadataOnly,
                    etag = a.etag](std::stop_token stop) {
-      auto made = snapshots->take(*session, question, metadataOnly, stop);
+      auto made = snapshots->take(*session, question, metadataOnly, stop, progress.get());
       if (!made) return answerOf(made.error());
       Answer done;
       open(done);

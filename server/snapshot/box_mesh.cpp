@@ -169,6 +169,7 @@ class Mesher : private triangulation::Partition {
     const float limit = static_cast<float>(share * error_);
     for (;;) {
       evaluate(dense);
+      watch_.has(mesh_.liveTriangles());
       if (watch_.over()) return watch_.problem();
       float most = 0, stuck = 0;
       for (triangulation::RegionId r : regions_)

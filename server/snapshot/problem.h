@@ -1,7 +1,9 @@
 #pragma once
 // Why a snapshot could not be made, in one sentence for a person, and whose matter that is.
 
+#include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <stdexcept>
 #include <stop_token>
 #include <string>
@@ -34,8 +36,12 @@ using Result = boost::system::result<T, Problem>;
 struct Watch {
   std::stop_token stop;
   std::chrono::steady_clock::time_point deadline;
-  double seconds = 0;  // that there were, for messages
+  double seconds = 0;                               // that there were, for messages
+  std::atomic<std::uint32_t>* triangles = nullptr;  // where it is told how many there are, if anywhere
 
+  void has(std::uint32_t count) const {
+    if (triangles) triangles->store(count, std::memory_order_relaxed);
+  }
   bool over() const { return stop.stop_requested() || std::chrono::steady_clock::now() >= deadline; }
   Problem problem() const;  // what to say when it is over
 };

@@ -129,6 +129,7 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
   do {
     if (watch.over()) return watch.problem();
     figures = pipeline.iterate(camera);
+    watch.has(static_cast<std::uint32_t>(figures.triangles));
     if (figures.effectiveThreshold > of.threshold * 1.0001)
       return Problem{Problem::Kind::kTooMuch, "This pose at a threshold of " + text(of.threshold) + " pixels takes more than " +
                                                   std::to_string(limits.triangles) + " triangles, the most there may be; a threshold of " +
@@ -160,14 +161,34 @@ Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limit
 
 }  // namespace
 
+std::string Progress::text() const {
+  const std::string count = std::to_string(triangles.load(std::memory_order_relaxed)) + " triangles";
+  switch (stage.load()) {
+    case Stage::kWaiting:
+      return "waits for its turn";
+    case Stage::kMeshing:
+      return "meshing, " + count;
+    case Stage::kColouring:
+      return "normals and colours, " + count;
+    case Stage::kWriting:
+      break;
+  }
+  return "writing, " + count;
+}
+
 Snapshots::Snapshots(const Limits& limits, unsigned threads)
     : limits_(limits), machine_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), kNiceness) {}
 
-Result<Snapshot> Snapshots::take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop) {
+Result<Snapshot> Snapshots::take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop,
+                                 Progress* progress) {
   const auto start = std::chrono::steady_clock::now();
   const Watch watch{stop,
                     start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(limits_.seconds)),
-                    limits_.seconds};
+                    limits_.seconds, progress ? &progress->triangles : nullptr};
+  const auto reaches = [progress](Progress::Stage stage) {
+    if (progress) progress->stage = stage;
+  };
+  reaches(Progress::Stage::kMeshing);
   const auto pool = machine_.makePool(machine_.threads());
   Result<Made> made = Problem{};
   if (const auto* camera = std::get_if<OfCamera>(&question.of))
@@ -207,10 +228,13 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
     out.metadata = extras.dump(2) + "\n";
     return out;
   }
+  watch.has(static_cast<std::uint32_t>(triangles));
+  reaches(Progress::Stage::kColouring);
   if (!addAttributes(terrain, question.normals, question.colours, document.leaves, *pool, watch)) return watch.problem();
   document.origin = made->origin;
   document.camera = made->camera;
   document.extras = extras.dump();
+  reaches(Progress::Stage::kWriting);
   auto glb =
       gltf::writeGlb(document, question.compression, stop, [&](std::size_t count, const auto& body) { pool->forEach(count, 8, body); });
   if (!glb) {

@@ -11,6 +11,8 @@
 //   error         unit ("metres" of a box, else the metric: "pixels", "area" or "thesis"), asked, kept; of a box also samples: kept is the largest error found on so many points
 //   leaves, triangles, vertices (of all leaves, shared ones each time), cellX, cellZ, latticeStep
 
+#include <atomic>
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -27,6 +29,14 @@ struct Snapshot {
   std::string name;      // of a file, without its ending
 };
 
+// How far a snapshot has come. Written while it is made, read by any thread meanwhile.
+struct Progress {
+  enum class Stage { kWaiting, kMeshing, kColouring, kWriting };
+  std::atomic<Stage> stage{Stage::kWaiting};
+  std::atomic<std::uint32_t> triangles{0};  // so far
+  std::string text() const;                 // a few words for people
+};
+
 class Snapshots {
  public:
   // threads 0: one less than there are, at least one.
@@ -35,7 +45,8 @@ class Snapshots {
   const Limits& limits() const { return limits_; }
 
   // Blocks until it is made: for a thread of its own. Any thread.
-  Result<Snapshot> take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop);
+  Result<Snapshot> take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop,
+                        Progress* progress = nullptr);
 
   // Equal for equal files; empty where only the file itself can tell (a live camera).
   static std::string etag(const session::Session& session, const Question& question, bool metadataOnly);

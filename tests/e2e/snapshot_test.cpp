@@ -144,7 +144,8 @@ TEST_F(Snapshot, DracoTakesAQuarterOfTheBytesWhereThereIsDetail) {
     const GlbFile held = readGlb(plain.body);
     EXPECT_EQ(held.meshes(), readGlb(draco.body).meshes());
     const double ratio = static_cast<double>(draco.body.size()) / static_cast<double>(plain.body.size());
-    std::cout << question << ": " << held.triangles() << " triangles, " << plain.body.size() << " bytes, by Draco " << ratio << " of them\n";
+    std::cout << question << ": " << held.triangles() << " triangles, " << plain.body.size() << " bytes, by Draco " << ratio
+              << " of them\n";
     return ratio;
   };
   const std::string pose = "x=0&z=0&altitude=120&yaw=30&pitch=-10";
@@ -300,6 +301,29 @@ TEST_F(Snapshot, WhoHangsUpIsNotWorkedFor) {
   while (r.head.starts_with("HTTP/1.1 503") && std::chrono::steady_clock::now() - start < 20s);
   EXPECT_THAT(r.head, StartsWith("HTTP/1.1 200"));
   EXPECT_LT(std::chrono::steady_clock::now() - start, 20s);
+}
+
+// Who asks for it hears how far the work has come, before the same answer that others get.
+TEST_F(Snapshot, HowFarItIsIsToldToWhoAsks) {
+  const auto request = [](const std::string& box) {
+    return "GET " + glb(box) + " HTTP/1.1\r\nHost: x\r\nPrefer: progress\r\nConnection: close\r\n\r\n";
+  };
+  {
+    SocketClient client(server_->port());
+    client.send(request("x0=0&z0=0&x1=20000&z1=20000&error=6"));  // takes a minute, and longer than anybody here waits
+    for (int k = 0; k < 3; ++k) {
+      const std::string word = client.answer(false);
+      EXPECT_THAT(word, StartsWith("HTTP/1.1 102 Processing\r\nProgress: "));
+      EXPECT_THAT(word, testing::AnyOf(HasSubstr(" triangles\r\n\r\n"), HasSubstr("its turn\r\n\r\n")));
+    }
+  }
+  SocketClient client(server_->port());
+  client.send(request(kBox));
+  std::string answer;
+  for (int k = 0; k < 40 && !answer.starts_with("HTTP/1.1 200"); ++k) answer = client.answer();
+  const Response usual = ask(glb(kBox));
+  ASSERT_THAT(usual.head, StartsWith("HTTP/1.1 200"));
+  EXPECT_THAT(answer, testing::EndsWith("\r\n\r\n" + usual.body));
 }
 
 TEST_F(Snapshot, TheSameFromTheCommandLine) {

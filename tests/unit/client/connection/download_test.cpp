@@ -6,6 +6,9 @@
 
 #include <fstream>
 #include <iterator>
+#include <string>
+#include <thread>
+#include <vector>
 
 #include "tests/unit/client/connection/raw_server.h"
 
@@ -54,6 +57,28 @@ TEST_F(DownloadTest, TheFileComesWholeAndProgressIsTold) {
   EXPECT_EQ(text(), body);
   EXPECT_EQ(files(), 1u);
   EXPECT_THAT(head, testing::StartsWith("GET /v1/a?b=c HTTP/1.1\r\n"));
+}
+
+TEST_F(DownloadTest, WordsOfTheWorkAreTold) {
+  RawServer server([&](RawConnection& c) {
+    EXPECT_THAT(c.readHead(), HasSubstr("\r\nPrefer: progress\r\n"));
+    for (const char* word : {"waits", "meshing, 12 triangles", "evil\x1b[2J"}) {
+      c.send(std::string("HTTP/1.1 102 Processing\r\nProgress: ") + word + "\r\n\r\n");
+      std::this_thread::sleep_for(250ms);  // in all longer than one is patient with silence
+    }
+    std::string many;
+    for (int k = 0; k < 20'000; ++k) many += "HTTP/1.1 103 x\r\nProgress: last\r\n\r\n";
+    c.send(many + "HTTP/1.1 200 OK\r\nContent-Length: 3\r\n\r\nabc");
+    c.drain();
+  });
+  std::vector<std::string> words;
+  const auto got = get(server.port(), [&](const Progress& p) {
+    if (words.empty() || words.back() != p.work) words.push_back(p.work);
+  });
+  ASSERT_TRUE(got) << got.error().message;
+  EXPECT_EQ(text(), "abc");
+  EXPECT_THAT(words, testing::IsSupersetOf({"waits", "meshing, 12 triangles", "evil?[2J"}));
+  EXPECT_EQ(words.back(), "last");
 }
 
 TEST_F(DownloadTest, RefusalsAreTheServersOwnSentence) {
