@@ -13,6 +13,7 @@
 #include "client/evaluation/fly.h"
 #include "client/snapshot/snapshot.h"
 #include "client/viewer/viewer.h"
+#include "common/camera/path.h"
 #include "common/version/version.h"
 
 namespace {
@@ -126,6 +127,12 @@ int main(int argc, char** argv) {
   viewCommand->add_option("--pitch", view.pitch, "degrees, positive upwards")->check(within(-89.0, 89.0))->capture_default_str();
   viewCommand->add_option("--seconds", view.seconds, "close by itself after so long")->check(within(0.0, 86400.0));
   viewCommand->add_option("--screenshot", view.screenshot, "a PNG of the window when it closes")->type_name("FILE.png");
+  std::string viewPath;
+  viewCommand->add_option("--path", viewPath, "follow this camera path, as `fly` does; P ends it and begins it again")->type_name("FILE.json");
+  viewCommand->add_flag("!--no-vsync", view.vsync, "do not wait for the screen with each frame");
+  viewCommand->add_flag("--invert-y", view.invertY, "the mouse and the sticks look up where they looked down");
+  viewCommand->add_flag("--reduced-motion", view.reducedMotion, "changes of the mesh show at once instead of growing");
+  viewCommand->add_option("--text-scale", view.textScale, "size of the text, beside the screen's own scale")->check(within(0.5, 4.0))->capture_default_str();
 
   FlyOptions fly;
   CLI::App* flyCommand = app.add_subcommand("fly", "No window: fly a path, draw both renderings, compare and measure");
@@ -219,6 +226,11 @@ int main(int argc, char** argv) {
     fly.settings = server.settings;
     fly.remoteShaders = !server.noRemoteShaders;
     return ridgecast::evaluation::fly(fly);
+  }
+  if (!viewPath.empty()) {
+    auto path = ridgecast::camera::readPath(viewPath);
+    if (!path) return wrongArguments("--path: " + path.error().message);
+    view.path = std::move(*path);
   }
   view.url = *url;
   view.settings = server.settings;

@@ -50,6 +50,10 @@ class Resuming {
   // As Connection's; also looks after the connection, so call it often.
   std::optional<Received> receive(std::chrono::milliseconds patience);
 
+  // The other members, as Connection's; with hello.members. What was seen of a connection before is void: begin with 0 when
+  // reconnections() has grown.
+  std::optional<Roster> others(std::uint64_t seen = 0) const { return lost_ ? std::nullopt : connection_->others(seen); }
+
   std::optional<Error> error() const;  // why there is no connection at the moment
   std::uint64_t bytesReceived() const { return bytesBefore_ + connection_->bytesReceived(); }
   std::uint64_t reconnections() const { return reconnections_; }

@@ -207,9 +207,57 @@ void MeshPass::bindArrays() const {
   glVertexAttribPointer(2, 3, GL_UNSIGNED_BYTE, GL_TRUE, kShadeSize, reinterpret_cast<const void*>(std::uintptr_t{4}));
 }
 
-MeshPass::Drawn MeshPass::draw(const View& view, const Surface& surface) const {
+std::string_view MeshPass::vertexShader() { return kVertex; }
+
+MeshPass::Drawn MeshPass::drawLeaves(const View& view, const Program& program, int leafOffset,
+                                     const std::function<void(const Leaf&)>& each) const {
+  Drawn drawn;
+  if (!vertexArena_.used()) return drawn;
   const camera::Pose& pose = view.camera.pose;
   const camera::Projection& projection = view.camera.projection;
+  bindArrays();
+  const auto set = [&program](const char* name, const camera::Vec3& v) {
+    program.set(name, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
+  };
+  set("right", camera::right(pose));
+  set("up", camera::up(pose));
+  set("forward", camera::forward(pose));
+  const double tangent = std::tan(projection.verticalFov / 2);
+  program.set("scale", static_cast<float>(1 / (tangent * projection.aspect())), static_cast<float>(1 / tangent));
+  program.set("near", static_cast<float>(kNear));
+  program.set("reversedDepth", reversedDepth_ ? 1 : 0);
+  const double cameraY = std::floor(pose.y * lattice::kStepsPerMetre);
+  program.set("remainder", static_cast<float>(pose.remainderX), static_cast<float>(pose.remainderZ),
+              static_cast<float>(pose.y * lattice::kStepsPerMetre - cameraY));
+
+  const camera::Frustum frustum(pose, projection);
+  for (const auto& [address, slot] : slots_) {
+    if (!slot.indices) continue;
+    const lattice::Step x = address.x() - pose.x, z = address.z() - pose.z;
+    constexpr lattice::Step kFarthest = std::numeric_limits<std::int32_t>::max() / 2;  // 4,194 km: a stale scene after a jump
+    if (std::abs(x) > kFarthest || std::abs(z) > kFarthest) continue;
+    const auto metres = [](double steps) { return steps * lattice::kMetresPerStep; };
+    if (!frustum.mayIntersect({metres(double(x + slot.low.x) - 1), metres(slot.low.y - cameraY - 1), metres(double(z + slot.low.z) - 1)},
+                              {metres(double(x + slot.high.x)), metres(slot.high.y - cameraY), metres(double(z + slot.high.z))}))
+      continue;
+    if (each) each({address, slot.indices / 3});
+    glUniform3i(leafOffset, static_cast<GLint>(x), static_cast<GLint>(z), static_cast<GLint>(-cameraY));
+    glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(slot.indices), GL_UNSIGNED_INT,
+                             reinterpret_cast<const void*>(slot.firstIndex * kIndexSize), static_cast<GLint>(slot.firstVertex));
+    ++drawn.leaves;
+    drawn.triangles += slot.indices / 3;
+  }
+  glBindVertexArray(0);
+  return drawn;
+}
+
+void MeshPass::redraw(const View& view, const Program& program, const std::function<void(const Leaf&)>& each) const {
+  if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
+  drawLeaves(view, program, program.location("leafOffset"), each);
+  if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
+}
+
+MeshPass::Drawn MeshPass::draw(const View& view, const Surface& surface) const {
   glBindFramebuffer(GL_FRAMEBUFFER, surface.framebuffer());
   glViewport(0, 0, static_cast<GLsizei>(surface.width()), static_cast<GLsizei>(surface.height()));
   glDisable(GL_SCISSOR_TEST);
@@ -222,43 +270,8 @@ MeshPass::Drawn MeshPass::draw(const View& view, const Surface& surface) const {
   glClearColor(0, 0, 0, 0);
   if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
   glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-
-  Drawn drawn;
-  if (vertexArena_.used()) {
-    bindArrays();
-    program_.use();
-    const auto set = [this](const char* name, const camera::Vec3& v) {
-      program_.set(name, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
-    };
-    set("right", camera::right(pose));
-    set("up", camera::up(pose));
-    set("forward", camera::forward(pose));
-    const double tangent = std::tan(projection.verticalFov / 2);
-    program_.set("scale", static_cast<float>(1 / (tangent * projection.aspect())), static_cast<float>(1 / tangent));
-    program_.set("near", static_cast<float>(kNear));
-    program_.set("reversedDepth", reversedDepth_ ? 1 : 0);
-    const double cameraY = std::floor(pose.y * lattice::kStepsPerMetre);
-    program_.set("remainder", static_cast<float>(pose.remainderX), static_cast<float>(pose.remainderZ),
-                 static_cast<float>(pose.y * lattice::kStepsPerMetre - cameraY));
-
-    const camera::Frustum frustum(pose, projection);
-    for (const auto& [address, slot] : slots_) {
-      if (!slot.indices) continue;
-      const lattice::Step x = address.x() - pose.x, z = address.z() - pose.z;
-      constexpr lattice::Step kFarthest = std::numeric_limits<std::int32_t>::max() / 2;  // 4,194 km: a stale scene after a jump
-      if (std::abs(x) > kFarthest || std::abs(z) > kFarthest) continue;
-      const auto metres = [](double steps) { return steps * lattice::kMetresPerStep; };
-      if (!frustum.mayIntersect({metres(double(x + slot.low.x) - 1), metres(slot.low.y - cameraY - 1), metres(double(z + slot.low.z) - 1)},
-                                {metres(double(x + slot.high.x)), metres(slot.high.y - cameraY), metres(double(z + slot.high.z))}))
-        continue;
-      glUniform3i(leafOffset_, static_cast<GLint>(x), static_cast<GLint>(z), static_cast<GLint>(-cameraY));
-      glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(slot.indices), GL_UNSIGNED_INT,
-                               reinterpret_cast<const void*>(slot.firstIndex * kIndexSize), static_cast<GLint>(slot.firstVertex));
-      ++drawn.leaves;
-      drawn.triangles += slot.indices / 3;
-    }
-    glBindVertexArray(0);
-  }
+  program_.use();
+  const Drawn drawn = drawLeaves(view, program_, leafOffset_, {});
   if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
   glDepthFunc(GL_LESS);
   glClearDepth(1.0);

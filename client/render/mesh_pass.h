@@ -3,7 +3,9 @@
 // is an integer too, so 10^12 m out is as exact as the origin and neighbours cannot crack. Needs the context it was made in.
 
 #include <cstdint>
+#include <functional>
 #include <map>
+#include <string_view>
 
 #include "client/render/arena.h"
 #include "client/render/gl_objects.h"
@@ -34,6 +36,15 @@ class MeshPass {
   // The surface has the view's size.
   Drawn draw(const View& view, const Surface& surface) const;
 
+  // The same triangles once more, into whatever framebuffer is bound, with a program of one's own that is in use and has the vertex shader
+  // vertexShader(): it hands on `offset` (metres from the camera) and `depth` (along its axis). `each` is called before every leaf.
+  struct Leaf {
+    lattice::LeafAddress address;
+    std::uint64_t triangles = 0;
+  };
+  static std::string_view vertexShader();
+  void redraw(const View& view, const Program& program, const std::function<void(const Leaf&)>& each) const;
+
  private:
   struct Slot {
     std::uint64_t version = 0;
@@ -42,6 +53,7 @@ class MeshPass {
   };
   MeshPass(Program program, bool reversedDepth, bool shaded);
   void bindArrays() const;
+  Drawn drawLeaves(const View& view, const Program& program, int leafOffset, const std::function<void(const Leaf&)>& each) const;
   void upload(const scene::HeldLeaf& held, Slot& slot);
   void giveBack(const Slot& slot);
 

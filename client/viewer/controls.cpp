@@ -26,17 +26,34 @@ void Controls::moveBy(double x, double y, double z) {
   pose_.y = std::min(pose_.y + y, kHighest);
 }
 
-void Controls::step(const Input& input, double seconds, const std::function<std::optional<double>(lattice::Point)>& ground) {
+void Controls::step(const Input& input, double seconds, const Ground& ground) {
   speed_ = std::clamp(speed_ * std::pow(1.2, input.wheel), kSlowest, kFastest);
-  pose_.yaw = std::remainder(pose_.yaw - input.turnX * kTurn, 2 * std::numbers::pi);
-  pose_.pitch = std::clamp(pose_.pitch - input.turnY * kTurn, -1.55, 1.55);
+  const double down = invertY_ ? -1 : 1;
+  pose_.yaw = std::remainder(pose_.yaw - input.turnX * kTurn - input.lookRight * kLook * seconds, 2 * std::numbers::pi);
+  pose_.pitch = std::clamp(pose_.pitch + down * (input.lookUp * kLook * seconds - input.turnY * kTurn), -1.55, 1.55);
 
-  const camera::Vec3 f = camera::forward(pose_), r = camera::right(pose_);
-  const double metres = speed_ * (input.sprint ? 5 : 1) * seconds;
-  if (input.forward != 0 || input.right != 0 || input.up != 0)
-    moveBy((f.x * input.forward + r.x * input.right) * metres, (f.y * input.forward + input.up) * metres,
+  camera::Vec3 f = camera::forward(pose_);
+  const camera::Vec3 r = camera::right(pose_);
+  const double metres = speed() * (input.sprint ? 5 : 1) * seconds;
+  if (walking_) f = {-std::sin(pose_.yaw), 0, -std::cos(pose_.yaw)};
+  const double up = walking_ ? 0 : input.up;
+  if (input.forward != 0 || input.right != 0 || up != 0)
+    moveBy((f.x * input.forward + r.x * input.right) * metres, (f.y * input.forward + up) * metres,
            (f.z * input.forward + r.z * input.right) * metres);
-  if (const auto height = ground({pose_.x, pose_.z})) pose_.y = std::max(pose_.y, *height + kLowest);
+  const auto height = ground({pose_.x, pose_.z});
+  if (height) pose_.y = walking_ ? *height + kEyes : std::max(pose_.y, *height + kLowest);
+}
+
+bool Sprint::update(bool down, bool moves, double now) {
+  if (down && !down_) {
+    since_ = now;
+    latched_ = !latched_;
+  } else if (!down && down_ && now - since_ > kTap) {
+    latched_ = false;  // it was held, not tapped
+  }
+  down_ = down;
+  if (!down && !moves && now - since_ > kTap) latched_ = false;
+  return down || latched_;
 }
 
 }  // namespace ridgecast::viewer

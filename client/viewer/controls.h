@@ -1,5 +1,5 @@
 #pragma once
-// How keys and mouse move the camera. No window system: values in, pose out.
+// How keys, mouse and gamepad move the camera. No window system: values in, pose out.
 
 #include <functional>
 #include <optional>
@@ -10,25 +10,52 @@ namespace ridgecast::viewer {
 
 // What is held down or was moved since the last step.
 struct Input {
-  double forward = 0, right = 0, up = 0;  // -1, 0 or 1
+  double forward = 0, right = 0, up = 0;  // -1 to 1
   bool sprint = false;                    // five times as fast
   double turnX = 0, turnY = 0;            // mouse, in screen coordinates, right and down
   double wheel = 0;                       // notches
+  double lookRight = 0, lookUp = 0;       // -1 to 1: keys and sticks, kLook radians a second
 };
+
+inline constexpr double kLook = 1.2;
+inline constexpr double kEyes = 1.7;       // metres above the ground, walking
+inline constexpr double kWalkShare = 0.1;  // of the speed in the air
 
 class Controls {
  public:
+  using Ground = std::function<std::optional<double>(lattice::Point)>;
+
   explicit Controls(const camera::Pose& start) : pose_(start) {}
   const camera::Pose& pose() const { return pose_; }
-  double speed() const { return speed_; }  // metres a second
+  double speed() const { return speed_ * (walking_ ? kWalkShare : 1); }  // metres a second
 
-  // One step of `seconds`; the camera stays at least 2 m above `ground` and within the lattice.
-  void step(const Input& input, double seconds, const std::function<std::optional<double>(lattice::Point)>& ground);
+  // One step of `seconds`; the camera stays at least 2 m above `ground` and within the lattice. Walking it stays kEyes above it, where that
+  // is known, and up and down do nothing.
+  void step(const Input& input, double seconds, const Ground& ground);
+
+  void setWalking(bool walking) { walking_ = walking; }
+  bool walking() const { return walking_; }
+  void setInvertY(bool invert) { invertY_ = invert; }  // of the mouse and the sticks
+  bool invertY() const { return invertY_; }
+  void place(const camera::Pose& pose) { pose_ = pose; }  // elsewhere at once
 
  private:
   void moveBy(double x, double y, double z);  // metres
   camera::Pose pose_;
   double speed_ = 50;
+  bool walking_ = false, invertY_ = false;
+};
+
+// A tap of the key keeps sprinting until the next one or until the camera rests; held down, it sprints while it is held.
+class Sprint {
+ public:
+  // Once a frame; `now` in seconds.
+  bool update(bool down, bool moves, double now);
+
+ private:
+  static constexpr double kTap = 0.25;  // seconds
+  bool down_ = false, latched_ = false;
+  double since_ = 0;
 };
 
 }  // namespace ridgecast::viewer

@@ -1,8 +1,15 @@
 #include "client/viewer/overlay.h"
 
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
 #include <backends/imgui_impl_glfw.h>
 #include <backends/imgui_impl_opengl3.h>
 #include <imgui.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "client/viewer/leaf_colours.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -10,11 +17,16 @@ namespace {
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
                                     ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
 
-void label(ImDrawList* list, float x, const char* text, bool alignRight) {
-  const ImVec2 size = ImGui::CalcTextSize(text);
-  const ImVec2 at(alignRight ? x - size.x - 10 : x + 10, ImGui::GetIO().DisplaySize.y - size.y - 10);
+ImU32 colourOf(const Colour& c, float alpha = 1) { return ImGui::ColorConvertFloat4ToU32(ImVec4(c[0], c[1], c[2], alpha)); }
+
+void shadowed(ImDrawList* list, ImVec2 at, const char* text) {
   list->AddText(ImVec2(at.x + 1, at.y + 1), IM_COL32(0, 0, 0, 200), text);
   list->AddText(at, IM_COL32_WHITE, text);
+}
+
+void label(ImDrawList* list, float x, const char* text, bool alignRight) {
+  const ImVec2 size = ImGui::CalcTextSize(text);
+  shadowed(list, ImVec2(alignRight ? x - size.x - 10 : x + 10, ImGui::GetIO().DisplaySize.y - size.y - 10), text);
 }
 
 void drawDivider(const Shown& shown) {
@@ -30,6 +42,49 @@ void drawDivider(const Shown& shown) {
   if (shown.mode != Mode::kMesh) label(list, x, "ray march", false);
 }
 
+// Which colour is which, at the lower left.
+void drawLegend(const Shown& s) {
+  if (s.borders == Borders::kNone || s.mode == Mode::kMarch || s.mode == Mode::kDifference) return;
+  const bool level = s.borders == Borders::kLevel;
+  ImDrawList* list = ImGui::GetBackgroundDrawList();
+  const float line = ImGui::GetTextLineHeight();
+  float x = 10, y = ImGui::GetIO().DisplaySize.y - 3 * line - 10;
+  shadowed(list, ImVec2(x, y - line - 4), level ? "leaves by level: side" : "leaves by age: changed");
+  const auto entry = [&](const Colour& colour, const char* text) {
+    list->AddRectFilled(ImVec2(x, y), ImVec2(x + line, y + line), colourOf(colour));
+    list->AddRect(ImVec2(x, y), ImVec2(x + line, y + line), IM_COL32(255, 255, 255, 160));
+    shadowed(list, ImVec2(x + line + 4, y), text);
+    x += line + 16 + ImGui::CalcTextSize(text).x;
+  };
+  if (level) {
+    static constexpr std::array<const char*, 6> kSides = {"32 m", "128 m", "512 m", "2 km", "8 km", "33 km"};
+    for (int k = 0; k < 6; ++k) entry(levelColour(2 * k), kSides[static_cast<std::size_t>(k)]);
+  } else {
+    entry(ageColour(0), "now");
+    entry(ageColour(4), "4 s");
+    entry(ageColour(16), "16 s");
+    entry(ageColour(kOld), "1 min");
+  }
+}
+
+void drawLines(const Shown& s) {
+  ImDrawList* list = ImGui::GetBackgroundDrawList();
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  const auto at = [&size](const Spot& spot) { return ImVec2(static_cast<float>(spot.x) * size.x, static_cast<float>(spot.y) * size.y); };
+  if (s.frozen && s.mode != Mode::kMarch && s.mode != Mode::kDifference) {
+    const float right = s.mode == Mode::kSplit ? static_cast<float>(s.divider) * size.x : size.x;
+    list->PushClipRect(ImVec2(0, 0), ImVec2(right, size.y));
+    for (const Line& line : s.frozenEdges) list->AddLine(at(line.first), at(line.second), IM_COL32(255, 220, 70, 255), 2);
+    list->PopClipRect();
+  }
+  for (const Marker& marker : s.markers) {
+    for (const Line& line : marker.lines) list->AddLine(at(line.first), at(line.second), IM_COL32(80, 220, 255, 255), 2);
+    const ImVec2 spot = at(marker.at);
+    list->AddCircleFilled(spot, 4, IM_COL32(80, 220, 255, 255));
+    shadowed(list, ImVec2(spot.x + 8, spot.y - ImGui::GetTextLineHeight()), marker.name.c_str());
+  }
+}
+
 void drawFigures(const Shown& s) {
   ImGui::SetNextWindowPos(ImVec2(10, 10));
   ImGui::SetNextWindowBgAlpha(0.55f);
@@ -41,14 +96,75 @@ void drawFigures(const Shown& s) {
     else
       ImGui::Text("ray march %.0f ms", s.marchMs);
     ImGui::Text("%llu triangles in %llu leaves", static_cast<unsigned long long>(s.triangles), static_cast<unsigned long long>(s.leaves));
-    ImGui::Text("iteration %llu, %.1f/s, latency %.0f ms%s", static_cast<unsigned long long>(s.iteration), s.iterationsPerSecond,
-                s.latencyMs, s.settled ? ", settled" : "");
+    ImGui::Text("iteration %llu, %.1f/s, latency %.0f ms", static_cast<unsigned long long>(s.iteration), s.iterationsPerSecond,
+                s.latencyMs);
+    if (s.settled)
+      ImGui::TextUnformatted("settled");
+    else
+      ImGui::Text("building, %.0f %%", s.building * 100);
     ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
-    ImGui::Text("x %.1f  y %.1f  z %.1f m, %.0f m above ground", s.x, s.y, s.z, s.aboveGround);
-    if (!s.smooth) ImGui::TextUnformatted("morphing is off (M)");
+    ImGui::Text("x %s  y %.1f  z %s m, %.0f m above ground", s.x.c_str(), s.y, s.z.c_str(), s.aboveGround);
+    if (s.members) ImGui::Text("%zu other%s in this session", s.members, s.members == 1 ? "" : "s");
+    if (!s.smooth) ImGui::TextUnformatted("reduced motion: changes show at once (M)");
+    if (s.frozen) ImGui::TextUnformatted("the server's camera is frozen (C)");
+    if (s.following) ImGui::TextUnformatted("following the path (P ends it)");
     if (s.recording) ImGui::Text("recording, %llu keyframes (R ends it)", static_cast<unsigned long long>(s.keyframes));
     if (s.knownReach > 0) ImGui::Text("height map held for %.1f km around", s.knownReach / 1000);
-    ImGui::Text("%.0f m/s   F1 help", s.speed);
+    ImGui::Text("%s%.3g m/s%s   F1 help, F2 settings", s.walking ? "walking, " : "", s.speed, s.sprinting ? " x 5" : "");
+  }
+  ImGui::End();
+}
+
+void drawPlot(const char* name, const char* unit, const History& history) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%s %.4g %s", name, static_cast<double>(history.newest()), unit);
+  const auto value = [](void* data, int k) { return static_cast<const History*>(data)->at(static_cast<std::size_t>(k)); };
+  ImGui::PlotLines("##plot", value, const_cast<History*>(&history), static_cast<int>(history.size()), 0, text, 0,
+                   std::max(history.most() * 1.1f, 1e-3f), ImVec2(ImGui::GetFontSize() * 22, ImGui::GetFontSize() * 3.2f));
+}
+
+// The stages of each iteration on top of each other.
+void drawStages(const Plots& plots) {
+  static constexpr std::array<const char*, 5> kNames = {"select", "generate", "refine", "triangulate", "encode"};
+  const ImVec2 at = ImGui::GetCursorScreenPos(), size(ImGui::GetFontSize() * 22, ImGui::GetFontSize() * 4.5f);
+  ImDrawList* list = ImGui::GetWindowDrawList();
+  list->AddRectFilled(at, ImVec2(at.x + size.x, at.y + size.y), ImGui::GetColorU32(ImGuiCol_FrameBg));
+  const std::size_t count = plots.stages.front().size();
+  float most = 1e-3f;
+  for (std::size_t k = 0; k < count; ++k) {
+    float sum = 0;
+    for (const History& stage : plots.stages) sum += stage.at(k);
+    most = std::max(most, sum);
+  }
+  const auto colour = [](std::size_t stage) { return colourOf(levelColour(static_cast<int>(8 - 2 * stage))); };
+  const float width = size.x / static_cast<float>(History::kLength);
+  for (std::size_t k = 0; k < count; ++k) {
+    float y = at.y + size.y;
+    const float x = at.x + width * static_cast<float>(k);
+    for (std::size_t stage = 0; stage < plots.stages.size(); ++stage) {
+      const float height = size.y * 0.95f * plots.stages[stage].at(k) / most;
+      list->AddRectFilled(ImVec2(x, y - height), ImVec2(x + width, y), colour(stage));
+      y -= height;
+    }
+  }
+  ImGui::Dummy(size);
+  ImGui::Text("iteration, up to %.1f ms", static_cast<double>(most));
+  for (std::size_t stage = 0; stage < kNames.size(); ++stage) {
+    if (stage > 0) ImGui::SameLine();
+    ImGui::TextColored(ImGui::ColorConvertU32ToFloat4(colour(stage)), "%s", kNames[stage]);
+  }
+}
+
+void drawPlots(const Shown& s) {
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  ImGui::SetNextWindowPos(ImVec2(size.x - 10, size.y - 30), ImGuiCond_Always, ImVec2(1, 1));
+  ImGui::SetNextWindowBgAlpha(0.65f);
+  if (ImGui::Begin("plots", nullptr, kPlain)) {
+    drawPlot("frame", "ms", s.history.frame);
+    drawStages(s.history);
+    drawPlot("triangles", "thousand", s.history.triangles);
+    drawPlot("received", "kB/s", s.history.bytes);
+    drawPlot("latency", "ms", s.history.latency);
   }
   ImGui::End();
 }
@@ -56,22 +172,35 @@ void drawFigures(const Shown& s) {
 void drawHelp(const Shown& s) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   ImGui::SetNextWindowPos(ImVec2(size.x - 10, 10), ImGuiCond_Always, ImVec2(1, 0));
-  ImGui::SetNextWindowBgAlpha(0.7f);
+  ImGui::SetNextWindowBgAlpha(0.75f);
   if (ImGui::Begin("help", nullptr, kPlain)) {
     ImGui::TextUnformatted(
         "W A S D      fly forward, left, back, right\n"
         "E / Space    up          Q / Ctrl    down\n"
-        "Shift        five times as fast\n"
-        "mouse wheel  speed\n"
+        "arrows       look around\n"
+        "Shift        five times as fast: hold, or tap to keep\n"
+        "+ / -        speed (or the mouse wheel)\n"
+        "G            walk on the ground\n"
         "1 / 2 / 3    mesh / ray march / both\n"
         "4            their difference as a heat map\n"
+        ", / .        move the divider (or drag it)\n"
+        "F            edges of the triangles\n"
+        "B            leaves by level / by age / not at all\n"
+        "C            freeze the camera that the server sees\n"
+        "N            the others in the session\n"
         "M            changes of the mesh: smooth or at once\n"
+        "J            jump to a place\n"
         "R            record a camera path, and end it\n"
-        "F12          screenshot\n"
-        "<- / ->      move the divider (or drag it)\n"
-        "F1 help      F3 figures");
-    ImGui::TextUnformatted(s.mouseFree ? "click        look around with the mouse\nEsc          quit"
+        "P            follow the path given by --path\n"
+        "V            wait for the screen, or not\n"
+        "F2 settings  F3 figures  F4 plots\n"
+        "F11 full screen          F12 screenshot\n"
+        "Letters are places on a US keyboard.");
+    ImGui::TextUnformatted(s.mouseFree ? "click        look around with the mouse\nEsc          close this, then quit"
                                        : "mouse        look around\nEsc          free the mouse");
+    ImGui::TextUnformatted(
+        "gamepad      sticks fly and look, triggers down and up,\n"
+        "             shoulders speed, A sprint, B walk, X mode, Y edges");
   }
   ImGui::End();
 }
@@ -88,13 +217,90 @@ void drawMessage(const Shown& s) {
   ImGui::End();
 }
 
+void drawHint(const Shown& s) {
+  const ImVec2 size = ImGui::GetIO().DisplaySize, text = ImGui::CalcTextSize(s.hint.c_str());
+  shadowed(ImGui::GetForegroundDrawList(), ImVec2((size.x - text.x) / 2, size.y * 0.93f), s.hint.c_str());
+}
+
+Wishes drawPanel(Shown& s) {
+  Wishes wishes;
+  Choices& c = s.choices;
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Appearing, ImVec2(0.5f, 0.5f));
+  if (s.focusJump) ImGui::SetNextWindowFocus();
+  if (ImGui::Begin("Settings", &s.panel,
+                   ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoCollapse)) {
+    ImGui::PushItemWidth(ImGui::GetFontSize() * 16);
+    ImGui::TextDisabled("Go to (metres)");
+    if (s.focusJump) ImGui::SetKeyboardFocusHere();
+    s.focusJump = false;
+    bool go = ImGui::InputText("x", c.x.data(), c.x.size(), ImGuiInputTextFlags_EnterReturnsTrue);
+    go |= ImGui::InputText("z", c.z.data(), c.z.size(), ImGuiInputTextFlags_EnterReturnsTrue);
+    go |= ImGui::InputText("above ground", c.altitude.data(), c.altitude.size(), ImGuiInputTextFlags_EnterReturnsTrue);
+    wishes.jump = ImGui::Button("Jump") || go;
+    ImGui::Separator();
+    ImGui::TextDisabled("Detail, for this window alone");
+    if (s.live) {
+      static constexpr std::array<const char*, 4> kMetrics = {"the server's", "pixels", "thesis", "area"};
+      wishes.settings |= ImGui::Combo("metric", &c.metric, kMetrics.data(), static_cast<int>(kMetrics.size()));
+      const bool thesis = c.metric == static_cast<int>(wire::Metric::kThesis);
+      ImGui::SliderFloat("threshold", &c.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",
+                         ImGuiSliderFlags_Logarithmic);
+      wishes.settings |= ImGui::IsItemDeactivatedAfterEdit();
+      ImGui::SliderInt("thousand triangles", &c.triangles, 10, 2000, "%d", ImGuiSliderFlags_Logarithmic);
+      wishes.settings |= ImGui::IsItemDeactivatedAfterEdit();
+      ImGui::SliderInt("kB/s, 0: all", &c.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic);
+      wishes.settings |= ImGui::IsItemDeactivatedAfterEdit();
+    } else {
+      ImGui::TextUnformatted("This server changes no settings on the way.");
+    }
+    ImGui::Text("granted: %s", s.granted.c_str());
+    ImGui::Separator();
+    ImGui::TextDisabled("Another world (makes its session, or joins it)");
+    bool enter = ImGui::InputText("terrain", c.terrain.data(), c.terrain.size(), ImGuiInputTextFlags_EnterReturnsTrue);
+    enter |= ImGui::InputText("seed", c.seed.data(), c.seed.size(), ImGuiInputTextFlags_EnterReturnsTrue);
+    wishes.world = ImGui::Button("Enter") || enter;
+    ImGui::Separator();
+    ImGui::TextDisabled("This window");
+    ImGui::Checkbox("smooth changes (off: reduced motion)", &s.smooth);
+    ImGui::Checkbox("invert looking up and down", &c.invertY);
+    wishes.vsync = ImGui::Checkbox("wait for the screen (vsync)", &c.vsync);
+    ImGui::Checkbox("the others in the session", &c.members);
+    ImGui::SliderFloat("text", &c.textScale, 0.7f, 3.0f, "x %.1f");
+    if (!s.problem.empty()) {
+      ImGui::PushTextWrapPos(ImGui::GetFontSize() * 26);
+      ImGui::TextColored(ImVec4(1, 0.75f, 0.3f, 1), "%s", s.problem.c_str());
+      ImGui::PopTextWrapPos();
+    }
+    ImGui::PopItemWidth();
+  }
+  ImGui::End();
+  return wishes;
+}
+
 }  // namespace
 
-Overlay::Overlay(GLFWwindow* window) {
+Overlay::Overlay(GLFWwindow* window, float textScale) {
   IMGUI_CHECKVERSION();
   ImGui::CreateContext();
-  ImGui::GetIO().IniFilename = nullptr;
+  ImGuiIO& io = ImGui::GetIO();
+  io.IniFilename = nullptr;
+  io.ConfigFlags |= ImGuiConfigFlags_NavEnableKeyboard;
   ImGui::StyleColorsDark();
+  // The font is drawn as large as the screen's scale asks, so that it stays sharp; what a person adds stretches it.
+  float x = 1, y = 1;
+  glfwGetWindowContentScale(window, &x, &y);
+  int width = 1, height = 1, pixels = 1, pixelsHigh = 1;
+  glfwGetWindowSize(window, &width, &height);
+  glfwGetFramebufferSize(window, &pixels, &pixelsHigh);
+  // Where a screen coordinate is more than a pixel the backend scales by itself.
+  const float own = static_cast<float>(pixels) / static_cast<float>(std::max(width, 1));
+  const float wanted = std::clamp(std::max(x, y) / std::max(own, 0.1f), 1.0f, 4.0f) * textScale;
+  ImFontConfig font;
+  font.SizePixels = std::round(13 * wanted);
+  io.Fonts->AddFontDefault(&font);
+  ImGui::GetStyle().ScaleAllSizes(wanted);
+  base_ = textScale;
   // Chains to the callbacks that the window already has.
   ImGui_ImplGlfw_InitForOpenGL(window, true);
   ImGui_ImplOpenGL3_Init("#version 330 core");
@@ -106,16 +312,29 @@ Overlay::~Overlay() {
   ImGui::DestroyContext();
 }
 
-void Overlay::draw(const Shown& shown) {
+bool Overlay::takesKeys() const { return ImGui::GetIO().WantCaptureKeyboard; }
+bool Overlay::takesMouse() const { return ImGui::GetIO().WantCaptureMouse; }
+
+Wishes Overlay::draw(Shown& shown) {
+  ImGuiIO& io = ImGui::GetIO();
+  io.ConfigFlags = shown.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
+  io.FontGlobalScale = shown.choices.textScale / base_;
   ImGui_ImplOpenGL3_NewFrame();
   ImGui_ImplGlfw_NewFrame();
   ImGui::NewFrame();
+  drawLines(shown);
   drawDivider(shown);
+  drawLegend(shown);
   if (shown.figures) drawFigures(shown);
+  if (shown.plots && !shown.help) drawPlots(shown);
   if (shown.help) drawHelp(shown);
   if (!shown.message.empty()) drawMessage(shown);
+  if (!shown.hint.empty()) drawHint(shown);
+  Wishes wishes;
+  if (shown.panel) wishes = drawPanel(shown);
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
+  return wishes;
 }
 
 }  // namespace ridgecast::viewer

@@ -1,40 +1,98 @@
 #pragma once
-// What is written over the two pictures: figures, help, messages, the divider. Dear ImGui behind it.
+// What is written and drawn over the two pictures: figures, plots, help, messages, the panel, the divider, the other members, a frozen
+// camera's edges. Dear ImGui behind it.
 
+#include <array>
 #include <cstdint>
 #include <string>
+#include <vector>
+
+#include "client/viewer/history.h"
+#include "client/viewer/project.h"
+#include "common/wire/messages.h"
 
 struct GLFWwindow;
 
 namespace ridgecast::viewer {
 
 enum class Mode { kMesh, kMarch, kSplit, kDifference };
+enum class Borders { kNone, kLevel, kAge };
+
+// What the panel shows and a person changes there.
+struct Choices {
+  int metric = 1;       // wire::Metric
+  float threshold = 0;  // of the metric
+  int triangles = 0;    // budget, thousands
+  int kilobytes = 0;    // a second; 0: as many as there are
+  float textScale = 1;
+  bool invertY = false, vsync = true, members = true;
+  std::array<char, 32> x{}, z{}, altitude{};  // metres
+  std::array<char, 130> terrain{};
+  std::array<char, 16> seed{};
+};
+// What was asked for in the panel since the last frame.
+struct Wishes {
+  bool settings = false, jump = false, world = false, vsync = false;
+};
+
+struct Marker {
+  std::string name;
+  Spot at;
+  std::vector<Line> lines;
+};
+
+struct Plots {
+  History frame, triangles, bytes, latency;  // ms, thousands, kB a second, ms
+  std::array<History, 5> stages;             // ms of each iteration: select, generate, refine, triangulate, encode
+};
 
 struct Shown {
   Mode mode = Mode::kSplit;
+  Borders borders = Borders::kNone;
   double divider = 0.5;  // share of the window's width
-  bool help = false, figures = true, mouseFree = true;
+  bool help = false, figures = true, plots = false, panel = false, mouseFree = true;
+  bool wireframe = false, frozen = false, walking = false, following = false, sprinting = false;
   std::string message;  // empty: none; else in the middle, until it changes
+  std::string hint;     // empty: none; else at the bottom: what a key has just done
 
   std::string world;  // terrain, seed, server
   double framesPerSecond = 0, meshMs = 0, marchMs = 0, progress = 1;
   std::uint32_t coarseness = 1;  // pixels a side that one ray of the march stands for
   std::uint64_t triangles = 0, leaves = 0, iteration = 0, bytes = 0;
-  double iterationsPerSecond = 0, latencyMs = 0;
+  double iterationsPerSecond = 0, latencyMs = 0, effectiveThreshold = 0;
   double knownReach = 0;  // metres; of a height map: so far it is known here; 0: all is
   bool smooth = true, recording = false;
   std::size_t keyframes = 0;  // recorded
   bool settled = false, hashOk = true;
-  double x = 0, z = 0, y = 0, aboveGround = 0, speed = 0;
+  double building = 0;  // 0..1
+  std::string x, z;     // metres
+  double y = 0, aboveGround = 0, speed = 0;
+
+  std::size_t members = 0;  // others
+  std::vector<Marker> markers;
+  std::vector<Line> frozenEdges;
+  Plots history;
+
+  Choices choices;
+  bool live = false;       // settings can be changed
+  std::string granted;     // what the server made of them
+  std::string problem;     // what was wrong in the panel
+  bool focusJump = false;  // the panel has just been opened to type a place
 };
 
 class Overlay {
  public:
-  explicit Overlay(GLFWwindow* window);  // the context must be current
+  Overlay(GLFWwindow* window, float textScale);  // the context must be current; of the window's own scale
   ~Overlay();
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
-  void draw(const Shown& shown);  // into the window's framebuffer
+  Wishes draw(Shown& shown);  // into the window's framebuffer
+  // Whether keys, and clicks, are meant for the panel.
+  bool takesKeys() const;
+  bool takesMouse() const;
+
+ private:
+  float base_ = 1;
 };
 
 }  // namespace ridgecast::viewer

@@ -75,7 +75,8 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
   const render::View samples = coarser(view, coarseness);
   const bool fits = layer_ && layer_->coarseness == coarseness && layer_->canvas.width() == samples.camera.projection.width &&
                     layer_->canvas.height() == samples.camera.projection.height;
-  if (fits && !moving && !morphing) return refining && coarseness > 1;
+  if (fits && !moving && !morphing && !restructured_) return refining && coarseness > 1;
+  restructured_ = false;
   if (auto fitted = fit(layer_, samples, coarseness, pass_.shaded()); !fitted) return fitted.error();
   if (morph_.version() != shownVersion_) {
     before_.update(morph_.from());
@@ -92,6 +93,7 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
     pass_.draw(samples, layer_->surface);
   }
   shade_->shade(samples, layer_->surface, layer_->canvas);
+  lines_.draw(samples, pass_, layer_->surface, layer_->canvas, structure_);
   glFinish();
   milliseconds_ = millisecondsSince(began);
   perSample_ = milliseconds_ / samplesOf(samples);

@@ -12,6 +12,7 @@
 #include "client/render/morph.h"
 #include "client/render/morph_pass.h"
 #include "client/render/shade_pass.h"
+#include "client/render/structure_pass.h"
 #include "client/render/surface.h"
 
 namespace ridgecast::viewer {
@@ -28,12 +29,18 @@ struct Layer {
 
 class MeshPane {
  public:
-  MeshPane(render::MeshPass pass, render::MeshPass before, render::MorphPass morph, const render::ShadePass& shade)
-      : pass_(std::move(pass)), before_(std::move(before)), blend_(std::move(morph)), shade_(&shade) {}
+  MeshPane(render::MeshPass pass, render::MeshPass before, render::MorphPass morph, render::StructurePass structure,
+           const render::ShadePass& shade)
+      : pass_(std::move(pass)), before_(std::move(before)), blend_(std::move(morph)), lines_(std::move(structure)), shade_(&shade) {}
   // Whether it drew or will soon go finer. `sceneVersion` tells scenes apart. Error: the window is larger than the driver draws.
   Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
   // Changes of the mesh are shown over a fraction of a second (render/morph.h), or at once.
   void setSmooth(bool smooth) { smooth_ = smooth; }
+  // What is drawn over the picture from the next update on, which draws it anew.
+  void setStructure(render::Structure structure) {
+    structure_ = std::move(structure);
+    restructured_ = true;
+  }
   const render::Canvas* canvas() const { return layer_ ? &layer_->canvas : nullptr; }
   double milliseconds() const { return milliseconds_; }
   bool isFinest() const { return layer_ && layer_->coarseness == 1; }
@@ -43,7 +50,9 @@ class MeshPane {
   render::MeshPass pass_, before_;
   render::MorphPass blend_;
   render::Morph morph_;
-  bool smooth_ = true;
+  render::StructurePass lines_;
+  render::Structure structure_;
+  bool smooth_ = true, restructured_ = false;
   const render::ShadePass* shade_;
   std::optional<Layer> layer_;
   std::optional<render::Surface> first_, second_;  // of the layer's size, while the mesh morphs

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "client/viewer/gamepad.h"
+
 namespace ridgecast::viewer {
 namespace {
 
@@ -79,6 +81,73 @@ TEST(Controls, StaysAboveGroundAndInsideTheWorld) {
   Controls edge(at(4398046511100.0, 0));
   for (int k = 0; k < 100; ++k) edge.step({.right = 1, .sprint = true, .wheel = 10}, 1, kNoGround);
   EXPECT_TRUE(lattice::positionIsValid(edge.pose().x, edge.pose().z));
+}
+
+TEST(Controls, WalkingKeepsTheEyesAboveTheGroundAndLooksChangeNothing) {
+  const auto slope = [](lattice::Point p) { return std::optional<double>(static_cast<double>(p.x) / 256 * 0.1); };
+  camera::Pose start = at(100, 0);
+  start.pitch = -1;
+  Controls controls(start);
+  controls.setWalking(true);
+  EXPECT_DOUBLE_EQ(controls.speed(), 5);
+  for (int k = 0; k < 60; ++k) controls.step({.right = 1, .up = 1}, 1.0 / 60, slope);
+  EXPECT_NEAR(static_cast<double>(controls.pose().x) / 256, 105, 0.01);
+  EXPECT_NEAR(controls.pose().y, 10.5 + kEyes, 0.01);
+  for (int k = 0; k < 60; ++k) controls.step({.forward = 1}, 1.0 / 60, slope);
+  EXPECT_NEAR(static_cast<double>(controls.pose().z) / 256, -5, 0.01);  // as far, however steep the look
+}
+
+TEST(Controls, LooksByKeysAndInvertsUpAndDown) {
+  for (const bool invert : {false, true}) {
+    Controls controls(at(0, 0));
+    controls.setInvertY(invert);
+    controls.step({.lookRight = 1, .lookUp = 1}, 0.5, kNoGround);
+    EXPECT_NEAR(controls.pose().yaw, -kLook / 2, 1e-12);
+    EXPECT_NEAR(controls.pose().pitch, invert ? -kLook / 2 : kLook / 2, 1e-12);
+    const double before = controls.pose().pitch;
+    controls.step({.turnY = 100}, 0.5, kNoGround);
+    EXPECT_EQ(controls.pose().pitch < before, !invert);
+  }
+}
+
+TEST(Sprint, LastsWhileHeldOrFromTapToTap) {
+  Sprint held;
+  EXPECT_TRUE(held.update(true, true, 0));
+  EXPECT_TRUE(held.update(true, true, 1));
+  EXPECT_FALSE(held.update(false, true, 1.1));
+  Sprint tapped;
+  EXPECT_TRUE(tapped.update(true, true, 0));
+  EXPECT_TRUE(tapped.update(false, true, 0.1));
+  EXPECT_TRUE(tapped.update(false, true, 60));
+  EXPECT_TRUE(tapped.update(true, true, 61));  // the second tap ends it
+  EXPECT_FALSE(tapped.update(false, true, 61.1));
+  Sprint rests;
+  rests.update(true, true, 0);
+  EXPECT_TRUE(rests.update(false, true, 0.1));
+  EXPECT_FALSE(rests.update(false, false, 1));
+  EXPECT_FALSE(rests.update(false, true, 2));
+}
+
+TEST(Gamepad, RestsNearTheMiddleAndAddsToTheKeys) {
+  EXPECT_EQ(stick(0.1f), 0);
+  EXPECT_EQ(stick(-0.14f), 0);
+  EXPECT_DOUBLE_EQ(stick(1), 1);
+  EXPECT_DOUBLE_EQ(stick(-2), -1);
+  EXPECT_EQ(stick(std::nanf("")), 0);
+  EXPECT_LT(stick(0.3f), 0.05);
+  Input input{.forward = 1};
+  addGamepad(input, {0, -1, 1, -0.5f, -1, 1}, true, false, true, 0.5);  // forward, right and up
+  EXPECT_EQ(input.forward, 1);
+  EXPECT_EQ(input.lookRight, 1);
+  EXPECT_GT(input.lookUp, 0.1);
+  EXPECT_EQ(input.up, 1);
+  EXPECT_TRUE(input.sprint);
+  EXPECT_GT(input.wheel, 0);
+  Input none;
+  addGamepad(none, {0, 0, 0, 0, -1, -1}, false, false, false, 0.5);
+  EXPECT_EQ(none.forward, 0);
+  EXPECT_EQ(none.up, 0);
+  EXPECT_EQ(none.wheel, 0);
 }
 
 }  // namespace

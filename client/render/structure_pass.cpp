@@ -1,0 +1,154 @@
+#include "client/render/structure_pass.h"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace ridgecast::render {
+namespace {
+
+// A little behind what is seen is still seen: lines are not sampled where triangles are, and a morphing surface lies between two meshes.
+constexpr std::string_view kSeen = R"(
+uniform sampler2D structureSurface;
+uniform vec3 forward;
+uniform float horizon;
+in vec3 offset;
+in float depth;
+layout(location = 0) out vec4 colour;
+float seen(float tolerance) {  // 0: hidden; fades out towards the horizon
+  vec4 s = texelFetch(structureSurface, ivec2(gl_FragCoord.xy), 0);
+  if (s.w == 0.0 || depth > dot(s.xyz, forward) * (1.0 + tolerance) + 0.1) return 0.0;
+  return 1.0 - smoothstep(0.4, 0.9, length(offset) / horizon);
+}
+)";
+
+// Where triangles are specks their edges would be all there is to see: they fade out with the size that a leaf's have on screen.
+constexpr std::string_view kEdges = R"(
+uniform float pixels;  // that the side of one of the leaf's triangles covers at a depth of one metre
+void main() {
+  float alpha = 0.6 * seen(0.01) * smoothstep(1.5, 7.0, pixels / depth);
+  if (alpha == 0.0) discard;
+  colour = vec4(0.02, 0.02, 0.06, alpha);
+}
+)";
+
+constexpr std::string_view kLeaves = R"(
+uniform vec3 square;  // the leaf's least corner, x and z from the camera, and its side: metres
+uniform vec3 paint;
+uniform float lineWidth;  // samples
+void main() {
+  vec2 place = offset.xz - square.xy;
+  vec2 lines = min(abs(place), abs(square.z - place)) / max(fwidth(place), vec2(1e-4));
+  float line = 1.0 - smoothstep(lineWidth - 0.5, lineWidth + 0.5, min(lines.x, lines.y));
+  float alpha = seen(0.002) * mix(0.3, 0.95, line);
+  if (alpha == 0.0) discard;
+  colour = vec4(paint, alpha);
+}
+)";
+
+// One over the whole picture.
+constexpr std::string_view kFrustum = R"(
+uniform sampler2D structureSurface;
+uniform vec3 fromFrozen;  // the camera, seen from the frozen one; metres
+uniform vec3 right, up, forward;  // of the frozen one
+uniform vec2 tangents;
+layout(location = 0) out vec4 colour;
+void main() {
+  vec4 s = texelFetch(structureSurface, ivec2(gl_FragCoord.xy), 0);
+  if (s.w == 0.0) discard;
+  vec3 at = s.xyz + fromFrozen;
+  float depth = dot(at, forward);
+  bool inside = depth > 0.0 && abs(dot(at, right)) <= depth * tangents.x && abs(dot(at, up)) <= depth * tangents.y;
+  if (inside) discard;
+  colour = vec4(0.03, 0.04, 0.10, 0.55);
+}
+)";
+
+Outcome<Program> meshProgram(std::string_view what, std::string_view main) {
+  const std::array<Program::Piece, 2> pieces = {{{"seen", kSeen}, {what, main}}};
+  return Program::build(what, MeshPass::vertexShader(), pieces);
+}
+
+void setVector(const Program& program, const char* name, const camera::Vec3& v) {
+  program.set(name, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
+}
+
+}  // namespace
+
+StructurePass::StructurePass(Program edges, Program leaves, Program frustum)
+    : edges_(std::move(edges)), leaves_(std::move(leaves)), frustum_(std::move(frustum)), vertexArray_(makeVertexArray()) {}
+
+Outcome<StructurePass> StructurePass::create() {
+  auto edges = meshProgram("edges", kEdges);
+  if (!edges) return edges.error();
+  auto leaves = meshProgram("leaves", kLeaves);
+  if (!leaves) return leaves.error();
+  const std::array<Program::Piece, 1> pieces = {{{"frustum", kFrustum}}};
+  auto frustum = Program::build("frustum", fullScreenVertex(), pieces);
+  if (!frustum) return frustum.error();
+  return StructurePass(std::move(*edges), std::move(*leaves), std::move(*frustum));
+}
+
+void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& surface, const Canvas& canvas,
+                         const Structure& structure) const {
+  if (!structure.any()) return;
+  const camera::Pose& pose = view.camera.pose;
+  glBindFramebuffer(GL_FRAMEBUFFER, canvas.framebuffer());
+  glViewport(0, 0, static_cast<GLsizei>(canvas.width()), static_cast<GLsizei>(canvas.height()));
+  glDisable(GL_SCISSOR_TEST);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_CULL_FACE);
+  glEnable(GL_BLEND);
+  glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_2D, surface.texture());
+  const auto metres = [](lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; };
+
+  if (structure.leafColour) {
+    leaves_.use();
+    leaves_.set("structureSurface", 0);
+    leaves_.set("horizon", static_cast<float>(view.horizon));
+    leaves_.set("lineWidth", std::max(1.0f, static_cast<float>(view.camera.projection.height) / 500));
+    mesh.redraw(view, leaves_, [&](const MeshPass::Leaf& leaf) {
+      const lattice::LeafAddress& a = leaf.address;
+      leaves_.set("square", static_cast<float>(metres(a.x() - pose.x)), static_cast<float>(metres(a.z() - pose.z)),
+                  static_cast<float>(metres(a.side())));
+      const auto c = structure.leafColour(a);
+      leaves_.set("paint", c[0], c[1], c[2]);
+    });
+  }
+  if (structure.wireframe) {
+    edges_.use();
+    edges_.set("structureSurface", 0);
+    edges_.set("horizon", static_cast<float>(view.horizon));
+    glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
+    const double pixels = camera::pixelsPerRadian(view.camera.projection);
+    mesh.redraw(view, edges_, [&](const MeshPass::Leaf& leaf) {
+      const double side = metres(leaf.address.side()) / std::sqrt(std::max(1.0, static_cast<double>(leaf.triangles) / 2));
+      edges_.set("pixels", static_cast<float>(side * pixels));
+    });
+    glPolygonMode(GL_FRONT_AND_BACK, GL_FILL);
+  }
+  if (structure.frozen) {
+    const camera::Pose& frozen = structure.frozen->pose;
+    const camera::Projection& projection = structure.frozen->projection;
+    frustum_.use();
+    frustum_.set("structureSurface", 0);
+    setVector(frustum_, "fromFrozen", {metres(pose.x - frozen.x), pose.y - frozen.y, metres(pose.z - frozen.z)});
+    setVector(frustum_, "right", camera::right(frozen));
+    setVector(frustum_, "up", camera::up(frozen));
+    setVector(frustum_, "forward", camera::forward(frozen));
+    const double tangent = std::tan(projection.verticalFov / 2);
+    frustum_.set("tangents", static_cast<float>(tangent * projection.aspect()), static_cast<float>(tangent));
+    glBindVertexArray(vertexArray_.name());
+    glDrawArrays(GL_TRIANGLES, 0, 3);
+    glBindVertexArray(0);
+  }
+  glDisable(GL_BLEND);
+  glBindTexture(GL_TEXTURE_2D, 0);
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+}
+
+}  // namespace ridgecast::render

@@ -1,0 +1,176 @@
+#pragma once
+// One world in the window: what a person does there, what the server sends, what is drawn. Ends when the window closes, or when another
+// world has been connected to. Internal to the room. The main thread's.
+
+#include <array>
+#include <chrono>
+#include <filesystem>
+#include <future>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/connection/resuming.h"
+#include "client/render/difference_pass.h"
+#include "client/render/height_texture.h"
+#include "client/render/local_terrain.h"
+#include "client/render/renderer.h"
+#include "client/scene/scene.h"
+#include "client/viewer/controls.h"
+#include "client/viewer/leaf_colours.h"
+#include "client/viewer/overlay.h"
+#include "client/viewer/panes.h"
+#include "client/viewer/path_recorder.h"
+#include "client/viewer/viewer.h"
+#include "client/viewer/window.h"
+#include "common/camera/path.h"
+
+namespace ridgecast::viewer {
+
+class Flight;
+
+// A connection, and the flight that it tells when it has come back.
+struct Link {
+  connection::Url url;
+  wire::Settings settings;
+  std::unique_ptr<connection::Resuming> connection;
+  std::shared_ptr<Flight*> flight;
+
+  static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings);
+};
+
+// What the world is drawn with. Errors: a shader that the driver does not compile.
+struct Passes {
+  render::MeshPass mesh, before;
+  render::MorphPass morph;
+  render::StructurePass structure;
+  render::MarchPass march;
+  render::ShadePass shade;
+  render::DifferencePass difference;
+  static Outcome<Passes> create(const render::TerrainText& text);
+};
+
+class Flight {
+ public:
+  // What stays when another world is entered.
+  struct Kept {
+    Shown shown;
+    bool started = false;
+  };
+
+  Flight(const ViewOptions& options, Window& window, Link link, render::Drawing drawing, Passes passes, Kept kept);
+  ~Flight();
+  Flight(const Flight&) = delete;
+  Flight& operator=(const Flight&) = delete;
+
+  struct Ending {
+    int code = 0;
+    std::optional<Link> next;  // another world
+    camera::Pose pose;         // of the camera
+    double aboveGround = 0;
+    Kept kept{};
+  };
+  Ending run(std::chrono::steady_clock::time_point began);
+
+  // A new connection has begun: what is held of the last one. Another world than the one that is drawn is the end.
+  std::vector<wire::HeldLeaf> resume(const wire::World& world);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static Flight& self(GLFWwindow* w);
+
+  camera::Pose startPose() const;
+  std::optional<double> ground(lattice::Point p) const;
+  bool exchangeHeights();
+
+  // flight_input.cpp: what a person does
+  void listen();  // to the window's events
+  void freeMouse(bool free);
+  void onKey(int key, int action);
+  void onEscape();
+  void onMove(double x, double y);
+  void onButton(int button, int action);
+  void onScroll(double notches);
+  void onPad(double seconds);
+  bool held(int key) const;
+  void fly(double seconds);
+  void follow();
+  void nextMode();
+  void toggleFrozen();
+  void togglePath();
+  void toggleRecord();
+  void openPanel(bool toJump);
+  void hint(std::string text);
+  void moveDivider(double to);
+  double windowWidth() const;
+  void grant(const Wishes& wishes);
+  void jump();
+  void enterWorld();
+  static std::filesystem::path freeName(const std::string& ending);
+
+  // flight_server.cpp: what the server says
+  void converse();
+  void take(const connection::Received& received);
+  void sendPose();
+  void lookForMembers();
+  void lookForWorld();
+  void changeSettings();
+  void showSettings();
+
+  // flight.cpp: pictures
+  camera::Projection projection() const;
+  render::View currentView();
+  Outcome<void> draw(bool last);
+  void restructure();
+  void present(const render::View& view, bool last);
+  void tellFigures();
+  void project(const camera::Camera& camera);
+  void screenshot(int width, int height, const std::filesystem::path& file);
+
+  const ViewOptions& options_;
+  Window& window_;
+  GLFWwindow* const handle_;
+  Link link_;
+  std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here
+  std::shared_ptr<scene::HeightWindow> heights_;     // of a height map, the same terrain; else null
+  std::optional<render::HeightTexture> texture_;
+  std::uint64_t reconnections_ = 0;
+  scene::Scene scene_;
+  render::ShadePass shade_;
+  MeshPane mesh_;
+  MarchPane march_;
+  render::DifferencePass difference_;
+  Controls controls_;
+  Sprint sprint_;
+  std::optional<PathRecorder> recorder_;
+  std::optional<camera::Path> path_;
+  Clock::time_point pathBegan_{};
+  bool wantsScreenshot_ = false;
+  std::optional<Overlay> overlay_;
+  Shown shown_;
+  Input input_;
+  LeafAges ages_;
+  Building building_;
+  std::optional<connection::Roster> others_;
+  std::uint64_t othersSeen_ = 0;
+  std::optional<camera::Camera> frozen_;
+  std::future<Outcome<Link>> nextWorld_;
+  std::optional<Link> arrived_;
+
+  std::optional<std::pair<double, double>> lastCursor_;
+  std::array<bool, 15> padButtons_{};
+  bool dragging_ = false, changed_ = true, idle_ = false, lost_ = false, otherWorld_ = false, meshStale_ = false, marchStale_ = false,
+       smoothSet_ = true;
+  std::optional<camera::Camera> sentCamera_, drawnCamera_;
+  std::map<std::uint64_t, Clock::time_point> sent_;  // pose sequence -> when; at most 256
+  Clock::time_point sentAt_{}, presentedAt_{}, countedSince_ = Clock::now(), hintedAt_{}, restructuredAt_{};
+  std::uint64_t sequence_ = 0, sceneVersion_ = 0, contentHash_ = 0, bytesCounted_ = 0;
+  int framesCounted_ = 0, iterationsCounted_ = 0;
+  std::optional<lattice::Point> boundsAt_;
+  render::HeightBounds bounds_;
+};
+
+}  // namespace ridgecast::viewer

@@ -1,0 +1,161 @@
+// What the server says, and what it is told.
+#include <cstdio>
+
+#include "client/viewer/flight.h"
+
+namespace ridgecast::viewer {
+namespace {
+
+using namespace std::chrono_literals;
+constexpr auto kPoseInterval = 33ms;  // poses a second at most 30
+
+double secondsSince(std::chrono::steady_clock::time_point began) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+}
+
+const char* nameOf(wire::Metric metric) {
+  return metric == wire::Metric::kThesis ? "thesis" : metric == wire::Metric::kArea ? "area" : "pixels";
+}
+
+// What the server refines by. A pose's remainder is for drawing only.
+bool sameForServer(const camera::Camera& a, const camera::Camera& b) {
+  return a.pose.x == b.pose.x && a.pose.z == b.pose.z && a.pose.y == b.pose.y && a.pose.yaw == b.pose.yaw && a.pose.pitch == b.pose.pitch &&
+         a.projection.width == b.projection.width && a.projection.height == b.projection.height;
+}
+
+}  // namespace
+
+Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings) {
+  Link link{url, settings, nullptr, std::make_shared<Flight*>(nullptr)};
+  wire::Hello hello;
+  hello.clientName = "ridgecast-client view";
+  hello.settings = settings;
+  hello.members = true;
+  auto connected = connection::Resuming::open(url, hello, [flight = link.flight](const wire::World& world) {
+    return *flight ? (*flight)->resume(world) : std::vector<wire::HeldLeaf>();
+  });
+  if (!connected) return connected.error();
+  link.connection = std::move(*connected);
+  return link;
+}
+
+std::vector<wire::HeldLeaf> Flight::resume(const wire::World& world) {
+  if (world.contentHash != contentHash_) {
+    otherWorld_ = true;
+    return {};
+  }
+  scene_.reconnect();
+  return scene_.held();
+}
+
+void Flight::converse() {
+  if (otherWorld_) return;
+  for (int k = 0; k < 4; ++k) {  // a few at a time: the window goes first
+    const auto received = link_.connection->receive(0ms);
+    if (!received) break;
+    take(*received);
+  }
+  const auto why = link_.connection->error();
+  if (otherWorld_) {
+    shown_.message =
+        "The server has another world now: enter it by F2, or start the viewer anew.\nThe picture shows what had arrived. Esc quits.";
+    std::fprintf(stderr, "ridgecast-client: the server has another world now\n");
+    changed_ = true;
+  } else if (why && !lost_) {
+    shown_.message =
+        "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Esc quits.";
+    std::fprintf(stderr, "ridgecast-client: %s; trying again\n", why->message.c_str());
+    changed_ = true;
+  } else if (!why && lost_) {
+    shown_.message.clear();
+    std::fprintf(stderr, "ridgecast-client: connected again\n");
+    hint("connected again");
+    showSettings();
+    others_.reset();
+    othersSeen_ = 0;
+  }
+  lost_ = why.has_value();
+  lookForMembers();
+  sendPose();
+}
+
+void Flight::lookForMembers() {
+  auto others = link_.connection->others(othersSeen_);
+  if (!others) return;
+  othersSeen_ = others->version();
+  others_ = std::move(*others);
+  changed_ = true;
+}
+
+void Flight::take(const connection::Received& received) {
+  const wire::Iteration& iteration = received.iteration;
+  const auto applied = scene_.apply(iteration);
+  const bool same = applied && scene_.hash() == iteration.meshHash;
+  if (applied && scene_.damaged()) {
+    if (const auto damaged = scene_.takeDamaged(); !damaged.empty()) link_.connection->resend({damaged});
+  } else if (!same) {
+    std::fprintf(stderr, "warning: the mesh held after iteration %llu is not the server's%s; asking for all leaves again\n",
+                 static_cast<unsigned long long>(iteration.number), applied ? "" : (" (" + applied.error().message + ")").c_str());
+    if (!applied) scene_.clear();
+    link_.connection->resend({});
+  }
+  link_.connection->acknowledge({iteration.number, scene_.hash()});
+  ages_.update(scene_.leaves(), std::chrono::duration<double>(Clock::now().time_since_epoch()).count());
+  ++sceneVersion_;
+  ++iterationsCounted_;
+  const wire::Figures& f = iteration.figures;
+  const std::array<double, 5> stages = {f.selectMs, f.generateMs, f.refineMs, f.triangulateMs, f.encodeMs};
+  for (std::size_t k = 0; k < stages.size(); ++k) shown_.history.stages[k].add(stages[k]);
+  building_.iterated(std::uint64_t{f.inserted} + f.removed, iteration.settled);
+  shown_.hashOk = same;
+  shown_.settled = iteration.settled && same;
+  shown_.iteration = iteration.number;
+  shown_.triangles = scene_.triangles();
+  shown_.leaves = scene_.leaves().size();
+  shown_.effectiveThreshold = f.effectiveThreshold;
+  if (const auto pose = sent_.find(iteration.poseSequence); pose != sent_.end()) {
+    shown_.latencyMs = secondsSince(pose->second) * 1e3;
+    shown_.history.latency.add(shown_.latencyMs);
+    sent_.erase(sent_.begin(), std::next(pose));
+  }
+  if (shown_.borders == Borders::kAge) restructure();
+  changed_ = true;
+}
+
+void Flight::sendPose() {
+  const camera::Camera camera = frozen_ ? *frozen_ : camera::Camera{controls_.pose(), projection()};
+  const bool same = sentCamera_ && sameForServer(*sentCamera_, camera);
+  if (same || Clock::now() - sentAt_ < kPoseInterval) return;
+  sentCamera_ = camera;
+  sentAt_ = Clock::now();
+  sent_[++sequence_] = sentAt_;
+  if (sent_.size() > 256) sent_.erase(sent_.begin());
+  link_.connection->send({sequence_, camera});
+}
+
+void Flight::lookForWorld() {
+  if (!nextWorld_.valid() || nextWorld_.wait_for(0ms) != std::future_status::ready) return;
+  auto next = nextWorld_.get();
+  changed_ = true;
+  if (next)
+    arrived_ = std::move(*next);
+  else
+    shown_.problem = next.error().message;
+}
+
+void Flight::showSettings() {
+  const wire::Settings& granted = link_.connection->world().settings;
+  Choices& c = shown_.choices;
+  c.metric = static_cast<int>(granted.metric);
+  c.threshold = static_cast<float>(granted.threshold);
+  c.triangles = static_cast<int>(granted.triangleBudget / 1000);
+  c.kilobytes = static_cast<int>(granted.bytesPerSecond / 1000);
+  char text[120];
+  std::snprintf(text, sizeof text, "%s %.4g, %u triangles%s", nameOf(granted.metric), granted.threshold, granted.triangleBudget,
+                granted.bytesPerSecond ? (", " + std::to_string(granted.bytesPerSecond / 1000) + " kB/s").c_str() : "");
+  shown_.granted = text;
+}
+
+void Flight::changeSettings() {}
+
+}  // namespace ridgecast::viewer
