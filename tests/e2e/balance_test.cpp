@@ -1,6 +1,7 @@
 // Two servers behind HAProxy, with the configuration that docker/ ships: sessions stay on their server, and one server that is drained or
 // ended loses its clients to the other, with the right mesh, without any client being started again.
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <signal.h>
@@ -164,6 +165,24 @@ TEST_F(Balance, SessionsStayOnTheirServer) {
     }
   }
   for (const auto& [name, count] : servedBy) EXPECT_EQ(count, 1) << name;
+  // Whatever names a session reaches it: in the query, in the path, or not at all for the default one.
+  for (int k = 0; k < 20; ++k) {
+    const std::string name = "world-" + std::to_string(k);
+    EXPECT_THAT(get(port, "/v1/heights?at=1,2&session=" + name), testing::StartsWith("HTTP/1.1 200"));
+    EXPECT_THAT(get(port, "/v1/sessions/" + name + "/snapshot.json?x0=0&z0=0&x1=8&z1=8&error=5"), testing::StartsWith("HTTP/1.1 200"));
+  }
+  SocketClient nameless(port), named(port);
+  ASSERT_TRUE(nameless.upgrade("/v1/stream") && named.upgrade("/v1/stream?session=default"));
+  int members = 0;
+  for (auto& server : servers) {
+    const std::string list = get(server->port(), "/v1/sessions");
+    const auto at = list.find("\"members\": ", list.find("\"default\""));
+    ASSERT_NE(at, std::string::npos);
+    const int here = std::stoi(list.substr(at + 11));
+    EXPECT_TRUE(here == 0 || here == 2) << list;
+    members += here;
+  }
+  EXPECT_EQ(members, 2);
 }
 
 TEST_F(Balance, DrainingMovesClientsToTheOther) {
