@@ -172,6 +172,10 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->check(CLI::IsMember({"alpine", "canyon", "archipelago"}).description(""))
       ->type_name("NAME,...");
+  evaluateCommand->add_option("--views", evaluate.views, "of the standing cameras: low, overview, grazing; left out: all of them")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"low", "overview", "grazing"}).description(""))
+      ->type_name("NAME,...");
   evaluateCommand->add_option("--only", evaluate.only, "views (standing cameras, settled meshes) or flights; left out: both")
       ->check(CLI::IsMember({"views", "flights"}).description(""))
       ->type_name("WHICH");

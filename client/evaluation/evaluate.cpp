@@ -35,6 +35,7 @@ struct Plan {
 struct Settings {
   bool quick;
   std::vector<std::string> terrains;
+  std::vector<std::string> cameras;  // of the views
   bool views, flights;
   std::uint32_t width, height, supersample;
   int repeats;
@@ -45,6 +46,7 @@ Settings settingsOf(const EvaluateOptions& o) {
   const bool quick = o.quick;
   return {quick,
           o.terrains.empty() ? std::vector<std::string>{"alpine", "canyon", "archipelago"} : o.terrains,
+          o.views.empty() ? std::vector<std::string>{"low", "overview", "grazing"} : o.views,
           o.only != "flights",
           o.only != "views",
           o.width.value_or(quick ? 480 : 1280),
@@ -56,11 +58,15 @@ Settings settingsOf(const EvaluateOptions& o) {
 
 // One line that says it all: a folder belongs to one of them.
 std::string wordsOf(const Settings& s) {
-  std::string terrains;
-  for (const std::string& t : s.terrains) terrains += (terrains.empty() ? "" : ",") + t;
+  const auto joined = [](const std::vector<std::string>& names) {
+    std::string out;
+    for (const std::string& name : names) out += (out.empty() ? "" : ",") + name;
+    return out;
+  };
+  const std::string terrains = joined(s.terrains), cameras = joined(s.cameras);
   char text[512];
-  std::snprintf(text, sizeof text, "evaluate%s --terrains %s%s --size %ux%u --supersample %u --repeats %d%s", s.quick ? " --quick" : "",
-                terrains.c_str(),
+  std::snprintf(text, sizeof text, "evaluate%s --terrains %s --views %s%s --size %ux%u --supersample %u --repeats %d%s",
+                s.quick ? " --quick" : "", terrains.c_str(), cameras.c_str(),
                 s.views && s.flights ? ""
                 : s.views            ? " --only views"
                                      : " --only flights",
@@ -84,7 +90,7 @@ std::vector<Plan> flightsOf(const Settings& s) {
   const std::string& first = s.terrains.front();
   for (const std::string& terrain : s.terrains)
     for (const std::string& metric : {std::string("pixels"), std::string("thesis")})
-      for (const double factor : s.quick ? std::vector<double>{1.0} : std::vector<double>{1.0, 2.0, 4.0}) {
+      for (const double factor : s.quick ? std::vector<double>{1.0} : std::vector<double>{0.5, 1.0, 2.0}) {
         if (s.quick && metric == "thesis" && terrain != first) continue;
         for (int r = 1; r <= s.repeats; ++r) out.push_back({runOf(terrain, metric, factor * (metric == "pixels" ? 1 : 2e-5), 0, r)});
       }
@@ -132,7 +138,8 @@ class Evaluation {
   Evaluation(const EvaluateOptions& options, Settings settings, std::filesystem::path server)
       : out_(options.out), settings_(std::move(settings)), server_(std::move(server)), flights_(flightsOf(settings_)) {
     for (const ViewCase& view : viewCases())
-      if (settings_.views && std::ranges::find(settings_.terrains, view.terrain) != settings_.terrains.end()) views_.push_back(view);
+      if (settings_.views && std::ranges::count(settings_.terrains, view.terrain) && std::ranges::count(settings_.cameras, view.name))
+        views_.push_back(view);
   }
 
   // The folder's own: what it was begun with, and on what.

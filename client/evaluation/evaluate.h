@@ -16,6 +16,7 @@ struct EvaluateOptions {
   bool quick = false;                          // small pictures, short flights: minutes on a software driver
   std::filesystem::path server;                // the program; empty: ridgecast-server beside this one
   std::vector<std::string> terrains;           // built-in ones; empty: all
+  std::vector<std::string> views;              // low, overview, grazing; empty: all
   std::string only;                            // "views", "flights" or empty: both
   std::optional<std::uint32_t> width, height;  // pixels, both or none
   std::optional<std::uint32_t>

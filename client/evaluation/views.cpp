@@ -25,7 +25,7 @@ constexpr std::array<ViewCase, 9> kViews = {{{"alpine", "low", 2000, 1500, 60, 0
                                              {"alpine", "grazing", 1750, 2620, 25, 8, -3},
                                              {"canyon", "low", 5120, 4620, 60, 30, -6},
                                              {"canyon", "overview", 5750, 6100, 1000, 10, -30},
-                                             {"canyon", "grazing", 5420, 5060, 20, 24, -2},
+                                             {"canyon", "grazing", 5640, 5560, 25, 60, -2},
                                              {"archipelago", "low", 12500, 6980, 60, 104, -6},
                                              {"archipelago", "overview", 13600, 7100, 900, 96, -28},
                                              {"archipelago", "grazing", 11950, 6950, 15, 108, -2}}};
