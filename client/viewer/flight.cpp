@@ -43,14 +43,16 @@ Outcome<Passes> Passes::create(const render::TerrainText& text) {
   if (!morph) return morph.error();
   auto structure = render::StructurePass::create();
   if (!structure) return structure.error();
+  auto correction = render::CorrectionPass::create(text);
+  if (!correction) return correction.error();
   auto march = render::MarchPass::create(text);
   if (!march) return march.error();
   auto shade = render::ShadePass::create(text);
   if (!shade) return shade.error();
   auto difference = render::DifferencePass::create();
   if (!difference) return difference.error();
-  return Passes{std::move(*mesh),  std::move(*before), std::move(*morph),     std::move(*structure),
-                std::move(*march), std::move(*shade),  std::move(*difference)};
+  return Passes{std::move(*mesh),       std::move(*before), std::move(*morph), std::move(*structure),
+                std::move(*correction), std::move(*march),  std::move(*shade), std::move(*difference)};
 }
 
 Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Drawing drawing, Passes passes, Kept kept)
@@ -61,7 +63,8 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
       terrain_(std::move(drawing.terrain)),
       heights_(std::move(drawing.window)),
       shade_(std::move(passes.shade)),
-      mesh_(std::move(passes.mesh), std::move(passes.before), std::move(passes.morph), std::move(passes.structure), shade_),
+      mesh_(std::move(passes.mesh), std::move(passes.before), std::move(passes.morph), std::move(passes.structure),
+            std::move(passes.correction), shade_),
       march_(std::move(passes.march), shade_),
       difference_(std::move(passes.difference)),
       controls_(startPose()),
@@ -86,6 +89,7 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
   shown_.history = {};
   smoothSet_ = shown_.smooth;
   mesh_.setSmooth(shown_.smooth);
+  mesh_.setCorrected(shown_.corrected);
   contentHash_ = world.contentHash;
   shown_.world = world.terrainName + ", seed " + std::to_string(world.seed) + ", session " + world.session + ", from " + world.serverName;
   std::snprintf(shown_.choices.terrain.data(), shown_.choices.terrain.size(), "%s", world.terrainName.c_str());

@@ -47,6 +47,7 @@ struct Passes {
   render::MeshPass mesh, before;
   render::MorphPass morph;
   render::StructurePass structure;
+  render::CorrectionPass correction;
   render::MarchPass march;
   render::ShadePass shade;
   render::DifferencePass difference;

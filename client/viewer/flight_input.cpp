@@ -171,6 +171,13 @@ void Flight::onKey(int key, int action) {
     case GLFW_KEY_M:
       shown_.smooth = !shown_.smooth;
       return;
+    case GLFW_KEY_T:
+      shown_.corrected = !shown_.corrected;
+      mesh_.setCorrected(shown_.corrected);
+      changed_ = true;
+      return hint(!terrain_          ? "this terrain's function is not known here"
+                  : shown_.corrected ? "the mesh, corrected onto the true surface"
+                                     : "the mesh as it is");
     case GLFW_KEY_J:
       return openPanel(true);
     case GLFW_KEY_R:

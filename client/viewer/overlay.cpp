@@ -189,6 +189,7 @@ void drawHelp(const Shown& s) {
         "C            freeze the camera that the server sees\n"
         "N            the others in the session\n"
         "M            changes of the mesh: smooth or at once\n"
+        "T            the mesh corrected onto the true surface\n"
         "J            jump to a place\n"
         "R            record a camera path, and end it\n"
         "P            follow the path given by --path\n"

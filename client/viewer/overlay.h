@@ -61,7 +61,7 @@ struct Shown {
   std::uint64_t triangles = 0, leaves = 0, iteration = 0, bytes = 0;
   double iterationsPerSecond = 0, latencyMs = 0, effectiveThreshold = 0;
   double knownReach = 0;  // metres; of a height map: so far it is known here; 0: all is
-  bool smooth = true, recording = false;
+  bool smooth = true, corrected = false, recording = false;
   std::size_t keyframes = 0;  // recorded
   bool settled = false, hashOk = true;
   double building = 0;  // 0..1

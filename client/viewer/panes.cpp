@@ -92,7 +92,11 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
   } else {
     pass_.draw(samples, layer_->surface);
   }
-  shade_->shade(samples, layer_->surface, layer_->canvas);
+  if (corrected_) {
+    if (auto fitted = fitBefore(); !fitted) return fitted.error();
+    correction_.correct(samples, layer_->surface, *first_);
+  }
+  shade_->shade(samples, corrected_ ? *first_ : layer_->surface, layer_->canvas);
   lines_.draw(samples, pass_, layer_->surface, layer_->canvas, structure_);
   glFinish();
   milliseconds_ = millisecondsSince(began);

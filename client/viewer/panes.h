@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <optional>
 
+#include "client/render/correction_pass.h"
 #include "client/render/march_pass.h"
 #include "client/render/mesh_pass.h"
 #include "client/render/morph.h"
@@ -30,12 +31,22 @@ struct Layer {
 class MeshPane {
  public:
   MeshPane(render::MeshPass pass, render::MeshPass before, render::MorphPass morph, render::StructurePass structure,
-           const render::ShadePass& shade)
-      : pass_(std::move(pass)), before_(std::move(before)), blend_(std::move(morph)), lines_(std::move(structure)), shade_(&shade) {}
+           render::CorrectionPass correction, const render::ShadePass& shade)
+      : pass_(std::move(pass)),
+        before_(std::move(before)),
+        blend_(std::move(morph)),
+        lines_(std::move(structure)),
+        correction_(std::move(correction)),
+        shade_(&shade) {}
   // Whether it drew or will soon go finer. `sceneVersion` tells scenes apart. Error: the window is larger than the driver draws.
   Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
   // Changes of the mesh are shown over a fraction of a second (render/morph.h), or at once.
   void setSmooth(bool smooth) { smooth_ = smooth; }
+  // Moves every sample onto the true surface (render/correction_pass.h), where the terrain's function is known; draws anew.
+  void setCorrected(bool corrected) {
+    corrected_ = corrected && correction_.canCorrect();
+    restructured_ = true;
+  }
   // What is drawn over the picture from the next update on, which draws it anew.
   void setStructure(render::Structure structure) {
     structure_ = std::move(structure);
@@ -51,11 +62,12 @@ class MeshPane {
   render::MorphPass blend_;
   render::Morph morph_;
   render::StructurePass lines_;
+  render::CorrectionPass correction_;
   render::Structure structure_;
-  bool smooth_ = true, restructured_ = false;
+  bool smooth_ = true, restructured_ = false, corrected_ = false;
   const render::ShadePass* shade_;
   std::optional<Layer> layer_;
-  std::optional<render::Surface> first_, second_;  // of the layer's size, while the mesh morphs
+  std::optional<render::Surface> first_, second_;  // of the layer's size, while the mesh morphs or is corrected
   std::uint64_t sceneVersion_ = ~std::uint64_t{0}, shownVersion_ = ~std::uint64_t{0};
   std::chrono::steady_clock::time_point sceneChanged_{};
   double milliseconds_ = 0, perSample_ = 0;
