@@ -59,7 +59,7 @@ class Difference {
       const mesh::Triangle there{toTarget_[v[0]], toTarget_[v[1]], toTarget_[v[2]]};
       if (there[0] == kNobody || there[1] == kNobody || there[2] == kNobody) continue;
       while (t < target.triangles.size() && target.triangles[t] < there) ++t;
-      if (t < target.triangles.size() && target.triangles[t] == there) {
+      if (t < target.triangles.size() && !(there < target.triangles[t])) {
         goes_[b] = 0;
         stays[t++] = 1;
       }
@@ -128,7 +128,7 @@ class Difference {
   std::vector<Left> left_;
 };
 
-bool inRange(const mesh::LocalVertex& v) {
+[[maybe_unused]] bool inRange(const mesh::LocalVertex& v) {
   return std::abs(std::int64_t{v.x}) <= kMaxOffset && std::abs(std::int64_t{v.z}) <= kMaxOffset &&
          std::abs(std::int64_t{v.y}) <= lattice::kMaxHeight;
 }

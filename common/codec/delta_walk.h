@@ -55,7 +55,7 @@ struct OpenEdge {
 // What a walk keeps by vertex and by triangle, apart from it so that its memory can be used again.
 struct WalkMemory {
   std::vector<std::uint32_t> start, around, end, gone;
-  std::vector<char> fate;
+  std::vector<char> fate, asked;
   std::vector<mesh::LocalVertex> vertices;
   std::vector<mesh::Triangle> added;
   std::vector<OpenEdge> edges;
@@ -134,17 +134,24 @@ class Walk {
 
   // ---- the base's triangles ----
 
-  // Which triangles have a vertex: for each vertex a run of `around_`.
+  // Which triangles have a vertex: for each vertex a run of `around_`. An encoder knows whose it will ask for: the corners of what goes.
   bool file() {
+    std::vector<char>& asked = memory_.asked;
+    asked.assign(base_.vertices.size(), Coder::kDecodes);
+    if constexpr (!Coder::kDecodes)
+      for (std::uint32_t t = 0; t < base_.triangles.size(); ++t)
+        if (truth_.goes(t))
+          for (std::uint32_t v : base_.triangles[t]) asked[v] = 1;
     start_.assign(base_.vertices.size() + 1, 0);
     for (const mesh::Triangle& t : base_.triangles)
-      for (std::uint32_t v : t) ++start_[v + 1];
+      for (std::uint32_t v : t) start_[v + 1] += static_cast<std::uint32_t>(asked[v]);
     for (std::size_t v = 0; v < base_.vertices.size(); ++v) start_[v + 1] += start_[v];
-    around_.resize(3 * base_.triangles.size());
+    around_.resize(start_.back());
     std::vector<std::uint32_t>& at = memory_.end;
     at.assign(start_.begin(), start_.end() - 1);
     for (std::uint32_t t = 0; t < base_.triangles.size(); ++t)
-      for (std::uint32_t v : base_.triangles[t]) around_[at[v]++] = t;
+      for (std::uint32_t v : base_.triangles[t])
+        if (asked[v]) around_[at[v]++] = t;
     fate_.assign(base_.triangles.size(), kUndecided);
     return true;
   }

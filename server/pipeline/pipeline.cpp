@@ -1,6 +1,7 @@
 #include "server/pipeline/pipeline.h"
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <numbers>
@@ -300,7 +301,7 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
   if (places.size() < t.vertexCapacity()) places.resize(t.vertexCapacity(), 0);
   thread_local std::vector<VertexId> vertices;
   vertices.clear();
-  t.trianglePages().forEach(leaf->region, [&](TriangleId id) {
+  const auto addTriangle = [&](TriangleId id) {
     mesh::Triangle triangle;
     for (std::size_t k = 0; k < 3; ++k) {
       const VertexId v = t.triangle(id).v[k];
@@ -314,7 +315,15 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
       triangle[k] = place - 1;
     }
     out.triangles.push_back(triangle);
-  });
+  };
+  const triangulation::Pages& pages = t.trianglePages();
+  for (std::uint32_t page : pages.pagesOf(leaf->region)) {
+    const TriangleId first = page * triangulation::Pages::kSlots;
+    // Many cameras' meshes do not fit the cache: a page's corners are asked for together.
+    for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1)
+      t.prefetchCorners(first + static_cast<TriangleId>(std::countr_zero(m)));
+    for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1) addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
+  }
   for (VertexId v : vertices) places[v] = 0;
   mesh::canonicalize(out);
   return out;
