@@ -1,6 +1,7 @@
 // Many cameras on one server: real sockets to a real server process, all on this machine, load generator included.
 //
-//   ridgecast-bench cameras [--count N] [--seconds S] [--budget TRIANGLES] [--rest] [--threads N] [--bytes-per-second N] [--table]
+//   ridgecast-bench cameras [--count N] [--seconds S] [--budget TRIANGLES] [--rest] [--threads N] [--bytes-per-second N] [--table] [--plot
+//                           FILE.svg]
 //
 // Each camera flies straight on at 50 m/s, 120 m above the ground, on a line of its own, and sends ten poses a second; --rest: it stands
 // still. The generator is one thread that parses what comes and acknowledges with the hash it was told; tests elsewhere hold the mesh.
@@ -18,6 +19,7 @@
 #include <cstdlib>
 #include <deque>
 #include <fstream>
+#include <map>
 #include <memory>
 #include <sstream>
 #include <stdexcept>
@@ -28,6 +30,7 @@
 #include "common/wire/wire.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/flight.h"
+#include "tests/bench/panels.h"
 #include "tests/support/server_process.h"
 
 namespace ridgecast::bench {
@@ -43,6 +46,7 @@ struct Plan {
   std::uint64_t bytesPerSecond = 0;
   double interval = 0.1;
   bool rest = false, table = false;
+  std::string plot;  // file
   std::vector<std::string> server;
 };
 
@@ -225,7 +229,8 @@ Report measure(const Plan& plan, const Options& options) {
   const auto terrain = terrain::create("alpine", 1);
   if (!terrain) throw std::runtime_error(terrain.error().message);
   const std::string many = std::to_string(plan.count + 8);
-  std::vector<std::string> arguments{"--max-cameras", many, "--max-members", many, "--max-connections", many};
+  std::vector<std::string> arguments{
+      "--max-cameras", many, "--max-members", many, "--max-connections", many, "--max-connections-per-address", many};
   arguments.insert(arguments.end(), plan.server.begin(), plan.server.end());
   testing_support::ServerProcess server(options.programFolder + "/ridgecast-server", arguments);
   const pid_t pid = server.process().id();
@@ -307,6 +312,42 @@ Report measure(const Plan& plan, const Options& options) {
   return report;
 }
 
+// The curve over the number of cameras, as rows of a Markdown table, and drawn.
+Report curve(const Plan& plan, const Options& options) {
+  Report last;
+  std::vector<double> counts;
+  std::map<std::string, std::vector<double>> figures;
+  std::printf(
+      "| cameras | iterations/s slowest | median | p50 ms | p99 ms | fairness | B/s each | encoding | server MiB | server cores "
+      "|\n|---|---|---|---|---|---|---|---|---|---|\n");
+  for (int count = 1; count <= plan.count; count *= 2) {
+    Plan one = plan;
+    one.count = count;
+    last = measure(one, options);
+    counts.push_back(count);
+    for (const Figure& f : last.figures) figures[f.name].push_back(f.value);
+    const auto of = [&](const char* name) { return figures.at(name).back(); };
+    std::printf("| %d | %.1f | %.1f | %.0f | %.0f | %.3f | %.0f | %.0f %% | %.0f | %.2f |\n", count, of("iterations_per_second"),
+                of("median_iterations_per_second"), of("p50_ms"), of("p99_ms"), of("fairness"), of("bytes_per_second"),
+                100 * of("encode_share"), of("server_rss_mib"), of("server_cores"));
+    std::fflush(stdout);
+  }
+  if (plan.plot.empty()) return last;
+  const std::vector<Panel> panels{
+      {"Iterations a second",
+       {{"slowest camera", figures["iterations_per_second"]}, {"median", figures["median_iterations_per_second"]}},
+       true,
+       10,
+       "ten poses a second"},
+      {"From pose to mesh, ms", {{"p50", figures["p50_ms"]}, {"p99", figures["p99_ms"]}}, true, 150, "150 ms"},
+      {"Bytes a second, each camera", {{"", figures["bytes_per_second"]}}, false, 0, ""},
+      {"The server's processor time, cores", {{"", figures["server_cores"]}}, false, 0, ""},
+      {"The server's memory, MiB", {{"", figures["server_rss_mib"]}}, false, 0, ""},
+      {"From connection to the first full view, ms", {{"", figures["first_view_ms"]}}, false, 200, "200 ms"}};
+  std::ofstream(plan.plot) << drawPanels(last.notes.front().substr(last.notes.front().find(' ') + 1), "cameras", counts, panels);
+  return last;
+}
+
 }  // namespace
 
 Report cameras(const Options& options) {
@@ -332,6 +373,8 @@ Report cameras(const Options& options) {
       plan.rest = true;
     else if (name == "--table")
       plan.table = true;
+    else if (name == "--plot")
+      plan.table = true, plan.plot = value();
     else
       throw std::runtime_error("cameras does not know " + name);
   }
@@ -339,27 +382,7 @@ Report cameras(const Options& options) {
     plan.warmUp = 2;
     if (!seconds) plan.seconds = 3;
   }
-  if (!plan.table) return measure(plan, options);
-  // The curve over the number of cameras, as rows of a Markdown table.
-  Report last;
-  std::printf(
-      "| cameras | iterations/s slowest | median | p50 ms | p99 ms | fairness | B/s each | encoding | server MiB | server cores "
-      "|\n|---|---|---|---|---|---|---|---|---|---|\n");
-  for (int count = 1; count <= plan.count; count *= 2) {
-    Plan one = plan;
-    one.count = count;
-    last = measure(one, options);
-    const auto of = [&](const char* name) {
-      for (const Figure& f : last.figures)
-        if (f.name == name) return f.value;
-      return std::nan("");
-    };
-    std::printf("| %d | %.1f | %.1f | %.0f | %.0f | %.3f | %.0f | %.0f %% | %.0f | %.2f |\n", count, of("iterations_per_second"),
-                of("median_iterations_per_second"), of("p50_ms"), of("p99_ms"), of("fairness"), of("bytes_per_second"),
-                100 * of("encode_share"), of("server_rss_mib"), of("server_cores"));
-    std::fflush(stdout);
-  }
-  return last;
+  return plan.table ? curve(plan, options) : measure(plan, options);
 }
 
 }  // namespace ridgecast::bench
