@@ -200,7 +200,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       auto done = std::make_shared<Answer>(std::move(a));
       asio::post(self->stream_.get_executor(), [self, done] { self->worked(std::move(*done)); });
     };
-    if (!(later->patient ? shared_->patientJobs : shared_->promptJobs).post(asker_, std::move(run))) return busy();
+    Jobs& jobs = later->makesWorld ? shared_->worldJobs : later->patient ? shared_->patientJobs : shared_->promptJobs;
+    if (!jobs.post(asker_, std::move(run))) return busy();
     working_ = true;
     stream_.expires_never();
     watch();

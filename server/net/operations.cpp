@@ -24,10 +24,11 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
   const std::pair<const char*, double (*)(Shared&)> queues[] = {
       {"iterations", [](Shared& s) -> double { return s.directory->resources().machine->queued(); }},
       {"answers", [](Shared& s) -> double { return s.promptJobs.waiting(); }},
-      {"snapshots", [](Shared& s) -> double { return s.patientJobs.waiting(); }}};
+      {"snapshots", [](Shared& s) -> double { return s.patientJobs.waiting(); }},
+      {"worlds", [](Shared& s) -> double { return s.worldJobs.waiting(); }}};
   for (const auto& [name, depth] : queues)
     registry.ask("ridgecast_queue_depth",
-                 "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, snapshots and other long answers.", ask(depth),
+                 "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, snapshots, worlds that are made.", ask(depth),
                  {{"queue", name}});
   registry.ask("ridgecast_ready", "1 where new streams are taken.", ask([](Shared& s) -> double { return s.ready ? 1 : 0; }));
   registry.ask("ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },

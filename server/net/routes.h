@@ -51,9 +51,10 @@ struct Answer {
 };
 
 // Work that makes the answer on a thread of its own (jobs.h). `stop` is requested when the asker leaves or the server shuts down: then
-// return soon, with whatever, for nobody reads it. Work that may take seconds is `patient`: it gives way to everything else.
+// return soon, with whatever, for nobody reads it. Work that may take seconds is `patient`: it gives way to everything else. What makes a
+// world takes seconds, too, but not behind snapshots that take a minute: it has a queue of its own.
 struct Later {
-  bool patient = false;
+  bool patient = false, makesWorld = false;
   std::function<Answer(std::stop_token stop)> work;
   // How far it has come, a few words without line breaks. Told about once a second, as HTTP 102 with a header `Progress`, to who asks for it
   // by `Prefer: progress`. Any thread, while the work waits or runs.

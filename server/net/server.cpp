@@ -118,6 +118,7 @@ class ListeningServer final : public Server {
     sendAway();
     shared_->promptJobs.finish(until);
     shared_->patientJobs.finish(until);
+    shared_->worldJobs.finish(until);
     {
       std::unique_lock lock(shared_->mutex);
       shared_->fewer.wait_until(lock, until, [this] { return shared_->streams.empty() && shared_->answerBytes == 0; });

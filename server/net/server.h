@@ -15,7 +15,7 @@
 //   token              until it expires        Error, close 1008
 //   way out            kMaxQueuedMessages      closed (a session keeps to its window, so it does not happen)
 //   silence            idle, pings at half     closed
-//   work for answers   promptJobs, patientJobs HTTP 503 with Retry-After; ends when the asker hangs up or half-closes
+//   work for answers   prompt-, patient-, worldJobs HTTP 503 with Retry-After; ends when the asker hangs up or half-closes
 //   answers on the way maxAnswerBytes          HTTP 503 to who asks for patient work meanwhile
 //   slow readers       patience, then 64 KiB/s closed
 // A message that is none, or another protocol version: Error, close 1002 (text: 1003). A message out of place or of range that the session
@@ -58,6 +58,7 @@ struct Settings {
   std::chrono::milliseconds idle{60'000};
   Jobs::Limits promptJobs{2, 64, 0};   // answers that take milliseconds
   Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds: beside other work they get a thirtieth of a core
+  Jobs::Limits worldJobs{1, 8, 10};    // worlds that are compiled
   std::size_t maxAnswerBytes = std::size_t{1} << 30;
   std::chrono::milliseconds drain{5'000};
   std::string reconnectUrl;  // told to clients when the server leaves; empty: where they came from

@@ -42,7 +42,8 @@ struct Shared {
         gate(settings),
         census(settings.maxConnectionsPerAddress),
         promptJobs(s.promptJobs),
-        patientJobs(s.patientJobs) {}
+        patientJobs(s.patientJobs),
+        worldJobs(s.worldJobs) {}
   const Settings settings;
   const std::shared_ptr<session::Directory> directory;
   std::vector<Route> routes;  // constant once connections are accepted
@@ -53,7 +54,7 @@ struct Shared {
   std::atomic<std::uint32_t> turned{0};  // connections that are only told that there are too many
   std::atomic<std::uint32_t> connections{0};
   std::atomic<std::size_t> answerBytes{0};  // of bodies made by work, until they are sent
-  Jobs promptJobs, patientJobs;
+  Jobs promptJobs, patientJobs, worldJobs;
 
   std::mutex mutex;
   std::shared_ptr<TlsContext> tls;  // of new connections; none: the port is in the clear

@@ -181,7 +181,7 @@ Answer streamAnswer(const Request& request, std::string_view query, session::Dir
       wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
   if (atOnce) return make(wanted, *wish, directory);
   auto later = std::make_shared<Later>();
-  later->patient = true;
+  later->makesWorld = true;
   later->work = [wanted, wish = *wish, &directory](std::stop_token) { return make(wanted, wish, directory); };
   Answer a;
   a.later = std::move(later);

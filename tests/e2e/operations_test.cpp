@@ -94,7 +94,7 @@ TEST(Operations, FiguresUnderLoadAreThereAndSane) {
   EXPECT_GE(now["ridgecast_received_messages_total"], 2.0 * static_cast<double>(iterations));
   EXPECT_GT(now["ridgecast_received_bytes_total"], now["ridgecast_received_messages_total"]);
   EXPECT_LT(now["ridgecast_queued_bytes"], 64.0 * (1 << 20));
-  for (const char* queue : {"iterations", "answers", "snapshots"}) {
+  for (const char* queue : {"iterations", "answers", "snapshots", "worlds"}) {
     const std::string name = std::string("ridgecast_queue_depth{queue=\"") + queue + "\"}";
     ASSERT_TRUE(now.contains(name));
     EXPECT_LE(now[name], 4) << name;  // two cameras, nobody asks for anything else

@@ -149,6 +149,13 @@ class LaterTest : public testing::Test {
         ++ended;
         return Answer{};
       };
+    } else if (request.target == "/world") {
+      later->makesWorld = true;
+      later->work = [](std::stop_token) {
+        Answer made;
+        made.body = "a world\n";
+        return made;
+      };
     } else if (request.target == "/throws") {
       later->work = [](std::stop_token) -> Answer { throw std::runtime_error("on purpose"); };
     } else {
@@ -172,6 +179,15 @@ class LaterTest : public testing::Test {
   std::unique_ptr<Server> server;
   std::atomic<int> worked{0}, asked{0}, began{0}, ended{0};
 };
+
+TEST_F(LaterTest, WorldsDoNotWaitForSnapshots) {
+  SocketClient long1(server->port()), long2(server->port());
+  long1.send(get("/endless"));
+  long2.send(get("/endless"));
+  EXPECT_TRUE(soon([&] { return began == 1 && asked == 2; }));
+  EXPECT_THAT(ask(get("/world")), HasSubstr("a world\n"));
+  EXPECT_EQ(ended, 0);
+}
 
 TEST_F(LaterTest, AnswersComeInOrderOnOneConnection) {
   SocketClient client(server->port());
