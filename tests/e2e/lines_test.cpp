@@ -3,22 +3,19 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <cstdint>
 #include <fstream>
 #include <memory>
-#include <numbers>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "common/wire/wire.h"
+#include "tests/support/quick_turn.h"
 #include "tests/support/relay.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
-#include "tests/support/traveller.h"
 
 namespace ridgecast {
 namespace {
@@ -29,29 +26,11 @@ using Clock = std::chrono::steady_clock;
 
 double secondsSince(Clock::time_point t) { return std::chrono::duration<double>(Clock::now() - t).count(); }
 
-double percentile(std::vector<double> values, double share) {
-  if (values.empty()) return 1e9;
-  std::sort(values.begin(), values.end());
-  return values[std::min(values.size() - 1, static_cast<std::size_t>(share * static_cast<double>(values.size())))];
-}
-
 wire::Settings settings(double threshold, std::uint32_t budget = 100'000) {
   wire::Settings s;
   s.threshold = threshold;
   s.triangleBudget = budget;
   return s;
-}
-
-// Points all round, out to near the horizon, over which nothing is held.
-int holes(const scene::Scene& scene, const camera::Pose& pose) {
-  int count = 0;
-  for (const double radius : {5.0, 60.0, 700.0, 6'000.0, 29'000.0})
-    for (int k = 0; k < 16; ++k) {
-      const double angle = (k + 0.37) * std::numbers::pi / 8;
-      count +=
-          !scene.height({pose.x + std::llround(radius * 256 * std::cos(angle)), pose.z + std::llround(radius * 256 * std::sin(angle))});
-    }
-  return count;
 }
 
 double residentMib(pid_t pid) {
@@ -67,23 +46,7 @@ TEST(Lines, AQuickTurnOverALongLineShowsNoHole) {
   Relay relay(server.port(), {.delay = 50ms, .jitter = 10ms, .bytesPerSecond = 1'250'000});
   Traveller client(relay.url(), settings(1));
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", client.line().world());
-  const auto began = Clock::now();
-  const auto fly = [&](double seconds, double turn) {
-    const auto start = Clock::now();
-    while (secondsSince(start) < seconds) {
-      camera::Camera camera = path.at(secondsSince(began));
-      camera.pose.yaw += turn * std::min(1.0, secondsSince(start) / 0.3);
-      client.send(camera);
-      ASSERT_TRUE(client.take(20ms)) << client.failure();
-      if (client.scene().iteration() == 0) continue;
-      ASSERT_EQ(holes(client.scene(), camera.pose), 0);
-    }
-  };
-  fly(4, 0);
-  client.forgetLatencies();
-  fly(3, 0);
-  fly(2, std::numbers::pi);
-  fly(2, 0);
+  EXPECT_EQ(quickTurn(client, path), "");
   EXPECT_EQ(client.mismatches(), 0u);
   const double p50 = percentile(client.latencies(), 0.5), p99 = percentile(client.latencies(), 0.99);
   RecordProperty("p50_ms", static_cast<int>(p50));

@@ -1,0 +1,59 @@
+#pragma once
+// What a client must hold on a long line: a flight along alpine.json with a turn by half a circle in 0.3 s.
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "tests/support/traveller.h"
+
+namespace ridgecast::testing_support {
+
+inline double percentile(std::vector<double> values, double share) {
+  if (values.empty()) return 1e9;
+  std::sort(values.begin(), values.end());
+  return values[std::min(values.size() - 1, static_cast<std::size_t>(share * static_cast<double>(values.size())))];
+}
+
+// Points all round, out to near the horizon, over which nothing is held.
+inline int holes(const scene::Scene& scene, const camera::Pose& pose) {
+  int count = 0;
+  for (const double radius : {5.0, 60.0, 700.0, 6'000.0, 29'000.0})
+    for (int k = 0; k < 16; ++k) {
+      const double angle = (k + 0.37) * std::numbers::pi / 8;
+      count +=
+          !scene.height({pose.x + std::llround(radius * 256 * std::cos(angle)), pose.z + std::llround(radius * 256 * std::sin(angle))});
+    }
+  return count;
+}
+
+// Eleven seconds; the latencies that the client counts afterwards are those of the last seven. Empty, or what went wrong.
+inline std::string quickTurn(Traveller& client, const PathCamera& path) {
+  using Clock = std::chrono::steady_clock;
+  const auto since = [](Clock::time_point t) { return std::chrono::duration<double>(Clock::now() - t).count(); };
+  const auto began = Clock::now();
+  std::string wrong;
+  const auto fly = [&](double seconds, double turn) {
+    const auto start = Clock::now();
+    while (wrong.empty() && since(start) < seconds) {
+      camera::Camera camera = path.at(since(began));
+      camera.pose.yaw += turn * std::min(1.0, since(start) / 0.3);
+      client.send(camera);
+      if (!client.take(std::chrono::milliseconds(20))) wrong = client.failure();
+      if (client.scene().iteration() == 0) continue;
+      if (const int n = holes(client.scene(), camera.pose); n > 0)
+        wrong = std::to_string(n) + " holes, " + std::to_string(since(began)) + " s after the start";
+    }
+  };
+  fly(4, 0);
+  client.forgetLatencies();
+  fly(3, 0);
+  fly(2, std::numbers::pi);
+  fly(2, 0);
+  return wrong;
+}
+
+}  // namespace ridgecast::testing_support
