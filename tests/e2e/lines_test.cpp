@@ -1,10 +1,13 @@
 // Bad lines and bad clients: a long line with jitter, a narrow one, clients that stop, read a byte a second, lie or are killed in the
-// middle of a message. The mesh that is held has no hole, and the others do not notice.
+// middle of a message. The mesh that is held has no hole, and the others do not notice. STALL_SECONDS=30 stops them for so long, and
+// wants nine tenths of the others' rate.
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
+#include <cstdlib>
 #include <fstream>
 #include <memory>
 #include <string>
@@ -143,15 +146,17 @@ TEST_F(Neighbours, ClientsThatStopOrReadAByteASecondCostAFixedBound) {
     if (k % 2 == 0) relays.back()->hold(true);
   }
   // They keep asking and never read.
+  const char* const longer = std::getenv("STALL_SECONDS");
+  const int seconds = longer ? std::max(1, std::atoi(longer)) : 6;
   std::uint64_t sequence = 0;
   double during = 0;
-  for (int k = 0; k < 6; ++k) {
+  for (int k = 0; k < seconds; ++k) {
     ++sequence;
     for (auto& c : clients) c->message(poseMessage(sequence));
-    during += fly(1s) / 6;
+    during += fly(1s) / seconds;
   }
   const double peak = residentMib(server_->process().id());
-  EXPECT_GT(during, 0.6 * before);  // 0.9 on a machine that has nothing else to do
+  EXPECT_GT(during, (longer ? 0.9 : 0.6) * before);  // a short look on a busy machine says less
   EXPECT_LT(peak, memory + 6 * 60);
   clients.clear();
   relays.clear();
