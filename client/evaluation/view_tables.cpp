@@ -21,6 +21,7 @@ double number(const Json& json, const char* key) {
 }
 
 std::vector<double> numbers(const Json& json, const char* key) {
+  if (!json.contains(key)) return {};
   std::vector<double> out = json.at(key).get<std::vector<double>>();
   std::ranges::sort(out);
   return out;
@@ -94,7 +95,7 @@ Table corrected(const std::vector<Json>& views) {
             "Three heights a sample move what the mesh shows onto the true surface (a mode of its own: it hides what the mesh lacks). "
             "Filtered, one sample; times in one run in turn, medians.",
             joined(kName, {"SSIM mesh", "SSIM corrected", "mesh ms", "corrected ms", "ray march ms", "cost, of the march",
-                           "off by, mesh: median / p99 px", "corrected: median / p99 px"}),
+                           "of its CPU time", "off by, mesh: median / p99 px", "corrected: median / p99 px"}),
             {}};
   eachMesh(views, out, [&](const Json&, const Json& mesh) {
     const Json* p = pictureOf(mesh, 1, true);
@@ -109,6 +110,7 @@ Table corrected(const std::vector<Json>& views) {
                                     cell("%.0f", own),
                                     cell("%.0f", march),
                                     cell("%.3f", own / march),
+                                    cell("%.3f", median(numbers(times, "corrected_cpu_ms")) / median(numbers(times, "march_cpu_ms"))),
                                     off("pixel_error"),
                                     off("pixel_error_corrected")};
   });
@@ -153,22 +155,28 @@ Table missing(const std::vector<Json>& views) {
 }
 
 Table speed(const std::vector<Json>& views) {
-  Table out{"speed",
-            "Mesh against ray march: time of a picture",
-            "Filtered, one sample, drawn in turn in one run; medians and half the range. Both shade every sample alike; the ray march is "
-            "the converged one that "
-            "the mesh is compared with.",
-            joined(kName, {"SSIM", "mesh ms", "spread", "ray march ms", "spread", "faster by"}),
-            {}};
+  Table out{
+      "speed",
+      "Mesh against ray march: time of a picture",
+      "Filtered, one sample, drawn in turn in one run; medians and half the range. Both shade every sample alike; the ray march is "
+      "the converged one that the mesh is compared with. CPU: of all threads of the process, which other programs on the machine do not "
+      "change; on a software driver that is the cost.",
+      joined(kName,
+             {"SSIM", "mesh ms", "spread", "ray march ms", "spread", "faster by", "mesh CPU ms", "ray march CPU ms", "faster by CPU"}),
+      {}};
   eachMesh(views, out, [&](const Json&, const Json& mesh) {
     const Json& times = mesh.at("times");
     const std::vector<double> own = numbers(times, "mesh_ms"), march = numbers(times, "march_ms");
+    const double ownCpu = median(numbers(times, "mesh_cpu_ms")), marchCpu = median(numbers(times, "march_cpu_ms"));
     return std::vector<std::string>{cell("%.4f", ssim(pictureOf(mesh, 1, true), "mesh", "ssim")),
                                     cell("%.0f", median(own)),
                                     cell("%.0f", halfRange(own)),
                                     cell("%.0f", median(march)),
                                     cell("%.0f", halfRange(march)),
-                                    cell("%.1f", median(march) / median(own))};
+                                    cell("%.1f", median(march) / median(own)),
+                                    cell("%.0f", ownCpu),
+                                    cell("%.0f", marchCpu),
+                                    cell("%.1f", marchCpu / ownCpu)};
   });
   return out;
 }

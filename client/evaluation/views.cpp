@@ -108,17 +108,17 @@ struct ViewMeasurement::State {
 
   // Mesh, corrected mesh and ray march in turn, one sample a pixel, filtered: what else the machine does hits all of them.
   Outcome<void> timed(const AtRest& at, Json& out) {
-    std::vector<double> mesh, corrected, march;
+    const std::array<const char*, 3> names = {"mesh", "corrected", "march"};
     for (int k = 0; k < settings.repeats; ++k) {
       const std::array<Outcome<render::Renderer::Drawn>, 3> drawn = {
           at.renderer.drawMesh(at.scene, at.view), at.renderer.drawCorrected(at.scene.leaves(), at.view), at.renderer.drawMarch(at.view)};
       for (const auto& one : drawn)
         if (!one) return one.error();
-      mesh.push_back(drawn[0]->milliseconds);
-      corrected.push_back(drawn[1]->milliseconds);
-      march.push_back(drawn[2]->milliseconds);
+      for (std::size_t i = 0; i < names.size(); ++i) {
+        out[std::string(names[i]) + "_ms"].push_back(drawn[i]->milliseconds);
+        out[std::string(names[i]) + "_cpu_ms"].push_back(drawn[i]->cpuMilliseconds);
+      }
     }
-    out = {{"mesh_ms", mesh}, {"corrected_ms", corrected}, {"march_ms", march}};
     return {};
   }
 };

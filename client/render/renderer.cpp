@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <ctime>
 #include <limits>
 #include <vector>
 
@@ -34,6 +35,12 @@ HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre
     high = std::max(high, *greatest);
   }
   return {low - kMargin, high + kMargin};
+}
+
+double Renderer::processMilliseconds() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) / 1e6;
 }
 
 Renderer::Renderer(MeshPass mesh, MeshPass before, MorphPass morph, CorrectionPass correction, MarchPass march, ShadePass shade)
@@ -84,11 +91,12 @@ Outcome<void> Renderer::fitBeside(std::optional<Surface>& surface) {
   return {};
 }
 
-Renderer::Drawn Renderer::finish(const View& view, std::uint32_t samples, std::chrono::steady_clock::time_point began) {
+Renderer::Drawn Renderer::finish(const View& view, std::uint32_t samples, Began began) {
   shade_.shade(view, *surface_, *canvas_);
   glFinish();
-  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - began;
-  return {downsample(readBack(*canvas_), samples), spent.count()};
+  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - began.wall;
+  const double cpu = processMilliseconds() - began.cpu;
+  return {downsample(readBack(*canvas_), samples), spent.count(), cpu};
 }
 
 Outcome<Renderer::Drawn> Renderer::drawMesh(const scene::Scene& scene, const View& view, std::uint32_t samples) {
@@ -101,7 +109,7 @@ Outcome<Renderer::Drawn> Renderer::drawMesh(const std::map<lattice::LeafAddress,
   if (auto fits = fit(fine); !fits) return fits.error();
   mesh_.update(leaves);
   glFinish();
-  const auto began = std::chrono::steady_clock::now();
+  const Began began;
   mesh_.draw(fine, *surface_);
   return finish(fine, samples, began);
 }
@@ -116,7 +124,7 @@ Outcome<Renderer::Drawn> Renderer::drawMorph(const std::map<lattice::LeafAddress
   before_.update(from);
   mesh_.update(to);
   glFinish();
-  const auto began = std::chrono::steady_clock::now();
+  const Began began;
   before_.draw(fine, *first_);
   mesh_.draw(fine, *second_);
   morph_.blend(*first_, *second_, share, *surface_);
@@ -131,7 +139,7 @@ Outcome<Renderer::Drawn> Renderer::drawCorrected(const std::map<lattice::LeafAdd
   if (auto fits = fitBeside(first_); !fits) return fits.error();
   mesh_.update(leaves);
   glFinish();
-  const auto began = std::chrono::steady_clock::now();
+  const Began began;
   mesh_.draw(fine, *first_);
   correction_.correct(fine, *first_, *surface_, steps);
   return finish(fine, samples, began);
@@ -142,7 +150,7 @@ Outcome<Renderer::Drawn> Renderer::shadeAgain(const View& view, std::uint32_t sa
   if (!surface_ || surface_->width() != fine.camera.projection.width || surface_->height() != fine.camera.projection.height)
     return Error{"nothing of this size was drawn that could be coloured anew"};
   glFinish();
-  return finish(fine, samples, std::chrono::steady_clock::now());
+  return finish(fine, samples, Began());
 }
 
 std::vector<float> Renderer::positions() const {
@@ -170,7 +178,7 @@ Outcome<Renderer::Drawn> Renderer::drawMarch(const View& view, std::uint32_t sam
   const View fine = supersampled(view, samples);
   if (auto fits = fit(fine); !fits) return fits.error();
   glFinish();
-  const auto began = std::chrono::steady_clock::now();
+  const Began began;
   march_.march(fine, *surface_, fineness);
   return finish(fine, samples, began);
 }

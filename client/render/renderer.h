@@ -1,6 +1,7 @@
 #pragma once
 // Pictures of one world, from the mesh held and by ray march, drawn off screen. Needs the context it was made in.
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -31,7 +32,8 @@ class Renderer {
 
   struct Drawn {
     Picture picture;
-    double milliseconds = 0;  // drawing and shading, all samples; not reading back
+    double milliseconds = 0;     // drawing and shading, all samples; not reading back
+    double cpuMilliseconds = 0;  // of this process's threads meanwhile: what a software driver costs, whatever else the machine does
   };
   // The view is that of the picture; n x n samples a pixel, averaged as display values. Error: a picture larger than the driver draws.
   Outcome<Drawn> drawMesh(const scene::Scene& scene, const View& view, std::uint32_t samples = 1);
@@ -56,7 +58,12 @@ class Renderer {
   Renderer(MeshPass mesh, MeshPass before, MorphPass morph, CorrectionPass correction, MarchPass march, ShadePass shade);
   Outcome<void> fit(const View& view);
   Outcome<void> fitBeside(std::optional<Surface>& surface);
-  Drawn finish(const View& view, std::uint32_t samples, std::chrono::steady_clock::time_point began);
+  static double processMilliseconds();
+  struct Began {
+    std::chrono::steady_clock::time_point wall = std::chrono::steady_clock::now();
+    double cpu = processMilliseconds();
+  };
+  Drawn finish(const View& view, std::uint32_t samples, Began began);
 
   MeshPass mesh_, before_;
   MorphPass morph_;

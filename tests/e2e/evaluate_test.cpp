@@ -137,6 +137,9 @@ TEST_F(Evaluate, ViewsSayWhatTheyShould) {
         EXPECT_LE(picture.at("mesh").at("ssim").get<double>(), 1);
         EXPECT_GE(picture.at("corrected").at("ssim").get<double>(), picture.at("mesh").at("ssim").get<double>() - 0.01);
       }
+      for (const char* what : {"mesh", "corrected", "march"})
+        for (const char* time : {"_ms", "_cpu_ms"})
+          EXPECT_GT(mesh.at("times").at(std::string(what) + time).at(0).get<double>(), 0) << what << time;
       const Json& missing = mesh.at("missing");
       double sum = 0;
       for (const char* part : {"silhouettes", "geometry", "shading", "marcher"}) sum += missing.at(part).get<double>();
