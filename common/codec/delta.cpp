@@ -83,12 +83,15 @@ class Difference {
   DeltaCounts counts;
 
   bool goes(std::uint32_t t) const { return goes_[t]; }
+  // The walk came to a triangle twice, because another one lies on the same side of an edge: it has coded something else than the target.
+  bool tangled() const { return tangled_; }
 
   Apex apex(std::uint32_t a, std::uint32_t b) {
     const std::uint32_t ta = targetOf(a), tb = targetOf(b);
     const auto it = std::lower_bound(left_.begin(), left_.end(), std::pair{ta, tb},
                                      [](const Left& l, const auto& e) { return std::tie(l.a, l.b) < std::tie(e.first, e.second); });
     if (it == left_.end() || it->a != ta || it->b != tb) return {};
+    if (coded_[it->triangle]) tangled_ = true;
     coded_[it->triangle] = 1;
     return apexOf(it->c);
   }
@@ -126,6 +129,7 @@ class Difference {
   std::vector<std::uint32_t> added_;  // triangles of the target
   std::size_t next_ = 0;
   std::vector<Left> left_;
+  bool tangled_ = false;
 };
 
 [[maybe_unused]] bool inRange(const mesh::LocalVertex& v) {
@@ -239,7 +243,7 @@ std::optional<std::vector<std::uint8_t>> encodeDelta(const mesh::LeafMesh& base,
   const std::size_t head = out.size();
   RangeEncoder coder(out);
   Walk walk(coder, truth, base, counts, memory());
-  if (!walk.run()) return std::nullopt;
+  if (!walk.run() || truth.tangled()) return std::nullopt;
   coder.finish();
   if (counts.added > kTrianglesAByte * (out.size() - head + 1)) return std::nullopt;
   return out;

@@ -4,6 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+
 #include "common/mesh/gather.h"
 #include "tests/support/leaf_meshes.h"
 
@@ -77,6 +80,31 @@ TEST(Delta, MakesLeavesWithHolesIslandsAndPinches) {
         other.address = whole.address;
         expectMakes(whole, other);  // nothing in common
       }
+}
+
+// Found by the fuzzer: where triangles overlap, two may lie on the same side of an edge, and one of them was coded twice.
+TEST(Delta, MakesSoupsOrRefusesThem) {
+  Random random(5);
+  int made = 0, refused = 0;
+  for (int k = 0; k < 20000; ++k) {
+    const mesh::LeafMesh base = support::randomTin(random, 6);
+    mesh::LeafMesh target{.address = base.address, .vertices = base.vertices, .triangles = {}};
+    const auto count = static_cast<std::int64_t>(target.vertices.size());
+    if (count < 3) continue;
+    for (auto n = between(random, 1, 8); n > 0; --n) {
+      std::array<std::uint32_t, 3> t;
+      for (auto& v : t) v = static_cast<std::uint32_t>(between(random, 0, count - 1));
+      const auto& p = target.vertices;
+      if (support::doubledArea(p[t[0]], p[t[1]], p[t[2]]) <= 0) continue;
+      target.triangles.push_back(t);
+    }
+    mesh::canonicalize(target);
+    target.triangles.erase(std::unique(target.triangles.begin(), target.triangles.end()), target.triangles.end());
+    (codec::encodeDelta(base, target, mesh::hashLeaf(target)) ? made : refused)++;
+    expectMakes(base, target);
+  }
+  EXPECT_GT(made, 100);
+  EXPECT_GT(refused, 3);
 }
 
 TEST(Delta, MovesHeightsAlone) {
