@@ -1,6 +1,6 @@
 #pragma once
 // Ray-marches the terrain function into a surface: the picture that the mesh is measured against. It is converged: no step is longer
-// than a quarter of the height above ground or shorter than a fifth of a sample, and a crossing is bisected 14 times; a march that is
+// than a tenth of the height above ground or shorter than a fifth of a sample, and a crossing is bisected 14 times; a march that is
 // four times finer gives the same picture (a test holds it to SSIM >= 0.99). Needs the context it was made in.
 
 #include <chrono>
