@@ -218,6 +218,7 @@ struct Connection::Impl {
       const std::lock_guard lock(mutex_);
       bytes_ += size;
       world_ = std::move(*world);
+      granted_ = world_.settings;
       hasWorld_ = true;
       changed_.notify_all();
       if (hello_.clock && world_.revision >= 1) askClock(0);
@@ -258,6 +259,8 @@ struct Connection::Impl {
       if (!queries_.take(answer->id, std::move(*answer))) return "an answer to a query that was not asked";
     } else if (auto* ground = std::get_if<wire::Ground>(&message)) {
       if (!grounds_.take(ground->id, std::move(*ground))) return "a ground that was not asked for";
+    } else if (const auto* granted = std::get_if<wire::Granted>(&message)) {
+      granted_ = granted->settings;
     }
     return {};
   }
@@ -292,6 +295,8 @@ struct Connection::Impl {
       } else if (!wants_.empty()) {
         message = std::move(wants_.front());
         wants_.pop_front();
+      } else if (settings_) {
+        message = wire::ChangeSettings{*std::exchange(settings_, std::nullopt)};
       } else if (!poses_.empty()) {
         message = poses_.front();
         poses_.pop_front();
@@ -417,6 +422,8 @@ struct Connection::Impl {
   std::size_t unanswered_ = 0;           // wanted and not taken, tiles_ included
   std::optional<wire::Acknowledge> acknowledge_;
   std::optional<wire::ResendLeaves> resend_;
+  std::optional<wire::Settings> settings_;  // to leave
+  wire::Settings granted_;
   std::deque<wire::ClientMessage> sayings_;
   Roster roster_;
   SessionClock clock_;
@@ -546,6 +553,20 @@ std::future<Outcome<wire::Ground>> Connection::askGround(const wire::AskGround& 
   }
   impl_->wake();
   return future;
+}
+
+void Connection::change(const wire::Settings& settings) {
+  {
+    const std::lock_guard lock(impl_->mutex_);
+    if (impl_->world_.revision < 2) return;
+    impl_->settings_ = settings;
+  }
+  impl_->wake();
+}
+
+wire::Settings Connection::granted() const {
+  const std::lock_guard lock(impl_->mutex_);
+  return impl_->granted_;
 }
 
 std::optional<Error> Connection::error() const {

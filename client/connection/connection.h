@@ -93,6 +93,11 @@ class Connection {
   std::future<Outcome<wire::Answer>> ask(wire::Query query);
   std::future<Outcome<wire::Ground>> askGround(const wire::AskGround& ask);
 
+  // Other settings than hello's, from the next iteration on; a change that has not left yet is replaced, and leaves before poses that wait. Never
+  // blocks; does nothing where the server is of a version that changes none (World::revision below 2).
+  void change(const wire::Settings& settings);
+  wire::Settings granted() const;  // what the server makes iterations by, as last heard
+
   std::optional<Error> error() const;  // set when the connection has ended
   // Set when it ended because the server leaves: where to connect again; empty: at the same place.
   std::optional<std::string> sentTo() const;

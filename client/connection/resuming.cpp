@@ -36,6 +36,11 @@ void Resuming::resend(const wire::ResendLeaves& resend) {
   if (!lost_) connection_->resend(resend);
 }
 
+void Resuming::change(const wire::Settings& settings) {
+  hello_.settings = settings;
+  if (!lost_) connection_->change(settings);
+}
+
 std::optional<Error> Resuming::error() const { return lost_; }
 
 void Resuming::pause() {

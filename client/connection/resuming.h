@@ -40,6 +40,9 @@ class Resuming {
   void send(const wire::PoseMessage& pose);
   void acknowledge(const wire::Acknowledge& acknowledge);
   void resend(const wire::ResendLeaves& resend);
+  // Also what the next connections ask for.
+  void change(const wire::Settings& settings);
+  wire::Settings granted() const { return connection_->granted(); }
 
   // Tiles that were wanted of an ended connection never come: ask again after reconnections() has grown.
   void want(const wire::WantTiles& wanted) {
@@ -66,7 +69,7 @@ class Resuming {
 
   const Url url_;
   Url target_;  // of the next attempt: where a server that left has sent us, and, when nobody is there, where we came from
-  const wire::Hello hello_;
+  wire::Hello hello_;
   const Held held_;
   const Pauses pauses_;
   std::unique_ptr<Connection> connection_;  // never null; the ended one until there is another

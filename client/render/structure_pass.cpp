@@ -54,6 +54,7 @@ uniform sampler2D structureSurface;
 uniform vec3 fromFrozen;  // the camera, seen from the frozen one; metres
 uniform vec3 right, up, forward;  // of the frozen one
 uniform vec2 tangents;
+uniform float horizon;
 layout(location = 0) out vec4 colour;
 void main() {
   vec4 s = texelFetch(structureSurface, ivec2(gl_FragCoord.xy), 0);
@@ -62,7 +63,7 @@ void main() {
   float depth = dot(at, forward);
   bool inside = depth > 0.0 && abs(dot(at, right)) <= depth * tangents.x && abs(dot(at, up)) <= depth * tangents.y;
   if (inside) discard;
-  colour = vec4(0.03, 0.04, 0.10, 0.55);
+  colour = vec4(0.03, 0.04, 0.10, 0.55 * (1.0 - smoothstep(0.4, 0.9, length(s.xyz) / horizon)));
 }
 )";
 
@@ -136,6 +137,7 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
     const camera::Projection& projection = structure.frozen->projection;
     frustum_.use();
     frustum_.set("structureSurface", 0);
+    frustum_.set("horizon", static_cast<float>(view.horizon));
     setVector(frustum_, "fromFrozen", {metres(pose.x - frozen.x), pose.y - frozen.y, metres(pose.z - frozen.z)});
     setVector(frustum_, "right", camera::right(frozen));
     setVector(frustum_, "up", camera::up(frozen));

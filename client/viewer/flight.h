@@ -97,6 +97,7 @@ class Flight {
   void onScroll(double notches);
   void onPad(double seconds);
   bool held(int key) const;
+  bool typing() const { return shown_.panel && overlay_->takesKeys(); }  // keys are meant for the panel
   void fly(double seconds);
   void follow();
   void nextMode();
@@ -150,6 +151,7 @@ class Flight {
   std::optional<camera::Path> path_;
   Clock::time_point pathBegan_{};
   bool wantsScreenshot_ = false;
+  wire::Settings shownSettings_;
   std::optional<Overlay> overlay_;
   Shown shown_;
   Input input_;

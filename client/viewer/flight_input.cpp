@@ -138,7 +138,7 @@ void Flight::onKey(int key, int action) {
     default:
       break;
   }
-  if (overlay_->takesKeys()) return;
+  if (typing()) return;
   const auto show = [this](Mode mode) {
     shown_.mode = mode;
     restructure();
@@ -214,7 +214,7 @@ void Flight::moveDivider(double to) {
 
 void Flight::onScroll(double notches) {
   changed_ = true;
-  if (!overlay_->takesMouse()) input_.wheel += notches;
+  if (!(shown_.panel && overlay_->takesMouse())) input_.wheel += notches;
 }
 
 void Flight::onMove(double x, double y) {
@@ -234,7 +234,7 @@ void Flight::onButton(int button, int action) {
     dragging_ = false;
     return;
   }
-  if (!shown_.mouseFree || overlay_->takesMouse()) return;
+  if (!shown_.mouseFree || (shown_.panel && overlay_->takesMouse())) return;
   double x = 0, y = 0;
   glfwGetCursorPos(handle_, &x, &y);
   if (shown_.mode == Mode::kSplit && std::abs(x - shown_.divider * windowWidth()) < 10)
@@ -282,7 +282,7 @@ void Flight::follow() {
 }
 
 void Flight::fly(double seconds) {
-  if (!overlay_->takesKeys()) {
+  if (!typing()) {
     input_.forward += held(GLFW_KEY_W) - held(GLFW_KEY_S);
     input_.right += held(GLFW_KEY_D) - held(GLFW_KEY_A);
     input_.up +=
@@ -291,7 +291,7 @@ void Flight::fly(double seconds) {
     input_.lookUp += held(GLFW_KEY_UP) - held(GLFW_KEY_DOWN);
     if (const int way = held(GLFW_KEY_PERIOD) - held(GLFW_KEY_COMMA)) moveDivider(shown_.divider + way * 0.5 * seconds);
   }
-  const bool shift = !overlay_->takesKeys() && (held(GLFW_KEY_LEFT_SHIFT) || held(GLFW_KEY_RIGHT_SHIFT));
+  const bool shift = !typing() && (held(GLFW_KEY_LEFT_SHIFT) || held(GLFW_KEY_RIGHT_SHIFT));
   onPad(seconds);
   const bool moves = input_.forward != 0 || input_.right != 0 || input_.up != 0;
   const bool sprints = sprint_.update(shift, moves, nowInSeconds());

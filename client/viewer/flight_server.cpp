@@ -76,6 +76,7 @@ void Flight::converse() {
   }
   lost_ = why.has_value();
   lookForMembers();
+  if (link_.connection->granted() != shownSettings_) showSettings();
   sendPose();
 }
 
@@ -144,7 +145,10 @@ void Flight::lookForWorld() {
 }
 
 void Flight::showSettings() {
-  const wire::Settings& granted = link_.connection->world().settings;
+  const wire::Settings granted = link_.connection->granted();
+  shownSettings_ = granted;
+  shown_.live = link_.connection->world().revision >= 2;
+  changed_ = true;
   Choices& c = shown_.choices;
   c.metric = static_cast<int>(granted.metric);
   c.threshold = static_cast<float>(granted.threshold);
@@ -156,6 +160,16 @@ void Flight::showSettings() {
   shown_.granted = text;
 }
 
-void Flight::changeSettings() {}
+void Flight::changeSettings() {
+  const Choices& c = shown_.choices;
+  wire::Settings& asked = link_.settings;
+  const auto metric = static_cast<wire::Metric>(c.metric);
+  // Thresholds of two metrics have nothing to do with each other.
+  asked.threshold = metric == link_.connection->granted().metric ? static_cast<double>(c.threshold) : 0;
+  asked.metric = metric;
+  asked.triangleBudget = static_cast<std::uint32_t>(c.triangles) * 1000;
+  asked.bytesPerSecond = static_cast<std::uint64_t>(c.kilobytes) * 1000;
+  link_.connection->change(asked);
+}
 
 }  // namespace ridgecast::viewer

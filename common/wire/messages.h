@@ -16,7 +16,8 @@
 namespace ridgecast::wire {
 
 inline constexpr std::uint32_t kProtocolVersion = 1;
-inline constexpr std::uint32_t kRevision = 1;  // of that version: members, clock, queries and grounds are known
+inline constexpr std::uint32_t kRevision =
+    2;  // of that version: members, clock, queries, grounds (1) and changes of settings (2) are known
 
 enum class Metric { kDefault = 0, kPixels = 1, kThesis = 2, kArea = 3 };
 enum class Pacing { kFree = 0, kLockstep = 1 };
@@ -28,6 +29,7 @@ struct Settings {
   double threshold = 0;              // 0: the default of the metric
   std::uint32_t triangleBudget = 0;  // 0: the server's default
   std::uint64_t bytesPerSecond = 0;  // 0: as many as there are
+  friend bool operator==(const Settings&, const Settings&) = default;
 };
 
 struct Hello {
@@ -108,9 +110,13 @@ struct WantTiles {
   std::vector<terrain::TileAddress> tiles;
 };
 
-using ClientMessage =
-    std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, Step, StepDone, Query, AskGround,
-                 WantTiles>;
+// Other settings than hello's, from the next iteration on. Answered by Granted.
+struct ChangeSettings {
+  Settings settings;
+};
+
+using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, Step, StepDone, Query,
+                                   AskGround, WantTiles, ChangeSettings>;
 
 struct World {
   std::uint32_t protocolVersion = kProtocolVersion;
@@ -225,6 +231,11 @@ struct HeightTiles {
   std::vector<HeightTile> tiles;
 };
 
-using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles>;
+// Comes before the first iteration that is made by it.
+struct Granted {
+  Settings settings;
+};
+
+using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles, Granted>;
 
 }  // namespace ridgecast::wire

@@ -329,6 +329,10 @@ void write(const WantTiles& in, pb::ClientMessage& message) {
   for (const terrain::TileAddress& a : in.tiles) write(a, *out.add_tiles());
 }
 
+void write(const ChangeSettings& in, pb::ClientMessage& message) { write(in.settings, *message.mutable_change_settings()); }
+
+void write(const Granted& in, pb::ServerMessage& message) { write(in.settings, *message.mutable_granted()); }
+
 void write(const HeightTiles& in, pb::ServerMessage& message) {
   pb::HeightTiles& out = *message.mutable_height_tiles();
   for (const HeightTile& tile : in.tiles) {
@@ -505,6 +509,10 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
       ClientMessage out = wire::read(message.ask_ground(), check);
       return finish(check, std::move(out));
     }
+    case pb::ClientMessage::kChangeSettings: {
+      ClientMessage out = ChangeSettings{read(message.change_settings(), check)};
+      return finish(check, std::move(out));
+    }
     case pb::ClientMessage::kWantTiles: {
       ClientMessage out = read(message.want_tiles(), check);
       return finish(check, std::move(out));
@@ -554,6 +562,10 @@ Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const L
   pb::ServerMessage message;
   if (!message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()))) return Error{kNoMessage};
   switch (message.kind_case()) {
+    case pb::ServerMessage::kGranted: {
+      ServerMessage out = Granted{read(message.granted(), check)};
+      return finish(check, std::move(out));
+    }
     case pb::ServerMessage::kWorld: {
       ServerMessage out = read(message.world(), check);
       return finish(check, std::move(out));

@@ -79,6 +79,8 @@ refinement::Metric metricOf(wire::Metric metric) {
 struct Pipeline::State {
   State(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> workers)
       : settings(granted),
+        madeFor(granted.triangleBudget),
+        ground(terrain),
         pool(std::move(workers)),
         horizon(terrain),
         mesh(std::move(terrain), granted.triangleBudget, metricOf(granted.metric)),
@@ -93,6 +95,8 @@ struct Pipeline::State {
   void describe(wire::Figures& figures) const;
 
   wire::Settings settings;
+  std::uint32_t madeFor;  // triangles that the mesh has room for
+  std::shared_ptr<const terrain::Terrain> ground;
   std::shared_ptr<scheduling::Pool> pool;
   refinement::Horizon horizon;
   CameraMesh mesh;
@@ -278,6 +282,21 @@ Pipeline::Changes Pipeline::changes() const {
     for (const auto& p : leaf->removedPoints) out.removed.push_back(absolute(p));
   }
   return out;
+}
+
+void Pipeline::change(const wire::Settings& granted) {
+  State& s = *state_;
+  if (granted.metric != s.settings.metric || granted.triangleBudget > s.madeFor) {
+    auto fresh = std::make_unique<State>(s.ground, granted, s.pool);
+    fresh->versions = s.versions;
+    fresh->insertionLimit = s.insertionLimit;
+    state_ = std::move(fresh);
+    return;
+  }
+  // What the budget has raised the threshold to stays, until the mesh is small enough.
+  s.effective = std::max(granted.threshold, s.effective > s.settings.threshold ? s.effective : 0.0);
+  s.settings = granted;
+  s.settled = false;
 }
 
 void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = std::min<std::size_t>(most, kMostInsertions); }

@@ -2,7 +2,7 @@
 // One camera's mesh and the iteration that keeps it fit for what the camera sees:
 //   select -> generate -> refine -> triangulate
 // The only place that sees all stages. Not thread-safe: one thread calls at a time (the session's strand); inside, an iteration
-// spreads over the camera's pool. The result depends on the sequence of cameras alone, not on threads or time.
+// spreads over the camera's pool. The result depends on the sequence of cameras and settings alone, not on threads or time.
 
 #include <cstdint>
 #include <memory>
@@ -42,6 +42,10 @@ class Pipeline {
 
   // One iteration. `camera` must satisfy camera::isValid.
   wire::Figures iterate(const camera::Camera& camera);
+
+  // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric or a larger
+  // budget begins anew, with versions that go on.
+  void change(const wire::Settings& granted);
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
   // narrow: what is postponed is detail.

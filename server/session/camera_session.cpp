@@ -61,16 +61,21 @@ void CameraSession::receive(wire::ClientMessage message) {
   if (refusal) refuse(std::move(*refusal));
 }
 
+wire::Settings CameraSession::granted(const wire::Settings& asked) const {
+  wire::Settings out = pipeline::grant(asked, session_->resources().limits.mesh);
+  const std::uint64_t most = session_->resources().limits.maxBytesPerSecond;
+  if (out.bytesPerSecond == 0 || (most != 0 && out.bytesPerSecond > most)) out.bytesPerSecond = most;
+  if (out.bytesPerSecond != 0) out.bytesPerSecond = std::max(out.bytesPerSecond, kLeastBytesPerSecond);
+  return out;
+}
+
 CameraSession::Refusal CameraSession::take(wire::Hello& hello) {
   if (hello.protocolVersion != wire::kProtocolVersion)
     return ErrorMessage{ErrorCode::kVersion, "This server speaks protocol version " + std::to_string(wire::kProtocolVersion) +
                                                  " and the client version " + std::to_string(hello.protocolVersion) +
                                                  ": both must be the same."};
   if (stage_ != Stage::kExpectsHello) return ErrorMessage{ErrorCode::kMalformed, "A second hello came; a connection has exactly one."};
-  granted_ = pipeline::grant(hello.settings, session_->resources().limits.mesh);
-  const std::uint64_t most = session_->resources().limits.maxBytesPerSecond;
-  if (granted_.bytesPerSecond == 0 || (most != 0 && granted_.bytesPerSecond > most)) granted_.bytesPerSecond = most;
-  if (granted_.bytesPerSecond != 0) granted_.bytesPerSecond = std::max(granted_.bytesPerSecond, kLeastBytesPerSecond);
+  granted_ = granted(hello.settings);
   pace_.setRate(granted_.bytesPerSecond);
   replica_.setDeltas(hello.deltas);
   if (hello.deltas) bases_.setBudget(kBaseBytesPerTriangle * granted_.triangleBudget);
@@ -206,6 +211,16 @@ CameraSession::Refusal CameraSession::take(const wire::WantTiles& wanted) {
   return {};
 }
 
+CameraSession::Refusal CameraSession::take(const wire::ChangeSettings& change) {
+  if (auto refusal = expectsWorld("change of settings")) return refusal;
+  if (!lockstep_) changes_.clear();
+  if (changes_.size() >= kMaxQueuedPoses)
+    return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(kMaxQueuedPoses) +
+                                               " changes of settings wait for their poses: change them when iterations have arrived."};
+  changes_.push_back({lastSequence_, granted(change.settings)});
+  return {};
+}
+
 void CameraSession::close() {
   const std::lock_guard lock(mutex_);
   stage_ = Stage::kClosed;
@@ -230,7 +245,7 @@ bool CameraSession::hasWork() const {
   if (!tiles_.empty()) return true;
   if (!replica_.hasRoom()) return false;
   if (lockstep_) return !poses_.empty();
-  return !poses_.empty() || (posed_ && (!atRest_ || replica_.owes()));
+  return !poses_.empty() || (posed_ && (!atRest_ || !changes_.empty() || replica_.owes()));
 }
 
 bool CameraSession::wake() {
@@ -381,7 +396,8 @@ void CameraSession::sendTiles() {
 
 void CameraSession::iterate() {
   metrics::Figures& figures = *session_->resources().figures;
-  bool newPose = false;
+  bool newPose = false, changesSettings = false;
+  wire::Settings settings;
   {
     const std::lock_guard lock(mutex_);
     if (!hasWork() || stage_ != Stage::kRuns || !holds_.empty() || !tiles_.empty()) return;
@@ -390,6 +406,17 @@ void CameraSession::iterate() {
       poses_.pop_front();
       posed_ = newPose = true;
     }
+    for (; !changes_.empty() && (!lockstep_ || changes_.front().after < pose_.sequence); changes_.pop_front()) {
+      granted_ = settings = changes_.front().granted;
+      changesSettings = true;
+    }
+    if (changesSettings) pace_.setRate(settings.bytesPerSecond);
+  }
+  if (changesSettings) {
+    mesh_->change(settings);
+    mesh_->setInsertionLimit(pace_.insertions());
+    if (hello_.deltas) bases_.setBudget(kBaseBytesPerTriangle * settings.triangleBudget);
+    sender_->send(wire::Granted{settings});
   }
   wire::Iteration iteration;
   if (pace_.limits()) mesh_->setInsertionLimit(pace_.insertions());

@@ -67,6 +67,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   Refusal take(const wire::AskGround& ask);
   Refusal expectsWorld(std::string_view what) const;
   Refusal take(const wire::WantTiles& wanted);
+  Refusal take(const wire::ChangeSettings& change);
   bool hasWork() const;
   bool wake();  // false: the pool takes no more
 
@@ -74,6 +75,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void run();
   void work();
   void iterate();
+  wire::Settings granted(const wire::Settings& asked) const;
   void countTriangles(std::uint32_t now);
   void copy();
   void sendTiles();
@@ -91,7 +93,12 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   bool greeted_ = false;    // the world was sent
   bool lockstep_ = false;
   wire::Hello hello_;
-  wire::Settings granted_;
+  wire::Settings granted_;  // written by the running task
+  struct Change {
+    std::uint64_t after = 0;  // lock-step: for poses with a greater sequence
+    wire::Settings granted;
+  };
+  std::deque<Change> changes_;  // free: at most one, the newest; lock-step: at most kMaxQueuedPoses
   std::uint64_t lastSequence_ = 0;
   std::deque<wire::PoseMessage> poses_;     // free: at most one, the newest
   std::deque<terrain::TileAddress> tiles_;  // wanted, at most wire::kMaxWantedTiles; sent before the next iteration

@@ -16,6 +16,7 @@ class IteratingMesh {
   virtual ~IteratingMesh() = default;
   virtual wire::Figures iterate(const camera::Camera& camera) = 0;
   virtual void setInsertionLimit(std::uint32_t most) = 0;
+  virtual void change(const wire::Settings& granted) = 0;  // from the next iteration on
   virtual bool settled() const = 0;
   virtual const std::vector<pipeline::LeafState>& leaves() const = 0;
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;

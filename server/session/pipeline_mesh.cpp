@@ -12,6 +12,7 @@ class PipelineMesh final : public IteratingMesh {
       : pipeline_(std::move(terrain), granted, std::move(pool)) {}
   wire::Figures iterate(const camera::Camera& camera) override { return pipeline_.iterate(camera); }
   void setInsertionLimit(std::uint32_t most) override { pipeline_.setInsertionLimit(most); }
+  void change(const wire::Settings& granted) override { pipeline_.change(granted); }
   bool settled() const override { return pipeline_.settled(); }
   const std::vector<pipeline::LeafState>& leaves() const override { return pipeline_.leaves(); }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return pipeline_.extract(address); }

@@ -36,6 +36,7 @@ class StillMesh final : public session::IteratingMesh {
  public:
   wire::Figures iterate(const camera::Camera&) override { return {}; }
   void setInsertionLimit(std::uint32_t) override {}
+  void change(const wire::Settings&) override {}
   bool settled() const override { return true; }
   const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return {address, {}, {}}; }

@@ -145,6 +145,37 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
   EXPECT_EQ(fresh.hash(), third.meshHash);
 }
 
+TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
+  wire::Hello hello;
+  hello.settings = coarse();
+  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello).value();
+  scene::Scene held;
+  const auto settle = [&] {
+    for (int k = 0; k < 500; ++k) {
+      const auto r = connection->receive(30s);
+      if (!r) throw std::runtime_error("no iteration");
+      EXPECT_TRUE(held.apply(r->iteration));
+      EXPECT_EQ(held.hash(), r->iteration.meshHash);
+      connection->acknowledge({r->iteration.number, held.hash()});
+      if (r->iteration.settled) return held.triangles();
+    }
+    throw std::runtime_error("it does not settle");
+  };
+  connection->send({1, cameraAt(0)});
+  const std::uint64_t first = settle();
+  wire::Settings other = coarse();
+  other.threshold = connection->granted().threshold / 2;
+  connection->change(other);
+  EXPECT_GT(settle(), first);
+  EXPECT_EQ(connection->granted().threshold, other.threshold);
+  other.metric = wire::Metric::kArea;  // begins anew
+  other.threshold = 0;
+  connection->change(other);
+  settle();
+  EXPECT_EQ(connection->granted().metric, wire::Metric::kArea);
+  EXPECT_GT(connection->granted().threshold, 0);
+}
+
 TEST_F(StreamTest, ClientsThatLeaveInTheMiddleGiveTheirPlaceBack) {
   for (int round = 0; round < 5; ++round) {
     std::vector<std::unique_ptr<Flier>> fliers;

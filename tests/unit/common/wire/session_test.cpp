@@ -58,6 +58,19 @@ TEST(WireSession, AWorldOfAnOlderServerHasNoRevision) {
   EXPECT_EQ(throughClient(world).revision, 0u);
 }
 
+TEST(WireSession, ChangesOfSettingsSurviveAndAreJudged) {
+  const Settings asked{Metric::kArea, 2.5, 70'000, 1'000'000};
+  EXPECT_EQ(throughServer(ChangeSettings{asked}).settings, asked);
+  EXPECT_EQ(throughClient(Granted{asked}).settings, asked);
+  for (const Settings& wrong : {Settings{Metric::kPixels, -1, 0, 0}, Settings{Metric::kPixels, std::nan(""), 0, 0},
+                                Settings{Metric::kPixels, 1e13, 0, 0}, Settings{static_cast<Metric>(9), 1, 0, 0}}) {
+    const std::string bytes = encode(ClientMessage(ChangeSettings{wrong}));
+    const auto read = decodeClient({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
+    ASSERT_FALSE(read);
+    EXPECT_NE(read.error().message.find("Settings."), std::string::npos) << read.error().message;
+  }
+}
+
 TEST(WireSession, MembersSurvive) {
   Members in;
   in.joined = {{7, Role::kSensor, "lidar", moved(7, 3)}, {8, Role::kViewer, "", {}}};

@@ -366,5 +366,42 @@ TEST(CameraMesh, KeepsItsLaws) {
   }
 }
 
+TEST(Pipeline, GoesOnWithOtherSettingsWhateverTheThreads) {
+  std::vector<std::uint64_t> hashes;
+  for (const unsigned threads : {1u, 4u}) {
+    Rig rig(threads);
+    const camera::Camera camera = cameraAt(*rig.terrain, 1400, 3600, 200);
+    const auto settle = [&] {
+      std::uint32_t triangles = 0;
+      for (int k = 0; k < 400 && (k == 0 || !rig.pipeline.settled()); ++k) triangles = rig.pipeline.iterate(camera).triangles;
+      EXPECT_TRUE(rig.pipeline.settled());
+      return triangles;
+    };
+    const auto change = [&](wire::Metric metric, double threshold, std::uint32_t budget) {
+      rig.pipeline.change(grant({.metric = metric, .threshold = threshold, .triangleBudget = budget}, {}));
+      EXPECT_FALSE(rig.pipeline.settled());
+    };
+    const std::uint32_t coarse = settle();
+    change(wire::Metric::kPixels, 2, 0);
+    const std::uint32_t fine = settle();
+    EXPECT_GT(fine, coarse * 5 / 4);  // the grids of the leaves are most of either
+    rig.expectSound("finer");
+    change(wire::Metric::kPixels, 8, 0);
+    EXPECT_LT(settle(), fine * 4 / 5);
+    rig.expectSound("coarser");
+    change(wire::Metric::kPixels, 0.5, 20'000);
+    EXPECT_LE(settle(), 20'400u);
+    rig.expectSound("with a small budget");
+    std::uint64_t newest = 0;
+    for (const LeafState& leaf : rig.pipeline.leaves()) newest = std::max(newest, leaf.version);
+    change(wire::Metric::kArea, 8, 0);
+    settle();
+    rig.expectSound("by another metric");
+    for (const LeafState& leaf : rig.pipeline.leaves()) EXPECT_GT(leaf.version, newest);
+    hashes.push_back(rig.hash());
+  }
+  EXPECT_EQ(hashes.front(), hashes.back());
+}
+
 }  // namespace
 }  // namespace ridgecast::pipeline

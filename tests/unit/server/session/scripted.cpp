@@ -39,6 +39,7 @@ class ScriptedMesh final : public IteratingMesh {
     return figures;
   }
   void setInsertionLimit(std::uint32_t most) override { script_->insertionLimit = most; }
+  void change(const wire::Settings& granted) override { script_->changes.emplace_back(script_->iterations.load(), granted); }
   bool settled() const override { return state_.settled; }
   const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return contentOf(address, state_.leaves.at(address)); }
@@ -72,11 +73,18 @@ MakeMesh scriptedMeshes(std::shared_ptr<Script> script) {
   };
 }
 
+std::vector<wire::Settings> Client::granted() const {
+  const std::lock_guard lock(mutex_);
+  return granted_;
+}
+
 void Client::send(wire::ServerMessage message) {
   const std::lock_guard lock(mutex_);
   if (auto* world = std::get_if<wire::World>(&message)) {
     if (world_) complaint_ = "a second world";
     world_ = std::move(*world);
+  } else if (const auto* granted = std::get_if<wire::Granted>(&message)) {
+    granted_.push_back(granted->settings);
   } else if (auto* iteration = std::get_if<wire::Iteration>(&message)) {
     if (!world_) complaint_ = "an iteration before the world";
     if (error_) complaint_ = "an iteration after an error";

@@ -32,6 +32,7 @@ struct Script {
   std::atomic<int> iterations{0};
   std::atomic<int> alive{0};  // meshes that exist
   std::atomic<std::uint32_t> insertionLimit{0};
+  std::vector<std::pair<int, wire::Settings>> changes;  // after so many iterations; look at it when one that came later was taken
 };
 MakeMesh scriptedMeshes(std::shared_ptr<Script> script);
 
@@ -51,6 +52,7 @@ class Client : public Sender {
   // Whether nothing is sent for a while.
   bool quiet(std::chrono::milliseconds time = std::chrono::milliseconds(60));
   std::uint64_t meshHash() const;
+  std::vector<wire::Settings> granted() const;  // so far
   std::size_t sent() const;
   std::string complaint() const;  // what was wrong with an iteration
 
@@ -58,6 +60,7 @@ class Client : public Sender {
   void apply(const wire::Iteration& iteration);
 
   mutable std::mutex mutex_;
+  std::vector<wire::Settings> granted_;
   std::condition_variable changed_;
   std::optional<wire::World> world_;
   std::optional<wire::ErrorMessage> error_;

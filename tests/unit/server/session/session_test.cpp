@@ -528,5 +528,59 @@ TEST_F(SessionTest, StressOfMessagesFromSeveralThreads) {
   }
 }
 
+TEST_F(SessionTest, OtherSettingsAreGrantedAndMakeTheNextIteration) {
+  start();
+  camera->receive(hello());
+  ASSERT_TRUE(client->world());
+  camera->receive(pose(1));
+  const auto first = client->iteration();
+  ASSERT_TRUE(first);
+  acknowledge(*first);
+  EXPECT_TRUE(client->quiet());
+  // At rest, without another pose: an iteration is made, and what was asked for is limited as in hello.
+  script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 2}}, true}; };
+  camera->receive(wire::ChangeSettings{{wire::Metric::kDefault, 0.001, 5'000'000, 100}});
+  const auto second = client->iteration();
+  ASSERT_TRUE(second);
+  ASSERT_EQ(client->granted().size(), 1u);
+  const wire::Settings granted = client->granted().front();
+  EXPECT_EQ(granted.metric, wire::Metric::kPixels);
+  EXPECT_EQ(granted.threshold, 0.05);
+  EXPECT_EQ(granted.triangleBudget, 2'000'000u);
+  EXPECT_EQ(granted.bytesPerSecond, kLeastBytesPerSecond);
+  EXPECT_THAT(script->changes, testing::ElementsAre(std::pair(1, granted)));
+}
+
+TEST_F(SessionTest, InLockStepOtherSettingsAreForThePosesThatComeAfter) {
+  start();
+  camera->receive(hello(wire::Pacing::kLockstep));
+  ASSERT_TRUE(client->world());
+  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}}, false}; };
+  for (int k = 1; k <= 3; ++k) camera->receive(pose(static_cast<std::uint64_t>(k)));
+  camera->receive(wire::ChangeSettings{{wire::Metric::kArea, 3, 0, 0}});
+  camera->receive(pose(4));
+  for (int k = 1; k <= 4; ++k) {
+    const auto iteration = client->iteration();
+    ASSERT_TRUE(iteration);
+    acknowledge(*iteration);
+  }
+  ASSERT_EQ(script->changes.size(), 1u);
+  EXPECT_EQ(script->changes.front().first, 3);
+  EXPECT_EQ(script->changes.front().second.metric, wire::Metric::kArea);
+  for (std::size_t k = 0; k <= kMaxQueuedPoses; ++k) camera->receive(wire::ChangeSettings{});
+  const auto error = client->error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kLimit);
+}
+
+TEST_F(SessionTest, OtherSettingsWaitForTheWorld) {
+  start();
+  camera->receive(wire::ChangeSettings{});
+  const auto error = client->error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kMalformed);
+  EXPECT_THAT(error->message, HasSubstr("hello"));
+}
+
 }  // namespace
 }  // namespace ridgecast::session
