@@ -36,19 +36,25 @@ TEST(FreePacing, TheNewestPoseWinsAndACameraAtRestGetsSilence) {
   ServerProcess server(RIDGECAST_SERVER);
   Flier flier(server.url(), coarse(), wire::Pacing::kFree);
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", flier.world());
-  // Poses as fast as they can be said: most are passed over, and what is answered only gets newer.
+  // Poses faster than they can be answered: most are passed over, and what is answered only gets newer.
+  std::vector<camera::Camera> cameras;
+  for (int k = 0; k < 5000; ++k) cameras.push_back(path.at(k * 0.002));
   std::uint64_t last = 0, lastPose = 0;
   std::set<std::uint64_t> answered;
-  for (int k = 0; k < 5000; ++k) {
-    last = flier.send(path.at(k * 0.002));
+  bool rests = false;  // the last pose may have been answered for good before it is waited for
+  for (std::size_t k = 0; k < cameras.size(); ++k) {
+    last = flier.send(cameras[k]);
+    rests = false;
+    if (k % 50 != 49) continue;
     while (const auto i = flier.take(0ms)) {
+      rests = i->settled && i->poseSequence == last;
       answered.insert(i->poseSequence);
       EXPECT_GE(i->poseSequence, lastPose);
       lastPose = i->poseSequence;
     }
   }
   EXPECT_LT(answered.size(), 2500u);
-  EXPECT_TRUE(rest(flier, last));
+  EXPECT_TRUE(rests || rest(flier, last));
   EXPECT_FALSE(flier.take(1s)) << "an iteration although nothing changed";
   EXPECT_FALSE(flier.connection().error());
   const MeshReport report = flier.check();
