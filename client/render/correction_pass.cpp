@@ -84,21 +84,14 @@ Outcome<CorrectionPass> CorrectionPass::create(const TerrainText& terrain) {
 }
 
 void CorrectionPass::correct(const View& view, const Surface& mesh, const Surface& out, int steps) const {
-  glBindFramebuffer(GL_FRAMEBUFFER, out.framebuffer());
-  glViewport(0, 0, static_cast<GLsizei>(out.width()), static_cast<GLsizei>(out.height()));
-  glDisable(GL_SCISSOR_TEST);
-  glDisable(GL_DEPTH_TEST);
-  glDisable(GL_BLEND);
-  glDisable(GL_CULL_FACE);
+  drawInto(out.framebuffer(), out.width(), out.height());
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_2D, mesh.texture());
   program_.use();
   setView(program_, view, seed_);
   program_.set("correctSurface", 0);
   program_.set("correctSteps", canCorrect_ ? steps : 0);
-  glBindVertexArray(vertexArray_.name());
-  glDrawArrays(GL_TRIANGLES, 0, 3);
-  glBindVertexArray(0);
+  drawFullScreen(vertexArray_);
   glBindTexture(GL_TEXTURE_2D, 0);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
 }

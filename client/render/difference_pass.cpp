@@ -37,12 +37,7 @@ Outcome<DifferencePass> DifferencePass::create() {
 }
 
 void DifferencePass::present(const Canvas& a, const Canvas& b, int width, int height) const {
-  glBindFramebuffer(GL_FRAMEBUFFER, 0);
-  glViewport(0, 0, width, height);
-  glDisable(GL_SCISSOR_TEST);
-  glDisable(GL_DEPTH_TEST);
-  glDisable(GL_BLEND);
-  glDisable(GL_CULL_FACE);
+  drawInto(0, static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height));
   program_.use();
   glActiveTexture(GL_TEXTURE1);
   glBindTexture(GL_TEXTURE_2D, b.texture());
@@ -51,9 +46,7 @@ void DifferencePass::present(const Canvas& a, const Canvas& b, int width, int he
   program_.set("differenceA", 0);
   program_.set("differenceB", 1);
   program_.set("differenceSize", static_cast<float>(width), static_cast<float>(height));
-  glBindVertexArray(vertexArray_.name());
-  glDrawArrays(GL_TRIANGLES, 0, 3);
-  glBindVertexArray(0);
+  drawFullScreen(vertexArray_);
   glBindTexture(GL_TEXTURE_2D, 0);
 }
 

@@ -41,6 +41,21 @@ GlObject makeBuffer() {
   return {name, [](std::uint32_t n) { glDeleteBuffers(1, &n); }};
 }
 
+void drawInto(std::uint32_t framebuffer, std::uint32_t width, std::uint32_t height) {
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+  glViewport(0, 0, static_cast<GLsizei>(width), static_cast<GLsizei>(height));
+  glDisable(GL_SCISSOR_TEST);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+}
+
+void drawFullScreen(const GlObject& vertexArray) {
+  glBindVertexArray(vertexArray.name());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBindVertexArray(0);
+}
+
 GlObject makeVertexArray() {
   std::uint32_t name = 0;
   glGenVertexArrays(1, &name);

@@ -43,6 +43,11 @@ GlObject makeFramebuffer();
 // A texture of one level without filtering; `internalFormat` is OpenGL's.
 GlObject makeTexture(std::uint32_t internalFormat, std::uint32_t width, std::uint32_t height);
 
+// The next drawing goes to all of a framebuffer (0: the window's), with nothing in between: no scissor, depth test, blending or culling.
+void drawInto(std::uint32_t framebuffer, std::uint32_t width, std::uint32_t height);
+// One triangle that covers the target, for programs with fullScreenVertex() (view.h); any vertex array.
+void drawFullScreen(const GlObject& vertexArray);
+
 // A linked program. Setting a uniform that the program does not have is no error: the compiler drops what is not used.
 class Program {
  public:

@@ -71,12 +71,7 @@ class GpuTerrain final : public terrain::Terrain {
       texels[4 * i + 2] = static_cast<std::int32_t>(x[i] & kInCell);
       texels[4 * i + 3] = static_cast<std::int32_t>(z[i] & kInCell);
     }
-    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name());
-    glViewport(0, 0, kSide, rows);
-    glDisable(GL_SCISSOR_TEST);
-    glDisable(GL_DEPTH_TEST);
-    glDisable(GL_BLEND);
-    glDisable(GL_CULL_FACE);
+    drawInto(framebuffer_.name(), kSide, static_cast<std::uint32_t>(rows));
     glActiveTexture(GL_TEXTURE0);
     glBindTexture(GL_TEXTURE_2D, points_.name());
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);

@@ -77,11 +77,7 @@ void MarchPass::begin(const View& view, const Surface& surface, float fineness) 
 bool MarchPass::advance(std::chrono::milliseconds budget) {
   if (tile_ >= tiles_) return true;
   const auto end = std::chrono::steady_clock::now() + budget;
-  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_);
-  glViewport(0, 0, static_cast<GLsizei>(width_), static_cast<GLsizei>(height_));
-  glDisable(GL_DEPTH_TEST);
-  glDisable(GL_BLEND);
-  glDisable(GL_CULL_FACE);
+  drawInto(framebuffer_, width_, height_);
   glEnable(GL_SCISSOR_TEST);
   program_.use();
   setView(program_, view_, seed_);

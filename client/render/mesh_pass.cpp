@@ -258,11 +258,7 @@ void MeshPass::redraw(const View& view, const Program& program, const std::funct
 }
 
 MeshPass::Drawn MeshPass::draw(const View& view, const Surface& surface) const {
-  glBindFramebuffer(GL_FRAMEBUFFER, surface.framebuffer());
-  glViewport(0, 0, static_cast<GLsizei>(surface.width()), static_cast<GLsizei>(surface.height()));
-  glDisable(GL_SCISSOR_TEST);
-  glDisable(GL_BLEND);
-  glDisable(GL_CULL_FACE);
+  drawInto(surface.framebuffer(), surface.width(), surface.height());
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_GREATER);
   glDepthMask(GL_TRUE);

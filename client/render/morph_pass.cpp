@@ -44,12 +44,7 @@ Outcome<MorphPass> MorphPass::create() {
 }
 
 void MorphPass::blend(const Surface& from, const Surface& to, float share, const Surface& out) const {
-  glBindFramebuffer(GL_FRAMEBUFFER, out.framebuffer());
-  glViewport(0, 0, static_cast<GLsizei>(out.width()), static_cast<GLsizei>(out.height()));
-  glDisable(GL_SCISSOR_TEST);
-  glDisable(GL_DEPTH_TEST);
-  glDisable(GL_BLEND);
-  glDisable(GL_CULL_FACE);
+  drawInto(out.framebuffer(), out.width(), out.height());
   program_.use();
   const std::array<std::pair<const char*, std::uint32_t>, 4> textures = {
       {{"morphFrom", from.texture()}, {"morphTo", to.texture()}, {"morphCarriedFrom", from.carried()}, {"morphCarriedTo", to.carried()}}};
@@ -59,9 +54,7 @@ void MorphPass::blend(const Surface& from, const Surface& to, float share, const
     program_.set(textures[k].first, static_cast<int>(k));
   }
   program_.set("morphShare", share);
-  glBindVertexArray(vertexArray_.name());
-  glDrawArrays(GL_TRIANGLES, 0, 3);
-  glBindVertexArray(0);
+  drawFullScreen(vertexArray_);
   for (std::size_t k = textures.size(); k-- > 0;) {
     glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(k));
     glBindTexture(GL_TEXTURE_2D, 0);

@@ -137,12 +137,7 @@ Outcome<ShadePass> ShadePass::create(const TerrainText& terrain) {
 }
 
 void ShadePass::shade(const View& view, const Surface& surface, const Canvas& canvas) const {
-  glBindFramebuffer(GL_FRAMEBUFFER, canvas.framebuffer());
-  glViewport(0, 0, static_cast<GLsizei>(canvas.width()), static_cast<GLsizei>(canvas.height()));
-  glDisable(GL_SCISSOR_TEST);
-  glDisable(GL_DEPTH_TEST);
-  glDisable(GL_BLEND);
-  glDisable(GL_CULL_FACE);
+  drawInto(canvas.framebuffer(), canvas.width(), canvas.height());
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_2D, surface.texture());
   program_.use();
@@ -152,9 +147,7 @@ void ShadePass::shade(const View& view, const Surface& surface, const Canvas& ca
   glActiveTexture(GL_TEXTURE1);
   glBindTexture(GL_TEXTURE_2D, surface.carried());
   glActiveTexture(GL_TEXTURE0);
-  glBindVertexArray(vertexArray_.name());
-  glDrawArrays(GL_TRIANGLES, 0, 3);
-  glBindVertexArray(0);
+  drawFullScreen(vertexArray_);
   glBindTexture(GL_TEXTURE_2D, 0);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
 }

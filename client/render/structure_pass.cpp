@@ -96,11 +96,7 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
                          const Structure& structure) const {
   if (!structure.any()) return;
   const camera::Pose& pose = view.camera.pose;
-  glBindFramebuffer(GL_FRAMEBUFFER, canvas.framebuffer());
-  glViewport(0, 0, static_cast<GLsizei>(canvas.width()), static_cast<GLsizei>(canvas.height()));
-  glDisable(GL_SCISSOR_TEST);
-  glDisable(GL_DEPTH_TEST);
-  glDisable(GL_CULL_FACE);
+  drawInto(canvas.framebuffer(), canvas.width(), canvas.height());
   glEnable(GL_BLEND);
   glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
   glActiveTexture(GL_TEXTURE0);
