@@ -3,24 +3,17 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
-#include <limits>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <numeric>
 #include <optional>
 #include <sstream>
+
+#include "client/evaluation/json_numbers.h"
 
 namespace ridgecast::evaluation {
 namespace {
 
 using Json = nlohmann::json;
-
-constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
-
-double number(const Json& json, const char* key) {
-  const auto it = json.find(key);
-  return it != json.end() && it->is_number() ? it->get<double>() : kNothing;
-}
 
 struct Flight {
   const Run* run;
