@@ -1,6 +1,8 @@
 #pragma once
 // What a client must hold on a long line: a flight along alpine.json with a turn by half a circle in 0.3 s.
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -54,6 +56,19 @@ inline std::string quickTurn(Traveller& client, const PathCamera& path) {
   fly(2, std::numbers::pi);
   fly(2, 0);
   return wrong;
+}
+
+// The turn, and what it must leave behind on a line of 100 ms there and back; the test's properties say how long poses waited.
+inline void expectQuickTurn(Traveller& client, const PathCamera& path, double mostP50, double mostP99) {
+  EXPECT_EQ(quickTurn(client, path), "");
+  EXPECT_EQ(client.mismatches(), 0u);
+  const double p50 = percentile(client.latencies(), 0.5), p99 = percentile(client.latencies(), 0.99);
+  testing::Test::RecordProperty("p50_ms", static_cast<int>(p50));
+  testing::Test::RecordProperty("p99_ms", static_cast<int>(p99));
+  EXPECT_GT(client.latencies().size(), 20u);
+  EXPECT_GE(p50, 100) << "the line is not as long as it should be";
+  EXPECT_LT(p50, mostP50);
+  EXPECT_LT(p99, mostP99);
 }
 
 }  // namespace ridgecast::testing_support
