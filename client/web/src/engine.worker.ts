@@ -19,11 +19,12 @@ let stream: Stream | undefined;
 let scene: Scene | undefined;
 let contentHash: bigint | undefined;
 let camera: Camera | undefined;
+let posed = 0; // the number of the page's newest pose
 let generation = 0; // of connections: what an older one is owed is never said
 const untaken: (() => void)[] = []; // acknowledgements that wait for the painter, as many as the server's window at most
 const sent = new Map<bigint, number>(); // poses and when they were sent
 const members = new Map<string, MemberTold>();
-const totals = { bytes: 0, decoded: 0, hashes: 0, mismatches: 0 };
+const totals = { bytes: 0, decoded: 0, hashes: 0, mismatches: 0, changes: 0 };
 
 function buffersOf(leaf: HeldLeaf): LeafBuffers {
   const { vertices, triangles } = leaf.mesh;
@@ -44,6 +45,7 @@ function toPainter(message: ToPainterFromEngine, transfer: Transferable[] = []):
 function show(change: Change, clear: boolean, then: () => void): void {
   const fresh = change.fresh.map(buffersOf);
   untaken.push(then);
+  ++totals.changes;
   toPainter(
     { kind: 'change', gone: change.gone.map(keyOf), fresh, clear },
     fresh.map((leaf) => leaf.corners.buffer as ArrayBuffer),
@@ -114,6 +116,7 @@ function take(from: Stream, held: Scene, iteration: Iteration, bytes: number): v
       triangles: held.triangles,
       leaves: held.leaves.size,
       settled: iteration.settled && same && sent.size === 0,
+      pose: posed,
       hashOk: same,
       effectiveThreshold: iteration.figures?.effectiveThreshold ?? 0,
       ...totals,
@@ -207,6 +210,7 @@ page.onmessage = ({ data }) => {
       break;
     case 'pose': {
       camera = data.camera;
+      posed = data.number;
       const sequence = stream?.pose(data.camera) ?? 0n;
       if (sequence > 0n) {
         sent.set(sequence, performance.now());

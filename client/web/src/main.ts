@@ -38,7 +38,11 @@ let lost = '';
 const engine = new EngineWorker();
 const painter = new PainterWorker();
 const toEngine = (message: ToEngine, transfer: Transferable[] = []): void => engine.postMessage(message, transfer);
-const toPainter = (message: ToPainter, transfer: Transferable[] = []): void => painter.postMessage(message, transfer);
+let posed = 0, painted = 0; // poses given to the engine, messages to the painter
+const toPainter = (message: ToPainter, transfer: Transferable[] = []): void => {
+  ++painted;
+  painter.postMessage(message, transfer);
+};
 
 // ---- telling people ----
 
@@ -78,7 +82,7 @@ function showFigures(): void {
   ];
   if (figures)
     lines.push(
-      `iteration ${figures.iteration}${figures.settled ? ', settled' : ''}  hash ${figures.hashOk ? 'agrees' : 'differs'}`,
+      `iteration ${figures.iteration}${isAtRest() ? ', settled' : ''}  hash ${figures.hashOk ? 'agrees' : 'differs'}`,
       `${count(figures.triangles)} triangles in ${figures.leaves} leaves, error ${figures.effectiveThreshold.toPrecision(3)} px`,
       `${(figures.bytes / 1e6).toFixed(2)} MB received  decoded in ${figures.decodeMs.toFixed(1)} ms  latency ${figures.latencyMs.toFixed(0)} ms`,
     );
@@ -118,7 +122,7 @@ engine.onmessage = ({ data }: MessageEvent<FromEngine>) => {
       if (!world.hasSource && look.mode !== 'mesh') setMode('mesh');
       for (const mode of ['march', 'split']) document.querySelector<HTMLButtonElement>(`[data-mode=${mode}]`)!.disabled = !world.hasSource;
       showThreshold(world.threshold);
-      sentPose = undefined;
+      sentPose = undefined; // told again, and nothing is at rest before it is answered
       break;
     }
     case 'lost':
@@ -383,7 +387,7 @@ function frame(now: number): void {
   if (now - sentAt >= POSE_INTERVAL && (!sentPose || !samePose(sentPose, pose))) {
     sentAt = now;
     sentPose = pose;
-    toEngine({ kind: 'pose', camera: { x: pose.x, z: pose.z, y: pose.y, yaw: pose.yaw, pitch: pose.pitch, verticalFov: VERTICAL_FOV, ...size } });
+    toEngine({ kind: 'pose', number: ++posed, camera: { x: pose.x, z: pose.z, y: pose.y, yaw: pose.yaw, pitch: pose.pitch, verticalFov: VERTICAL_FOV, ...size } });
   }
   if (now - savedAt > 2000 && seconds > 0 && samePose(pose, sentPose ?? pose)) {
     savedAt = now;
@@ -394,6 +398,15 @@ function frame(now: number): void {
 }
 setInterval(showFigures, 250);
 
+// Whether the mesh is all that will come for this pose; what was said of an earlier pose or connection does not count.
+function isAtRest(): boolean {
+  return lost === '' && sentPose !== undefined && samePose(sentPose, flying.pose) && figures !== undefined && figures.settled && figures.pose === posed;
+}
+// Whether the picture is all that the painter will make of that.
+function isDrawn(): boolean {
+  return isAtRest() && frames !== undefined && frames.finest && frames.messages === painted && frames.changes === figures!.changes;
+}
+
 // What tests read.
 export interface Report {
   connected: boolean;
@@ -401,6 +414,8 @@ export interface Report {
   world: WorldTold | undefined;
   figures: Figures | undefined;
   frames: typeof frames;
+  atRest: boolean;
+  drawn: boolean;
   others: MemberTold[];
   pose: View['pose'];
 }
@@ -422,6 +437,12 @@ export interface Report {
   },
   get others() {
     return others;
+  },
+  get atRest() {
+    return isAtRest();
+  },
+  get drawn() {
+    return isDrawn();
   },
   get pose() {
     return flying.pose;

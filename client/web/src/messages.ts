@@ -10,7 +10,7 @@ import type { Pose } from './render/view';
 export type ToEngine =
   | { kind: 'painter'; port: MessagePort }
   | { kind: 'start'; url: string; settings: Settings; token: string } // begins, or begins anew; what is held is resumed
-  | { kind: 'pose'; camera: Camera }
+  | { kind: 'pose'; camera: Camera; number: number } // the page counts them, from 1
   | { kind: 'hurry' } // try to connect now
   | { kind: 'stop' };
 
@@ -37,7 +37,9 @@ export interface Figures {
   iteration: number;
   triangles: number;
   leaves: number;
-  settled: boolean;
+  settled: boolean; // for the newest pose that the engine has
+  pose: number; // that one's
+  changes: number; // that the painter was given, since the page began
   hashOk: boolean;
   effectiveThreshold: number;
   bytes: number; // of iterations, since the page began
@@ -95,5 +97,6 @@ export type FromPainter =
   | { kind: 'ready'; renderer: string }
   | { kind: 'problem'; sentence: string; fatal: boolean }
   | { kind: 'ground'; metres: number }
-  | { kind: 'frames'; perSecond: number; coarseness: number; milliseconds: number; finest: boolean; drawnTriangles: number }
+  // `messages` of the page and `changes` of the engine were heard before.
+  | { kind: 'frames'; perSecond: number; coarseness: number; milliseconds: number; finest: boolean; drawnTriangles: number; messages: number; changes: number }
   | { kind: 'picture'; png: Blob };

@@ -41,6 +41,7 @@ let quickest = Infinity; // ms: what looking itself takes
 let scheduled = false;
 let marchIsNext = false; // in 'split'
 let frames = 0, framesSince = performance.now();
+const heard = { messages: 0, changes: 0 };
 
 function problem(sentence: string, fatal: boolean): void {
   page.postMessage({ kind: 'problem', sentence, fatal });
@@ -112,6 +113,7 @@ function hear(message: ToPainterFromEngine): void {
   if (message.kind === 'world') {
     void enter(message);
   } else {
+    ++heard.changes;
     if (renderer) leaves.apply(message.gone, message.fresh, message.clear);
     engine.postMessage({ kind: 'taken' } satisfies FromPainterToEngine);
     schedule();
@@ -259,6 +261,7 @@ function tell(view: View, more: boolean): void {
     milliseconds: main.milliseconds,
     finest: finest(view),
     drawnTriangles: panes.mesh.drawnTriangles,
+    ...heard,
   });
   frames = 0;
   framesSince = performance.now();
@@ -288,6 +291,7 @@ function present(of: string): void {
 }
 
 page.onmessage = ({ data }) => {
+  ++heard.messages;
   switch (data.kind) {
     case 'begin':
       begin(data);

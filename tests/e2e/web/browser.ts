@@ -2,7 +2,7 @@
 
 import { createRequire } from 'node:module';
 import { existsSync } from 'node:fs';
-import type { Browser, BrowserContextOptions, Page } from 'playwright-core';
+import type { Browser, BrowserContextOptions, CDPSession, Page } from 'playwright-core';
 import type { Report } from '../../../client/web/src/main';
 import { needed, sleep } from './server';
 
@@ -17,6 +17,9 @@ export function missing(): string {
   return '';
 }
 
+// Only there to end what hangs: a machine with much else to do may take long for anything.
+export const PATIENCE = 180_000;
+
 const launched: Browser[] = [];
 
 export async function closeAll(): Promise<void> {
@@ -25,7 +28,7 @@ export async function closeAll(): Promise<void> {
 
 export async function launch(switches: string[] = SOFTWARE): Promise<Browser> {
   const { chromium } = createRequire(needed('RIDGECAST_WEB') + '/')('playwright-core') as typeof import('playwright-core');
-  const browser = await chromium.launch({ executablePath: PROGRAM, args: [...SWITCHES, ...switches] });
+  const browser = await chromium.launch({ executablePath: PROGRAM, args: [...SWITCHES, ...switches], timeout: PATIENCE });
   launched.push(browser);
   return browser;
 }
@@ -37,10 +40,13 @@ interface Watched {
 
 export class Viewer {
   readonly complaints: string[] = [];
+  private devices: CDPSession | undefined;
   private constructor(readonly page: Page) {}
 
   static async open(browser: Browser, url: string, size = { width: 640, height: 360 }, more: BrowserContextOptions = {}): Promise<Viewer> {
-    const page = await (await browser.newContext({ viewport: size, acceptDownloads: true, ...more })).newPage();
+    const context = await browser.newContext({ viewport: size, acceptDownloads: true, ...more });
+    context.setDefaultTimeout(PATIENCE);
+    const page = await context.newPage();
     const viewer = new Viewer(page);
     page.on('console', (message) => {
       if (message.type() === 'error' || message.type() === 'warning') viewer.complaints.push(message.text());
@@ -62,7 +68,7 @@ export class Viewer {
   }
 
   /** Waits until the page's report says so. */
-  async until(what: string, is: (report: Report) => boolean, patience = 120_000): Promise<Report> {
+  async until(what: string, is: (report: Report) => boolean, patience = PATIENCE): Promise<Report> {
     const end = Date.now() + patience;
     for (;;) {
       const report = await this.report();
@@ -70,6 +76,24 @@ export class Viewer {
       if (Date.now() > end) throw new Error(`the page was to be ${what}, but is ${JSON.stringify(report)}, ${await this.problem()}`);
       await sleep(100);
     }
+  }
+
+  /** Waits until the camera stands: the same pose over ten of the page's frames. */
+  async still(): Promise<Report> {
+    for (const end = Date.now() + PATIENCE; Date.now() < end; ) {
+      const before = await this.report();
+      await this.page.evaluate(
+        () =>
+          new Promise<void>((done) => {
+            let left = 10;
+            const next = (): unknown => (left-- > 0 ? requestAnimationFrame(next) : done());
+            next();
+          }),
+      );
+      const now = await this.report();
+      if (JSON.stringify(now.pose) === JSON.stringify(before.pose)) return now;
+    }
+    throw new Error('the camera does not come to a stand');
   }
 
   /** The picture that the page keeps for people. */
@@ -91,6 +115,13 @@ export class Viewer {
   /** Milliseconds of the longest task of the page's own thread since it had run so long. */
   async longestTask(since: number): Promise<number> {
     return this.page.evaluate((from) => Math.max(0, ...(globalThis as unknown as Watched).longTasks.filter((t) => t.start >= from).map((t) => t.ms)), since);
+  }
+  /** Seconds that the page's own thread has worked, by its own clock, which stands while others have the processor. */
+  async worked(): Promise<number> {
+    this.devices ??= await this.page.context().newCDPSession(this.page);
+    await this.devices.send('Performance.enable', { timeDomain: 'threadTicks' });
+    const { metrics } = await this.devices.send('Performance.getMetrics');
+    return metrics.find((m) => m.name === 'TaskDuration')!.value;
   }
   async now(): Promise<number> {
     return this.page.evaluate(() => performance.now());
