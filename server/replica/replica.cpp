@@ -24,6 +24,17 @@ bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
   return true;
 }
 
+bool Replica::resumes(std::span<const pipeline::LeafState> leaves) const {
+  if (lastSent_ != 0 || held_.empty()) return false;
+  std::size_t known = 0;
+  auto held = held_.cbegin();
+  for (const pipeline::LeafState& leaf : leaves) {
+    while (held != held_.cend() && held->address < leaf.address) ++held;
+    known += held != held_.cend() && held->address == leaf.address;
+  }
+  return 2 * known >= leaves.size();
+}
+
 Changes Replica::send(std::span<const pipeline::LeafState> leaves) {
   assert(hasRoom());
   Changes changes;

@@ -66,6 +66,8 @@ class Replica {
   // happened: a leaf twice, or more than wire::kMaxResumed in all.
   bool resume(std::span<const wire::HeldLeaf> leaves);
   void setDeltas(bool deltas) { deltas_ = deltas; }
+  // Before the first send(): whether the client resumed at least half of these leaves, with whatever content. `leaves` as in send().
+  bool resumes(std::span<const pipeline::LeafState> leaves) const;
 
   // Whether another iteration may be sent: fewer than `window` are unacknowledged.
   bool hasRoom() const { return unacknowledged_.size() < window_; }

@@ -431,6 +431,11 @@ void CameraSession::iterate() {
     if (stage_ != Stage::kRuns) return;
     const bool tellsRest = iteration.settled && !atRest_;
     atRest_ = iteration.settled;
+    if (!lockstep_ && !pace_.limits() && !iteration.settled && unsent_ < kMostUnsent && replica_.resumes(mesh_->leaves())) {
+      ++unsent_;
+      figures.iterated(iteration.figures);
+      return;
+    }
     if (!newPose && !tellsRest && !replica_.differs(mesh_->leaves())) {
       figures.iterated(iteration.figures);
       return;

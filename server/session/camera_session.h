@@ -11,7 +11,9 @@
 // first iteration for a pose is always sent; later ones only when they carry something, and that the mesh is at rest is told once.
 // Lock-step: exactly one iteration for each pose, in order; at most kMaxQueuedPoses wait.
 //
-// A client that resumes names the leaves it still holds between hello and its first pose; only what differs is sent.
+// A client that resumes names the leaves it still holds between hello and its first pose; only what differs is sent. The mesh begins anew here, coarse:
+// in free pacing, without a budget of bytes, a client that holds at least half of its leaves keeps what it has until the mesh is at rest or was
+// iterated kMostUnsent times, instead of losing its detail and getting it again.
 //
 // The client has room when fewer than `window` iterations are unacknowledged and less than maxQueuedBytes wait in its way out. All that
 // waits there for long belongs to unacknowledged iterations, so an acknowledgement is the only event that can make room. With a budget of bytes a
@@ -46,6 +48,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   // thread of the pool; nullptr when the camera closes before that. False: there was no iteration yet, or kMaxHolds wait already.
   bool hold(Hold done);
   static constexpr std::size_t kMaxHolds = 16;
+  static constexpr int kMostUnsent = 16;  // a mesh without a budget that binds rests after 10 to 20
 
   std::uint64_t id() const { return id_; }
 
@@ -108,15 +111,16 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   bool alarmSet_ = false;
   std::vector<Hold> holds_;
   std::uint64_t sentNumber_ = 0, sentHash_ = 0;  // of the last iteration
+  int unsent_ = 0;                               // iterations before the first that was sent to a client that resumes
   std::shared_ptr<std::atomic<std::size_t>> queries_ = std::make_shared<std::atomic<std::size_t>>(0);  // not answered, or not sent yet
   std::shared_ptr<Grounds> grounds_;                                                                   // once one was asked for
 
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;
   replica::Bases bases_;
-  wire::PoseMessage pose_;  // of the last iteration
+  wire::PoseMessage pose_;     // of the last iteration
   std::uint32_t counted_ = 0;  // triangles, in the figures
-  bool posed_ = false;      // there was one; written under the lock
+  bool posed_ = false;         // there was one; written under the lock
   double effectiveThreshold_ = 0;
   std::shared_ptr<HeldMesh> copy_;
 };

@@ -1,9 +1,10 @@
 // Connections that are lost: a server that is killed and comes back on its port, and a line that breaks while the server lives. Nobody
-// restarts a client, and all hold the right mesh again within seconds.
+// restarts a client, and all hold the right mesh again (MEASURE=1: within five seconds).
 
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <algorithm>
 #include <chrono>
 #include <memory>
 #include <optional>
@@ -11,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "tests/support/measure.h"
 #include "tests/support/relay.h"
 #include "tests/support/server_process.h"
 #include "tests/support/traveller.h"
@@ -21,6 +23,8 @@ namespace {
 using namespace std::chrono_literals;
 using namespace testing_support;
 using Clock = std::chrono::steady_clock;
+
+constexpr auto kPatience = 120s;  // only there to end what hangs
 
 wire::Settings coarse() {
   wire::Settings s;
@@ -35,41 +39,39 @@ TEST(Resume, EightClientsSurviveAServerThatIsKilled) {
   for (int k = 0; k < 8; ++k) clients.push_back(std::make_unique<Traveller>(server->url(), coarse()));
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", clients[0]->line().world());
   const auto began = Clock::now();
+  // Until it is so; false when that does not come.
   const auto fly = [&](auto until) {
-    while (!until()) {
+    for (const auto end = Clock::now() + kPatience; !until();) {
+      if (Clock::now() > end) return false;
       const double t = std::chrono::duration<double>(Clock::now() - began).count();
       for (std::size_t k = 0; k < clients.size(); ++k) {
         clients[k]->send(path.looped(t + 3 * static_cast<double>(k)));
-        ASSERT_TRUE(clients[k]->take(0ms));
+        EXPECT_TRUE(clients[k]->take(0ms)) << clients[k]->failure();
       }
       std::this_thread::sleep_for(30ms);
     }
+    return true;
   };
   const auto for_ = [&](std::chrono::milliseconds time) {
     const auto end = Clock::now() + time;
     fly([&] { return Clock::now() > end; });
   };
-  const auto allAgree = [&] {
-    for (auto& c : clients)
-      if (!c->agrees()) return false;
-    return true;
-  };
-  for_(2s);
-  ASSERT_TRUE(allAgree());
+  const auto all = [&](auto is) { return std::all_of(clients.begin(), clients.end(), [&](auto& c) { return is(*c); }); };
+  const auto allAgree = [&] { return all([](Traveller& c) { return c.agrees() && c.iterations() > 10; }); };
+  ASSERT_TRUE(fly(allAgree));
 
   server->process().signal(SIGKILL);
-  server->process().wait(5s);
+  server->process().wait(kPatience);
+  EXPECT_TRUE(fly([&] { return all([](Traveller& c) { return c.line().error().has_value(); }); })) << "a client that did not notice";
   for_(1s);
-  for (auto& c : clients) {
-    EXPECT_TRUE(c->line().error()) << "a client that did not notice";
-    EXPECT_GT(c->scene().triangles(), 1000u) << "what is held stays";
-  }
+  for (auto& c : clients) EXPECT_GT(c->scene().triangles(), 1000u) << "what is held stays";
   server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
   const auto back = Clock::now();
-  fly([&] { return allAgree() || Clock::now() > back + 20s; });
+  EXPECT_TRUE(fly(allAgree));
   const double seconds = std::chrono::duration<double>(Clock::now() - back).count();
-  EXPECT_TRUE(allAgree());
-  EXPECT_LT(seconds, 5);
+  if (measures()) {
+    EXPECT_LT(seconds, 5);
+  }
   RecordProperty("milliseconds", static_cast<int>(seconds * 1e3));
   for_(1s);
   for (auto& c : clients) {
@@ -87,21 +89,21 @@ TEST(Resume, ALineThatBreaksCostsOnlyWhatIsMissing) {
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", client.line().world());
   const auto rest = [&] {
     client.send(path.at(0));
-    for (const auto until = Clock::now() + 30s; Clock::now() < until && !client.settled();) client.take(50ms);
+    for (const auto until = Clock::now() + kPatience; Clock::now() < until && !client.settled();) client.take(50ms);
     return client.settled();
   };
   ASSERT_TRUE(rest());
   const std::uint64_t hash = client.scene().hash();
   const std::size_t before = client.wholes(), leaves = client.scene().leaves().size();
   relay.breakAll();
-  for (const auto until = Clock::now() + 10s; Clock::now() < until && client.line().reconnections() == 0;) client.take(20ms);
+  for (const auto until = Clock::now() + kPatience; Clock::now() < until && client.line().reconnections() == 0;) client.take(20ms);
   ASSERT_EQ(client.line().reconnections(), 1u);
   ASSERT_TRUE(rest());
   EXPECT_EQ(client.mismatches(), 0u);
-  // The same pose comes to nearly the same mesh again, and far leaves were never touched.
-  EXPECT_LT(client.wholes() - before, leaves * 3 / 4);
+  // The same pose comes to the same mesh again: next to nothing is sent.
+  EXPECT_LT(client.wholes() - before, leaves / 10);
   EXPECT_EQ(client.scene().leaves().size(), leaves);
-  (void)hash;
+  EXPECT_EQ(client.scene().hash(), hash);
   EXPECT_TRUE(server.healthy());
 }
 

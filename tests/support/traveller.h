@@ -25,7 +25,7 @@ class Traveller {
     auto opened = connection::Resuming::open(*connection::parseUrl(url), hello, [this](const wire::World& world) {
       if (world.contentHash != contentHash_) scene_.clear();
       scene_.reconnect();
-      agrees_ = false;
+      agrees_ = settled_ = false;
       auto held = scene_.held();
       resumed_ += held.size();
       return held;
@@ -37,6 +37,7 @@ class Traveller {
 
   void send(const camera::Camera& camera) {
     line_->send({++sequence_, camera});
+    settled_ = false;
     sent_.push_back({sequence_, std::chrono::steady_clock::now()});
   }
   // Takes what is there; false: something cannot be applied.

@@ -152,6 +152,19 @@ TEST(Replica, ResendsNamedLeavesAndIgnoresStrangers) {
   EXPECT_THAT(replica.send(world.list()).whole, testing::SizeIs(4));
 }
 
+TEST(Replica, KnowsAClientThatResumesMostOfTheMesh) {
+  World world;
+  for (int k = 1; k <= 4; ++k) world.set(at(k), 11);
+  Replica replica;
+  EXPECT_FALSE(replica.resumes(world.list()));
+  ASSERT_TRUE(replica.resume(std::vector<wire::HeldLeaf>{{at(0), 1}, {at(3), 1}, {at(9), 1}}));
+  EXPECT_FALSE(replica.resumes(world.list())) << "a quarter";
+  ASSERT_TRUE(replica.resume(std::vector<wire::HeldLeaf>{{at(1), 11}}));
+  EXPECT_TRUE(replica.resumes(world.list())) << "half, with any content";
+  replica.send(world.list());
+  EXPECT_FALSE(replica.resumes(world.list())) << "once";
+}
+
 // Random worlds, delays, losses and acknowledgements against a client that merely applies what it gets.
 TEST(Replica, ClientAlwaysEndsWithTheMesh) {
   for (unsigned seed = 0; seed < 60; ++seed) {

@@ -51,7 +51,7 @@ class ScriptedMesh final : public IteratingMesh {
   std::uint64_t versions_ = 0;
 };
 
-constexpr std::chrono::seconds kPatience{5};
+constexpr std::chrono::seconds kPatience{120};
 
 }  // namespace
 
@@ -71,6 +71,18 @@ MakeMesh scriptedMeshes(std::shared_ptr<Script> script) {
   return [script](std::shared_ptr<const terrain::Terrain>, const wire::Settings&, std::shared_ptr<scheduling::Pool>) {
     return std::make_unique<ScriptedMesh>(script);
   };
+}
+
+void Client::hold(const mesh::LeafMesh& leaf) {
+  const std::lock_guard lock(mutex_);
+  held_[leaf.address] = leaf;
+}
+
+wire::Resume Client::held() const {
+  const std::lock_guard lock(mutex_);
+  wire::Resume out;
+  for (const auto& [address, leaf] : held_) out.leaves.push_back({address, mesh::hashLeaf(leaf)});
+  return out;
 }
 
 std::vector<wire::Settings> Client::granted() const {

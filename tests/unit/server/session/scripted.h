@@ -45,7 +45,11 @@ class Client : public Sender {
 
   std::atomic<std::size_t> queued{0};
 
-  // All wait at most five seconds and say nothing when it did not happen.
+  // Before anything is sent: what is held from an earlier connection.
+  void hold(const mesh::LeafMesh& leaf);
+  wire::Resume held() const;
+
+  // All wait, and say nothing when it does not happen.
   std::optional<wire::World> world();
   std::optional<wire::Iteration> iteration();  // the next one not yet taken; applied already
   std::optional<wire::ErrorMessage> error();
