@@ -18,6 +18,7 @@
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/traveller.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -64,21 +65,18 @@ class Balance : public testing::Test {
     for (auto& server : servers)
       server = std::make_unique<ServerProcess>(RIDGECAST_SERVER,
                                                std::vector<std::string>{"--trusted-proxy", "127.0.0.0/8", "--reconnect-url", ""});
-    port = freePort();
     const auto at = [](std::uint16_t p) { return "127.0.0.1:" + std::to_string(p); };
-    balancer = std::make_unique<Process>(std::vector<std::string>{"/usr/sbin/haproxy", "-db", "-f", RIDGECAST_HAPROXY},
-                                         Environment{{"BIND", at(port)},
-                                                     {"SERVER_A", at(servers[0]->port())},
-                                                     {"SERVER_B", at(servers[1]->port())},
-                                                     {"ADMIN", (folder / "admin").string()}});
-    const auto until = Clock::now() + 20s;
-    for (bool ready = false; !ready && Clock::now() < until;) {
-      try {
-        ready = get(port, "/readyz").starts_with("HTTP/1.1 200");
-      } catch (const std::exception&) {
-      }
-      if (!ready) std::this_thread::sleep_for(50ms);
+    bool ready = false;
+    for (int attempt = 0; attempt < 5 && !ready; ++attempt) {  // somebody else may take the port before HAProxy does
+      port = freePort();
+      balancer = std::make_unique<Process>(std::vector<std::string>{"/usr/sbin/haproxy", "-db", "-f", RIDGECAST_HAPROXY},
+                                           Environment{{"BIND", at(port)},
+                                                       {"SERVER_A", at(servers[0]->port())},
+                                                       {"SERVER_B", at(servers[1]->port())},
+                                                       {"ADMIN", (folder / "admin").string()}});
+      ready = await([&] { return !balancer->running() || get(port, "/readyz").starts_with("HTTP/1.1 200"); }) && balancer->running();
     }
+    ASSERT_TRUE(ready) << balancer->output();
   }
 
   std::string url(const std::string& session) const {
@@ -89,7 +87,7 @@ class Balance : public testing::Test {
       if (!c->agrees()) return false;
     return true;
   }
-  void fly(std::chrono::milliseconds atMost, const std::function<bool()>& until) {
+  void fly(const std::function<bool()>& until, std::chrono::milliseconds atMost = kPatience) {
     for (const auto end = Clock::now() + atMost; Clock::now() < end && !until();) {
       for (std::size_t k = 0; k < clients.size(); ++k) {
         clients[k]->send(path->looped(std::chrono::duration<double>(Clock::now() - began).count() + 3 * static_cast<double>(k)));
@@ -102,8 +100,8 @@ class Balance : public testing::Test {
   void depart() {
     for (int k = 0; k < 6; ++k) clients.push_back(std::make_unique<Traveller>(url("world-" + std::to_string(k % 3)), coarse()));
     path = std::make_unique<PathCamera>(RIDGECAST_PATHS "/alpine.json", clients[0]->line().world());
-    fly(1500ms, [] { return false; });
-    fly(20s, [&] { return allAgree(); });
+    fly([] { return false; }, 1500ms);
+    fly([&] { return allAgree(); });
     ASSERT_TRUE(allAgree());
     ASSERT_EQ(figure(servers[0]->port(), "ridgecast_cameras") + figure(servers[1]->port(), "ridgecast_cameras"), 6);
   }
@@ -111,7 +109,7 @@ class Balance : public testing::Test {
   std::size_t busier() {
     return figure(servers[0]->port(), "ridgecast_cameras") >= figure(servers[1]->port(), "ridgecast_cameras") ? 0 : 1;
   }
-  // All fly on at the other server within ten seconds, holding what they held, and nobody was started again.
+  // All fly on at the other server (MEASURE=1: within ten seconds), holding what they held, and nobody was started again.
   void expectAllAt(std::size_t remaining, double moved) {
     const auto start = Clock::now();
     std::uint64_t again = 0;
@@ -120,13 +118,15 @@ class Balance : public testing::Test {
       for (auto& c : clients) again += c->line().reconnections();
       return again >= static_cast<std::uint64_t>(moved) && allAgree();
     };
-    fly(30s, arrived);
+    fly(arrived);
     const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
     EXPECT_TRUE(arrived());
-    EXPECT_LT(seconds, 10);
+    if (measures()) {
+      EXPECT_LT(seconds, 10);
+    }
     RecordProperty("milliseconds", static_cast<int>(seconds * 1e3));
-    fly(1s, [] { return false; });
-    fly(20s, [&] { return allAgree(); });
+    fly([] { return false; }, 1s);
+    fly([&] { return allAgree(); });
     EXPECT_TRUE(allAgree());
     std::size_t resumed = 0;
     for (auto& c : clients) {
@@ -134,7 +134,7 @@ class Balance : public testing::Test {
       resumed += c->resumed();
     }
     EXPECT_GT(resumed, 100u);
-    EXPECT_EQ(figure(servers[remaining]->port(), "ridgecast_cameras"), 6);
+    EXPECT_TRUE(await([&] { return figure(servers[remaining]->port(), "ridgecast_cameras") == 6; }));
   }
 
   ScratchFolder folder;
@@ -192,7 +192,7 @@ TEST_F(Balance, DrainingMovesClientsToTheOther) {
   servers[leaving]->process().signal(SIGUSR1);
   expectAllAt(1 - leaving, moved);
   EXPECT_TRUE(get(servers[leaving]->port(), "/readyz").starts_with("HTTP/1.1 503"));
-  EXPECT_EQ(figure(servers[leaving]->port(), "ridgecast_cameras"), 0);
+  EXPECT_TRUE(await([&] { return figure(servers[leaving]->port(), "ridgecast_cameras") == 0; }));
   EXPECT_EQ(servers[leaving]->stop(), 0);
 }
 
@@ -202,7 +202,7 @@ TEST_F(Balance, EndingDoesTheSame) {
   const double moved = figure(servers[leaving]->port(), "ridgecast_cameras");
   servers[leaving]->process().signal(SIGTERM);
   expectAllAt(1 - leaving, moved);
-  EXPECT_EQ(servers[leaving]->process().wait(10s), 0);
+  EXPECT_EQ(servers[leaving]->process().wait(kPatience), 0);
 }
 
 }  // namespace

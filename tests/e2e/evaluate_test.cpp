@@ -16,6 +16,7 @@
 
 #include "client/render/context.h"
 #include "tests/support/process.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -59,13 +60,12 @@ class Evaluate : public testing::Test {
     folder_ = std::make_unique<ScratchFolder>();
     Process first(command(out()));
     const std::filesystem::path early = out() / "views/archipelago-low/view.json";
-    for (int k = 0; k < 1200 && first.running() && !std::filesystem::exists(early); ++k)
-      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    await([&] { return !first.running() || std::filesystem::exists(early); }, 5 * kPatience);
     killedInTheMiddle_ = first.running();
     first.signal(SIGKILL);
-    first.wait(std::chrono::seconds(10));
+    first.wait(kPatience);
     early_ = readText(early);
-    second_ = runProgram(command(out()), {}, std::chrono::seconds(240));
+    second_ = runProgram(command(out()));
   }
   static void TearDownTestSuite() { folder_.reset(); }
   void SetUp() override {
@@ -85,13 +85,13 @@ TEST_F(Evaluate, GoesOnWhereItWasKilled) {
   ASSERT_FALSE(early_.empty());
   EXPECT_EQ(readText(out() / "views/archipelago-low/view.json"), early_);  // not measured again
   // And once all is there, nothing is: only the report is written.
-  const auto again = runProgram(command(out()), {}, std::chrono::seconds(30));
+  const auto again = runProgram(command(out()));
   EXPECT_EQ(again.code, 0) << again.output;
   EXPECT_THAT(again.output, Not(HasSubstr("flying")));
 }
 
 TEST_F(Evaluate, RefusesAFolderOfOtherOptions) {
-  const auto other = runProgram(command(out(), "128x64"), {}, std::chrono::seconds(30));
+  const auto other = runProgram(command(out(), "128x64"));
   EXPECT_EQ(other.code, 2);
   EXPECT_THAT(other.output, HasSubstr("choose another --out"));
 }

@@ -60,7 +60,7 @@ class Fly : public testing::Test {
         RIDGECAST_CLIENT, "fly",     server_->url(), "--path", RIDGECAST_PATHS "/" + path + ".json", "--out", (*folder_ / out).string(),
         "--size",         "320x180", "--threshold",  "0.5"};
     command.insert(command.end(), more.begin(), more.end());
-    return runProgram(command, {}, std::chrono::seconds(240));
+    return runProgram(command);
   }
   static std::filesystem::path file(const std::string& name) { return *folder_ / ("out/" + name); }
 

@@ -15,6 +15,7 @@
 #include "tests/support/flier.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -236,8 +237,7 @@ TEST_F(Hostile, MoreConnectionsThanThereIsRoomFor) {
   std::vector<std::unique_ptr<SocketClient>> clients;
   for (int k = 0; k < 150; ++k) clients.push_back(std::make_unique<SocketClient>(port()));
   clients.clear();
-  const auto until = std::chrono::steady_clock::now() + 10s;
-  while (!server_->healthy() && std::chrono::steady_clock::now() < until) std::this_thread::sleep_for(50ms);
+  EXPECT_TRUE(await([] { return server_->healthy(); }));
 }
 
 TEST_F(Hostile, MessagesOutOfPlace) {

@@ -1,6 +1,6 @@
 // Bad lines and bad clients: a long line with jitter, a narrow one, clients that stop, read a byte a second, lie or are killed in the
-// middle of a message. The mesh that is held has no hole, and the others do not notice. STALL_SECONDS=30 stops them for so long, and
-// wants nine tenths of the others' rate.
+// middle of a message. The mesh that is held has no hole, and the others are served on. STALL_SECONDS=30 stops them for so long; MEASURE=1, on a
+// machine that does nothing else, wants nine tenths of the others' rate.
 
 #include <gtest/gtest.h>
 
@@ -19,6 +19,7 @@
 #include "tests/support/relay.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -49,8 +50,8 @@ TEST(Lines, AQuickTurnOverALongLineShowsNoHole) {
   Relay relay(server.port(), {.delay = 50ms, .jitter = 10ms, .bytesPerSecond = 1'250'000});
   Traveller client(relay.url(), settings(1));
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", client.line().world());
-  // The round trip, jitter and 150 ms; on a machine that has nothing else to do the 99th percentile keeps to it too.
-  expectQuickTurn(client, path, 250, 1000);
+  // The round trip, jitter and 150 ms.
+  expectQuickTurn(client, path, 250, 270);
   EXPECT_TRUE(server.healthy());
 }
 
@@ -64,7 +65,9 @@ TEST(Lines, ANarrowLineCarriesAUsableWorld) {
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", client.line().world());
   const auto began = Clock::now();
   double firstView = 0;
-  while (secondsSince(began) < 12) {
+  // Twelve seconds, and as many more as a slow machine takes for what the line could have carried long since.
+  const auto usable = [&] { return client.scene().triangles() > 20'000 && client.latencies().size() > 12; };
+  while (secondsSince(began) < 12 || (!usable() && Clock::now() < began + kPatience)) {
     const camera::Camera camera = path.at(secondsSince(began));
     client.send(camera);
     ASSERT_TRUE(client.take(30ms)) << client.failure();
@@ -73,10 +76,13 @@ TEST(Lines, ANarrowLineCarriesAUsableWorld) {
     ASSERT_EQ(holes(client.scene(), camera.pose), 0);
   }
   EXPECT_EQ(client.mismatches(), 0u);
-  EXPECT_LT(firstView, 3);
+  if (measures()) {
+    EXPECT_LT(firstView, 3);
+    EXPECT_LT(secondsSince(began), 13);
+  }
   EXPECT_GT(client.scene().triangles(), 20'000u) << "coarse, but not useless";
-  EXPECT_GT(client.latencies().size(), 12u) << "at least one iteration a second";
-  EXPECT_LT(relay.bytesDown(), 12 * 64'000u);
+  EXPECT_GT(client.latencies().size(), 12u);
+  EXPECT_LT(static_cast<double>(relay.bytesDown()), 64'000 * (secondsSince(began) + 1));
   RecordProperty("first_view_ms", static_cast<int>(firstView * 1e3));
   RecordProperty("p50_ms", static_cast<int>(percentile(client.latencies(), 0.5)));
   RecordProperty("triangles", static_cast<int>(client.scene().triangles()));
@@ -110,6 +116,15 @@ class Neighbours : public testing::Test {
         EXPECT_TRUE(good_->take(std::chrono::duration_cast<std::chrono::milliseconds>(next - Clock::now()) + 1ms));
     }
     return static_cast<double>(good_->iterations() - before) / secondsSince(start);
+  }
+
+  // The good client got iterations all the while, and goes on to get them.
+  void expectServed(double during, double before) {
+    if (measures()) {
+      EXPECT_GT(during, 0.9 * before);
+    }
+    const std::size_t now = good_->iterations();
+    EXPECT_TRUE(await([&] { return fly(100ms), good_->iterations() >= now + 5; }));
   }
 
   std::string poseMessage(std::uint64_t sequence) {
@@ -149,16 +164,16 @@ TEST_F(Neighbours, ClientsThatStopOrReadAByteASecondCostAFixedBound) {
     during += fly(1s) / seconds;
   }
   const double peak = residentMib(server_->process().id());
-  EXPECT_GT(during, (longer ? 0.9 : 0.6) * before);  // a short look on a busy machine says less
+  expectServed(during, before);
   EXPECT_LT(peak, memory + 6 * 60);
   clients.clear();
   relays.clear();
-  fly(4s);
+  const auto comesBack = [&] { return fly(500ms), residentMib(server_->process().id()) < memory + 0.5 * (peak - memory) + 30; };
+  EXPECT_TRUE(await(comesBack)) << residentMib(server_->process().id());
   RecordProperty("rate_before", std::to_string(before));
   RecordProperty("rate_during", std::to_string(during));
   RecordProperty("mib_before_peak_after",
                  std::to_string(memory) + " " + std::to_string(peak) + " " + std::to_string(residentMib(server_->process().id())));
-  EXPECT_LT(residentMib(server_->process().id()), memory + 0.5 * (peak - memory) + 30);
 }
 
 TEST_F(Neighbours, LiarsAreSentAwayAndTheOthersKeepTheirRate) {
@@ -185,7 +200,7 @@ TEST_F(Neighbours, LiarsAreSentAwayAndTheOthersKeepTheirRate) {
     }
   }
   EXPECT_EQ(sentAway, 12);
-  EXPECT_GT(during, 0.6 * before);
+  expectServed(during, before);
 }
 
 TEST_F(Neighbours, ClientsKilledInMidMessageAreForgotten) {
@@ -206,9 +221,9 @@ TEST_F(Neighbours, ClientsKilledInMidMessageAreForgotten) {
     relay.breakAll();
     fly(300ms);
   }
-  fly(2s);
+  EXPECT_TRUE(await([&] { return fly(500ms), residentMib(server_->process().id()) < memory + 40; }))
+      << residentMib(server_->process().id());
   RecordProperty("mib_before_after", std::to_string(memory) + " " + std::to_string(residentMib(server_->process().id())));
-  EXPECT_LT(residentMib(server_->process().id()), memory + 40);
 }
 
 }  // namespace

@@ -12,10 +12,10 @@
 #include <thread>
 #include <vector>
 
-#include "tests/support/measure.h"
 #include "tests/support/relay.h"
 #include "tests/support/server_process.h"
 #include "tests/support/traveller.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -23,8 +23,6 @@ namespace {
 using namespace std::chrono_literals;
 using namespace testing_support;
 using Clock = std::chrono::steady_clock;
-
-constexpr auto kPatience = 120s;  // only there to end what hangs
 
 wire::Settings coarse() {
   wire::Settings s;

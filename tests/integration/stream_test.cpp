@@ -16,6 +16,7 @@
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
 #include "tests/support/flier.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -74,9 +75,7 @@ class StreamTest : public testing::Test {
   }
   // Places are given back a moment after a client has gone.
   bool cameras(std::uint32_t expected) const {
-    const auto until = std::chrono::steady_clock::now() + 10s;
-    while (directory->cameras() != expected && std::chrono::steady_clock::now() < until) std::this_thread::sleep_for(5ms);
-    return directory->cameras() == expected;
+    return await([&] { return directory->cameras() == expected; });
   }
 
   net::Settings settings;
@@ -122,7 +121,7 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
   std::uint64_t sequence = 0;
   const auto next = [&] {
     connection->send({++sequence, cameraAt(0)});
-    auto r = connection->receive(30s);
+    auto r = connection->receive(kPatience);
     if (!r) throw std::runtime_error("no iteration");
     return std::move(r->iteration);
   };
@@ -152,7 +151,7 @@ TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
   scene::Scene held;
   const auto settle = [&] {
     for (int k = 0; k < 500; ++k) {
-      const auto r = connection->receive(30s);
+      const auto r = connection->receive(kPatience);
       if (!r) throw std::runtime_error("no iteration");
       EXPECT_TRUE(held.apply(r->iteration));
       EXPECT_EQ(held.hash(), r->iteration.meshHash);
@@ -183,7 +182,7 @@ TEST_F(StreamTest, ClientsThatLeaveInTheMiddleGiveTheirPlaceBack) {
     EXPECT_EQ(directory->cameras(), 6u);
     for (auto& f : fliers)
       for (int k = 0; k < 5; ++k) f->send(cameraAt(k));
-    for (std::size_t k = 0; k < fliers.size(); k += 2) fliers[k]->take(30s);
+    for (std::size_t k = 0; k < fliers.size(); k += 2) fliers[k]->take(kPatience);
     fliers.clear();
     EXPECT_TRUE(cameras(0));
   }
@@ -205,7 +204,7 @@ TEST_F(StreamTest, AServerThatGoesIsToldOfAndItsSuccessorTakesOver) {
         end = e.what();
       }
     });
-  while (flying < 3) std::this_thread::sleep_for(5ms);
+  EXPECT_TRUE(await([&] { return flying == 3; }));
   stop();
   for (std::thread& p : pilots) p.join();
   for (const std::string& end : ends)

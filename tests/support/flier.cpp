@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "tests/support/waiting.h"
+
 namespace ridgecast::testing_support {
 
 using namespace std::chrono_literals;
@@ -46,7 +48,7 @@ std::optional<wire::Iteration> Flier::take(std::chrono::milliseconds patience) {
 
 wire::Iteration Flier::step(const camera::Camera& camera) {
   const std::uint64_t sequence = send(camera);
-  auto iteration = take(60s);
+  auto iteration = take(kPatience);
   if (!iteration) {
     const auto why = connection_->error();
     throw std::runtime_error("pose " + std::to_string(sequence) + " was not answered: " + (why ? why->message : "silence"));

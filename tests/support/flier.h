@@ -28,7 +28,7 @@ class Flier {
   std::uint64_t send(const camera::Camera& camera);
   // Applies and acknowledges the next iteration; nothing when none came. Throws when it cannot be applied or the hash differs.
   std::optional<wire::Iteration> take(std::chrono::milliseconds patience);
-  // One pose and its iteration. Throws when none comes within a minute.
+  // One pose and its iteration. Throws when none comes.
   wire::Iteration step(const camera::Camera& camera);
   // Steps at one pose until nothing is refined any more; how many steps. Throws after `most`.
   int settle(const camera::Camera& camera, int most = 200);

@@ -53,7 +53,7 @@ struct Finished {
   std::string output;
 };
 Finished runProgram(const std::vector<std::string>& command, const Environment& environment = {},
-                    std::chrono::milliseconds patience = std::chrono::seconds(120));
+                    std::chrono::milliseconds patience = std::chrono::seconds(600));
 
 // Whether a program of this name is found along PATH.
 bool programExists(const std::string& name);

@@ -5,6 +5,7 @@
 #include <thread>
 
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::testing_support {
 
@@ -12,7 +13,8 @@ using namespace std::chrono_literals;
 
 namespace {
 
-std::vector<std::string> commandLine(const std::string& program, const std::string& portFile, std::uint16_t port, const std::vector<std::string>& arguments) {
+std::vector<std::string> commandLine(const std::string& program, const std::string& portFile, std::uint16_t port,
+                                     const std::vector<std::string>& arguments) {
   std::vector<std::string> command{program, "--port", std::to_string(port), "--port-file", portFile, "--quiet"};
   command.insert(command.end(), arguments.begin(), arguments.end());
   return command;
@@ -22,7 +24,7 @@ std::vector<std::string> commandLine(const std::string& program, const std::stri
 
 ServerProcess::ServerProcess(const std::string& program, const std::vector<std::string>& arguments, std::uint16_t port)
     : process_(commandLine(program, (folder_ / "port").string(), port, arguments)) {
-  const auto until = std::chrono::steady_clock::now() + 60s;
+  const auto until = std::chrono::steady_clock::now() + kPatience;
   std::string text;
   while ((text = readText(folder_ / "port")).empty()) {
     if (!process_.running() || std::chrono::steady_clock::now() > until)
@@ -42,7 +44,7 @@ bool ServerProcess::healthy() {
 
 std::optional<int> ServerProcess::stop() {
   process_.signal(SIGTERM);
-  return process_.wait(10s);
+  return process_.wait(kPatience);
 }
 
 }  // namespace ridgecast::testing_support

@@ -20,7 +20,7 @@ class ServerProcess {
   // Whether the process runs and answers /healthz with ok.
   bool healthy();
   Process& process() { return process_; }
-  // Asks it to end (SIGTERM); its exit code, nothing when it does not end within ten seconds.
+  // Asks it to end (SIGTERM); its exit code, nothing when it does not end.
   std::optional<int> stop();
 
  private:

@@ -9,6 +9,8 @@
 #include <cerrno>
 #include <utility>
 
+#include "tests/support/waiting.h"
+
 namespace ridgecast::testing_support {
 
 SocketClient::SocketClient(std::uint16_t port) {
@@ -17,7 +19,7 @@ SocketClient::SocketClient(std::uint16_t port) {
   address.sin_family = AF_INET;
   address.sin_port = htons(port);
   address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  const timeval patience{5, 0};
+  const timeval patience{kPatience.count(), 0};
   setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
   setsockopt(socket_, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
   if (::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0) {
@@ -71,7 +73,8 @@ bool SocketClient::closed() {
 bool SocketClient::upgrade(std::string_view target, std::string_view headers) {
   send("GET " + std::string(target) +
        " HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
-       "dGhlIHNhbXBsZSBub25jZQ==\r\n" + std::string(headers) + "\r\n");
+       "dGhlIHNhbXBsZSBub25jZQ==\r\n" +
+       std::string(headers) + "\r\n");
   const std::string a = answer();
   // The answer to this key is the example of RFC 6455, section 1.3.
   if (a.starts_with("HTTP/1.1 101 ") && a.find("s3pPLMBiTxaQ9kYGzzhZRbK+xOo=") != std::string::npos) return true;

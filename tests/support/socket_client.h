@@ -18,7 +18,7 @@ class SocketClient {
   bool send(std::string_view bytes);  // false: the server has closed
   // An HTTP answer: header and body (by Content-Length), or what came until the connection ended.
   std::string answer(bool hasBody = true);
-  bool closed();  // whether the server closes within five seconds
+  bool closed();  // waits until the server closes; false: it does not
 
   // `headers`: further lines, each with its \r\n. False: another answer than the upgrade, kept in refusal().
   bool upgrade(std::string_view target = "/v1/stream?session=default", std::string_view headers = "");
@@ -35,7 +35,7 @@ class SocketClient {
                                                 : 0;
     }
   };
-  std::optional<Frame> receive();  // within five seconds; pings are answered and passed over
+  std::optional<Frame> receive();  // pings are answered and passed over; nothing: the connection ended, or nothing came for long
   int awaitClose();                // the code of the close frame, after whatever else; 0: the connection ended without one
 
  private:
