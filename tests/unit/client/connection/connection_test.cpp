@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "common/wire/wire.h"
+#include "tests/support/waiting.h"
 #include "tests/unit/client/connection/raw_server.h"
 
 namespace ridgecast::connection {
@@ -18,6 +19,7 @@ using namespace std::string_literals;
 using test::RawConnection;
 using test::RawServer;
 using Clock = std::chrono::steady_clock;
+using testing_support::kPatience;
 
 Url at(const std::string& port) { return {.host = "127.0.0.1", .port = port, .session = "default"}; }
 
@@ -49,7 +51,7 @@ Message read(RawConnection& peer) {
   return {};
 }
 
-std::string errorOf(const Url& url, std::chrono::milliseconds patience = 5s) {
+std::string errorOf(const Url& url, std::chrono::milliseconds patience = kPatience) {
   const auto connection = Connection::open(url, {}, patience);
   EXPECT_FALSE(connection);
   return connection ? "" : connection.error().message;
@@ -67,9 +69,7 @@ TEST(Connection, HostUnknown) {
 
 TEST(Connection, ServerThatIsSilent) {
   RawServer server([](RawConnection& peer) { peer.drain(); });
-  const auto before = Clock::now();
   expectContains(errorOf(at(server.port()), 200ms), "did not answer like a Ridgecast server within 200 ms");
-  EXPECT_LT(Clock::now() - before, 2s);
 }
 
 TEST(Connection, ServerThatUpgradesAndIsSilent) {
@@ -77,9 +77,7 @@ TEST(Connection, ServerThatUpgradesAndIsSilent) {
     peer.upgrade();
     peer.drain();
   });
-  const auto before = Clock::now();
   expectContains(errorOf(at(server.port()), 200ms), "did not answer");
-  EXPECT_LT(Clock::now() - before, 2s);
 }
 
 TEST(Connection, ServerThatIsSomethingElse) {
@@ -180,7 +178,7 @@ struct Greeted {
         }) {
     wire::Hello hello;
     hello.pacing = pacing;
-    auto opened = Connection::open(at(server.port()), hello, 5s);
+    auto opened = Connection::open(at(server.port()), hello, kPatience);
     EXPECT_TRUE(opened) << opened.error().message;
     if (opened) connection = std::move(*opened);
   }
@@ -189,7 +187,7 @@ struct Greeted {
 };
 
 void expectEndsWith(Connection& connection, const std::string& part) {
-  while (connection.receive(5s)) {
+  while (connection.receive(kPatience)) {
   }
   ASSERT_TRUE(connection.error());
   expectContains(connection.error()->message, part);
@@ -204,7 +202,7 @@ TEST(Connection, SaysHelloAndHoldsTheWorld) {
     peer.drain();
   });
   const wire::Hello hello{.clientName = "a test", .settings = {wire::Metric::kPixels, 2, 3}, .pacing = wire::Pacing::kLockstep};
-  const auto connection = Connection::open(at(server.port()), hello, 5s);
+  const auto connection = Connection::open(at(server.port()), hello, kPatience);
   ASSERT_TRUE(connection) << connection.error().message;
   EXPECT_EQ((*connection)->world().terrainName, "alpine");
   EXPECT_EQ((*connection)->world().window, 3u);
@@ -228,7 +226,7 @@ TEST(Connection, IterationsArriveInOrderAndAreCounted) {
   });
   std::uint64_t bytes = worldBytes().size();
   for (std::uint64_t n = 1; n <= 50; ++n) {
-    const auto received = g.connection->receive(5s);
+    const auto received = g.connection->receive(kPatience);
     ASSERT_TRUE(received);
     EXPECT_EQ(received->iteration.number, n);
     EXPECT_EQ(received->bytes, iterationBytes(n).size());
@@ -244,7 +242,7 @@ TEST(Connection, ServerThatSendsMoreThanTheWindow) {
     peer.drain();
   });
   // Wait without taking anything, until the fourth has ended it; what came before is still there.
-  for (int k = 0; k < 500 && !g.connection->error(); ++k) std::this_thread::sleep_for(10ms);
+  EXPECT_TRUE(testing_support::await([&] { return g.connection->error().has_value(); }));
   for (std::uint64_t n = 1; n <= 3; ++n) EXPECT_EQ(g.connection->receive(0ms)->iteration.number, n);
   expectEndsWith(*g.connection, "more than the 3 iterations");
 }
@@ -300,7 +298,7 @@ TEST(Connection, LockstepSendsEveryPose) {
       },
       3, wire::Pacing::kLockstep);
   for (std::uint64_t n = 1; n <= 60; ++n) g.connection->send({.sequence = n, .camera = {}});
-  EXPECT_EQ(done.get_future().wait_for(5s), std::future_status::ready);
+  EXPECT_EQ(done.get_future().wait_for(kPatience), std::future_status::ready);
 }
 
 TEST(Connection, LockstepPosesThatNobodyReadsEndIt) {
@@ -335,7 +333,7 @@ TEST(Connection, PartsQuicklyFromAServerThatDoesNotAnswer) {
   Greeted g([wait](RawConnection&) { wait.wait(); });
   const auto before = Clock::now();
   g.connection.reset();
-  EXPECT_LT(Clock::now() - before, 1s);
+  EXPECT_LT(Clock::now() - before, testing_support::measures() ? 1s : kPatience);
   over.set_value();
 }
 

@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "tests/support/waiting.h"
 #include "tests/unit/client/connection/raw_server.h"
 
 namespace ridgecast::connection {
@@ -24,10 +25,11 @@ class DownloadTest : public testing::Test {
  protected:
   void SetUp() override { std::filesystem::create_directories(folder_); }
   void TearDown() override { std::filesystem::remove_all(folder_); }
-  Outcome<std::uint64_t> get(const std::string& port, const std::function<void(const Progress&)>& tell = {}) {
+  Outcome<std::uint64_t> get(const std::string& port, const std::function<void(const Progress&)>& tell = {},
+                             std::chrono::milliseconds patience = testing_support::kPatience) {
     Url url;
     url.port = port;
-    return download(url, "/v1/a?b=c", file_, 400ms, tell);
+    return download(url, "/v1/a?b=c", file_, patience, tell);
   }
   std::string text() const {
     std::ifstream in(file_, std::ios::binary);
@@ -62,9 +64,9 @@ TEST_F(DownloadTest, TheFileComesWholeAndProgressIsTold) {
 TEST_F(DownloadTest, WordsOfTheWorkAreTold) {
   RawServer server([&](RawConnection& c) {
     EXPECT_THAT(c.readHead(), HasSubstr("\r\nPrefer: progress\r\n"));
-    for (const char* word : {"waits", "meshing, 12 triangles", "evil\x1b[2J"}) {
+    for (const char* word : {"waits", "waits", "meshing, 12 triangles", "meshing, 12 triangles", "evil\x1b[2J", "evil\x1b[2J"}) {
       c.send(std::string("HTTP/1.1 102 Processing\r\nProgress: ") + word + "\r\n\r\n");
-      std::this_thread::sleep_for(250ms);  // in all longer than one is patient with silence
+      std::this_thread::sleep_for(500ms);  // in all longer than one is patient with silence
     }
     std::string many;
     for (int k = 0; k < 20'000; ++k) many += "HTTP/1.1 103 x\r\nProgress: last\r\n\r\n";
@@ -72,9 +74,12 @@ TEST_F(DownloadTest, WordsOfTheWorkAreTold) {
     c.drain();
   });
   std::vector<std::string> words;
-  const auto got = get(server.port(), [&](const Progress& p) {
-    if (words.empty() || words.back() != p.work) words.push_back(p.work);
-  });
+  const auto got = get(
+      server.port(),
+      [&](const Progress& p) {
+        if (words.empty() || words.back() != p.work) words.push_back(p.work);
+      },
+      2500ms);
   ASSERT_TRUE(got) << got.error().message;
   EXPECT_EQ(text(), "abc");
   EXPECT_THAT(words, testing::IsSupersetOf({"waits", "meshing, 12 triangles", "evil?[2J"}));
@@ -110,7 +115,7 @@ TEST_F(DownloadTest, SilenceEnds) {
     c.readHead();
     c.drain();
   });
-  EXPECT_THAT(get(server.port()).error().message, HasSubstr("no answer"));
+  EXPECT_THAT(get(server.port(), {}, 400ms).error().message, HasSubstr("no answer"));
   EXPECT_THAT(get(test::closedPort()).error().message, HasSubstr("no server at"));
   EXPECT_EQ(files(), 0u);
 }

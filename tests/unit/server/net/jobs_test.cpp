@@ -11,6 +11,7 @@
 
 #include "server/net/server.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::net {
 namespace {
@@ -24,8 +25,7 @@ using testing_support::SocketClient;
 
 template <class Condition>
 bool soon(const Condition& condition) {
-  for (int k = 0; k < 2500 && !condition(); ++k) std::this_thread::sleep_for(2ms);
-  return condition();
+  return testing_support::await(condition);
 }
 
 TEST(Jobs, RunWhatTheyTakeAndRefuseTheRest) {
@@ -70,13 +70,17 @@ TEST(Jobs, WhatIsAbandonedMakesRoomAndNeverBegins) {
 TEST(Jobs, FinishingLetsThemEndUntilTheTimeIsUp) {
   Jobs jobs({.threads = 1, .waiting = 4});
   std::atomic<int> done{0};
+  std::promise<void> gate;
+  const std::shared_future<void> open = gate.get_future().share();
   for (int k = 0; k < 3; ++k)
     jobs.post(std::stop_source(), [&](std::stop_token) {
+      open.wait();
       std::this_thread::sleep_for(20ms);
       ++done;
     });
-  EXPECT_GE(jobs.waiting(), 1u);
-  jobs.finish(std::chrono::steady_clock::now() + 30s);
+  EXPECT_GE(jobs.waiting(), 2u);
+  gate.set_value();
+  jobs.finish(std::chrono::steady_clock::now() + testing_support::kPatience);
   EXPECT_EQ(done, 3);
   EXPECT_EQ(jobs.waiting(), 0u);
   EXPECT_FALSE(jobs.post(std::stop_source(), [](std::stop_token) {}));
@@ -227,7 +231,7 @@ TEST_F(LaterTest, WhoHangsUpStopsHisWorkAndWhoComesTooManyIsTold) {
   ASSERT_TRUE(soon([&] { return began == 1; }));
   second->send(get("/endless"));
   ASSERT_TRUE(soon([&] { return asked == 2; }));
-  std::this_thread::sleep_for(20ms);
+  std::this_thread::sleep_for(300ms);  // it is in the row a moment later
   EXPECT_THAT(ask(get("/large")), AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("Retry-After: ")));
   EXPECT_THAT(ask(get("/prompt")), HasSubstr("made"));  // another row
   second.reset();

@@ -9,6 +9,7 @@
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::net {
 namespace {
@@ -89,8 +90,7 @@ class NetTest : public testing::Test {
     return {error, client.awaitClose()};
   }
   void noCamerasSoon() {
-    for (int k = 0; k < 1000 && directory->cameras() > 0; ++k) std::this_thread::sleep_for(2ms);
-    EXPECT_EQ(directory->cameras(), 0u);
+    EXPECT_TRUE(testing_support::await([this] { return directory->cameras() == 0; }));
   }
 
   Settings settings;
@@ -227,7 +227,7 @@ TEST_F(NetTest, RandomBytesAndSuddenEndsLeaveTheServerAlive) {
 }
 
 TEST_F(NetTest, SilentClientsAreClosed) {
-  settings.patience = 150ms;
+  settings.patience = 1s;
   settings.idle = 400ms;
   start();
   SocketClient half(server->port());
@@ -270,7 +270,7 @@ TEST_F(NetTest, ConnectionsAndCamerasAreBounded) {
   for (auto& client : many) refused += client->answer().starts_with("HTTP/1.1 503");
   EXPECT_GE(refused, 1);
   many.clear();
-  for (int k = 0; k < 500 && !alive(); ++k) std::this_thread::sleep_for(2ms);
+  EXPECT_TRUE(testing_support::await([this] { return alive(); }));
 }
 
 TEST_F(NetTest, ShutdownSaysThatItGoes) {

@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <future>
 #include <latch>
 #include <mutex>
@@ -11,6 +12,8 @@
 #include <random>
 #include <set>
 #include <thread>
+
+#include "tests/support/waiting.h"
 
 namespace ridgecast::scheduling {
 namespace {
@@ -156,13 +159,15 @@ TEST(Scheduling, UsesSeveralThreads) {
   Machine machine(4);
   auto pool = machine.makePool(4);
   std::mutex mutex;
+  std::condition_variable changed;
   std::set<std::thread::id> threads;
+  const auto end = std::chrono::steady_clock::now() + testing_support::kPatience;
+  // Each index that has nothing to wait for waits for the others' threads.
   const auto note = [&](std::size_t) {
-    {
-      const std::lock_guard lock(mutex);
-      threads.insert(std::this_thread::get_id());
-    }
-    std::this_thread::sleep_for(1ms);
+    std::unique_lock lock(mutex);
+    threads.insert(std::this_thread::get_id());
+    changed.notify_all();
+    changed.wait_until(lock, end, [&] { return threads.size() >= 3; });
   };
   pool->forEach(60, 1, note);
   EXPECT_GE(threads.size(), 3u);
@@ -174,7 +179,9 @@ TEST(Scheduling, UsesSeveralThreads) {
   Order funnel(80);
   for (std::uint32_t k = 1; k < 20; ++k) funnel[k] = {k - 1};
   for (std::uint32_t k = 20; k < 80; ++k) funnel[k] = {19};
-  pool->forEachOrdered(funnel, note);
+  pool->forEachOrdered(funnel, [&](std::size_t k) {
+    if (k >= 20) note(k);
+  });
   EXPECT_GE(threads.size(), 3u);
 }
 
@@ -199,7 +206,8 @@ TEST(Scheduling, ManyPoolsShareFairly) {
   }
   for (int k = 0; k < kPools; ++k)
     for (int n = 0; n < (k == 0 ? 500 : 2); ++n) ASSERT_TRUE(pools[k]->post(tasks[k]));
-  std::this_thread::sleep_for(400ms);
+  EXPECT_TRUE(testing_support::await(
+      [&] { return std::accumulate(counts.begin(), counts.end(), 0L, [](long n, const auto& c) { return n + c; }) > 100L * kPools; }));
   stop = true;
   double sum = 0, squares = 0;
   int least = counts[0];

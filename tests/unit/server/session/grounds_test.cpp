@@ -8,6 +8,7 @@
 
 #include "common/codec/codec.h"
 #include "common/wire/wire.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::session {
 namespace {
@@ -30,7 +31,7 @@ class Listener final : public Sender {
   }
   std::optional<wire::Ground> next() {
     std::unique_lock lock(mutex_);
-    changed_.wait_for(lock, 60s, [&] { return taken_ < grounds_.size() || !error_.empty(); });
+    changed_.wait_for(lock, testing_support::kPatience, [&] { return taken_ < grounds_.size() || !error_.empty(); });
     EXPECT_EQ(error_, "");
     if (taken_ == grounds_.size()) return std::nullopt;
     return grounds_[taken_++];

@@ -3,8 +3,11 @@
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
 #include "common/mesh/gather.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::session {
+
+using testing_support::kPatience;
 
 namespace {
 
@@ -50,8 +53,6 @@ class ScriptedMesh final : public IteratingMesh {
   std::vector<pipeline::LeafState> leaves_;
   std::uint64_t versions_ = 0;
 };
-
-constexpr std::chrono::seconds kPatience{120};
 
 }  // namespace
 

@@ -8,6 +8,7 @@
 
 #include "scripted.h"
 #include "server/session/session.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::session {
 namespace {
@@ -48,7 +49,7 @@ class Listener final : public Sender {
   }
   bool wait(const std::function<bool()>& until) {
     std::unique_lock lock(mutex_);
-    return changed_.wait_for(lock, std::chrono::seconds(5), until);
+    return changed_.wait_for(lock, testing_support::kPatience, until);
   }
   std::atomic<std::size_t> queued{0};
   std::mutex mutex_;
