@@ -28,12 +28,6 @@ struct Unknown {
   bool goes(std::uint32_t) const { return false; }
 };
 
-mesh::Triangle rotated(mesh::Triangle t) {
-  if (t[1] < t[0] && t[1] < t[2]) return {t[1], t[2], t[0]};
-  if (t[2] < t[0] && t[2] < t[1]) return {t[2], t[0], t[1]};
-  return t;
-}
-
 // What an encoder knows: both meshes.
 class Difference {
  public:
@@ -175,7 +169,7 @@ std::string assemble(const mesh::LeafMesh& base, const std::vector<char>& fates,
 
   std::vector<mesh::Triangle> came;
   came.reserve(added.size());
-  for (const mesh::Triangle& t : added) came.push_back(rotated({place[t[0]], place[t[1]], place[t[2]]}));
+  for (const mesh::Triangle& t : added) came.push_back(mesh::rotated({place[t[0]], place[t[1]], place[t[2]]}));
   std::sort(came.begin(), came.end());
   out.triangles.reserve(kept + came.size());
   auto comes = came.begin();

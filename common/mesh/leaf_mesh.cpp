@@ -5,16 +5,6 @@
 #include <tuple>
 
 namespace ridgecast::mesh {
-namespace {
-
-Triangle rotated(Triangle t) {
-  if (t[1] < t[0] && t[1] < t[2]) return {t[1], t[2], t[0]};
-  if (t[2] < t[0] && t[2] < t[1]) return {t[2], t[0], t[1]};
-  return t;
-}
-
-}  // namespace
-
 std::uint64_t hashVertex(const lattice::Vertex& v) {
   using lattice::mix;
   return mix(static_cast<std::uint64_t>(v.x) + mix(static_cast<std::uint64_t>(v.z) + mix(static_cast<std::uint64_t>(std::int64_t{v.y}))));

@@ -38,6 +38,13 @@ struct LeafMesh {
   friend bool operator==(const LeafMesh&, const LeafMesh&) = default;
 };
 
+// With the smallest index first.
+constexpr Triangle rotated(Triangle t) {
+  if (t[1] < t[0] && t[1] < t[2]) return {t[1], t[2], t[0]};
+  if (t[2] < t[0] && t[2] < t[1]) return {t[2], t[0], t[1]};
+  return t;
+}
+
 // Sorts vertices and triangles into canonical order, merges equal vertices and drops unused ones. Indices must be in range.
 void canonicalize(LeafMesh& leaf);
 bool isCanonical(const LeafMesh& leaf);

@@ -414,12 +414,11 @@ void CameraSession::iterate() {
   }
   if (changesSettings) {
     mesh_->change(settings);
-    mesh_->setInsertionLimit(pace_.insertions());
     if (hello_.deltas) bases_.setBudget(kBaseBytesPerTriangle * settings.triangleBudget);
     sender_->send(wire::Granted{settings});
   }
   wire::Iteration iteration;
-  if (pace_.limits()) mesh_->setInsertionLimit(pace_.insertions());
+  if (changesSettings || pace_.limits()) mesh_->setInsertionLimit(pace_.insertions());
   iteration.figures = mesh_->iterate(pose_.camera);
   countTriangles(iteration.figures.triangles);
   iteration.poseSequence = pose_.sequence;

@@ -34,7 +34,7 @@ for program in ridgecast-server ridgecast-client; do
 done
 "$prefix/bin/ridgecast-server" --port 0 --port-file "$scratch/port" >"$scratch/server.log" 2>&1 &
 server=$!
-for ((k = 0; k < 300; ++k)); do
+for ((k = 0; k < 1200; ++k)); do
   [[ ! -s $scratch/port ]] || break
   sleep 0.1
 done

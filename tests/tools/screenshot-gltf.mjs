@@ -62,11 +62,13 @@ const browser = await chromium.launch({
   executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
   args: ['--headless', '--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-quic', '--no-first-run',
     '--disable-background-networking', '--disable-component-update', '--disable-sync'],
+  timeout: 180_000,
 });
 let failed = false;
 try {
   for (const [k, file] of files.entries()) {
     const tab = await browser.newPage({ viewport: { width, height } });
+    tab.setDefaultTimeout(180_000); // only there to end what hangs
     tab.on('pageerror', (e) => { failed = true; console.log(`${file}: ${e.message}`); });
     tab.on('console', (m) => { if (m.type() === 'error') { failed = true; console.log(`${file}: ${m.text()}`); } });
     await tab.goto(`http://127.0.0.1:${server.address().port}/`);

@@ -32,7 +32,7 @@ export class Server {
       stdio: ['ignore', 'inherit', 'inherit'],
       env: Object.fromEntries(Object.entries(process.env).filter(([name]) => !name.startsWith('RIDGECAST_'))), // a server's settings begin so
     });
-    for (let k = 0; k < 600 && child.exitCode === null; ++k) {
+    for (let k = 0; k < 2400 && child.exitCode === null; ++k) {
       if (existsSync(file)) return new Server(child, folder, Number(readFileSync(file, 'utf8')));
       await sleep(50);
     }
@@ -55,7 +55,7 @@ export class Server {
     if (this.child.exitCode === null) {
       const ended = new Promise((done) => this.child.once('exit', done));
       this.child.kill('SIGTERM');
-      await Promise.race([ended, sleep(10_000, true)]);
+      await Promise.race([ended, sleep(120_000, true)]);
       this.child.kill('SIGKILL');
     }
     rmSync(this.folder, { recursive: true, force: true });

@@ -65,6 +65,16 @@ class SessionTest : public testing::Test {
     auto session = directory->find(kDefaultName);
     camera = std::make_shared<CameraSession>(session, std::move(*session->enter()), directory->nextCameraId(), client);
   }
+  // What a fresh client is told for these messages.
+  wire::ErrorMessage refusal(std::vector<wire::ClientMessage> messages) {
+    client = std::make_shared<Client>();
+    start();
+    for (auto& m : messages) camera->receive(m);
+    const auto error = client->error();
+    EXPECT_TRUE(error);
+    camera->close();
+    return error.value_or(wire::ErrorMessage{});
+  }
   void acknowledge(const wire::Iteration& iteration) { camera->receive(wire::Acknowledge{iteration.number, iteration.meshHash}); }
 
   std::shared_ptr<Script> script = std::make_shared<Script>();
@@ -106,15 +116,6 @@ TEST_F(SessionTest, HelloIsAnsweredWithTheWorldAndWhatWasGranted) {
 }
 
 TEST_F(SessionTest, MessagesOutOfPlaceAreRefusedByName) {
-  const auto refusal = [&](std::vector<wire::ClientMessage> messages) {
-    client = std::make_shared<Client>();
-    start();
-    for (auto& m : messages) camera->receive(m);
-    const auto error = client->error();
-    EXPECT_TRUE(error);
-    camera->close();
-    return error.value_or(wire::ErrorMessage{});
-  };
   auto error = refusal({pose(1)});
   EXPECT_EQ(error.code, ErrorCode::kMalformed);
   EXPECT_THAT(error.message, HasSubstr("hello"));
@@ -500,15 +501,6 @@ TEST_F(SessionTest, AClientThatResumesDoesNotWaitForLong) {
 }
 
 TEST_F(SessionTest, ResumingOutOfPlaceOrTwiceIsRefused) {
-  const auto refusal = [&](std::vector<wire::ClientMessage> messages) {
-    client = std::make_shared<Client>();
-    start();
-    for (auto& m : messages) camera->receive(m);
-    const auto error = client->error();
-    EXPECT_TRUE(error);
-    camera->close();
-    return error.value_or(wire::ErrorMessage{});
-  };
   const wire::Resume held{{{kA, 1}}};
   EXPECT_EQ(refusal({held}).code, ErrorCode::kMalformed);
   EXPECT_EQ(refusal({hello(), pose(1), held}).code, ErrorCode::kMalformed);

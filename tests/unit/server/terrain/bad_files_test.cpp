@@ -19,7 +19,7 @@ bool hasTools() { return findProgram("glslangValidator") && (findProgram("g++") 
 
 ChildEnd serve(const path& file, const path& cache) {
   auto end = runChild(RIDGECAST_SERVER, {"--port", "0", "--terrain-cache", cache.string(), "--terrain", file.string()},
-                      {.time = std::chrono::seconds(60), .memory = ~std::uint64_t{0}});
+                      {.time = std::chrono::seconds(600), .memory = ~std::uint64_t{0}});
   EXPECT_TRUE(end);
   return end ? *end : ChildEnd{};
 }
