@@ -1,8 +1,8 @@
 #pragma once
 // Moves what the mesh shows onto the true terrain: through each sample a few secant steps along its ray, from where the mesh has the
 // ground to where the terrain function has it. A rendering of its own between mesh and ray march: it needs the terrain's function, costs
-// one height a step and hides what the mesh lacks, all but silhouettes: a sample whose mesh is sky, or ground in front of or behind the
-// true one, stays there. Needs the context it was made in.
+// one height a step (where the mesh is far from the ground, up to 37 more) and hides what the mesh lacks, all but where the true ground stands out over
+// the mesh: a sample whose mesh is sky, or ground behind the true one, stays there. Needs the context it was made in.
 
 #include "client/render/gl_objects.h"
 #include "client/render/surface.h"
@@ -10,7 +10,7 @@
 
 namespace ridgecast::render {
 
-// Heights a sample.
+// Heights a sample, where the mesh is near the ground.
 inline constexpr int kCorrectionSteps = 3;
 
 class CorrectionPass {

@@ -8,13 +8,14 @@
 
 namespace ridgecast::render {
 
+Drawing neutralDrawing(const wire::World& world, const std::string& why) {
+  return {{{}, world.seed, true}, nullptr, nullptr, why + "; drawing the mesh's own shape in neutral colours, without a ray march"};
+}
+
 Drawing drawingOf(const wire::World& world, bool remoteShaders) {
   if (auto own = terrain::create(world.terrainName, world.seed); own && terrain::contentHash(**own) == world.contentHash)
     return {{std::string((*own)->source()), world.seed, false}, *own, nullptr, {}};
-  const auto neutral = [&](const std::string& why) {
-    return Drawing{
-        {{}, world.seed, true}, nullptr, nullptr, why + "; drawing the mesh's own shape in neutral colours, without a ray march"};
-  };
+  const auto neutral = [&](const std::string& why) { return neutralDrawing(world, why); };
   if (world.shadedVertices)
     return {{{}, world.seed, true, true},
             nullptr,

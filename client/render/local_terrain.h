@@ -23,5 +23,7 @@ struct Drawing {
 // A height map's text is made here from its shape, and used when it is what the server has sent; its heights come as tiles. A private
 // terrain's colours come with the vertices. Otherwise neutral. Needs a current context.
 Drawing drawingOf(const wire::World& world, bool remoteShaders);
+// What is left where the driver rejects the text after all, in another pass: `why` is its complaint.
+Drawing neutralDrawing(const wire::World& world, const std::string& why);
 
 }  // namespace ridgecast::render

@@ -94,10 +94,12 @@ constexpr std::size_t kShadeSize = 8, kVertexSize = sizeof(mesh::LocalVertex), k
 static_assert(kVertexSize == 12 && offsetof(mesh::LocalVertex, z) == 4 && offsetof(mesh::LocalVertex, y) == 8);
 static_assert(sizeof(mesh::Triangle) == 12);
 
+constexpr std::size_t kLeastCapacity = std::size_t{1} << 18;  // elements
+
 // Room for `size` more elements, in a buffer that is twice as large when the old one is full.
 std::size_t takeOrGrow(Arena& arena, GlObject& buffer, std::size_t elementSize, std::size_t size) {
   if (const auto start = arena.take(size)) return *start;
-  const std::size_t old = arena.capacity(), capacity = std::max({old * 2, old + size, std::size_t{1} << 16});
+  const std::size_t old = arena.capacity(), capacity = std::max({old * 2, old + size, kLeastCapacity});
   GlObject larger = makeBuffer();
   glBindBuffer(GL_COPY_WRITE_BUFFER, larger.name());
   glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(capacity * elementSize), nullptr, GL_DYNAMIC_DRAW);
@@ -114,6 +116,33 @@ void write(const GlObject& buffer, std::size_t start, std::size_t bytes, const v
   glBindBuffer(GL_COPY_WRITE_BUFFER, buffer.name());
   glBufferSubData(GL_COPY_WRITE_BUFFER, static_cast<GLintptr>(start), static_cast<GLsizeiptr>(bytes), data);
 }
+
+// What goes into one buffer with one update. Each call costs a driver microseconds and may make it wait for what it still draws: ranges that lie side
+// by side, all of them in a buffer that was empty, go together.
+class Writes {
+ public:
+  void add(std::size_t start, std::size_t bytes, const void* data) { parts_.push_back({start, bytes, data}); }
+  void write(const GlObject& buffer) {
+    std::sort(parts_.begin(), parts_.end(), [](const Part& a, const Part& b) { return a.start < b.start; });
+    std::vector<unsigned char> run;
+    for (std::size_t k = 0; k < parts_.size();) {
+      const std::size_t start = parts_[k].start;
+      run.clear();
+      for (; k < parts_.size() && parts_[k].start == start + run.size(); ++k) {
+        const auto* bytes = static_cast<const unsigned char*>(parts_[k].data);
+        run.insert(run.end(), bytes, bytes + parts_[k].bytes);
+      }
+      render::write(buffer, start, run.size(), run.data());
+    }
+  }
+
+ private:
+  struct Part {
+    std::size_t start, bytes;
+    const void* data;
+  };
+  std::vector<Part> parts_;
+};
 
 }  // namespace
 
@@ -134,15 +163,14 @@ Outcome<MeshPass> MeshPass::create(bool shaded) {
   return MeshPass(std::move(*program), reversed, shaded);
 }
 
-void MeshPass::upload(const scene::HeldLeaf& held, Slot& slot) {
+// Room for a leaf, and its shades; its vertices and indices are written by update().
+void MeshPass::place(const scene::HeldLeaf& held, Slot& slot) {
   const mesh::LeafMesh& leaf = *held.mesh;
   slot.vertices = leaf.vertices.size();
   slot.indices = leaf.triangles.size() * 3;
   if (!slot.indices) return;
   slot.firstVertex = takeOrGrow(vertexArena_, vertexBuffer_, kVertexSize, slot.vertices);
   slot.firstIndex = takeOrGrow(indexArena_, indexBuffer_, kIndexSize, slot.indices);
-  write(vertexBuffer_, slot.firstVertex * kVertexSize, slot.vertices * kVertexSize, leaf.vertices.data());
-  write(indexBuffer_, slot.firstIndex * kIndexSize, slot.indices * kIndexSize, leaf.triangles.data());
   if (shaded_) {
     if (shadeCapacity_ != vertexArena_.capacity()) {
       GlObject larger = makeBuffer();
@@ -163,11 +191,8 @@ void MeshPass::upload(const scene::HeldLeaf& held, Slot& slot) {
       }
     write(shadeBuffer_, slot.firstVertex * kShadeSize, shades.size() * kShadeSize, shades.data());
   }
-  slot.low = slot.high = leaf.vertices.front();
-  for (const mesh::LocalVertex& v : leaf.vertices) {
-    slot.low = {std::min(slot.low.x, v.x), std::min(slot.low.z, v.z), std::min(slot.low.y, v.y)};
-    slot.high = {std::max(slot.high.x, v.x), std::max(slot.high.z, v.z), std::max(slot.high.y, v.y)};
-  }
+  slot.low = held.low;
+  slot.high = held.high;
 }
 
 void MeshPass::giveBack(const Slot& slot) {
@@ -185,12 +210,19 @@ void MeshPass::update(const std::map<lattice::LeafAddress, scene::HeldLeaf>& lea
     if (stale) giveBack(slot->second);
     slot = stale ? slots_.erase(slot) : std::next(slot);
   }
+  Writes vertices, indices;
   for (const auto& [address, held] : leaves) {
-    const auto [slot, isNew] = slots_.try_emplace(address);
+    const auto [entry, isNew] = slots_.try_emplace(address);
     if (!isNew) continue;
-    slot->second.version = held.version;
-    upload(held, slot->second);
+    Slot& slot = entry->second;
+    slot.version = held.version;
+    place(held, slot);
+    if (!slot.indices) continue;
+    vertices.add(slot.firstVertex * kVertexSize, slot.vertices * kVertexSize, held.mesh->vertices.data());
+    indices.add(slot.firstIndex * kIndexSize, slot.indices * kIndexSize, held.mesh->triangles.data());
   }
+  vertices.write(vertexBuffer_);
+  indices.write(indexBuffer_);
 }
 
 void MeshPass::bindArrays() const {

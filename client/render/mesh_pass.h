@@ -54,7 +54,7 @@ class MeshPass {
   MeshPass(Program program, bool reversedDepth, bool shaded);
   void bindArrays() const;
   Drawn drawLeaves(const View& view, const Program& program, int leafOffset, const std::function<void(const Leaf&)>& each) const;
-  void upload(const scene::HeldLeaf& held, Slot& slot);
+  void place(const scene::HeldLeaf& held, Slot& slot);
   void giveBack(const Slot& slot);
 
   Program program_;

@@ -78,8 +78,12 @@ void setVector(const Program& program, const char* name, const camera::Vec3& v) 
 
 }  // namespace
 
-StructurePass::StructurePass(Program edges, Program leaves, Program frustum)
-    : edges_(std::move(edges)), leaves_(std::move(leaves)), frustum_(std::move(frustum)), vertexArray_(makeVertexArray()) {}
+StructurePass::StructurePass(Program edges, Program leaves, Program frustum, CandidatePass candidates)
+    : edges_(std::move(edges)),
+      leaves_(std::move(leaves)),
+      frustum_(std::move(frustum)),
+      candidates_(std::move(candidates)),
+      vertexArray_(makeVertexArray()) {}
 
 Outcome<StructurePass> StructurePass::create() {
   auto edges = meshProgram("edges", kEdges);
@@ -89,7 +93,9 @@ Outcome<StructurePass> StructurePass::create() {
   const std::array<Program::Piece, 1> pieces = {{{"frustum", kFrustum}}};
   auto frustum = Program::build("frustum", fullScreenVertex(), pieces);
   if (!frustum) return frustum.error();
-  return StructurePass(std::move(*edges), std::move(*leaves), std::move(*frustum));
+  auto candidates = CandidatePass::create();
+  if (!candidates) return candidates.error();
+  return StructurePass(std::move(*edges), std::move(*leaves), std::move(*frustum), std::move(*candidates));
 }
 
 void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& surface, const Canvas& canvas,
@@ -147,6 +153,7 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
   glDisable(GL_BLEND);
   glBindTexture(GL_TEXTURE_2D, 0);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  if (structure.candidates) candidates_.draw(view, surface, canvas, *structure.candidates, structure.candidateColour);
 }
 
 }  // namespace ridgecast::render

@@ -99,11 +99,17 @@ std::int64_t side(const mesh::LocalVertex& a, const mesh::LocalVertex& b, std::i
 }  // namespace
 
 Outcome<void> Scene::apply(const wire::Iteration& iteration) {
+  auto prepared = prepare(iteration);
+  if (!prepared) return prepared.error();
+  take(std::move(*prepared));
+  return {};
+}
+
+Outcome<Scene::Prepared> Scene::prepare(const wire::Iteration& iteration) const {
   const std::string name = "iteration " + std::to_string(iteration.number) + ": ";
   if (iteration.number == 0 || (iteration_ != 0 && iteration.number != iteration_ + 1))
     return Error{name + "out of order, " + std::to_string(iteration_ + 1) + " was expected"};
 
-  // First everything that can fail, on the side; then what cannot.
   std::uint64_t hash = hash_, triangles = triangles_;
   std::size_t count = leaves_.size();
   const auto subtract = [&](const lattice::LeafAddress& address, const HeldLeaf& leaf) {
@@ -208,18 +214,21 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
     keep(delta.address, std::move(leaf));
   }
 
+  return Prepared{iteration.number, hash, triangles, std::move(gone), std::move(damaged), std::move(fresh)};
+}
+
+void Scene::take(Prepared&& prepared) {
   ++version_;
-  for (const lattice::LeafAddress& address : gone) leaves_.erase(address);
-  for (auto& [address, leaf] : fresh) {
+  for (const lattice::LeafAddress& address : prepared.gone) leaves_.erase(address);
+  for (auto& [address, leaf] : prepared.fresh) {
     leaf.version = version_;
     leaves_[address] = std::move(leaf);
-    if (damaged.contains(address) ? damaged_.insert(address).second : (damaged_.erase(address), false)) untold_.insert(address);
+    if (prepared.damaged.contains(address) ? damaged_.insert(address).second : (damaged_.erase(address), false)) untold_.insert(address);
   }
   std::erase_if(damaged_, [&](const lattice::LeafAddress& address) { return !leaves_.contains(address); });
-  hash_ = hash;
-  triangles_ = triangles;
-  iteration_ = iteration.number;
-  return {};
+  hash_ = prepared.hash;
+  triangles_ = prepared.triangles;
+  iteration_ = prepared.number;
 }
 
 std::vector<lattice::LeafAddress> Scene::takeDamaged() {

@@ -41,6 +41,16 @@ class Scene {
   // One thing is forgiven: a delta that does not make the leaf that was meant, because that leaf was damaged here. It stays as it is and
   // is named by takeDamaged(), to be asked for again.
   Outcome<void> apply(const wire::Iteration& iteration);
+
+  // The same in two: prepare() decodes and takes the time, and may run on another thread while this scene is only read; take() puts it in place, in
+  // microseconds. What was prepared is for the scene as it was: nothing else may have changed it in between.
+  struct Prepared {
+    std::uint64_t number = 0, hash = 0, triangles = 0;  // of the iteration; after it
+    std::set<lattice::LeafAddress> gone, damaged;
+    std::map<lattice::LeafAddress, HeldLeaf> fresh;
+  };
+  Outcome<Prepared> prepare(const wire::Iteration& iteration) const;
+  void take(Prepared&& prepared);
   void clear();
 
   // From the first iteration on: whether shades travel with the vertices (World.shaded_vertices).

@@ -85,7 +85,9 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
   }
   if (!terrain_) shown_.mode = Mode::kMesh;
   shown_.message.clear();
-  shown_.frozen = false;
+  shown_.problem.clear();
+  shown_.panel = shown_.frozen = false;
+  shown_.candidateCount = 0;
   shown_.history = {};
   smoothSet_ = shown_.smooth;
   mesh_.setSmooth(shown_.smooth);
@@ -217,6 +219,10 @@ void Flight::restructure() {
     if (shown_.borders == Borders::kAge)
       structure.leafColour = [this, now = nowInSeconds()](const lattice::LeafAddress& a) { return ageColour(ages_.age(a, now)); };
     structure.frozen = frozen_;
+    if (shown_.candidates) {
+      structure.candidates = candidates_;
+      structure.candidateColour = [unit = candidateUnit()](float pixels) { return errorColour(static_cast<double>(pixels), unit); };
+    }
   }
   mesh_.setStructure(std::move(structure));
   changed_ = true;
@@ -350,8 +356,11 @@ void Flight::screenshot(int width, int height, const std::filesystem::path& file
                      picture.rgb.begin() + static_cast<std::ptrdiff_t>((y + 1) * row),
                      picture.rgb.end() - static_cast<std::ptrdiff_t>((y + 1) * row));
   const auto written = render::writePng(picture, file);
+  const bool unfinished =
+      (shown_.mode != Mode::kMesh && !march_.isFinest()) || (shown_.mode != Mode::kMarch && !(mesh_.isAtRest() && shown_.settled));
   std::fprintf(stderr, "%s\n",
-               written ? ("the picture is in " + file.string()).c_str() : ("ridgecast-client: " + written.error().message).c_str());
+               written ? ("the picture is in " + file.string() + (unfinished ? ", and was still being built" : "")).c_str()
+                       : ("ridgecast-client: " + written.error().message).c_str());
 }
 
 }  // namespace ridgecast::viewer

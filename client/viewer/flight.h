@@ -104,7 +104,7 @@ class Flight {
   void toggleFrozen();
   void togglePath();
   void toggleRecord();
-  void openPanel(bool toJump);
+  void openPanel(Focus focus);
   void hint(std::string text);
   void moveDivider(double to);
   double windowWidth() const;
@@ -115,12 +115,16 @@ class Flight {
 
   // flight_server.cpp: what the server says
   void converse();
-  void take(const connection::Received& received);
+  void prepare(wire::Iteration&& iteration);
+  void takePrepared();
+  void take(const wire::Iteration& iteration, const Outcome<void>& applied);
   void sendPose();
   void lookForMembers();
   void lookForWorld();
   void changeSettings();
   void showSettings();
+  void wantCandidates(bool want);
+  double candidateUnit() const;  // pixels: the error that a candidate becomes a vertex for, where the metric is one of pixels, else one
 
   // flight.cpp: pictures
   camera::Projection projection() const;
@@ -160,6 +164,12 @@ class Flight {
   std::optional<connection::Roster> others_;
   std::uint64_t othersSeen_ = 0;
   std::optional<camera::Camera> frozen_;
+  // Decoding an iteration may take longer than a frame: beside the window, one at a time. The scene is only read meanwhile.
+  struct Preparing {
+    wire::Iteration iteration;
+    std::future<Outcome<scene::Scene::Prepared>> ready{};
+  };
+  std::unique_ptr<Preparing> preparing_;
   std::future<Outcome<Link>> nextWorld_;
   std::optional<Link> arrived_;
 
@@ -168,7 +178,8 @@ class Flight {
   bool dragging_ = false, changed_ = true, idle_ = false, lost_ = false, otherWorld_ = false, meshStale_ = false, marchStale_ = false,
        smoothSet_ = true;
   std::optional<camera::Camera> sentCamera_, drawnCamera_;
-  std::map<std::uint64_t, Clock::time_point> sent_;  // pose sequence -> when; at most 256
+  std::shared_ptr<const std::vector<wire::Candidate>> candidates_;  // as last heard; null: none are wanted
+  std::map<std::uint64_t, Clock::time_point> sent_;                 // pose sequence -> when; at most 256
   Clock::time_point sentAt_{}, presentedAt_{}, countedSince_ = Clock::now(), hintedAt_{}, restructuredAt_{};
   std::uint64_t sequence_ = 0, sceneVersion_ = 0, contentHash_ = 0, bytesCounted_ = 0;
   int framesCounted_ = 0, iterationsCounted_ = 0;

@@ -89,15 +89,15 @@ void Flight::toggleRecord() {
   recorder_.reset();
 }
 
-void Flight::openPanel(bool toJump) {
+void Flight::openPanel(Focus focus) {
   freeMouse(true);
-  shown_.panel = shown_.focusJump = true;
+  shown_.panel = true;
+  shown_.focus = focus;
   shown_.problem.clear();
   std::snprintf(shown_.choices.x.data(), shown_.choices.x.size(), "%s", formatMetres(controls_.pose().x).c_str());
   std::snprintf(shown_.choices.z.data(), shown_.choices.z.size(), "%s", formatMetres(controls_.pose().z).c_str());
   std::snprintf(shown_.choices.altitude.data(), shown_.choices.altitude.size(), "%.0f",
                 std::max(2.0, controls_.pose().y - ground({controls_.pose().x, controls_.pose().z}).value_or(0)));
-  shown_.focusJump = toJump;
   changed_ = true;
 }
 
@@ -123,7 +123,7 @@ void Flight::onKey(int key, int action) {
       shown_.help = !shown_.help;
       return;
     case GLFW_KEY_F2:
-      return shown_.panel ? void(shown_.panel = false) : openPanel(false);
+      return shown_.panel ? void(shown_.panel = false) : openPanel(Focus::kNone);
     case GLFW_KEY_F3:
       shown_.figures = !shown_.figures;
       return;
@@ -162,6 +162,8 @@ void Flight::onKey(int key, int action) {
       return restructure();
     case GLFW_KEY_C:
       return toggleFrozen();
+    case GLFW_KEY_K:
+      return wantCandidates(!shown_.candidates);
     case GLFW_KEY_G:
       controls_.setWalking(!controls_.walking());
       return hint(controls_.walking() ? "walking" : "flying");
@@ -179,7 +181,9 @@ void Flight::onKey(int key, int action) {
                   : shown_.corrected ? "the mesh, corrected onto the true surface"
                                      : "the mesh as it is");
     case GLFW_KEY_J:
-      return openPanel(true);
+      return openPanel(Focus::kJump);
+    case GLFW_KEY_L:
+      return openPanel(Focus::kWorld);
     case GLFW_KEY_R:
       return toggleRecord();
     case GLFW_KEY_P:

@@ -3,11 +3,15 @@
 
 #include "client/viewer/flight.h"
 
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+
 namespace ridgecast::viewer {
 namespace {
 
 using namespace std::chrono_literals;
 constexpr auto kPoseInterval = 33ms;  // poses a second at most 30
+constexpr auto kSoon = 2ms;           // what takes no longer is waited for
 
 double secondsSince(std::chrono::steady_clock::time_point began) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
@@ -50,11 +54,15 @@ std::vector<wire::HeldLeaf> Flight::resume(const wire::World& world) {
 
 void Flight::converse() {
   if (otherWorld_) return;
-  for (int k = 0; k < 4; ++k) {  // a few at a time: the window goes first
-    const auto received = link_.connection->receive(0ms);
+  for (int k = 0; k < 4; ++k) {  // a few at a time, while they are soon done: the window goes first
+    takePrepared();
+    if (preparing_) break;
+    auto received = link_.connection->receive(0ms);
     if (!received) break;
-    take(*received);
+    prepare(std::move(received->iteration));
+    preparing_->ready.wait_for(kSoon);
   }
+  takePrepared();
   const auto why = link_.connection->error();
   if (otherWorld_) {
     shown_.message =
@@ -88,9 +96,25 @@ void Flight::lookForMembers() {
   changed_ = true;
 }
 
-void Flight::take(const connection::Received& received) {
-  const wire::Iteration& iteration = received.iteration;
-  const auto applied = scene_.apply(iteration);
+void Flight::prepare(wire::Iteration&& iteration) {
+  preparing_ = std::make_unique<Preparing>(Preparing{std::move(iteration)});
+  preparing_->ready = std::async(std::launch::async, [scene = &scene_, next = &preparing_->iteration] {
+    auto prepared = scene->prepare(*next);
+    glfwPostEmptyEvent();
+    return prepared;
+  });
+}
+
+void Flight::takePrepared() {
+  if (!preparing_ || preparing_->ready.wait_for(0ms) != std::future_status::ready) return;
+  auto prepared = preparing_->ready.get();
+  if (prepared) scene_.take(std::move(*prepared));
+  take(preparing_->iteration, prepared ? Outcome<void>() : Outcome<void>(prepared.error()));
+  preparing_.reset();
+}
+
+// Judges and acknowledges what was applied.
+void Flight::take(const wire::Iteration& iteration, const Outcome<void>& applied) {
   const bool same = applied && scene_.hash() == iteration.meshHash;
   if (applied && scene_.damaged()) {
     if (const auto damaged = scene_.takeDamaged(); !damaged.empty()) link_.connection->resend({damaged});
@@ -119,8 +143,32 @@ void Flight::take(const connection::Received& received) {
     shown_.history.latency.add(shown_.latencyMs);
     sent_.erase(sent_.begin(), std::next(pose));
   }
+  if (iteration.candidates && shown_.candidates) {
+    candidates_ = std::make_shared<const std::vector<wire::Candidate>>(*iteration.candidates);
+    shown_.candidateCount = candidates_->size();
+    shown_.candidateUnit = candidateUnit();
+    restructure();
+  }
   if (shown_.borders == Borders::kAge) restructure();
   changed_ = true;
+}
+
+// It is a setting: the server sends them for as long as they are wanted.
+void Flight::wantCandidates(bool want) {
+  if (want && !shown_.live) return hint("this server sends no candidates");
+  shown_.candidates = want;
+  link_.settings.candidates = want ? wire::kMaxCandidates : 0;
+  link_.connection->change(link_.settings);
+  if (!want) {
+    candidates_.reset();
+    shown_.candidateCount = 0;
+  }
+  hint(want ? "candidates for vertices" : "no candidates");
+  restructure();
+}
+
+double Flight::candidateUnit() const {
+  return link_.connection->granted().metric == wire::Metric::kPixels ? std::max(shown_.effectiveThreshold, 1e-3) : 1;
 }
 
 void Flight::sendPose() {

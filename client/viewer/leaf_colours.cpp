@@ -36,6 +36,11 @@ Colour levelColour(int level) { return along(kViridis, static_cast<double>(level
 
 Colour ageColour(double seconds) { return along(kInferno, std::log2(1 + std::max(seconds, 0.0)) / std::log2(1 + kOld)); }
 
+Colour errorColour(double pixels, double threshold) {
+  const double doublings = std::log2(std::max(pixels, 1e-9) / std::max(threshold, 1e-9)), range = std::log2(kErrorRange);
+  return along(kInferno, 0.32 - 0.32 * doublings / range);
+}
+
 void LeafAges::update(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, double now) {
   std::erase_if(seen_, [&](const auto& entry) { return !leaves.contains(entry.first); });
   for (const auto& [address, leaf] : leaves) {

@@ -1,5 +1,5 @@
 #pragma once
-// Colours of leaves, by level and by how long ago they changed: ramps that grow in brightness alone, and so can be told apart by everybody.
+// Colours of leaves, by level and by how long ago they changed, and of candidates by their error: ramps that grow in brightness alone, and so can be told apart by everybody.
 
 #include <array>
 #include <cstdint>
@@ -14,6 +14,9 @@ using Colour = std::array<float, 3>;  // display values
 Colour levelColour(int level);      // viridis: the finest is yellow, the coarsest dark violet
 Colour ageColour(double seconds);   // inferno: just now is pale yellow, kOld and more is black; even steps for each doubling
 inline constexpr double kOld = 60;  // seconds
+// inferno: at kErrorRange times the threshold and more it is pale yellow, at the threshold orange, violet below; even steps for each doubling.
+Colour errorColour(double pixels, double threshold);
+inline constexpr double kErrorRange = 8;
 
 // When each leaf changed last, as far as this client has seen.
 class LeafAges {

@@ -8,6 +8,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <utility>
 
 #include "client/viewer/leaf_colours.h"
 
@@ -44,27 +46,51 @@ void drawDivider(const Shown& shown) {
 
 // Which colour is which, at the lower left.
 void drawLegend(const Shown& s) {
-  if (s.borders == Borders::kNone || s.mode == Mode::kMarch || s.mode == Mode::kDifference) return;
-  const bool level = s.borders == Borders::kLevel;
+  if (s.mode == Mode::kMarch || s.mode == Mode::kDifference || !(s.candidates || s.borders != Borders::kNone)) return;
   ImDrawList* list = ImGui::GetBackgroundDrawList();
   const float line = ImGui::GetTextLineHeight();
-  float x = 10, y = ImGui::GetIO().DisplaySize.y - 3 * line - 10;
-  shadowed(list, ImVec2(x, y - line - 4), level ? "leaves by level: side" : "leaves by age: changed");
+  float x = 10, y = ImGui::GetIO().DisplaySize.y - 3 * line - 10, widest = 0;
+  list->ChannelsSplit(2);  // what is written, over what lies behind it
+  list->ChannelsSetCurrent(1);
+  const auto shade = [&] {  // behind the lines from y - line on
+    list->ChannelsSetCurrent(0);
+    list->AddRectFilled(ImVec2(4, y - line - 8), ImVec2(std::max(x, widest) + 4, y + line + 4), IM_COL32(0, 0, 0, 110), 3);
+    list->ChannelsSetCurrent(1);
+  };
+  const auto title = [&](const char* text) {
+    shadowed(list, ImVec2(x, y - line - 4), text);
+    widest = x + ImGui::CalcTextSize(text).x + 4;
+  };
   const auto entry = [&](const Colour& colour, const char* text) {
     list->AddRectFilled(ImVec2(x, y), ImVec2(x + line, y + line), colourOf(colour));
     list->AddRect(ImVec2(x, y), ImVec2(x + line, y + line), IM_COL32(255, 255, 255, 160));
     shadowed(list, ImVec2(x + line + 4, y), text);
     x += line + 16 + ImGui::CalcTextSize(text).x;
   };
-  if (level) {
+  if (s.candidates) {
+    char text[80];
+    std::snprintf(text, sizeof text, "%zu candidates: error in pixels", s.candidateCount);
+    title(text);
+    for (const double share : {1 / kErrorRange, 0.5, 1.0, 2.0, kErrorRange}) {
+      std::snprintf(text, sizeof text, "%.2g", share * s.candidateUnit);
+      entry(errorColour(share, 1), text);
+    }
+    shade();
+    x = 10;
+    y -= 2 * line + 14;
+  }
+  if (s.borders != Borders::kNone) title(s.borders == Borders::kLevel ? "leaves by level: side" : "leaves by age: changed");
+  if (s.borders == Borders::kLevel) {
     static constexpr std::array<const char*, 6> kSides = {"32 m", "128 m", "512 m", "2 km", "8 km", "33 km"};
     for (int k = 0; k < 6; ++k) entry(levelColour(2 * k), kSides[static_cast<std::size_t>(k)]);
-  } else {
+  } else if (s.borders == Borders::kAge) {
     entry(ageColour(0), "now");
     entry(ageColour(4), "4 s");
     entry(ageColour(16), "16 s");
     entry(ageColour(kOld), "1 min");
   }
+  if (s.borders != Borders::kNone) shade();
+  list->ChannelsMerge();
 }
 
 void drawLines(const Shown& s) {
@@ -187,10 +213,11 @@ void drawHelp(const Shown& s) {
         "F            edges of the triangles\n"
         "B            leaves by level / by age / not at all\n"
         "C            freeze the camera that the server sees\n"
+        "K            candidates for vertices, by their error\n"
         "N            the others in the session\n"
         "M            changes of the mesh: smooth or at once\n"
         "T            the mesh corrected onto the true surface\n"
-        "J            jump to a place\n"
+        "J / L        jump to a place / enter another world\n"
         "R            record a camera path, and end it\n"
         "P            follow the path given by --path\n"
         "V            wait for the screen, or not\n"
@@ -228,13 +255,13 @@ Wishes drawPanel(Shown& s) {
   Choices& c = s.choices;
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Appearing, ImVec2(0.5f, 0.5f));
-  if (s.focusJump) ImGui::SetNextWindowFocus();
+  const Focus focus = std::exchange(s.focus, Focus::kNone);
+  if (focus != Focus::kNone) ImGui::SetNextWindowFocus();
   if (ImGui::Begin("Settings", &s.panel,
                    ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoCollapse)) {
     ImGui::PushItemWidth(ImGui::GetFontSize() * 16);
     ImGui::TextDisabled("Go to (metres)");
-    if (s.focusJump) ImGui::SetKeyboardFocusHere();
-    s.focusJump = false;
+    if (focus == Focus::kJump) ImGui::SetKeyboardFocusHere();
     bool go = ImGui::InputText("x", c.x.data(), c.x.size(), ImGuiInputTextFlags_EnterReturnsTrue);
     go |= ImGui::InputText("z", c.z.data(), c.z.size(), ImGuiInputTextFlags_EnterReturnsTrue);
     go |= ImGui::InputText("above ground", c.altitude.data(), c.altitude.size(), ImGuiInputTextFlags_EnterReturnsTrue);
@@ -258,6 +285,7 @@ Wishes drawPanel(Shown& s) {
     ImGui::Text("granted: %s", s.granted.c_str());
     ImGui::Separator();
     ImGui::TextDisabled("Another world (makes its session, or joins it)");
+    if (focus == Focus::kWorld) ImGui::SetKeyboardFocusHere();
     bool enter = ImGui::InputText("terrain", c.terrain.data(), c.terrain.size(), ImGuiInputTextFlags_EnterReturnsTrue);
     enter |= ImGui::InputText("seed", c.seed.data(), c.seed.size(), ImGuiInputTextFlags_EnterReturnsTrue);
     wishes.world = ImGui::Button("Enter") || enter;

@@ -17,6 +17,7 @@ namespace ridgecast::viewer {
 
 enum class Mode { kMesh, kMarch, kSplit, kDifference };
 enum class Borders { kNone, kLevel, kAge };
+enum class Focus { kNone, kJump, kWorld };  // of the panel, when it opens: where typing begins
 
 // What the panel shows and a person changes there.
 struct Choices {
@@ -61,7 +62,9 @@ struct Shown {
   std::uint64_t triangles = 0, leaves = 0, iteration = 0, bytes = 0;
   double iterationsPerSecond = 0, latencyMs = 0, effectiveThreshold = 0;
   double knownReach = 0;  // metres; of a height map: so far it is known here; 0: all is
-  bool smooth = true, corrected = false, recording = false;
+  bool smooth = true, corrected = false, recording = false, candidates = false;
+  std::size_t candidateCount = 0;
+  double candidateUnit = 1;   // pixels, see errorColour()
   std::size_t keyframes = 0;  // recorded
   bool settled = false, hashOk = true;
   double building = 0;  // 0..1
@@ -74,10 +77,10 @@ struct Shown {
   Plots history;
 
   Choices choices;
-  bool live = false;       // settings can be changed
-  std::string granted;     // what the server made of them
-  std::string problem;     // what was wrong in the panel
-  bool focusJump = false;  // the panel has just been opened to type a place
+  bool live = false;           // settings can be changed
+  std::string granted;         // what the server made of them
+  std::string problem;         // what was wrong in the panel
+  Focus focus = Focus::kNone;  // the panel has just been opened to type there
 };
 
 class Overlay {

@@ -54,7 +54,8 @@ class MeshPane {
   }
   const render::Canvas* canvas() const { return layer_ ? &layer_->canvas : nullptr; }
   double milliseconds() const { return milliseconds_; }
-  bool isFinest() const { return layer_ && layer_->coarseness == 1; }
+  // Drawn in full, and nothing moves.
+  bool isAtRest() const { return layer_ && layer_->coarseness == 1 && !morph_.active(); }
 
  private:
   Outcome<void> fitBefore();

@@ -49,6 +49,11 @@ int view(const ViewOptions& given) {
     auto drawing = render::drawingOf(world, options.remoteShaders);
     if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
     auto passes = Passes::create(drawing.text);
+    if (!passes && !drawing.text.neutral) {  // the mesh itself needs no terrain's text
+      drawing = render::neutralDrawing(world, passes.error().message);
+      std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
+      passes = Passes::create(drawing.text);
+    }
     if (!passes) return fail(3, passes.error().message);
     std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
     if (drawing.window)

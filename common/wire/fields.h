@@ -1,11 +1,12 @@
 #pragma once
-// Internal to the room: checking what is read, and the messages that stand in a file of their own (session.cpp: members, clock, queries
-// and grounds).
+// Internal to the room: checking what is read, and the messages that stand in a file of their own (session.cpp: members, clock, queries,
+// grounds and candidates).
 
 #include <algorithm>
 #include <cmath>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
@@ -53,6 +54,7 @@ Members read(const pb::Members& in, Check& check);
 Clock read(const pb::Clock& in, Check& check);
 Answer read(const pb::Answer& in, Check& check);
 Ground read(pb::Ground& in, Check& check);
+std::vector<Candidate> read(const pb::Candidates& in, Check& check);
 
 void write(const AskClock& in, pb::ClientMessage& message);
 void write(const SetClock& in, pb::ClientMessage& message);
@@ -64,5 +66,6 @@ void write(const Members& in, pb::ServerMessage& message);
 void write(const Clock& in, pb::ServerMessage& message);
 void write(const Answer& in, pb::ServerMessage& message);
 void write(const Ground& in, pb::ServerMessage& message);
+void write(const std::vector<Candidate>& in, pb::Candidates& out);
 
 }  // namespace ridgecast::wire

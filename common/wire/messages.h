@@ -24,11 +24,14 @@ enum class Pacing { kFree = 0, kLockstep = 1 };
 enum class Role { kViewer = 0, kSensor = 1 };
 enum class ClockMode { kRealTime = 0, kScaled = 1, kStepped = 2 };
 
+inline constexpr std::uint32_t kMaxCandidates = 20'000;  // of an iteration
+
 struct Settings {
   Metric metric = Metric::kDefault;
   double threshold = 0;              // 0: the default of the metric
   std::uint32_t triangleBudget = 0;  // 0: the server's default
   std::uint64_t bytesPerSecond = 0;  // 0: as many as there are
+  std::uint32_t candidates = 0;      // of Iteration::candidates at most
   friend bool operator==(const Settings&, const Settings&) = default;
 };
 
@@ -148,17 +151,24 @@ struct Figures {
 struct LeafWhole {
   lattice::LeafAddress address;
   std::uint32_t vertices = 0, triangles = 0;
-  std::vector<std::uint8_t> payload;  // empty when the leaf is held and empty
-  float error = 0;                    // metres; 0 when it was not asked for
+  std::vector<std::uint8_t> payload;   // empty when the leaf is held and empty
+  float error = 0;                     // metres; 0 when it was not asked for
   std::vector<std::uint8_t> shades{};  // terrain::Shade of every vertex, where World::shadedVertices; else empty
 };
 
 // Made from the leaf that is held, or, where leaves split or merged, from those that are gone (mesh::gather).
 struct LeafDelta {
   lattice::LeafAddress address;
-  std::vector<std::uint8_t> payload;  // empty: the triangles stay as they are
-  float error = 0;                    // as LeafWhole's
+  std::vector<std::uint8_t> payload;   // empty: the triangles stay as they are
+  float error = 0;                     // as LeafWhole's
   std::vector<std::uint8_t> shades{};  // of the vertices that the base does not have
+};
+
+// A place that may become a vertex.
+struct Candidate {
+  lattice::Vertex at;  // on the true terrain
+  float pixels = 0;    // between it and the mesh, on the screen, looked at straight on
+  friend bool operator==(const Candidate&, const Candidate&) = default;
 };
 
 struct Iteration {
@@ -170,9 +180,19 @@ struct Iteration {
   std::uint64_t meshHash = 0;
   bool settled = false;
   Figures figures;
+  std::optional<std::vector<Candidate>> candidates{};  // the worst first; nothing: those before stay, where they are wanted
 };
 
-enum class ErrorCode { kUnspecified = 0, kVersion = 1, kMalformed = 2, kInvalid = 3, kLimit = 4, kNotFound = 5, kInternal = 6, kGoingAway = 7 };
+enum class ErrorCode {
+  kUnspecified = 0,
+  kVersion = 1,
+  kMalformed = 2,
+  kInvalid = 3,
+  kLimit = 4,
+  kNotFound = 5,
+  kInternal = 6,
+  kGoingAway = 7
+};
 
 struct ErrorMessage {
   ErrorCode code = ErrorCode::kUnspecified;

@@ -1,4 +1,5 @@
-// Members, clock, queries and grounds <-> bytes.
+// Members, clock, queries, grounds and candidates <-> bytes.
+#include <cstdlib>
 #include <utility>
 
 #include "common/wire/fields.h"
@@ -266,6 +267,42 @@ void write(const Ground& in, pb::ServerMessage& message) {
   out.set_id(in.id);
   out.set_error(in.error);
   for (const LeafWhole& leaf : in.leaves) write(leaf, *out.add_leaves());
+}
+
+std::vector<Candidate> read(const pb::Candidates& in, Check& check) {
+  std::vector<Candidate> out;
+  const auto count = static_cast<std::size_t>(in.errors_size());
+  check.count(count, kMaxCandidates, "Candidates.errors");
+  check.require(static_cast<std::size_t>(in.points_size()) == 3 * count, "Candidates.points", "must have three numbers for each error");
+  const lattice::Point from = readPoint(in.x(), in.z(), "Candidates.x, .z", check);
+  if (check.error()) return out;
+  out.reserve(count);
+  for (int k = 0; k < in.errors_size() && !check.error(); ++k) {
+    const std::int32_t x = in.points(3 * k), z = in.points(3 * k + 1), y = in.points(3 * k + 2);
+    check.require(std::abs(std::int64_t{x}) <= kMaxCandidateReach && std::abs(std::int64_t{z}) <= kMaxCandidateReach, "Candidates.points",
+                  "must lie within +-2^27 steps");
+    const lattice::Point at = readPoint(from.x + x, from.z + z, "Candidates.points", check);
+    check.require(y >= -lattice::kMaxHeight && y <= lattice::kMaxHeight, "Candidates.points", "must have heights within +-2^25 steps");
+    check.finite(in.errors(k), 0, kMaxErrorPixels, "Candidates.errors", "must be in [0, 1e9] pixels");
+    out.push_back({{at.x, at.z, y}, in.errors(k)});
+  }
+  return out;
+}
+
+// All of a camera's lie within twice the horizon of each other, far below kMaxCandidateReach.
+void write(const std::vector<Candidate>& in, pb::Candidates& out) {
+  if (in.empty()) return;
+  const lattice::Vertex from = in.front().at;
+  out.set_x(from.x);
+  out.set_z(from.z);
+  out.mutable_points()->Reserve(static_cast<int>(3 * in.size()));
+  out.mutable_errors()->Reserve(static_cast<int>(in.size()));
+  for (const Candidate& c : in) {
+    out.add_points(static_cast<std::int32_t>(c.at.x - from.x));
+    out.add_points(static_cast<std::int32_t>(c.at.z - from.z));
+    out.add_points(c.at.y);
+    out.add_errors(c.pixels);
+  }
 }
 
 }  // namespace ridgecast::wire

@@ -32,7 +32,8 @@ Settings read(const pb::Settings& in, Check& check) {
   return {.metric = static_cast<Metric>(in.metric()),
           .threshold = in.threshold(),
           .triangleBudget = in.triangle_budget(),
-          .bytesPerSecond = in.bytes_per_second()};
+          .bytesPerSecond = in.bytes_per_second(),
+          .candidates = in.candidates()};
 }
 
 Hello read(const pb::Hello& in, Check& check) {
@@ -234,6 +235,7 @@ Iteration read(pb::Iteration& in, Check& check) {
   out.meshHash = in.mesh_hash();
   out.settled = in.settled();
   out.figures = read(in.figures(), check);
+  if (in.has_candidates()) out.candidates = wire::read(in.candidates(), check);
   return out;
 }
 
@@ -241,7 +243,9 @@ ErrorMessage read(const pb::Error& in, Check& check) {
   check.require(in.message().size() <= kMaxErrorBytes, "Error.message", "must have at most 4096 bytes");
   check.require(in.reconnect_url().size() <= kMaxErrorBytes, "Error.reconnect_url", "must have at most 4096 bytes");
   const bool known = in.code() >= 0 && in.code() <= static_cast<int>(ErrorCode::kGoingAway);
-  return {.code = known ? static_cast<ErrorCode>(in.code()) : ErrorCode::kUnspecified, .message = in.message(), .reconnectUrl = in.reconnect_url()};
+  return {.code = known ? static_cast<ErrorCode>(in.code()) : ErrorCode::kUnspecified,
+          .message = in.message(),
+          .reconnectUrl = in.reconnect_url()};
 }
 
 // ---- building ----
@@ -257,6 +261,7 @@ void write(const Settings& in, pb::Settings& out) {
   out.set_threshold(in.threshold);
   out.set_triangle_budget(in.triangleBudget);
   out.set_bytes_per_second(in.bytesPerSecond);
+  if (in.candidates) out.set_candidates(in.candidates);
 }
 
 void write(const Hello& in, pb::ClientMessage& message) {
@@ -405,6 +410,7 @@ void write(const Iteration& in, pb::ServerMessage& message) {
   out.set_mesh_hash(in.meshHash);
   out.set_settled(in.settled);
   write(in.figures, *out.mutable_figures());
+  if (in.candidates) wire::write(*in.candidates, *out.mutable_candidates());
 }
 
 void write(const ErrorMessage& in, pb::ServerMessage& message) {
@@ -526,12 +532,15 @@ Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const L
 Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const Limits& limits) {
   if (bytes.size() > limits.maxServerMessageBytes) return tooLong(bytes.size(), limits.maxServerMessageBytes);
   FieldCounts outer{}, iteration{}, members{}, ground{}, tiles{};
-  std::size_t small = 0;  // bytes of messages whose lists of numbers are not counted one by one
+  std::size_t small = 0, candidates = 0;  // bytes of messages whose lists of numbers are not counted one by one
   const auto ignore = [](std::uint32_t, std::span<const std::uint8_t>) { return true; };
   const bool wellFormed = scanFields(bytes, outer, [&](std::uint32_t field, std::span<const std::uint8_t> content) {
     switch (field) {
       case pb::ServerMessage::kIteration:
-        return scanFields(content, iteration, ignore);
+        return scanFields(content, iteration, [&](std::uint32_t inner, std::span<const std::uint8_t> list) {
+          if (inner == pb::Iteration::kCandidatesFieldNumber) candidates += list.size();
+          return true;
+        });
       case pb::ServerMessage::kHeightTiles:
         return scanFields(content, tiles, ignore);
       case pb::ServerMessage::kGround:
@@ -552,6 +561,7 @@ Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const L
   check.count(iteration[pb::Iteration::kGoneFieldNumber], kMaxIterationLeaves, "Iteration.gone");
   check.count(iteration[pb::Iteration::kWholeFieldNumber], kMaxIterationLeaves, "Iteration.whole");
   check.count(iteration[pb::Iteration::kChangedFieldNumber], kMaxIterationLeaves, "Iteration.changed");
+  check.require(candidates <= kMaxCandidatesBytes, "Iteration.candidates", "must be at most 20000");
   check.count(ground[pb::Ground::kLeavesFieldNumber], kMaxIterationLeaves, "Ground.leaves");
   check.count(members[pb::Members::kJoinedFieldNumber], kMaxMembers, "Members.joined");
   check.count(members[pb::Members::kMovedFieldNumber], kMaxMembers, "Members.moved");

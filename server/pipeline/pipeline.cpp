@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "server/pipeline/camera_mesh.h"
+#include "server/refinement/candidate_list.h"
 #include "server/refinement/coarsening.h"
 #include "server/triangulation/verify.h"
 
@@ -65,6 +66,7 @@ wire::Settings grant(const wire::Settings& asked, const Limits& limits) {
   granted.threshold = std::clamp(granted.threshold, thesis ? 1e-9 : 0.05, thesis ? 1e9 : 1000.0);
   if (granted.triangleBudget == 0) granted.triangleBudget = limits.defaultBudget;
   granted.triangleBudget = std::clamp<std::uint32_t>(granted.triangleBudget, 10'000, limits.maxBudget);
+  granted.candidates = std::min(granted.candidates, wire::kMaxCandidates);
   return granted;
 }
 
@@ -304,6 +306,26 @@ void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = 
 bool Pipeline::settled() const { return state_->settled; }
 
 const std::vector<LeafState>& Pipeline::leaves() const { return state_->leaves; }
+
+std::vector<wire::Candidate> Pipeline::candidates(std::uint32_t most) const {
+  const State& s = *state_;
+  const refinement::Surface& surface = s.mesh.surface();
+  const refinement::View view(s.previous, surface.anchor, s.travel, s.turn, false, s.settings.metric == wire::Metric::kArea);
+  const auto& leafs = s.mesh.leaves();
+  std::vector<std::vector<refinement::ListedCandidate>> found(leafs.size());
+  s.pool->forEach(leafs.size(), 16, [&](std::size_t k) {
+    if (!leafs[k]->visible) return;
+    refinement::listCandidates(s.mesh.triangulation(), surface, leafs[k]->region, view, found[k]);
+    refinement::keepWorst(found[k], most);
+  });
+  std::vector<refinement::ListedCandidate> all;
+  for (const auto& leaf : found) all.insert(all.end(), leaf.begin(), leaf.end());
+  refinement::keepWorst(all, most);
+  std::vector<wire::Candidate> out;
+  out.reserve(all.size());
+  for (const auto& c : all) out.push_back({{surface.anchor.x + c.point.x, surface.anchor.z + c.point.z, c.y}, c.pixels});
+  return out;
+}
 
 mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
   const State& s = *state_;

@@ -23,7 +23,8 @@ struct Limits {
   std::uint32_t maxBudget = 2'000'000;
 };
 
-// The settings with defaults filled in and caps applied. Thresholds are clamped to [0.05, 1000] (pixels) or [1e-9, 1e9] (thesis).
+// The settings with defaults filled in and caps applied. Thresholds are clamped to [0.05, 1000] (pixels) or [1e-9, 1e9] (thesis), candidates to
+// wire::kMaxCandidates.
 wire::Settings grant(const wire::Settings& asked, const Limits& limits);
 
 struct LeafState {
@@ -59,6 +60,10 @@ class Pipeline {
 
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
   mesh::LeafMesh extract(lattice::LeafAddress address) const;
+
+  // The candidates that the camera of the last iteration may see, the worst first, at most so many: where the mesh would grow next. A pass over
+  // all triangles in view; spreads over the pool. The same for any number of threads.
+  std::vector<wire::Candidate> candidates(std::uint32_t most) const;
 
   // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.
   std::size_t memoryBytes() const;

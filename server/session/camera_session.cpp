@@ -36,6 +36,8 @@ void giveMemoryBackSoon(const Resources& resources) {
   });
 }
 
+constexpr std::size_t kBytesACandidate = 15;  // about
+
 ErrorMessage expectsHello(std::string_view what) {
   return {ErrorCode::kMalformed, "The first message must be a hello; a " + std::string(what) + " came first."};
 }
@@ -398,6 +400,7 @@ void CameraSession::iterate() {
   metrics::Figures& figures = *session_->resources().figures;
   bool newPose = false, changesSettings = false;
   wire::Settings settings;
+  std::uint32_t candidates = 0, candidatesBefore = 0;
   {
     const std::lock_guard lock(mutex_);
     if (!hasWork() || stage_ != Stage::kRuns || !holds_.empty() || !tiles_.empty()) return;
@@ -406,10 +409,12 @@ void CameraSession::iterate() {
       poses_.pop_front();
       posed_ = newPose = true;
     }
+    candidatesBefore = granted_.candidates;
     for (; !changes_.empty() && (!lockstep_ || changes_.front().after < pose_.sequence); changes_.pop_front()) {
       granted_ = settings = changes_.front().granted;
       changesSettings = true;
     }
+    candidates = granted_.candidates;
     if (changesSettings) pace_.setRate(settings.bytesPerSecond);
   }
   if (changesSettings) {
@@ -435,7 +440,7 @@ void CameraSession::iterate() {
       figures.iterated(iteration.figures);
       return;
     }
-    if (!newPose && !tellsRest && !replica_.differs(mesh_->leaves())) {
+    if (!newPose && !tellsRest && candidates <= candidatesBefore && !replica_.differs(mesh_->leaves())) {
       figures.iterated(iteration.figures);
       return;
     }
@@ -447,6 +452,7 @@ void CameraSession::iterate() {
   iteration.meshHash = changes.meshHash;
   const auto start = std::chrono::steady_clock::now();
   encode(changes, iteration);
+  if (candidates > 0) iteration.candidates = mesh_->candidates(candidates);
   iteration.gone = std::move(changes.gone);
   iteration.figures.encodeMs = millisecondsSince(start);
   figures.iterated(iteration.figures);
@@ -457,6 +463,7 @@ void CameraSession::iterate() {
     for (const wire::LeafDelta& leaf : iteration.changed) bytes += leaf.payload.size() + leaf.shades.size() + 16;
     const std::lock_guard lock(mutex_);
     pace_.sent(Pace::Clock::now(), bytes, iteration.figures.inserted);
+    if (iteration.candidates) pace_.sent(Pace::Clock::now(), kBytesACandidate * iteration.candidates->size(), 0);
   }
   sender_->send(std::move(iteration));
 }

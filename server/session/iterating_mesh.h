@@ -20,6 +20,7 @@ class IteratingMesh {
   virtual bool settled() const = 0;
   virtual const std::vector<pipeline::LeafState>& leaves() const = 0;
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
+  virtual std::vector<wire::Candidate> candidates(std::uint32_t most) const = 0;
 };
 
 using MakeMesh = std::function<std::unique_ptr<IteratingMesh>(std::shared_ptr<const terrain::Terrain> terrain,

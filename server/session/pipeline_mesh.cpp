@@ -16,6 +16,7 @@ class PipelineMesh final : public IteratingMesh {
   bool settled() const override { return pipeline_.settled(); }
   const std::vector<pipeline::LeafState>& leaves() const override { return pipeline_.leaves(); }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return pipeline_.extract(address); }
+  std::vector<wire::Candidate> candidates(std::uint32_t most) const override { return pipeline_.candidates(most); }
 
  private:
   pipeline::Pipeline pipeline_;

@@ -1,141 +1,23 @@
-// The window at an X server without a screen, with keys that are really pressed (XTEST, by xdotool): modes change what is shown, places can be
-// typed, and whatever ends a viewer ends it soon and with an exit code that says so.
+// The window at an X server without a screen, with keys that are really pressed: modes change what is shown, places can be typed, and whatever
+// ends a viewer ends it soon and with an exit code that says so.
 
 #include <gtest/gtest.h>
 
 #include <chrono>
 #include <csignal>
-#include <cstdlib>
-#include <filesystem>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 
-#include "client/render/picture.h"
-#include "tests/support/process.h"
+#include "tests/e2e/window.h"
 #include "tests/support/server_process.h"
 
 namespace ridgecast {
 namespace {
 
 using namespace testing_support;
-using namespace std::chrono_literals;
 
-// Until `done`, at most so long.
-template <class Done>
-bool await(Done done, std::chrono::milliseconds patience) {
-  for (const auto until = std::chrono::steady_clock::now() + patience; std::chrono::steady_clock::now() < until;) {
-    if (done()) return true;
-    std::this_thread::sleep_for(50ms);
-  }
-  return done();
-}
-
-// An X server and a viewer on it.
-class Keys : public testing::Test {
- protected:
-  void SetUp() override {
-    if (!programExists("Xvfb") || !programExists("xdotool")) GTEST_SKIP() << "Xvfb or xdotool is not installed (packages xvfb, xdotool)";
-    screen_ = std::make_unique<Process>(std::vector<std::string>{"Xvfb", "-displayfd", "1", "-screen", "0", "800x600x24"});
-    ASSERT_TRUE(await([&] { return screen_->output().find('\n') != std::string::npos; }, 20s)) << screen_->output();
-    const std::string number = screen_->output();
-    environment_ = {
-        {"DISPLAY", ":" + number.substr(number.find_first_of("0123456789"), number.find('\n') - number.find_first_of("0123456789"))},
-        {"WAYLAND_DISPLAY", {}}};
-  }
-
-  void open(std::vector<std::string> arguments, const std::string& url, const Environment& more = {}) {
-    std::string command = "cd '" + (folder_ / "").string() + "' && exec '" RIDGECAST_CLIENT "' view '" + url +
-                          "' --size 320x180 --x 1400 --z 3600 --altitude 300 --pitch -14";
-    for (const std::string& a : arguments) command += " " + a;
-    Environment all = environment_;
-    all.insert(all.end(), more.begin(), more.end());
-    viewer_ = std::make_unique<Process>(std::vector<std::string>{"sh", "-c", command}, all);
-  }
-  bool says(const std::string& text, std::chrono::milliseconds patience = 60s) {
-    return await([&] { return viewer_->output().find(text) != std::string::npos || !viewer_->running(); }, patience) &&
-           viewer_->output().find(text) != std::string::npos;
-  }
-  // Once the window is there.
-  bool opened() {
-    return says("viewing ", 30s) &&
-           await(
-               [&] {
-                 return runProgram({"xdotool", "search", "--onlyvisible", "--name", "Ridgecast"}, environment_).code == 0;
-               },
-               20s);
-  }
-  void press(const std::vector<std::string>& keys) {
-    for (const std::string& key : keys) {
-      EXPECT_EQ(runProgram({"xdotool", "key", key}, environment_).code, 0);
-      std::this_thread::sleep_for(100ms);
-    }
-  }
-  void hold(const std::string& key, std::chrono::milliseconds time) {
-    runProgram({"xdotool", "keydown", key}, environment_);
-    std::this_thread::sleep_for(time);
-    runProgram({"xdotool", "keyup", key}, environment_);
-  }
-  void type(const std::string& text) { EXPECT_EQ(runProgram({"xdotool", "type", "--delay", "60", "--", text}, environment_).code, 0); }
-
-  render::Picture shot() {
-    const std::string name = "ridgecast-" + std::to_string(++shots_) + ".png";
-    press({"F12"});
-    EXPECT_TRUE(says("is in " + name)) << viewer_->output();
-    auto picture = render::readPng((folder_ / name).string());
-    EXPECT_TRUE(picture);
-    return picture ? *picture : render::Picture{};
-  }
-  // What is shown once it has come to rest.
-  render::Picture rested() {
-    render::Picture last = shot();
-    for (int k = 0; k < 60; ++k) {
-      std::this_thread::sleep_for(300ms);
-      render::Picture now = shot();
-      if (now.rgb == last.rgb) return now;
-      last = std::move(now);
-    }
-    ADD_FAILURE() << "the picture does not come to rest";
-    return last;
-  }
-
-  std::unique_ptr<Process> screen_, viewer_;
-  Environment environment_;
-  ScratchFolder folder_;
-  int shots_ = 0;
-};
-
-// Means of the differences of two pictures of a size, 0..255, over the columns from `left` to `right` (0..1); without the lowest rows, where words are.
-struct Difference {
-  double mean = 0, darker = 0, moved = 0;  // shares of pixels that are darker, or differ, by more than 24
-};
-Difference compare(const render::Picture& a, const render::Picture& b, double left = 0, double right = 1) {
-  Difference out;
-  if (a.width != b.width || a.height != b.height) {
-    ADD_FAILURE() << "pictures of two sizes";
-    return out;
-  }
-  double n = 0;
-  for (std::uint32_t row = 0; row < a.height * 8 / 10; ++row)
-    for (auto column = static_cast<std::uint32_t>(left * a.width); column < static_cast<std::uint32_t>(right * a.width); ++column) {
-      const std::size_t at = 3 * (std::size_t{row} * a.width + column);
-      double sum = 0, most = 0;
-      for (std::size_t c = 0; c < 3; ++c) {
-        const double d = double{static_cast<double>(b.rgb[at + c])} - a.rgb[at + c];
-        sum += d / 3;
-        most = std::max(most, std::abs(d));
-        out.mean += std::abs(d) / 3;
-      }
-      out.darker += sum < -24;
-      out.moved += most > 24;
-      ++n;
-    }
-  out.mean /= n;
-  out.darker /= n;
-  out.moved /= n;
-  return out;
-}
+class Keys : public WindowTest {};
 
 TEST_F(Keys, ChangeWhatIsShown) {
   ServerProcess server(RIDGECAST_SERVER);
@@ -188,6 +70,24 @@ TEST_F(Keys, ChangeWhatIsShown) {
   EXPECT_GT(compare(mesh, shot(), 0.5, 1).darker, 0.1);  // the list of keys
 
   press({"Escape", "Escape"});
+  EXPECT_EQ(viewer_->wait(30s), 0) << viewer_->output();
+  EXPECT_TRUE(server.healthy());
+}
+
+TEST_F(Keys, CandidatesAreDotsForAsLongAsTheyAreWanted) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({"--threshold", "6", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"F3", "1"});
+  std::this_thread::sleep_for(2s);
+  const render::Picture mesh = rested();
+  press({"k"});
+  Difference dots;
+  EXPECT_TRUE(shows([&](const render::Picture& now) { return (dots = compare(mesh, now)).moved > 0.01; }));
+  EXPECT_LT(dots.moved, 0.7);
+  press({"k"});
+  EXPECT_TRUE(shows([&](const render::Picture& now) { return compare(mesh, now).mean == 0; })) << "dots, or another mesh, are left";
+  press({"Escape"});
   EXPECT_EQ(viewer_->wait(30s), 0) << viewer_->output();
   EXPECT_TRUE(server.healthy());
 }

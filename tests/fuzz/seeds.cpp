@@ -48,7 +48,7 @@ wire::LeafDelta deltaOf(const mesh::LeafMesh& base, const mesh::LeafMesh& target
 void clientSeeds() {
   wire::Hello hello;
   hello.clientName = "seed";
-  hello.settings = {wire::Metric::kPixels, 1, 100'000, 64'000};
+  hello.settings = {wire::Metric::kPixels, 1, 100'000, 64'000, 900};
   wire::PoseMessage pose{1, {}};
   pose.camera.pose = {.x = -5, .z = 1 << 20, .remainderX = 0, .remainderZ = 0, .y = 100, .yaw = 1, .pitch = -0.2};
   wire::PoseMessage second = pose;
@@ -103,6 +103,7 @@ void serverSeeds() {
     d.gone = {parent.child(0), parent.child(1), parent.child(2), parent.child(3)};
     d.changed = {deltaOf(second, first)};
     write("server", framed<M>({a}));
+    b.candidates = {{{{1 << 20, -5, 300}, 2.5f}, {{1 << 20, 700, -300}, 0.25f}}};
     write("server", framed<M>({a, b}));
     write("server", framed<M>({a, b, c, d}));
   }

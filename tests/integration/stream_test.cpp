@@ -167,6 +167,17 @@ TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
   connection->change(other);
   EXPECT_GT(settle(), first);
   EXPECT_EQ(connection->granted().threshold, other.threshold);
+  // Candidates come with iterations and are no part of the mesh; a client that wants none any more is sent none.
+  other.candidates = 500;
+  connection->change(other);
+  const auto wanted = connection->receive(30s);
+  ASSERT_TRUE(wanted && wanted->iteration.candidates);
+  EXPECT_EQ(wanted->iteration.candidates->size(), 500u);
+  EXPECT_EQ(connection->granted().candidates, 500u);
+  ASSERT_TRUE(held.apply(wanted->iteration));
+  EXPECT_EQ(held.hash(), wanted->iteration.meshHash);
+  connection->acknowledge({wanted->iteration.number, held.hash()});
+  other.candidates = 0;
   other.metric = wire::Metric::kArea;  // begins anew
   other.threshold = 0;
   connection->change(other);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <future>
 
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
@@ -86,8 +87,17 @@ TEST(Scene, HoldsWhatItWasSent) {
       const lattice::LeafAddress address{0, between(f.random, -2, 2), between(f.random, -2, 2)};  // at times one that is gone before
       if (named.insert(address).second) f.set(it, address, static_cast<int>(between(f.random, 0, 6)));
     }
-    const auto applied = f.scene.apply(it);
-    ASSERT_TRUE(applied) << applied.error().message;
+    if (round % 2 == 0) {
+      const auto applied = f.scene.apply(it);
+      ASSERT_TRUE(applied) << applied.error().message;
+    } else {  // in two, the first beside those who read
+      auto preparing = std::async(std::launch::async, [&] { return f.scene.prepare(it); });
+      expectHolds(f.scene, before, f.number - 1);
+      auto prepared = preparing.get();
+      ASSERT_TRUE(prepared) << prepared.error().message;
+      expectHolds(f.scene, before, f.number - 1);
+      f.scene.take(std::move(*prepared));
+    }
     expectHolds(f.scene, f.replica, f.number);
   }
 }

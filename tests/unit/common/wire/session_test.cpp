@@ -71,6 +71,26 @@ TEST(WireSession, ChangesOfSettingsSurviveAndAreJudged) {
   }
 }
 
+TEST(WireSession, CandidatesSurviveAndAreAskedForBySettings) {
+  Settings asked;
+  asked.candidates = 12'345;
+  EXPECT_EQ(throughServer(ChangeSettings{asked}).settings, asked);
+  Iteration in;
+  in.number = 1;
+  EXPECT_FALSE(throughClient(in).candidates);
+  in.candidates.emplace();
+  ASSERT_TRUE(throughClient(in).candidates);  // none is not the same as not told
+  EXPECT_TRUE(throughClient(in).candidates->empty());
+  const lattice::Step far = lattice::kMaxPosition;
+  for (std::uint32_t k = 0; k < kMaxCandidates; ++k)
+    in.candidates->push_back(
+        {{far - 9'000'000 + k * 400, -far + k, static_cast<std::int32_t>(k) - 10'000}, 20'000.0f - static_cast<float>(k)});
+  in.candidates->back() = {{far, -far, -lattice::kMaxHeight}, 0};
+  const std::string bytes = encode(ServerMessage(in));
+  EXPECT_LT(bytes.size(), std::size_t{16} * kMaxCandidates);
+  EXPECT_EQ(throughClient(in).candidates, in.candidates);
+}
+
 TEST(WireSession, MembersSurvive) {
   Members in;
   in.joined = {{7, Role::kSensor, "lidar", moved(7, 3)}, {8, Role::kViewer, "", {}}};
@@ -218,6 +238,29 @@ TEST(WireSession, WhatIsOutOfRangeIsRefusedByName) {
                 m.mutable_ask_ground()->set_error(0);
               }),
               "AskGround.error");
+  const auto candidates = [&](auto change) {
+    return whyClient([&](auto& m) {
+      m.mutable_iteration()->set_number(1);
+      auto& c = *m.mutable_iteration()->mutable_candidates();
+      for (const int v : {1, 2, 3}) c.add_points(v);
+      c.add_errors(1);
+      change(c);
+    });
+  };
+  expectNames(candidates([](auto& c) { c.add_points(1); }), "Candidates.points");
+  expectNames(candidates([](auto& c) { c.add_errors(1); }), "Candidates.points");
+  expectNames(candidates([](auto& c) { c.set_x(lattice::kMaxPosition + 1); }), "Candidates.x");
+  expectNames(candidates([](auto& c) { c.set_x(lattice::kMaxPosition); }), "Candidates.points");
+  expectNames(candidates([](auto& c) { c.set_points(1, (1 << 27) + 1); }), "Candidates.points");
+  expectNames(candidates([](auto& c) { c.set_points(0, std::numeric_limits<std::int32_t>::min()); }), "Candidates.points");
+  expectNames(candidates([](auto& c) { c.set_points(2, lattice::kMaxHeight + 1); }), "Candidates.points");
+  for (const float wrong : {-1.0f, 2e9f, static_cast<float>(kNan)})
+    expectNames(candidates([&](auto& c) { c.set_errors(0, wrong); }), "Candidates.errors");
+  expectNames(candidates([](auto& c) {
+                for (std::uint32_t k = 0; k < kMaxCandidates; ++k) c.add_errors(1);
+              }),
+              "Candidates.errors");
+  expectNames(candidates([](auto& c) { c.mutable_points()->Resize(1 << 20, 0); }), "Iteration.candidates");  // counted before they are read
   expectNames(whyClient([](auto& m) { m.mutable_members()->add_moved(); }), "Moved.pose");
   expectNames(whyClient([](auto& m) { m.mutable_members()->add_joined()->set_name("a\nb"); }), "Member.name");
   expectNames(whyClient([](auto& m) {

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <map>
+#include <optional>
 #include <random>
 #include <set>
 
@@ -81,10 +82,10 @@ TEST_P(Flights, TheMeshIsSoundOutAndBackAndAfterATeleport) {
     if (++n % 8 == 0) rig.expectSound("iteration " + std::to_string(n));
   };
   for (int k = 0; k < 16; ++k) go(0, -k * 20.0, 60, 0);
-  for (int k = 0; k < 12; ++k) go(0, -320 - k * 900.0, 200, 0);         // away fast: leaves are dropped and come
-  for (int k = 0; k < 12; ++k) go(0, -10220 + k * 900.0, 200, 3.1);     // and back
+  for (int k = 0; k < 12; ++k) go(0, -320 - k * 900.0, 200, 0);           // away fast: leaves are dropped and come
+  for (int k = 0; k < 12; ++k) go(0, -10220 + k * 900.0, 200, 3.1);       // and back
   for (int k = 0; k < 8; ++k) go(200000, 5000, 3000 - k * 370, k * 0.5);  // teleport, dive
-  for (int k = 0; k < 8; ++k) go(240000 + k, 5000, 100, 0);             // a jump with part of the world in common
+  for (int k = 0; k < 8; ++k) go(240000 + k, 5000, 100, 0);               // a jump with part of the world in common
   rig.expectSound("the end");
 }
 
@@ -92,7 +93,11 @@ TEST(Pipeline, OneTwoAndEightThreadsEndInTheSameHash) {
   std::vector<std::uint64_t> hashes[3];
   const unsigned threads[3] = {1, 2, 8};
   for (int k = 0; k < 3; ++k) {
-    Rig rig(threads[k], [] { wire::Settings s; s.threshold = 2; return s; }());
+    Rig rig(threads[k], [] {
+      wire::Settings s;
+      s.threshold = 2;
+      return s;
+    }());
     for (int n = 0; n < 60; ++n) {
       rig.pipeline.iterate(cameraAt(*rig.terrain, n * 15.0, -n * 10.0, 80, n * 0.03));
       hashes[k].push_back(rig.hash());
@@ -142,7 +147,11 @@ TEST(Pipeline, AVersionChangesExactlyWhenALeafsContentDoes) {
 TEST(Pipeline, AFinerThresholdHasMoreTrianglesAndTheBudgetHolds) {
   std::uint32_t last = 0;
   for (double threshold : {8.0, 3.0, 1.0}) {
-    Rig rig(2, [&] { wire::Settings s; s.threshold = threshold; return s; }());
+    Rig rig(2, [&] {
+      wire::Settings s;
+      s.threshold = threshold;
+      return s;
+    }());
     std::uint32_t triangles = 0;
     for (int n = 0; n < 40; ++n) triangles = rig.pipeline.iterate(cameraAt(*rig.terrain, 0, 0, 100)).triangles;
     EXPECT_GT(triangles, last);
@@ -250,7 +259,8 @@ TEST(Pipeline, AtRestTheErrorOnScreenIsWhatWasAskedFor) {
   const auto isSeen = [&](const camera::Vec3& at) {
     const double flat = std::hypot(at.x, at.z);
     for (double r = 8; r < 0.98 * flat; r += std::max(1.0, 0.004 * r))
-      if (rig.terrain->height({camera.pose.x + std::llround(256 * r * at.x / flat), camera.pose.z + std::llround(256 * r * at.z / flat)}) - camera.pose.y >
+      if (rig.terrain->height({camera.pose.x + std::llround(256 * r * at.x / flat), camera.pose.z + std::llround(256 * r * at.z / flat)}) -
+              camera.pose.y >
           r * at.y / flat)
         return false;
     return true;
@@ -338,7 +348,8 @@ TEST(CameraMesh, KeepsItsLaws) {
         for (const Leaf* leaf : mesh.leaves())
           if (leaf->region == r && r != triangulation::kOutside) level = leaf->address.level;
         ASSERT_LE(static_cast<int>(mesh.surface().vertices[v].level), level + 1);
-        ASSERT_EQ(p.y, lattice::snapHeight(terrain->heightStep({anchor.x + p.x, anchor.z + p.z}), static_cast<int>(mesh.surface().vertices[v].level)));
+        ASSERT_EQ(p.y, lattice::snapHeight(terrain->heightStep({anchor.x + p.x, anchor.z + p.z}),
+                                           static_cast<int>(mesh.surface().vertices[v].level)));
       });
     }
     for (const Leaf* leaf : mesh.leaves())
@@ -352,8 +363,7 @@ TEST(CameraMesh, KeepsItsLaws) {
         ++looked;
         const triangulation::Point2 p = c.point;
         const auto& v = t.triangle(id).v;
-        for (int k = 0; k < 3; ++k)
-          ASSERT_GE(triangulation::orientation(t.vertex(v[k]).point(), t.vertex(v[(k + 1) % 3]).point(), p), 0);
+        for (int k = 0; k < 3; ++k) ASSERT_GE(triangulation::orientation(t.vertex(v[k]).point(), t.vertex(v[(k + 1) % 3]).point(), p), 0);
         const std::int32_t fine = terrain->heightStep({anchor.x + p.x, anchor.z + p.z});
         ASSERT_EQ(fine, c.y);
         ASSERT_NEAR(std::abs(refinement::heightOnTriangle(t, id, p) - lattice::snapHeight(fine, leaf->address.level)), std::abs(c.error),
@@ -401,6 +411,64 @@ TEST(Pipeline, GoesOnWithOtherSettingsWhateverTheThreads) {
     hashes.push_back(rig.hash());
   }
   EXPECT_EQ(hashes.front(), hashes.back());
+}
+
+// The height of the mesh above a place, in steps, from what a client is sent; nothing where there is none.
+std::optional<double> heightOf(const std::vector<mesh::LeafMesh>& meshes, const lattice::Vertex& p) {
+  for (const mesh::LeafMesh& leaf : meshes) {
+    const double x = static_cast<double>(p.x - leaf.address.x()), z = static_cast<double>(p.z - leaf.address.z());
+    const auto side = static_cast<double>(leaf.address.side());
+    if (x < -side || z < -side || x > 2 * side || z > 2 * side) continue;
+    for (const mesh::Triangle& t : leaf.triangles) {
+      const auto &a = leaf.vertices[t[0]], &b = leaf.vertices[t[1]], &c = leaf.vertices[t[2]];
+      const auto area = [x, z](const mesh::LocalVertex& u, const mesh::LocalVertex& v) {
+        return (v.z - u.z) * (x - u.x) - (v.x - u.x) * (z - u.z);
+      };
+      const double ab = area(a, b), bc = area(b, c), ca = area(c, a);
+      if (ab >= 0 && bc >= 0 && ca >= 0) return (bc * a.y + ca * b.y + ab * c.y) / (ab + bc + ca);
+    }
+  }
+  return std::nullopt;
+}
+
+TEST(Pipeline, CandidatesAreTheTrueTerrainsAndSayHowFarTheMeshIsFromIt) {
+  for (const wire::Metric metric : {wire::Metric::kPixels, wire::Metric::kArea, wire::Metric::kThesis}) {
+    std::vector<std::vector<wire::Candidate>> lists;
+    for (const unsigned threads : {1u, 2u, 8u}) {
+      Rig rig(threads, {.metric = metric, .threshold = metric == wire::Metric::kThesis ? 1e-3 : 4, .triangleBudget = 40'000});
+      EXPECT_TRUE(rig.pipeline.candidates(100).empty()) << "before there is a mesh";
+      const camera::Camera camera = cameraAt(*rig.terrain, -1e12 + 1400, 3600, 200);
+      for (int k = 0; k < 4; ++k) rig.pipeline.iterate(camera);
+      const auto list = rig.pipeline.candidates(wire::kMaxCandidates);
+      ASSERT_GT(list.size(), 300u);
+      for (std::size_t k = 1; k < list.size(); ++k) ASSERT_GE(list[k - 1].pixels, list[k].pixels);
+      auto few = rig.pipeline.candidates(100);
+      EXPECT_TRUE(std::equal(few.begin(), few.end(), list.begin(), list.begin() + 100)) << "not the worst";
+      lists.push_back(list);
+      if (threads > 1) continue;
+      const auto meshes = rig.meshes();
+      for (std::size_t k = 0; k < list.size(); k += list.size() / 60) {
+        const lattice::Vertex& at = list[k].at;
+        EXPECT_NEAR(at.y, rig.terrain->height({at.x, at.z}) * 256, 1);
+        const auto height = heightOf(meshes, at);
+        ASSERT_TRUE(height);
+        const double x = static_cast<double>(at.x - camera.pose.x) / 256, z = static_cast<double>(at.z - camera.pose.z) / 256,
+                     y = at.y / 256.0 - camera.pose.y, d = std::sqrt(x * x + y * y + z * z);
+        const double perMetre = camera::pixelsPerRadian(camera.projection) * std::sqrt(x * x + z * z) / (d * d);
+        // Vertices are snapped to their leaf's level, by at most half of 2^(level + 3) steps, and an eighth of a metre is as much as any in sight is.
+        EXPECT_NEAR(list[k].pixels, std::abs(at.y - *height) / 256 * perMetre, 0.02 + 20 * perMetre * d / 32'000) << d << " m away";
+      }
+    }
+    EXPECT_EQ(lists[0], lists[1]);
+    EXPECT_EQ(lists[0], lists[2]);
+  }
+  // At rest nothing that the camera may see is left above the threshold.
+  Rig rig(2);
+  const camera::Camera camera = cameraAt(*rig.terrain, 1400, 3600, 200);
+  for (int k = 0; k < 400 && !(k > 0 && rig.pipeline.settled()); ++k) rig.pipeline.iterate(camera);
+  const auto left = rig.pipeline.candidates(10);
+  ASSERT_EQ(left.size(), 10u);
+  EXPECT_LT(left.front().pixels, 4);
 }
 
 }  // namespace

@@ -46,6 +46,12 @@ class ScriptedMesh final : public IteratingMesh {
   bool settled() const override { return state_.settled; }
   const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return contentOf(address, state_.leaves.at(address)); }
+  // The first is marked with the iteration's number.
+  std::vector<wire::Candidate> candidates(std::uint32_t most) const override {
+    std::vector<wire::Candidate> out(most, wire::Candidate{{1, 2, 3}, 0.5f});
+    if (most > 0) out.front().at.y = script_->iterations;
+    return out;
+  }
 
  private:
   std::shared_ptr<Script> script_;

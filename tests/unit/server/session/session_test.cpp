@@ -600,6 +600,45 @@ TEST_F(SessionTest, OtherSettingsAreGrantedAndMakeTheNextIteration) {
   EXPECT_THAT(script->changes, testing::ElementsAre(std::pair(1, granted)));
 }
 
+TEST_F(SessionTest, CandidatesComeWhileTheyAreWantedAndWithIterationsAlone) {
+  start();
+  camera->receive(hello());
+  ASSERT_TRUE(client->world());
+  camera->receive(pose(1));
+  const auto first = client->iteration();
+  ASSERT_TRUE(first);
+  EXPECT_FALSE(first->candidates) << "nobody asked";
+  acknowledge(*first);
+  EXPECT_TRUE(client->quiet());
+  // At rest: they are told at once, though the mesh stays what it is, once.
+  script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 1}}, true}; };
+  camera->receive(wire::ChangeSettings{{.candidates = 1'000'000}});
+  const auto second = client->iteration();
+  ASSERT_TRUE(second);
+  EXPECT_EQ(client->granted().back().candidates, wire::kMaxCandidates);
+  ASSERT_TRUE(second->candidates);
+  EXPECT_EQ(second->candidates->size(), wire::kMaxCandidates);
+  EXPECT_EQ(second->candidates->front().at.y, script->iterations) << "of another iteration";
+  acknowledge(*second);
+  EXPECT_TRUE(client->quiet());
+  camera->receive(wire::ChangeSettings{{.candidates = 7}});
+  camera->receive(pose(2));
+  std::optional<wire::Iteration> third = client->iteration();
+  ASSERT_TRUE(third);
+  if (third->poseSequence == 1) acknowledge(*third), third = client->iteration();
+  ASSERT_TRUE(third && third->candidates);
+  EXPECT_EQ(third->candidates->size(), 7u);
+  acknowledge(*third);
+  // Not wanted any more: they end, and nothing is sent for that.
+  camera->receive(wire::ChangeSettings{});
+  EXPECT_TRUE(client->quiet());
+  camera->receive(pose(3));
+  const auto last = client->iteration();
+  ASSERT_TRUE(last);
+  EXPECT_FALSE(last->candidates);
+  EXPECT_EQ(client->granted().back().candidates, 0u);
+}
+
 TEST_F(SessionTest, InLockStepOtherSettingsAreForThePosesThatComeAfter) {
   start();
   camera->receive(hello(wire::Pacing::kLockstep));

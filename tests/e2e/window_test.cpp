@@ -1,0 +1,233 @@
+// What a window goes through: other sizes, screens with small pixels, other worlds, others in its session, a driver that rejects a terrain.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <numbers>
+#include <string>
+
+#include "common/terrain/terrain.h"
+#include "tests/e2e/window.h"
+#include "tests/support/flier.h"
+#include "tests/support/server_process.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace testing_support;
+
+class Window : public WindowTest {
+ protected:
+  void close(int code = 0) {
+    press({"Escape"});
+    EXPECT_EQ(viewer_->wait(60s), code) << viewer_->output();
+  }
+};
+
+TEST_F(Window, AfterItsSizeChangedThePictureIsThatOfAWindowOfThatSize) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({"--threshold", "20", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"F3", "2"});
+  rested();
+  ASSERT_EQ(runProgram({"xdotool", "windowsize", windowNumber(), "420", "280"}, environment_).code, 0);
+  ASSERT_TRUE(shows([](const render::Picture& now) { return now.width == 420 && now.height == 280; }));
+  const render::Picture march = rested();
+  press({"1"});
+  const render::Picture mesh = rested();
+  close();
+  size_ = "420x280";
+  open({"--threshold", "20", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"F3", "2"});
+  std::this_thread::sleep_for(1s);
+  EXPECT_EQ(compare(march, rested()).mean, 0);
+  press({"1"});
+  EXPECT_LT(compare(mesh, rested()).mean, 4);  // of a mesh that was built for another size first
+  close();
+  EXPECT_TRUE(server.healthy());
+}
+
+TEST_F(Window, FillsTheScreenAndComesBack) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({"--threshold", "50"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"1", "F11"});
+  EXPECT_TRUE(shows([](const render::Picture& now) { return now.width == 800 && now.height == 600; }));
+  press({"F11"});
+  EXPECT_TRUE(shows([](const render::Picture& now) { return now.width == 320 && now.height == 180; }));
+  close();
+}
+
+// How many rows the figures at the upper left cover.
+std::uint32_t rowsOf(const render::Picture& with, const render::Picture& without) {
+  std::uint32_t last = 0;
+  for (std::uint32_t row = 0; row < with.height; ++row)
+    if (std::size_t{row} * with.width * 3 + 60 <= with.rgb.size() &&
+        !std::equal(&with.rgb[std::size_t{row} * with.width * 3 + 45], &with.rgb[std::size_t{row} * with.width * 3 + 60],
+                    &without.rgb[std::size_t{row} * with.width * 3 + 45]))
+      last = row;
+  return last;
+}
+
+TEST_F(Window, OnAScreenOfSmallPixelsWindowAndTextAreAsLargeAsElsewhere) {
+  if (!programExists("xprop")) GTEST_SKIP() << "xprop is not installed (package x11-utils)";
+  ServerProcess server(RIDGECAST_SERVER);
+  size_ = "400x300";
+  std::uint32_t rows[2] = {};
+  for (const int scale : {1, 2}) {
+    if (scale == 2) {
+      // What a desktop says of such a screen.
+      ASSERT_EQ(
+          runProgram({"xprop", "-root", "-f", "RESOURCE_MANAGER", "8s", "-set", "RESOURCE_MANAGER", "Xft.dpi: 192\n"}, environment_).code,
+          0);
+    }
+    open({"--threshold", "50", "--reduced-motion"}, server.url());
+    ASSERT_TRUE(opened()) << viewer_->output();
+    press({"1"});
+    const auto width = static_cast<std::uint32_t>(400 * scale), height = static_cast<std::uint32_t>(300 * scale);
+    render::Picture with;
+    ASSERT_TRUE(shows([&](const render::Picture& now) { return (with = now).width == width && now.height == height; })) << with.width;
+    press({"F3"});
+    rows[scale - 1] = rowsOf(with, rested());
+    close();
+  }
+  EXPECT_GT(rows[0], 80u);
+  EXPECT_NEAR(rows[1], 2 * rows[0], 0.1 * rows[1]);
+}
+
+TEST_F(Window, AnotherWorldIsEnteredByTypingItsNameAndIsTheOneThatEverybodySees) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({"--threshold", "20", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"F3", "2"});
+  const render::Picture alpine = rested();
+  const auto enter = [&](const std::string& terrain, const std::string& seed) {
+    press({"l"});
+    shot();  // what was pressed is done
+    shot();
+    type(terrain);
+    press({"Tab"});
+    shot();
+    type(seed);
+    press({"Return"});
+  };
+  enter("nowhere", "7");  // is told, and the window stays where it is
+  shot();
+  press({"Escape"});
+  EXPECT_EQ(compare(alpine, rested()).mean, 0);
+  enter("canyon", "7");
+  ASSERT_TRUE(says("viewing canyon, seed 7", 120s)) << viewer_->output();
+  std::this_thread::sleep_for(1s);
+  const render::Picture canyon = rested();
+  EXPECT_GT(compare(alpine, canyon).moved, 0.2);
+  press({"1"});
+  const Difference mesh = compare(canyon, rested());  // its mesh has come, too
+  EXPECT_GT(mesh.mean, 0);
+  EXPECT_LT(mesh.mean, 20);
+  close();
+  // It is a session of the server's that others join by name.
+  open({"--threshold", "20", "--reduced-motion"}, server.url() + "?session=canyon-7");
+  ASSERT_TRUE(opened()) << viewer_->output();
+  EXPECT_TRUE(says("viewing canyon, seed 7")) << viewer_->output();
+  press({"F3", "2"});
+  std::this_thread::sleep_for(1s);
+  EXPECT_LT(compare(canyon, rested()).mean, 0.5);
+  close();
+  EXPECT_TRUE(server.healthy());
+}
+
+// Metres from the window's camera, which looks 14 degrees down along -z through 60 degrees in height; and where that is in 320 x 180 pixels.
+struct Place {
+  double right, up, ahead;  // level
+  static constexpr double kPitch = 14 * std::numbers::pi / 180;
+  double depth() const { return ahead * std::cos(kPitch) - up * std::sin(kPitch); }
+  double pixels() const { return 90 / (depth() * std::tan(std::numbers::pi / 6)); }  // a metre there
+  double column() const { return 160 + right * pixels(); }
+  double row() const { return 90 - (up * std::cos(kPitch) + ahead * std::sin(kPitch)) * pixels(); }
+};
+
+// Whether a picture has the colour of the others' markers within so many pixels of a place.
+bool marks(const render::Picture& p, double x, double y, int reach) {
+  for (int row = static_cast<int>(y) - reach; row <= static_cast<int>(y) + reach; ++row)
+    for (int column = static_cast<int>(x) - reach; column <= static_cast<int>(x) + reach; ++column) {
+      if (row < 0 || column < 0 || row >= static_cast<int>(p.height) || column >= static_cast<int>(p.width)) continue;
+      const std::uint8_t* rgb = &p.rgb[3 * (static_cast<std::size_t>(row) * p.width + static_cast<std::size_t>(column))];
+      if (std::abs(rgb[0] - 80) < 10 && std::abs(rgb[1] - 220) < 10 && std::abs(rgb[2] - 255) < 10) return true;
+    }
+  return false;
+}
+
+TEST_F(Window, AnotherMemberIsMarkedWhereItIs) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({"--threshold", "20", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"F3", "1"});
+  const render::Picture alone = rested();
+  const auto terrain = terrain::create("alpine", 1).value();
+  const double ground = terrain->height({1400 * 256, 3600 * 256});
+  const Place first{22, -14, 80}, second{-60, -70, 160};
+  for (const Place& place : {first, second}) {
+    ASSERT_GT(place.column(), 20);
+    ASSERT_LT(place.column(), 300);
+    ASSERT_FALSE(marks(alone, place.column(), place.row(), 8));
+  }
+  {
+    Flier other(server.url(), {.threshold = 50}, wire::Pacing::kFree);
+    const auto stand = [&](const Place& place) {
+      camera::Camera camera;
+      camera.pose.x = std::llround((1400 + place.right) * 256);
+      camera.pose.z = std::llround((3600 - place.ahead) * 256);
+      camera.pose.y = ground + 300 + place.up;
+      camera.projection.width = camera.projection.height = 64;
+      other.send(camera);
+    };
+    stand(first);
+    EXPECT_TRUE(shows([&](const render::Picture& now) { return marks(now, first.column(), first.row(), 2); }));
+    stand(second);
+    EXPECT_TRUE(shows([&](const render::Picture& now) {
+      return marks(now, second.column(), second.row(), 2) && !marks(now, first.column(), first.row(), 2);
+    }));
+    press({"n"});
+    EXPECT_TRUE(shows([&](const render::Picture& now) { return !marks(now, second.column(), second.row(), 4); })) << "though not wanted";
+    press({"n"});
+    EXPECT_TRUE(shows([&](const render::Picture& now) { return marks(now, second.column(), second.row(), 2); }));
+  }
+  EXPECT_TRUE(shows([&](const render::Picture& now) { return !marks(now, second.column(), second.row(), 4); })) << "though it has left";
+  close();
+}
+
+TEST_F(Window, ATerrainThatTheDriverRejectsIsToldAndTheMeshIsStillShown) {
+  // Sound for itself, and so for the server; but the ray march has a function of this name already.
+  std::string text = readText(RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl");
+  ASSERT_FALSE(text.empty());
+  text += "\nfloat marchGap(vec3 offset) { return offset.x; }\n";
+  std::ofstream(folder_ / "clash.glsl") << text;
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain", (folder_ / "clash.glsl").string(), "--terrain-cache", (folder_ / "cache").string()});
+  open({"--threshold", "8", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  EXPECT_NE(viewer_->output().find("marchGap"), std::string::npos) << viewer_->output();
+  EXPECT_NE(viewer_->output().find("neutral colours"), std::string::npos) << viewer_->output();
+  press({"F3"});
+  std::this_thread::sleep_for(1s);
+  const render::Picture mesh = rested();
+  double least = 255, most = 0;
+  for (std::uint32_t column = 0; column < mesh.width; column += 4) {
+    const double v = mesh.rgb[3 * (std::size_t{140} * mesh.width + column)];
+    least = std::min(least, v);
+    most = std::max(most, v);
+  }
+  EXPECT_GT(most - least, 10) << "no landscape";
+  close();
+}
+
+TEST_F(Window, AnOldShadingLanguageIsToldAndTheExitCodeSaysSo) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({}, server.url(), {{"MESA_GLSL_VERSION_OVERRIDE", "140"}});
+  EXPECT_EQ(viewer_->wait(60s), 3) << viewer_->output();
+  EXPECT_NE(viewer_->output().find("ridgecast-client: "), std::string::npos) << viewer_->output();
+}
+
+}  // namespace
+}  // namespace ridgecast
