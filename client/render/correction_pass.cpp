@@ -9,8 +9,8 @@ namespace {
 
 // The mesh's own plane gives the first step's slope, the two last heights that of the others. No slope is taken for flatter than a
 // quarter of the mesh's, and no step is longer than what lifts the ground by kMostSamples samples' widths.
-// Where that has not come to within a sample's width of the ground, or to the wrong side of where it began, the mesh is too far from the ground for
-// a slope to say where it is: then the ray is searched from the mesh on, forwards above the ground and backwards below it, with steps that grow, and
+// Where that has not come to within a sample's width of the ground, or to the wrong side of where it began, or where the mesh is seen edge on, its slope
+// does not say where the ground is: then the ray is searched from the mesh on, forwards above the ground and backwards below it, with steps that grow, and
 // a crossing that was found is closed in on. Where the mesh stands out over the ground the ray so comes to what lies behind, or to the sky. Without
 // a crossing the mesh's own point stays.
 constexpr std::string_view kCorrect = R"(
@@ -49,6 +49,7 @@ void main() {
   vec3 normal = cross(across.xyz, upwards.xyz);
   // How fast the gap closes for each metre along the ray, were the ground the mesh's plane.
   float fall = across.w * upwards.w > 0.0 && abs(normal.y) > 1.0e-6 * length(normal) ? dot(ray, normal) / normal.y : ray.y;
+  bool facing = fall < -0.05;  // else the plane says nothing: a silhouette, or ground seen along itself
   fall = min(fall, -0.02);
   float width = viewFootprint(dot(surface.xyz, viewForward)), longest = kMostSamples * width / -fall;
   float slope = fall, best = t, gap = correctGap(surface.xyz), least = gap;
@@ -69,16 +70,16 @@ void main() {
       least = gap;
     }
   }
-  if (abs(least) > width || (best - began) * first < 0.0) {
+  if (!facing || abs(least) > 0.05 * width || (best - began) * first < 0.0) {
     best = began;
-    float from = began, over = first, stride = clamp(abs(first) / -fall, width, longest), way = sign(first);
+    float from = began, over = first, stride = clamp(abs(first), width, kMostSamples * width), way = sign(first);
     float to = from, under = over;
     for (int k = 0; k < kSearchSteps && over * under > 0.0; ++k) {
       from = to;
       over = under;
       to = max(from + way * stride, 0.05);
       under = correctGap(ray * to);
-      stride = max(min(1.5 * stride, 4.0 * longest), 0.3 * under);  // in clear air by the height above ground, as a ray march does
+      stride = max(min(1.5 * stride, 4.0 * kMostSamples * width), 0.3 * under);  // in clear air by the height above ground, as a ray march does
       if (way < 0.0 ? k == kBackSteps || to <= 0.05 : to > viewHorizon) break;
     }
     if (over * under > 0.0 && to > viewHorizon) {
@@ -89,7 +90,7 @@ void main() {
       for (int k = 0; k < kClosingSteps; ++k) {  // false position, the end that stays counting half (Illinois)
         best = mix(from, to, over / (over - under));
         float there = correctGap(ray * best);
-        if (abs(there) < 0.1 * width) break;
+        if (abs(there) < 0.03 * width) break;
         if (there * under < 0.0) {
           from = to;
           over = under;
