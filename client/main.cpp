@@ -156,6 +156,8 @@ int main(int argc, char** argv) {
   flyCommand->add_option("--seconds", fly.seconds, "fly only so much of the path")->check(within(0.0, 86400.0));
 
   flyCommand->add_flag("--corrected", fly.corrected, "draw and compare the mesh corrected onto the true surface along each ray, too");
+  flyCommand->add_flag("--uploads", fly.measureFrames,
+                       "in lock-step: bring every iteration to the graphics card, draw it, and note how long both take (upload_ms, draw_ms)");
   flyCommand->add_flag("--unfiltered", fly.unfiltered, "compare without filtering by footprint, too");
   flyCommand->add_flag("--popping", fly.measurePopping,
                        "measure how much pictures jump while the mesh refines at the end of the path, with and without morphing");

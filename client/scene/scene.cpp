@@ -1,9 +1,13 @@
 #include "client/scene/scene.h"
 
 #include <algorithm>
+#include <atomic>
+#include <future>
+#include <optional>
 #include <set>
 #include <span>
 #include <string>
+#include <thread>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -89,6 +93,21 @@ std::shared_ptr<const Shades> shadesOf(const mesh::LeafMesh& leaf, const mesh::L
     }
   }
   return taken * terrain::kShadeBytes == bytes.size() ? out : nullptr;
+}
+
+// Does `work` for each k below `count`: on a few threads of its own when there is much to do, as the bytes of all of it say.
+template <class Work>
+void spread(std::size_t count, std::size_t bytes, const Work& work) {
+  constexpr std::size_t kWorthAThread = 32 << 10, kMostThreads = 4;
+  std::atomic<std::size_t> next{0};
+  const auto some = [&] {
+    for (std::size_t k = next++; k < count; k = next++) work(k);
+  };
+  std::vector<std::future<void>> others(
+      std::min({bytes / kWorthAThread, kMostThreads - 1, std::size_t{std::max(1u, std::thread::hardware_concurrency())} - 1}));
+  for (auto& other : others) other = std::async(std::launch::async, some);
+  some();
+  for (auto& other : others) other.get();
 }
 
 // Twice the area of (a, b, p), positive when p lies to the left of a -> b seen from above. Coordinates below 2^29: exact.
@@ -189,29 +208,45 @@ Outcome<Scene::Prepared> Scene::prepare(const wire::Iteration& iteration) const 
     triangles += leaf.mesh->triangles.size();
     fresh[address] = std::move(leaf);
   };
-  for (const wire::LeafWhole& whole : iteration.whole) {
+  struct Decoded {
+    HeldLeaf leaf;
+    std::optional<Error> error;
+    bool damaged = false;
+  };
+  const auto decodeWhole = [&](const wire::LeafWhole& whole) -> Decoded {
     Outcome<mesh::LeafMesh> mesh = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
-    if (!mesh) return Error{name + nameOf(whole.address) + ": " + mesh.error().message};
+    if (!mesh) return {{}, Error{name + nameOf(whole.address) + ": " + mesh.error().message}};
     const std::uint64_t leafHash = mesh::hashLeaf(*mesh);
     HeldLeaf leaf = hold(std::move(*mesh), leafHash, whole.error);
     if (shaded_ && !(leaf.shades = shadesOf(*leaf.mesh, nullptr, {}, whole.shades)))
-      return Error{name + nameOf(whole.address) + ": its shades are not those of its vertices"};
-    keep(whole.address, std::move(leaf));
-  }
-  for (std::size_t k = 0; k < iteration.changed.size(); ++k) {
-    const wire::LeafDelta& delta = iteration.changed[k];
-    auto changed = codec::decodeDelta(delta.payload, *bases[k].mesh, bases[k].hash);
-    if (!changed) damaged.insert(delta.address);
-    HeldLeaf leaf =
-        changed ? hold(std::move(changed->leaf), changed->hash, delta.error) : hold(mesh::LeafMesh(*bases[k].mesh), bases[k].hash, 0);
+      return {{}, Error{name + nameOf(whole.address) + ": its shades are not those of its vertices"}};
+    return {std::move(leaf), {}};
+  };
+  const auto decodeDelta = [&](const wire::LeafDelta& delta, const Base& base) -> Decoded {
+    auto changed = codec::decodeDelta(delta.payload, *base.mesh, base.hash);
+    HeldLeaf leaf = changed ? hold(std::move(changed->leaf), changed->hash, delta.error) : hold(mesh::LeafMesh(*base.mesh), base.hash, 0);
     if (shaded_) {
       KnownShades known;
-      for (const HeldLeaf* source : bases[k].leaves) collect(*source, known);
+      for (const HeldLeaf* source : base.leaves) collect(*source, known);
       const std::span<const std::uint8_t> bytes = changed ? std::span<const std::uint8_t>(delta.shades) : std::span<const std::uint8_t>();
-      if (!(leaf.shades = shadesOf(*leaf.mesh, bases[k].mesh.get(), known, bytes)))
-        return Error{name + nameOf(delta.address) + ": its shades are not those of its vertices"};
+      if (!(leaf.shades = shadesOf(*leaf.mesh, base.mesh.get(), known, bytes)))
+        return {{}, Error{name + nameOf(delta.address) + ": its shades are not those of its vertices"}};
     }
-    keep(delta.address, std::move(leaf));
+    return {std::move(leaf), {}, !changed};
+  };
+  std::size_t bytes = 0;
+  for (const wire::LeafWhole& whole : iteration.whole) bytes += whole.payload.size();
+  for (const wire::LeafDelta& delta : iteration.changed) bytes += delta.payload.size();
+  const std::size_t wholes = iteration.whole.size();
+  std::vector<Decoded> decoded(wholes + iteration.changed.size());
+  spread(decoded.size(), bytes, [&](std::size_t k) {
+    decoded[k] = k < wholes ? decodeWhole(iteration.whole[k]) : decodeDelta(iteration.changed[k - wholes], bases[k - wholes]);
+  });
+  for (std::size_t k = 0; k < decoded.size(); ++k) {
+    if (decoded[k].error) return *decoded[k].error;
+    const lattice::LeafAddress& address = k < wholes ? iteration.whole[k].address : iteration.changed[k - wholes].address;
+    if (decoded[k].damaged) damaged.insert(address);
+    keep(address, std::move(decoded[k].leaf));
   }
 
   return Prepared{iteration.number, hash, triangles, std::move(gone), std::move(damaged), std::move(fresh)};

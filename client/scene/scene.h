@@ -42,7 +42,7 @@ class Scene {
   // is named by takeDamaged(), to be asked for again.
   Outcome<void> apply(const wire::Iteration& iteration);
 
-  // The same in two: prepare() decodes and takes the time, and may run on another thread while this scene is only read; take() puts it in place, in
+  // The same in two: prepare() decodes (on up to four threads, where there is much) and takes the time, and may run on another thread while this scene is only read; take() puts it in place, in
   // microseconds. What was prepared is for the scene as it was: nothing else may have changed it in between.
   struct Prepared {
     std::uint64_t number = 0, hash = 0, triangles = 0;  // of the iteration; after it

@@ -189,7 +189,7 @@ void Flight::lookForWorld() {
   if (next)
     arrived_ = std::move(*next);
   else
-    shown_.problem = next.error().message;
+    std::fprintf(stderr, "ridgecast-client: %s\n", (shown_.problem = next.error().message).c_str());
 }
 
 void Flight::showSettings() {

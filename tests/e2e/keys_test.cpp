@@ -70,7 +70,7 @@ TEST_F(Keys, ChangeWhatIsShown) {
   EXPECT_GT(compare(mesh, shot(), 0.5, 1).darker, 0.1);  // the list of keys
 
   press({"Escape", "Escape"});
-  EXPECT_EQ(viewer_->wait(30s), 0) << viewer_->output();
+  EXPECT_EQ(viewer_->wait(300s), 0) << viewer_->output();
   EXPECT_TRUE(server.healthy());
 }
 
@@ -88,7 +88,7 @@ TEST_F(Keys, CandidatesAreDotsForAsLongAsTheyAreWanted) {
   press({"k"});
   EXPECT_TRUE(shows([&](const render::Picture& now) { return compare(mesh, now).mean == 0; })) << "dots, or another mesh, are left";
   press({"Escape"});
-  EXPECT_EQ(viewer_->wait(30s), 0) << viewer_->output();
+  EXPECT_EQ(viewer_->wait(300s), 0) << viewer_->output();
   EXPECT_TRUE(server.healthy());
 }
 
@@ -115,7 +115,7 @@ TEST_F(Keys, TypedPlacesAreReachedExactly) {
   EXPECT_EQ(place["x"].get<double>(), 1000000000001.0);
   EXPECT_EQ(place["z"].get<double>(), -77);
   press({"Escape"});
-  EXPECT_EQ(viewer_->wait(30s), 0) << viewer_->output();
+  EXPECT_EQ(viewer_->wait(300s), 0) << viewer_->output();
 }
 
 TEST_F(Keys, AServerThatGoesIsToldAndTheExitCodeSaysSo) {
@@ -125,7 +125,7 @@ TEST_F(Keys, AServerThatGoesIsToldAndTheExitCodeSaysSo) {
   server.process().signal(SIGKILL);
   EXPECT_TRUE(says("trying again")) << viewer_->output();
   press({"Escape"});
-  EXPECT_EQ(viewer_->wait(30s), 1) << viewer_->output();
+  EXPECT_EQ(viewer_->wait(300s), 1) << viewer_->output();
   EXPECT_NE(viewer_->output().find("closed without a connection"), std::string::npos) << viewer_->output();
 }
 
@@ -134,14 +134,14 @@ TEST_F(Keys, ClosedInTheMiddleOfADownloadItEndsAtOnce) {
   open({"--threshold", "0.05", "--budget", "2000000"}, server.url());
   ASSERT_TRUE(opened()) << viewer_->output();
   press({"Escape"});
-  EXPECT_EQ(viewer_->wait(30s), 0) << viewer_->output();
+  EXPECT_EQ(viewer_->wait(300s), 0) << viewer_->output();
   EXPECT_TRUE(server.healthy());
 }
 
 TEST_F(Keys, WithoutOpenGL33ItSaysWhatToDo) {
   ServerProcess server(RIDGECAST_SERVER);
   open({}, server.url(), {{"MESA_GL_VERSION_OVERRIDE", "2.1"}});
-  EXPECT_EQ(viewer_->wait(30s), 3) << viewer_->output();
+  EXPECT_EQ(viewer_->wait(300s), 3) << viewer_->output();
   EXPECT_NE(viewer_->output().find("OpenGL 3.3"), std::string::npos) << viewer_->output();
   EXPECT_NE(viewer_->output().find("driver"), std::string::npos) << viewer_->output();
 }

@@ -59,7 +59,7 @@ class WindowTest : public testing::Test {
     all.insert(all.end(), more.begin(), more.end());
     viewer_ = std::make_unique<Process>(std::vector<std::string>{"sh", "-c", command}, all);
   }
-  bool says(const std::string& text, std::chrono::milliseconds patience = 60s) {
+  bool says(const std::string& text, std::chrono::milliseconds patience = 300s) {
     return await([&] { return viewer_->output().find(text) != std::string::npos || !viewer_->running(); }, patience) &&
            viewer_->output().find(text) != std::string::npos;
   }
@@ -70,7 +70,7 @@ class WindowTest : public testing::Test {
                [&] {
                  return runProgram({"xdotool", "search", "--onlyvisible", "--name", "Ridgecast"}, environment_).code == 0;
                },
-               60s);
+               300s);
   }
   // The window's number, as xdotool has it.
   std::string windowNumber() {
@@ -90,10 +90,10 @@ class WindowTest : public testing::Test {
   }
   void type(const std::string& text) { EXPECT_EQ(runProgram({"xdotool", "type", "--delay", "60", "--", text}, environment_).code, 0); }
 
-  // Until a picture is as wanted, at most a minute or two.
+  // Until a picture is as wanted.
   template <class Wanted>
   bool shows(Wanted wanted) {
-    return await([&] { return wanted(shot()); }, 90s);
+    return await([&] { return wanted(shot()); }, 300s);
   }
 
   render::Picture shot() {

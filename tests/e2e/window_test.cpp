@@ -21,7 +21,7 @@ class Window : public WindowTest {
  protected:
   void close(int code = 0) {
     press({"Escape"});
-    EXPECT_EQ(viewer_->wait(60s), code) << viewer_->output();
+    EXPECT_EQ(viewer_->wait(300s), code) << viewer_->output();
   }
 };
 
@@ -114,11 +114,11 @@ TEST_F(Window, AnotherWorldIsEnteredByTypingItsNameAndIsTheOneThatEverybodySees)
     press({"Return"});
   };
   enter("nowhere", "7");  // is told, and the window stays where it is
-  shot();
+  EXPECT_TRUE(says("nowhere")) << viewer_->output();
   press({"Escape"});
   EXPECT_EQ(compare(alpine, rested()).mean, 0);
   enter("canyon", "7");
-  ASSERT_TRUE(says("viewing canyon, seed 7", 120s)) << viewer_->output();
+  ASSERT_TRUE(says("viewing canyon, seed 7")) << viewer_->output();
   std::this_thread::sleep_for(1s);
   const render::Picture canyon = rested();
   EXPECT_GT(compare(alpine, canyon).moved, 0.2);
@@ -225,7 +225,7 @@ TEST_F(Window, ATerrainThatTheDriverRejectsIsToldAndTheMeshIsStillShown) {
 TEST_F(Window, AnOldShadingLanguageIsToldAndTheExitCodeSaysSo) {
   ServerProcess server(RIDGECAST_SERVER);
   open({}, server.url(), {{"MESA_GLSL_VERSION_OVERRIDE", "140"}});
-  EXPECT_EQ(viewer_->wait(60s), 3) << viewer_->output();
+  EXPECT_EQ(viewer_->wait(300s), 3) << viewer_->output();
   EXPECT_NE(viewer_->output().find("ridgecast-client: "), std::string::npos) << viewer_->output();
 }
 

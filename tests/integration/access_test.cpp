@@ -41,6 +41,7 @@ class StillMesh final : public session::IteratingMesh {
   bool settled() const override { return true; }
   const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return {address, {}, {}}; }
+  std::vector<wire::Candidate> candidates(std::uint32_t) const override { return {}; }
 
  private:
   std::vector<pipeline::LeafState> leaves_{{{0, 1, 2}, 1, 0, 0}};

@@ -1,6 +1,7 @@
 // What the two renderings draw, against geometry worked out here. Needs EGL; says so and skips where there is none.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <memory>
@@ -51,6 +52,11 @@ scene::HeldLeaf hold(std::shared_ptr<const mesh::LeafMesh> leaf, std::uint64_t v
   scene::HeldLeaf held;
   held.mesh = std::move(leaf);
   held.version = version;
+  if (!held.mesh->vertices.empty()) held.low = held.high = held.mesh->vertices.front();
+  for (const mesh::LocalVertex& v : held.mesh->vertices) {
+    held.low = {std::min(held.low.x, v.x), std::min(held.low.z, v.z), std::min(held.low.y, v.y)};
+    held.high = {std::max(held.high.x, v.x), std::max(held.high.z, v.z), std::max(held.high.y, v.y)};
+  }
   return held;
 }
 

@@ -106,6 +106,8 @@ TEST_F(LocalTerrain, theNeutralPictureShowsTheShapeOfTheMesh) {
   leaf->triangles = {{0, 1, 2}, {1, 3, 2}, {2, 3, 4}, {3, 5, 4}};
   scene::HeldLeaf held;
   held.mesh = leaf;
+  held.low = {0, 0, low};
+  held.high = {side, side, high};
   held.version = 1;
   View view;
   view.camera.pose.x = ridge;

@@ -21,6 +21,8 @@ Morph::Leaves flat(std::int32_t metres, std::uint64_t version) {
   leaf->triangles = {{0, 1, 2}, {1, 3, 2}};
   scene::HeldLeaf held;
   held.mesh = leaf;
+  held.low = leaf->vertices.front();
+  held.high = leaf->vertices.back();
   held.version = version;
   return {{kAddress, held}};
 }
