@@ -98,7 +98,7 @@ std::shared_ptr<const Shades> shadesOf(const mesh::LeafMesh& leaf, const mesh::L
 // Does `work` for each k below `count`: on a few threads of its own when there is much to do, as the bytes of all of it say.
 template <class Work>
 void spread(std::size_t count, std::size_t bytes, const Work& work) {
-  constexpr std::size_t kWorthAThread = 32 << 10, kMostThreads = 4;
+  constexpr std::size_t kWorthAThread = 8 << 10, kMostThreads = 4;
   std::atomic<std::size_t> next{0};
   const auto some = [&] {
     for (std::size_t k = next++; k < count; k = next++) work(k);
