@@ -11,8 +11,7 @@ std::array<lattice::Point, 9> gridPoints(lattice::LeafAddress leaf) {
 }
 
 bool isGridPoint(const quadtree::Quadtree& tree, lattice::Point p) {
-  const lattice::Step finest = (lattice::Step{1} << (lattice::kFinestSideBits - 1)) - 1;
-  if (((p.x | p.z) & finest) != 0) return false;
+  if (!mayBeGridPoint(p)) return false;
   for (int k = 0; k < 4; ++k) {
     lattice::LeafAddress leaf;
     if (!tree.leafAt({p.x - (k & 1), p.z - (k >> 1)}, leaf)) continue;

@@ -12,6 +12,12 @@ namespace ridgecast::generation {
 // Ascending by x, then z.
 std::array<lattice::Point, 9> gridPoints(lattice::LeafAddress leaf);
 
+// False for most points that belong to no leaf's grid, without a look at the tree.
+inline bool mayBeGridPoint(lattice::Point p) {
+  constexpr lattice::Step finest = (lattice::Step{1} << (lattice::kFinestSideBits - 1)) - 1;  // of half a side
+  return ((p.x | p.z) & finest) == 0;
+}
+
 // Whether a point belongs to the grid of any leaf of the tree whose closed square holds it.
 bool isGridPoint(const quadtree::Quadtree& tree, lattice::Point p);
 

@@ -137,7 +137,8 @@ void CameraMesh::generate(scheduling::Pool& pool) {
     made.push_back(leaves_[region].get());
   }
   ordered_.resize(kept.size() + made.size());
-  std::merge(kept.begin(), kept.end(), made.begin(), made.end(), ordered_.begin(), [](const Leaf* l, const Leaf* r) { return l->address < r->address; });
+  std::merge(kept.begin(), kept.end(), made.begin(), made.end(), ordered_.begin(),
+             [](const Leaf* l, const Leaf* r) { return l->address < r->address; });
   // From here on the partition answers with the new leaves.
   for (const auto& leaf : former)
     for (Leaf* heir : made)
@@ -146,24 +147,39 @@ void CameraMesh::generate(scheduling::Pool& pool) {
         heir->high = std::max(heir->high, leaf->high);
       }
 
-  std::vector<VertexId> moved;
-  const triangulation::Moves moves = keepBeside(&moved);
-  if (!mesh_.empty()) {
-    for (const auto& leaf : former) {
-      const auto parent =
-          std::find_if(made.begin(), made.end(), [&](const Leaf* heir) { return heir->address.isAncestorOf(leaf->address); });
-      if (parent != made.end())
-        mesh_.adopt(leaf->region, (*parent)->region);
-      else
-        mesh_.refile(leaf->region, moves);
-      mesh_.removeRegion(leaf->region);
-    }
-    mesh_.refile(kOutside, moves);
-    snapVertices(moved);
-  }
+  if (!mesh_.empty()) refile(former, made, pool);
   if (!made.empty()) insertGrids(made);
   dropOutside();
   updateWriteSets(made, gone, pool);
+}
+
+// What is filed under leaves that were merged, split or dropped is filed under their heirs, or outside.
+void CameraMesh::refile(const std::vector<std::unique_ptr<Leaf>>& former, const std::vector<Leaf*>& made, scheduling::Pool& pool) {
+  std::vector<VertexId> moved;
+  const triangulation::Moves moves = keepBeside(&moved);
+  std::vector<triangulation::Triangulation::Split> splits;
+  std::vector<std::vector<VertexId>> movedBySplit(former.size());
+  for (const auto& leaf : former) {
+    const Leaf* parent = nullptr;
+    bool isSplit = false;
+    for (const Leaf* heir : made) {
+      if (heir->address.isAncestorOf(leaf->address)) parent = heir;
+      isSplit = isSplit || leaf->address.isAncestorOf(heir->address);
+    }
+    if (parent)
+      mesh_.adopt(leaf->region, parent->region);
+    else if (isSplit)
+      splits.push_back({leaf->region, keepBeside(&movedBySplit[splits.size()])});
+    else
+      mesh_.refile(leaf->region, moves);
+  }
+  const auto loop = [&](std::size_t count, const std::function<void(std::size_t)>& body) { pool.forEach(count, 1, body); };
+  if (!mesh_.split(splits, loop))
+    for (const auto& split : splits) mesh_.refile(split.region, split.moves);
+  for (const auto& leaf : former) mesh_.removeRegion(leaf->region);
+  mesh_.refile(kOutside, moves);
+  for (const auto& bySplit : movedBySplit) snapVertices(bySplit);
+  snapVertices(moved);
 }
 
 // What is kept beside the mesh follows its records.
@@ -298,7 +314,9 @@ void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vect
     // Which points are grid points may have changed here.
     mesh_.vertexPages().forEach(leaf->region, [&](VertexId v) {
       const Point2 p = mesh_.vertex(v).point();
-      const bool stays = generation::isGridPoint(tree_, {surface_.anchor.x + p.x, surface_.anchor.z + p.z});
+      const lattice::Point at{surface_.anchor.x + p.x, surface_.anchor.z + p.z};
+      if (!generation::mayBeGridPoint(at)) return;
+      const bool stays = generation::isGridPoint(tree_, at);
       if (stays == std::isinf(surface_.vertices[v].loss)) return;
       surface_.vertices[v].loss = stays ? kStays : 0;
       surface_.wakeVertex(v, leaf->region);
@@ -333,8 +351,9 @@ void CameraMesh::note(VertexId v, std::int32_t fineY, int level, float loss) {
 
 bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, const refinement::View& view, WriteSet& set) {
   const auto& pages = mesh_.trianglePages();
-  if (!pages.alive(p.triangle) || pages.fresh(p.triangle)) return true;  // its triangle is gone: judged again next time
   const refinement::Surface::Candidate c = surface_.candidate(p.triangle);
+  // Its triangle is gone, and perhaps another in its place: judged again next time.
+  if (!pages.alive(p.triangle) || pages.fresh(p.triangle) || !(c.point == p.point)) return true;
   const int level = levelAt(p.point);
   VertexId v;
   const Change change = mesh_.insert({p.point.x, p.point.z, lattice::snapHeight(c.y, level), triangulation::kNoEdge}, p.triangle, set, &v);
@@ -417,7 +436,10 @@ std::uint32_t CameraMesh::change(const refinement::View& view, scheduling::Pool&
     std::sort(before.begin(), before.end());
     before.erase(std::unique(before.begin(), before.end()), before.end());
   }
-  pool.forEachOrdered(order, [&](std::size_t k) { changeLeaf(*tasks[k].leaf, view); });
+  pool.forEachOrdered(order, [&](std::size_t k) {
+    changeLeaf(*tasks[k].leaf, view);
+    evaluateLeaf(*tasks[k].leaf, &view);  // while it is in the cache
+  });
 
   WriteSet all;
   all.allowAll();
@@ -436,10 +458,12 @@ void CameraMesh::evaluate(scheduling::Pool& pool, const refinement::View* view) 
   for (Leaf* leaf : ordered_)
     if (mesh_.trianglePages().changed(leaf->region)) changed.push_back(leaf);
   const auto& list = changed;
-  pool.forEach(list.size(), 4, [&, leaves = list.data()](std::size_t k) {
-    heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaves[k]->region, leaves[k]->address.level, metric_, view),
-                       std::memory_order_relaxed);
-  });
+  pool.forEach(list.size(), 4, [&, leaves = list.data()](std::size_t k) { evaluateLeaf(*leaves[k], view); });
+}
+
+void CameraMesh::evaluateLeaf(const Leaf& leaf, const refinement::View* view) {
+  heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaf.region, leaf.address.level, metric_, view),
+                     std::memory_order_relaxed);
 }
 
 }  // namespace ridgecast::pipeline

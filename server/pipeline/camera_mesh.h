@@ -28,7 +28,7 @@ struct Leaf {
   std::int32_t low = 0, high = 0;                 // steps: bounds of its vertices' heights
   std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
   std::uint64_t version = 0, hash = 0;
-  std::uint64_t generation = 0;                          // the last generate() that found it in the tree
+  std::uint64_t generation = 0;  // the last generate() that found it in the tree
 
   // of the current iteration
   bool visible = false;
@@ -57,8 +57,9 @@ class CameraMesh : private triangulation::Partition {
   const std::vector<Leaf*>& leaves() const { return ordered_; }  // canonical order of address
   Leaf* leaf(lattice::LeafAddress address) const;                // null: not a leaf
 
-  // Applies every leaf's `removable` (those whose loss is below `removalLimit`) and `pending`, in parallel where write sets are disjoint, with the
-  // result of doing it leaf by leaf in order of (colour, address). Returns how many changes were deferred to the serial step.
+  // Applies every leaf's `removable` (those whose loss is below `removalLimit`) and `pending`, then chooses candidates for what is fresh in it; in
+  // parallel where write sets are disjoint, with the result of doing it leaf by leaf in order of (colour, address). Returns how many changes were
+  // deferred to the serial step. What it and later neighbours left fresh is evaluate()'s.
   std::uint32_t change(const refinement::View& view, scheduling::Pool& pool);
 
   // Brings the records of leaves closer together where removals have scattered them.
@@ -83,12 +84,14 @@ class CameraMesh : private triangulation::Partition {
   triangulation::Point2 local(lattice::Point p) const;
   int levelAt(triangulation::Point2 p) const;
   void anchorAt(const camera::Pose& pose, bool keep);
+  void refile(const std::vector<std::unique_ptr<Leaf>>& former, const std::vector<Leaf*>& made, scheduling::Pool& pool);
   void snapVertices(const std::vector<triangulation::VertexId>& vertices);
   void insertGrids(const std::vector<Leaf*>& made);
   void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<lattice::LeafAddress>& gone, scheduling::Pool& pool);
   void dropOutside();
   void addCurvature(const std::vector<triangulation::VertexId>& vertices);
   void changeLeaf(Leaf& leaf, const refinement::View& view);
+  void evaluateLeaf(const Leaf& leaf, const refinement::View* view);
   // Notes what is kept beside a vertex just inserted; `fineY` steps.
   std::uint64_t mixedOf(triangulation::VertexId v) const;
   void note(triangulation::VertexId v, std::int32_t fineY, int level, float loss);

@@ -45,8 +45,9 @@ namespace {
 
 // (least height / spacing)^2 from which on snapping is harmless: a fifth of the height is then 1.4 spacings.
 constexpr double kRoomy = 49;
-constexpr unsigned kPoints = 4;     // tried in a triangle
-constexpr std::size_t kBatch = 64;  // triangles at a time; scratch stays in the first-level cache
+constexpr unsigned kPoints = 4;                               // tried in a triangle
+constexpr std::size_t kRecordsAhead = 16, kCornersAhead = 8;  // triangles
+constexpr std::size_t kBatch = 64;                            // triangles at a time; scratch stays in the first-level cache
 
 // A batch of triangles as a structure of arrays.
 struct Batch {
@@ -143,20 +144,25 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   pages.forEachFresh(region, [&](TriangleId t) { fresh.push_back(t); });
   if (fresh.empty()) return 0;
   const int bits = lattice::horizontalBits(level);
-  const auto ahead = [&](std::size_t k) {
-    if (k + 16 < fresh.size()) mesh.prefetch(fresh[k + 16]);
-    if (k + 8 >= fresh.size()) return;
-    const TriangleId t = fresh[k + 8];
+  // Records lie anywhere in memory: they are asked for some triangles ahead of the one at hand.
+  const auto askRecord = [&](std::size_t k) {
+    if (k < fresh.size()) mesh.prefetch(fresh[k]);
+  };
+  const auto askCorners = [&](std::size_t k) {
+    if (k >= fresh.size()) return;
+    const TriangleId t = fresh[k];
     mesh.prefetchCorners(t);
     for (triangulation::VertexId v : mesh.triangle(t).v) __builtin_prefetch(&surface.vertices[v]);
     __builtin_prefetch(&surface.hash[t]);
   };
-  for (std::size_t k = 0; k < std::min<std::size_t>(16, fresh.size()); ++k) mesh.prefetch(fresh[k]);
+  for (std::size_t k = 0; k < kRecordsAhead; ++k) askRecord(k);
+  for (std::size_t k = 0; k < kCornersAhead; ++k) askCorners(k);
   for (std::size_t begin = 0; begin < fresh.size(); begin += kBatch) {
     const std::size_t count = std::min(kBatch, fresh.size() - begin);
     for (std::size_t i = 0; i < count; ++i) {
       const TriangleId t = fresh[begin + i];
-      ahead(begin + i);
+      askRecord(begin + i + kRecordsAhead);
+      askCorners(begin + i + kCornersAhead);
       pages.clearFresh(t);
       const auto& v = mesh.triangle(t).v;
       const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
@@ -211,8 +217,12 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
       best[k].error *= static_cast<float>(areaWeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2])));
     }
   RegionScreen& screen = surface.regions[region];
+  const auto askCandidate = [&](std::size_t k) {
+    if (k < fresh.size()) surface.prefetchCandidate(fresh[k]);
+  };
+  for (std::size_t k = 0; k < 4; ++k) askCandidate(k);
   for (std::size_t k = 0; k < fresh.size(); ++k) {
-    if (k + 4 < fresh.size()) surface.prefetchCandidate(fresh[k + 4]);
+    askCandidate(k + 4);
     Surface::Candidate& c = best[k];
     if (!(c.error > 0)) c = {{kFarAway, kFarAway}, kFarAway, 0.0f};
     surface.setCandidate(fresh[k], c);

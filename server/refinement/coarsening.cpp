@@ -20,6 +20,7 @@ using triangulation::VertexId;
 
 namespace {
 
+constexpr std::size_t kAhead = 8;  // pages whose bounds are fetched ahead of the one at hand
 constexpr float kNone = std::numeric_limits<float>::max();
 
 // Slopes are errors as seen, the measure / the view's gain. All squared.
@@ -51,27 +52,40 @@ void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::Re
   screen.lossesDue = std::numeric_limits<double>::infinity();
   const Pages& pages = mesh.vertexPages();
   const auto most = static_cast<float>(slope * slope);
-  for (std::uint32_t page : pages.pagesOf(region)) {
-    PageLosses& known = surface.losses[page];
+  const auto& all = pages.pagesOf(region);
+  thread_local std::vector<std::uint32_t> due;
+  due.clear();
+  for (std::size_t n = 0; n < all.size(); ++n) {
+    if (n + kAhead < all.size()) __builtin_prefetch(&surface.losses[all[n + kAhead]]);
+    PageLosses& known = surface.losses[all[n]];
     if (!same) setDue(known, spared, view.power());
-    if (!(view.travel < known.due)) {
-      float least = kNone, flattest = kNone, nearest = kNone;
-      for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1) {
-        const VertexId v = page * Pages::kSlots + static_cast<VertexId>(std::countr_zero(m));
-        const float loss = surface.vertices[v].loss;
-        if (v == kInfinite || std::isinf(loss)) continue;
-        const Seen seen = see(mesh.vertex(v), loss, view);
-        if (seen.slope2 < most) {
-          out.push_back(v);
-        } else {
-          least = std::min(least, seen.slope2);
-          flattest = std::min(flattest, seen.flat2);
-          nearest = std::min(nearest, seen.distance2);
-        }
-      }
-      known = {0, view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
-      setDue(known, spared, view.power());
+    if (view.travel < known.due)
+      screen.lossesDue = std::min(screen.lossesDue, known.due);
+    else
+      due.push_back(all[n]);
+  }
+  for (std::size_t n = 0; n < due.size(); ++n) {
+    if (n + 1 < due.size()) {
+      mesh.prefetchVertices(due[n + 1]);
+      surface.prefetchVertices(due[n + 1]);
     }
+    PageLosses& known = surface.losses[due[n]];
+    float least = kNone, flattest = kNone, nearest = kNone;
+    for (std::uint64_t m = pages.aliveMask(due[n]); m != 0; m &= m - 1) {
+      const VertexId v = due[n] * Pages::kSlots + static_cast<VertexId>(std::countr_zero(m));
+      const float loss = surface.vertices[v].loss;
+      if (v == kInfinite || std::isinf(loss)) continue;
+      const Seen seen = see(mesh.vertex(v), loss, view);
+      if (seen.slope2 < most) {
+        out.push_back(v);
+      } else {
+        least = std::min(least, seen.slope2);
+        flattest = std::min(flattest, seen.flat2);
+        nearest = std::min(nearest, seen.distance2);
+      }
+    }
+    known = {0, view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
+    setDue(known, spared, view.power());
     screen.lossesDue = std::min(screen.lossesDue, known.due);
   }
 }

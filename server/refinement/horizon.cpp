@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -17,17 +18,51 @@ constexpr double kStay = 4, kStayShare = 0.15;
 // Nothing is hidden by what lies nearer to it than this share of its distance: the surface does not hide itself.
 constexpr double kBefore = 0.98;
 
+// Of samples, metres.
 const std::array<double, Horizon::kSamples>& distances() {
   static const auto table = [] {
     std::array<double, Horizon::kSamples> r{};
-    double next = Horizon::kFirst;
-    for (double& d : r) d = next, next *= Horizon::kGrowth;
+    for (int k = 0; k < Horizon::kSamples; ++k)
+      r[static_cast<std::size_t>(k)] =
+          Horizon::kFirst * std::ldexp(1 + static_cast<double>(k % Horizon::kDoubling) / Horizon::kDoubling, k / Horizon::kDoubling);
     return r;
   }();
   return table;
 }
+// The sample at or before a distance >= 1, in units of kFirst.
+std::size_t sampleAt(double distance) {
+  const auto bits = std::bit_cast<std::uint64_t>(distance);  // positive: the exponent, and 52 bits of what follows the one
+  const std::uint64_t doublings = (bits >> 52) - 1023, rest = (bits & ((std::uint64_t{1} << 52) - 1)) >> 20;
+  return std::min<std::size_t>(Horizon::kSamples - 1, doublings * Horizon::kDoubling + ((rest * Horizon::kDoubling) >> 32));
+}
 
-double angleOf(int ray) { return ray * (2 * std::numbers::pi / Horizon::kRays); }
+constexpr int kQuarter = Horizon::kRays / 4;
+static_assert(Horizon::kRays % 4 == 0);
+
+// The direction of a ray, of length 1: from +x by +z.
+struct Direction {
+  double x, z;
+};
+Direction directionOf(int ray) {
+  const double along = static_cast<double>(ray % kQuarter) / kQuarter, back = 1 - along, length = std::sqrt(along * along + back * back);
+  const double u = back / length, w = along / length;
+  switch (ray / kQuarter) {
+    case 0:
+      return {u, w};
+    case 1:
+      return {-w, u};
+    case 2:
+      return {-u, -w};
+    default:
+      return {w, -u};
+  }
+}
+// The ray at or before a direction of any length but none; the next one is beyond it.
+std::size_t rayAt(double x, double z) {
+  const double share = kQuarter / (std::abs(x) + std::abs(z));
+  const double turn = x > 0 ? (z >= 0 ? z * share : 3 * kQuarter + x * share) : (z > 0 ? kQuarter - x * share : 2 * kQuarter - z * share);
+  return std::min<std::size_t>(Horizon::kRays - 1, static_cast<std::size_t>(turn));
+}
 
 }  // namespace
 
@@ -50,26 +85,26 @@ const std::vector<int>& Horizon::follow(const camera::Camera& camera, double abo
   wanted_.clear();
   const double tanY = std::tan(camera.projection.verticalFov / 2) * widening, tanX = tanY * camera.projection.aspect();
   const double level = std::cos(std::min(std::abs(pose.pitch) + std::atan(tanY), std::numbers::pi / 2));
-  const double half = level < 0.2 ? std::numbers::pi : std::atan(tanX / level) + 2 * std::numbers::pi / kRays;
+  // The least cosine of the angle to the middle: one ray beyond the corners.
+  const double least = level < 0.2 ? -2 : std::cos(std::min(std::numbers::pi, std::atan(tanX / level) + 4 / static_cast<double>(kQuarter)));
   camera::Pose straight = pose;
   straight.pitch = 0;
   const camera::Vec3 ahead = camera::forward(straight);
-  const double middle = std::atan2(ahead.z, ahead.x);
   for (int ray = 0; ray < kRays; ++ray)
-    if (!known_[static_cast<std::size_t>(ray)] && std::abs(std::remainder(angleOf(ray) - middle, 2 * std::numbers::pi)) <= half)
+    if (const Direction d = directionOf(ray); !known_[static_cast<std::size_t>(ray)] && d.x * ahead.x + d.z * ahead.z >= least)
       wanted_.push_back(ray);
   heights_ += wanted_.size() * kSamples;
   return wanted_;
 }
 
 void Horizon::cast(int ray) {
-  const double cosine = std::cos(angleOf(ray)) * lattice::kStepsPerMetre, sine = std::sin(angleOf(ray)) * lattice::kStepsPerMetre;
+  const Direction direction = directionOf(ray);
+  const auto& r = distances();
   std::array<lattice::Step, kSamples> x, z;
   std::array<float, kSamples> y;
-  const auto& r = distances();
   for (std::size_t k = 0; k < kSamples; ++k) {
-    x[k] = centre_.x + static_cast<lattice::Step>(std::llround(cosine * r[k]));
-    z[k] = centre_.z + static_cast<lattice::Step>(std::llround(sine * r[k]));
+    x[k] = centre_.x + static_cast<lattice::Step>(std::lrint(direction.x * r[k] * lattice::kStepsPerMetre));
+    z[k] = centre_.z + static_cast<lattice::Step>(std::lrint(direction.z * r[k] * lattice::kStepsPerMetre));
   }
   terrain_->heights(x, z, y);
   float* out = &steepest_[static_cast<std::size_t>(ray) * kSamples];
@@ -86,11 +121,7 @@ bool Horizon::hidden(const camera::Vec3& p, double margin) const {
   if (!centred_) return false;
   const double dx = p.x + offset_.x, dy = p.y + offset_.y, dz = p.z + offset_.z, flat = std::sqrt(dx * dx + dz * dz);
   if (flat * kBefore < kFirst) return false;
-  const auto sample =
-      std::min<std::size_t>(kSamples - 1, static_cast<std::size_t>(std::log(flat * kBefore / kFirst) * (1 / std::log(kGrowth))));
-  double turn = std::atan2(dz, dx) * (kRays / (2 * std::numbers::pi));
-  if (turn < 0) turn += kRays;
-  const auto ray = static_cast<std::size_t>(turn) % kRays, next = (ray + 1) % kRays;
+  const std::size_t sample = sampleAt(flat * kBefore / kFirst), ray = rayAt(dx, dz), next = ray + 1 == kRays ? 0 : ray + 1;
   if (!known_[ray] || !known_[next]) return false;
   return dy / flat + margin < std::min(steepest_[ray * kSamples + sample], steepest_[next * kSamples + sample]);
 }

@@ -20,10 +20,12 @@ namespace ridgecast::refinement {
 
 class Horizon {
  public:
-  static constexpr int kRays = 720;  // half a degree apart
-  static constexpr int kSamples = 102;
-  static constexpr double kFirst = 32;     // metres: the nearest sample
-  static constexpr double kGrowth = 1.07;  // of the distance from sample to sample: the last is 30 km away
+  // Rays point at equal steps along the square |x| + |z| = 1, a third to two thirds of a degree apart, and samples are equally far apart within
+  // each doubling of the distance: a point's ray and sample are then found without an arc tangent or a logarithm.
+  static constexpr int kRays = 720;
+  static constexpr int kDoubling = 10;  // samples
+  static constexpr int kSamples = 10 * kDoubling;
+  static constexpr double kFirst = 32;  // metres: the nearest sample; the last is 31 km away
 
   explicit Horizon(std::shared_ptr<const terrain::Terrain> terrain) : terrain_(std::move(terrain)) {}
 

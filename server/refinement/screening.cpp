@@ -25,6 +25,9 @@ constexpr double kLeastArea = 0.25;  // square pixels
 // What is hidden lies so far below what is in front of it, in pixels.
 constexpr double kHiddenMargin = 2;
 
+// So many triangles, and pages' bounds, are fetched ahead of the one at hand.
+constexpr std::size_t kAhead = 8;
+
 // Twice the area vector of a triangle, in steps.
 Vec3 areaVector(const Triangulation& mesh, TriangleId t) {
   const auto& v = mesh.triangle(t).v;
@@ -146,6 +149,34 @@ void blankDead(PageScreen& known, CandidatePage& page, std::uint64_t alive) {
   known.blank = ~alive;
 }
 
+// A candidate that is wanted but not worth a vertex for now.
+void fallAsleep(PageScreen& known, CandidatePage& page, unsigned k, const View& view) {
+  if (known.asleep == 0) {
+    known.sleptTravel = view.travel;
+    known.dueTurn = view.turn + kWakeTurn;
+  }
+  known.asleep |= std::uint64_t{1} << k;
+  page.error[k] = -page.error[k];
+}
+
+// Of a candidate that is wanted, inside the wide frustum; 0: its triangle is a speck on screen, or hidden.
+double priorityOf(const Triangulation& mesh, const View& view, TriangleId t, std::int32_t x, std::int32_t z, std::int32_t y, float error) {
+  // Both in metres: the candidate's direction and the area that it sees.
+  const Vec3 at = view.relative(x, z, y);
+  const double d2 = std::max(dot(at, at), 0.25), d = std::sqrt(d2);
+  const Vec3 area = areaVector(mesh, t);
+  const double squareMetres = std::abs(dot(area, at)) / d * 0.5 * lattice::kMetresPerStep * lattice::kMetresPerStep;
+  const double squarePixels = squareMetres * view.pixelsPerRadian * view.pixelsPerRadian / d2;
+  if (squarePixels < kLeastArea) return 0;
+  const double weight = view.area ? std::sqrt(std::sqrt(0.5 * std::sqrt(dot(area, area)))) : 1;
+  if (isHidden(mesh, view, t, at, error * lattice::kMetresPerStep / weight)) return 0;
+  // Larger triangles first at equal error: their error covers more of the picture.
+  const double flat = at.x * at.x + at.z * at.z;
+  if (view.area) return error * view.gain * std::sqrt(flat / (d2 * d2 * d));
+  const double pixels = error * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
+  return pixels * std::sqrt(std::sqrt(squarePixels));
+}
+
 }  // namespace
 
 void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double threshold,
@@ -161,15 +192,19 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     screen.dueTurn = std::min(screen.dueTurn, page.dueTurn);
   };
   const Pages& pages = mesh.trianglePages();
-  thread_local std::vector<std::uint32_t> due;
+  thread_local std::vector<std::uint32_t> due;  // pages
+  thread_local std::vector<TriangleId> wanted;
   due.clear();
-  for (std::uint32_t page : pages.pagesOf(region)) {
-    PageScreen& known = surface.screens[page];
+  wanted.clear();
+  const auto& all = pages.pagesOf(region);
+  for (std::size_t n = 0; n < all.size(); ++n) {
+    if (n + kAhead < all.size()) __builtin_prefetch(&surface.screens[all[n + kAhead]]);
+    PageScreen& known = surface.screens[all[n]];
     if (!same) setDue(known, spared, view.power());
     if (view.travel < known.due && view.turn < known.dueTurn)
       count(known);
     else
-      due.push_back(page);
+      due.push_back(all[n]);
   }
   const Eye eye{view.x, view.z, view.y, static_cast<float>(view.gain * view.gain), static_cast<float>(threshold * threshold)};
   const std::size_t before = out.size();
@@ -183,7 +218,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     const std::uint64_t alive = pages.aliveMask(due[n]);
     known.asleep &= alive;
     if (known.asleep != 0 &&
-        (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn - known.sleptTurn >= kWakeTurn))
+        (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn >= known.dueTurn))
       wake(known, page);
     blankDead(known, page, alive);
     const PageLook seen = view.area ? screenPageByArea(page, eye) : screenPageInPixels(page, eye);
@@ -191,42 +226,32 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     known.steepest = std::sqrt(seen.steepest2);
     known.seen = std::sqrt(seen.seen2);
     known.nearest = std::sqrt(seen.nearest2);
-    const auto fallAsleep = [&](unsigned k) {
-      if (known.asleep == 0) {
-        known.sleptTravel = view.travel;
-        known.sleptTurn = view.turn;
-      }
-      known.asleep |= std::uint64_t{1} << k;
-      page.error[k] = -page.error[k];
-    };
-    for (std::uint64_t wanted = seen.wanted; wanted != 0; wanted &= wanted - 1) {
-      const auto k = static_cast<unsigned>(std::countr_zero(wanted));
-      const TriangleId t = due[n] * Pages::kSlots + k;
-      const Vec3 at = view.relative(page.x[k], page.z[k], page.y[k]);
-      if (!view.wide.contains(at)) {
-        fallAsleep(k);
+    for (std::uint64_t m = seen.wanted; m != 0; m &= m - 1) {
+      const auto k = static_cast<unsigned>(std::countr_zero(m));
+      if (!view.wide.contains(view.relative(page.x[k], page.z[k], page.y[k]))) {
+        fallAsleep(known, page, k, view);
         continue;
       }
-      // Both in metres: the candidate's direction and the area that it sees.
-      const double d2 = std::max(dot(at, at), 0.25), d = std::sqrt(d2);
-      const Vec3 area = areaVector(mesh, t);
-      const double squareMetres = std::abs(dot(area, at)) / d * 0.5 * lattice::kMetresPerStep * lattice::kMetresPerStep;
-      const double squarePixels = squareMetres * view.pixelsPerRadian * view.pixelsPerRadian / d2;
-      if (squarePixels < kLeastArea ||
-          isHidden(mesh, view, t, at,
-                   page.error[k] * lattice::kMetresPerStep / (view.area ? std::sqrt(std::sqrt(0.5 * std::sqrt(dot(area, area)))) : 1))) {
-        fallAsleep(k);
-        continue;
-      }
-      // Larger triangles first at equal error: their error covers more of the picture.
-      const double flat = at.x * at.x + at.z * at.z;
-      const double pixels = page.error[k] * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
-      const double priority =
-          view.area ? page.error[k] * view.gain * std::sqrt(flat / (d2 * d2 * d)) : pixels * std::sqrt(std::sqrt(squarePixels));
-      out.push_back({t, {page.x[k], page.z[k]}, static_cast<float>(priority)});
+      wanted.push_back(due[n] * Pages::kSlots + k);
+      mesh.prefetch(wanted.back());
     }
-    setDue(known, spared, view.power());
-    count(known);
+  }
+  // The triangles lie anywhere in memory: they are asked for well before they are judged.
+  for (std::size_t n = 0; n < wanted.size() + kAhead; ++n) {
+    if (n < wanted.size()) mesh.prefetchCorners(wanted[n]);
+    if (n < kAhead) continue;
+    const TriangleId t = wanted[n - kAhead];
+    CandidatePage& page = surface.candidates[t / Pages::kSlots];
+    const unsigned k = t % Pages::kSlots;
+    const double priority = priorityOf(mesh, view, t, page.x[k], page.z[k], page.y[k], page.error[k]);
+    if (priority > 0)
+      out.push_back({t, {page.x[k], page.z[k]}, static_cast<float>(priority)});
+    else
+      fallAsleep(surface.screens[t / Pages::kSlots], page, k, view);
+  }
+  for (std::uint32_t page : due) {
+    setDue(surface.screens[page], spared, view.power());
+    count(surface.screens[page]);
   }
   std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());
 }

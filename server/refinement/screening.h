@@ -87,11 +87,10 @@ inline void setDue(PageScreen& page, double spared, double power) {
   const double level = page.nearest * (1 - page.steepest / spared) / power,
                steep = page.nearest * (spared - page.seen) / (page.steepest + (power + 1) * spared);
   page.due = page.travel < 0 ? kAlways : page.travel + std::max(level, steep);
-  page.dueTurn = std::numeric_limits<double>::infinity();
-  if (page.asleep != 0) {
+  if (page.asleep != 0)
     page.due = std::min(page.due, page.sleptTravel + kWakeMove * page.nearest);
-    page.dueTurn = page.sleptTurn + kWakeTurn;
-  }
+  else
+    page.dueTurn = std::numeric_limits<double>::infinity();
 }
 
 // A new candidate enters its page's bounds.

@@ -30,17 +30,18 @@ struct alignas(64) CandidatePage {
   float error[kSlots];     // steps: |mesh - snapped terrain|, for kArea times the triangle's weight; negative: asleep
 };
 
-struct PageScreen {
-  double due = kAlways;                   // looked at again when the camera has travelled so far,
-  double dueTurn = kAlways;               // or turned so far
-  double travel = -1;                     // of the camera when the bounds held; negative: there are none, look again
-  float steepest = 0;                     // of the candidates awake the largest error / distance,
-  float seen = 0;                         // and error x horizontal distance / distance^2, which is what is seen of it
-  float nearest = 0;                      // steps: smallest distance of any candidate
-  std::uint64_t asleep = 0;               // candidates wanted but not worth it for now; their error is kept negative meanwhile
-  std::uint64_t blank = 0;                // dead slots that hold no candidate, far away
-  double sleptTravel = 0, sleptTurn = 0;  // when the first of them fell asleep
+struct alignas(64) PageScreen {
+  double due = kAlways;      // looked at again when the camera has travelled so far,
+  double dueTurn = kAlways;  // or turned so far
+  double travel = -1;        // of the camera when the bounds held; negative: there are none, look again
+  float steepest = 0;        // of the candidates awake the largest error / distance,
+  float seen = 0;            // and error x horizontal distance / distance^2, which is what is seen of it
+  float nearest = 0;         // steps: smallest distance of any candidate
+  std::uint64_t asleep = 0;  // candidates wanted but not worth it for now; their error is kept negative meanwhile
+  std::uint64_t blank = 0;   // dead slots that hold no candidate, far away
+  double sleptTravel = 0;    // when the first of those asleep fell asleep
 };
+static_assert(sizeof(PageScreen) == 64);
 
 // As PageScreen, for the losses of a page of vertices.
 struct PageLosses {
@@ -111,6 +112,12 @@ struct Surface {
     __builtin_prefetch(&page.z[k], 1);
     __builtin_prefetch(&page.y[k], 1);
     __builtin_prefetch(&page.error[k], 1);
+    __builtin_prefetch(&screens[t / CandidatePage::kSlots], 1);
+  }
+  // What belongs to a page of vertices.
+  void prefetchVertices(std::uint32_t page) const {
+    const char* const first = reinterpret_cast<const char*>(&vertices[page * triangulation::Pages::kSlots]);
+    for (std::size_t k = 0; k < triangulation::Pages::kSlots * sizeof(VertexExtra); k += 64) __builtin_prefetch(first + k);
   }
   // The candidate of a new triangle, awake. The page's bounds do not know it yet: see foldCandidate() in screening.h.
   void setCandidate(std::uint32_t t, const Candidate& c) {

@@ -123,6 +123,20 @@ void Pages::release(std::uint32_t slot) {
   }
 }
 
+void Pages::drain(RegionId id) {
+  Region& region = *regions_[id];
+  for (std::uint32_t page : region.pages) pages_[page].alive = pages_[page].fresh = 0;
+  {
+    std::lock_guard lock(mutex_);
+    pool_.insert(pool_.end(), region.pages.begin(), region.pages.end());
+  }
+  freePages_.fetch_add(static_cast<std::uint32_t>(region.pages.size()), std::memory_order_relaxed);
+  region.pages.clear();
+  region.open.clear();
+  region.count = 0;
+  region.changed = true;
+}
+
 std::vector<std::uint32_t> Pages::keepFullest(Region& region) {
   std::vector<std::uint32_t> order = region.pages;
   // Equal ones in the order in which the region got them: page numbers depend on what else happened.

@@ -58,7 +58,8 @@ class Pages {
   // The slot is given to a new record of the same region: what release and allocate would do, without the search. The caller marks the
   // region changed.
   void renew(std::uint32_t slot) { setFresh(slot); }
-  void clear();  // releases every slot; regions stay
+  void clear();                 // releases every slot; regions stay
+  void drain(RegionId region);  // releases every slot of a region
   // Whether a region holds a quarter more pages than it needs, and one, and the cure: move(from, to) is told of every slot that moves.
   bool sparse(RegionId region) const {
     const std::size_t needed = (regions_[region]->count + kSlots - 1) / kSlots;

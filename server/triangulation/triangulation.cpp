@@ -308,9 +308,13 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
   std::vector<TriangleId> triangles;
   triangles.reserve(triangles_.count(region));
   triangles_.forEach(region, [&](TriangleId t) { triangles.push_back(t); });
-  for (TriangleId t : triangles) {
+  RegionId home = kOutside;  // of the last one, a good guess for the next
+  for (std::size_t k = 0; k < triangles.size(); ++k) {
+    if (k + 8 < triangles.size()) prefetchCorners(triangles[k + 8]);
+    if (k + 4 < triangles.size()) prefetchNeighbours(triangles[k + 4]);
+    const TriangleId t = triangles[k];
     const Triangle& r = triangleRecords_[t];
-    const RegionId home = regionOfCorners(r.v[0], r.v[1], r.v[2], kOutside);
+    home = regionOfCorners(r.v[0], r.v[1], r.v[2], home);
     if (home == region) continue;
     const TriangleId to = triangles_.allocate(home);
     if (to == kNoSlot) throw std::bad_alloc();
@@ -325,7 +329,8 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
     if (v != kInfinite) vertices.push_back(v);
   });
   for (VertexId v : vertices) {
-    const RegionId home = partition_->regionAt(vertexRecords_[v].point());
+    const Vertex& p = vertexRecords_[v];
+    home = regionOfSum(3 * p.x, 3 * p.z, home);
     if (home == region) continue;
     const VertexId to = vertices_.allocate(home);
     if (to == kNoSlot) throw std::bad_alloc();
@@ -333,6 +338,74 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
     vertices_.release(v);
     if (moves.vertex) moves.vertex(v, to);
   }
+}
+
+// Three passes, each of which writes to no place that another thread reads or writes meanwhile: triangles are copied, and the old record's first
+// corner names the new one; half-edges are joined anew, each by the triangle that it belongs to, or by its twin's where that one stays; vertices are copied and the stars, whole again,
+// learn of it.
+bool Triangulation::split(std::span<const Split> splits, const Loop& loop) {
+  struct Move {
+    std::uint32_t from, to;
+  };
+  std::vector<std::vector<Move>> moved(splits.size());
+  std::vector<std::uint8_t> splitting(regionLimit(), 0);
+  std::size_t triangles = 0, vertices = 0;
+  for (const Split& s : splits) {
+    splitting[s.region] = 1;
+    triangles += triangles_.count(s.region);
+    vertices += vertices_.count(s.region);
+  }
+  // Every region there is may open a page.
+  const auto pagesFor = [&](std::size_t slots) { return static_cast<std::uint32_t>(slots / Pages::kSlots + regionLimit()); };
+  if (!triangles_.hasFree(pagesFor(triangles)) || !vertices_.hasFree(pagesFor(vertices))) return false;
+
+  loop(splits.size(), [&](std::size_t k) {
+    auto& moves = moved[k];
+    moves.reserve(triangles_.count(splits[k].region));
+    triangles_.forEach(splits[k].region, [&](TriangleId t) { moves.push_back({t, kNoSlot}); });
+    RegionId home = kOutside;  // of the last one, a good guess for the next
+    for (std::size_t n = 0; n < moves.size(); ++n) {
+      if (n + 8 < moves.size()) prefetchCorners(moves[n + 8].from);
+      auto& [from, to] = moves[n];
+      const Triangle record = triangleRecords_[from];
+      home = regionOfCorners(record.v[0], record.v[1], record.v[2], home);
+      assert(home != splits[k].region);
+      to = triangles_.allocate(home);
+      if (!triangles_.fresh(from)) triangles_.clearFresh(to);
+      triangleRecords_[to] = record;
+      triangleRecords_[from].v[0] = to;
+      if (splits[k].moves.triangle) splits[k].moves.triangle(from, to);
+    }
+  });
+  loop(splits.size(), [&](std::size_t k) {
+    for (const auto& [from, to] : moved[k]) {
+      Triangle& r = triangleRecords_[to];
+      for (unsigned side = 0; side < 3; ++side) {
+        const HalfEdge twin = r.twin[side];
+        Triangle& beyond = triangleRecords_[twin >> 2];
+        if (splitting[triangles_.regionOf(twin >> 2)])
+          r.twin[side] = 4 * beyond.v[0] + (twin & 3);
+        else
+          beyond.twin[twin & 3] = 4 * to + side;
+        if (edgeOf(r.v[side]) == 4 * from + side) setEdge(r.v[side], 4 * to + side);
+      }
+    }
+  });
+  loop(splits.size(), [&](std::size_t k) {
+    RegionId home = kOutside;
+    vertices_.forEach(splits[k].region, [&](VertexId from) {
+      const Vertex& p = vertexRecords_[from];
+      home = regionOfSum(3 * p.x, 3 * p.z, home);
+      const VertexId to = vertices_.allocate(home);
+      moveVertex(from, to);
+      if (splits[k].moves.vertex) splits[k].moves.vertex(from, to);
+    });
+  });
+  for (const Split& s : splits) {
+    triangles_.drain(s.region);
+    vertices_.drain(s.region);
+  }
+  return true;
 }
 
 void Triangulation::compact(RegionId region, const Moves& moves) {

@@ -129,7 +129,7 @@ class WriteSet {
   std::vector<Span> spans_;
 };
 
-struct Moves {  // told of every record that changes its id in refile() or compact()
+struct Moves {  // told of every record that changes its id in refile(), split() or compact()
   std::function<void(TriangleId from, TriangleId to)> triangle;
   std::function<void(VertexId from, VertexId to)> vertex;
 };
@@ -152,6 +152,15 @@ class Triangulation {
   }
   // Files everything in `region` anew by the partition's answers.
   void refile(RegionId region, const Moves& moves = {});
+  // The same for several regions whose squares others now cover, of which none covers two; they are empty afterwards. `loop` calls body(k) for
+  // every k < count, on as many threads as it likes; what is told of a region is told by one of them at a time. False, and nothing was done, when there may
+  // not be storage enough to hold everything twice for a while.
+  struct Split {
+    RegionId region;
+    Moves moves;
+  };
+  using Loop = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;
+  bool split(std::span<const Split> splits, const Loop& loop);
   // Moves the records of a region closer together where they lie scattered over too many pages.
   void compact(RegionId region, const Moves& moves = {});
   std::uint32_t triangleCount(RegionId region) const { return triangles_.count(region); }
@@ -171,6 +180,10 @@ class Triangulation {
   void prefetch(TriangleId t) const { __builtin_prefetch(&triangleRecords_[t]); }
   void prefetchCorners(TriangleId t) const {
     for (VertexId v : triangleRecords_[t].v) __builtin_prefetch(&vertexRecords_[v]);
+  }
+  void prefetchVertices(std::uint32_t page) const {
+    const char* const first = reinterpret_cast<const char*>(&vertexRecords_[page * Pages::kSlots]);
+    for (std::size_t k = 0; k < Pages::kSlots * sizeof(Vertex); k += 64) __builtin_prefetch(first + k);
   }
   void prefetchNeighbours(TriangleId t) const {
     for (HalfEdge h : triangleRecords_[t].twin) __builtin_prefetch(&triangleRecords_[h >> 2]);

@@ -2,6 +2,7 @@
 // threads against one.
 #include <algorithm>
 #include <cstdio>
+#include <future>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -13,19 +14,40 @@
 namespace ridgecast::bench {
 namespace {
 
+void add(wire::Figures& sum, const wire::Figures& figures) {
+  sum.inserted += figures.inserted;
+  sum.removed += figures.removed;
+  sum.heights += figures.heights;
+  sum.selectMs += figures.selectMs;
+  sum.generateMs += figures.generateMs;
+  sum.refineMs += figures.refineMs;
+  sum.triangulateMs += figures.triangulateMs;
+}
+
 struct Rig {
   Rig(unsigned threads, double threshold, std::uint32_t budget = 2'000'000)
-      : machine(threads), terrain(terrain::create("alpine", 1).value()) {
+      : machine(threads), terrain(terrain::create("alpine", 1).value()), pool(machine.makePool(threads)) {
     wire::Settings asked;
     asked.threshold = threshold;
     asked.triangleBudget = budget;
-    pipeline = std::make_unique<pipeline::Pipeline>(terrain, pipeline::grant(asked, {}), machine.makePool(threads));
+    pipeline = std::make_unique<pipeline::Pipeline>(terrain, pipeline::grant(asked, {}), pool);
+  }
+  // Ten iterations from time `t` of the flight on, `perIteration` seconds apart. Runs as the server does, as a task of the camera's pool, so that two threads are two.
+  wire::Figures fly(double t, double perIteration) {
+    std::promise<wire::Figures> done;
+    pool->post([&] {
+      wire::Figures sum{};
+      for (int m = 1; m <= 10; ++m) add(sum, pipeline->iterate(straight(*terrain, t + m * perIteration)));
+      done.set_value(sum);
+    });
+    return done.get_future().get();
   }
   void settle(double t) {
     for (int n = 0; n < 300 && !pipeline->settled(); ++n) pipeline->iterate(straight(*terrain, t));
   }
   scheduling::Machine machine;
   std::shared_ptr<const terrain::Terrain> terrain;
+  std::shared_ptr<scheduling::Pool> pool;
   std::unique_ptr<pipeline::Pipeline> pipeline;
 };
 
@@ -45,18 +67,11 @@ Report iteration(const Options& options) {
   Rig rig(1, threshold, static_cast<std::uint32_t>(budget));
   rig.settle(0);
   const int iterations = options.quick ? 100 : 600;
-  std::uint64_t inserted = 0, removed = 0, heights = 0;
   wire::Figures sum{}, last{};
   const double start = cpuSeconds();
   for (int n = 1; n <= iterations; ++n) {
     last = rig.pipeline->iterate(straight(*rig.terrain, n * 0.1));
-    inserted += last.inserted;
-    removed += last.removed;
-    heights += last.heights;
-    sum.selectMs += last.selectMs;
-    sum.generateMs += last.generateMs;
-    sum.refineMs += last.refineMs;
-    sum.triangulateMs += last.triangulateMs;
+    add(sum, last);
   }
   const double moving = cpuSeconds() - start;
   rig.settle(iterations * 0.1);
@@ -67,12 +82,13 @@ Report iteration(const Options& options) {
 
   report.note("alpine, 50 m/s at 10 iterations a second, threshold " + std::to_string(threshold) +
               " px, 1280x720, one thread; processor time");
-  report.add("us_per_inserted_vertex", 1e6 * moving / static_cast<double>(inserted), "us, everything but encoding");
+  report.add("us_per_inserted_vertex", 1e6 * moving / static_cast<double>(sum.inserted), "us, everything but encoding");
   report.add("iteration_ms", 1e3 * moving / iterations, "ms");
   report.add("hover_ms", 1e3 * hover / hovers, "ms an iteration with nothing to do");
-  report.add("inserted_per_iteration", static_cast<double>(inserted) / iterations, "vertices");
-  report.add("removed_per_inserted", static_cast<double>(removed) / static_cast<double>(inserted), "");
-  report.add("heights_per_vertex", static_cast<double>(heights) / static_cast<double>(inserted), "evaluated for each vertex inserted");
+  report.add("inserted_per_iteration", static_cast<double>(sum.inserted) / iterations, "vertices");
+  report.add("removed_per_inserted", static_cast<double>(sum.removed) / static_cast<double>(sum.inserted), "");
+  report.add("heights_per_vertex", static_cast<double>(sum.heights) / static_cast<double>(sum.inserted),
+             "evaluated for each vertex inserted");
   report.add("triangles", last.triangles, "live at the end");
   report.add("select_ms", sum.selectMs / iterations, "ms, by the clock");
   report.add("generate_ms", sum.generateMs / iterations, "ms");
@@ -88,18 +104,26 @@ Report threads(const Options& options) {
   one.settle(0);
   two.settle(0);
   double seconds[2] = {0, 0};
+  wire::Figures stages[2]{};
   // In turn, ten iterations each, so that what else the machine does falls on both.
   for (int n = 0; n < iterations; n += 10)
     for (int k = 0; k < 2; ++k) {
       Rig& rig = k == 0 ? one : two;
       const Clock clock;
-      for (int m = 1; m <= 10; ++m) rig.pipeline->iterate(straight(*rig.terrain, (n + m) * 0.2));
+      add(stages[k], rig.fly(n * 0.2, 0.2));
       seconds[k] += clock.seconds();
     }
   report.note("alpine, 100 m/s at 10 iterations a second, threshold 0.25 px; by the clock, in turn");
   report.add("speedup_2", seconds[0] / seconds[1], "times the iterations a second of one thread");
   report.add("one_ms", 1e3 * seconds[0] / iterations, "ms an iteration");
   report.add("two_ms", 1e3 * seconds[1] / iterations, "ms an iteration");
+  report.add("select_speedup", stages[0].selectMs / stages[1].selectMs, "of this stage, one thread anyway");
+  report.add("generate_speedup", stages[0].generateMs / stages[1].generateMs, "");
+  report.add("refine_speedup", stages[0].refineMs / stages[1].refineMs, "");
+  report.add("triangulate_speedup", stages[0].triangulateMs / stages[1].triangulateMs, "");
+  report.add("generate_share", stages[0].generateMs / (1e3 * seconds[0]), "of one thread's time");
+  report.add("refine_share", stages[0].refineMs / (1e3 * seconds[0]), "");
+  report.add("triangulate_share", stages[0].triangulateMs / (1e3 * seconds[0]), "");
   return report;
 }
 

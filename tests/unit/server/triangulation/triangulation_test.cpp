@@ -107,8 +107,12 @@ std::vector<Point2> makePoints(Kind kind, int count, std::mt19937& rng) {
   const int tries = count * 20;
   for (int n = 0; n < tries && static_cast<int>(set.size()) < count; ++n) {
     switch (kind) {
-      case kRandom: set.insert({in(-3000, 3000), in(-3000, 3000)}); break;
-      case kTinyGrid: set.insert({in(-3, 4) * 512, in(-3, 4) * 512}); break;
+      case kRandom:
+        set.insert({in(-3000, 3000), in(-3000, 3000)});
+        break;
+      case kTinyGrid:
+        set.insert({in(-3, 4) * 512, in(-3, 4) * 512});
+        break;
       case kRing: {
         static const std::pair<int, int> onCircle[] = {{25, 0}, {24, 7}, {20, 15}, {15, 20}, {7, 24}, {0, 25}};
         const auto [p, q] = onCircle[in(0, 5)];
@@ -117,10 +121,13 @@ std::vector<Point2> makePoints(Kind kind, int count, std::mt19937& rng) {
         if (in(0, 6) == 0) set.insert({0, 0});
         break;
       }
-      case kLines: set.insert(in(0, 4) ? std::pair{in(-40, 40) * 50, 0} : std::pair{in(-40, 40) * 50, in(-2, 2) * 700}); break;
+      case kLines:
+        set.insert(in(0, 4) ? std::pair{in(-40, 40) * 50, 0} : std::pair{in(-40, 40) * 50, in(-2, 2) * 700});
+        break;
       case kHuge: {
         const std::int32_t far = (1 << 26) - 1;
-        set.insert({in(0, 1) ? in(-far, far) : (in(0, 1) ? far : -far) + 0 * n, in(0, 1) ? in(-far, far) : (in(0, 1) ? far - in(0, 3) : in(0, 3) - far)});
+        set.insert({in(0, 1) ? in(-far, far) : (in(0, 1) ? far : -far) + 0 * n,
+                    in(0, 1) ? in(-far, far) : (in(0, 1) ? far - in(0, 3) : in(0, 3) - far)});
         break;
       }
       case kNearlyCollinear: {
@@ -128,8 +135,11 @@ std::vector<Point2> makePoints(Kind kind, int count, std::mt19937& rng) {
         set.insert({x, x / 3 + in(0, 1)});
         break;
       }
-      case kDenseAndEmpty: set.insert(in(0, 3) ? std::pair{in(0, 12), in(0, 12)} : std::pair{in(-4000, 4000), in(-4000, 4000)}); break;
-      default: break;
+      case kDenseAndEmpty:
+        set.insert(in(0, 3) ? std::pair{in(0, 12), in(0, 12)} : std::pair{in(-4000, 4000), in(-4000, 4000)});
+        break;
+      default:
+        break;
     }
   }
   std::vector<Point2> out;
@@ -145,9 +155,7 @@ struct World {
         if ((i + 2 * j) % 5 != 0) board.at(i, j) = mesh.addRegion(board.square(i, j));
     all.allowAll();
   }
-  Change insert(Point2 p) {
-    return mesh.insert({p.x, p.z, p.x ^ p.z, kNoEdge}, mesh.locate(p, mesh.anyTriangle(), all), all);
-  }
+  Change insert(Point2 p) { return mesh.insert({p.x, p.z, p.x ^ p.z, kNoEdge}, mesh.locate(p, mesh.anyTriangle(), all), all); }
   // Starts from the first three points that are not collinear; false when there are none.
   bool begin(std::vector<Point2> points) {
     for (std::size_t k = 2; k < points.size(); ++k)
@@ -325,6 +333,104 @@ TEST(Triangulation, AdoptingARegionsPagesMovesNothing) {
   insert(1000);
   mesh.compact(quarters.whole);
   ASSERT_EQ(verify(mesh, quarters), "");
+}
+
+// Sixteen squares in a larger one; each is one region or four.
+struct Checkers : Partition {
+  struct Cell {
+    RegionId whole = kOutside, parts[4] = {};
+  } cells[16];
+  static int cellOf(Point2 p) { return (p.x >> 11) + 2 + 4 * ((p.z >> 11) + 2); }
+  RegionId regionAt(Point2 p) const override {
+    if (p.x < -4096 || p.z < -4096 || p.x >= 4096 || p.z >= 4096) return kOutside;
+    const Cell& cell = cells[cellOf(p)];
+    return cell.whole != kOutside ? cell.whole : cell.parts[((p.x >> 10) & 1) + 2 * ((p.z >> 10) & 1)];
+  }
+};
+
+// Splits of leaves, neighbours among them, by one thread and by one for each: nothing but the filing changes, and it changes alike.
+TEST(Triangulation, SplitsManyRegionsAtOnce) {
+  std::vector<std::vector<std::vector<Point2>>> filed[2];
+  for (const bool parallel : {false, true}) {
+    Checkers checkers;
+    Triangulation mesh(20'000, checkers);
+    for (int k = 0; k < 16; ++k) checkers.cells[k].whole = mesh.addRegion({(k % 4 - 2) * 2048, (k / 4 - 2) * 2048, 2048});
+    WriteSet all;
+    all.allowAll();
+    mesh.start({-5000, -5000, 0, kNoEdge}, {-5000, 5000, 0, kNoEdge}, {6000, 0, 0, kNoEdge});
+    std::mt19937 rng(5);
+    for (int n = 0; n < 6000; ++n) {
+      const Point2 p{static_cast<std::int32_t>(rng() % 9000) - 4500, static_cast<std::int32_t>(rng() % 9000) - 4500};
+      mesh.insert({p.x, p.z, 0, kNoEdge}, mesh.locate(p, mesh.anyTriangle(), all), all);
+    }
+    const auto before = trianglesOf(mesh);
+    for (RegionId r = 0; r < mesh.regionLimit(); ++r)
+      mesh.trianglePages().forEach(r, [&](TriangleId t) {
+        if (t % 3 != 0) mesh.trianglePages().clearFresh(t);
+      });
+    const auto freshOnes = [&] {
+      std::uint32_t count = 0;
+      for (RegionId r = 0; r < mesh.regionLimit(); ++r)
+        if (mesh.trianglePages().hasRegion(r)) mesh.trianglePages().forEachFresh(r, [&](TriangleId) { ++count; });
+      return count;
+    };
+    const std::uint32_t fresh = freshOnes();
+    std::vector<Triangulation::Split> splits;
+    std::vector<std::uint32_t> told(16, 0);
+    for (int k : {0, 1, 4, 5, 6, 10, 15}) {  // a block, a diagonal, a corner
+      auto& cell = checkers.cells[k];
+      splits.push_back({cell.whole, {[&told, k](TriangleId, TriangleId) { ++told[k]; }, {}}});
+      for (int q = 0; q < 4; ++q)
+        cell.parts[q] = mesh.addRegion({(k % 4 - 2) * 2048 + q % 2 * 1024, (k / 4 - 2) * 2048 + q / 2 * 1024, 1024});
+      cell.whole = kOutside;
+    }
+    const auto loop = [&](std::size_t count, const std::function<void(std::size_t)>& body) {
+      std::vector<std::thread> threads;
+      for (std::size_t k = 0; k < count; ++k)
+        if (parallel)
+          threads.emplace_back(body, k);
+        else
+          body(k);
+      for (auto& thread : threads) thread.join();
+    };
+    ASSERT_TRUE(mesh.split(splits, loop));
+    for (const auto& split : splits) {
+      EXPECT_EQ(mesh.triangleCount(split.region) + mesh.vertexCount(split.region), 0u);
+      mesh.removeRegion(split.region);
+    }
+    EXPECT_GT(told[5], 100u);
+    EXPECT_EQ(told[2], 0u);
+    EXPECT_EQ(freshOnes(), fresh);
+    EXPECT_EQ(trianglesOf(mesh), before);
+    ASSERT_EQ(verify(mesh, checkers), "");
+    for (const auto& cell : checkers.cells)
+      for (RegionId part : cell.parts) {
+        auto& list = filed[parallel].emplace_back();
+        if (cell.whole == kOutside)
+          mesh.trianglePages().forEach(part, [&](TriangleId t) {
+            auto& corners = list.emplace_back();
+            for (VertexId v : mesh.triangle(t).v) corners.push_back(mesh.vertex(v).point());
+          });
+      }
+    // And it goes on living.
+    for (int n = 0; n < 1000; ++n) {
+      const Point2 p{static_cast<std::int32_t>(rng() % 8192) - 4096, static_cast<std::int32_t>(rng() % 8192) - 4096};
+      mesh.insert({p.x, p.z, 0, kNoEdge}, mesh.locate(p, mesh.anyTriangle(), all), all);
+    }
+    ASSERT_EQ(verify(mesh, checkers), "");
+  }
+  EXPECT_EQ(filed[0], filed[1]);
+}
+
+// Everything is held twice for a while: where that may be too much, nothing is done.
+TEST(Triangulation, RefusesASplitThatStorageMayNotHold) {
+  Checkers checkers;
+  Triangulation mesh(64, checkers);
+  for (int k = 0; k < 16; ++k) checkers.cells[k].whole = mesh.addRegion({(k % 4 - 2) * 2048, (k / 4 - 2) * 2048, 2048});
+  while (mesh.trianglePages().hasFree(mesh.regionLimit() + 4)) mesh.trianglePages().allocate(kOutside);
+  const Triangulation::Split split{checkers.cells[3].whole, {}};
+  for (int k = 0; k < 4 * 64; ++k) mesh.trianglePages().allocate(split.region);
+  EXPECT_FALSE(mesh.split({&split, 1}, [](std::size_t, const std::function<void(std::size_t)>&) { FAIL(); }));
 }
 
 TEST(Triangulation, ReusesTheStorageOfWhatWasRemoved) {
