@@ -5,6 +5,8 @@
 #include <cassert>
 #include <cmath>
 #include <limits>
+#include <set>
+#include <utility>
 
 #include "common/mesh/leaf_mesh.h"
 #include "server/generation/grid.h"
@@ -108,7 +110,6 @@ void CameraMesh::generate(scheduling::Pool& pool) {
   if (!pendingGenerate_) return;
   pendingGenerate_ = false;
   std::vector<Leaf*> made;
-  std::vector<LeafAddress> gone;
   std::vector<std::unique_ptr<Leaf>> former;
   ++generation_;
   const std::vector<LeafAddress> fresh = tree_.untagged([&](std::uint32_t tag) { leaves_[tag]->generation = generation_; });
@@ -118,7 +119,6 @@ void CameraMesh::generate(scheduling::Pool& pool) {
     if (leaf->generation == generation_) {
       kept.push_back(leaf);
     } else {
-      gone.push_back(leaf->address);
       former.push_back(std::move(leaves_[leaf->region]));
     }
   }
@@ -148,37 +148,38 @@ void CameraMesh::generate(scheduling::Pool& pool) {
       }
 
   if (!mesh_.empty()) refile(former, made, pool);
-  if (!made.empty()) insertGrids(made);
+  if (!made.empty()) insertGrids(made, former);
   dropOutside();
-  updateWriteSets(made, gone, pool);
+  updateWriteSets(made, former, pool);
 }
 
 // What is filed under leaves that were merged, split or dropped is filed under their heirs, or outside.
 void CameraMesh::refile(const std::vector<std::unique_ptr<Leaf>>& former, const std::vector<Leaf*>& made, scheduling::Pool& pool) {
   std::vector<VertexId> moved;
   const triangulation::Moves moves = keepBeside(&moved);
-  std::vector<triangulation::Triangulation::Split> splits;
-  std::vector<std::vector<VertexId>> movedBySplit(former.size());
+  std::vector<RegionId> splits, parts;
   for (const auto& leaf : former) {
     const Leaf* parent = nullptr;
     bool isSplit = false;
     for (const Leaf* heir : made) {
       if (heir->address.isAncestorOf(leaf->address)) parent = heir;
-      isSplit = isSplit || leaf->address.isAncestorOf(heir->address);
+      if (!leaf->address.isAncestorOf(heir->address)) continue;
+      isSplit = true;
+      parts.push_back(heir->region);
     }
     if (parent)
       mesh_.adopt(leaf->region, parent->region);
     else if (isSplit)
-      splits.push_back({leaf->region, keepBeside(&movedBySplit[splits.size()])});
+      splits.push_back(leaf->region);
     else
       mesh_.refile(leaf->region, moves);
   }
   const auto loop = [&](std::size_t count, const std::function<void(std::size_t)>& body) { pool.forEach(count, 1, body); };
-  if (!mesh_.split(splits, loop))
-    for (const auto& split : splits) mesh_.refile(split.region, split.moves);
+  if (!mesh_.split(splits, loop, keepBeside(nullptr)))
+    for (RegionId region : splits) mesh_.refile(region, moves);
   for (const auto& leaf : former) mesh_.removeRegion(leaf->region);
+  for (RegionId region : parts) mesh_.vertexPages().forEach(region, [&](VertexId v) { moved.push_back(v); });
   mesh_.refile(kOutside, moves);
-  for (const auto& bySplit : movedBySplit) snapVertices(bySplit);
   snapVertices(moved);
 }
 
@@ -215,10 +216,28 @@ void CameraMesh::snapVertices(const std::vector<VertexId>& vertices) {
   }
 }
 
-void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
+// Grids nest, so leaves that were merged left all points of the new leaf's grid, and one that was split left some.
+void CameraMesh::insertGrids(const std::vector<Leaf*>& made, const std::vector<std::unique_ptr<Leaf>>& former) {
+  struct Missing {
+    Leaf* leaf;
+    std::vector<lattice::Point> points;
+  };
+  std::vector<Missing> missing;
   std::vector<lattice::Point> sorted;
-  for (const Leaf* leaf : made)
-    for (lattice::Point p : generation::gridPoints(leaf->address)) sorted.push_back(p);
+  for (Leaf* leaf : made) {
+    Missing& m = missing.emplace_back(Missing{leaf, {}});
+    const Leaf* whole = nullptr;  // what it was a part of
+    bool merged = false;
+    for (const auto& f : former) {
+      merged = merged || leaf->address.isAncestorOf(f->address);
+      if (f->address.isAncestorOf(leaf->address)) whole = f.get();
+    }
+    if (merged) continue;
+    for (lattice::Point p : generation::gridPoints(leaf->address))
+      if (!whole || ((p.x | p.z) & (whole->address.side() / 2 - 1)) != 0) m.points.push_back(p);
+    sorted.insert(sorted.end(), m.points.begin(), m.points.end());
+  }
+  if (sorted.empty()) return;
   std::sort(sorted.begin(), sorted.end());
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
   std::vector<Step> x(sorted.size()), z(sorted.size());
@@ -229,9 +248,10 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
   }
   terrain_->heightSteps(x, z, y);
   heights_ += y.size();
-  const auto fine = [&](lattice::Point p) {
-    return y[static_cast<std::size_t>(std::lower_bound(sorted.begin(), sorted.end(), p) - sorted.begin())];
+  const auto place = [&](lattice::Point p) {
+    return static_cast<std::size_t>(std::lower_bound(sorted.begin(), sorted.end(), p) - sorted.begin());
   };
+  const auto fine = [&](lattice::Point p) { return y[place(p)]; };
   const auto vertexAt = [&](lattice::Point p) {
     const Point2 q = local(p);
     return Vertex{q.x, q.z, lattice::snapHeight(fine(p), levelAt(q)), triangulation::kNoEdge};
@@ -256,17 +276,21 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
     }
   }
   TriangleId hint = mesh_.anyTriangle();
-  for (Leaf* leaf : made) {
+  std::vector<std::uint8_t> done(sorted.size(), 0);  // neighbours share points
+  for (const auto& [leaf, points] : missing) {
+    if (points.empty()) continue;
     // Start the walk in the leaf itself where it inherited triangles.
     for (std::uint32_t page : mesh_.trianglePages().pagesOf(leaf->region))
       if (const std::uint64_t alive = mesh_.trianglePages().aliveMask(page)) {
         hint = page * triangulation::Pages::kSlots + static_cast<TriangleId>(std::countr_zero(alive));
         break;
       }
-    for (lattice::Point p : generation::gridPoints(leaf->address)) {
-      const std::int32_t height = fine(p);
+    for (lattice::Point p : points) {
+      const std::size_t n = place(p);
+      const std::int32_t height = y[n];
       leaf->low = std::min(leaf->low, height);
       leaf->high = std::max(leaf->high, height);
+      if (std::exchange(done[n], std::uint8_t{1})) continue;
       const TriangleId t = mesh_.locate(local(p), hint, all);
       VertexId v = kInfinite;
       const Change change = mesh_.insert(vertexAt(p), t, all, &v);
@@ -274,7 +298,9 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made) {
       if (change == Change::kDone) {
         keep(v, height);
         hint = mesh_.edgeOf(v) >> 2;
-      } else {
+      } else {  // refinement was here before
+        for (VertexId corner : mesh_.triangle(t).v)
+          if (corner != kInfinite && mesh_.vertex(corner).point() == local(p)) setStays(corner, true);
         hint = t;
       }
     }
@@ -299,29 +325,41 @@ void CameraMesh::dropOutside() {
   }
 }
 
-void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vector<LeafAddress>& gone, scheduling::Pool& pool) {
-  std::vector<Leaf*> stale = made;
-  for (const Leaf* leaf : made)
-    for (LeafAddress a : tree_.touching(leaf->address)) stale.push_back(this->leaf(a));
-  for (LeafAddress g : gone)
-    for (LeafAddress a : tree_.touching(g)) stale.push_back(this->leaf(a));
+void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vector<std::unique_ptr<Leaf>>& former, scheduling::Pool& pool) {
+  struct Stale {
+    Leaf* leaf;
+    bool coarser;  // its own or a neighbour's grid lost points
+    bool operator<(const Stale& other) const { return std::pair(leaf->region, !coarser) < std::pair(other.leaf->region, !other.coarser); }
+    bool operator==(const Stale& other) const { return leaf == other.leaf; }
+  };
+  std::vector<Stale> stale;
+  for (Leaf* leaf : made) {
+    stale.push_back({leaf, false});
+    for (LeafAddress a : tree_.touching(leaf->address)) stale.push_back({this->leaf(a), false});
+  }
+  for (const auto& f : former) {
+    const bool split = std::any_of(made.begin(), made.end(), [&](const Leaf* heir) { return f->address.isAncestorOf(heir->address); });
+    for (LeafAddress a : tree_.touching(f->address)) stale.push_back({this->leaf(a), !split});
+  }
   std::sort(stale.begin(), stale.end());
   stale.erase(std::unique(stale.begin(), stale.end()), stale.end());
   pool.forEach(stale.size(), 4, [&](std::size_t k) {
-    Leaf* const leaf = stale[k];
+    Leaf* const leaf = stale[k].leaf;
     leaf->writeSet.assign(1, leaf->region);
     for (LeafAddress a : tree_.touching(leaf->address)) leaf->writeSet.push_back(this->leaf(a)->region);
-    // Which points are grid points may have changed here.
+    if (!stale[k].coarser) return;
     mesh_.vertexPages().forEach(leaf->region, [&](VertexId v) {
       const Point2 p = mesh_.vertex(v).point();
       const lattice::Point at{surface_.anchor.x + p.x, surface_.anchor.z + p.z};
-      if (!generation::mayBeGridPoint(at)) return;
-      const bool stays = generation::isGridPoint(tree_, at);
-      if (stays == std::isinf(surface_.vertices[v].loss)) return;
-      surface_.vertices[v].loss = stays ? kStays : 0;
-      surface_.wakeVertex(v, leaf->region);
+      if (generation::mayBeGridPoint(at)) setStays(v, generation::isGridPoint(tree_, at));
     });
   });
+}
+
+void CameraMesh::setStays(VertexId v, bool stays) {
+  if (stays == std::isinf(surface_.vertices[v].loss)) return;
+  surface_.vertices[v].loss = stays ? kStays : 0;
+  surface_.wakeVertex(v, mesh_.regionOfVertex(v));
 }
 
 void CameraMesh::addCurvature(const std::vector<VertexId>& vertices) {
@@ -334,6 +372,30 @@ void CameraMesh::addCurvature(const std::vector<VertexId>& vertices) {
   terrain::curvatures(*terrain_, x, z, Step{1} << lattice::kStepBits, out);
   heights_ += 9 * vertices.size();
   for (std::size_t k = 0; k < vertices.size(); ++k) surface_.curvature[vertices[k]] = out[k];
+}
+
+std::string CameraMesh::verifyGrids() const {
+  std::set<lattice::Point> vertices;
+  std::string wrong;
+  const auto look = [&](RegionId region) {
+    mesh_.vertexPages().forEach(region, [&](VertexId v) {
+      if (v == kInfinite) return;
+      const Point2 p = mesh_.vertex(v).point();
+      const lattice::Point at{surface_.anchor.x + p.x, surface_.anchor.z + p.z};
+      const bool stays = std::isinf(surface_.vertices[v].loss);
+      if (stays) vertices.insert(at);
+      if (stays != generation::isGridPoint(tree_, at) && wrong.empty())
+        wrong = "the vertex at " + std::to_string(at.x) + " " + std::to_string(at.z) +
+                (stays ? " stays, and belongs to no grid" : " may go, and belongs to a grid");
+    });
+  };
+  look(kOutside);
+  for (const Leaf* leaf : ordered_) look(leaf->region);
+  for (const Leaf* leaf : ordered_)
+    for (lattice::Point p : generation::gridPoints(leaf->address))
+      if (vertices.count(p) == 0 && wrong.empty())
+        wrong = "the grid point at " + std::to_string(p.x) + " " + std::to_string(p.z) + " is not in the mesh";
+  return wrong;
 }
 
 std::uint64_t CameraMesh::mixedOf(VertexId v) const {

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "common/terrain/terrain.h"
@@ -68,6 +69,9 @@ class CameraMesh : private triangulation::Partition {
   // Chooses candidates for every fresh triangle. `view`: of the last screening, if there was one since generate().
   void evaluate(scheduling::Pool& pool, const refinement::View* view = nullptr);
 
+  // Whether every leaf's grid is in the mesh, and exactly the grids' points are kept from removal; empty when so. Slow.
+  std::string verifyGrids() const;
+
   triangulation::Triangulation& triangulation() { return mesh_; }
   const triangulation::Triangulation& triangulation() const { return mesh_; }
   const refinement::Surface& surface() const { return surface_; }
@@ -86,8 +90,9 @@ class CameraMesh : private triangulation::Partition {
   void anchorAt(const camera::Pose& pose, bool keep);
   void refile(const std::vector<std::unique_ptr<Leaf>>& former, const std::vector<Leaf*>& made, scheduling::Pool& pool);
   void snapVertices(const std::vector<triangulation::VertexId>& vertices);
-  void insertGrids(const std::vector<Leaf*>& made);
-  void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<lattice::LeafAddress>& gone, scheduling::Pool& pool);
+  void insertGrids(const std::vector<Leaf*>& made, const std::vector<std::unique_ptr<Leaf>>& former);
+  void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<std::unique_ptr<Leaf>>& former, scheduling::Pool& pool);
+  void setStays(triangulation::VertexId v, bool stays);  // a grid point, or no longer
   void dropOutside();
   void addCurvature(const std::vector<triangulation::VertexId>& vertices);
   void changeLeaf(Leaf& leaf, const refinement::View& view);

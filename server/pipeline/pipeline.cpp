@@ -271,7 +271,10 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
 
 std::size_t Pipeline::memoryBytes() const { return state_->mesh.memoryBytes(); }
 
-std::string Pipeline::verify() const { return triangulation::verify(state_->mesh.triangulation(), state_->mesh.partition()); }
+std::string Pipeline::verify() const {
+  const std::string wrong = triangulation::verify(state_->mesh.triangulation(), state_->mesh.partition());
+  return wrong.empty() ? state_->mesh.verifyGrids() : wrong;
+}
 
 void Pipeline::record(bool on) { state_->mesh.record(on); }
 

@@ -68,7 +68,7 @@ class Pipeline {
   // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.
   std::size_t memoryBytes() const;
 
-  // A full check of the mesh by triangulation::verify, slow; empty when sound. For tests and benches.
+  // A full check of the mesh by triangulation::verify, and of the leaves' grids in it, slow; empty when sound. For tests and benches.
   std::string verify() const;
   // The points that the last iteration inserted and removed while refining, when asked to record them. For tests and benches.
   struct Changes {

@@ -29,7 +29,7 @@ namespace {
 
 constexpr std::size_t kMaxPosted = 1024;
 // A thread that runs dry looks around this long before it sleeps: an iteration is a row of short loops, and waking a thread takes longer.
-constexpr std::chrono::microseconds kSpin{20};
+constexpr std::chrono::microseconds kSpin{100};
 
 inline void pause() {
 #if defined(__x86_64__) || defined(__i386__)

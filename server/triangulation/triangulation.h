@@ -153,14 +153,10 @@ class Triangulation {
   // Files everything in `region` anew by the partition's answers.
   void refile(RegionId region, const Moves& moves = {});
   // The same for several regions whose squares others now cover, of which none covers two; they are empty afterwards. `loop` calls body(k) for
-  // every k < count, on as many threads as it likes; what is told of a region is told by one of them at a time. False, and nothing was done, when there may
-  // not be storage enough to hold everything twice for a while.
-  struct Split {
-    RegionId region;
-    Moves moves;
-  };
+  // every k < count, on as many threads as it likes; of what comes to one region a single one of them tells. False, and nothing was done, when there
+  // may not be storage enough to hold everything twice for a while.
   using Loop = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;
-  bool split(std::span<const Split> splits, const Loop& loop);
+  bool split(std::span<const RegionId> regions, const Loop& loop, const Moves& moves = {});
   // Moves the records of a region closer together where they lie scattered over too many pages.
   void compact(RegionId region, const Moves& moves = {});
   std::uint32_t triangleCount(RegionId region) const { return triangles_.count(region); }
