@@ -404,6 +404,8 @@ std::uint64_t CameraMesh::mixedOf(VertexId v) const {
 }
 
 void CameraMesh::note(VertexId v, std::int32_t fineY, int level, float loss) {
+  if (const std::uint32_t page = v / triangulation::Pages::kSlots; std::popcount(mesh_.vertexPages().aliveMask(page)) == 1)
+    surface_.beginLosses(page);
   refinement::VertexExtra& extra = surface_.vertices[v];
   extra.mixed = mixedOf(v);
   extra.loss = loss;

@@ -1,6 +1,7 @@
 #include "server/refinement/candidates.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "common/mesh/leaf_mesh.h"
@@ -141,7 +142,13 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   fresh.clear();
   trials.clear();
   auto& pages = mesh.trianglePages();
-  pages.forEachFresh(region, [&](TriangleId t) { fresh.push_back(t); });
+  for (std::uint32_t page : pages.pagesOf(region)) {
+    const std::uint64_t mask = pages.freshMask(page);
+    if (mask == 0) continue;
+    if (mask == pages.aliveMask(page)) surface.beginScreen(page, view ? view->travel : -1);
+    for (std::uint64_t m = mask; m != 0; m &= m - 1)
+      fresh.push_back(page * CandidatePage::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
+  }
   if (fresh.empty()) return 0;
   const int bits = lattice::horizontalBits(level);
   // Records lie anywhere in memory: they are asked for some triangles ahead of the one at hand.

@@ -58,7 +58,7 @@ struct PageHash {
 };
 
 // The earliest of a region's pages, valid for the limit that it was made for.
-struct RegionScreen {
+struct alignas(64) RegionScreen {
   double due = kAlways, dueTurn = kAlways;
   double spared = 1;  // error / distance
   double lossesDue = kAlways;
@@ -141,6 +141,14 @@ struct Surface {
     page.hashed |= bit;
     hash[t] = term;
   }
+  // Nothing is in the page yet that its bounds must hold for. What its former region left there is forgotten: which pages a region gets depends on
+  // threads, and what is done next may not.
+  void beginScreen(std::uint32_t page, double travel) {
+    constexpr double never = std::numeric_limits<double>::infinity();
+    const std::uint64_t blank = screens[page].blank;
+    screens[page] = {never, never, travel, 0, 0, std::numeric_limits<float>::max(), 0, blank, 0};
+  }
+  void beginLosses(std::uint32_t page) { losses[page] = {}; }
   // The page of a candidate, of a vertex is looked at again whatever is known of it.
   void wakeCandidate(std::uint32_t t, triangulation::RegionId region) {
     PageScreen& page = screens[t / CandidatePage::kSlots];

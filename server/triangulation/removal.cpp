@@ -7,12 +7,14 @@
 namespace ridgecast::triangulation {
 
 // The star of v counter-clockwise: border_[i].from is a link vertex, border_[i].outer lies beyond the edge from -> to. False when the
-// star or its ring leaves the write set.
+// star or its ring leaves the write set. It begins at its smallest link vertex: which half-edge a vertex names depends on which thread was
+// last, and which slots the fill gets on where the star begins.
 bool Triangulation::collectStar(VertexId v, WriteSet& set) const {
   auto& border = set.border_;
   border.clear();
   set.hole_.clear();
   const HalfEdge first = edgeOf(v);
+  std::size_t least = 0;
   for (HalfEdge h = first;;) {
     const TriangleId t = h >> 2;
     if (!set.allows(triangles_.regionOf(t))) return false;
@@ -21,9 +23,15 @@ bool Triangulation::collectStar(VertexId v, WriteSet& set) const {
     if (!set.allows(triangles_.regionOf(outer >> 2))) return false;
     set.hole_.push_back(t);
     border.push_back({origin(opposite), origin(next(opposite)), outer, kOutside});
+    const VertexId link = border.back().from, smallest = border[least].from;
+    if (smallest == kInfinite || (link != kInfinite && smaller(vertexRecords_[link].point(), vertexRecords_[smallest].point())))
+      least = border.size() - 1;
     h = twin(previous(h));
-    if (h == first) return true;
+    if (h == first) break;
   }
+  std::rotate(border.begin(), border.begin() + static_cast<std::ptrdiff_t>(least), border.end());
+  std::rotate(set.hole_.begin(), set.hole_.begin() + static_cast<std::ptrdiff_t>(least), set.hole_.end());
+  return true;
 }
 
 // Fills the polygon border_[0..n).from; new triangles in fill_, corners as indices, a < b < c, (c, a) the base.

@@ -106,7 +106,7 @@ class Pages {
     std::uint32_t place = 0;  // index in its region's list of pages
     bool open = false;        // in its region's list of pages with room
   };
-  struct Region {
+  struct alignas(64) Region {  // a line of its own: different threads fill neighbours
     std::vector<std::uint32_t> pages, open;
     std::uint32_t count = 0;
     bool changed = false;

@@ -6,6 +6,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "server/pipeline/pipeline.h"
 #include "tests/bench/bench.h"
@@ -41,6 +42,11 @@ struct Rig {
       done.set_value(sum);
     });
     return done.get_future().get();
+  }
+  std::vector<std::uint64_t> hashes() const {
+    std::vector<std::uint64_t> out;
+    for (const auto& leaf : pipeline->leaves()) out.push_back(leaf.hash);
+    return out;
   }
   void settle(double t) {
     for (int n = 0; n < 300 && !pipeline->settled(); ++n) pipeline->iterate(straight(*terrain, t));
@@ -105,6 +111,7 @@ Report threads(const Options& options) {
   two.settle(0);
   double seconds[2] = {0, 0};
   wire::Figures stages[2]{};
+  bool equal = true;
   // In turn, ten iterations each, so that what else the machine does falls on both.
   for (int n = 0; n < iterations; n += 10)
     for (int k = 0; k < 2; ++k) {
@@ -112,10 +119,12 @@ Report threads(const Options& options) {
       const Clock clock;
       add(stages[k], rig.fly(n * 0.2, 0.2));
       seconds[k] += clock.seconds();
+      equal = equal && (k == 0 || one.hashes() == two.hashes());
     }
   report.note("alpine, 100 m/s at 10 iterations a second, threshold 0.25 px; by the clock, in turn");
   report.add("speedup_2", seconds[0] / seconds[1], "times the iterations a second of one thread");
   report.add("one_ms", 1e3 * seconds[0] / iterations, "ms an iteration");
+  report.add("meshes_equal", equal, "1: all leaves' hashes were, after every ten iterations");
   report.add("two_ms", 1e3 * seconds[1] / iterations, "ms an iteration");
   report.add("select_speedup", stages[0].selectMs / stages[1].selectMs, "of this stage, one thread anyway");
   report.add("generate_speedup", stages[0].generateMs / stages[1].generateMs, "");
