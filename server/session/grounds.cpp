@@ -47,8 +47,12 @@ void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
 }  // namespace
 
 Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<scheduling::Pool> pool,
-                 std::shared_ptr<Sender> sender)
-    : terrain_(std::move(terrain)), triangleBudget_(triangleBudget), pool_(std::move(pool)), sender_(std::move(sender)) {}
+                 std::shared_ptr<Sender> sender, std::chrono::seconds patience)
+    : terrain_(std::move(terrain)),
+      triangleBudget_(triangleBudget),
+      pool_(std::move(pool)),
+      sender_(std::move(sender)),
+      patience_(patience) {}
 
 bool Grounds::ask(const wire::AskGround& ask) {
   const std::lock_guard lock(mutex_);
@@ -89,7 +93,7 @@ void Grounds::answer(const wire::AskGround& asked) {
   const auto reach = static_cast<lattice::Step>(std::ceil(radius)) + 1;
   const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
   const auto make = [&](double error) {
-    const snapshot::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + kPatience, static_cast<double>(kPatience.count())};
+    const snapshot::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + patience_, static_cast<double>(patience_.count())};
     return snapshot::meshBox(
         *terrain_,
         {{within(asked.at.x - reach), within(asked.at.z - reach)}, {within(asked.at.x + reach), within(asked.at.z + reach)}, error},

@@ -24,7 +24,7 @@ class Grounds : public std::enable_shared_from_this<Grounds> {
   static constexpr std::chrono::seconds kPatience{4};
 
   Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<scheduling::Pool> pool,
-          std::shared_ptr<Sender> sender);
+          std::shared_ptr<Sender> sender, std::chrono::seconds patience = kPatience);
   bool ask(const wire::AskGround& ask);  // false: too many wait
   void close();                          // nothing more is sent, what is being made is given up; any thread
 
@@ -36,6 +36,7 @@ class Grounds : public std::enable_shared_from_this<Grounds> {
   const std::uint32_t triangleBudget_;
   const std::shared_ptr<scheduling::Pool> pool_;
   const std::shared_ptr<Sender> sender_;
+  const std::chrono::seconds patience_;
   std::stop_source stop_;
 
   std::mutex mutex_;

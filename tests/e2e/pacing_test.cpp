@@ -98,7 +98,7 @@ TEST(FreePacing, NothingIsSentBeyondTheWindowWithoutAnAcknowledgement) {
   wire::Hello hello;
   hello.settings = coarse();
   const auto url = connection::parseUrl(server.url());
-  auto connected = connection::Connection::open(*url, hello);
+  auto connected = connection::Connection::open(*url, hello, kPatience);
   ASSERT_TRUE(connected) << connected.error().message;
   connection::Connection& c = **connected;
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", c.world());

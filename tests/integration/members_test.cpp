@@ -80,7 +80,7 @@ class MembersTest : public testing::Test {
     server.reset();
   }
   std::unique_ptr<Connection> join(const wire::Hello& hello) {
-    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello);
+    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello, kPatience);
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
   }

@@ -116,7 +116,7 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
   wire::Hello hello;
   hello.settings = coarse();
   hello.pacing = wire::Pacing::kLockstep;
-  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello).value();
+  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello, kPatience).value();
   scene::Scene held;
   std::uint64_t sequence = 0;
   const auto next = [&] {
@@ -147,7 +147,7 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
 TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
   wire::Hello hello;
   hello.settings = coarse();
-  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello).value();
+  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello, kPatience).value();
   scene::Scene held;
   const auto settle = [&] {
     for (int k = 0; k < 500; ++k) {

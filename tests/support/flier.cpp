@@ -23,7 +23,7 @@ std::unique_ptr<connection::Connection> connect(const std::string& url, const wi
   hello.clientName = "ridgecast tests";
   hello.settings = settings;
   hello.pacing = pacing;
-  return orThrow(connection::Connection::open(orThrow(connection::parseUrl(url)), hello));
+  return orThrow(connection::Connection::open(orThrow(connection::parseUrl(url)), hello, kPatience));
 }
 
 }  // namespace
