@@ -100,10 +100,10 @@ TEST_F(Keys, TypedPlacesAreReachedExactly) {
   shot();  // a picture: what was pressed before it is done
   shot();
   type("1000000000001");
-  press({"Tab"});
+  pressInPanel("Tab");
   shot();
   type("-77");
-  press({"Return"});
+  pressInPanel("Return");
   shot();
   shot();
   press({"r"});

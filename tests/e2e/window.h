@@ -46,7 +46,7 @@ class WindowTest : public testing::Test {
     return {};
   }
   void startScreen() {
-    screen_ = std::make_unique<Process>(std::vector<std::string>{"Xvfb", "-displayfd", "1", "-noreset", "-screen", "0", "800x600x24"});
+    screen_ = std::make_unique<Process>(std::vector<std::string>{"Xvfb", "-displayfd", "1", "-noreset", "-r", "-screen", "0", "800x600x24"});
     ASSERT_TRUE(await([&] { return !displayNumber().empty(); }, 60s)) << screen_->output();
     environment_ = {{"DISPLAY", ":" + displayNumber()}, {"WAYLAND_DISPLAY", {}}};
   }
@@ -82,6 +82,12 @@ class WindowTest : public testing::Test {
       EXPECT_EQ(runProgram({"xdotool", "key", key}, environment_).code, 0);
       std::this_thread::sleep_for(100ms);
     }
+  }
+  // The panel looks at keys once a frame: down for at least one. (The X server repeats no keys: -r.)
+  void pressInPanel(const std::string& key) {
+    EXPECT_EQ(runProgram({"xdotool", "keydown", key}, environment_).code, 0);
+    shot();
+    EXPECT_EQ(runProgram({"xdotool", "keyup", key}, environment_).code, 0);
   }
   void hold(const std::string& key, std::chrono::milliseconds time) {
     runProgram({"xdotool", "keydown", key}, environment_);

@@ -109,10 +109,10 @@ TEST_F(Window, AnotherWorldIsEnteredByTypingItsNameAndIsTheOneThatEverybodySees)
     shot();  // what was pressed is done
     shot();
     type(terrain);
-    press({"Tab"});
+    pressInPanel("Tab");
     shot();
     type(seed);
-    press({"Return"});
+    pressInPanel("Return");
   };
   enter("nowhere", "7");  // is told, and the window stays where it is
   EXPECT_TRUE(says("nowhere")) << viewer_->output();
