@@ -6,6 +6,7 @@
 
 #include "common/version/version.h"
 #include "common/wire/wire.h"
+#include "server/access/host.h"
 #include "server/config/layers.h"
 #include "server/config/token_command.h"
 
@@ -38,7 +39,7 @@ int refuse(const std::string& sentence) {
 struct Written {
   Config config;
   bool isPrivate = false, quiet = false;
-  std::vector<std::string> parameters, raster, trustedProxies;
+  std::vector<std::string> parameters, raster, trustedProxies, allowedHosts;
   long long patience = 0, idle = 0, drain = 0, sessionIdle = 0;
   std::string logFormat = "text", logLevel = "info";
 };
@@ -88,6 +89,10 @@ void addAccess(CLI::App& app, Written& w) {
   app.add_option("--allow-origin", n.allowedOrigins, "Another origin whose pages may connect, such as https://example.org; * for any")
       ->type_name("ORIGIN")
       ->allow_extra_args(false);
+  app.add_option("--allowed-host", w.allowedHosts,
+                 "A name under which this server may be asked without tokens, beside its addresses and localhost; * for any")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
   app.add_option("--trusted-proxy", w.trustedProxies, "Networks whose X-Forwarded-For is believed, such as 10.0.0.0/8")
       ->type_name("CIDR")
       ->allow_extra_args(false);
@@ -130,6 +135,10 @@ void addLimits(CLI::App& app, Written& w) {
       ->capture_default_str();
   app.add_option("--max-snapshot-seconds", c.snapshots.seconds, "Longest that a snapshot may take")
       ->check(CLI::Range(1.0, 600.0))
+      ->capture_default_str();
+  app.add_option("--snapshot-niceness", c.snapshots.niceness,
+                 "How far snapshots give way to cameras, 0..19; 20: they run only where nothing else wants the processor")
+      ->check(CLI::Range(0, scheduling::kIdle))
       ->capture_default_str();
   app.add_option("--window", c.limits.window, "Iterations that a client may leave unacknowledged")
       ->check(CLI::Range(1u, wire::kMaxWindow))
@@ -177,11 +186,17 @@ Outcome<Config> finish(Written&& w) {
     if (!network) return network.error();
     c.net.trustedProxies.push_back(*network);
   }
+  for (const std::string& text : w.allowedHosts) {
+    auto host = access::parseHostName(text);
+    if (!host) return host.error();
+    c.net.allowedHosts.push_back(std::move(*host));
+  }
   c.net.patience = std::chrono::seconds(w.patience);
   c.net.idle = std::chrono::seconds(w.idle);
   c.net.drain = std::chrono::seconds(w.drain);
   c.limits.sessionIdle = std::chrono::seconds(w.sessionIdle);
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);
+  c.net.patientJobs.niceness = c.snapshots.niceness;
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
   const std::map<std::string, logging::Level> levels{{"debug", logging::Level::kDebug},

@@ -13,6 +13,7 @@ namespace ridgecast::metrics {
 enum class Refusal {
   kConnections,  // too many in all
   kAddress,      // too many from one address
+  kHost,         // a name that may be another's for this machine
   kOrigin,
   kToken,    // none, or one that is not good
   kRight,    // a good one that lacks the right or the session
@@ -33,9 +34,10 @@ enum class Refusal {
   kBusy,
   kInternal,
 };
-inline constexpr std::array<std::string_view, 21> kRefusalNames{
-    "connections",  "address",      "origin",    "token",   "right",   "session", "full",     "header",  "request", "tls",     "patience",
-    "message_size", "message_rate", "malformed", "version", "invalid", "limit",   "draining", "expired", "busy",    "internal"};
+inline constexpr std::array<std::string_view, 22> kRefusalNames{
+    "connections", "address", "host",     "origin",   "token",        "right",        "session",   "full",
+    "header",      "request", "tls",      "patience", "message_size", "message_rate", "malformed", "version",
+    "invalid",     "limit",   "draining", "expired",  "busy",         "internal"};
 
 struct Figures {
   Figures();

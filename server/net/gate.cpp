@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "server/access/host.h"
 #include "server/session/session.h"
 
 namespace ridgecast::net {
@@ -11,11 +12,6 @@ namespace {
 bool equalsIgnoringCase(std::string_view a, std::string_view b) {
   const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; };
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [&](char x, char y) { return lower(x) == lower(y); });
-}
-
-std::string_view withoutPort(std::string_view host) {
-  if (host.starts_with('[')) return host.substr(0, std::min(host.find(']'), host.size() - 1) + 1);
-  return host.substr(0, host.rfind(':'));
 }
 
 // Among the subprotocols that are offered; empty: none.
@@ -66,7 +62,8 @@ Needed needed(std::string_view method, std::string_view path) {
   if (!path.starts_with("/v1/")) return {};
   if (path == "/v1/sessions") return {method == "GET" || method == "HEAD" ? Right::kView : Right::kCreate, true};
   if (sessionOf(path))
-    return method == "OPTIONS" ? Needed{} : Needed{path.substr(path.rfind('/')).starts_with("/snapshot.") ? Right::kSnapshot : Right::kView};
+    return method == "OPTIONS" ? Needed{}
+                               : Needed{path.substr(path.rfind('/')).starts_with("/snapshot.") ? Right::kSnapshot : Right::kView};
   for (const std::string_view query : {"/v1/heights", "/v1/normals", "/v1/rays", "/v1/query"})
     if (path.starts_with(query)) return {Right::kQuery};
   return {Right::kView};
@@ -81,20 +78,23 @@ std::optional<Error> Gate::load() {
   return {};
 }
 
-// A page of the server's own, or one that was allowed. Where nobody needs a token, a name of the server's that is not the loopback's own
-// could be another's name for this machine (DNS rebinding): it must be allowed by name.
+// A page of the server's own, or one that was allowed. That the server's own name is no other's was judged before (access/host.h).
 bool Gate::originMayAsk(std::string_view origin, std::string_view host) const {
   for (const std::string& allowed : settings_.allowedOrigins)
     if (allowed == "*" || equalsIgnoringCase(allowed, origin)) return true;
   const auto scheme = origin.find("://");
-  if (scheme == std::string_view::npos || host.empty() || !equalsIgnoringCase(origin.substr(scheme + 3), host)) return false;
-  const std::string_view name = withoutPort(host);
-  return asksForTokens() || equalsIgnoringCase(name, "localhost") || access::parseAddress(name);
+  return scheme != std::string_view::npos && !host.empty() && equalsIgnoringCase(origin.substr(scheme + 3), host);
 }
 
 std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {
   const std::string_view path = request.target.substr(0, std::min(request.target.find('?'), request.target.size()));
   const Needed need = needed(request.method, path);
+  if (!asksForTokens() && path != "/healthz" && path != "/readyz" &&
+      !access::mayBeAsked(request.host, settings_.host, settings_.allowedHosts))
+    return refused(
+        421, metrics::Refusal::kHost,
+        "This server is not asked by that name, which could be another's for this machine; use its address or localhost, or whoever "
+        "runs it can allow the name with --allowed-host.");
   if (!request.origin.empty() && need.right && !originMayAsk(request.origin, request.host))
     return refused(403, metrics::Refusal::kOrigin,
                    "Pages of this origin may not use this server; whoever runs it can allow them with --allow-origin.");

@@ -1,5 +1,6 @@
 #pragma once
-// Who may pass: origins of browsers' pages and bearer tokens. Judged before a request reaches its route, for every route alike.
+// Who may pass: names of this server, origins of browsers' pages, bearer tokens. Judged before a request reaches its route, for every route
+// alike; but /healthz and /readyz answer under every name.
 //
 // A token comes as `Authorization: Bearer TOKEN`. Pages cannot set headers of a WebSocket; they offer two subprotocols instead,
 // `ridgecast.v1` and `bearer.TOKEN`, of which the server takes the first.

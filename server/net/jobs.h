@@ -15,6 +15,8 @@
 #include <thread>
 #include <vector>
 
+#include "server/scheduling/pool.h"
+
 namespace ridgecast::net {
 
 class Jobs {
@@ -22,7 +24,7 @@ class Jobs {
   struct Limits {
     unsigned threads = 1;
     std::size_t waiting = 4;
-    int niceness = 0;  // of the threads: what runs below 0..19 goes first
+    int niceness = 0;  // of the threads, as scheduling::setNiceness
   };
   explicit Jobs(const Limits& limits);
   ~Jobs();  // as stop()

@@ -47,6 +47,7 @@ struct Settings {
   std::filesystem::path tlsCertificate, tlsKey;    // PEM; both or none
   std::filesystem::path tokenFile, jwtSecretFile;  // both empty: everybody may do everything
   std::vector<std::string> allowedOrigins;         // of browsers' pages beside the server's own: https://example.org, *
+  std::vector<std::string> allowedHosts;           // beside its addresses, localhost and `host`; where nobody needs a token (access/host.h)
   std::vector<access::Network> trustedProxies;
   unsigned threads = 2;
   std::uint32_t maxConnections = 512;
@@ -57,7 +58,7 @@ struct Settings {
   std::chrono::milliseconds patience{10'000};
   std::chrono::milliseconds idle{60'000};
   Jobs::Limits promptJobs{2, 64, 0};   // answers that take milliseconds
-  Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds: beside other work they get a thirtieth of a core
+  Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds, as --snapshot-niceness says
   Jobs::Limits worldJobs{1, 8, 10};    // worlds that are compiled
   std::size_t maxAnswerBytes = std::size_t{1} << 30;
   std::chrono::milliseconds drain{5'000};

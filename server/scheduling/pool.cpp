@@ -1,6 +1,7 @@
 #include "server/scheduling/pool.h"
 
 #ifdef __linux__
+#include <sched.h>
 #include <sys/resource.h>
 #include <unistd.h>
 #endif
@@ -185,6 +186,8 @@ void Machine::State::serve() {
 void setNiceness([[maybe_unused]] int niceness) {
 #ifdef __linux__
   const auto thread = static_cast<id_t>(gettid());  // on Linux a thread has a niceness of its own
+  const sched_param none{};
+  if (niceness >= kIdle && sched_setscheduler(0, SCHED_IDLE, &none) == 0) return;
   if (niceness > 0) setpriority(PRIO_PROCESS, thread, std::min(19, getpriority(PRIO_PROCESS, thread) + niceness));
 #endif
 }

@@ -15,8 +15,10 @@ namespace ridgecast::scheduling {
 
 class Pool;
 
-// The calling thread becomes nicer, by 0..19: it gives way to those that are less so. 15 more than another it gets a thirtieth of its share.
-// For good: a thread cannot take it back. Nothing happens where the system does not know niceness of threads.
+// The calling thread becomes nicer, by 0..19: it gives way to those that are less so. kIdle: it runs only where no other thread wants the core,
+// and who wakes up takes its place at once (Linux: SCHED_IDLE); nicer threads alone still get a time slice in turn, which an iteration of
+// two milliseconds notices. For good: a thread cannot take it back. Nothing happens where the system does not know this of threads.
+inline constexpr int kIdle = 20;
 void setNiceness(int niceness);
 
 class Machine {

@@ -177,7 +177,7 @@ std::string Progress::text() const {
 }
 
 Snapshots::Snapshots(const Limits& limits, unsigned threads)
-    : limits_(limits), machine_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), kNiceness) {}
+    : limits_(limits), machine_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), limits.niceness) {}
 
 Result<Snapshot> Snapshots::take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop,
                                  Progress* progress) {

@@ -51,8 +51,6 @@ class Snapshots {
   // Equal for equal files; empty where only the file itself can tell (a live camera).
   static std::string etag(const session::Session& session, const Question& question, bool metadataOnly);
 
-  static constexpr int kNiceness = 15;
-
  private:
   const Limits limits_;
   scheduling::Machine machine_;

@@ -51,5 +51,6 @@ Report soak(const Options&);
 Report heights(const Options&);
 Report deltas(const Options&);
 Report cameras(const Options&);
+Report snapshot(const Options&);
 
 }  // namespace ridgecast::bench

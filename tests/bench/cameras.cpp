@@ -5,19 +5,13 @@
 //
 // Each camera flies straight on at 50 m/s, 120 m above the ground, on a line of its own, and sends ten poses a second; --rest: it stands
 // still. The generator is one thread that parses what comes and acknowledges with the hash it was told; tests elsewhere hold the mesh.
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <sys/epoll.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <deque>
 #include <fstream>
 #include <map>
 #include <memory>
@@ -27,9 +21,9 @@
 #include <utility>
 
 #include "common/terrain/terrain.h"
-#include "common/wire/wire.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/flight.h"
+#include "tests/bench/line.h"
 #include "tests/bench/panels.h"
 #include "tests/support/server_process.h"
 
@@ -50,154 +44,13 @@ struct Plan {
   std::vector<std::string> server;
 };
 
-// One camera's end of the line.
-class Line {
- public:
-  Line(std::uint16_t port, int index, const Plan& plan, const terrain::Terrain& terrain)
-      : index_(index), plan_(plan), terrain_(terrain), opened_(Time::now()) {
-    socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(port);
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    if (::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0)
-      throw std::runtime_error("cannot connect to the server");
-    const int one = 1;
-    setsockopt(socket_, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
-    write(
-        "GET /v1/stream HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: "
-        "13\r\nSec-WebSocket-Key: "
-        "dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
-  }
-  ~Line() { ::close(socket_); }
-  Line(const Line&) = delete;
-
-  int socket() const { return socket_; }
-
-  void pose() {
-    if (!upgraded_) return;
-    const double t = plan_.rest ? 0 : since(opened_);
-    // Lines a kilometre apart, each camera in its own direction.
-    const double yaw = index_ * 2.399963, x = 1000.0 * (index_ % 8) - 50 * t * std::sin(yaw),
-                 z = 1000.0 * (index_ / 8) - 50 * t * std::cos(yaw);
-    wire::PoseMessage p;
-    p.sequence = ++sequence_;
-    p.camera = cameraAt(terrain_, x, z, 120, yaw, -0.15);
-    waiting_.push_back({sequence_, Time::now()});
-    message(p);
-  }
-
-  // Reads what is there.
-  void receive() {
-    char chunk[65536];
-    for (;;) {
-      const auto n = ::recv(socket_, chunk, sizeof chunk, MSG_DONTWAIT);
-      if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) break;
-      if (n <= 0) throw std::runtime_error("the server hung up on camera " + std::to_string(index_));
-      in_.append(chunk, static_cast<std::size_t>(n));
-      if (static_cast<std::size_t>(n) < sizeof chunk) break;
-    }
-    if (!upgraded_) {
-      const auto end = in_.find("\r\n\r\n");
-      if (end == std::string::npos) return;
-      if (in_.compare(0, 12, "HTTP/1.1 101") != 0) throw std::runtime_error("refused: " + in_.substr(0, 200));
-      in_.erase(0, end + 4);
-      upgraded_ = true;
-      wire::Hello hello;
-      hello.clientName = "bench";
-      hello.settings.triangleBudget = plan_.budget;
-      hello.settings.bytesPerSecond = plan_.bytesPerSecond;
-      message(hello);
-      pose();
-    }
-    std::size_t at = 0;
-    for (;;) {
-      const auto byte = [&](std::size_t k) { return static_cast<std::uint64_t>(static_cast<unsigned char>(in_[at + k])); };
-      if (in_.size() - at < 2) break;
-      std::size_t head = 2;
-      std::uint64_t length = byte(1) & 127;
-      const std::size_t extra = length == 126 ? 2 : length == 127 ? 8 : 0;
-      if (in_.size() - at < 2 + extra) break;
-      if (extra) {
-        length = 0;
-        for (std::size_t k = 0; k < extra; ++k) length = length << 8 | byte(2 + k);
-      }
-      head += extra;
-      if (in_.size() - at < head + length) break;
-      const auto opcode = byte(0) & 15;
-      if (opcode == 2) take({reinterpret_cast<const std::uint8_t*>(in_.data()) + at + head, length});
-      if (opcode == 9) frame(10, in_.substr(at + head, length));
-      if (opcode == 8)
-        throw std::runtime_error("the server closed camera " + std::to_string(index_) + ": " + in_.substr(at + head + 2, length - 2));
-      at += head + length;
-    }
-    in_.erase(0, at);
-  }
-
-  void restart() {
-    iterations = 0;
-    bytes = 0;
-    latencies.clear();
-    encodeMs = totalMs = 0;
-  }
-
-  std::uint64_t iterations = 0, bytes = 0;
-  double encodeMs = 0, totalMs = 0, coarseMs = 0;
-  std::vector<double> latencies;  // ms
-  bool settled = false;
-
- private:
-  void take(std::span<const std::uint8_t> payload) {
-    const auto message = wire::decodeServer(payload);
-    if (!message) throw std::runtime_error(message.error().message);
-    if (const auto* error = std::get_if<wire::ErrorMessage>(&*message)) throw std::runtime_error(error->message);
-    const auto* it = std::get_if<wire::Iteration>(&*message);
-    if (!it) return;
-    if (coarseMs == 0) coarseMs = since(opened_) * 1e3;
-    ++iterations;
-    bytes += payload.size();
-    const wire::Figures& f = it->figures;
-    encodeMs += f.encodeMs;
-    totalMs += f.selectMs + f.generateMs + f.refineMs + f.triangulateMs + f.encodeMs;
-    settled = it->settled;
-    while (!waiting_.empty() && waiting_.front().first <= it->poseSequence) {
-      latencies.push_back(since(waiting_.front().second) * 1e3);
-      waiting_.pop_front();
-    }
-    this->message(wire::Acknowledge{it->number, it->meshHash});
-  }
-
-  void message(const wire::ClientMessage& m) { frame(2, wire::encode(m)); }
-  void frame(int opcode, const std::string& payload) {
-    std::string out(1, static_cast<char>(0x80 | opcode));
-    if (payload.size() < 126) {
-      out += static_cast<char>(0x80 | payload.size());
-    } else {
-      out += static_cast<char>(0x80 | 126);
-      out += static_cast<char>(payload.size() >> 8);
-      out += static_cast<char>(payload.size());
-    }
-    out.append(4, '\0');  // the mask
-    write(out + payload);
-  }
-  void write(std::string_view out) {
-    while (!out.empty()) {
-      const auto n = ::send(socket_, out.data(), out.size(), MSG_NOSIGNAL);
-      if (n <= 0) throw std::runtime_error("the server hung up");
-      out.remove_prefix(static_cast<std::size_t>(n));
-    }
-  }
-
-  const int index_;
-  const Plan& plan_;
-  const terrain::Terrain& terrain_;
-  const Time::time_point opened_;
-  int socket_ = -1;
-  bool upgraded_ = false;
-  std::string in_;
-  std::uint64_t sequence_ = 0;
-  std::deque<std::pair<std::uint64_t, Time::time_point>> waiting_;
-};
+// Lines a kilometre apart, each camera in its own direction.
+void fly(Line& line, int index, const Plan& plan, const terrain::Terrain& terrain) {
+  if (!line.open()) return;
+  const double t = plan.rest ? 0 : line.age(), yaw = index * 2.399963;
+  line.pose(
+      cameraAt(terrain, 1000.0 * (index % 8) - 50 * t * std::sin(yaw), 1000.0 * (index / 8) - 50 * t * std::cos(yaw), 120, yaw, -0.15));
+}
 
 struct Use {
   double cpuSeconds = 0, mib = 0;
@@ -255,7 +108,7 @@ Report measure(const Plan& plan, const Options& options) {
     if (measuring && now - measuredFrom >= plan.seconds) break;
     while (static_cast<int>(lines.size()) < plan.count && now >= joining * static_cast<double>(lines.size()) / plan.count) {
       const int k = static_cast<int>(lines.size());
-      lines.push_back(std::make_unique<Line>(server.port(), k, plan, **terrain));
+      lines.push_back(std::make_unique<Line>(server.port(), "camera " + std::to_string(k), plan.budget, plan.bytesPerSecond));
       next.push_back(Time::now() +
                      std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(plan.interval * (1 + (k % 16) / 16.0))));
       epoll_event event{};
@@ -267,11 +120,16 @@ Report measure(const Plan& plan, const Options& options) {
       for (std::size_t k = 0; k < lines.size(); ++k)
         if (Time::now() >= next[k]) {
           next[k] += std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(plan.interval));
-          lines[k]->pose();
+          fly(*lines[k], static_cast<int>(k), plan, **terrain);
         }
     epoll_event events[64];
     const int n = ::epoll_wait(poll, events, 64, 1);
-    for (int k = 0; k < n; ++k) lines[events[k].data.u32]->receive();
+    for (int k = 0; k < n; ++k) {
+      Line& line = *lines[events[k].data.u32];
+      const bool opens = !line.open();
+      line.receive();
+      if (opens) fly(line, static_cast<int>(events[k].data.u32), plan, **terrain);
+    }
   }
   const double seconds = since(began) - measuredFrom;
   const Use use = useOf(pid);

@@ -33,6 +33,7 @@ const Entry kEntries[] = {
     {"greedy", "triangles against greedy insertion for the same error on a square", greedy},
     {"error", "the error on screen, measured by rays, against what was asked for", error},
     {"cameras", "many cameras on one server, real sockets, this machine", cameras},
+    {"snapshot", "iterations of cameras beside people who ask for snapshots", snapshot},
     {"deltas", "what changed in a leaf against sending the leaf whole", deltas},
     {"soak", "an hour's flight: budget, memory, soundness", soak},
     {"heights", "heights in batches against scalar double", heights},

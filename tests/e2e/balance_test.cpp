@@ -47,7 +47,7 @@ std::uint16_t freePort() {
 
 std::string get(std::uint16_t port, const std::string& target) {
   SocketClient client(port);
-  client.send("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   return client.answer();
 }
 

@@ -102,8 +102,8 @@ TEST_F(Hostile, RandomBytesInsteadOfHttp) {
 TEST_F(Hostile, HttpThatIsNone) {
   for (const std::string& request : std::vector<std::string>{
            "GET / HTTP/9.9\r\n\r\n", "\r\n\r\n\r\n", "GET\r\n\r\n", "GET  HTTP/1.1\r\n\r\n",
-           "POST /healthz HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n", "GET /%zz?session=%00 HTTP/1.1\r\nHost: x\r\n\r\n",
-           "GET /v1/stream?session=../../etc HTTP/1.1\r\nHost: x\r\n\r\n",
+           "POST /healthz HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n", "GET /%zz?session=%00 HTTP/1.1\r\nHost: localhost\r\n\r\n",
+           "GET /v1/stream?session=../../etc HTTP/1.1\r\nHost: localhost\r\n\r\n",
            "GET / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\nffffffffffffffff\r\n",
            "GET /" + std::string(100'000, 'a') + " HTTP/1.1\r\n\r\n", "GET / HTTP/1.1\r\nX: " + std::string(100'000, 'b') + "\r\n\r\n"}) {
     SocketClient client(port());
@@ -199,7 +199,7 @@ TEST_F(Hostile, HalfMessagesAndSuddenEnds) {
     client.message(pose);
   }
   SocketClient client(port());
-  client.send("GET /v1/stream HTTP/1.1\r\nHost: x\r\nConn");
+  client.send("GET /v1/stream HTTP/1.1\r\nHost: localhost\r\nConn");
 }
 
 TEST_F(Hostile, HeadersThatNeverEnd) {

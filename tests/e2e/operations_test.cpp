@@ -38,7 +38,7 @@ using Clock = std::chrono::steady_clock;
 
 std::string get(std::uint16_t port, const std::string& target) {
   SocketClient client(port);
-  client.send("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   const std::string answer = client.answer();
   return answer.substr(std::min(answer.size(), answer.find("\r\n\r\n") + 4));
 }
@@ -153,7 +153,7 @@ TEST(Operations, EveryLineOfTheLogIsJsonWhateverClientsSay) {
       EXPECT_FALSE(client.upgrade(std::string("/v1/stream?session=") + name));
     }
     SocketClient raw(number);
-    raw.send("GET /v1/stream?session=\"\x01\xff HTTP/1.1\r\nHost: x\r\n\r\n");
+    raw.send("GET /v1/stream?session=\"\x01\xff HTTP/1.1\r\nHost: localhost\r\n\r\n");
     raw.answer();
     wire::Settings settings = coarse();
     Flier flier("ws://127.0.0.1:" + std::to_string(number), settings);
@@ -250,7 +250,7 @@ TEST(Operations, FilesForSystemdAndPrometheusAreGood) {
   if (judged < 2) GTEST_SKIP() << "systemd-analyze or promtool (package prometheus) is not installed: " << judged << " of 2 judged";
 }
 
-std::string snapshotOf(const std::string& box) { return "GET /v1/sessions/default/snapshot.glb?" + box + " HTTP/1.1\r\nHost: x\r\n\r\n"; }
+std::string snapshotOf(const std::string& box) { return "GET /v1/sessions/default/snapshot.glb?" + box + " HTTP/1.1\r\nHost: localhost\r\n\r\n"; }
 
 // What waits can be seen, and a server that is told to end hands over what it is working at.
 TEST(Operations, QueuesAreCountedAndSnapshotsInTheMakingAreFinished) {
@@ -378,7 +378,7 @@ TEST(Operations, FloodsAreNotFeltByThoseWhoAreServed) {
   };
   Many many(server.port());
   flood("500 half-open handshakes", [&] {
-    for (int k = 0; k < 500; ++k) many.open("GET /v1/stream HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n");
+    for (int k = 0; k < 500; ++k) many.open("GET /v1/stream HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n");
   });
   many.closeAll();
   flood("slow headers", [&] {

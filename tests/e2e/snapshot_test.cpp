@@ -56,7 +56,7 @@ class Snapshot : public testing::Test {
   // Waits as long as it takes.
   static Response ask(const std::string& target, const std::string& more = "", const std::string& method = "GET") {
     SocketClient client(server_->port());
-    client.send(method + " " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + more + "\r\n");
+    client.send(method + " " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + more + "\r\n");
     std::string all;
     for (int k = 0; k < 4 && all.find("\r\n\r\n") == std::string::npos; ++k) all += client.answer(method != "HEAD");
     const auto end = all.find("\r\n\r\n");
@@ -239,7 +239,7 @@ TEST_F(Snapshot, NonsenseIsRefusedAndDisturbsNobody) {
   const std::string base = "/v1/sessions/default/snapshot.glb?";
   std::vector<std::string> requests;
   const auto get = [](const std::string& target, const std::string& more = "") {
-    return "GET " + target + " HTTP/1.1\r\nHost: x\r\n" + more + "\r\n";
+    return "GET " + target + " HTTP/1.1\r\nHost: localhost\r\n" + more + "\r\n";
   };
   for (const char* field : {"x", "z", "altitude", "yaw", "pitch", "fov", "width", "height", "threshold"})
     for (const char* value : {"nan", "inf", "-inf", "1e400", "", "0x1p9", "9999999999999999999999", "%00", "1;drop", "..%2f.."})
@@ -263,7 +263,7 @@ TEST_F(Snapshot, NonsenseIsRefusedAndDisturbsNobody) {
   }
   for (int k = 0; k < 10; ++k) requests.push_back(get(base + "camera=1", "X-Flood: " + std::string(20'000u << (k % 4), 'x') + "\r\n"));
   for (int k = 0; k < 10; ++k)
-    requests.push_back("POST " + base + "camera=1 HTTP/1.1\r\nHost: x\r\nContent-Length: " + std::to_string(1ull << (4 * k)) +
+    requests.push_back("POST " + base + "camera=1 HTTP/1.1\r\nHost: localhost\r\nContent-Length: " + std::to_string(1ull << (4 * k)) +
                        "\r\n\r\nabc");
   for (int k = 0; k < 10; ++k) requests.push_back(get(base + std::string(3000u << (k % 3), 'a')));
   ASSERT_GE(requests.size(), 200u);
@@ -271,7 +271,7 @@ TEST_F(Snapshot, NonsenseIsRefusedAndDisturbsNobody) {
   std::vector<std::unique_ptr<SocketClient>> slow;  // bodies and headers that never end, meanwhile
   for (int k = 0; k < 8; ++k) {
     slow.push_back(std::make_unique<SocketClient>(server_->port()));
-    slow.back()->send(k % 2 ? "POST " + base + " HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n\r\na" : "GET " + base + "x=");
+    slow.back()->send(k % 2 ? "POST " + base + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n\r\na" : "GET " + base + "x=");
   }
   for (const std::string& request : requests) {
     SocketClient client(server_->port());
@@ -295,7 +295,7 @@ TEST_F(Snapshot, WhoHangsUpIsNotWorkedFor) {
     std::vector<std::unique_ptr<SocketClient>> leavers;
     for (int k = 0; k < 5; ++k) {
       leavers.push_back(std::make_unique<SocketClient>(server_->port()));
-      leavers.back()->send("GET " + endless + " HTTP/1.1\r\nHost: x\r\n\r\n");
+      leavers.back()->send("GET " + endless + " HTTP/1.1\r\nHost: localhost\r\n\r\n");
     }
     std::this_thread::sleep_for(300ms);
   }
@@ -311,7 +311,7 @@ TEST_F(Snapshot, WhoHangsUpIsNotWorkedFor) {
 // Who asks for it hears how far the work has come, before the same answer that others get.
 TEST_F(Snapshot, HowFarItIsIsToldToWhoAsks) {
   const auto request = [](const std::string& box) {
-    return "GET " + glb(box) + " HTTP/1.1\r\nHost: x\r\nPrefer: progress\r\nConnection: close\r\n\r\n";
+    return "GET " + glb(box) + " HTTP/1.1\r\nHost: localhost\r\nPrefer: progress\r\nConnection: close\r\n\r\n";
   };
   {
     SocketClient client(server_->port());
@@ -368,7 +368,7 @@ TEST_F(Snapshot, OtherCamerasHardlyNotice) {
       std::unique_ptr<SocketClient> asker;
       if (busy) {
         asker = std::make_unique<SocketClient>(server_->port());
-        asker->send("GET " + glb("x0=0&z0=0&x1=20000&z1=20000&error=6") + " HTTP/1.1\r\nHost: x\r\n\r\n");
+        asker->send("GET " + glb("x0=0&z0=0&x1=20000&z1=20000&error=6") + " HTTP/1.1\r\nHost: localhost\r\n\r\n");
         std::this_thread::sleep_for(100ms);
       }
       for (int there = 0; there < 2; ++there)

@@ -33,7 +33,7 @@ class Worlds : public testing::Test {
 
   std::string get(const std::string& target) {
     SocketClient client(server_.port());
-    client.send("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+    client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
     const std::string answer = client.answer();
     return answer.substr(answer.find("\r\n\r\n") + 4);
   }

@@ -72,7 +72,7 @@ bool SocketClient::closed() {
 
 bool SocketClient::upgrade(std::string_view target, std::string_view headers) {
   send("GET " + std::string(target) +
-       " HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
+       " HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
        "dGhlIHNhbXBsZSBub25jZQ==\r\n" +
        std::string(headers) + "\r\n");
   const std::string a = answer();

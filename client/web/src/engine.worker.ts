@@ -150,7 +150,7 @@ async function explain(url: string, token: string): Promise<Explanation | undefi
     const sentence = (await answer.text()).trim().slice(0, 500);
     // 426: all is well over HTTP, so it is the session that refused.
     if (answer.status === 426) return { sentence: 'The server is there but refuses this session: it does not exist, is another world or is full.', final: false, wantsToken: false };
-    return { sentence, final: [400, 401, 403, 404, 409].includes(answer.status), wantsToken: answer.status === 401 };
+    return { sentence, final: [400, 401, 403, 404, 409, 421].includes(answer.status), wantsToken: answer.status === 401 };
   } catch {
     return undefined;
   }

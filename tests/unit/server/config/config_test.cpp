@@ -111,9 +111,10 @@ TEST_F(ConfigTest, WhatIsPrintedIsASettingsFileThatMeansTheSame) {
 
 TEST_F(ConfigTest, ListsAndFlagsInTheEnvironment) {
   const Result result = run({}, {"RIDGECAST_TRUSTED_PROXY=10.0.0.0/8,192.168.0.0/16", "RIDGECAST_ALLOW_INSECURE=1", "RIDGECAST_QUIET=false",
-                                 "RIDGECAST_TERRAIN=a,b"});
+                                 "RIDGECAST_TERRAIN=a,b", "RIDGECAST_ALLOWED_HOST=terrain.example.org,server-a"});
   ASSERT_TRUE(result.config) << result.err;
   EXPECT_EQ(result.config->net.trustedProxies.size(), 2u);
+  EXPECT_EQ(result.config->net.allowedHosts, (std::vector<std::string>{"terrain.example.org", "server-a"}));
   EXPECT_TRUE(result.config->net.allowInsecure);
   EXPECT_EQ(result.config->logLevel, logging::Level::kInfo);
   EXPECT_EQ(result.config->terrain.terrain, "a,b");
@@ -132,6 +133,7 @@ TEST_F(ConfigTest, SaysWhatIsWrongAndWhere) {
                         Case{{}, {"RIDGECAST_MAX_CAMERAS=0"}, "", {"RIDGECAST_MAX_CAMERAS", "not in range"}},
                         Case{{}, {"RIDGECAST_QUIET=perhaps"}, "", {"RIDGECAST_QUIET"}},
                         Case{{}, {"RIDGECAST_TRUSTED_PROXY=10.0.0.1/8"}, "", {"10.0.0.1/8"}},
+                        Case{{"--allowed-host", "https://terrain.example.org"}, {}, "", {"https://terrain", "no host name"}},
                         Case{{}, {}, "max_cameras = 3", {"settings", ":1", "max_cameras", "no setting"}},
                         Case{{}, {}, "\nconfig = \"x\"", {":2", "config"}}, Case{{}, {}, "max-cameras = 70000", {":1", "not in range"}},
                         Case{{}, {}, "max-cameras = [3, 4]", {":1", "one value"}}, Case{{}, {}, "max-cameras = 3.5", {":1", "max-cameras"}},

@@ -169,7 +169,7 @@ class LaterTest : public testing::Test {
     return a;
   }
   static std::string get(std::string_view target, std::string_view more = "", std::string_view method = "GET") {
-    return std::string(method) + " " + std::string(target) + " HTTP/1.1\r\nHost: x\r\n" + std::string(more) + "\r\n";
+    return std::string(method) + " " + std::string(target) + " HTTP/1.1\r\nHost: localhost\r\n" + std::string(more) + "\r\n";
   }
   std::string ask(const std::string& request, bool hasBody = true) {
     SocketClient client(server->port());

@@ -64,7 +64,7 @@ class NetTest : public testing::Test {
     server = std::move(*made);
   }
   bool alive() { return get("/healthz").find("\r\n\r\nok\n") != std::string::npos; }
-  std::string get(const std::string& target) { return request("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"); }
+  std::string get(const std::string& target) { return request("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"); }
   std::string request(std::string_view bytes) {
     SocketClient client(server->port());
     client.send(bytes);
@@ -107,15 +107,15 @@ TEST_F(NetTest, AnswersHttp) {
   EXPECT_THAT(get("/nope"), StartsWith("HTTP/1.1 404"));
   EXPECT_THAT(get("/v1/stream"), StartsWith("HTTP/1.1 426"));
   EXPECT_THAT(get("/v1/stream?session=%"), StartsWith("HTTP/1.1 400"));
-  EXPECT_THAT(request("POST /healthz HTTP/1.1\r\nHost: x\r\nContent-Length: 3\r\n\r\nabc"), StartsWith("HTTP/1.1 405"));
+  EXPECT_THAT(request("POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3\r\n\r\nabc"), StartsWith("HTTP/1.1 405"));
   SocketClient gone(server->port());
   EXPECT_FALSE(gone.upgrade("/v1/stream?session=gone"));
   // One connection, several requests, one of them without a body.
   SocketClient client(server->port());
   for (int k = 0; k < 3; ++k) {
-    client.send("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n");
+    client.send("GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n");
     EXPECT_THAT(client.answer(), HasSubstr("ok"));
-    client.send("HEAD /version HTTP/1.1\r\nHost: x\r\n\r\n");
+    client.send("HEAD /version HTTP/1.1\r\nHost: localhost\r\n\r\n");
     EXPECT_THAT(client.answer(false), testing::Not(HasSubstr("ridgecast-server\",")));
   }
 }
@@ -265,7 +265,7 @@ TEST_F(NetTest, ConnectionsAndCamerasAreBounded) {
   std::vector<std::unique_ptr<SocketClient>> many;
   for (int k = 0; k < 3; ++k) {
     many.push_back(std::make_unique<SocketClient>(server->port()));
-    many.back()->send("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n");
+    many.back()->send("GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n");
   }
   int refused = 0;
   for (auto& client : many) refused += client->answer().starts_with("HTTP/1.1 503");

@@ -31,7 +31,7 @@ class TakeTest : public testing::Test {
   }
 
   scheduling::Machine machine{1};
-  Snapshots snapshots{{}, 2};
+  Snapshots snapshots{{.niceness = 0}, 2};
   std::shared_ptr<session::Directory> directory;
   std::shared_ptr<session::Session> session;
 };
