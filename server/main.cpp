@@ -79,7 +79,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
       return user_terrain::load(made, [](const std::string& complaint) { logging::warning(complaint); });
     };
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
-  routes.insert(routes.begin(), net::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots)));
+  routes.insert(routes.begin(), net::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &machine)));
   routes.push_back(query::route(directory));
   auto listening = net::Server::listen(config.net, directory, std::move(routes));
   if (!listening) return refuse(listening.error().message);

@@ -12,6 +12,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <deque>
+#include <functional>
 #include <mutex>
 #include <thread>
 #include <unordered_set>
@@ -87,6 +88,8 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
   }
   void noteChange() { takesMore = inFlight < limit && !queued; }
   void run(Region& region, std::size_t helpersUseful, const std::function<void()>& work);
+  std::function<void(std::size_t)> giving(
+      const std::function<void(std::size_t)>& task) const;  // with rests where another machine goes first
 };
 
 struct Machine::State {
@@ -99,6 +102,8 @@ struct Machine::State {
   bool stop = false;
   unsigned threads = 1;
   std::vector<std::thread> workers;
+  std::atomic<unsigned> working{0};    // threads that run a task; a hint
+  std::shared_ptr<const State> first;  // the machine that goes before this one, or none
 
   // All under the lock.
   bool enqueue(Pool::Impl& pool) {
@@ -126,6 +131,19 @@ struct WorkingFor {
 };
 
 void runTask(std::function<void()>& task) noexcept { task(); }
+
+// Of loops whose machine gives way to another: how much work comes before a rest, and the longest rest.
+constexpr std::chrono::microseconds kWorkAtATime{500}, kLongestRest{20'000};
+thread_local std::chrono::steady_clock::time_point rested{};
+
+// Rests twice as long as was worked since the last time.
+void rest(const std::atomic<unsigned>& others) {
+  const auto now = std::chrono::steady_clock::now();
+  if (now - rested < kWorkAtATime) return;
+  if (others.load(std::memory_order_relaxed) > 0)
+    std::this_thread::sleep_for(std::min<std::chrono::steady_clock::duration>(2 * (now - rested), kLongestRest));
+  rested = std::chrono::steady_clock::now();
+}
 }  // namespace
 
 Pool::Impl::~Impl() {
@@ -165,6 +183,7 @@ void Machine::State::serve() {
     summon(*pool);  // more work and more room: to the back of the row
     lock.unlock();
     last.reset();
+    working.fetch_add(1, std::memory_order_relaxed);
     {
       const WorkingFor mark(pool.get());
       if (region) {
@@ -174,6 +193,7 @@ void Machine::State::serve() {
         task = nullptr;  // what it captured may be the last owner of anything: destroyed here, without the lock
       }
     }
+    working.fetch_sub(1, std::memory_order_relaxed);
     lock.lock();
     if (region && --region->helpers == 0) region->helpersGone.notify_one();
     --pool->inFlight;
@@ -192,7 +212,8 @@ void setNiceness([[maybe_unused]] int niceness) {
 #endif
 }
 
-Machine::Machine(unsigned threads, int niceness) : state_(std::make_shared<State>()) {
+Machine::Machine(unsigned threads, int niceness, const Machine* first) : state_(std::make_shared<State>()) {
+  if (first) state_->first = first->state_;
   state_->threads = threads ? threads : std::max(1u, std::thread::hardware_concurrency());
   state_->workers.reserve(state_->threads);
   for (unsigned k = 0; k < state_->threads; ++k)
@@ -236,6 +257,14 @@ std::shared_ptr<Pool> Machine::makePool(unsigned limit) {
     state_->pools.insert(impl.get());
   }
   return std::shared_ptr<Pool>(new Pool(std::move(impl)));
+}
+
+std::function<void(std::size_t)> Pool::Impl::giving(const std::function<void(std::size_t)>& task) const {
+  if (!machine->first) return std::cref(task);
+  return [&task, &others = machine->first->working](std::size_t k) {
+    rest(others);
+    task(k);
+  };
 }
 
 Pool::Pool(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -324,7 +353,8 @@ void runInline(std::size_t count, const std::function<void(std::size_t)>& body) 
 
 }  // namespace
 
-void Pool::forEach(std::size_t count, std::size_t grain, const std::function<void(std::size_t)>& body) {
+void Pool::forEach(std::size_t count, std::size_t grain, const std::function<void(std::size_t)>& task) {
+  const auto body = impl_->giving(task);
   grain = std::max<std::size_t>(grain, 1);
   if (count <= grain || impl_->limit == 1) {
     runInline(count, body);
@@ -439,7 +469,8 @@ class Ordered final : public Region {
 
 }  // namespace
 
-void Pool::forEachOrdered(const Order& order, const std::function<void(std::size_t)>& body) {
+void Pool::forEachOrdered(const Order& order, const std::function<void(std::size_t)>& task) {
+  const auto body = impl_->giving(task);
   // Predecessors are smaller, so ascending order is always right when one thread does it all.
   if (order.size() <= 1 || impl_->limit == 1) {
     runInline(order.size(), body);

@@ -176,8 +176,8 @@ std::string Progress::text() const {
   return "writing, " + count;
 }
 
-Snapshots::Snapshots(const Limits& limits, unsigned threads)
-    : limits_(limits), machine_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), limits.niceness) {}
+Snapshots::Snapshots(const Limits& limits, unsigned threads, const scheduling::Machine* cameras)
+    : limits_(limits), machine_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), limits.niceness, cameras) {}
 
 Result<Snapshot> Snapshots::take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop,
                                  Progress* progress) {

@@ -39,8 +39,8 @@ struct Progress {
 
 class Snapshots {
  public:
-  // threads 0: one less than there are, at least one.
-  explicit Snapshots(const Limits& limits, unsigned threads = 0);
+  // threads 0: one less than there are, at least one. `cameras`: whose work goes first; none: nobody's.
+  explicit Snapshots(const Limits& limits, unsigned threads = 0, const scheduling::Machine* cameras = nullptr);
 
   const Limits& limits() const { return limits_; }
 
