@@ -169,6 +169,7 @@ TEST_F(Balance, SessionsStayOnTheirServer) {
   for (int k = 0; k < 20; ++k) {
     const std::string name = "world-" + std::to_string(k);
     EXPECT_THAT(get(port, "/v1/heights?at=1,2&session=" + name), testing::StartsWith("HTTP/1.1 200"));
+    EXPECT_THAT(get(port, "/v1/sessions?session=" + name), testing::HasSubstr("\"" + name + "\"")) << "those of its server";
     EXPECT_THAT(get(port, "/v1/sessions/" + name + "/snapshot.json?x0=0&z0=0&x1=8&z1=8&error=5"), testing::StartsWith("HTTP/1.1 200"));
   }
   SocketClient nameless(port), named(port);

@@ -279,7 +279,7 @@ TEST(Operations, QueuesAreCountedAndSnapshotsInTheMakingAreFinished) {
 TEST(Operations, ASnapshotThatTakesTooLongDoesNotHoldTheEnd) {
   ServerProcess server(RIDGECAST_SERVER, {"--drain", "1"});
   SocketClient asker(server.port());
-  asker.send("GET /v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=20000&z1=20000&error=6 HTTP/1.1\r\nHost: x\r\nPrefer: progress\r\n\r\n");
+  asker.send("GET /v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=20000&z1=20000&error=6 HTTP/1.1\r\nHost: localhost\r\nPrefer: progress\r\n\r\n");
   for (std::string word; word.find(" triangles") == std::string::npos;) {
     word = asker.answer(false);  // how far it is
     ASSERT_THAT(word, testing::StartsWith("HTTP/1.1 102"));

@@ -56,7 +56,8 @@ std::string SocketClient::answer(bool hasBody) {
   while ((end = buffer_.find("\r\n\r\n")) == std::string::npos)
     if (!fill(buffer_.size() + 1)) return std::exchange(buffer_, {});
   end += 4;
-  const auto length = buffer_.find("Content-Length: ");
+  auto length = buffer_.find("Content-Length: ");
+  if (length >= end) length = buffer_.find("content-length: ");  // as balancers write it
   if (hasBody && length < end) end += std::stoul(buffer_.substr(length + 16));
   fill(end);
   std::string answer = buffer_.substr(0, end);

@@ -300,5 +300,29 @@ TEST(SchedulingDeathTest, ABodyThatThrowsEndsTheProcess) {
       "");
 }
 
+// However busy the machine that goes first is: everything is done once, in an order that is right, and never without end.
+TEST(Machines, WhoRestsWhileAnotherWorksComesToItsEnd) {
+  Machine first(1), second(2, kIdle - 1, &first);
+  std::atomic<bool> over{false};
+  const auto busy = first.makePool();
+  busy->post([&] {
+    while (!over) std::this_thread::yield();
+  });
+  const auto pool = second.makePool(2);
+  std::vector<std::atomic<int>> done(64);
+  pool->forEach(done.size(), 4, [&](std::size_t k) {
+    std::this_thread::sleep_for(std::chrono::microseconds(100));
+    ++done[k];
+  });
+  for (const auto& count : done) EXPECT_EQ(count, 1);
+  Order order(32);
+  for (std::uint32_t k = 1; k < order.size(); ++k) order[k] = {k - 1};
+  std::vector<std::size_t> came;
+  pool->forEachOrdered(order, [&](std::size_t k) { came.push_back(k); });
+  EXPECT_TRUE(std::is_sorted(came.begin(), came.end()));
+  EXPECT_EQ(came.size(), order.size());
+  over = true;
+}
+
 }  // namespace
 }  // namespace ridgecast::scheduling
