@@ -133,15 +133,16 @@ struct WorkingFor {
 void runTask(std::function<void()>& task) noexcept { task(); }
 
 // Of loops whose machine gives way to another: how much work comes before a rest, and the longest rest.
-constexpr std::chrono::microseconds kWorkAtATime{500}, kLongestRest{20'000};
+constexpr std::chrono::microseconds kWorkAtATime{500}, kLongestRest{50'000};
+constexpr int kRests = 9;  // times what was worked: others then lose a tenth at most
 thread_local std::chrono::steady_clock::time_point rested{};
 
-// Rests twice as long as was worked since the last time.
+// Rests kRests times as long as was worked since the last time.
 void rest(const std::atomic<unsigned>& others) {
   const auto now = std::chrono::steady_clock::now();
   if (now - rested < kWorkAtATime) return;
   if (others.load(std::memory_order_relaxed) > 0)
-    std::this_thread::sleep_for(std::min<std::chrono::steady_clock::duration>(2 * (now - rested), kLongestRest));
+    std::this_thread::sleep_for(std::min<std::chrono::steady_clock::duration>(kRests * (now - rested), kLongestRest));
   rested = std::chrono::steady_clock::now();
 }
 }  // namespace

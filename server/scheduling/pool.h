@@ -24,7 +24,7 @@ void setNiceness(int niceness);
 class Machine {
  public:
   // threads 0: as many as the hardware has. niceness: as setNiceness, of all of them. `first`: while that machine works, loops of this one
-  // rest between their tasks, twice as long as they worked: even on a core of its own, what works takes cache and memory from the others.
+  // rest between their tasks, nine times as long as they worked: even on a core of its own, what works takes cache and memory from the others.
   explicit Machine(unsigned threads, int niceness = 0, const Machine* first = nullptr);
   ~Machine();  // waits for the tasks in flight; tasks still queued are dropped
   Machine(const Machine&) = delete;

@@ -24,9 +24,9 @@ namespace ridgecast::snapshot {
 struct Limits {
   std::uint32_t triangles = 2'000'000;
   double seconds = 60;
-  int niceness = scheduling::kIdle;  // of the threads that make them, as scheduling::setNiceness
-  double boxSide = 32'768;           // metres, the longest
-  double leastError = 0.02;          // metres, of a box
+  int niceness = 15;         // of the threads that make them, as scheduling::setNiceness; 20 may never end beside other programs
+  double boxSide = 32'768;   // metres, the longest
+  double leastError = 0.02;  // metres, of a box
   double mostError = 1'000;
   double leastThreshold = 0.05, mostThreshold = 1'000;  // pixels
 };

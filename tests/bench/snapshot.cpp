@@ -22,6 +22,7 @@
 
 #include "common/terrain/terrain.h"
 #include "server/scheduling/pool.h"
+#include "server/snapshot/question.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/flight.h"
 #include "tests/bench/line.h"
@@ -32,7 +33,7 @@ namespace {
 
 struct Plan {
   std::vector<int> counts{1, 4};
-  int askers = 2, rounds = 6, niceness = scheduling::kIdle;
+  int askers = 2, rounds = 6, niceness = snapshot::Limits{}.niceness;
   double seconds = 3;
   std::uint32_t budget = 100'000;
 };

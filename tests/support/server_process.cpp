@@ -1,6 +1,5 @@
 #include "tests/support/server_process.h"
 
-#include <algorithm>
 #include <csignal>
 #include <stdexcept>
 #include <thread>
@@ -17,9 +16,6 @@ namespace {
 std::vector<std::string> commandLine(const std::string& program, const std::string& portFile, std::uint16_t port,
                                      const std::vector<std::string>& arguments) {
   std::vector<std::string> command{program, "--port", std::to_string(port), "--port-file", portFile, "--quiet"};
-  // Tests share their machine with each other: what runs only where nothing else does would never end there.
-  if (std::find(arguments.begin(), arguments.end(), "--snapshot-niceness") == arguments.end())
-    command.insert(command.end(), {"--snapshot-niceness", "15"});
   command.insert(command.end(), arguments.begin(), arguments.end());
   return command;
 }

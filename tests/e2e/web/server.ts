@@ -28,7 +28,7 @@ export class Server {
   static async start(args: string[] = [], port = 0): Promise<Server> {
     const folder = mkdtempSync(join(tmpdir(), 'ridgecast-web-'));
     const file = join(folder, 'port');
-    const child = spawn(needed('RIDGECAST_SERVER'), ['--port', String(port), '--port-file', file, '--quiet', '--snapshot-niceness', '15', ...args], {
+    const child = spawn(needed('RIDGECAST_SERVER'), ['--port', String(port), '--port-file', file, '--quiet', ...args], {
       stdio: ['ignore', 'inherit', 'inherit'],
       env: Object.fromEntries(Object.entries(process.env).filter(([name]) => !name.startsWith('RIDGECAST_'))), // a server's settings begin so
     });
