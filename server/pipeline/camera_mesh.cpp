@@ -110,7 +110,7 @@ void CameraMesh::generate(scheduling::Pool& pool) {
   if (!pendingGenerate_) return;
   pendingGenerate_ = false;
   std::vector<Leaf*> made;
-  std::vector<std::unique_ptr<Leaf>> former;
+  std::vector<Former> former;
   ++generation_;
   const std::vector<LeafAddress> fresh = tree_.untagged([&](std::uint32_t tag) { leaves_[tag]->generation = generation_; });
   std::vector<Leaf*> kept;
@@ -119,7 +119,7 @@ void CameraMesh::generate(scheduling::Pool& pool) {
     if (leaf->generation == generation_) {
       kept.push_back(leaf);
     } else {
-      former.push_back(std::move(leaves_[leaf->region]));
+      former.push_back({std::move(leaves_[leaf->region]), nullptr, {}});
     }
   }
   for (LeafAddress address : fresh) {
@@ -140,45 +140,43 @@ void CameraMesh::generate(scheduling::Pool& pool) {
   std::merge(kept.begin(), kept.end(), made.begin(), made.end(), ordered_.begin(),
              [](const Leaf* l, const Leaf* r) { return l->address < r->address; });
   // From here on the partition answers with the new leaves.
-  for (const auto& leaf : former)
-    for (Leaf* heir : made)
-      if (heir->address.isAncestorOf(leaf->address) || leaf->address.isAncestorOf(heir->address)) {
-        heir->low = std::min(heir->low, leaf->low);
-        heir->high = std::max(heir->high, leaf->high);
-      }
+  for (Former& f : former)
+    for (Leaf* heir : made) {
+      if (heir->address.isAncestorOf(f.leaf->address))
+        f.whole = heir;
+      else if (f.leaf->address.isAncestorOf(heir->address))
+        f.parts.push_back(heir);
+      else
+        continue;
+      heir->low = std::min(heir->low, f.leaf->low);
+      heir->high = std::max(heir->high, f.leaf->high);
+    }
 
-  if (!mesh_.empty()) refile(former, made, pool);
+  if (!mesh_.empty()) refile(former, pool);
   if (!made.empty()) insertGrids(made, former);
   dropOutside();
   updateWriteSets(made, former, pool);
 }
 
 // What is filed under leaves that were merged, split or dropped is filed under their heirs, or outside.
-void CameraMesh::refile(const std::vector<std::unique_ptr<Leaf>>& former, const std::vector<Leaf*>& made, scheduling::Pool& pool) {
+void CameraMesh::refile(const std::vector<Former>& former, scheduling::Pool& pool) {
   std::vector<VertexId> moved;
   const triangulation::Moves moves = keepBeside(&moved);
-  std::vector<RegionId> splits, parts;
-  for (const auto& leaf : former) {
-    const Leaf* parent = nullptr;
-    bool isSplit = false;
-    for (const Leaf* heir : made) {
-      if (heir->address.isAncestorOf(leaf->address)) parent = heir;
-      if (!leaf->address.isAncestorOf(heir->address)) continue;
-      isSplit = true;
-      parts.push_back(heir->region);
-    }
-    if (parent)
-      mesh_.adopt(leaf->region, parent->region);
-    else if (isSplit)
-      splits.push_back(leaf->region);
+  std::vector<RegionId> splits;
+  for (const Former& f : former) {
+    if (f.whole)
+      mesh_.adopt(f.leaf->region, f.whole->region);
+    else if (!f.parts.empty())
+      splits.push_back(f.leaf->region);
     else
-      mesh_.refile(leaf->region, moves);
+      mesh_.refile(f.leaf->region, moves);
   }
   const auto loop = [&](std::size_t count, const std::function<void(std::size_t)>& body) { pool.forEach(count, 1, body); };
   if (!mesh_.split(splits, loop, keepBeside(nullptr)))
     for (RegionId region : splits) mesh_.refile(region, moves);
-  for (const auto& leaf : former) mesh_.removeRegion(leaf->region);
-  for (RegionId region : parts) mesh_.vertexPages().forEach(region, [&](VertexId v) { moved.push_back(v); });
+  for (const Former& f : former) mesh_.removeRegion(f.leaf->region);
+  for (const Former& f : former)
+    for (const Leaf* part : f.parts) mesh_.vertexPages().forEach(part->region, [&](VertexId v) { moved.push_back(v); });
   mesh_.refile(kOutside, moves);
   snapVertices(moved);
 }
@@ -217,7 +215,7 @@ void CameraMesh::snapVertices(const std::vector<VertexId>& vertices) {
 }
 
 // Grids nest, so leaves that were merged left all points of the new leaf's grid, and one that was split left some.
-void CameraMesh::insertGrids(const std::vector<Leaf*>& made, const std::vector<std::unique_ptr<Leaf>>& former) {
+void CameraMesh::insertGrids(const std::vector<Leaf*>& made, const std::vector<Former>& former) {
   struct Missing {
     Leaf* leaf;
     std::vector<lattice::Point> points;
@@ -226,15 +224,15 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made, const std::vector<s
   std::vector<lattice::Point> sorted;
   for (Leaf* leaf : made) {
     Missing& m = missing.emplace_back(Missing{leaf, {}});
-    const Leaf* whole = nullptr;  // what it was a part of
+    const Leaf* split = nullptr;  // what it was a part of
     bool merged = false;
-    for (const auto& f : former) {
-      merged = merged || leaf->address.isAncestorOf(f->address);
-      if (f->address.isAncestorOf(leaf->address)) whole = f.get();
+    for (const Former& f : former) {
+      merged = merged || f.whole == leaf;
+      if (std::find(f.parts.begin(), f.parts.end(), leaf) != f.parts.end()) split = f.leaf.get();
     }
     if (merged) continue;
     for (lattice::Point p : generation::gridPoints(leaf->address))
-      if (!whole || ((p.x | p.z) & (whole->address.side() / 2 - 1)) != 0) m.points.push_back(p);
+      if (!split || ((p.x | p.z) & (split->address.side() / 2 - 1)) != 0) m.points.push_back(p);
     sorted.insert(sorted.end(), m.points.begin(), m.points.end());
   }
   if (sorted.empty()) return;
@@ -325,7 +323,7 @@ void CameraMesh::dropOutside() {
   }
 }
 
-void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vector<std::unique_ptr<Leaf>>& former, scheduling::Pool& pool) {
+void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vector<Former>& former, scheduling::Pool& pool) {
   struct Stale {
     Leaf* leaf;
     bool coarser;  // its own or a neighbour's grid lost points
@@ -337,10 +335,8 @@ void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vect
     stale.push_back({leaf, false});
     for (LeafAddress a : tree_.touching(leaf->address)) stale.push_back({this->leaf(a), false});
   }
-  for (const auto& f : former) {
-    const bool split = std::any_of(made.begin(), made.end(), [&](const Leaf* heir) { return f->address.isAncestorOf(heir->address); });
-    for (LeafAddress a : tree_.touching(f->address)) stale.push_back({this->leaf(a), !split});
-  }
+  for (const Former& f : former)
+    for (LeafAddress a : tree_.touching(f.leaf->address)) stale.push_back({this->leaf(a), f.parts.empty()});
   std::sort(stale.begin(), stale.end());
   stale.erase(std::unique(stale.begin(), stale.end()), stale.end());
   pool.forEach(stale.size(), 4, [&](std::size_t k) {

@@ -88,10 +88,16 @@ class CameraMesh : private triangulation::Partition {
   triangulation::Point2 local(lattice::Point p) const;
   int levelAt(triangulation::Point2 p) const;
   void anchorAt(const camera::Pose& pose, bool keep);
-  void refile(const std::vector<std::unique_ptr<Leaf>>& former, const std::vector<Leaf*>& made, scheduling::Pool& pool);
+  // A leaf that is no longer one, and who has its ground now: one that it was merged into, or those that it was split into, or nobody.
+  struct Former {
+    std::unique_ptr<Leaf> leaf;
+    Leaf* whole = nullptr;
+    std::vector<Leaf*> parts;
+  };
+  void refile(const std::vector<Former>& former, scheduling::Pool& pool);
   void snapVertices(const std::vector<triangulation::VertexId>& vertices);
-  void insertGrids(const std::vector<Leaf*>& made, const std::vector<std::unique_ptr<Leaf>>& former);
-  void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<std::unique_ptr<Leaf>>& former, scheduling::Pool& pool);
+  void insertGrids(const std::vector<Leaf*>& made, const std::vector<Former>& former);
+  void updateWriteSets(const std::vector<Leaf*>& made, const std::vector<Former>& former, scheduling::Pool& pool);
   void setStays(triangulation::VertexId v, bool stays);  // a grid point, or no longer
   void dropOutside();
   void addCurvature(const std::vector<triangulation::VertexId>& vertices);
