@@ -385,16 +385,11 @@ int fly(const FlyOptions& options) {
   if (!connected) return fail(kRuntimeFailure, connected.error().message);
   const wire::World& world = (*connected)->world();
   auto drawing = render::drawingOf(world, options.remoteShaders);
+  auto renderer = render::createOrNeutral(world, drawing, render::Renderer::create);
   if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
   if (!path->terrain.empty() && (path->terrain != world.terrainName || path->seed != world.seed))
     std::fprintf(stderr, "warning: the path was made for terrain %s, seed %u; the server has %s, seed %u\n", path->terrain.c_str(),
                  path->seed, world.terrainName.c_str(), world.seed);
-  auto renderer = render::Renderer::create(drawing.text);
-  if (!renderer && !drawing.text.neutral) {  // the mesh itself needs no terrain's text
-    drawing = render::neutralDrawing(world, renderer.error().message);
-    std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
-    renderer = render::Renderer::create(drawing.text);
-  }
   if (!renderer) return fail(kNoGraphics, renderer.error().message);
   std::fprintf(stderr, "flying %s over %s (seed %u, horizon %.0f m), %ux%u, %s\n", options.path.filename().c_str(),
                world.terrainName.c_str(), world.seed, world.horizon, options.width, options.height, render::contextDescription().c_str());

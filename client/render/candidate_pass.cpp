@@ -91,12 +91,9 @@ void CandidatePass::draw(const View& view, const Surface& surface, const Canvas&
   glBindTexture(GL_TEXTURE_2D, surface.texture());
   program_.use();
   program_.set("candidateSurface", 0);
-  const auto set = [this](const char* name, const camera::Vec3& v) {
-    program_.set(name, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
-  };
-  set("right", camera::right(pose));
-  set("up", camera::up(pose));
-  set("forward", camera::forward(pose));
+  setVector(program_, "right", camera::right(pose));
+  setVector(program_, "up", camera::up(pose));
+  setVector(program_, "forward", camera::forward(pose));
   const double tangent = std::tan(projection.verticalFov / 2);
   program_.set("scale", static_cast<float>(1 / (tangent * projection.aspect())), static_cast<float>(1 / tangent));
   program_.set("horizon", static_cast<float>(view.horizon));

@@ -26,4 +26,14 @@ Drawing drawingOf(const wire::World& world, bool remoteShaders);
 // What is left where the driver rejects the text after all, in another pass: `why` is its complaint.
 Drawing neutralDrawing(const wire::World& world, const std::string& why);
 
+// create(drawing.text); where the driver rejects a terrain's text, what draws the mesh without, for the mesh itself needs none: `drawing` is then
+// the neutral one and says why.
+template <class Create>
+auto createOrNeutral(const wire::World& world, Drawing& drawing, const Create& create) {
+  auto made = create(drawing.text);
+  if (made || drawing.text.neutral) return made;
+  drawing = neutralDrawing(world, made.error().message);
+  return create(drawing.text);
+}
+
 }  // namespace ridgecast::render

@@ -72,10 +72,6 @@ Outcome<Program> meshProgram(std::string_view what, std::string_view main) {
   return Program::build(what, MeshPass::vertexShader(), pieces);
 }
 
-void setVector(const Program& program, const char* name, const camera::Vec3& v) {
-  program.set(name, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
-}
-
 }  // namespace
 
 StructurePass::StructurePass(Program edges, Program leaves, Program frustum, CandidatePass candidates)

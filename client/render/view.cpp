@@ -48,11 +48,11 @@ float viewFootprint(float depth) { return depth * 2.0 * viewTangents.y / viewSiz
 float viewFilter(float depth) { return viewFiltered * viewFootprint(depth); }
 )";
 
+}  // namespace
+
 void setVector(const Program& program, const char* name, const camera::Vec3& v) {
   program.set(name, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
 }
-
-}  // namespace
 
 View supersampled(const View& view, std::uint32_t n) {
   View out = view;

@@ -52,5 +52,7 @@ std::string_view fullScreenVertex();
 
 // Sets those uniforms; the program must be in use.
 void setView(const Program& program, const View& view, std::uint32_t seed);
+// A uniform of three numbers.
+void setVector(const Program& program, const char* name, const camera::Vec3& v);
 
 }  // namespace ridgecast::render

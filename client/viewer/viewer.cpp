@@ -47,13 +47,8 @@ int view(const ViewOptions& given) {
   for (Flight::Kept kept;;) {
     const wire::World& world = link->connection->world();
     auto drawing = render::drawingOf(world, options.remoteShaders);
+    auto passes = render::createOrNeutral(world, drawing, Passes::create);
     if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
-    auto passes = Passes::create(drawing.text);
-    if (!passes && !drawing.text.neutral) {  // the mesh itself needs no terrain's text
-      drawing = render::neutralDrawing(world, passes.error().message);
-      std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
-      passes = Passes::create(drawing.text);
-    }
     if (!passes) return fail(3, passes.error().message);
     std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
     if (drawing.window)
