@@ -12,14 +12,14 @@ constexpr std::size_t kLongest = 253;  // of a name (RFC 1035)
 
 char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
 
-bool same(std::string_view a, std::string_view b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](char x, char y) { return lower(x) == lower(y); });
-}
-
 bool isDigit(char c) { return c >= '0' && c <= '9'; }
 bool belongsToName(char c) { return (lower(c) >= 'a' && lower(c) <= 'z') || isDigit(c) || c == '-' || c == '_' || c == '.'; }
 
 }  // namespace
+
+bool sameIgnoringCase(std::string_view a, std::string_view b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](char x, char y) { return lower(x) == lower(y); });
+}
 
 Outcome<std::string> parseHostName(std::string_view text) {
   const bool isName = !text.empty() && text.size() <= kLongest && std::all_of(text.begin(), text.end(), belongsToName) &&
@@ -49,10 +49,11 @@ bool mayBeAsked(std::string_view header, std::string_view listening, const std::
   if (header.empty()) return true;
   const std::string_view name = hostName(header);
   constexpr std::string_view local = "localhost";
-  if (same(name, local) || same(name, listening) || parseAddress(name)) return true;
-  if (name.size() > local.size() + 1 && name[name.size() - local.size() - 1] == '.' && same(name.substr(name.size() - local.size()), local))
+  if (sameIgnoringCase(name, local) || sameIgnoringCase(name, listening) || parseAddress(name)) return true;
+  if (name.size() > local.size() + 1 && name[name.size() - local.size() - 1] == '.' &&
+      sameIgnoringCase(name.substr(name.size() - local.size()), local))
     return true;
-  return std::any_of(allowed.begin(), allowed.end(), [&](const std::string& one) { return one == "*" || same(name, one); });
+  return std::any_of(allowed.begin(), allowed.end(), [&](const std::string& one) { return one == "*" || sameIgnoringCase(name, one); });
 }
 
 }  // namespace ridgecast::access

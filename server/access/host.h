@@ -15,6 +15,9 @@
 
 namespace ridgecast::access {
 
+// Equal but for the case of ASCII letters.
+bool sameIgnoringCase(std::string_view a, std::string_view b);
+
 // NAME, an address, or * for every name. Error: a sentence, for what has a port, a scheme or anything else that no name has.
 Outcome<std::string> parseHostName(std::string_view text);
 

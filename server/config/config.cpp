@@ -9,6 +9,7 @@
 #include "server/access/host.h"
 #include "server/config/layers.h"
 #include "server/config/token_command.h"
+#include "server/scheduling/pool.h"
 
 namespace ridgecast::config {
 

@@ -9,15 +9,10 @@ namespace ridgecast::net {
 
 namespace {
 
-bool equalsIgnoringCase(std::string_view a, std::string_view b) {
-  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; };
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [&](char x, char y) { return lower(x) == lower(y); });
-}
-
 // Among the subprotocols that are offered; empty: none.
 std::string_view bearerOf(const Request& request) {
   constexpr std::string_view scheme = "Bearer ", prefix = "bearer.";
-  if (request.authorization.size() > scheme.size() && equalsIgnoringCase(request.authorization.substr(0, scheme.size()), scheme))
+  if (request.authorization.size() > scheme.size() && access::sameIgnoringCase(request.authorization.substr(0, scheme.size()), scheme))
     return request.authorization.substr(scheme.size());
   for (std::string_view rest = request.subprotocols; !rest.empty();) {
     const auto end = std::min(rest.find(','), rest.size());
@@ -81,9 +76,9 @@ std::optional<Error> Gate::load() {
 // A page of the server's own, or one that was allowed. That the server's own name is no other's was judged before (access/host.h).
 bool Gate::originMayAsk(std::string_view origin, std::string_view host) const {
   for (const std::string& allowed : settings_.allowedOrigins)
-    if (allowed == "*" || equalsIgnoringCase(allowed, origin)) return true;
+    if (allowed == "*" || access::sameIgnoringCase(allowed, origin)) return true;
   const auto scheme = origin.find("://");
-  return scheme != std::string_view::npos && !host.empty() && equalsIgnoringCase(origin.substr(scheme + 3), host);
+  return scheme != std::string_view::npos && !host.empty() && access::sameIgnoringCase(origin.substr(scheme + 3), host);
 }
 
 std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {

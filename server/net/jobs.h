@@ -15,8 +15,6 @@
 #include <thread>
 #include <vector>
 
-#include "server/scheduling/pool.h"
-
 namespace ridgecast::net {
 
 class Jobs {

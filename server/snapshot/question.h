@@ -17,7 +17,6 @@
 #include "common/gltf/glb.h"
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
-#include "server/scheduling/pool.h"
 
 namespace ridgecast::snapshot {
 

@@ -16,20 +16,11 @@
 
 #include "client/render/picture.h"
 #include "tests/support/process.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::testing_support {
 
 using namespace std::chrono_literals;
-
-// Until `done`, at most so long.
-template <class Done>
-bool await(Done done, std::chrono::milliseconds patience) {
-  for (const auto until = std::chrono::steady_clock::now() + patience; std::chrono::steady_clock::now() < until;) {
-    if (done()) return true;
-    std::this_thread::sleep_for(50ms);
-  }
-  return done();
-}
 
 // An X server and a viewer on it.
 class WindowTest : public testing::Test {

@@ -75,6 +75,19 @@ class SessionTest : public testing::Test {
     camera->close();
     return error.value_or(wire::ErrorMessage{});
   }
+  // A camera at rest after its first pose, and what it was told.
+  std::optional<wire::Iteration> firstRest() {
+    start();
+    camera->receive(hello());
+    EXPECT_TRUE(client->world());
+    camera->receive(pose(1));
+    const auto first = client->iteration();
+    EXPECT_TRUE(first);
+    if (!first) return {};
+    acknowledge(*first);
+    EXPECT_TRUE(client->quiet());
+    return first;
+  }
   void acknowledge(const wire::Iteration& iteration) { camera->receive(wire::Acknowledge{iteration.number, iteration.meshHash}); }
 
   std::shared_ptr<Script> script = std::make_shared<Script>();
@@ -578,14 +591,7 @@ TEST_F(SessionTest, StressOfMessagesFromSeveralThreads) {
 }
 
 TEST_F(SessionTest, OtherSettingsAreGrantedAndMakeTheNextIteration) {
-  start();
-  camera->receive(hello());
-  ASSERT_TRUE(client->world());
-  camera->receive(pose(1));
-  const auto first = client->iteration();
-  ASSERT_TRUE(first);
-  acknowledge(*first);
-  EXPECT_TRUE(client->quiet());
+  ASSERT_TRUE(firstRest());
   // At rest, without another pose: an iteration is made, and what was asked for is limited as in hello.
   script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 2}}, true}; };
   camera->receive(wire::ChangeSettings{{wire::Metric::kDefault, 0.001, 5'000'000, 100}});
@@ -601,15 +607,9 @@ TEST_F(SessionTest, OtherSettingsAreGrantedAndMakeTheNextIteration) {
 }
 
 TEST_F(SessionTest, CandidatesComeWhileTheyAreWantedAndWithIterationsAlone) {
-  start();
-  camera->receive(hello());
-  ASSERT_TRUE(client->world());
-  camera->receive(pose(1));
-  const auto first = client->iteration();
+  const auto first = firstRest();
   ASSERT_TRUE(first);
   EXPECT_FALSE(first->candidates) << "nobody asked";
-  acknowledge(*first);
-  EXPECT_TRUE(client->quiet());
   // At rest: they are told at once, though the mesh stays what it is, once.
   script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 1}}, true}; };
   camera->receive(wire::ChangeSettings{{.candidates = 1'000'000}});
