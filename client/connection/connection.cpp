@@ -1,5 +1,6 @@
 #include "client/connection/connection.h"
 
+#include <algorithm>
 #include <condition_variable>
 #include <deque>
 #include <functional>
@@ -56,10 +57,12 @@ std::string oneLine(std::string_view text) {
 struct Connection::Impl {
   enum class State { kResolving, kConnecting, kSecuring, kUpgrading, kGreeting, kStreaming, kEnded };
 
-  Impl(Url url, wire::Hello hello, milliseconds patience)
+  Impl(Url url, wire::Hello hello, milliseconds patience, Waiting waiting)
       : url_(std::move(url)),
         hello_(std::move(hello)),
         patience_(patience),
+        waiting_(std::move(waiting)),
+        unheard_(makesWorld() ? std::max(patience, waiting_.unheard) : patience),
         resolver_(context_.get_executor()),
         socket_(context_.get_executor()),
         timer_(context_.get_executor()),
@@ -78,6 +81,7 @@ struct Connection::Impl {
   }
 
   std::optional<Error> waitForWorld() {
+    const std::stop_callback stopped(waiting_.stop, [this] { net::post(context_, [this] { giveUp(); }); });
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return hasWorld_ || error_; });
     return hasWorld_ ? std::nullopt : error_;
@@ -89,11 +93,22 @@ struct Connection::Impl {
 
   // ---- network thread: the way to the world ----
 
-  void resolve() {
-    timer_.expires_after(patience_);
+  bool makesWorld() const { return url_.world.find("terrain=") != std::string::npos; }
+
+  // It ends here when what follows has not come within `patience`. A new limit replaces the last.
+  void limit(milliseconds patience) {
+    timer_.expires_after(patience);
     timer_.async_wait([this](error_code e) {
       if (!e) end(late());
     });
+  }
+
+  void giveUp() {
+    if (state_ != State::kStreaming) end("gave up waiting for the server at " + where());
+  }
+
+  void resolve() {
+    limit(patience_);
     resolver_.async_resolve(url_.host, url_.port, [this](error_code e, const Resolver::results_type& found) {
       if (state_ == State::kEnded) return;
       if (e) return end("the host '" + url_.host + "' is not known (" + e.message() + "); check the server's address");
@@ -122,17 +137,24 @@ struct Connection::Impl {
     error_code ignored;
     socket_.next_layer().socket().set_option(net::ip::tcp::no_delay(true), ignored);
     websocket::stream_base::timeout timeout;
-    timeout.handshake_timeout = patience_ + std::chrono::seconds(1);  // timer_ ends it first, and says why
+    timeout.handshake_timeout = websocket::stream_base::none();  // timer_ ends it, and says why
     timeout.idle_timeout = kSilence;
     timeout.keep_alive_pings = true;
     socket_.set_option(timeout);
     socket_.set_option(websocket::stream_base::decorator([this](websocket::request_type& request) {
       request.set(boost::beast::http::field::user_agent, "ridgecast-client");
+      request.set("Prefer", "progress");
       if (!url_.token.empty()) request.set(boost::beast::http::field::authorization, "Bearer " + url_.token);
     }));
     socket_.auto_fragment(false);
     socket_.binary(true);
     socket_.read_message_max(wire::kMaxServerMessageBytes);
+    limit(unheard_);
+    socket_.next_layer().passOverInterim([this] {
+      heard_ = true;
+      limit(waiting_.heard);
+      if (waiting_.preparing) waiting_.preparing();
+    });
     const std::string target = "/v1/stream?session=" + url_.session + (url_.world.empty() ? "" : "&" + url_.world);
     socket_.async_handshake(response_, where(), target, [this](error_code e) {
       if (state_ == State::kEnded) return;
@@ -148,11 +170,13 @@ struct Connection::Impl {
       if (!body.empty() && body.front() != '<') return text + ": " + body;
       return text + "; is there a ridgecast-server, and a session '" + url_.session + "'?";
     }
+    if (heard_) return "the server at " + where() + " went away while it prepared the terrain (" + e.message() + "); try again";
     return "what answers at " + where() + " is no Ridgecast server (" + e.message() + "); check host and port";
   }
 
   void greet() {
     state_ = State::kGreeting;
+    limit(patience_);
     writing_ = true;
     frame_ = wire::encode(wire::ClientMessage(hello_));
     socket_.async_write(net::buffer(frame_), [this](error_code e, std::size_t) { written(e); });
@@ -160,14 +184,18 @@ struct Connection::Impl {
   }
 
   std::string late() const {
-    const std::string within = " within " + std::to_string(patience_.count()) + " ms";
+    const auto within = [](milliseconds patience) { return " within " + std::to_string(patience.count()) + " ms"; };
+    if (state_ == State::kUpgrading && heard_)
+      return "the server at " + where() + " began to prepare the terrain and said nothing more" + within(waiting_.heard) +
+             "; try again later";
     switch (state_) {
       case State::kResolving:
-        return "the host '" + url_.host + "' could not be looked up" + within + "; check the server's address";
+        return "the host '" + url_.host + "' could not be looked up" + within(patience_) + "; check the server's address";
       case State::kConnecting:
-        return "no answer from " + where() + within + "; check host, port and firewall";
+        return "no answer from " + where() + within(patience_) + "; check host, port and firewall";
       default:
-        return "what listens at " + where() + " did not answer like a Ridgecast server" + within + "; check host and port";
+        return "what listens at " + where() + " did not answer like a Ridgecast server" +
+               within(state_ == State::kUpgrading ? unheard_ : patience_) + "; check host and port";
     }
   }
 
@@ -228,7 +256,7 @@ struct Connection::Impl {
       if (tiles->tiles.size() > unanswered_ - tiles_.size())
         return endLocked("the server at " + where() + " sent tiles of heights that were not asked for");
       std::move(tiles->tiles.begin(), tiles->tiles.end(), std::back_inserter(tiles_));
-        changed_.notify_all();
+      changed_.notify_all();
     } else if (!std::holds_alternative<wire::Iteration>(*message)) {
       if (state_ != State::kStreaming) return end("the server at " + where() + " spoke of its session before its world");
       const std::lock_guard lock(mutex_);
@@ -392,6 +420,8 @@ struct Connection::Impl {
   const Url url_;
   const wire::Hello hello_;
   const milliseconds patience_;
+  const Waiting waiting_;
+  const milliseconds unheard_;  // for the answer to the upgrade
   net::io_context context_{1};
   std::thread thread_;
 
@@ -404,7 +434,8 @@ struct Connection::Impl {
   boost::beast::flat_buffer buffer_;
   std::string frame_;  // being written
   bool writing_ = false;
-  bool asks_ = false;  // a question for the clock is to be sent
+  bool heard_ = false;  // that the server prepares the world
+  bool asks_ = false;   // a question for the clock is to be sent
 
   // shared
   mutable std::mutex mutex_;
@@ -431,8 +462,9 @@ struct Connection::Impl {
   Asked<wire::AskGround, wire::Ground> grounds_{wire::kMaxGrounds, kMaxSayings};
 };
 
-Outcome<std::unique_ptr<Connection>> Connection::open(const Url& url, const wire::Hello& hello, milliseconds patience) {
-  std::unique_ptr<Connection> connection(new Connection(std::make_unique<Impl>(url, hello, patience)));
+Outcome<std::unique_ptr<Connection>> Connection::open(const Url& url, const wire::Hello& hello, milliseconds patience,
+                                                      const Waiting& waiting) {
+  std::unique_ptr<Connection> connection(new Connection(std::make_unique<Impl>(url, hello, patience, waiting)));
   connection->impl_->start();
   if (std::optional<Error> error = connection->impl_->waitForWorld()) return *error;
   return connection;

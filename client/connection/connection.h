@@ -4,9 +4,11 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <future>
 #include <memory>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -39,13 +41,23 @@ struct Received {
   std::uint64_t bytes = 0;  // of the frame
 };
 
+// How the answer to the upgrade is waited for where the URL names a terrain: the server may have to compile it first, which takes seconds, and
+// a minute on a slow machine.
+struct Waiting {
+  std::chrono::milliseconds unheard{90'000};  // without a word of it
+  std::chrono::milliseconds heard{30'000};    // since the last word: the server gives one about every second, for as long as it works
+  std::function<void()> preparing = {};       // at each word. On the network's thread
+  std::stop_token stop = {};                  // give up, at any time before the world is there: an error
+};
+
 class Connection {
  public:
-  // Connects, says hello, and returns when the world has arrived. Errors: nobody listens there, no answer within `patience`, not a
-  // Ridgecast server, refused by the server (its own message). Each says what to try. Looking up a host's name may take as long as
-  // the system's resolver does.
+  // Connects, says hello, and returns when the world has arrived. Errors: nobody listens there, no answer within `patience` (of a server
+  // that may have to make the world, see Waiting), not a Ridgecast server, refused by the server (its own message). Each says what to try.
+  // Looking up a host's name may take as long as the system's resolver does.
   static Outcome<std::unique_ptr<Connection>> open(const Url& url, const wire::Hello& hello,
-                                                   std::chrono::milliseconds patience = std::chrono::seconds(10));
+                                                   std::chrono::milliseconds patience = std::chrono::seconds(10),
+                                                   const Waiting& waiting = {});
   ~Connection();  // closes politely, waits at most 200 ms for it
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/ssl.hpp>
+#include <string_view>
 
 namespace ridgecast::connection {
 
@@ -15,6 +16,7 @@ namespace ssl = asio::ssl;
 namespace {
 
 constexpr std::size_t kRecordBytes = 16'384;  // the most that a TLS record carries
+constexpr std::size_t kMostHead = 8192;
 
 }  // namespace
 
@@ -58,7 +60,34 @@ void Line::startTls(const std::string& host, const std::string& ca, std::functio
   });
 }
 
+// Takes whole interim answers off what was read; whether what is left is to be passed on.
+bool Line::beginsAnswer() {
+  static constexpr std::string_view kBegin = "HTTP/1.1 1", kUpgrade = "HTTP/1.1 101";
+  for (;;) {
+    const std::string_view text = head_;
+    if (text.substr(0, kUpgrade.size()) == kUpgrade || text.substr(0, kBegin.size()) != kBegin.substr(0, text.size())) return true;
+    const auto blank = text.find("\r\n\r\n");
+    if (blank == std::string_view::npos || text.size() < kUpgrade.size()) return text.size() > kMostHead;
+    head_.erase(0, blank + 4);
+    interim_();
+  }
+}
+
 void Line::readSome(const MutableBuffers& buffers, Done done) {
+  if (interim_)
+    return readBelow({asio::buffer(chunk_)}, Done([this, buffers, d = std::move(done)](error_code ec, std::size_t n) mutable {
+                       head_.append(chunk_.data(), n);
+                       if (ec || beginsAnswer()) interim_ = {};
+                       if (ec && head_.empty()) return d(ec, 0);
+                       readSome(buffers, std::move(d));
+                     }));
+  if (head_.empty()) return readBelow(buffers, std::move(done));
+  const std::size_t copied = asio::buffer_copy(buffers, asio::buffer(head_));
+  head_.erase(0, copied);
+  asio::post(get_executor(), [d = std::move(done), copied]() mutable { d({}, copied); });
+}
+
+void Line::readBelow(const MutableBuffers& buffers, Done done) {
   if (!tls_) return socket_.async_read_some(buffers, [d = std::move(done)](error_code ec, std::size_t n) mutable { d(ec, n); });
   tls_->stream.async_read_some(buffers, [d = std::move(done)](error_code ec, std::size_t n) mutable {
     d(ec == ssl::error::stream_truncated ? error_code(asio::error::eof) : ec, n);

@@ -49,6 +49,10 @@ class Line {
         [this](auto handler, const ConstBuffers& b) { writeSome(b, Done(std::move(handler))); }, token, some<ConstBuffers>(buffers));
   }
 
+  // What is read next is an answer to an HTTP request: interim ones (1xx, but for 101) before it are told of and read by nobody. A head of
+  // more than 8 KiB is passed on as it is.
+  void passOverInterim(std::function<void()> tell) { interim_ = std::move(tell); }
+
   void hangUp() {
     error_code ignored;
     socket_.shutdown(boost::asio::socket_base::shutdown_both, ignored);
@@ -90,11 +94,16 @@ class Line {
     return out;
   }
   void readSome(const MutableBuffers& buffers, Done done);
+  void readBelow(const MutableBuffers& buffers, Done done);
+  bool beginsAnswer();
   void writeSome(const ConstBuffers& buffers, Done done);
 
   struct Tls;
   Socket socket_;
   std::unique_ptr<Tls> tls_;
+  std::function<void()> interim_;  // set: the answer has not begun
+  std::string head_;               // what was read of it, and nobody has had yet
+  std::array<char, 2048> chunk_;
 };
 
 // How a WebSocket ends below its last frame (found by Beast through its argument). Beast's own way waits for the server to hang up

@@ -10,6 +10,10 @@ namespace ridgecast::connection {
 
 using namespace std::chrono_literals;
 
+namespace {
+constexpr auto kFirstPatience = 10s;
+}
+
 Resuming::Resuming(Url url, wire::Hello hello, Held held, const Pauses& pauses, std::unique_ptr<Connection> connection)
     : url_(std::move(url)),
       target_(url_),
@@ -19,8 +23,9 @@ Resuming::Resuming(Url url, wire::Hello hello, Held held, const Pauses& pauses, 
       connection_(std::move(connection)),
       pause_(pauses.first) {}
 
-Outcome<std::unique_ptr<Resuming>> Resuming::open(const Url& url, const wire::Hello& hello, Held held, const Pauses& pauses) {
-  auto connection = Connection::open(url, hello);
+Outcome<std::unique_ptr<Resuming>> Resuming::open(const Url& url, const wire::Hello& hello, Held held, const Pauses& pauses,
+                                                  const Waiting& waiting) {
+  auto connection = Connection::open(url, hello, kFirstPatience, waiting);
   if (!connection) return connection.error();
   return std::unique_ptr<Resuming>(new Resuming(url, hello, std::move(held), pauses, std::move(*connection)));
 }
@@ -66,8 +71,9 @@ void Resuming::lookAfter() {
   }
   if (!attempt_.valid()) {
     if (Clock::now() < next_) return;
-    attempt_ = std::async(std::launch::async,
-                          [url = target_, hello = hello_, patience = pauses_.patience] { return Connection::open(url, hello, patience); });
+    attempt_ = std::async(std::launch::async, [url = target_, hello = hello_, patience = pauses_.patience, stop = stop_.get_token()] {
+      return Connection::open(url, hello, patience, {.stop = stop});
+    });
   }
   if (attempt_.wait_for(0ms) != std::future_status::ready) return;
   auto opened = attempt_.get();

@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <random>
+#include <stop_token>
 #include <vector>
 
 #include "client/connection/connection.h"
@@ -27,11 +28,13 @@ class Resuming {
     std::chrono::milliseconds patience{5000};            // of one attempt
   };
 
-  // The first connection must succeed.
-  static Outcome<std::unique_ptr<Resuming>> open(const Url& url, const wire::Hello& hello, Held held, const Pauses& pauses);
-  static Outcome<std::unique_ptr<Resuming>> open(const Url& url, const wire::Hello& hello, Held held) {
-    return open(url, hello, std::move(held), Pauses{});
+  // The first connection must succeed; `waiting` is for it alone.
+  static Outcome<std::unique_ptr<Resuming>> open(const Url& url, const wire::Hello& hello, Held held, const Pauses& pauses,
+                                                 const Waiting& waiting = {});
+  static Outcome<std::unique_ptr<Resuming>> open(const Url& url, const wire::Hello& hello, Held held, const Waiting& waiting = {}) {
+    return open(url, hello, std::move(held), Pauses{}, waiting);
   }
+  ~Resuming() { stop_.request_stop(); }  // an attempt is given up
 
   // Of the newest connection; a reference stays good until receive() is called.
   const wire::World& world() const { return connection_->world(); }
@@ -73,6 +76,7 @@ class Resuming {
   const Held held_;
   const Pauses pauses_;
   std::unique_ptr<Connection> connection_;  // never null; the ended one until there is another
+  std::stop_source stop_;
   std::future<Outcome<std::unique_ptr<Connection>>> attempt_;
   std::optional<Error> lost_;
   Clock::time_point next_{};  // attempt

@@ -19,6 +19,7 @@
 #include "client/render/local_terrain.h"
 #include "client/render/renderer.h"
 #include "client/scene/scene.h"
+#include "client/viewer/arrival.h"
 #include "client/viewer/controls.h"
 #include "client/viewer/leaf_colours.h"
 #include "client/viewer/overlay.h"
@@ -29,18 +30,6 @@
 #include "common/camera/path.h"
 
 namespace ridgecast::viewer {
-
-class Flight;
-
-// A connection, and the flight that it tells when it has come back.
-struct Link {
-  connection::Url url;
-  wire::Settings settings;
-  std::unique_ptr<connection::Resuming> connection;
-  std::shared_ptr<Flight*> flight;
-
-  static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings);
-};
 
 // What the world is drawn with. Errors: a shader that the driver does not compile.
 struct Passes {
@@ -121,6 +110,7 @@ class Flight {
   void sendPose();
   void lookForMembers();
   void lookForWorld();
+  void giveUpWorld();
   void changeSettings();
   void showSettings();
   void wantCandidates(bool want);
@@ -170,7 +160,7 @@ class Flight {
     std::future<Outcome<scene::Scene::Prepared>> ready{};
   };
   std::unique_ptr<Preparing> preparing_;
-  std::future<Outcome<Link>> nextWorld_;
+  std::optional<Arrival> nextWorld_;
   std::optional<Link> arrived_;
 
   std::optional<std::pair<double, double>> lastCursor_;

@@ -101,9 +101,11 @@ void Flight::openPanel(Focus focus) {
   changed_ = true;
 }
 
-// What is open closes first; then the mouse comes free; then the window closes.
+// What is waited for or open ends first; then the mouse comes free; then the window closes.
 void Flight::onEscape() {
-  if (shown_.panel)
+  if (nextWorld_)
+    giveUpWorld();
+  else if (shown_.panel)
     shown_.panel = false;
   else if (!shown_.mouseFree)
     freeMouse(true);
@@ -341,7 +343,7 @@ void Flight::jump() {
 }
 
 void Flight::enterWorld() {
-  if (nextWorld_.valid()) return;
+  if (nextWorld_) return;
   const std::string terrain = shown_.choices.terrain.data(), seed = shown_.choices.seed.data();
   std::uint32_t number = 0;
   const auto parsed = std::from_chars(seed.data(), seed.data() + seed.size(), number);
@@ -358,7 +360,7 @@ void Flight::enterWorld() {
   url.session = terrain + "-" + std::to_string(number);
   url.world = "terrain=" + terrain + "&seed=" + std::to_string(number);
   shown_.problem = "entering ...";
-  nextWorld_ = std::async(std::launch::async, [url, settings = link_.settings] { return Link::open(url, settings); });
+  nextWorld_.emplace(url, link_.settings);
 }
 
 }  // namespace ridgecast::viewer

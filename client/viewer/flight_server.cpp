@@ -29,15 +29,16 @@ bool sameForServer(const camera::Camera& a, const camera::Camera& b) {
 
 }  // namespace
 
-Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings) {
+Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting) {
   Link link{url, settings, nullptr, std::make_shared<Flight*>(nullptr)};
   wire::Hello hello;
   hello.clientName = "ridgecast-client view";
   hello.settings = settings;
   hello.members = true;
-  auto connected = connection::Resuming::open(url, hello, [flight = link.flight](const wire::World& world) {
-    return *flight ? (*flight)->resume(world) : std::vector<wire::HeldLeaf>();
-  });
+  auto connected = connection::Resuming::open(
+      url, hello,
+      [flight = link.flight](const wire::World& world) { return *flight ? (*flight)->resume(world) : std::vector<wire::HeldLeaf>(); },
+      waiting);
   if (!connected) return connected.error();
   link.connection = std::move(*connected);
   return link;
@@ -183,13 +184,30 @@ void Flight::sendPose() {
 }
 
 void Flight::lookForWorld() {
-  if (!nextWorld_.valid() || nextWorld_.wait_for(0ms) != std::future_status::ready) return;
-  auto next = nextWorld_.get();
+  if (!nextWorld_) return;
+  auto next = nextWorld_->take();
+  if (!next) {
+    // What the panel says, where it is still open; a short wait is not spoken of.
+    if (nextWorld_->seconds() < 1) return;
+    const std::string waits = nextWorld_->describe() + "; Esc gives up";
+    if (waits != shown_.problem) hint(shown_.problem = waits);
+    return;
+  }
+  nextWorld_.reset();
   changed_ = true;
-  if (next)
-    arrived_ = std::move(*next);
-  else
-    std::fprintf(stderr, "ridgecast-client: %s\n", (shown_.problem = next.error().message).c_str());
+  if (*next) {
+    arrived_ = std::move(**next);
+    return;
+  }
+  shown_.problem = next->error().message;
+  std::fprintf(stderr, "ridgecast-client: %s\n", shown_.problem.c_str());
+  if (!shown_.panel) hint(shown_.problem);
+}
+
+void Flight::giveUpWorld() {
+  nextWorld_.reset();
+  hint("stayed here");
+  shown_.problem.clear();
 }
 
 void Flight::showSettings() {

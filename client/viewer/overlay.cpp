@@ -233,13 +233,13 @@ void drawHelp(const Shown& s) {
   ImGui::End();
 }
 
-void drawMessage(const Shown& s) {
+void drawMessage(const std::string& message) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Always, ImVec2(0.5f, 0.5f));
   ImGui::SetNextWindowBgAlpha(0.8f);
   if (ImGui::Begin("message", nullptr, kPlain)) {
     ImGui::PushTextWrapPos(size.x * 0.6f);
-    ImGui::TextUnformatted(s.message.c_str());
+    ImGui::TextUnformatted(message.c_str());
     ImGui::PopTextWrapPos();
   }
   ImGui::End();
@@ -357,13 +357,22 @@ Wishes Overlay::draw(Shown& shown) {
   if (shown.figures) drawFigures(shown);
   if (shown.plots && !shown.help) drawPlots(shown);
   if (shown.help) drawHelp(shown);
-  if (!shown.message.empty()) drawMessage(shown);
+  if (!shown.message.empty()) drawMessage(shown.message);
   if (!shown.hint.empty()) drawHint(shown);
   Wishes wishes;
   if (shown.panel) wishes = drawPanel(shown);
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
   return wishes;
+}
+
+void Overlay::drawMessageAlone(const std::string& text) {
+  ImGui_ImplOpenGL3_NewFrame();
+  ImGui_ImplGlfw_NewFrame();
+  ImGui::NewFrame();
+  drawMessage(text);
+  ImGui::Render();
+  ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
 }
 
 }  // namespace ridgecast::viewer

@@ -90,6 +90,7 @@ class Overlay {
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
   Wishes draw(Shown& shown);  // into the window's framebuffer
+  void drawMessageAlone(const std::string& text);
   // Whether keys, and clicks, are meant for the panel.
   bool takesKeys() const;
   bool takesMouse() const;

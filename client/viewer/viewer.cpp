@@ -1,5 +1,9 @@
 #include "client/viewer/viewer.h"
 
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+#include <epoxy/gl.h>
+
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -17,6 +21,7 @@ namespace ridgecast::viewer {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+constexpr double kMoment = 0.7;  // seconds: waits that are shorter are not spoken of
 
 int fail(int code, const std::string& message) {
   std::fprintf(stderr, "ridgecast-client: %s\n", message.c_str());
@@ -33,6 +38,44 @@ Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Poin
   return {};
 }
 
+// Opens the connection; shows in the window what it waits for, if it takes more than a moment. Nothing when the window was closed
+// meanwhile, or the time is over.
+std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, Clock::time_point began) {
+  Arrival arrival(options.url, options.settings);
+  std::optional<Overlay> overlay;
+  int told = 0;
+  GLFWwindow* const handle = window.handle();
+  for (;;) {
+    if (auto link = arrival.take()) {
+      glfwSetKeyCallback(handle, nullptr);
+      return link;
+    }
+    if (glfwWindowShouldClose(handle) || (options.seconds && Clock::now() - began > std::chrono::duration<double>(*options.seconds)))
+      return std::nullopt;
+    if (!overlay && arrival.seconds() > kMoment) {
+      glfwSetKeyCallback(handle, [](GLFWwindow* w, int key, int, int action, int) {
+        if (key == GLFW_KEY_ESCAPE && action == GLFW_PRESS) glfwSetWindowShouldClose(w, GLFW_TRUE);
+      });
+      window.show();
+      overlay.emplace(handle, options.textScale);
+    }
+    if (overlay && told < (arrival.prepares() ? 2 : 1)) {
+      std::fprintf(stderr, "%s; Esc gives up\n", arrival.describe().c_str());
+      told = arrival.prepares() ? 2 : 1;
+    }
+    if (overlay) {
+      int width = 0, height = 0;
+      glfwGetFramebufferSize(handle, &width, &height);
+      glViewport(0, 0, width, height);
+      glClearColor(0.09f, 0.11f, 0.14f, 1);
+      glClear(GL_COLOR_BUFFER_BIT);
+      overlay->drawMessageAlone(arrival.describe() + "\nEsc gives up");
+      glfwSwapBuffers(handle);
+    }
+    glfwWaitEventsTimeout(overlay ? 0.1 : 0.005);
+  }
+}
+
 }  // namespace
 
 int view(const ViewOptions& given) {
@@ -42,7 +85,9 @@ int view(const ViewOptions& given) {
     options.at = lattice::Point{std::llround(options.x * lattice::kStepsPerMetre), std::llround(options.z * lattice::kStepsPerMetre)};
   auto window = Window::open(options.width, options.height, options.vsync);
   if (!window) return fail(3, window.error().message);
-  auto link = Link::open(options.url, options.settings);
+  auto arrived = arrive(options, **window, began);
+  if (!arrived) return fail(1, "closed before the server at " + options.url.host + ":" + options.url.port + " had answered");
+  auto link = std::move(*arrived);
   if (!link) return fail(1, link.error().message);
   for (Flight::Kept kept;;) {
     const wire::World& world = link->connection->world();

@@ -182,6 +182,7 @@ Answer streamAnswer(const Request& request, std::string_view query, session::Dir
   if (atOnce) return make(wanted, *wish, directory);
   auto later = std::make_shared<Later>();
   later->makesWorld = true;
+  later->progress = [] { return "preparing the terrain"; };
   later->work = [wanted, wish = *wish, &directory](std::stop_token) { return make(wanted, wish, directory); };
   Answer a;
   a.later = std::move(later);

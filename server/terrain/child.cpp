@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -67,6 +68,9 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
     dup2(open("/dev/null", O_RDONLY), 0);
     dup2(ends[1], 1);
     dup2(ends[1], 2);
+    // Nothing of the server's outlives it in what it started: a client whose socket stayed open here would wait for a server that has died.
+    close_range(3, ~0u, CLOSE_RANGE_CLOEXEC);
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
     limit(RLIMIT_AS, limits.memory);
     limit(RLIMIT_FSIZE, limits.fileSize);
     limit(RLIMIT_CORE, 0);

@@ -2,6 +2,7 @@
 
 #include <poll.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -77,6 +78,8 @@ constexpr rlim_t kStack = 1 << 20;
 constexpr std::uint64_t kRoom = 16 << 20;  // bytes beside what the server has already
 
 [[noreturn]] void child(terrain::HeightsFunction heights, std::uint32_t seed, volatile Report& report, long seconds, std::uint64_t memory) {
+  close_range(3, ~0u, 0);  // the server's sockets, see child.cpp
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
   const rlimit stack{kStack, kStack}, space{memory, memory};
   setrlimit(RLIMIT_STACK, &stack);
   if (memory) setrlimit(RLIMIT_AS, &space);

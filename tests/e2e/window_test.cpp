@@ -3,6 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <numbers>
 #include <string>
@@ -221,6 +224,51 @@ TEST_F(Window, ATerrainThatTheDriverRejectsIsToldAndTheMeshIsStillShown) {
   }
   EXPECT_GT(most - least, 10) << "no landscape";
   close();
+}
+
+// A compiler that waits for a file before it does its work.
+class SlowCompiler {
+ public:
+  explicit SlowCompiler(const std::filesystem::path& folder) : go_(folder / "go"), path_(std::getenv("PATH")) {
+    const auto program = folder / "g++";
+    std::ofstream(program) << "#!/bin/sh\nwhile [ ! -e '" << go_.string() << "' ]; do sleep 0.1; done\nPATH='" << path_
+                           << "' exec g++ \"$@\"\n";
+    std::filesystem::permissions(program, std::filesystem::perms::owner_all);
+    setenv("PATH", (folder.string() + ":" + path_).c_str(), 1);
+  }
+  ~SlowCompiler() { setenv("PATH", path_.c_str(), 1); }
+  void go() { std::ofstream(go_) << "go"; }
+
+ private:
+  const std::filesystem::path go_;
+  const std::string path_;
+};
+
+TEST_F(Window, AWorldThatTheServerHasToCompileIsWaitedForAndEscGivesUp) {
+  SlowCompiler compiler(folder_ / "");
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain-cache", (folder_ / "cache").string()});
+  const std::string url = server.url() + "?session=slow&terrain=canyon&param=riverLevel=550";
+  open({"--threshold", "50"}, url);
+  ASSERT_TRUE(says("to prepare the terrain")) << viewer_->output();
+  ASSERT_TRUE(await([&] { return !windowNumber().empty(); }, 300s));
+  press({"Escape"});
+  EXPECT_EQ(viewer_->wait(300s), 1) << viewer_->output();
+  EXPECT_NE(viewer_->output().find("closed before the server"), std::string::npos) << viewer_->output();
+
+  open({"--threshold", "50"}, url);
+  ASSERT_TRUE(says("to prepare the terrain")) << viewer_->output();
+  compiler.go();
+  ASSERT_TRUE(opened()) << viewer_->output();
+  EXPECT_NE(viewer_->output().find("viewing canyon"), std::string::npos) << viewer_->output();
+  close();
+
+  // The server dies at it.
+  std::filesystem::remove(folder_ / "go");
+  open({"--threshold", "50"}, server.url() + "?session=slower&terrain=canyon&param=riverLevel=551");
+  ASSERT_TRUE(says("to prepare the terrain")) << viewer_->output();
+  server.process().signal(SIGKILL);
+  EXPECT_EQ(viewer_->wait(300s), 1) << viewer_->output();
+  EXPECT_NE(viewer_->output().find("went away while it prepared the terrain"), std::string::npos) << viewer_->output();
 }
 
 TEST_F(Window, AnOldShadingLanguageIsToldAndTheExitCodeSaysSo) {

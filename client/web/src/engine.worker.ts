@@ -12,6 +12,7 @@ import { Change, HeldLeaf, Scene } from './scene/scene';
 import { Camera, Explanation, Held, Socket, Stream } from './stream/stream';
 
 const page = self as unknown as { postMessage(message: FromEngine): void; onmessage: ((event: MessageEvent<ToEngine>) => void) | null };
+const MAKING_PATIENCE = 90_000; // ms; a browser hides that the server says it is at it
 const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 
 let painter: MessagePort | undefined;
@@ -180,6 +181,7 @@ async function start(message: Extract<ToEngine, { kind: 'start' }>): Promise<voi
       open: () => new WebSocket(message.url, message.token ? ['ridgecast.v1', `bearer.${message.token}`] : []) as unknown as Socket,
       clientName: 'ridgecast-web',
       settings: message.settings,
+      ...(new URL(message.url).searchParams.has('terrain') ? { patience: MAKING_PATIENCE } : {}),
       explain: () => explain(message.url, message.token),
     },
     {

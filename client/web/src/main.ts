@@ -105,7 +105,15 @@ function streamUrl(): string {
   return url.href;
 }
 
+let asked = 0; // when a world was asked for that the server may have to compile; 0: none is waited for
+
+function showWaiting(): void {
+  const seconds = Math.floor((performance.now() - asked) / 1000);
+  if (asked > 0 && seconds >= 2) light('wait', `waiting for the server to prepare the terrain, ${seconds} s`);
+}
+
 function connect(): void {
+  asked = place.terrain ? performance.now() : 0;
   element('problem').hidden = true;
   toEngine({ kind: 'start', url: streamUrl(), settings: { threshold: threshold ?? 0, triangleBudget: 0 }, token });
 }
@@ -114,6 +122,7 @@ engine.onmessage = ({ data }: MessageEvent<FromEngine>) => {
   switch (data.kind) {
     case 'world': {
       world = data.world;
+      asked = 0;
       lost = '';
       element('problem').hidden = true;
       note('', 0);
@@ -127,6 +136,7 @@ engine.onmessage = ({ data }: MessageEvent<FromEngine>) => {
     }
     case 'lost':
       lost = data.sentence;
+      asked = 0;
       light(data.final ? 'off' : 'wait', data.final ? 'not connected' : 'reconnecting');
       if (data.wantsToken) problem('This server asks for a token', token ? `${data.sentence} Give another one.` : 'Ask whoever runs it for one.', 'token');
       else if (data.final) problem('Not connected', data.sentence, 'again');
@@ -397,6 +407,7 @@ function frame(now: number): void {
   members.draw({ pose, ...size, verticalFov: VERTICAL_FOV, horizon: world?.horizon ?? 0 }, innerWidth, innerHeight);
 }
 setInterval(showFigures, 250);
+setInterval(showWaiting, 500);
 
 // Whether the mesh is all that will come for this pose; what was said of an earlier pose or connection does not count.
 function isAtRest(): boolean {

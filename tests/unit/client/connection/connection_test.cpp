@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
 #include <future>
+#include <stop_token>
 #include <thread>
 
 #include "common/wire/wire.h"
@@ -51,8 +53,8 @@ Message read(RawConnection& peer) {
   return {};
 }
 
-std::string errorOf(const Url& url, std::chrono::milliseconds patience = kPatience) {
-  const auto connection = Connection::open(url, {}, patience);
+std::string errorOf(const Url& url, std::chrono::milliseconds patience = kPatience, const Waiting& waiting = {}) {
+  const auto connection = Connection::open(url, {}, patience, waiting);
   EXPECT_FALSE(connection);
   return connection ? "" : connection.error().message;
 }
@@ -105,6 +107,103 @@ TEST(Connection, HttpServerWithoutAStream) {
   const std::string error = errorOf(at(server.port()));
   expectContains(error, "HTTP 404");
   expectContains(error, "no session of that name");
+}
+
+// A session that the server has to make first.
+Url making(const std::string& port) {
+  Url url = at(port);
+  url.world = "terrain=slow&seed=2";
+  return url;
+}
+const std::string kWord = "HTTP/1.1 102 Processing\r\nProgress: preparing the terrain\r\n\r\n";
+
+TEST(Connection, AWorldThatIsBeingMadeIsWaitedForAsLongAsTheServerSaysSo) {
+  RawServer server([](RawConnection& peer) {
+    // Torn anywhere, and several at once.
+    for (std::size_t cut = 0; cut <= kWord.size(); cut += 9) {
+      peer.send(kWord.substr(0, cut));
+      std::this_thread::sleep_for(30ms);
+      peer.send(kWord.substr(cut));
+    }
+    peer.send(kWord + kWord + kWord);
+    peer.upgrade();
+    peer.readFrame();
+    peer.sendFrame(worldBytes());
+    peer.drain();
+  });
+  std::atomic<std::size_t> words = 0;
+  const auto connection =
+      Connection::open(making(server.port()), {}, kPatience, {.unheard = kPatience, .heard = kPatience, .preparing = [&] { ++words; }});
+  ASSERT_TRUE(connection) << connection.error().message;
+  EXPECT_EQ((*connection)->world().seed, 3u);
+  EXPECT_EQ(words, kWord.size() / 9 + 1 + 3);
+}
+
+TEST(Connection, EachWordIsNewPatience) {
+  RawServer server([](RawConnection& peer) {
+    for (int k = 0; k < 12; ++k) {
+      peer.send(kWord);
+      std::this_thread::sleep_for(100ms);
+    }
+    peer.drain();
+  });
+  const auto began = Clock::now();
+  expectContains(errorOf(making(server.port()), 10ms, {.unheard = kPatience, .heard = 700ms}),
+                 "said nothing more within 700 ms; try again later");
+  EXPECT_GE(Clock::now() - began, 1800ms);  // after the twelfth
+}
+
+TEST(Connection, AServerWithoutAWordOfTheWorldHasOnlyTheTimeOfItsKind) {
+  const auto drain = [](RawConnection& peer) { peer.drain(); };
+  {
+    RawServer server(drain);
+    expectContains(errorOf(making(server.port()), 10ms, {.unheard = 300ms, .heard = kPatience}),
+                   "did not answer like a Ridgecast server within 300 ms");
+  }
+  RawServer server(drain);  // there is nothing to be made
+  expectContains(errorOf(at(server.port()), 200ms, {.unheard = kPatience, .heard = kPatience}), "within 200 ms");
+}
+
+TEST(Connection, AServerThatDiesWhileItMakesTheWorld) {
+  RawServer server([](RawConnection& peer) {
+    peer.readHead();
+    peer.send(kWord);
+  });
+  expectContains(errorOf(making(server.port())), "went away while it prepared the terrain");
+}
+
+TEST(Connection, AWorldThatCannotBeMadeIsToldInTheServersWords) {
+  RawServer server([](RawConnection& peer) {
+    peer.readHead();
+    peer.send(kWord + "HTTP/1.1 400 Bad Request\r\nContent-Length: 20\r\n\r\nslow.glsl, line 3: x\n");
+    peer.drain();
+  });
+  expectContains(errorOf(making(server.port())), "slow.glsl, line 3: x");
+}
+
+TEST(Connection, WaitingIsGivenUpAtOnce) {
+  for (const bool heard : {false, true}) {
+    std::promise<void> waits;
+    RawServer server([&](RawConnection& peer) {
+      peer.readHead();
+      heard ? peer.send(kWord) : waits.set_value();
+      peer.drain();
+    });
+    std::stop_source stop;
+    std::atomic<bool> told = false;
+    const Waiting waiting{.unheard = kPatience,
+                          .heard = kPatience,
+                          .preparing =
+                              [&] {
+                                if (!told.exchange(true)) waits.set_value();
+                              },
+                          .stop = stop.get_token()};
+    auto error = std::async(std::launch::async, [&] { return errorOf(making(server.port()), kPatience, waiting); });
+    waits.get_future().wait();
+    stop.request_stop();
+    ASSERT_EQ(error.wait_for(kPatience / 2), std::future_status::ready);
+    expectContains(error.get(), "gave up");
+  }
 }
 
 TEST(Connection, AsksForTheSessionOfTheUrl) {

@@ -6,6 +6,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
@@ -66,6 +67,16 @@ class Files : public testing::Test {
   std::vector<std::string> complaints_;
   int count_ = 0;
 };
+
+TEST(Child, InheritsNothingThatIsOpenHere) {
+  constexpr int kFar = 77;
+  ASSERT_EQ(dup2(0, kFar), kFar);
+  const auto end = runChild("/bin/sh", {"-c", "ls -1 /proc/$$/fd; echo done"});
+  close(kFar);
+  ASSERT_TRUE(end) << end.error().message;
+  EXPECT_THAT(end->output,
+              testing::AllOf(testing::HasSubstr("1\n2\n"), testing::HasSubstr("done"), testing::Not(testing::HasSubstr("77"))));
+}
 
 // The built-in terrains went through the compiler as they are; through the translation they must come out with the same bits, for every
 // instruction set.

@@ -1,0 +1,51 @@
+#pragma once
+// A connection to a world, and the wait for it: servers may have to compile a world's terrain first. Internal to the room.
+
+#include <atomic>
+#include <chrono>
+#include <future>
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+
+#include "client/connection/resuming.h"
+
+namespace ridgecast::viewer {
+
+class Flight;
+
+// A connection, and the flight that it tells when it has come back.
+struct Link {
+  connection::Url url;
+  wire::Settings settings;
+  std::unique_ptr<connection::Resuming> connection;
+  std::shared_ptr<Flight*> flight;
+
+  static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting = {});
+};
+
+// A connection that is being opened beside the window. The main thread's.
+class Arrival {
+ public:
+  Arrival(const connection::Url& url, const wire::Settings& settings);
+  ~Arrival();  // gives up at once, but for the look-up of a host's name
+  Arrival(const Arrival&) = delete;
+  Arrival& operator=(const Arrival&) = delete;
+
+  // The connection or why there is none, once.
+  std::optional<Outcome<Link>> take();
+  double seconds() const;                      // since it began
+  bool prepares() const { return prepares_; }  // the server has said that it makes the world
+  // "waiting for 127.0.0.1:7070 to prepare the terrain, 12 s"
+  std::string describe() const;
+
+ private:
+  const std::string where_;
+  const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+  std::stop_source stop_;
+  std::atomic<bool> prepares_ = false;
+  std::future<Outcome<Link>> link_;
+};
+
+}  // namespace ridgecast::viewer
