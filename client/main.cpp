@@ -178,14 +178,21 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->check(CLI::IsMember({"low", "overview", "grazing"}).description(""))
       ->type_name("NAME,...");
+  std::vector<std::string> refined;
+  evaluateCommand
+      ->add_option("--refined", refined,
+                   "how the meshes are refined, as in area:0.3; left out: by pixels:1, pixels:0.5 and area:0.3 under standing cameras, in seven "
+                   "ways along the flights")
+      ->delimiter(',')
+      ->type_name("METRIC:THRESHOLD,...");
   evaluateCommand->add_option("--only", evaluate.only, "views (standing cameras, settled meshes) or flights; left out: both")
       ->check(CLI::IsMember({"views", "flights"}).description(""))
       ->type_name("WHICH");
   evaluateCommand->add_option("--size", evaluateSize, "of the pictures, WIDTHxHEIGHT; left out: 1280x720, quick 480x270");
-  evaluateCommand->add_option("--supersample", evaluate.supersample, "most samples a side of each pixel, 1, 2, 4 or 8; left out: 2")
+  evaluateCommand->add_option("--supersample", evaluate.supersample, "most samples a side of each pixel of the standing cameras, 1, 2, 4 or 8; left out: 4, quick 2")
       ->check(CLI::IsMember({1, 2, 4, 8}).description(""));
   evaluateCommand->add_option("--repeats", evaluate.repeats, "of what is timed; left out: 3, quick 1")->check(CLI::Range(1, 100).description(""));
-  evaluateCommand->add_option("--seconds", evaluate.seconds, "only the beginning of each flight; left out: all of it, quick 3")->check(within(0.0, 86400.0));
+  evaluateCommand->add_option("--seconds", evaluate.seconds, "only the beginning of each flight; left out: 20, the finest whole, quick 3")->check(within(0.0, 86400.0));
   evaluateCommand->add_option("--server", evaluate.server, "the server's program; left out: ridgecast-server beside this one")
       ->type_name("FILE");
 
@@ -204,6 +211,11 @@ int main(int argc, char** argv) {
     if (const std::string wrong = parseSize(evaluateSize, width, height); !wrong.empty()) return wrongArguments(wrong);
     evaluate.width = width;
     evaluate.height = height;
+  }
+  for (const std::string& text : refined) {
+    auto mesh = ridgecast::evaluation::meshCaseFrom(text);
+    if (!mesh) return wrongArguments("--refined: " + mesh.error().message);
+    evaluate.refined.push_back(std::move(*mesh));
   }
   if (evaluateCommand->parsed()) return ridgecast::evaluation::evaluate(evaluate);
   const bool flies = flyCommand->parsed(), shoots = snapshotCommand->parsed();

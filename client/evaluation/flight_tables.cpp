@@ -19,6 +19,7 @@ struct Flight {
   const Run* run;
   Json summary;
   std::map<std::string, std::vector<double>> columns;  // of its iterations
+  Json machine;                                        // what it did beside it
   double mean(const char* key) const {
     const auto it = columns.find(key);
     if (it == columns.end() || it->second.empty()) return kNothing;
@@ -34,6 +35,19 @@ struct Flight {
     std::vector<double> sorted = it->second;
     std::ranges::sort(sorted);
     return sorted[static_cast<std::size_t>(part * static_cast<double>(sorted.size() - 1))];
+  }
+  // All stages of an iteration, milliseconds.
+  double stages(double part) const {
+    std::vector<double> sums;
+    for (const char* key : {"select_ms", "generate_ms", "refine_ms", "triangulate_ms", "encode_ms", "apply_ms"}) {
+      const auto it = columns.find(key);
+      if (it == columns.end()) return kNothing;
+      sums.resize(it->second.size());
+      for (std::size_t k = 0; k < sums.size(); ++k) sums[k] += it->second[k];
+    }
+    if (sums.empty()) return kNothing;
+    std::ranges::sort(sums);
+    return sums[static_cast<std::size_t>(part * static_cast<double>(sums.size() - 1))];
   }
   // Seconds in which iterations ran.
   double seconds() const { return number(summary, "iterations") / number(summary, "iterations_per_second"); }
@@ -73,6 +87,7 @@ Table tableOf(const char* name, const char* title, const char* note, const std::
   return out;
 }
 
+#define RIDGECAST_MEDIAN(key) [](const Flight& f) { return f.share(key, 0.5); }
 #define RIDGECAST_SUMMARY(key) [](const Flight& f) { return number(f.summary, key); }
 #define RIDGECAST_MEAN(key) [](const Flight& f) { return f.mean(key); }
 
@@ -83,6 +98,12 @@ Table likeness(const std::vector<Flights>& settings) {
                  settings,
                  {{"pictures", "%.0f", RIDGECAST_SUMMARY("frames")},
                   {"SSIM mean", "%.4f", RIDGECAST_SUMMARY("ssim_mean")},
+                  {"median", "%.4f",
+                   [](const Flight& f) {
+                     auto all = f.summary.value("ssim_frames", std::vector<double>());
+                     std::ranges::sort(all);
+                     return all.empty() ? kNothing : all[all.size() / 2];
+                   }},
                   {"least", "%.4f", RIDGECAST_SUMMARY("ssim_min")},
                   {"terrain alone", "%.4f", RIDGECAST_SUMMARY("ssim_mean_terrain")},
                   {"unfiltered", "%.4f", RIDGECAST_SUMMARY("ssim_mean_unfiltered")},
@@ -94,32 +115,42 @@ Table likeness(const std::vector<Flights>& settings) {
 }
 
 Table speed(const std::vector<Flights>& settings) {
-  return tableOf("rates", "Along the flights: what happens a second",
-                 "Frames as both renderings draw them alone; iterations in lock-step, one pose each; nodes and vertices that the server "
-                 "generated and inserted.",
-                 settings,
-                 {{"mesh frames/s", "%.2f", [](const Flight& f) { return 1e3 / number(f.summary, "mesh_frame_ms"); }},
-                  {"corrected frames/s", "%.2f", [](const Flight& f) { return 1e3 / number(f.summary, "corrected_frame_ms"); }},
-                  {"ray march frames/s", "%.3f", [](const Flight& f) { return 1e3 / number(f.summary, "raymarch_frame_ms"); }},
-                  {"iterations/s", "%.1f", RIDGECAST_SUMMARY("iterations_per_second")},
-                  {"nodes generated/s", "%.0f", [](const Flight& f) { return f.sum("leaves_generated") / f.seconds(); }},
-                  {"nodes in sight", "%.0f", RIDGECAST_MEAN("leaves_visible")},
-                  {"vertices inserted/s", "%.0f", [](const Flight& f) { return f.sum("inserted") / f.seconds(); }},
-                  {"removed/s", "%.0f", [](const Flight& f) { return f.sum("removed") / f.seconds(); }},
-                  {"triangles held", "%.0f", RIDGECAST_MEAN("triangles_held")},
-                  {"triangles drawn/s, million", "%.2f",
-                   [](const Flight& f) { return f.mean("triangles_held") / number(f.summary, "mesh_frame_ms") / 1e3; }}});
+  return tableOf(
+      "rates", "Along the flights: what happens a second",
+      "Frames as both renderings draw them alone, by medians; each place is ray-marched once for all flights over a terrain. Iterations in "
+      "lock-step, one pose each; nodes and vertices that the server generated and inserted.",
+      settings,
+      {{"mesh frames/s", "%.2f", [](const Flight& f) { return 1e3 / number(f.summary, "mesh_frame_ms"); }},
+       {"corrected frames/s", "%.2f", [](const Flight& f) { return 1e3 / number(f.summary, "corrected_frame_ms"); }},
+       {"ray march frames/s", "%.3f", [](const Flight& f) { return 1e3 / number(f.summary, "raymarch_frame_ms"); }},
+       {"mesh faster by", "%.1f",
+        [](const Flight& f) { return number(f.summary, "raymarch_frame_ms") / number(f.summary, "mesh_frame_ms"); }},
+       {"by CPU time", "%.1f",
+        [](const Flight& f) { return number(f.summary, "raymarch_frame_cpu_ms") / number(f.summary, "mesh_frame_cpu_ms"); }},
+       {"iterations/s", "%.1f", RIDGECAST_SUMMARY("iterations_per_second")},
+       {"nodes generated/s", "%.0f", [](const Flight& f) { return f.sum("leaves_generated") / f.seconds(); }},
+       {"nodes in sight", "%.0f", RIDGECAST_MEAN("leaves_visible")},
+       {"vertices inserted/s", "%.0f", [](const Flight& f) { return f.sum("inserted") / f.seconds(); }},
+       {"removed/s", "%.0f", [](const Flight& f) { return f.sum("removed") / f.seconds(); }},
+       {"triangles held", "%.0f", RIDGECAST_MEAN("triangles_held")},
+       {"triangles drawn/s, million", "%.2f",
+        [](const Flight& f) { return f.mean("triangles_held") / number(f.summary, "mesh_frame_ms") / 1e3; }},
+       {"machine taken by others", "%.0f %%", [](const Flight& f) { return 100 * number(f.machine, "others"); }}});
 }
 
 Table stages(const std::vector<Flights>& settings) {
-  return tableOf("stages", "Time of each stage", "Milliseconds of an iteration, means; apply is the client's decoding and applying.",
-                 settings,
-                 {{"select", "%.2f", RIDGECAST_MEAN("select_ms")},
-                  {"generate", "%.2f", RIDGECAST_MEAN("generate_ms")},
-                  {"refine", "%.2f", RIDGECAST_MEAN("refine_ms")},
-                  {"triangulate", "%.2f", RIDGECAST_MEAN("triangulate_ms")},
-                  {"encode", "%.2f", RIDGECAST_MEAN("encode_ms")},
-                  {"apply", "%.2f", RIDGECAST_MEAN("apply_ms")}});
+  return tableOf(
+      "stages", "Time of each stage",
+      "Milliseconds of an iteration, medians, and the 99th percentile of the whole of it; apply is the client's decoding and applying.",
+      settings,
+      {{"select", "%.2f", RIDGECAST_MEDIAN("select_ms")},
+       {"generate", "%.2f", RIDGECAST_MEDIAN("generate_ms")},
+       {"refine", "%.2f", RIDGECAST_MEDIAN("refine_ms")},
+       {"triangulate", "%.2f", RIDGECAST_MEDIAN("triangulate_ms")},
+       {"encode", "%.2f", RIDGECAST_MEDIAN("encode_ms")},
+       {"apply", "%.2f", RIDGECAST_MEDIAN("apply_ms")},
+       {"all", "%.1f", [](const Flight& f) { return f.stages(0.5); }},
+       {"p99", "%.1f", [](const Flight& f) { return f.stages(0.99); }}});
 }
 
 Table stream(const std::vector<Flights>& settings) {
@@ -147,8 +178,10 @@ Table threads(const std::vector<Flights>& settings) {
   if (first == settings.end()) those.clear();
   return tableOf("threads", "Influence of the number of threads", "Flights without a number use every core of the server's machine.", those,
                  {{"iterations/s", "%.1f", RIDGECAST_SUMMARY("iterations_per_second")},
-                  {"refine ms", "%.2f", RIDGECAST_MEAN("refine_ms")},
-                  {"triangulate ms", "%.2f", RIDGECAST_MEAN("triangulate_ms")},
+                  {"generate ms", "%.2f", RIDGECAST_MEDIAN("generate_ms")},
+                  {"refine ms", "%.2f", RIDGECAST_MEDIAN("refine_ms")},
+                  {"triangulate ms", "%.2f", RIDGECAST_MEDIAN("triangulate_ms")},
+                  {"encode ms", "%.2f", RIDGECAST_MEDIAN("encode_ms")},
                   {"latency ms, median", "%.1f", [](const Flight& f) { return f.share("latency_ms", 0.5); }}});
 }
 
@@ -220,7 +253,8 @@ Table popping(const std::vector<Flights>& settings) {
 Outcome<std::vector<Table>> flightTables(const std::vector<Run>& runs) {
   std::vector<Flight> flights;
   for (const Run& run : runs) {
-    Flight flight{&run, {}, {}};
+    Flight flight{&run, {}, {}, {}};
+    if (std::ifstream beside(run.folder / "machine.json"); beside) flight.machine = Json::parse(beside, nullptr, false);
     std::ifstream in(run.folder / "summary.json");
     std::ostringstream text;
     text << in.rdbuf();
@@ -244,7 +278,11 @@ Outcome<std::vector<Table>> flightTables(const std::vector<Run>& runs) {
     settings[at->second].push_back(&flight);
   }
   std::vector<Table> out;
-  for (Table& table : std::vector<Table>{likeness(settings), speed(settings), stages(settings), threads(settings), stream(settings),
+  // The others are there for tables of their own.
+  std::vector<Flights> pictured;
+  for (const Flights& f : settings)
+    if (number(f.front()->summary, "frames") > 0) pictured.push_back(f);
+  for (Table& table : std::vector<Table>{likeness(pictured), speed(pictured), stages(pictured), threads(settings), stream(pictured),
                                          frames(settings), popping(settings)})
     if (!table.rows.empty()) out.push_back(std::move(table));
   return out;

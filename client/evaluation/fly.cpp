@@ -63,10 +63,13 @@ class Flight {
     render::View small = view();
     small.camera.projection.width = small.camera.projection.height = 16;
     if (auto drawn = renderer_.drawMarch(small); !drawn) return drawn.error();
+    if (auto drawn = renderer_.drawMesh(scene_, small); !drawn) return drawn.error();
+    if (options_.corrected)
+      if (auto drawn = renderer_.drawCorrected(scene_.leaves(), small); !drawn) return drawn.error();
 
     auto flown = options_.realtime ? flyByTheClock() : flyInLockStep();
     if (!flown) return flown.error();
-    if (pictures_ == 0 && !options_.atRest)
+    if (pictures_ == 0 && drawsPictures())
       if (auto drawn = takePicture(number(scene_.iteration()), false); !drawn) return drawn.error();
     std::fprintf(stderr, "at the end of the path: waiting until nothing more is refined\n");
     const auto began = Clock::now();
@@ -123,6 +126,8 @@ class Flight {
     view.heights = texture_ ? &*texture_ : nullptr;
     return view;
   }
+
+  bool drawsPictures() const { return options_.pictures && !options_.atRest; }
 
   static std::string number(std::uint64_t n) {
     char text[32];
@@ -272,7 +277,7 @@ class Flight {
   }
 
   Outcome<void> keepWhatIsDue() {
-    if (t_ + 1e-6 >= nextPicture_ && !options_.atRest) {
+    if (t_ + 1e-6 >= nextPicture_ && drawsPictures()) {
       nextPicture_ = (std::floor((t_ + 1e-6) / pictureEvery_) + 1) * pictureEvery_;
       if (auto drawn = takePicture(number(scene_.iteration()), false); !drawn) return drawn.error();
     }
@@ -289,9 +294,10 @@ class Flight {
       ++pictures_;
       return recorder_.meshPicture(name, renderer_, scene_, view(), options_.supersample);
     }
-    auto compared = recorder_.picture(name, renderer_, scene_, view(), {options_.supersample, options_.corrected, options_.unfiltered});
+    auto compared = recorder_.picture(name, renderer_, scene_, view(),
+                                      {options_.supersample, options_.corrected, options_.unfiltered, options_.references});
     if (!compared) return compared.error();
-    atRest ? recorder_.setSettled(*compared) : recorder_.addFrame(*compared);
+    atRest ? recorder_.setSettled(*compared) : recorder_.addFrame(*compared, t_);
     ++pictures_;
     const Similarity& similarity = compared->mesh;
     std::string terrain;
@@ -322,10 +328,10 @@ class Flight {
   Outcome<void> conclude() {
     if (!options_.exportFile.empty() && !exported_)
       if (auto written = exportMesh(); !written) return written.error();
-    if (!options_.atRest) {
+    if (options_.atRest) {
+      if (auto measured = options_.atRest({renderer_, scene_, view(), terrain_.get(), totals_.settled}); !measured) return measured.error();
+    } else if (options_.pictures) {
       if (auto drawn = takePicture("settled", true); !drawn) return drawn.error();
-    } else if (auto measured = options_.atRest({renderer_, scene_, view(), terrain_.get(), totals_.settled}); !measured) {
-      return measured.error();
     }
     if (!states_.empty()) {
       std::fprintf(stderr, "drawing %zu iterations at 60 frames a second, with and without morphing\n", states_.size());

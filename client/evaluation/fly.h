@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "client/connection/connection.h"
+#include "client/evaluation/references.h"
 #include "client/evaluation/views.h"
 #include "common/wire/messages.h"
 
@@ -33,6 +34,8 @@ struct FlyOptions {
   bool realtime = false;                     // by the clock instead of in lock-step
   bool measurePopping = false;               // lock-step: from frame to frame while the mesh refines at the end of the path (popping.h)
   std::optional<double> seconds;             // fly only the beginning of the path
+  bool pictures = true;                      // false: none at all, the flight is there for its times
+  References* references = nullptr;          // ray marches of other flights over this terrain; null: each draws its own
   std::function<Outcome<void>(const AtRest&)> atRest;  // in place of all pictures: called at the end
 };
 

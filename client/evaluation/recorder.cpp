@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <system_error>
+#include <utility>
 
 namespace ridgecast::evaluation {
 namespace {
@@ -13,6 +14,14 @@ using Json = nlohmann::ordered_json;
 Json mean(const std::vector<double>& values) {
   if (values.empty()) return nullptr;
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
+
+// Of times: a frame that something else on the machine held up is one of many.
+Json median(std::vector<double> values) {
+  if (values.empty()) return nullptr;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::ranges::nth_element(values, middle);
+  return *middle;
 }
 
 std::string_view metricName(wire::Metric metric) {
@@ -81,7 +90,7 @@ Outcome<Comparison> Recorder::picture(const std::string& name, render::Renderer&
   const std::uint32_t samples = settings.samples;
   render::View points = view;
   points.filtered = false;
-  Comparison out;
+  Comparison out{name, 0, {}, {}, {}};
   std::optional<render::Picture> meshPoints, corrected;
   auto mesh = renderer.drawMesh(scene, view, samples);
   if (!mesh) return mesh.error();
@@ -93,31 +102,58 @@ Outcome<Comparison> Recorder::picture(const std::string& name, render::Renderer&
   if (settings.corrected) {
     auto drawn = renderer.drawCorrected(scene.leaves(), view, samples);
     if (!drawn) return drawn.error();
-    correctedMs_.push_back(drawn->milliseconds);
+    correctedTimes_.add(drawn->milliseconds, drawn->cpuMilliseconds);
     corrected = std::move(drawn->picture);
     if (auto written = render::writePng(*corrected, folder_ / (name + "-corrected.png")); !written) return written.error();
   }
-  auto march = renderer.drawMarch(view, samples);
-  if (!march) return march.error();
-  if (meshPoints) {
+  if (auto written = render::writePng(mesh->picture, folder_ / (name + "-mesh.png")); !written) return written.error();
+
+  std::optional<References::March> own;
+  const References::March* truth = settings.references ? settings.references->find(view.camera, samples, settings.unfiltered) : nullptr;
+  std::error_code failed;
+  const std::filesystem::path file = folder_ / (name + "-raymarch.png");
+  if (!truth || !std::filesystem::copy_file(truth->file, file, std::filesystem::copy_options::overwrite_existing, failed)) {
+    auto marched = march(name, renderer, view, samples, settings.unfiltered);
+    if (!marched) return marched.error();
+    truth = settings.references ? &settings.references->keep(std::move(*marched)) : &own.emplace(std::move(*marched));
+  }
+  meshTimes_.add(mesh->milliseconds, mesh->cpuMilliseconds);
+  marchTimes_.add(truth->milliseconds, truth->cpuMilliseconds);
+  out.mesh = similarity(mesh->picture, truth->filtered);
+  if (meshPoints && truth->unfiltered) out.unfiltered = similarity(*meshPoints, *truth->unfiltered);
+  if (corrected) out.corrected = similarity(*corrected, truth->filtered);
+  return out;
+}
+
+Outcome<References::March> Recorder::march(const std::string& name, render::Renderer& renderer, const render::View& view,
+                                           std::uint32_t samples, bool unfiltered) {
+  References::March out{view.camera, samples, {}, {}, 0, 0, folder_ / (name + "-raymarch.png")};
+  auto drawn = renderer.drawMarch(view, samples);
+  if (!drawn) return drawn.error();
+  out.milliseconds = drawn->milliseconds;
+  out.cpuMilliseconds = drawn->cpuMilliseconds;
+  out.filtered = std::move(drawn->picture);
+  if (unfiltered) {
+    render::View points = view;
+    points.filtered = false;
     auto again = renderer.shadeAgain(points, samples);
     if (!again) return again.error();
-    out.unfiltered = similarity(*meshPoints, again->picture);
+    out.unfiltered = std::move(again->picture);
   }
-  if (auto written = render::writePng(mesh->picture, folder_ / (name + "-mesh.png")); !written) return written.error();
-  if (auto written = render::writePng(march->picture, folder_ / (name + "-raymarch.png")); !written) return written.error();
-  meshMs_.push_back(mesh->milliseconds);
-  marchMs_.push_back(march->milliseconds);
-  out.mesh = similarity(mesh->picture, march->picture);
-  if (corrected) out.corrected = similarity(*corrected, march->picture);
+  if (auto written = render::writePng(out.filtered, out.file); !written) return written.error();
   return out;
+}
+
+void Recorder::addFrame(Comparison comparison, double t) {
+  comparison.t = t;
+  frames_.push_back(std::move(comparison));
 }
 
 Outcome<void> Recorder::meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
                                     const render::View& view, std::uint32_t samples) {
   auto mesh = renderer.drawMesh(scene, view, samples);
   if (!mesh) return mesh.error();
-  meshMs_.push_back(mesh->milliseconds);
+  meshTimes_.add(mesh->milliseconds, mesh->cpuMilliseconds);
   return render::writePng(mesh->picture, folder_ / (name + "-mesh.png"));
 }
 
@@ -125,9 +161,12 @@ Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scen
                                      const Totals& totals) {
   lines_.flush();
   Json summary;
-  std::vector<double> whole, terrain, unfiltered, corrected;
+  std::vector<double> whole, terrain, unfiltered, corrected, times;
+  std::vector<std::string> names;
   for (const Comparison& frame : frames_) {
     whole.push_back(frame.mesh.mean);
+    times.push_back(frame.t);
+    names.push_back(frame.name);
     if (frame.mesh.terrain) terrain.push_back(*frame.mesh.terrain);
     if (frame.unfiltered) unfiltered.push_back(frame.unfiltered->mean);
     if (frame.corrected) corrected.push_back(frame.corrected->mean);
@@ -136,6 +175,8 @@ Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scen
   summary["ssim_mean"] = mean(whole);
   summary["ssim_min"] = whole.empty() ? Json(nullptr) : Json(*std::ranges::min_element(whole));
   summary["ssim_frames"] = whole;
+  summary["frames_t"] = times;
+  summary["frames_names"] = names;
   summary["ssim_mean_terrain"] = mean(terrain);
   if (!unfiltered.empty()) summary["ssim_mean_unfiltered"] = mean(unfiltered);
   if (!corrected.empty()) summary["ssim_mean_corrected"] = mean(corrected);
@@ -146,9 +187,12 @@ Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scen
   summary["terrain_share"] = settled_ ? Json(settled_->mesh.terrainShare) : Json(nullptr);
   summary["triangles"] = scene.triangles();
   summary["iterations_per_second"] = totals.seconds > 0 ? Json(static_cast<double>(iterations_) / totals.seconds) : Json(nullptr);
-  summary["mesh_frame_ms"] = mean(meshMs_);
-  if (!correctedMs_.empty()) summary["corrected_frame_ms"] = mean(correctedMs_);
-  summary["raymarch_frame_ms"] = mean(marchMs_);
+  for (const auto& [name, times] :
+       {std::pair("mesh", &meshTimes_), std::pair("corrected", &correctedTimes_), std::pair("raymarch", &marchTimes_)}) {
+    if (times == &correctedTimes_ && times->milliseconds.empty()) continue;
+    summary[std::string(name) + "_frame_ms"] = median(times->milliseconds);
+    summary[std::string(name) + "_frame_cpu_ms"] = median(times->cpuMilliseconds);
+  }
   summary["bytes_received"] = totals.bytesReceived;
   summary["iterations"] = iterations_;
   summary["hash_mismatches"] = mismatches_;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "client/evaluation/popping.h"
+#include "client/evaluation/references.h"
 #include "client/evaluation/ssim.h"
 #include "client/render/renderer.h"
 #include "client/scene/scene.h"
@@ -30,6 +31,8 @@ struct IterationRecord {
 
 // One picture of the mesh against the ray march of the same camera.
 struct Comparison {
+  std::string name;  // of its files
+  double t = 0;      // seconds of path time
   Similarity mesh;
   std::optional<Similarity> corrected, unfiltered;  // where asked for
 };
@@ -37,6 +40,7 @@ struct Comparison {
 struct PictureSettings {
   std::uint32_t samples = 1;  // a side of each pixel
   bool corrected = false, unfiltered = false;
+  References* references = nullptr;  // where the ray march is looked for and kept; null: it is drawn
 };
 
 struct Totals {
@@ -56,13 +60,14 @@ class Recorder {
   Outcome<void> add(const wire::Iteration& iteration, const IterationRecord& record);
 
   // Draws both renderings, writes NAME-mesh.png and NAME-raymarch.png (NAME-corrected.png, too, where asked for) and compares them.
+  // A ray march that the references have is not drawn again; its time is what it took then.
   Outcome<Comparison> picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
                               const PictureSettings& settings);
   // Draws the mesh alone, where this client knows no terrain to compare it with, and writes NAME-mesh.png.
   Outcome<void> meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
                             std::uint32_t samples);
-  // Counts a comparison among the flight's frames, or as the one at rest.
-  void addFrame(const Comparison& comparison) { frames_.push_back(comparison); }
+  // Counts a comparison among the flight's frames, at `t` seconds of path time, or as the one at rest.
+  void addFrame(Comparison comparison, double t);
   void setSettled(const Comparison& comparison) { settled_ = comparison; }
 
   std::uint64_t hashMismatches() const { return mismatches_; }
@@ -71,12 +76,21 @@ class Recorder {
 
  private:
   explicit Recorder(std::filesystem::path folder);
+  struct Times {  // of a frame each
+    std::vector<double> milliseconds, cpuMilliseconds;
+    void add(double wall, double cpu) {
+      milliseconds.push_back(wall);
+      cpuMilliseconds.push_back(cpu);
+    }
+  };
+  Outcome<References::March> march(const std::string& name, render::Renderer& renderer, const render::View& view, std::uint32_t samples,
+                                   bool unfiltered);
   std::filesystem::path folder_;
   std::ofstream lines_;
   std::uint64_t iterations_ = 0, mismatches_ = 0;
   double latency_ = 0, latencyWorst_ = 0;
   std::vector<Comparison> frames_;
-  std::vector<double> meshMs_, marchMs_, correctedMs_;
+  Times meshTimes_, correctedTimes_, marchTimes_;
   std::optional<Comparison> settled_;
 };
 

@@ -5,13 +5,12 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
-#include <functional>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
 
 #include "client/evaluation/flight_tables.h"
+#include "client/evaluation/plots.h"
 #include "client/evaluation/table.h"
 #include "client/evaluation/view_tables.h"
 #include "client/render/picture.h"
@@ -20,13 +19,9 @@ namespace ridgecast::evaluation {
 namespace {
 
 using Json = nlohmann::json;
-using Points = std::vector<std::pair<double, double>>;
-
-// Okabe and Ito's palette, told apart by colour-blind eyes.
-constexpr std::array<const char*, 7> kColours = {"#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"};
 
 // Of summary.json, for runs.csv.
-constexpr std::array<const char*, 27> kColumns = {"frames",
+constexpr std::array<const char*, 30> kColumns = {"frames",
                                                   "ssim_mean",
                                                   "ssim_min",
                                                   "ssim_mean_terrain",
@@ -41,6 +36,9 @@ constexpr std::array<const char*, 27> kColumns = {"frames",
                                                   "iterations",
                                                   "iterations_per_second",
                                                   "mesh_frame_ms",
+                                                  "mesh_frame_cpu_ms",
+                                                  "corrected_frame_cpu_ms",
+                                                  "raymarch_frame_cpu_ms",
                                                   "corrected_frame_ms",
                                                   "raymarch_frame_ms",
                                                   "bytes_received",
@@ -78,105 +76,6 @@ std::string base64(const std::string& bytes) {
   return out;
 }
 
-// Lines over one pair of axes.
-std::string plot(const std::string& title, const std::string& xTitle, const std::string& yTitle, const std::map<std::string, Points>& lines,
-                 double lowest = 0) {
-  constexpr double kWidth = 640, kHeight = 320, kLeft = 70, kBottom = 44, kTop = 34, kRight = 170;
-  double most = lowest + 1e-9, last = 1e-9;
-  for (const auto& [name, points] : lines)
-    for (const auto& [x, y] : points) most = std::max(most, y), last = std::max(last, x);
-  const auto px = [&](double x) { return kLeft + x / last * (kWidth - kLeft - kRight); };
-  const auto py = [&](double y) { return kHeight - kBottom - (y - lowest) / (most - lowest) * (kHeight - kBottom - kTop); };
-  std::ostringstream out;
-  out << R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 640 320" font-family="sans-serif" font-size="12" role="img" aria-label=")"
-      << escapedHtml(title) << "\"><rect width=\"640\" height=\"320\" fill=\"#fff\"/><text x=\"" << kLeft << "\" y=\"20\" font-size=\"14\">"
-      << escapedHtml(title) << "</text>\n";
-  for (int k = 0; k <= 4; ++k) {
-    const double y = lowest + (most - lowest) * k / 4, x = last * k / 4;
-    out << "<line x1=\"" << kLeft << "\" x2=\"" << kWidth - kRight << "\" y1=\"" << py(y) << "\" y2=\"" << py(y)
-        << "\" stroke=\"#ddd\"/><text x=\"" << kLeft - 6 << "\" y=\"" << py(y) + 4 << "\" text-anchor=\"end\">" << cell("%.3g", y)
-        << "</text><text x=\"" << px(x) << "\" y=\"" << kHeight - kBottom + 16 << "\" text-anchor=\"middle\">" << cell("%.3g", x)
-        << "</text>\n";
-  }
-  out << "<text x=\"" << (kLeft + kWidth - kRight) / 2 << "\" y=\"" << kHeight - 8 << "\" text-anchor=\"middle\">" << escapedHtml(xTitle)
-      << "</text><text transform=\"translate(14 " << kHeight / 2 << ") rotate(-90)\" text-anchor=\"middle\">" << escapedHtml(yTitle)
-      << "</text>\n";
-  std::size_t k = 0;
-  for (const auto& [name, points] : lines) {
-    const char* colour = kColours[k % kColours.size()];
-    out << "<polyline fill=\"none\" stroke-width=\"2\" stroke=\"" << colour << "\" points=\"";
-    for (const auto& [x, y] : points) out << cell("%.1f", px(x)) << "," << cell("%.1f", py(y)) << " ";
-    const double y = kTop + 16 * static_cast<double>(k++);
-    out << "\"/><rect x=\"" << kWidth - kRight + 12 << "\" y=\"" << y << "\" width=\"12\" height=\"4\" fill=\"" << colour
-        << "\"/><text x=\"" << kWidth - kRight + 30 << "\" y=\"" << y + 7 << "\">" << escapedHtml(name) << "</text>\n";
-  }
-  out << "</svg>\n";
-  return out.str();
-}
-
-std::vector<Json> iterationsOf(const Run& run) {
-  std::vector<Json> out;
-  std::ifstream in(run.folder / "iterations.jsonl");
-  for (std::string line; std::getline(in, line);)
-    if (Json one = Json::parse(line, nullptr, false); one.is_object()) out.push_back(std::move(one));
-  return out;
-}
-
-struct Plot {
-  std::string file, svg;
-};
-
-std::vector<Plot> plots(const std::vector<Run>& runs, const std::vector<Json>& summaries) {
-  std::vector<Plot> out;
-  std::map<std::string, Points> triangles, bytes, popping, likeness;
-  std::map<std::pair<std::string, std::string>, std::size_t> finest;
-  double least = 1;
-  for (std::size_t r = 0; r < runs.size(); ++r) {
-    if (const auto it = summaries[r].find("popping_frames"); it != summaries[r].end())
-      for (const char* which : {"off", "on"})
-        for (std::size_t k = 0; k < (*it)[which].size(); ++k)
-          popping[runs[r].terrain + ", morphing " + which].push_back({static_cast<double>(k) / 60, (*it)[which][k].get<double>()});
-    // One line for each terrain and metric: its finest flight.
-    const std::pair key{runs[r].terrain, runs[r].metric};
-    if (const auto [at, isNew] = finest.try_emplace(key, r); runs[r].threads || (!isNew && runs[at->second].threshold <= runs[r].threshold))
-      continue;
-    else
-      at->second = r;
-  }
-  for (const auto& [key, r] : finest) {
-    if (const auto it = summaries[r].find("ssim_frames"); it != summaries[r].end() && it->size() > 1) {
-      std::vector<double> sorted = it->get<std::vector<double>>();
-      std::ranges::sort(sorted);
-      least = std::min(least, sorted.front());
-      for (std::size_t k = 0; k < sorted.size(); ++k)
-        likeness[runs[r].name].push_back({static_cast<double>(k) / static_cast<double>(sorted.size() - 1), sorted[k]});
-    }
-    const std::vector<Json> iterations = iterationsOf(runs[r]);
-    double sum = 0, n = 0;
-    for (const Json& i : iterations) {
-      triangles[runs[r].name].push_back({++n, value(i, "triangles_held").value_or(0)});
-      bytes[runs[r].name].push_back({n, sum += value(i, "bytes").value_or(0) / 1e6});
-    }
-  }
-  out.push_back({"triangles.svg", plot("Triangles held", "iteration", "triangles", triangles)});
-  out.push_back({"bytes.svg", plot("Received", "iteration", "megabytes", bytes)});
-  if (!runs.empty()) {
-    std::map<std::string, Points> stages;
-    double n = 0;
-    for (const Json& i : iterationsOf(runs.front())) {
-      ++n;
-      for (const char* stage : {"select_ms", "generate_ms", "refine_ms", "triangulate_ms", "encode_ms", "apply_ms"})
-        stages[stage].push_back({n, value(i, stage).value_or(0)});
-    }
-    out.push_back({"stages.svg", plot("Time of each stage, " + runs.front().name, "iteration", "milliseconds", stages)});
-  }
-  if (!likeness.empty())
-    out.push_back({"likeness.svg", plot("SSIM along the flights: distribution", "share of the pictures below", "SSIM", likeness,
-                                        std::floor(least * 20) / 20)});
-  if (!popping.empty()) out.push_back({"popping.svg", plot("Change from frame to frame, standing camera", "seconds", "1 - SSIM", popping)});
-  return out;
-}
-
 // A picture of at most 640 pixels across, for the page; empty when there is none.
 std::string figure(const std::filesystem::path& file, const std::string& caption) {
   auto picture = render::readPng(file);
@@ -189,8 +88,21 @@ std::string figure(const std::filesystem::path& file, const std::string& caption
          "</figcaption></figure>\n";
 }
 
-std::string html(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& views, const std::vector<Table>& viewTables,
-                 const std::vector<Table>& flightTables, const std::vector<Plot>& drawn, const std::string& machine) {
+// The picture of a flight that is least like the ray march, beside it.
+std::string leastLike(const Run& run, const Json& summary) {
+  if (!summary.contains("frames_names") || summary.at("frames_names").empty()) return {};
+  const std::vector<double> likeness = summary.at("ssim_frames").get<std::vector<double>>();
+  const auto k = static_cast<std::size_t>(std::ranges::min_element(likeness) - likeness.begin());
+  const std::string name = summary.at("frames_names").at(k).get<std::string>();
+  const std::string where = run.terrain + ", " + run.metric + " " + cell("%g", run.threshold) + ", after " +
+                            cell("%.1f", summary.at("frames_t").at(k).get<double>()) + " s: ";
+  return figure(run.folder / (name + "-mesh.png"), where + "mesh, SSIM " + cell("%.3f", likeness[k])) +
+         figure(run.folder / (name + "-raymarch.png"), where + "ray march");
+}
+
+std::string html(const std::vector<Run>& runs, const std::vector<Json>& summaries, const std::vector<std::filesystem::path>& views,
+                 const std::vector<Table>& viewTables, const std::vector<Table>& flightTables, const std::vector<Plot>& drawn,
+                 const std::string& machine) {
   std::ostringstream out;
   out << "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
          "content=\"width=device-width\"><title>Ridgecast: mesh against ray "
@@ -219,11 +131,8 @@ std::string html(const std::vector<Run>& runs, const std::vector<std::filesystem
     for (const Table& table : flightTables) out << asHtml(table);
     out << "<h3>Plots</h3>\n";
     for (const Plot& p : drawn) out << "<figure>" << p.svg << "</figure>\n";
-    out << "<h3>Pictures</h3>\n";
-    for (const Run& run : runs)
-      if (run.repeat == 1)
-        for (const auto& [file, what] : {std::pair{"settled-mesh.png", "mesh"}, {"settled-raymarch.png", "ray march"}})
-          out << figure(run.folder / file, run.name + ", settled: " + what);
+    out << "<h3>Pictures</h3>\n<p>Of each flight the one that is least like the ray march.</p>\n";
+    for (std::size_t r = 0; r < runs.size(); ++r) out << leastLike(runs[r], summaries[r]);
   }
   out << "</html>\n";
   return out.str();
@@ -273,11 +182,11 @@ Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::f
   for (const std::vector<Table>& tables : {*settled, *flown})
     for (const Table& table : tables)
       if (auto written = write(folder / (table.name + ".csv"), asCsv(table)); !written) return written;
-  const std::vector<Plot> drawn = runs.empty() ? std::vector<Plot>() : plots(runs, summaries);
+  const std::vector<Plot> drawn = runs.empty() ? std::vector<Plot>() : plotsOf(runs, summaries);
   for (const Plot& p : drawn)
     if (auto written = write(folder / p.file, p.svg); !written) return written;
   if (auto written = write(folder / "report.md", markdown(*settled, *flown, machine)); !written) return written;
-  return write(folder / "report.html", html(runs, views, *settled, *flown, drawn, machine));
+  return write(folder / "report.html", html(runs, summaries, views, *settled, *flown, drawn, machine));
 }
 
 }  // namespace ridgecast::evaluation

@@ -20,6 +20,15 @@ std::vector<double> numbers(const Json& json, const char* key) {
   return out;
 }
 
+// Of the ray march, which is the same for every mesh of a view: all that were timed.
+std::vector<double> marches(const Json& view, const char* key) {
+  std::vector<double> out;
+  for (const Json& mesh : view.at("meshes"))
+    for (const double v : numbers(mesh.at("times"), key)) out.push_back(v);
+  std::ranges::sort(out);
+  return out;
+}
+
 double median(const std::vector<double>& sorted) { return sorted.empty() ? kNothing : sorted[sorted.size() / 2]; }
 double halfRange(const std::vector<double>& sorted) { return sorted.empty() ? kNothing : (sorted.back() - sorted.front()) / 2; }
 
@@ -90,10 +99,10 @@ Table corrected(const std::vector<Json>& views) {
             joined(kName, {"SSIM mesh", "SSIM corrected", "mesh ms", "corrected ms", "ray march ms", "cost, of the march",
                            "of its CPU time", "off by, mesh: median / p99 px", "corrected: median / p99 px"}),
             {}};
-  eachMesh(views, out, [&](const Json&, const Json& mesh) {
+  eachMesh(views, out, [&](const Json& view, const Json& mesh) {
     const Json* p = pictureOf(mesh, 1, true);
     const Json& times = mesh.at("times");
-    const double own = median(numbers(times, "corrected_ms")), march = median(numbers(times, "march_ms"));
+    const double own = median(numbers(times, "corrected_ms")), march = median(marches(view, "march_ms"));
     const auto off = [&](const char* key) {
       return cell("%.3f", number(mesh.at(key), "median")) + " / " + cell("%.2f", number(mesh.at(key), "p99"));
     };
@@ -103,7 +112,7 @@ Table corrected(const std::vector<Json>& views) {
                                     cell("%.0f", own),
                                     cell("%.0f", march),
                                     cell("%.3f", own / march),
-                                    cell("%.3f", median(numbers(times, "corrected_cpu_ms")) / median(numbers(times, "march_cpu_ms"))),
+                                    cell("%.3f", median(numbers(times, "corrected_cpu_ms")) / median(marches(view, "march_cpu_ms"))),
                                     off("pixel_error"),
                                     off("pixel_error_corrected")};
   });
@@ -157,10 +166,10 @@ Table speed(const std::vector<Json>& views) {
       joined(kName,
              {"SSIM", "mesh ms", "spread", "ray march ms", "spread", "faster by", "mesh CPU ms", "ray march CPU ms", "faster by CPU"}),
       {}};
-  eachMesh(views, out, [&](const Json&, const Json& mesh) {
+  eachMesh(views, out, [&](const Json& view, const Json& mesh) {
     const Json& times = mesh.at("times");
-    const std::vector<double> own = numbers(times, "mesh_ms"), march = numbers(times, "march_ms");
-    const double ownCpu = median(numbers(times, "mesh_cpu_ms")), marchCpu = median(numbers(times, "march_cpu_ms"));
+    const std::vector<double> own = numbers(times, "mesh_ms"), march = marches(view, "march_ms");
+    const double ownCpu = median(numbers(times, "mesh_cpu_ms")), marchCpu = median(marches(view, "march_cpu_ms"));
     return std::vector<std::string>{cell("%.4f", ssim(pictureOf(mesh, 1, true), "mesh", "ssim")),
                                     cell("%.0f", median(own)),
                                     cell("%.0f", halfRange(own)),

@@ -107,17 +107,18 @@ struct ViewMeasurement::State {
   }
 
   // Mesh, corrected mesh and ray march in turn, one sample a pixel, filtered: what else the machine does hits all of them.
-  Outcome<void> timed(const AtRest& at, Json& out) {
-    const std::array<const char*, 3> names = {"mesh", "corrected", "march"};
+  Outcome<void> timed(const AtRest& at, Json& out) const {
+    const auto note = [&out](const char* name, const Outcome<render::Renderer::Drawn>& drawn) -> Outcome<void> {
+      if (!drawn) return drawn.error();
+      out[std::string(name) + "_ms"].push_back(drawn->milliseconds);
+      out[std::string(name) + "_cpu_ms"].push_back(drawn->cpuMilliseconds);
+      return {};
+    };
     for (int k = 0; k < settings.repeats; ++k) {
-      const std::array<Outcome<render::Renderer::Drawn>, 3> drawn = {
-          at.renderer.drawMesh(at.scene, at.view), at.renderer.drawCorrected(at.scene.leaves(), at.view), at.renderer.drawMarch(at.view)};
-      for (const auto& one : drawn)
-        if (!one) return one.error();
-      for (std::size_t i = 0; i < names.size(); ++i) {
-        out[std::string(names[i]) + "_ms"].push_back(drawn[i]->milliseconds);
-        out[std::string(names[i]) + "_cpu_ms"].push_back(drawn[i]->cpuMilliseconds);
-      }
+      if (auto noted = note("mesh", at.renderer.drawMesh(at.scene, at.view)); !noted) return noted;
+      if (auto noted = note("corrected", at.renderer.drawCorrected(at.scene.leaves(), at.view)); !noted) return noted;
+      if (k >= settings.marches) continue;
+      if (auto noted = note("march", at.renderer.drawMarch(at.view)); !noted) return noted;
     }
     return {};
   }
@@ -155,6 +156,7 @@ Outcome<void> ViewMeasurement::measure(const MeshCase& mesh, const AtRest& at) {
   Json pictures = Json::array();
   for (std::size_t k = 0; k < s.settings.samples.size(); ++k) {
     const std::uint32_t samples = s.settings.samples[k];
+    if (samples > mesh.mostSamples) break;
     auto drawn = s.both(at.renderer.drawMesh(at.scene, at.view, samples), at, samples);
     if (!drawn) return drawn.error();
     const std::vector<float> seen = k == 0 ? at.renderer.positions() : std::vector<float>();
@@ -197,7 +199,7 @@ Outcome<void> ViewMeasurement::measure(const MeshCase& mesh, const AtRest& at) {
   }
   out["correction"] = std::move(steps);
   if (auto timed = s.timed(at, out["times"]); !timed) return timed;
-  const Json& last = out["pictures"][2 * s.kept];
+  const Json& last = out["pictures"][std::min(2 * s.kept, out["pictures"].size() - 2)];
   std::fprintf(stderr, "%s %s, %s %g: %llu triangles%s, SSIM %.4f, corrected %.4f, with %d samples\n", std::string(s.view.terrain).c_str(),
                std::string(s.view.name).c_str(), mesh.metric.c_str(), mesh.threshold, static_cast<unsigned long long>(at.scene.triangles()),
                at.settled ? "" : " (still refining)", last["mesh"]["ssim"].get<double>(), last["corrected"]["ssim"].get<double>(),

@@ -24,9 +24,12 @@ struct ViewCase {
 std::span<const ViewCase> viewCases();
 std::string pathOf(const ViewCase& view);  // as a path file of one keyframe
 
+// How a mesh is refined.
 struct MeshCase {
   std::string metric;  // pixels, area, thesis
   double threshold = 0;
+  std::uint32_t mostSamples = 8;  // a side of each pixel: more of them than this are not drawn of it
+  friend bool operator==(const MeshCase&, const MeshCase&) = default;
 };
 
 // What there is once a standing camera's mesh is refined (fly.h).
@@ -40,7 +43,8 @@ struct AtRest {
 
 struct ViewSettings {
   std::vector<std::uint32_t> samples = {1, 2};  // a side of each pixel; ascending, the first is 1
-  int repeats = 3;                              // of what is timed
+  int repeats = 3;                              // of what is timed, of each mesh
+  int marches = 3;                              // of them with a ray march in turn, 1 .. repeats: it is the same one for every mesh
 };
 
 // One view, with several meshes in turn, each with a context and a connection of its own. The ray march is drawn once for all of them.
