@@ -187,11 +187,11 @@ Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scen
   summary["terrain_share"] = settled_ ? Json(settled_->mesh.terrainShare) : Json(nullptr);
   summary["triangles"] = scene.triangles();
   summary["iterations_per_second"] = totals.seconds > 0 ? Json(static_cast<double>(iterations_) / totals.seconds) : Json(nullptr);
-  for (const auto& [name, times] :
+  for (const auto& [name, drawn] :
        {std::pair("mesh", &meshTimes_), std::pair("corrected", &correctedTimes_), std::pair("raymarch", &marchTimes_)}) {
-    if (times == &correctedTimes_ && times->milliseconds.empty()) continue;
-    summary[std::string(name) + "_frame_ms"] = median(times->milliseconds);
-    summary[std::string(name) + "_frame_cpu_ms"] = median(times->cpuMilliseconds);
+    if (drawn == &correctedTimes_ && drawn->milliseconds.empty()) continue;
+    summary[std::string(name) + "_frame_ms"] = median(drawn->milliseconds);
+    summary[std::string(name) + "_frame_cpu_ms"] = median(drawn->cpuMilliseconds);
   }
   summary["bytes_received"] = totals.bytesReceived;
   summary["iterations"] = iterations_;

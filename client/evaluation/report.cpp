@@ -172,9 +172,9 @@ Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::f
   csv += "\n";
   for (const Run& run : runs) {
     summaries.push_back(Json::parse(slurp(run.folder / "summary.json"), nullptr, false));  // flightTables has read it
-    csv += run.name + "," + run.terrain + "," + run.metric + "," + cell("%g", run.threshold) + "," + std::to_string(run.threads) + "," +
-           std::to_string(run.repeat);
-    for (const char* column : kColumns) csv += "," + cell("%.10g", value(summaries.back(), column).value_or(std::nan("")));
+    csv.append(run.name).append(",").append(run.terrain).append(",").append(run.metric).append(cell(",%g", run.threshold));
+    csv.append(cell(",%.0f", run.threads)).append(cell(",%.0f", run.repeat));
+    for (const char* column : kColumns) csv.append(",").append(cell("%.10g", value(summaries.back(), column).value_or(std::nan(""))));
     csv += "\n";
   }
   if (!runs.empty())

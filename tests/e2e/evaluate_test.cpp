@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 #include <string>
 #include <thread>
@@ -96,6 +97,31 @@ TEST_F(Evaluate, RefusesAFolderOfOtherOptions) {
   EXPECT_THAT(other.output, HasSubstr("choose another --out"));
 }
 
+TEST_F(Evaluate, RefusesRefinementsThatAreNone) {
+  auto wrong = command(*folder_ / "wrong");
+  wrong.insert(wrong.end(), {"--refined", "pixels:1,area"});
+  const auto refused = runProgram(wrong);
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.output, HasSubstr("'area' is no METRIC:THRESHOLD"));
+}
+
+// Each place is ray-marched once, whatever flies there.
+TEST_F(Evaluate, FlightsShareTheirRayMarches) {
+  std::set<std::string> times, marches;
+  std::size_t flights = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(out() / "flights")) {
+    const Json summary = Json::parse(readText(entry.path() / "summary.json"));
+    if (summary.at("frames") == 0) continue;
+    ++flights;
+    EXPECT_EQ(summary.at("frames_names").size(), summary.at("frames").get<std::size_t>());
+    times.insert(summary.at("raymarch_frame_ms").dump());
+    marches.insert(readText(entry.path() / "settled-raymarch.png"));
+  }
+  EXPECT_EQ(flights, 3u);
+  EXPECT_EQ(times.size(), 1u);
+  EXPECT_EQ(marches.size(), 1u);
+}
+
 TEST_F(Evaluate, EveryTableIsThereWithItsFigures) {
   for (const auto& [name, rows] : std::vector<std::pair<std::string, std::size_t>>{{"likeness", 6},
                                                                                    {"missing", 6},
@@ -103,13 +129,13 @@ TEST_F(Evaluate, EveryTableIsThereWithItsFigures) {
                                                                                    {"corrected", 6},
                                                                                    {"likeness-corrected", 6},
                                                                                    {"steps", 6},
-                                                                                   {"flights", 4},
-                                                                                   {"rates", 4},
-                                                                                   {"stages", 4},
-                                                                                   {"stream", 4},
+                                                                                   {"flights", 3},
+                                                                                   {"rates", 3},
+                                                                                   {"stages", 3},
+                                                                                   {"stream", 3},
                                                                                    {"frames", 1},
                                                                                    {"popping", 1},
-                                                                                   {"runs", 4}}) {
+                                                                                   {"runs", 5}}) {
     const auto cells = cellsOf(out() / (name + ".csv"));
     ASSERT_GT(cells.size(), rows) << name;
     for (const auto& row : cells) {
@@ -159,11 +185,11 @@ TEST_F(Evaluate, ThePageOpensWithoutANetwork) {
   std::size_t pictures = 0;
   for (std::size_t at = 0; (at = page.find("<img", at)) != std::string::npos; ++at, ++pictures)
     EXPECT_EQ(page.find(" src=\"data:image/jpeg;base64,", at), page.find(" src=", at));
-  EXPECT_GE(pictures, 12u + 8u);
+  EXPECT_GE(pictures, 12u + 6u);
   for (const char* outside : {"<script", "<link", "@import", "url(", "href="}) EXPECT_THAT(page, Not(HasSubstr(outside)));
   for (std::size_t at = 0; (at = page.find("http", at)) != std::string::npos; ++at)
     EXPECT_EQ(page.compare(at - 7, 34, "xmlns=\"http://www.w3.org/2000/svg\"", 0, 34), 0) << page.substr(at, 60);
-  for (const char* plot : {"triangles.svg", "bytes.svg", "stages.svg", "popping.svg"}) {
+  for (const char* plot : {"triangles.svg", "bytes.svg", "stages.svg", "likeness-along.svg", "popping.svg"}) {
     const std::string svg = readText(out() / plot);
     EXPECT_TRUE(svg.starts_with("<svg") && svg.ends_with("</svg>\n")) << plot;
     EXPECT_THAT(svg, HasSubstr("<polyline")) << plot;
