@@ -71,8 +71,8 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
       path_(options.path),
       shown_(std::move(kept.shown)) {
   *link_.flight = this;
-  listen();
   overlay_.emplace(handle_, kept.started ? shown_.choices.textScale : options.textScale);
+  listen();
   const wire::World& world = link_.connection->world();
   if (heights_) texture_.emplace(heights_->shape());
   scene_.expectShades(world.shadedVertices);
@@ -102,9 +102,10 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
 
 Flight::~Flight() {
   if (*link_.flight == this) *link_.flight = nullptr;
-  overlay_.reset();
   glfwSetWindowUserPointer(handle_, nullptr);
   glfwSetKeyCallback(handle_, nullptr);
+  glfwSetCharCallback(handle_, nullptr);
+  glfwSetWindowFocusCallback(handle_, nullptr);
   glfwSetScrollCallback(handle_, nullptr);
   glfwSetCursorPosCallback(handle_, nullptr);
   glfwSetMouseButtonCallback(handle_, nullptr);

@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -79,13 +80,14 @@ class Flight {
   // flight_input.cpp: what a person does
   void listen();  // to the window's events
   void freeMouse(bool free);
-  void onKey(int key, int action);
+  void onKey(int key, bool typed);  // goes down; `typed`: in the panel
   void onEscape();
   void onMove(double x, double y);
   void onButton(int button, int action);
   void onScroll(double notches);
   void onPad(double seconds);
   bool held(int key) const;
+  bool onPanel() const;                                                  // where the mouse is
   bool typing() const { return shown_.panel && overlay_->takesKeys(); }  // keys are meant for the panel
   void fly(double seconds);
   void follow();
@@ -164,6 +166,7 @@ class Flight {
   std::optional<Link> arrived_;
 
   std::optional<std::pair<double, double>> lastCursor_;
+  std::set<int> tapped_;  // keys that went down since the last frame
   std::array<bool, 15> padButtons_{};
   bool dragging_ = false, changed_ = true, idle_ = false, lost_ = false, otherWorld_ = false, meshStale_ = false, marchStale_ = false,
        smoothSet_ = true;

@@ -24,10 +24,26 @@ Flight& Flight::self(GLFWwindow* w) { return *static_cast<Flight*>(glfwGetWindow
 
 void Flight::listen() {
   glfwSetWindowUserPointer(handle_, this);
-  glfwSetKeyCallback(handle_, [](GLFWwindow* w, int key, int, int action, int) { self(w).onKey(key, action); });
-  glfwSetScrollCallback(handle_, [](GLFWwindow* w, double, double notches) { self(w).onScroll(notches); });
-  glfwSetCursorPosCallback(handle_, [](GLFWwindow* w, double x, double y) { self(w).onMove(x, y); });
-  glfwSetMouseButtonCallback(handle_, [](GLFWwindow* w, int button, int action, int) { self(w).onButton(button, action); });
+  glfwSetKeyCallback(handle_, [](GLFWwindow* w, int key, int, int action, int) {
+    if (action == GLFW_REPEAT) return;
+    const bool typed = self(w).typing();  // by what the panel has seen so far
+    self(w).overlay_->hear({Event::Kind::kKey, key, action == GLFW_PRESS});
+    if (action == GLFW_PRESS) self(w).onKey(key, typed);
+  });
+  glfwSetCharCallback(handle_, [](GLFWwindow* w, unsigned c) { self(w).overlay_->hear({Event::Kind::kText, static_cast<int>(c)}); });
+  glfwSetScrollCallback(handle_, [](GLFWwindow* w, double x, double notches) {
+    self(w).onScroll(notches);
+    self(w).overlay_->hear({Event::Kind::kWheel, 0, false, x, notches});
+  });
+  glfwSetCursorPosCallback(handle_, [](GLFWwindow* w, double x, double y) {
+    self(w).onMove(x, y);
+    self(w).overlay_->hear({Event::Kind::kMove, 0, false, x, y});
+  });
+  glfwSetMouseButtonCallback(handle_, [](GLFWwindow* w, int button, int action, int) {
+    self(w).onButton(button, action);
+    self(w).overlay_->hear({Event::Kind::kButton, button, action == GLFW_PRESS});
+  });
+  glfwSetWindowFocusCallback(handle_, [](GLFWwindow* w, int focused) { self(w).overlay_->focus(focused == GLFW_TRUE); });
 }
 
 void Flight::freeMouse(bool free) {
@@ -93,7 +109,8 @@ void Flight::openPanel(Focus focus) {
   freeMouse(true);
   shown_.panel = true;
   shown_.focus = focus;
-  shown_.problem.clear();
+  if (focus != Focus::kNone) overlay_->awaitTyping();
+  if (!nextWorld_) shown_.problem.clear();
   std::snprintf(shown_.choices.x.data(), shown_.choices.x.size(), "%s", formatMetres(controls_.pose().x).c_str());
   std::snprintf(shown_.choices.z.data(), shown_.choices.z.size(), "%s", formatMetres(controls_.pose().z).c_str());
   std::snprintf(shown_.choices.altitude.data(), shown_.choices.altitude.size(), "%.0f",
@@ -115,8 +132,7 @@ void Flight::onEscape() {
     glfwSetWindowShouldClose(handle_, GLFW_TRUE);
 }
 
-void Flight::onKey(int key, int action) {
-  if (action != GLFW_PRESS) return;
+void Flight::onKey(int key, bool typed) {
   changed_ = true;
   switch (key) {  // those that the panel leaves alone
     case GLFW_KEY_ESCAPE:
@@ -140,7 +156,8 @@ void Flight::onKey(int key, int action) {
     default:
       break;
   }
-  if (typing()) return;
+  if (typed) return;
+  tapped_.insert(key);
   const auto show = [this](Mode mode) {
     shown_.mode = mode;
     restructure();
@@ -218,9 +235,15 @@ void Flight::moveDivider(double to) {
   changed_ = true;
 }
 
+bool Flight::onPanel() const {
+  double x = 0, y = 0;
+  glfwGetCursorPos(handle_, &x, &y);
+  return shown_.panel && shown_.mouseFree && overlay_->takesMouse(x, y);
+}
+
 void Flight::onScroll(double notches) {
   changed_ = true;
-  if (!(shown_.panel && overlay_->takesMouse())) input_.wheel += notches;
+  if (!onPanel()) input_.wheel += notches;
 }
 
 void Flight::onMove(double x, double y) {
@@ -240,7 +263,7 @@ void Flight::onButton(int button, int action) {
     dragging_ = false;
     return;
   }
-  if (!shown_.mouseFree || (shown_.panel && overlay_->takesMouse())) return;
+  if (!shown_.mouseFree || onPanel()) return;
   double x = 0, y = 0;
   glfwGetCursorPos(handle_, &x, &y);
   if (shown_.mode == Mode::kSplit && std::abs(x - shown_.divider * windowWidth()) < 10)
@@ -268,13 +291,14 @@ void Flight::onPad(double seconds) {
                                                                   {GLFW_GAMEPAD_BUTTON_BACK, GLFW_KEY_B},
                                                                   {GLFW_GAMEPAD_BUTTON_LEFT_THUMB, GLFW_KEY_C}}};
     for (const auto& [button, key] : kKeys)
-      if (pressed(button)) onKey(key, GLFW_PRESS);
+      if (pressed(button)) onKey(key, typing());
     if (pressed(GLFW_GAMEPAD_BUTTON_X)) nextMode();
     return;  // the first that there is
   }
 }
 
-bool Flight::held(int key) const { return glfwGetKey(handle_, key) == GLFW_PRESS; }
+// Or was: a key that is pressed and released while a frame is drawn counts for that frame.
+bool Flight::held(int key) const { return glfwGetKey(handle_, key) == GLFW_PRESS || tapped_.contains(key); }
 
 // Along the path, until its end or until a person steers.
 void Flight::follow() {
@@ -309,6 +333,7 @@ void Flight::fly(double seconds) {
   if (shown_.following) follow();
   controls_.step(input_, seconds, [this](lattice::Point p) { return ground(p); });
   input_ = {};
+  tapped_.clear();
 }
 
 // ---- the panel ----

@@ -250,7 +250,8 @@ void drawHint(const Shown& s) {
   shadowed(ImGui::GetForegroundDrawList(), ImVec2((size.x - text.x) / 2, size.y * 0.93f), s.hint.c_str());
 }
 
-Wishes drawPanel(Shown& s) {
+template <class Area>
+Wishes drawPanel(Shown& s, Area& area) {
   Wishes wishes;
   Choices& c = s.choices;
   const ImVec2 size = ImGui::GetIO().DisplaySize;
@@ -302,6 +303,8 @@ Wishes drawPanel(Shown& s) {
       ImGui::PopTextWrapPos();
     }
     ImGui::PopItemWidth();
+    const ImVec2 at = ImGui::GetWindowPos(), whole = ImGui::GetWindowSize();
+    area = {at.x, at.y, at.x + whole.x, at.y + whole.y};
   }
   ImGui::End();
   return wishes;
@@ -309,7 +312,7 @@ Wishes drawPanel(Shown& s) {
 
 }  // namespace
 
-Overlay::Overlay(GLFWwindow* window, float textScale) {
+Overlay::Overlay(GLFWwindow* window, float textScale) : window_(window) {
   IMGUI_CHECKVERSION();
   ImGui::CreateContext();
   ImGuiIO& io = ImGui::GetIO();
@@ -330,8 +333,8 @@ Overlay::Overlay(GLFWwindow* window, float textScale) {
   io.Fonts->AddFontDefault(&font);
   ImGui::GetStyle().ScaleAllSizes(wanted);
   base_ = textScale;
-  // Chains to the callbacks that the window already has.
-  ImGui_ImplGlfw_InitForOpenGL(window, true);
+  ImGui_ImplGlfw_InitForOpenGL(window, false);
+  glfwGetCursorPos(window, &mouseX_, &mouseY_);
   ImGui_ImplOpenGL3_Init("#version 330 core");
 }
 
@@ -341,16 +344,50 @@ Overlay::~Overlay() {
   ImGui::DestroyContext();
 }
 
-bool Overlay::takesKeys() const { return ImGui::GetIO().WantCaptureKeyboard; }
-bool Overlay::takesMouse() const { return ImGui::GetIO().WantCaptureMouse; }
+bool Overlay::takesKeys() const { return ImGui::GetIO().WantCaptureKeyboard || events_.holding() || !events_.empty(); }
+// What the panel has asked for, it asked for by where the mouse was in the last frame.
+bool Overlay::takesMouse(double x, double y) const {
+  return ImGui::GetIO().WantCaptureMouse || (x >= panel_.left && x < panel_.right && y >= panel_.top && y < panel_.bottom);
+}
+
+void Overlay::focus(bool focused) { ImGui_ImplGlfw_WindowFocusCallback(window_, focused); }
+
+// A frame, with what is to be seen in it.
+void Overlay::begin(bool panel) {
+  ImGuiIO& io = ImGui::GetIO();
+  for (const Event& e : panel ? events_.next() : events_.all()) {
+    switch (e.kind) {
+      case Event::Kind::kKey:
+        ImGui_ImplGlfw_KeyCallback(window_, e.code, 0, e.down ? GLFW_PRESS : GLFW_RELEASE, 0);
+        break;
+      case Event::Kind::kText:
+        io.AddInputCharacter(static_cast<unsigned>(e.code));
+        break;
+      case Event::Kind::kButton:
+        buttons_[static_cast<std::size_t>(e.code)] = e.down;
+        break;
+      case Event::Kind::kWheel:
+        ImGui_ImplGlfw_ScrollCallback(window_, e.x, e.y);
+        break;
+      case Event::Kind::kMove:
+        mouseX_ = e.x;
+        mouseY_ = e.y;
+        break;
+    }
+  }
+  ImGui_ImplOpenGL3_NewFrame();
+  ImGui_ImplGlfw_NewFrame();
+  // The mouse as it was then, not as it is now.
+  io.MousePos = ImVec2(static_cast<float>(mouseX_), static_cast<float>(mouseY_));
+  for (std::size_t k = 0; k < buttons_.size(); ++k) io.MouseDown[k] = buttons_[k];
+  ImGui::NewFrame();
+}
 
 Wishes Overlay::draw(Shown& shown) {
   ImGuiIO& io = ImGui::GetIO();
   io.ConfigFlags = shown.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
   io.FontGlobalScale = shown.choices.textScale / base_;
-  ImGui_ImplOpenGL3_NewFrame();
-  ImGui_ImplGlfw_NewFrame();
-  ImGui::NewFrame();
+  begin(shown.panel);
   drawLines(shown);
   drawDivider(shown);
   drawLegend(shown);
@@ -360,16 +397,15 @@ Wishes Overlay::draw(Shown& shown) {
   if (!shown.message.empty()) drawMessage(shown.message);
   if (!shown.hint.empty()) drawHint(shown);
   Wishes wishes;
-  if (shown.panel) wishes = drawPanel(shown);
+  panel_ = {};
+  if (shown.panel) wishes = drawPanel(shown, panel_);
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
   return wishes;
 }
 
 void Overlay::drawMessageAlone(const std::string& text) {
-  ImGui_ImplOpenGL3_NewFrame();
-  ImGui_ImplGlfw_NewFrame();
-  ImGui::NewFrame();
+  begin(false);
   drawMessage(text);
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());

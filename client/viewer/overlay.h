@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "client/viewer/event_queue.h"
 #include "client/viewer/history.h"
 #include "client/viewer/project.h"
 #include "common/wire/messages.h"
@@ -91,12 +92,27 @@ class Overlay {
   Overlay& operator=(const Overlay&) = delete;
   Wishes draw(Shown& shown);  // into the window's framebuffer
   void drawMessageAlone(const std::string& text);
-  // Whether keys, and clicks, are meant for the panel.
+
+  // What a person does, handed on from the window's callbacks. Where there is a panel, it sees a frame's worth at a time.
+  void hear(const Event& event) { events_.add(event); }
+  void focus(bool focused);
+  // The panel opens to be typed into, by a key that was just heard: what is typed next is for it.
+  void awaitTyping() { events_.holdFor(kFramesToFocus); }
+  // Whether keys, and clicks there (screen coordinates), are meant for the panel, while there is one.
   bool takesKeys() const;
-  bool takesMouse() const;
+  bool takesMouse(double x, double y) const;
 
  private:
+  static constexpr int kFramesToFocus = 2;  // until a field that asks for the keys has them
+  void begin(bool panel);
+  GLFWwindow* const window_;
   float base_ = 1;
+  EventQueue events_;
+  std::array<bool, EventQueue::kButtons> buttons_{};
+  double mouseX_ = 0, mouseY_ = 0;
+  struct Area {
+    double left = 0, top = 0, right = 0, bottom = 0;
+  } panel_;  // as last drawn
 };
 
 }  // namespace ridgecast::viewer

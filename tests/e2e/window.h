@@ -74,18 +74,12 @@ class WindowTest : public testing::Test {
       std::this_thread::sleep_for(100ms);
     }
   }
-  // The panel looks at keys once a frame: down for at least one. (The X server repeats no keys: -r.)
-  void pressInPanel(const std::string& key) {
-    EXPECT_EQ(runProgram({"xdotool", "keydown", key}, environment_).code, 0);
-    shot();
-    EXPECT_EQ(runProgram({"xdotool", "keyup", key}, environment_).code, 0);
-  }
   void hold(const std::string& key, std::chrono::milliseconds time) {
     runProgram({"xdotool", "keydown", key}, environment_);
     std::this_thread::sleep_for(time);
     runProgram({"xdotool", "keyup", key}, environment_);
   }
-  void type(const std::string& text) { EXPECT_EQ(runProgram({"xdotool", "type", "--delay", "60", "--", text}, environment_).code, 0); }
+  void type(const std::string& text) { EXPECT_EQ(runProgram({"xdotool", "type", "--delay", "3", "--", text}, environment_).code, 0); }
 
   // Until a picture is as wanted.
   template <class Wanted>
