@@ -294,8 +294,9 @@ class Flight {
       ++pictures_;
       return recorder_.meshPicture(name, renderer_, scene_, view(), options_.supersample);
     }
-    auto compared = recorder_.picture(name, renderer_, scene_, view(),
-                                      {options_.supersample, options_.corrected, options_.unfiltered, options_.references});
+    auto compared = recorder_.picture(
+        name, renderer_, scene_, view(),
+        {options_.supersample, options_.corrected, options_.unfiltered, options_.references ? options_.references : &lastMarch_});
     if (!compared) return compared.error();
     atRest ? recorder_.setSettled(*compared) : recorder_.addFrame(*compared, t_);
     ++pictures_;
@@ -360,6 +361,7 @@ class Flight {
   std::optional<Error> broken_;  // its tiles did not come
   render::Renderer renderer_;
   Recorder recorder_;
+  References lastMarch_{1};  // the picture at rest often is where the last one was
   scene::Scene scene_;
   camera::Camera camera_;
 

@@ -35,7 +35,7 @@ struct FlyOptions {
   bool measurePopping = false;               // lock-step: from frame to frame while the mesh refines at the end of the path (popping.h)
   std::optional<double> seconds;             // fly only the beginning of the path
   bool pictures = true;                      // false: none at all, the flight is there for its times
-  References* references = nullptr;          // ray marches of other flights over this terrain; null: each draws its own
+  References* references = nullptr;          // ray marches of other flights over this terrain; null: of this flight's last picture
   std::function<Outcome<void>(const AtRest&)> atRest;  // in place of all pictures: called at the end
 };
 

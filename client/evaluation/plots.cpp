@@ -21,26 +21,36 @@ using Points = std::vector<std::pair<double, double>>;
 // Okabe and Ito's palette, told apart by colour-blind eyes.
 constexpr std::array<const char*, 7> kColours = {"#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"};
 
+// Between two marks of an axis so long: 1, 2 or 5 times a power of ten, three to seven of them.
+double stepOf(double length) {
+  const double power = std::pow(10, std::floor(std::log10(length / 3)));
+  for (const double times : {1.0, 2.0, 5.0, 10.0})
+    if (length / (times * power) <= 6) return times * power;
+  return 10 * power;
+}
+
 // Lines over one pair of axes.
 std::string plot(const std::string& title, const std::string& xTitle, const std::string& yTitle, const std::map<std::string, Points>& lines,
                  double lowest = 0) {
   constexpr double kWidth = 680, kHeight = 320, kLeft = 70, kBottom = 44, kTop = 34, kRight = 200;
-  double most = lowest + 1e-9, last = 1e-9;
+  double highest = lowest + 1e-9, last = 1e-9;
   for (const auto& [name, points] : lines)
-    for (const auto& [x, y] : points) most = std::max(most, y), last = std::max(last, x);
+    for (const auto& [x, y] : points) highest = std::max(highest, y), last = std::max(last, x);
+  const double yStep = stepOf(highest - lowest), xStep = stepOf(last);
+  const double most = lowest + yStep * std::ceil((highest - lowest) / yStep - 1e-9);
+  const bool thousands = highest >= 10'000;
   const auto px = [&](double x) { return kLeft + x / last * (kWidth - kLeft - kRight); };
   const auto py = [&](double y) { return kHeight - kBottom - (y - lowest) / (most - lowest) * (kHeight - kBottom - kTop); };
   std::ostringstream out;
   out << R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 680 320" font-family="sans-serif" font-size="12" role="img" aria-label=")"
       << escapedHtml(title) << "\"><rect width=\"680\" height=\"320\" fill=\"#fff\"/><text x=\"" << kLeft << "\" y=\"20\" font-size=\"14\">"
       << escapedHtml(title) << "</text>\n";
-  for (int k = 0; k <= 4; ++k) {
-    const double y = lowest + (most - lowest) * k / 4, x = last * k / 4;
+  for (double y = lowest; y < most + yStep / 2; y += yStep)
     out << "<line x1=\"" << kLeft << "\" x2=\"" << kWidth - kRight << "\" y1=\"" << py(y) << "\" y2=\"" << py(y)
-        << "\" stroke=\"#ddd\"/><text x=\"" << kLeft - 6 << "\" y=\"" << py(y) + 4 << "\" text-anchor=\"end\">" << cell("%.3g", y)
-        << "</text><text x=\"" << px(x) << "\" y=\"" << kHeight - kBottom + 16 << "\" text-anchor=\"middle\">" << cell("%.3g", x)
-        << "</text>\n";
-  }
+        << "\" stroke=\"#ddd\"/><text x=\"" << kLeft - 6 << "\" y=\"" << py(y) + 4 << "\" text-anchor=\"end\">"
+        << (thousands ? cell("%gk", y / 1000) : cell("%.3g", std::abs(y) < yStep / 2 ? 0 : y)) << "</text>\n";
+  for (double x = 0; x < last + xStep / 1e6; x += xStep)
+    out << "<text x=\"" << px(x) << "\" y=\"" << kHeight - kBottom + 16 << "\" text-anchor=\"middle\">" << cell("%.3g", x) << "</text>\n";
   out << "<text x=\"" << (kLeft + kWidth - kRight) / 2 << "\" y=\"" << kHeight - 8 << "\" text-anchor=\"middle\">" << escapedHtml(xTitle)
       << "</text><text transform=\"translate(14 " << kHeight / 2 << ") rotate(-90)\" text-anchor=\"middle\">" << escapedHtml(yTitle)
       << "</text>\n";

@@ -12,6 +12,7 @@
 #include "client/evaluation/flight_tables.h"
 #include "client/evaluation/plots.h"
 #include "client/evaluation/table.h"
+#include "client/evaluation/targets.h"
 #include "client/evaluation/view_tables.h"
 #include "client/render/picture.h"
 
@@ -100,20 +101,22 @@ std::string leastLike(const Run& run, const Json& summary) {
          figure(run.folder / (name + "-raymarch.png"), where + "ray march");
 }
 
-std::string html(const std::vector<Run>& runs, const std::vector<Json>& summaries, const std::vector<std::filesystem::path>& views,
-                 const std::vector<Table>& viewTables, const std::vector<Table>& flightTables, const std::vector<Plot>& drawn,
-                 const std::string& machine) {
+std::string html(const Table& targets, const std::vector<Run>& runs, const std::vector<Json>& summaries,
+                 const std::vector<std::filesystem::path>& views, const std::vector<Table>& viewTables,
+                 const std::vector<Table>& flightTables, const std::vector<Plot>& drawn, const std::string& machine) {
   std::ostringstream out;
   out << "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
          "content=\"width=device-width\"><title>Ridgecast: mesh against ray "
          "march</title><style>body{font:15px/1.45 sans-serif;max-width:1240px;margin:2em auto;padding:0 "
          "1em;color:#222}table{border-collapse:collapse;font-size:13px}"
          "td,th{border:1px solid #ccc;padding:3px "
-         "7px;text-align:right}th{background:#f3f3f3;vertical-align:bottom}td:first-child{text-align:left;white-space:nowrap}"
+         "7px;text-align:right}th{background:#f3f3f3;vertical-align:bottom}td:first-child,th:first-child{text-align:left;white-space:"
+         "nowrap}"
          "tr:nth-child(odd) "
          "td{background:#fafafa}img,svg{max-width:100%;width:100%}figure{display:inline-block;width:48%;margin:.5%;vertical-align:top}"
          "figcaption{font-size:12px;color:#555}.wide{overflow-x:auto}h2{margin-top:2em}</style>\n<h1>Mesh against ray march</h1>\n<p>"
       << escapedHtml(machine) << "</p>\n";
+  if (!targets.rows.empty()) out << asHtml(targets);
   if (!viewTables.empty()) {
     out << "<h2>Standing cameras, settled meshes</h2>\n";
     for (const Table& table : viewTables) out << asHtml(table);
@@ -126,7 +129,7 @@ std::string html(const std::vector<Run>& runs, const std::vector<Json>& summarie
         out << figure(view / file, view.filename().string() + ": " + what);
   }
   if (!flightTables.empty()) {
-    out << "<h2>Flights</h2>\n<p>Each row is a flight in lock-step over a server of its own; where it was repeated, mean and half the "
+    out << "<h2>Flights</h2>\n<p>Each row is a flight in lock-step over a server of its own; where it was repeated, median and half the "
            "range.</p>\n";
     for (const Table& table : flightTables) out << asHtml(table);
     out << "<h3>Plots</h3>\n";
@@ -139,12 +142,15 @@ std::string html(const std::vector<Run>& runs, const std::vector<Json>& summarie
 }
 
 // The same tables as a document.
-std::string markdown(const std::vector<Table>& viewTables, const std::vector<Table>& flightTables, const std::string& machine) {
+std::string markdown(const Table& targets, const std::vector<Table>& viewTables, const std::vector<Table>& flightTables,
+                     const std::string& machine) {
   std::string out = "# Mesh against ray march\n\nWritten by `ridgecast-client evaluate`: " + machine + ".\n\n";
+  if (!targets.rows.empty()) out += asMarkdown(targets);
   for (const Table& table : viewTables) out += asMarkdown(table);
   if (!flightTables.empty())
     out +=
-        "Each of the following rows is a flight in lock-step over a server of its own; where it was repeated, mean and half the range.\n\n";
+        "Each of the following rows is a flight in lock-step over a server of its own; where it was repeated, median and half the "
+        "range.\n\n";
   for (const Table& table : flightTables) out += asMarkdown(table);
   while (out.ends_with("\n\n")) out.pop_back();
   return out;
@@ -158,12 +164,26 @@ Outcome<void> write(const std::filesystem::path& file, const std::string& conten
   return {};
 }
 
-}  // namespace
+// What other programs took of the machine while these were measured, in words.
+std::string othersIn(const std::vector<std::filesystem::path>& folders) {
+  std::vector<double> shares;
+  for (const std::filesystem::path& folder : folders)
+    if (const Json beside = Json::parse(slurp(folder / "machine.json"), nullptr, false); beside.is_object())
+      if (const auto share = value(beside, "others")) shares.push_back(100 * *share);
+  if (shares.empty()) return {};
+  std::ranges::sort(shares);
+  return "; other programs took " + cell("%.0f", shares.front()) + " to " + cell("%.0f", shares.back()) +
+         " % of the processors meanwhile, " + cell("%.0f", shares[shares.size() / 2]) + " % in the middle";
+}
 
-Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& views,
-                          const std::filesystem::path& folder, const std::string& machine) {
-  auto settled = viewTables(views);
-  if (!settled) return settled.error();
+Outcome<void> writeTables(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& folders,
+                          const std::filesystem::path& folder, const std::string& begun) {
+  auto views = readViews(folders);
+  if (!views) return views.error();
+  std::vector<std::filesystem::path> measured = folders;
+  for (const Run& run : runs) measured.push_back(run.folder);
+  const std::string machine = begun + othersIn(measured);
+  const std::vector<Table> settled = viewTables(*views);
   auto flown = flightTables(runs);
   if (!flown) return flown.error();
   std::vector<Json> summaries;
@@ -179,14 +199,28 @@ Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::f
   }
   if (!runs.empty())
     if (auto written = write(folder / "runs.csv", csv); !written) return written;
-  for (const std::vector<Table>& tables : {*settled, *flown})
-    for (const Table& table : tables)
-      if (auto written = write(folder / (table.name + ".csv"), asCsv(table)); !written) return written;
+  const Table targets = targetsOf(*views, runs, summaries);
+  std::vector<Table> tables = settled;
+  tables.insert(tables.end(), flown->begin(), flown->end());
+  tables.push_back(targets);
+  for (const Table& table : tables)
+    if (auto written = write(folder / (table.name + ".csv"), asCsv(table)); !written) return written;
   const std::vector<Plot> drawn = runs.empty() ? std::vector<Plot>() : plotsOf(runs, summaries);
   for (const Plot& p : drawn)
     if (auto written = write(folder / p.file, p.svg); !written) return written;
-  if (auto written = write(folder / "report.md", markdown(*settled, *flown, machine)); !written) return written;
-  return write(folder / "report.html", html(runs, summaries, views, *settled, *flown, drawn, machine));
+  if (auto written = write(folder / "report.md", markdown(targets, settled, *flown, machine)); !written) return written;
+  return write(folder / "report.html", html(targets, runs, summaries, folders, settled, *flown, drawn, machine));
+}
+
+}  // namespace
+
+Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& views,
+                          const std::filesystem::path& folder, const std::string& machine) {
+  try {
+    return writeTables(runs, views, folder, machine);
+  } catch (const Json::exception& e) {
+    return Error{folder.string() + " holds figures of another version (" + e.what() + "): choose another --out"};
+  }
 }
 
 }  // namespace ridgecast::evaluation

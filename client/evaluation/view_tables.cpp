@@ -185,7 +185,7 @@ Table speed(const std::vector<Json>& views) {
 
 }  // namespace
 
-Outcome<std::vector<Table>> viewTables(std::span<const std::filesystem::path> folders) {
+Outcome<std::vector<Json>> readViews(std::span<const std::filesystem::path> folders) {
   std::vector<Json> views;
   for (const std::filesystem::path& folder : folders) {
     const std::filesystem::path file = folder / "view.json";
@@ -197,17 +197,17 @@ Outcome<std::vector<Table>> viewTables(std::span<const std::filesystem::path> fo
       return Error{file.string() + " is broken: remove its folder, and it is measured again"};
     views.push_back(std::move(view));
   }
-  if (views.empty()) return std::vector<Table>{};
-  try {
-    return std::vector<Table>{likeness(views, "mesh", "Likeness of the settled mesh", "likeness"),
-                              missing(views),
-                              speed(views),
-                              corrected(views),
-                              likeness(views, "corrected", "Likeness of the corrected mesh", "likeness-corrected"),
-                              steps(views)};
-  } catch (const Json::exception& e) {  // written by another version
-    return Error{folders.front().parent_path().string() + " holds views of another version (" + e.what() + "): choose another --out"};
-  }
+  return views;
+}
+
+std::vector<Table> viewTables(const std::vector<Json>& views) {
+  if (views.empty()) return {};
+  return {likeness(views, "mesh", "Likeness of the settled mesh", "likeness"),
+          missing(views),
+          speed(views),
+          corrected(views),
+          likeness(views, "corrected", "Likeness of the corrected mesh", "likeness-corrected"),
+          steps(views)};
 }
 
 }  // namespace ridgecast::evaluation

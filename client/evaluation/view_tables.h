@@ -2,6 +2,7 @@
 // What the standing cameras gave (views.h), as tables.
 
 #include <filesystem>
+#include <nlohmann/json_fwd.hpp>
 #include <span>
 #include <vector>
 
@@ -10,7 +11,9 @@
 
 namespace ridgecast::evaluation {
 
-// `folders` hold a view.json each. Error: one that cannot be read.
-Outcome<std::vector<Table>> viewTables(std::span<const std::filesystem::path> folders);
+// What view.json in each of the folders says. Error: one that cannot be read.
+Outcome<std::vector<nlohmann::json>> readViews(std::span<const std::filesystem::path> folders);
+// Throws nlohmann::json::exception where another version wrote them.
+std::vector<Table> viewTables(const std::vector<nlohmann::json>& views);
 
 }  // namespace ridgecast::evaluation

@@ -135,6 +135,7 @@ TEST_F(Evaluate, EveryTableIsThereWithItsFigures) {
                                                                                    {"stream", 3},
                                                                                    {"frames", 1},
                                                                                    {"popping", 1},
+                                                                                   {"targets", 6},
                                                                                    {"runs", 5}}) {
     const auto cells = cellsOf(out() / (name + ".csv"));
     ASSERT_GT(cells.size(), rows) << name;
@@ -144,8 +145,9 @@ TEST_F(Evaluate, EveryTableIsThereWithItsFigures) {
     }
   }
   const std::string document = readText(out() / "report.md");
-  for (const char* title : {"Likeness of the settled mesh", "What is missing", "faster by", "The mesh corrected along each ray",
-                            "Along the flights", "Time of each stage", "The stream", "because of uploads", "Popping"})
+  for (const char* title :
+       {"What is asked for", "Likeness of the settled mesh", "What is missing", "faster by", "The mesh corrected along each ray",
+        "Along the flights", "Time of each stage", "The stream", "because of uploads", "Popping"})
     EXPECT_THAT(document, HasSubstr(title));
 }
 

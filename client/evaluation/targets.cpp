@@ -1,0 +1,133 @@
+#include "client/evaluation/targets.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "client/evaluation/json_numbers.h"
+
+namespace ridgecast::evaluation {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr double kMostTriangles = 500'000;
+constexpr double kLike = 0.97, kLikeWhereSteep = 0.95, kLikeUnfiltered = 0.95, kLikeFlying = 0.92;
+constexpr double kFaster = 8, kLikeWhenFaster = 0.95;  // on a software driver
+constexpr double kPopping = 1.0 / 3;
+
+// The worst of several figures, and where it was.
+struct Worst {
+  bool least;  // is the worst
+  double value = kNothing;
+  std::string where;
+  void add(double v, const std::string& at) {
+    if (std::isnan(v) || (!std::isnan(value) && (least ? v >= value : v <= value))) return;
+    value = v;
+    where = at;
+  }
+};
+
+void addRow(Table& table, const std::string& what, const char* format, double asked, const Worst& worst) {
+  if (std::isnan(worst.value)) return;
+  const bool met = worst.least ? worst.value >= asked : worst.value <= asked;
+  table.rows.push_back(
+      {what, (worst.least ? "at least " : "at most ") + cell(format, asked), cell(format, worst.value), worst.where, met ? "yes" : "no"});
+}
+
+// Of the meshes with so many triangles at most the one that has most.
+const Json* finestOf(const Json& view) {
+  const Json* out = nullptr;
+  for (const Json& mesh : view.at("meshes"))
+    if (number(mesh, "triangles") <= kMostTriangles && (!out || number(mesh, "triangles") > number(*out, "triangles"))) out = &mesh;
+  return out;
+}
+
+double likenessOf(const Json& mesh, int samples, bool filtered, const char* where) {
+  for (const Json& p : mesh.at("pictures"))
+    if (p.at("samples") == samples && p.at("filtered") == filtered) return number(p.at("mesh"), where);
+  return kNothing;
+}
+
+double medianOf(const Json& values) {
+  std::vector<double> sorted = values.get<std::vector<double>>();
+  std::ranges::sort(sorted);
+  return sorted.empty() ? kNothing : sorted[sorted.size() / 2];
+}
+
+std::vector<std::string> terrainsOf(const std::vector<Json>& views, const std::vector<Run>& runs) {
+  std::vector<std::string> out;
+  const auto add = [&out](const std::string& name) {
+    if (!std::ranges::count(out, name)) out.push_back(name);
+  };
+  for (const Json& view : views) add(view.at("terrain").get<std::string>());
+  for (const Run& run : runs) add(run.terrain);
+  return out;
+}
+
+void addStanding(Table& table, const std::vector<Json>& views, const std::string& terrain, int samples, bool filtered, double asked,
+                 const std::string& what) {
+  for (const auto& [key, words] : {std::pair("ssim", ""), std::pair("terrain", ", terrain alone")}) {
+    Worst worst{true, kNothing, {}};
+    for (const Json& view : views)
+      if (view.at("terrain") == terrain)
+        if (const Json* mesh = finestOf(view)) worst.add(likenessOf(*mesh, samples, filtered, key), view.at("view").get<std::string>());
+    addRow(table, std::string(terrain).append(", ").append(what).append(words), "%.3f", asked, worst);
+  }
+}
+
+void addSpeed(Table& table, const std::vector<Json>& views) {
+  Worst faster{true, kNothing, {}}, byCpu = faster;
+  for (const Json& view : views) {
+    Json march = Json::array(), marchCpu = Json::array();
+    for (const Json& mesh : view.at("meshes")) {
+      if (const auto it = mesh.at("times").find("march_ms"); it != mesh.at("times").end())
+        march.insert(march.end(), it->begin(), it->end());
+      if (const auto it = mesh.at("times").find("march_cpu_ms"); it != mesh.at("times").end())
+        marchCpu.insert(marchCpu.end(), it->begin(), it->end());
+    }
+    for (const Json& mesh : view.at("meshes")) {
+      if (likenessOf(mesh, 1, true, "ssim") < kLikeWhenFaster) continue;
+      const std::string where = view.at("terrain").get<std::string>() + " " + view.at("view").get<std::string>();
+      faster.add(medianOf(march) / medianOf(mesh.at("times").at("mesh_ms")), where);
+      byCpu.add(medianOf(marchCpu) / medianOf(mesh.at("times").at("mesh_cpu_ms")), where);
+    }
+  }
+  addRow(table, "a picture by the mesh, faster than by ray march, where SSIM is 0.95 and more", "%.1f", kFaster, faster);
+  addRow(table, "the same, by CPU time", "%.1f", kFaster, byCpu);
+}
+
+}  // namespace
+
+Table targetsOf(const std::vector<Json>& views, const std::vector<Run>& runs, const std::vector<Json>& summaries) {
+  Table out{
+      "targets",
+      "What is asked for, and what came out",
+      "The worst of what was measured. Standing cameras: the settled mesh of at most 500,000 triangles that has most; flights: refined by "
+      "area. Speed is asked for on Mesa's software driver.",
+      {"what", "asked", "reached", "where", "met"},
+      {}};
+  for (const std::string& terrain : terrainsOf(views, runs))
+    addStanding(out, views, terrain, 4, true, terrain == "canyon" ? kLikeWhereSteep : kLike, "standing, filtered, 2x2 samples");
+  for (const std::string& terrain : terrainsOf(views, runs))
+    addStanding(out, views, terrain, 16, false, kLikeUnfiltered, "standing, unfiltered, 4x4 samples");
+  Worst popping{false, kNothing, {}}, differing = popping;
+  for (std::size_t r = 0; r < runs.size(); ++r) {
+    const Json& s = summaries[r];
+    if (runs[r].metric == "area")
+      for (const auto& [key, words] : {std::pair("ssim_mean", ""), std::pair("ssim_mean_terrain", ", terrain alone")}) {
+        Worst flown{true, kNothing, {}};
+        flown.add(number(s, key), "mean of " + cell("%.0f", number(s, "frames")) + " pictures");
+        addRow(out, std::string(runs[r].terrain).append(", along the flight at 50 m/s").append(words), "%.3f", kLikeFlying, flown);
+      }
+    popping.add(number(s, "popping_on") / number(s, "popping_off"), runs[r].terrain);
+    differing.add(number(s, "hash_mismatches"), runs[r].name);
+  }
+  addSpeed(out, views);
+  addRow(out, "largest change from frame to frame while a mesh refines, morphed, against at once", "%.3f", kPopping, popping);
+  if (differing.value == 0) differing.where = "all flights";
+  addRow(out, "iterations after which a client did not hold the server's mesh", "%.0f", 0, differing);
+  return out;
+}
+
+}  // namespace ridgecast::evaluation
