@@ -9,9 +9,10 @@ import { Refusal, keyOf } from './codec/mesh';
 import type { Iteration, Members, Moved, World } from './generated/ridgecast/v1/stream_pb';
 import type { FromEngine, FromPainterToEngine, LeafBuffers, MemberTold, ToEngine, ToPainterFromEngine } from './messages';
 import { Change, HeldLeaf, Scene } from './scene/scene';
-import { Camera, Explanation, Held, Socket, Stream } from './stream/stream';
+import { Camera, Explanation, Held, Settings, Socket, Stream } from './stream/stream';
 
 const page = self as unknown as { postMessage(message: FromEngine): void; onmessage: ((event: MessageEvent<ToEngine>) => void) | null };
+const MOST_CANDIDATES = 20_000; // of an iteration
 const MAKING_PATIENCE = 90_000; // ms; a browser hides that the server says it is at it
 const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 
@@ -21,6 +22,9 @@ let scene: Scene | undefined;
 let contentHash: bigint | undefined;
 let camera: Camera | undefined;
 let posed = 0; // the number of the page's newest pose
+let told: Extract<FromEngine, { kind: 'figures' }> | undefined;
+let candidatesWanted = false, candidateCount = 0;
+let settings: Settings = { threshold: 0, triangleBudget: 0, candidates: 0 };
 let generation = 0; // of connections: what an older one is owed is never said
 const untaken: (() => void)[] = []; // acknowledgements that wait for the painter, as many as the server's window at most
 const sent = new Map<bigint, number>(); // poses and when they were sent
@@ -58,6 +62,8 @@ function begin(world: World): Held[] {
   sent.clear();
   ++generation;
   members.clear();
+  candidateCount = 0;
+  toPainter({ kind: 'candidates', candidates: undefined });
   const source = text(world.terrainSource);
   if (contentHash !== undefined && contentHash !== world.contentHash) {
     held.clear();
@@ -105,12 +111,13 @@ function take(from: Stream, held: Scene, iteration: Iteration, bytes: number): v
     from.resend([]);
   }
   const { hash } = held, mine = generation;
+  tellCandidates(iteration); // before the change, which the painter counts
   show(change, false, () => {
     if (mine === generation) from.acknowledge(iteration.number, hash);
   });
   const at = sent.get(iteration.poseSequence);
   for (const sequence of sent.keys()) if (sequence <= iteration.poseSequence) sent.delete(sequence);
-  page.postMessage({
+  told = {
     kind: 'figures',
     figures: {
       iteration: Number(iteration.number),
@@ -121,10 +128,12 @@ function take(from: Stream, held: Scene, iteration: Iteration, bytes: number): v
       hashOk: same,
       effectiveThreshold: iteration.figures?.effectiveThreshold ?? 0,
       ...totals,
+      candidates: candidateCount,
       decodeMs: performance.now() - began,
       latencyMs: at === undefined ? 0 : performance.now() - at,
     },
-  });
+  };
+  page.postMessage(told);
   tellGround();
 }
 
@@ -137,6 +146,24 @@ function know(told: Members): void {
     if (member) member.at = at(moved);
   }
   page.postMessage({ kind: 'members', members: [...members.values()] });
+}
+
+function tellCandidates({ candidates, figures }: Iteration): void {
+  if (!candidatesWanted || !candidates) return;
+  const { x, z, points, errors } = candidates;
+  candidateCount = Math.min(errors.length, Math.floor(points.length / 3));
+  const own = { x: Number(x), z: Number(z), points: Int32Array.from(points.slice(0, 3 * candidateCount)), errors: Float32Array.from(errors.slice(0, candidateCount)) };
+  toPainter({ kind: 'candidates', candidates: { ...own, threshold: Math.max(figures?.effectiveThreshold ?? 0, 1e-3) } }, [own.points.buffer, own.errors.buffer]);
+}
+
+function wantCandidates(wanted: boolean): void {
+  candidatesWanted = wanted;
+  candidateCount = 0;
+  settings = { ...settings, candidates: wanted ? MOST_CANDIDATES : 0 };
+  stream?.change(settings);
+  if (wanted) return;
+  toPainter({ kind: 'candidates', candidates: undefined });
+  if (told) page.postMessage((told = { ...told, figures: { ...told.figures, candidates: 0 } }));
 }
 
 function tellGround(): void {
@@ -175,12 +202,13 @@ async function start(message: Extract<ToEngine, { kind: 'start' }>): Promise<voi
     }
   }
   const held = scene;
+  settings = { ...message.settings, candidates: candidatesWanted ? MOST_CANDIDATES : 0 };
   const own = new Stream(
     {
       // A page cannot set headers of a WebSocket: a token travels as a subprotocol.
       open: () => new WebSocket(message.url, message.token ? ['ridgecast.v1', `bearer.${message.token}`] : []) as unknown as Socket,
       clientName: 'ridgecast-web',
-      settings: message.settings,
+      settings,
       ...(new URL(message.url).searchParams.has('terrain') ? { patience: MAKING_PATIENCE } : {}),
       explain: () => explain(message.url, message.token),
     },
@@ -221,6 +249,9 @@ page.onmessage = ({ data }) => {
       tellGround();
       break;
     }
+    case 'candidates':
+      wantCandidates(data.wanted);
+      break;
     case 'hurry':
       stream?.hurry();
       break;

@@ -6,6 +6,7 @@ import EngineWorker from './engine.worker?worker';
 import PainterWorker from './painter.worker?worker';
 import type { Figures, FromEngine, FromPainter, Look, MemberTold, Mode, ToEngine, ToPainter, WorldTold } from './messages';
 import type { View } from './render/view';
+import { ERROR_RANGE, errorColour } from './render/error_colour';
 import { Flying, samePose } from './ui/flying';
 import { Hands } from './ui/hands';
 import { Place, readPlace, writePlace } from './ui/link';
@@ -23,7 +24,7 @@ const canvas = element<HTMLCanvasElement>('view');
 const place: Place = readPlace(location.hash);
 const flying = new Flying(place.pose);
 const members = new Members(element('members'));
-const look: Look = { mode: place.mode, divider: 0.5, wireframe: false, nodes: false };
+const look: Look = { mode: place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false };
 let token = place.token || sessionStorage.getItem('token') || '';
 let threshold = place.threshold;
 let figuresShown = false;
@@ -71,7 +72,25 @@ function light(state: 'on' | 'wait' | 'off', text: string): void {
 
 const count = (v: number): string => (v >= 1e6 ? `${(v / 1e6).toFixed(2)} M` : v >= 1e4 ? `${(v / 1e3).toFixed(0)} k` : String(Math.round(v)));
 
+// Which colour is which error.
+function showLegend(): void {
+  const box = element('legend');
+  box.hidden = !look.candidates || look.mode === 'march' || !figures;
+  if (box.hidden) return;
+  const unit = Math.max(figures!.effectiveThreshold, 1e-3), text = `${figures!.candidates} ${unit}`;
+  if (box.dataset['of'] === text) return;
+  box.dataset['of'] = text;
+  box.replaceChildren(`${figures!.candidates} candidates, error in pixels`);
+  for (const share of [1 / ERROR_RANGE, 0.5, 1, 2, ERROR_RANGE]) {
+    const entry = document.createElement('span'), colour = document.createElement('i');
+    colour.style.background = `rgb(${errorColour(share, 1).map((c) => Math.round(255 * c)).join(' ')})`;
+    entry.append(colour, Number((share * unit).toPrecision(2)).toString());
+    box.append(entry);
+  }
+}
+
 function showFigures(): void {
+  showLegend();
   const box = element('figures');
   box.hidden = !figuresShown;
   if (!figuresShown) return;
@@ -115,7 +134,7 @@ function showWaiting(): void {
 function connect(): void {
   asked = place.terrain ? performance.now() : 0;
   element('problem').hidden = true;
-  toEngine({ kind: 'start', url: streamUrl(), settings: { threshold: threshold ?? 0, triangleBudget: 0 }, token });
+  toEngine({ kind: 'start', url: streamUrl(), settings: { threshold: threshold ?? 0, triangleBudget: 0, candidates: 0 }, token });
 }
 
 engine.onmessage = ({ data }: MessageEvent<FromEngine>) => {
@@ -227,7 +246,7 @@ function resize(): void {
 function setLook(): void {
   toPainter({ kind: 'look', look: { ...look } });
   for (const button of document.querySelectorAll<HTMLElement>('[data-mode]')) button.setAttribute('aria-pressed', String(button.dataset['mode'] === look.mode));
-  const on: Record<string, boolean> = { wireframe: look.wireframe, nodes: look.nodes, figures: figuresShown };
+  const on: Record<string, boolean> = { wireframe: look.wireframe, nodes: look.nodes, candidates: look.candidates, figures: figuresShown };
   for (const button of document.querySelectorAll<HTMLElement>('[data-toggle]')) button.setAttribute('aria-pressed', String(on[button.dataset['toggle']!]));
   const divider = element('divider');
   divider.hidden = look.mode !== 'split';
@@ -244,6 +263,7 @@ function setMode(mode: Mode): void {
 function toggle(name: string): void {
   if (name === 'wireframe') look.wireframe = !look.wireframe;
   else if (name === 'nodes') look.nodes = !look.nodes;
+  else if (name === 'candidates') toEngine({ kind: 'candidates', wanted: (look.candidates = !look.candidates) });
   else figuresShown = !figuresShown;
   setLook();
 }
@@ -338,6 +358,7 @@ const keys: Record<string, () => void> = {
   Digit3: () => setMode('split'),
   KeyX: () => toggle('wireframe'),
   KeyN: () => toggle('nodes'),
+  KeyK: () => toggle('candidates'),
   KeyF: () => toggle('figures'),
   KeyP: () => toPainter({ kind: 'picture' }),
   KeyG: () => void keepMesh(),

@@ -11,6 +11,7 @@ export type ToEngine =
   | { kind: 'painter'; port: MessagePort }
   | { kind: 'start'; url: string; settings: Settings; token: string } // begins, or begins anew; what is held is resumed
   | { kind: 'pose'; camera: Camera; number: number } // the page counts them, from 1
+  | { kind: 'candidates'; wanted: boolean } // for vertices
   | { kind: 'hurry' } // try to connect now
   | { kind: 'stop' };
 
@@ -44,6 +45,7 @@ export interface Figures {
   effectiveThreshold: number;
   bytes: number; // of iterations, since the page began
   decoded: number; // triangles that came, since the page began
+  candidates: number; // for vertices, where they are wanted
   decodeMs: number; // of this iteration
   hashes: number; // iterations whose hash was compared, since the page began
   mismatches: number;
@@ -67,9 +69,19 @@ export interface LeafBuffers {
   high: readonly [number, number, number];
 }
 
+/** Places that may become vertices, the worst first. */
+export interface Candidates {
+  x: number; // steps: what the points are counted from
+  z: number;
+  points: Int32Array; // x, z, y of each, steps
+  errors: Float32Array; // pixels
+  threshold: number; // pixels: the error that one becomes a vertex for
+}
+
 export type ToPainterFromEngine =
   | { kind: 'world'; source: string; seed: number; horizon: number }
-  | { kind: 'change'; gone: string[]; fresh: LeafBuffers[]; clear: boolean };
+  | { kind: 'change'; gone: string[]; fresh: LeafBuffers[]; clear: boolean }
+  | { kind: 'candidates'; candidates: Candidates | undefined };
 
 /** The painter has taken a change: the engine acknowledges only then, so that changes never pile up here. */
 export type FromPainterToEngine = { kind: 'taken' };
@@ -83,6 +95,7 @@ export interface Look {
   divider: number; // share of the width where the mesh ends in 'split'
   wireframe: boolean;
   nodes: boolean;
+  candidates: boolean;
 }
 
 export type ToPainter =

@@ -3,6 +3,7 @@
 
 import { DataTexture, FloatType, LinearSRGBColorSpace, NearestFilter, NoToneMapping, RGBAFormat, WebGLRenderTarget, WebGLRenderer } from 'three';
 import type { FromPainter, FromPainterToEngine, Look, ToPainter, ToPainterFromEngine } from './messages';
+import { Dots } from './render/dots';
 import { FullScreen } from './render/full_screen';
 import { PRESENT } from './render/glsl';
 import { Leaves } from './render/leaves';
@@ -21,7 +22,7 @@ let canvas: OffscreenCanvas;
 let engine: MessagePort;
 let tools: Tools | undefined;
 let world: { source: string; seed: number; horizon: number } | undefined;
-let look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false };
+let look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false };
 let pose: Pose | undefined;
 let verticalFov = 1;
 let size = { width: 1, height: 1 };
@@ -34,6 +35,7 @@ const panes = { mesh: new Pane('mesh'), march: new Pane('march') };
 const presenting = { picture: { value: null as DataTexture | null }, windowSize: { value: [1, 1] } };
 let presenter: FullScreen;
 let leaves: Leaves;
+let dots: Dots;
 
 // What was given to the card and is not known to be done.
 let given: { sync: WebGLSync; at: number; parts: { pane: Pane; samples: number; estimate: number }[] } | undefined;
@@ -64,6 +66,7 @@ function begin(message: Extract<ToPainter, { kind: 'begin' }>): void {
   canvas.addEventListener('webglcontextlost', () => problem('The graphics card was taken away from this page (its driver started anew, or memory ran out). Reload the page.', true));
   presenter = new FullScreen(PRESENT, presenting);
   leaves = new Leaves(uniforms);
+  dots = new Dots(uniforms);
   const info = gl.getExtension('WEBGL_debug_renderer_info');
   page.postMessage({ kind: 'ready', renderer: String(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER)) });
 }
@@ -104,7 +107,7 @@ async function enter(next: NonNullable<typeof world>): Promise<void> {
   panes.mesh.dispose();
   panes.march.dispose();
   bounds = undefined;
-  tools = { renderer: drawing, uniforms, programs, leaves };
+  tools = { renderer: drawing, uniforms, programs, leaves, dots };
   uniforms.all.viewSeed.value = next.seed;
   schedule();
 }
@@ -112,6 +115,9 @@ async function enter(next: NonNullable<typeof world>): Promise<void> {
 function hear(message: ToPainterFromEngine): void {
   if (message.kind === 'world') {
     void enter(message);
+  } else if (message.kind === 'candidates') {
+    if (renderer) dots.set(message.candidates);
+    schedule();
   } else {
     ++heard.changes;
     if (renderer) leaves.apply(message.gone, message.fresh, message.clear);

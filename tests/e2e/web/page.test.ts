@@ -10,6 +10,7 @@ import { tmpdir } from 'node:os';
 import { extname, join } from 'node:path';
 import { test } from 'node:test';
 import { promisify } from 'node:util';
+import { errorColour } from '../../../client/web/src/render/error_colour';
 import type { Report } from '../../../client/web/src/main';
 import { Viewer, closeAll, launch, missing } from './browser';
 import { contrast, decodePng, ssim } from './picture';
@@ -137,6 +138,39 @@ test('the ray march shows what the mesh shows, and overlays show', async (t) => 
   assert.ok(ssim(mesh, decodePng(await viewer.picture())) < 0.9, 'edges and nodes change the picture');
   await viewer.page.keyboard.press('KeyF');
   await viewer.page.waitForFunction(() => /triangles in \d+ leaves/.test(document.getElementById('figures')!.textContent ?? ''));
+  assert.deepEqual(viewer.complaints, []);
+  await viewer.close();
+});
+
+// Pixels that have the colour of a dot, within what antialiasing and blending leave.
+function coloured(picture: ReturnType<typeof decodePng>, error: number): number {
+  const wanted = errorColour(error, 1).map((c) => 255 * c);
+  let count = 0;
+  for (let k = 0; k < picture.rgb.length; k += 3) if (wanted.every((w, c) => Math.abs(picture.rgb[k + c]! - w) < 6)) ++count;
+  return count;
+}
+
+test('candidates are dots of their error for as long as they are wanted', async (t) => {
+  const viewer = await Viewer.open(browser, `${server.http}/${place('&threshold=8')}`, { width: 320, height: 180 });
+  await viewer.until('drawn in full', (r) => r.drawn);
+  const mesh = decodePng(await viewer.picture());
+  await viewer.page.keyboard.press('KeyK');
+  const shown = await viewer.until('with candidates', (r) => r.drawn && r.figures!.candidates > 0);
+  assert.ok(shown.figures!.candidates <= 20_000);
+  const dots = decodePng(await viewer.picture());
+  const changed = dots.rgb.filter((v, k) => Math.abs(v - mesh.rgb[k]!) > 24).length / dots.rgb.length;
+  t.diagnostic(`${shown.figures!.candidates} candidates change ${(100 * changed).toFixed(1)} % of the picture`);
+  assert.ok(changed > 0.01 && changed < 0.7, `${changed} of the picture`);
+  // A settled mesh has none above the threshold: there are colours of what is below it, and none of what is far above.
+  const steps = Array.from({ length: 40 }, (_, k) => 0.2 * 1.05 ** k).filter((error) => error < 1);
+  assert.ok(Math.max(...steps.map((error) => coloured(dots, error) - coloured(mesh, error))) > 5, 'dots have the colours of the ramp');
+  assert.ok(coloured(dots, 8) - coloured(mesh, 8) < 5, 'nothing is as wrong as eight thresholds');
+  assert.match(await viewer.page.innerText('#legend'), new RegExp(`${shown.figures!.candidates} candidates`));
+  await viewer.page.keyboard.press('KeyK');
+  await viewer.page.waitForFunction(() => document.getElementById('legend')!.hidden);
+  await viewer.until('without them', (r) => r.drawn && r.figures!.candidates === 0);
+  const after = decodePng(await viewer.picture());
+  assert.ok(after.rgb.every((v, k) => v === mesh.rgb[k]), 'dots, or another mesh, are left');
   assert.deepEqual(viewer.complaints, []);
   await viewer.close();
 });

@@ -27,7 +27,7 @@ async function fly(server: Server, scene: Scene, cameras: Camera[], more: { dama
     let next = 0, triangles = 0, damages = 0;
     const socket = new NodeSocket(`${server.ws}/v1/stream`);
     const stream: Stream = new Stream(
-      { open: () => socket, clientName: 'test', settings: { threshold: 1, triangleBudget: 0 }, lockstep: true },
+      { open: () => socket, clientName: 'test', settings: { threshold: 1, triangleBudget: 0, candidates: 0 }, lockstep: true },
       {
         onWorld: (world: World): Held[] => {
           assert.equal(world.stepBits, 8);

@@ -78,6 +78,40 @@ void main() {
 }
 `;
 
+// A dot is shown whole or not at all: its middle decides. A little behind what is seen is still seen.
+export const DOT_VERTEX = `${HEAD}
+in vec3 position;  // metres from the camera
+in vec3 paint;
+uniform sampler2D dotSurface;
+uniform vec3 viewForward, viewRight, viewUp;
+uniform vec2 viewTangents;
+uniform float viewHorizon, dotSize;
+out vec3 dotPaint;
+out float dotAlpha;
+void main() {
+  float depth = dot(position, viewForward);
+  vec2 at = vec2(dot(position, viewRight), dot(position, viewUp)) / viewTangents / max(depth, 1.0e-3);
+  ivec2 samples = textureSize(dotSurface, 0);
+  vec4 s = texelFetch(dotSurface, clamp(ivec2((at * 0.5 + 0.5) * vec2(samples)), ivec2(0), samples - 1), 0);
+  bool hidden = s.w > 0.0 && depth > dot(s.xyz, viewForward) * 1.02 + 0.2;
+  dotPaint = paint;
+  dotAlpha = 1.0 - smoothstep(0.4, 0.9, length(position) / viewHorizon);
+  gl_Position = depth < 0.1 || hidden ? vec4(2.0, 2.0, 2.0, 1.0) : vec4(at, 0.0, 1.0);
+  gl_PointSize = dotSize;
+}
+`;
+export const DOT_FRAGMENT = `${HEAD}
+uniform float dotSize;
+in vec3 dotPaint;
+in float dotAlpha;
+layout(location = 0) out vec4 colour;
+void main() {
+  float away = length(gl_PointCoord - 0.5) * dotSize;  // samples from the middle
+  if (away > 0.5 * dotSize) discard;
+  colour = vec4(mix(dotPaint, vec3(0.02), dotSize < 4.5 ? 0.0 : 0.8 * smoothstep(0.5 * dotSize - 1.1, 0.5 * dotSize - 0.4, away)), dotAlpha);
+}
+`;
+
 // The picture that the mesh is measured against; the same march as the desktop client's.
 const MARCH = `
 uniform float marchLowest, marchHighest;
@@ -122,10 +156,17 @@ void main() {
 }
 `;
 
-// What is drawn over the ground: triangles' edges, and the squares of the leaves, tinted by level.
+// What is drawn over the ground's display values: triangles' edges, and the squares of the leaves, tinted by level as in the desktop client
+// (viridis, by Nathaniel Smith and Stefan van der Walt: it grows in brightness alone).
 const OVERLAY = `
 uniform float showNodes;
-vec3 overlaid(vec3 light, vec4 s, float range) {
+vec3 levelColour(float level) {
+  vec3 ramp[6] = vec3[6](vec3(0.993, 0.906, 0.144), vec3(0.478, 0.821, 0.318), vec3(0.133, 0.659, 0.518), vec3(0.164, 0.471, 0.558), vec3(0.254, 0.265, 0.530), vec3(0.267, 0.005, 0.329));
+  float at = clamp(level / 10.0, 0.0, 1.0) * 5.0;
+  int k = min(int(at), 4);
+  return mix(ramp[k], ramp[k + 1], at - float(k));
+}
+vec3 overlaid(vec3 shown, vec4 s, float range) {
   float level = floor(s.w) - 1.0;
   if (showNodes > 0.0) {
     ivec2 steps = viewSteps + ivec2(floor(s.xz * 256.0 + viewRemainder));
@@ -135,11 +176,9 @@ vec3 overlaid(vec3 light, vec4 s, float range) {
     ivec2 border = min(inside, side - inside);
     float metres = float(min(border.x, border.y)) / 256.0;
     float wide = viewFootprint(dot(s.xyz, viewForward)) / clamp(-s.y / max(range, 1e-3), 0.4, 1.0);
-    vec3 hue = 0.5 + 0.5 * cos(6.2832 * (0.17 * level + vec3(0.0, 0.33, 0.67)));
-    light = mix(light, hue, 0.22);
-    light = mix(light, hue * 1.6, 1.0 - smoothstep(0.5 * wide, 1.2 * wide, metres));
+    shown = mix(shown, levelColour(level), mix(0.3, 0.95, 1.0 - smoothstep(0.5 * wide, 1.2 * wide, metres)));
   }
-  return mix(light, vec3(0.02, 0.03, 0.05), 0.55 * min(1.0, fract(s.w) * 2.0));
+  return mix(shown, vec3(0.02, 0.03, 0.05), 0.55 * min(1.0, fract(s.w) * 2.0));
 }
 `;
 
@@ -159,11 +198,10 @@ void main() {
     viewLocate(s.xz, cell, fraction);
     float height = terrainHeight(cell, fraction, 0.0, viewSeed);
     light = shadeTerrain(cell, fraction, height, viewFootprint(dot(s.xyz, viewForward)), s.xyz / max(range, 1e-6), range, viewHorizon, viewSeed);
-    light = overlaid(light, s, range);
   } else {
     light = skyColor(viewRay(gl_FragCoord.xy));
   }
-  colour = vec4(toDisplay(light), 1.0);
+  colour = vec4(ground ? overlaid(toDisplay(light), s, range) : toDisplay(light), 1.0);
 }
 `;
 
@@ -198,11 +236,10 @@ void main() {
     ramp = mix(ramp, vec3(0.62), smoothstep(1700.0, 3200.0, height));
     light = ramp * (vec3(2.6, 2.3, 1.9) * max(dot(normal, kSunDirection), 0.0) + vec3(0.30, 0.38, 0.50) * (0.6 + 0.4 * normal.y));
     light = mix(skyColor(s.xyz / max(range, 1e-6)), light, clearness(range, viewHorizon));
-    light = overlaid(light, s, range);
   } else {
     light = skyColor(viewRay(gl_FragCoord.xy));
   }
-  colour = vec4(toDisplay(light), 1.0);
+  colour = vec4(ground ? overlaid(toDisplay(light), s, range) : toDisplay(light), 1.0);
 }
 `;
 

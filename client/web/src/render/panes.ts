@@ -2,6 +2,7 @@
 // moves as many are drawn as fit a frame, stretched; once it rests, the picture goes finer, a tile at a time. No call waits for the card.
 
 import { DataTexture, FloatType, LinearFilter, NearestFilter, RGBAFormat, WebGLRenderTarget, WebGLRenderer } from 'three';
+import type { Dots } from './dots';
 import { FullScreen, Rectangle } from './full_screen';
 import { terrainShaders } from './glsl';
 import type { Leaves } from './leaves';
@@ -64,11 +65,13 @@ export interface Tools {
   uniforms: ViewUniforms;
   programs: Programs;
   leaves: Leaves;
+  dots: Dots;
 }
 
 export interface Overlays {
   wireframe: boolean;
   nodes: boolean;
+  candidates: boolean;
 }
 
 const coarser = (view: View, n: number): View => ({ ...view, width: Math.max(1, Math.floor(view.width / n)), height: Math.max(1, Math.floor(view.height / n)) });
@@ -101,7 +104,7 @@ export class Pane {
     return this.job !== undefined;
   }
   ofNow(tools: Tools, overlays: Overlays): string {
-    return this.kind === 'march' ? '' : `${tools.leaves.version} ${overlays.wireframe} ${overlays.nodes}`;
+    return this.kind === 'march' ? '' : `${tools.leaves.version} ${overlays.candidates ? tools.dots.version : -1} ${overlays.wireframe} ${overlays.nodes}`;
   }
 
   /** Does a portion of what is to be done. Returns what it is estimated to take, in ms; 0: nothing was to be done. */
@@ -201,7 +204,10 @@ export class Pane {
     programs.shade.run(renderer, job.layer.picture, only);
     job.tile += count;
     this.samplesOfStep = only.width * only.height;
-    if (job.tile >= job.tiles) this.complete();
+    if (job.tile >= job.tiles) {
+      if (this.kind === 'mesh' && overlays.candidates) tools.dots.draw(renderer, job.view, job.layer.surface, job.layer.picture);
+      this.complete();
+    }
     return Math.max(0.1, this.samplesOfStep * this.perSample);
   }
 

@@ -1,9 +1,9 @@
 // One connection to a server: hello, resume, poses and acknowledgements out, worlds and iterations in. PROTOCOL.md, The conversation.
 // Comes back by itself after a loss, waiting longer after each failure and by chance.
 
-import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
+import { MessageInitShape, create, fromBinary, toBinary } from '@bufbuild/protobuf';
 import type { LeafAddress } from '../codec/mesh';
-import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, World } from '../generated/ridgecast/v1/stream_pb';
+import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, SettingsSchema, World } from '../generated/ridgecast/v1/stream_pb';
 import { Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
@@ -27,6 +27,7 @@ export interface Camera {
 export interface Settings {
   threshold: number; // pixels; 0: the server's default
   triangleBudget: number; // 0: the server's default
+  candidates: number; // for vertices, of an iteration at most; 0: none
 }
 
 export interface Held {
@@ -78,6 +79,7 @@ const wireAddress = (a: LeafAddress): { level: number; i: bigint; j: bigint } =>
 export class Stream {
   private socket: Socket | undefined;
   private world: World | undefined;
+  private settings: Settings;
   private sequence = 0n;
   private camera: Camera | undefined; // the newest, sent again to the next connection
   private wait = FIRST_WAIT;
@@ -91,6 +93,7 @@ export class Stream {
     private readonly options: Options,
     private readonly listener: Listener,
   ) {
+    this.settings = options.settings;
     this.connect();
   }
 
@@ -129,6 +132,17 @@ export class Stream {
     this.send({ case: 'acknowledge', value: create(AcknowledgeSchema, { iteration, meshHash }) });
   }
 
+  /** From the next iteration on, and of the next connections; a server that changes nothing on the way stays as it is until then. */
+  change(settings: Settings): void {
+    this.settings = settings;
+    if (this.world && this.world.revision >= 2) this.send({ case: 'changeSettings', value: create(SettingsSchema, this.asked()) });
+  }
+
+  private asked(): MessageInitShape<typeof SettingsSchema> {
+    const { threshold, triangleBudget, candidates } = this.settings;
+    return { metric: Metric.PIXELS, threshold, triangleBudget, candidates };
+  }
+
   /** None named: all. */
   resend(leaves: readonly LeafAddress[]): void {
     this.send({ case: 'resendLeaves', value: create(ResendLeavesSchema, { leaves: leaves.length > MAX_RESENT ? [] : leaves.map(wireAddress) }) });
@@ -161,13 +175,13 @@ export class Stream {
   }
 
   private hello(): void {
-    const { settings, lockstep } = this.options;
+    const { lockstep } = this.options;
     this.send({
       case: 'hello',
       value: create(HelloSchema, {
         protocolVersion: PROTOCOL_VERSION,
         clientName: new TextEncoder().encode(this.options.clientName),
-        settings: { metric: Metric.PIXELS, threshold: settings.threshold, triangleBudget: settings.triangleBudget },
+        settings: create(SettingsSchema, this.asked()),
         pacing: lockstep ? Pacing.LOCKSTEP : Pacing.FREE,
         deltas: true,
         members: this.listener.onMembers !== undefined,
