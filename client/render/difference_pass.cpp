@@ -12,14 +12,14 @@ namespace {
 constexpr std::string_view kDifference = R"(
 uniform sampler2D differenceA, differenceB;
 uniform vec2 differenceSize;
+uniform vec3 ramp0, ramp1, ramp2, ramp3, ramp4;  // kDifferenceRamp
 layout(location = 0) out vec4 colour;
 void main() {
   vec2 at = gl_FragCoord.xy / differenceSize;
   vec3 a = texelFetch(differenceA, ivec2(at * vec2(textureSize(differenceA, 0))), 0).rgb;
   vec3 b = texelFetch(differenceB, ivec2(at * vec2(textureSize(differenceB, 0))), 0).rgb;
   float v = min(length(a - b) * (4.0 / 1.7320508), 1.0) * 4.0;
-  // Inferno (van der Walt and Smith), at five places.
-  vec3 ramp[5] = vec3[5](vec3(0.0, 0.0, 0.016), vec3(0.341, 0.062, 0.429), vec3(0.735, 0.216, 0.330), vec3(0.976, 0.557, 0.035), vec3(0.988, 0.998, 0.645));
+  vec3 ramp[5] = vec3[5](ramp0, ramp1, ramp2, ramp3, ramp4);
   int k = min(int(v), 3);
   colour = vec4(mix(ramp[k], ramp[k + 1], v - float(k)), 1.0);
 }
@@ -46,6 +46,9 @@ void DifferencePass::present(const Canvas& a, const Canvas& b, int width, int he
   program_.set("differenceA", 0);
   program_.set("differenceB", 1);
   program_.set("differenceSize", static_cast<float>(width), static_cast<float>(height));
+  static constexpr std::array<const char*, 5> kNames = {"ramp0", "ramp1", "ramp2", "ramp3", "ramp4"};
+  for (std::size_t k = 0; k < kNames.size(); ++k)
+    program_.set(kNames[k], kDifferenceRamp[k][0], kDifferenceRamp[k][1], kDifferenceRamp[k][2]);
   drawFullScreen(vertexArray_);
   glBindTexture(GL_TEXTURE_2D, 0);
 }

@@ -77,7 +77,7 @@ void Flight::toggleFrozen() {
 }
 
 void Flight::togglePath() {
-  if (!path_) return hint("no path: give one by --path FILE.json");
+  if (!path_) return hint("no path yet: R records one, or give one by --path FILE.json");
   shown_.following = !shown_.following;
   pathBegan_ = Clock::now();
   changed_ = true;
@@ -99,7 +99,8 @@ void Flight::toggleRecord() {
   }
   const std::filesystem::path file = freeName(".json");
   const auto written = recorder_->write(file);
-  const std::string said = written ? "the path flown is in " + file.string() : written.error().message;
+  const std::string said = written ? "the path flown is in " + file.string() + "; P follows it" : written.error().message;
+  if (auto flown = camera::readPath(file); written && flown) path_ = std::move(*flown);
   std::fprintf(stderr, "%s\n", said.c_str());
   hint(said);
   recorder_.reset();
@@ -303,12 +304,14 @@ bool Flight::held(int key) const { return glfwGetKey(handle_, key) == GLFW_PRESS
 // Along the path, until its end or until a person steers.
 void Flight::follow() {
   const double t = std::chrono::duration<double>(Clock::now() - pathBegan_).count();
-  if (input_.forward != 0 || input_.right != 0 || input_.up != 0 || t > path_->duration()) {
-    shown_.following = false;
-    changed_ = true;
-    return;
+  const bool steers = input_.forward != 0 || input_.right != 0 || input_.up != 0;
+  if (!steers) {
+    const double at = std::min(t, path_->duration());
+    controls_.place(camera::poseAt(*path_, at, [this](lattice::Point p) { return ground(p).value_or(0); }));
   }
-  controls_.place(camera::poseAt(*path_, t, [this](lattice::Point p) { return ground(p).value_or(0); }));
+  if (!steers && t <= path_->duration()) return;
+  shown_.following = false;
+  changed_ = true;
 }
 
 void Flight::fly(double seconds) {

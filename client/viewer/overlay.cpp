@@ -11,6 +11,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "client/render/difference_pass.h"
 #include "client/viewer/leaf_colours.h"
 
 namespace ridgecast::viewer {
@@ -20,6 +21,8 @@ constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowF
                                     ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
 
 ImU32 colourOf(const Colour& c, float alpha = 1) { return ImGui::ColorConvertFloat4ToU32(ImVec4(c[0], c[1], c[2], alpha)); }
+
+constexpr float kPlotWidth = 27;  // letters' heights
 
 void shadowed(ImDrawList* list, ImVec2 at, const char* text) {
   list->AddText(ImVec2(at.x + 1, at.y + 1), IM_COL32(0, 0, 0, 200), text);
@@ -39,14 +42,15 @@ void drawDivider(const Shown& shown) {
     list->AddLine(ImVec2(x, 0), ImVec2(x, size.y), IM_COL32(255, 255, 255, 220), 2);
     list->AddCircleFilled(ImVec2(x, size.y / 2), 7, IM_COL32(255, 255, 255, 220));
   }
-  if (shown.mode == Mode::kDifference) return label(list, x, "difference of mesh and ray march", false);
+  if (shown.mode == Mode::kDifference) return;  // its legend says so
   if (shown.mode != Mode::kMarch) label(list, x, "mesh", true);
   if (shown.mode != Mode::kMesh) label(list, x, "ray march", false);
 }
 
 // Which colour is which, at the lower left.
 void drawLegend(const Shown& s) {
-  if (s.mode == Mode::kMarch || s.mode == Mode::kDifference || !(s.candidates || s.borders != Borders::kNone)) return;
+  const bool structure = s.mode == Mode::kMesh || s.mode == Mode::kSplit, differs = s.mode == Mode::kDifference;
+  if (!differs && !(structure && (s.candidates || s.borders != Borders::kNone))) return;
   ImDrawList* list = ImGui::GetBackgroundDrawList();
   const float line = ImGui::GetTextLineHeight();
   float x = 10, y = ImGui::GetIO().DisplaySize.y - 3 * line - 10, widest = 0;
@@ -67,6 +71,15 @@ void drawLegend(const Shown& s) {
     shadowed(list, ImVec2(x + line + 4, y), text);
     x += line + 16 + ImGui::CalcTextSize(text).x;
   };
+  if (differs) {  // in the place of the window's own words
+    y += 2 * line;
+    title("difference of mesh and ray march, of the whole range:");
+    static constexpr std::array<const char*, 5> kShares = {"0", "1/16", "1/8", "3/16", "1/4"};
+    for (std::size_t k = 0; k < kShares.size(); ++k) entry(render::kDifferenceRamp[k], kShares[k]);
+    shade();
+    list->ChannelsMerge();
+    return;
+  }
   if (s.candidates) {
     char text[80];
     std::snprintf(text, sizeof text, "%zu candidates: error in pixels", s.candidateCount);
@@ -146,13 +159,13 @@ void drawPlot(const char* name, const char* unit, const History& history) {
   std::snprintf(text, sizeof text, "%s %.4g %s", name, static_cast<double>(history.newest()), unit);
   const auto value = [](void* data, int k) { return static_cast<const History*>(data)->at(static_cast<std::size_t>(k)); };
   ImGui::PlotLines("##plot", value, const_cast<History*>(&history), static_cast<int>(history.size()), 0, text, 0,
-                   std::max(history.most() * 1.1f, 1e-3f), ImVec2(ImGui::GetFontSize() * 22, ImGui::GetFontSize() * 3.2f));
+                   std::max(history.most() * 1.1f, 1e-3f), ImVec2(ImGui::GetFontSize() * kPlotWidth, ImGui::GetFontSize() * 3.2f));
 }
 
 // The stages of each iteration on top of each other.
 void drawStages(const Plots& plots) {
   static constexpr std::array<const char*, 5> kNames = {"select", "generate", "refine", "triangulate", "encode"};
-  const ImVec2 at = ImGui::GetCursorScreenPos(), size(ImGui::GetFontSize() * 22, ImGui::GetFontSize() * 4.5f);
+  const ImVec2 at = ImGui::GetCursorScreenPos(), size(ImGui::GetFontSize() * kPlotWidth, ImGui::GetFontSize() * 4.5f);
   ImDrawList* list = ImGui::GetWindowDrawList();
   list->AddRectFilled(at, ImVec2(at.x + size.x, at.y + size.y), ImGui::GetColorU32(ImGuiCol_FrameBg));
   const std::size_t count = plots.stages.front().size();
@@ -177,7 +190,13 @@ void drawStages(const Plots& plots) {
   ImGui::Text("iteration, up to %.1f ms", static_cast<double>(most));
   for (std::size_t stage = 0; stage < kNames.size(); ++stage) {
     if (stage > 0) ImGui::SameLine();
-    ImGui::TextColored(ImGui::ColorConvertU32ToFloat4(colour(stage)), "%s", kNames[stage]);
+    const ImVec2 square = ImGui::GetCursorScreenPos();
+    const float side = ImGui::GetTextLineHeight() * 0.7f, top = square.y + ImGui::GetTextLineHeight() * 0.15f;
+    list->AddRectFilled(ImVec2(square.x, top), ImVec2(square.x + side, top + side), colour(stage));
+    list->AddRect(ImVec2(square.x, top), ImVec2(square.x + side, top + side), IM_COL32(255, 255, 255, 160));
+    ImGui::Dummy(ImVec2(side, side));
+    ImGui::SameLine(0, 3);
+    ImGui::TextUnformatted(kNames[stage]);
   }
 }
 
@@ -219,7 +238,7 @@ void drawHelp(const Shown& s) {
         "T            the mesh corrected onto the true surface\n"
         "J / L        jump to a place / enter another world\n"
         "R            record a camera path, and end it\n"
-        "P            follow the path given by --path\n"
+        "P            follow that path, or the one of --path\n"
         "V            wait for the screen, or not\n"
         "F2 settings  F3 figures  F4 plots\n"
         "F11 full screen          F12 screenshot\n"
@@ -247,7 +266,7 @@ void drawMessage(const std::string& message) {
 
 void drawHint(const Shown& s) {
   const ImVec2 size = ImGui::GetIO().DisplaySize, text = ImGui::CalcTextSize(s.hint.c_str());
-  shadowed(ImGui::GetForegroundDrawList(), ImVec2((size.x - text.x) / 2, size.y * 0.93f), s.hint.c_str());
+  shadowed(ImGui::GetForegroundDrawList(), ImVec2((size.x - text.x) / 2, size.y - 3 * ImGui::GetTextLineHeight() - 10), s.hint.c_str());
 }
 
 template <class Area>

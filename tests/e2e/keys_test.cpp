@@ -109,6 +109,17 @@ TEST_F(Keys, TypedPlacesAreReachedExactly) {
   const auto& place = path["keyframes"].front();
   EXPECT_EQ(place["x"].get<double>(), 1000000000001.0);
   EXPECT_EQ(place["z"].get<double>(), -77);
+  // What was recorded is followed: back to where it was.
+  hold("w", 1500ms);
+  press({"p"});
+  shot();
+  shot();
+  press({"r"});
+  shot();
+  press({"r"});
+  ASSERT_TRUE(says("the path flown is in ridgecast-2.json")) << viewer_->output();
+  const auto again = nlohmann::json::parse(readText(folder_ / "ridgecast-2.json"));
+  EXPECT_NEAR(again["keyframes"].back()["z"].get<double>(), -77, 0.01);
   press({"Escape"});
   EXPECT_EQ(viewer_->wait(300s), 0) << viewer_->output();
 }
