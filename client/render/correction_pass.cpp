@@ -19,7 +19,7 @@ uniform int correctSteps;
 layout(location = 0) out vec4 surface;
 
 const float kMostSamples = 8.0;
-const int kBackSteps = 7, kSearchSteps = 32, kClosingSteps = 5;
+const int kBackSteps = 7, kSearchSteps = 32, kClosingSteps = 5, kOutstanding = 8;
 
 float correctGap(vec3 offset) {
   ivec2 cell;
@@ -39,12 +39,60 @@ vec4 correctAlong(vec3 here, ivec2 at, ivec2 next) {
   return vec4(f < b ? forwards : backwards, min(f, b) < 3.0e38 ? 1.0 : 0.0);
 }
 
+// Between two places along a ray on the two sides of the ground: where it is, to a part of a sample's width.
+float correctClose(vec3 ray, float from, float over, float to, float under, float width) {
+  float best = from;
+  for (int k = 0; k < kClosingSteps; ++k) {  // false position, the end that stays counting half (Illinois)
+    best = mix(from, to, over / (over - under));
+    float there = correctGap(ray * best);
+    if (abs(there) < 0.03 * width) break;
+    if (there * under < 0.0) {
+      from = to;
+      over = under;
+    } else {
+      over *= 0.5;
+    }
+    to = best;
+    under = there;
+  }
+  return best;
+}
+
+// Ground that the mesh lacks may hide what it shows here: where much nearer ground begins up to kOutstanding samples below, the ray is searched
+// from there on. 0: nothing hides it. (Tuned on alpine at 8 pixels: 0.9 for 0.975 saves a tenth of the time and costs 0.015 SSIM.)
+float correctBefore(vec3 ray, ivec2 at, float shown) {
+  float nearest = shown;
+  for (int k = 1; k <= kOutstanding; k *= 2) {
+    vec4 below = texelFetch(correctSurface, max(at - ivec2(0, k), ivec2(0)), 0);
+    if (below.w > 0.0) nearest = min(nearest, length(below.xyz));
+  }
+  if (nearest > 0.975 * shown) return 0.0;
+  float part = viewFootprint(dot(ray, viewForward)), from = 0.97 * nearest, over = correctGap(ray * from);
+  for (int k = 0; k < kSearchSteps && over > 0.0; ++k) {
+    float to = from + max(0.6 * over, 2.0 * part * from);
+    // As far again as ground that begins there may reach, and up to what is shown.
+    if (to > min(1.15 * nearest, 0.99 * shown)) return 0.0;
+    float under = correctGap(ray * to);
+    if (under <= 0.0) return correctClose(ray, from, over, to, under, part * to);
+    from = to;
+    over = under;
+  }
+  return 0.0;
+}
+
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
   surface = texelFetch(correctSurface, at, 0);
-  if (surface.w == 0.0 || correctSteps == 0) return;
+  if (correctSteps == 0) return;
+  vec3 ray = viewRay(gl_FragCoord.xy);
+  float before = correctBefore(ray, at, surface.w > 0.0 ? length(surface.xyz) : viewHorizon);
+  if (before > 0.0) {
+    surface = vec4(ray * before, 1.0);
+    return;
+  }
+  if (surface.w == 0.0) return;
   float t = length(surface.xyz);
-  vec3 ray = surface.xyz / t;
+  ray = surface.xyz / t;
   vec4 across = correctAlong(surface.xyz, at, ivec2(1, 0)), upwards = correctAlong(surface.xyz, at, ivec2(0, 1));
   vec3 normal = cross(across.xyz, upwards.xyz);
   // How fast the gap closes for each metre along the ray, were the ground the mesh's plane.
@@ -86,21 +134,7 @@ void main() {
       surface = vec4(0.0);
       return;
     }
-    if (over * under <= 0.0 && over != under) {
-      for (int k = 0; k < kClosingSteps; ++k) {  // false position, the end that stays counting half (Illinois)
-        best = mix(from, to, over / (over - under));
-        float there = correctGap(ray * best);
-        if (abs(there) < 0.03 * width) break;
-        if (there * under < 0.0) {
-          from = to;
-          over = under;
-        } else {
-          over *= 0.5;
-        }
-        to = best;
-        under = there;
-      }
-    }
+    if (over * under <= 0.0 && over != under) best = correctClose(ray, from, over, to, under, width);
   }
   surface = vec4(ray * max(best, 0.05), 1.0);
 }

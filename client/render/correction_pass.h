@@ -1,8 +1,9 @@
 #pragma once
 // Moves what the mesh shows onto the true terrain: through each sample a few secant steps along its ray, from where the mesh has the
 // ground to where the terrain function has it. A rendering of its own between mesh and ray march: it needs the terrain's function, costs
-// one height a step (where the mesh is far from the ground, up to 37 more) and hides what the mesh lacks, all but where the true ground stands out over
-// the mesh: a sample whose mesh is sky, or ground behind the true one, stays there. Needs the context it was made in.
+// one height a step (where the mesh is far from the ground, up to 37 more) and hides what the mesh lacks. Where true ground stands out over
+// the mesh, in front of sky or farther ground, it is looked for above silhouettes, up to 8 samples high (up to 38 heights for a sample just
+// above one); what stands out farther is lacking. Needs the context it was made in.
 
 #include "client/render/gl_objects.h"
 #include "client/render/surface.h"

@@ -330,7 +330,43 @@ TEST_F(Drawing, CorrectedSamplesLieOnTheTrueSurface) {
   const double better = evaluation::similarity(corrected->picture, march->picture).mean;
   EXPECT_GT(better, 0.97);
   EXPECT_GT(1 - plain, 3 * (1 - better)) << plain << " against " << better;
-  EXPECT_EQ(mesh->picture.terrain, corrected->picture.terrain);  // silhouettes stay the mesh's
+  EXPECT_EQ(mesh->picture.terrain, corrected->picture.terrain);  // there is no sky
+}
+
+// Ground that the mesh lacks stands out over what lies behind it, the sky or other ground: corrected, it is there.
+TEST_F(Drawing, CorrectedSilhouettesAreTheTrueOnes) {
+  const auto terrain = terrain::create("alpine", 1);
+  ASSERT_TRUE(terrain);
+  Renderer r = renderer(std::string((*terrain)->source()));
+  const lattice::LeafAddress address{7, 0, 0};  // 4,096 m
+  const Leaves leaves{{address, sampledLeaf(**terrain, address, 128)}};
+  // Samples where `shown` has nothing, or what lies at least a tenth farther, or the other way round; far from where the picture ends.
+  const auto farther = [](const std::vector<float>& shown, const std::vector<float>& truth, double horizon) {
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < truth.size(); k += 4) {
+      const double a = shown[k + 3] == 0 ? horizon : std::hypot(shown[k], shown[k + 1], shown[k + 2]);
+      const double b = truth[k + 3] == 0 ? horizon : std::hypot(truth[k], truth[k + 1], truth[k + 2]);
+      count += b < 0.8 * horizon && a > 1.1 * b;
+    }
+    return count;
+  };
+  std::size_t lacking = 0, left = 0, added = 0;
+  for (const double yaw : {0.3, 1.9, 3.5, 5.1}) {
+    View view = viewFrom(2048, 0, 2048, yaw, -0.1, 240, 160);
+    view.camera.pose.y = (*terrain)->height({view.camera.pose.x, view.camera.pose.z}) + 120;
+    view.horizon = 2000;  // all of it on the leaf
+    view.highest = 8000;
+    ASSERT_TRUE(r.drawMarch(view));
+    const std::vector<float> march = r.positions();
+    ASSERT_TRUE(r.drawMesh(leaves, view));
+    lacking += farther(r.positions(), march, view.horizon);
+    ASSERT_TRUE(r.drawCorrected(leaves, view));
+    left += farther(r.positions(), march, view.horizon);
+    added += farther(march, r.positions(), view.horizon);
+  }
+  EXPECT_GT(lacking, 300u);
+  EXPECT_LT(3 * left, lacking) << left << " of " << lacking;
+  EXPECT_LT(10 * added, lacking) << "ground that there is not";
 }
 
 // Shaded at no width the same squares are drawn, harder; what was seen stays where it was.
