@@ -193,6 +193,7 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({1, 2, 4, 8}).description(""));
   evaluateCommand->add_option("--repeats", evaluate.repeats, "of what is timed; left out: 3, quick 1")->check(CLI::Range(1, 100).description(""));
   evaluateCommand->add_option("--seconds", evaluate.seconds, "only the beginning of each flight; left out: 20, the finest whole, quick 3")->check(within(0.0, 86400.0));
+  evaluateCommand->add_flag("--report", evaluate.reportOnly, "measure nothing: report what is in the folder already, of an evaluation that goes on or was stopped");
   evaluateCommand->add_option("--server", evaluate.server, "the server's program; left out: ridgecast-server beside this one")
       ->type_name("FILE");
 

@@ -76,7 +76,7 @@ class Evaluation {
     for (const PlannedView& planned : plan_.views) {
       const ViewCase& view = planned.view;
       const std::filesystem::path folder = folderOf(view);
-      if (!begins(folder.filename().string(), folder / "view.json", planned.cost)) continue;
+      if (!begins(folder.filename().string(), resultOf(view), planned.cost)) continue;
       const Others others;
       const std::filesystem::path path = folder / "path.json";
       if (const int code = prepare(folder, path, evaluation::pathOf(view)); code != kSuccess) return code;
@@ -105,9 +105,9 @@ class Evaluation {
   int measureFlights() {
     for (PlannedFlight& planned : plan_.flights) {
       Run& run = planned.run;
-      run.folder = out_ / "flights" / run.name;
+      run.folder = folderOf(run);
       if (std::exchange(over_, run.terrain) != run.terrain) references_.clear();
-      if (!begins(run.name, run.folder / "machine.json", planned.cost)) continue;
+      if (!begins(run.name, resultOf(run), planned.cost)) continue;
       const Others others;
       const std::filesystem::path path = run.folder / "path.json";
       if (const int code = prepare(run.folder, path, pathOf(run.terrain)); code != kSuccess) return code;
@@ -133,9 +133,16 @@ class Evaluation {
 
   int report() {
     std::vector<Run> runs;
-    for (const PlannedFlight& planned : plan_.flights) runs.push_back(planned.run);
+    for (PlannedFlight& planned : plan_.flights) {
+      planned.run.folder = folderOf(planned.run);
+      if (std::filesystem::exists(resultOf(planned.run))) runs.push_back(planned.run);
+    }
     std::vector<std::filesystem::path> views;
-    for (const PlannedView& planned : plan_.views) views.push_back(folderOf(planned.view));
+    for (const PlannedView& planned : plan_.views)
+      if (std::filesystem::exists(resultOf(planned.view))) views.push_back(folderOf(planned.view));
+    if (runs.empty() && views.empty()) return fail(kBadInput, "nothing of it was measured yet in " + out_.string());
+    const std::size_t all = plan_.flights.size() + plan_.views.size(), there = runs.size() + views.size();
+    if (there < all) machine_.append("; ").append(std::to_string(there)).append(" of its ").append(std::to_string(all)).append(" parts");
     if (auto written = writeReport(runs, views, out_, machine_); !written) return fail(kRuntimeFailure, written.error().message);
     std::fprintf(stderr, "%s, after %.0f s\n", (out_ / "report.html").c_str(), seconds());
     return kSuccess;
@@ -179,6 +186,10 @@ class Evaluation {
   std::filesystem::path folderOf(const ViewCase& view) const {
     return out_ / "views" / (std::string(view.terrain) + "-" + std::string(view.name));
   }
+  std::filesystem::path folderOf(const Run& run) const { return out_ / "flights" / run.name; }
+  // There once all of it is.
+  std::filesystem::path resultOf(const ViewCase& view) const { return folderOf(view) / "view.json"; }
+  std::filesystem::path resultOf(const Run& run) const { return folderOf(run) / "machine.json"; }
   static int prepare(const std::filesystem::path& folder, const std::filesystem::path& path, std::string_view text) {
     std::error_code failed;
     std::filesystem::create_directories(folder, failed);
@@ -221,6 +232,7 @@ int evaluate(const EvaluateOptions& options) {
       options.server.empty() ? std::filesystem::read_symlink("/proc/self/exe", failed).parent_path() / "ridgecast-server" : options.server;
   Evaluation evaluation(options, planOf(options, std::max(std::thread::hardware_concurrency(), 1u)), server);
   if (const int code = evaluation.begin(); code != kSuccess) return code;
+  if (options.reportOnly) return evaluation.report();
   if (const int code = evaluation.measureViews(); code != kSuccess) return code;
   if (const int code = evaluation.measureFlights(); code != kSuccess) return code;
   return evaluation.report();

@@ -18,6 +18,7 @@ namespace ridgecast::evaluation {
 struct EvaluateOptions {
   std::filesystem::path out;                   // a folder, made when missing; what is there already is not measured again
   bool quick = false;                          // small pictures, short flights: minutes on a software driver
+  bool reportOnly = false;                     // measures nothing: reports what is there of it
   std::filesystem::path server;                // the program; empty: ridgecast-server beside this one
   std::vector<std::string> terrains;           // built-in ones; empty: all
   std::vector<std::string> views;              // low, overview, grazing; empty: all

@@ -172,8 +172,10 @@ std::string othersIn(const std::vector<std::filesystem::path>& folders) {
       if (const auto share = value(beside, "others")) shares.push_back(100 * *share);
   if (shares.empty()) return {};
   std::ranges::sort(shares);
-  return "; other programs took " + cell("%.0f", shares.front()) + " to " + cell("%.0f", shares.back()) +
-         " % of the processors meanwhile, " + cell("%.0f", shares[shares.size() / 2]) + " % in the middle";
+  return std::string("; other programs took ")
+      .append(cell("%.0f to ", shares.front()))
+      .append(cell("%.0f %% of the processors meanwhile, ", shares.back()))
+      .append(cell("%.0f %% in the middle", shares[shares.size() / 2]));
 }
 
 Outcome<void> writeTables(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& folders,

@@ -24,6 +24,7 @@ namespace {
 
 using namespace testing_support;
 using Json = nlohmann::json;
+using testing::ContainsRegex;
 using testing::HasSubstr;
 using testing::Not;
 
@@ -66,6 +67,10 @@ class Evaluate : public testing::Test {
     first.signal(SIGKILL);
     first.wait(kPatience);
     early_ = readText(early);
+    auto report = command(out());
+    report.push_back("--report");
+    ofWhatIsThere_ = runProgram(report);
+    earlyReport_ = readText(out() / "report.md");
     second_ = runProgram(command(out()));
   }
   static void TearDownTestSuite() { folder_.reset(); }
@@ -76,7 +81,8 @@ class Evaluate : public testing::Test {
   static std::filesystem::path out() { return *folder_ / "out"; }
 
   static inline std::unique_ptr<ScratchFolder> folder_;
-  static inline std::string noGraphics_, early_;
+  static inline std::string noGraphics_, early_, earlyReport_;
+  static inline Finished ofWhatIsThere_;
   static inline bool killedInTheMiddle_ = false;
   static inline Finished second_;
 };
@@ -89,6 +95,15 @@ TEST_F(Evaluate, GoesOnWhereItWasKilled) {
   const auto again = runProgram(command(out()));
   EXPECT_EQ(again.code, 0) << again.output;
   EXPECT_THAT(again.output, Not(HasSubstr("flying")));
+}
+
+TEST_F(Evaluate, ReportsWhatIsThereInTheMiddle) {
+  EXPECT_EQ(ofWhatIsThere_.code, 0) << ofWhatIsThere_.output;
+  EXPECT_THAT(ofWhatIsThere_.output, Not(HasSubstr("flying")));
+  EXPECT_THAT(earlyReport_, ContainsRegex(" of its [0-9]+ parts"));
+  EXPECT_THAT(earlyReport_, HasSubstr("archipelago low"));
+  EXPECT_THAT(earlyReport_, Not(HasSubstr("archipelago grazing")));
+  EXPECT_THAT(readText(out() / "report.md"), Not(ContainsRegex(" of its [0-9]+ parts")));
 }
 
 TEST_F(Evaluate, RefusesAFolderOfOtherOptions) {
