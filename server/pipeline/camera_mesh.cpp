@@ -183,10 +183,11 @@ void CameraMesh::refile(const std::vector<Former>& former, scheduling::Pool& poo
 
 // What is kept beside the mesh follows its records.
 triangulation::Moves CameraMesh::keepBeside(std::vector<VertexId>* moved) {
-  return {[this](TriangleId from, TriangleId to) { surface_.moveTriangle(from, to, mesh_.regionOf(to)); },
-          [this, moved](VertexId from, VertexId to) {
-            surface_.moveVertex(from, to, mesh_.regionOfVertex(to));
-            if (moved) moved->push_back(to);
+  return {[this](std::span<const triangulation::Move> moves) { surface_.moveTriangles(moves, mesh_.regionOf(moves[0].to)); },
+          [this, moved](std::span<const triangulation::Move> moves) {
+            surface_.moveVertices(moves, mesh_.regionOfVertex(moves[0].to));
+            if (moved)
+              for (const auto& move : moves) moved->push_back(move.to);
           }};
 }
 

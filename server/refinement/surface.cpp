@@ -15,6 +15,56 @@ Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity, b
       curvature(thesis ? vertexCapacity : 0),
       keepsCurvature(thesis) {}
 
+namespace {
+// visit(page, begin, end) for every run of moves to one page.
+template <class F>
+void forEachPage(std::span<const triangulation::Move> moves, F&& visit) {
+  for (std::size_t begin = 0; begin < moves.size();) {
+    const std::uint32_t page = moves[begin].to / triangulation::Pages::kSlots;
+    std::size_t end = begin + 1;
+    while (end < moves.size() && moves[end].to / triangulation::Pages::kSlots == page) ++end;
+    visit(page, begin, end);
+    begin = end;
+  }
+}
+}  // namespace
+
+void Surface::moveTriangles(std::span<const triangulation::Move> moves, triangulation::RegionId region) {
+  forEachPage(moves, [&](std::uint32_t number, std::size_t begin, std::size_t end) {
+    CandidatePage& page = candidates[number];
+    PageHash sum = hashes[number];
+    std::uint64_t slots = 0;
+    for (std::size_t n = begin; n < end; ++n) {
+      const auto [from, to] = moves[n];
+      const std::uint32_t k = to % CandidatePage::kSlots;
+      const std::uint64_t bit = std::uint64_t{1} << k;
+      const Candidate c = candidate(from);
+      page.x[k] = c.point.x;
+      page.z[k] = c.point.z;
+      page.y[k] = c.y;
+      page.error[k] = std::abs(c.error);  // a candidate that moves is awake
+      if (sum.hashed & bit) sum.hash -= hash[to];
+      hash[to] = hash[from];
+      sum.hash += hash[to];
+      slots |= bit;
+    }
+    sum.hashed |= slots;
+    hashes[number] = sum;
+    PageScreen& screen = screens[number];
+    screen.asleep &= ~slots;
+    screen.blank &= ~slots;
+    wakeCandidate(moves[begin].to, region);
+  });
+}
+
+void Surface::moveVertices(std::span<const triangulation::Move> moves, triangulation::RegionId region) {
+  for (const auto& [from, to] : moves) {
+    vertices[to] = vertices[from];
+    if (keepsCurvature) curvature[to] = curvature[from];
+  }
+  forEachPage(moves, [&](std::uint32_t, std::size_t begin, std::size_t) { wakeVertex(moves[begin].to, region); });
+}
+
 std::uint64_t hashRegion(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region) {
   const auto& pages = mesh.trianglePages();
   std::uint64_t sum = 0;

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "common/lattice/lattice.h"
@@ -160,18 +161,10 @@ struct Surface {
     page.travel = -1;
     page.due = regions[region].lossesDue = kAlways;
   }
-  void moveTriangle(std::uint32_t from, std::uint32_t to, triangulation::RegionId region) {
-    Candidate c = candidate(from);
-    c.error = std::abs(c.error);  // a candidate that moves is awake
-    setCandidate(to, c);
-    setHash(to, hash[from]);
-    wakeCandidate(to, region);
-  }
-  void moveVertex(std::uint32_t from, std::uint32_t to, triangulation::RegionId region) {
-    vertices[to] = vertices[from];
-    if (keepsCurvature) curvature[to] = curvature[from];
-    wakeVertex(to, region);
-  }
+  // What is kept of records follows them to their new ids, all of which lie in `region`. Best page by page: what a page has is then written
+  // once, while other threads may write its neighbours in the same line of the cache.
+  void moveTriangles(std::span<const triangulation::Move> moves, triangulation::RegionId region);
+  void moveVertices(std::span<const triangulation::Move> moves, triangulation::RegionId region);
   bool keepsCurvature;
 };
 

@@ -58,7 +58,7 @@ void Pages::adopt(RegionId from, RegionId to) {
   giver.count = 0;
 }
 
-std::uint32_t Pages::allocate(RegionId id) {
+std::uint32_t Pages::pageWithRoom(RegionId id) {
   Region& region = *regions_[id];
   while (!region.open.empty() && pages_[region.open.back()].alive == ~std::uint64_t{0}) {
     pages_[region.open.back()].open = false;
@@ -82,13 +82,20 @@ std::uint32_t Pages::allocate(RegionId id) {
     region.pages.push_back(page);
     region.open.push_back(page);
   }
-  Page& page = pages_[region.open.back()];
+  return region.open.back();
+}
+
+std::uint32_t Pages::allocate(RegionId id) {
+  const std::uint32_t number = pageWithRoom(id);
+  if (number == kNoSlot) return kNoSlot;
+  Page& page = pages_[number];
+  Region& region = *regions_[id];
   const auto slot = static_cast<std::uint32_t>(std::countr_one(page.alive));
   page.alive |= std::uint64_t{1} << slot;
   page.fresh |= std::uint64_t{1} << slot;
   ++region.count;
   region.changed = true;
-  return region.open.back() * kSlots + slot;
+  return number * kSlots + slot;
 }
 
 void Pages::release(std::uint32_t slot) {

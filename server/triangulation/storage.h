@@ -12,6 +12,8 @@
 #include <cstdlib>
 #include <memory>
 #include <mutex>
+#include <new>
+#include <span>
 #include <type_traits>
 #include <vector>
 
@@ -41,6 +43,10 @@ class Records {
   std::unique_ptr<T, Free> at_;
 };
 
+struct Move {  // of a record to another slot
+  std::uint32_t from, to;
+};
+
 class Pages {
  public:
   static constexpr std::uint32_t kSlots = 64;
@@ -54,6 +60,10 @@ class Pages {
   bool hasRegion(RegionId region) const { return region < regions_.size() && regions_[region] != nullptr; }
 
   std::uint32_t allocate(RegionId region);  // a fresh slot; kNoSlot when there is none left
+  // Slots in `region` for what moves there, page by page: every move's `to` is filled in, as fresh as `from` is, and take(from, to) called. There
+  // must be room (hasFree).
+  template <class F>
+  void receive(RegionId region, std::span<Move> moves, F&& take);
   void release(std::uint32_t slot);
   // The slot is given to a new record of the same region: what release and allocate would do, without the search. The caller marks the
   // region changed.
@@ -112,6 +122,7 @@ class Pages {
     bool changed = false;
   };
 
+  std::uint32_t pageWithRoom(RegionId id);  // kNoSlot when there is none left
   // Keeps the fullest pages that have room for everything and a sixteenth more; the slots of the others, now dead, are returned.
   std::vector<std::uint32_t> keepFullest(Region& region);
 
@@ -124,6 +135,27 @@ class Pages {
   std::uint32_t untouched_ = 0;      // pages from here on were never used
   std::atomic<std::uint32_t> freePages_;
 };
+
+template <class F>
+void Pages::receive(RegionId id, std::span<Move> moves, F&& take) {
+  for (std::size_t n = 0; n < moves.size();) {
+    const std::uint32_t number = pageWithRoom(id);
+    if (number == kNoSlot) throw std::bad_alloc();
+    Page& page = pages_[number];
+    std::uint64_t alive = 0, made = 0;  // the page is written once: others may write its neighbours
+    for (std::uint64_t room = ~page.alive; room != 0 && n < moves.size(); room &= room - 1, ++n) {
+      const std::uint64_t bit = room & -room;
+      moves[n].to = number * kSlots + static_cast<std::uint32_t>(std::countr_zero(room));
+      alive |= bit;
+      if (fresh(moves[n].from)) made |= bit;
+      take(moves[n].from, moves[n].to);
+    }
+    page.alive |= alive;
+    page.fresh |= made;
+    regions_[id]->count += static_cast<std::uint32_t>(std::popcount(alive));
+    regions_[id]->changed = true;
+  }
+}
 
 template <class F>
 void Pages::compact(RegionId id, F&& move) {

@@ -321,7 +321,7 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
     if (!triangles_.fresh(t)) triangles_.clearFresh(to);
     moveTriangle(t, to);
     triangles_.release(t);
-    if (moves.triangle) moves.triangle(t, to);
+    if (moves.triangles) moves.triangles({{Move{t, to}}});
   }
   std::vector<VertexId> vertices;
   vertices.reserve(vertices_.count(region));
@@ -336,118 +336,20 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
     if (to == kNoSlot) throw std::bad_alloc();
     moveVertex(v, to);
     vertices_.release(v);
-    if (moves.vertex) moves.vertex(v, to);
+    if (moves.vertices) moves.vertices({{Move{v, to}}});
   }
-}
-
-namespace {
-
-struct Refiling {
-  std::uint32_t from, to;
-};
-// What comes to one region, in the order in which it lay where it comes from.
-using Arrivals = std::vector<std::vector<Refiling>>;
-
-// `homeOf(id, guess)` for every id, many at a time, and the ids by their homes.
-template <class HomeOf>
-Arrivals sortByHome(const std::vector<std::uint32_t>& ids, std::size_t regions, const Triangulation::Loop& loop, const HomeOf& homeOf) {
-  constexpr std::size_t kAtATime = 512;
-  std::vector<RegionId> homes(ids.size());
-  loop((ids.size() + kAtATime - 1) / kAtATime, [&](std::size_t k) {
-    RegionId home = kOutside;  // of the last one, a good guess for the next
-    for (std::size_t n = k * kAtATime; n < std::min(ids.size(), (k + 1) * kAtATime); ++n) homes[n] = home = homeOf(n, home);
-  });
-  constexpr std::uint32_t none = 0xffffffffu;
-  std::vector<std::uint32_t> place(regions, none);
-  Arrivals arrivals;
-  for (std::size_t n = 0; n < ids.size(); ++n) {
-    if (place[homes[n]] == none) {
-      place[homes[n]] = static_cast<std::uint32_t>(arrivals.size());
-      arrivals.emplace_back().reserve(ids.size() / 3);
-    }
-    arrivals[place[homes[n]]].push_back({ids[n], homes[n]});  // the region, until it has got a slot there
-  }
-  return arrivals;
-}
-
-}  // namespace
-
-// Three passes over the regions that something comes to, each of which writes to no place that another thread reads or writes meanwhile: triangles
-// are copied, and the old record's first corner names the new one; half-edges are joined anew, each by the triangle that it belongs to, or by
-// its twin's where that one stays; vertices are copied and the stars, whole again, learn of it.
-bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, const Moves& moves) {
-  std::vector<std::uint8_t> splitting(regionLimit(), 0);
-  std::vector<TriangleId> triangles;
-  std::vector<VertexId> vertices;
-  for (RegionId region : regions) {
-    splitting[region] = 1;
-    triangles_.forEach(region, [&](TriangleId t) { triangles.push_back(t); });
-    vertices_.forEach(region, [&](VertexId v) { vertices.push_back(v); });
-  }
-  // Every region there is may open a page.
-  const auto pagesFor = [&](std::size_t slots) { return static_cast<std::uint32_t>(slots / Pages::kSlots + regionLimit()); };
-  if (!triangles_.hasFree(pagesFor(triangles.size())) || !vertices_.hasFree(pagesFor(vertices.size()))) return false;
-
-  Arrivals arrivals = sortByHome(triangles, regionLimit(), loop, [&](std::size_t n, RegionId guess) {
-    if (n + 16 < triangles.size()) prefetch(triangles[n + 16]);
-    if (n + 8 < triangles.size()) prefetchCorners(triangles[n + 8]);
-    const Triangle& r = triangleRecords_[triangles[n]];
-    return regionOfCorners(r.v[0], r.v[1], r.v[2], guess);
-  });
-  loop(arrivals.size(), [&](std::size_t k) {
-    for (auto& [from, to] : arrivals[k]) {
-      to = triangles_.allocate(to);
-      if (!triangles_.fresh(from)) triangles_.clearFresh(to);
-      triangleRecords_[to] = triangleRecords_[from];
-      triangleRecords_[from].v[0] = to;
-      if (moves.triangle) moves.triangle(from, to);
-    }
-  });
-  loop(arrivals.size(), [&](std::size_t k) {
-    const auto& list = arrivals[k];
-    for (std::size_t n = 0; n < list.size(); ++n) {
-      if (n + 4 < list.size()) prefetchNeighbours(list[n + 4].to);
-      const auto [from, to] = list[n];
-      Triangle& r = triangleRecords_[to];
-      for (unsigned side = 0; side < 3; ++side) {
-        const HalfEdge twin = r.twin[side];
-        Triangle& beyond = triangleRecords_[twin >> 2];
-        if (splitting[triangles_.regionOf(twin >> 2)])
-          r.twin[side] = 4 * beyond.v[0] + (twin & 3);
-        else
-          beyond.twin[twin & 3] = 4 * to + side;
-        if (edgeOf(r.v[side]) == 4 * from + side) setEdge(r.v[side], 4 * to + side);
-      }
-    }
-  });
-  arrivals = sortByHome(vertices, regionLimit(), loop, [&](std::size_t n, RegionId guess) {
-    const Vertex& p = vertexRecords_[vertices[n]];
-    return regionOfSum(3 * p.x, 3 * p.z, guess);
-  });
-  loop(arrivals.size(), [&](std::size_t k) {
-    for (auto& [from, to] : arrivals[k]) {
-      to = vertices_.allocate(to);
-      moveVertex(from, to);
-      if (moves.vertex) moves.vertex(from, to);
-    }
-  });
-  for (RegionId region : regions) {
-    triangles_.drain(region);
-    vertices_.drain(region);
-  }
-  return true;
 }
 
 void Triangulation::compact(RegionId region, const Moves& moves) {
   if (triangles_.sparse(region))
     triangles_.compact(region, [&](TriangleId from, TriangleId to) {
       moveTriangle(from, to);
-      if (moves.triangle) moves.triangle(from, to);
+      if (moves.triangles) moves.triangles({{Move{from, to}}});
     });
   if (region != kOutside && vertices_.sparse(region))  // infinity stays where it is
     vertices_.compact(region, [&](VertexId from, VertexId to) {
       moveVertex(from, to);
-      if (moves.vertex) moves.vertex(from, to);
+      if (moves.vertices) moves.vertices({{Move{from, to}}});
     });
 }
 

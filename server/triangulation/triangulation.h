@@ -129,9 +129,9 @@ class WriteSet {
   std::vector<Span> spans_;
 };
 
-struct Moves {  // told of every record that changes its id in refile(), split() or compact()
-  std::function<void(TriangleId from, TriangleId to)> triangle;
-  std::function<void(VertexId from, VertexId to)> vertex;
+struct
+    Moves {  // told of every record that changes its id in refile(), split() or compact(); those of a call come to one region, page by page
+  std::function<void(std::span<const Move>)> triangles, vertices;
 };
 
 class Triangulation {

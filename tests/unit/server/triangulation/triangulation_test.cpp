@@ -396,7 +396,7 @@ TEST(Triangulation, SplitsManyRegionsAtOnce) {
           body(k);
       for (auto& thread : threads) thread.join();
     };
-    ASSERT_TRUE(mesh.split(splits, loop, {[&](TriangleId, TriangleId) { ++told; }, {}}));
+    ASSERT_TRUE(mesh.split(splits, loop, {[&](std::span<const Move> moves) { told += static_cast<std::uint32_t>(moves.size()); }, {}}));
     for (RegionId region : splits) {
       EXPECT_EQ(mesh.triangleCount(region) + mesh.vertexCount(region), 0u);
       mesh.removeRegion(region);
@@ -468,7 +468,7 @@ TEST(Triangulation, CompactingKeepsTheMesh) {
   const std::size_t bytes = world.mesh.residentBytes();
   std::size_t moved = 0;
   for (RegionId r = 0; r < world.mesh.regionLimit(); ++r)
-    if (world.mesh.trianglePages().hasRegion(r)) world.mesh.compact(r, {[&](TriangleId, TriangleId) { ++moved; }, {}});
+    if (world.mesh.trianglePages().hasRegion(r)) world.mesh.compact(r, {[&](std::span<const Move> moves) { moved += moves.size(); }, {}});
   EXPECT_GT(moved, 0u);
   EXPECT_LT(world.mesh.residentBytes(), bytes / 2);
   EXPECT_EQ(trianglesOf(world.mesh), before);
