@@ -82,13 +82,10 @@ void CameraMesh::anchorAt(const camera::Pose& pose, bool keep) {
 
 Follow CameraMesh::follow(const camera::Pose& pose) {
   Follow result;
-  previous_.clear();
-  for (const Leaf* leaf : ordered_) previous_.push_back(leaf->address);
-  result.changed = tree_.follow(pose, groundBelow(pose));
-  pendingGenerate_ = result.changed;
-  const bool anyKept = std::any_of(previous_.begin(), previous_.end(), [&](LeafAddress a) {
+  result.changed = pendingGenerate_ = tree_.follow(pose, groundBelow(pose));
+  const bool anyKept = std::any_of(ordered_.begin(), ordered_.end(), [&](const Leaf* leaf) {
     LeafAddress now;  // kept, split or merged: the ground is still held
-    return tree_.leafAt({a.x(), a.z()}, now);
+    return tree_.leafAt({leaf->address.x(), leaf->address.z()}, now);
   });
   if (!anyKept) {  // somewhere else altogether: nothing of the old mesh remains
     mesh_.clear();
@@ -99,10 +96,8 @@ Follow CameraMesh::follow(const camera::Pose& pose) {
     ordered_.clear();
   }
   anchorAt(pose, anyKept);
-  if (result.changed) {
-    result.generated = static_cast<std::uint32_t>(tree_.untagged([](std::uint32_t) {}).size());
-    result.dropped = static_cast<std::uint32_t>(previous_.size() + result.generated - tree_.leafCount());
-  }
+  result.generated = static_cast<std::uint32_t>(tree_.made().size());
+  result.dropped = static_cast<std::uint32_t>(tree_.gone().size());
   return result;
 }
 
@@ -111,18 +106,11 @@ void CameraMesh::generate(scheduling::Pool& pool) {
   pendingGenerate_ = false;
   std::vector<Leaf*> made;
   std::vector<Former> former;
-  ++generation_;
-  const std::vector<LeafAddress> fresh = tree_.untagged([&](std::uint32_t tag) { leaves_[tag]->generation = generation_; });
-  std::vector<Leaf*> kept;
-  kept.reserve(ordered_.size());
-  for (Leaf* leaf : ordered_) {
-    if (leaf->generation == generation_) {
-      kept.push_back(leaf);
-    } else {
-      former.push_back({std::move(leaves_[leaf->region]), nullptr, {}});
-    }
+  if (!ordered_.empty()) {
+    for (RegionId region : tree_.gone()) former.push_back({std::move(leaves_[region]), nullptr, {}});
+    std::sort(former.begin(), former.end(), [](const Former& l, const Former& r) { return l.leaf->address < r.leaf->address; });
   }
-  for (LeafAddress address : fresh) {
+  for (LeafAddress address : tree_.made()) {
     const Point2 corner = local({address.x(), address.z()});
     const RegionId region = mesh_.addRegion({corner.x, corner.z, static_cast<std::int32_t>(address.side())});
     tree_.setTag(address, region);
@@ -136,9 +124,7 @@ void CameraMesh::generate(scheduling::Pool& pool) {
     leaves_[region]->high = -lattice::kMaxHeight;
     made.push_back(leaves_[region].get());
   }
-  ordered_.resize(kept.size() + made.size());
-  std::merge(kept.begin(), kept.end(), made.begin(), made.end(), ordered_.begin(),
-             [](const Leaf* l, const Leaf* r) { return l->address < r->address; });
+  replaceOrdered(made, former);
   // From here on the partition answers with the new leaves.
   for (Former& f : former)
     for (Leaf* heir : made) {
@@ -156,6 +142,33 @@ void CameraMesh::generate(scheduling::Pool& pool) {
   if (!made.empty()) insertGrids(made, former);
   dropOutside();
   updateWriteSets(made, former, pool);
+}
+
+// Both lists are in canonical order, as the leaves are; few of those are looked at.
+void CameraMesh::replaceOrdered(const std::vector<Leaf*>& made, const std::vector<Former>& former) {
+  std::vector<Leaf*> now;
+  now.reserve(ordered_.size() + made.size() - former.size());
+  auto at = ordered_.begin();
+  const auto keepUntil = [&](LeafAddress address) {
+    const auto end = std::lower_bound(at, ordered_.end(), address, [](const Leaf* l, LeafAddress r) { return l->address < r; });
+    now.insert(now.end(), at, end);
+    at = end;
+  };
+  auto goes = former.begin();
+  const auto goUntil = [&](const LeafAddress* address) {
+    for (; goes != former.end() && (!address || goes->leaf->address < *address); ++goes) {
+      keepUntil(goes->leaf->address);
+      ++at;
+    }
+  };
+  for (Leaf* leaf : made) {
+    goUntil(&leaf->address);
+    keepUntil(leaf->address);
+    now.push_back(leaf);
+  }
+  goUntil(nullptr);
+  now.insert(now.end(), at, ordered_.end());
+  ordered_ = std::move(now);
 }
 
 // What is filed under leaves that were merged, split or dropped is filed under their heirs, or outside.
@@ -328,22 +341,26 @@ void CameraMesh::updateWriteSets(const std::vector<Leaf*>& made, const std::vect
   struct Stale {
     Leaf* leaf;
     bool coarser;  // its own or a neighbour's grid lost points
-    bool operator<(const Stale& other) const { return std::pair(leaf->region, !coarser) < std::pair(other.leaf->region, !other.coarser); }
-    bool operator==(const Stale& other) const { return leaf == other.leaf; }
   };
-  std::vector<Stale> stale;
-  for (Leaf* leaf : made) {
-    stale.push_back({leaf, false});
-    for (LeafAddress a : tree_.touching(leaf->address)) stale.push_back({this->leaf(a), false});
+  enum : std::uint8_t { kStale = 1, kCoarser = 2 };
+  std::vector<std::uint8_t> marks(leaves_.size(), 0);
+  std::vector<RegionId> around;
+  for (const Leaf* leaf : made) {
+    marks[leaf->region] |= kStale;
+    tree_.touchingTags(leaf->address, around);
+    for (RegionId region : around) marks[region] |= kStale;
   }
-  for (const Former& f : former)
-    for (LeafAddress a : tree_.touching(f.leaf->address)) stale.push_back({this->leaf(a), f.parts.empty()});
-  std::sort(stale.begin(), stale.end());
-  stale.erase(std::unique(stale.begin(), stale.end()), stale.end());
+  for (const Former& f : former) {
+    tree_.touchingTags(f.leaf->address, around);
+    for (RegionId region : around) marks[region] |= f.parts.empty() ? kStale | kCoarser : kStale;
+  }
+  std::vector<Stale> stale;
+  for (RegionId region = 0; region < marks.size(); ++region)
+    if (marks[region] != 0) stale.push_back({leaves_[region].get(), (marks[region] & kCoarser) != 0});
   pool.forEach(stale.size(), 4, [&](std::size_t k) {
     Leaf* const leaf = stale[k].leaf;
-    leaf->writeSet.assign(1, leaf->region);
-    for (LeafAddress a : tree_.touching(leaf->address)) leaf->writeSet.push_back(this->leaf(a)->region);
+    tree_.touchingTags(leaf->address, leaf->writeSet);
+    leaf->writeSet.push_back(leaf->region);
     if (!stale[k].coarser) return;
     mesh_.vertexPages().forEach(leaf->region, [&](VertexId v) {
       const Point2 p = mesh_.vertex(v).point();

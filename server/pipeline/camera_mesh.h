@@ -29,7 +29,6 @@ struct Leaf {
   std::int32_t low = 0, high = 0;                 // steps: bounds of its vertices' heights
   std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
   std::uint64_t version = 0, hash = 0;
-  std::uint64_t generation = 0;  // the last generate() that found it in the tree
 
   // of the current iteration
   bool visible = false;
@@ -94,6 +93,7 @@ class CameraMesh : private triangulation::Partition {
     Leaf* whole = nullptr;
     std::vector<Leaf*> parts;
   };
+  void replaceOrdered(const std::vector<Leaf*>& made, const std::vector<Former>& former);
   void refile(const std::vector<Former>& former, scheduling::Pool& pool);
   void snapVertices(const std::vector<triangulation::VertexId>& vertices);
   void insertGrids(const std::vector<Leaf*>& made, const std::vector<Former>& former);
@@ -115,9 +115,7 @@ class CameraMesh : private triangulation::Partition {
   refinement::Surface surface_;
   std::vector<std::unique_ptr<Leaf>> leaves_;  // by region; null: unused
   std::vector<Leaf*> ordered_;
-  std::vector<lattice::LeafAddress> previous_;  // the tree's leaves before the last follow(), when it changed
   bool pendingGenerate_ = false;
-  std::uint64_t generation_ = 0;
   bool recording_ = false;
   std::atomic<std::uint64_t> heights_{0};
 };

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <limits>
 
 namespace ridgecast::quadtree {
 
@@ -10,6 +11,10 @@ using lattice::LeafAddress;
 using lattice::Step;
 
 namespace {
+constexpr double kNever = std::numeric_limits<double>::infinity();
+constexpr double kSlack = 0.01;   // metres: far above what rounding does to distances,
+constexpr double kLongest = 1e9;  // and to their sums up to here
+
 // Gap between an interval [low, high] and a point.
 double gap(double p, double low, double high) { return p < low ? low - p : p > high ? p - high : 0.0; }
 }  // namespace
@@ -17,17 +22,15 @@ double gap(double p, double low, double high) { return p < low ? low - p : p > h
 std::int32_t Quadtree::find(LeafAddress address) const {
   const int up = kRootLevel - address.level;
   if (up < 0) return -1;
-  const auto root = roots_.find({kRootLevel, address.i >> up, address.j >> up});
-  if (root == roots_.end()) return -1;
-  std::int32_t node = root->second;
-  for (int d = up - 1; d >= 0; --d) {
+  std::int32_t node = rootAt(address.i >> up, address.j >> up);
+  for (int d = up - 1; node >= 0 && d >= 0; --d) {
     if (nodes_[node].children < 0) return -1;
     node = nodes_[node].children + static_cast<std::int32_t>(((address.i >> d) & 1) + 2 * ((address.j >> d) & 1));
   }
   return node;
 }
 
-std::int32_t Quadtree::makeChildren(std::int32_t node) {
+std::int32_t Quadtree::newFour() {
   std::int32_t first;
   if (!free_.empty()) {
     first = free_.back();
@@ -37,17 +40,28 @@ std::int32_t Quadtree::makeChildren(std::int32_t node) {
     nodes_.resize(nodes_.size() + 4);
   }
   for (int k = 0; k < 4; ++k) nodes_[first + k] = Node{};
+  return first;
+}
+
+// A leaf is one no longer.
+void Quadtree::drop(std::int32_t node) {
+  if (nodes_[node].tag != 0) gone_.push_back(nodes_[node].tag);
+  nodes_[node].tag = 0;
+}
+
+std::int32_t Quadtree::makeChildren(std::int32_t node) {
+  const std::int32_t first = newFour();
+  drop(node);
   nodes_[node].children = first;
   leafCount_ += 3;
-  changed_ = true;
   return first;
 }
 
 void Quadtree::freeChildren(std::int32_t node) {
+  for (int k = 0; k < 4; ++k) drop(nodes_[node].children + k);
   free_.push_back(nodes_[node].children);
   nodes_[node].children = -1;
   leafCount_ -= 3;
-  changed_ = true;
 }
 
 double Quadtree::distance(const View& view, LeafAddress square) const {
@@ -56,21 +70,27 @@ double Quadtree::distance(const View& view, LeafAddress square) const {
   return std::sqrt(dx * dx + dz * dz) * lattice::kMetresPerStep;
 }
 
-bool Quadtree::wantsChildren(const View& view, LeafAddress address, double factor) const {
-  if (address.level == 0) return false;
+// What the node is due at.
+double Quadtree::update(const View& view, std::int32_t node, LeafAddress address) {
+  if (nodes_[node].due > travel_) return nodes_[node].due;
+  if (address.level == 0) return nodes_[node].due = kNever;
   const double side = static_cast<double>(address.side()) * lattice::kMetresPerStep, flat = distance(view, address);
-  return side * side > factor * factor * (flat * flat + view.above * view.above);
-}
-
-void Quadtree::update(const View& view, std::int32_t node, LeafAddress address) {
-  if (nodes_[node].children < 0) {
-    if (!wantsChildren(view, address, kSplit)) return;
-    makeChildren(node);
-  } else if (!wantsChildren(view, address, kMerge)) {
+  const double away = std::sqrt(flat * flat + view.above * view.above);
+  const bool split = nodes_[node].children >= 0;
+  const double merges = side / kMerge, splits = side / kSplit;  // four leaves from here on, a leaf nearer than this
+  if (split && !(away < merges)) {
     collapse(node);
-    return;
+    made_.push_back(address);
+    return nodes_[node].due = travel_ + (away - splits) - kSlack;
   }
-  for (int k = 0; k < 4; ++k) update(view, nodes_[node].children + k, address.child(k));
+  if (!split) {
+    if (!(away < splits)) return nodes_[node].due = travel_ + (away - splits) - kSlack;
+    makeChildren(node);
+    for (int k = 0; k < 4; ++k) made_.push_back(address.child(k));
+  }
+  double due = travel_ + (merges - away) - kSlack;
+  for (int k = 0; k < 4; ++k) due = std::min(due, update(view, nodes_[node].children + k, address.child(k)));
+  return nodes_[node].due = due;
 }
 
 // Makes a node a leaf, whatever hung below it.
@@ -78,54 +98,69 @@ void Quadtree::collapse(std::int32_t node) {
   if (nodes_[node].children < 0) return;
   for (int k = 0; k < 4; ++k) collapse(nodes_[node].children + k);
   freeChildren(node);
-  nodes_[node].tag = 0;
+}
+
+void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
+  if (rootsDue_ > travel_) return;
+  rootsDue_ = kNever;
+  std::erase_if(held_, [&](LeafAddress address) {
+    const double slack = kKeepDistance - distance(view, address);
+    if (slack >= 0) {
+      rootsDue_ = std::min(rootsDue_, travel_ + slack - kSlack);
+      return false;
+    }
+    const std::int32_t node = rootAt(address.i, address.j);
+    collapse(node);
+    drop(node);
+    free_.push_back(node);  // a root sits in the first of four slots of its own
+    roots_[rootSlot(address.i, address.j)] = {};
+    --leafCount_;
+    return true;
+  });
+  const LeafAddress centre = lattice::leafAt({pose.x, pose.z}, kRootLevel);
+  const double side = static_cast<double>(centre.side()) * lattice::kMetresPerStep;
+  const auto reach = static_cast<std::int64_t>(kHorizon / side) + 1;
+  rootsDue_ = std::min(rootsDue_, travel_ + (static_cast<double>(reach) * side - kHorizon) - kSlack);  // of those beyond
+  for (std::int64_t i = centre.i - reach; i <= centre.i + reach; ++i)
+    for (std::int64_t j = centre.j - reach; j <= centre.j + reach; ++j) {
+      const LeafAddress address{kRootLevel, i, j};
+      if (rootAt(i, j) >= 0) continue;
+      if (const double slack = distance(view, address) - kHorizon; slack > 0) {
+        rootsDue_ = std::min(rootsDue_, travel_ + slack - kSlack);
+        continue;
+      }
+      roots_[rootSlot(i, j)] = {i, j, newFour()};
+      held_.push_back(address);
+      made_.push_back(address);
+      ++leafCount_;
+    }
+  std::sort(held_.begin(), held_.end());
 }
 
 bool Quadtree::follow(const camera::Pose& pose, double ground) {
   const View view{static_cast<double>(pose.x), static_cast<double>(pose.z), std::max(0.0, pose.y - ground)};
-  changed_ = false;
-  std::vector<LeafAddress> held;
-  for (const auto& [address, node] : roots_) held.push_back(address);
-  std::sort(held.begin(), held.end());
-  for (const LeafAddress& address : held) {
-    if (distance(view, address) <= kKeepDistance) continue;
-    const std::int32_t node = roots_.at(address);
-    collapse(node);
-    changed_ = true;
-    free_.push_back(node);  // a root sits in the first of four slots of its own
-    roots_.erase(address);
-    --leafCount_;
+  made_.clear();
+  gone_.clear();
+  const double dx = (view.x - last_.x) * lattice::kMetresPerStep, dz = (view.z - last_.z) * lattice::kMetresPerStep,
+               dy = view.above - last_.above;
+  travel_ += std::sqrt(dx * dx + dz * dz + dy * dy);
+  if (travel_ > kLongest) {
+    travel_ = 0;
+    rootsDue_ = kAlways;
+    for (Node& node : nodes_) node.due = kAlways;
   }
-  const LeafAddress centre = lattice::leafAt({pose.x, pose.z}, kRootLevel);
-  const std::int64_t reach = static_cast<std::int64_t>(kHorizon * lattice::kStepsPerMetre / static_cast<double>(centre.side())) + 1;
-  for (std::int64_t i = centre.i - reach; i <= centre.i + reach; ++i)
-    for (std::int64_t j = centre.j - reach; j <= centre.j + reach; ++j) {
-      const LeafAddress address{kRootLevel, i, j};
-      if (roots_.count(address) || distance(view, address) > kHorizon) continue;
-      std::int32_t node;
-      if (!free_.empty()) {
-        node = free_.back();
-        free_.pop_back();
-      } else {
-        node = static_cast<std::int32_t>(nodes_.size());
-        nodes_.resize(nodes_.size() + 4);
-      }
-      nodes_[node] = Node{};
-      roots_.emplace(address, node);
-      ++leafCount_;
-      changed_ = true;
-    }
-  held.clear();
-  for (const auto& [address, node] : roots_) held.push_back(address);
-  std::sort(held.begin(), held.end());
-  for (const LeafAddress& address : held) update(view, roots_.at(address), address);
-  return changed_;
+  last_ = view;
+  followRoots(view, pose);
+  for (const LeafAddress& address : held_) update(view, rootAt(address.i, address.j), address);
+  std::erase_if(made_, [&](LeafAddress address) { return !isLeaf(address); });  // split in turn
+  std::sort(made_.begin(), made_.end());
+  return !made_.empty() || !gone_.empty();
 }
 
 template <class F>
 void Quadtree::visit(std::int32_t node, LeafAddress address, F&& f) const {
   if (nodes_[node].children < 0) {
-    f(address, nodes_[node].tag);
+    f(address);
     return;
   }
   for (int k = 0; k < 4; ++k) visit(nodes_[node].children + k, address.child(k), f);
@@ -134,18 +169,7 @@ void Quadtree::visit(std::int32_t node, LeafAddress address, F&& f) const {
 std::vector<LeafAddress> Quadtree::leaves() const {
   std::vector<LeafAddress> out;
   out.reserve(leafCount_);
-  for (const auto& [address, node] : roots_) visit(node, address, [&](LeafAddress a, std::uint32_t) { out.push_back(a); });
-  std::sort(out.begin(), out.end());
-  return out;
-}
-
-std::vector<LeafAddress> Quadtree::untagged(const std::function<void(std::uint32_t)>& tagged) const {
-  std::vector<LeafAddress> out;
-  for (const auto& [address, node] : roots_)
-    visit(node, address, [&](LeafAddress a, std::uint32_t tag) {
-      if (tag == 0) out.push_back(a);
-      else tagged(tag);
-    });
+  for (const LeafAddress& address : held_) visit(rootAt(address.i, address.j), address, [&](LeafAddress a) { out.push_back(a); });
   std::sort(out.begin(), out.end());
   return out;
 }
@@ -155,40 +179,38 @@ bool Quadtree::isLeaf(LeafAddress address) const {
   return node >= 0 && nodes_[node].children < 0;
 }
 
-bool Quadtree::leafAt(lattice::Point p, LeafAddress& leaf) const {
+std::int32_t Quadtree::locate(lattice::Point p, LeafAddress& leaf) const {
   LeafAddress address = lattice::leafAt(p, kRootLevel);
-  const auto root = roots_.find(address);
-  if (root == roots_.end()) return false;
-  std::int32_t node = root->second;
-  while (nodes_[node].children >= 0) {
+  std::int32_t node = rootAt(address.i, address.j);
+  while (node >= 0 && nodes_[node].children >= 0) {
     const int bits = address.sideBits() - 1;
     const int k = static_cast<int>(((p.x >> bits) & 1) + 2 * ((p.z >> bits) & 1));
     node = nodes_[node].children + k;
     address = address.child(k);
   }
-  leaf = address;
-  return true;
+  if (node >= 0) leaf = address;
+  return node;
 }
 
 std::uint32_t Quadtree::tagAt(lattice::Point p) const {
-  const auto root = roots_.find(lattice::leafAt(p, kRootLevel));
-  if (root == roots_.end()) return 0;
-  std::int32_t node = root->second;
+  const LeafAddress root = lattice::leafAt(p, kRootLevel);
+  std::int32_t node = rootAt(root.i, root.j);
+  if (node < 0) return 0;
   for (int bits = lattice::kFinestSideBits + kRootLevel - 1; nodes_[node].children >= 0; --bits)
     node = nodes_[node].children + static_cast<std::int32_t>(((p.x >> bits) & 1) + 2 * ((p.z >> bits) & 1));
   return nodes_[node].tag;
 }
 
-std::vector<LeafAddress> Quadtree::touching(LeafAddress leaf) const {
-  std::vector<LeafAddress> out;
-  // Walk along the ring just outside, from leaf to leaf; the finest square is the smallest stride there is.
+// f(address, node) for every leaf along the ring just outside, some more than once; the finest square is the smallest stride there is.
+template <class F>
+void Quadtree::walkAround(LeafAddress leaf, F&& f) const {
   const Step x0 = leaf.x() - 1, z0 = leaf.z() - 1, x1 = leaf.x() + leaf.side(), z1 = leaf.z() + leaf.side();
   const auto along = [&](bool horizontal, Step fixed, Step from, Step to) {
     for (Step at = from; at <= to;) {
       LeafAddress found;
-      const lattice::Point p = horizontal ? lattice::Point{at, fixed} : lattice::Point{fixed, at};
-      if (leafAt(p, found)) {
-        out.push_back(found);
+      const std::int32_t node = locate(horizontal ? lattice::Point{at, fixed} : lattice::Point{fixed, at}, found);
+      if (node >= 0) {
+        f(found, node);
         at = horizontal ? found.x() + found.side() : found.z() + found.side();
       } else {
         at = lattice::floorTo(at, lattice::kFinestSideBits + kRootLevel) + (Step{1} << (lattice::kFinestSideBits + kRootLevel));
@@ -199,9 +221,21 @@ std::vector<LeafAddress> Quadtree::touching(LeafAddress leaf) const {
   along(true, z1, x0, x1);
   along(false, x0, z0, z1);
   along(false, x1, z0, z1);
+}
+
+std::vector<LeafAddress> Quadtree::touching(LeafAddress leaf) const {
+  std::vector<LeafAddress> out;
+  walkAround(leaf, [&](LeafAddress address, std::int32_t) { out.push_back(address); });
   std::sort(out.begin(), out.end());
   out.erase(std::unique(out.begin(), out.end()), out.end());
   return out;
+}
+
+void Quadtree::touchingTags(LeafAddress leaf, std::vector<std::uint32_t>& tags) const {
+  tags.clear();
+  walkAround(leaf, [&](LeafAddress, std::int32_t node) { tags.push_back(nodes_[node].tag); });
+  std::sort(tags.begin(), tags.end());
+  tags.erase(std::unique(tags.begin(), tags.end()), tags.end());
 }
 
 void Quadtree::setTag(LeafAddress leaf, std::uint32_t tag) {

@@ -8,11 +8,14 @@
 // level without any balancing.
 //
 // A leaf is invalid until its first mesh was made. The tree carries a tag for each leaf (the engine's handle, 0: none).
-// One thread at a time.
+//
+// A camera that moves by d changes no distance by more than d. So each node knows how far the camera may travel before it or anything below
+// it can split or merge, and following looks only where that is used up.
+//
+// follow() and setTag(): one thread, alone. The rest reads.
 
+#include <array>
 #include <cstdint>
-#include <functional>
-#include <unordered_map>
 #include <vector>
 
 #include "common/camera/camera.h"
@@ -20,29 +23,32 @@
 
 namespace ridgecast::quadtree {
 
-inline constexpr int kRootLevel = 8;               // 8,192 m
-inline constexpr double kHorizon = 32'000;         // metres
-inline constexpr double kKeepDistance = 34'000;    // metres
+inline constexpr int kRootLevel = 8;             // 8,192 m
+inline constexpr double kHorizon = 32'000;       // metres
+inline constexpr double kKeepDistance = 34'000;  // metres
 inline constexpr double kSplit = 0.25;
 inline constexpr double kMerge = 0.225;
 
 class Quadtree {
  public:
   // Follows the camera; ground: height of the ground below it in metres. Returns whether any leaf came or went. A leaf that is new
-  // has tag 0.
+  // has tag 0, and is to get one before the next call.
   bool follow(const camera::Pose& pose, double ground);
+  // By the last follow(): the leaves that came, in canonical order, and the tags of those that went, in any.
+  const std::vector<lattice::LeafAddress>& made() const { return made_; }
+  const std::vector<std::uint32_t>& gone() const { return gone_; }
 
   // Every leaf of the tree, in canonical order of address.
   std::vector<lattice::LeafAddress> leaves() const;
   std::size_t leafCount() const { return leafCount_; }
-  // The leaves without a tag, in canonical order; `tagged` is told the tags of the others, in any order.
-  std::vector<lattice::LeafAddress> untagged(const std::function<void(std::uint32_t)>& tagged) const;
 
   bool isLeaf(lattice::LeafAddress address) const;
   // The leaf that holds a point; false when the point is beyond every root.
-  bool leafAt(lattice::Point p, lattice::LeafAddress& leaf) const;
+  bool leafAt(lattice::Point p, lattice::LeafAddress& leaf) const { return locate(p, leaf) >= 0; }
   // The leaves whose closed squares share at least a point with a leaf's, itself excluded, in canonical order.
   std::vector<lattice::LeafAddress> touching(lattice::LeafAddress leaf) const;
+  // Their tags, ascending.
+  void touchingTags(lattice::LeafAddress leaf, std::vector<std::uint32_t>& tags) const;
 
   void setTag(lattice::LeafAddress leaf, std::uint32_t tag);
   std::uint32_t tag(lattice::LeafAddress leaf) const;
@@ -50,28 +56,53 @@ class Quadtree {
   std::uint32_t tagAt(lattice::Point p) const;
 
  private:
+  static constexpr double kAlways = -1;
   struct Node {
     std::int32_t children = -1;  // index of the first of four, -1: a leaf
     std::uint32_t tag = 0;
+    double due = kAlways;  // travel from which on something here may change
   };
   struct View {
-    double x, z, above;          // camera in steps relative to nothing: exact below 2^53; height above ground in metres
+    double x, z, above;  // camera in steps relative to nothing: exact below 2^53; height above ground in metres
   };
-  std::int32_t find(lattice::LeafAddress address) const;  // -1: no such node
+  // The roots held lie within five of the camera's, so none of them share a slot.
+  struct Root {
+    std::int64_t i = 0, j = 0;
+    std::int32_t node = -1;  // -1: none
+  };
+  static constexpr std::size_t kRootSlots = 16;  // each way
+  static std::size_t rootSlot(std::int64_t i, std::int64_t j) {
+    return static_cast<std::size_t>(i & (kRootSlots - 1)) * kRootSlots + static_cast<std::size_t>(j & (kRootSlots - 1));
+  }
+  std::int32_t rootAt(std::int64_t i, std::int64_t j) const {
+    const Root& root = roots_[rootSlot(i, j)];
+    return root.i == i && root.j == j ? root.node : -1;
+  }
+  std::int32_t find(lattice::LeafAddress address) const;                    // -1: no such node
+  std::int32_t locate(lattice::Point p, lattice::LeafAddress& leaf) const;  // the node of the leaf that holds it, or -1
+  template <class F>
+  void walkAround(lattice::LeafAddress leaf, F&& f) const;
+  std::int32_t newFour();
   std::int32_t makeChildren(std::int32_t node);
   void freeChildren(std::int32_t node);
+  void drop(std::int32_t node);
   double distance(const View& view, lattice::LeafAddress square) const;
-  void update(const View& view, std::int32_t node, lattice::LeafAddress address);
-  bool wantsChildren(const View& view, lattice::LeafAddress address, double factor) const;
+  double update(const View& view, std::int32_t node, lattice::LeafAddress address);
+  void followRoots(const View& view, const camera::Pose& pose);
   void collapse(std::int32_t node);
   template <class F>
   void visit(std::int32_t node, lattice::LeafAddress address, F&& f) const;
 
-  std::unordered_map<lattice::LeafAddress, std::int32_t, lattice::LeafAddressHash> roots_;
+  std::array<Root, kRootSlots * kRootSlots> roots_;
+  std::vector<lattice::LeafAddress> held_;  // the roots, in canonical order
   std::vector<Node> nodes_;
   std::vector<std::int32_t> free_;  // first of four
   std::size_t leafCount_ = 0;
-  bool changed_ = false;
+  View last_{};
+  double travel_ = 0;          // metres, of all follow() so far
+  double rootsDue_ = kAlways;  // travel from which on a root may come or go
+  std::vector<lattice::LeafAddress> made_;
+  std::vector<std::uint32_t> gone_;
 };
 
 }  // namespace ridgecast::quadtree

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <random>
@@ -50,7 +51,8 @@ TEST_P(Quadtrees, LeavesTileTheWorldToTheHorizonAndTouchingOnesDifferByOneLevelA
     for (int n = 0; n < 200; ++n) {
       const double angle = rng() * 1e-9, radius = std::sqrt(rng() / 4294967296.0) * (kHorizon - 1);
       LeafAddress leaf;
-      const lattice::Point p{static_cast<Step>(x * 256 + 256 * radius * std::cos(angle)), static_cast<Step>(z * 256 + 256 * radius * std::sin(angle))};
+      const lattice::Point p{static_cast<Step>(x * 256 + 256 * radius * std::cos(angle)),
+                             static_cast<Step>(z * 256 + 256 * radius * std::sin(angle))};
       ASSERT_TRUE(tree.leafAt(p, leaf));
       EXPECT_TRUE(leaf.contains(p));
       EXPECT_TRUE(tree.isLeaf(leaf));
@@ -92,6 +94,104 @@ TEST(Quadtree, AStillOrTremblingCameraChangesNothing) {
   int changes = 0;
   for (int n = 0; n < 100; ++n) changes += tree.follow(poseAt(1000 + (n % 2), 500, 100), 0);
   EXPECT_LE(changes, 2);
+}
+
+// The rules as they are written, every node looked at every time.
+class Plain {
+ public:
+  void follow(const camera::Pose& pose, double ground) {
+    pose_ = pose;
+    above_ = std::max(0.0, pose.y - ground);
+    leaves.clear();
+    std::set<LeafAddress> now;
+    const LeafAddress centre = lattice::leafAt({pose.x, pose.z}, kRootLevel);
+    for (std::int64_t i = centre.i - 6; i <= centre.i + 6; ++i)
+      for (std::int64_t j = centre.j - 6; j <= centre.j + 6; ++j) {
+        const LeafAddress root{kRootLevel, i, j};
+        const double flat = distance(root);
+        if (flat <= kHorizon || (flat <= kKeepDistance && roots_.count(root))) {
+          now.insert(root);
+          add(root);
+        }
+      }
+    roots_ = now;
+    split_ = std::move(kept_);
+    kept_.clear();
+  }
+  std::set<LeafAddress> leaves;
+
+ private:
+  double distance(LeafAddress a) const {
+    const auto gap = [](double p, double low, double high) { return p < low ? low - p : p > high ? p - high : 0; };
+    const double x0 = static_cast<double>(a.x()), z0 = static_cast<double>(a.z()), side = static_cast<double>(a.side());
+    return std::hypot(gap(static_cast<double>(pose_.x), x0, x0 + side), gap(static_cast<double>(pose_.z), z0, z0 + side)) / 256;
+  }
+  void add(LeafAddress a) {
+    const double side = static_cast<double>(a.side()) / 256, away = std::hypot(distance(a), above_);
+    if (a.level > 0 && away < side / (split_.count(a) ? kMerge : kSplit)) {
+      kept_.insert(a);
+      for (int k = 0; k < 4; ++k) add(a.child(k));
+    } else {
+      leaves.insert(a);
+    }
+  }
+  camera::Pose pose_;
+  double above_ = 0;
+  std::set<LeafAddress> roots_, split_, kept_;
+};
+
+// Steps, strides, dives and jumps: looking only at what may change changes nothing, and what came and went is told.
+TEST_P(Quadtrees, LooksOnlyAtWhatMayChange) {
+  Quadtree tree;
+  Plain plain;
+  std::mt19937 rng(11);
+  double x = GetParam(), z = 7, y = 200;
+  std::map<LeafAddress, std::uint32_t> tags;
+  std::uint32_t next = 1;
+  std::size_t changed = 0;
+  for (int n = 0; n < 600; ++n) {
+    const auto pose = poseAt(x, z, y);
+    const bool told = tree.follow(pose, 100);
+    plain.follow(pose, 100);
+    const auto leaves = tree.leaves();
+    ASSERT_EQ(std::set<LeafAddress>(leaves.begin(), leaves.end()), plain.leaves) << "step " << n;
+    std::vector<LeafAddress> made;
+    std::vector<std::uint32_t> gone;
+    for (LeafAddress a : leaves)
+      if (!tags.count(a)) made.push_back(a);
+    for (auto it = tags.begin(); it != tags.end();) {
+      if (plain.leaves.count(it->first)) {
+        ++it;
+        continue;
+      }
+      gone.push_back(it->second);
+      it = tags.erase(it);
+    }
+    auto toldGone = tree.gone();
+    std::sort(gone.begin(), gone.end());
+    std::sort(toldGone.begin(), toldGone.end());
+    ASSERT_EQ(tree.made(), made) << "step " << n;
+    ASSERT_EQ(toldGone, gone) << "step " << n;
+    ASSERT_EQ(told, !made.empty() || !gone.empty());
+    changed += told;
+    for (LeafAddress a : made) tree.setTag(a, tags[a] = next++);
+    for (std::size_t k = n % 29; k < leaves.size(); k += 29) {
+      std::vector<std::uint32_t> expected, around;
+      for (LeafAddress a : tree.touching(leaves[k])) expected.push_back(tags[a]);
+      std::sort(expected.begin(), expected.end());
+      tree.touchingTags(leaves[k], around);
+      ASSERT_EQ(around, expected);
+    }
+    const int kind = n % 100;
+    const double stride = kind < 40 ? 0.02 : kind < 70 ? 5 : kind < 97 ? 150 : 3000;
+    x += stride * (static_cast<double>(rng() % 1000) / 500 - 0.9);
+    z += stride * (static_cast<double>(rng() % 1000) / 500 - 1.1);
+    y = std::max(90.0, y + stride * (static_cast<double>(rng() % 1000) / 500 - 1));
+    if (kind == 98) y = 6000;
+    if (kind == 99) y = 150;
+    if (n == 350) x += 3e9;  // farther than the sum of all ways is kept exactly
+  }
+  EXPECT_GT(changed, 150u);
 }
 
 TEST(Quadtree, TagsStayWithTheirLeavesAndNewLeavesHaveNone) {
