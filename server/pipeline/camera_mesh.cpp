@@ -94,6 +94,8 @@ Follow CameraMesh::follow(const camera::Pose& pose) {
       leaves_[leaf->region].reset();
     }
     ordered_.clear();
+    regions_.clear();
+    sparse_.clear();
   }
   anchorAt(pose, anyKept);
   result.generated = static_cast<std::uint32_t>(tree_.made().size());
@@ -169,6 +171,8 @@ void CameraMesh::replaceOrdered(const std::vector<Leaf*>& made, const std::vecto
   goUntil(nullptr);
   now.insert(now.end(), at, ordered_.end());
   ordered_ = std::move(now);
+  regions_.clear();
+  for (const Leaf* leaf : ordered_) regions_.push_back(leaf->region);
 }
 
 // What is filed under leaves that were merged, split or dropped is filed under their heirs, or outside.
@@ -206,7 +210,9 @@ triangulation::Moves CameraMesh::keepBeside(std::vector<VertexId>* moved) {
 
 void CameraMesh::compact() {
   const triangulation::Moves moves = keepBeside(nullptr);
-  for (const Leaf* leaf : ordered_) mesh_.compact(leaf->region, moves);
+  for (RegionId region : sparse_)
+    if (mesh_.trianglePages().hasRegion(region)) mesh_.compact(region, moves);
+  sparse_.clear();
   mesh_.compact(kOutside, moves);
 }
 
@@ -453,6 +459,7 @@ bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, const refinement::View&
 void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view) {
   thread_local WriteSet set;
   set.allow(leaf.writeSet);
+  leaf.deferred.clear();
   for (VertexId v : leaf.removable) {
     const Vertex& p = mesh_.vertex(v);
     const float loss = refinement::lossOf(mesh_, surface_, v, view.area, set);
@@ -490,9 +497,10 @@ std::uint32_t CameraMesh::change(const refinement::View& view, scheduling::Pool&
   used.assign(leaves_.size() + 1, 0);
   for (Leaf* leaf : ordered_) {
     leaf->inserted = leaf->removed = 0;
-    leaf->insertedPoints.clear();
-    leaf->removedPoints.clear();
-    leaf->deferred.clear();
+    if (recording_) {
+      leaf->insertedPoints.clear();
+      leaf->removedPoints.clear();
+    }
     if (leaf->pending.empty() && leaf->removable.empty()) continue;
     std::uint64_t taken = 0;
     for (RegionId r : leaf->writeSet) taken |= used[r];
@@ -533,8 +541,8 @@ std::uint32_t CameraMesh::change(const refinement::View& view, scheduling::Pool&
 void CameraMesh::evaluate(scheduling::Pool& pool, const refinement::View* view) {
   thread_local std::vector<Leaf*> changed;
   changed.clear();
-  for (Leaf* leaf : ordered_)
-    if (mesh_.trianglePages().changed(leaf->region)) changed.push_back(leaf);
+  for (std::size_t k = 0; k < regions_.size(); ++k)
+    if (mesh_.trianglePages().changed(regions_[k])) changed.push_back(ordered_[k]);
   const auto& list = changed;
   pool.forEach(list.size(), 4, [&, leaves = list.data()](std::size_t k) { evaluateLeaf(*leaves[k], view); });
 }

@@ -23,21 +23,22 @@
 
 namespace ridgecast::pipeline {
 
-struct Leaf {
+struct alignas(64) Leaf {  // every iteration looks at the first two lines of all of them, and at the rest of few
   lattice::LeafAddress address;
   triangulation::RegionId region = triangulation::kOutside;
-  std::int32_t low = 0, high = 0;                 // steps: bounds of its vertices' heights
-  std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
-  std::uint64_t version = 0, hash = 0;
+  std::int32_t low = 0, high = 0;  // steps: bounds of its vertices' heights
 
   // of the current iteration
-  bool visible = false;
   double removalLimit = 0;  // pixels of loss below which vertices go
   std::vector<refinement::Pending> pending;
   std::vector<triangulation::VertexId> removable;
-  std::vector<refinement::Pending> deferred;
   std::uint32_t inserted = 0, removed = 0;
+  bool visible = false;
+  std::vector<refinement::Pending> deferred;
   std::vector<triangulation::Point2> insertedPoints, removedPoints;  // when recording
+
+  std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
+  std::uint64_t version = 0, hash = 0;
 };
 
 struct Follow {
@@ -62,8 +63,17 @@ class CameraMesh : private triangulation::Partition {
   // deferred to the serial step. What it and later neighbours left fresh is evaluate()'s.
   std::uint32_t change(const refinement::View& view, scheduling::Pool& pool);
 
-  // Brings the records of leaves closer together where removals have scattered them.
+  // Brings the records of leaves closer together where removals have scattered them; only those of leaves that takeChanged() told of.
   void compact();
+  // f(k) for the leaves in leaves() whose triangles changed since the last call.
+  template <class F>
+  void takeChanged(F&& f) {
+    for (std::size_t k = 0; k < regions_.size(); ++k) {
+      if (!mesh_.takeChanged(regions_[k])) continue;
+      if (mesh_.sparse(regions_[k])) sparse_.push_back(regions_[k]);
+      f(k);
+    }
+  }
 
   // Chooses candidates for every fresh triangle. `view`: of the last screening, if there was one since generate().
   void evaluate(scheduling::Pool& pool, const refinement::View* view = nullptr);
@@ -115,6 +125,8 @@ class CameraMesh : private triangulation::Partition {
   refinement::Surface surface_;
   std::vector<std::unique_ptr<Leaf>> leaves_;  // by region; null: unused
   std::vector<Leaf*> ordered_;
+  std::vector<triangulation::RegionId> regions_;  // of the leaves in ordered_
+  std::vector<triangulation::RegionId> sparse_;   // to be compacted next time; some may be gone
   bool pendingGenerate_ = false;
   bool recording_ = false;
   std::atomic<std::uint64_t> heights_{0};

@@ -92,7 +92,7 @@ struct Pipeline::State {
   void lookAround(const camera::Camera& camera, refinement::View& view);
   void screen(const camera::Camera& camera, const refinement::View& view, const RemovalLimits& removal);
   void limitPending();
-  void publish();
+  void publish(bool otherLeaves);
   std::uint32_t owned() const;
   void describe(wire::Figures& figures) const;
 
@@ -198,19 +198,27 @@ void Pipeline::State::describe(wire::Figures& figures) const {
 }
 
 // New versions and hashes for leaves whose triangles changed.
-void Pipeline::State::publish() {
+void Pipeline::State::publish(bool otherLeaves) {
   const auto& leafs = mesh.leaves();
-  std::vector<Leaf*> changed;
-  for (Leaf* leaf : leafs)
-    if (mesh.triangulation().takeChanged(leaf->region)) {
-      leaf->version = ++versions;
-      changed.push_back(leaf);
-    }
   const auto& t = mesh.triangulation();
-  pool->forEach(changed.size(), 16,
-                [&](std::size_t k) { changed[k]->hash = refinement::hashRegion(t, mesh.surface(), changed[k]->region); });
-  leaves.clear();
-  for (const Leaf* leaf : leafs) leaves.push_back({leaf->address, leaf->version, leaf->hash, t.triangleCount(leaf->region)});
+  const auto state = [&](const Leaf& leaf) { return LeafState{leaf.address, leaf.version, leaf.hash, t.triangleCount(leaf.region)}; };
+  std::vector<std::size_t> changed;
+  mesh.takeChanged([&](std::size_t k) {
+    leafs[k]->version = ++versions;
+    changed.push_back(k);
+  });
+  pool->forEach(changed.size(), 16, [&](std::size_t n) {
+    Leaf& leaf = *leafs[changed[n]];
+    leaf.hash = refinement::hashRegion(t, mesh.surface(), leaf.region);
+  });
+  if (otherLeaves) {
+    leaves.clear();
+    for (const Leaf* leaf : leafs) leaves.push_back(state(*leaf));
+  } else {
+    for (std::size_t k : changed) leaves[k] = state(*leafs[k]);
+  }
+  live = 0;
+  for (const LeafState& leaf : leaves) live += leaf.triangles;
 }
 
 Pipeline::Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool)
@@ -228,6 +236,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
     return figures;
   }
   s.previous = camera;
+  s.pool->rouse();
   const Follow follow = s.mesh.follow(camera.pose);
   figures.selectMs = watch.lap();
   s.mesh.generate(*s.pool);
@@ -253,14 +262,13 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   figures.triangulateMs = watch.lap();
   s.mesh.evaluate(*s.pool, &view);
   figures.refineMs += watch.lap();
-  s.publish();
+  s.publish(follow.changed);
   figures.triangulateMs += watch.lap();
 
   for (const Leaf* leaf : s.mesh.leaves()) {
     figures.inserted += leaf->inserted;
     figures.removed += leaf->removed;
   }
-  s.live = s.owned();
   s.describe(figures);
   figures.generatedLeaves = follow.generated;
   figures.droppedLeaves = follow.dropped;

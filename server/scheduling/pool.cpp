@@ -99,6 +99,7 @@ struct Machine::State {
   std::atomic<std::size_t> waiting{0};            // ready.size()
   std::unordered_set<Pool::Impl*> pools;
   unsigned idle = 0;
+  bool roused = false;  // one is to wake without there being work yet
   bool stop = false;
   unsigned threads = 1;
   std::vector<std::thread> workers;
@@ -162,8 +163,9 @@ void Machine::State::serve() {
       spinUntil([this] { return waiting.load(std::memory_order_relaxed) > 0; });
       lock.lock();
       ++idle;
-      work.wait(lock, [this] { return stop || !ready.empty(); });
+      work.wait(lock, [this] { return stop || roused || !ready.empty(); });
       --idle;
+      if (std::exchange(roused, false) && ready.empty() && !stop) continue;  // looks around again
     }
     if (stop) return;
 
@@ -285,6 +287,15 @@ bool Pool::post(std::function<void()> task) {
   impl_->posted.push_back(std::move(task));
   machine.summon(*impl_);
   return true;
+}
+
+void Pool::rouse() {
+  auto& machine = *impl_->machine;
+  if (impl_->limit == 1) return;
+  const std::lock_guard lock(machine.mutex);
+  if (machine.idle == 0 || machine.roused) return;
+  machine.roused = true;
+  machine.work.notify_one();
 }
 
 // Publishes a region, works on it through `work`, and returns when the last helper has left. The caller counts as one of the pool's

@@ -24,6 +24,7 @@ Pages::Pages(std::uint32_t slots)
       pages_(std::make_unique<Page[]>(capacity_ / kSlots)),
       freePages_(capacity_ / kSlots) {
   regions_.push_back(std::make_unique<Region>());  // kOutside
+  changed_.push_back(0);
 }
 
 RegionId Pages::addRegion() {
@@ -31,9 +32,11 @@ RegionId Pages::addRegion() {
     const RegionId id = unusedRegions_.back();
     unusedRegions_.pop_back();
     regions_[id] = std::make_unique<Region>();
+    changed_[id] = 0;
     return id;
   }
   regions_.push_back(std::make_unique<Region>());
+  changed_.push_back(0);
   return static_cast<RegionId>(regions_.size() - 1);
 }
 
@@ -52,7 +55,7 @@ void Pages::adopt(RegionId from, RegionId to) {
   }
   heir.open.insert(heir.open.end(), giver.open.begin(), giver.open.end());
   heir.count += giver.count;
-  heir.changed = true;
+  markChanged(to);
   giver.pages.clear();
   giver.open.clear();
   giver.count = 0;
@@ -94,7 +97,7 @@ std::uint32_t Pages::allocate(RegionId id) {
   page.alive |= std::uint64_t{1} << slot;
   page.fresh |= std::uint64_t{1} << slot;
   ++region.count;
-  region.changed = true;
+  markChanged(id);
   return number * kSlots + slot;
 }
 
@@ -107,7 +110,7 @@ void Pages::release(std::uint32_t slot) {
   page.alive &= ~bit;
   page.fresh &= ~bit;
   --region.count;
-  region.changed = true;
+  markChanged(page.region);
   if (!page.open) {
     page.open = true;
     region.open.push_back(number);
@@ -141,7 +144,7 @@ void Pages::drain(RegionId id) {
   region.pages.clear();
   region.open.clear();
   region.count = 0;
-  region.changed = true;
+  markChanged(id);
 }
 
 std::vector<std::uint32_t> Pages::keepFullest(Region& region) {
@@ -164,12 +167,13 @@ std::vector<std::uint32_t> Pages::keepFullest(Region& region) {
 }
 
 void Pages::clear() {
-  for (auto& region : regions_) {
+  for (RegionId id = 0; id < regions_.size(); ++id) {
+    auto& region = regions_[id];
     if (!region) continue;
     region->pages.clear();
     region->open.clear();
     region->count = 0;
-    region->changed = true;
+    changed_[id] = 1;
   }
   pool_.clear();
   untouched_ = 0;

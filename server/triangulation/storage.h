@@ -87,9 +87,11 @@ class Pages {
   void clearFresh(std::uint32_t slot) { pages_[slot / kSlots].fresh &= ~(std::uint64_t{1} << (slot % kSlots)); }
 
   std::uint32_t count(RegionId region) const { return regions_[region]->count; }
-  bool changed(RegionId region) const { return regions_[region]->changed; }
-  void markChanged(RegionId region) { regions_[region]->changed = true; }
-  void clearChanged(RegionId region) { regions_[region]->changed = false; }
+  bool changed(RegionId region) const { return changed_[region] != 0; }
+  void markChanged(RegionId region) {
+    if (changed_[region] == 0) changed_[region] = 1;  // not written in vain: other threads have their flags in the same line
+  }
+  void clearChanged(RegionId region) { changed_[region] = 0; }
   std::uint32_t live() const;
   std::uint32_t capacity() const { return capacity_; }
   std::uint32_t pagesInUse() const;
@@ -119,7 +121,6 @@ class Pages {
   struct alignas(64) Region {  // a line of its own: different threads fill neighbours
     std::vector<std::uint32_t> pages, open;
     std::uint32_t count = 0;
-    bool changed = false;
   };
 
   std::uint32_t pageWithRoom(RegionId id);  // kNoSlot when there is none left
@@ -129,6 +130,7 @@ class Pages {
   std::uint32_t capacity_;
   std::unique_ptr<Page[]> pages_;
   std::vector<std::unique_ptr<Region>> regions_;  // null: unused id
+  std::vector<std::uint8_t> changed_;             // by region: so many are asked at once that they lie together
   std::vector<RegionId> unusedRegions_;
   std::mutex mutex_;
   std::vector<std::uint32_t> pool_;  // released pages, last in first out
@@ -153,8 +155,8 @@ void Pages::receive(RegionId id, std::span<Move> moves, F&& take) {
     page.alive |= alive;
     page.fresh |= made;
     regions_[id]->count += static_cast<std::uint32_t>(std::popcount(alive));
-    regions_[id]->changed = true;
   }
+  if (!moves.empty()) markChanged(id);
 }
 
 template <class F>

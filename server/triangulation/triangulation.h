@@ -157,7 +157,8 @@ class Triangulation {
   // may not be storage enough to hold everything twice for a while.
   using Loop = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;
   bool split(std::span<const RegionId> regions, const Loop& loop, const Moves& moves = {});
-  // Moves the records of a region closer together where they lie scattered over too many pages.
+  // Moves the records of a region closer together where they lie scattered over too many pages: where it is sparse.
+  bool sparse(RegionId region) const { return triangles_.sparse(region) || vertices_.sparse(region); }
   void compact(RegionId region, const Moves& moves = {});
   std::uint32_t triangleCount(RegionId region) const { return triangles_.count(region); }
   std::uint32_t vertexCount(RegionId region) const { return vertices_.count(region); }
