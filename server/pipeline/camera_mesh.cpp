@@ -299,7 +299,7 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made, const std::vector<F
     if (points.empty()) continue;
     // Start the walk in the leaf itself where it inherited triangles.
     for (std::uint32_t page : mesh_.trianglePages().pagesOf(leaf->region))
-      if (const std::uint64_t alive = mesh_.trianglePages().aliveMask(page)) {
+      if (const triangulation::PageMask alive = mesh_.trianglePages().aliveMask(page)) {
         hint = page * triangulation::Pages::kSlots + static_cast<TriangleId>(std::countr_zero(alive));
         break;
       }

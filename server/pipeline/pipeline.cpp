@@ -372,9 +372,9 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
   for (std::uint32_t page : pages.pagesOf(leaf->region)) {
     const TriangleId first = page * triangulation::Pages::kSlots;
     // Many cameras' meshes do not fit the cache: a page's corners are asked for together.
-    for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1)
+    for (triangulation::PageMask m = pages.aliveMask(page); m != 0; m &= m - 1)
       t.prefetchCorners(first + static_cast<TriangleId>(std::countr_zero(m)));
-    for (std::uint64_t m = pages.aliveMask(page); m != 0; m &= m - 1) addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
+    for (triangulation::PageMask m = pages.aliveMask(page); m != 0; m &= m - 1) addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
   }
   for (VertexId v : vertices) places[v] = 0;
   mesh::canonicalize(out);

@@ -13,7 +13,7 @@ void listCandidates(const triangulation::Triangulation& mesh, const Surface& sur
   const triangulation::Pages& pages = mesh.trianglePages();
   for (const std::uint32_t number : pages.pagesOf(region)) {
     const CandidatePage& page = surface.candidates[number];
-    for (std::uint64_t alive = pages.aliveMask(number); alive != 0; alive &= alive - 1) {
+    for (triangulation::PageMask alive = pages.aliveMask(number); alive != 0; alive &= alive - 1) {
       const auto k = static_cast<unsigned>(std::countr_zero(alive));
       if (!(page.error[k] > 0)) continue;
       const camera::Vec3 at = view.relative(page.x[k], page.z[k], page.y[k]);

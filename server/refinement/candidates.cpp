@@ -143,10 +143,10 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   trials.clear();
   auto& pages = mesh.trianglePages();
   for (std::uint32_t page : pages.pagesOf(region)) {
-    const std::uint64_t mask = pages.freshMask(page);
+    const triangulation::PageMask mask = pages.freshMask(page);
     if (mask == 0) continue;
     if (mask == pages.aliveMask(page)) surface.beginScreen(page, view ? view->travel : -1);
-    for (std::uint64_t m = mask; m != 0; m &= m - 1)
+    for (triangulation::PageMask m = mask; m != 0; m &= m - 1)
       fresh.push_back(page * CandidatePage::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
   }
   if (fresh.empty()) return 0;

@@ -71,7 +71,7 @@ void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::Re
     }
     PageLosses& known = surface.losses[due[n]];
     float least = kNone, flattest = kNone, nearest = kNone;
-    for (std::uint64_t m = pages.aliveMask(due[n]); m != 0; m &= m - 1) {
+    for (triangulation::PageMask m = pages.aliveMask(due[n]); m != 0; m &= m - 1) {
       const VertexId v = due[n] * Pages::kSlots + static_cast<VertexId>(std::countr_zero(m));
       const float loss = surface.vertices[v].loss;
       if (v == kInfinite || std::isinf(loss)) continue;

@@ -58,7 +58,7 @@ View::View(const camera::Camera& camera, lattice::Point anchor, double travelled
 namespace {
 
 struct PageLook {
-  std::uint64_t wanted;
+  triangulation::PageMask wanted;
   float steepest2, seen2, nearest2;  // squared, of the candidates not wanted
 };
 struct Eye {
@@ -107,7 +107,7 @@ inline __attribute__((always_inline)) PageLook lookThrough(const CandidatePage& 
   PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
   if (any[0] != 0)
     for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
-      result.wanted |= static_cast<std::uint64_t>(wanted[k / kWidth][k % kWidth] != 0) << k;
+      result.wanted |= static_cast<triangulation::PageMask>(wanted[k / kWidth][k % kWidth] != 0) << k;
   return result;
 }
 // Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
@@ -133,15 +133,15 @@ bool isHidden(const Triangulation& mesh, const View& view, TriangleId t, const V
 }
 
 void wake(PageScreen& known, CandidatePage& page) {
-  for (std::uint64_t m = known.asleep; m != 0; m &= m - 1) {
+  for (triangulation::PageMask m = known.asleep; m != 0; m &= m - 1) {
     float& e = page.error[std::countr_zero(m)];
     e = std::abs(e);
   }
   known.asleep = 0;
 }
 
-void blankDead(PageScreen& known, CandidatePage& page, std::uint64_t alive) {
-  for (std::uint64_t m = ~alive & ~known.blank; m != 0; m &= m - 1) {
+void blankDead(PageScreen& known, CandidatePage& page, triangulation::PageMask alive) {
+  for (triangulation::PageMask m = ~alive & ~known.blank; m != 0; m &= m - 1) {
     const auto k = std::countr_zero(m);
     page.error[k] = 0;
     page.x[k] = page.z[k] = page.y[k] = kFarAway;
@@ -155,7 +155,7 @@ void fallAsleep(PageScreen& known, CandidatePage& page, unsigned k, const View& 
     known.sleptTravel = view.travel;
     known.dueTurn = view.turn + kWakeTurn;
   }
-  known.asleep |= std::uint64_t{1} << k;
+  known.asleep |= triangulation::PageMask{1} << k;
   page.error[k] = -page.error[k];
 }
 
@@ -215,7 +215,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     }
     PageScreen& known = surface.screens[due[n]];
     CandidatePage& page = surface.candidates[due[n]];
-    const std::uint64_t alive = pages.aliveMask(due[n]);
+    const triangulation::PageMask alive = pages.aliveMask(due[n]);
     known.asleep &= alive;
     if (known.asleep != 0 &&
         (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn >= known.dueTurn))
@@ -226,7 +226,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     known.steepest = std::sqrt(seen.steepest2);
     known.seen = std::sqrt(seen.seen2);
     known.nearest = std::sqrt(seen.nearest2);
-    for (std::uint64_t m = seen.wanted; m != 0; m &= m - 1) {
+    for (triangulation::PageMask m = seen.wanted; m != 0; m &= m - 1) {
       const auto k = static_cast<unsigned>(std::countr_zero(m));
       if (!view.wide.contains(view.relative(page.x[k], page.z[k], page.y[k]))) {
         fallAsleep(known, page, k, view);

@@ -33,11 +33,11 @@ void Surface::moveTriangles(std::span<const triangulation::Move> moves, triangul
   forEachPage(moves, [&](std::uint32_t number, std::size_t begin, std::size_t end) {
     CandidatePage& page = candidates[number];
     PageHash sum = hashes[number];
-    std::uint64_t slots = 0;
+    triangulation::PageMask slots = 0;
     for (std::size_t n = begin; n < end; ++n) {
       const auto [from, to] = moves[n];
       const std::uint32_t k = to % CandidatePage::kSlots;
-      const std::uint64_t bit = std::uint64_t{1} << k;
+      const triangulation::PageMask bit = triangulation::PageMask{1} << k;
       const Candidate c = candidate(from);
       page.x[k] = c.point.x;
       page.z[k] = c.point.z;
@@ -70,8 +70,8 @@ std::uint64_t hashRegion(const triangulation::Triangulation& mesh, Surface& surf
   std::uint64_t sum = 0;
   for (std::uint32_t number : pages.pagesOf(region)) {
     PageHash& page = surface.hashes[number];
-    const std::uint64_t alive = pages.aliveMask(number);
-    for (std::uint64_t m = page.hashed & ~alive; m != 0; m &= m - 1)
+    const triangulation::PageMask alive = pages.aliveMask(number);
+    for (triangulation::PageMask m = page.hashed & ~alive; m != 0; m &= m - 1)
       page.hash -= surface.hash[number * triangulation::Pages::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
     page.hashed &= alive;
     sum += page.hash;

@@ -38,8 +38,8 @@ struct alignas(64) PageScreen {
   float steepest = 0;        // of the candidates awake the largest error / distance,
   float seen = 0;            // and error x horizontal distance / distance^2, which is what is seen of it
   float nearest = 0;         // steps: smallest distance of any candidate
-  std::uint64_t asleep = 0;  // candidates wanted but not worth it for now; their error is kept negative meanwhile
-  std::uint64_t blank = 0;   // dead slots that hold no candidate, far away
+  triangulation::PageMask asleep = 0;  // candidates wanted but not worth it for now; their error is kept negative meanwhile
+  triangulation::PageMask blank = 0;   // dead slots that hold no candidate, far away
   double sleptTravel = 0;    // when the first of those asleep fell asleep
 };
 static_assert(sizeof(PageScreen) == 64);
@@ -55,7 +55,7 @@ struct PageLosses {
 // A page of triangles' share of its region's hash.
 struct PageHash {
   std::uint64_t hash = 0;  // sum over the slots in `hashed` of what `hash` below holds for them
-  std::uint64_t hashed = 0;
+  triangulation::PageMask hashed = 0;
 };
 
 // The earliest of a region's pages, valid for the limit that it was made for.
@@ -129,14 +129,14 @@ struct Surface {
     page.y[k] = c.y;
     page.error[k] = c.error;
     PageScreen& screen = screens[t / CandidatePage::kSlots];
-    const std::uint64_t bit = std::uint64_t{1} << k;
+    const triangulation::PageMask bit = triangulation::PageMask{1} << k;
     screen.asleep &= ~bit;
     screen.blank &= ~bit;
   }
   // The triangle's term; what the slot held before leaves the page's sum.
   void setHash(std::uint32_t t, std::uint64_t term) {
     PageHash& page = hashes[t / CandidatePage::kSlots];
-    const std::uint64_t bit = std::uint64_t{1} << (t % CandidatePage::kSlots);
+    const triangulation::PageMask bit = triangulation::PageMask{1} << (t % CandidatePage::kSlots);
     if (page.hashed & bit) page.hash -= hash[t];
     page.hash += term;
     page.hashed |= bit;
@@ -146,7 +146,7 @@ struct Surface {
   // threads, and what is done next may not.
   void beginScreen(std::uint32_t page, double travel) {
     constexpr double never = std::numeric_limits<double>::infinity();
-    const std::uint64_t blank = screens[page].blank;
+    const triangulation::PageMask blank = screens[page].blank;
     screens[page] = {never, never, travel, 0, 0, std::numeric_limits<float>::max(), 0, blank, 0};
   }
   void beginLosses(std::uint32_t page) { losses[page] = {}; }

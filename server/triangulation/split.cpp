@@ -42,7 +42,7 @@ struct Plan {
     RegionId home = kOutside;  // of the last one, a good guess for the next
     std::vector<Heir>& seen = found[chunk];
     for (std::size_t n = chunk * kPagesAtATime; n < std::min(pages.size(), (chunk + 1) * kPagesAtATime); ++n)
-      for (std::uint64_t m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
+      for (PageMask m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
         const auto slot = static_cast<std::uint32_t>(std::countr_zero(m));
         const RegionId now = homeOf(pages[n].page * Pages::kSlots + slot, home);
         homes[n * Pages::kSlots + slot] = now;
@@ -57,7 +57,7 @@ struct Plan {
   // What goes from a source to an heir, in the order in which it lies.
   void collect(const Pages& storage, const Heir& heir, std::vector<Move>& moves) const {
     for (std::size_t n = first[heir.source]; n < first[heir.source + 1]; ++n)
-      for (std::uint64_t m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
+      for (PageMask m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
         const auto slot = static_cast<std::uint32_t>(std::countr_zero(m));
         if (homes[n * Pages::kSlots + slot] == heir.region) moves.push_back({pages[n].page * Pages::kSlots + slot, kNoSlot});
       }

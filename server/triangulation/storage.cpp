@@ -63,7 +63,7 @@ void Pages::adopt(RegionId from, RegionId to) {
 
 std::uint32_t Pages::pageWithRoom(RegionId id) {
   Region& region = *regions_[id];
-  while (!region.open.empty() && pages_[region.open.back()].alive == ~std::uint64_t{0}) {
+  while (!region.open.empty() && pages_[region.open.back()].alive == ~PageMask{0}) {
     pages_[region.open.back()].open = false;
     region.open.pop_back();
   }
@@ -94,8 +94,8 @@ std::uint32_t Pages::allocate(RegionId id) {
   Page& page = pages_[number];
   Region& region = *regions_[id];
   const auto slot = static_cast<std::uint32_t>(std::countr_one(page.alive));
-  page.alive |= std::uint64_t{1} << slot;
-  page.fresh |= std::uint64_t{1} << slot;
+  page.alive |= PageMask{1} << slot;
+  page.fresh |= PageMask{1} << slot;
   ++region.count;
   markChanged(id);
   return number * kSlots + slot;
@@ -105,7 +105,7 @@ void Pages::release(std::uint32_t slot) {
   const std::uint32_t number = slot / kSlots;
   Page& page = pages_[number];
   Region& region = *regions_[page.region];
-  const std::uint64_t bit = std::uint64_t{1} << (slot % kSlots);
+  const PageMask bit = PageMask{1} << (slot % kSlots);
   assert(page.alive & bit);
   page.alive &= ~bit;
   page.fresh &= ~bit;
@@ -160,7 +160,7 @@ std::vector<std::uint32_t> Pages::keepFullest(Region& region) {
   for (std::uint32_t k = 0; k < order.size(); ++k) {
     Page& page = pages_[order[k]];
     page.place = k;
-    page.open = page.alive != ~std::uint64_t{0};
+    page.open = page.alive != ~PageMask{0};
     if (page.open) region.open.push_back(order[k]);
   }
   return emptied;
