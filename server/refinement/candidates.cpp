@@ -234,7 +234,7 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
     if (!(c.error > 0)) c = {{kFarAway, kFarAway}, kFarAway, 0.0f};
     surface.setCandidate(fresh[k], c);
     if (view)
-      foldCandidate(surface.screens[fresh[k] / CandidatePage::kSlots], screen, c, *view);
+      foldCandidate(surface.dues[fresh[k] / CandidatePage::kSlots], surface.screens[fresh[k] / CandidatePage::kSlots], screen, c, *view);
     else
       surface.wakeCandidate(fresh[k], region);
   }

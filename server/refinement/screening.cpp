@@ -150,10 +150,10 @@ void blankDead(PageScreen& known, CandidatePage& page, triangulation::PageMask a
 }
 
 // A candidate that is wanted but not worth a vertex for now.
-void fallAsleep(PageScreen& known, CandidatePage& page, unsigned k, const View& view) {
+void fallAsleep(PageDue& due, PageScreen& known, CandidatePage& page, unsigned k, const View& view) {
   if (known.asleep == 0) {
     known.sleptTravel = view.travel;
-    known.dueTurn = view.turn + kWakeTurn;
+    due.turn = view.turn + kWakeTurn;
   }
   known.asleep |= triangulation::PageMask{1} << k;
   page.error[k] = -page.error[k];
@@ -184,13 +184,9 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
   RegionScreen& screen = surface.regions[region];
   const double spared = sparedSlope(view, threshold);
   const bool same = screen.spared == spared;
-  if (same && view.travel < screen.due && view.turn < screen.dueTurn) return;
+  if (same && view.travel < screen.due.travel && view.turn < screen.due.turn) return;
   screen.spared = spared;
-  screen.due = screen.dueTurn = std::numeric_limits<double>::infinity();
-  const auto count = [&](const PageScreen& page) {
-    screen.due = std::min(screen.due, page.due);
-    screen.dueTurn = std::min(screen.dueTurn, page.dueTurn);
-  };
+  screen.due = {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
   const Pages& pages = mesh.trianglePages();
   thread_local std::vector<std::uint32_t> due;  // pages
   thread_local std::vector<TriangleId> wanted;
@@ -198,13 +194,15 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
   wanted.clear();
   const auto& all = pages.pagesOf(region);
   for (std::size_t n = 0; n < all.size(); ++n) {
-    if (n + kAhead < all.size()) __builtin_prefetch(&surface.screens[all[n + kAhead]]);
-    PageScreen& known = surface.screens[all[n]];
-    if (!same) setDue(known, spared, view.power());
-    if (view.travel < known.due && view.turn < known.dueTurn)
-      count(known);
-    else
+    if (n + kAhead < all.size()) __builtin_prefetch(&surface.dues[all[n + kAhead]]);
+    PageDue& known = surface.dues[all[n]];
+    if (!same) setDue(known, surface.screens[all[n]], spared, view.power());
+    if (view.travel < known.travel && view.turn < known.turn) {
+      join(screen.due, known);
+    } else {
       due.push_back(all[n]);
+      __builtin_prefetch(&surface.screens[all[n]], 1);
+    }
   }
   const Eye eye{view.x, view.z, view.y, static_cast<float>(view.gain * view.gain), static_cast<float>(threshold * threshold)};
   const std::size_t before = out.size();
@@ -218,7 +216,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     const triangulation::PageMask alive = pages.aliveMask(due[n]);
     known.asleep &= alive;
     if (known.asleep != 0 &&
-        (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn >= known.dueTurn))
+        (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn >= surface.dues[due[n]].turn))
       wake(known, page);
     blankDead(known, page, alive);
     const PageLook seen = view.area ? screenPageByArea(page, eye) : screenPageInPixels(page, eye);
@@ -229,7 +227,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     for (triangulation::PageMask m = seen.wanted; m != 0; m &= m - 1) {
       const auto k = static_cast<unsigned>(std::countr_zero(m));
       if (!view.wide.contains(view.relative(page.x[k], page.z[k], page.y[k]))) {
-        fallAsleep(known, page, k, view);
+        fallAsleep(surface.dues[due[n]], known, page, k, view);
         continue;
       }
       wanted.push_back(due[n] * Pages::kSlots + k);
@@ -247,11 +245,11 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     if (priority > 0)
       out.push_back({t, {page.x[k], page.z[k]}, static_cast<float>(priority)});
     else
-      fallAsleep(surface.screens[t / Pages::kSlots], page, k, view);
+      fallAsleep(surface.dues[t / Pages::kSlots], surface.screens[t / Pages::kSlots], page, k, view);
   }
   for (std::uint32_t page : due) {
-    setDue(surface.screens[page], spared, view.power());
-    count(surface.screens[page]);
+    setDue(surface.dues[page], surface.screens[page], spared, view.power());
+    join(screen.due, surface.dues[page]);
   }
   std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());
 }

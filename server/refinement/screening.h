@@ -82,19 +82,23 @@ struct Pending {
 inline double sparedSlope(const View& view, double threshold) { return (view.moving ? kSlack * threshold : threshold) / view.gain; }
 
 // When a page with these bounds is due. `spared`: see above.
-inline void setDue(PageScreen& page, double spared, double power) {
+inline void setDue(PageDue& due, const PageScreen& page, double spared, double power) {
   // (1 - x)^p >= 1 - p x
   const double level = page.nearest * (1 - page.steepest / spared) / power,
                steep = page.nearest * (spared - page.seen) / (page.steepest + (power + 1) * spared);
-  page.due = page.travel < 0 ? kAlways : page.travel + std::max(level, steep);
+  due.travel = page.travel < 0 ? kAlways : page.travel + std::max(level, steep);
   if (page.asleep != 0)
-    page.due = std::min(page.due, page.sleptTravel + kWakeMove * page.nearest);
+    due.travel = std::min(due.travel, page.sleptTravel + kWakeMove * page.nearest);
   else
-    page.dueTurn = std::numeric_limits<double>::infinity();
+    due.turn = std::numeric_limits<double>::infinity();
+}
+inline void join(PageDue& earliest, const PageDue& due) {
+  earliest.travel = std::min(earliest.travel, due.travel);
+  earliest.turn = std::min(earliest.turn, due.turn);
 }
 
 // A new candidate enters its page's bounds.
-inline void foldCandidate(PageScreen& page, RegionScreen& region, const Surface::Candidate& c, const View& view) {
+inline void foldCandidate(PageDue& due, PageScreen& page, RegionScreen& region, const Surface::Candidate& c, const View& view) {
   if (page.travel >= 0) {
     const auto moved = static_cast<float>(view.travel - page.travel);
     if (2 * moved >= page.nearest) {
@@ -116,10 +120,9 @@ inline void foldCandidate(PageScreen& page, RegionScreen& region, const Surface:
       page.seen = std::max(page.seen, steep * std::sqrt(flat) / d);
       page.nearest = std::min(page.nearest, d);
     }
-    setDue(page, region.spared, view.power());
+    setDue(due, page, region.spared, view.power());
   }
-  region.due = std::min(region.due, page.due);
-  region.dueTurn = std::min(region.dueTurn, page.dueTurn);
+  join(region.due, due);
 }
 
 // Appends the region's candidates at or above the threshold, sorted.

@@ -7,6 +7,7 @@ namespace ridgecast::refinement {
 Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity, bool thesis)
     : candidates(triangleCapacity / CandidatePage::kSlots),
       hash(triangleCapacity),
+      dues(std::make_unique<PageDue[]>(triangleCapacity / CandidatePage::kSlots)),
       screens(std::make_unique<PageScreen[]>(triangleCapacity / CandidatePage::kSlots)),
       hashes(std::make_unique<PageHash[]>(triangleCapacity / CandidatePage::kSlots)),
       losses(std::make_unique<PageLosses[]>(vertexCapacity / triangulation::Pages::kSlots)),

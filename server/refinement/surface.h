@@ -31,18 +31,21 @@ struct alignas(64) CandidatePage {
   float error[kSlots];     // steps: |mesh - snapped terrain|, for kArea times the triangle's weight; negative: asleep
 };
 
-struct alignas(64) PageScreen {
-  double due = kAlways;      // looked at again when the camera has travelled so far,
-  double dueTurn = kAlways;  // or turned so far
-  double travel = -1;        // of the camera when the bounds held; negative: there are none, look again
-  float steepest = 0;        // of the candidates awake the largest error / distance,
-  float seen = 0;            // and error x horizontal distance / distance^2, which is what is seen of it
-  float nearest = 0;         // steps: smallest distance of any candidate
+// When a page is looked at again: when the camera has travelled, or turned so far. Apart from what the page is judged by, for every iteration
+// looks at all of these.
+struct PageDue {
+  double travel = kAlways, turn = kAlways;
+};
+
+struct PageScreen {
+  double travel = -1;                  // of the camera when the bounds held; negative: there are none, look again
+  float steepest = 0;                  // of the candidates awake the largest error / distance,
+  float seen = 0;                      // and error x horizontal distance / distance^2, which is what is seen of it
+  float nearest = 0;                   // steps: smallest distance of any candidate
   triangulation::PageMask asleep = 0;  // candidates wanted but not worth it for now; their error is kept negative meanwhile
   triangulation::PageMask blank = 0;   // dead slots that hold no candidate, far away
-  double sleptTravel = 0;    // when the first of those asleep fell asleep
+  double sleptTravel = 0;              // when the first of those asleep fell asleep
 };
-static_assert(sizeof(PageScreen) == 64);
 
 // As PageScreen, for the losses of a page of vertices.
 struct PageLosses {
@@ -60,7 +63,7 @@ struct PageHash {
 
 // The earliest of a region's pages, valid for the limit that it was made for.
 struct alignas(64) RegionScreen {
-  double due = kAlways, dueTurn = kAlways;
+  PageDue due;
   double spared = 1;  // error / distance
   double lossesDue = kAlways;
   double lossesSpared = 1;
@@ -81,6 +84,7 @@ struct Surface {
   // by triangle
   triangulation::Records<CandidatePage> candidates;  // by page
   triangulation::Records<std::uint64_t> hash;        // the triangle's term of its leaf's hash (common/mesh)
+  std::unique_ptr<PageDue[]> dues;                   // by page of triangles
   std::unique_ptr<PageScreen[]> screens;             // by page of triangles
   std::unique_ptr<PageHash[]> hashes;                // by page of triangles
   std::unique_ptr<PageLosses[]> losses;              // by page of vertices
@@ -92,8 +96,8 @@ struct Surface {
 
   lattice::Point anchor;  // absolute steps; a multiple of the coarsest leaf's side
 
-  static constexpr std::size_t kBytesPerTrianglePage =
-      sizeof(CandidatePage) + triangulation::Pages::kSlots * sizeof(std::uint64_t) + sizeof(PageScreen) + sizeof(PageHash);
+  static constexpr std::size_t kBytesPerTrianglePage = sizeof(CandidatePage) + triangulation::Pages::kSlots * sizeof(std::uint64_t) +
+                                                       sizeof(PageDue) + sizeof(PageScreen) + sizeof(PageHash);
   static constexpr std::size_t kBytesPerVertexPage = triangulation::Pages::kSlots * sizeof(VertexExtra) + sizeof(PageLosses);
 
   struct Candidate {
@@ -114,6 +118,7 @@ struct Surface {
     __builtin_prefetch(&page.y[k], 1);
     __builtin_prefetch(&page.error[k], 1);
     __builtin_prefetch(&screens[t / CandidatePage::kSlots], 1);
+    __builtin_prefetch(&dues[t / CandidatePage::kSlots], 1);
   }
   // What belongs to a page of vertices.
   void prefetchVertices(std::uint32_t page) const {
@@ -147,14 +152,14 @@ struct Surface {
   void beginScreen(std::uint32_t page, double travel) {
     constexpr double never = std::numeric_limits<double>::infinity();
     const triangulation::PageMask blank = screens[page].blank;
-    screens[page] = {never, never, travel, 0, 0, std::numeric_limits<float>::max(), 0, blank, 0};
+    dues[page] = {never, never};
+    screens[page] = {travel, 0, 0, std::numeric_limits<float>::max(), 0, blank, 0};
   }
   void beginLosses(std::uint32_t page) { losses[page] = {}; }
   // The page of a candidate, of a vertex is looked at again whatever is known of it.
   void wakeCandidate(std::uint32_t t, triangulation::RegionId region) {
-    PageScreen& page = screens[t / CandidatePage::kSlots];
-    page.travel = -1;
-    page.due = regions[region].due = kAlways;
+    screens[t / CandidatePage::kSlots].travel = -1;
+    dues[t / CandidatePage::kSlots].travel = regions[region].due.travel = kAlways;
   }
   void wakeVertex(std::uint32_t v, triangulation::RegionId region) {
     PageLosses& page = losses[v / triangulation::Pages::kSlots];

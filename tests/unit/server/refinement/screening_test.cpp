@@ -67,21 +67,21 @@ TEST(Screening, AFormerRegionsBoundsAreForgotten) {
     screen.seen = 0.2f;
     screen.nearest = 300;
     screen.asleep = 5;
-    screen.due = 1e6;
+    used.surface.dues[page].travel = 1e6;
   }
   evaluateFresh(clean.mesh, clean.surface, *clean.terrain, region, 3, Metric::kPixels, &view);
   evaluateFresh(used.mesh, used.surface, *used.terrain, region, 3, Metric::kPixels, &view);
   for (std::uint32_t page : pages) {
     const PageScreen &a = clean.surface.screens[page], &b = used.surface.screens[page];
-    EXPECT_EQ(a.due, b.due);
-    EXPECT_EQ(a.dueTurn, b.dueTurn);
+    EXPECT_EQ(clean.surface.dues[page].travel, used.surface.dues[page].travel);
+    EXPECT_EQ(clean.surface.dues[page].turn, used.surface.dues[page].turn);
     EXPECT_EQ(a.travel, b.travel);
     EXPECT_EQ(a.steepest, b.steepest);
     EXPECT_EQ(a.seen, b.seen);
     EXPECT_EQ(a.nearest, b.nearest);
     EXPECT_EQ(a.asleep, b.asleep);
   }
-  EXPECT_EQ(clean.surface.regions[region].due, used.surface.regions[region].due);
+  EXPECT_EQ(clean.surface.regions[region].due.travel, used.surface.regions[region].due.travel);
 }
 
 // The bounds spare no candidate that is wanted: all along a way the same ones are told as where nothing is remembered.
@@ -108,10 +108,10 @@ TEST(Screening, SparesNothingThatIsWanted) {
         evaluateFresh(world->mesh, world->surface, *world->terrain, region, 3, Metric::kPixels, &view);
     for (std::uint32_t page : forgets.mesh.trianglePages().pagesOf(region)) {
       forgets.surface.screens[page].travel = -1;
-      forgets.surface.screens[page].due = kAlways;
-      pagesSpared += remembers.surface.screens[page].due > travel;
+      forgets.surface.dues[page].travel = kAlways;
+      pagesSpared += remembers.surface.dues[page].travel > travel;
     }
-    forgets.surface.regions[region].due = kAlways;
+    forgets.surface.regions[region].due.travel = kAlways;
     std::vector<Pending> known, all;
     screenPixels(remembers.mesh, remembers.surface, region, view, 6, known);
     screenPixels(forgets.mesh, forgets.surface, region, view, 6, all);
