@@ -142,13 +142,12 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   fresh.clear();
   trials.clear();
   auto& pages = mesh.trianglePages();
-  for (std::uint32_t page : pages.pagesOf(region)) {
+  pages.takeFreshPages(region, [&](std::uint32_t page) {
     const triangulation::PageMask mask = pages.freshMask(page);
-    if (mask == 0) continue;
     if (mask == pages.aliveMask(page)) surface.beginScreen(page, view ? view->travel : -1);
     for (triangulation::PageMask m = mask; m != 0; m &= m - 1)
       fresh.push_back(page * CandidatePage::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
-  }
+  });
   if (fresh.empty()) return 0;
   const int bits = lattice::horizontalBits(level);
   // Records lie anywhere in memory: they are asked for some triangles ahead of the one at hand.

@@ -9,7 +9,6 @@ Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity, b
       hash(triangleCapacity),
       dues(std::make_unique<PageDue[]>(triangleCapacity / CandidatePage::kSlots)),
       screens(std::make_unique<PageScreen[]>(triangleCapacity / CandidatePage::kSlots)),
-      hashes(std::make_unique<PageHash[]>(triangleCapacity / CandidatePage::kSlots)),
       losses(std::make_unique<PageLosses[]>(vertexCapacity / triangulation::Pages::kSlots)),
       regions(1),
       vertices(vertexCapacity),
@@ -33,7 +32,7 @@ void forEachPage(std::span<const triangulation::Move> moves, F&& visit) {
 void Surface::moveTriangles(std::span<const triangulation::Move> moves, triangulation::RegionId region) {
   forEachPage(moves, [&](std::uint32_t number, std::size_t begin, std::size_t end) {
     CandidatePage& page = candidates[number];
-    PageHash sum = hashes[number];
+    PageScreen& screen = screens[number];
     triangulation::PageMask slots = 0;
     for (std::size_t n = begin; n < end; ++n) {
       const auto [from, to] = moves[n];
@@ -44,14 +43,12 @@ void Surface::moveTriangles(std::span<const triangulation::Move> moves, triangul
       page.z[k] = c.point.z;
       page.y[k] = c.y;
       page.error[k] = std::abs(c.error);  // a candidate that moves is awake
-      if (sum.hashed & bit) sum.hash -= hash[to];
+      if (screen.hashed & bit) screen.hash -= hash[to];
       hash[to] = hash[from];
-      sum.hash += hash[to];
+      screen.hash += hash[to];
       slots |= bit;
     }
-    sum.hashed |= slots;
-    hashes[number] = sum;
-    PageScreen& screen = screens[number];
+    screen.hashed |= slots;
     screen.asleep &= ~slots;
     screen.blank &= ~slots;
     wakeCandidate(moves[begin].to, region);
@@ -70,7 +67,7 @@ std::uint64_t hashRegion(const triangulation::Triangulation& mesh, Surface& surf
   const auto& pages = mesh.trianglePages();
   std::uint64_t sum = 0;
   for (std::uint32_t number : pages.pagesOf(region)) {
-    PageHash& page = surface.hashes[number];
+    PageScreen& page = surface.screens[number];
     const triangulation::PageMask alive = pages.aliveMask(number);
     for (triangulation::PageMask m = page.hashed & ~alive; m != 0; m &= m - 1)
       page.hash -= surface.hash[number * triangulation::Pages::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];

@@ -37,7 +37,7 @@ struct PageDue {
   double travel = kAlways, turn = kAlways;
 };
 
-struct PageScreen {
+struct alignas(64) PageScreen {
   double travel = -1;                  // of the camera when the bounds held; negative: there are none, look again
   float steepest = 0;                  // of the candidates awake the largest error / distance,
   float seen = 0;                      // and error x horizontal distance / distance^2, which is what is seen of it
@@ -45,7 +45,12 @@ struct PageScreen {
   triangulation::PageMask asleep = 0;  // candidates wanted but not worth it for now; their error is kept negative meanwhile
   triangulation::PageMask blank = 0;   // dead slots that hold no candidate, far away
   double sleptTravel = 0;              // when the first of those asleep fell asleep
+
+  // The page's share of its region's hash, here because whoever makes a triangle writes both.
+  std::uint64_t hash = 0;  // sum over the slots in `hashed` of what Surface::hash holds for them
+  triangulation::PageMask hashed = 0;
 };
+static_assert(sizeof(PageScreen) == 64);
 
 // As PageScreen, for the losses of a page of vertices.
 struct PageLosses {
@@ -53,12 +58,6 @@ struct PageLosses {
   double travel = -1;
   float leastSlope = 0;         // of any vertex that was not to go: loss as seen, pixels / pixels per radian
   float flat = 0, nearest = 0;  // steps: smallest horizontal and smallest distance
-};
-
-// A page of triangles' share of its region's hash.
-struct PageHash {
-  std::uint64_t hash = 0;  // sum over the slots in `hashed` of what `hash` below holds for them
-  triangulation::PageMask hashed = 0;
 };
 
 // The earliest of a region's pages, valid for the limit that it was made for.
@@ -86,7 +85,6 @@ struct Surface {
   triangulation::Records<std::uint64_t> hash;        // the triangle's term of its leaf's hash (common/mesh)
   std::unique_ptr<PageDue[]> dues;                   // by page of triangles
   std::unique_ptr<PageScreen[]> screens;             // by page of triangles
-  std::unique_ptr<PageHash[]> hashes;                // by page of triangles
   std::unique_ptr<PageLosses[]> losses;              // by page of vertices
   std::vector<RegionScreen> regions;                 // by region; as long as the largest id needs
 
@@ -96,8 +94,8 @@ struct Surface {
 
   lattice::Point anchor;  // absolute steps; a multiple of the coarsest leaf's side
 
-  static constexpr std::size_t kBytesPerTrianglePage = sizeof(CandidatePage) + triangulation::Pages::kSlots * sizeof(std::uint64_t) +
-                                                       sizeof(PageDue) + sizeof(PageScreen) + sizeof(PageHash);
+  static constexpr std::size_t kBytesPerTrianglePage =
+      sizeof(CandidatePage) + triangulation::Pages::kSlots * sizeof(std::uint64_t) + sizeof(PageDue) + sizeof(PageScreen);
   static constexpr std::size_t kBytesPerVertexPage = triangulation::Pages::kSlots * sizeof(VertexExtra) + sizeof(PageLosses);
 
   struct Candidate {
@@ -140,7 +138,7 @@ struct Surface {
   }
   // The triangle's term; what the slot held before leaves the page's sum.
   void setHash(std::uint32_t t, std::uint64_t term) {
-    PageHash& page = hashes[t / CandidatePage::kSlots];
+    PageScreen& page = screens[t / CandidatePage::kSlots];
     const triangulation::PageMask bit = triangulation::PageMask{1} << (t % CandidatePage::kSlots);
     if (page.hashed & bit) page.hash -= hash[t];
     page.hash += term;
@@ -151,9 +149,9 @@ struct Surface {
   // threads, and what is done next may not.
   void beginScreen(std::uint32_t page, double travel) {
     constexpr double never = std::numeric_limits<double>::infinity();
-    const triangulation::PageMask blank = screens[page].blank;
+    PageScreen& screen = screens[page];
     dues[page] = {never, never};
-    screens[page] = {travel, 0, 0, std::numeric_limits<float>::max(), 0, blank, 0};
+    screen = {travel, 0, 0, std::numeric_limits<float>::max(), 0, screen.blank, 0, screen.hash, screen.hashed};
   }
   void beginLosses(std::uint32_t page) { losses[page] = {}; }
   // The page of a candidate, of a vertex is looked at again whatever is known of it.

@@ -54,10 +54,12 @@ void Pages::adopt(RegionId from, RegionId to) {
     heir.pages.push_back(page);
   }
   heir.open.insert(heir.open.end(), giver.open.begin(), giver.open.end());
+  heir.fresh.insert(heir.fresh.end(), giver.fresh.begin(), giver.fresh.end());
   heir.count += giver.count;
   markChanged(to);
   giver.pages.clear();
   giver.open.clear();
+  giver.fresh.clear();
   giver.count = 0;
 }
 
@@ -81,7 +83,7 @@ std::uint32_t Pages::pageWithRoom(RegionId id) {
       }
     }
     freePages_.fetch_sub(1, std::memory_order_relaxed);
-    pages_[page] = {0, 0, id, static_cast<std::uint32_t>(region.pages.size()), true};
+    pages_[page] = {0, 0, id, static_cast<std::uint32_t>(region.pages.size()), true, false};
     region.pages.push_back(page);
     region.open.push_back(page);
   }
@@ -96,6 +98,7 @@ std::uint32_t Pages::allocate(RegionId id) {
   const auto slot = static_cast<std::uint32_t>(std::countr_one(page.alive));
   page.alive |= PageMask{1} << slot;
   page.fresh |= PageMask{1} << slot;
+  if (!page.listed) list(number);
   ++region.count;
   markChanged(id);
   return number * kSlots + slot;
@@ -121,6 +124,7 @@ void Pages::release(std::uint32_t slot) {
     freePages_.fetch_add(static_cast<std::uint32_t>(region.pages.size()), std::memory_order_relaxed);
     region.pages.clear();
     region.open.clear();
+    region.fresh.clear();
   } else if (page.alive == 0 && region.open.back() != number) {
     // The page that is being filled stays: a change releases its hole and fills it again at once.
     region.open.erase(std::find(region.open.begin(), region.open.end(), number));
@@ -143,6 +147,7 @@ void Pages::drain(RegionId id) {
   freePages_.fetch_add(static_cast<std::uint32_t>(region.pages.size()), std::memory_order_relaxed);
   region.pages.clear();
   region.open.clear();
+  region.fresh.clear();
   region.count = 0;
   markChanged(id);
 }
@@ -152,7 +157,7 @@ std::vector<std::uint32_t> Pages::keepFullest(Region& region) {
   // Equal ones in the order in which the region got them: page numbers depend on what else happened.
   std::stable_sort(order.begin(), order.end(),
                    [&](std::uint32_t a, std::uint32_t b) { return std::popcount(pages_[a].alive) > std::popcount(pages_[b].alive); });
-  const std::size_t keep = std::min<std::size_t>(order.size(), (region.count + region.count / 16 + kSlots - 1) / kSlots);
+  const std::size_t keep = std::min(order.size(), pagesKept(region.count));
   std::vector<std::uint32_t> emptied(order.begin() + static_cast<std::ptrdiff_t>(keep), order.end());
   order.resize(keep);
   region.pages = order;
@@ -172,6 +177,7 @@ void Pages::clear() {
     if (!region) continue;
     region->pages.clear();
     region->open.clear();
+    region->fresh.clear();
     region->count = 0;
     changed_[id] = 1;
   }

@@ -6,6 +6,7 @@
 //
 // Threads: allocate and release for different regions may run at the same time; the pool of free pages is behind a mutex.
 
+#include <algorithm>
 #include <atomic>
 #include <bit>
 #include <cstdint>
@@ -77,10 +78,10 @@ class Pages {
   void renew(std::uint32_t slot) { setFresh(slot); }
   void clear();                 // releases every slot; regions stay
   void drain(RegionId region);  // releases every slot of a region
-  // Whether a region holds a quarter more pages than it needs, and one, and the cure: move(from, to) is told of every slot that moves.
+  // Whether a region holds a quarter more pages than it needs, and the cure: move(from, to) is told of every slot that moves.
   bool sparse(RegionId region) const {
-    const std::size_t needed = (regions_[region]->count + kSlots - 1) / kSlots;
-    return regions_[region]->pages.size() > needed + needed / 4;
+    const std::size_t count = regions_[region]->count, needed = (count + kSlots - 1) / kSlots;
+    return regions_[region]->pages.size() > std::max(pagesKept(count), needed + needed / 4);
   }
   template <class F>
   void compact(RegionId region, F&& move);
@@ -90,7 +91,11 @@ class Pages {
   RegionId regionOf(std::uint32_t slot) const { return pages_[slot / kSlots].region; }
   bool alive(std::uint32_t slot) const { return (pages_[slot / kSlots].alive >> (slot % kSlots)) & 1; }
   bool fresh(std::uint32_t slot) const { return (pages_[slot / kSlots].fresh >> (slot % kSlots)) & 1; }
-  void setFresh(std::uint32_t slot) { pages_[slot / kSlots].fresh |= PageMask{1} << (slot % kSlots); }
+  void setFresh(std::uint32_t slot) {
+    Page& page = pages_[slot / kSlots];
+    page.fresh |= PageMask{1} << (slot % kSlots);
+    if (!page.listed) list(slot / kSlots);
+  }
   void clearFresh(std::uint32_t slot) { pages_[slot / kSlots].fresh &= ~(PageMask{1} << (slot % kSlots)); }
 
   std::uint32_t count(RegionId region) const { return regions_[region]->count; }
@@ -112,6 +117,17 @@ class Pages {
     for (std::uint32_t page : regions_[region]->pages)
       for (PageMask m = pages_[page].alive; m != 0; m &= m - 1) f(page * kSlots + static_cast<std::uint32_t>(std::countr_zero(m)));
   }
+  // f(page) for the region's pages with fresh slots, which are the caller's to clear: all of them before the next call.
+  template <class F>
+  void takeFreshPages(RegionId region, F&& f) {
+    for (std::uint32_t number : regions_[region]->fresh) {
+      Page& page = pages_[number];
+      if (page.region != region || !page.listed) continue;  // it has gone elsewhere, or came back and is named twice
+      page.listed = false;
+      if (page.fresh != 0) f(number);
+    }
+    regions_[region]->fresh.clear();
+  }
   template <class F>
   void forEachFresh(RegionId region, F&& f) const {
     for (std::uint32_t page : regions_[region]->pages)
@@ -124,14 +140,22 @@ class Pages {
     RegionId region = kOutside;
     std::uint32_t place = 0;  // index in its region's list of pages
     bool open = false;        // in its region's list of pages with room
+    bool listed = false;      // and in that of pages that may have fresh slots
   };
   struct alignas(64) Region {  // a line of its own: different threads fill neighbours
     std::vector<std::uint32_t> pages, open;
+    std::vector<std::uint32_t> fresh;  // every page with fresh slots, and others
     std::uint32_t count = 0;
   };
 
+  void list(std::uint32_t page) {
+    pages_[page].listed = true;
+    regions_[pages_[page].region]->fresh.push_back(page);
+  }
   std::uint32_t pageWithRoom(RegionId id);  // kNoSlot when there is none left
-  // Keeps the fullest pages that have room for everything and a sixteenth more; the slots of the others, now dead, are returned.
+  // Pages that have room for so many slots and a sixteenth more.
+  static std::size_t pagesKept(std::size_t count) { return (count + count / 16 + kSlots - 1) / kSlots; }
+  // Keeps the fullest of these; the slots of the others, now dead, are returned.
   std::vector<std::uint32_t> keepFullest(Region& region);
 
   std::uint32_t capacity_;
@@ -161,6 +185,7 @@ void Pages::receive(RegionId id, std::span<Move> moves, F&& take) {
     }
     page.alive |= alive;
     page.fresh |= made;
+    if (made != 0 && !page.listed) list(number);
     regions_[id]->count += static_cast<std::uint32_t>(std::popcount(alive));
   }
   if (!moves.empty()) markChanged(id);

@@ -1,0 +1,147 @@
+#include "server/triangulation/storage.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <random>
+#include <set>
+
+namespace ridgecast::triangulation {
+namespace {
+
+// What is alive and fresh in each region, kept twice: random changes, and after each the same answers.
+struct Model {
+  struct Region {
+    std::set<std::uint32_t> alive, fresh;
+    bool changed = false;
+  };
+  std::map<RegionId, Region> regions{{kOutside, {}}};
+
+  void expectSame(Pages& pages) {
+    std::uint32_t live = 0;
+    for (auto& [id, region] : regions) {
+      std::set<std::uint32_t> alive, fresh, listed;
+      pages.forEach(id, [&](std::uint32_t slot) {
+        EXPECT_EQ(pages.regionOf(slot), id);
+        EXPECT_TRUE(pages.alive(slot));
+        alive.insert(slot);
+      });
+      pages.forEachFresh(id, [&](std::uint32_t slot) { fresh.insert(slot); });
+      EXPECT_EQ(alive, region.alive);
+      EXPECT_EQ(fresh, region.fresh);
+      EXPECT_EQ(pages.count(id), region.alive.size());
+      EXPECT_EQ(pages.changed(id), region.changed);
+      live += pages.count(id);
+    }
+    EXPECT_EQ(pages.live(), live);
+  }
+};
+
+TEST(Pages, AnswerAsAModelDoes) {
+  std::mt19937 rng(4);
+  for (int round = 0; round < 20; ++round) {
+    Pages pages(6000);
+    Model model;
+    for (int k = 0; k < 4; ++k) model.regions[pages.addRegion()] = {};
+    const auto anyRegion = [&] {
+      return std::next(model.regions.begin(), static_cast<std::ptrdiff_t>(rng() % model.regions.size()))->first;
+    };
+    const auto move = [&](Model::Region& from, Model::Region& to, Move m) {
+      to.alive.insert(m.to);
+      if (from.fresh.count(m.from)) to.fresh.insert(m.to);
+    };
+    for (int step = 0; step < 300; ++step) {
+      const RegionId id = anyRegion();
+      Model::Region& region = model.regions[id];
+      const auto anySlot = [&] { return *std::next(region.alive.begin(), static_cast<std::ptrdiff_t>(rng() % region.alive.size())); };
+      switch (rng() % 9) {
+        case 0:
+        case 1:
+          for (unsigned n = rng() % 100; n > 0; --n) {
+            const std::uint32_t slot = pages.allocate(id);
+            ASSERT_NE(slot, kNoSlot);
+            ASSERT_TRUE(region.alive.insert(slot).second);
+            region.fresh.insert(slot);
+            region.changed = true;
+          }
+          break;
+        case 2:
+          for (unsigned n = rng() % 100; n > 0 && !region.alive.empty(); --n) {
+            const std::uint32_t slot = anySlot();
+            pages.release(slot);
+            region.alive.erase(slot);
+            region.fresh.erase(slot);
+            region.changed = true;
+          }
+          break;
+        case 3:
+          for (unsigned n = rng() % 20; n > 0 && !region.alive.empty(); --n) {
+            const std::uint32_t slot = anySlot();
+            pages.renew(slot);
+            region.fresh.insert(slot);
+          }
+          break;
+        case 4: {  // evaluation: every page with fresh slots is told of, once
+          std::set<std::uint32_t> told;
+          pages.takeFreshPages(id, [&](std::uint32_t page) { EXPECT_TRUE(told.insert(page).second); });
+          for (std::uint32_t slot : region.fresh) {
+            EXPECT_TRUE(told.count(slot / Pages::kSlots)) << "slot " << slot;
+            pages.clearFresh(slot);
+          }
+          for (std::uint32_t page : told) EXPECT_NE(region.fresh.lower_bound(page * Pages::kSlots), region.fresh.end());
+          region.fresh.clear();
+          pages.clearChanged(id);
+          region.changed = false;
+          break;
+        }
+        case 5: {  // all of one region moves to a new one, as splits do
+          const RegionId heir = pages.addRegion();
+          Model::Region& now = model.regions[heir];
+          std::vector<Move> moves;
+          for (std::uint32_t slot : region.alive) moves.push_back({slot, kNoSlot});
+          pages.receive(heir, moves, [&](std::uint32_t from, std::uint32_t to) { move(region, now, {from, to}); });
+          now.changed = !moves.empty();
+          for (const Move& m : moves) EXPECT_TRUE(now.alive.count(m.to));
+          pages.drain(id);
+          region = {{}, {}, true};
+          break;
+        }
+        case 6: {  // adoption moves nothing
+          const RegionId heir = anyRegion();
+          if (heir == id) break;
+          Model::Region& now = model.regions[heir];
+          pages.adopt(id, heir);
+          now.alive.merge(region.alive);
+          now.fresh.merge(region.fresh);
+          now.changed = true;
+          region.alive.clear();
+          region.fresh.clear();
+          break;
+        }
+        case 7:
+          if (pages.sparse(id)) {
+            Model::Region now = region;
+            pages.compact(id, [&](std::uint32_t from, std::uint32_t to) {
+              now.alive.erase(from);
+              now.alive.insert(to);
+              if (now.fresh.erase(from)) now.fresh.insert(to);
+              now.changed = true;
+            });
+            region = now;
+            EXPECT_FALSE(pages.sparse(id));
+          }
+          break;
+        default:
+          if (id != kOutside && region.alive.empty() && model.regions.size() > 3) {
+            pages.removeRegion(id);
+            model.regions.erase(id);
+          }
+      }
+      model.expectSame(pages);
+      if (HasFailure()) FAIL() << "round " << round << ", step " << step;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast::triangulation
