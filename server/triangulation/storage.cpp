@@ -69,25 +69,29 @@ std::uint32_t Pages::pageWithRoom(RegionId id) {
     pages_[region.open.back()].open = false;
     region.open.pop_back();
   }
-  if (region.open.empty()) {
-    std::uint32_t page;
-    {
-      std::lock_guard lock(mutex_);
-      if (!pool_.empty()) {
-        page = pool_.back();
-        pool_.pop_back();
-      } else if (untouched_ < capacity_ / kSlots) {
-        page = untouched_++;
-      } else {
-        return kNoSlot;
-      }
+  if (region.open.empty()) addPages(id, 1);
+  return region.open.empty() ? kNoSlot : region.open.back();
+}
+
+void Pages::addPages(RegionId id, std::size_t count) {
+  Region& region = *regions_[id];
+  const std::size_t before = region.pages.size();
+  {
+    std::lock_guard lock(mutex_);
+    for (; count > 0 && !pool_.empty(); --count) {
+      region.pages.push_back(pool_.back());
+      pool_.pop_back();
     }
-    freePages_.fetch_sub(1, std::memory_order_relaxed);
-    pages_[page] = {0, 0, id, static_cast<std::uint32_t>(region.pages.size()), true, false};
-    region.pages.push_back(page);
+    for (; count > 0 && untouched_ < capacity_ / kSlots; --count) region.pages.push_back(untouched_++);
+  }
+  const std::size_t got = region.pages.size() - before;
+  freePages_.fetch_sub(static_cast<std::uint32_t>(got), std::memory_order_relaxed);
+  std::sort(region.pages.begin() + static_cast<std::ptrdiff_t>(before), region.pages.end());
+  for (std::size_t k = region.pages.size(); k > before; --k) {
+    const std::uint32_t page = region.pages[k - 1];
+    pages_[page] = {0, 0, id, static_cast<std::uint32_t>(k - 1), true, false};
     region.open.push_back(page);
   }
-  return region.open.back();
 }
 
 std::uint32_t Pages::allocate(RegionId id) {

@@ -152,7 +152,8 @@ class Pages {
     pages_[page].listed = true;
     regions_[pages_[page].region]->fresh.push_back(page);
   }
-  std::uint32_t pageWithRoom(RegionId id);  // kNoSlot when there is none left
+  void addPages(RegionId id, std::size_t count);  // as many as there are
+  std::uint32_t pageWithRoom(RegionId id);        // kNoSlot when there is none left
   // Pages that have room for so many slots and a sixteenth more.
   static std::size_t pagesKept(std::size_t count) { return (count + count / 16 + kSlots - 1) / kSlots; }
   // Keeps the fullest of these; the slots of the others, now dead, are returned.
@@ -171,6 +172,8 @@ class Pages {
 
 template <class F>
 void Pages::receive(RegionId id, std::span<Move> moves, F&& take) {
+  // All at once: pages taken one by one, in turn with other threads, lie scattered.
+  if (regions_[id]->open.empty()) addPages(id, (moves.size() + kSlots - 1) / kSlots);
   for (std::size_t n = 0; n < moves.size();) {
     const std::uint32_t number = pageWithRoom(id);
     if (number == kNoSlot) throw std::bad_alloc();
