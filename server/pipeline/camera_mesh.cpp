@@ -58,7 +58,6 @@ Leaf* CameraMesh::leaf(LeafAddress address) const {
 double CameraMesh::groundBelow(const camera::Pose& pose) const { return terrain_->height({pose.x, pose.z}); }
 
 std::size_t CameraMesh::memoryBytes() const {
-  using triangulation::Pages;
   return mesh_.residentBytes() + mesh_.trianglePages().pagesInUse() * refinement::Surface::kBytesPerTrianglePage +
          mesh_.vertexPages().pagesInUse() * refinement::Surface::kBytesPerVertexPage + leaves_.size() * sizeof(Leaf);
 }
@@ -299,8 +298,8 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made, const std::vector<F
     if (points.empty()) continue;
     // Start the walk in the leaf itself where it inherited triangles.
     for (std::uint32_t page : mesh_.trianglePages().pagesOf(leaf->region))
-      if (const triangulation::PageMask alive = mesh_.trianglePages().aliveMask(page)) {
-        hint = page * triangulation::Pages::kSlots + static_cast<TriangleId>(std::countr_zero(alive));
+      if (const triangulation::TrianglePages::Mask alive = mesh_.trianglePages().aliveMask(page)) {
+        hint = page * triangulation::TrianglePages::kSlots + static_cast<TriangleId>(std::countr_zero(alive));
         break;
       }
     for (lattice::Point p : points) {
@@ -424,7 +423,7 @@ std::uint64_t CameraMesh::mixedOf(VertexId v) const {
 }
 
 void CameraMesh::note(VertexId v, std::int32_t fineY, int level, float loss) {
-  if (const std::uint32_t page = v / triangulation::Pages::kSlots; std::popcount(mesh_.vertexPages().aliveMask(page)) == 1)
+  if (const std::uint32_t page = v / triangulation::VertexPages::kSlots; std::popcount(mesh_.vertexPages().aliveMask(page)) == 1)
     surface_.beginLosses(page);
   refinement::VertexExtra& extra = surface_.vertices[v];
   extra.mixed = mixedOf(v);

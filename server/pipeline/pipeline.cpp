@@ -368,13 +368,13 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
     }
     out.triangles.push_back(triangle);
   };
-  const triangulation::Pages& pages = t.trianglePages();
+  const triangulation::TrianglePages& pages = t.trianglePages();
   for (std::uint32_t page : pages.pagesOf(leaf->region)) {
-    const TriangleId first = page * triangulation::Pages::kSlots;
+    const TriangleId first = page * triangulation::TrianglePages::kSlots;
     // Many cameras' meshes do not fit the cache: a page's corners are asked for together.
-    for (triangulation::PageMask m = pages.aliveMask(page); m != 0; m &= m - 1)
+    for (triangulation::TrianglePages::Mask m = pages.aliveMask(page); m != 0; m &= m - 1)
       t.prefetchCorners(first + static_cast<TriangleId>(std::countr_zero(m)));
-    for (triangulation::PageMask m = pages.aliveMask(page); m != 0; m &= m - 1) addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
+    for (triangulation::TrianglePages::Mask m = pages.aliveMask(page); m != 0; m &= m - 1) addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
   }
   for (VertexId v : vertices) places[v] = 0;
   mesh::canonicalize(out);

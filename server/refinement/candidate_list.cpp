@@ -10,17 +10,17 @@ namespace ridgecast::refinement {
 
 void listCandidates(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
                     std::vector<ListedCandidate>& out) {
-  const triangulation::Pages& pages = mesh.trianglePages();
+  const triangulation::TrianglePages& pages = mesh.trianglePages();
   for (const std::uint32_t number : pages.pagesOf(region)) {
     const CandidatePage& page = surface.candidates[number];
-    for (triangulation::PageMask alive = pages.aliveMask(number); alive != 0; alive &= alive - 1) {
+    for (triangulation::TrianglePages::Mask alive = pages.aliveMask(number); alive != 0; alive &= alive - 1) {
       const auto k = static_cast<unsigned>(std::countr_zero(alive));
       if (!(page.error[k] > 0)) continue;
       const camera::Vec3 at = view.relative(page.x[k], page.z[k], page.y[k]);
       if (!view.wide.contains(at)) continue;
       double error = page.error[k];
       if (view.area) {
-        const auto& v = mesh.triangle(number * triangulation::Pages::kSlots + k).v;
+        const auto& v = mesh.triangle(number * triangulation::TrianglePages::kSlots + k).v;
         error /= areaWeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]));
       }
       const double flat = at.x * at.x + at.z * at.z, d2 = std::max(flat + at.y * at.y, 0.25);

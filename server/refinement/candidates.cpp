@@ -143,9 +143,9 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   trials.clear();
   auto& pages = mesh.trianglePages();
   pages.takeFreshPages(region, [&](std::uint32_t page) {
-    const triangulation::PageMask mask = pages.freshMask(page);
+    const triangulation::TrianglePages::Mask mask = pages.freshMask(page);
     if (mask == pages.aliveMask(page)) surface.beginScreen(page, view ? view->travel : -1);
-    for (triangulation::PageMask m = mask; m != 0; m &= m - 1)
+    for (triangulation::TrianglePages::Mask m = mask; m != 0; m &= m - 1)
       fresh.push_back(page * CandidatePage::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
   });
   if (fresh.empty()) return 0;

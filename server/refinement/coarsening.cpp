@@ -43,14 +43,14 @@ double measure(const Vertex& v, float error, const View& view) { return view.gai
 
 void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double limit,
                   std::vector<VertexId>& out) {
-  using triangulation::Pages;
+  using triangulation::VertexPages;
   RegionScreen& screen = surface.regions[region];
   const double slope = limit / view.gain, spared = view.moving ? slope / kSlack : slope;
   const bool same = screen.lossesSpared == spared;
   if (same && view.travel < screen.lossesDue) return;
   screen.lossesSpared = spared;
   screen.lossesDue = std::numeric_limits<double>::infinity();
-  const Pages& pages = mesh.vertexPages();
+  const VertexPages& pages = mesh.vertexPages();
   const auto most = static_cast<float>(slope * slope);
   const auto& all = pages.pagesOf(region);
   thread_local std::vector<std::uint32_t> due;
@@ -71,8 +71,8 @@ void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::Re
     }
     PageLosses& known = surface.losses[due[n]];
     float least = kNone, flattest = kNone, nearest = kNone;
-    for (triangulation::PageMask m = pages.aliveMask(due[n]); m != 0; m &= m - 1) {
-      const VertexId v = due[n] * Pages::kSlots + static_cast<VertexId>(std::countr_zero(m));
+    for (triangulation::VertexPages::Mask m = pages.aliveMask(due[n]); m != 0; m &= m - 1) {
+      const VertexId v = due[n] * VertexPages::kSlots + static_cast<VertexId>(std::countr_zero(m));
       const float loss = surface.vertices[v].loss;
       if (v == kInfinite || std::isinf(loss)) continue;
       const Seen seen = see(mesh.vertex(v), loss, view);
@@ -92,7 +92,7 @@ void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::Re
 
 void foldLoss(const Vertex& p, VertexId v, float loss, triangulation::RegionId region, const View& view, Surface& surface) {
   surface.vertices[v].loss = loss;
-  PageLosses& page = surface.losses[v / triangulation::Pages::kSlots];
+  PageLosses& page = surface.losses[v / triangulation::VertexPages::kSlots];
   RegionScreen& screen = surface.regions[region];
   if (page.travel >= 0 && std::isfinite(loss)) {
     const auto moved = static_cast<float>(view.travel - page.travel);

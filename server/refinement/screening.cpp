@@ -10,8 +10,8 @@
 namespace ridgecast::refinement {
 
 using camera::Vec3;
-using triangulation::Pages;
 using triangulation::TriangleId;
+using triangulation::TrianglePages;
 using triangulation::Triangulation;
 using triangulation::Vertex;
 
@@ -58,7 +58,7 @@ View::View(const camera::Camera& camera, lattice::Point anchor, double travelled
 namespace {
 
 struct PageLook {
-  triangulation::PageMask wanted;
+  triangulation::TrianglePages::Mask wanted;
   float steepest2, seen2, nearest2;  // squared, of the candidates not wanted
 };
 struct Eye {
@@ -107,7 +107,7 @@ inline __attribute__((always_inline)) PageLook lookThrough(const CandidatePage& 
   PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
   if (any[0] != 0)
     for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
-      result.wanted |= static_cast<triangulation::PageMask>(wanted[k / kWidth][k % kWidth] != 0) << k;
+      result.wanted |= static_cast<triangulation::TrianglePages::Mask>(wanted[k / kWidth][k % kWidth] != 0) << k;
   return result;
 }
 // Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
@@ -133,15 +133,15 @@ bool isHidden(const Triangulation& mesh, const View& view, TriangleId t, const V
 }
 
 void wake(PageScreen& known, CandidatePage& page) {
-  for (triangulation::PageMask m = known.asleep; m != 0; m &= m - 1) {
+  for (triangulation::TrianglePages::Mask m = known.asleep; m != 0; m &= m - 1) {
     float& e = page.error[std::countr_zero(m)];
     e = std::abs(e);
   }
   known.asleep = 0;
 }
 
-void blankDead(PageScreen& known, CandidatePage& page, triangulation::PageMask alive) {
-  for (triangulation::PageMask m = ~alive & ~known.blank; m != 0; m &= m - 1) {
+void blankDead(PageScreen& known, CandidatePage& page, triangulation::TrianglePages::Mask alive) {
+  for (triangulation::TrianglePages::Mask m = ~alive & ~known.blank; m != 0; m &= m - 1) {
     const auto k = std::countr_zero(m);
     page.error[k] = 0;
     page.x[k] = page.z[k] = page.y[k] = kFarAway;
@@ -155,7 +155,7 @@ void fallAsleep(PageDue& due, PageScreen& known, CandidatePage& page, unsigned k
     known.sleptTravel = view.travel;
     due.turn = view.turn + kWakeTurn;
   }
-  known.asleep |= triangulation::PageMask{1} << k;
+  known.asleep |= triangulation::TrianglePages::Mask{1} << k;
   page.error[k] = -page.error[k];
 }
 
@@ -187,7 +187,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
   if (same && view.travel < screen.due.travel && view.turn < screen.due.turn) return;
   screen.spared = spared;
   screen.due = {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
-  const Pages& pages = mesh.trianglePages();
+  const TrianglePages& pages = mesh.trianglePages();
   thread_local std::vector<std::uint32_t> due;  // pages
   thread_local std::vector<TriangleId> wanted;
   due.clear();
@@ -213,7 +213,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     }
     PageScreen& known = surface.screens[due[n]];
     CandidatePage& page = surface.candidates[due[n]];
-    const triangulation::PageMask alive = pages.aliveMask(due[n]);
+    const triangulation::TrianglePages::Mask alive = pages.aliveMask(due[n]);
     known.asleep &= alive;
     if (known.asleep != 0 &&
         (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn >= surface.dues[due[n]].turn))
@@ -224,13 +224,13 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     known.steepest = std::sqrt(seen.steepest2);
     known.seen = std::sqrt(seen.seen2);
     known.nearest = std::sqrt(seen.nearest2);
-    for (triangulation::PageMask m = seen.wanted; m != 0; m &= m - 1) {
+    for (triangulation::TrianglePages::Mask m = seen.wanted; m != 0; m &= m - 1) {
       const auto k = static_cast<unsigned>(std::countr_zero(m));
       if (!view.wide.contains(view.relative(page.x[k], page.z[k], page.y[k]))) {
         fallAsleep(surface.dues[due[n]], known, page, k, view);
         continue;
       }
-      wanted.push_back(due[n] * Pages::kSlots + k);
+      wanted.push_back(due[n] * TrianglePages::kSlots + k);
       mesh.prefetch(wanted.back());
     }
   }
@@ -239,13 +239,13 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     if (n < wanted.size()) mesh.prefetchCorners(wanted[n]);
     if (n < kAhead) continue;
     const TriangleId t = wanted[n - kAhead];
-    CandidatePage& page = surface.candidates[t / Pages::kSlots];
-    const unsigned k = t % Pages::kSlots;
+    CandidatePage& page = surface.candidates[t / TrianglePages::kSlots];
+    const unsigned k = t % TrianglePages::kSlots;
     const double priority = priorityOf(mesh, view, t, page.x[k], page.z[k], page.y[k], page.error[k]);
     if (priority > 0)
       out.push_back({t, {page.x[k], page.z[k]}, static_cast<float>(priority)});
     else
-      fallAsleep(surface.dues[t / Pages::kSlots], surface.screens[t / Pages::kSlots], page, k, view);
+      fallAsleep(surface.dues[t / TrianglePages::kSlots], surface.screens[t / TrianglePages::kSlots], page, k, view);
   }
   for (std::uint32_t page : due) {
     setDue(surface.dues[page], surface.screens[page], spared, view.power());

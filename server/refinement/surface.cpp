@@ -9,7 +9,7 @@ Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity, b
       hash(triangleCapacity),
       dues(std::make_unique<PageDue[]>(triangleCapacity / CandidatePage::kSlots)),
       screens(std::make_unique<PageScreen[]>(triangleCapacity / CandidatePage::kSlots)),
-      losses(std::make_unique<PageLosses[]>(vertexCapacity / triangulation::Pages::kSlots)),
+      losses(std::make_unique<PageLosses[]>(vertexCapacity / triangulation::VertexPages::kSlots)),
       regions(1),
       vertices(vertexCapacity),
       curvature(thesis ? vertexCapacity : 0),
@@ -17,12 +17,12 @@ Surface::Surface(std::uint32_t triangleCapacity, std::uint32_t vertexCapacity, b
 
 namespace {
 // visit(page, begin, end) for every run of moves to one page.
-template <class F>
+template <class Storage, class F>
 void forEachPage(std::span<const triangulation::Move> moves, F&& visit) {
   for (std::size_t begin = 0; begin < moves.size();) {
-    const std::uint32_t page = moves[begin].to / triangulation::Pages::kSlots;
+    const std::uint32_t page = moves[begin].to / Storage::kSlots;
     std::size_t end = begin + 1;
-    while (end < moves.size() && moves[end].to / triangulation::Pages::kSlots == page) ++end;
+    while (end < moves.size() && moves[end].to / Storage::kSlots == page) ++end;
     visit(page, begin, end);
     begin = end;
   }
@@ -30,14 +30,14 @@ void forEachPage(std::span<const triangulation::Move> moves, F&& visit) {
 }  // namespace
 
 void Surface::moveTriangles(std::span<const triangulation::Move> moves, triangulation::RegionId region) {
-  forEachPage(moves, [&](std::uint32_t number, std::size_t begin, std::size_t end) {
+  forEachPage<triangulation::TrianglePages>(moves, [&](std::uint32_t number, std::size_t begin, std::size_t end) {
     CandidatePage& page = candidates[number];
     PageScreen& screen = screens[number];
-    triangulation::PageMask slots = 0;
+    triangulation::TrianglePages::Mask slots = 0;
     for (std::size_t n = begin; n < end; ++n) {
       const auto [from, to] = moves[n];
       const std::uint32_t k = to % CandidatePage::kSlots;
-      const triangulation::PageMask bit = triangulation::PageMask{1} << k;
+      const triangulation::TrianglePages::Mask bit = triangulation::TrianglePages::Mask{1} << k;
       const Candidate c = candidate(from);
       page.x[k] = c.point.x;
       page.z[k] = c.point.z;
@@ -60,7 +60,8 @@ void Surface::moveVertices(std::span<const triangulation::Move> moves, triangula
     vertices[to] = vertices[from];
     if (keepsCurvature) curvature[to] = curvature[from];
   }
-  forEachPage(moves, [&](std::uint32_t, std::size_t begin, std::size_t) { wakeVertex(moves[begin].to, region); });
+  forEachPage<triangulation::VertexPages>(moves,
+                                          [&](std::uint32_t, std::size_t begin, std::size_t) { wakeVertex(moves[begin].to, region); });
 }
 
 std::uint64_t hashRegion(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region) {
@@ -68,9 +69,9 @@ std::uint64_t hashRegion(const triangulation::Triangulation& mesh, Surface& surf
   std::uint64_t sum = 0;
   for (std::uint32_t number : pages.pagesOf(region)) {
     PageScreen& page = surface.screens[number];
-    const triangulation::PageMask alive = pages.aliveMask(number);
-    for (triangulation::PageMask m = page.hashed & ~alive; m != 0; m &= m - 1)
-      page.hash -= surface.hash[number * triangulation::Pages::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
+    const triangulation::TrianglePages::Mask alive = pages.aliveMask(number);
+    for (triangulation::TrianglePages::Mask m = page.hashed & ~alive; m != 0; m &= m - 1)
+      page.hash -= surface.hash[number * CandidatePage::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
     page.hashed &= alive;
     sum += page.hash;
   }

@@ -25,7 +25,7 @@ inline constexpr double kAlways = -std::numeric_limits<double>::infinity();  // 
 
 // The candidates of a page of triangles, so that screening reads one run of memory. A triangle without one has error 0.
 struct alignas(64) CandidatePage {
-  static constexpr std::uint32_t kSlots = triangulation::Pages::kSlots;
+  static constexpr std::uint32_t kSlots = triangulation::TrianglePages::kSlots;
   std::int32_t x[kSlots], z[kSlots];
   std::int32_t y[kSlots];  // the terrain's height there, to the step (not snapped to a level)
   float error[kSlots];     // steps: |mesh - snapped terrain|, for kArea times the triangle's weight; negative: asleep
@@ -38,17 +38,17 @@ struct PageDue {
 };
 
 struct alignas(64) PageScreen {
-  double travel = -1;                  // of the camera when the bounds held; negative: there are none, look again
-  float steepest = 0;                  // of the candidates awake the largest error / distance,
-  float seen = 0;                      // and error x horizontal distance / distance^2, which is what is seen of it
-  float nearest = 0;                   // steps: smallest distance of any candidate
-  triangulation::PageMask asleep = 0;  // candidates wanted but not worth it for now; their error is kept negative meanwhile
-  triangulation::PageMask blank = 0;   // dead slots that hold no candidate, far away
-  double sleptTravel = 0;              // when the first of those asleep fell asleep
+  double travel = -1;                             // of the camera when the bounds held; negative: there are none, look again
+  float steepest = 0;                             // of the candidates awake the largest error / distance,
+  float seen = 0;                                 // and error x horizontal distance / distance^2, which is what is seen of it
+  float nearest = 0;                              // steps: smallest distance of any candidate
+  triangulation::TrianglePages::Mask asleep = 0;  // candidates wanted but not worth it for now; their error is kept negative meanwhile
+  triangulation::TrianglePages::Mask blank = 0;   // dead slots that hold no candidate, far away
+  double sleptTravel = 0;                         // when the first of those asleep fell asleep
 
   // The page's share of its region's hash, here because whoever makes a triangle writes both.
   std::uint64_t hash = 0;  // sum over the slots in `hashed` of what Surface::hash holds for them
-  triangulation::PageMask hashed = 0;
+  triangulation::TrianglePages::Mask hashed = 0;
 };
 static_assert(sizeof(PageScreen) == 64);
 
@@ -95,8 +95,8 @@ struct Surface {
   lattice::Point anchor;  // absolute steps; a multiple of the coarsest leaf's side
 
   static constexpr std::size_t kBytesPerTrianglePage =
-      sizeof(CandidatePage) + triangulation::Pages::kSlots * sizeof(std::uint64_t) + sizeof(PageDue) + sizeof(PageScreen);
-  static constexpr std::size_t kBytesPerVertexPage = triangulation::Pages::kSlots * sizeof(VertexExtra) + sizeof(PageLosses);
+      sizeof(CandidatePage) + triangulation::TrianglePages::kSlots * sizeof(std::uint64_t) + sizeof(PageDue) + sizeof(PageScreen);
+  static constexpr std::size_t kBytesPerVertexPage = triangulation::VertexPages::kSlots * sizeof(VertexExtra) + sizeof(PageLosses);
 
   struct Candidate {
     triangulation::Point2 point;
@@ -120,8 +120,8 @@ struct Surface {
   }
   // What belongs to a page of vertices.
   void prefetchVertices(std::uint32_t page) const {
-    const char* const first = reinterpret_cast<const char*>(&vertices[page * triangulation::Pages::kSlots]);
-    for (std::size_t k = 0; k < triangulation::Pages::kSlots * sizeof(VertexExtra); k += 64) __builtin_prefetch(first + k);
+    const char* const first = reinterpret_cast<const char*>(&vertices[page * triangulation::VertexPages::kSlots]);
+    for (std::size_t k = 0; k < triangulation::VertexPages::kSlots * sizeof(VertexExtra); k += 64) __builtin_prefetch(first + k);
   }
   // The candidate of a new triangle, awake. The page's bounds do not know it yet: see foldCandidate() in screening.h.
   void setCandidate(std::uint32_t t, const Candidate& c) {
@@ -132,14 +132,14 @@ struct Surface {
     page.y[k] = c.y;
     page.error[k] = c.error;
     PageScreen& screen = screens[t / CandidatePage::kSlots];
-    const triangulation::PageMask bit = triangulation::PageMask{1} << k;
+    const triangulation::TrianglePages::Mask bit = triangulation::TrianglePages::Mask{1} << k;
     screen.asleep &= ~bit;
     screen.blank &= ~bit;
   }
   // The triangle's term; what the slot held before leaves the page's sum.
   void setHash(std::uint32_t t, std::uint64_t term) {
     PageScreen& page = screens[t / CandidatePage::kSlots];
-    const triangulation::PageMask bit = triangulation::PageMask{1} << (t % CandidatePage::kSlots);
+    const triangulation::TrianglePages::Mask bit = triangulation::TrianglePages::Mask{1} << (t % CandidatePage::kSlots);
     if (page.hashed & bit) page.hash -= hash[t];
     page.hash += term;
     page.hashed |= bit;
@@ -160,7 +160,7 @@ struct Surface {
     dues[t / CandidatePage::kSlots].travel = regions[region].due.travel = kAlways;
   }
   void wakeVertex(std::uint32_t v, triangulation::RegionId region) {
-    PageLosses& page = losses[v / triangulation::Pages::kSlots];
+    PageLosses& page = losses[v / triangulation::VertexPages::kSlots];
     page.travel = -1;
     page.due = regions[region].lossesDue = kAlways;
   }

@@ -12,40 +12,43 @@ namespace {
 
 constexpr std::size_t kPagesAtATime = 8;
 
+// A region that something of a source goes to.
+struct Heir {
+  std::uint32_t source;
+  RegionId region;
+  auto operator<=>(const Heir&) const = default;
+};
+
 // The pages of one kind of record in the regions that are split, and where each record goes.
+template <class Storage>
 struct Plan {
   struct Page {
     std::uint32_t page, source;  // source: index of the region that it belongs to
   };
   std::vector<Page> pages;
-  std::vector<std::size_t> first;     // by source, its first page in `pages`; one more at the end
-  std::unique_ptr<RegionId[]> homes;  // by page in `pages` and slot; of slots that are not alive: nothing
-  struct Heir {
-    std::uint32_t source;
-    RegionId region;
-    auto operator<=>(const Heir&) const = default;
-  };
+  std::vector<std::size_t> first;        // by source, its first page in `pages`; one more at the end
+  std::unique_ptr<RegionId[]> homes;     // by page in `pages` and slot; of slots that are not alive: nothing
   std::vector<std::vector<Heir>> found;  // by chunk of pages, each heir in it once
 
-  Plan(const Pages& storage, std::span<const RegionId> regions) {
+  Plan(const Storage& storage, std::span<const RegionId> regions) {
     for (std::uint32_t k = 0; k < regions.size(); ++k) {
       first.push_back(pages.size());
       for (std::uint32_t page : storage.pagesOf(regions[k])) pages.push_back({page, k});
     }
     first.push_back(pages.size());
-    homes = std::make_unique_for_overwrite<RegionId[]>(pages.size() * Pages::kSlots);
+    homes = std::make_unique_for_overwrite<RegionId[]>(pages.size() * Storage::kSlots);
     found.resize((pages.size() + kPagesAtATime - 1) / kPagesAtATime);
   }
   // homeOf(id, guess) for every record in a chunk.
   template <class HomeOf>
-  void decide(const Pages& storage, std::size_t chunk, const HomeOf& homeOf) {
+  void decide(const Storage& storage, std::size_t chunk, const HomeOf& homeOf) {
     RegionId home = kOutside;  // of the last one, a good guess for the next
     std::vector<Heir>& seen = found[chunk];
     for (std::size_t n = chunk * kPagesAtATime; n < std::min(pages.size(), (chunk + 1) * kPagesAtATime); ++n)
-      for (PageMask m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
+      for (typename Storage::Mask m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
         const auto slot = static_cast<std::uint32_t>(std::countr_zero(m));
-        const RegionId now = homeOf(pages[n].page * Pages::kSlots + slot, home);
-        homes[n * Pages::kSlots + slot] = now;
+        const RegionId now = homeOf(pages[n].page * Storage::kSlots + slot, home);
+        homes[n * Storage::kSlots + slot] = now;
         const Heir heir{pages[n].source, now};
         if (std::find(seen.rbegin(), seen.rend(), heir) == seen.rend()) seen.push_back(heir);
         home = now;
@@ -55,11 +58,11 @@ struct Plan {
     for (const auto& chunk : found) heirs.insert(heirs.end(), chunk.begin(), chunk.end());
   }
   // What goes from a source to an heir, in the order in which it lies.
-  void collect(const Pages& storage, const Heir& heir, std::vector<Move>& moves) const {
+  void collect(const Storage& storage, const Heir& heir, std::vector<Move>& moves) const {
     for (std::size_t n = first[heir.source]; n < first[heir.source + 1]; ++n)
-      for (PageMask m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
+      for (typename Storage::Mask m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
         const auto slot = static_cast<std::uint32_t>(std::countr_zero(m));
-        if (homes[n * Pages::kSlots + slot] == heir.region) moves.push_back({pages[n].page * Pages::kSlots + slot, kNoSlot});
+        if (homes[n * Storage::kSlots + slot] == heir.region) moves.push_back({pages[n].page * Storage::kSlots + slot, kNoSlot});
       }
   }
 };
@@ -70,9 +73,10 @@ struct Plan {
 // page by page, and an old triangle's first corner names the new one; half-edges are joined anew, each by the triangle that it belongs to, or
 // by its twin's where that one stays; the stars, whole again, learn of their new centres.
 bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, const Moves& moves) {
-  Plan triangles(triangles_, regions), vertices(vertices_, regions);
+  Plan triangles(triangles_, regions);
+  Plan vertices(vertices_, regions);
   // Every region there is may open a page.
-  const auto pagesFor = [&](const Plan& plan) { return static_cast<std::uint32_t>(plan.pages.size() + regionLimit()); };
+  const auto pagesFor = [&](const auto& plan) { return static_cast<std::uint32_t>(plan.pages.size() + regionLimit()); };
   if (!triangles_.hasFree(pagesFor(triangles)) || !vertices_.hasFree(pagesFor(vertices))) return false;
   std::vector<std::uint8_t> splitting(regionLimit(), 0);
   for (RegionId region : regions) splitting[region] = 1;
@@ -80,7 +84,7 @@ bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, c
   loop(triangles.found.size() + vertices.found.size(), [&](std::size_t k) {
     if (k < triangles.found.size())
       triangles.decide(triangles_, k, [&](TriangleId t, RegionId guess) {
-        if (t % Pages::kSlots + 4 < Pages::kSlots) prefetchCorners(t + 4);  // dead or alive
+        if (t % TrianglePages::kSlots + 4 < TrianglePages::kSlots) prefetchCorners(t + 4);  // dead or alive
         const Triangle& r = triangleRecords_[t];
         return regionOfCorners(r.v[0], r.v[1], r.v[2], guess);
       });
@@ -91,17 +95,17 @@ bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, c
       });
   });
 
-  std::vector<Plan::Heir> heirs;
+  std::vector<Heir> heirs;
   triangles.addHeirs(heirs);
   vertices.addHeirs(heirs);
   std::sort(heirs.begin(), heirs.end());
   heirs.erase(std::unique(heirs.begin(), heirs.end()), heirs.end());
   struct Task {
-    Plan::Heir heir;
+    Heir heir;
     std::vector<Move> triangles, vertices;
   };
   std::vector<Task> tasks;
-  for (const Plan::Heir& heir : heirs) tasks.push_back({heir, {}, {}});
+  for (const Heir& heir : heirs) tasks.push_back({heir, {}, {}});
 
   loop(tasks.size(), [&](std::size_t k) {
     Task& task = tasks[k];

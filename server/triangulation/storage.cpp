@@ -19,7 +19,8 @@ void* reserve(std::size_t bytes) {
   return at;
 }
 
-Pages::Pages(std::uint32_t slots)
+template <std::uint32_t N>
+Pages<N>::Pages(std::uint32_t slots)
     : capacity_((slots + kSlots - 1) / kSlots * kSlots),
       pages_(std::make_unique<Page[]>(capacity_ / kSlots)),
       freePages_(capacity_ / kSlots) {
@@ -27,7 +28,8 @@ Pages::Pages(std::uint32_t slots)
   changed_.push_back(0);
 }
 
-RegionId Pages::addRegion() {
+template <std::uint32_t N>
+RegionId Pages<N>::addRegion() {
   if (!unusedRegions_.empty()) {
     const RegionId id = unusedRegions_.back();
     unusedRegions_.pop_back();
@@ -40,13 +42,15 @@ RegionId Pages::addRegion() {
   return static_cast<RegionId>(regions_.size() - 1);
 }
 
-void Pages::removeRegion(RegionId region) {
+template <std::uint32_t N>
+void Pages<N>::removeRegion(RegionId region) {
   assert(region != kOutside && regions_[region] && regions_[region]->pages.empty());
   regions_[region].reset();
   unusedRegions_.push_back(region);
 }
 
-void Pages::adopt(RegionId from, RegionId to) {
+template <std::uint32_t N>
+void Pages<N>::adopt(RegionId from, RegionId to) {
   Region &giver = *regions_[from], &heir = *regions_[to];
   for (std::uint32_t page : giver.pages) {
     pages_[page].region = to;
@@ -63,9 +67,10 @@ void Pages::adopt(RegionId from, RegionId to) {
   giver.count = 0;
 }
 
-std::uint32_t Pages::pageWithRoom(RegionId id) {
+template <std::uint32_t N>
+std::uint32_t Pages<N>::pageWithRoom(RegionId id) {
   Region& region = *regions_[id];
-  while (!region.open.empty() && pages_[region.open.back()].alive == ~PageMask{0}) {
+  while (!region.open.empty() && pages_[region.open.back()].alive == ~Mask{0}) {
     pages_[region.open.back()].open = false;
     region.open.pop_back();
   }
@@ -73,7 +78,8 @@ std::uint32_t Pages::pageWithRoom(RegionId id) {
   return region.open.empty() ? kNoSlot : region.open.back();
 }
 
-void Pages::addPages(RegionId id, std::size_t count) {
+template <std::uint32_t N>
+void Pages<N>::addPages(RegionId id, std::size_t count) {
   Region& region = *regions_[id];
   const std::size_t before = region.pages.size();
   {
@@ -94,25 +100,27 @@ void Pages::addPages(RegionId id, std::size_t count) {
   }
 }
 
-std::uint32_t Pages::allocate(RegionId id) {
+template <std::uint32_t N>
+std::uint32_t Pages<N>::allocate(RegionId id) {
   const std::uint32_t number = pageWithRoom(id);
   if (number == kNoSlot) return kNoSlot;
   Page& page = pages_[number];
   Region& region = *regions_[id];
   const auto slot = static_cast<std::uint32_t>(std::countr_one(page.alive));
-  page.alive |= PageMask{1} << slot;
-  page.fresh |= PageMask{1} << slot;
+  page.alive |= Mask{1} << slot;
+  page.fresh |= Mask{1} << slot;
   if (!page.listed) list(number);
   ++region.count;
   markChanged(id);
   return number * kSlots + slot;
 }
 
-void Pages::release(std::uint32_t slot) {
+template <std::uint32_t N>
+void Pages<N>::release(std::uint32_t slot) {
   const std::uint32_t number = slot / kSlots;
   Page& page = pages_[number];
   Region& region = *regions_[page.region];
-  const PageMask bit = PageMask{1} << (slot % kSlots);
+  const Mask bit = Mask{1} << (slot % kSlots);
   assert(page.alive & bit);
   page.alive &= ~bit;
   page.fresh &= ~bit;
@@ -141,7 +149,8 @@ void Pages::release(std::uint32_t slot) {
   }
 }
 
-void Pages::drain(RegionId id) {
+template <std::uint32_t N>
+void Pages<N>::drain(RegionId id) {
   Region& region = *regions_[id];
   for (std::uint32_t page : region.pages) pages_[page].alive = pages_[page].fresh = 0;
   {
@@ -156,7 +165,8 @@ void Pages::drain(RegionId id) {
   markChanged(id);
 }
 
-std::vector<std::uint32_t> Pages::keepFullest(Region& region) {
+template <std::uint32_t N>
+std::vector<std::uint32_t> Pages<N>::keepFullest(Region& region) {
   std::vector<std::uint32_t> order = region.pages;
   // Equal ones in the order in which the region got them: page numbers depend on what else happened.
   std::stable_sort(order.begin(), order.end(),
@@ -169,13 +179,14 @@ std::vector<std::uint32_t> Pages::keepFullest(Region& region) {
   for (std::uint32_t k = 0; k < order.size(); ++k) {
     Page& page = pages_[order[k]];
     page.place = k;
-    page.open = page.alive != ~PageMask{0};
+    page.open = page.alive != ~Mask{0};
     if (page.open) region.open.push_back(order[k]);
   }
   return emptied;
 }
 
-void Pages::clear() {
+template <std::uint32_t N>
+void Pages<N>::clear() {
   for (RegionId id = 0; id < regions_.size(); ++id) {
     auto& region = regions_[id];
     if (!region) continue;
@@ -190,13 +201,20 @@ void Pages::clear() {
   freePages_ = capacity_ / kSlots;
 }
 
-std::uint32_t Pages::live() const {
+template <std::uint32_t N>
+std::uint32_t Pages<N>::live() const {
   std::uint32_t sum = 0;
   for (const auto& region : regions_)
     if (region) sum += region->count;
   return sum;
 }
 
-std::uint32_t Pages::pagesInUse() const { return capacity_ / kSlots - freePages_.load(std::memory_order_relaxed); }
+template <std::uint32_t N>
+std::uint32_t Pages<N>::pagesInUse() const {
+  return capacity_ / kSlots - freePages_.load(std::memory_order_relaxed);
+}
+
+template class Pages<32>;
+template class Pages<64>;
 
 }  // namespace ridgecast::triangulation

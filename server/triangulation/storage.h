@@ -1,5 +1,5 @@
 #pragma once
-// Slots of fixed size, handed out in pages of 32 that belong to one region each. Knows ids, not records.
+// Slots of fixed size, handed out in pages that belong to one region each. Knows ids, not records.
 //
 // A page has two masks: `alive` (the slot is in use) and `fresh` (in use, and not yet seen by whoever called clearFresh). Emptied
 // pages go back to one pool and are the first to be reused, so resident memory follows what is alive.
@@ -25,12 +25,6 @@ using RegionId = std::uint32_t;
 inline constexpr RegionId kOutside = 0;
 inline constexpr std::uint32_t kNoSlot = 0xffffffffu;
 
-// Half of a page is empty in every region, on average, and a camera holds 1,600 regions, most of them small: pages of 64 took 140 bytes a triangle
-// for a mesh of 100,000, these take 105. Smaller ones would read slower, and what is kept of each page would outweigh what they spare.
-inline constexpr std::uint32_t kPageSlots = 32;
-using PageMask = std::uint32_t;  // a bit for each slot
-static_assert(std::numeric_limits<PageMask>::digits == kPageSlots);
-
 // Room for records that are written before they are read: nothing of it is resident until it is touched. Large arrays ask for huge pages,
 // which spare a tenth of an insertion's time in address translation and page faults, at up to 2 MiB more resident memory each.
 void* reserve(std::size_t bytes);  // at a line of the cache; throws std::bad_alloc; to be given to std::free
@@ -55,9 +49,12 @@ struct Move {  // of a record to another slot
   std::uint32_t from, to;
 };
 
+template <std::uint32_t N>  // slots of a page, 32 or 64
 class Pages {
  public:
-  static constexpr std::uint32_t kSlots = kPageSlots;
+  static constexpr std::uint32_t kSlots = N;
+  using Mask = std::conditional_t<N == 64, std::uint64_t, std::uint32_t>;  // a bit for each slot
+  static_assert(std::numeric_limits<Mask>::digits == N);
 
   explicit Pages(std::uint32_t slots);
 
@@ -93,10 +90,10 @@ class Pages {
   bool fresh(std::uint32_t slot) const { return (pages_[slot / kSlots].fresh >> (slot % kSlots)) & 1; }
   void setFresh(std::uint32_t slot) {
     Page& page = pages_[slot / kSlots];
-    page.fresh |= PageMask{1} << (slot % kSlots);
+    page.fresh |= Mask{1} << (slot % kSlots);
     if (!page.listed) list(slot / kSlots);
   }
-  void clearFresh(std::uint32_t slot) { pages_[slot / kSlots].fresh &= ~(PageMask{1} << (slot % kSlots)); }
+  void clearFresh(std::uint32_t slot) { pages_[slot / kSlots].fresh &= ~(Mask{1} << (slot % kSlots)); }
 
   std::uint32_t count(RegionId region) const { return regions_[region]->count; }
   bool changed(RegionId region) const { return changed_[region] != 0; }
@@ -109,13 +106,13 @@ class Pages {
   std::uint32_t pagesInUse() const;
 
   const std::vector<std::uint32_t>& pagesOf(RegionId region) const { return regions_[region]->pages; }
-  PageMask aliveMask(std::uint32_t page) const { return pages_[page].alive; }
-  PageMask freshMask(std::uint32_t page) const { return pages_[page].fresh; }
+  Mask aliveMask(std::uint32_t page) const { return pages_[page].alive; }
+  Mask freshMask(std::uint32_t page) const { return pages_[page].fresh; }
 
   template <class F>
   void forEach(RegionId region, F&& f) const {
     for (std::uint32_t page : regions_[region]->pages)
-      for (PageMask m = pages_[page].alive; m != 0; m &= m - 1) f(page * kSlots + static_cast<std::uint32_t>(std::countr_zero(m)));
+      for (Mask m = pages_[page].alive; m != 0; m &= m - 1) f(page * kSlots + static_cast<std::uint32_t>(std::countr_zero(m)));
   }
   // f(page) for the region's pages with fresh slots, which are the caller's to clear: all of them before the next call.
   template <class F>
@@ -131,12 +128,12 @@ class Pages {
   template <class F>
   void forEachFresh(RegionId region, F&& f) const {
     for (std::uint32_t page : regions_[region]->pages)
-      for (PageMask m = pages_[page].fresh; m != 0; m &= m - 1) f(page * kSlots + static_cast<std::uint32_t>(std::countr_zero(m)));
+      for (Mask m = pages_[page].fresh; m != 0; m &= m - 1) f(page * kSlots + static_cast<std::uint32_t>(std::countr_zero(m)));
   }
 
  private:
   struct Page {
-    PageMask alive = 0, fresh = 0;
+    Mask alive = 0, fresh = 0;
     RegionId region = kOutside;
     std::uint32_t place = 0;  // index in its region's list of pages
     bool open = false;        // in its region's list of pages with room
@@ -170,17 +167,18 @@ class Pages {
   std::atomic<std::uint32_t> freePages_;
 };
 
+template <std::uint32_t N>
 template <class F>
-void Pages::receive(RegionId id, std::span<Move> moves, F&& take) {
+void Pages<N>::receive(RegionId id, std::span<Move> moves, F&& take) {
   // All at once: pages taken one by one, in turn with other threads, lie scattered.
   if (regions_[id]->open.empty()) addPages(id, (moves.size() + kSlots - 1) / kSlots);
   for (std::size_t n = 0; n < moves.size();) {
     const std::uint32_t number = pageWithRoom(id);
     if (number == kNoSlot) throw std::bad_alloc();
     Page& page = pages_[number];
-    PageMask alive = 0, made = 0;  // the page is written once: others may write its neighbours
-    for (PageMask room = ~page.alive; room != 0 && n < moves.size(); room &= room - 1, ++n) {
-      const PageMask bit = room & -room;
+    Mask alive = 0, made = 0;  // the page is written once: others may write its neighbours
+    for (Mask room = ~page.alive; room != 0 && n < moves.size(); room &= room - 1, ++n) {
+      const Mask bit = room & -room;
       moves[n].to = number * kSlots + static_cast<std::uint32_t>(std::countr_zero(room));
       alive |= bit;
       if (fresh(moves[n].from)) made |= bit;
@@ -194,12 +192,13 @@ void Pages::receive(RegionId id, std::span<Move> moves, F&& take) {
   if (!moves.empty()) markChanged(id);
 }
 
+template <std::uint32_t N>
 template <class F>
-void Pages::compact(RegionId id, F&& move) {
+void Pages<N>::compact(RegionId id, F&& move) {
   Region& region = *regions_[id];
   for (std::uint32_t page : keepFullest(region)) {
-    const PageMask alive = pages_[page].alive, fresh = pages_[page].fresh;
-    for (PageMask m = alive; m != 0; m &= m - 1) {
+    const Mask alive = pages_[page].alive, fresh = pages_[page].fresh;
+    for (Mask m = alive; m != 0; m &= m - 1) {
       const auto k = static_cast<std::uint32_t>(std::countr_zero(m));
       --region.count;
       const std::uint32_t to = allocate(id);
@@ -212,5 +211,12 @@ void Pages::compact(RegionId id, F&& move) {
     freePages_.fetch_add(1, std::memory_order_relaxed);
   }
 }
+
+// Half of a page is empty in every region, on average, and a camera holds 1,600 regions, most of them small. What vertices have of each page is
+// little, so theirs are small; triangles have much, and every iteration looks at all of it.
+using TrianglePages = Pages<64>;
+using VertexPages = Pages<32>;
+extern template class Pages<32>;
+extern template class Pages<64>;
 
 }  // namespace ridgecast::triangulation

@@ -31,8 +31,8 @@ void WriteSet::allow(std::span<const RegionId> regions) {
 // A live set of n points has about 2n triangles; ghosts, and pages that are not full, need room too.
 Triangulation::Triangulation(std::uint32_t triangles, const Partition& partition)
     : partition_(&partition),
-      triangles_(2 * triangles + 8192 * Pages::kSlots),
-      vertices_(triangles + 8192 * Pages::kSlots),
+      triangles_(2 * triangles + 8192 * TrianglePages::kSlots),
+      vertices_(triangles + 8192 * VertexPages::kSlots),
       squares_(1),
       triangleRecords_(triangles_.capacity()),
       vertexRecords_(vertices_.capacity()) {
@@ -76,7 +76,8 @@ std::uint32_t Triangulation::liveTriangles() const {
 }
 
 std::size_t Triangulation::residentBytes() const {
-  return std::size_t{Pages::kSlots} * (triangles_.pagesInUse() * sizeof(Triangle) + vertices_.pagesInUse() * sizeof(Vertex));
+  return std::size_t{TrianglePages::kSlots} * triangles_.pagesInUse() * sizeof(Triangle) +
+         std::size_t{VertexPages::kSlots} * vertices_.pagesInUse() * sizeof(Vertex);
 }
 
 RegionId Triangulation::askRegion(std::int32_t x3, std::int32_t z3) const {

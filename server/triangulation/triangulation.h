@@ -15,7 +15,7 @@
 //                  0
 //
 // Regions    half-open squares that do not overlap; kOutside is everything else. A triangle is filed under the region that holds its
-//            centroid (exactly), a vertex under the region that holds it; ghosts are filed outside. Records are kept in pages of 64 of
+//            centroid (exactly), a vertex under the region that holds it; ghosts are filed outside. Records are kept in pages of
 //            one region, so that work on a region stays in few cache lines, and pages of emptied regions are reused.
 // Partition  who knows which regions there are answers `regionAt`; when its answers change, call refile().
 //
@@ -179,8 +179,8 @@ class Triangulation {
     for (VertexId v : triangleRecords_[t].v) __builtin_prefetch(&vertexRecords_[v]);
   }
   void prefetchVertices(std::uint32_t page) const {
-    const char* const first = reinterpret_cast<const char*>(&vertexRecords_[page * Pages::kSlots]);
-    for (std::size_t k = 0; k < Pages::kSlots * sizeof(Vertex); k += 64) __builtin_prefetch(first + k);
+    const char* const first = reinterpret_cast<const char*>(&vertexRecords_[page * VertexPages::kSlots]);
+    for (std::size_t k = 0; k < VertexPages::kSlots * sizeof(Vertex); k += 64) __builtin_prefetch(first + k);
   }
   void prefetchNeighbours(TriangleId t) const {
     for (HalfEdge h : triangleRecords_[t].twin) __builtin_prefetch(&triangleRecords_[h >> 2]);
@@ -236,9 +236,9 @@ class Triangulation {
   std::uint32_t vertexCapacity() const { return vertices_.capacity(); }
   std::size_t residentBytes() const;  // of the pages in use
 
-  const Pages& trianglePages() const { return triangles_; }
-  Pages& trianglePages() { return triangles_; }
-  const Pages& vertexPages() const { return vertices_; }
+  const TrianglePages& trianglePages() const { return triangles_; }
+  TrianglePages& trianglePages() { return triangles_; }
+  const VertexPages& vertexPages() const { return vertices_; }
 
  private:
   void setEdge(VertexId v, HalfEdge h) { std::atomic_ref<HalfEdge>(vertexRecords_[v].edge).store(h, std::memory_order_relaxed); }
@@ -265,7 +265,8 @@ class Triangulation {
   bool opens(const WriteSet::Door& door, const Triangle& beyond, unsigned apex, const Point2& p, WriteSet::Spot& spot) const;
 
   const Partition* partition_;
-  Pages triangles_, vertices_;
+  TrianglePages triangles_;
+  VertexPages vertices_;
   std::vector<Square> squares_;  // by region; no side: kOutside or unused
   Records<Triangle> triangleRecords_;
   Records<Vertex> vertexRecords_;

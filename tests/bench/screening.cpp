@@ -34,7 +34,7 @@ Report screening(const Options& options) {
   const auto& pages = mesh.triangulation().trianglePages();
   const auto& s = mesh.surface();
   std::size_t slots = 0;
-  for (const pipeline::Leaf* leaf : mesh.leaves()) slots += pages.pagesOf(leaf->region).size() * triangulation::Pages::kSlots;
+  for (const pipeline::Leaf* leaf : mesh.leaves()) slots += pages.pagesOf(leaf->region).size() * triangulation::TrianglePages::kSlots;
 
   std::vector<double> read, screen;
   std::uint64_t sink = 0;

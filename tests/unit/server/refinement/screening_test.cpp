@@ -124,7 +124,7 @@ TEST(Screening, SparesNothingThatIsWanted) {
         continue;
       }
       // Those asleep, for being specks or off the picture, may wake up a little later.
-      const triangulation::PageMask asleep = remembers.surface.screens[p.triangle / CandidatePage::kSlots].asleep;
+      const triangulation::TrianglePages::Mask asleep = remembers.surface.screens[p.triangle / CandidatePage::kSlots].asleep;
       EXPECT_TRUE((asleep >> (p.triangle % CandidatePage::kSlots)) & 1) << "step " << step;
       ++late;
     }

@@ -17,7 +17,8 @@ struct Model {
   };
   std::map<RegionId, Region> regions{{kOutside, {}}};
 
-  void expectSame(Pages& pages) {
+  template <class Storage>
+  void expectSame(Storage& pages) {
     std::uint32_t live = 0;
     for (auto& [id, region] : regions) {
       std::set<std::uint32_t> alive, fresh, listed;
@@ -37,10 +38,11 @@ struct Model {
   }
 };
 
-TEST(Pages, AnswerAsAModelDoes) {
+template <class Storage>
+void answersAsAModelDoes() {
   std::mt19937 rng(4);
   for (int round = 0; round < 20; ++round) {
-    Pages pages(6000);
+    Storage pages(6000);
     Model model;
     for (int k = 0; k < 4; ++k) model.regions[pages.addRegion()] = {};
     const auto anyRegion = [&] {
@@ -85,10 +87,10 @@ TEST(Pages, AnswerAsAModelDoes) {
           std::set<std::uint32_t> told;
           pages.takeFreshPages(id, [&](std::uint32_t page) { EXPECT_TRUE(told.insert(page).second); });
           for (std::uint32_t slot : region.fresh) {
-            EXPECT_TRUE(told.count(slot / Pages::kSlots)) << "slot " << slot;
+            EXPECT_TRUE(told.count(slot / Storage::kSlots)) << "slot " << slot;
             pages.clearFresh(slot);
           }
-          for (std::uint32_t page : told) EXPECT_NE(region.fresh.lower_bound(page * Pages::kSlots), region.fresh.end());
+          for (std::uint32_t page : told) EXPECT_NE(region.fresh.lower_bound(page * Storage::kSlots), region.fresh.end());
           region.fresh.clear();
           pages.clearChanged(id);
           region.changed = false;
@@ -138,10 +140,13 @@ TEST(Pages, AnswerAsAModelDoes) {
           }
       }
       model.expectSame(pages);
-      if (HasFailure()) FAIL() << "round " << round << ", step " << step;
+      if (testing::Test::HasFailure()) FAIL() << "round " << round << ", step " << step;
     }
   }
 }
+
+TEST(Pages, OfTrianglesAnswerAsAModelDoes) { answersAsAModelDoes<TrianglePages>(); }
+TEST(Pages, OfVerticesAnswerAsAModelDoes) { answersAsAModelDoes<VertexPages>(); }
 
 }  // namespace
 }  // namespace ridgecast::triangulation

@@ -483,7 +483,7 @@ TEST(Triangulation, CompactingKeepsTheMesh) {
 // Pages that were empty when their region lost its last record once stayed lost with it.
 TEST(Pages, EveryPageComesBack) {
   std::mt19937 rng(4);
-  Pages pages(64 * 200);
+  TrianglePages pages(64 * 200);
   for (int round = 0; round < 300; ++round) {
     std::vector<RegionId> regions;
     std::vector<std::uint32_t> slots;
