@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cassert>
 #include <new>
+#include <utility>
 
 namespace ridgecast::triangulation {
 
@@ -65,6 +66,19 @@ void Pages<N>::adopt(RegionId from, RegionId to) {
   giver.open.clear();
   giver.fresh.clear();
   giver.count = 0;
+}
+
+template <std::uint32_t N>
+void Pages<N>::list(std::uint32_t page) {
+  const RegionId id = pages_[page].region;
+  Region& region = *regions_[id];
+  if (region.fresh.size() >= 2 * region.pages.size() + 8) {  // pages that went elsewhere, or came back and are named twice
+    std::erase_if(region.fresh,
+                  [&](std::uint32_t other) { return pages_[other].region != id || !std::exchange(pages_[other].listed, false); });
+    for (std::uint32_t other : region.fresh) pages_[other].listed = true;
+  }
+  pages_[page].listed = true;
+  region.fresh.push_back(page);
 }
 
 template <std::uint32_t N>

@@ -125,6 +125,8 @@ class Pages {
     }
     regions_[region]->fresh.clear();
   }
+  // How many entries lie behind takeFreshPages(), called or not: at most twice the region's pages, and eight.
+  std::size_t listLength(RegionId region) const { return regions_[region]->fresh.size(); }
   template <class F>
   void forEachFresh(RegionId region, F&& f) const {
     for (std::uint32_t page : regions_[region]->pages)
@@ -145,10 +147,7 @@ class Pages {
     std::uint32_t count = 0;
   };
 
-  void list(std::uint32_t page) {
-    pages_[page].listed = true;
-    regions_[pages_[page].region]->fresh.push_back(page);
-  }
+  void list(std::uint32_t page);
   void addPages(RegionId id, std::size_t count);  // as many as there are
   std::uint32_t pageWithRoom(RegionId id);        // kNoSlot when there is none left
   // Pages that have room for so many slots and a sixteenth more.

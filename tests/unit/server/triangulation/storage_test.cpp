@@ -31,6 +31,7 @@ struct Model {
       EXPECT_EQ(alive, region.alive);
       EXPECT_EQ(fresh, region.fresh);
       EXPECT_EQ(pages.count(id), region.alive.size());
+      EXPECT_LE(pages.listLength(id), 2 * pages.pagesOf(id).size() + 8);
       EXPECT_EQ(pages.changed(id), region.changed);
       live += pages.count(id);
     }
@@ -141,6 +142,24 @@ void answersAsAModelDoes() {
       }
       model.expectSame(pages);
       if (testing::Test::HasFailure()) FAIL() << "round " << round << ", step " << step;
+    }
+  }
+}
+
+// Nobody asks for the fresh pages of what lies outside all leaves, nor of vertices: what is remembered for who might ask stays small.
+TEST(Pages, RememberLittleOfPagesThatCameAndWent) {
+  TrianglePages pages(64 * 100);
+  for (int round = 0; round < 1000; ++round) {
+    std::vector<std::uint32_t> slots;
+    for (int k = 0; k < 640; ++k) slots.push_back(pages.allocate(kOutside));
+    for (std::size_t k = 10; k < slots.size(); ++k) pages.release(slots[k]);
+    ASSERT_LE(pages.listLength(kOutside), 2 * 110u + 8) << "round " << round;
+    if (round % 100 == 99) {
+      std::size_t told = 0, expected = 0;
+      for (std::uint32_t page : pages.pagesOf(kOutside)) expected += pages.freshMask(page) != 0;
+      pages.takeFreshPages(kOutside, [&](std::uint32_t) { ++told; });
+      EXPECT_EQ(told, expected);
+      pages.drain(kOutside);
     }
   }
 }
