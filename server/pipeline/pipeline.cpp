@@ -374,7 +374,8 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
     // Many cameras' meshes do not fit the cache: a page's corners are asked for together.
     for (triangulation::TrianglePages::Mask m = pages.aliveMask(page); m != 0; m &= m - 1)
       t.prefetchCorners(first + static_cast<TriangleId>(std::countr_zero(m)));
-    for (triangulation::TrianglePages::Mask m = pages.aliveMask(page); m != 0; m &= m - 1) addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
+    for (triangulation::TrianglePages::Mask m = pages.aliveMask(page); m != 0; m &= m - 1)
+      addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
   }
   for (VertexId v : vertices) places[v] = 0;
   mesh::canonicalize(out);

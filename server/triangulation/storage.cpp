@@ -145,36 +145,37 @@ void Pages<N>::release(std::uint32_t slot) {
     region.open.push_back(number);
   }
   if (region.count == 0) {
-    std::lock_guard lock(mutex_);
-    pool_.insert(pool_.end(), region.pages.begin(), region.pages.end());
-    freePages_.fetch_add(static_cast<std::uint32_t>(region.pages.size()), std::memory_order_relaxed);
-    region.pages.clear();
-    region.open.clear();
-    region.fresh.clear();
+    giveBackAll(region);
   } else if (page.alive == 0 && region.open.back() != number) {
     // The page that is being filled stays: a change releases its hole and fills it again at once.
     region.open.erase(std::find(region.open.begin(), region.open.end(), number));
     region.pages[page.place] = region.pages.back();
     pages_[region.pages[page.place]].place = page.place;
     region.pages.pop_back();
-    std::lock_guard lock(mutex_);
-    pool_.push_back(number);
-    freePages_.fetch_add(1, std::memory_order_relaxed);
+    giveBack({&number, 1});
   }
+}
+
+template <std::uint32_t N>
+void Pages<N>::giveBack(std::span<const std::uint32_t> pages) {
+  const std::lock_guard lock(mutex_);
+  pool_.insert(pool_.end(), pages.begin(), pages.end());
+  freePages_.fetch_add(static_cast<std::uint32_t>(pages.size()), std::memory_order_relaxed);
+}
+
+template <std::uint32_t N>
+void Pages<N>::giveBackAll(Region& region) {
+  giveBack(region.pages);
+  region.pages.clear();
+  region.open.clear();
+  region.fresh.clear();
 }
 
 template <std::uint32_t N>
 void Pages<N>::drain(RegionId id) {
   Region& region = *regions_[id];
   for (std::uint32_t page : region.pages) pages_[page].alive = pages_[page].fresh = 0;
-  {
-    std::lock_guard lock(mutex_);
-    pool_.insert(pool_.end(), region.pages.begin(), region.pages.end());
-  }
-  freePages_.fetch_add(static_cast<std::uint32_t>(region.pages.size()), std::memory_order_relaxed);
-  region.pages.clear();
-  region.open.clear();
-  region.fresh.clear();
+  giveBackAll(region);
   region.count = 0;
   markChanged(id);
 }

@@ -148,6 +148,8 @@ class Pages {
   };
 
   void list(std::uint32_t page);
+  void giveBack(std::span<const std::uint32_t> pages);
+  void giveBackAll(Region& region);
   void addPages(RegionId id, std::size_t count);  // as many as there are
   std::uint32_t pageWithRoom(RegionId id);        // kNoSlot when there is none left
   // Pages that have room for so many slots and a sixteenth more.
@@ -205,9 +207,7 @@ void Pages<N>::compact(RegionId id, F&& move) {
       move(page * kSlots + k, to);
     }
     pages_[page].alive = pages_[page].fresh = 0;
-    std::lock_guard lock(mutex_);
-    pool_.push_back(page);
-    freePages_.fetch_add(1, std::memory_order_relaxed);
+    giveBack({&page, 1});
   }
 }
 

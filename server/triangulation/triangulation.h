@@ -129,8 +129,8 @@ class WriteSet {
   std::vector<Span> spans_;
 };
 
-struct
-    Moves {  // told of every record that changes its id in refile(), split() or compact(); those of a call come to one region, page by page
+// Told of every record that changes its id in refile(), split() or compact(); those of a call come to one region, page by page.
+struct Moves {
   std::function<void(std::span<const Move>)> triangles, vertices;
 };
 
