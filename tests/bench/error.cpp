@@ -1,10 +1,12 @@
 // The error on screen at rest against what was asked for, and what the thesis's metric needs for the same picture.
+#include <algorithm>
 #include <cmath>
 
 #include "tests/bench/bench.h"
 #include "tests/bench/flight.h"
 #include "tests/bench/pictures.h"
-#include "tests/bench/rays.h"
+#include "tests/bench/random_poses.h"
+#include "tests/support/rays.h"
 
 namespace ridgecast::bench {
 namespace {
@@ -20,6 +22,52 @@ const std::vector<Series>& series() {
                                           {"area", wire::Metric::kArea, {3.5, 2.4, 1.6, 1.0}},
                                           {"thesis", wire::Metric::kThesis, {1e-4, 5e-5, 2.5e-5, 1.2e-5, 6e-6}}};
   return all;
+}
+
+// Errors in pixels at the hits, of a mesh refined till it settles.
+struct Settled {
+  std::vector<double> pixels;
+  std::vector<double> distance;
+  std::uint32_t triangles;
+  double heightsPerVertex;
+};
+Settled settle(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Camera& camera, const std::vector<testing_support::Hit>& hits,
+               wire::Metric metric, double threshold) {
+  scheduling::Machine machine(2);
+  wire::Settings asked;
+  asked.metric = metric;
+  asked.threshold = threshold;
+  asked.triangleBudget = 2'000'000;
+  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), machine.makePool(2));
+  Settled out{};
+  std::uint64_t heights = 0, inserted = 0;
+  for (int n = 0; n < 300 && !pipeline.settled(); ++n) {
+    const auto figures = pipeline.iterate(camera);
+    out.triangles = figures.triangles;
+    if (n == 0) continue;  // the grids
+    heights += figures.heights;
+    inserted += figures.inserted;
+  }
+  out.heightsPerVertex = static_cast<double>(heights) / static_cast<double>(inserted);
+  const auto held = testing_support::HeldMesh(pipeline).at(hits);
+  for (std::size_t k = 0; k < hits.size(); ++k) {
+    if (!(held[k].y == held[k].y)) continue;
+    out.pixels.push_back(std::abs(held[k].y - hits[k].y) * hits[k].pixels);
+    out.distance.push_back(hits[k].distance);
+  }
+  return out;
+}
+
+double percentile(std::vector<double> v, double p) {  // NaN of none
+  if (v.empty()) return NAN;
+  std::sort(v.begin(), v.end());
+  return v[static_cast<std::size_t>(p * static_cast<double>(v.size() - 1))];
+}
+
+double mean(const std::vector<double>& v) {
+  double sum = 0;
+  for (double x : v) sum += x;
+  return sum / static_cast<double>(v.size());
 }
 
 struct Row {
@@ -40,9 +88,10 @@ double trianglesAt(const std::vector<Row>& rows, double ssim) {
 }  // namespace
 
 Report error(const Options& options) {
+  if (!options.arguments.empty()) return errorOfRandomPoses(options);
   const auto terrain = terrain::create("alpine", 1).value();
   const auto camera = straight(*terrain, 0);
-  const auto hits = castRays(*terrain, camera, options.quick ? 160 : 480);
+  const auto hits = testing_support::castRays(*terrain, camera, options.quick ? 160 : 480);
   const Settled ours = settle(terrain, camera, hits, wire::Metric::kPixels, 1.0);
   std::vector<double> near, far;
   for (std::size_t k = 0; k < ours.pixels.size(); ++k) (ours.distance[k] < 1000 ? near : far).push_back(ours.pixels[k]);

@@ -74,7 +74,7 @@ int main(int argc, char** argv) {
   for (int k = 1; k < argc; ++k) {
     if (!std::strcmp(argv[k], "--json")) json = true;
     else if (!std::strcmp(argv[k], "--quick")) options.quick = true;
-    else if (name.empty() && argv[k][0] != '-') name = argv[k];
+    else if (name.empty()) name = argv[k];
     else options.arguments.emplace_back(argv[k]);
   }
   // Without a name every bench runs; a part of a name runs those that hold it.
