@@ -1,5 +1,6 @@
 #include "common/camera/camera.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -40,6 +41,46 @@ bool Frustum::mayIntersect(const Vec3& low, const Vec3& high) const {
     if (dot(n, farthest) < 0) return false;
   }
   return true;
+}
+
+// Clips the triangle by one plane after the other (Sutherland and Hodgman 1974), each moved outwards by what lifting can reach.
+bool Frustum::meets(const std::array<Vec3, 3>& triangle, double lift) const {
+  std::array<Vec3, 3 + 5> corners, kept;
+  std::copy(triangle.begin(), triangle.end(), corners.begin());
+  std::size_t count = triangle.size();
+  for (const Vec3& n : inward_) {
+    const double reach = lift * std::abs(n.y);
+    std::size_t left = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+      const Vec3 &a = corners[k], &b = corners[k + 1 == count ? 0 : k + 1];
+      const double da = dot(n, a) + reach, db = dot(n, b) + reach;
+      if (da >= 0) kept[left++] = a;
+      if ((da < 0) != (db < 0)) kept[left++] = combine(1, a, da / (da - db), {b.x - a.x, b.y - a.y, b.z - a.z});
+    }
+    if (left == 0) return false;
+    corners = kept;
+    count = left;
+  }
+  return true;
+}
+
+Sector::Sector(const Pose& pose, const Projection& projection) {
+  // The corners of the picture are farthest from its middle; of the upper or the lower ones those nearer to the vertical.
+  const double tanY = std::tan(projection.verticalFov / 2), tanX = tanY * projection.aspect();
+  const double steepest = std::abs(pose.pitch) + projection.verticalFov / 2, ahead = std::cos(pose.pitch) - tanY * std::sin(std::abs(pose.pitch));
+  all_ = steepest >= std::numbers::pi / 2 || ahead <= 0;
+  Pose level = pose;
+  level.pitch = 0;
+  const Vec3 f = forward(level), r = right(level);
+  left_ = combine(tanX, f, ahead, r);
+  right_ = combine(tanX, f, -ahead, r);
+}
+
+bool Sector::misses(std::span<const Vec3> corners) const {
+  const auto beyond = [&](const Vec3& side) {
+    return std::all_of(corners.begin(), corners.end(), [&](const Vec3& c) { return dot(side, c) < 0; });
+  };
+  return !all_ && (beyond(left_) || beyond(right_));
 }
 
 bool Frustum::contains(const Vec3& point) const {

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 
 #include "common/lattice/lattice.h"
 
@@ -56,9 +57,23 @@ class Frustum {
   // Whether an axis-aligned box, in metres relative to the camera, may intersect; conservative (never false when it does).
   bool mayIntersect(const Vec3& low, const Vec3& high) const;
   bool contains(const Vec3& point) const;
+  // Whether a triangle, or what lies at most `lift` metres straight above or below it, intersects. Exact but for the corners of what is lifted.
+  bool meets(const std::array<Vec3, 3>& triangle, double lift) const;
 
  private:
   std::array<Vec3, 5> inward_;  // inward normals: four sides, and the view axis
+};
+
+// The directions of the compass in which a picture sees anything, whatever its height. All of them when the camera looks steeply up or down.
+class Sector {
+ public:
+  Sector(const Pose& pose, const Projection& projection);
+  // Whether all of a convex shape with these corners, in metres relative to the camera, surely lies outside.
+  bool misses(std::span<const Vec3> corners) const;
+
+ private:
+  bool all_;
+  Vec3 left_, right_;  // inward normals of its sides, level
 };
 
 }  // namespace ridgecast::camera

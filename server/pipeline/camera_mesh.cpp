@@ -1,6 +1,7 @@
 #include "server/pipeline/camera_mesh.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cassert>
 #include <cmath>
@@ -86,7 +87,8 @@ Follow CameraMesh::follow(const camera::Pose& pose) {
     LeafAddress now;  // kept, split or merged: the ground is still held
     return tree_.leafAt({leaf->address.x(), leaf->address.z()}, now);
   });
-  if (!anyKept) {  // somewhere else altogether: nothing of the old mesh remains
+  if (!anyKept) {  // somewhere else altogether
+    result.anew = true;
     mesh_.clear();
     for (Leaf* leaf : ordered_) {
       mesh_.removeRegion(leaf->region);
@@ -121,8 +123,6 @@ void CameraMesh::generate(scheduling::Pool& pool) {
     leaves_[region] = std::make_unique<Leaf>();
     leaves_[region]->address = address;
     leaves_[region]->region = region;
-    leaves_[region]->low = lattice::kMaxHeight;
-    leaves_[region]->high = -lattice::kMaxHeight;
     made.push_back(leaves_[region].get());
   }
   replaceOrdered(made, former);
@@ -135,8 +135,7 @@ void CameraMesh::generate(scheduling::Pool& pool) {
         f.parts.push_back(heir);
       else
         continue;
-      heir->low = std::min(heir->low, f.leaf->low);
-      heir->high = std::max(heir->high, f.leaf->high);
+      heir->ground.add(f.leaf->ground);
     }
 
   if (!mesh_.empty()) refile(former, pool);
@@ -305,8 +304,7 @@ void CameraMesh::insertGrids(const std::vector<Leaf*>& made, const std::vector<F
     for (lattice::Point p : points) {
       const std::size_t n = place(p);
       const std::int32_t height = y[n];
-      leaf->low = std::min(leaf->low, height);
-      leaf->high = std::max(leaf->high, height);
+      leaf->ground.add({height, height});
       if (std::exchange(done[n], std::uint8_t{1})) continue;
       const TriangleId t = mesh_.locate(local(p), hint, all);
       VertexId v = kInfinite;
@@ -448,8 +446,6 @@ bool CameraMesh::insertOne(Leaf& leaf, const Pending& p, const refinement::View&
   note(v, c.y, level, c.error);
   refinement::foldLoss(mesh_.vertex(v), v, c.error, mesh_.regionOfVertex(v), view, surface_);
   if (surface_.keepsCurvature) addCurvature({v});
-  leaf.low = std::min(leaf.low, c.y);
-  leaf.high = std::max(leaf.high, c.y);
   ++leaf.inserted;
   if (recording_) leaf.insertedPoints.push_back(p.point);
   return true;
@@ -468,7 +464,7 @@ void CameraMesh::changeLeaf(Leaf& leaf, const refinement::View& view) {
     }
     refinement::foldLoss(p, v, loss, leaf.region, view, surface_);
     const Point2 point = p.point();
-    if (refinement::measure(p, loss, view) >= leaf.removalLimit) continue;
+    if (refinement::measure({p.x, p.z, p.y}, loss, view) >= leaf.removalLimit) continue;
     if (mesh_.apply(v, set) != Change::kDone) continue;
     ++leaf.removed;
     if (recording_) leaf.removedPoints.push_back(point);
@@ -546,8 +542,23 @@ void CameraMesh::evaluate(scheduling::Pool& pool, const refinement::View* view) 
   pool.forEach(list.size(), 4, [&, leaves = list.data()](std::size_t k) { evaluateLeaf(*leaves[k], view); });
 }
 
-void CameraMesh::evaluateLeaf(const Leaf& leaf, const refinement::View* view) {
-  heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaf.region, leaf.address.level, metric_, view),
+void CameraMesh::chooseAgain(const refinement::View& view, scheduling::Pool& pool) {
+  pool.forEach(ordered_.size(), 4, [&](std::size_t k) {
+    Leaf& leaf = *ordered_[k];
+    const lattice::Vertex low{leaf.address.x() - surface_.anchor.x, leaf.address.z() - surface_.anchor.z};
+    // Triangles straddle borders by less than half a side.
+    const auto corner = [&](lattice::Step i, lattice::Step j) {
+      return view.relative(static_cast<std::int32_t>(low.x + i * leaf.address.side() / 2), static_cast<std::int32_t>(low.z + j * leaf.address.side() / 2), 0);
+    };
+    if (view.sector.misses(std::array{corner(-1, -1), corner(-1, 3), corner(3, -1), corner(3, 3)})) return;
+    auto& pages = mesh_.trianglePages();
+    pages.forEach(leaf.region, [&](TriangleId t) { pages.setFresh(t); });
+    evaluateLeaf(leaf, &view);
+  });
+}
+
+void CameraMesh::evaluateLeaf(Leaf& leaf, const refinement::View* view) {
+  heights_.fetch_add(refinement::evaluateFresh(mesh_, surface_, *terrain_, leaf.region, leaf.address.level, metric_, view, leaf.ground),
                      std::memory_order_relaxed);
 }
 

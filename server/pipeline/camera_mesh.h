@@ -26,7 +26,7 @@ namespace ridgecast::pipeline {
 struct alignas(64) Leaf {  // every iteration looks at the first two lines of all of them, and at the rest of few
   lattice::LeafAddress address;
   triangulation::RegionId region = triangulation::kOutside;
-  std::int32_t low = 0, high = 0;  // steps: bounds of its vertices' heights
+  refinement::HeightRange ground;  // that was seen there
 
   // of the current iteration
   double removalLimit = 0;  // pixels of loss below which vertices go
@@ -43,6 +43,7 @@ struct alignas(64) Leaf {  // every iteration looks at the first two lines of al
 
 struct Follow {
   bool changed = false;
+  bool anew = false;  // nothing of the mesh there was remains
   std::uint32_t generated = 0, dropped = 0;  // leaves
 };
 
@@ -78,6 +79,9 @@ class CameraMesh : private triangulation::Partition {
   // Chooses candidates for every fresh triangle. `view`: of the last screening, if there was one since generate().
   void evaluate(scheduling::Pool& pool, const refinement::View* view = nullptr);
 
+  // Chooses the candidates of all leaves that may be seen once more, as this view sees them.
+  void chooseAgain(const refinement::View& view, scheduling::Pool& pool);
+
   // Whether every leaf's grid is in the mesh, and exactly the grids' points are kept from removal; empty when so. Slow.
   std::string verifyGrids() const;
 
@@ -112,7 +116,7 @@ class CameraMesh : private triangulation::Partition {
   void dropOutside();
   void addCurvature(const std::vector<triangulation::VertexId>& vertices);
   void changeLeaf(Leaf& leaf, const refinement::View& view);
-  void evaluateLeaf(const Leaf& leaf, const refinement::View* view);
+  void evaluateLeaf(Leaf& leaf, const refinement::View* view);
   // Notes what is kept beside a vertex just inserted; `fineY` steps.
   std::uint64_t mixedOf(triangulation::VertexId v) const;
   void note(triangulation::VertexId v, std::int32_t fineY, int level, float loss);

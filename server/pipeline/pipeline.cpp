@@ -26,6 +26,8 @@ constexpr double kDefaultPixels = 0.6, kDefaultArea = 1.2, kDefaultThesis = 2e-5
 constexpr std::size_t kMostInsertions = 24'000;
 // A budget that binds raises the threshold by at most this factor: one below the grids alone, which always stay, cannot be kept.
 constexpr double kMostRaised = 100;
+// A close look tries points this many pixels apart for each pixel of the threshold, within bounds.
+constexpr double kClosely = 12, kLeastClosely = 4, kMostClosely = 100;
 // Vertices are removed below this share of the threshold.
 constexpr double kRemoval = 0.5;
 // The thesis never removes; with its metric vertices go only in leaves that the wide frustum does not see, when the budget is nearly full.
@@ -88,12 +90,13 @@ struct Pipeline::State {
         mesh(std::move(terrain), granted.triangleBudget, metricOf(granted.metric)),
         effective(granted.threshold) {}
 
-  void advance(const camera::Pose& pose);
+  void advance(const camera::Camera& camera, bool anew);
   void lookAround(const camera::Camera& camera, refinement::View& view);
   void screen(const camera::Camera& camera, const refinement::View& view, const RemovalLimits& removal);
-  void limitPending();
+  void limitPending(const refinement::View& view);
   void publish(bool otherLeaves);
   std::uint32_t owned() const;
+  double spacing() const { return std::clamp(kClosely * effective, kLeastClosely, kMostClosely); }
   void describe(wire::Figures& figures) const;
 
   wire::Settings settings;
@@ -104,30 +107,34 @@ struct Pipeline::State {
   CameraMesh mesh;
   std::size_t insertionLimit = kMostInsertions;
   double effective;        // threshold; above the asked one while the budget binds
+  double left = 0;         // the greatest error, as seen, of what the budget kept out
   std::uint32_t live = 0;  // triangles owned by leaves
+  // A camera at rest for which nothing is left to do looks closely, once, and at whatever changes after that. Only then is the mesh settled.
+  bool closely = false;
   bool settled = false;
-  camera::Camera previous;  // of the last iteration that did anything
-  camera::Pose latest;
+  camera::Camera latest;    // of the last iteration that did anything
   double travel = 0, turn = 0;  // of the camera so far; steps, radians
   bool moving = false;          // since the iteration before
   std::uint64_t versions = 0;
   std::vector<LeafState> leaves;
 };
 
-void Pipeline::State::advance(const camera::Pose& pose) {
-  const double dx = static_cast<double>(pose.x - latest.x), dz = static_cast<double>(pose.z - latest.z),
-               dy = (pose.y - latest.y) * lattice::kStepsPerMetre;
+void Pipeline::State::advance(const camera::Camera& camera, bool anew) {
+  const camera::Pose& pose = camera.pose;
+  const double dx = static_cast<double>(pose.x - latest.pose.x), dz = static_cast<double>(pose.z - latest.pose.z),
+               dy = (pose.y - latest.pose.y) * lattice::kStepsPerMetre;
   const double way = std::sqrt(dx * dx + dz * dz + dy * dy);
   moving = way > 0;
-  travel += way;
-  turn += std::abs(std::remainder(pose.yaw - latest.yaw, 2 * std::numbers::pi)) + std::abs(pose.pitch - latest.pitch);
-  latest = pose;
+  travel = anew ? 0 : travel + way;  // short ways count beside it, however many long ones there were before
+  turn += std::abs(std::remainder(pose.yaw - latest.pose.yaw, 2 * std::numbers::pi)) + std::abs(pose.pitch - latest.pose.pitch);
+  if (!(camera.projection == latest.projection)) turn += std::numbers::pi;  // another picture: whatever is asleep is judged again
+  latest = camera;
 }
 
 // What the ground hides. The thesis's metric knows nothing of that.
 void Pipeline::State::lookAround(const camera::Camera& camera, refinement::View& view) {
   if (settings.metric == wire::Metric::kThesis) return;
-  const std::vector<int>& rays = horizon.follow(camera, camera.pose.y - mesh.groundBelow(camera.pose), refinement::kWidening);
+  const std::vector<int>& rays = horizon.follow(camera, camera.pose.y - mesh.groundBelow(camera.pose), moving, refinement::kWidening);
   pool->forEach(rays.size(), 16, [&](std::size_t k) { horizon.cast(rays[k]); });
   view.horizon = &horizon;
 }
@@ -144,8 +151,8 @@ void Pipeline::State::screen(const camera::Camera& camera, const refinement::Vie
     const double x = static_cast<double>(leaf.address.x() - camera.pose.x) * lattice::kMetresPerStep,
                  z = static_cast<double>(leaf.address.z() - camera.pose.z) * lattice::kMetresPerStep;
     // Triangles straddle borders by less than half a side.
-    const camera::Vec3 low{x - side / 2, leaf.low * lattice::kMetresPerStep - camera.pose.y - 1, z - side / 2},
-        high{x + 1.5 * side, leaf.high * lattice::kMetresPerStep - camera.pose.y + 1, z + 1.5 * side};
+    const camera::Vec3 low{x - side / 2, leaf.ground.low * lattice::kMetresPerStep - camera.pose.y - 1, z - side / 2},
+        high{x + 1.5 * side, leaf.ground.high * lattice::kMetresPerStep - camera.pose.y + 1, z + 1.5 * side};
     leaf.visible = view.wide.mayIntersect(low, high);
 
     if (leaf.visible) {
@@ -161,16 +168,23 @@ void Pipeline::State::screen(const camera::Camera& camera, const refinement::Vie
 }
 
 // Keeps the most wanted insertions that the budget and one iteration have room for; ties by position.
-void Pipeline::State::limitPending() {
+void Pipeline::State::limitPending(const refinement::View& view) {
+  left = 0;
   std::size_t wanted = 0;
   for (const Leaf* leaf : mesh.leaves()) wanted += leaf->pending.size();
-  const std::size_t room = std::min<std::size_t>(insertionLimit, settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0);
+  const std::size_t budgeted = settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0, room = std::min(insertionLimit, budgeted);
+  const bool forNow = budgeted >= insertionLimit || settings.metric == wire::Metric::kThesis;  // what is postponed comes next
   if (wanted <= room) return;
   std::vector<Pending> all;
   all.reserve(wanted);
   for (const Leaf* leaf : mesh.leaves()) all.insert(all.end(), leaf->pending.begin(), leaf->pending.end());
   const auto postpone = [&](Leaf& leaf, std::size_t from) {
-    for (std::size_t k = from; k < leaf.pending.size(); ++k) mesh.surface().wakeCandidate(leaf.pending[k].triangle, leaf.region);
+    for (std::size_t k = from; k < leaf.pending.size(); ++k) {
+      const Pending& p = leaf.pending[k];
+      const refinement::Surface::Candidate c = mesh.surface().candidate(p.triangle);
+      if (!forNow) left = std::max(left, refinement::measure({p.point.x, p.point.z, c.y}, c.error, view));
+      mesh.surface().wakeCandidate(p.triangle, leaf.region);
+    }
     leaf.pending.resize(from);
   };
   if (room == 0) {
@@ -194,7 +208,7 @@ void Pipeline::State::describe(wire::Figures& figures) const {
   figures.leaves = figures.validLeaves = static_cast<std::uint32_t>(leaves.size());
   for (const Leaf* leaf : mesh.leaves()) figures.visibleLeaves += leaf->visible;
   figures.triangles = live;
-  figures.effectiveThreshold = effective;
+  figures.effectiveThreshold = std::max(effective, left);
 }
 
 // New versions and hashes for leaves whose triangles changed.
@@ -231,11 +245,11 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   const std::uint64_t heightsBefore = s.mesh.heights() + s.horizon.heights();
   Stopwatch watch;
 
-  if (s.settled && camera == s.previous) {  // nothing can change
+  if (s.settled && camera == s.latest) {  // nothing can change
     s.describe(figures);
     return figures;
   }
-  s.previous = camera;
+  const bool still = camera == s.latest;
   s.pool->rouse();
   const Follow follow = s.mesh.follow(camera.pose);
   figures.selectMs = watch.lap();
@@ -250,12 +264,14 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
     s.effective = std::min(s.effective * 1.05, kMostRaised * s.settings.threshold);
   else if (fill < 0.95)
     s.effective = std::max(s.settings.threshold, s.effective * 0.95);
-  s.advance(camera.pose);
+  s.advance(camera, follow.anew);
+  s.closely = s.closely && still && !follow.changed;
   refinement::View view(camera, s.mesh.surface().anchor, s.travel, s.turn, s.moving, s.settings.metric == wire::Metric::kArea);
+  if (s.closely) view.closely = s.spacing();
   s.lookAround(camera, view);
   const RemovalLimits removal = removalLimits(s.settings.metric == wire::Metric::kThesis, s.effective, fill);
   s.screen(camera, view, removal);
-  s.limitPending();
+  s.limitPending(view);
   figures.refineMs = watch.lap();
 
   figures.deferred = s.mesh.change(view, *s.pool);
@@ -272,8 +288,15 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   s.describe(figures);
   figures.generatedLeaves = follow.generated;
   figures.droppedLeaves = follow.dropped;
+  const bool rests = still && !follow.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == before;
+  s.settled = rests && (s.closely || s.settings.metric == wire::Metric::kThesis);
+  if (rests && !s.settled) {
+    s.closely = true;
+    view.closely = s.spacing();
+    s.mesh.chooseAgain(view, *s.pool);
+    figures.refineMs += watch.lap();
+  }
   figures.heights = s.mesh.heights() + s.horizon.heights() - heightsBefore;
-  s.settled = !follow.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == before;
   return figures;
 }
 
@@ -309,7 +332,7 @@ void Pipeline::change(const wire::Settings& granted) {
   // What the budget has raised the threshold to stays, until the mesh is small enough.
   s.effective = std::max(granted.threshold, s.effective > s.settings.threshold ? s.effective : 0.0);
   s.settings = granted;
-  s.settled = false;
+  s.settled = s.closely = false;
 }
 
 void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = std::min<std::size_t>(most, kMostInsertions); }
@@ -321,7 +344,7 @@ const std::vector<LeafState>& Pipeline::leaves() const { return state_->leaves; 
 std::vector<wire::Candidate> Pipeline::candidates(std::uint32_t most) const {
   const State& s = *state_;
   const refinement::Surface& surface = s.mesh.surface();
-  const refinement::View view(s.previous, surface.anchor, s.travel, s.turn, false, s.settings.metric == wire::Metric::kArea);
+  const refinement::View view(s.latest, surface.anchor, s.travel, s.turn, false, s.settings.metric == wire::Metric::kArea);
   const auto& leafs = s.mesh.leaves();
   std::vector<std::vector<refinement::ListedCandidate>> found(leafs.size());
   s.pool->forEach(leafs.size(), 16, [&](std::size_t k) {

@@ -52,7 +52,9 @@ class Pipeline {
   // narrow: what is postponed is detail.
   void setInsertionLimit(std::uint32_t most);
 
-  // Whether the last iteration changed nothing and another one with the same camera would change nothing.
+  // Whether the last iteration changed nothing and another one with the same camera would change nothing: the mesh then keeps
+  // Figures::effectiveThreshold wherever the camera sees it, the ground narrower than twelve of its pixels and jumps narrower than the lattice excepted. Before
+  // it says so, the camera has looked at everything closely.
   bool settled() const;
 
   // The valid leaves with their triangles as of the last iteration, in canonical order of address. The client should hold exactly these.

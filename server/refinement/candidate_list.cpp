@@ -17,12 +17,13 @@ void listCandidates(const triangulation::Triangulation& mesh, const Surface& sur
       const auto k = static_cast<unsigned>(std::countr_zero(alive));
       if (!(page.error[k] > 0)) continue;
       const camera::Vec3 at = view.relative(page.x[k], page.z[k], page.y[k]);
-      if (!view.wide.contains(at)) continue;
+      const triangulation::TriangleId t = number * triangulation::TrianglePages::kSlots + k;
       double error = page.error[k];
       if (view.area) {
-        const auto& v = mesh.triangle(number * triangulation::TrianglePages::kSlots + k).v;
+        const auto& v = mesh.triangle(t).v;
         error /= areaWeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]));
       }
+      if (!view.wide.contains(at) && !view.wide.meets(cornersOf(mesh, view, t), error * lattice::kMetresPerStep)) continue;
       const double flat = at.x * at.x + at.z * at.z, d2 = std::max(flat + at.y * at.y, 0.25);
       const double pixels = error * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
       out.push_back({{page.x[k], page.z[k]}, page.y[k], static_cast<float>(pixels)});

@@ -21,7 +21,7 @@ struct ListedCandidate {
   }
 };
 
-// Appends those inside the view's wide frustum, in any order. Without those that screening has put to sleep: what other ground hides, and specks.
+// Appends those whose triangle, or the ground over it, the view's wide frustum may see, in any order. Without those that screening has put to sleep: what other ground hides, and specks.
 void listCandidates(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view,
                     std::vector<ListedCandidate>& out);
 

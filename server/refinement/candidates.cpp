@@ -1,6 +1,7 @@
 #include "server/refinement/candidates.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 
@@ -118,7 +119,68 @@ struct Scratch {
   std::vector<lattice::Step> x, z;
   std::vector<std::int32_t> y;
   std::vector<Surface::Candidate> best;
+  std::vector<float> most;  // what each is worth
 };
+
+// The points of the lattice around a place, the nearest first.
+std::array<Point2, 4> pointsAround(double x, double z, int bits) {
+  const double spacing = static_cast<double>(std::int32_t{1} << bits);
+  const Point2 p{snapTo(x, bits, halfOf(bits)), snapTo(z, bits, halfOf(bits))};
+  const std::int32_t dx = static_cast<std::int32_t>(x < p.x ? -spacing : spacing), dz = static_cast<std::int32_t>(z < p.z ? -spacing : spacing);
+  return {p, {p.x + dx, p.z}, {p.x, p.z + dz}, {p.x + dx, p.z + dz}};
+}
+
+// Points all over the part of a triangle in the directions that are drawn, no farther apart than view.closely on the screen were they seen face on: what
+// stands up is seen from the side, and may be in the picture where the mesh is not. The triangle is halved across its longest side until its pieces are
+// small enough.
+void lookClosely(const Triangulation& mesh, TriangleId t, std::uint32_t slot, int bits, const View& view, std::vector<Trial>& trials) {
+  using camera::Vec3;
+  thread_local std::vector<std::array<Vec3, 3>> pieces;  // corners in metres from the eye
+  const auto& v = mesh.triangle(t).v;
+  const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
+  const double apart = view.closely / view.pixelsPerRadian, spacing = std::ldexp(lattice::kMetresPerStep, bits);
+  pieces.assign(1, {view.relative(a.x, a.z, a.y), view.relative(b.x, b.z, b.y), view.relative(c.x, c.z, c.y)});
+  bool whole = true;
+  while (!pieces.empty()) {
+    const std::array<Vec3, 3> p = pieces.back();
+    pieces.pop_back();
+    if (view.sector.misses(p)) continue;
+    double longest2 = 0, flat2 = 0;
+    std::size_t across = 0;  // the corner across from the longest side
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vec3 &from = p[(k + 1) % 3], &to = p[(k + 2) % 3];
+      const double dx = to.x - from.x, dy = to.y - from.y, dz = to.z - from.z, side2 = dx * dx + dy * dy + dz * dz;
+      if (side2 > longest2) longest2 = side2, across = k;
+      flat2 = std::max(flat2, dx * dx + dz * dz);
+    }
+    const Vec3 middle{(p[0].x + p[1].x + p[2].x) / 3, (p[0].y + p[1].y + p[2].y) / 3, (p[0].z + p[1].z + p[2].z) / 3};
+    const double longest = std::sqrt(longest2),
+                 distance = std::sqrt(middle.x * middle.x + middle.y * middle.y + middle.z * middle.z) - 2.0 / 3 * longest;
+    if (longest <= apart * std::max(distance, 0.5) || flat2 <= spacing * spacing) {
+      if (whole) return;  // the few that are tried anyway are as close
+      for (const Point2 q : pointsAround(view.x + middle.x * lattice::kStepsPerMetre, view.z + middle.z * lattice::kStepsPerMetre, bits))
+        if (admissible(a, b, c, q)) {
+          trials.push_back({slot, q, static_cast<float>(planeHeight(a, b, c, q))});
+          break;
+        }
+      continue;
+    }
+    whole = false;
+    const Vec3 &from = p[(across + 1) % 3], &to = p[(across + 2) % 3], &third = p[across];
+    const Vec3 half{(from.x + to.x) / 2, (from.y + to.y) / 2, (from.z + to.z) / 2};
+    pieces.push_back({third, from, half});
+    pieces.push_back({third, half, to});
+  }
+}
+
+// What is seen of the error at a point, but for the view's gain: where other ground hides it nearly nothing. `y`: the terrain's height, `onMesh`: the
+// mesh's; steps.
+float asSeen(const View& view, Point2 p, std::int32_t y, float onMesh, float error) {
+  constexpr float kHidden = 1e-6f;  // those hidden are still told apart
+  const camera::Vec3 at = view.relative(p.x, p.z, std::max(static_cast<float>(y), onMesh));
+  const double flat2 = at.x * at.x + at.z * at.z, d2 = std::max(flat2 + at.y * at.y, 0.25);
+  return error * static_cast<float>(std::sqrt(flat2) / (d2 * (view.area ? std::sqrt(std::sqrt(d2)) : 1))) * (view.hides(at) ? kHidden : 1);
+}
 
 // The thesis's one point.
 void tryThesisPoint(const Triangulation& mesh, const Surface& surface, TriangleId t, std::uint32_t slot, int bits,
@@ -136,9 +198,9 @@ void tryThesisPoint(const Triangulation& mesh, const Surface& surface, TriangleI
 }  // namespace
 
 std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain, triangulation::RegionId region,
-                            int level, Metric metric, const View* view) {
+                            int level, Metric metric, const View* view, HeightRange& ground) {
   thread_local Scratch scratch;  // grown once, kept by the worker
-  auto& [batch, fresh, trials, px, pz, py, best] = scratch;
+  auto& [batch, fresh, trials, px, pz, py, best, most] = scratch;
   fresh.clear();
   trials.clear();
   auto& pages = mesh.trianglePages();
@@ -150,6 +212,7 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   });
   if (fresh.empty()) return 0;
   const int bits = lattice::horizontalBits(level);
+  const bool closely = view && view->closely > 0;
   // Records lie anywhere in memory: they are asked for some triangles ahead of the one at hand.
   const auto askRecord = [&](std::size_t k) {
     if (k < fresh.size()) mesh.prefetch(fresh[k]);
@@ -201,6 +264,7 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
         }
         trials.push_back({slot, p, batch.y[k][i]});
       }
+      if (closely) lookClosely(mesh, fresh[slot], slot, bits, *view, trials);
     }
   }
   px.resize(trials.size());
@@ -212,10 +276,15 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
   }
   terrain.heightSteps(px, pz, py);
   best.assign(fresh.size(), {{0, 0}, 0, 0.0f});
+  if (closely) most.assign(fresh.size(), 0.0f);
   for (std::size_t k = 0; k < trials.size(); ++k) {
     const auto& [slot, p, y] = trials[k];
     const float error = std::abs(y - static_cast<float>(lattice::snapHeight(py[k], level)));
-    if (error > best[slot].error) best[slot] = {p, py[k], error};
+    float& least = closely ? most[slot] : best[slot].error;
+    const float worth = closely ? asSeen(*view, p, py[k], y, error) : error;
+    if (worth <= least) continue;
+    least = worth;
+    best[slot] = {p, py[k], error};
   }
   if (metric == Metric::kArea)
     for (std::size_t k = 0; k < fresh.size(); ++k) {
@@ -237,6 +306,7 @@ std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain
     else
       surface.wakeCandidate(fresh[k], region);
   }
+  for (const std::int32_t y : py) ground.add({y, y});
   return trials.size();
 }
 

@@ -23,11 +23,13 @@ namespace {
 constexpr std::size_t kAhead = 8;  // pages whose bounds are fetched ahead of the one at hand
 constexpr float kNone = std::numeric_limits<float>::max();
 
+Place placeOf(const Vertex& v) { return {v.x, v.z, v.y}; }
+
 // Slopes are errors as seen, the measure / the view's gain. All squared.
 struct Seen {
   float slope2, flat2, distance2;
 };
-inline Seen see(const Vertex& p, float loss, const View& view) {
+inline Seen see(const Place& p, float loss, const View& view) {
   const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
   const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest), reach = view.area ? d2 * std::sqrt(d2) : d2;
   return {loss * loss * flat / (d2 * reach), flat, d2};
@@ -39,7 +41,7 @@ void setDue(PageLosses& page, double spared, double power) {
 
 }  // namespace
 
-double measure(const Vertex& v, float error, const View& view) { return view.gain * std::sqrt(see(v, error, view).slope2); }
+double measure(const Place& at, float error, const View& view) { return view.gain * std::sqrt(see(at, error, view).slope2); }
 
 void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double limit,
                   std::vector<VertexId>& out) {
@@ -75,7 +77,7 @@ void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::Re
       const VertexId v = due[n] * VertexPages::kSlots + static_cast<VertexId>(std::countr_zero(m));
       const float loss = surface.vertices[v].loss;
       if (v == kInfinite || std::isinf(loss)) continue;
-      const Seen seen = see(mesh.vertex(v), loss, view);
+      const Seen seen = see(placeOf(mesh.vertex(v)), loss, view);
       if (seen.slope2 < most) {
         out.push_back(v);
       } else {
@@ -106,7 +108,7 @@ void foldLoss(const Vertex& p, VertexId v, float loss, triangulation::RegionId r
         page.nearest -= moved;
         page.travel = view.travel;
       }
-      const Seen seen = see(p, loss, view);
+      const Seen seen = see(placeOf(p), loss, view);
       page.leastSlope = std::min(page.leastSlope, std::sqrt(seen.slope2));
       page.flat = std::min(page.flat, std::sqrt(seen.flat2));
       page.nearest = std::min(page.nearest, std::sqrt(seen.distance2));

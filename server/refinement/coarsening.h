@@ -23,6 +23,10 @@ namespace ridgecast::refinement {
 void screenLosses(const triangulation::Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view,
                   double limit, std::vector<triangulation::VertexId>& out);
 
+struct Place {  // steps, y absolute
+  std::int32_t x, z, y;
+};
+
 // Notes a vertex's loss, and its page's bounds learn of it.
 void foldLoss(const triangulation::Vertex& p, triangulation::VertexId v, float loss, triangulation::RegionId region, const View& view,
               Surface& surface);
@@ -32,7 +36,7 @@ void foldLoss(const triangulation::Vertex& p, triangulation::VertexId v, float l
 float lossOf(const triangulation::Triangulation& mesh, const Surface& surface, triangulation::VertexId v, bool area,
              triangulation::WriteSet& set);
 
-// What a vertical error of so many steps at a vertex comes to, as in screenPixels; of the whole of kArea's measure the error holds the area.
-double measure(const triangulation::Vertex& v, float error, const View& view);
+// What a vertical error at a point comes to on the screen, as in screenPixels. For kArea, `error` includes the area's weight. All in steps.
+double measure(const Place& at, float error, const View& view);
 
 }  // namespace ridgecast::refinement

@@ -66,7 +66,7 @@ std::size_t rayAt(double x, double z) {
 
 }  // namespace
 
-const std::vector<int>& Horizon::follow(const camera::Camera& camera, double above, double widening) {
+const std::vector<int>& Horizon::follow(const camera::Camera& camera, double above, bool moving, double widening) {
   const camera::Pose& pose = camera.pose;
   const auto offset = [&] {
     return camera::Vec3{static_cast<double>(pose.x - centre_.x) * lattice::kMetresPerStep, pose.y - centre_.y,
@@ -74,7 +74,7 @@ const std::vector<int>& Horizon::follow(const camera::Camera& camera, double abo
   };
   offset_ = offset();
   const double way = std::sqrt(offset_.x * offset_.x + offset_.y * offset_.y + offset_.z * offset_.z);
-  if (!centred_ || way > kStay + kStayShare * std::max(0.0, above)) {
+  if (!centred_ || way > (moving ? kStay + kStayShare * std::max(0.0, above) : 0)) {
     centre_ = pose;
     centred_ = true;
     offset_ = {0, 0, 0};

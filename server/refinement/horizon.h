@@ -6,8 +6,8 @@
 // depends on where the eye is and not on where it turns. Between rays and samples the ground may dip, so a few points that are seen through a
 // notch a few pixels wide are called hidden; what is called visible merely costs triangles.
 //
-// The rays start from a centre that the eye may leave a little before they are cast again, and only the directions that the wide frustum
-// can see are cast. follow() and cast(): one thread decides, then any number cast different rays. hidden(): any thread, in between.
+// While the eye moves the rays start from a centre that it may leave a little before they are cast again; at rest they start from the eye. Only the
+// directions that the wide frustum can see are cast. follow() and cast(): one thread decides, then any number cast different rays. hidden(): any thread, in between.
 
 #include <cstdint>
 #include <memory>
@@ -29,8 +29,8 @@ class Horizon {
 
   explicit Horizon(std::shared_ptr<const terrain::Terrain> terrain) : terrain_(std::move(terrain)) {}
 
-  // Where the eye is now; `above`: metres over the ground. The rays that are to be cast before the next hidden(), by number.
-  const std::vector<int>& follow(const camera::Camera& camera, double above, double widening);
+  // Where the eye is now; `above`: metres over the ground; `moving`: it was elsewhere before. The rays that are to be cast before the next hidden(), by number.
+  const std::vector<int>& follow(const camera::Camera& camera, double above, bool moving, double widening);
   // Casts a ray that follow() named.
   void cast(int ray);
 

@@ -1,6 +1,7 @@
 #include "server/refinement/screening.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <limits>
@@ -19,20 +20,19 @@ namespace {
 
 double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
-// Triangles smaller on screen than this are left alone.
-constexpr double kLeastArea = 0.25;  // square pixels
+// Triangles smaller than this on the screen are left alone, unless they hide an error of a pixel: one seen edge-on may.
+constexpr double kSpeck = 0.25;  // square pixels
 
-// What is hidden lies so far below what is in front of it, in pixels.
-constexpr double kHiddenMargin = 2;
+// areaWeight() of a triangle with twice this area vector, metres.
+double rootOfArea(const Vec3& area) { return std::sqrt(std::sqrt(0.5 * std::sqrt(dot(area, area))) * lattice::kStepsPerMetre); }
 
 // So many triangles, and pages' bounds, are fetched ahead of the one at hand.
 constexpr std::size_t kAhead = 8;
 
-// Twice the area vector of a triangle, in steps.
-Vec3 areaVector(const Triangulation& mesh, TriangleId t) {
-  const auto& v = mesh.triangle(t).v;
-  const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
-  const Vec3 u{double(b.x) - a.x, double(b.y) - a.y, double(b.z) - a.z}, w{double(c.x) - a.x, double(c.y) - a.y, double(c.z) - a.z};
+// Twice the area vector of a triangle.
+Vec3 areaVector(const std::array<Vec3, 3>& corners) {
+  const auto& [a, b, c] = corners;
+  const Vec3 u{b.x - a.x, b.y - a.y, b.z - a.z}, w{c.x - a.x, c.y - a.y, c.z - a.z};
   return {u.y * w.z - u.z * w.y, u.z * w.x - u.x * w.z, u.x * w.y - u.y * w.x};
 }
 
@@ -44,6 +44,7 @@ View::View(const camera::Camera& camera, lattice::Point anchor, double travelled
       y(static_cast<float>(camera.pose.y * lattice::kStepsPerMetre)),
       pixelsPerRadian(camera::pixelsPerRadian(camera.projection)),
       wide(camera.pose, camera.projection, kWidening),
+      sector(camera.pose, camera.projection),
       forward(camera::forward(camera.pose)),
       right(camera::right(camera.pose)),
       up(camera::up(camera.pose)),
@@ -51,6 +52,7 @@ View::View(const camera::Camera& camera, lattice::Point anchor, double travelled
       tanY(std::tan(camera.projection.verticalFov / 2)),
       travel(travelled),
       turn(turned),
+      spare(std::min(std::atan(kWidening * tanX) - std::atan(tanX), std::atan(kWidening * tanY) - std::atan(tanY))),
       moving(onTheWay),
       area(byArea),
       gain(byArea ? pixelsPerRadian * std::sqrt(pixelsPerRadian) : pixelsPerRadian) {}
@@ -119,17 +121,11 @@ inline __attribute__((always_inline)) PageLook lookThrough(const CandidatePage& 
 RIDGECAST_VECTOR_CLONES PageLook screenPageInPixels(const CandidatePage& page, const Eye& eye) { return lookThrough<false>(page, eye); }
 RIDGECAST_VECTOR_CLONES PageLook screenPageByArea(const CandidatePage& page, const Eye& eye) { return lookThrough<true>(page, eye); }
 
-// Whether a triangle and its candidate `at` (metres from the eye), on the terrain as on the mesh, cannot be seen. `error`: at least a bound of
-// the distance between the two, metres.
-bool isHidden(const Triangulation& mesh, const View& view, TriangleId t, const Vec3& at, double error) {
-  if (!view.horizon) return false;
-  const double margin = kHiddenMargin / view.pixelsPerRadian;
-  if (!view.horizon->hidden({at.x, at.y + error, at.z}, margin)) return false;
-  for (const triangulation::VertexId v : mesh.triangle(t).v) {
-    const Vertex& p = mesh.vertex(v);
-    if (!view.horizon->hidden(view.relative(p.x, p.z, p.y), margin)) return false;
-  }
-  return true;
+// Whether a triangle and its candidate `at`, on the terrain as on the mesh, cannot be seen behind other ground. `error`: at least a bound of the
+// distance between the two. All in metres from the eye.
+bool isHidden(const View& view, const std::array<Vec3, 3>& corners, const Vec3& at, double error) {
+  return view.hides({at.x, at.y + error, at.z}) &&
+         std::all_of(corners.begin(), corners.end(), [&](const Vec3& corner) { return view.hides(corner); });
 }
 
 void wake(PageScreen& known, CandidatePage& page) {
@@ -149,35 +145,56 @@ void blankDead(PageScreen& known, CandidatePage& page, triangulation::TrianglePa
   known.blank = ~alive;
 }
 
-// A candidate that is wanted but not worth a vertex for now.
-void fallAsleep(PageDue& due, PageScreen& known, CandidatePage& page, unsigned k, const View& view) {
+// A candidate that is wanted but not worth a vertex until the camera has moved so many steps.
+void fallAsleep(PageDue& due, PageScreen& known, CandidatePage& page, unsigned k, float until, const View& view) {
   if (known.asleep == 0) {
     known.sleptTravel = view.travel;
-    due.turn = view.turn + kWakeTurn;
+    known.sleepsFor = until;
+    due.turn = view.turn + view.wakeTurn();
   }
+  known.sleepsFor = std::min(known.sleepsFor, until);
   known.asleep |= triangulation::TrianglePages::Mask{1} << k;
   page.error[k] = -page.error[k];
 }
 
-// Of a candidate that is wanted, inside the wide frustum; 0: its triangle is a speck on screen, or hidden.
-double priorityOf(const Triangulation& mesh, const View& view, TriangleId t, std::int32_t x, std::int32_t z, std::int32_t y, float error) {
-  // Both in metres: the candidate's direction and the area that it sees.
-  const Vec3 at = view.relative(x, z, y);
+struct Judgement {
+  double priority;  // 0: not worth a vertex now, for nothing of the triangle is seen: it lies outside the wide frustum, is hidden, or a speck
+  float until;      // steps: the way after which it is judged again
+};
+
+// Of a candidate that is wanted.
+Judgement judge(const Triangulation& mesh, const View& view, TriangleId t, const Surface::Candidate& c) {
+  const Vec3 at = view.relative(c.point.x, c.point.z, c.y);
   const double d2 = std::max(dot(at, at), 0.25), d = std::sqrt(d2);
-  const Vec3 area = areaVector(mesh, t);
-  const double squareMetres = std::abs(dot(area, at)) / d * 0.5 * lattice::kMetresPerStep * lattice::kMetresPerStep;
-  const double squarePixels = squareMetres * view.pixelsPerRadian * view.pixelsPerRadian / d2;
-  if (squarePixels < kLeastArea) return 0;
-  const double weight = view.area ? std::sqrt(std::sqrt(0.5 * std::sqrt(dot(area, area)))) : 1;
-  if (isHidden(mesh, view, t, at, error * lattice::kMetresPerStep / weight)) return 0;
+  const std::array<Vec3, 3> corners = cornersOf(mesh, view, t);
+  double extent2 = 0;
+  for (const Vec3& corner : corners) {
+    const Vec3 side{corner.x - at.x, corner.y - at.y, corner.z - at.z};
+    extent2 = std::max(extent2, dot(side, side));
+  }
+  const double nearest = std::max(0.0, d - std::sqrt(extent2)) * lattice::kStepsPerMetre;  // the triangle's distance, or less
+  const auto asleep = [&](double share) { return Judgement{0, static_cast<float>(share * nearest)}; };
+  const Vec3 area = areaVector(corners);
+  const double lift = c.error * lattice::kMetresPerStep / (view.area ? rootOfArea(area) : 1);
+  if (!view.wide.contains(at) && !view.wide.meets(corners, lift)) return asleep(view.wakeMove());
+  const double perMetre = view.pixelsPerRadian / d, squarePixels = std::abs(dot(area, at)) / d * 0.5 * perMetre * perMetre;
+  const double flat = at.x * at.x + at.z * at.z, pixels = lift * view.pixelsPerRadian * std::sqrt(flat) / d2;
+  if ((squarePixels < kSpeck && pixels < 1) || isHidden(view, corners, at, lift)) return asleep(kWakeHidden);
+  if (view.area) return {c.error * view.gain * std::sqrt(flat / (d2 * d2 * d)), 0};
   // Larger triangles first at equal error: their error covers more of the picture.
-  const double flat = at.x * at.x + at.z * at.z;
-  if (view.area) return error * view.gain * std::sqrt(flat / (d2 * d2 * d));
-  const double pixels = error * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
-  return pixels * std::sqrt(std::sqrt(squarePixels));
+  return {pixels * std::sqrt(std::sqrt(squarePixels)), 0};
 }
 
 }  // namespace
+
+std::array<Vec3, 3> cornersOf(const Triangulation& mesh, const View& view, TriangleId t) {
+  std::array<Vec3, 3> corners;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const Vertex& v = mesh.vertex(mesh.triangle(t).v[k]);
+    corners[k] = view.relative(v.x, v.z, v.y);
+  }
+  return corners;
+}
 
 void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double threshold,
                   std::vector<Pending>& out) {
@@ -196,7 +213,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
   for (std::size_t n = 0; n < all.size(); ++n) {
     if (n + kAhead < all.size()) __builtin_prefetch(&surface.dues[all[n + kAhead]]);
     PageDue& known = surface.dues[all[n]];
-    if (!same) setDue(known, surface.screens[all[n]], spared, view.power());
+    if (!same) setDue(known, surface.screens[all[n]], spared, view);
     if (view.travel < known.travel && view.turn < known.turn) {
       join(screen.due, known);
     } else {
@@ -215,9 +232,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     CandidatePage& page = surface.candidates[due[n]];
     const triangulation::TrianglePages::Mask alive = pages.aliveMask(due[n]);
     known.asleep &= alive;
-    if (known.asleep != 0 &&
-        (known.travel < 0 || view.travel - known.sleptTravel >= kWakeMove * known.nearest || view.turn >= surface.dues[due[n]].turn))
-      wake(known, page);
+    if (known.asleep != 0 && (wakes(known, view) || view.turn >= surface.dues[due[n]].turn)) wake(known, page);
     blankDead(known, page, alive);
     const PageLook seen = view.area ? screenPageByArea(page, eye) : screenPageInPixels(page, eye);
     known.travel = view.travel;
@@ -226,10 +241,6 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     known.nearest = std::sqrt(seen.nearest2);
     for (triangulation::TrianglePages::Mask m = seen.wanted; m != 0; m &= m - 1) {
       const auto k = static_cast<unsigned>(std::countr_zero(m));
-      if (!view.wide.contains(view.relative(page.x[k], page.z[k], page.y[k]))) {
-        fallAsleep(surface.dues[due[n]], known, page, k, view);
-        continue;
-      }
       wanted.push_back(due[n] * TrianglePages::kSlots + k);
       mesh.prefetch(wanted.back());
     }
@@ -239,16 +250,17 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
     if (n < wanted.size()) mesh.prefetchCorners(wanted[n]);
     if (n < kAhead) continue;
     const TriangleId t = wanted[n - kAhead];
-    CandidatePage& page = surface.candidates[t / TrianglePages::kSlots];
-    const unsigned k = t % TrianglePages::kSlots;
-    const double priority = priorityOf(mesh, view, t, page.x[k], page.z[k], page.y[k], page.error[k]);
-    if (priority > 0)
-      out.push_back({t, {page.x[k], page.z[k]}, static_cast<float>(priority)});
-    else
-      fallAsleep(surface.dues[t / TrianglePages::kSlots], surface.screens[t / TrianglePages::kSlots], page, k, view);
+    const Surface::Candidate c = surface.candidate(t);
+    const auto [priority, until] = judge(mesh, view, t, c);
+    if (priority > 0) {
+      out.push_back({t, c.point, static_cast<float>(priority)});
+    } else {
+      const std::uint32_t page = t / TrianglePages::kSlots;
+      fallAsleep(surface.dues[page], surface.screens[page], surface.candidates[page], t % TrianglePages::kSlots, until, view);
+    }
   }
   for (std::uint32_t page : due) {
-    setDue(surface.dues[page], surface.screens[page], spared, view.power());
+    setDue(surface.dues[page], surface.screens[page], spared, view);
     join(screen.due, surface.dues[page]);
   }
   std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());
@@ -256,6 +268,7 @@ void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::Re
 
 void screenThesis(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double threshold,
                   std::vector<Pending>& out) {
+  constexpr double kWholePicture = 256;  // (4 x area)^2, as below
   const std::size_t before = out.size();
   struct Screen {
     double x, y;
@@ -270,17 +283,14 @@ void screenThesis(const Triangulation& mesh, const Surface& surface, triangulati
   mesh.trianglePages().forEach(region, [&](TriangleId t) {
     const Surface::Candidate candidate = surface.candidate(t);
     if (mesh.trianglePages().fresh(t) || candidate.error <= 0) return;
-    Screen corner[3];
-    bool inside = false;
-    for (int k = 0; k < 3; ++k) {
-      const Vertex& v = mesh.vertex(mesh.triangle(t).v[k]);
-      const Vec3 p = view.relative(v.x, v.z, v.y);
-      inside = inside || view.wide.contains(p);
-      corner[k] = project(p);
+    const std::array<Vec3, 3> corners = cornersOf(mesh, view, t);
+    if (!view.wide.meets(corners, candidate.error * lattice::kMetresPerStep)) return;
+    const std::array<Screen, 3> corner{project(corners[0]), project(corners[1]), project(corners[2])};
+    double area = kWholePicture;
+    if (corner[0].ahead && corner[1].ahead && corner[2].ahead) {
+      const double a = distance(corner[0], corner[1]), b = distance(corner[1], corner[2]), c = distance(corner[2], corner[0]);
+      area = std::max(0.0, (a + b + c) * (-a + b + c) * (a - b + c) * (a + b - c));  // Heron, without the root
     }
-    if (!inside || !corner[0].ahead || !corner[1].ahead || !corner[2].ahead) return;
-    const double a = distance(corner[0], corner[1]), b = distance(corner[1], corner[2]), c = distance(corner[2], corner[0]);
-    const double area = std::max(0.0, (a + b + c) * (-a + b + c) * (a - b + c) * (a + b - c));  // Heron, without the root
     const triangulation::Point2 p = candidate.point;
     const Screen on = project(view.relative(p.x, p.z, heightOnTriangle(mesh, t, p))),
                  lifted = project(view.relative(p.x, p.z, candidate.y));

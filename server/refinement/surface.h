@@ -42,6 +42,7 @@ struct alignas(64) PageScreen {
   float steepest = 0;                             // of the candidates awake the largest error / distance,
   float seen = 0;                                 // and error x horizontal distance / distance^2, which is what is seen of it
   float nearest = 0;                              // steps: smallest distance of any candidate
+  float sleepsFor = 0;                            // steps: the way since then after which the first of those asleep wakes
   triangulation::TrianglePages::Mask asleep = 0;  // candidates wanted but not worth it for now; their error is kept negative meanwhile
   triangulation::TrianglePages::Mask blank = 0;   // dead slots that hold no candidate, far away
   double sleptTravel = 0;                         // when the first of those asleep fell asleep
@@ -151,7 +152,7 @@ struct Surface {
     constexpr double never = std::numeric_limits<double>::infinity();
     PageScreen& screen = screens[page];
     dues[page] = {never, never};
-    screen = {travel, 0, 0, std::numeric_limits<float>::max(), 0, screen.blank, 0, screen.hash, screen.hashed};
+    screen = {travel, 0, 0, std::numeric_limits<float>::max(), 0, 0, screen.blank, 0, screen.hash, screen.hashed};
   }
   void beginLosses(std::uint32_t page) { losses[page] = {}; }
   // The page of a candidate, of a vertex is looked at again whatever is known of it.

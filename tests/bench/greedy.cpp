@@ -158,7 +158,10 @@ Report greedy(const Options& options) {
   surface.anchor = {0, 0};
   std::fill_n(surface.vertices.get(), m.mesh.vertexCapacity(), refinement::VertexExtra{});  // no hashes here
   double threshold = 0;
-  const auto evaluate = [&] { refinement::evaluateFresh(m.mesh, surface, *terrain, m.whole.region, 0, refinement::Metric::kPixels, nullptr); };
+  refinement::HeightRange ground;
+  const auto evaluate = [&] {
+    refinement::evaluateFresh(m.mesh, surface, *terrain, m.whole.region, 0, refinement::Metric::kPixels, nullptr, ground);
+  };
   evaluate();
   m.forEach([&](TriangleId t) { threshold = std::max(threshold, double(surface.candidate(t).error)); });
   while (m.triangles() < target) {

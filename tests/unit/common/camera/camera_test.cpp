@@ -112,6 +112,53 @@ TEST(Frustum, MayIntersectNeverMissesABoxThatHoldsAVisiblePoint) {
   EXPECT_GT(culled, 5000);  // it is of use
 }
 
+// Against points of the triangle, and of what lies over and under it, tried one by one.
+TEST(Frustum, MeetsATriangleExactlyWhereAPointOfItIsSeen) {
+  Random random(5);
+  int met = 0, seenAtNoCorner = 0, missed = 0, claimed = 0;
+  for (int k = 0; k < 4'000; ++k) {
+    const Frustum frustum(looking(between(random, -7, 7), between(random, -kQuarter, kQuarter)), Projection{}, between(random, 1, 2));
+    std::array<Vec3, 3> corners;
+    for (Vec3& c : corners) c = {between(random, -20, 20), between(random, -20, 20), between(random, -20, 20)};
+    const double lift = k % 2 ? 0 : between(random, 0, 5);
+    bool seen = false;
+    for (int n = 0; n < 2'000 && !seen; ++n) {
+      double a = between(random, 0, 1), b = between(random, 0, 1);
+      if (a + b > 1) a = 1 - a, b = 1 - b;
+      const auto mix = [&](double u, double v, double w) { return u + a * (v - u) + b * (w - u); };
+      seen = frustum.contains({mix(corners[0].x, corners[1].x, corners[2].x), mix(corners[0].y, corners[1].y, corners[2].y) + between(random, -lift, lift),
+                               mix(corners[0].z, corners[1].z, corners[2].z)});
+    }
+    const bool meets = frustum.meets(corners, lift);
+    EXPECT_TRUE(!seen || meets);
+    met += seen;
+    seenAtNoCorner += seen && lift == 0 && std::none_of(corners.begin(), corners.end(), [&](const Vec3& c) { return frustum.contains(c); });
+    missed += !meets;
+    claimed += meets && !seen && lift == 0;
+  }
+  EXPECT_GT(met, 500);
+  EXPECT_GT(seenAtNoCorner, 100);
+  EXPECT_GT(missed, 500);
+  EXPECT_LT(claimed, 40);  // slivers that no random point hit
+}
+
+TEST(Sector, MissesNothingThatIsSeenAtAnyHeight) {
+  Random random(6);
+  int seen = 0, missed = 0;
+  for (int k = 0; k < 20'000; ++k) {
+    const Pose pose = looking(between(random, -7, 7), between(random, -kQuarter, kQuarter));
+    const Frustum frustum(pose, Projection{});
+    const Sector sector(pose, Projection{});
+    const Vec3 at{between(random, -100, 100), between(random, -300, 300), between(random, -100, 100)};
+    const std::array<Vec3, 1> level{Vec3{at.x, 0, at.z}};
+    EXPECT_TRUE(!frustum.contains(at) || !sector.misses(level));
+    seen += frustum.contains(at);
+    missed += sector.misses(level);
+  }
+  EXPECT_GT(seen, 1000);
+  EXPECT_GT(missed, 5000);
+}
+
 TEST(Frustum, HoldsTheBoxAroundTheCamera) {
   Random random(4);
   for (int k = 0; k < 100; ++k)

@@ -63,7 +63,7 @@ TEST(Horizon, HidesWhatTheGroundCoversAndHardlyAnythingElse) {
     for (unsigned view = 0; view < 6; ++view) {
       const auto camera = above(*terrain, 900.0 * view, -700.0 * view, view % 2 ? 120 : 25, view);
       Horizon horizon(terrain);
-      for (int ray : horizon.follow(camera, 25, kWide)) horizon.cast(ray);
+      for (int ray : horizon.follow(camera, 25, true, kWide)) horizon.cast(ray);
       const Tally t = tally(*terrain, horizon, camera, 400, view);
       sum.seen += t.seen, sum.seenCalledHidden += t.seenCalledHidden, sum.covered += t.covered,
           sum.coveredCalledHidden += t.coveredCalledHidden;
@@ -80,22 +80,23 @@ TEST(Horizon, CastsOnlyWhatIsMissing) {
   Horizon horizon(terrain);
   auto camera = above(*terrain, 0, 0, 100, 0);
   EXPECT_FALSE(horizon.hidden({1000, -500, 0}, 0)) << "nothing was cast";
-  const auto first = horizon.follow(camera, 100, kWide);
+  const auto first = horizon.follow(camera, 100, true, kWide);
   EXPECT_GT(first.size(), Horizon::kRays / 6);
   EXPECT_LT(first.size(), Horizon::kRays / 2);
   for (int ray : first) horizon.cast(ray);
-  EXPECT_TRUE(horizon.follow(camera, 100, kWide).empty());
+  EXPECT_TRUE(horizon.follow(camera, 100, true, kWide).empty());
   camera.pose.yaw += 0.1;
-  const std::size_t turned = horizon.follow(camera, 100, kWide).size();
+  const std::size_t turned = horizon.follow(camera, 100, true, kWide).size();
   EXPECT_GT(turned, 0u);
   EXPECT_LT(turned, 30u);
   camera.pose.yaw -= 0.1;
   camera.pose.x += 5 * 256;
-  EXPECT_TRUE(horizon.follow(camera, 100, kWide).empty()) << "it has hardly moved";
+  EXPECT_TRUE(horizon.follow(camera, 100, true, kWide).empty()) << "it has hardly moved";
+  EXPECT_GE(Horizon(horizon).follow(camera, 100, false, kWide).size(), first.size()) << "at rest the rays start from the eye";
   camera.pose.x += 30 * 256;
-  EXPECT_GE(horizon.follow(camera, 100, kWide).size(), first.size());
+  EXPECT_GE(horizon.follow(camera, 100, true, kWide).size(), first.size());
   camera.pose.pitch = -std::numbers::pi / 2;
-  EXPECT_EQ(horizon.follow(camera, 100, kWide).size(), static_cast<std::size_t>(Horizon::kRays)) << "straight down is all round";
+  EXPECT_EQ(horizon.follow(camera, 100, true, kWide).size(), static_cast<std::size_t>(Horizon::kRays)) << "straight down is all round";
 }
 
 }  // namespace

@@ -69,8 +69,9 @@ TEST(Screening, AFormerRegionsBoundsAreForgotten) {
     screen.asleep = 5;
     used.surface.dues[page].travel = 1e6;
   }
-  evaluateFresh(clean.mesh, clean.surface, *clean.terrain, region, 3, Metric::kPixels, &view);
-  evaluateFresh(used.mesh, used.surface, *used.terrain, region, 3, Metric::kPixels, &view);
+  HeightRange ground;
+  evaluateFresh(clean.mesh, clean.surface, *clean.terrain, region, 3, Metric::kPixels, &view, ground);
+  evaluateFresh(used.mesh, used.surface, *used.terrain, region, 3, Metric::kPixels, &view, ground);
   for (std::uint32_t page : pages) {
     const PageScreen &a = clean.surface.screens[page], &b = used.surface.screens[page];
     EXPECT_EQ(clean.surface.dues[page].travel, used.surface.dues[page].travel);
@@ -100,12 +101,13 @@ TEST(Screening, SparesNothingThatIsWanted) {
   camera.pose.yaw = yaw;
   camera.pose.pitch = -0.3;
   double travel = 0;
+  HeightRange ground;
   std::size_t told = 0, late = 0, pagesSpared = 0;
   for (int step = 0; step < 100; ++step) {
     const View view(camera, {0, 0}, travel, 0, false);
     if (step == 0)
       for (World* world : {&remembers, &forgets})
-        evaluateFresh(world->mesh, world->surface, *world->terrain, region, 3, Metric::kPixels, &view);
+        evaluateFresh(world->mesh, world->surface, *world->terrain, region, 3, Metric::kPixels, &view, ground);
     for (std::uint32_t page : forgets.mesh.trianglePages().pagesOf(region)) {
       forgets.surface.screens[page].travel = -1;
       forgets.surface.dues[page].travel = kAlways;
