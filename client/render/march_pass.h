@@ -1,7 +1,8 @@
 #pragma once
-// Ray-marches the terrain function into a surface: the picture that the mesh is measured against. It is converged: no step is longer
-// than a tenth of the height above ground or shorter than a fifth of a sample, and a crossing is bisected 14 times; a march that is
-// four times finer gives the same picture (a test holds it to SSIM >= 0.99). Needs the context it was made in.
+// Ray-marches the terrain function into a surface: the picture that the mesh is measured against. First the *skyline* is drawn, the highest ground by
+// direction and distance, sampled twice as densely as the picture; rays skip what they pass well above. Elsewhere no step is longer than a tenth of the height
+// above ground or half a sample, or shorter than a fifth of one, and a crossing is bisected 14 times: whatever is half a sample wide is met, a fence before an
+// abyss too. A test compares it with a march on the processor that is sixteen times finer and skips nothing. Needs the context it was made in.
 
 #include <chrono>
 #include <cstdint>
@@ -27,11 +28,19 @@ class MarchPass {
   double progress() const;  // share of the tiles that are done, 1 when complete or never begun
 
  private:
-  MarchPass(Program program, std::uint32_t seed);
+  struct Sector {
+    double half, perRadian;  // radians to each side of the middle; columns
+    std::uint32_t columns;
+  };
+  MarchPass(Program skyline, Program march, std::uint32_t seed);
+  Sector sector() const;
+  void setSkyline(const Program& program, const Sector& sector) const;
+  void drawSkyline();
   void marchTile(std::uint32_t tile);
 
-  Program program_;
-  GlObject vertexArray_;
+  Program skyline_, program_;
+  GlObject vertexArray_, skylineFramebuffer_, skylineTexture_;
+  std::uint32_t skylineColumns_ = 0;
   std::uint32_t seed_;
   View view_;
   float fineness_ = 1;

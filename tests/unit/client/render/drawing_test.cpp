@@ -6,11 +6,13 @@
 #include <cmath>
 #include <memory>
 #include <numbers>
+#include <random>
 
 #include "client/evaluation/ssim.h"
 #include "client/render/context.h"
 #include "client/render/renderer.h"
 #include "common/terrain/terrain.h"
+#include "tests/support/rays.h"
 
 namespace ridgecast::render {
 namespace {
@@ -251,6 +253,74 @@ TEST_F(Drawing, TheRayMarchDoesNotStepOverCliffs) {
 }
 
 // The true heights of a leaf on a grid of so many cells a side.
+// Level ground at 100 m, an abyss of a kilometre south of z = 0, and on its rim a fence 150 m high and 4 m wide: what the overshoot of a height map's
+// edge is like. A march that stepped by the gap alone jumped over it and drew streaks.
+const char* const kFence = R"(
+float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
+  float z = (float(cell.y) + fraction.y) * 4096.0;
+  return z > 0.0 ? -900.0 : z > -4.0 ? 250.0 : 100.0;
+}
+vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) { return vec3(0.5); }
+)";
+
+class Fence : public terrain::Terrain {
+ public:
+  std::string_view name() const override { return "fence"; }
+  std::string_view source() const override { return kFence; }
+  std::uint32_t seed() const override { return 1; }
+  void heights(std::span<const lattice::Step>, std::span<const lattice::Step> z, std::span<float> out) const override {
+    for (std::size_t k = 0; k < z.size(); ++k) {
+      const float at = static_cast<float>(z[k]) / 256;
+      out[k] = at > 0 ? -900.0f : at > -4 ? 250.0f : 100.0f;
+    }
+  }
+};
+
+// Against a march on the processor that is sixteen times finer and skips nothing: nearly every ray meets the ground at the same distance, whatever the pose.
+TEST_F(Drawing, TheRayMarchMeetsWhatAMuchFinerOneMeets) {
+  constexpr std::uint32_t kWidth = 160, kHeight = 90;
+  std::mt19937_64 random(3);
+  const auto between = [&](double low, double high) { return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53; };
+  std::vector<std::shared_ptr<const terrain::Terrain>> terrains = {std::make_shared<Fence>()};
+  for (const char* name : {"alpine", "canyon", "archipelago"}) terrains.push_back(terrain::create(name, 1).value());
+  for (const auto& ground : terrains) {
+    Renderer r = renderer(std::string(ground->source()));
+    std::size_t rays = 0, astray = 0;
+    for (int k = 0; k < 4; ++k) {
+      const bool fence = ground == terrains.front();
+      const double x = between(-1e5, 1e5), z = fence ? between(100, 900) : between(-1e5, 1e5),
+                   altitude = std::exp(between(std::log(1.5), std::log(3000))), foot = ground->height({std::llround(x * 256), std::llround(z * 256)});
+      // At the fence from the abyss upwards, and from above.
+      const double y = !fence ? foot + altitude : k % 2 ? between(300, 900) : between(-890, 150);
+      View view = viewFrom(x, y, z, fence ? between(-0.6, 0.6) : between(0, 6.28), fence ? std::atan2(100 - y, z) + between(-0.05, 0.15) : between(-1.4, 0.5), kWidth, kHeight);
+      if (fence) view.camera.projection.verticalFov = 0.2;  // so that it is several samples wide
+      view.horizon = 20'000;
+      view.highest = 9000;
+      view.lowest = -1000;
+      ASSERT_TRUE(r.drawMarch(view));
+      const std::vector<float> drawn = r.positions();
+      const camera::Vec3 f = camera::forward(view.camera.pose), right = camera::right(view.camera.pose), up = camera::up(view.camera.pose);
+      std::vector<camera::Vec3> directions;
+      const double tangent = std::tan(view.camera.projection.verticalFov / 2);
+      for (std::uint32_t row = 0; row < kHeight; ++row)
+        for (std::uint32_t column = 0; column < kWidth; ++column) {
+          const double a = tangent * kWidth / kHeight * ((column + 0.5) / kWidth * 2 - 1), b = tangent * (1 - (row + 0.5) / kHeight * 2);
+          const camera::Vec3 d{f.x + a * right.x + b * up.x, f.y + a * right.y + b * up.y, f.z + a * right.z + b * up.z};
+          const double length = std::sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
+          directions.push_back({d.x / length, d.y / length, d.z / length});
+        }
+      std::vector<double> truth(directions.size(), view.horizon);
+      for (const auto& hit : testing_support::castRays(*ground, view.camera, directions, 16)) truth[hit.ray] = hit.distance;
+      for (std::size_t n = 0; n < truth.size(); ++n, ++rays) {
+        const float* at = &drawn[4 * n];
+        const double distance = at[3] > 0 ? std::sqrt(double(at[0]) * at[0] + double(at[1]) * at[1] + double(at[2]) * at[2]) : view.horizon;
+        astray += std::abs(distance - truth[n]) > 0.02 * truth[n];
+      }
+    }
+    EXPECT_LE(static_cast<double>(astray), 0.002 * static_cast<double>(rays)) << ground->name() << ": " << astray << " of " << rays;
+  }
+}
+
 scene::HeldLeaf sampledLeaf(const terrain::Terrain& terrain, lattice::LeafAddress address, std::int32_t cells) {
   auto leaf = std::make_shared<mesh::LeafMesh>();
   leaf->address = address;
