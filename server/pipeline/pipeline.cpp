@@ -116,7 +116,7 @@ struct Pipeline::State {
   double travel = 0, turn = 0;  // of the camera so far; steps, radians
   bool moving = false;          // since the iteration before
   std::uint64_t versions = 0;
-  std::vector<LeafState> leaves;
+  std::vector<ridgecast::mesh::LeafState> leaves;
 };
 
 void Pipeline::State::advance(const camera::Camera& camera, bool anew) {
@@ -215,7 +215,7 @@ void Pipeline::State::describe(wire::Figures& figures) const {
 void Pipeline::State::publish(bool otherLeaves) {
   const auto& leafs = mesh.leaves();
   const auto& t = mesh.triangulation();
-  const auto state = [&](const Leaf& leaf) { return LeafState{leaf.address, leaf.version, leaf.hash, t.triangleCount(leaf.region)}; };
+  const auto state = [&](const Leaf& leaf) { return mesh::LeafState{leaf.address, leaf.version, leaf.hash, t.triangleCount(leaf.region)}; };
   std::vector<std::size_t> changed;
   mesh.takeChanged([&](std::size_t k) {
     leafs[k]->version = ++versions;
@@ -232,7 +232,7 @@ void Pipeline::State::publish(bool otherLeaves) {
     for (std::size_t k : changed) leaves[k] = state(*leafs[k]);
   }
   live = 0;
-  for (const LeafState& leaf : leaves) live += leaf.triangles;
+  for (const mesh::LeafState& leaf : leaves) live += leaf.triangles;
 }
 
 Pipeline::Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool)
@@ -329,17 +329,18 @@ void Pipeline::change(const wire::Settings& granted) {
     state_ = std::move(fresh);
     return;
   }
+  const bool other = granted.threshold != s.settings.threshold || granted.triangleBudget != s.settings.triangleBudget;
   // What the budget has raised the threshold to stays, until the mesh is small enough.
   s.effective = std::max(granted.threshold, s.effective > s.settings.threshold ? s.effective : 0.0);
   s.settings = granted;
-  s.settled = s.closely = false;
+  if (other) s.settled = s.closely = false;
 }
 
 void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = std::min<std::size_t>(most, kMostInsertions); }
 
 bool Pipeline::settled() const { return state_->settled; }
 
-const std::vector<LeafState>& Pipeline::leaves() const { return state_->leaves; }
+const std::vector<mesh::LeafState>& Pipeline::leaves() const { return state_->leaves; }
 
 std::vector<wire::Candidate> Pipeline::candidates(std::uint32_t most) const {
   const State& s = *state_;
