@@ -13,13 +13,13 @@
 #include "server/config/config.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
-#include "server/net/snapshot_route.h"
+#include "server/http/snapshots.h"
 #include "server/notify.h"
-#include "server/query/http.h"
+#include "server/http/queries.h"
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
-#include "server/web/route.h"
+#include "server/http/page.h"
 
 namespace {
 
@@ -44,10 +44,10 @@ bool writePortFile(const std::filesystem::path& file, std::uint16_t port) {
 }
 
 // The browser viewer's files; null where there are none and none were asked for.
-Outcome<std::shared_ptr<const web::Site>> loadSite(std::filesystem::path folder) {
-  if (folder.empty()) folder = web::Site::defaultFolder().value_or("");
-  if (folder.empty()) return std::shared_ptr<const web::Site>();
-  return web::Site::load(folder);
+Outcome<std::shared_ptr<const http::Site>> loadSite(std::filesystem::path folder) {
+  if (folder.empty()) folder = http::Site::defaultFolder().value_or("");
+  if (folder.empty()) return std::shared_ptr<const http::Site>();
+  return http::Site::load(folder);
 }
 
 int serve(const config::Config& config, const sigset_t& signals) {
@@ -57,9 +57,9 @@ int serve(const config::Config& config, const sigset_t& signals) {
 
   auto site = loadSite(config.webFolder);
   if (!site) return refuse(site.error().message);
-  std::vector<net::Route> routes;
+  std::vector<http::Route> routes;
   if (*site)
-    routes.push_back(web::route(std::move(*site)));
+    routes.push_back(http::pageRoute(std::move(*site)));
   else
     logging::info("the browser viewer is not beside this program; / says how to connect otherwise");
 
@@ -79,8 +79,8 @@ int serve(const config::Config& config, const sigset_t& signals) {
       return user_terrain::load(made, [](const std::string& complaint) { logging::warning(complaint); });
     };
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
-  routes.insert(routes.begin(), net::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &machine)));
-  routes.push_back(query::route(directory));
+  routes.insert(routes.begin(), http::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &machine)));
+  routes.push_back(http::queryRoute(directory));
   auto listening = net::Server::listen(config.net, directory, std::move(routes));
   if (!listening) return refuse(listening.error().message);
   server = std::move(*listening);

@@ -17,7 +17,7 @@
 
 #include "server/logging/logging.h"
 #include "server/net/channel.h"
-#include "server/net/routes.h"
+#include "server/http/routes.h"
 #include "server/net/stream.h"
 
 namespace ridgecast::net {

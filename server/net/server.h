@@ -32,22 +32,19 @@
 #include "common/outcome/outcome.h"
 #include "common/wire/wire.h"
 #include "server/access/network.h"
-#include "server/net/jobs.h"
-#include "server/net/routes.h"
+#include "server/http/gate.h"
+#include "server/http/jobs.h"
+#include "server/http/routes.h"
 #include "server/session/session.h"
 
 namespace ridgecast::net {
 
 inline constexpr std::size_t kMaxQueuedMessages = 128;
 
-struct Settings {
-  std::string host = "127.0.0.1";                  // an address or a name of this machine
+struct Settings : http::Access {  // host: what it listens on
   std::uint16_t port = 7070;                       // 0: any free one
   bool allowInsecure = false;                      // listen on other than loopback addresses without TLS or without tokens
   std::filesystem::path tlsCertificate, tlsKey;    // PEM; both or none
-  std::filesystem::path tokenFile, jwtSecretFile;  // both empty: everybody may do everything
-  std::vector<std::string> allowedOrigins;         // of browsers' pages beside the server's own: https://example.org, *
-  std::vector<std::string> allowedHosts;           // beside its addresses, localhost and `host`; where nobody needs a token (access/host.h)
   std::vector<access::Network> trustedProxies;
   unsigned threads = 2;
   std::uint32_t maxConnections = 512;
@@ -57,9 +54,9 @@ struct Settings {
   std::uint32_t maxMessagesPerSecond = 4000;  // 0: no limit
   std::chrono::milliseconds patience{10'000};
   std::chrono::milliseconds idle{60'000};
-  Jobs::Limits promptJobs{2, 64, 0};   // answers that take milliseconds
-  Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds, as --snapshot-niceness says
-  Jobs::Limits worldJobs{1, 8, 10};    // worlds that are compiled
+  http::Jobs::Limits promptJobs{2, 64, 0};   // answers that take milliseconds
+  http::Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds, as --snapshot-niceness says
+  http::Jobs::Limits worldJobs{1, 8, 10};    // worlds that are compiled
   std::size_t maxAnswerBytes = std::size_t{1} << 30;
   std::chrono::milliseconds drain{5'000};
   std::string reconnectUrl;  // told to clients when the server leaves; empty: where they came from
@@ -70,7 +67,7 @@ class Server {
   // Listens and serves until destroyed. Errors, for people: the host is no address of this machine or not a loopback address, the port
   // is in use or not permitted.
   static Outcome<std::unique_ptr<Server>> listen(const Settings& settings, std::shared_ptr<session::Directory> directory,
-                                                 std::vector<Route> routes = {});
+                                                 std::vector<http::Route> routes = {});
   // Shuts down. The machine must be gone by then: first shutdown(), then the machine, then this, so that no task still sends.
   virtual ~Server() = default;
   // Any thread, all of these.

@@ -15,11 +15,21 @@
 
 #include "server/access/limits.h"
 #include "server/net/channel.h"
-#include "server/net/gate.h"
+#include "server/http/gate.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 
 namespace ridgecast::net {
+
+using ridgecast::http::Answer;
+using ridgecast::http::Gate;
+using ridgecast::http::Jobs;
+using ridgecast::http::kSubprotocol;
+using ridgecast::http::Later;
+using ridgecast::http::namesEtag;
+using ridgecast::http::queryParameter;
+using ridgecast::http::Request;
+using ridgecast::http::Route;
 
 inline constexpr char kServerName[] = "ridgecast-server/" RIDGECAST_VERSION;
 

@@ -12,6 +12,7 @@
 #include "common/camera/camera.h"
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
+#include "common/mesh/leaf_state.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
 #include "server/scheduling/pool.h"
@@ -26,13 +27,6 @@ struct Limits {
 // The settings with defaults filled in and caps applied. Thresholds are clamped to [0.05, 1000] (pixels) or [1e-9, 1e9] (thesis), candidates to
 // wire::kMaxCandidates.
 wire::Settings grant(const wire::Settings& asked, const Limits& limits);
-
-struct LeafState {
-  lattice::LeafAddress address;
-  std::uint64_t version = 0;  // grows whenever the leaf's triangles change; never reused for other content
-  std::uint64_t hash = 0;     // mesh::hashLeaf of its content
-  std::uint32_t triangles = 0;
-};
 
 class Pipeline {
  public:
@@ -58,7 +52,7 @@ class Pipeline {
   bool settled() const;
 
   // The valid leaves with their triangles as of the last iteration, in canonical order of address. The client should hold exactly these.
-  const std::vector<LeafState>& leaves() const;
+  const std::vector<mesh::LeafState>& leaves() const;
 
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
   mesh::LeafMesh extract(lattice::LeafAddress address) const;

@@ -24,18 +24,18 @@ bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
   return true;
 }
 
-bool Replica::resumes(std::span<const pipeline::LeafState> leaves) const {
+bool Replica::resumes(std::span<const mesh::LeafState> leaves) const {
   if (lastSent_ != 0 || held_.empty()) return false;
   std::size_t known = 0;
   auto held = held_.cbegin();
-  for (const pipeline::LeafState& leaf : leaves) {
+  for (const mesh::LeafState& leaf : leaves) {
     while (held != held_.cend() && held->address < leaf.address) ++held;
     known += held != held_.cend() && held->address == leaf.address;
   }
   return 2 * known >= leaves.size();
 }
 
-Changes Replica::send(std::span<const pipeline::LeafState> leaves) {
+Changes Replica::send(std::span<const mesh::LeafState> leaves) {
   assert(hasRoom());
   Changes changes;
   std::vector<Arrival> arrivals;              // leaves that were not held
@@ -49,7 +49,7 @@ Changes Replica::send(std::span<const pipeline::LeafState> leaves) {
     meshHash_ -= mesh::hashTerm(held->address, held->hash);
     ++held;
   };
-  for (const pipeline::LeafState& leaf : leaves) {
+  for (const mesh::LeafState& leaf : leaves) {
     assert(scratch_.empty() || scratch_.back().address < leaf.address);
     while (held != held_.cend() && held->address < leaf.address) drop();
     const bool known = held != held_.cend() && held->address == leaf.address;
@@ -116,9 +116,9 @@ void Replica::derive(Changes& changes, std::span<const Arrival> arrivals, std::s
   std::sort(changes.changed.begin(), changes.changed.end(), [](const Derived& a, const Derived& b) { return a.address < b.address; });
 }
 
-bool Replica::differs(std::span<const pipeline::LeafState> leaves) const {
+bool Replica::differs(std::span<const mesh::LeafState> leaves) const {
   if (owes_ || leaves.size() != held_.size()) return true;
-  return !std::equal(leaves.begin(), leaves.end(), held_.begin(), [](const pipeline::LeafState& leaf, const Held& held) {
+  return !std::equal(leaves.begin(), leaves.end(), held_.begin(), [](const mesh::LeafState& leaf, const Held& held) {
     return leaf.address == held.address && (leaf.version == held.version || leaf.hash == held.hash);
   });
 }

@@ -22,8 +22,8 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/mesh/leaf_state.h"
 #include "common/wire/messages.h"
-#include "server/pipeline/pipeline.h"
 
 namespace ridgecast::replica {
 
@@ -67,7 +67,7 @@ class Replica {
   bool resume(std::span<const wire::HeldLeaf> leaves);
   void setDeltas(bool deltas) { deltas_ = deltas; }
   // Before the first send(): whether the client resumed at least half of these leaves, with whatever content. `leaves` as in send().
-  bool resumes(std::span<const pipeline::LeafState> leaves) const;
+  bool resumes(std::span<const mesh::LeafState> leaves) const;
 
   // Whether another iteration may be sent: fewer than `window` are unacknowledged.
   bool hasRoom() const { return unacknowledged_.size() < window_; }
@@ -79,10 +79,10 @@ class Replica {
 
   // Compares the mesh with what the client holds and takes the difference as sent. `leaves` in canonical order, no address twice.
   // Only when hasRoom(). A leaf whose content is what the client holds is not sent, even when its version moved on.
-  Changes send(std::span<const pipeline::LeafState> leaves);
+  Changes send(std::span<const mesh::LeafState> leaves);
 
   // Whether send() would carry anything.
-  bool differs(std::span<const pipeline::LeafState> leaves) const;
+  bool differs(std::span<const mesh::LeafState> leaves) const;
 
   // The client says: applied every iteration up to `iteration`, and now holds `meshHash`. Frees the window up to there. After
   // kNeverSent and kOutOfOrder nothing has changed.

@@ -9,7 +9,7 @@
 #include "common/codec/codec.h"
 #include "common/wire/wire.h"
 #include "server/query/query.h"
-#include "server/snapshot/box_mesh.h"
+#include "server/box/box_mesh.h"
 
 namespace ridgecast::session {
 
@@ -93,8 +93,8 @@ void Grounds::answer(const wire::AskGround& asked) {
   const auto reach = static_cast<lattice::Step>(std::ceil(radius)) + 1;
   const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
   const auto make = [&](double error) {
-    const snapshot::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + patience_, static_cast<double>(patience_.count())};
-    return snapshot::meshBox(
+    const box::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + patience_, static_cast<double>(patience_.count())};
+    return box::meshBox(
         *terrain_,
         {{within(asked.at.x - reach), within(asked.at.z - reach)}, {within(asked.at.x + reach), within(asked.at.z + reach)}, error},
         triangleBudget_, *pool_, watch);
@@ -102,7 +102,7 @@ void Grounds::answer(const wire::AskGround& asked) {
   double error = asked.error * kInside;
   auto made = make(error);
   // A cliff, the budget or the time do not allow it: as good as it gets.
-  using Kind = snapshot::Problem::Kind;
+  using Kind = box::Problem::Kind;
   while (!made && error < 1e4 && (made.error().kind == Kind::kTooMuch || made.error().kind == Kind::kTooSlow))
     made = make(error *= kCoarser);
   if (stop_.stop_requested()) return;

@@ -1,6 +1,6 @@
 #pragma once
 // The ground around points, whatever a member's camera sees: a mesh of the square around the circle at the error that was asked for
-// (server/snapshot/box_mesh.h), of which the triangles over the circle are sent.
+// (server/box/box_mesh.h), of which the triangles over the circle are sent.
 //
 // An actor beside the camera session: ask() comes from any thread and only notes; the work runs as tasks of the member's own pool, one
 // question a task; what cannot be reached, or not within kPatience, is tried again at twice the error. Bound: wire::kMaxGrounds questions wait or are answered and have not left.

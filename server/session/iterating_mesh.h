@@ -18,7 +18,7 @@ class IteratingMesh {
   virtual void setInsertionLimit(std::uint32_t most) = 0;
   virtual void change(const wire::Settings& granted) = 0;  // from the next iteration on
   virtual bool settled() const = 0;
-  virtual const std::vector<pipeline::LeafState>& leaves() const = 0;
+  virtual const std::vector<mesh::LeafState>& leaves() const = 0;
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
   virtual std::vector<wire::Candidate> candidates(std::uint32_t most) const = 0;
 };

@@ -14,7 +14,7 @@ class PipelineMesh final : public IteratingMesh {
   void setInsertionLimit(std::uint32_t most) override { pipeline_.setInsertionLimit(most); }
   void change(const wire::Settings& granted) override { pipeline_.change(granted); }
   bool settled() const override { return pipeline_.settled(); }
-  const std::vector<pipeline::LeafState>& leaves() const override { return pipeline_.leaves(); }
+  const std::vector<mesh::LeafState>& leaves() const override { return pipeline_.leaves(); }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return pipeline_.extract(address); }
   std::vector<wire::Candidate> candidates(std::uint32_t most) const override { return pipeline_.candidates(most); }
 

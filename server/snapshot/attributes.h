@@ -9,9 +9,13 @@
 #include "common/gltf/glb.h"
 #include "common/terrain/terrain.h"
 #include "server/scheduling/pool.h"
-#include "server/snapshot/problem.h"
+#include "server/box/problem.h"
 
 namespace ridgecast::snapshot {
+
+using box::Problem;
+using box::Result;
+using box::Watch;
 
 // Adds what is wanted to leaves that have a mesh and nothing else. A terrain without colours in C++ gets none. False: the watch is over.
 bool addAttributes(const terrain::Terrain& terrain, bool normals, bool colours, std::vector<gltf::Leaf>& leaves, scheduling::Pool& pool,

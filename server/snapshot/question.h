@@ -15,8 +15,8 @@
 
 #include "common/camera/camera.h"
 #include "common/gltf/glb.h"
-#include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
+#include "server/box/box_mesh.h"
 
 namespace ridgecast::snapshot {
 
@@ -38,10 +38,7 @@ struct OfPose {
   bool aboveGround = true;
   double threshold = 0.6;  // pixels
 };
-struct OfBox {
-  lattice::Point low, high;  // steps, low < high
-  double error = 1;          // metres
-};
+using OfBox = box::Box;
 
 struct Question {
   std::variant<OfCamera, OfPose, OfBox> of;

@@ -11,13 +11,17 @@
 #include <thread>
 #include <utility>
 
+#include "server/box/box_mesh.h"
 #include "server/pipeline/pipeline.h"
 #include "server/session/camera_session.h"
 #include "server/snapshot/attributes.h"
-#include "server/snapshot/box_mesh.h"
 #include "server/terrain/declaration.h"
 
 namespace ridgecast::snapshot {
+
+using box::BoxMesh;
+using box::meshBox;
+using box::Watch;
 
 using Json = nlohmann::json;
 

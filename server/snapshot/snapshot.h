@@ -16,12 +16,15 @@
 #include <memory>
 #include <string>
 
+#include "server/box/problem.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
-#include "server/snapshot/problem.h"
 #include "server/snapshot/question.h"
 
 namespace ridgecast::snapshot {
+
+using box::Problem;
+using box::Result;
 
 struct Snapshot {
   std::string glb;       // empty when only the metadata were wanted

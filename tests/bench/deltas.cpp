@@ -160,7 +160,7 @@ Flown fly(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::
     camera.projection.verticalFov = path.verticalFov;
     pipeline.iterate(camera);
     std::map<lattice::LeafAddress, std::uint64_t> now;
-    for (const pipeline::LeafState& s : pipeline.leaves()) now[s.address] = s.hash;
+    for (const mesh::LeafState& s : pipeline.leaves()) now[s.address] = s.hash;
     std::vector<std::pair<lattice::LeafAddress, mesh::LeafMesh>> gone;
     for (auto it = held.begin(); it != held.end();) {
       if (now.contains(it->first)) {

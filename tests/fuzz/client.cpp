@@ -20,7 +20,7 @@ void require(bool ok) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   replica::Replica replica(3, true);
-  std::vector<pipeline::LeafState> mesh;
+  std::vector<ridgecast::mesh::LeafState> mesh;
   std::uint64_t expected = 0;
   bool posed = false;
   const auto world = [&](std::uint64_t n) {

@@ -1,4 +1,4 @@
-#include "server/net/jobs.h"
+#include "server/http/jobs.h"
 #include "server/logging/logging.h"
 
 #include <gmock/gmock.h>
@@ -15,6 +15,8 @@
 
 namespace ridgecast::net {
 namespace {
+
+using namespace ridgecast::http;
 
 using namespace std::chrono_literals;
 using testing::AllOf;

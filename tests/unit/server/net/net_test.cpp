@@ -26,12 +26,12 @@ class StillMesh final : public session::IteratingMesh {
   void setInsertionLimit(std::uint32_t) override {}
   void change(const wire::Settings&) override {}
   bool settled() const override { return true; }
-  const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
+  const std::vector<mesh::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return {address, {}, {}}; }
   std::vector<wire::Candidate> candidates(std::uint32_t) const override { return {}; }
 
  private:
-  std::vector<pipeline::LeafState> leaves_{{{0, 1, 2}, 1, 0, 0}};
+  std::vector<mesh::LeafState> leaves_{{{0, 1, 2}, 1, 0, 0}};
 };
 
 class NetTest : public testing::Test {

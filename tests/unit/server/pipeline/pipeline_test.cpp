@@ -45,12 +45,12 @@ struct Rig {
   }
   std::vector<mesh::LeafMesh> meshes() const {
     std::vector<mesh::LeafMesh> out;
-    for (const LeafState& l : pipeline.leaves()) out.push_back(pipeline.extract(l.address));
+    for (const mesh::LeafState& l : pipeline.leaves()) out.push_back(pipeline.extract(l.address));
     return out;
   }
   std::uint64_t hash() const {
     std::uint64_t sum = 0;
-    for (const LeafState& l : pipeline.leaves()) sum += mesh::hashTerm(l.address, l.hash);
+    for (const mesh::LeafState& l : pipeline.leaves()) sum += mesh::hashTerm(l.address, l.hash);
     return sum;
   }
   void expectSound(const std::string& when) const {
@@ -58,7 +58,7 @@ struct Rig {
     const auto report = testing_support::checkMesh(all);
     EXPECT_TRUE(report.clean()) << when << ": " << report.text();
     for (std::size_t k = 0; k < all.size(); ++k) {
-      const LeafState& l = pipeline.leaves()[k];
+      const mesh::LeafState& l = pipeline.leaves()[k];
       ASSERT_EQ(mesh::hashLeaf(all[k]), l.hash) << when;
       ASSERT_EQ(all[k].triangles.size(), l.triangles) << when;
       ASSERT_TRUE(mesh::isCanonical(all[k])) << when;
@@ -126,12 +126,12 @@ TEST(Pipeline, AStillCameraSettlesAndThenNothingChanges) {
 
 TEST(Pipeline, AVersionChangesExactlyWhenALeafsContentDoes) {
   Rig rig(2);
-  std::map<lattice::LeafAddress, LeafState> held;
+  std::map<lattice::LeafAddress, mesh::LeafState> held;
   std::set<std::uint64_t> versions;
   for (int n = 0; n < 30; ++n) {
     rig.pipeline.iterate(cameraAt(*rig.terrain, n * 30.0, 0, 80));
-    std::map<lattice::LeafAddress, LeafState> now;
-    for (const LeafState& l : rig.pipeline.leaves()) {
+    std::map<lattice::LeafAddress, mesh::LeafState> now;
+    for (const mesh::LeafState& l : rig.pipeline.leaves()) {
       const auto before = held.find(l.address);
       if (before != held.end() && before->second.version == l.version) {
         EXPECT_EQ(before->second.hash, l.hash);
@@ -403,11 +403,11 @@ TEST(Pipeline, GoesOnWithOtherSettingsWhateverTheThreads) {
     EXPECT_LE(settle(), 20'400u);
     rig.expectSound("with a small budget");
     std::uint64_t newest = 0;
-    for (const LeafState& leaf : rig.pipeline.leaves()) newest = std::max(newest, leaf.version);
+    for (const mesh::LeafState& leaf : rig.pipeline.leaves()) newest = std::max(newest, leaf.version);
     change(wire::Metric::kArea, 8, 0);
     settle();
     rig.expectSound("by another metric");
-    for (const LeafState& leaf : rig.pipeline.leaves()) EXPECT_GT(leaf.version, newest);
+    for (const mesh::LeafState& leaf : rig.pipeline.leaves()) EXPECT_GT(leaf.version, newest);
     hashes.push_back(rig.hash());
   }
   EXPECT_EQ(hashes.front(), hashes.back());

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "common/ground/ground.h"
-#include "server/query/http.h"
+#include "server/http/queries.h"
 #include "server/scheduling/pool.h"
 #include "tests/support/leaf_meshes.h"
 
@@ -106,13 +106,13 @@ class QueryHttpTest : public testing::Test {
     directory = std::make_shared<session::Directory>(resources, terrain);
     directory->add("other", terrain::create("alpine", 4).value()).value();
   }
-  net::Answer get(const std::string& target, std::string_view method = "GET") {
-    net::Request request;
+  http::Answer get(const std::string& target, std::string_view method = "GET") {
+    http::Request request;
     request.method = method;
     request.target = target;
-    auto a = route(directory)(request);
+    auto a = http::queryRoute(directory)(request);
     if (!a) {
-      net::Answer none;
+      http::Answer none;
       none.status = 0;
       return none;
     }
@@ -149,7 +149,7 @@ TEST_F(QueryHttpTest, NormalsAndRays) {
 
 TEST_F(QueryHttpTest, SaysWhatIsWrong) {
   std::string many = "/v1/heights?at=1,2";
-  for (std::size_t k = 0; k < kMaxHttpPlaces; ++k) many += "&at=1,2";
+  for (std::size_t k = 0; k < http::kMaxHttpPlaces; ++k) many += "&at=1,2";
   for (const std::string& wrong :
        {std::string("/v1/heights"), many, std::string("/v1/heights?at=1"), std::string("/v1/heights?at=1,2,3"),
         std::string("/v1/heights?at=1,nan"), std::string("/v1/heights?at=5e12,0"), std::string("/v1/heights?at=1,%zz"),

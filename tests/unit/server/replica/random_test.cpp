@@ -16,7 +16,7 @@ namespace ridgecast::replica {
 namespace {
 
 using lattice::LeafAddress;
-using pipeline::LeafState;
+using mesh::LeafState;
 
 // A quadtree of a few roots whose leaves have contents.
 class World {
@@ -55,8 +55,8 @@ class World {
         it->second = random_() % 3 ? next() : std::pair{++version_, it->second.second};  // often what it was
     }
   }
-  std::vector<LeafState> list() const {
-    std::vector<LeafState> out;
+  std::vector<mesh::LeafState> list() const {
+    std::vector<mesh::LeafState> out;
     for (const auto& [a, content] : leaves_) out.push_back({a, content.first, content.second, 5});
     return out;
   }

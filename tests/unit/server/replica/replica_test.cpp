@@ -13,7 +13,7 @@ namespace ridgecast::replica {
 namespace {
 
 using lattice::LeafAddress;
-using pipeline::LeafState;
+using mesh::LeafState;
 using testing::ElementsAre;
 using testing::IsEmpty;
 
@@ -21,11 +21,11 @@ LeafAddress at(int i, int j = 0, int level = 2) { return {level, i, j}; }
 
 // The mesh of the server, told by content: address -> hash of the leaf. Versions count up for ever.
 struct World {
-  std::map<LeafAddress, LeafState> leaves;
+  std::map<LeafAddress, mesh::LeafState> leaves;
   std::uint64_t versions = 0;
   void set(LeafAddress a, std::uint64_t hash) { leaves[a] = {a, ++versions, hash, hash ? 5u : 0u}; }
-  std::vector<LeafState> list() const {
-    std::vector<LeafState> out;
+  std::vector<mesh::LeafState> list() const {
+    std::vector<mesh::LeafState> out;
     for (const auto& [a, s] : leaves) out.push_back(s);
     return out;
   }

@@ -44,7 +44,7 @@ class ScriptedMesh final : public IteratingMesh {
   void setInsertionLimit(std::uint32_t most) override { script_->insertionLimit = most; }
   void change(const wire::Settings& granted) override { script_->changes.emplace_back(script_->iterations.load(), granted); }
   bool settled() const override { return state_.settled; }
-  const std::vector<pipeline::LeafState>& leaves() const override { return leaves_; }
+  const std::vector<mesh::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return contentOf(address, state_.leaves.at(address)); }
   // The first is marked with the iteration's number.
   std::vector<wire::Candidate> candidates(std::uint32_t most) const override {
@@ -56,7 +56,7 @@ class ScriptedMesh final : public IteratingMesh {
  private:
   std::shared_ptr<Script> script_;
   Script::State state_;
-  std::vector<pipeline::LeafState> leaves_;
+  std::vector<mesh::LeafState> leaves_;
   std::uint64_t versions_ = 0;
 };
 

@@ -1,0 +1,363 @@
+#include "server/box/box_mesh.h"
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <optional>
+
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::box {
+
+using lattice::Step;
+using triangulation::Change;
+using triangulation::Point2;
+using triangulation::TriangleId;
+using triangulation::Vertex;
+using triangulation::VertexId;
+
+namespace {
+
+constexpr int kAnchorBits = lattice::kFinestSideBits + lattice::kMaxLevel;
+constexpr double kSnapShare = 1.0 / 16;          // of the error that snapping a height may cost
+constexpr double kSideShare = 0.7;               // of the error that the box's sides, as lines, may have
+constexpr double kQuickShare = 0.9;              // of the error, for a triangle's few candidates
+constexpr double kDenseShare = 0.93;             // of the error, for its dense samples: room for what lies between them
+constexpr double kGreed = 0.6;                   // a batch holds what is at least this share of the worst
+constexpr double kFinestDense = 64;              // steps between dense samples: nothing is narrower...
+constexpr double kMostDenseSamples = 4e7;        // ...nor do large boxes get many more than so many samples
+constexpr int kLeastDense = 6, kMostDense = 64;  // divisions of a triangle's sides
+constexpr int kRegionsAcross = 24;               // working squares along the longer side
+constexpr std::size_t kTrianglesALeaf = 3000;
+
+std::string text(double v) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%.3g", v);
+  return out;
+}
+
+struct Worst {        // without initialisers: most of the array is never touched
+  float error;        // metres
+  std::int32_t x, z;  // where a vertex would mend it; only where admissible
+  bool admissible;
+  Point2 at() const { return {x, z}; }
+};
+
+class Mesher : private triangulation::Partition {
+ public:
+  Mesher(const terrain::Terrain& terrain, const Box& box, std::uint32_t most, scheduling::Pool& pool, const Watch& watch)
+      : terrain_(terrain), most_(most), error_(box.error), pool_(pool), watch_(watch), mesh_(most + 64, *this) {
+    all_.allowAll();
+    const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // half a spacing of heights at most
+    while (std::ldexp(1.0, vertical_) <= fits && vertical_ < 12) ++vertical_;
+    horizontal_ = vertical_ + 1;
+    low_ = {lattice::floorTo(box.low.x, horizontal_), lattice::floorTo(box.low.z, horizontal_)};
+    high_ = {-lattice::floorTo(-box.high.x, horizontal_), -lattice::floorTo(-box.high.z, horizontal_)};
+    anchor_ = {lattice::floorTo(low_.x, kAnchorBits), lattice::floorTo(low_.z, kAnchorBits)};
+    spacing_ = std::max(kFinestDense,
+                        std::sqrt(static_cast<double>(high_.x - low_.x) * static_cast<double>(high_.z - low_.z) / kMostDenseSamples));
+    const Step side = std::max(high_.x - low_.x, high_.z - low_.z);
+    regionBits_ = std::max(10, static_cast<int>(std::bit_width(static_cast<std::uint64_t>(side / kRegionsAcross))));
+    firstX_ = local(low_).x >> regionBits_;
+    firstZ_ = local(low_).z >> regionBits_;
+    across_ = (local(high_).x >> regionBits_) - firstX_ + 1;
+    down_ = (local(high_).z >> regionBits_) - firstZ_ + 1;
+    for (std::int32_t j = 0; j < down_; ++j)
+      for (std::int32_t i = 0; i < across_; ++i)
+        regions_.push_back(mesh_.addRegion({(firstX_ + i) << regionBits_, (firstZ_ + j) << regionBits_, 1 << regionBits_}));
+    worst_ = std::make_unique_for_overwrite<Worst[]>(mesh_.triangleCapacity());
+  }
+
+  Result<BoxMesh> run() {
+    if (auto problem = begin()) return *problem;
+    if (auto problem = refine(0, kQuickShare)) return *problem;
+    for (triangulation::RegionId r : regions_) mesh_.trianglePages().forEach(r, [&](TriangleId t) { mesh_.trianglePages().setFresh(t); });
+    samples_ = 0;
+    if (auto problem = refine(kMostDense, kDenseShare)) return *problem;
+    BoxMesh out;
+    out.low = low_;
+    out.high = high_;
+    out.error = worst();
+    out.samples = samples_;
+    out.triangles = mesh_.liveTriangles();
+    out.leaves = leaves();
+    return out;
+  }
+
+ private:
+  triangulation::RegionId regionAt(Point2 p) const override {
+    const std::int32_t i = (p.x >> regionBits_) - firstX_, j = (p.z >> regionBits_) - firstZ_;
+    return i < 0 || j < 0 || i >= across_ || j >= down_ ? triangulation::kOutside : regions_[static_cast<std::size_t>(j * across_ + i)];
+  }
+  Point2 local(lattice::Point p) const { return {static_cast<std::int32_t>(p.x - anchor_.x), static_cast<std::int32_t>(p.z - anchor_.z)}; }
+  std::int32_t heightAt(Point2 p) const {
+    return static_cast<std::int32_t>(lattice::roundTo(terrain_.heightStep({anchor_.x + p.x, anchor_.z + p.z}), vertical_));
+  }
+
+  bool insert(Point2 p, TriangleId& hint) {
+    const TriangleId t = mesh_.locate(p, hint, all_);
+    VertexId v;
+    const Change change = mesh_.insert({p.x, p.z, heightAt(p), triangulation::kNoEdge}, t, all_, &v);
+    hint = change == Change::kDone ? mesh_.edgeOf(v) >> 2 : t;
+    vertices_ += change == Change::kDone;
+    return change == Change::kDone;
+  }
+
+  // The corners, the sides and a coarse grid inside.
+  std::optional<Problem> begin() {
+    const Point2 low = local(low_), high = local(high_), corners[4] = {low, {low.x, high.z}, high, {high.x, low.z}};
+    const auto vertex = [&](Point2 p) { return Vertex{p.x, p.z, heightAt(p), triangulation::kNoEdge}; };
+    mesh_.start(vertex(corners[0]), vertex(corners[1]), vertex(corners[2]));
+    TriangleId hint = mesh_.anyTriangle();
+    insert(corners[3], hint);
+    for (int k = 0; k < 4; ++k) {
+      std::vector<Point2> points;
+      divide(corners[k], corners[(k + 1) % 4], points);
+      for (Point2 p : points) insert(p, hint);
+      if (watch_.over()) return watch_.problem();
+    }
+    const std::int32_t apart = 1 << (regionBits_ + 2);
+    for (std::int32_t x = ((low.x / apart) + 1) * apart; x < high.x; x += apart)
+      for (std::int32_t z = ((low.z / apart) + 1) * apart; z < high.z; z += apart) insert({x, z}, hint);
+    return {};
+  }
+
+  // Points between two corners such that the terrain along the side is near the line through them.
+  void divide(Point2 from, Point2 to, std::vector<Point2>& out) const {
+    const bool alongX = from.z == to.z;
+    if (alongX ? from.x > to.x : from.z > to.z) std::swap(from, to);  // adjoining boxes divide a side they share alike
+    const Step begin = alongX ? from.x : from.z, end = alongX ? to.x : to.z;
+    const Step spacing =
+        std::max<Step>({Step{1} << horizontal_, static_cast<Step>(kFinestDense) / 2, lattice::floorTo((end - begin) >> 17, horizontal_)});
+    std::vector<Step> x, z, at;
+    for (Step s = begin; s < end; s += spacing) at.push_back(s);
+    at.push_back(end);
+    for (Step s : at) {
+      x.push_back(anchor_.x + (alongX ? s : from.x));
+      z.push_back(anchor_.z + (alongX ? from.z : s));
+    }
+    std::vector<std::int32_t> y(at.size());
+    terrain_.heightSteps(x, z, y);
+    const auto snapped = [&](std::size_t k) { return static_cast<double>(lattice::roundTo(y[k], vertical_)); };
+    const double limit = kSideShare * error_ * lattice::kStepsPerMetre;
+    std::vector<std::pair<std::size_t, std::size_t>> pieces{{0, at.size() - 1}};
+    while (!pieces.empty()) {
+      const auto [a, b] = pieces.back();
+      pieces.pop_back();
+      double worst = limit;
+      std::size_t where = 0;
+      for (std::size_t k = a + 1; k < b; ++k) {
+        const double t = static_cast<double>(at[k] - at[a]) / static_cast<double>(at[b] - at[a]);
+        const double off = std::abs(snapped(a) + t * (snapped(b) - snapped(a)) - y[k]);
+        if (off > worst) {
+          worst = off;
+          where = k;
+        }
+      }
+      if (where == 0) continue;
+      out.push_back(alongX ? Point2{static_cast<std::int32_t>(at[where]), from.z} : Point2{from.x, static_cast<std::int32_t>(at[where])});
+      pieces.push_back({a, where});
+      pieces.push_back({where, b});
+    }
+  }
+
+  // Inserts what is worst until nothing exceeds `share` of the error. dense 0: a few candidates a triangle.
+  std::optional<Problem> refine(int dense, double share) {
+    const float limit = static_cast<float>(share * error_);
+    for (;;) {
+      evaluate(dense);
+      watch_.has(mesh_.liveTriangles());
+      if (watch_.over()) return watch_.problem();
+      float most = 0, stuck = 0;
+      for (triangulation::RegionId r : regions_)
+        mesh_.trianglePages().forEach(r, [&](TriangleId t) {
+          float& kind = worst_[t].admissible ? most : stuck;
+          kind = std::max(kind, worst_[t].error);
+        });
+      if (most <= limit) {
+        if (std::max(most, stuck) <= error_) return {};
+        return Problem{Problem::Kind::kTooMuch, "This ground has a step of " + text(stuck) +
+                                                    " m that no mesh on the lattice follows more closely; an error of " +
+                                                    text(stuck * 1.05) + " m can be kept."};
+      }
+      const float wanted = std::max(limit, static_cast<float>(kGreed) * most);
+      std::vector<std::pair<float, TriangleId>> batch;
+      for (triangulation::RegionId r : regions_) {
+        const auto first = batch.size();
+        mesh_.trianglePages().forEach(r, [&](TriangleId t) {
+          if (worst_[t].admissible && worst_[t].error > wanted) batch.emplace_back(worst_[t].error, t);
+        });
+        std::sort(batch.begin() + static_cast<std::ptrdiff_t>(first), batch.end(), [&](const auto& a, const auto& b) {
+          return a.first != b.first ? a.first > b.first : triangulation::smaller(worst_[a.second].at(), worst_[b.second].at());
+        });
+      }
+      for (const auto& [error, t] : batch) {
+        if (!mesh_.trianglePages().alive(t) || mesh_.trianglePages().fresh(t)) continue;  // changed by this batch: judged again
+        const Point2 p = worst_[t].at();
+        if (mesh_.insert({p.x, p.z, heightAt(p), triangulation::kNoEdge}, t, all_) != Change::kDone || 2 * ++vertices_ > most_)
+          return tooMany(most);
+      }
+    }
+  }
+
+  Problem tooMany(float reached) const {
+    return {Problem::Kind::kTooMuch, "This box at an error of " + text(error_) + " m takes more than " + std::to_string(most_) +
+                                         " triangles, the most there may be; with an error of " + text(reached * 1.1) +
+                                         " m, or in several smaller boxes, it fits."};
+  }
+
+  // Finds the worst point of every fresh triangle.
+  void evaluate(int dense) {
+    std::atomic<std::uint64_t> samples{0};
+    pool_.forEach(regions_.size(), 1, [&](std::size_t k) {
+      thread_local std::vector<TriangleId> fresh;
+      fresh.clear();
+      mesh_.trianglePages().forEachFresh(regions_[k], [&](TriangleId t) { fresh.push_back(t); });
+      std::uint64_t n = 0;
+      for (TriangleId t : fresh) {
+        if (watch_.over()) break;
+        mesh_.trianglePages().clearFresh(t);
+        n += judge(t, dense);
+      }
+      samples += n;
+    });
+    samples_ += samples;
+  }
+
+  // The centroids of the parts of a triangle whose sides are divided: all inside, evenly spread.
+  std::uint64_t judge(TriangleId t, int dense) {
+    const auto& corner = mesh_.triangle(t).v;
+    const Vertex &a = mesh_.vertex(corner[0]), &b = mesh_.vertex(corner[1]), &c = mesh_.vertex(corner[2]);
+    const double ux = double(b.x) - a.x, uz = double(b.z) - a.z, vx = double(c.x) - a.x, vz = double(c.z) - a.z, uy = double(b.y) - a.y,
+                 vy = double(c.y) - a.y, area = uz * vx - ux * vz;
+    const double longest = std::sqrt(std::max({ux * ux + uz * uz, vx * vx + vz * vz, (ux - vx) * (ux - vx) + (uz - vz) * (uz - vz)}));
+    const int n = dense == 0 ? 2 : std::clamp(static_cast<int>(std::ceil(longest / spacing_)), kLeastDense, dense);
+    thread_local std::vector<Step> x, z;
+    thread_local std::vector<float> plane, height;
+    x.clear();
+    z.clear();
+    plane.clear();
+    const auto sample = [&](double s, double r) {
+      const Point2 p{static_cast<std::int32_t>(std::lround(a.x + s * ux + r * vx)),
+                     static_cast<std::int32_t>(std::lround(a.z + s * uz + r * vz))};
+      if (!isInside(a, b, c, p)) return;
+      const double px = double(p.x) - a.x, pz = double(p.z) - a.z, wb = (pz * vx - px * vz) / area, wc = (px * uz - pz * ux) / area;
+      x.push_back(anchor_.x + p.x);
+      z.push_back(anchor_.z + p.z);
+      plane.push_back(static_cast<float>((a.y + wb * uy + wc * vy) * lattice::kMetresPerStep));
+    };
+    const double part = 1.0 / (3 * n);
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; i + j < n; ++j) {
+        sample((3 * i + 1) * part, (3 * j + 1) * part);
+        if (i + j + 1 < n) sample((3 * i + 2) * part, (3 * j + 2) * part);
+      }
+    height.resize(x.size());
+    terrain_.heights(x, z, height);
+    Worst worst{0, 0, 0, false};
+    std::size_t where = 0;
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      const float error = std::abs(height[k] - plane[k]);
+      if (error > worst.error) {
+        worst.error = error;
+        where = k;
+      }
+    }
+    if (worst.error > 0) {
+      const Point2 exact = local({x[where], z[where]}),
+                   near = local({lattice::roundTo(x[where], horizontal_), lattice::roundTo(z[where], horizontal_)});
+      const Point2 at = isAdmissible(a, b, c, near) ? near : exact;
+      worst.x = at.x;
+      worst.z = at.z;
+      worst.admissible = isAdmissible(a, b, c, at);
+    }
+    worst_[t] = worst;
+    return x.size();
+  }
+
+  static bool isInside(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
+    using triangulation::orientation;
+    return orientation(a.point(), b.point(), p) >= 0 && orientation(b.point(), c.point(), p) >= 0 &&
+           orientation(c.point(), a.point(), p) >= 0;
+  }
+  static bool isAdmissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
+    return isInside(a, b, c, p) && !(p == a.point()) && !(p == b.point()) && !(p == c.point());
+  }
+
+  float worst() const {
+    float most = 0;
+    for (triangulation::RegionId r : regions_)
+      mesh_.trianglePages().forEach(r, [&](TriangleId t) { most = std::max(most, worst_[t].error); });
+    return most;
+  }
+
+  // Filed anew by leaves of the level that gives each a fair number of triangles.
+  std::vector<mesh::LeafMesh> leaves() const {
+    const double area = static_cast<double>(high_.x - low_.x) * static_cast<double>(high_.z - low_.z);
+    const double parts = std::max(1.0, static_cast<double>(mesh_.liveTriangles()) / kTrianglesALeaf);
+    int level = 0;
+    while (level < lattice::kMaxLevel && std::ldexp(1.0, 2 * (lattice::kFinestSideBits + level)) < area / parts) ++level;
+    struct Filing {
+      mesh::LeafMesh mesh;
+      std::vector<VertexId> ids;
+    };
+    std::map<lattice::LeafAddress, Filing> filed;
+    for (triangulation::RegionId r : regions_)
+      mesh_.trianglePages().forEach(r, [&](TriangleId t) {
+        const auto& v = mesh_.triangle(t).v;
+        Step x3 = 3 * anchor_.x, z3 = 3 * anchor_.z;
+        for (VertexId id : v) {
+          x3 += mesh_.vertex(id).x;
+          z3 += mesh_.vertex(id).z;
+        }
+        const Step side3 = 3 * (Step{1} << (lattice::kFinestSideBits + level));
+        const auto floored = [](Step p, Step q) { return p >= 0 ? p / q : -((q - 1 - p) / q); };
+        Filing& leaf = filed[{level, floored(x3, side3), floored(z3, side3)}];
+        const auto first = static_cast<std::uint32_t>(leaf.ids.size());
+        leaf.ids.insert(leaf.ids.end(), v, v + 3);
+        leaf.mesh.triangles.push_back({first, first + 1, first + 2});
+      });
+    std::vector<mesh::LeafMesh> out;
+    for (auto& [address, leaf] : filed) {
+      leaf.mesh.address = address;
+      for (VertexId id : leaf.ids) {
+        const Vertex& v = mesh_.vertex(id);
+        leaf.mesh.vertices.push_back(
+            {static_cast<std::int32_t>(anchor_.x + v.x - address.x()), static_cast<std::int32_t>(anchor_.z + v.z - address.z()), v.y});
+      }
+      out.push_back(std::move(leaf.mesh));
+    }
+    pool_.forEach(out.size(), 1, [&](std::size_t k) { mesh::canonicalize(out[k]); });
+    return out;
+  }
+
+  const terrain::Terrain& terrain_;
+  const std::uint32_t most_;
+  const double error_;  // metres
+  scheduling::Pool& pool_;
+  const Watch& watch_;
+  int vertical_ = 0, horizontal_ = 0;  // the vertices' spacing, as powers of two in steps
+  lattice::Point low_, high_, anchor_;
+  double spacing_ = 0;  // of dense samples, steps
+  int regionBits_ = 0;
+  std::int32_t firstX_ = 0, firstZ_ = 0, across_ = 0, down_ = 0;
+  std::vector<triangulation::RegionId> regions_;
+  triangulation::Triangulation mesh_;
+  triangulation::WriteSet all_;
+  std::unique_ptr<Worst[]> worst_;  // by triangle; of those that are not fresh
+  std::uint64_t samples_ = 0;
+  std::uint32_t vertices_ = 3;
+};
+
+}  // namespace
+
+Result<BoxMesh> meshBox(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool,
+                        const Watch& watch) {
+  return Mesher(terrain, box, mostTriangles, pool, watch).run();
+}
+
+}  // namespace ridgecast::box

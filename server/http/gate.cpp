@@ -1,0 +1,122 @@
+#include "server/http/gate.h"
+
+#include <algorithm>
+
+#include "server/access/host.h"
+#include "server/session/session.h"
+
+namespace ridgecast::http {
+
+namespace {
+
+// Among the subprotocols that are offered; empty: none.
+std::string_view bearerOf(const Request& request) {
+  constexpr std::string_view scheme = "Bearer ", prefix = "bearer.";
+  if (request.authorization.size() > scheme.size() && access::sameIgnoringCase(request.authorization.substr(0, scheme.size()), scheme))
+    return request.authorization.substr(scheme.size());
+  for (std::string_view rest = request.subprotocols; !rest.empty();) {
+    const auto end = std::min(rest.find(','), rest.size());
+    std::string_view one = rest.substr(0, end);
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    while (one.starts_with(' ')) one.remove_prefix(1);
+    while (one.ends_with(' ')) one.remove_suffix(1);
+    if (one.starts_with(prefix)) return one.substr(prefix.size());
+  }
+  return {};
+}
+
+// Of /v1/sessions/NAME/...
+std::optional<std::string_view> sessionOf(std::string_view path) {
+  constexpr std::string_view prefix = "/v1/sessions/";
+  if (!path.starts_with(prefix)) return std::nullopt;
+  path.remove_prefix(prefix.size());
+  const auto slash = path.find('/');
+  if (slash == std::string_view::npos) return std::nullopt;
+  return path.substr(0, slash);
+}
+
+Answer unauthorised(std::string sentence, bool wasShown) {
+  Answer a = refused(401, metrics::Refusal::kToken, std::move(sentence));
+  a.headers = {{"WWW-Authenticate", wasShown ? R"(Bearer realm="ridgecast", error="invalid_token")" : R"(Bearer realm="ridgecast")"}};
+  return a;
+}
+
+}  // namespace
+
+Needed needed(std::string_view method, std::string_view path) {
+  using access::Right;
+  if (path == "/metrics") return {Right::kView, true};
+  if (!path.starts_with("/v1/")) return {};
+  if (path == "/v1/sessions") return {method == "GET" || method == "HEAD" ? Right::kView : Right::kCreate, true};
+  if (sessionOf(path))
+    return method == "OPTIONS" ? Needed{}
+                               : Needed{path.substr(path.rfind('/')).starts_with("/snapshot.") ? Right::kSnapshot : Right::kView};
+  for (const std::string_view query : {"/v1/heights", "/v1/normals", "/v1/rays", "/v1/query"})
+    if (path.starts_with(query)) return {Right::kQuery};
+  return {Right::kView};
+}
+
+std::optional<Error> Gate::load() {
+  if (!asksForTokens()) return {};
+  auto tokens = access::Tokens::load(settings_.tokenFile, settings_.jwtSecretFile);
+  if (!tokens) return tokens.error();
+  const std::lock_guard lock(mutex_);
+  tokens_ = std::move(*tokens);
+  return {};
+}
+
+// A page of the server's own, or one that was allowed. That the server's own name is no other's was judged before (access/host.h).
+bool Gate::originMayAsk(std::string_view origin, std::string_view host) const {
+  for (const std::string& allowed : settings_.allowedOrigins)
+    if (allowed == "*" || access::sameIgnoringCase(allowed, origin)) return true;
+  const auto scheme = origin.find("://");
+  return scheme != std::string_view::npos && !host.empty() && access::sameIgnoringCase(origin.substr(scheme + 3), host);
+}
+
+std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {
+  const std::string_view path = request.target.substr(0, std::min(request.target.find('?'), request.target.size()));
+  const Needed need = needed(request.method, path);
+  if (!asksForTokens() && path != "/healthz" && path != "/readyz" &&
+      !access::mayBeAsked(request.host, settings_.host, settings_.allowedHosts))
+    return refused(
+        421, metrics::Refusal::kHost,
+        "This server is not asked by that name, which could be another's for this machine; use its address or localhost, or whoever "
+        "runs it can allow the name with --allowed-host.");
+  if (!request.origin.empty() && need.right && !originMayAsk(request.origin, request.host))
+    return refused(403, metrics::Refusal::kOrigin,
+                   "Pages of this origin may not use this server; whoever runs it can allow them with --allow-origin.");
+  if (!asksForTokens()) return access::Grant{{}, access::Rights::all(), {}, {}};
+  if (!need.right) return access::Grant{};
+
+  const std::string_view bearer = bearerOf(request);
+  if (bearer.empty()) return unauthorised("This needs a token: Authorization: Bearer TOKEN.", false);
+  std::shared_ptr<const access::Tokens> tokens;
+  {
+    const std::lock_guard lock(mutex_);
+    tokens = tokens_;
+  }
+  auto grant = tokens->judge(bearer, std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now()));
+  if (!grant) return unauthorised(grant.error().message, true);
+  const auto forbidden = [&](std::string sentence) {
+    Answer a = refused(403, metrics::Refusal::kRight, std::move(sentence));
+    a.headers = {{"WWW-Authenticate", R"(Bearer realm="ridgecast", error="insufficient_scope")"}};
+    return a;
+  };
+  if (!grant->rights.has(*need.right)) return forbidden("The token lacks the right '" + std::string(name(*need.right)) + "'.");
+  if (need.everySession) {
+    if (!grant->session.empty()) return forbidden("The token is for session '" + grant->session + "' alone.");
+    return std::move(*grant);
+  }
+  if (const auto session = sessionOf(path)) {
+    if (!grant->reaches(*session)) return forbidden("The token is for another session.");
+    return std::move(*grant);
+  }
+  const std::string_view query = request.target.substr(std::min(path.size() + 1, request.target.size()));
+  const auto session = queryParameter(query, "session");
+  if (session && !grant->reaches(session->empty() ? session::kDefaultName : std::string_view(*session)))
+    return forbidden("The token is for another session.");
+  if (!session && !grant->session.empty()) return forbidden("The token is for another session.");
+  return std::move(*grant);
+}
+
+}  // namespace ridgecast::http

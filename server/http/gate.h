@@ -1,0 +1,58 @@
+#pragma once
+// Who may pass: names of this server, origins of browsers' pages, bearer tokens. Judged before a request reaches its route, for every route
+// alike; but /healthz and /readyz answer under every name.
+//
+// A token comes as `Authorization: Bearer TOKEN`. Pages cannot set headers of a WebSocket; they offer two subprotocols instead,
+// `ridgecast.v1` and `bearer.TOKEN`, of which the server takes the first.
+
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+#include "server/access/tokens.h"
+#include "server/http/routes.h"
+
+namespace ridgecast::http {
+
+inline constexpr std::string_view kSubprotocol = "ridgecast.v1";
+
+struct Access {
+  std::string host = "127.0.0.1";                  // an address or a name of this machine
+  std::filesystem::path tokenFile, jwtSecretFile;  // both empty: everybody may do everything
+  std::vector<std::string> allowedOrigins;         // of browsers' pages beside the server's own: https://example.org, *
+  std::vector<std::string> allowedHosts;           // beside its addresses, localhost and `host`; where nobody needs a token (access/host.h)
+};
+
+class Gate {
+ public:
+  explicit Gate(const Access& settings) : settings_(settings) {}
+
+  // Reads the tokens, again too: then an error leaves those there are.
+  std::optional<Error> load();
+  bool asksForTokens() const { return !settings_.tokenFile.empty() || !settings_.jwtSecretFile.empty(); }
+
+  // What the one who asks is granted, or why it is refused. Without tokens: everything.
+  std::variant<access::Grant, Answer> judge(const Request& request) const;
+
+ private:
+  bool originMayAsk(std::string_view origin, std::string_view host) const;
+
+  const Access settings_;
+  mutable std::mutex mutex_;
+  std::shared_ptr<const access::Tokens> tokens_;
+};
+
+// What a route asks for; nothing: it is open to all. Every path below /v1/ asks for something.
+struct Needed {
+  std::optional<access::Right> right;
+  bool everySession = false;  // shows more than one session
+};
+Needed needed(std::string_view method, std::string_view path);
+
+}  // namespace ridgecast::http

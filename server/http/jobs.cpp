@@ -1,0 +1,93 @@
+#include "server/http/jobs.h"
+
+#include <algorithm>
+#include <exception>
+#include <utility>
+
+#include "server/logging/logging.h"
+#include "server/scheduling/pool.h"
+
+namespace ridgecast::http {
+
+Jobs::Jobs(const Limits& limits) : limits_(limits), running_(std::max(1u, limits.threads), std::stop_source(std::nostopstate)) {
+  idle_ = running_.size();
+  for (std::size_t k = 0; k < running_.size(); ++k) threads_.emplace_back([this, k] { work(k); });
+}
+
+Jobs::~Jobs() { stop(); }
+
+bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run) {
+  std::vector<Job> dropped;  // destroyed after the lock is given back
+  {
+    const std::lock_guard lock(mutex_);
+    if (closed_) return false;
+    const auto abandoned =
+        std::stable_partition(waiting_.begin(), waiting_.end(), [](const Job& job) { return !job.stop.stop_requested(); });
+    std::move(abandoned, waiting_.end(), std::back_inserter(dropped));
+    waiting_.erase(abandoned, waiting_.end());
+    if (waiting_.size() >= limits_.waiting + idle_) return false;
+    waiting_.push_back({std::move(stop), std::move(run)});
+  }
+  changed_.notify_one();
+  return true;
+}
+
+std::size_t Jobs::waiting() const {
+  const std::lock_guard lock(mutex_);
+  return waiting_.size();
+}
+
+void Jobs::finish(std::chrono::steady_clock::time_point until) {
+  {
+    std::unique_lock lock(mutex_);
+    closed_ = true;
+    ended_.wait_until(lock, until, [this] { return stopped_ || (waiting_.empty() && idle_ == running_.size()); });
+  }
+  stop();
+}
+
+void Jobs::stop() {
+  std::deque<Job> dropped;
+  std::vector<std::thread> threads;
+  {
+    const std::lock_guard lock(mutex_);
+    closed_ = stopped_ = true;
+    dropped.swap(waiting_);
+    threads.swap(threads_);
+    for (std::stop_source& job : running_) job.request_stop();
+  }
+  changed_.notify_all();
+  for (std::thread& thread : threads) thread.join();
+}
+
+void Jobs::work(std::size_t thread) {
+  scheduling::setNiceness(limits_.niceness);
+  std::unique_lock lock(mutex_);
+  for (;;) {
+    changed_.wait(lock, [this] { return stopped_ || !waiting_.empty(); });
+    if (stopped_) return;
+    Job job = std::move(waiting_.front());
+    waiting_.pop_front();
+    if (!job.stop.stop_requested()) {
+      running_[thread] = job.stop;
+      --idle_;
+      lock.unlock();
+      try {
+        job.run(job.stop.get_token());
+      } catch (const std::exception& e) {
+        logging::error(std::string("a request's work failed: ") + e.what());
+      }
+      job = {std::stop_source(std::nostopstate), {}};
+      lock.lock();
+      running_[thread] = std::stop_source(std::nostopstate);
+      ++idle_;
+    } else {
+      lock.unlock();
+      job = {std::stop_source(std::nostopstate), {}};
+      lock.lock();
+    }
+    ended_.notify_all();
+  }
+}
+
+}  // namespace ridgecast::http

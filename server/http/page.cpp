@@ -1,0 +1,46 @@
+#include "server/http/page.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+namespace ridgecast::http {
+namespace {
+
+// WebAssembly is Draco's decoder; 'wasm-unsafe-eval' allows that and no eval.
+constexpr char kPolicy[] =
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; img-src 'self' blob:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+Answer answerOf(const File& file, const Request& request) {
+  const Form form = formFor(file, request.acceptEncoding);
+  Answer a;
+  a.type = file.type;
+  a.etag = form.encoding.empty() ? file.tag : file.tag + "-" + std::string(form.encoding);
+  a.headers = {{"Vary", "Accept-Encoding"},
+               {"Content-Security-Policy", kPolicy},
+               {"Cross-Origin-Opener-Policy", "same-origin"},
+               {"Referrer-Policy", "no-referrer"}};
+  if (file.immutable) a.headers.emplace_back("Cache-Control", "public, max-age=31536000, immutable");
+  if (!form.encoding.empty()) a.headers.emplace_back("Content-Encoding", std::string(form.encoding));
+  a.body = std::string(form.bytes);
+  return a;
+}
+
+}  // namespace
+
+Route pageRoute(std::shared_ptr<const Site> site) {
+  return [site = std::move(site)](const Request& request) -> std::optional<Answer> {
+    if (request.upgrade) return {};
+    const File* file = site->find(request.target.substr(0, std::min(request.target.find('?'), request.target.size())));
+    if (!file) return {};
+    if (request.method == "GET" || request.method == "HEAD") return answerOf(*file, request);
+    Answer a;
+    a.status = 405;
+    a.body = "Only GET and HEAD are possible here.\n";
+    a.headers = {{"Allow", "GET, HEAD"}};
+    return a;
+  };
+}
+
+}  // namespace ridgecast::http

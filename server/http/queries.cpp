@@ -1,0 +1,180 @@
+#include "server/http/queries.h"
+
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "common/ground/ground.h"
+#include "common/wire/wire.h"
+#include "server/query/query.h"
+
+namespace ridgecast::http {
+
+namespace {
+
+constexpr double kFarthest = static_cast<double>(lattice::kMaxPosition) * lattice::kMetresPerStep;
+
+// As many numbers as there are places for, with commas between them.
+bool parseNumbers(std::string_view text, std::span<double> numbers) {
+  for (std::size_t k = 0; k < numbers.size(); ++k) {
+    const std::string_view one = text.substr(0, text.find(','));
+    text.remove_prefix(one.size());
+    const auto [end, error] = std::from_chars(one.data(), one.data() + one.size(), numbers[k]);
+    if (error != std::errc() || end != one.data() + one.size() || !std::isfinite(numbers[k])) return false;
+    const bool more = k + 1 < numbers.size();
+    if (more != text.starts_with(',')) return false;
+    if (more) text.remove_prefix(1);
+  }
+  return text.empty();
+}
+
+bool inLattice(double metres) { return std::abs(metres) <= kFarthest; }
+lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre + 0.5)); }
+
+// The values of all parameters of this name.
+Outcome<std::vector<std::string>> all(std::string_view query, std::string_view name) {
+  std::vector<std::string> out;
+  while (!query.empty()) {
+    const std::string_view part = query.substr(0, query.find('&'));
+    query.remove_prefix(std::min(part.size() + 1, query.size()));
+    if (part.substr(0, part.find('=')) != name) continue;
+    auto value = queryParameter(part, name);
+    if (!value) return value.error();
+    out.push_back(std::move(*value));
+  }
+  return out;
+}
+
+std::string number(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.17g", value);
+  return text;
+}
+std::string number(float value) {
+  char text[24];
+  std::snprintf(text, sizeof text, "%.9g", static_cast<double>(value));
+  return text;
+}
+
+Outcome<wire::Query> readPlaces(std::string_view query, bool normals) {
+  wire::Query out;
+  const auto places = all(query, "at");
+  if (!places) return places.error();
+  if (places->empty() || places->size() > kMaxHttpPlaces)
+    return Error{"Name 1 to " + std::to_string(kMaxHttpPlaces) + " places as at=X,Z, in metres."};
+  for (const std::string& place : *places) {
+    std::array<double, 2> at{};
+    if (!parseNumbers(place, at) || !inLattice(at[0]) || !inLattice(at[1]))
+      return Error{"A place is at=X,Z: two numbers, metres, within 4.398e12 of the origin."};
+    out.x.push_back(steps(at[0]));
+    out.z.push_back(steps(at[1]));
+  }
+  if (!normals) return out;
+  out.kind = wire::QueryKind::kNormals;
+  const auto spacing = queryParameter(query, "spacing");
+  if (!spacing) return spacing.error();
+  if (spacing->empty()) return out;
+  std::array<double, 1> metres{};
+  if (!parseNumbers(*spacing, metres) || steps(metres[0]) < 1 || steps(metres[0]) > wire::kMaxSpacing)
+    return Error{"spacing is the metres to each side over which the slope is taken, 0.004 to 256."};
+  out.spacing = static_cast<std::uint32_t>(steps(metres[0]));
+  return out;
+}
+
+Outcome<wire::Query> readRays(std::string_view query) {
+  wire::Query out;
+  out.kind = wire::QueryKind::kRays;
+  const auto rays = all(query, "ray");
+  if (!rays) return rays.error();
+  if (rays->empty() || rays->size() > kMaxHttpRays)
+    return Error{"Name 1 to " + std::to_string(kMaxHttpRays) +
+                 " rays as ray=X,Y,Z,DX,DY,DZ: where they begin, in metres, and their direction."};
+  std::array<double, 1> reach{10'000};
+  const auto asked = queryParameter(query, "reach");
+  if (!asked) return asked.error();
+  if (!asked->empty() && (!parseNumbers(*asked, reach) || reach[0] < 0 || reach[0] > wire::kMaxReach))
+    return Error{"reach is how far the rays go, 0 to 100000 metres."};
+  for (const std::string& text : *rays) {
+    std::array<double, 6> n{};
+    const bool numbers = parseNumbers(text, n);
+    const double most = std::max({std::abs(n[3]), std::abs(n[4]), std::abs(n[5])});
+    if (!numbers || !inLattice(n[0]) || !inLattice(n[2]) || std::abs(n[1]) > 1e6 || most < 1e-6 || most > 1e6)
+      return Error{
+          "A ray is ray=X,Y,Z,DX,DY,DZ: six numbers, a place in metres within 4.398e12 (Y within 1e6) and a direction that is not 0."};
+    out.rays.push_back({steps(n[0]), steps(n[2]), n[1], n[3], n[4], n[5], reach[0]});
+  }
+  return out;
+}
+
+std::string json(const wire::Query& query, const wire::Answer& answer) {
+  std::string out;
+  const auto between = [&] { out += out.ends_with('[') ? "" : ", "; };
+  switch (query.kind) {
+    case wire::QueryKind::kHeights:
+      out = "{\"heights\": [";
+      for (const float h : answer.heights) between(), out += number(h);
+      break;
+    case wire::QueryKind::kNormals:
+      out = "{\"normals\": [";
+      for (std::size_t k = 0; k + 2 < answer.normals.size(); k += 3)
+        between(),
+            out += '[' + number(answer.normals[k]) + ", " + number(answer.normals[k + 1]) + ", " + number(answer.normals[k + 2]) + ']';
+      break;
+    case wire::QueryKind::kRays:
+      out = "{\"rays\": [";
+      for (std::size_t k = 0; k < answer.distances.size(); ++k) {
+        between();
+        if (answer.distances[k] < 0) {
+          out += "null";
+          continue;
+        }
+        const wire::Ray& ray = query.rays[k];
+        const double length = std::hypot(ray.directionX, ray.directionY, ray.directionZ), t = answer.distances[k] / length;
+        out += "{\"distance\": " + number(answer.distances[k]) + ", \"at\": [" +
+               number(static_cast<double>(ray.x) * lattice::kMetresPerStep + t * ray.directionX) + ", " +
+               number(ray.y + t * ray.directionY) + ", " +
+               number(static_cast<double>(ray.z) * lattice::kMetresPerStep + t * ray.directionZ) + "]}";
+      }
+  }
+  return out + "]}\n";
+}
+
+std::optional<Answer> respond(const Request& request, const session::Directory& directory) {
+  const std::string_view path = request.target.substr(0, request.target.find('?'));
+  const std::string_view query = request.target.substr(std::min(path.size() + 1, request.target.size()));
+  const bool heights = path == "/v1/heights", normals = path == "/v1/normals", rays = path == "/v1/rays";
+  if (!heights && !normals && !rays) return std::nullopt;
+  if (request.method != "GET" && request.method != "HEAD") {
+    auto a = plain(405, "Only GET and HEAD are possible here.");
+    a.headers = {{"Allow", "GET, HEAD"}};
+    return a;
+  }
+  const auto name = queryParameter(query, "session");
+  if (!name) return plain(400, name.error().message);
+  const auto session = directory.find(name->empty() ? session::kDefaultName : std::string_view(*name));
+  if (!session) return plain(404, "There is no session of that name here; /v1/sessions lists those there are.");
+  auto asked = rays ? readRays(query) : readPlaces(query, normals);
+  if (!asked) return plain(400, asked.error().message);
+  auto later = std::make_shared<Later>();
+  later->work = [terrain = session->terrain(), asked = std::move(*asked)](std::stop_token) {
+    Answer a;
+    a.type = "application/json";
+    a.body = json(asked, query::answer(*terrain, asked));
+    return a;
+  };
+  Answer a;
+  a.later = std::move(later);
+  return a;
+}
+
+}  // namespace
+
+Route queryRoute(std::shared_ptr<session::Directory> directory) {
+  return [directory = std::move(directory)](const Request& request) { return respond(request, *directory); };
+}
+
+}  // namespace ridgecast::http

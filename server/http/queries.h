@@ -1,0 +1,20 @@
+#pragma once
+// Queries over HTTP, for scripts and for people:
+//   GET /v1/heights?at=X,Z&at=X,Z            {"heights": [metres, ...]}
+//   GET /v1/normals?at=X,Z&spacing=METRES    {"normals": [[x, y, z], ...]}
+//   GET /v1/rays?ray=X,Y,Z,DX,DY,DZ&reach=M  {"rays": [{"distance": metres, "at": [x, y, z]} or null, ...]}
+// Places in metres, rounded to the lattice's 1/256 m; &session=NAME of another session than `default`; `at` and `ray` as often as the
+// header's limit allows, at most kMaxHttpPlaces and kMaxHttpRays. The numbers are those of the socket's queries, digit for digit.
+
+#include <memory>
+
+#include "server/http/routes.h"
+#include "server/session/session.h"
+
+namespace ridgecast::http {
+
+inline constexpr std::size_t kMaxHttpPlaces = 1000, kMaxHttpRays = 64;
+
+Route queryRoute(std::shared_ptr<session::Directory> directory);
+
+}  // namespace ridgecast::http

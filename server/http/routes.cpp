@@ -1,0 +1,182 @@
+#include "server/http/routes.h"
+
+#include <algorithm>
+
+#include "common/version/version.h"
+#include "common/wire/wire.h"
+#include "server/http/worlds.h"
+
+namespace ridgecast::http {
+
+Answer plain(unsigned status, std::string sentence) {
+  Answer a;
+  a.status = status;
+  a.body = std::move(sentence) + "\n";
+  return a;
+}
+
+Answer refused(unsigned status, metrics::Refusal why, std::string sentence) {
+  Answer a = plain(status, std::move(sentence));
+  a.refusal = why;
+  return a;
+}
+
+namespace {
+
+int hexDigit(char c) {
+  if (c >= '0' && c <= '9') return c - '0';
+  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+  return -1;
+}
+
+// Only what can stand in a page and a JSON text without escaping is ever shown there.
+bool hostIsHarmless(std::string_view host) {
+  return !host.empty() && host.size() <= 255 && std::all_of(host.begin(), host.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == ':' || c == '-' || c == '[' ||
+           c == ']';
+  });
+}
+
+std::string escaped(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      default:
+        out += c;
+    }
+  }
+  return out;
+}
+
+constexpr std::string_view kPageHead = R"(<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Ridgecast</title>
+<style>
+:root { color-scheme: light dark; }
+body { font: 16px/1.55 system-ui, sans-serif; max-width: 40rem; margin: 12vh auto 4rem; padding: 0 1.25rem; }
+h1 { font-size: 2rem; margin: 0 0 .25rem; letter-spacing: -.01em; }
+.lead { margin-top: 0; opacity: .75; }
+pre { padding: .8rem 1rem; border-radius: .5rem; background: rgba(127, 127, 127, .14); overflow-x: auto; }
+dl { display: grid; grid-template-columns: max-content 1fr; gap: .3rem 1.2rem; }
+dt { opacity: .65; } dd { margin: 0; }
+</style>
+</head>
+<body>
+<h1>Ridgecast</h1>
+<p class="lead">Endless terrain, triangulated for each camera and streamed.</p>
+)";
+
+std::string page(const Request& request, const session::Directory& directory, std::string_view version, bool hasViewer) {
+  const std::string host = hostIsHarmless(request.host) ? std::string(request.host) : "HOST:PORT";
+  const auto session = directory.find(session::kDefaultName);
+  std::string out(kPageHead);
+  out += hasViewer ? "<p>Fly over it <a href=\"/\">in this browser</a> or from a terminal:</p>\n"
+                   : "<p>The viewer for browsers is not here: it is built with npm (<code>./run build</code> does that) and lies beside "
+                     "the server's "
+                     "program, or where <code>--web-dir</code> says. Fly over the terrain from a terminal:</p>\n";
+  out += "<pre>ridgecast-client view ws://" + host + "</pre>\n";
+  out += "<p>or, without a window, along a path into a folder of pictures and figures:</p>\n<pre>ridgecast-client fly ws://" + host +
+         " --path PATH.json --out DIR</pre>\n";
+  out += "<p>Any other program speaks binary WebSocket messages (protobuf, <code>proto/PROTOCOL.md</code>) at</p>\n<pre>ws://" + host +
+         "/v1/stream?session=default</pre>\n<dl>\n";
+  if (request.rights.has(access::Right::kView)) {
+    out +=
+        "<dt>terrain</dt><dd>" + escaped(session->terrain()->name()) + ", seed " + std::to_string(session->terrain()->seed()) + "</dd>\n";
+    out += "<dt>cameras</dt><dd>" + std::to_string(directory.cameras()) + " of at most " +
+           std::to_string(directory.resources().limits.maxCameras) + "</dd>\n";
+  }
+  out += "<dt>version</dt><dd>" + std::string(version) + ", protocol " + std::to_string(wire::kProtocolVersion) + "</dd>\n";
+  out += "</dl>\n</body>\n</html>\n";
+  return out;
+}
+
+}  // namespace
+
+Outcome<std::string> queryParameter(std::string_view query, std::string_view name) {
+  while (!query.empty()) {
+    const auto end = std::min(query.find('&'), query.size());
+    const std::string_view part = query.substr(0, end);
+    query.remove_prefix(std::min(end + 1, query.size()));
+    const auto equals = std::min(part.find('='), part.size());
+    if (part.substr(0, equals) != name) continue;
+    const std::string_view raw = part.substr(std::min(equals + 1, part.size()));
+    std::string value;
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      if (raw[k] != '%') {
+        value += raw[k];
+        continue;
+      }
+      const int high = k + 1 < raw.size() ? hexDigit(raw[k + 1]) : -1;
+      const int low = k + 2 < raw.size() ? hexDigit(raw[k + 2]) : -1;
+      if (high < 0 || low < 0) return Error{"The query has a % that two hexadecimal digits do not follow."};
+      value += static_cast<char>(high * 16 + low);
+      k += 2;
+    }
+    return Outcome<std::string>(boost::system::in_place_value, std::move(value));
+  }
+  return Outcome<std::string>(boost::system::in_place_value);
+}
+
+bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
+  if (etag.empty()) return false;
+  while (!ifNoneMatch.empty()) {
+    const auto end = std::min(ifNoneMatch.find(','), ifNoneMatch.size());
+    std::string_view one = ifNoneMatch.substr(0, end);
+    ifNoneMatch.remove_prefix(std::min(end + 1, ifNoneMatch.size()));
+    while (!one.empty() && (one.front() == ' ' || one.front() == '\t')) one.remove_prefix(1);
+    while (!one.empty() && (one.back() == ' ' || one.back() == '\t')) one.remove_suffix(1);
+    if (one == "*") return true;
+    if (one.starts_with("W/")) one.remove_prefix(2);
+    if (one.size() == etag.size() + 2 && one.front() == '"' && one.back() == '"' && one.substr(1, etag.size()) == etag) return true;
+  }
+  return false;
+}
+
+Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
+  for (const Route& route : routes)
+    if (auto a = route(request)) return std::move(*a);
+  const auto split = std::min(request.target.find('?'), request.target.size());
+  const std::string_view path = request.target.substr(0, split);
+  const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
+  const bool known =
+      path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream" || path == "/v1/sessions";
+  if (!known) return refused(404, metrics::Refusal::kRequest, "There is nothing here; see / for what this server has.");
+  const bool isStream = path == "/v1/stream";
+  if (request.method != "GET" && (isStream || request.method != "HEAD")) {
+    Answer a = refused(405, metrics::Refusal::kRequest, isStream ? "Only GET is possible here." : "Only GET and HEAD are possible here.");
+    a.headers = {{"Allow", isStream ? "GET" : "GET, HEAD"}};
+    return a;
+  }
+  if (isStream) return streamAnswer(request, query, directory);
+  if (path == "/v1/sessions") return sessionsAnswer(directory);
+  Answer a;
+  if (path == "/healthz") {
+    a.body = "ok\n";
+  } else if (path == "/version") {
+    a.type = "application/json";
+    a.body = R"({"name": "ridgecast-server", "version": ")" + std::string(version) + R"(", "protocol": )" +
+             std::to_string(wire::kProtocolVersion) + ", \"commit\": \"" + std::string(version::commit()) + "\"}\n";
+  } else {
+    a.type = "text/html; charset=utf-8";
+    a.body = page(request, directory, version, path == "/about");
+  }
+  return a;
+}
+
+}  // namespace ridgecast::http

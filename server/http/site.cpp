@@ -1,0 +1,154 @@
+#include "server/http/site.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <system_error>
+#include <utility>
+
+namespace ridgecast::http {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::array<std::pair<std::string_view, std::string_view>, 10> kTypes{{{".html", "text/html; charset=utf-8"},
+                                                                                {".js", "text/javascript; charset=utf-8"},
+                                                                                {".css", "text/css; charset=utf-8"},
+                                                                                {".wasm", "application/wasm"},
+                                                                                {".svg", "image/svg+xml"},
+                                                                                {".png", "image/png"},
+                                                                                {".jpg", "image/jpeg"},
+                                                                                {".ico", "image/x-icon"},
+                                                                                {".json", "application/json"},
+                                                                                {".txt", "text/plain; charset=utf-8"}}};
+
+std::string typeOf(const fs::path& name) {
+  const std::string extension = name.extension().string();
+  for (const auto& [known, type] : kTypes)
+    if (extension == known) return std::string(type);
+  return "application/octet-stream";
+}
+
+// FNV-1a, 64 bits: tells versions of a file apart, no more.
+std::string tagOf(std::string_view bytes) {
+  std::uint64_t h = 0xcbf29ce484222325u;
+  for (const char c : bytes) h = (h ^ static_cast<std::uint8_t>(c)) * 0x100000001b3u;
+  char text[24];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(h));
+  return text;
+}
+
+std::optional<std::string> read(const fs::path& file, std::size_t size) {
+  std::ifstream in(file, std::ios::binary);
+  std::string bytes(size, '\0');
+  if (!in.read(bytes.data(), static_cast<std::streamsize>(size))) return {};
+  return bytes;
+}
+
+std::string_view trimmed(std::string_view text) {
+  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
+  while (!text.empty() && (text.back() == ' ' || text.back() == '\t')) text.remove_suffix(1);
+  return text;
+}
+
+// The next part of a list; the separator is taken off `rest`.
+std::string_view next(std::string_view& rest, char separator) {
+  const auto end = std::min(rest.find(separator), rest.size());
+  const std::string_view part = trimmed(rest.substr(0, end));
+  rest.remove_prefix(std::min(end + 1, rest.size()));
+  return part;
+}
+
+bool equalIgnoringCase(std::string_view a, std::string_view b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](unsigned char p, unsigned char q) { return std::tolower(p) == std::tolower(q); });
+}
+
+bool accepts(std::string_view header, std::string_view coding) {
+  while (!header.empty()) {
+    std::string_view part = next(header, ',');
+    if (!equalIgnoringCase(next(part, ';'), coding)) continue;
+    while (!part.empty()) {
+      const std::string_view parameter = next(part, ';');
+      if (parameter.size() >= 2 && (parameter[0] == 'q' || parameter[0] == 'Q') && parameter[1] == '=')
+        return parameter.find_first_of("123456789") != std::string_view::npos;
+    }
+    return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+Outcome<std::shared_ptr<const Site>> Site::load(const fs::path& folder) {
+  const auto refuse = [&](const std::string& why) { return Error{"The folder of the page, '" + folder.string() + "', " + why}; };
+  std::error_code ec;
+  fs::recursive_directory_iterator at(folder, ec), end;
+  if (ec) return refuse("cannot be read (" + ec.message() + "); ./run build makes one in build/web.");
+  auto site = std::make_shared<Site>();
+  std::map<std::string, std::string> found;
+  std::size_t bytes = 0;
+  for (; at != end; at.increment(ec)) {
+    const fs::path name = at->path().filename();
+    if (name.string().starts_with(".")) {
+      if (at->is_directory(ec)) at.disable_recursion_pending();
+      continue;
+    }
+    if (at->symlink_status(ec).type() != fs::file_type::regular) continue;
+    const auto size = at->file_size(ec);
+    if (ec || size > kMaxBytes - bytes || found.size() >= kMaxFiles)
+      return refuse("has more than " + std::to_string(kMaxFiles) + " files or " + std::to_string(kMaxBytes >> 20) +
+                    " MiB; it should hold the built page alone.");
+    bytes += size;
+    auto text = read(at->path(), size);
+    if (!text) return refuse("has a file that cannot be read, '" + name.string() + "'.");
+    found.emplace("/" + at->path().lexically_relative(folder).generic_string(), std::move(*text));
+  }
+  if (ec) return refuse("cannot be read (" + ec.message() + ").");
+  if (!found.contains("/index.html")) return refuse("has no index.html; ./run build makes one in build/web.");
+  const auto take = [&](const std::string& path) {
+    const auto it = found.find(path);
+    return it == found.end() ? std::string() : std::move(it->second);
+  };
+  for (auto& [path, text] : found) {
+    const std::string extension = fs::path(path).extension().string();
+    if ((extension == ".br" || extension == ".gz") && found.contains(path.substr(0, path.size() - 3))) continue;
+    File file;
+    file.type = typeOf(path);
+    file.tag = tagOf(text);
+    file.immutable = path.starts_with("/assets/");
+    file.plain = text;
+    file.brotli = take(path + ".br");
+    file.gzip = take(path + ".gz");
+    site->files_.emplace(path, std::move(file));
+  }
+  return std::shared_ptr<const Site>(std::move(site));
+}
+
+std::optional<fs::path> Site::defaultFolder() {
+  std::error_code ec;
+  const fs::path program = fs::read_symlink("/proc/self/exe", ec);
+  if (ec) return {};
+  for (const char* where : {"../share/ridgecast/web", "../../web"}) {
+    const fs::path folder = (program.parent_path() / where).lexically_normal();
+    if (fs::is_regular_file(folder / "index.html", ec)) return folder;
+  }
+  return {};
+}
+
+const File* Site::find(std::string_view path) const {
+  const auto it = files_.find(path == "/" ? std::string_view("/index.html") : path);
+  return it == files_.end() ? nullptr : &it->second;
+}
+
+Form formFor(const File& file, std::string_view acceptEncoding) {
+  if (!file.brotli.empty() && accepts(acceptEncoding, "br")) return {file.brotli, "br"};
+  if (!file.gzip.empty() && accepts(acceptEncoding, "gzip")) return {file.gzip, "gzip"};
+  return {file.plain, {}};
+}
+
+}  // namespace ridgecast::http

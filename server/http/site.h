@@ -1,0 +1,50 @@
+#pragma once
+// The browser viewer's files, as client/web is built: read once into memory, found by their exact path and by nothing else, so that no
+// request ever reaches the file system. Immutable after load(); every member may be called from any thread.
+//
+// A file NAME may come with NAME.br and NAME.gz, the same bytes compressed: they are offered to browsers that take them and are no
+// files of their own.
+
+#include <cstddef>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "common/outcome/outcome.h"
+
+namespace ridgecast::http {
+
+inline constexpr std::size_t kMaxFiles = 1024;
+inline constexpr std::size_t kMaxBytes = std::size_t{64} << 20;  // of all files, compressed forms included
+
+struct File {
+  std::string type;                 // as in Content-Type
+  std::string tag;                  // equal for equal bytes
+  bool immutable = false;           // its name holds a hash of its bytes
+  std::string plain, gzip, brotli;  // compressed forms are empty when there are none
+};
+
+class Site {
+ public:
+  // Error: the folder has no index.html, cannot be read, or exceeds the limits above. Links and hidden files are passed over.
+  static Outcome<std::shared_ptr<const Site>> load(const std::filesystem::path& folder);
+  // The folder beside this program where the page is installed or built: ../share/ridgecast/web, else ../../web. Nothing: neither.
+  static std::optional<std::filesystem::path> defaultFolder();
+
+  // `path` begins with a slash; "/" is /index.html. Null: there is no such file.
+  const File* find(std::string_view path) const;
+
+ private:
+  std::map<std::string, File, std::less<>> files_;  // by path, with its slash
+};
+
+// The form of a file for an Accept-Encoding header (RFC 9110; q = 0 forbids): its bytes and the Content-Encoding, empty for none.
+struct Form {
+  std::string_view bytes, encoding;
+};
+Form formFor(const File& file, std::string_view acceptEncoding);
+
+}  // namespace ridgecast::http

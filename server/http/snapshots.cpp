@@ -1,0 +1,128 @@
+#include "server/http/snapshots.h"
+
+#include <optional>
+#include <string>
+
+#include "common/lattice/lattice.h"
+#include "common/wire/wire.h"
+
+namespace ridgecast::http {
+
+namespace {
+
+using snapshot::Problem;
+using snapshot::Snapshots;
+
+constexpr std::string_view kPrefix = "/v1/sessions/";
+
+void open(Answer& a) {  // to pages of any origin: there is nothing here that needs a cookie
+  a.headers.emplace_back("Access-Control-Allow-Origin", "*");
+  a.headers.emplace_back("Access-Control-Expose-Headers", "Content-Disposition, Content-Length, ETag, Retry-After");
+}
+
+Answer refusal(unsigned status, std::string sentence) {
+  Answer a;
+  a.status = status;
+  a.body = std::move(sentence) + "\n";
+  open(a);
+  return a;
+}
+
+Answer answerOf(const Problem& problem) {
+  switch (problem.kind) {
+    case Problem::Kind::kNotThere:
+      return refusal(404, problem.message);
+    case Problem::Kind::kTooMuch:
+      return refusal(422, problem.message);
+    case Problem::Kind::kTooSlow: {
+      Answer a = refusal(503, problem.message);
+      a.headers.emplace_back("Retry-After", "30");
+      return a;
+    }
+    case Problem::Kind::kStopped:
+      return refusal(503, problem.message);
+    case Problem::Kind::kFailed:
+      break;
+  }
+  return refusal(500, problem.message);
+}
+
+std::string etagOf(std::string_view bytes) {
+  std::uint64_t first = lattice::mix(bytes.size()), second = lattice::mix(first);
+  std::size_t k = 0;
+  for (; k + 8 <= bytes.size(); k += 8) {
+    std::uint64_t word = 0;
+    for (std::size_t b = 0; b < 8; ++b) word |= std::uint64_t{static_cast<unsigned char>(bytes[k + b])} << (8 * b);
+    first = lattice::mix(first ^ word);
+    second += lattice::mix(first + second);
+  }
+  for (; k < bytes.size(); ++k) first = lattice::mix(first ^ static_cast<unsigned char>(bytes[k]));
+  const std::uint64_t both[2] = {first, lattice::mix(second ^ first)};
+  std::string out;
+  for (const std::uint64_t v : both)
+    for (int shift = 60; shift >= 0; shift -= 4) out += "0123456789abcdef"[(v >> shift) & 15];
+  return out;
+}
+
+}  // namespace
+
+Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_ptr<Snapshots> snapshots) {
+  return [directory = std::move(directory), snapshots = std::move(snapshots)](const Request& request) -> std::optional<Answer> {
+    const auto split = std::min(request.target.find('?'), request.target.size());
+    std::string_view path = request.target.substr(0, split);
+    const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
+    if (!path.starts_with(kPrefix)) return std::nullopt;
+    path.remove_prefix(kPrefix.size());
+    const auto slash = path.find('/');
+    if (slash == std::string_view::npos) return std::nullopt;
+    const std::string_view name = path.substr(0, slash), file = path.substr(slash + 1);
+    if (file != "snapshot.glb" && file != "snapshot.json") return std::nullopt;
+    const bool metadataOnly = file == "snapshot.json";
+
+    if (request.method == "OPTIONS") {  // what a page must ask before it may say who it is
+      Answer a;
+      a.status = 204;
+      open(a);
+      a.headers.emplace_back("Access-Control-Allow-Methods", "GET, HEAD");
+      a.headers.emplace_back("Access-Control-Allow-Headers", "Authorization, If-None-Match");
+      a.headers.emplace_back("Access-Control-Max-Age", "86400");
+      return a;
+    }
+    if (request.method != "GET" && request.method != "HEAD") {
+      Answer a = refusal(405, "Only GET and HEAD are possible here.");
+      a.headers.emplace_back("Allow", "GET, HEAD, OPTIONS");
+      return a;
+    }
+    if (!wire::sessionNameIsValid(std::string(name)))
+      return refusal(
+          400, "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
+    auto session = directory->find(name);
+    if (!session) return refusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
+    auto question = snapshot::parse(query, snapshots->limits());
+    if (!question) return refusal(400, question.error().message);
+
+    Answer a;
+    open(a);
+    a.etag = Snapshots::etag(*session, *question, metadataOnly);
+    auto later = std::make_shared<Later>();
+    later->patient = true;
+    const auto progress = std::make_shared<snapshot::Progress>();
+    later->progress = [progress] { return progress->text(); };
+    later->work = [snapshots, progress, session = std::move(session), question = std::move(*question), metadataOnly,
+                   etag = a.etag](std::stop_token stop) {
+      auto made = snapshots->take(*session, question, metadataOnly, stop, progress.get());
+      if (!made) return answerOf(made.error());
+      Answer done;
+      open(done);
+      done.type = metadataOnly ? "application/json" : "model/gltf-binary";
+      done.body = metadataOnly ? std::move(made->metadata) : std::move(made->glb);
+      done.etag = etag.empty() ? etagOf(done.body) : etag;
+      if (!metadataOnly) done.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + made->name + ".glb\"");
+      return done;
+    };
+    a.later = std::move(later);
+    return a;
+  };
+}
+
+}  // namespace ridgecast::http

@@ -1,0 +1,122 @@
+// The rooms form a ladder: each includes only rooms that its CMake target links, links only those that it includes, and none includes itself through others.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <regex>
+#include <set>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace ridgecast {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+std::string read(const fs::path& file) {
+  std::ifstream in(file);
+  std::stringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+struct Room {
+  std::set<std::string> links, includes;  // names of rooms
+};
+
+// What ridgecast_room() and target_link_libraries() say, and what the sources include. A folder holds one room.
+std::map<std::string, Room> roomsOf(const fs::path& root, std::vector<std::string>& wrong) {
+  static const std::regex declaration(R"((ridgecast_room|target_link_libraries)\(\s*(\w+)([^)]*)\))"), word(R"(ridgecast_\w+)"),
+      comment("#[^\n]*"), include("(?:^|\n)#include \"([^\"]+)\"");
+  std::map<std::string, Room> rooms;
+  std::map<std::string, std::string> roomOfFolder;
+  std::vector<fs::path> sources;
+  for (const char* side : {"common", "server", "client"}) {
+    if (!fs::exists(root / side)) continue;
+    for (auto at = fs::recursive_directory_iterator(root / side); at != fs::recursive_directory_iterator(); ++at) {
+      const fs::path& path = at->path();
+      if (at->is_directory() && (path.filename() == "node_modules" || path.filename() == "example")) at.disable_recursion_pending();
+      if (path.extension() == ".h" || path.extension() == ".cpp") sources.push_back(path);
+      if (path.filename() != "CMakeLists.txt") continue;
+      const std::string text = std::regex_replace(read(path), comment, "");
+      for (std::sregex_iterator call(text.begin(), text.end(), declaration), end; call != end; ++call) {
+        const std::string name = (*call)[2], arguments = (*call)[3];
+        if ((*call)[1] == "ridgecast_room" && !roomOfFolder.emplace(path.parent_path().string(), name).second)
+          wrong.push_back(path.string() + " declares two rooms");
+        if ((*call)[1] != "ridgecast_room" && !rooms.contains(name)) continue;  // a program
+        for (std::sregex_iterator link(arguments.begin(), arguments.end(), word); link != std::sregex_iterator(); ++link)
+          rooms[name].links.insert(link->str());
+        rooms[name];
+      }
+    }
+  }
+  const auto roomOf = [&](const fs::path& file) {
+    const auto found = roomOfFolder.find(file.parent_path().string());
+    return found == roomOfFolder.end() ? std::string() : found->second;
+  };
+  for (const fs::path& source : sources) {
+    const std::string from = roomOf(source), text = read(source);
+    if (from.empty()) continue;
+    for (std::sregex_iterator line(text.begin(), text.end(), include), end; line != end; ++line)
+      if (const std::string to = roomOf(root / (*line)[1].str()); !to.empty() && to != from) rooms[from].includes.insert(to);
+  }
+  return rooms;
+}
+
+std::vector<std::string> faults(const fs::path& root) {
+  std::vector<std::string> wrong;
+  const auto rooms = roomsOf(root, wrong);
+  for (const auto& [name, room] : rooms) {
+    for (const std::string& other : room.includes)
+      if (!room.links.contains(other)) wrong.push_back(name + " includes " + other + " and does not link it");
+    for (const std::string& other : room.links)
+      if (rooms.contains(other) && !room.includes.contains(other)) wrong.push_back(name + " links " + other + " and does not include it");
+  }
+  std::map<std::string, int> state;  // 1: on the way, 2: done
+  const std::function<void(const std::string&, std::string)> walk = [&](const std::string& name, std::string way) {
+    way += " -> " + name;
+    if (state[name] == 1) wrong.push_back("a circle:" + way);
+    if (state[name] != 0) return;
+    state[name] = 1;
+    for (const std::string& other : rooms.at(name).includes) walk(other, way);
+    state[name] = 2;
+  };
+  for (const auto& [name, room] : rooms) walk(name, "");
+  return wrong;
+}
+
+TEST(Rooms, FormALadder) { EXPECT_THAT(faults(RIDGECAST_SOURCE), IsEmpty()); }
+
+TEST(Rooms, APlantedFaultIsFound) {
+  const fs::path root = fs::temp_directory_path() / ("ridgecast-rooms-" + std::to_string(getpid()));
+  const auto write = [&](const std::string& file, const std::string& text) {
+    fs::create_directories((root / file).parent_path());
+    std::ofstream(root / file) << text;
+  };
+  write("common/low/CMakeLists.txt", "ridgecast_room(ridgecast_low)\n");
+  write("common/low/low.h", "#pragma once\n");
+  write("server/high/CMakeLists.txt", "ridgecast_room(ridgecast_high SOURCES high.cpp LINKS ridgecast_low)\n");
+  write("server/high/high.cpp", "#include \"common/low/low.h\"\n");
+  EXPECT_THAT(faults(root), IsEmpty());
+  write("server/high/CMakeLists.txt", "ridgecast_room(ridgecast_high SOURCES high.cpp)\n");
+  EXPECT_THAT(faults(root), ElementsAre(HasSubstr("includes ridgecast_low and does not link it")));
+  write("server/high/CMakeLists.txt", "ridgecast_room(ridgecast_high SOURCES high.cpp LINKS ridgecast_low)\n");
+  write("server/high/high.h", "#pragma once\n");
+  write("common/low/CMakeLists.txt", "ridgecast_room(ridgecast_low LINKS ridgecast_high)\n");
+  EXPECT_THAT(faults(root), ElementsAre(HasSubstr("links ridgecast_high and does not include it")));
+  write("common/low/low.h", "#pragma once\n#include \"server/high/high.h\"\n");
+  EXPECT_THAT(faults(root), ElementsAre(HasSubstr("a circle")));
+  fs::remove_all(root);
+}
+
+}  // namespace
+}  // namespace ridgecast

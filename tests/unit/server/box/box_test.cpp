@@ -1,0 +1,139 @@
+#include "server/box/box_mesh.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "tests/support/mesh_check.h"
+
+namespace ridgecast::box {
+namespace {
+
+using testing::HasSubstr;
+
+std::shared_ptr<const terrain::Terrain> terrainOf(const char* name) { return terrain::create(name, 1).value(); }
+
+Watch patient() { return {{}, std::chrono::steady_clock::now() + std::chrono::minutes(5), 300}; }
+
+Box boxAt(double x, double z, double width, double depth, double error) {
+  const auto steps = [](double m) { return static_cast<lattice::Step>(std::floor(m * 256)); };
+  return {{steps(x), steps(z)}, {steps(x + width), steps(z + depth)}, error};
+}
+
+Result<BoxMesh> make(const terrain::Terrain& terrain, const Box& box, unsigned threads = 2, std::uint32_t most = 2'000'000) {
+  scheduling::Machine machine(threads);
+  const auto pool = machine.makePool(threads);
+  return meshBox(terrain, box, most, *pool, patient());
+}
+
+// The largest vertical distance between mesh and terrain: every triangle's own sample of random points, by plain barycentric arithmetic.
+double worstError(const BoxMesh& box, const terrain::Terrain& terrain, std::uint64_t points, double* covered) {
+  std::mt19937_64 random(7);
+  std::uniform_real_distribution<double> unit(0, 1);
+  const double area = static_cast<double>(box.high.x - box.low.x) * static_cast<double>(box.high.z - box.low.z);
+  double worst = 0, sum = 0;
+  for (const mesh::LeafMesh& leaf : box.leaves)
+    for (const mesh::Triangle& t : leaf.triangles) {
+      const auto &a = leaf.vertices[t[0]], &b = leaf.vertices[t[1]], &c = leaf.vertices[t[2]];
+      const double det = (double(b.z) - a.z) * (double(c.x) - a.x) - (double(b.x) - a.x) * (double(c.z) - a.z);
+      sum += det / 2;
+      const auto n = 1 + static_cast<std::uint64_t>(det / 2 / area * static_cast<double>(points));
+      std::vector<lattice::Step> x, z;
+      std::vector<double> plane;
+      for (std::uint64_t k = 0; k < n; ++k) {
+        double u = unit(random), v = unit(random);
+        if (u + v > 1) u = 1 - u, v = 1 - v;
+        const double px = std::round(a.x + u * (double(b.x) - a.x) + v * (double(c.x) - a.x)),
+                     pz = std::round(a.z + u * (double(b.z) - a.z) + v * (double(c.z) - a.z));
+        const double dx = px - a.x, dz = pz - a.z, wb = (dz * (double(c.x) - a.x) - dx * (double(c.z) - a.z)) / det,
+                     wc = (dx * (double(b.z) - a.z) - dz * (double(b.x) - a.x)) / det;
+        if (wb < 0 || wc < 0 || wb + wc > 1) continue;
+        x.push_back(leaf.address.x() + static_cast<lattice::Step>(px));
+        z.push_back(leaf.address.z() + static_cast<lattice::Step>(pz));
+        plane.push_back((a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y)) / 256);
+      }
+      std::vector<float> h(x.size());
+      terrain.heights(x, z, h);
+      for (std::size_t k = 0; k < h.size(); ++k) worst = std::max(worst, std::abs(h[k] - plane[k]));
+    }
+  *covered = sum / area;
+  return worst;
+}
+
+TEST(BoxMesh, KeepsItsErrorOnADenseSampleAndCoversTheBox) {
+  struct Case {
+    const char* terrain;
+    Box box;
+  };
+  for (const auto& [name, box] : {Case{"alpine", boxAt(100, -300, 200, 150, 0.25)}, Case{"alpine", boxAt(-1500, 700, 1200, 800, 4)},
+                                  Case{"canyon", boxAt(1e8, -1e8, 300, 300, 1)}, Case{"archipelago", boxAt(5000, 5000, 600, 700, 1)},
+                                  Case{"alpine", boxAt(-3, -3, 1, 2, 0.02)}, Case{"alpine", boxAt(1e12 + 3, 1e12, 47, 1001, 1.5)}}) {
+    const auto terrain = terrainOf(name);
+    const auto made = make(*terrain, box);
+    ASSERT_TRUE(made) << made.error().message;
+    EXPECT_LE(made->error, box.error);
+    EXPECT_GT(made->samples, made->triangles);
+    double covered = 0;
+    EXPECT_LE(worstError(*made, *terrain, 1'000'000, &covered), box.error) << name << " " << box.error;
+    EXPECT_DOUBLE_EQ(covered, 1);
+    EXPECT_LE(made->low.x, box.low.x);
+    EXPECT_GE(made->high.z, box.high.z);
+    EXPECT_GE(static_cast<double>(made->low.x), static_cast<double>(box.low.x) - std::max(1.0, box.error * 64));
+    const auto report = testing_support::checkMesh(made->leaves);
+    EXPECT_TRUE(report.clean()) << report.text();
+    EXPECT_EQ(report.triangles, made->triangles);
+  }
+}
+
+TEST(BoxMesh, DependsOnTheQuestionAlone) {
+  const auto terrain = terrainOf("alpine");
+  const Box box = boxAt(0, 0, 200, 150, 1);
+  const auto one = make(*terrain, box, 1);
+  for (const unsigned threads : {2u, 8u}) {
+    const auto other = make(*terrain, box, threads);
+    EXPECT_EQ(other->leaves, one->leaves);
+    EXPECT_EQ(other->error, one->error);
+    EXPECT_EQ(other->samples, one->samples);
+  }
+}
+
+TEST(BoxMesh, ASmallerErrorTakesMoreTriangles) {
+  const auto terrain = terrainOf("alpine");
+  std::uint32_t before = 0;
+  for (const double error : {16.0, 4.0, 1.0}) {
+    const auto made = make(*terrain, boxAt(0, 0, 300, 300, error));
+    EXPECT_GT(made->triangles, 2 * before);
+    before = made->triangles;
+  }
+}
+
+TEST(BoxMesh, WhatIsTooMuchSaysWhatWouldFit) {
+  const auto terrain = terrainOf("alpine");
+  const Box box = boxAt(0, 0, 2000, 2000, 0.1);
+  const auto refused = make(*terrain, box, 2, 20'000);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().kind, Problem::Kind::kTooMuch);
+  EXPECT_THAT(refused.error().message, testing::AllOf(HasSubstr("20000 triangles"), HasSubstr("with an error of ")));
+  Box fits = box;
+  fits.error = std::stod(refused.error().message.substr(refused.error().message.find("with an error of ") + 17));
+  EXPECT_GT(fits.error, 0.1);
+  EXPECT_TRUE(make(*terrain, fits, 2, 20'000)) << fits.error;
+}
+
+TEST(BoxMesh, StopsWhenNobodyWaits) {
+  const auto terrain = terrainOf("alpine");
+  scheduling::Machine machine(1);
+  const auto pool = machine.makePool();
+  std::stop_source source;
+  source.request_stop();
+  Watch watch = patient();
+  watch.stop = source.get_token();
+  EXPECT_EQ(meshBox(*terrain, boxAt(0, 0, 20'000, 20'000, 1), 2'000'000, *pool, watch).error().kind, Problem::Kind::kStopped);
+  watch = {{}, std::chrono::steady_clock::now() + std::chrono::milliseconds(200), 0.2};
+  EXPECT_EQ(meshBox(*terrain, boxAt(0, 0, 20'000, 20'000, 1), 2'000'000, *pool, watch).error().kind, Problem::Kind::kTooSlow);
+}
+
+}  // namespace
+}  // namespace ridgecast::box

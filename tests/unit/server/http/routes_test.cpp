@@ -1,0 +1,193 @@
+#include "server/http/routes.h"
+#include "tests/support/waiting.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <thread>
+
+namespace ridgecast::http {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+class RoutesTest : public testing::Test {
+ protected:
+  RoutesTest() {
+    auto resources = std::make_shared<session::Resources>();
+    resources->machine = &machine;
+    resources->makeMesh = session::pipelineMeshes();
+    directory = std::make_unique<session::Directory>(resources, terrain::create("alpine", 3).value());
+  }
+  Answer get(std::string_view target) {
+    Request request;
+    request.method = "GET";
+    request.target = target;
+    request.host = "example.org:7070";
+    return answer(request, *directory, "9.9");
+  }
+  Answer connect(std::string_view target, std::string_view version = "13") {
+    Request request;
+    request.method = "GET";
+    request.target = target;
+    request.upgrade = true;
+    request.webSocketVersion = version;
+    return answer(request, *directory, "9.9");
+  }
+  scheduling::Machine machine{1};
+  std::unique_ptr<session::Directory> directory;
+};
+
+TEST_F(RoutesTest, AnswersWhatThereIs) {
+  EXPECT_EQ(get("/healthz").body, "ok\n");
+  EXPECT_EQ(get("/healthz?verbose=1").status, 200u);
+  EXPECT_THAT(get("/version").body, HasSubstr(R"("version": "9.9", "protocol": 1)"));
+  const auto page = get("/");
+  EXPECT_EQ(page.status, 200u);
+  EXPECT_THAT(page.type, HasSubstr("text/html"));
+  EXPECT_THAT(page.body, testing::AllOf(HasSubstr("ridgecast-client view ws://example.org:7070"), HasSubstr("alpine, seed 3"),
+                                        Not(HasSubstr("<script"))));
+}
+
+TEST_F(RoutesTest, RefusesTheRestInPlainWords) {
+  for (const char* target : {"/nope", "", "/healthz/", "//", "/v1/stream/x", "*", "/%2e"}) {
+    EXPECT_EQ(get(target).status, 404u) << target;
+    EXPECT_THAT(get(target).type, HasSubstr("text/plain"));
+  }
+  Request post;
+  post.method = "POST";
+  post.target = "/healthz";
+  EXPECT_EQ(answer(post, *directory, "").status, 405u);
+  post.target = "/v1/stream";
+  post.method = "HEAD";
+  EXPECT_EQ(answer(post, *directory, "").status, 405u);
+}
+
+TEST_F(RoutesTest, AForeignHostHeaderNeverReachesThePage) {
+  Request request;
+  request.method = "GET";
+  request.target = "/";
+  request.host = "<script>alert(1)</script>";
+  EXPECT_THAT(answer(request, *directory, "").body, Not(HasSubstr("alert")));
+}
+
+TEST_F(RoutesTest, StreamsAreChosenByTheSessionsName) {
+  EXPECT_EQ(connect("/v1/stream").upgradeTo, directory->find("default"));
+  EXPECT_EQ(connect("/v1/stream?session=default").upgradeTo, directory->find("default"));
+  EXPECT_EQ(connect("/v1/stream?a=b&session=def%61ult&c").upgradeTo, directory->find("default"));
+  EXPECT_EQ(connect("/v1/stream?sessions=other").upgradeTo, directory->find("default"));
+  EXPECT_EQ(connect("/v1/stream?session=other").status, 404u);
+  EXPECT_EQ(connect("/v1/stream?session=a%20b").status, 400u);
+  EXPECT_EQ(connect("/v1/stream?session=" + std::string(65, 'a')).status, 400u);
+  EXPECT_EQ(connect("/v1/stream?session=%g0").status, 400u);
+  EXPECT_EQ(connect("/v1/stream?session=a%").status, 400u);
+  EXPECT_EQ(get("/v1/stream").status, 426u);
+  EXPECT_EQ(connect("/v1/stream", "8").status, 426u);
+}
+
+TEST(QueryParameter, FirstOfItsNameDecoded) {
+  EXPECT_EQ(*queryParameter("a=1&b=2&a=3", "a"), "1");
+  EXPECT_EQ(*queryParameter("a=1&b", "b"), "");
+  EXPECT_EQ(*queryParameter("", "b"), "");
+  EXPECT_EQ(*queryParameter("&&=&b=%41%7a", "b"), "Az");
+  EXPECT_FALSE(queryParameter("b=%4", "b"));
+  EXPECT_FALSE(queryParameter("b=%", "b"));
+  EXPECT_TRUE(queryParameter("a=%&b=1", "b"));
+}
+
+class WorldsTest : public testing::Test {
+ protected:
+  explicit WorldsTest(std::uint32_t maxSessions = 4, bool makes = true) {
+    auto resources = std::make_shared<session::Resources>();
+    resources->machine = &machine;
+    resources->makeMesh = session::pipelineMeshes();
+    resources->limits.maxSessions = maxSessions;
+    resources->limits.sessionIdle = std::chrono::seconds(1);
+    if (makes) resources->makeTerrain = [](const session::WorldSpec& spec) { return terrain::create(spec.terrain, spec.seed); };
+    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+  }
+  Answer connect(std::string_view target) {
+    Request request;
+    request.method = "GET";
+    request.target = target;
+    request.upgrade = true;
+    request.webSocketVersion = "13";
+    Answer a = answer(request, *directory, "9.9");
+    return a.later ? a.later->work({}) : a;
+  }
+  std::string list() {
+    Request request;
+    request.method = "GET";
+    request.target = "/v1/sessions";
+    return answer(request, *directory, "9.9").body;
+  }
+  scheduling::Machine machine{1};
+  std::shared_ptr<session::Directory> directory;
+};
+
+TEST_F(WorldsTest, AUrlMakesAWorldOrJoinsIt) {
+  const Answer made = connect("/v1/stream?session=hills&terrain=canyon&seed=7");
+  ASSERT_EQ(made.status, 101u);
+  EXPECT_EQ(made.upgradeTo->terrain()->name(), "canyon");
+  EXPECT_EQ(made.upgradeTo->terrain()->seed(), 7u);
+  for (const char* same : {"/v1/stream?session=hills", "/v1/stream?session=hills&terrain=canyon", "/v1/stream?session=hills&seed=7",
+                           "/v1/stream?session=hills&terrain=canyon&seed=7"})
+    EXPECT_EQ(connect(same).upgradeTo, made.upgradeTo) << same;
+  for (const char* other : {"/v1/stream?session=hills&terrain=alpine", "/v1/stream?session=hills&seed=8",
+                            "/v1/stream?session=hills&param=depth=3", "/v1/stream?terrain=canyon"}) {
+    const Answer a = connect(other);
+    EXPECT_EQ(a.status, 409u) << other;
+    EXPECT_THAT(a.body, HasSubstr("another world"));
+  }
+  EXPECT_EQ(connect("/v1/stream?session=default&terrain=alpine&seed=3").status, 101u);
+  EXPECT_EQ(connect("/v1/stream?session=nowhere").status, 404u);
+  EXPECT_EQ(connect("/v1/stream?session=nowhere&seed=1").status, 404u);
+}
+
+TEST_F(WorldsTest, WhatIsNoWorldIsSaidInASentence) {
+  for (const char* wrong :
+       {"terrain=../../etc/passwd", "terrain=a.glsl", "terrain=%00", "terrain=%zz", "terrain=alpine&seed=-1",
+        "terrain=alpine&seed=4294967296", "terrain=alpine&seed=1x", "terrain=alpine&param=depth", "terrain=alpine&param=a=nan",
+        "terrain=alpine&param=a=1&param=b=2&param=a=1", "terrain=alpine&param=a=1e999", "terrain=atlantis"}) {
+    const Answer a = connect("/v1/stream?session=new&" + std::string(wrong));
+    EXPECT_EQ(a.status, 400u) << wrong;
+    EXPECT_TRUE(a.body.ends_with(".\n") || a.body.find("there is:") != std::string::npos) << a.body;
+  }
+  EXPECT_EQ(directory->all().size(), 1u);
+}
+
+TEST_F(WorldsTest, ThereAreOnlySoManyAndIdleOnesEnd) {
+  for (const char* name : {"a", "b", "c"}) EXPECT_EQ(connect("/v1/stream?terrain=alpine&session=" + std::string(name)).status, 101u);
+  EXPECT_EQ(connect("/v1/stream?terrain=alpine&session=d").status, 503u);
+  auto place = directory->find("b")->enter();
+  ASSERT_TRUE(place);
+  const auto old = directory->find("a");
+  EXPECT_TRUE(testing_support::await([&] { return directory->all().size() == 2; })) << "default, and the one that somebody is in";
+  EXPECT_FALSE(old->enter()) << "who found it just before is told to come again";
+  EXPECT_EQ(connect("/v1/stream?terrain=canyon&session=a").upgradeTo->terrain()->name(), "canyon") << "the name is free again";
+  EXPECT_TRUE(directory->find("b"));
+}
+
+TEST_F(WorldsTest, AreListed) {
+  connect("/v1/stream?terrain=canyon&session=hills&seed=9");
+  const std::string all = list();
+  EXPECT_THAT(all, HasSubstr(R"({"name": "default", "terrain": "alpine", "seed": 3, "parameters": {})"));
+  EXPECT_THAT(all, HasSubstr(R"({"name": "hills", "terrain": "canyon", "seed": 9)"));
+  EXPECT_THAT(all, HasSubstr(R"("mode": "real-time")"));
+  EXPECT_THAT(all, HasSubstr(R"("max_sessions": 4)"));
+}
+
+class ClosedWorldsTest : public WorldsTest {
+ protected:
+  ClosedWorldsTest() : WorldsTest(4, false) {}
+};
+
+TEST_F(ClosedWorldsTest, AServerThatMakesNoneSaysSo) {
+  EXPECT_EQ(connect("/v1/stream?session=new&terrain=alpine").status, 403u);
+  EXPECT_EQ(connect("/v1/stream?session=default").status, 101u);
+}
+
+}  // namespace
+}  // namespace ridgecast::http

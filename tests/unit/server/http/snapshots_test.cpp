@@ -1,0 +1,81 @@
+#include "server/http/snapshots.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "server/http/gate.h"
+
+namespace ridgecast::http {
+namespace {
+
+using testing::HasSubstr;
+
+class SnapshotRouteTest : public testing::Test {
+ protected:
+  SnapshotRouteTest() {
+    auto resources = std::make_shared<session::Resources>();
+    resources->machine = &machine;
+    resources->makeMesh = session::pipelineMeshes();
+    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+    route = snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000, .niceness = 0}, 1));
+  }
+  std::optional<Answer> ask(std::string_view target, std::string_view method = "GET") {
+    Request request;
+    request.method = method;
+    request.target = target;
+    return route(request);
+  }
+  static std::string header(const Answer& a, std::string_view name) {
+    for (const auto& [key, value] : a.headers)
+      if (key == name) return value;
+    return {};
+  }
+  scheduling::Machine machine{1};
+  std::shared_ptr<session::Directory> directory;
+  Route route;
+};
+
+constexpr char kBox[] = "/v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=40&z1=40&error=2";
+
+TEST_F(SnapshotRouteTest, TakesItsOwnPathsAlone) {
+  for (const char* other : {"/", "/v1/sessions", "/v1/sessions/", "/v1/sessions/default", "/v1/sessions/default/", "/v1/sessions/default/snapshot",
+                            "/v1/sessions/default/snapshot.gltf", "/v1/sessions/a/b/snapshot.glb", "/v1/sessions//../snapshot.glb/"})
+    EXPECT_FALSE(ask(other)) << other;
+}
+
+TEST_F(SnapshotRouteTest, AGoodQuestionIsWorkWithAnETag) {
+  const auto a = ask(kBox);
+  ASSERT_TRUE(a && a->later);
+  EXPECT_TRUE(a->later->patient);
+  EXPECT_EQ(a->etag.size(), 32u);
+  const Answer made = a->later->work({});
+  EXPECT_EQ(made.status, 200u);
+  EXPECT_EQ(made.type, "model/gltf-binary");
+  EXPECT_EQ(made.etag, a->etag);
+  EXPECT_EQ(made.body.substr(0, 4), "glTF");
+  EXPECT_EQ(header(made, "Content-Disposition"), "attachment; filename=\"ridgecast-alpine-box.glb\"");
+  EXPECT_EQ(header(made, "Access-Control-Allow-Origin"), "*");
+  EXPECT_TRUE(ask(kBox, "HEAD")->later);
+}
+
+TEST_F(SnapshotRouteTest, RefusesTheRestInPlainWords) {
+  EXPECT_EQ(ask("/v1/sessions/none/snapshot.glb?camera=1")->status, 404u);
+  EXPECT_EQ(ask("/v1/sessions/%2e%2e/snapshot.glb?camera=1")->status, 400u);
+  EXPECT_EQ(ask("/v1/sessions//snapshot.glb?camera=1")->status, 400u);
+  EXPECT_EQ(ask("/v1/sessions/default/snapshot.glb")->status, 400u);
+  EXPECT_EQ(ask(kBox, "POST")->status, 405u);
+  EXPECT_EQ(ask(kBox, "OPTIONS")->status, 204u);
+  EXPECT_THAT(header(*ask(kBox, "OPTIONS"), "Access-Control-Allow-Headers"), HasSubstr("Authorization"));
+  EXPECT_EQ(ask("/v1/sessions/default/snapshot.glb?camera=7")->later->work({}).status, 404u);
+  EXPECT_EQ(ask("/v1/sessions/default/snapshot.json?x0=0&z0=0&x1=9000&z1=9000&error=0.02")->later->work({}).status, 422u);
+}
+
+TEST_F(SnapshotRouteTest, TakesTheRightToSnapshots) {
+  EXPECT_EQ(needed("GET", "/v1/sessions/a/snapshot.glb").right, access::Right::kSnapshot);
+  EXPECT_EQ(needed("HEAD", "/v1/sessions/a/snapshot.json").right, access::Right::kSnapshot);
+  EXPECT_FALSE(needed("OPTIONS", "/v1/sessions/a/snapshot.glb").right);
+  EXPECT_FALSE(needed("GET", "/v1/sessions/a/snapshot.glb").everySession);
+}
+
+}  // namespace
+}  // namespace ridgecast::http
