@@ -99,7 +99,11 @@ void main() {
 }  // namespace
 
 MarchPass::MarchPass(Program skyline, Program march, std::uint32_t seed)
-    : skyline_(std::move(skyline)), program_(std::move(march)), vertexArray_(makeVertexArray()), skylineFramebuffer_(makeFramebuffer()), seed_(seed) {}
+    : skyline_(std::move(skyline)),
+      program_(std::move(march)),
+      vertexArray_(makeVertexArray()),
+      skylineFramebuffer_(makeFramebuffer()),
+      seed_(seed) {}
 
 Outcome<MarchPass> MarchPass::create(const TerrainText& terrain) {
   auto skyline = buildTerrainProgram("skyline", terrain, std::string(kSkylineCells) + std::string(kSkyline));

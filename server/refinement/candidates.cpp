@@ -126,7 +126,8 @@ struct Scratch {
 std::array<Point2, 4> pointsAround(double x, double z, int bits) {
   const double spacing = static_cast<double>(std::int32_t{1} << bits);
   const Point2 p{snapTo(x, bits, halfOf(bits)), snapTo(z, bits, halfOf(bits))};
-  const std::int32_t dx = static_cast<std::int32_t>(x < p.x ? -spacing : spacing), dz = static_cast<std::int32_t>(z < p.z ? -spacing : spacing);
+  const std::int32_t dx = static_cast<std::int32_t>(x < p.x ? -spacing : spacing),
+                     dz = static_cast<std::int32_t>(z < p.z ? -spacing : spacing);
   return {p, {p.x + dx, p.z}, {p.x, p.z + dz}, {p.x + dx, p.z + dz}};
 }
 

@@ -158,8 +158,9 @@ void fallAsleep(PageDue& due, PageScreen& known, CandidatePage& page, unsigned k
 }
 
 struct Judgement {
-  double priority;  // 0: not worth a vertex now, for nothing of the triangle is seen: it lies outside the wide frustum, is hidden, or a speck
-  float until;      // steps: the way after which it is judged again
+  double
+      priority;  // 0: not worth a vertex now, for nothing of the triangle is seen: it lies outside the wide frustum, is hidden, or a speck
+  float until;   // steps: the way after which it is judged again
 };
 
 // Of a candidate that is wanted.

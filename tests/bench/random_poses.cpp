@@ -211,10 +211,11 @@ Report errorOfRandomPoses(const Options& options) {
       const Measured& m = all[k];
       const std::lock_guard lock(saying);
       char line[400];
-      std::snprintf(line, sizeof line, "%zu of %zu: pose %zu, %.1f m up, pitch %.0f: p99 %.2f px, max %.2f, jumps %zu of %zu, %u triangles, %.1f s%s; %s", ++done,
-                    poses.size(), k, m.camera.pose.y - terrain->height({m.camera.pose.x, m.camera.pose.z}),
-                    m.camera.pose.pitch * 180 / std::numbers::pi, m.error.p99, m.error.most, m.error.jumps, m.error.rays, m.triangles, m.seconds,
-                    m.settled || wanted.speed > 0 ? "" : ", not settled", m.error.worst.c_str());
+      std::snprintf(line, sizeof line,
+                    "%zu of %zu: pose %zu, %.1f m up, pitch %.0f: p99 %.2f px, max %.2f, jumps %zu of %zu, %u triangles, %.1f s%s; %s",
+                    ++done, poses.size(), k, m.camera.pose.y - terrain->height({m.camera.pose.x, m.camera.pose.z}),
+                    m.camera.pose.pitch * 180 / std::numbers::pi, m.error.p99, m.error.most, m.error.jumps, m.error.rays, m.triangles,
+                    m.seconds, m.settled || wanted.speed > 0 ? "" : ", not settled", m.error.worst.c_str());
       progress(line);
     }
   };

@@ -63,7 +63,8 @@ struct Flown {
 };
 using Flight = std::vector<Flown>;
 
-Flight fly(const std::string& path, double perIteration, int iterations, const std::function<void(testing_support::Flier&, int)>& before = {}) {
+Flight fly(const std::string& path, double perIteration, int iterations,
+           const std::function<void(testing_support::Flier&, int)>& before = {}) {
   scheduling::Machine machine(2);
   auto resources = std::make_shared<session::Resources>();
   resources->machine = &machine;
@@ -123,12 +124,9 @@ std::map<std::string, Flight> recorded() {
 TEST(RecordedFlights, EveryIterationIsTheOneThatWasRecorded) {
   logging::setUp(logging::Format::kText, logging::Level::kWarning);
   const std::map<std::string, Flight> flown = {
-      {"alpine", fly("alpine.json", 0.1, 60)},
-      {"canyon", fly("canyon.json", 0.1, 60)},
-      {"archipelago", fly("archipelago.json", 0.1, 60)},
-      {"far", fly("alpine-1e12.json", 0.1, 60)},
-      {"return", fly("alpine-return.json", 1, 40)},
-      {"settings", fly("alpine.json", 0.1, 60, changeSettings)},
+      {"alpine", fly("alpine.json", 0.1, 60)},           {"canyon", fly("canyon.json", 0.1, 60)},
+      {"archipelago", fly("archipelago.json", 0.1, 60)}, {"far", fly("alpine-1e12.json", 0.1, 60)},
+      {"return", fly("alpine-return.json", 1, 40)},      {"settings", fly("alpine.json", 0.1, 60, changeSettings)},
   };
   if (std::getenv("RIDGECAST_RECORD_FLIGHTS")) {
     std::ofstream out(kRecording);

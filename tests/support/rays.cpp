@@ -160,8 +160,8 @@ std::vector<double> besideJumps(const terrain::Terrain& terrain, const std::vect
 
 }  // namespace
 
-ScreenError errorOnScreen(const pipeline::Pipeline& pipeline, const terrain::Terrain& terrain, const camera::Camera& camera, double threshold,
-                          int across) {
+ScreenError errorOnScreen(const pipeline::Pipeline& pipeline, const terrain::Terrain& terrain, const camera::Camera& camera,
+                          double threshold, int across) {
   ScreenError out;
   const HeldMesh mesh(pipeline);
   std::vector<double> pixels;
