@@ -13,7 +13,7 @@ namespace {
 constexpr std::uint32_t kTile = 128;  // samples a side
 
 // What both programs share. The *skyline* is the highest ground by direction, a column for each sample, and by level distance, a row for each cell of
-// a thirty-second of a doubling.
+// an eighth of a doubling.
 constexpr std::string_view kSkylineCells = R"(
 uniform vec2 skylineAhead;                    // level, of length 1: the direction of the sector's middle
 uniform float skylineHalf, skylinePerRadian;  // radians: half the sector; columns

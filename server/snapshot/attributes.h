@@ -13,8 +13,6 @@
 
 namespace ridgecast::snapshot {
 
-using box::Problem;
-using box::Result;
 using box::Watch;
 
 // Adds what is wanted to leaves that have a mesh and nothing else. A terrain without colours in C++ gets none. False: the watch is over.
