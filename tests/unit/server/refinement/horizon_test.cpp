@@ -10,7 +10,7 @@
 namespace ridgecast::refinement {
 namespace {
 
-constexpr double kWide = 1.35, kPixel = 1.0 / 623;
+constexpr double kWide = 1.31, kPixel = 1.0 / 623;
 
 camera::Camera above(const terrain::Terrain& terrain, double x, double z, double height, double yaw) {
   camera::Camera camera;
