@@ -62,7 +62,7 @@ Changes Replica::send(std::span<const mesh::LeafState> leaves) {
       if (held->again || (differs && !deltas_)) {
         changes.whole.push_back(leaf.address);
       } else if (differs) {
-        changes.changed.push_back({leaf.address, leaf.hash, held->hash, static_cast<std::uint32_t>(changes.sources.size()), 1});
+        changes.changed.push_back({leaf.address, leaf.hash, static_cast<std::uint32_t>(changes.sources.size()), 1});
         changes.sources.push_back(leaf.address);
       }
       ++held;
@@ -108,7 +108,7 @@ void Replica::derive(Changes& changes, std::span<const Arrival> arrivals, std::s
     for (; pair != pairs.cend() && pair->arrival == k; ++pair) changes.sources.push_back(pair->source);
     const auto count = static_cast<std::uint32_t>(changes.sources.size()) - first;
     if (count > 0)
-      changes.changed.push_back({arrivals[k].address, arrivals[k].hash, 0, first, count});
+      changes.changed.push_back({arrivals[k].address, arrivals[k].hash, first, count});
     else
       changes.whole.push_back(arrivals[k].address);
   }

@@ -35,7 +35,6 @@ inline constexpr int kMaxRepairs = 3;
 struct Derived {
   lattice::LeafAddress address;
   std::uint64_t hash = 0;              // of the leaf
-  std::uint64_t sourceHash = 0;        // of its source, where that is the leaf itself
   std::uint32_t first = 0, count = 0;  // of Changes::sources: the leaf itself, or leaves that are gone and cover or lie in it
 };
 
@@ -93,6 +92,7 @@ class Replica {
 
   std::size_t leaves() const { return held_.size(); }
   std::uint64_t meshHash() const { return meshHash_; }
+  std::uint64_t lastSent() const { return lastSent_; }  // the number of the last iteration; 0: none yet
 
  private:
   struct Held {

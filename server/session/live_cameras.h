@@ -1,5 +1,5 @@
 #pragma once
-// The cameras of a session by their number, for who wants to look at what one of them holds. Any thread.
+// The cameras of a session by number, to look at what one of them holds. Any thread.
 
 #include <cstdint>
 #include <functional>
@@ -16,14 +16,14 @@ namespace ridgecast::session {
 class CameraSession;
 
 // The mesh of a camera as one of its iterations left it: what its client holds when it has applied that iteration.
-struct HeldMesh {
+struct MeshCopy {
   std::uint64_t iteration = 0, meshHash = 0;
   camera::Camera camera;
-  wire::Settings settings;                // as granted
+  wire::Settings settings;  // as granted
   double effectiveThreshold = 0;
-  std::vector<mesh::LeafMesh> leaves;     // in canonical order of address, empty ones included
+  std::vector<mesh::LeafMesh> leaves;  // in canonical order of address, empty ones included
 };
-using Hold = std::function<void(std::shared_ptr<const HeldMesh>)>;
+using TakeCopy = std::function<void(std::shared_ptr<const MeshCopy>)>;
 
 class LiveCameras {
  public:

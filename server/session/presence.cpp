@@ -11,7 +11,7 @@ std::shared_ptr<const void> ticket() { return std::make_shared<char>(); }
 
 }  // namespace
 
-Presence::Presence(const Alarm& alarm) : alarm_(alarm), clock_(Time::now()) {}
+Presence::Presence(const Timer& timer) : timer_(timer), clock_(timer.now()) {}
 
 void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender,
                     const std::optional<wire::PoseMessage>& pose) {
@@ -23,7 +23,7 @@ void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_
   entry.wantsClock = hello.clock;
   entry.joinedAt = ++version_;
   if (pose) {
-    entry.member.moved = wire::Moved{camera, *pose, clock_.time(Time::now())};
+    entry.member.moved = wire::Moved{camera, *pose, clock_.time(timer_.now())};
     entry.movedAt = version_;
   }
   if (entry.wantsClock) {
@@ -37,7 +37,7 @@ void Presence::moved(std::uint64_t camera, const wire::PoseMessage& pose) {
   const std::lock_guard lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return;
-  it->second.member.moved = wire::Moved{camera, pose, clock_.time(Time::now())};
+  it->second.member.moved = wire::Moved{camera, pose, clock_.time(timer_.now())};
   it->second.movedAt = ++version_;
   membersChanged();
 }
@@ -52,26 +52,26 @@ void Presence::leave(std::uint64_t camera) {
     if (entry.wantsMembers && entry.told >= joinedAt) entry.left.push_back(camera);
   ++version_;
   membersChanged();
-  if (clock_.leave(camera, Time::now())) clockChanged();
+  if (clock_.leave(camera, timer_.now())) clockChanged();
 }
 
 // ---- members ----
 
 void Presence::membersChanged() {
-  if (membersAlarm_) return;
+  if (membersDue_) return;
   if (std::none_of(entries_.begin(), entries_.end(), [](const auto& e) { return e.second.wantsMembers; })) return;
-  membersAlarm_ = true;
-  alarm_.at(std::max(Time::now(), lastTold_ + kLeastPause), [weak = weak_from_this()] {
+  membersDue_ = true;
+  timer_.at(std::max(timer_.now(), lastTold_ + kLeastPause), [weak = weak_from_this()] {
     const auto self = weak.lock();
     if (!self) return;
     const std::lock_guard lock(self->mutex_);
-    self->membersAlarm_ = false;
+    self->membersDue_ = false;
     self->tellMembers();
   });
 }
 
 void Presence::tellMembers() {
-  lastTold_ = Time::now();
+  lastTold_ = timer_.now();
   bool all = true;
   for (auto& [id, entry] : entries_)
     if (entry.wantsMembers && !tell(entry)) all = false;
@@ -110,7 +110,7 @@ void Presence::set(std::uint64_t camera, const wire::SetClock& set) {
   const std::lock_guard lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return;
-  const bool changed = clock_.set(camera, set, Time::now());
+  const bool changed = clock_.set(camera, set, timer_.now());
   if (changed) clockChanged();
   if (!changed || !it->second.wantsClock) sendClock(it->second, 0);
 }
@@ -144,19 +144,19 @@ void Presence::tellClock() {
     else
       all = false;
   }
-  if (all || clockAlarm_) return;
-  clockAlarm_ = true;
-  alarm_.at(Time::now() + kClockRetry, [weak = weak_from_this()] {
+  if (all || clockDue_) return;
+  clockDue_ = true;
+  timer_.at(timer_.now() + kClockRetry, [weak = weak_from_this()] {
     const auto self = weak.lock();
     if (!self) return;
     const std::lock_guard lock(self->mutex_);
-    self->clockAlarm_ = false;
+    self->clockDue_ = false;
     self->tellClock();
   });
 }
 
 void Presence::sendClock(Entry& entry, std::uint64_t echo) {
-  wire::Clock clock = clock_.state(Time::now());
+  wire::Clock clock = clock_.state(timer_.now());
   clock.echo = echo;
   entry.clockStale = false;
   const auto held = ticket();
@@ -167,7 +167,7 @@ void Presence::sendClock(Entry& entry, std::uint64_t echo) {
 Presence::Seen Presence::look() const {
   const std::lock_guard lock(mutex_);
   Seen seen;
-  seen.clock = clock_.state(Time::now());
+  seen.clock = clock_.state(timer_.now());
   for (const auto& [id, entry] : entries_) {
     seen.members.push_back(entry.member);
     if (id == seen.clock.owner) seen.ownerName = entry.member.name;

@@ -18,9 +18,9 @@
 #include <vector>
 
 #include "common/wire/messages.h"
-#include "server/session/alarm.h"
 #include "server/session/clock.h"
 #include "server/session/sender.h"
+#include "server/session/timer.h"
 
 namespace ridgecast::session {
 
@@ -29,8 +29,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
   static constexpr std::chrono::milliseconds kLeastPause{50};
   static constexpr std::chrono::milliseconds kClockRetry{5};  // when the last word about the clock has not left yet
 
-  // The alarm wakes it when somebody has to be told later; it must outlive this.
-  explicit Presence(const Alarm& alarm);
+  // `timer` must outlive this.
+  explicit Presence(const Timer& timer);
 
   // `hello` says name, role and what is wanted; `pose` is the newest there is. The member's world must have been sent.
   void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose);
@@ -51,7 +51,6 @@ class Presence : public std::enable_shared_from_this<Presence> {
   Seen look() const;  // for tables
 
  private:
-  using Time = std::chrono::steady_clock;
   struct Entry {
     wire::Member member;
     std::shared_ptr<Sender> sender;
@@ -72,12 +71,12 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void tellClock();
   void sendClock(Entry& entry, std::uint64_t echo);
 
-  const Alarm& alarm_;
+  const Timer& timer_;
   mutable std::mutex mutex_;
   std::map<std::uint64_t, Entry> entries_;
   std::uint64_t version_ = 0;
-  Time::time_point lastTold_{};
-  bool membersAlarm_ = false, clockAlarm_ = false;
+  Timer::Time lastTold_{};
+  bool membersDue_ = false, clockDue_ = false;
   Clock clock_;
 };
 

@@ -27,7 +27,7 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       resources_(std::move(resources)),
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
       cameras_(std::move(cameras)),
-      presence_(std::make_shared<Presence>(resources_->alarm)) {}
+      presence_(std::make_shared<Presence>(*resources_->timer)) {}
 
 Outcome<Place> Session::enter() {
   const Limits& limits = resources_->limits;
@@ -91,7 +91,7 @@ void Directory::sweepSoon() {
   if (sweepSet_ || sessions_.size() <= 1) return;
   sweepSet_ = true;
   const auto pause = std::max<std::chrono::milliseconds>(resources_->limits.sessionIdle / 8, std::chrono::milliseconds(10));
-  resources_->alarm.at(std::chrono::steady_clock::now() + pause, [weak = weak_from_this()] {
+  resources_->timer->at(resources_->timer->now() + pause, [weak = weak_from_this()] {
     if (const auto self = weak.lock()) self->sweep();
   });
 }
@@ -100,7 +100,7 @@ void Directory::sweep() {
   std::vector<std::shared_ptr<Session>> ended;  // destroyed outside the lock
   const std::lock_guard lock(mutex_);
   sweepSet_ = false;
-  const auto now = std::chrono::steady_clock::now();
+  const auto now = resources_->timer->now();
   for (auto it = sessions_.begin(); it != sessions_.end();) {
     Kept& kept = it->second;
     const std::uint64_t entries = kept.session->entries();

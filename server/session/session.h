@@ -25,10 +25,10 @@
 #include "server/pipeline/pipeline.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
-#include "server/session/alarm.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/live_cameras.h"
 #include "server/session/presence.h"
+#include "server/session/timer.h"
 
 namespace ridgecast::session {
 
@@ -55,10 +55,7 @@ struct WorldSpec {
 using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&)>;
 
 inline constexpr std::string_view kDefaultName = "default";
-// What the session remembers of the leaves that a client holds, to make deltas from: so many bytes a triangle of its budget at most.
-inline constexpr std::size_t kBaseBytesPerTriangle = 24;
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
-inline constexpr std::size_t kMaxQueuedPoses = 64;  // lock-step: poses that wait for their iteration
 
 // What cameras of all sessions share.
 struct Resources {
@@ -70,8 +67,8 @@ struct Resources {
   std::string serverName;
   Limits limits;
   std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
-  mutable std::atomic<bool> givesMemoryBack{false};  // an alarm that trims the allocator is set
-  Alarm alarm;                                       // wakes cameras whose budget of bytes is used up
+  std::unique_ptr<const Timer> timer = std::make_unique<SteadyTimer>();
+  mutable std::atomic<bool> givesMemoryBack{false};  // a call that trims the allocator is set
 };
 
 // One camera's place; given back when destroyed.

@@ -73,7 +73,7 @@ Json parametersOf(const terrain::Terrain& terrain) {
 // What all kinds of snapshots come to.
 struct Made {
   std::vector<mesh::LeafMesh> own;
-  std::shared_ptr<const session::HeldMesh> held;  // or these
+  std::shared_ptr<const session::MeshCopy> held;  // or these
   lattice::Point origin;
   std::optional<camera::Camera> camera;
   Json extras;
@@ -89,11 +89,11 @@ Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const
   struct Waiting {
     std::mutex mutex;
     std::condition_variable_any come;
-    std::shared_ptr<const session::HeldMesh> mesh;
+    std::shared_ptr<const session::MeshCopy> mesh;
     bool done = false;
   };
   const auto waiting = std::make_shared<Waiting>();
-  const bool taken = camera->hold([waiting](std::shared_ptr<const session::HeldMesh> mesh) {
+  const bool taken = camera->copy([waiting](std::shared_ptr<const session::MeshCopy> mesh) {
     const std::lock_guard lock(waiting->mutex);
     waiting->mesh = std::move(mesh);
     waiting->done = true;
@@ -106,7 +106,7 @@ Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const
   if (!waiting->mesh) return none;
   Made out;
   out.held = waiting->mesh;
-  const session::HeldMesh& held = *out.held;
+  const session::MeshCopy& held = *out.held;
   out.camera = held.camera;
   out.origin = {held.camera.pose.x, held.camera.pose.z};
   out.extras = {{"of", "camera"},

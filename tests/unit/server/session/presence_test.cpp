@@ -83,8 +83,8 @@ class PresenceTest : public testing::Test {
     presence->join(id, hello, listener, {});
     return listener;
   }
-  Alarm alarm;
-  std::shared_ptr<Presence> presence = std::make_shared<Presence>(alarm);
+  SteadyTimer timer;
+  std::shared_ptr<Presence> presence = std::make_shared<Presence>(timer);
 };
 
 TEST_F(PresenceTest, MembersSeeEachOtherComeMoveAndGo) {

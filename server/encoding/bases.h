@@ -12,7 +12,7 @@
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
 
-namespace ridgecast::replica {
+namespace ridgecast::encoding {
 
 class Bases {
  public:
@@ -42,4 +42,4 @@ class Bases {
   std::size_t budget_ = 0, bytes_ = 0;
 };
 
-}  // namespace ridgecast::replica
+}  // namespace ridgecast::encoding

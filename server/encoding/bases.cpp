@@ -1,8 +1,8 @@
-#include "server/replica/bases.h"
+#include "server/encoding/bases.h"
 
 #include <utility>
 
-namespace ridgecast::replica {
+namespace ridgecast::encoding {
 
 std::size_t Bases::Packed::bytes() const {
   constexpr std::size_t kEntry = 160;  // of the table, and of what the allocator adds
@@ -57,4 +57,4 @@ std::size_t Bases::triangles(lattice::LeafAddress address) const {
   return it == leaves_.end() ? 0 : it->second.narrow.size() + it->second.wide.size();
 }
 
-}  // namespace ridgecast::replica
+}  // namespace ridgecast::encoding

@@ -1,4 +1,4 @@
-#include "server/session/alarm.h"
+#include "server/session/timer.h"
 
 #include <condition_variable>
 #include <map>
@@ -8,10 +8,10 @@
 
 namespace ridgecast::session {
 
-struct Alarm::State {
+struct SteadyTimer::State {
   std::mutex mutex;
   std::condition_variable changed;
-  std::multimap<std::chrono::steady_clock::time_point, std::function<void()>> calls;
+  std::multimap<Time, std::function<void()>> calls;
   bool ends = false;
   std::thread thread;
 
@@ -24,7 +24,7 @@ struct Alarm::State {
       }
       const auto next = calls.begin();
       if (std::chrono::steady_clock::now() < next->first) {
-        changed.wait_until(lock, std::chrono::steady_clock::time_point(next->first));
+        changed.wait_until(lock, Time(next->first));
         continue;
       }
       const auto call = std::move(next->second);
@@ -36,9 +36,9 @@ struct Alarm::State {
   }
 };
 
-Alarm::Alarm() : state_(std::make_shared<State>()) {}
+SteadyTimer::SteadyTimer() : state_(std::make_shared<State>()) {}
 
-Alarm::~Alarm() {
+SteadyTimer::~SteadyTimer() {
   std::thread thread;
   {
     const std::lock_guard lock(state_->mutex);
@@ -54,7 +54,7 @@ Alarm::~Alarm() {
     thread.join();
 }
 
-void Alarm::at(std::chrono::steady_clock::time_point when, std::function<void()> call) const {
+void SteadyTimer::at(Time when, std::function<void()> call) const {
   const std::lock_guard lock(state_->mutex);
   if (state_->ends) return;
   state_->calls.emplace(when, std::move(call));

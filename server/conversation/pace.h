@@ -7,7 +7,7 @@
 #include <chrono>
 #include <cstdint>
 
-namespace ridgecast::session {
+namespace ridgecast::conversation {
 
 class Pace {
  public:
@@ -46,4 +46,4 @@ class Pace {
   double bytesAnInsertion_ = 12;
 };
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::conversation

@@ -1,0 +1,211 @@
+#include "server/conversation/conversation.h"
+
+#include <algorithm>
+#include <array>
+#include <string>
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::conversation {
+
+namespace {
+
+using wire::ErrorCode;
+using wire::ErrorMessage;
+
+// The messages in a sentence, and the earliest stage they belong to; by their place in wire::ClientMessage.
+struct Kind {
+  std::string_view name;
+  bool needsWorld;
+};
+constexpr std::array<Kind, std::variant_size_v<wire::ClientMessage>> kKinds{{{"hello", false},
+                                                                             {"pose", false},
+                                                                             {"acknowledgement", false},
+                                                                             {"request to resend leaves", false},
+                                                                             {"resume", false},
+                                                                             {"question for the clock", true},
+                                                                             {"clock", true},
+                                                                             {"step", true},
+                                                                             {"step done", true},
+                                                                             {"query", true},
+                                                                             {"question for the ground", true},
+                                                                             {"request for tiles", false},
+                                                                             {"change of settings", true}}};
+
+constexpr std::size_t kBytesACandidate = 15;  // about
+
+template <class Leaves>
+std::size_t payloadBytes(const Leaves& leaves, std::size_t overhead) {
+  std::size_t bytes = 0;
+  for (const auto& leaf : leaves) bytes += leaf.payload.size() + leaf.shades.size() + overhead;
+  return bytes;
+}
+
+}  // namespace
+
+Conversation::Refusal Conversation::receive(const wire::ClientMessage& message) {
+  if (auto refusal = outOfPlace(message)) return refusal;
+  return std::visit([this](const auto& m) { return take(m); }, message);
+}
+
+Conversation::Refusal Conversation::outOfPlace(const wire::ClientMessage& message) const {
+  const auto& [name, needsWorld] = kKinds[message.index()];
+  const bool isHello = std::holds_alternative<wire::Hello>(message);
+  if (stage_ == Stage::kExpectsHello && !isHello)
+    return ErrorMessage{ErrorCode::kMalformed, "The first message must be a hello; a " + std::string(name) + " came first."};
+  if (stage_ == Stage::kExpectsWorld && needsWorld)
+    return ErrorMessage{ErrorCode::kMalformed, "A " + std::string(name) + " came before the world was sent; wait for the world."};
+  return {};
+}
+
+Conversation::Refusal Conversation::take(const wire::Hello& hello) {
+  if (hello.protocolVersion != wire::kProtocolVersion)
+    return ErrorMessage{ErrorCode::kVersion, "This server speaks protocol version " + std::to_string(wire::kProtocolVersion) +
+                                                 " and the client version " + std::to_string(hello.protocolVersion) +
+                                                 ": both must be the same."};
+  if (stage_ != Stage::kExpectsHello) return ErrorMessage{ErrorCode::kMalformed, "A second hello came; a connection has exactly one."};
+  granted_ = terms_.grant(hello.settings);
+  pace_.setRate(granted_.bytesPerSecond);
+  replica_.setDeltas(hello.deltas);
+  lockstep_ = hello.pacing == wire::Pacing::kLockstep;
+  hello_ = hello;
+  stage_ = Stage::kExpectsWorld;
+  return {};
+}
+
+Conversation::Refusal Conversation::take(const wire::PoseMessage& pose) {
+  if (pose.sequence <= lastSequence_)
+    return ErrorMessage{ErrorCode::kInvalid, "Pose " + std::to_string(pose.sequence) + " came after pose " + std::to_string(lastSequence_) +
+                                                 ": sequences start at 1 and ascend."};
+  if (lockstep_ && poses_.size() >= kMaxQueuedPoses)
+    return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(kMaxQueuedPoses) +
+                                               " poses wait in lock-step: send the next one when iterations have arrived."};
+  lastSequence_ = pose.sequence;
+  if (!lockstep_) poses_.clear();
+  poses_.push_back(pose);
+  return {};
+}
+
+Conversation::Refusal Conversation::take(const wire::Acknowledge& acknowledge) {
+  const std::string iteration = "Iteration " + std::to_string(acknowledge.iteration);
+  switch (replica_.acknowledge(acknowledge.iteration, acknowledge.meshHash)) {
+    case replica::Verdict::kAgrees:
+    case replica::Verdict::kRepairs:
+      return {};
+    case replica::Verdict::kNeverSent:
+      return ErrorMessage{ErrorCode::kInvalid, iteration + " was acknowledged but never sent."};
+    case replica::Verdict::kOutOfOrder:
+      return ErrorMessage{ErrorCode::kInvalid, iteration + " was acknowledged before; acknowledgements ascend."};
+    case replica::Verdict::kHopeless:
+      break;
+  }
+  return ErrorMessage{ErrorCode::kInvalid, "The client's mesh differs even after everything was sent again " +
+                                               std::to_string(replica::kMaxRepairs) + " times: it must start afresh."};
+}
+
+Conversation::Refusal Conversation::take(const wire::ResendLeaves& resend) {
+  replica_.resend(resend.leaves);
+  return {};
+}
+
+Conversation::Refusal Conversation::take(const wire::Resume& resume) {
+  if (lastSequence_ != 0)
+    return ErrorMessage{ErrorCode::kMalformed, "A resume came after a pose; it belongs between hello and the first pose."};
+  if (!replica_.resume(resume.leaves))
+    return ErrorMessage{ErrorCode::kInvalid, "A resume names a leaf twice, or more than " + std::to_string(wire::kMaxResumed) + " in all."};
+  return {};
+}
+
+Conversation::Refusal Conversation::take(const wire::WantTiles& request) {
+  if (!terms_.heightMap) return ErrorMessage{ErrorCode::kInvalid, "Tiles are wanted of a world that has no height map."};
+  if (tiles_.size() + request.tiles.size() > wire::kMaxWantedTiles)
+    return ErrorMessage{ErrorCode::kLimit,
+                        "More than " + std::to_string(wire::kMaxWantedTiles) + " tiles wait to be sent: want fewer at a time."};
+  for (const terrain::TileAddress& tile : request.tiles)
+    if (!terrain::tileIsValid(*terms_.heightMap, tile))
+      return ErrorMessage{ErrorCode::kInvalid, "A tile is wanted that lies beyond the lattice."};
+  tiles_.insert(tiles_.end(), request.tiles.begin(), request.tiles.end());
+  return {};
+}
+
+Conversation::Refusal Conversation::take(const wire::ChangeSettings& change) {
+  if (!lockstep_) changes_.clear();
+  if (changes_.size() >= kMaxQueuedPoses)
+    return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(kMaxQueuedPoses) +
+                                               " changes of settings wait for their poses: change them when iterations have arrived."};
+  changes_.push_back({lastSequence_, terms_.grant(change.settings)});
+  return {};
+}
+
+void Conversation::close() {
+  stage_ = Stage::kClosed;
+  poses_.clear();
+}
+
+bool Conversation::hasWork(std::size_t queuedBytes) const {
+  if (!runs()) return stage_ == Stage::kExpectsWorld;
+  if (queuedBytes > terms_.maxQueuedBytes) return false;
+  if (!tiles_.empty()) return true;
+  if (!replica_.hasRoom()) return false;
+  if (lockstep_) return !poses_.empty();
+  return !poses_.empty() || (pose_.sequence != 0 && (!atRest_ || !changes_.empty() || replica_.owes()));
+}
+
+std::optional<Conversation::Time> Conversation::due(std::size_t queuedBytes) const {
+  if (!hasWork(queuedBytes)) return {};
+  return runs() && pace_.limits() ? pace_.free() : Time::min();
+}
+
+Work Conversation::next(std::size_t queuedBytes) {
+  if (!hasWork(queuedBytes)) return {};
+  if (!runs()) return Greet{};
+  if (!tiles_.empty()) {
+    const auto end = tiles_.begin() + static_cast<std::ptrdiff_t>(std::min(tiles_.size(), kTilesAtOnce));
+    SendTiles work{{tiles_.begin(), end}};
+    tiles_.erase(tiles_.begin(), end);
+    return work;
+  }
+  owesAnswer_ = !poses_.empty();
+  if (owesAnswer_) {
+    pose_ = poses_.front();
+    poses_.pop_front();
+  }
+  Iterate work{pose_, {}, {}};
+  const std::uint32_t candidates = granted_.candidates;
+  for (; !changes_.empty() && (!lockstep_ || changes_.front().after < pose_.sequence); changes_.pop_front())
+    work.granted = granted_ = changes_.front().granted;
+  owesAnswer_ = owesAnswer_ || granted_.candidates > candidates;
+  if (work.granted) pace_.setRate(granted_.bytesPerSecond);
+  if (work.granted || pace_.limits()) work.insertions = pace_.insertions();
+  return work;
+}
+
+void Conversation::greeted() {
+  if (stage_ == Stage::kExpectsWorld) stage_ = Stage::kRuns;
+}
+
+std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::LeafState> leaves, bool settled) {
+  if (!runs()) return {};
+  const bool comesToRest = settled && !atRest_;
+  atRest_ = settled;
+  if (!lockstep_ && !pace_.limits() && !settled && unsent_ < kMostUnsent && replica_.resumes(leaves)) {
+    ++unsent_;
+    return {};
+  }
+  if (!owesAnswer_ && !comesToRest && !replica_.differs(leaves)) return {};
+  return replica_.send(leaves);
+}
+
+void Conversation::sent(const wire::Iteration& iteration, Time now) {
+  pace_.sent(now, 200 + 12 * iteration.gone.size() + payloadBytes(iteration.whole, 24) + payloadBytes(iteration.changed, 16),
+             iteration.figures.inserted);
+  if (iteration.candidates) pace_.sent(now, kBytesACandidate * iteration.candidates->size(), 0);
+}
+
+void Conversation::sent(const wire::HeightTiles& tiles, Time now) {
+  std::size_t bytes = 0;
+  for (const wire::HeightTile& tile : tiles.tiles) bytes += tile.samples.size() + 16;
+  pace_.sent(now, bytes, 0);
+}
+
+}  // namespace ridgecast::conversation

@@ -1,0 +1,37 @@
+#pragma once
+// The time, and calls at a time: the only clock of this room, so that a test can bring its own.
+
+#include <chrono>
+#include <functional>
+#include <memory>
+
+namespace ridgecast::session {
+
+// Any thread; const, because everyone who shares the resources may set calls. Callers bound their number.
+class Timer {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  virtual ~Timer() = default;
+  virtual Time now() const = 0;
+  // `call` runs once, briefly, on a thread of the timer's. Calls that are not due when the timer ends are dropped.
+  virtual void at(Time when, std::function<void()> call) const = 0;
+};
+
+// Real time. One thread for all calls, started by the first.
+class SteadyTimer final : public Timer {
+ public:
+  SteadyTimer();
+  ~SteadyTimer() override;
+  SteadyTimer(const SteadyTimer&) = delete;
+  SteadyTimer& operator=(const SteadyTimer&) = delete;
+
+  Time now() const override { return std::chrono::steady_clock::now(); }
+  void at(Time when, std::function<void()> call) const override;
+
+ private:
+  struct State;
+  std::shared_ptr<State> state_;
+};
+
+}  // namespace ridgecast::session

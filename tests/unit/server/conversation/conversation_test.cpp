@@ -1,0 +1,225 @@
+// The conversation under a simulated clock and line: no thread, no sleep, the same run every time.
+#include "server/conversation/conversation.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <random>
+
+#include "common/mesh/leaf_mesh.h"
+
+namespace ridgecast::conversation {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+using Time = Conversation::Time;
+using Leaves = std::vector<mesh::LeafState>;
+
+wire::PoseMessage pose(std::uint64_t sequence) {
+  wire::PoseMessage p;
+  p.sequence = sequence;
+  return p;
+}
+
+wire::Hello hello(wire::Pacing pacing = wire::Pacing::kFree, std::uint64_t bytesPerSecond = 0) {
+  wire::Hello h;
+  h.pacing = pacing;
+  h.settings.bytesPerSecond = bytesPerSecond;
+  return h;
+}
+
+Terms terms() {
+  Terms t;
+  t.grant = [](const wire::Settings& requested) { return requested; };
+  return t;
+}
+
+// A conversation past its hello and its world.
+Conversation running(const wire::Hello& h = hello(), Terms t = terms()) {
+  Conversation c(std::move(t));
+  EXPECT_FALSE(c.receive(h));
+  EXPECT_TRUE(std::holds_alternative<Greet>(c.next(0)));
+  c.greeted();
+  return c;
+}
+
+mesh::LeafState leaf(int i, std::uint64_t content) { return {{3, i, 0}, content, content * 0x9e3779b97f4a7c15ull, 10}; }
+
+TEST(Conversation, EveryMessageHasItsPlace) {
+  const std::vector<wire::ClientMessage> all{pose(1),          wire::Acknowledge{}, wire::ResendLeaves{}, wire::Resume{},
+                                             wire::AskClock{}, wire::SetClock{},    wire::Step{},         wire::StepDone{},
+                                             wire::Query{},    wire::AskGround{},   wire::WantTiles{},    wire::ChangeSettings{}};
+  for (const wire::ClientMessage& message : all) {
+    Conversation fresh(terms());
+    const auto refusal = fresh.receive(message);
+    ASSERT_TRUE(refusal) << message.index();
+    EXPECT_EQ(refusal->code, wire::ErrorCode::kMalformed);
+    EXPECT_THAT(refusal->message, HasSubstr("The first message must be a hello"));
+  }
+  for (const wire::ClientMessage& message : {all[4], all[5], all[6], all[7], all[8], all[9], all[11]}) {
+    Conversation greeting(terms());
+    ASSERT_FALSE(greeting.receive(hello()));
+    const auto refusal = greeting.receive(message);
+    ASSERT_TRUE(refusal) << message.index();
+    EXPECT_THAT(refusal->message, HasSubstr("wait for the world"));
+    Conversation later = running();
+    EXPECT_FALSE(later.receive(message)) << message.index();
+  }
+}
+
+TEST(Conversation, ClosedThereIsNoWork) {
+  Conversation c = running();
+  ASSERT_FALSE(c.receive(pose(1)));
+  ASSERT_TRUE(c.due(0));
+  c.close();
+  EXPECT_FALSE(c.due(0));
+  EXPECT_TRUE(std::holds_alternative<std::monostate>(c.next(0)));
+  EXPECT_FALSE(c.iterated({}, false));
+}
+
+TEST(Pace, PaysBackWhatWasSentAndSavesLittleUp) {
+  Pace pace;
+  EXPECT_FALSE(pace.limits());
+  EXPECT_EQ(pace.insertions(), 0xffffffffu);
+  pace.setRate(64'000);
+  const auto now = Pace::Clock::now();
+  pace.sent(now, 64'000, 0);  // a second's worth, of which a quarter was saved up
+  EXPECT_NEAR(std::chrono::duration<double>(pace.free() - now).count(), 0.75, 1e-6);
+  pace.sent(now, 6'400, 0);
+  EXPECT_NEAR(std::chrono::duration<double>(pace.free() - now).count(), 0.85, 1e-6);
+  pace.sent(now + 10s, 0, 0);
+  EXPECT_LE(pace.free(), now + 10s);
+  // What an insertion costs is learnt.
+  const auto before = pace.insertions();
+  EXPECT_GT(before, 500u);
+  for (int k = 0; k < 20; ++k) pace.sent(now, 40'000, 1000);
+  EXPECT_NEAR(pace.insertions(), 16'000 / 40, 10);
+}
+
+TEST(Conversation, ABudgetOfBytesIsKeptToTheByteInSimulatedTime) {
+  constexpr std::uint64_t kRate = 10'000;
+  Conversation c = running(hello(wire::Pacing::kFree, kRate));
+  ASSERT_FALSE(c.receive(pose(1)));
+  Time now{1h};
+  const Time start = now;
+  std::size_t bytes = 0;
+  for (std::uint64_t n = 1; n <= 500; ++n) {
+    const auto due = c.due(0);
+    ASSERT_TRUE(due);
+    now = std::max(now, *due);
+    ASSERT_TRUE(std::holds_alternative<Iterate>(c.next(0)));
+    const auto changes = c.iterated(Leaves{leaf(0, n)}, false);
+    ASSERT_TRUE(changes);
+    wire::Iteration iteration;
+    iteration.whole.push_back({{3, 0, 0}, 3, 1, std::vector<std::uint8_t>(500 + 7 * n), 0, {}});
+    bytes += 200 + 24 + 500 + 7 * n;
+    c.sent(iteration, now);
+    ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}));
+  }
+  const double seconds = std::chrono::duration<double>(*c.due(0) - start).count();
+  EXPECT_NEAR(static_cast<double>(bytes) / seconds, kRate, 0.01 * kRate);
+}
+
+// A client on a line that delays and damages, for a minute of simulated time each: what must hold however it goes.
+struct Simulation {
+  explicit Simulation(unsigned seed) : random(seed) {}
+
+  std::mt19937 random;
+  Time now{1h};
+  std::multimap<Time, wire::ClientMessage> toServer;
+  std::map<lattice::LeafAddress, std::uint64_t> held;  // the client's, address -> hash
+  std::uint64_t iterations = 0, posesAnswered = 0, damaged = 0, most = 0;
+
+  bool chance(unsigned n) { return random() % n == 0; }
+  void later(wire::ClientMessage message) {  // the line keeps the order
+    Time at = now + std::chrono::milliseconds(random() % 80);
+    if (!toServer.empty()) at = std::max(at, toServer.rbegin()->first);
+    toServer.emplace(at, std::move(message));
+  }
+  std::uint64_t heldHash() const {
+    std::uint64_t sum = 0;
+    for (const auto& [address, hash] : held) sum += mesh::hashTerm(address, hash);
+    return sum;
+  }
+  void apply(const replica::Changes& changes, const Leaves& leaves) {
+    for (const auto& a : changes.gone) held.erase(a);
+    const auto take = [&](const lattice::LeafAddress& a) {
+      const auto it = std::find_if(leaves.begin(), leaves.end(), [&](const mesh::LeafState& l) { return l.address == a; });
+      ASSERT_NE(it, leaves.end());
+      held[a] = it->hash;
+    };
+    for (const auto& a : changes.whole) take(a);
+    for (const auto& d : changes.changed) take(d.address);
+  }
+};
+
+std::vector<std::uint64_t> simulate(unsigned seed, bool lockstep) {
+  Simulation s(seed);
+  const std::uint32_t window = 1 + seed % 4;
+  Terms t = terms();
+  t.window = window;
+  Conversation c = running(hello(lockstep ? wire::Pacing::kLockstep : wire::Pacing::kFree), t);
+  std::vector<std::uint64_t> trace;
+  std::uint64_t posed = 0, unacknowledged = 0, answered = 0;
+  std::uint64_t content = 1;
+  Leaves leaves{leaf(0, 1), leaf(1, 1), leaf(2, 1)};
+  for (int step = 0; step < 4500; ++step) {
+    s.now += 15ms;
+    if (step < 3900 && s.chance(3) && (!lockstep || posed < answered + kMaxQueuedPoses)) s.later(pose(++posed));
+    while (!s.toServer.empty() && s.toServer.begin()->first <= s.now) {
+      if (std::holds_alternative<wire::Acknowledge>(s.toServer.begin()->second)) --unacknowledged;
+      const auto refusal = c.receive(s.toServer.begin()->second);
+      EXPECT_FALSE(refusal) << refusal->message;
+      s.toServer.erase(s.toServer.begin());
+    }
+    const auto due = c.due(0);
+    if (!due || *due > s.now) continue;
+    const Work work = c.next(0);
+    const auto* order = std::get_if<Iterate>(&work);
+    EXPECT_TRUE(order);
+    if (!order) break;
+    const bool settled = s.chance(4);
+    if (!settled) leaves[s.random() % leaves.size()] = leaf(static_cast<int>(s.random() % 3), ++content);
+    std::sort(leaves.begin(), leaves.end(), [](const auto& a, const auto& b) { return a.address < b.address; });
+    leaves.erase(std::unique(leaves.begin(), leaves.end(), [](const auto& a, const auto& b) { return a.address == b.address; }),
+                 leaves.end());
+    const auto changes = c.iterated(leaves, settled);
+    trace.push_back(order->pose.sequence * 2 + (changes ? 1 : 0));
+    if (!changes) {
+      EXPECT_FALSE(lockstep) << "in lock-step every pose is answered";
+      continue;
+    }
+    answered = order->pose.sequence;
+    s.apply(*changes, leaves);
+    ++unacknowledged;
+    s.most = std::max<std::uint64_t>(s.most, unacknowledged);
+    if (s.chance(40) && !s.held.empty()) {  // a leaf is damaged: the client sees it by the hash and asks again
+      ++s.damaged;
+      s.later(wire::ResendLeaves{{s.held.begin()->first}});
+    }
+    s.later(wire::Acknowledge{changes->number, s.heldHash()});
+  }
+  EXPECT_EQ(answered, posed) << "the newest pose is answered once there is nothing newer";
+  EXPECT_LE(s.most, window);
+  EXPECT_GT(s.damaged, 5u);
+  EXPECT_EQ(s.heldHash(), c.replica().meshHash());
+  if (lockstep) {
+    EXPECT_EQ(trace.size(), posed);
+  }
+  return trace;
+}
+
+TEST(Conversation, OverALineThatDelaysEveryPoseIsAnsweredAndBothSidesAgree) {
+  for (unsigned seed = 1; seed <= 40; ++seed)
+    for (const bool lockstep : {false, true}) {
+      SCOPED_TRACE(testing::Message() << "seed " << seed << (lockstep ? ", lock-step" : ""));
+      const auto trace = simulate(seed, lockstep);
+      EXPECT_EQ(trace, simulate(seed, lockstep)) << "the same calls, the same answers";
+    }
+}
+
+}  // namespace
+}  // namespace ridgecast::conversation
