@@ -8,8 +8,8 @@
 
 #include "common/codec/codec.h"
 #include "common/wire/wire.h"
-#include "server/query/query.h"
 #include "server/box/box_mesh.h"
+#include "server/query/query.h"
 
 namespace ridgecast::session {
 
@@ -47,18 +47,18 @@ void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
 }  // namespace
 
 Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<scheduling::Pool> pool,
-                 std::shared_ptr<Sender> sender, std::chrono::seconds patience)
+                 std::shared_ptr<Sender> sender, std::chrono::seconds timeout)
     : terrain_(std::move(terrain)),
       triangleBudget_(triangleBudget),
       pool_(std::move(pool)),
       sender_(std::move(sender)),
-      patience_(patience) {}
+      timeout_(timeout) {}
 
 bool Grounds::ask(const wire::AskGround& ask) {
   const std::lock_guard lock(mutex_);
   if (*open_ >= wire::kMaxGrounds) return false;
   ++*open_;
-  asked_.push_back(ask);
+  pending_.push_back(ask);
   if (!runs_) runs_ = pool_->post([self = shared_from_this()] { self->run(); });
   return true;
 }
@@ -66,7 +66,7 @@ bool Grounds::ask(const wire::AskGround& ask) {
 void Grounds::close() {
   stop_.request_stop();
   const std::lock_guard lock(mutex_);
-  asked_.clear();
+  pending_.clear();
 }
 
 void Grounds::run() {
@@ -74,9 +74,9 @@ void Grounds::run() {
   {
     const std::lock_guard lock(mutex_);
     runs_ = false;
-    if (asked_.empty() || stop_.stop_requested()) return;
-    asked = asked_.front();
-    asked_.pop_front();
+    if (pending_.empty() || stop_.stop_requested()) return;
+    asked = pending_.front();
+    pending_.pop_front();
     runs_ = true;
   }
   try {
@@ -85,7 +85,7 @@ void Grounds::run() {
     sender_->fail({wire::ErrorCode::kInternal, std::string("The server failed: ") + e.what()});
   }
   const std::lock_guard lock(mutex_);
-  runs_ = !asked_.empty() && pool_->post([self = shared_from_this()] { self->run(); });
+  runs_ = !pending_.empty() && pool_->post([self = shared_from_this()] { self->run(); });
 }
 
 void Grounds::answer(const wire::AskGround& asked) {
@@ -93,7 +93,7 @@ void Grounds::answer(const wire::AskGround& asked) {
   const auto reach = static_cast<lattice::Step>(std::ceil(radius)) + 1;
   const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
   const auto make = [&](double error) {
-    const box::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + patience_, static_cast<double>(patience_.count())};
+    const box::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + timeout_, static_cast<double>(timeout_.count())};
     return box::meshBox(
         *terrain_,
         {{within(asked.at.x - reach), within(asked.at.z - reach)}, {within(asked.at.x + reach), within(asked.at.z + reach)}, error},

@@ -2,8 +2,9 @@
 // The ground around points, whatever a member's camera sees: a mesh of the square around the circle at the error that was asked for
 // (server/box/box_mesh.h), of which the triangles over the circle are sent.
 //
-// An actor beside the camera session: ask() comes from any thread and only notes; the work runs as tasks of the member's own pool, one
-// question a task; what cannot be reached, or not within kPatience, is tried again at twice the error. Bound: wire::kMaxGrounds questions wait or are answered and have not left.
+// An actor beside the camera session: ask() comes from any thread and only queues. The work runs as tasks of the member's own pool, one ground
+// a task. An error that cannot be reached, or not within kTimeout, is tried again at twice the size. Bound: wire::kMaxGrounds requests that wait,
+// or whose answers have not left.
 
 #include <atomic>
 #include <chrono>
@@ -21,11 +22,11 @@ namespace ridgecast::session {
 
 class Grounds : public std::enable_shared_from_this<Grounds> {
  public:
-  static constexpr std::chrono::seconds kPatience{4};
+  static constexpr std::chrono::seconds kTimeout{4};
 
   Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<scheduling::Pool> pool,
-          std::shared_ptr<Sender> sender, std::chrono::seconds patience = kPatience);
-  bool ask(const wire::AskGround& ask);  // false: too many wait
+          std::shared_ptr<Sender> sender, std::chrono::seconds timeout = kTimeout);
+  bool ask(const wire::AskGround& ask);  // false: too many are open
   void close();                          // nothing more is sent, what is being made is given up; any thread
 
  private:
@@ -36,11 +37,11 @@ class Grounds : public std::enable_shared_from_this<Grounds> {
   const std::uint32_t triangleBudget_;
   const std::shared_ptr<scheduling::Pool> pool_;
   const std::shared_ptr<Sender> sender_;
-  const std::chrono::seconds patience_;
+  const std::chrono::seconds timeout_;
   std::stop_source stop_;
 
   std::mutex mutex_;
-  std::deque<wire::AskGround> asked_;
+  std::deque<wire::AskGround> pending_;
   std::shared_ptr<std::atomic<std::size_t>> open_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
   bool runs_ = false;
 };

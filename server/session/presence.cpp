@@ -49,7 +49,7 @@ void Presence::leave(std::uint64_t camera) {
   const std::uint64_t joinedAt = it->second.joinedAt;
   entries_.erase(it);
   for (auto& [id, entry] : entries_)
-    if (entry.wantsMembers && entry.told >= joinedAt) entry.left.push_back(camera);
+    if (entry.wantsMembers && entry.notified >= joinedAt) entry.left.push_back(camera);
   ++version_;
   membersChanged();
   if (clock_.leave(camera, timer_.now())) clockChanged();
@@ -61,37 +61,37 @@ void Presence::membersChanged() {
   if (membersDue_) return;
   if (std::none_of(entries_.begin(), entries_.end(), [](const auto& e) { return e.second.wantsMembers; })) return;
   membersDue_ = true;
-  timer_.at(std::max(timer_.now(), lastTold_ + kLeastPause), [weak = weak_from_this()] {
+  timer_.at(std::max(timer_.now(), lastNotified_ + kLeastPause), [weak = weak_from_this()] {
     const auto self = weak.lock();
     if (!self) return;
     const std::lock_guard lock(self->mutex_);
     self->membersDue_ = false;
-    self->tellMembers();
+    self->notifyMembers();
   });
 }
 
-void Presence::tellMembers() {
-  lastTold_ = timer_.now();
+void Presence::notifyMembers() {
+  lastNotified_ = timer_.now();
   bool all = true;
   for (auto& [id, entry] : entries_)
-    if (entry.wantsMembers && !tell(entry)) all = false;
+    if (entry.wantsMembers && !notify(entry)) all = false;
   if (!all) membersChanged();
 }
 
-bool Presence::tell(Entry& entry) {
-  if (entry.told == version_) return true;
+bool Presence::notify(Entry& entry) {
+  if (entry.notified == version_) return true;
   if (!entry.waiting.expired()) return false;
   wire::Members news;
   for (const auto& [id, other] : entries_) {
     if (&other == &entry) continue;
-    if (other.joinedAt > entry.told)
+    if (other.joinedAt > entry.notified)
       news.joined.push_back(other.member);
-    else if (other.movedAt > entry.told)
+    else if (other.movedAt > entry.notified)
       news.moved.push_back(*other.member.moved);
   }
   news.left = std::exchange(entry.left, {});
-  const bool first = entry.told == 0;  // the first is sent though nobody else may be there
-  entry.told = version_;
+  const bool first = entry.notified == 0;  // the first is sent though nobody else may be there
+  entry.notified = version_;
   if (!first && news.joined.empty() && news.moved.empty() && news.left.empty()) return true;
   const auto held = ticket();
   entry.waiting = held;
@@ -132,10 +132,10 @@ void Presence::done(std::uint64_t camera, const wire::StepDone& done) {
 
 void Presence::clockChanged() {
   for (auto& [id, entry] : entries_) entry.clockStale = entry.wantsClock;
-  tellClock();
+  notifyOfClock();
 }
 
-void Presence::tellClock() {
+void Presence::notifyOfClock() {
   bool all = true;
   for (auto& [id, entry] : entries_) {
     if (!entry.clockStale) continue;
@@ -151,7 +151,7 @@ void Presence::tellClock() {
     if (!self) return;
     const std::lock_guard lock(self->mutex_);
     self->clockDue_ = false;
-    self->tellClock();
+    self->notifyOfClock();
   });
 }
 

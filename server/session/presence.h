@@ -1,12 +1,12 @@
 #pragma once
-// Who is in a session and where, and its clock; and what each member is told of that.
+// Who is in a session and where, and its clock; notifies the members of both.
 //
-// A member that wants to know of the others is told of all that changed since it was last told, in one message, at most every kLeastPause
-// (20 times a second), and not while the last such message still waits in its way out: for a slow member changes merge. A member that
-// follows the clock is told of every state of it that is current when the message before has left: a step that waits for it is always told.
+// A member that requested members is sent all changes since its last notification in one message, at most every kLeastPause (20 times a second),
+// and not while the last such message still waits in its way out: for a slow member changes merge. A member that follows the clock is sent the
+// state that is current when the message before has left. A step that waits for a member always reaches it.
 //
-// Any thread. Messages are handed to the members' senders under a lock of its own; senders do not call back.
-// Bounds: one entry a member; what a member still has to be told of those that left is at most the members it was told of.
+// Any thread. Messages are handed to the members' senders under a lock; senders do not call back.
+// Bounds: one entry a member; of members that left, at most those it was notified of.
 
 #include <chrono>
 #include <cstdint>
@@ -32,13 +32,13 @@ class Presence : public std::enable_shared_from_this<Presence> {
   // `timer` must outlive this.
   explicit Presence(const Timer& timer);
 
-  // `hello` says name, role and what is wanted; `pose` is the newest there is. The member's world must have been sent.
+  // `hello` has its name, role and requests; `pose` is its newest. The world must have been sent.
   void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose);
   void moved(std::uint64_t camera, const wire::PoseMessage& pose);  // unknown cameras are ignored, here and below
   void leave(std::uint64_t camera);
 
   void ask(std::uint64_t camera, const wire::AskClock& ask);
-  // Answered with the clock as it is then, whether it was this camera's to set or not.
+  // Answered with the clock as it is then, set or not.
   void set(std::uint64_t camera, const wire::SetClock& set);
   Clock::Stepped step(std::uint64_t camera, const wire::Step& step);
   void done(std::uint64_t camera, const wire::StepDone& done);
@@ -56,26 +56,26 @@ class Presence : public std::enable_shared_from_this<Presence> {
     std::shared_ptr<Sender> sender;
     bool wantsMembers = false, wantsClock = false;
     std::uint64_t joinedAt = 0, movedAt = 0;  // versions
-    // What it was told.
-    std::uint64_t told = 0;             // version
-    std::vector<std::uint64_t> left;    // to be told
+    // As of its last notification.
+    std::uint64_t notified = 0;         // version
+    std::vector<std::uint64_t> left;    // still to be sent
     std::weak_ptr<const void> waiting;  // the last Members, until it has left
     bool clockStale = false;
     std::weak_ptr<const void> clockWaiting;
   };
 
   void membersChanged();  // under the lock, as all below
-  void tellMembers();
-  bool tell(Entry& entry);  // whether it is up to date now
+  void notifyMembers();
+  bool notify(Entry& entry);  // whether it is up to date now
   void clockChanged();
-  void tellClock();
+  void notifyOfClock();
   void sendClock(Entry& entry, std::uint64_t echo);
 
   const Timer& timer_;
   mutable std::mutex mutex_;
   std::map<std::uint64_t, Entry> entries_;
   std::uint64_t version_ = 0;
-  Timer::Time lastTold_{};
+  Timer::Time lastNotified_{};
   bool membersDue_ = false, clockDue_ = false;
   Clock clock_;
 };

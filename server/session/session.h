@@ -2,8 +2,8 @@
 // Named worlds and who is in them.
 //
 // A Session is a terrain with its seed and parameters that several cameras look at; it never changes while it lives. The Directory holds
-// the sessions by name; `default` is always there, the others end when nobody has been in them for a while. Every camera has a mesh, a
-// replica and a pool of its own (camera_session.h).
+// the sessions by name; `default` always exists, the others end after a while without members. Every camera has its own mesh, replica and
+// pool (camera_session.h).
 
 #include <atomic>
 #include <chrono>
@@ -36,9 +36,9 @@ struct Limits {
   std::uint32_t maxCameras = 256;                  // of all sessions together
   std::uint32_t maxMembers = 64;                   // of one session
   std::uint32_t maxSessions = 64;                  // `default` included
-  std::chrono::milliseconds sessionIdle{300'000};  // so long a session without members lives on
+  std::chrono::milliseconds sessionIdle{300'000};  // a session without members ends after this
   std::uint32_t window = replica::kDefaultWindow;
-  std::size_t maxQueuedBytes = 8u << 20;  // no iteration begins while more than this waits in a client's way out
+  std::size_t maxQueuedBytes = 8u << 20;  // no iteration starts while more than this waits in a client's way out
   std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: no limit
   pipeline::Limits mesh;
   bool sendsTerrain = true;  // false: World's terrain_source stays empty
@@ -60,7 +60,7 @@ inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 // What cameras of all sessions share.
 struct Resources {
   // Not owned: a task may be the last owner of anything here, and a machine cannot be destroyed by its own threads. Destroyed after
-  // the sockets are closed; tasks that are left then are dropped.
+  // the sockets are closed; remaining tasks are dropped.
   scheduling::Machine* machine = nullptr;
   MakeMesh makeMesh;
   MakeTerrain makeTerrain;  // of sessions that clients create; empty: they cannot
@@ -105,9 +105,9 @@ class Session {
 
   // Error: the session or the server is full, or the session has just ended.
   Outcome<Place> enter();
-  // Ends it, unless somebody is in it: nobody enters any more.
+  // Ends it, unless it has members: nobody can enter afterwards.
   bool end();
-  std::uint64_t entries() const { return entries_; }  // how often somebody has entered
+  std::uint64_t entries() const { return entries_; }  // how often members have entered
 
  private:
   static constexpr std::uint32_t kEnded = 1u << 31;  // in members_, which is 0 then
