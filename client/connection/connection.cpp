@@ -532,11 +532,6 @@ std::vector<wire::HeightTile> Connection::takeTiles() {
   return std::exchange(impl_->tiles_, {});
 }
 
-std::size_t Connection::unansweredTiles() const {
-  const std::lock_guard lock(impl_->mutex_);
-  return impl_->unanswered_;
-}
-
 std::optional<Received> Connection::receive(milliseconds patience) {
   std::unique_lock lock(impl_->mutex_);
   impl_->changed_.wait_for(lock, patience, [&] { return !impl_->queue_.empty() || impl_->error_; });

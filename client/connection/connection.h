@@ -78,7 +78,6 @@ class Connection {
   void want(const wire::WantTiles& wanted);
   // Those that have come since the last call.
   std::vector<wire::HeightTile> takeTiles();
-  std::size_t unansweredTiles() const;  // wanted and not taken
 
   // The next iteration, in order; nothing when none arrived within `patience` (0: do not wait) or when the connection has ended and
   // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations; a server that

@@ -63,8 +63,6 @@ View supersampled(const View& view, std::uint32_t n) {
 
 std::string_view fullScreenVertex() { return kFullScreenVertex; }
 
-std::string_view viewFunctions() { return kViewFunctions; }
-
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main) {
   std::string noise(terrain::prelude());
   if (terrain.raster) noise += HeightTexture::accessor();

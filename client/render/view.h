@@ -36,16 +36,13 @@ struct TerrainText {
   bool raster = false;   // it is a height map's (common/terrain/raster.glsl): views need `heights`
 };
 
-// A full-screen program of version line, terrain prelude, terrain, shading, the view's own functions and `main`.
-Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main);
-
-// GLSL of the functions that every such program may call:
+// A full-screen program of version line, terrain prelude, terrain, shading, the view's own functions and `main`, which may call
 //   void viewLocate(vec2 offset, out ivec2 cell, out vec2 fraction)   offset in metres from the camera, x and z
 //   vec3 viewRay(vec2 sampleAt)                                       unit direction through gl_FragCoord.xy
 //   float viewFootprint(float depth)                                  width in metres of a sample at this depth along the axis
 //   float viewFilter(float depth)                                     what colours there are filtered by: the same, or 0
-// and the uniforms viewForward, viewCameraY (metres), viewHorizon, viewSeed.
-std::string_view viewFunctions();
+// and read the uniforms viewForward, viewCameraY (metres), viewHorizon, viewSeed.
+Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main);
 
 // The vertex shader of such programs: one triangle that covers the picture, drawn without any buffer.
 std::string_view fullScreenVertex();

@@ -1,5 +1,5 @@
 #pragma once
-// Feeds a window of heights from a connection: connection::Connection, or what has its want(), takeTiles() and unansweredTiles().
+// Feeds a window of heights from a connection: connection::Connection, or what has its want() and takeTiles().
 
 #include "client/scene/height_window.h"
 #include "common/outcome/outcome.h"

@@ -36,7 +36,6 @@ class HeightWindow final : public terrain::Terrain, public terrain::Raster {
   Outcome<void> put(const wire::HeightTile& tile);
 
   terrain::TileAddress centre() const { return centre_; }
-  std::int64_t tilesFromCentre() const { return tilesFromCentre_; }
   const terrain::Tile* find(terrain::TileAddress address) const;
   std::uint64_t version() const { return version_; }  // grows when the centre or a tile changes
   bool knows(lattice::Point p) const;                 // the height there

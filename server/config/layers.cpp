@@ -12,8 +12,8 @@ namespace ridgecast::config {
 namespace {
 
 constexpr std::string_view kPrefix = "RIDGECAST_";
-// Of the project's own scripts and tests, not of the server.
-constexpr std::array<std::string_view, 4> kOthers{"RIDGECAST_NO_INSTALL", "RIDGECAST_JOBS", "RIDGECAST_SHARED_CHECKS", "RIDGECAST_NODE_TOOLS"};
+// Settings of ./run, which people export.
+constexpr std::array<std::string_view, 2> kOthers{"RIDGECAST_NO_INSTALL", "RIDGECAST_JOBS"};
 
 std::string keyOf(const CLI::Option& option) { return option.get_lnames().empty() ? std::string() : option.get_lnames().front(); }
 bool isSetting(const CLI::Option& option) { return option.get_configurable() && !option.get_lnames().empty(); }

@@ -22,9 +22,10 @@
 
 #include "common/terrain/terrain.h"
 #include "tests/bench/bench.h"
-#include "tests/bench/flight.h"
 #include "tests/bench/line.h"
 #include "tests/bench/panels.h"
+#include "tests/bench/usage.h"
+#include "tests/support/flight.h"
 #include "tests/support/server_process.h"
 
 namespace ridgecast::bench {
@@ -48,8 +49,8 @@ struct Plan {
 void fly(Line& line, int index, const Plan& plan, const terrain::Terrain& terrain) {
   if (!line.open()) return;
   const double t = plan.rest ? 0 : line.age(), yaw = index * 2.399963;
-  line.pose(
-      cameraAt(terrain, 1000.0 * (index % 8) - 50 * t * std::sin(yaw), 1000.0 * (index / 8) - 50 * t * std::cos(yaw), 120, yaw, -0.15));
+  line.pose(testing_support::cameraAt(terrain, 1000.0 * (index % 8) - 50 * t * std::sin(yaw), 1000.0 * (index / 8) - 50 * t * std::cos(yaw),
+                                      120, yaw, -0.15));
 }
 
 struct Use {

@@ -3,9 +3,9 @@
 #include <cmath>
 
 #include "tests/bench/bench.h"
-#include "tests/bench/flight.h"
 #include "tests/bench/pictures.h"
 #include "tests/bench/random_poses.h"
+#include "tests/support/flight.h"
 #include "tests/support/rays.h"
 
 namespace ridgecast::bench {
@@ -31,8 +31,8 @@ struct Settled {
   std::uint32_t triangles;
   double heightsPerVertex;
 };
-Settled settle(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Camera& camera, const std::vector<testing_support::Hit>& hits,
-               wire::Metric metric, double threshold) {
+Settled settle(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Camera& camera,
+               const std::vector<testing_support::Hit>& hits, wire::Metric metric, double threshold) {
   scheduling::Machine machine(2);
   wire::Settings asked;
   asked.metric = metric;
@@ -90,7 +90,7 @@ double trianglesAt(const std::vector<Row>& rows, double ssim) {
 Report error(const Options& options) {
   if (!options.arguments.empty()) return errorOfRandomPoses(options);
   const auto terrain = terrain::create("alpine", 1).value();
-  const auto camera = straight(*terrain, 0);
+  const auto camera = testing_support::straight(*terrain, 0);
   const auto hits = testing_support::castRays(*terrain, camera, options.quick ? 160 : 480);
   const Settled ours = settle(terrain, camera, hits, wire::Metric::kPixels, 1.0);
   std::vector<double> near, far;

@@ -10,7 +10,8 @@
 
 #include "server/pipeline/pipeline.h"
 #include "tests/bench/bench.h"
-#include "tests/bench/flight.h"
+#include "tests/bench/usage.h"
+#include "tests/support/flight.h"
 
 namespace ridgecast::bench {
 namespace {
@@ -38,7 +39,7 @@ struct Rig {
     std::promise<wire::Figures> done;
     pool->post([&] {
       wire::Figures sum{};
-      for (int m = 1; m <= 10; ++m) add(sum, pipeline->iterate(straight(*terrain, t + m * perIteration)));
+      for (int m = 1; m <= 10; ++m) add(sum, pipeline->iterate(testing_support::straight(*terrain, t + m * perIteration)));
       done.set_value(sum);
     });
     return done.get_future().get();
@@ -50,7 +51,7 @@ struct Rig {
   }
   std::uint64_t settle(double t) {  // vertices inserted
     std::uint64_t inserted = 0;
-    for (int n = 0; n < 300 && !pipeline->settled(); ++n) inserted += pipeline->iterate(straight(*terrain, t)).inserted;
+    for (int n = 0; n < 300 && !pipeline->settled(); ++n) inserted += pipeline->iterate(testing_support::straight(*terrain, t)).inserted;
     return inserted;
   }
   scheduling::Machine machine;
@@ -80,14 +81,14 @@ Report iteration(const Options& options) {
   wire::Figures sum{}, last{};
   const double start = cpuSeconds();
   for (int n = 1; n <= iterations; ++n) {
-    last = rig.pipeline->iterate(straight(*rig.terrain, n * 0.1));
+    last = rig.pipeline->iterate(testing_support::straight(*rig.terrain, n * 0.1));
     add(sum, last);
   }
   const double moving = cpuSeconds() - start;
   rig.settle(iterations * 0.1);
   const double hoverStart = cpuSeconds();
   const int hovers = 100;
-  for (int n = 0; n < hovers; ++n) rig.pipeline->iterate(straight(*rig.terrain, iterations * 0.1));
+  for (int n = 0; n < hovers; ++n) rig.pipeline->iterate(testing_support::straight(*rig.terrain, iterations * 0.1));
   const double hover = cpuSeconds() - hoverStart;
 
   report.note("alpine, 50 m/s at 10 iterations a second, threshold " + std::to_string(threshold) +

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -16,7 +17,7 @@
 #include "server/pipeline/pipeline.h"
 #include "server/terrain/catalogue.h"
 #include "server/terrain/scratch.h"
-#include "tests/bench/flight.h"
+#include "tests/support/flight.h"
 #include "tests/support/rays.h"
 
 namespace ridgecast::bench {
@@ -34,26 +35,13 @@ struct Wanted {
   std::size_t only = SIZE_MAX;  // one pose, by number
 };
 
-std::uint64_t wholeNumber(const std::string& name, const std::string& value) {
-  std::size_t used = 0;
-  std::uint64_t n = 0;
-  try {
-    n = std::stoull(value, &used);
-  } catch (const std::exception&) {
-  }
-  if (used == 0 || used != value.size()) throw std::runtime_error(name + " takes a whole number, not '" + value + "'");
+template <class Number>
+Number number(const std::string& name, const std::string& value) {
+  Number n{};
+  const auto [end, wrong] = std::from_chars(value.data(), value.data() + value.size(), n);
+  if (wrong != std::errc() || end != value.data() + value.size() || !std::isfinite(static_cast<double>(n)))
+    throw std::runtime_error(name + " takes a " + (std::is_integral_v<Number> ? "whole number" : "number") + ", not '" + value + "'");
   return n;
-}
-
-double number(const std::string& name, const std::string& value) {
-  std::size_t used = 0;
-  double v = 0;
-  try {
-    v = std::stod(value, &used);
-  } catch (const std::exception&) {
-  }
-  if (used == 0 || used != value.size() || !std::isfinite(v)) throw std::runtime_error(name + " takes a number, not '" + value + "'");
-  return v;
 }
 
 Wanted read(const std::vector<std::string>& arguments) {
@@ -63,11 +51,11 @@ Wanted read(const std::vector<std::string>& arguments) {
     if (k + 1 == arguments.size()) throw std::runtime_error(name + " needs a value");
     const std::string& value = arguments[k + 1];
     if (name == "--poses") {
-      w.poses = wholeNumber(name, value);
+      w.poses = number<std::size_t>(name, value);
     } else if (name == "--seed") {
-      w.seed = wholeNumber(name, value);
+      w.seed = number<std::uint64_t>(name, value);
     } else if (name == "--only") {
-      w.only = wholeNumber(name, value);
+      w.only = number<std::size_t>(name, value);
     } else if (name == "--terrain") {
       w.terrain = value;
     } else if (name == "--raster") {
@@ -75,13 +63,13 @@ Wanted read(const std::vector<std::string>& arguments) {
     } else if (name == "--altitude") {
       const std::size_t comma = value.find(',');
       if (comma == std::string::npos) throw std::runtime_error("--altitude takes LOW,HIGH in metres");
-      w.lowest = number(name, value.substr(0, comma));
-      w.highest = number(name, value.substr(comma + 1));
+      w.lowest = number<double>(name, value.substr(0, comma));
+      w.highest = number<double>(name, value.substr(comma + 1));
       if (!(w.lowest > 0 && w.highest >= w.lowest)) throw std::runtime_error("--altitude takes 0 < LOW <= HIGH");
     } else if (name == "--threshold") {
-      w.threshold = number(name, value);
+      w.threshold = number<double>(name, value);
     } else if (name == "--speed") {
-      w.speed = number(name, value);
+      w.speed = number<double>(name, value);
     } else if (name == "--out") {
       w.out = value;
     } else {
@@ -178,7 +166,7 @@ std::vector<camera::Camera> randomPoses(const terrain::Terrain& terrain, const W
     const double x = middleX + uniform(-reach, reach), z = middleZ + uniform(-reach, reach),
                  altitude = std::exp(uniform(std::log(wanted.lowest), std::log(wanted.highest))), yaw = uniform(0, 360),
                  pitch = uniform(-80, 30);
-    poses.push_back(cameraAt(terrain, x, z, altitude, yaw * kDegree, pitch * kDegree));
+    poses.push_back(testing_support::cameraAt(terrain, x, z, altitude, yaw * kDegree, pitch * kDegree));
   }
   return poses;
 }

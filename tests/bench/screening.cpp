@@ -5,7 +5,8 @@
 #include "server/pipeline/camera_mesh.h"
 #include "server/pipeline/pipeline.h"
 #include "tests/bench/bench.h"
-#include "tests/bench/flight.h"
+#include "tests/bench/usage.h"
+#include "tests/support/flight.h"
 
 namespace ridgecast::bench {
 
@@ -14,7 +15,7 @@ Report screening(const Options& options) {
   scheduling::Machine machine(1);
   auto pool = machine.makePool(1);
   pipeline::CameraMesh mesh(terrain, 1'200'000, refinement::Metric::kPixels);
-  const auto camera = straight(*terrain, 0);
+  const auto camera = testing_support::straight(*terrain, 0);
   mesh.follow(camera.pose);
   mesh.generate(*pool);
   mesh.evaluate(*pool);

@@ -24,8 +24,8 @@
 #include "server/scheduling/pool.h"
 #include "server/snapshot/question.h"
 #include "tests/bench/bench.h"
-#include "tests/bench/flight.h"
 #include "tests/bench/line.h"
+#include "tests/support/flight.h"
 #include "tests/support/server_process.h"
 
 namespace ridgecast::bench {
@@ -107,7 +107,7 @@ class Flight {
       Line& line = *lines_[k];
       if (line.answered()) {
         const double a = 5.0 / 400 * steps_[k]++, x = 2000.0 * static_cast<double>(k);
-        line.pose(cameraAt(terrain_, x + 400 * std::cos(a), -400 * std::sin(a), 120, a, -0.15));
+        line.pose(testing_support::cameraAt(terrain_, x + 400 * std::cos(a), -400 * std::sin(a), 120, a, -0.15));
       }
       ready.push_back({line.socket(), POLLIN, 0});
     }

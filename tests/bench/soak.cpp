@@ -8,11 +8,11 @@
 #include <memory>
 #include <stdexcept>
 
-
 #include "client/evaluation/gltf_export.h"
 #include "server/pipeline/pipeline.h"
 #include "tests/bench/bench.h"
-#include "tests/bench/flight.h"
+#include "tests/bench/usage.h"
+#include "tests/support/flight.h"
 #include "tests/support/mesh_check.h"
 
 namespace ridgecast::bench {
@@ -44,9 +44,10 @@ Report soak(const Options& options) {
   std::uint64_t again = 0;
   for (int n = 0; n < iterations; ++n) {
     const double t = 0.1 * n * speed;
-    const auto figures = pipeline.iterate(hour(*terrain, t));
+    const auto figures = pipeline.iterate(testing_support::hour(*terrain, t));
     most = std::max(most, figures.triangles);
-    if (figures.triangles > kBudget / 2) bytesPerTriangle = std::max(bytesPerTriangle, static_cast<double>(pipeline.memoryBytes()) / figures.triangles);
+    if (figures.triangles > kBudget / 2)
+      bytesPerTriangle = std::max(bytesPerTriangle, static_cast<double>(pipeline.memoryBytes()) / figures.triangles);
     const auto changes = pipeline.changes();
     for (const auto& p : changes.inserted) {
       const auto it = gone.find(p);
@@ -87,13 +88,13 @@ Report soak(const Options& options) {
           held[address].mesh = std::make_shared<const mesh::LeafMesh>(std::move(leaf));
         }
         const auto file = std::filesystem::path(folder) / ("soak-" + std::to_string(n + 1) + ".glb");
-        const auto written = evaluation::writeGlb(held, hour(*terrain, t).pose, {"alpine", 1}, file);
+        const auto written = evaluation::writeGlb(held, testing_support::hour(*terrain, t).pose, {"alpine", 1}, file);
         if (!written) throw std::runtime_error(written.error().message);
         ++exports;
       }
       progress(std::to_string(100 * (n + 1) / iterations) + " %: " + std::to_string(figures.triangles) + " triangles, threshold " +
-               std::to_string(figures.effectiveThreshold) + " px, " + std::to_string(static_cast<int>(residentBytes() / 1048576)) + " MiB, " +
-               std::to_string(pipeline.memoryBytes() / std::max(1u, figures.triangles)) + " bytes a triangle");
+               std::to_string(figures.effectiveThreshold) + " px, " + std::to_string(static_cast<int>(residentBytes() / 1048576)) +
+               " MiB, " + std::to_string(pipeline.memoryBytes() / std::max(1u, figures.triangles)) + " bytes a triangle");
     }
   }
   Report report;
@@ -102,13 +103,15 @@ Report soak(const Options& options) {
   report.add("max_triangles", most);
   report.add("rss_growth_percent", 100 * (residentMost / residentMiddle - 1), "% over the second half");
   report.add("rss_mib", residentMost / 1048576, "MiB");
-  report.add("bytes_per_triangle", bytesPerTriangle, "bytes, of the camera's mesh in all, the most while the budget is more than half used");
+  report.add("bytes_per_triangle", bytesPerTriangle,
+             "bytes, of the camera's mesh in all, the most while the budget is more than half used");
   report.add("checks", checks);
   report.add("failures", failures);
   report.add("exports", exports);
   report.add("inserted", static_cast<double>(inserted));
   report.add("removed", static_cast<double>(removed));
-  report.add("again_percent", 100 * static_cast<double>(again) / static_cast<double>(inserted), "% of insertions put back what was removed within 2 s");
+  report.add("again_percent", 100 * static_cast<double>(again) / static_cast<double>(inserted),
+             "% of insertions put back what was removed within 2 s");
   report.add("hover_iterations", longestHover, "until nothing changed, the longest");
   report.add("cpu_s", cpuSeconds() - start, "s");
   return report;

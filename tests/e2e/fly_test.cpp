@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -16,6 +15,8 @@
 #include "client/evaluation/ssim.h"
 #include "client/render/context.h"
 #include "client/render/picture.h"
+#include "tests/support/glb_file.h"
+#include "tests/support/mesh_check.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
 
@@ -24,16 +25,6 @@ namespace {
 
 using namespace testing_support;
 using Json = nlohmann::json;
-
-// Where programs lie that check the same things; empty with the reason when there are none.
-std::string sharedChecks(std::string& reason) {
-  const char* folder = std::getenv("RIDGECAST_SHARED_CHECKS");
-  if (!folder)
-    reason = "RIDGECAST_SHARED_CHECKS does not name a folder with check-mesh.mjs and ssim.mjs";
-  else if (!programExists("node"))
-    reason = "node is not installed";
-  return reason.empty() ? folder : "";
-}
 
 // One flight for all tests: two seconds at 10 iterations a second, a picture each second, an export in its middle.
 class Fly : public testing::Test {
@@ -137,12 +128,6 @@ TEST_F(Fly, TheSimilarityIsThatOfThePicturesWritten) {
   ASSERT_TRUE(mesh && march);
   const Json s = Json::parse(readText(file("summary.json")));
   EXPECT_NEAR(s.at("ssim_settled").get<double>(), evaluation::similarity(*mesh, *march).mean, 1e-9);
-  std::string reason;
-  const std::string checks = sharedChecks(reason);
-  if (checks.empty()) GTEST_SKIP() << reason;
-  const Finished theirs = runProgram({"node", checks + "/ssim.mjs", file("settled-mesh.png"), file("settled-raymarch.png")});
-  ASSERT_EQ(theirs.code, 0) << theirs.output;
-  EXPECT_NEAR(s.at("ssim_settled").get<double>(), std::stod(theirs.output), 1e-4);
 }
 
 // The same flight gives the same pictures and figures, byte for byte.
@@ -153,12 +138,9 @@ TEST_F(Fly, IsRepeatable) {
 }
 
 TEST_F(Fly, ExportsPassTheIndependentCheck) {
-  std::string reason;
-  const std::string checks = sharedChecks(reason);
-  if (checks.empty()) GTEST_SKIP() << reason;
   const auto expectSound = [&](const std::string& glb) {
-    const Finished checked = runProgram({"node", checks + "/check-mesh.mjs", (*folder_ / glb).string()});
-    EXPECT_EQ(checked.code, 0) << glb << ": " << checked.output;
+    const MeshReport report = checkMesh(readGlb(readText(*folder_ / glb)).meshes());
+    EXPECT_TRUE(report.clean()) << glb << ": " << report.text();
   };
   expectSound("middle.glb");
   for (const std::string path : {"alpine", "alpine-1e8", "alpine-1e12"}) {

@@ -21,6 +21,7 @@
 #include "client/render/picture.h"
 #include "tests/support/flier.h"
 #include "tests/support/glb_file.h"
+#include "tests/support/mesh_check.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
@@ -162,7 +163,7 @@ TEST_F(Snapshot, OtherProgramsFindNoFault) {
   Camera camera(server_->url());
   for (int s = 0; s < 4; ++s) camera.flier->step(camera.path->at(s * 0.1));
   ScratchFolder folder;
-  std::vector<std::string> plain, all;
+  std::vector<std::string> all;
   const std::pair<const char*, std::string> questions[] = {{"pose", kPose},
                                                            {"box", kBox},
                                                            {"camera", "camera=" + std::to_string(camera.flier->world().camera)},
@@ -173,19 +174,12 @@ TEST_F(Snapshot, OtherProgramsFindNoFault) {
       ASSERT_THAT(r.head, StartsWith("HTTP/1.1 200")) << r.body;
       all.push_back(folder / (std::string(name) + (draco ? "-draco.glb" : ".glb")));
       std::ofstream(all.back(), std::ios::binary) << r.body;
-      if (!draco) plain.push_back(all.back());
+      const MeshReport report = checkMesh(readGlb(r.body).meshes());
+      EXPECT_TRUE(report.clean()) << all.back() << ": " << report.text();
     }
-  const char* tools = std::getenv("RIDGECAST_NODE_TOOLS");
-  const char* checks = std::getenv("RIDGECAST_SHARED_CHECKS");
-  if (!programExists("node")) GTEST_SKIP() << "node is not installed: neither Khronos' validator nor check-mesh.mjs judged the files";
-  if (checks)
-    for (const std::string& file : plain) {
-      const Finished checked = runProgram({"node", std::string(checks) + "/check-mesh.mjs", file});
-      EXPECT_EQ(checked.code, 0) << file << "\n" << checked.output;
-    }
-  if (!tools)
-    GTEST_SKIP()
-        << "RIDGECAST_NODE_TOOLS names no folder with gltf-validator (./run test installs it where there is npm): it judged no file";
+  if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node"))
+    GTEST_SKIP() << "no node, or TESTS_NODE_TOOLS names no folder with gltf-validator (./run test installs it where there is npm): "
+                    "it judged no file";
   std::vector<std::string> command{"node", RIDGECAST_TOOLS "/validate-gltf.mjs"};
   command.insert(command.end(), all.begin(), all.end());
   const Finished validated = runProgram(command);
@@ -196,9 +190,8 @@ TEST_F(Snapshot, OtherProgramsFindNoFault) {
 TEST_F(Snapshot, ThreeJsDrawsBothAlike) {
   const char* chromium = std::getenv("CHROMIUM");
   if (!chromium) chromium = "/usr/bin/chromium";
-  if (!std::getenv("RIDGECAST_NODE_TOOLS") || !programExists("node") || !std::filesystem::exists(chromium))
-    GTEST_SKIP() << "no Chromium at " << chromium
-                 << ", or no node, or RIDGECAST_NODE_TOOLS names no folder with three.js: nothing was drawn";
+  if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node") || !std::filesystem::exists(chromium))
+    GTEST_SKIP() << "no Chromium at " << chromium << ", or no node, or TESTS_NODE_TOOLS names no folder with three.js: nothing was drawn";
   ScratchFolder folder;
   std::vector<std::string> command{"node", RIDGECAST_TOOLS "/screenshot-gltf.mjs"};
   std::size_t bytes[2][2];

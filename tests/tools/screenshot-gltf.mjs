@@ -1,10 +1,10 @@
 // What three.js in a headless Chromium makes of .glb files, each seen by its own camera:
-//   screenshot-gltf.mjs FILE.glb ... writes FILE.glb.png beside each. Packages: the folder in RIDGECAST_NODE_TOOLS.
+//   screenshot-gltf.mjs FILE.glb ... writes FILE.glb.png beside each. Packages: the folder in TESTS_NODE_TOOLS.
 import { createServer } from 'node:http';
 import { readFileSync, writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 
-const tools = process.env.RIDGECAST_NODE_TOOLS;
+const tools = process.env.TESTS_NODE_TOOLS;
 const { chromium } = createRequire(`${tools}/`)('playwright-core');
 const [width, height] = [640, 360];
 const files = process.argv.slice(2);

@@ -13,7 +13,7 @@
 #include "server/pipeline/camera_mesh.h"
 #include "server/refinement/coarsening.h"
 #include "server/triangulation/verify.h"
-#include "tests/bench/flight.h"
+#include "tests/support/flight.h"
 #include "tests/support/mesh_check.h"
 
 namespace ridgecast::pipeline {
@@ -296,7 +296,7 @@ TEST(Pipeline, AShortSoak) {
   Rig rig(2, s);
   std::size_t most = 0;
   for (int n = 0; n < 240; ++n) {
-    const auto figures = rig.pipeline.iterate(bench::hour(*rig.terrain, n * 15.0));
+    const auto figures = rig.pipeline.iterate(testing_support::hour(*rig.terrain, n * 15.0));
     ASSERT_LE(figures.triangles, 63'000u) << "iteration " << n;
     if (n % 20 == 19) {
       ASSERT_EQ(rig.pipeline.verify(), "") << "iteration " << n;

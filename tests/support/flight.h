@@ -1,10 +1,10 @@
 #pragma once
-// Cameras of the benches, as functions of simulated time.
+// Cameras as functions of simulated time.
 
 #include "common/camera/camera.h"
 #include "common/terrain/terrain.h"
 
-namespace ridgecast::bench {
+namespace ridgecast::testing_support {
 
 // 1280 x 720, 60 degrees.
 camera::Camera cameraAt(const terrain::Terrain& terrain, double x, double z, double altitude, double yaw, double pitch);
@@ -15,9 +15,4 @@ camera::Camera straight(const terrain::Terrain& terrain, double seconds);
 // An hour: straight, circles, hover, turn back, teleport, dive from 10 km to the ground, again and again, never twice the same.
 camera::Camera hour(const terrain::Terrain& terrain, double seconds);
 
-// Seconds of processor time this process has used: unlike the clock on the wall it does not count what other programs do.
-double cpuSeconds();
-// Resident memory of this process, bytes.
-double residentBytes();
-
-}  // namespace ridgecast::bench
+}  // namespace ridgecast::testing_support
