@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdio>
 #include <ctime>
+#include <nlohmann/json.hpp>
 
 namespace ridgecast::logging {
 
@@ -27,44 +28,22 @@ const char* nameOf(Level level) {
   }
 }
 
-// Bytes of the UTF-8 character that `text` begins with; 0: none (RFC 3629: no overlong forms, no surrogates, nothing beyond U+10FFFF).
-std::size_t characterBytes(std::string_view text) {
-  const auto byte = [&](std::size_t k) { return k < text.size() ? static_cast<unsigned char>(text[k]) : 0u; };
-  const auto follows = [&](std::size_t k, unsigned least_ = 0x80, unsigned most = 0xbf) { return byte(k) >= least_ && byte(k) <= most; };
-  const unsigned first = byte(0);
-  if (first < 0x80) return 1;
-  if (first >= 0xc2 && first <= 0xdf) return follows(1) ? 2 : 0;
-  if (first >= 0xe0 && first <= 0xef) return follows(1, first == 0xe0 ? 0xa0 : 0x80, first == 0xed ? 0x9f : 0xbf) && follows(2) ? 3 : 0;
-  if (first >= 0xf0 && first <= 0xf4)
-    return follows(1, first == 0xf0 ? 0x90 : 0x80, first == 0xf4 ? 0x8f : 0xbf) && follows(2) && follows(3) ? 4 : 0;
-  return 0;
-}
-
-// Control characters (C1 and the line separators of Unicode too) as \u00XX, quotation marks and backslashes behind a backslash where JSON
-// wants it, bytes that are no UTF-8 as U+FFFD.
+// As JSON has it, and so with DEL, C1 and Unicode's line separators, which JSON lets through; what is no UTF-8 becomes U+FFFD. Quotation
+// marks and backslashes stay as they are where no JSON is wanted.
 void append(std::string& out, std::string_view text, bool json) {
-  while (!text.empty()) {
-    const std::size_t bytes = characterBytes(text);
-    const auto c = static_cast<unsigned char>(text.front());
-    if (bytes == 0) {
-      out += "\xef\xbf\xbd";
-      text.remove_prefix(1);
-      continue;
-    }
-    const bool c1 = bytes == 2 && c == 0xc2 && static_cast<unsigned char>(text[1]) < 0xa0;
-    const bool separator = bytes == 3 && text.substr(0, 2) == "\xe2\x80" && (text[2] == '\xa8' || text[2] == '\xa9');
-    if ((bytes == 1 && (c < 0x20 || c == 0x7f)) || c1 || separator) {
+  const std::string escaped = nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  for (std::string_view rest(escaped.data() + 1, escaped.size() - 2); !rest.empty();) {
+    const auto byte = [&](std::size_t k) { return k < rest.size() ? static_cast<unsigned char>(rest[k]) : 0u; };
+    const bool c1 = byte(0) == 0xc2 && byte(1) < 0xa0, separator = rest.starts_with("\xe2\x80\xa8") || rest.starts_with("\xe2\x80\xa9");
+    if (byte(0) == 0x7f || c1 || separator) {
       char escape[8];
-      std::snprintf(escape, sizeof escape, "\\u%04x",
-                    separator ? 0x2000u + (static_cast<unsigned char>(text[2]) & 0x3fu)
-                    : c1      ? static_cast<unsigned char>(text[1])
-                              : c);
+      std::snprintf(escape, sizeof escape, "\\u%04x", separator ? 0x2000 + (byte(2) & 0x3f) : byte(c1));
       out += escape;
     } else {
-      if (json && (c == '"' || c == '\\')) out += '\\';
-      out += text.substr(0, bytes);
+      if (!json && (rest.starts_with("\\\"") || rest.starts_with("\\\\"))) rest.remove_prefix(1);
+      out += rest.front();
     }
-    text.remove_prefix(bytes);
+    rest.remove_prefix(separator ? 3 : c1 ? 2 : 1);
   }
 }
 
