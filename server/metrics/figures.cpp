@@ -58,12 +58,12 @@ Figures::Figures()
 }
 
 void Figures::iterated(const wire::Figures& f) {
-  iterations.add();
-  inserted.add(f.inserted);
-  removed.add(f.removed);
-  heights.add(f.heights);
+  iterations.Increment();
+  inserted.Increment(f.inserted);
+  removed.Increment(f.removed);
+  heights.Increment(f.heights);
   const double milliseconds[] = {f.selectMs, f.generateMs, f.refineMs, f.triangulateMs, f.encodeMs};
-  for (std::size_t k = 0; k < stages.size(); ++k) stages[k]->observe(milliseconds[k] / 1000);
+  for (std::size_t k = 0; k < stages.size(); ++k) stages[k]->Observe(milliseconds[k] / 1000);
 }
 
 }  // namespace ridgecast::metrics

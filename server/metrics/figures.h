@@ -41,7 +41,7 @@ inline constexpr std::array<std::string_view, 22> kRefusalNames{
 
 struct Figures {
   Figures();
-  void refused(Refusal reason) { refusals[static_cast<std::size_t>(reason)]->add(); }
+  void refused(Refusal reason) { refusals[static_cast<std::size_t>(reason)]->Increment(); }
   void iterated(const wire::Figures& figures);  // one iteration, its encoding included
 
   Registry registry;  // first: the others are its

@@ -15,9 +15,9 @@
 #include <string_view>
 #include <utility>
 
+#include "server/http/routes.h"
 #include "server/logging/logging.h"
 #include "server/net/channel.h"
-#include "server/http/routes.h"
 #include "server/net/stream.h"
 
 namespace ridgecast::net {
@@ -73,7 +73,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     stream_.expires_after(patience());
     stream_.startTls(std::move(tls), Channel::Done([self = shared_from_this()](error_code ec, std::size_t) {
                        self->clear_ = ec == asio::error::no_protocol_option;
-                       if (!ec) self->shared_->figures->tlsHandshakes.add();
+                       if (!ec) self->shared_->figures->tlsHandshakes.Increment();
                        if (!ec || self->clear_) return self->read();
                        self->shared_->figures->refused(metrics::Refusal::kTls);
                        self->close();
@@ -218,7 +218,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       asio::async_write(self->stream_, asio::buffer(self->word_),
                         [self, later = std::move(later)](error_code failed, std::size_t bytes) mutable {
                           self->telling_ = false;
-                          self->shared_->figures->bytesSent.add(bytes);
+                          self->shared_->figures->bytesSent.Increment(bytes);
                           if (self->made_) return self->worked(std::move(*std::exchange(self->made_, {})));
                           if (!failed && self->working_) self->tick(std::move(later));
                         });
@@ -302,13 +302,13 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void write() {
     stream_.expires_at(std::min(patienceEnds_, std::chrono::steady_clock::now() + shared_->settings.patience));
     http::async_write_some(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t bytes) {
-      self->shared_->figures->bytesSent.add(bytes);
+      self->shared_->figures->bytesSent.Increment(bytes);
       ec || self->serializer_->is_done() ? self->sent(ec) : self->write();
     });
   }
 
   void sent(error_code ec) {
-    shared_->figures->requests.add();
+    shared_->figures->requests.Increment();
     if (const std::size_t bytes = std::exchange(answerBytes_, 0)) forget(bytes);
     serializer_.reset();
     response_ = {};

@@ -169,7 +169,7 @@ class ListeningServer final : public Server {
   // Everything that limits connections is judged here, before anything is made for this one.
   void take(tcp::socket&& socket) {
     const Settings& settings = shared_->settings;
-    shared_->figures->connections.add();
+    shared_->figures->connections.Increment();
     error_code gone;
     const tcp::endpoint peer = socket.remote_endpoint(gone);
     if (gone) return;

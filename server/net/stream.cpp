@@ -81,12 +81,12 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
         peer_(std::move(peer)),
         grant_(std::move(grant)),
         rate_(shared_->settings.maxMessagesPerSecond) {
-    shared_->figures->streams.add();
-    shared_->figures->streamsOpen.add(1);
+    shared_->figures->streams.Increment();
+    shared_->figures->streamsOpen.Increment(1);
   }
 
   ~Stream() override {
-    shared_->figures->streamsOpen.add(-1);
+    shared_->figures->streamsOpen.Increment(-1);
     const std::lock_guard lock(shared_->mutex);
     shared_->streams.erase(this);
     shared_->fewer.notify_all();
@@ -155,8 +155,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
                    "A message has more than " + std::to_string(settings.maxMessageBytes) + " bytes, the most there may be."},
                   websocket::close_code::too_big);
     if (!ws_.is_message_done()) return read();
-    shared_->figures->messagesReceived.add();
-    shared_->figures->bytesReceived.add(buffer_.size());
+    shared_->figures->messagesReceived.Increment();
+    shared_->figures->bytesReceived.Increment(buffer_.size());
     if (!rate_.take(access::Rate::Clock::now()))
       return fail(metrics::Refusal::kMessageRate, {wire::ErrorCode::kLimit, "More than " + std::to_string(settings.maxMessagesPerSecond) +
                                                                                 " messages came a second, the most there may be."});
@@ -201,7 +201,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
       *self->queuedBytes_ -= self->out_.front().bytes.size();
       self->out_.pop_front();
       if (ec) return self->end();
-      self->shared_->figures->bytesSent.add(bytes);
+      self->shared_->figures->bytesSent.Increment(bytes);
       if (!self->out_.empty()) return self->write();
       if (self->stage_ == Stage::kFarewell) self->sayClose();
     });

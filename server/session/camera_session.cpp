@@ -233,7 +233,7 @@ void CameraSession::work(const conversation::Greet&) {
 }
 
 void CameraSession::countTriangles(std::uint32_t now) {
-  session_->resources().figures->triangles.add(static_cast<std::int64_t>(now) - static_cast<std::int64_t>(counted_));
+  session_->resources().figures->triangles.Increment(static_cast<std::int64_t>(now) - static_cast<std::int64_t>(counted_));
   counted_ = now;
 }
 
@@ -312,7 +312,7 @@ void CameraSession::work(const conversation::Iterate& order) {
   if (candidates > 0) iteration.candidates = mesh_->candidates(candidates);
   iteration.figures.encodeMs = millisecondsSince(start);
   figures.iterated(iteration.figures);
-  figures.iterationsSent.add();
+  figures.iterationsSent.Increment();
   {
     const std::lock_guard lock(mutex_);
     conversation_.sent(iteration, session_->resources().timer->now());
