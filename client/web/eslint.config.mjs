@@ -5,7 +5,7 @@ export default tseslint.config({
   files: ['src/**/*.ts', 'vite.config.ts'],
   ignores: ['src/generated/**'],
   extends: [tseslint.configs.recommendedTypeChecked],
-  languageOptions: { parserOptions: { projectService: true, tsconfigRootDir: import.meta.dirname } },
+  languageOptions: { parserOptions: { projectService: true } },
   linterOptions: { reportUnusedDisableDirectives: 'error' },
   rules: {
     // `ready && draw()` is a sentence here; errors and form fields are put into texts as they are; WebGL's types change from version to version.
