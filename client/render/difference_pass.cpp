@@ -4,7 +4,7 @@
 
 #include <array>
 
-#include "client/render/view.h"
+#include "common/shaders/shaders.h"
 
 namespace ridgecast::render {
 namespace {
@@ -30,8 +30,7 @@ void main() {
 DifferencePass::DifferencePass(Program program) : program_(std::move(program)), vertexArray_(makeVertexArray()) {}
 
 Outcome<DifferencePass> DifferencePass::create() {
-  const std::array<Program::Piece, 1> pieces = {{{"difference", kDifference}}};
-  auto program = Program::build("difference", fullScreenVertex(), pieces);
+  auto program = Program::build("difference", shaders::full_screen, kDifference);
   if (!program) return program.error();
   return DifferencePass(std::move(*program));
 }

@@ -45,7 +45,7 @@ GlObject makeTexture(std::uint32_t internalFormat, std::uint32_t width, std::uin
 
 // The next drawing goes to all of a framebuffer (0: the window's), with nothing in between: no scissor, depth test, blending or culling.
 void drawInto(std::uint32_t framebuffer, std::uint32_t width, std::uint32_t height);
-// One triangle that covers the target, for programs with fullScreenVertex() (view.h); any vertex array.
+// One triangle that covers the target, for programs with shaders::full_screen; any vertex array.
 void drawFullScreen(const GlObject& vertexArray);
 
 // A linked program. Setting a uniform that the program does not have is no error: the compiler drops what is not used.
@@ -58,6 +58,10 @@ class Program {
   };
   // Error: the compiler's or linker's first complaints with the piece's name and line.
   static Outcome<Program> build(std::string_view what, std::string_view vertexSource, std::span<const Piece> fragmentPieces);
+  static Outcome<Program> build(std::string_view what, std::string_view vertexSource, std::string_view fragment) {
+    const Piece whole{what, fragment};
+    return build(what, vertexSource, std::span(&whole, 1));
+  }
 
   void use() const;
   void set(const char* name, int v) const;

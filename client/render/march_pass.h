@@ -1,6 +1,6 @@
 #pragma once
 // Ray-marches the terrain function into a surface: the picture that the mesh is measured against. First the *skyline* is drawn, the highest ground by
-// direction and distance, sampled twice as densely as the picture; rays skip what they pass well above. Elsewhere no step is longer than a tenth of the height
+// direction and distance, sampled twice as densely as the picture; rays skip what they pass well above (common/shaders/march.glsl). Elsewhere no step is longer than a tenth of the height
 // above ground or half a sample, or shorter than a fifth of one, and a crossing is bisected 14 times: whatever is half a sample wide is met, a fence before an
 // abyss too. A test compares it with a march on the processor that is sixteen times finer and skips nothing. Needs the context it was made in.
 
@@ -22,29 +22,38 @@ class MarchPass {
   void march(const View& view, const Surface& surface, float fineness = 1);
 
   // The same in portions, for a window that must stay responsive: begin, then advance until it says that the surface is complete.
-  // Each call marches tiles until `budget` has passed, at least one. The surface must stay until then.
+  // Each call draws tiles of skyline and surface until `budget` has passed, at least one. The surface must stay until then.
   void begin(const View& view, const Surface& surface, float fineness = 1);
   bool advance(std::chrono::milliseconds budget);
   double progress() const;  // share of the tiles that are done, 1 when complete or never begun
 
  private:
+  using Clock = std::chrono::steady_clock;
+  static constexpr std::uint32_t kTile = 128;  // samples a side
+  // A target that is drawn tile by tile, from the bottom upwards, which is where the ground is.
+  struct Tiles {
+    std::uint32_t framebuffer = 0, width = 0, height = 0, done = 0;
+    std::uint32_t columns() const { return (width + kTile - 1) / kTile; }
+    std::uint32_t count() const { return columns() * ((height + kTile - 1) / kTile); }
+    bool left() const { return done < count(); }
+  };
   struct Sector {
-    double half, perRadian;  // radians to each side of the middle; columns
-    std::uint32_t columns;
+    double half = 0, perRadian = 0;  // radians to each side of the middle; columns
+    std::uint32_t columns = 0;
   };
   MarchPass(Program skyline, Program march, std::uint32_t seed);
-  Sector sector() const;
-  void setSkyline(const Program& program, const Sector& sector) const;
-  void drawSkyline();
-  void marchTile(std::uint32_t tile);
+  static Sector sectorOf(const camera::Camera& camera, int mostColumns);
+  void use(const Program& program) const;
+  bool draw(Tiles& tiles, Clock::time_point end) const;
 
-  Program skyline_, program_;
+  Program skylineProgram_, marchProgram_;
   GlObject vertexArray_, skylineFramebuffer_, skylineTexture_;
-  std::uint32_t skylineColumns_ = 0;
   std::uint32_t seed_;
+  int mostColumns_ = 0;
   View view_;
   float fineness_ = 1;
-  std::uint32_t framebuffer_ = 0, width_ = 0, height_ = 0, tile_ = 0, tiles_ = 0;
+  Sector sector_;
+  Tiles skyline_, picture_;
 };
 
 }  // namespace ridgecast::render

@@ -10,53 +10,12 @@
 #include <string>
 #include <vector>
 
+#include "common/shaders/shaders.h"
+
 namespace ridgecast::render {
 namespace {
 
-constexpr std::string_view kVertex = R"(
-layout(location = 0) in ivec3 position;  // x, z, y in steps, x and z from the leaf's corner
-uniform ivec3 leafOffset;                // what to add for steps from the camera's own step
-uniform vec3 remainder;                  // of the camera: x, z, y, in steps
-uniform vec3 right, up, forward;
-uniform vec2 scale;                      // one over the tangents of the half angles
-uniform float near;
-uniform bool reversedDepth;
-out vec3 offset;
-out float depth;
-#ifdef SHADED
-layout(location = 1) in vec2 shadeNormal;  // stereographic
-layout(location = 2) in vec3 shadeColour;  // roots of linear light
-out vec3 normal, albedo;
-#endif
-void main() {
-#ifdef SHADED
-  float p = dot(shadeNormal, shadeNormal);
-  normal = vec3(2.0 * shadeNormal.x, 1.0 - p, 2.0 * shadeNormal.y) / (1.0 + p);
-  albedo = shadeColour * shadeColour;
-#endif
-  vec3 metres = (vec3(position + leafOffset) - remainder) * (1.0 / 256.0);
-  offset = metres.xzy;
-  depth = dot(offset, forward);
-  gl_Position = vec4(dot(offset, right) * scale.x, dot(offset, up) * scale.y, reversedDepth ? near : depth - 2.0 * near, depth);
-}
-)";
-
-constexpr std::string_view kReversedFragment = R"(
-in vec3 offset;
-in float depth;
-layout(location = 0) out vec4 surface;
-#ifdef SHADED
-in vec3 normal, albedo;
-layout(location = 1) out vec4 carried;
-#endif
-void main() {
-  surface = vec4(offset, 1.0);
-  LIGHT
-}
-)";
-
-// Without glClipControl half of the float's range would be wasted: the logarithm spreads 0.1 m to 200 km evenly instead.
-constexpr std::string_view kLogarithmicFragment = R"(
+constexpr std::string_view kFragment = R"(
 uniform float near;
 in vec3 offset;
 in float depth;
@@ -64,21 +23,7 @@ layout(location = 0) out vec4 surface;
 #ifdef SHADED
 in vec3 normal, albedo;
 layout(location = 1) out vec4 carried;
-#endif
-void main() {
-  surface = vec4(offset, 1.0);
-  LIGHT
-  gl_FragDepth = clamp(1.0 - log2(depth / near) / log2(200000.0 / near), 0.0, 1.0);
-}
-)";
-
 // Sun, sky and what the ground throws back, as shading.glsl without shadows and hollows, which a client without the terrain cannot know.
-constexpr std::string_view kLit = R"(
-#define SHADED
-#define LIGHT carried = vec4(lit(), 1.0);
-)";
-constexpr std::string_view kLight = R"(
-#ifdef SHADED
 vec3 lit() {
   vec3 n = normalize(normal);
   vec3 sun = vec3(0.5609701, 0.5385313, -0.6283046);
@@ -87,8 +32,17 @@ vec3 lit() {
   return albedo * light;
 }
 #endif
+void main() {
+  surface = vec4(offset, 1.0);
+#ifdef SHADED
+  carried = vec4(lit(), 1.0);
+#endif
+#ifdef LOGARITHMIC
+  // Without glClipControl half of the float's range would be wasted: the logarithm spreads 0.1 m to 200 km evenly instead.
+  gl_FragDepth = clamp(1.0 - log2(depth / near) / log2(200000.0 / near), 0.0, 1.0);
+#endif
+}
 )";
-constexpr std::string_view kUnlit = "#define LIGHT\n";
 
 constexpr std::size_t kShadeSize = 8, kVertexSize = sizeof(mesh::LocalVertex), kIndexSize = sizeof(std::uint32_t);
 static_assert(kVertexSize == 12 && offsetof(mesh::LocalVertex, z) == 4 && offsetof(mesh::LocalVertex, y) == 8);
@@ -96,18 +50,22 @@ static_assert(sizeof(mesh::Triangle) == 12);
 
 constexpr std::size_t kLeastCapacity = std::size_t{1} << 18;  // elements
 
+// A buffer of `bytes` that begins with the `kept` bytes of an older one.
+GlObject grown(const GlObject& older, std::size_t kept, std::size_t bytes) {
+  GlObject larger = makeBuffer();
+  glBindBuffer(GL_COPY_WRITE_BUFFER, larger.name());
+  glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(bytes), nullptr, GL_DYNAMIC_DRAW);
+  if (!kept) return larger;
+  glBindBuffer(GL_COPY_READ_BUFFER, older.name());
+  glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, static_cast<GLsizeiptr>(kept));
+  return larger;
+}
+
 // Room for `size` more elements, in a buffer that is twice as large when the old one is full.
 std::size_t takeOrGrow(Arena& arena, GlObject& buffer, std::size_t elementSize, std::size_t size) {
   if (const auto start = arena.take(size)) return *start;
   const std::size_t old = arena.capacity(), capacity = std::max({old * 2, old + size, kLeastCapacity});
-  GlObject larger = makeBuffer();
-  glBindBuffer(GL_COPY_WRITE_BUFFER, larger.name());
-  glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(capacity * elementSize), nullptr, GL_DYNAMIC_DRAW);
-  if (old) {
-    glBindBuffer(GL_COPY_READ_BUFFER, buffer.name());
-    glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, static_cast<GLsizeiptr>(old * elementSize));
-  }
-  buffer = std::move(larger);
+  buffer = grown(buffer, old * elementSize, capacity * elementSize);
   arena.grow(capacity);
   return *arena.take(size);
 }
@@ -155,10 +113,8 @@ MeshPass::MeshPass(Program program, bool reversedDepth, bool shaded)
 
 Outcome<MeshPass> MeshPass::create(bool shaded) {
   const bool reversed = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");
-  std::string main(reversed ? kReversedFragment : kLogarithmicFragment);
-  main.insert(main.find("void main"), kLight);  // behind what it reads
-  const std::array<Program::Piece, 2> fragment = {{{"mode", shaded ? kLit : kUnlit}, {"mesh", main}}};
-  auto program = Program::build("mesh", std::string(shaded ? kLit : kUnlit) + std::string(kVertex), fragment);
+  const std::string shades = shaded ? "#define SHADED\n" : "", logarithmic = reversed ? "" : "#define LOGARITHMIC\n";
+  auto program = Program::build("mesh", shades + std::string(shaders::mesh_vertex), shades + logarithmic + std::string(kFragment));
   if (!program) return program.error();
   return MeshPass(std::move(*program), reversed, shaded);
 }
@@ -172,17 +128,9 @@ void MeshPass::place(const scene::HeldLeaf& held, Slot& slot) {
   slot.firstVertex = takeOrGrow(vertexArena_, vertexBuffer_, kVertexSize, slot.vertices);
   slot.firstIndex = takeOrGrow(indexArena_, indexBuffer_, kIndexSize, slot.indices);
   if (shaded_) {
-    if (shadeCapacity_ != vertexArena_.capacity()) {
-      GlObject larger = makeBuffer();
-      glBindBuffer(GL_COPY_WRITE_BUFFER, larger.name());
-      glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(vertexArena_.capacity() * kShadeSize), nullptr, GL_DYNAMIC_DRAW);
-      if (shadeCapacity_) {
-        glBindBuffer(GL_COPY_READ_BUFFER, shadeBuffer_.name());
-        glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, static_cast<GLsizeiptr>(shadeCapacity_ * kShadeSize));
-      }
-      shadeBuffer_ = std::move(larger);
-      shadeCapacity_ = vertexArena_.capacity();
-    }
+    if (shadeCapacity_ != vertexArena_.capacity())
+      shadeBuffer_ =
+          grown(shadeBuffer_, std::exchange(shadeCapacity_, vertexArena_.capacity()) * kShadeSize, vertexArena_.capacity() * kShadeSize);
     std::vector<std::array<std::uint8_t, kShadeSize>> shades(slot.vertices);
     if (held.shades)
       for (std::size_t k = 0; k < std::min(shades.size(), held.shades->size()); ++k) {
@@ -239,30 +187,20 @@ void MeshPass::bindArrays() const {
   glVertexAttribPointer(2, 3, GL_UNSIGNED_BYTE, GL_TRUE, kShadeSize, reinterpret_cast<const void*>(std::uintptr_t{4}));
 }
 
-std::string_view MeshPass::vertexShader() { return kVertex; }
-
 MeshPass::Drawn MeshPass::drawLeaves(const View& view, const Program& program, int leafOffset,
                                      const std::function<void(const Leaf&)>& each) const {
   Drawn drawn;
   if (!vertexArena_.used()) return drawn;
   const camera::Pose& pose = view.camera.pose;
-  const camera::Projection& projection = view.camera.projection;
   bindArrays();
-  const auto set = [&program](const char* name, const camera::Vec3& v) {
-    program.set(name, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
-  };
-  set("right", camera::right(pose));
-  set("up", camera::up(pose));
-  set("forward", camera::forward(pose));
-  const double tangent = std::tan(projection.verticalFov / 2);
-  program.set("scale", static_cast<float>(1 / (tangent * projection.aspect())), static_cast<float>(1 / tangent));
+  setCamera(program, view);
   program.set("near", static_cast<float>(kNear));
   program.set("reversedDepth", reversedDepth_ ? 1 : 0);
   const double cameraY = std::floor(pose.y * lattice::kStepsPerMetre);
   program.set("remainder", static_cast<float>(pose.remainderX), static_cast<float>(pose.remainderZ),
               static_cast<float>(pose.y * lattice::kStepsPerMetre - cameraY));
 
-  const camera::Frustum frustum(pose, projection);
+  const camera::Frustum frustum(pose, view.camera.projection);
   for (const auto& [address, slot] : slots_) {
     if (!slot.indices) continue;
     const lattice::Step x = address.x() - pose.x, z = address.z() - pose.z;

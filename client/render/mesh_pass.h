@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <functional>
 #include <map>
-#include <string_view>
 
 #include "client/render/arena.h"
 #include "client/render/gl_objects.h"
@@ -37,12 +36,11 @@ class MeshPass {
   Drawn draw(const View& view, const Surface& surface) const;
 
   // The same triangles once more, into whatever framebuffer is bound, with a program of one's own that is in use and has the vertex shader
-  // vertexShader(): it hands on `offset` (metres from the camera) and `depth` (along its axis). `each` is called before every leaf.
+  // shaders::mesh_vertex. `each` is called before every leaf.
   struct Leaf {
     lattice::LeafAddress address;
     std::uint64_t triangles = 0;
   };
-  static std::string_view vertexShader();
   void redraw(const View& view, const Program& program, const std::function<void(const Leaf&)>& each) const;
 
  private:

@@ -4,7 +4,7 @@
 
 #include <array>
 
-#include "client/render/view.h"
+#include "common/shaders/shaders.h"
 
 namespace ridgecast::render {
 namespace {
@@ -37,8 +37,7 @@ void main() {
 MorphPass::MorphPass(Program program) : program_(std::move(program)), vertexArray_(makeVertexArray()) {}
 
 Outcome<MorphPass> MorphPass::create() {
-  const std::array<Program::Piece, 1> pieces = {{{"morph", kBlend}}};
-  auto program = Program::build("morph", fullScreenVertex(), pieces);
+  auto program = Program::build("morph", shaders::full_screen, kBlend);
   if (!program) return program.error();
   return MorphPass(std::move(*program));
 }

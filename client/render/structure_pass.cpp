@@ -6,21 +6,23 @@
 #include <cmath>
 #include <string>
 
+#include "common/shaders/shaders.h"
+
 namespace ridgecast::render {
 namespace {
 
 // A little behind what is seen is still seen: lines are not sampled where triangles are, and a morphing surface lies between two meshes.
 constexpr std::string_view kSeen = R"(
 uniform sampler2D structureSurface;
-uniform vec3 forward;
-uniform float horizon;
+uniform vec3 viewForward;
+uniform float viewHorizon;
 in vec3 offset;
 in float depth;
 layout(location = 0) out vec4 colour;
 float seen(float tolerance) {  // 0: hidden; fades out towards the horizon
   vec4 s = texelFetch(structureSurface, ivec2(gl_FragCoord.xy), 0);
-  if (s.w == 0.0 || depth > dot(s.xyz, forward) * (1.0 + tolerance) + 0.1) return 0.0;
-  return 1.0 - smoothstep(0.4, 0.9, length(offset) / horizon);
+  if (s.w == 0.0 || depth > dot(s.xyz, viewForward) * (1.0 + tolerance) + 0.1) return 0.0;
+  return 1.0 - smoothstep(0.4, 0.9, length(offset) / viewHorizon);
 }
 )";
 
@@ -52,24 +54,24 @@ void main() {
 constexpr std::string_view kFrustum = R"(
 uniform sampler2D structureSurface;
 uniform vec3 fromFrozen;  // the camera, seen from the frozen one; metres
-uniform vec3 right, up, forward;  // of the frozen one
-uniform vec2 tangents;
-uniform float horizon;
+uniform vec3 viewRight, viewUp, viewForward;  // of the frozen one
+uniform vec2 viewTangents;
+uniform float viewHorizon;
 layout(location = 0) out vec4 colour;
 void main() {
   vec4 s = texelFetch(structureSurface, ivec2(gl_FragCoord.xy), 0);
   if (s.w == 0.0) discard;
   vec3 at = s.xyz + fromFrozen;
-  float depth = dot(at, forward);
-  bool inside = depth > 0.0 && abs(dot(at, right)) <= depth * tangents.x && abs(dot(at, up)) <= depth * tangents.y;
+  float depth = dot(at, viewForward);
+  bool inside = depth > 0.0 && abs(dot(at, viewRight)) <= depth * viewTangents.x && abs(dot(at, viewUp)) <= depth * viewTangents.y;
   if (inside) discard;
-  colour = vec4(0.03, 0.04, 0.10, 0.55 * (1.0 - smoothstep(0.4, 0.9, length(s.xyz) / horizon)));
+  colour = vec4(0.03, 0.04, 0.10, 0.55 * (1.0 - smoothstep(0.4, 0.9, length(s.xyz) / viewHorizon)));
 }
 )";
 
 Outcome<Program> meshProgram(std::string_view what, std::string_view main) {
   const std::array<Program::Piece, 2> pieces = {{{"seen", kSeen}, {what, main}}};
-  return Program::build(what, MeshPass::vertexShader(), pieces);
+  return Program::build(what, shaders::mesh_vertex, pieces);
 }
 
 }  // namespace
@@ -86,8 +88,7 @@ Outcome<StructurePass> StructurePass::create() {
   if (!edges) return edges.error();
   auto leaves = meshProgram("leaves", kLeaves);
   if (!leaves) return leaves.error();
-  const std::array<Program::Piece, 1> pieces = {{{"frustum", kFrustum}}};
-  auto frustum = Program::build("frustum", fullScreenVertex(), pieces);
+  auto frustum = Program::build("frustum", shaders::full_screen, kFrustum);
   if (!frustum) return frustum.error();
   auto candidates = CandidatePass::create();
   if (!candidates) return candidates.error();
@@ -108,7 +109,6 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
   if (structure.leafColour) {
     leaves_.use();
     leaves_.set("structureSurface", 0);
-    leaves_.set("horizon", static_cast<float>(view.horizon));
     leaves_.set("lineWidth", std::max(1.0f, static_cast<float>(view.camera.projection.height) / 500));
     mesh.redraw(view, leaves_, [&](const MeshPass::Leaf& leaf) {
       const lattice::LeafAddress& a = leaf.address;
@@ -121,7 +121,6 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
   if (structure.wireframe) {
     edges_.use();
     edges_.set("structureSurface", 0);
-    edges_.set("horizon", static_cast<float>(view.horizon));
     glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
     const double pixels = camera::pixelsPerRadian(view.camera.projection);
     mesh.redraw(view, edges_, [&](const MeshPass::Leaf& leaf) {
@@ -132,19 +131,13 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
   }
   if (structure.frozen) {
     const camera::Pose& frozen = structure.frozen->pose;
-    const camera::Projection& projection = structure.frozen->projection;
     frustum_.use();
     frustum_.set("structureSurface", 0);
-    frustum_.set("horizon", static_cast<float>(view.horizon));
     setVector(frustum_, "fromFrozen", {metres(pose.x - frozen.x), pose.y - frozen.y, metres(pose.z - frozen.z)});
-    setVector(frustum_, "right", camera::right(frozen));
-    setVector(frustum_, "up", camera::up(frozen));
-    setVector(frustum_, "forward", camera::forward(frozen));
-    const double tangent = std::tan(projection.verticalFov / 2);
-    frustum_.set("tangents", static_cast<float>(tangent * projection.aspect()), static_cast<float>(tangent));
-    glBindVertexArray(vertexArray_.name());
-    glDrawArrays(GL_TRIANGLES, 0, 3);
-    glBindVertexArray(0);
+    View from = view;
+    from.camera = *structure.frozen;
+    setCamera(frustum_, from);
+    drawFullScreen(vertexArray_);
   }
   glDisable(GL_BLEND);
   glBindTexture(GL_TEXTURE_2D, 0);

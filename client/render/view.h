@@ -36,19 +36,13 @@ struct TerrainText {
   bool raster = false;   // it is a height map's (common/terrain/raster.glsl): views need `heights`
 };
 
-// A full-screen program of version line, terrain prelude, terrain, shading, the view's own functions and `main`, which may call
-//   void viewLocate(vec2 offset, out ivec2 cell, out vec2 fraction)   offset in metres from the camera, x and z
-//   vec3 viewRay(vec2 sampleAt)                                       unit direction through gl_FragCoord.xy
-//   float viewFootprint(float depth)                                  width in metres of a sample at this depth along the axis
-//   float viewFilter(float depth)                                     what colours there are filtered by: the same, or 0
-// and read the uniforms viewForward, viewCameraY (metres), viewHorizon, viewSeed.
+// A full-screen program of version line, terrain prelude, terrain, shading, view.glsl and `main`.
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main);
 
-// The vertex shader of such programs: one triangle that covers the picture, drawn without any buffer.
-std::string_view fullScreenVertex();
-
-// Sets those uniforms; the program must be in use.
+// Sets the uniforms of view.glsl; the program must be in use.
 void setView(const Program& program, const View& view, std::uint32_t seed);
+// Of them the axes, the tangents and the horizon alone, and viewScale, one over the tangents.
+void setCamera(const Program& program, const View& view);
 // A uniform of three numbers.
 void setVector(const Program& program, const char* name, const camera::Vec3& v);
 

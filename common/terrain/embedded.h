@@ -1,5 +1,5 @@
 #pragma once
-// The .glsl files of this folder, and what they are compiled with, as text, written into the library at build time (embed.cmake).
+// The .glsl files of this folder, and what they are compiled with, as text, written into the library at build time (common/embed.cmake).
 
 #include <string_view>
 

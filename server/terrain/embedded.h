@@ -1,5 +1,5 @@
 #pragma once
-// Texts of this room, written into the library at build time (common/terrain/embed.cmake).
+// Texts of this room, written into the library at build time (common/embed.cmake).
 
 #include <string_view>
 

@@ -484,7 +484,6 @@ export interface Report {
 // ---- the beginning ----
 
 function begin(): void {
-  setLook();
   if (!('transferControlToOffscreen' in canvas) || typeof OffscreenCanvas === 'undefined')
     return problem('This browser is too old', 'The viewer draws in a worker (OffscreenCanvas), which Chrome 69, Firefox 105 and Safari 17 and those after them can.');
   const offscreen = canvas.transferControlToOffscreen();

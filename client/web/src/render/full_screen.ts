@@ -1,7 +1,7 @@
 // A program that is run once for every sample of a target, or of a rectangle of it.
 
 import { BufferGeometry, Camera, GLSL3, Mesh, NoBlending, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
-import { FULL_SCREEN } from './glsl';
+import { FULL_SCREEN } from './shaders';
 import type { Uniform } from './view';
 
 const triangle = new BufferGeometry();

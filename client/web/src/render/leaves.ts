@@ -3,9 +3,10 @@
 import { BufferAttribute, BufferGeometry, Camera, DoubleSide, GLSL3, IntType, LessDepth, Mesh, NoBlending, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
 import { cornerX, cornerZ } from '../codec/mesh';
 import type { LeafBuffers } from '../messages';
-import { MESH_FRAGMENT, MESH_VERTEX } from './glsl';
+import { MESH_FRAGMENT, MESH_VERTEX } from './shaders';
 import { STEPS_PER_METRE, View, ViewUniforms, mayBeSeen } from './view';
 
+const NEAR = 0.1; // metres before the camera where the mesh is cut off
 const FARTHEST = 2 ** 30; // steps: a stale mesh after a jump; offsets stay within 32 bits
 
 interface Slot {
@@ -19,7 +20,7 @@ export class Leaves {
   private readonly scene = new Scene();
   private readonly camera = new Camera();
   private readonly slots = new Map<string, Slot>();
-  private readonly own = { leafOffset: { value: [0, 0, 0] }, leafLevel: { value: 0 }, edges: { value: 0 } };
+  private readonly own = { leafOffset: { value: [0, 0, 0] }, leafLevel: { value: 0 }, edges: { value: 0 }, near: { value: NEAR } };
   private readonly material: RawShaderMaterial;
 
   constructor(view: ViewUniforms) {

@@ -1,12 +1,13 @@
 // The two pictures, each as up to date and as fine as the graphics card allows: what a sample costs is measured, and while the camera
 // moves as many are drawn as fit a frame, stretched; once it rests, the picture goes finer, a tile at a time. No call waits for the card.
 
-import { DataTexture, FloatType, LinearFilter, NearestFilter, RGBAFormat, WebGLRenderTarget, WebGLRenderer } from 'three';
+import { FloatType, LinearFilter, NearestFilter, RGBAFormat, WebGLRenderTarget, WebGLRenderer } from 'three';
 import type { Dots } from './dots';
-import { FullScreen, Rectangle } from './full_screen';
-import { terrainShaders } from './glsl';
+import type { Rectangle } from './full_screen';
 import type { Leaves } from './leaves';
-import { Uniform, View, ViewUniforms } from './view';
+import type { Programs } from './programs';
+import { Skyline } from './skyline';
+import type { View, ViewUniforms } from './view';
 
 const COARSEST = 16; // pixels a sample, each way
 const MOVING_BUDGET = 40; // ms a picture while the camera moves
@@ -14,8 +15,6 @@ const REFINING_BUDGET = 120; // ms for the mesh's while only the mesh changes
 const STEP_BUDGET = 25; // ms of work that is given to the card at a time
 const REST = 400; // ms without a change, then the mesh is drawn in full
 const TILES = [64, 32, 16]; // samples a side: the largest that the card does in good time
-
-export type Kind = 'mesh' | 'march';
 
 class Layer {
   readonly surface: WebGLRenderTarget;
@@ -31,31 +30,6 @@ class Layer {
   dispose(): void {
     this.surface.dispose();
     this.picture.dispose();
-  }
-}
-
-/** The programs of one world. */
-export class Programs {
-  readonly march: FullScreen;
-  readonly shade: FullScreen;
-  readonly heights: FullScreen;
-  readonly own = {
-    marchLowest: { value: -131072 },
-    marchHighest: { value: 131072 },
-    shadeSurface: { value: null as DataTexture | null },
-    showNodes: { value: 0 },
-    heightsSpacing: { value: 0 },
-    heightsSide: { value: 1 },
-  };
-  constructor(source: string, view: ViewUniforms) {
-    const texts = terrainShaders(source);
-    const uniforms: Record<string, Uniform> = { ...view.all, ...this.own };
-    this.march = new FullScreen(texts.march, uniforms);
-    this.shade = new FullScreen(texts.shade, uniforms);
-    this.heights = new FullScreen(texts.heights, uniforms);
-  }
-  dispose(): void {
-    for (const program of [this.march, this.shade, this.heights]) program.dispose();
   }
 }
 
@@ -78,23 +52,61 @@ const coarser = (view: View, n: number): View => ({ ...view, width: Math.max(1, 
 const same = (a: View, b: View): boolean =>
   a.width === b.width && a.height === b.height && a.verticalFov === b.verticalFov && a.horizon === b.horizon && (Object.keys(a.pose) as (keyof View['pose'])[]).every((k) => a.pose[k] === b.pose[k]);
 
-export class Pane {
+/** Work of one kind: the milliseconds that the card takes for each unit, as far as that was measured. */
+class Rate {
+  constructor(public each: number) {}
+  measured(amount: number, milliseconds: number): void {
+    this.each = 0.5 * this.each + (0.5 * milliseconds) / amount;
+  }
+}
+
+/** What a step gave the card to do. */
+export interface Portion {
+  rate: Rate;
+  amount: number;
+  estimate: number; // ms
+}
+
+interface Job {
+  layer: Layer;
+  view: View; // of the samples
+  full: View; // of the whole picture
+  coarseness: number;
+  side: number; // of a tile
+  tile: number;
+  tiles: number;
+  of: string;
+  spent: number; // ms
+}
+
+export abstract class Pane {
   shown: Layer | undefined;
+  pictures = 0; // that were shown
   coarseness = COARSEST; // of what is shown
   milliseconds = 0; // that it took
-  drawnTriangles = 0;
   private shownView: View | undefined; // of the whole picture
   private shownOf = ''; // overlays and, of the mesh, version
-  private job: { layer: Layer; view: View; full: View; coarseness: number; side: number; tile: number; tiles: number; drawn: boolean; of: string; spent: number } | undefined;
+  private job: Job | undefined;
   private spare: Layer | undefined;
-  private perSample = 5e-3; // ms; pessimistic until it was measured
-  private perMesh = 0; // ms for drawing the mesh's triangles, whatever the size
-  private changedAt = 0;
+  protected readonly perSample = new Rate(5e-3); // pessimistic until it was measured
+  protected changedAt = 0;
   private movedAt = 0;
   private lastView: View | undefined;
   private lastOf = '';
 
-  constructor(readonly kind: Kind) {}
+  protected constructor(private readonly withDepth: boolean) {}
+
+  /** What the picture depends on beside the view. */
+  abstract ofNow(tools: Tools, overlays: Overlays): string;
+  /** Work that comes before the samples of a picture: ms, about; its beginning; and a portion of it, nothing when it is done. */
+  protected abstract costBefore(view: View): number;
+  protected abstract beginBefore(view: View, tools: Tools): void;
+  protected abstract before(job: Job, tools: Tools, overlays: Overlays): Portion | undefined;
+  /** How many pixels a sample may stand for, each way, where the camera rests and this view is not shown yet, or is already. */
+  protected abstract firstCoarseness(view: View, now: number): number;
+  protected abstract nextCoarseness(now: number): number;
+  protected abstract draw(job: Job, tools: Tools, overlays: Overlays, only: Rectangle): void;
+  protected finish(_job: Job, _tools: Tools, _overlays: Overlays): void {}
 
   /** Whether what is shown is the picture of this view, in full. */
   isFinest(view: View, of: string): boolean {
@@ -103,12 +115,9 @@ export class Pane {
   get busy(): boolean {
     return this.job !== undefined;
   }
-  ofNow(tools: Tools, overlays: Overlays): string {
-    return this.kind === 'march' ? '' : `${tools.leaves.version} ${overlays.candidates ? tools.dots.version : -1} ${overlays.wireframe} ${overlays.nodes}`;
-  }
 
-  /** Does a portion of what is to be done. Returns what it is estimated to take, in ms; 0: nothing was to be done. */
-  step(tools: Tools, view: View, overlays: Overlays, now: number): number {
+  /** Does a portion of what is to be done; nothing: there was nothing to do. */
+  step(tools: Tools, view: View, overlays: Overlays, now: number): Portion | undefined {
     const of = this.ofNow(tools, overlays);
     if (!this.lastView || !same(this.lastView, view)) this.movedAt = now;
     if (of !== this.lastOf) this.changedAt = now;
@@ -116,18 +125,21 @@ export class Pane {
     this.lastOf = of;
     const moving = now - this.movedAt < 150;
     if (this.job && !same(this.job.full, view) && this.estimate(this.job.view) > MOVING_BUDGET * 2) this.abandon();
-    if (!this.job && !this.begin(view, of, moving, now)) return 0;
-    return this.advance(tools, overlays);
+    if (!this.job) {
+      const coarseness = this.wanted(view, of, moving, now);
+      if (coarseness === 0) return undefined;
+      this.begin(view, of, coarseness, tools);
+    }
+    tools.uniforms.set(this.job!.view);
+    return this.before(this.job!, tools, overlays) ?? this.samples(this.job!, tools, overlays);
   }
 
   /** The card has done what step() gave it, in so many ms. */
-  measured(samples: number, milliseconds: number): void {
+  measured({ rate, amount }: Portion, milliseconds: number): void {
     if (this.job) this.job.spent += milliseconds;
     else this.milliseconds += milliseconds;
-    if (samples > 0) this.perSample = 0.5 * this.perSample + (0.5 * milliseconds) / samples;
-    else this.perMesh = 0.5 * this.perMesh + 0.5 * milliseconds;
+    rate.measured(amount, milliseconds);
   }
-  samplesOfStep = 0;
 
   dispose(): void {
     for (const layer of [this.shown, this.spare, this.job?.layer]) layer?.dispose();
@@ -136,9 +148,9 @@ export class Pane {
   }
 
   private estimate(view: View): number {
-    return this.perMesh + view.width * view.height * this.perSample;
+    return this.costBefore(view) + view.width * view.height * this.perSample.each;
   }
-  private fitting(view: View, budget: number): number {
+  protected fitting(view: View, budget: number): number {
     let n = 1;
     while (n < COARSEST && this.estimate(coarser(view, n)) > budget) n *= 2;
     return Math.max(n, this.coarseness / 4); // no leaps on the word of one measurement
@@ -149,77 +161,138 @@ export class Pane {
     this.job = undefined;
   }
 
-  private begin(view: View, of: string, moving: boolean, now: number): boolean {
+  /** The coarseness of the picture that is to be drawn now; 0: none. */
+  private wanted(view: View, of: string, moving: boolean, now: number): number {
     const current = this.shownView !== undefined && same(this.shownView, view) && this.shownOf === of;
-    let n: number;
-    if (moving) {
-      if (current) return false;
-      n = this.shown ? this.fitting(view, MOVING_BUDGET) : COARSEST;
-    } else if (!current) {
-      n = this.kind === 'mesh' && now - this.changedAt < REST ? this.fitting(view, REFINING_BUDGET) : this.fitting(view, 4 * REFINING_BUDGET);
-    } else {
-      if (this.coarseness === 1 || (this.kind === 'mesh' && now - this.changedAt < REST)) return false;
-      n = this.kind === 'mesh' ? 1 : Math.max(1, this.coarseness / 4);
-    }
-    const samples = coarser(view, n);
-    if (!this.spare || this.spare.width !== samples.width || this.spare.height !== samples.height) {
-      this.spare?.dispose();
-      this.spare = new Layer(samples.width, samples.height, this.kind === 'mesh');
-    }
-    const side = TILES.find((t) => t * t * this.perSample < 2 * STEP_BUDGET) ?? TILES[TILES.length - 1]!;
-    const tiles = Math.ceil(samples.width / side) * Math.ceil(samples.height / side);
-    this.job = { layer: this.spare, view: samples, full: view, coarseness: n, side, tile: 0, tiles, drawn: this.kind === 'march', of, spent: 0 };
-    this.spare = undefined;
-    return true;
+    if (!current) return moving ? (this.shown ? this.fitting(view, MOVING_BUDGET) : COARSEST) : this.firstCoarseness(view, now);
+    return moving || this.coarseness === 1 ? 0 : this.nextCoarseness(now);
   }
 
-  private advance(tools: Tools, overlays: Overlays): number {
-    const job = this.job!;
-    const { renderer, uniforms, programs, leaves } = tools;
-    uniforms.set(job.view);
-    if (!job.drawn) {
-      this.drawnTriangles = leaves.draw(renderer, job.view, job.layer.surface, overlays.wireframe);
-      job.drawn = true;
-      this.samplesOfStep = 0;
-      return Math.max(1, this.perMesh);
+  private begin(full: View, of: string, coarseness: number, tools: Tools): void {
+    const view = coarser(full, coarseness);
+    if (!this.spare || this.spare.width !== view.width || this.spare.height !== view.height) {
+      this.spare?.dispose();
+      this.spare = new Layer(view.width, view.height, this.withDepth);
     }
-    programs.own.shadeSurface.value = job.layer.surface.texture as DataTexture;
-    programs.own.showNodes.value = this.kind === 'mesh' && overlays.nodes ? 1 : 0;
-    // As many tiles as the budget has room for, whole rows where possible.
-    const columns = Math.ceil(job.view.width / job.side);
-    const perTile = job.side * job.side * this.perSample;
-    let count = Math.max(1, Math.min(job.tiles - job.tile, Math.floor(STEP_BUDGET / perTile)));
-    const column = job.tile % columns;
+    const side = TILES.find((t) => t * t * this.perSample.each < 2 * STEP_BUDGET) ?? TILES[TILES.length - 1]!;
+    const tiles = Math.ceil(view.width / side) * Math.ceil(view.height / side);
+    this.job = { layer: this.spare, view, full, coarseness, side, tile: 0, tiles, of, spent: 0 };
+    this.spare = undefined;
+    this.beginBefore(view, tools);
+  }
+
+  /** As many tiles as the budget has room for, whole rows where possible. */
+  private samples(job: Job, tools: Tools, overlays: Overlays): Portion {
+    const { view, side } = job;
+    const columns = Math.ceil(view.width / side), column = job.tile % columns;
+    let count = Math.max(1, Math.min(job.tiles - job.tile, Math.floor(STEP_BUDGET / (side * side * this.perSample.each))));
     if (column === 0 && count >= columns) count -= count % columns;
     else count = Math.min(count, columns - column);
-    const rows = Math.max(1, Math.floor(count / columns));
-    const x = column * job.side, y = Math.floor(job.tile / columns) * job.side;
+    const x = column * side, y = Math.floor(job.tile / columns) * side;
     const only: Rectangle = {
       x,
       y,
-      width: Math.min(count >= columns ? job.view.width : count * job.side, job.view.width - x),
-      height: Math.min(rows * job.side, job.view.height - y),
+      width: Math.min(count >= columns ? view.width : count * side, view.width - x),
+      height: Math.min(Math.max(1, Math.floor(count / columns)) * side, view.height - y),
     };
-    if (this.kind === 'march') programs.march.run(renderer, job.layer.surface, only);
-    programs.shade.run(renderer, job.layer.picture, only);
+    this.draw(job, tools, overlays, only);
     job.tile += count;
-    this.samplesOfStep = only.width * only.height;
-    if (job.tile >= job.tiles) {
-      if (this.kind === 'mesh' && overlays.candidates) tools.dots.draw(renderer, job.view, job.layer.surface, job.layer.picture);
-      this.complete();
-    }
-    return Math.max(0.1, this.samplesOfStep * this.perSample);
+    if (job.tile >= job.tiles) this.complete(job, tools, overlays);
+    const amount = only.width * only.height;
+    return { rate: this.perSample, amount, estimate: Math.max(0.1, amount * this.perSample.each) };
   }
 
-  private complete(): void {
-    const job = this.job!;
+  private complete(job: Job, tools: Tools, overlays: Overlays): void {
+    this.finish(job, tools, overlays);
     this.spare?.dispose();
     this.spare = this.shown;
     this.shown = job.layer;
+    ++this.pictures;
     this.shownView = job.full;
     this.shownOf = job.of;
     this.coarseness = job.coarseness;
     this.milliseconds = job.spent;
     this.job = undefined;
+  }
+
+  protected shade({ layer }: Job, { renderer, programs }: Tools, nodes: boolean, only: Rectangle): void {
+    programs.own.shadeSurface.value = layer.surface.texture;
+    programs.own.showNodes.value = nodes ? 1 : 0;
+    programs.shade.run(renderer, layer.picture, only);
+  }
+}
+
+/** The streamed mesh: its triangles in one go, then its colours. */
+export class MeshPane extends Pane {
+  drawnTriangles = 0;
+  private readonly perMesh = new Rate(0); // whatever the size
+  private drawn = false;
+  constructor() {
+    super(true);
+  }
+  override ofNow({ leaves, dots }: Tools, { candidates, wireframe, nodes }: Overlays): string {
+    return `${leaves.version} ${candidates ? dots.version : -1} ${wireframe} ${nodes}`;
+  }
+  protected override costBefore(): number {
+    return this.perMesh.each;
+  }
+  protected override beginBefore(): void {
+    this.drawn = false;
+  }
+  protected override before({ view, layer }: Job, { renderer, leaves }: Tools, overlays: Overlays): Portion | undefined {
+    if (this.drawn) return undefined;
+    this.drawn = true;
+    this.drawnTriangles = leaves.draw(renderer, view, layer.surface, overlays.wireframe);
+    return { rate: this.perMesh, amount: 1, estimate: Math.max(1, this.perMesh.each) };
+  }
+  private changes(now: number): boolean {
+    return now - this.changedAt < REST;
+  }
+  protected override firstCoarseness(view: View, now: number): number {
+    return this.fitting(view, this.changes(now) ? REFINING_BUDGET : 4 * REFINING_BUDGET);
+  }
+  protected override nextCoarseness(now: number): number {
+    return this.changes(now) ? 0 : 1;
+  }
+  protected override draw(job: Job, tools: Tools, overlays: Overlays, only: Rectangle): void {
+    this.shade(job, tools, overlays.nodes, only);
+  }
+  protected override finish({ view, layer }: Job, { renderer, dots }: Tools, overlays: Overlays): void {
+    if (overlays.candidates) dots.draw(renderer, view, layer.surface, layer.picture);
+  }
+}
+
+/** The ray march: its skyline some columns at a time, then tiles. */
+export class MarchPane extends Pane {
+  private readonly skyline = new Skyline();
+  private readonly perSkyline = new Rate(5e-4); // for a column, and a line of the picture
+  constructor() {
+    super(false);
+  }
+  override ofNow(): string {
+    return '';
+  }
+  protected override costBefore(view: View): number {
+    return Skyline.columnsOf(view) * view.height * this.perSkyline.each;
+  }
+  protected override beginBefore(view: View, { renderer }: Tools): void {
+    this.skyline.begin(view, renderer);
+  }
+  protected override before({ view }: Job, { renderer, programs }: Tools): Portion | undefined {
+    this.skyline.setUniforms(view, programs, renderer);
+    const perColumn = view.height * this.perSkyline.each, columns = Math.min(this.skyline.left, Math.max(16, Math.floor(STEP_BUDGET / perColumn)));
+    if (columns === 0) return undefined;
+    this.skyline.draw(programs, renderer, columns);
+    return { rate: this.perSkyline, amount: columns * view.height, estimate: Math.max(0.1, columns * perColumn) };
+  }
+  protected override firstCoarseness(view: View): number {
+    return this.fitting(view, 4 * REFINING_BUDGET);
+  }
+  protected override nextCoarseness(): number {
+    return Math.max(1, this.coarseness / 4);
+  }
+  protected override draw(job: Job, tools: Tools, _overlays: Overlays, only: Rectangle): void {
+    tools.programs.march.run(tools.renderer, job.layer.surface, only);
+    this.shade(job, tools, false, only);
   }
 }

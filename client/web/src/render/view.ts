@@ -48,9 +48,11 @@ export class ViewUniforms {
     viewRight: { value: [1, 0, 0] },
     viewUp: { value: [0, 1, 0] },
     viewTangents: { value: [1, 1] },
+    viewScale: { value: [1, 1] },
     viewSize: { value: [1, 1] },
     viewHorizon: { value: 1 },
     viewSeed: { value: 0 },
+    viewFiltered: { value: 1 },
     remainder: { value: [0, 0, 0] },
   };
 
@@ -64,7 +66,9 @@ export class ViewUniforms {
     u.viewForward.value = forwardOf(pose);
     u.viewRight.value = rightOf(pose);
     u.viewUp.value = upOf(pose);
-    u.viewTangents.value = tangentsOf(view);
+    const [tx, ty] = tangentsOf(view);
+    u.viewTangents.value = [tx, ty];
+    u.viewScale.value = [1 / tx, 1 / ty];
     u.viewSize.value = [view.width, view.height];
     u.viewHorizon.value = view.horizon;
     const y = pose.y * STEPS_PER_METRE;

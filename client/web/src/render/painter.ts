@@ -1,0 +1,244 @@
+// Draws the mesh that the engine hands over, and the ray march of the same view, on a canvas of the page. It gives the graphics card a
+// portion of work at a time and looks whether it is done, so that neither the page nor the engine ever waits for it.
+
+import { LinearSRGBColorSpace, NoToneMapping, WebGLRenderer } from 'three';
+import type { FromPainter, FromPainterToEngine, Look, ToPainter, ToPainterFromEngine } from '../messages';
+import { Card, Part } from './card';
+import { Dots } from './dots';
+import { Heights } from './heights';
+import { Leaves } from './leaves';
+import { MarchPane, MeshPane, Pane, Tools } from './panes';
+import { Presenter, Size } from './presenter';
+import { Programs } from './programs';
+import { Pose, View, ViewUniforms } from './view';
+
+const STEP_BUDGET = 25, LEAST_BUDGET = 17; // ms of work that is given to the card in a frame, and that a pane is begun with
+
+type Begin = Extract<ToPainter, { kind: 'begin' }>;
+type World = Extract<ToPainterFromEngine, { kind: 'world' }>;
+type Tell = (message: FromPainter) => void;
+
+/** Where the pictures can be drawn; otherwise a sentence for people. */
+function contextOf(canvas: OffscreenCanvas): WebGL2RenderingContext | string {
+  const gl = canvas.getContext('webgl2', { alpha: false, antialias: false, depth: false, powerPreference: 'high-performance' });
+  if (!gl) return 'This browser offers no WebGL 2 here. Turn on hardware acceleration in its settings, update its graphics driver, or try another browser.';
+  if (!gl.getExtension('EXT_color_buffer_float')) return 'This graphics card cannot draw into floating-point textures (EXT_color_buffer_float), which the viewer needs. Try another browser or machine.';
+  return gl;
+}
+
+function rendererOn(canvas: OffscreenCanvas, context: WebGL2RenderingContext): WebGLRenderer {
+  const renderer = new WebGLRenderer({ canvas: canvas as unknown as HTMLCanvasElement, context, antialias: false, depth: false });
+  renderer.autoClear = false;
+  renderer.sortObjects = false;
+  renderer.toneMapping = NoToneMapping;
+  renderer.outputColorSpace = LinearSRGBColorSpace; // the shaders make display values themselves
+  renderer.setClearColor(0, 0);
+  return renderer;
+}
+
+export class Painter {
+  private readonly uniforms = new ViewUniforms();
+  private readonly leaves = new Leaves(this.uniforms);
+  private readonly dots = new Dots(this.uniforms);
+  private readonly mesh = new MeshPane();
+  private readonly march = new MarchPane();
+  private readonly card: Card;
+  private readonly renderer: WebGLRenderer;
+  private readonly presenter: Presenter;
+  private world: World | undefined; // the newest
+  private drawing: { tools: Tools; heights: Heights } | undefined; // its programs, once they are compiled
+  private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false };
+  private eye: { pose: Pose; verticalFov: number } | undefined;
+  private size: Size = { width: 1, height: 1 };
+  private readonly wanted = { resize: false, picture: false, ground: undefined as Pose | undefined };
+  private shownOf = ''; // the look and the pictures that are shown
+  private scheduled = false;
+  private marchIsNext = false; // in 'split'
+  private readonly told = { frames: 0, at: performance.now() };
+  private readonly heard = { messages: 1, changes: 0 };
+
+  /** Nothing where pictures cannot be drawn; the page is told. */
+  static begin({ canvas, engine }: Begin, tell: Tell): Painter | undefined {
+    const gl = contextOf(canvas);
+    if (typeof gl !== 'string') return new Painter(canvas, gl, engine, tell);
+    tell({ kind: 'problem', sentence: gl, fatal: true });
+    return undefined;
+  }
+
+  private constructor(
+    private readonly canvas: OffscreenCanvas,
+    gl: WebGL2RenderingContext,
+    private readonly engine: MessagePort,
+    private readonly tell: Tell,
+  ) {
+    this.card = new Card(gl);
+    this.renderer = rendererOn(canvas, gl);
+    this.presenter = new Presenter(this.renderer);
+    canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver started anew, or memory ran out). Reload the page.', true));
+    engine.onmessage = (event: MessageEvent<ToPainterFromEngine>) => this.hearEngine(event.data);
+    const info = gl.getExtension('WEBGL_debug_renderer_info');
+    tell({ kind: 'ready', renderer: String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER)) });
+  }
+
+  /** What the page says. */
+  hear(message: Exclude<ToPainter, Begin>): void {
+    ++this.heard.messages;
+    switch (message.kind) {
+      case 'size':
+        this.size = { width: message.width, height: message.height };
+        this.wanted.resize = true;
+        break;
+      case 'pose':
+        this.eye = message;
+        break;
+      case 'look':
+        this.look = message.look;
+        break;
+      case 'ground':
+        this.wanted.ground = message.pose;
+        break;
+      case 'picture':
+        this.wanted.picture = true;
+        break;
+    }
+    this.schedule();
+  }
+
+  private hearEngine(message: ToPainterFromEngine): void {
+    if (message.kind === 'world') return void this.enter(message);
+    if (message.kind === 'candidates') {
+      this.dots.set(message.candidates);
+    } else {
+      ++this.heard.changes;
+      this.leaves.apply(message.gone, message.fresh, message.clear);
+      this.engine.postMessage({ kind: 'taken' } satisfies FromPainterToEngine);
+    }
+    this.schedule();
+  }
+
+  private problem(sentence: string, fatal: boolean): void {
+    this.tell({ kind: 'problem', sentence, fatal });
+  }
+
+  private async enter(next: World): Promise<void> {
+    const { world, renderer, uniforms, leaves, dots } = this;
+    if (world && world.source === next.source && world.seed === next.seed && world.horizon === next.horizon) return;
+    this.world = next;
+    for (const source of next.source ? [next.source, ''] : ['']) {
+      const programs = await Programs.compile(source, uniforms, renderer);
+      if (this.world !== next) return typeof programs === 'string' ? undefined : programs.dispose(); // another one came meanwhile
+      if (typeof programs === 'string') {
+        this.problem(`This graphics driver does not compile the ${source ? `terrain's text (${programs}); it is drawn in neutral colours, without a ray march.` : `viewer's shaders: ${programs}`}`, !source);
+        continue;
+      }
+      this.drawing?.tools.programs.dispose();
+      this.mesh.dispose();
+      this.march.dispose();
+      const tools = { renderer, uniforms, programs, leaves, dots };
+      this.drawing = { tools, heights: new Heights(tools, next.horizon) };
+      uniforms.all.viewSeed.value = next.seed;
+      return this.schedule();
+    }
+  }
+
+  // ---- frames ----
+
+  private schedule(): void {
+    if (this.scheduled) return;
+    this.scheduled = true;
+    requestAnimationFrame(() => this.frame());
+  }
+
+  private frame(): void {
+    this.scheduled = false;
+    if (!this.drawing || !this.world) return;
+    if (!this.card.isDone()) {
+      // Not in a frame of its own: it may be done long before the next.
+      this.scheduled = true;
+      setTimeout(() => this.frame(), 3);
+      return;
+    }
+    this.lookAtHeights();
+    if (!this.eye) return;
+    this.resize();
+    const view: View = { ...this.eye, ...this.size, horizon: this.world.horizon };
+    const now = performance.now();
+    const { parts, more } = this.drawPortions(view, now);
+    this.present();
+    this.card.give(parts, now);
+    this.tellFrames(view, more);
+    if (more || this.wanted.resize) this.schedule();
+  }
+
+  private lookAtHeights(): void {
+    const { heights } = this.drawing!, { ground } = this.wanted;
+    if (this.world!.source === '') return;
+    if (ground) {
+      this.wanted.ground = undefined;
+      void heights.at(ground).then((metres) => this.tell({ kind: 'ground', metres }));
+    }
+    if (this.eye && this.shows(this.march) && heights.boundsAreDue(this.eye.pose)) void heights.findBounds(this.eye.pose).finally(() => this.schedule());
+  }
+
+  private resize(): void {
+    if (!this.wanted.resize) return;
+    this.wanted.resize = false;
+    this.canvas.width = this.size.width;
+    this.canvas.height = this.size.height;
+    this.renderer.setViewport(0, 0, this.size.width, this.size.height);
+    this.shownOf = '';
+  }
+
+  private shows(pane: Pane): boolean {
+    return pane === this.mesh ? this.look.mode !== 'march' : this.look.mode !== 'mesh' && this.world!.source !== '';
+  }
+
+  private drawPortions(view: View, now: number): { parts: Part[]; more: boolean } {
+    const { tools, heights } = this.drawing!, parts: Part[] = [];
+    let left = STEP_BUDGET, more = false;
+    // The mesh's picture is finished once it is begun; the ray march, which may take long, gets a portion in between.
+    this.marchIsNext = !this.marchIsNext && !this.mesh.busy;
+    for (const pane of this.marchIsNext ? [this.march, this.mesh] : [this.mesh, this.march]) {
+      if (left < LEAST_BUDGET) return { parts, more: true }; // one at a time, so that what it took is known to be its own
+      if (!this.shows(pane) || (pane === this.march && !heights.boundsAreKnown)) continue;
+      do {
+        const portion = pane.step(tools, view, this.look, now);
+        if (!portion) break;
+        more = true;
+        parts.push({ pane, portion });
+        left -= portion.estimate;
+      } while (left > 0 && pane.busy);
+      more ||= !pane.isFinest(view, pane.ofNow(tools, this.look));
+    }
+    return { parts, more };
+  }
+
+  private present(): void {
+    const { mode, divider } = this.look, { width } = this.size;
+    const of = JSON.stringify([this.look, this.mesh.pictures, this.march.pictures]);
+    if (of === this.shownOf && !this.wanted.picture) return;
+    this.shownOf = of;
+    this.presenter.present(this.mesh, this.march, mode === 'split' ? Math.round(divider * width) : this.shows(this.march) ? 0 : width, this.size);
+    ++this.told.frames;
+    if (!this.wanted.picture) return;
+    this.wanted.picture = false;
+    void this.canvas.convertToBlob({ type: 'image/png' }).then((png) => this.tell({ kind: 'picture', png }));
+  }
+
+  private tellFrames(view: View, more: boolean): void {
+    const since = performance.now() - this.told.at;
+    if (since < 500 && more) return;
+    const { coarseness, milliseconds } = this.look.mode === 'march' ? this.march : this.mesh;
+    this.tell({
+      kind: 'frames',
+      perSecond: since > 0 ? (this.told.frames * 1000) / since : 0,
+      coarseness,
+      milliseconds,
+      finest: [this.mesh, this.march].every((pane) => !this.shows(pane) || pane.isFinest(view, pane.ofNow(this.drawing!.tools, this.look))),
+      drawnTriangles: this.mesh.drawnTriangles,
+      ...this.heard,
+    });
+    this.told.frames = 0;
+    this.told.at = performance.now();
+  }
+}
