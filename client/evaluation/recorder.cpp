@@ -64,7 +64,6 @@ Outcome<void> Recorder::add(const wire::Iteration& iteration, const IterationRec
                {"deferred", f.deferred},
                {"heights", f.heights},
                {"leaves", f.leaves},
-               {"leaves_valid", f.validLeaves},
                {"leaves_visible", f.visibleLeaves},
                {"leaves_generated", f.generatedLeaves},
                {"leaves_dropped", f.droppedLeaves},

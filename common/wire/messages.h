@@ -142,7 +142,7 @@ struct World {
 // What an iteration did. Milliseconds are wall time.
 struct Figures {
   double selectMs = 0, generateMs = 0, refineMs = 0, triangulateMs = 0, encodeMs = 0;
-  std::uint32_t leaves = 0, validLeaves = 0, visibleLeaves = 0, generatedLeaves = 0, droppedLeaves = 0;
+  std::uint32_t leaves = 0, visibleLeaves = 0, generatedLeaves = 0, droppedLeaves = 0;
   std::uint32_t triangles = 0, inserted = 0, removed = 0, deferred = 0;
   std::uint64_t heights = 0;
   double effectiveThreshold = 0;

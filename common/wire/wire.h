@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <span>
 #include <string>
 #include <string_view>
@@ -38,16 +39,18 @@ inline constexpr std::size_t kMaxSmallMessageBytes = std::size_t{16} << 20;   //
 inline constexpr std::size_t kMaxCandidatesBytes = kMaxCandidates * 19 + 64;  // three varints of at most 5 bytes and a float each
 inline constexpr std::int64_t kMaxCandidateReach = std::int64_t{1} << 27;     // steps from Candidates.x, .z
 inline constexpr double kMaxErrorPixels = 1e9;                                // of a candidate
-inline constexpr double kMaxRate = 1000;
-inline constexpr std::uint64_t kMaxStepTime = 3'600'000'000;  // microseconds
+inline constexpr std::uint64_t kMaxStepTime = 3'600'000'000;                  // microseconds
 inline constexpr std::uint64_t kMaxTime = std::uint64_t{1} << 53;
-inline constexpr std::size_t kMaxPlaces = 8192;                                                      // of a query
-inline constexpr std::size_t kMaxRays = 256;                                                         // of a query
-inline constexpr std::size_t kMaxQueries = 64;                                                       // of one client that are not answered
-inline constexpr std::size_t kMaxGrounds = 4;                                                        // the same
-inline constexpr std::uint32_t kMaxSpacing = 65'536;                                                 // steps
-inline constexpr double kMaxReach = 1e5;                                                             // metres
-inline constexpr double kLeastRadius = 1, kMostRadius = 4096, kLeastError = 0.02, kMostError = 100;  // metres, of a ground
+inline constexpr std::size_t kMaxPlaces = 8192;       // of a query
+inline constexpr std::size_t kMaxRays = 256;          // of a query
+inline constexpr std::size_t kMaxQueries = 64;        // of one client that are not answered
+inline constexpr std::size_t kMaxGrounds = 4;         // the same
+inline constexpr std::uint32_t kMaxSpacing = 65'536;  // steps
+inline constexpr double kMaxReach = 1e5;              // metres
+
+// The tables of PROTOCOL.md: "Message.field", and "Message" for its size -> its range in words; empty: anything.
+using Ranges = std::map<std::string, std::string>;
+Ranges ranges();
 
 // Whether a session's name can be one: 1..kMaxSessionBytes of [A-Za-z0-9._-].
 bool sessionNameIsValid(std::string_view name);

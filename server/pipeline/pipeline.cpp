@@ -205,7 +205,7 @@ std::uint32_t Pipeline::State::owned() const {
 
 // The figures of what there is, as against those of what was done.
 void Pipeline::State::describe(wire::Figures& figures) const {
-  figures.leaves = figures.validLeaves = static_cast<std::uint32_t>(leaves.size());
+  figures.leaves = static_cast<std::uint32_t>(leaves.size());
   for (const Leaf* leaf : mesh.leaves()) figures.visibleLeaves += leaf->visible;
   figures.triangles = live;
   figures.effectiveThreshold = std::max(effective, left);

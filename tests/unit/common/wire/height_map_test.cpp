@@ -55,7 +55,7 @@ TEST(HeightMapWire, whatCannotBeIsRefused) {
     change(shape);
     const auto decoded = decodeServer(bytesOf(encode(ServerMessage(worldWith(shape)))));
     ASSERT_FALSE(decoded);
-    EXPECT_THAT(decoded.error().message, HasSubstr("World.height_map"));
+    EXPECT_THAT(decoded.error().message, HasSubstr("HeightMap."));
   }
   EXPECT_FALSE(decodeClient(bytesOf(encode(ClientMessage(WantTiles{std::vector<terrain::TileAddress>(kMaxTiles + 1)})))));
   EXPECT_FALSE(decodeClient(bytesOf(encode(ClientMessage(WantTiles{{{INT64_MIN, 0}}})))));

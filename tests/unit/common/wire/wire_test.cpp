@@ -55,7 +55,6 @@ Iteration anyIteration() {
                 .triangulateMs = 4,
                 .encodeMs = 5,
                 .leaves = 6,
-                .validLeaves = 7,
                 .visibleLeaves = 8,
                 .generatedLeaves = 9,
                 .droppedLeaves = 10,
@@ -137,7 +136,7 @@ TEST(Wire, ResumeSurvives) {
   many.leaves.push_back({});
   const auto decoded = decodeClient(bytesOf(encode(ClientMessage(many))));
   ASSERT_FALSE(decoded);
-  EXPECT_EQ(decoded.error().message.find("Resume.leaves has 2049"), 0u) << decoded.error().message;
+  EXPECT_EQ(decoded.error().message.find("Resume.leaves must be at most 2,048"), 0u) << decoded.error().message;
 }
 
 TEST(Wire, DeltasInHelloSurvive) {
@@ -181,10 +180,8 @@ TEST(Wire, IterationSurvives) {
   const Figures &a = in.figures, &b = out.figures;
   EXPECT_EQ(std::tie(a.selectMs, a.generateMs, a.refineMs, a.triangulateMs, a.encodeMs, a.heights, a.effectiveThreshold),
             std::tie(b.selectMs, b.generateMs, b.refineMs, b.triangulateMs, b.encodeMs, b.heights, b.effectiveThreshold));
-  EXPECT_EQ(std::tie(a.leaves, a.validLeaves, a.visibleLeaves, a.generatedLeaves, a.droppedLeaves, a.triangles, a.inserted, a.removed,
-                     a.deferred),
-            std::tie(b.leaves, b.validLeaves, b.visibleLeaves, b.generatedLeaves, b.droppedLeaves, b.triangles, b.inserted, b.removed,
-                     b.deferred));
+  EXPECT_EQ(std::tie(a.leaves, a.visibleLeaves, a.generatedLeaves, a.droppedLeaves, a.triangles, a.inserted, a.removed, a.deferred),
+            std::tie(b.leaves, b.visibleLeaves, b.generatedLeaves, b.droppedLeaves, b.triangles, b.inserted, b.removed, b.deferred));
 }
 
 TEST(Wire, ErrorSurvivesAndIsCut) {
@@ -201,6 +198,8 @@ TEST(Wire, TheGeneratedCodeReadsWhatIsWritten) {  // the schema, not only this r
   EXPECT_EQ(message.iteration().whole(0).payload(), std::string("\0\xff\x07\0\x01", 5));
   EXPECT_FALSE(message.iteration().whole(1).address().i() != -5);
   EXPECT_EQ(message.iteration().mesh_hash(), ~0ull);
+  EXPECT_EQ(message.iteration().figures().leaves(), 6u);
+  EXPECT_EQ(message.iteration().figures().valid_leaves(), 6u);  // for clients that read the older name
 }
 
 TEST(Wire, UnknownFieldsAreIgnored) {
@@ -338,8 +337,8 @@ TEST(WireRefuses, Iteration) {
   with("LeafWhole.vertices", [](pb::Iteration& m) { m.mutable_whole(1)->set_vertices(3); });
   with("LeafWhole.payload", [](pb::Iteration& m) { m.mutable_whole(0)->clear_payload(); });
   with("LeafWhole.payload", [](pb::Iteration& m) { m.mutable_whole(1)->set_payload("x"); });
-  for (double bad : kBad) with("Figures", [&](pb::Iteration& m) { m.mutable_figures()->set_refine_ms(bad); });
-  with("Figures", [](pb::Iteration& m) { m.mutable_figures()->set_effective_threshold(-1); });
+  for (double bad : kBad) with("Figures.refine_ms", [&](pb::Iteration& m) { m.mutable_figures()->set_refine_ms(bad); });
+  with("Figures.effective_threshold", [](pb::Iteration& m) { m.mutable_figures()->set_effective_threshold(-1); });
 }
 
 TEST(WireRefuses, TooMuch) {
@@ -357,15 +356,16 @@ TEST(WireRefuses, TooMuch) {
     return out + inner;
   };
   const auto messageOf = [](const auto& decoded) { return decoded ? std::string("accepted") : decoded.error().message; };
-  EXPECT_NE(messageOf(decodeClient(bytesOf(entries(0x22, 0x0a, kMaxResendLeaves + 1)))).find("ResendLeaves.leaves has 4097"),
+  EXPECT_NE(messageOf(decodeClient(bytesOf(entries(0x22, 0x0a, kMaxResendLeaves + 1)))).find("ResendLeaves.leaves must be at most 4,096"),
             std::string::npos);
   EXPECT_TRUE(decodeClient(bytesOf(entries(0x22, 0x0a, kMaxResendLeaves))));
-  EXPECT_NE(messageOf(decodeServer(bytesOf(entries(0x12, 0x1a, 20'000'000)))).find("Iteration.gone has 20000000"), std::string::npos);
-  EXPECT_NE(messageOf(decodeServer(bytesOf(entries(0x12, 0x22, kMaxIterationLeaves + 1)))).find("Iteration.whole has 65537"),
+  EXPECT_NE(messageOf(decodeServer(bytesOf(entries(0x12, 0x1a, 20'000'000)))).find("Iteration.gone must be at most 65,536"),
+            std::string::npos);
+  EXPECT_NE(messageOf(decodeServer(bytesOf(entries(0x12, 0x22, kMaxIterationLeaves + 1)))).find("Iteration.whole must be at most 65,536"),
             std::string::npos);
   // Split over several occurrences of the same message, which protobuf merges.
   const std::string half = entries(0x12, 0x1a, kMaxIterationLeaves / 2 + 1);
-  EXPECT_NE(messageOf(decodeServer(bytesOf(half + half))).find("Iteration.gone has 65538"), std::string::npos);
+  EXPECT_NE(messageOf(decodeServer(bytesOf(half + half))).find("Iteration.gone must be at most 65,536"), std::string::npos);
 }
 
 TEST(WireRefuses, EmptyAndForeign) {

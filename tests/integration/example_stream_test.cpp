@@ -1,0 +1,123 @@
+// The recorded stream of proto/example decodes to the leaves that stand beside it. Records it again:
+//   RIDGECAST_RECORD_EXAMPLE=1 build/test/bin/integration_example_stream
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <sstream>
+#include <string>
+
+#include "client/scene/scene.h"
+#include "common/wire/wire.h"
+#include "server/logging/logging.h"
+#include "server/net/server.h"
+#include "server/scheduling/pool.h"
+#include "server/session/iterating_mesh.h"
+#include "server/session/session.h"
+#include "tests/support/flier.h"
+
+namespace ridgecast {
+namespace {
+
+const std::string kFolder = RIDGECAST_EXAMPLE;
+
+std::string contentOf(const std::string& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+// Four bytes of length, little-endian, before each message.
+std::string framed(const wire::ServerMessage& message) {
+  const std::string bytes = wire::encode(message);
+  std::string out;
+  for (int k = 0; k < 4; ++k) out += static_cast<char>(bytes.size() >> (8 * k) & 255);
+  return out + bytes;
+}
+
+// What a client holds after an iteration; the vertices and triangles of the leaves that it brought.
+void describe(const wire::Iteration& iteration, const scene::Scene& scene, std::ostream& out) {
+  out << std::dec << "iteration " << iteration.number << " leaves " << scene.leaves().size() << " triangles " << scene.triangles()
+      << " hash " << std::hex << scene.hash() << '\n';
+  for (const auto& a : iteration.gone) out << std::dec << "gone " << a.level << ' ' << a.i << ' ' << a.j << '\n';
+  const auto leaf = [&](const char* how, const lattice::LeafAddress& a) {
+    const scene::HeldLeaf& held = scene.leaves().at(a);
+    out << how << std::dec << ' ' << a.level << ' ' << a.i << ' ' << a.j << " hash " << std::hex << held.hash << std::dec << '\n';
+    for (const mesh::LocalVertex& v : held.mesh->vertices) out << "v " << v.x << ' ' << v.z << ' ' << v.y << '\n';
+    for (const mesh::Triangle& t : held.mesh->triangles) out << "t " << t[0] << ' ' << t[1] << ' ' << t[2] << '\n';
+  };
+  for (const auto& whole : iteration.whole) leaf("whole", whole.address);
+  for (const auto& delta : iteration.changed) leaf("changed", delta.address);
+}
+
+std::string record() {
+  logging::setUp(logging::Format::kText, logging::Level::kWarning);
+  scheduling::Machine machine(2);
+  auto resources = std::make_shared<session::Resources>();
+  resources->machine = &machine;
+  resources->makeMesh = session::pipelineMeshes();
+  resources->serverName = "example";
+  auto directory = std::make_shared<session::Directory>(resources, terrain::create("canyon", 1).value());
+  net::Settings settings;
+  settings.port = 0;
+  auto server = net::Server::listen(settings, directory).value();
+  std::string stream;
+  {
+    testing_support::Flier flier("ws://127.0.0.1:" + std::to_string(server->port()) + "/v1/stream", {.threshold = 2.5});
+    wire::World world = flier.world();
+    world.terrainSource.clear();  // long, and of no use here
+    stream += framed(world);
+    camera::Camera camera;
+    camera.pose.y = 29'000;  // high up, for few leaves
+    camera.pose.pitch = -1.2;
+    flier.settle(camera);
+    flier.connection().resend({});  // the first of the stream brings everything
+    for (std::uint64_t n = 1; n <= 3; ++n) {
+      wire::Iteration iteration = flier.step(camera);
+      iteration.number = iteration.poseSequence = n;
+      iteration.figures = {};
+      stream += framed(iteration);
+      camera.pose.z -= 2500 * 256;
+    }
+  }
+  server->shutdown();
+  return stream;
+}
+
+TEST(ExampleStream, DecodesToTheLeavesBesideIt) {
+  const bool records = std::getenv("RIDGECAST_RECORD_EXAMPLE");
+  std::string stream = records ? record() : contentOf(kFolder + "/stream.bin");
+  if (records) std::ofstream(kFolder + "/stream.bin", std::ios::binary) << stream;
+  scene::Scene scene;
+  std::ostringstream leaves;
+  std::size_t worlds = 0, iterations = 0, deltas = 0;
+  for (std::size_t at = 0; at < stream.size();) {
+    ASSERT_LE(at + 4, stream.size());
+    std::size_t length = 0;
+    for (int k = 3; k >= 0; --k) length = length << 8 | static_cast<unsigned char>(stream[at + static_cast<std::size_t>(k)]);
+    ASSERT_LE(at + 4 + length, stream.size());
+    const auto message = wire::decodeServer({reinterpret_cast<const std::uint8_t*>(stream.data()) + at + 4, length});
+    ASSERT_TRUE(message) << message.error().message;
+    at += 4 + length;
+    if (const auto* iteration = std::get_if<wire::Iteration>(&*message)) {
+      ++iterations;
+      for (const auto& delta : iteration->changed) deltas += !delta.payload.empty();
+      const auto applied = scene.apply(*iteration);
+      ASSERT_TRUE(applied) << applied.error().message;
+      EXPECT_FALSE(scene.damaged());
+      EXPECT_EQ(scene.hash(), iteration->meshHash);
+      describe(*iteration, scene, leaves);
+    } else {
+      worlds += std::holds_alternative<wire::World>(*message);
+    }
+  }
+  if (records) std::ofstream(kFolder + "/leaves.txt") << leaves.str();
+  EXPECT_EQ(worlds, 1u);
+  EXPECT_EQ(iterations, 3u);
+  EXPECT_GT(deltas, 3u);
+  EXPECT_TRUE(leaves.str() == contentOf(kFolder + "/leaves.txt")) << "the leaves are others than leaves.txt says";
+}
+
+}  // namespace
+}  // namespace ridgecast
