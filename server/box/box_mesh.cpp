@@ -244,7 +244,7 @@ class Mesher : private triangulation::Partition {
     const auto sample = [&](double s, double r) {
       const Point2 p{static_cast<std::int32_t>(std::lround(a.x + s * ux + r * vx)),
                      static_cast<std::int32_t>(std::lround(a.z + s * uz + r * vz))};
-      if (!isInside(a, b, c, p)) return;
+      if (!triangulation::holds(a.point(), b.point(), c.point(), p)) return;
       const double px = double(p.x) - a.x, pz = double(p.z) - a.z, wb = (pz * vx - px * vz) / area, wc = (px * uz - pz * ux) / area;
       x.push_back(anchor_.x + p.x);
       z.push_back(anchor_.z + p.z);
@@ -279,13 +279,8 @@ class Mesher : private triangulation::Partition {
     return x.size();
   }
 
-  static bool isInside(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
-    using triangulation::orientation;
-    return orientation(a.point(), b.point(), p) >= 0 && orientation(b.point(), c.point(), p) >= 0 &&
-           orientation(c.point(), a.point(), p) >= 0;
-  }
   static bool isAdmissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
-    return isInside(a, b, c, p) && !(p == a.point()) && !(p == b.point()) && !(p == c.point());
+    return triangulation::holds(a.point(), b.point(), c.point(), p) && !(p == a.point()) && !(p == b.point()) && !(p == c.point());
   }
 
   float worst() const {

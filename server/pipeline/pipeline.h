@@ -24,8 +24,8 @@ struct Limits {
   std::uint32_t maxBudget = 2'000'000;
 };
 
-// The settings with defaults filled in and caps applied. Thresholds are clamped to [0.05, 1000] (pixels) or [1e-9, 1e9] (thesis), candidates to
-// wire::kMaxCandidates.
+// The settings with defaults filled in and caps applied. Thresholds are clamped to [0.05, 1000] (pixels) or [1e-9, 1e9] (thesis),
+// candidates to wire::kMaxCandidates.
 wire::Settings grant(const wire::Settings& asked, const Limits& limits);
 
 class Pipeline {
@@ -38,8 +38,8 @@ class Pipeline {
   // One iteration. `camera` must satisfy camera::isValid.
   wire::Figures iterate(const camera::Camera& camera);
 
-  // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric or a larger
-  // budget begins anew, with versions that go on.
+  // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric
+  // or a larger budget begins anew, with versions that go on.
   void change(const wire::Settings& granted);
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
@@ -47,8 +47,8 @@ class Pipeline {
   void setInsertionLimit(std::uint32_t most);
 
   // Whether the last iteration changed nothing and another one with the same camera would change nothing: the mesh then keeps
-  // Figures::effectiveThreshold wherever the camera sees it, the ground narrower than twelve of its pixels and jumps narrower than the lattice excepted. Before
-  // it says so, the camera has looked at everything closely.
+  // Figures::effectiveThreshold wherever the camera sees it, the ground narrower than twelve of its pixels and jumps narrower than the
+  // lattice excepted. Before it says so, the camera has looked at everything closely.
   bool settled() const;
 
   // The valid leaves with their triangles as of the last iteration, in canonical order of address. The client should hold exactly these.
@@ -57,8 +57,8 @@ class Pipeline {
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
   mesh::LeafMesh extract(lattice::LeafAddress address) const;
 
-  // The candidates that the camera of the last iteration may see, the worst first, at most so many: where the mesh would grow next. A pass over
-  // all triangles in view; spreads over the pool. The same for any number of threads.
+  // The candidates that the camera of the last iteration may see, the worst first, at most so many: where the mesh would grow next. A pass
+  // over all triangles in view; spreads over the pool. The same for any number of threads.
   std::vector<wire::Candidate> candidates(std::uint32_t most) const;
 
   // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.
@@ -66,12 +66,6 @@ class Pipeline {
 
   // A full check of the mesh by triangulation::verify, and of the leaves' grids in it, slow; empty when sound. For tests and benches.
   std::string verify() const;
-  // The points that the last iteration inserted and removed while refining, when asked to record them. For tests and benches.
-  struct Changes {
-    std::vector<lattice::Point> inserted, removed;
-  };
-  void record(bool on);
-  Changes changes() const;
 
   // Horizontal distance in metres at which the world ends for this camera; what is drawn fades out before it.
   static constexpr double kHorizon = 32'000.0;

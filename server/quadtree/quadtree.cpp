@@ -19,15 +19,21 @@ constexpr double kLongest = 1e9;  // and to their sums up to here
 double gap(double p, double low, double high) { return p < low ? low - p : p > high ? p - high : 0.0; }
 }  // namespace
 
-std::int32_t Quadtree::find(LeafAddress address) const {
-  const int up = kRootLevel - address.level;
-  if (up < 0) return -1;
-  std::int32_t node = rootAt(address.i >> up, address.j >> up);
-  for (int d = up - 1; node >= 0 && d >= 0; --d) {
-    if (nodes_[node].children < 0) return -1;
-    node = nodes_[node].children + static_cast<std::int32_t>(((address.i >> d) & 1) + 2 * ((address.j >> d) & 1));
+// The deepest node of this level or coarser that holds a point: nothing beyond every root.
+inline Quadtree::Place Quadtree::descend(lattice::Point p, int finest) const {
+  const LeafAddress root = lattice::leafAt(p, kRootLevel);
+  Place at{rootAt(root.i, root.j), kRootLevel};
+  if (at.node < 0) return at;
+  while (at.level > finest && nodes_[at.node].children >= 0) {
+    const int bits = lattice::kFinestSideBits + --at.level;
+    at.node = nodes_[at.node].children + static_cast<std::int32_t>(((p.x >> bits) & 1) + 2 * ((p.z >> bits) & 1));
   }
-  return node;
+  return at;
+}
+
+std::int32_t Quadtree::find(LeafAddress address) const {
+  const Place at = descend({address.x(), address.z()}, address.level);
+  return at.node >= 0 && at.level == address.level && nodes_[at.node].children < 0 ? at.node : -1;
 }
 
 std::int32_t Quadtree::newFour() {
@@ -70,10 +76,10 @@ double Quadtree::distance(const View& view, LeafAddress square) const {
   return std::sqrt(dx * dx + dz * dz) * lattice::kMetresPerStep;
 }
 
-// What the node is due at.
+// Returns the node's next check.
 double Quadtree::update(const View& view, std::int32_t node, LeafAddress address) {
-  if (nodes_[node].due > travel_) return nodes_[node].due;
-  if (address.level == 0) return nodes_[node].due = kNever;
+  if (nodes_[node].nextCheck > travel_) return nodes_[node].nextCheck;
+  if (address.level == 0) return nodes_[node].nextCheck = kNever;
   const double side = static_cast<double>(address.side()) * lattice::kMetresPerStep, flat = distance(view, address);
   const double away = std::sqrt(flat * flat + view.above * view.above);
   const bool split = nodes_[node].children >= 0;
@@ -81,16 +87,16 @@ double Quadtree::update(const View& view, std::int32_t node, LeafAddress address
   if (split && !(away < merges)) {
     collapse(node);
     made_.push_back(address);
-    return nodes_[node].due = travel_ + (away - splits) - kSlack;
+    return nodes_[node].nextCheck = travel_ + (away - splits) - kSlack;
   }
   if (!split) {
-    if (!(away < splits)) return nodes_[node].due = travel_ + (away - splits) - kSlack;
+    if (!(away < splits)) return nodes_[node].nextCheck = travel_ + (away - splits) - kSlack;
     makeChildren(node);
     for (int k = 0; k < 4; ++k) made_.push_back(address.child(k));
   }
-  double due = travel_ + (merges - away) - kSlack;
-  for (int k = 0; k < 4; ++k) due = std::min(due, update(view, nodes_[node].children + k, address.child(k)));
-  return nodes_[node].due = due;
+  double next = travel_ + (merges - away) - kSlack;
+  for (int k = 0; k < 4; ++k) next = std::min(next, update(view, nodes_[node].children + k, address.child(k)));
+  return nodes_[node].nextCheck = next;
 }
 
 // Makes a node a leaf, whatever hung below it.
@@ -101,12 +107,12 @@ void Quadtree::collapse(std::int32_t node) {
 }
 
 void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
-  if (rootsDue_ > travel_) return;
-  rootsDue_ = kNever;
+  if (nextRootCheck_ > travel_) return;
+  nextRootCheck_ = kNever;
   std::erase_if(held_, [&](LeafAddress address) {
     const double slack = kKeepDistance - distance(view, address);
     if (slack >= 0) {
-      rootsDue_ = std::min(rootsDue_, travel_ + slack - kSlack);
+      nextRootCheck_ = std::min(nextRootCheck_, travel_ + slack - kSlack);
       return false;
     }
     const std::int32_t node = rootAt(address.i, address.j);
@@ -120,13 +126,13 @@ void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
   const LeafAddress centre = lattice::leafAt({pose.x, pose.z}, kRootLevel);
   const double side = static_cast<double>(centre.side()) * lattice::kMetresPerStep;
   const auto reach = static_cast<std::int64_t>(kHorizon / side) + 1;
-  rootsDue_ = std::min(rootsDue_, travel_ + (static_cast<double>(reach) * side - kHorizon) - kSlack);  // of those beyond
+  nextRootCheck_ = std::min(nextRootCheck_, travel_ + (static_cast<double>(reach) * side - kHorizon) - kSlack);  // of those beyond
   for (std::int64_t i = centre.i - reach; i <= centre.i + reach; ++i)
     for (std::int64_t j = centre.j - reach; j <= centre.j + reach; ++j) {
       const LeafAddress address{kRootLevel, i, j};
       if (rootAt(i, j) >= 0) continue;
       if (const double slack = distance(view, address) - kHorizon; slack > 0) {
-        rootsDue_ = std::min(rootsDue_, travel_ + slack - kSlack);
+        nextRootCheck_ = std::min(nextRootCheck_, travel_ + slack - kSlack);
         continue;
       }
       roots_[rootSlot(i, j)] = {i, j, newFour()};
@@ -146,8 +152,8 @@ bool Quadtree::follow(const camera::Pose& pose, double ground) {
   travel_ += std::sqrt(dx * dx + dz * dz + dy * dy);
   if (travel_ > kLongest) {
     travel_ = 0;
-    rootsDue_ = kAlways;
-    for (Node& node : nodes_) node.due = kAlways;
+    nextRootCheck_ = kAlways;
+    for (Node& node : nodes_) node.nextCheck = kAlways;
   }
   last_ = view;
   followRoots(view, pose);
@@ -174,31 +180,17 @@ std::vector<LeafAddress> Quadtree::leaves() const {
   return out;
 }
 
-bool Quadtree::isLeaf(LeafAddress address) const {
-  const std::int32_t node = find(address);
-  return node >= 0 && nodes_[node].children < 0;
-}
+bool Quadtree::isLeaf(LeafAddress address) const { return find(address) >= 0; }
 
-std::int32_t Quadtree::locate(lattice::Point p, LeafAddress& leaf) const {
-  LeafAddress address = lattice::leafAt(p, kRootLevel);
-  std::int32_t node = rootAt(address.i, address.j);
-  while (node >= 0 && nodes_[node].children >= 0) {
-    const int bits = address.sideBits() - 1;
-    const int k = static_cast<int>(((p.x >> bits) & 1) + 2 * ((p.z >> bits) & 1));
-    node = nodes_[node].children + k;
-    address = address.child(k);
-  }
-  if (node >= 0) leaf = address;
-  return node;
+bool Quadtree::leafAt(lattice::Point p, LeafAddress& leaf) const {
+  const Place at = descend(p, 0);
+  if (at.node >= 0) leaf = lattice::leafAt(p, at.level);
+  return at.node >= 0;
 }
 
 std::uint32_t Quadtree::tagAt(lattice::Point p) const {
-  const LeafAddress root = lattice::leafAt(p, kRootLevel);
-  std::int32_t node = rootAt(root.i, root.j);
-  if (node < 0) return 0;
-  for (int bits = lattice::kFinestSideBits + kRootLevel - 1; nodes_[node].children >= 0; --bits)
-    node = nodes_[node].children + static_cast<std::int32_t>(((p.x >> bits) & 1) + 2 * ((p.z >> bits) & 1));
-  return nodes_[node].tag;
+  const std::int32_t node = descend(p, 0).node;
+  return node < 0 ? 0 : nodes_[node].tag;
 }
 
 // f(address, node) for every leaf along the ring just outside, some more than once; the finest square is the smallest stride there is.
@@ -207,14 +199,11 @@ void Quadtree::walkAround(LeafAddress leaf, F&& f) const {
   const Step x0 = leaf.x() - 1, z0 = leaf.z() - 1, x1 = leaf.x() + leaf.side(), z1 = leaf.z() + leaf.side();
   const auto along = [&](bool horizontal, Step fixed, Step from, Step to) {
     for (Step at = from; at <= to;) {
-      LeafAddress found;
-      const std::int32_t node = locate(horizontal ? lattice::Point{at, fixed} : lattice::Point{fixed, at}, found);
-      if (node >= 0) {
-        f(found, node);
-        at = horizontal ? found.x() + found.side() : found.z() + found.side();
-      } else {
-        at = lattice::floorTo(at, lattice::kFinestSideBits + kRootLevel) + (Step{1} << (lattice::kFinestSideBits + kRootLevel));
-      }
+      const lattice::Point p = horizontal ? lattice::Point{at, fixed} : lattice::Point{fixed, at};
+      const auto [node, level] = descend(p, 0);
+      if (node >= 0) f(lattice::leafAt(p, level), node);
+      const int bits = lattice::kFinestSideBits + level;
+      at = lattice::floorTo(at, bits) + (Step{1} << bits);
     }
   };
   along(true, z0, x0, x1);
@@ -240,13 +229,13 @@ void Quadtree::touchingTags(LeafAddress leaf, std::vector<std::uint32_t>& tags) 
 
 void Quadtree::setTag(LeafAddress leaf, std::uint32_t tag) {
   const std::int32_t node = find(leaf);
-  assert(node >= 0 && nodes_[node].children < 0);
+  assert(node >= 0);
   nodes_[node].tag = tag;
 }
 
 std::uint32_t Quadtree::tag(LeafAddress leaf) const {
   const std::int32_t node = find(leaf);
-  return node >= 0 && nodes_[node].children < 0 ? nodes_[node].tag : 0;
+  return node >= 0 ? nodes_[node].tag : 0;
 }
 
 }  // namespace ridgecast::quadtree

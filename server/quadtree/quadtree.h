@@ -7,10 +7,10 @@
 // square, the ground taken at the height of the ground below the camera. kSplit < 0.7, so leaves that touch differ by at most one
 // level without any balancing.
 //
-// A leaf is invalid until its first mesh was made. The tree carries a tag for each leaf (the engine's handle, 0: none).
+// The tree carries a tag for each leaf (the engine's handle, 0: none).
 //
 // A camera that moves by d changes no distance by more than d. So each node knows how far the camera may travel before it or anything below
-// it can split or merge, and following looks only where that is used up.
+// it can split or merge: its next check. follow() skips nodes until then.
 //
 // follow() and setTag(): one thread, alone. The rest reads.
 
@@ -44,7 +44,7 @@ class Quadtree {
 
   bool isLeaf(lattice::LeafAddress address) const;
   // The leaf that holds a point; false when the point is beyond every root.
-  bool leafAt(lattice::Point p, lattice::LeafAddress& leaf) const { return locate(p, leaf) >= 0; }
+  bool leafAt(lattice::Point p, lattice::LeafAddress& leaf) const;
   // The leaves whose closed squares share at least a point with a leaf's, itself excluded, in canonical order.
   std::vector<lattice::LeafAddress> touching(lattice::LeafAddress leaf) const;
   // Their tags, ascending.
@@ -60,7 +60,7 @@ class Quadtree {
   struct Node {
     std::int32_t children = -1;  // index of the first of four, -1: a leaf
     std::uint32_t tag = 0;
-    double due = kAlways;  // travel from which on something here may change
+    double nextCheck = kAlways;  // travel from which on something here or below may change
   };
   struct View {
     double x, z, above;  // camera in steps relative to nothing: exact below 2^53; height above ground in metres
@@ -78,8 +78,12 @@ class Quadtree {
     const Root& root = roots_[rootSlot(i, j)];
     return root.i == i && root.j == j ? root.node : -1;
   }
-  std::int32_t find(lattice::LeafAddress address) const;                    // -1: no such node
-  std::int32_t locate(lattice::Point p, lattice::LeafAddress& leaf) const;  // the node of the leaf that holds it, or -1
+  struct Place {
+    std::int32_t node;  // -1: none
+    int level;
+  };
+  Place descend(lattice::Point p, int finest) const;
+  std::int32_t find(lattice::LeafAddress address) const;  // -1: no leaf
   template <class F>
   void walkAround(lattice::LeafAddress leaf, F&& f) const;
   std::int32_t newFour();
@@ -99,8 +103,8 @@ class Quadtree {
   std::vector<std::int32_t> free_;  // first of four
   std::size_t leafCount_ = 0;
   View last_{};
-  double travel_ = 0;          // metres, of all follow() so far
-  double rootsDue_ = kAlways;  // travel from which on a root may come or go
+  double travel_ = 0;               // metres, of all follow() so far
+  double nextRootCheck_ = kAlways;  // travel from which on a root may come or go
   std::vector<lattice::LeafAddress> made_;
   std::vector<std::uint32_t> gone_;
 };

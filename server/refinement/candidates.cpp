@@ -1,12 +1,21 @@
-#include "server/refinement/candidates.h"
-
+// A triangle's candidate, chosen once, when the triangle is new. It depends on the camera only where a view looks closely.
+//
+// Several points of a triangle are tried (its centroid and one towards each corner, so that a bump beside the middle is seen), snapped to
+// the lattice of the region's level, and the one with the largest vertical error is kept. A snapped point outside its triangle or on a
+// corner is no candidate. The thesis's metric tries one point only: 0.6 of the way from the centroid to the corners' average weighted by
+// curvature (Cavallin and Pettersson 2019, figure 3.17).
+//
+// Few points miss what is narrow, ridges and walls. A view that looks closely (View::closely) tries points all over the triangle in the
+// directions that it draws, and keeps the one whose error it sees most of. Ground narrower than the distance between those points may still
+// be missed.
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 
-#include "common/mesh/leaf_mesh.h"
-#include "server/refinement/screening.h"
+#include "server/refinement/adaptive_mesh.h"
+#include "server/refinement/bounds.h"
+#include "server/refinement/triangle.h"
 
 // Compiled for several instruction sets, chosen when the program starts; nothing is contracted, so the results are the same in each.
 #if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
@@ -17,31 +26,9 @@
 
 namespace ridgecast::refinement {
 
-using triangulation::orientation;
 using triangulation::Point2;
-using triangulation::TriangleId;
-using triangulation::Triangulation;
+using triangulation::TrianglePages;
 using triangulation::Vertex;
-
-double planeHeight(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
-  const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, px = double(p.x) - a.x,
-               pz = double(p.z) - a.z;
-  const double area = bz * cx - bx * cz;
-  const double wb = (pz * cx - px * cz) / area, wc = (bz * px - bx * pz) / area;
-  return a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y);
-}
-
-double areaWeight(const Vertex& a, const Vertex& b, const Vertex& c) {
-  const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, by = double(b.y) - a.y, cx = double(c.x) - a.x, cz = double(c.z) - a.z,
-               cy = double(c.y) - a.y;
-  const double nx = by * cz - bz * cy, ny = bz * cx - bx * cz, nz = bx * cy - by * cx;
-  return std::sqrt(std::sqrt(0.5 * std::sqrt(nx * nx + ny * ny + nz * nz)));
-}
-
-double heightOnTriangle(const Triangulation& mesh, TriangleId t, Point2 p) {
-  const auto& v = mesh.triangle(t).v;
-  return planeHeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p);
-}
 
 namespace {
 
@@ -101,25 +88,13 @@ void choosePoints(Batch& batch, int count, int bits) {
 
 // A point that may become a vertex: inside the closed triangle, on no corner.
 bool admissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
-  if (orientation(a.point(), b.point(), p) < 0 || orientation(b.point(), c.point(), p) < 0 || orientation(c.point(), a.point(), p) < 0)
-    return false;
-  return !(p == a.point()) && !(p == b.point()) && !(p == c.point());
+  return triangulation::holds(a.point(), b.point(), c.point(), p) && !(p == a.point()) && !(p == b.point()) && !(p == c.point());
 }
 
 struct Trial {
   std::uint32_t slot;  // of the triangle in `fresh`
   Point2 point;
   float y;  // steps, of the mesh there
-};
-
-struct Scratch {
-  Batch batch;
-  std::vector<TriangleId> fresh;
-  std::vector<Trial> trials;
-  std::vector<lattice::Step> x, z;
-  std::vector<std::int32_t> y;
-  std::vector<Surface::Candidate> best;
-  std::vector<float> most;  // what each is worth
 };
 
 // The points of the lattice around a place, the nearest first.
@@ -131,10 +106,11 @@ std::array<Point2, 4> pointsAround(double x, double z, int bits) {
   return {p, {p.x + dx, p.z}, {p.x, p.z + dz}, {p.x + dx, p.z + dz}};
 }
 
-// Points all over the part of a triangle in the directions that are drawn, no farther apart than view.closely on the screen were they seen face on: what
-// stands up is seen from the side, and may be in the picture where the mesh is not. The triangle is halved across its longest side until its pieces are
-// small enough.
-void lookClosely(const Triangulation& mesh, TriangleId t, std::uint32_t slot, int bits, const View& view, std::vector<Trial>& trials) {
+// Points all over the part of a triangle in the directions that are drawn, no farther apart than view.closely on the screen if they were
+// seen face on: what stands up is seen from the side, and may be in the picture where the mesh is not. The triangle is halved across its
+// longest side until its pieces are small enough.
+void lookClosely(const triangulation::Triangulation& mesh, triangulation::TriangleId t, std::uint32_t slot, int bits, const View& view,
+                 std::vector<Trial>& trials) {
   using camera::Vec3;
   thread_local std::vector<std::array<Vec3, 3>> pieces;  // corners in metres from the eye
   const auto& v = mesh.triangle(t).v;
@@ -174,8 +150,8 @@ void lookClosely(const Triangulation& mesh, TriangleId t, std::uint32_t slot, in
   }
 }
 
-// What is seen of the error at a point, but for the view's gain: where other ground hides it nearly nothing. `y`: the terrain's height, `onMesh`: the
-// mesh's; steps.
+// What is seen of the error at a point, before the view's gain; nearly nothing where other ground hides it. `y`: the terrain's height,
+// `onMesh`: the mesh's; steps.
 float asSeen(const View& view, Point2 p, std::int32_t y, float onMesh, float error) {
   constexpr float kHidden = 1e-6f;  // those hidden are still told apart
   const camera::Vec3 at = view.relative(p.x, p.z, std::max(static_cast<float>(y), onMesh));
@@ -183,132 +159,205 @@ float asSeen(const View& view, Point2 p, std::int32_t y, float onMesh, float err
   return error * static_cast<float>(std::sqrt(flat2) / (d2 * (view.area ? std::sqrt(std::sqrt(d2)) : 1))) * (view.hides(at) ? kHidden : 1);
 }
 
-// The thesis's one point.
-void tryThesisPoint(const Triangulation& mesh, const Surface& surface, TriangleId t, std::uint32_t slot, int bits,
-                    std::vector<Trial>& trials) {
-  const auto& v = mesh.triangle(t).v;
-  const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
-  const double wa = surface.curvature[v[0]] + 1e-6, wb = surface.curvature[v[1]] + 1e-6, wc = surface.curvature[v[2]] + 1e-6,
-               w = wa + wb + wc;
+}  // namespace
+
+struct AdaptiveMesh::Scratch {
+  Batch batch;
+  std::vector<TriangleId> fresh;
+  std::vector<Trial> trials;
+  std::vector<lattice::Step> x, z;
+  std::vector<std::int32_t> y;
+  std::vector<Candidate> best;
+  std::vector<float> most;  // what each is worth
+};
+
+// Nothing is in the page yet that its bounds must hold for. What its former region left there is forgotten: which pages a region gets
+// depends on threads, and what is done next may not.
+void AdaptiveMesh::beginScreen(std::uint32_t page, double travel) {
+  constexpr double never = std::numeric_limits<double>::infinity();
+  PageScreen& screen = screens_[page];
+  checks_[page] = {never, never};
+  screen = {travel, 0, 0, std::numeric_limits<float>::max(), 0, 0, screen.blank, 0, screen.hash, screen.hashed};
+}
+
+// The candidate of a new triangle. The page's bounds do not know it yet.
+inline void AdaptiveMesh::setCandidate(TriangleId t, const Candidate& c) {
+  CandidatePage& page = candidates_[t / CandidatePage::kSlots];
+  const std::uint32_t k = t % CandidatePage::kSlots;
+  page.x[k] = c.point.x;
+  page.z[k] = c.point.z;
+  page.y[k] = c.y;
+  page.error[k] = c.error;
+  PageScreen& screen = screens_[t / CandidatePage::kSlots];
+  const Mask bit = Mask{1} << k;
+  screen.dormant &= ~bit;
+  screen.blank &= ~bit;
+}
+
+// The triangle's term; what the slot held before leaves the page's sum.
+inline void AdaptiveMesh::setHash(TriangleId t, std::uint64_t term) {
+  PageScreen& page = screens_[t / CandidatePage::kSlots];
+  const Mask bit = Mask{1} << (t % CandidatePage::kSlots);
+  if (page.hashed & bit) page.hash -= hashes_[t];
+  page.hash += term;
+  page.hashed |= bit;
+  hashes_[t] = term;
+}
+
+inline void AdaptiveMesh::prefetchCandidate(TriangleId t) const {
+  const CandidatePage& page = candidates_[t / CandidatePage::kSlots];
+  const std::uint32_t k = t % CandidatePage::kSlots;
+  __builtin_prefetch(&page.x[k], 1);
+  __builtin_prefetch(&page.z[k], 1);
+  __builtin_prefetch(&page.y[k], 1);
+  __builtin_prefetch(&page.error[k], 1);
+  __builtin_prefetch(&screens_[t / CandidatePage::kSlots], 1);
+  __builtin_prefetch(&checks_[t / CandidatePage::kSlots], 1);
+}
+
+inline void AdaptiveMesh::prefetchCorners(std::size_t k, const Scratch& scratch) const {
+  if (k >= scratch.fresh.size()) return;
+  const TriangleId t = scratch.fresh[k];
+  mesh_.prefetchCorners(t);
+  for (VertexId v : mesh_.triangle(t).v) __builtin_prefetch(&extras_[v]);
+  __builtin_prefetch(&hashes_[t]);
+}
+
+void AdaptiveMesh::evaluateAll(RegionId region, const View& view) {
+  TrianglePages& pages = mesh_.trianglePages();
+  pages.forEach(region, [&](TriangleId t) { pages.setFresh(t); });
+  evaluateFresh(region, &view);
+}
+
+void AdaptiveMesh::evaluateFresh(RegionId region, const View* view) {
+  thread_local Scratch scratch;  // grown once, kept by the worker
+  takeFresh(region, view, scratch);
+  if (scratch.fresh.empty()) return;
+  const int level = regions_[region].level, bits = lattice::horizontalBits(level);
+  const View* const closely = metric_ != Metric::kThesis && view && view->closely > 0 ? view : nullptr;
+  for (std::size_t k = 0; k < std::min(kRecordsAhead, scratch.fresh.size()); ++k) mesh_.prefetch(scratch.fresh[k]);
+  for (std::size_t k = 0; k < kCornersAhead; ++k) prefetchCorners(k, scratch);
+  for (std::size_t begin = 0; begin < scratch.fresh.size(); begin += kBatch) {
+    const std::size_t count = std::min(kBatch, scratch.fresh.size() - begin);
+    readBatch(begin, count, scratch);
+    if (metric_ == Metric::kThesis) {
+      for (std::size_t i = 0; i < count; ++i) tryThesisPoint(static_cast<std::uint32_t>(begin + i), bits, scratch);
+    } else {
+      choosePoints(scratch.batch, static_cast<int>(count), bits);
+      tryPoints(begin, count, bits, closely, scratch);
+    }
+  }
+  judgeTrials(level, closely, scratch);
+  storeCandidates(region, view, scratch);
+}
+
+void AdaptiveMesh::takeFresh(RegionId region, const View* view, Scratch& scratch) {
+  scratch.fresh.clear();
+  scratch.trials.clear();
+  TrianglePages& pages = mesh_.trianglePages();
+  pages.takeFreshPages(region, [&](std::uint32_t page) {
+    const Mask mask = pages.freshMask(page);
+    if (mask == pages.aliveMask(page)) beginScreen(page, view ? view->travel : -1);
+    for (Mask m = mask; m != 0; m &= m - 1)
+      scratch.fresh.push_back(page * CandidatePage::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
+  });
+}
+
+// Corners into the batch, hashes. Records lie anywhere in memory: they are fetched some triangles ahead of the one at hand.
+inline void AdaptiveMesh::readBatch(std::size_t begin, std::size_t count, Scratch& scratch) {
+  Batch& batch = scratch.batch;
+  for (std::size_t i = 0; i < count; ++i) {
+    const TriangleId t = scratch.fresh[begin + i];
+    if (begin + i + kRecordsAhead < scratch.fresh.size()) mesh_.prefetch(scratch.fresh[begin + i + kRecordsAhead]);
+    prefetchCorners(begin + i + kCornersAhead, scratch);
+    mesh_.trianglePages().clearFresh(t);
+    const auto& v = mesh_.triangle(t).v;
+    const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
+    batch.ax[i] = a.x, batch.az[i] = a.z, batch.ay[i] = a.y;
+    batch.bx[i] = b.x, batch.bz[i] = b.z, batch.by[i] = b.y;
+    batch.cx[i] = c.x, batch.cz[i] = c.z, batch.cy[i] = c.y;
+    const std::uint64_t ma = extras_[v[0]].mixed, mb = extras_[v[1]].mixed, mc = extras_[v[2]].mixed;
+    const bool ab = triangulation::smaller(a.point(), b.point()), ac = triangulation::smaller(a.point(), c.point()),
+               bc = triangulation::smaller(b.point(), c.point());
+    const bool aFirst = ab & ac, bFirst = !ab & bc;
+    setHash(t, mesh::hashMixed(aFirst ? ma : bFirst ? mb : mc, aFirst ? mb : bFirst ? mc : ma, aFirst ? mc : bFirst ? ma : mb));
+  }
+}
+
+inline void AdaptiveMesh::tryPoints(std::size_t begin, std::size_t count, int bits, const View* closely, Scratch& scratch) const {
+  const Batch& batch = scratch.batch;
+  std::vector<Trial>& trials = scratch.trials;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto slot = static_cast<std::uint32_t>(begin + i);
+    const std::size_t first = trials.size();
+    for (unsigned k = 0; k < kPoints; ++k) {
+      const Point2 p{batch.px[k][i], batch.pz[k][i]};
+      if (batch.roomy[i] <= 0) {
+        const auto& v = mesh_.triangle(scratch.fresh[slot]).v;
+        if (!admissible(mesh_.vertex(v[0]), mesh_.vertex(v[1]), mesh_.vertex(v[2]), p)) continue;
+        if (std::any_of(trials.begin() + static_cast<std::ptrdiff_t>(first), trials.end(),
+                        [&](const Trial& other) { return other.point == p; }))
+          continue;
+      }
+      trials.push_back({slot, p, batch.y[k][i]});
+    }
+    if (closely) lookClosely(mesh_, scratch.fresh[slot], slot, bits, *closely, trials);
+  }
+}
+
+void AdaptiveMesh::tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch) const {
+  const auto& v = mesh_.triangle(scratch.fresh[slot]).v;
+  const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
+  const double wa = curvature_[v[0]] + 1e-6, wb = curvature_[v[1]] + 1e-6, wc = curvature_[v[2]] + 1e-6, w = wa + wb + wc;
   const double sx = double(a.x) + b.x + c.x, sz = double(a.z) + b.z + c.z;
   const Point2 p{snapTo(0.4 * sx / 3 + 0.6 * (wa * a.x + wb * b.x + wc * c.x) / w, bits, halfOf(bits)),
                  snapTo(0.4 * sz / 3 + 0.6 * (wa * a.z + wb * b.z + wc * c.z) / w, bits, halfOf(bits))};
-  if (admissible(a, b, c, p)) trials.push_back({slot, p, static_cast<float>(planeHeight(a, b, c, p))});
+  if (admissible(a, b, c, p)) scratch.trials.push_back({slot, p, static_cast<float>(planeHeight(a, b, c, p))});
 }
 
-}  // namespace
-
-std::uint64_t evaluateFresh(Triangulation& mesh, Surface& surface, const terrain::Terrain& terrain, triangulation::RegionId region,
-                            int level, Metric metric, const View* view, HeightRange& ground) {
-  thread_local Scratch scratch;  // grown once, kept by the worker
+// The worst of each triangle's points, by the terrain's heights there.
+inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& scratch) {
   auto& [batch, fresh, trials, px, pz, py, best, most] = scratch;
-  fresh.clear();
-  trials.clear();
-  auto& pages = mesh.trianglePages();
-  pages.takeFreshPages(region, [&](std::uint32_t page) {
-    const triangulation::TrianglePages::Mask mask = pages.freshMask(page);
-    if (mask == pages.aliveMask(page)) surface.beginScreen(page, view ? view->travel : -1);
-    for (triangulation::TrianglePages::Mask m = mask; m != 0; m &= m - 1)
-      fresh.push_back(page * CandidatePage::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
-  });
-  if (fresh.empty()) return 0;
-  const int bits = lattice::horizontalBits(level);
-  const bool closely = view && view->closely > 0;
-  // Records lie anywhere in memory: they are asked for some triangles ahead of the one at hand.
-  const auto askRecord = [&](std::size_t k) {
-    if (k < fresh.size()) mesh.prefetch(fresh[k]);
-  };
-  const auto askCorners = [&](std::size_t k) {
-    if (k >= fresh.size()) return;
-    const TriangleId t = fresh[k];
-    mesh.prefetchCorners(t);
-    for (triangulation::VertexId v : mesh.triangle(t).v) __builtin_prefetch(&surface.vertices[v]);
-    __builtin_prefetch(&surface.hash[t]);
-  };
-  for (std::size_t k = 0; k < kRecordsAhead; ++k) askRecord(k);
-  for (std::size_t k = 0; k < kCornersAhead; ++k) askCorners(k);
-  for (std::size_t begin = 0; begin < fresh.size(); begin += kBatch) {
-    const std::size_t count = std::min(kBatch, fresh.size() - begin);
-    for (std::size_t i = 0; i < count; ++i) {
-      const TriangleId t = fresh[begin + i];
-      askRecord(begin + i + kRecordsAhead);
-      askCorners(begin + i + kCornersAhead);
-      pages.clearFresh(t);
-      const auto& v = mesh.triangle(t).v;
-      const Vertex &a = mesh.vertex(v[0]), &b = mesh.vertex(v[1]), &c = mesh.vertex(v[2]);
-      batch.ax[i] = a.x, batch.az[i] = a.z, batch.ay[i] = a.y;
-      batch.bx[i] = b.x, batch.bz[i] = b.z, batch.by[i] = b.y;
-      batch.cx[i] = c.x, batch.cz[i] = c.z, batch.cy[i] = c.y;
-      const std::uint64_t ma = surface.vertices[v[0]].mixed, mb = surface.vertices[v[1]].mixed, mc = surface.vertices[v[2]].mixed;
-      const bool ab = triangulation::smaller(a.point(), b.point()), ac = triangulation::smaller(a.point(), c.point()),
-                 bc = triangulation::smaller(b.point(), c.point());
-      const bool aFirst = ab & ac, bFirst = !ab & bc;
-      surface.setHash(t, mesh::hashMixed(aFirst ? ma : bFirst ? mb : mc, aFirst ? mb : bFirst ? mc : ma, aFirst ? mc : bFirst ? ma : mb));
-    }
-    if (metric == Metric::kThesis) {
-      for (std::size_t i = 0; i < count; ++i)
-        tryThesisPoint(mesh, surface, fresh[begin + i], static_cast<std::uint32_t>(begin + i), bits, trials);
-      continue;
-    }
-    choosePoints(batch, static_cast<int>(count), bits);
-    for (std::size_t i = 0; i < count; ++i) {
-      const auto slot = static_cast<std::uint32_t>(begin + i);
-      const std::size_t first = trials.size();
-      for (unsigned k = 0; k < kPoints; ++k) {
-        const Point2 p{batch.px[k][i], batch.pz[k][i]};
-        if (batch.roomy[i] <= 0) {
-          const auto& v = mesh.triangle(fresh[slot]).v;
-          if (!admissible(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p)) continue;
-          if (std::any_of(trials.begin() + static_cast<std::ptrdiff_t>(first), trials.end(),
-                          [&](const Trial& other) { return other.point == p; }))
-            continue;
-        }
-        trials.push_back({slot, p, batch.y[k][i]});
-      }
-      if (closely) lookClosely(mesh, fresh[slot], slot, bits, *view, trials);
-    }
-  }
   px.resize(trials.size());
   pz.resize(trials.size());
   py.resize(trials.size());
   for (std::size_t k = 0; k < trials.size(); ++k) {
-    px[k] = surface.anchor.x + trials[k].point.x;
-    pz[k] = surface.anchor.z + trials[k].point.z;
+    px[k] = anchor_.x + trials[k].point.x;
+    pz[k] = anchor_.z + trials[k].point.z;
   }
-  terrain.heightSteps(px, pz, py);
+  terrain_->heightSteps(px, pz, py);
+  heights_.fetch_add(trials.size(), std::memory_order_relaxed);
   best.assign(fresh.size(), {{0, 0}, 0, 0.0f});
   if (closely) most.assign(fresh.size(), 0.0f);
   for (std::size_t k = 0; k < trials.size(); ++k) {
     const auto& [slot, p, y] = trials[k];
     const float error = std::abs(y - static_cast<float>(lattice::snapHeight(py[k], level)));
     float& least = closely ? most[slot] : best[slot].error;
-    const float worth = closely ? asSeen(*view, p, py[k], y, error) : error;
+    const float worth = closely ? asSeen(*closely, p, py[k], y, error) : error;
     if (worth <= least) continue;
     least = worth;
     best[slot] = {p, py[k], error};
   }
-  if (metric == Metric::kArea)
-    for (std::size_t k = 0; k < fresh.size(); ++k) {
-      const auto& v = mesh.triangle(fresh[k]).v;
-      best[k].error *= static_cast<float>(areaWeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2])));
-    }
-  RegionScreen& screen = surface.regions[region];
-  const auto askCandidate = [&](std::size_t k) {
-    if (k < fresh.size()) surface.prefetchCandidate(fresh[k]);
-  };
-  for (std::size_t k = 0; k < 4; ++k) askCandidate(k);
+  if (metric_ == Metric::kArea)
+    for (std::size_t k = 0; k < fresh.size(); ++k) best[k].error *= static_cast<float>(areaWeight(mesh_, fresh[k]));
+}
+
+inline void AdaptiveMesh::storeCandidates(RegionId region, const View* view, Scratch& scratch) {
+  const std::vector<TriangleId>& fresh = scratch.fresh;
+  RegionState& state = regions_[region];
+  for (std::size_t k = 0; k < std::min<std::size_t>(4, fresh.size()); ++k) prefetchCandidate(fresh[k]);
   for (std::size_t k = 0; k < fresh.size(); ++k) {
-    askCandidate(k + 4);
-    Surface::Candidate& c = best[k];
+    if (k + 4 < fresh.size()) prefetchCandidate(fresh[k + 4]);
+    Candidate& c = scratch.best[k];
     if (!(c.error > 0)) c = {{kFarAway, kFarAway}, kFarAway, 0.0f};
-    surface.setCandidate(fresh[k], c);
+    setCandidate(fresh[k], c);
+    const std::uint32_t page = fresh[k] / CandidatePage::kSlots;
     if (view)
-      foldCandidate(surface.dues[fresh[k] / CandidatePage::kSlots], surface.screens[fresh[k] / CandidatePage::kSlots], screen, c, *view);
+      foldCandidate(checks_[page], screens_[page], state, c, *view);
     else
-      surface.wakeCandidate(fresh[k], region);
+      wakeCandidate(fresh[k], region);
   }
-  for (const std::int32_t y : py) ground.add({y, y});
-  return trials.size();
+  for (const std::int32_t y : scratch.y) state.ground.add({y, y});
 }
 
 }  // namespace ridgecast::refinement

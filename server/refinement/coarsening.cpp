@@ -1,22 +1,25 @@
-#include "server/refinement/coarsening.h"
-
+// Which vertices no longer earn their place.
+//
+// A vertex goes when everything that its removal would spoil stays small on screen: its own height against the surface without it, and the
+// known candidates of its star against that surface. (Its own error alone is not enough: vertices that hold up their neighbours' candidates
+// would come and go for ever.) The largest of these is its *loss*, a vertical error that does not depend on the camera. The loss last seen
+// is kept as a filter: only vertices that pass with it are looked at again, and those that then fail keep the new one.
+//
+// The limit is half the threshold at which vertices are inserted, so nothing flickers.
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <limits>
 
-#include "server/refinement/candidates.h"
+#include "server/refinement/adaptive_mesh.h"
+#include "server/refinement/bounds.h"
+#include "server/refinement/triangle.h"
 
 namespace ridgecast::refinement {
 
 using triangulation::Change;
-using triangulation::kInfinite;
-using triangulation::orientation;
 using triangulation::Point2;
-using triangulation::TriangleId;
-using triangulation::Triangulation;
 using triangulation::Vertex;
-using triangulation::VertexId;
+using triangulation::VertexPages;
 
 namespace {
 
@@ -35,67 +38,77 @@ inline Seen see(const Place& p, float loss, const View& view) {
   return {loss * loss * flat / (d2 * reach), flat, d2};
 }
 
-void setDue(PageLosses& page, double spared, double power) {
-  page.due = page.travel < 0 ? kAlways : page.travel + (1 - spared / page.leastSlope) / (1 / page.flat + (power + 1) / page.nearest);
+void setNextCheck(PageLosses& page, double skipped, double power) {
+  page.nextCheck = page.travel < 0 ? kAlways : page.travel + (1 - skipped / page.leastSlope) / (1 / page.flat + (power + 1) / page.nearest);
 }
 
 }  // namespace
 
-double measure(const Place& at, float error, const View& view) { return view.gain * std::sqrt(see(at, error, view).slope2); }
+double seenError(const Place& at, float error, const View& view) { return view.gain * std::sqrt(see(at, error, view).slope2); }
 
-void screenLosses(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double limit,
-                  std::vector<VertexId>& out) {
-  using triangulation::VertexPages;
-  RegionScreen& screen = surface.regions[region];
-  const double slope = limit / view.gain, spared = view.moving ? slope / kSlack : slope;
-  const bool same = screen.lossesSpared == spared;
-  if (same && view.travel < screen.lossesDue) return;
-  screen.lossesSpared = spared;
-  screen.lossesDue = std::numeric_limits<double>::infinity();
-  const VertexPages& pages = mesh.vertexPages();
-  const auto most = static_cast<float>(slope * slope);
-  const auto& all = pages.pagesOf(region);
-  thread_local std::vector<std::uint32_t> due;
+void AdaptiveMesh::findRemovable(RegionId region, const View& view, Work& work) {
+  work.removable.clear();
+  RegionState& state = regions_[region];
+  const double slope = work.removalLimit / view.gain, skipped = view.moving ? slope / kSlack : slope;
+  if (!(slope > 0) || (state.skippedLoss == skipped && view.travel < state.nextLossCheck)) return;
+  thread_local std::vector<std::uint32_t> due;  // pages
   due.clear();
-  for (std::size_t n = 0; n < all.size(); ++n) {
-    if (n + kAhead < all.size()) __builtin_prefetch(&surface.losses[all[n + kAhead]]);
-    PageLosses& known = surface.losses[all[n]];
-    if (!same) setDue(known, spared, view.power());
-    if (view.travel < known.due)
-      screen.lossesDue = std::min(screen.lossesDue, known.due);
-    else
-      due.push_back(all[n]);
-  }
+  collectDueLosses(region, view, skipped, due);
   for (std::size_t n = 0; n < due.size(); ++n) {
     if (n + 1 < due.size()) {
-      mesh.prefetchVertices(due[n + 1]);
-      surface.prefetchVertices(due[n + 1]);
+      mesh_.prefetchVertices(due[n + 1]);
+      const char* const ahead = reinterpret_cast<const char*>(&extras_[due[n + 1] * VertexPages::kSlots]);
+      for (std::size_t k = 0; k < VertexPages::kSlots * sizeof(VertexExtra); k += 64) __builtin_prefetch(ahead + k);
     }
-    PageLosses& known = surface.losses[due[n]];
-    float least = kNone, flattest = kNone, nearest = kNone;
-    for (triangulation::VertexPages::Mask m = pages.aliveMask(due[n]); m != 0; m &= m - 1) {
-      const VertexId v = due[n] * VertexPages::kSlots + static_cast<VertexId>(std::countr_zero(m));
-      const float loss = surface.vertices[v].loss;
-      if (v == kInfinite || std::isinf(loss)) continue;
-      const Seen seen = see(placeOf(mesh.vertex(v)), loss, view);
-      if (seen.slope2 < most) {
-        out.push_back(v);
-      } else {
-        least = std::min(least, seen.slope2);
-        flattest = std::min(flattest, seen.flat2);
-        nearest = std::min(nearest, seen.distance2);
-      }
-    }
-    known = {0, view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
-    setDue(known, spared, view.power());
-    screen.lossesDue = std::min(screen.lossesDue, known.due);
+    checkLosses(due[n], view, slope, work.removable);
+    setNextCheck(losses_[due[n]], skipped, view.power());
+    state.nextLossCheck = std::min(state.nextLossCheck, losses_[due[n]].nextCheck);
   }
 }
 
-void foldLoss(const Vertex& p, VertexId v, float loss, triangulation::RegionId region, const View& view, Surface& surface) {
-  surface.vertices[v].loss = loss;
-  PageLosses& page = surface.losses[v / triangulation::VertexPages::kSlots];
-  RegionScreen& screen = surface.regions[region];
+// As collectDue().
+void AdaptiveMesh::collectDueLosses(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due) {
+  RegionState& state = regions_[region];
+  const bool same = state.skippedLoss == skipped;
+  state.skippedLoss = skipped;
+  state.nextLossCheck = std::numeric_limits<double>::infinity();
+  const auto& all = mesh_.vertexPages().pagesOf(region);
+  for (std::size_t n = 0; n < all.size(); ++n) {
+    if (n + kAhead < all.size()) __builtin_prefetch(&losses_[all[n + kAhead]]);
+    PageLosses& known = losses_[all[n]];
+    if (!same) setNextCheck(known, skipped, view.power());
+    if (view.travel < known.nextCheck)
+      state.nextLossCheck = std::min(state.nextLossCheck, known.nextCheck);
+    else
+      due.push_back(all[n]);
+  }
+}
+
+// Appends the page's vertices below the slope, and keeps the bounds of the others.
+inline void AdaptiveMesh::checkLosses(std::uint32_t page, const View& view, double slope, std::vector<VertexId>& out) {
+  const auto most = static_cast<float>(slope * slope);
+  float least = kNone, flattest = kNone, nearest = kNone;
+  for (VertexPages::Mask m = mesh_.vertexPages().aliveMask(page); m != 0; m &= m - 1) {
+    const VertexId v = page * VertexPages::kSlots + static_cast<VertexId>(std::countr_zero(m));
+    const float loss = extras_[v].loss;
+    if (v == triangulation::kInfinite || std::isinf(loss)) continue;
+    const Seen seen = see(placeOf(mesh_.vertex(v)), loss, view);
+    if (seen.slope2 < most) {
+      out.push_back(v);
+    } else {
+      least = std::min(least, seen.slope2);
+      flattest = std::min(flattest, seen.flat2);
+      nearest = std::min(nearest, seen.distance2);
+    }
+  }
+  losses_[page] = {0, view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
+}
+
+// Keeps a vertex's loss, and its page's bounds learn of it.
+void AdaptiveMesh::foldLoss(const Vertex& p, VertexId v, float loss, RegionId region, const View& view) {
+  extras_[v].loss = loss;
+  PageLosses& page = losses_[v / VertexPages::kSlots];
+  RegionState& state = regions_[region];
   if (page.travel >= 0 && std::isfinite(loss)) {
     const auto moved = static_cast<float>(view.travel - page.travel);
     if (4 * moved >= std::min(page.flat, page.nearest)) {
@@ -113,33 +126,47 @@ void foldLoss(const Vertex& p, VertexId v, float loss, triangulation::RegionId r
       page.flat = std::min(page.flat, std::sqrt(seen.flat2));
       page.nearest = std::min(page.nearest, std::sqrt(seen.distance2));
     }
-    setDue(page, screen.lossesSpared, view.power());
+    setNextCheck(page, state.skippedLoss, view.power());
   }
-  screen.lossesDue = std::min(screen.lossesDue, page.due);
+  state.nextLossCheck = std::min(state.nextLossCheck, page.nextCheck);
 }
 
-float lossOf(const Triangulation& mesh, const Surface& surface, VertexId v, bool area, triangulation::WriteSet& set) {
+// The loss in steps, times the weight of the triangle where `area`, by a plan for the removal that stays in `set` for apply(). Infinite
+// where the vertex cannot go now: it lies on the hull or beside a triangle without a candidate yet, or its star leaves the write set.
+float AdaptiveMesh::lossOf(VertexId v, bool area, triangulation::WriteSet& set) const {
   constexpr float never = std::numeric_limits<float>::infinity();
-  if (mesh.plan(v, set) != Change::kDone) return never;
+  if (mesh_.plan(v, set) != Change::kDone) return never;
   for (TriangleId t : set.star())
-    if (mesh.isGhost(t) || mesh.regionOf(t) == triangulation::kOutside || mesh.trianglePages().fresh(t)) return never;
+    if (mesh_.isGhost(t) || mesh_.regionOf(t) == triangulation::kOutside || mesh_.trianglePages().fresh(t)) return never;
   double worst = 0;
   const auto judge = [&](Point2 p, double y) {
     bool found = false;
     set.forEachFill([&](VertexId a, VertexId b, VertexId c) {
       if (found) return;
-      const Vertex &va = mesh.vertex(a), &vb = mesh.vertex(b), &vc = mesh.vertex(c);
-      if (orientation(va.point(), vb.point(), p) < 0 || orientation(vb.point(), vc.point(), p) < 0 ||
-          orientation(vc.point(), va.point(), p) < 0)
-        return;
+      const Vertex &va = mesh_.vertex(a), &vb = mesh_.vertex(b), &vc = mesh_.vertex(c);
+      if (!triangulation::holds(va.point(), vb.point(), vc.point(), p)) return;
       found = true;
       worst = std::max(worst, std::abs(planeHeight(va, vb, vc, p) - y) * (area ? areaWeight(va, vb, vc) : 1));
     });
   };
-  judge(mesh.vertex(v).point(), surface.vertices[v].fineY);
+  judge(mesh_.vertex(v).point(), extras_[v].fineY);
   for (TriangleId t : set.star())
-    if (const Surface::Candidate c = surface.candidate(t); c.error != 0) judge(c.point, c.y);
+    if (const Candidate c = candidate(t); c.error != 0) judge(c.point, c.y);
   return static_cast<float>(worst);
+}
+
+void AdaptiveMesh::removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work) {
+  for (VertexId v : work.removable) {
+    const Vertex& p = mesh_.vertex(v);
+    const float loss = lossOf(v, view.area, set);
+    if (!std::isfinite(loss)) {
+      wakeVertex(v, region);
+      continue;
+    }
+    foldLoss(p, v, loss, region, view);
+    if (seenError(placeOf(p), loss, view) >= work.removalLimit) continue;
+    if (mesh_.apply(v, set) == Change::kDone) ++work.removed;
+  }
 }
 
 }  // namespace ridgecast::refinement

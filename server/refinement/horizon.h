@@ -3,11 +3,12 @@
 //
 // Rays leave the eye in fixed directions of the compass; along each the true terrain is sampled at distances that grow geometrically, and
 // the steepest elevation up to each is kept. A point is hidden when it lies below what both neighbouring rays have seen before it. That
-// depends on where the eye is and not on where it turns. Between rays and samples the ground may dip, so a few points that are seen through a
-// notch a few pixels wide are called hidden; what is called visible merely costs triangles.
+// depends on where the eye is and not on where it turns. Between rays and samples the ground may dip, so a few points that are seen through
+// a notch a few pixels wide are called hidden; what is called visible merely costs triangles.
 //
-// While the eye moves the rays start from a centre that it may leave a little before they are cast again; at rest they start from the eye. Only the
-// directions that the wide frustum can see are cast. follow() and cast(): one thread decides, then any number cast different rays. hidden(): any thread, in between.
+// While the eye moves the rays start from a centre that it may leave a little before they are cast again; at rest they start from the eye.
+// Only the directions that the wide frustum can see are cast. follow() and cast(): one thread decides, then any number cast different rays.
+// hidden(): any thread, in between.
 
 #include <cstdint>
 #include <memory>
@@ -20,8 +21,8 @@ namespace ridgecast::refinement {
 
 class Horizon {
  public:
-  // Rays point at equal steps along the square |x| + |z| = 1, a third to two thirds of a degree apart, and samples are equally far apart within
-  // each doubling of the distance: a point's ray and sample are then found without an arc tangent or a logarithm.
+  // Rays point at equal steps along the square |x| + |z| = 1, a third to two thirds of a degree apart, and samples are equally far apart
+  // within each doubling of the distance: a point's ray and sample are then found without an arc tangent or a logarithm.
   static constexpr int kRays = 720;
   static constexpr int kDoubling = 10;  // samples
   static constexpr int kSamples = 10 * kDoubling;
@@ -29,7 +30,8 @@ class Horizon {
 
   explicit Horizon(std::shared_ptr<const terrain::Terrain> terrain) : terrain_(std::move(terrain)) {}
 
-  // Where the eye is now; `above`: metres over the ground; `moving`: it was elsewhere before. The rays that are to be cast before the next hidden(), by number.
+  // Where the eye is now; `above`: metres over the ground; `moving`: it was elsewhere before. The rays that are to be cast before the next
+  // hidden(), by number.
   const std::vector<int>& follow(const camera::Camera& camera, double above, bool moving, double widening);
   // Casts a ray that follow() named.
   void cast(int ray);

@@ -1,33 +1,37 @@
-#include "server/refinement/screening.h"
-
+// Which candidates are worth a vertex for this camera: a straight pass over the pages that bounds.h does not skip. The metrics' definitions
+// are in records.h.
+//
+// All metrics leave out what is not seen: where neither the triangle nor the ground over it, as far from it as its candidate is, meets the
+// wide frustum. (To ask where the candidate lies is not enough: a triangle under the camera may have its candidate behind the camera and
+// still fill the picture.)
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
-#include <limits>
 
-#include "server/refinement/candidates.h"
+#include "server/refinement/adaptive_mesh.h"
+#include "server/refinement/bounds.h"
+#include "server/refinement/triangle.h"
 
 namespace ridgecast::refinement {
 
 using camera::Vec3;
-using triangulation::TriangleId;
 using triangulation::TrianglePages;
-using triangulation::Triangulation;
-using triangulation::Vertex;
 
 namespace {
 
-double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-
 // Triangles smaller than this on the screen are left alone, unless they hide an error of a pixel: one seen edge-on may.
 constexpr double kSpeck = 0.25;  // square pixels
+// Dormant candidates that are hidden or specks wake when the camera has moved this share of the distance to their triangle.
+constexpr double kWakeHidden = 0.15;
+constexpr double kThesisArea = 0.5, kThesisDistance = 40;
+// So many triangles, and pages' bounds, are fetched ahead of the one at hand.
+constexpr std::size_t kAhead = 8;
+
+double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 // areaWeight() of a triangle with twice this area vector, metres.
 double rootOfArea(const Vec3& area) { return std::sqrt(std::sqrt(0.5 * std::sqrt(dot(area, area))) * lattice::kStepsPerMetre); }
-
-// So many triangles, and pages' bounds, are fetched ahead of the one at hand.
-constexpr std::size_t kAhead = 8;
 
 // Twice the area vector of a triangle.
 Vec3 areaVector(const std::array<Vec3, 3>& corners) {
@@ -36,31 +40,8 @@ Vec3 areaVector(const std::array<Vec3, 3>& corners) {
   return {u.y * w.z - u.z * w.y, u.z * w.x - u.x * w.z, u.x * w.y - u.y * w.x};
 }
 
-}  // namespace
-
-View::View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned, bool onTheWay, bool byArea)
-    : x(static_cast<std::int32_t>(camera.pose.x - anchor.x)),
-      z(static_cast<std::int32_t>(camera.pose.z - anchor.z)),
-      y(static_cast<float>(camera.pose.y * lattice::kStepsPerMetre)),
-      pixelsPerRadian(camera::pixelsPerRadian(camera.projection)),
-      wide(camera.pose, camera.projection, kWidening),
-      sector(camera.pose, camera.projection),
-      forward(camera::forward(camera.pose)),
-      right(camera::right(camera.pose)),
-      up(camera::up(camera.pose)),
-      tanX(std::tan(camera.projection.verticalFov / 2) * camera.projection.aspect()),
-      tanY(std::tan(camera.projection.verticalFov / 2)),
-      travel(travelled),
-      turn(turned),
-      spare(std::min(std::atan(kWidening * tanX) - std::atan(tanX), std::atan(kWidening * tanY) - std::atan(tanY))),
-      moving(onTheWay),
-      area(byArea),
-      gain(byArea ? pixelsPerRadian * std::sqrt(pixelsPerRadian) : pixelsPerRadian) {}
-
-namespace {
-
 struct PageLook {
-  triangulation::TrianglePages::Mask wanted;
+  PageScreen::Mask wanted;
   float steepest2, seen2, nearest2;  // squared, of the candidates not wanted
 };
 struct Eye {
@@ -109,7 +90,7 @@ inline __attribute__((always_inline)) PageLook lookThrough(const CandidatePage& 
   PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
   if (any[0] != 0)
     for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
-      result.wanted |= static_cast<triangulation::TrianglePages::Mask>(wanted[k / kWidth][k % kWidth] != 0) << k;
+      result.wanted |= static_cast<PageScreen::Mask>(wanted[k / kWidth][k % kWidth] != 0) << k;
   return result;
 }
 // Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
@@ -121,23 +102,23 @@ inline __attribute__((always_inline)) PageLook lookThrough(const CandidatePage& 
 RIDGECAST_VECTOR_CLONES PageLook screenPageInPixels(const CandidatePage& page, const Eye& eye) { return lookThrough<false>(page, eye); }
 RIDGECAST_VECTOR_CLONES PageLook screenPageByArea(const CandidatePage& page, const Eye& eye) { return lookThrough<true>(page, eye); }
 
-// Whether a triangle and its candidate `at`, on the terrain as on the mesh, cannot be seen behind other ground. `error`: at least a bound of the
-// distance between the two. All in metres from the eye.
+// Whether a triangle and its candidate `at`, on the terrain as on the mesh, cannot be seen behind other ground. `error`: at least a bound
+// of the distance between the two. All in metres from the eye.
 bool isHidden(const View& view, const std::array<Vec3, 3>& corners, const Vec3& at, double error) {
   return view.hides({at.x, at.y + error, at.z}) &&
          std::all_of(corners.begin(), corners.end(), [&](const Vec3& corner) { return view.hides(corner); });
 }
 
 void wake(PageScreen& known, CandidatePage& page) {
-  for (triangulation::TrianglePages::Mask m = known.asleep; m != 0; m &= m - 1) {
+  for (PageScreen::Mask m = known.dormant; m != 0; m &= m - 1) {
     float& e = page.error[std::countr_zero(m)];
     e = std::abs(e);
   }
-  known.asleep = 0;
+  known.dormant = 0;
 }
 
-void blankDead(PageScreen& known, CandidatePage& page, triangulation::TrianglePages::Mask alive) {
-  for (triangulation::TrianglePages::Mask m = ~alive & ~known.blank; m != 0; m &= m - 1) {
+void blankDead(PageScreen& known, CandidatePage& page, PageScreen::Mask alive) {
+  for (PageScreen::Mask m = ~alive & ~known.blank; m != 0; m &= m - 1) {
     const auto k = std::countr_zero(m);
     page.error[k] = 0;
     page.x[k] = page.z[k] = page.y[k] = kFarAway;
@@ -146,25 +127,24 @@ void blankDead(PageScreen& known, CandidatePage& page, triangulation::TrianglePa
 }
 
 // A candidate that is wanted but not worth a vertex until the camera has moved so many steps.
-void fallAsleep(PageDue& due, PageScreen& known, CandidatePage& page, unsigned k, float until, const View& view) {
-  if (known.asleep == 0) {
-    known.sleptTravel = view.travel;
-    known.sleepsFor = until;
-    due.turn = view.turn + view.wakeTurn();
+void makeDormant(NextCheck& next, PageScreen& known, CandidatePage& page, unsigned k, float until, const View& view) {
+  if (known.dormant == 0) {
+    known.dormantSince = view.travel;
+    known.dormantFor = until;
+    next.turn = view.turn + view.wakeTurn();
   }
-  known.sleepsFor = std::min(known.sleepsFor, until);
-  known.asleep |= triangulation::TrianglePages::Mask{1} << k;
+  known.dormantFor = std::min(known.dormantFor, until);
+  known.dormant |= PageScreen::Mask{1} << k;
   page.error[k] = -page.error[k];
 }
 
 struct Judgement {
-  double
-      priority;  // 0: not worth a vertex now, for nothing of the triangle is seen: it lies outside the wide frustum, is hidden, or a speck
-  float until;   // steps: the way after which it is judged again
+  double priority;  // 0: not worth a vertex now
+  float until;      // steps: the way after which a dormant candidate is judged again
 };
 
 // Of a candidate that is wanted.
-Judgement judge(const Triangulation& mesh, const View& view, TriangleId t, const Surface::Candidate& c) {
+Judgement judge(const triangulation::Triangulation& mesh, const View& view, triangulation::TriangleId t, const Candidate& c) {
   const Vec3 at = view.relative(c.point.x, c.point.z, c.y);
   const double d2 = std::max(dot(at, at), 0.25), d = std::sqrt(d2);
   const std::array<Vec3, 3> corners = cornersOf(mesh, view, t);
@@ -174,13 +154,13 @@ Judgement judge(const Triangulation& mesh, const View& view, TriangleId t, const
     extent2 = std::max(extent2, dot(side, side));
   }
   const double nearest = std::max(0.0, d - std::sqrt(extent2)) * lattice::kStepsPerMetre;  // the triangle's distance, or less
-  const auto asleep = [&](double share) { return Judgement{0, static_cast<float>(share * nearest)}; };
+  const auto dormant = [&](double share) { return Judgement{0, static_cast<float>(share * nearest)}; };
   const Vec3 area = areaVector(corners);
   const double lift = c.error * lattice::kMetresPerStep / (view.area ? rootOfArea(area) : 1);
-  if (!view.wide.contains(at) && !view.wide.meets(corners, lift)) return asleep(view.wakeMove());
+  if (!view.wide.contains(at) && !view.wide.meets(corners, lift)) return dormant(view.wakeMove());
   const double perMetre = view.pixelsPerRadian / d, squarePixels = std::abs(dot(area, at)) / d * 0.5 * perMetre * perMetre;
   const double flat = at.x * at.x + at.z * at.z, pixels = lift * view.pixelsPerRadian * std::sqrt(flat) / d2;
-  if ((squarePixels < kSpeck && pixels < 1) || isHidden(view, corners, at, lift)) return asleep(kWakeHidden);
+  if ((squarePixels < kSpeck && pixels < 1) || isHidden(view, corners, at, lift)) return dormant(kWakeHidden);
   if (view.area) return {c.error * view.gain * std::sqrt(flat / (d2 * d2 * d)), 0};
   // Larger triangles first at equal error: their error covers more of the picture.
   return {pixels * std::sqrt(std::sqrt(squarePixels)), 0};
@@ -188,89 +168,104 @@ Judgement judge(const Triangulation& mesh, const View& view, TriangleId t, const
 
 }  // namespace
 
-std::array<Vec3, 3> cornersOf(const Triangulation& mesh, const View& view, TriangleId t) {
-  std::array<Vec3, 3> corners;
-  for (std::size_t k = 0; k < 3; ++k) {
-    const Vertex& v = mesh.vertex(mesh.triangle(t).v[k]);
-    corners[k] = view.relative(v.x, v.z, v.y);
-  }
-  return corners;
+void AdaptiveMesh::findWanted(RegionId region, const View& view, double threshold, Work& work) {
+  work.pending.clear();
+  if (metric_ == Metric::kThesis)
+    screenThesis(region, view, threshold, work.pending);
+  else
+    screenPixels(region, view, threshold, work.pending);
 }
 
-void screenPixels(const Triangulation& mesh, Surface& surface, triangulation::RegionId region, const View& view, double threshold,
-                  std::vector<Pending>& out) {
-  RegionScreen& screen = surface.regions[region];
-  const double spared = sparedSlope(view, threshold);
-  const bool same = screen.spared == spared;
-  if (same && view.travel < screen.due.travel && view.turn < screen.due.turn) return;
-  screen.spared = spared;
-  screen.due = {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
-  const TrianglePages& pages = mesh.trianglePages();
+double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View& view) {
+  const Candidate c = candidate(wanted.triangle);
+  wakeCandidate(wanted.triangle, region);
+  return seenError({c.point.x, c.point.z, c.y}, c.error, view);
+}
+
+void AdaptiveMesh::screenPixels(RegionId region, const View& view, double threshold, std::vector<Pending>& out) {
+  RegionState& state = regions_[region];
+  const double skipped = skippedSlope(view, threshold);
+  if (state.skipped == skipped && view.travel < state.nextCheck.travel && view.turn < state.nextCheck.turn) return;
   thread_local std::vector<std::uint32_t> due;  // pages
   thread_local std::vector<TriangleId> wanted;
   due.clear();
   wanted.clear();
-  const auto& all = pages.pagesOf(region);
-  for (std::size_t n = 0; n < all.size(); ++n) {
-    if (n + kAhead < all.size()) __builtin_prefetch(&surface.dues[all[n + kAhead]]);
-    PageDue& known = surface.dues[all[n]];
-    if (!same) setDue(known, surface.screens[all[n]], spared, view);
-    if (view.travel < known.travel && view.turn < known.turn) {
-      join(screen.due, known);
-    } else {
-      due.push_back(all[n]);
-      __builtin_prefetch(&surface.screens[all[n]], 1);
-    }
-  }
-  const Eye eye{view.x, view.z, view.y, static_cast<float>(view.gain * view.gain), static_cast<float>(threshold * threshold)};
-  const std::size_t before = out.size();
+  collectDue(region, view, skipped, due);
   for (std::size_t n = 0; n < due.size(); ++n) {
     if (n + 1 < due.size()) {
-      const char* ahead = reinterpret_cast<const char*>(&surface.candidates[due[n + 1]]);
+      const char* ahead = reinterpret_cast<const char*>(&candidates_[due[n + 1]]);
       for (std::size_t k = 0; k < sizeof(CandidatePage); k += 256) __builtin_prefetch(ahead + k);
     }
-    PageScreen& known = surface.screens[due[n]];
-    CandidatePage& page = surface.candidates[due[n]];
-    const triangulation::TrianglePages::Mask alive = pages.aliveMask(due[n]);
-    known.asleep &= alive;
-    if (known.asleep != 0 && (wakes(known, view) || view.turn >= surface.dues[due[n]].turn)) wake(known, page);
-    blankDead(known, page, alive);
-    const PageLook seen = view.area ? screenPageByArea(page, eye) : screenPageInPixels(page, eye);
-    known.travel = view.travel;
-    known.steepest = std::sqrt(seen.steepest2);
-    known.seen = std::sqrt(seen.seen2);
-    known.nearest = std::sqrt(seen.nearest2);
-    for (triangulation::TrianglePages::Mask m = seen.wanted; m != 0; m &= m - 1) {
-      const auto k = static_cast<unsigned>(std::countr_zero(m));
-      wanted.push_back(due[n] * TrianglePages::kSlots + k);
-      mesh.prefetch(wanted.back());
+    checkPage(due[n], view, threshold, wanted);
+  }
+  judgeWanted(wanted, view, out);
+  for (std::uint32_t page : due) {
+    setNextCheck(checks_[page], screens_[page], skipped, view);
+    join(state.nextCheck, checks_[page]);
+  }
+  std::sort(out.begin(), out.end());
+}
+
+// Which of the region's pages to check now. The region's next check becomes the earliest of the others'.
+void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due) {
+  RegionState& state = regions_[region];
+  const bool same = state.skipped == skipped;
+  state.skipped = skipped;
+  state.nextCheck = {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
+  const auto& all = mesh_.trianglePages().pagesOf(region);
+  for (std::size_t n = 0; n < all.size(); ++n) {
+    if (n + kAhead < all.size()) __builtin_prefetch(&checks_[all[n + kAhead]]);
+    NextCheck& next = checks_[all[n]];
+    if (!same) setNextCheck(next, screens_[all[n]], skipped, view);
+    if (view.travel < next.travel && view.turn < next.turn) {
+      join(state.nextCheck, next);
+    } else {
+      due.push_back(all[n]);
+      __builtin_prefetch(&screens_[all[n]], 1);
     }
   }
-  // The triangles lie anywhere in memory: they are asked for well before they are judged.
+}
+
+// Appends the page's wanted candidates, and keeps the bounds of the others.
+inline void AdaptiveMesh::checkPage(std::uint32_t number, const View& view, double threshold, std::vector<TriangleId>& wanted) {
+  PageScreen& known = screens_[number];
+  CandidatePage& page = candidates_[number];
+  const Mask alive = mesh_.trianglePages().aliveMask(number);
+  known.dormant &= alive;
+  if (known.dormant != 0 && (wakes(known, view) || view.turn >= checks_[number].turn)) wake(known, page);
+  blankDead(known, page, alive);
+  const Eye eye{view.x, view.z, view.y, static_cast<float>(view.gain * view.gain), static_cast<float>(threshold * threshold)};
+  const PageLook seen = view.area ? screenPageByArea(page, eye) : screenPageInPixels(page, eye);
+  known.travel = view.travel;
+  known.steepest = std::sqrt(seen.steepest2);
+  known.seen = std::sqrt(seen.seen2);
+  known.nearest = std::sqrt(seen.nearest2);
+  for (Mask m = seen.wanted; m != 0; m &= m - 1) {
+    wanted.push_back(number * TrianglePages::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
+    mesh_.prefetch(wanted.back());
+  }
+}
+
+// Appends those that are worth a vertex; the others become dormant.
+void AdaptiveMesh::judgeWanted(const std::vector<TriangleId>& wanted, const View& view, std::vector<Pending>& out) {
+  // The triangles lie anywhere in memory: they are fetched well before they are judged.
   for (std::size_t n = 0; n < wanted.size() + kAhead; ++n) {
-    if (n < wanted.size()) mesh.prefetchCorners(wanted[n]);
+    if (n < wanted.size()) mesh_.prefetchCorners(wanted[n]);
     if (n < kAhead) continue;
     const TriangleId t = wanted[n - kAhead];
-    const Surface::Candidate c = surface.candidate(t);
-    const auto [priority, until] = judge(mesh, view, t, c);
+    const Candidate c = candidate(t);
+    const auto [priority, until] = judge(mesh_, view, t, c);
     if (priority > 0) {
       out.push_back({t, c.point, static_cast<float>(priority)});
     } else {
       const std::uint32_t page = t / TrianglePages::kSlots;
-      fallAsleep(surface.dues[page], surface.screens[page], surface.candidates[page], t % TrianglePages::kSlots, until, view);
+      makeDormant(checks_[page], screens_[page], candidates_[page], t % TrianglePages::kSlots, until, view);
     }
   }
-  for (std::uint32_t page : due) {
-    setDue(surface.dues[page], surface.screens[page], spared, view);
-    join(screen.due, surface.dues[page]);
-  }
-  std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());
 }
 
-void screenThesis(const Triangulation& mesh, const Surface& surface, triangulation::RegionId region, const View& view, double threshold,
-                  std::vector<Pending>& out) {
+void AdaptiveMesh::screenThesis(RegionId region, const View& view, double threshold, std::vector<Pending>& out) const {
   constexpr double kWholePicture = 256;  // (4 x area)^2, as below
-  const std::size_t before = out.size();
   struct Screen {
     double x, y;
     bool ahead;
@@ -281,25 +276,24 @@ void screenThesis(const Triangulation& mesh, const Surface& surface, triangulati
     return Screen{dot(p, view.right) / (depth * view.tanX), dot(p, view.up) / (depth * view.tanY), true};
   };
   const auto distance = [](const Screen& a, const Screen& b) { return std::hypot(a.x - b.x, a.y - b.y); };
-  mesh.trianglePages().forEach(region, [&](TriangleId t) {
-    const Surface::Candidate candidate = surface.candidate(t);
-    if (mesh.trianglePages().fresh(t) || candidate.error <= 0) return;
-    const std::array<Vec3, 3> corners = cornersOf(mesh, view, t);
-    if (!view.wide.meets(corners, candidate.error * lattice::kMetresPerStep)) return;
+  mesh_.trianglePages().forEach(region, [&](TriangleId t) {
+    const Candidate c = candidate(t);
+    if (mesh_.trianglePages().fresh(t) || c.error <= 0) return;
+    const std::array<Vec3, 3> corners = cornersOf(mesh_, view, t);
+    if (!view.wide.meets(corners, c.error * lattice::kMetresPerStep)) return;
     const std::array<Screen, 3> corner{project(corners[0]), project(corners[1]), project(corners[2])};
     double area = kWholePicture;
     if (corner[0].ahead && corner[1].ahead && corner[2].ahead) {
-      const double a = distance(corner[0], corner[1]), b = distance(corner[1], corner[2]), c = distance(corner[2], corner[0]);
-      area = std::max(0.0, (a + b + c) * (-a + b + c) * (a - b + c) * (a + b - c));  // Heron, without the root
+      const double u = distance(corner[0], corner[1]), v = distance(corner[1], corner[2]), w = distance(corner[2], corner[0]);
+      area = std::max(0.0, (u + v + w) * (-u + v + w) * (u - v + w) * (u + v - w));  // Heron, without the root
     }
-    const triangulation::Point2 p = candidate.point;
-    const Screen on = project(view.relative(p.x, p.z, heightOnTriangle(mesh, t, p))),
-                 lifted = project(view.relative(p.x, p.z, candidate.y));
+    const triangulation::Point2 p = c.point;
+    const Screen on = project(view.relative(p.x, p.z, heightOnTriangle(mesh_, t, p))), lifted = project(view.relative(p.x, p.z, c.y));
     if (!on.ahead || !lifted.ahead) return;
     const double value = std::pow(area, kThesisArea) * kThesisDistance * distance(on, lifted);
     if (value >= threshold) out.push_back({t, p, static_cast<float>(value)});
   });
-  std::sort(out.begin() + static_cast<std::ptrdiff_t>(before), out.end());
+  std::sort(out.begin(), out.end());
 }
 
 }  // namespace ridgecast::refinement

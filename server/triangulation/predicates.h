@@ -1,8 +1,9 @@
 #pragma once
 // Exact orientation and in-circle tests on integer coordinates, and the tie rule that makes the Delaunay triangulation unique.
 //
-// Coordinates are steps relative to an anchor, |x|, |z| < 2^26, so that differences have 27 bits: orientation is exact in 64-bit
-// integers; in-circle is filtered in doubles with 128-bit integers behind. Orientation is positive when a, b, c run counter-clockwise seen from above (+X right, +Z towards the viewer).
+// Coordinates are steps relative to an anchor, |x|, |z| < 2^26, so that differences have 27 bits: orientation is exact in 64-bit integers;
+// in-circle is filtered in doubles with 128-bit integers behind. Orientation is positive when a, b, c run counter-clockwise seen from above
+// (+X right, +Z towards the viewer).
 //
 // Ties: of four cocircular points the smallest (by x, then z) is lifted infinitesimally less than the others, so the diagonal that
 // holds it is kept. Symbolic perturbation of the lifting map (Edelsbrunner and Muecke 1990, Devillers and Teillaud 2011).
@@ -22,6 +23,11 @@ inline bool smaller(const Point2& a, const Point2& b) { return a.x < b.x || (a.x
 // Twice the signed area: > 0 counter-clockwise, 0 collinear.
 inline std::int64_t orientation(const Point2& a, const Point2& b, const Point2& c) {
   return (std::int64_t{b.z} - a.z) * (std::int64_t{c.x} - a.x) - (std::int64_t{b.x} - a.x) * (std::int64_t{c.z} - a.z);
+}
+
+// Whether the closed triangle a, b, c (counter-clockwise) holds p.
+inline bool holds(const Point2& a, const Point2& b, const Point2& c, const Point2& p) {
+  return orientation(a, b, p) >= 0 && orientation(b, c, p) >= 0 && orientation(c, a, p) >= 0;
 }
 
 // Sign of the in-circle determinant by 128-bit integers.

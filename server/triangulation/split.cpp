@@ -1,5 +1,5 @@
-// Splitting regions: everything in them is filed anew, by as many threads as there are. Its own file because nothing else here runs on several
-// threads at once inside one call.
+// Splitting regions: everything in them is filed anew, by as many threads as there are. Its own file because nothing else here runs on
+// several threads at once inside one call.
 #include <algorithm>
 #include <compare>
 #include <memory>
@@ -69,9 +69,9 @@ struct Plan {
 
 }  // namespace
 
-// Four loops, in each of which nothing is written to a place that another thread reads or writes meanwhile: where everything goes; records are copied,
-// page by page, and an old triangle's first corner names the new one; half-edges are joined anew, each by the triangle that it belongs to, or
-// by its twin's where that one stays; the stars, whole again, learn of their new centres.
+// Four loops, in each of which nothing is written to a place that another thread reads or writes meanwhile: where everything goes; records
+// are copied, page by page, and an old triangle's first corner names the new one; half-edges are joined anew, each by the triangle that it
+// belongs to, or by its twin's where that one stays; the stars, whole again, learn of their new centres.
 bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, const Moves& moves) {
   Plan triangles(triangles_, regions);
   Plan vertices(vertices_, regions);

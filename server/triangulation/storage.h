@@ -65,8 +65,8 @@ class Pages {
   bool hasRegion(RegionId region) const { return region < regions_.size() && regions_[region] != nullptr; }
 
   std::uint32_t allocate(RegionId region);  // a fresh slot; kNoSlot when there is none left
-  // Slots in `region` for what moves there, page by page: every move's `to` is filled in, as fresh as `from` is, and take(from, to) called. There
-  // must be room (hasFree).
+  // Slots in `region` for what moves there, page by page: every move's `to` is filled in, as fresh as `from` is, and take(from, to) called.
+  // There must be room (hasFree).
   template <class F>
   void receive(RegionId region, std::span<Move> moves, F&& take);
   void release(std::uint32_t slot);
@@ -211,8 +211,8 @@ void Pages<N>::compact(RegionId id, F&& move) {
   }
 }
 
-// Half of a page is empty in every region, on average, and a camera holds 1,600 regions, most of them small. What vertices have of each page is
-// little, so theirs are small; triangles have much, and every iteration looks at all of it.
+// Half of a page is empty in every region, on average, and a camera holds 1,600 regions, most of them small. What vertices have of each
+// page is little, so theirs are small; triangles have much, and every iteration looks at all of it.
 using TrianglePages = Pages<64>;
 using VertexPages = Pages<32>;
 extern template class Pages<32>;

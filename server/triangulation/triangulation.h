@@ -152,9 +152,9 @@ class Triangulation {
   }
   // Files everything in `region` anew by the partition's answers.
   void refile(RegionId region, const Moves& moves = {});
-  // The same for several regions whose squares others now cover, of which none covers two; they are empty afterwards. `loop` calls body(k) for
-  // every k < count, on as many threads as it likes; of what comes to one region a single one of them tells. False, and nothing was done, when there
-  // may not be storage enough to hold everything twice for a while.
+  // The same for several regions whose squares others now cover, of which none covers two; they are empty afterwards. `loop` calls body(k)
+  // for every k < count, on as many threads as it likes; of what comes to one region a single one of them tells. False, and nothing was
+  // done, when there may not be storage enough to hold everything twice for a while.
   using Loop = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;
   bool split(std::span<const RegionId> regions, const Loop& loop, const Moves& moves = {});
   // Moves the records of a region closer together where they lie scattered over too many pages: where it is sparse.
@@ -206,7 +206,8 @@ class Triangulation {
   const Triangle& triangle(TriangleId t) const { return triangleRecords_[t]; }
   VertexId origin(HalfEdge h) const { return triangleRecords_[h >> 2].v[h & 3]; }
   HalfEdge twin(HalfEdge h) const { return triangleRecords_[h >> 2].twin[h & 3]; }
-  // The next corner of three and the one before: small tables in a register, for a branch here is taken one time in three and never foreseen.
+  // The next corner of three and the one before: small tables in a register, for a branch here is taken one time in three and never
+  // foreseen.
   static constexpr unsigned after(unsigned k) { return (0b00'10'01u >> 2 * k) & 3; }
   static constexpr unsigned before(unsigned k) { return (0b01'00'10u >> 2 * k) & 3; }
   static constexpr HalfEdge next(HalfEdge h) { return (h & ~3u) | after(h & 3); }

@@ -8,7 +8,8 @@
 #include <stdexcept>
 
 #include "common/terrain/terrain.h"
-#include "server/refinement/candidates.h"
+#include "server/refinement/adaptive_mesh.h"
+#include "server/refinement/triangle.h"
 #include "server/triangulation/triangulation.h"
 #include "tests/bench/bench.h"
 
@@ -40,19 +41,8 @@ struct Field {
   std::vector<std::int32_t> y;
 };
 
-struct Mesh {
-  Mesh(const Field& f, std::uint32_t room) : field(f), mesh(room, whole) {
-    whole.region = mesh.addRegion({-(1 << 24), -(1 << 24), 1 << 25});
-    all.allowAll();
-    const std::int32_t side = f.n * f.step;
-    const auto v = [&](int i, int j) { return Vertex{i * f.step, j * f.step, f.at(i, j), kNoEdge}; };
-    mesh.start(v(0, 0), v(f.n, 0), v(0, f.n));
-    insert({side, side}, f.at(f.n, f.n), mesh.anyTriangle());
-  }
-  void insert(Point2 p, std::int32_t y, TriangleId hint) {
-    if (mesh.insert({p.x, p.z, y, kNoEdge}, mesh.locate(p, hint, all), all) != Change::kDone)
-      throw std::runtime_error("a point was refused");
-  }
+// A triangulation against the samples.
+struct Sampled {
   // f(i, j, error) for every sample whose triangle is t (edges count for both sides).
   template <class F>
   void scan(TriangleId t, F&& f) const {
@@ -63,13 +53,13 @@ struct Mesh {
     for (int j = (z0 + field.step - 1) / field.step; j * field.step <= z1; ++j)
       for (int i = (x0 + field.step - 1) / field.step; i * field.step <= x1; ++i) {
         const Point2 q{i * field.step, j * field.step};
-        if (orientation(p[0], p[1], q) < 0 || orientation(p[1], p[2], q) < 0 || orientation(p[2], p[0], q) < 0) continue;
+        if (!holds(p[0], p[1], p[2], q)) continue;
         f(i, j, std::abs(refinement::heightOnTriangle(mesh, t, q) - field.at(i, j)));
       }
   }
   template <class F>
   void forEach(F&& f) const {
-    mesh.trianglePages().forEach(whole.region, [&](TriangleId t) {
+    mesh.trianglePages().forEach(region, [&](TriangleId t) {
       if (!mesh.isGhost(t)) f(t);
     });
   }
@@ -85,8 +75,25 @@ struct Mesh {
   std::uint32_t triangles() const { return mesh.liveTriangles(); }
 
   const Field& field;
+  const Triangulation& mesh;
+  RegionId region;
+};
+
+constexpr Square kSquare{-(1 << 24), -(1 << 24), 1 << 25};
+
+struct Mesh {
+  Mesh(const Field& f, std::uint32_t room) : mesh(room, whole), sampled{f, mesh, mesh.addRegion(kSquare)} {
+    whole.region = sampled.region;
+    all.allowAll();
+    const auto v = [&](int i, int j) { return Vertex{i * f.step, j * f.step, f.at(i, j), kNoEdge}; };
+    mesh.start(v(0, 0), v(f.n, 0), v(0, f.n));
+    const Vertex last = v(f.n, f.n);
+    if (mesh.insert(last, mesh.locate(last.point(), mesh.anyTriangle(), all), all) != Change::kDone)
+      throw std::runtime_error("a point was refused");
+  }
   Whole whole;
   Triangulation mesh;
+  Sampled sampled;
   WriteSet all;
 };
 
@@ -105,7 +112,7 @@ std::uint32_t greedyTriangles(const Field& field, std::uint32_t most, double rms
   std::uint64_t clock = 0;
   const auto look = [&](TriangleId t) {
     Worst w{0, t, ++clock, 0, 0};
-    m.scan(t, [&](int i, int j, double e) {
+    m.sampled.scan(t, [&](int i, int j, double e) {
       if (e > w.error) w.error = e, w.i = i, w.j = j;
     });
     stamp[t] = w.stamp;
@@ -135,12 +142,12 @@ std::uint32_t greedyTriangles(const Field& field, std::uint32_t most, double rms
       h = m.mesh.twin(Triangulation::previous(h));
       if (h == first) break;
     }
-    if (m.triangles() >= next) {
-      if (m.rms() <= rms) break;
+    if (m.sampled.triangles() >= next) {
+      if (m.sampled.rms() <= rms) break;
       next += next / 50;
     }
   }
-  return m.triangles();
+  return m.sampled.triangles();
 }
 
 }  // namespace
@@ -152,34 +159,32 @@ Report greedy(const Options& options) {
   const std::uint32_t target = options.quick ? 4000 : 40000;
 
   // The engine's way: its own candidates, all above a falling threshold, in rounds.
-  Mesh m(field, 4 * target);
-  refinement::Surface surface(m.mesh.triangleCapacity(), m.mesh.vertexCapacity(), false);
-  surface.regions.resize(m.mesh.regionLimit());
-  surface.anchor = {0, 0};
-  std::fill_n(surface.vertices.get(), m.mesh.vertexCapacity(), refinement::VertexExtra{});  // no hashes here
+  Whole whole;
+  refinement::AdaptiveMesh mesh(terrain, 4 * target, refinement::Metric::kPixels, whole);
+  whole.region = mesh.addRegion(kSquare, 0);
+  const Sampled m{field, mesh.triangulation(), whole.region};
+  const auto corner = [&](int i, int j) { return refinement::GridPoint{{i * field.step, j * field.step}, field.at(i, j)}; };
+  mesh.start(corner(0, 0), corner(n, 0), corner(0, n));
+  TriangleId hint = mesh.triangulation().anyTriangle();
+  mesh.insertGrid(std::vector{corner(n, n)}, hint);
+  const refinement::View view({}, {0, 0}, 0, 0, false);
+  WriteSet all;
+  all.allowAll();
   double threshold = 0;
-  refinement::HeightRange ground;
-  const auto evaluate = [&] {
-    refinement::evaluateFresh(m.mesh, surface, *terrain, m.whole.region, 0, refinement::Metric::kPixels, nullptr, ground);
-  };
-  evaluate();
-  m.forEach([&](TriangleId t) { threshold = std::max(threshold, double(surface.candidate(t).error)); });
+  mesh.evaluateFresh(whole.region, nullptr);
+  m.forEach([&](TriangleId t) { threshold = std::max(threshold, double(mesh.candidate(t).error)); });
   while (m.triangles() < target) {
-    struct Wanted {
-      float error;
-      TriangleId t;
-    };
-    std::vector<Wanted> wanted;
+    std::vector<refinement::Pending> wanted;
     m.forEach([&](TriangleId t) {
-      if (const float error = surface.candidate(t).error; error >= threshold) wanted.push_back({error, t});
+      if (const refinement::Candidate c = mesh.candidate(t); c.error >= threshold) wanted.push_back({t, c.point, c.error});
     });
-    std::sort(wanted.begin(), wanted.end(), [](const Wanted& a, const Wanted& b) { return a.error > b.error; });
-    for (const Wanted& w : wanted) {
-      if (!m.mesh.trianglePages().alive(w.t) || m.mesh.trianglePages().fresh(w.t) || m.triangles() >= target) continue;
-      const refinement::Surface::Candidate c = surface.candidate(w.t);
-      m.mesh.insert({c.point.x, c.point.z, c.y, kNoEdge}, w.t, m.all);
+    std::sort(wanted.begin(), wanted.end());
+    for (const refinement::Pending& p : wanted) {
+      if (m.triangles() >= target) break;
+      refinement::Work work{.pending = {p}};
+      mesh.insertWanted(whole.region, view, all, work);
     }
-    evaluate();
+    mesh.evaluateFresh(whole.region, nullptr);
     if (wanted.size() < 8) threshold *= 0.9;
   }
   const double rms = m.rms();

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <memory>
 
-#include "server/pipeline/camera_mesh.h"
+#include "server/generation/camera_mesh.h"
 #include "server/pipeline/pipeline.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/usage.h"
@@ -14,53 +14,50 @@ Report screening(const Options& options) {
   const auto terrain = terrain::create("alpine", 1).value();
   scheduling::Machine machine(1);
   auto pool = machine.makePool(1);
-  pipeline::CameraMesh mesh(terrain, 1'200'000, refinement::Metric::kPixels);
+  generation::CameraMesh mesh(terrain, 1'200'000, refinement::Metric::kPixels);
   const auto camera = testing_support::straight(*terrain, 0);
-  mesh.follow(camera.pose);
+  refinement::AdaptiveMesh& m = mesh.mesh();
+  const auto evaluate = [&] { mesh.forEachChanged([&](std::size_t k) { m.evaluateFresh(mesh.leaves()[k]->region, nullptr); }); };
+  mesh.select(camera.pose, terrain->height({camera.pose.x, camera.pose.z}));
   mesh.generate(*pool);
-  mesh.evaluate(*pool);
+  evaluate();
   // Refine everywhere in view until there are half a million triangles.
   double threshold = 4;
   double travel = 0;
-  for (int n = 0; n < 200 && mesh.triangulation().liveTriangles() < (options.quick ? 100'000u : 500'000u); ++n, threshold *= 0.93) {
-    const refinement::View view(camera, mesh.surface().anchor, travel += 1e12, 0, false);
-    for (pipeline::Leaf* leaf : mesh.leaves()) {
-      leaf->pending.clear();
-      leaf->removable.clear();
-      refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf->region, view, threshold, leaf->pending);
-    }
-    mesh.change(view, *pool);
-    mesh.evaluate(*pool);
+  for (int n = 0; n < 200 && m.triangulation().liveTriangles() < (options.quick ? 100'000u : 500'000u); ++n, threshold *= 0.93) {
+    const refinement::View view(camera, m.anchor(), travel += 1e12, 0, false);
+    triangulation::WriteSet all;
+    all.allowAll();
+    for (generation::Leaf* leaf : mesh.leaves()) m.findWanted(leaf->region, view, threshold, leaf->work);
+    for (generation::Leaf* leaf : mesh.leaves()) m.insertWanted(leaf->region, view, all, leaf->work);
+    evaluate();
   }
-  const auto& pages = mesh.triangulation().trianglePages();
-  const auto& s = mesh.surface();
+  const auto& pages = m.triangulation().trianglePages();
   std::size_t slots = 0;
-  for (const pipeline::Leaf* leaf : mesh.leaves()) slots += pages.pagesOf(leaf->region).size() * triangulation::TrianglePages::kSlots;
+  for (const generation::Leaf* leaf : mesh.leaves()) slots += pages.pagesOf(leaf->region).size() * triangulation::TrianglePages::kSlots;
 
   std::vector<double> read, screen;
   std::uint64_t sink = 0;
-  std::vector<refinement::Pending> pending;
+  refinement::Work work;
   for (int round = 0; round < 31; ++round) {
     double start = cpuSeconds();
-    for (const pipeline::Leaf* leaf : mesh.leaves())
+    for (const generation::Leaf* leaf : mesh.leaves())
       for (std::uint32_t page : pages.pagesOf(leaf->region)) {
-        const refinement::CandidatePage& c = s.candidates[page];
+        const refinement::CandidatePage& c = m.candidatePage(page);
         // The page's own record and mask are read by the pass, too.
-        const refinement::PageScreen& known = s.screens[page];
+        const refinement::PageScreen& known = m.screen(page);
         std::uint32_t sum =
-            static_cast<std::uint32_t>(known.asleep + known.blank + pages.aliveMask(page)) + static_cast<std::uint32_t>(known.travel < 0);
+            static_cast<std::uint32_t>(known.dormant + known.blank + pages.aliveMask(page)) + static_cast<std::uint32_t>(known.travel < 0);
         for (std::uint32_t k = 0; k < refinement::CandidatePage::kSlots; ++k)
           sum += static_cast<std::uint32_t>(c.x[k]) + static_cast<std::uint32_t>(c.z[k]) + static_cast<std::uint32_t>(c.y[k]) +
                  static_cast<std::uint32_t>(c.error[k] > 1e9f);
         sink += sum;
       }
     read.push_back(cpuSeconds() - start);
-    // A camera far travelled: nothing is spared, every page is looked at. The threshold is above all errors, as when nothing is to be done.
-    const refinement::View view(camera, mesh.surface().anchor, travel += 1e12, 0, false);
+    // A camera far travelled: nothing is skipped, every page is looked at. The threshold is above all errors, as when nothing is to be done.
+    const refinement::View view(camera, m.anchor(), travel += 1e12, 0, false);
     start = cpuSeconds();
-    pending.clear();
-    for (const pipeline::Leaf* leaf : mesh.leaves())
-      refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf->region, view, 50, pending);
+    for (const generation::Leaf* leaf : mesh.leaves()) m.findWanted(leaf->region, view, 50, work);
     screen.push_back(cpuSeconds() - start);
   }
   // The product's own idle iteration, of as many triangles.
@@ -75,7 +72,7 @@ Report screening(const Options& options) {
   const double idleMs = 1e3 * (cpuSeconds() - start) / 50;
 
   Report report;
-  report.note(std::to_string(mesh.triangulation().liveTriangles()) + " triangles in " + std::to_string(slots) +
+  report.note(std::to_string(m.triangulation().liveTriangles()) + " triangles in " + std::to_string(slots) +
               " slots; one thread, processor time" + (sink == 1 ? " " : ""));
   report.add("ratio_to_read", median(screen) / median(read), "of reading the arrays once");
   report.add("read_ns", 1e9 * median(read) / static_cast<double>(slots), "ns a slot");

@@ -7,6 +7,7 @@
 #include <map>
 #include <memory>
 #include <stdexcept>
+#include <vector>
 
 #include "client/evaluation/gltf_export.h"
 #include "server/pipeline/pipeline.h"
@@ -16,6 +17,59 @@
 #include "tests/support/mesh_check.h"
 
 namespace ridgecast::bench {
+
+namespace {
+
+// Which points come to the mesh that were gone for at most 20 iterations, in leaves that stay. A point belongs to all leaves whose triangles it
+// is a corner of.
+class Returns {
+ public:
+  void look(const pipeline::Pipeline& pipeline, int iteration) {
+    std::map<lattice::LeafAddress, Held> now;
+    std::vector<std::pair<lattice::Point, int>> changes;  // and by how much the number of leaves that have it changes
+    for (const mesh::LeafState& leaf : pipeline.leaves()) {
+      const auto before = held_.find(leaf.address);
+      if (before != held_.end() && before->second.version == leaf.version) {
+        now.insert(held_.extract(before));
+        continue;
+      }
+      Held held{leaf.version, {}};
+      for (const mesh::LocalVertex& v : pipeline.extract(leaf.address).vertices)
+        held.points.push_back({leaf.address.x() + v.x, leaf.address.z() + v.z});
+      for (const lattice::Point& p : held.points) changes.emplace_back(p, 1);
+      now.emplace(leaf.address, std::move(held));
+    }
+    bool otherLeaves = false;
+    for (const auto& [address, held] : held_) {  // changed or gone
+      otherLeaves = otherLeaves || !now.contains(address);
+      for (const lattice::Point& p : held.points) changes.emplace_back(p, -1);
+    }
+    held_ = std::move(now);
+    for (const auto& [point, by] : changes) before_.emplace(point, leaves_[point]);
+    for (const auto& [point, by] : changes) leaves_[point] += by;
+    for (const auto& [point, count] : before_) {
+      const bool is = leaves_[point] > 0;
+      if (!is) leaves_.erase(point);
+      if (otherLeaves || is == (count > 0)) continue;
+      if (!is) gone_[point] = iteration;
+      if (const auto it = gone_.find(point); is && it != gone_.end()) count_ += iteration - it->second <= 20;
+    }
+    before_.clear();
+    if (iteration % 50 == 0) std::erase_if(gone_, [&](const auto& entry) { return iteration - entry.second > 20; });
+  }
+  std::uint64_t count() const { return count_; }
+
+ private:
+  struct Held {
+    std::uint64_t version;
+    std::vector<lattice::Point> points;
+  };
+  std::map<lattice::LeafAddress, Held> held_;
+  std::map<lattice::Point, int> leaves_, before_, gone_;  // gone_: in which iteration
+  std::uint64_t count_ = 0;
+};
+
+}  // namespace
 
 Report soak(const Options& options) {
   std::string folder;
@@ -39,22 +93,14 @@ Report soak(const Options& options) {
   double bytesPerTriangle = 0;
   const double start = cpuSeconds();
   bool hovering = false;
-  pipeline.record(true);
-  std::map<lattice::Point, int> gone;  // points removed, and in which iteration
-  std::uint64_t again = 0;
+  Returns returns;
   for (int n = 0; n < iterations; ++n) {
     const double t = 0.1 * n * speed;
     const auto figures = pipeline.iterate(testing_support::hour(*terrain, t));
     most = std::max(most, figures.triangles);
     if (figures.triangles > kBudget / 2)
       bytesPerTriangle = std::max(bytesPerTriangle, static_cast<double>(pipeline.memoryBytes()) / figures.triangles);
-    const auto changes = pipeline.changes();
-    for (const auto& p : changes.inserted) {
-      const auto it = gone.find(p);
-      again += it != gone.end() && n - it->second <= 20;
-    }
-    for (const auto& p : changes.removed) gone[p] = n;
-    if (n % 50 == 0) std::erase_if(gone, [&](const auto& entry) { return n - entry.second > 20; });
+    returns.look(pipeline, n);
     inserted += figures.inserted;
     removed += figures.removed;
     const bool hover = std::fmod(t, 600) >= 200 && std::fmod(t, 600) < 300;
@@ -110,7 +156,7 @@ Report soak(const Options& options) {
   report.add("exports", exports);
   report.add("inserted", static_cast<double>(inserted));
   report.add("removed", static_cast<double>(removed));
-  report.add("again_percent", 100 * static_cast<double>(again) / static_cast<double>(inserted),
+  report.add("again_percent", 100 * static_cast<double>(returns.count()) / static_cast<double>(inserted),
              "% of insertions put back what was removed within 2 s");
   report.add("hover_iterations", longestHover, "until nothing changed, the longest");
   report.add("cpu_s", cpuSeconds() - start, "s");

@@ -9,10 +9,6 @@
 #include <random>
 #include <set>
 
-#include "server/generation/grid.h"
-#include "server/pipeline/camera_mesh.h"
-#include "server/refinement/coarsening.h"
-#include "server/triangulation/verify.h"
 #include "tests/support/flight.h"
 #include "tests/support/mesh_check.h"
 
@@ -307,73 +303,6 @@ TEST(Pipeline, AShortSoak) {
     }
   }
   rig.expectSound("after the soak");
-}
-
-// The laws of CameraMesh, seen from inside.
-TEST(CameraMesh, KeepsItsLaws) {
-  scheduling::Machine machine(2);
-  auto pool = machine.makePool(2);
-  const auto terrain = alpine();
-  CameraMesh mesh(terrain, 400000, refinement::Metric::kPixels);
-  std::mt19937 rng(2);
-  double x = 0, z = 0;
-  for (int n = 0; n < 30; ++n) {
-    const auto camera = cameraAt(*terrain, x, z, 30 + rng() % 500, n * 0.2);
-    mesh.follow(camera.pose);
-    mesh.generate(*pool);
-    mesh.evaluate(*pool);
-    const refinement::View view(camera, mesh.surface().anchor, n * 1e12, n, false);  // far apart: nothing is spared
-    for (Leaf* leaf : mesh.leaves()) {
-      leaf->pending.clear();
-      leaf->removable.clear();
-      leaf->removalLimit = 1.5;
-      refinement::screenPixels(mesh.triangulation(), mesh.surface(), leaf->region, view, 3, leaf->pending);
-      refinement::screenLosses(mesh.triangulation(), mesh.surface(), leaf->region, view, leaf->removalLimit, leaf->removable);
-    }
-    mesh.change(view, *pool);
-    mesh.evaluate(*pool);
-    ASSERT_EQ(triangulation::verify(mesh.triangulation(), mesh.partition()), "") << "iteration " << n;
-    const auto& t = mesh.triangulation();
-    const lattice::Point anchor = mesh.surface().anchor;
-    std::set<std::pair<Step, Step>> points;
-    for (triangulation::RegionId r = 0; r < t.regionLimit(); ++r) {
-      if (!t.vertexPages().hasRegion(r)) continue;
-      t.vertexPages().forEach(r, [&](triangulation::VertexId v) {
-        if (v == triangulation::kInfinite) return;
-        const auto& p = t.vertex(v);
-        points.insert({anchor.x + p.x, anchor.z + p.z});
-        ASSERT_LT(std::abs(p.x), 1 << 26);
-        ASSERT_LT(std::abs(p.z), 1 << 26);
-        int level = quadtree::kRootLevel;
-        for (const Leaf* leaf : mesh.leaves())
-          if (leaf->region == r && r != triangulation::kOutside) level = leaf->address.level;
-        ASSERT_LE(static_cast<int>(mesh.surface().vertices[v].level), level + 1);
-        ASSERT_EQ(p.y, lattice::snapHeight(terrain->heightStep({anchor.x + p.x, anchor.z + p.z}),
-                                           static_cast<int>(mesh.surface().vertices[v].level)));
-      });
-    }
-    for (const Leaf* leaf : mesh.leaves())
-      for (lattice::Point p : generation::gridPoints(leaf->address)) ASSERT_TRUE(points.count({p.x, p.z}));
-    // The stored candidates are points of the terrain, with the error they have (they may have been chosen one level away from now).
-    int looked = 0;
-    for (const Leaf* leaf : mesh.leaves())
-      t.trianglePages().forEach(leaf->region, [&](triangulation::TriangleId id) {
-        const auto c = mesh.surface().candidate(id);
-        if (rng() % 50 != 0 || c.error == 0) return;
-        ++looked;
-        const triangulation::Point2 p = c.point;
-        const auto& v = t.triangle(id).v;
-        for (int k = 0; k < 3; ++k) ASSERT_GE(triangulation::orientation(t.vertex(v[k]).point(), t.vertex(v[(k + 1) % 3]).point(), p), 0);
-        const std::int32_t fine = terrain->heightStep({anchor.x + p.x, anchor.z + p.z});
-        ASSERT_EQ(fine, c.y);
-        ASSERT_NEAR(std::abs(refinement::heightOnTriangle(t, id, p) - lattice::snapHeight(fine, leaf->address.level)), std::abs(c.error),
-                    1 << lattice::verticalBits(leaf->address.level + 1));
-      });
-    ASSERT_GT(looked, 0);
-    x += static_cast<double>(rng() % 800);
-    z -= static_cast<double>(rng() % 400);
-    if (n == 20) x += 1e7;
-  }
 }
 
 TEST(Pipeline, GoesOnWithOtherSettingsWhateverTheThreads) {

@@ -1,16 +1,14 @@
 // What is remembered of a page of candidates, so that it need not be looked at again.
-#include "server/refinement/screening.h"
+#include "server/refinement/adaptive_mesh.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <random>
-
-#include "server/refinement/candidates.h"
 
 namespace ridgecast::refinement {
 namespace {
 
-using triangulation::kNoEdge;
 using triangulation::RegionId;
 using triangulation::TriangleId;
 
@@ -24,69 +22,75 @@ struct OneSquare : triangulation::Partition {
 };
 
 struct World {
-  World() : mesh(10'000, square), surface(mesh.triangleCapacity(), mesh.vertexCapacity(), false) {
-    square.region = mesh.addRegion({0, 0, kSide});
-    surface.regions.resize(square.region + 1);
+  World() : mesh(terrain, 10'000, Metric::kPixels, square) {
+    square.region = mesh.addRegion({0, 0, kSide}, 3);
+    fill();
+  }
+  void fill() {
     std::mt19937 rng(7);
-    triangulation::WriteSet all;
-    all.allowAll();
-    const auto vertex = [&](std::int32_t x, std::int32_t z) {
-      return triangulation::Vertex{x, z, static_cast<std::int32_t>(terrain->height({x, z}) * lattice::kStepsPerMetre), kNoEdge};
-    };
-    mesh.start(vertex(-kSide, -kSide), vertex(-kSide, 3 * kSide), vertex(3 * kSide, -kSide));
+    const auto point = [&](std::int32_t x, std::int32_t z) { return GridPoint{{x, z}, terrain->heightStep({x, z})}; };
+    mesh.start(point(-kSide, -kSide), point(-kSide, 3 * kSide), point(3 * kSide, -kSide));
+    TriangleId hint = mesh.triangulation().anyTriangle();
     for (int n = 0; n < 400; ++n) {
       const auto x = static_cast<std::int32_t>(rng() % kSide), z = static_cast<std::int32_t>(rng() % kSide);
-      mesh.insert(vertex(x, z), mesh.locate({x, z}, mesh.anyTriangle(), all), all);
+      mesh.insertGrid(std::vector{point(x, z)}, hint);
     }
   }
-  View view() const {
+  std::vector<std::uint32_t> pages() const { return mesh.triangulation().trianglePages().pagesOf(square.region); }
+  View view(double travel) const {
     camera::Camera camera;
     camera.pose.y = terrain->height({0, 0}) + 200;
     camera.pose.yaw = 0.7;
-    return View(camera, {0, 0}, 1000, 0, true);
+    return View(camera, {0, 0}, travel, 0, true);
   }
   std::shared_ptr<const terrain::Terrain> terrain = terrain::create("alpine", 1).value();
   OneSquare square;
-  triangulation::Triangulation mesh;
-  Surface surface;
+  AdaptiveMesh mesh;
 };
 
 // Which pages a region gets depends on threads, so what another region left in one may not be seen: it once made two runs differ by when a
 // candidate was looked at.
 TEST(Screening, AFormerRegionsBoundsAreForgotten) {
   World clean, used;
-  const View view = clean.view();
+  const View earlier = used.view(990), view = clean.view(1000);
   const RegionId region = clean.square.region;
-  const auto pages = clean.mesh.trianglePages().pagesOf(region);
-  ASSERT_GT(pages.size(), 5u);
-  ASSERT_EQ(used.mesh.trianglePages().pagesOf(region), pages);
-  for (std::uint32_t page : pages) {
-    PageScreen& screen = used.surface.screens[page];
-    screen.travel = 990;
-    screen.steepest = 0.3f;
-    screen.seen = 0.2f;
-    screen.nearest = 300;
-    screen.asleep = 5;
-    used.surface.dues[page].travel = 1e6;
+  ASSERT_GT(clean.pages().size(), 5u);
+  // The same triangles come a second time, to pages of which most are the same.
+  used.mesh.evaluateFresh(region, &earlier);
+  Work work;
+  used.mesh.findWanted(region, earlier, 6, work);
+  bool dormant = false;
+  for (std::uint32_t page : used.pages()) {
+    EXPECT_EQ(used.mesh.screen(page).travel, 990);
+    dormant = dormant || used.mesh.screen(page).dormant != 0;
   }
-  HeightRange ground;
-  evaluateFresh(clean.mesh, clean.surface, *clean.terrain, region, 3, Metric::kPixels, &view, ground);
-  evaluateFresh(used.mesh, used.surface, *used.terrain, region, 3, Metric::kPixels, &view, ground);
-  for (std::uint32_t page : pages) {
-    const PageScreen &a = clean.surface.screens[page], &b = used.surface.screens[page];
-    EXPECT_EQ(clean.surface.dues[page].travel, used.surface.dues[page].travel);
-    EXPECT_EQ(clean.surface.dues[page].turn, used.surface.dues[page].turn);
+  ASSERT_TRUE(dormant);
+  const std::vector<std::uint32_t> before = used.pages();
+  used.mesh.clear();
+  used.mesh.removeRegion(region);
+  used.square.region = used.mesh.addRegion({0, 0, kSide}, 3);
+  used.fill();
+  const std::vector<std::uint32_t> after = used.pages();
+  ASSERT_GT(
+      std::count_if(after.begin(), after.end(), [&](std::uint32_t page) { return std::count(before.begin(), before.end(), page) > 0; }), 3);
+  clean.mesh.evaluateFresh(region, &view);
+  used.mesh.evaluateFresh(used.square.region, &view);
+  for (std::size_t n = 0; n < clean.pages().size(); ++n) {
+    const std::uint32_t c = clean.pages()[n], u = used.pages()[n];
+    const PageScreen &a = clean.mesh.screen(c), &b = used.mesh.screen(u);
+    EXPECT_EQ(clean.mesh.nextCheck(c).travel, used.mesh.nextCheck(u).travel);
+    EXPECT_EQ(clean.mesh.nextCheck(c).turn, used.mesh.nextCheck(u).turn);
     EXPECT_EQ(a.travel, b.travel);
     EXPECT_EQ(a.steepest, b.steepest);
     EXPECT_EQ(a.seen, b.seen);
     EXPECT_EQ(a.nearest, b.nearest);
-    EXPECT_EQ(a.asleep, b.asleep);
+    EXPECT_EQ(a.dormant, b.dormant);
   }
-  EXPECT_EQ(clean.surface.regions[region].due.travel, used.surface.regions[region].due.travel);
+  EXPECT_EQ(clean.mesh.nextRegionCheck(region).travel, used.mesh.nextRegionCheck(used.square.region).travel);
 }
 
-// The bounds spare no candidate that is wanted: all along a way the same ones are told as where nothing is remembered.
-TEST(Screening, SparesNothingThatIsWanted) {
+// The bounds skip no candidate that is wanted: all along a way the same ones are found as where nothing is remembered.
+TEST(Screening, SkipsNothingThatIsWanted) {
   World remembers, forgets;
   const RegionId region = remembers.square.region;
   camera::Camera camera;
@@ -101,44 +105,38 @@ TEST(Screening, SparesNothingThatIsWanted) {
   camera.pose.yaw = yaw;
   camera.pose.pitch = -0.3;
   double travel = 0;
-  HeightRange ground;
-  std::size_t told = 0, late = 0, pagesSpared = 0;
+  std::size_t found = 0, late = 0, pagesSkipped = 0;
   for (int step = 0; step < 100; ++step) {
     const View view(camera, {0, 0}, travel, 0, false);
     if (step == 0)
-      for (World* world : {&remembers, &forgets})
-        evaluateFresh(world->mesh, world->surface, *world->terrain, region, 3, Metric::kPixels, &view, ground);
-    for (std::uint32_t page : forgets.mesh.trianglePages().pagesOf(region)) {
-      forgets.surface.screens[page].travel = -1;
-      forgets.surface.dues[page].travel = kAlways;
-      pagesSpared += remembers.surface.dues[page].travel > travel;
-    }
-    forgets.surface.regions[region].due.travel = kAlways;
-    std::vector<Pending> known, all;
-    screenPixels(remembers.mesh, remembers.surface, region, view, 6, known);
-    screenPixels(forgets.mesh, forgets.surface, region, view, 6, all);
-    for (const Pending& p : known) remembers.surface.wakeCandidate(p.triangle, region);
-    auto next = known.begin();
-    for (const Pending& p : all) {
-      if (next != known.end() && next->triangle == p.triangle) {
+      for (World* world : {&remembers, &forgets}) world->mesh.evaluateFresh(region, &view);
+    for (std::uint32_t page : forgets.pages()) pagesSkipped += remembers.mesh.nextCheck(page).travel > travel;
+    forgets.mesh.triangulation().trianglePages().forEach(region, [&](TriangleId t) { forgets.mesh.postpone({t, {}, 0}, region, view); });
+    Work known, all;
+    remembers.mesh.findWanted(region, view, 6, known);
+    forgets.mesh.findWanted(region, view, 6, all);
+    for (const Pending& p : known.pending) remembers.mesh.postpone(p, region, view);
+    auto next = known.pending.begin();
+    for (const Pending& p : all.pending) {
+      if (next != known.pending.end() && next->triangle == p.triangle) {
         EXPECT_EQ(next->priority, p.priority);
         ++next;
         continue;
       }
-      // Those asleep, for being specks or off the picture, may wake up a little later.
-      const triangulation::TrianglePages::Mask asleep = remembers.surface.screens[p.triangle / CandidatePage::kSlots].asleep;
-      EXPECT_TRUE((asleep >> (p.triangle % CandidatePage::kSlots)) & 1) << "step " << step;
+      // Those dormant, for being specks or off the picture, may wake up a little later.
+      const PageScreen::Mask dormant = remembers.mesh.screen(p.triangle / CandidatePage::kSlots).dormant;
+      EXPECT_TRUE((dormant >> (p.triangle % CandidatePage::kSlots)) & 1) << "step " << step;
       ++late;
     }
-    EXPECT_EQ(next, known.end()) << "step " << step;
-    told += all.size();
+    EXPECT_EQ(next, known.pending.end()) << "step " << step;
+    found += all.pending.size();
     camera.pose.x += 1200;
     camera.pose.z += 1200;
     travel += 1200 * 1.4143;
   }
-  EXPECT_GT(told, 1000u);
-  EXPECT_LT(late, told / 100);
-  EXPECT_GT(pagesSpared, 100u);
+  EXPECT_GT(found, 1000u);
+  EXPECT_LT(late, found / 100);
+  EXPECT_GT(pagesSkipped, 100u);
 }
 
 }  // namespace

@@ -1,0 +1,301 @@
+#include "server/generation/camera_mesh.h"
+
+#include <algorithm>
+#include <bit>
+#include <set>
+#include <utility>
+
+#include "server/generation/grid.h"
+#include "server/triangulation/verify.h"
+
+namespace ridgecast::generation {
+
+using lattice::LeafAddress;
+using lattice::Step;
+using triangulation::kInfinite;
+using triangulation::kOutside;
+using triangulation::RegionId;
+using triangulation::TriangleId;
+using triangulation::TrianglePages;
+using triangulation::VertexId;
+
+static_assert(refinement::AdaptiveMesh::kOutsideLevel == quadtree::kRootLevel);
+
+namespace {
+constexpr int kAnchorBits = lattice::kFinestSideBits + quadtree::kRootLevel;  // anchors are corners of roots
+constexpr Step kAnchorReach = Step{1} << 24;                                  // the camera stays this close to its anchor
+}  // namespace
+
+CameraMesh::CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric)
+    : mesh_(std::move(terrain), triangles, metric, *this) {}
+
+Leaf* CameraMesh::leaf(LeafAddress address) const {
+  const RegionId region = tree_.tag(address);
+  return region == kOutside ? nullptr : leaves_[region].get();
+}
+
+std::vector<std::size_t> CameraMesh::takeChanged() {
+  std::vector<std::size_t> changed;
+  forEachChanged([&](std::size_t k) {
+    mesh_.takeChanged(regions_[k]);
+    if (mesh_.triangulation().sparse(regions_[k])) sparse_.push_back(regions_[k]);
+    changed.push_back(k);
+  });
+  return changed;
+}
+
+// ---- select ----
+
+Selection CameraMesh::select(const camera::Pose& pose, double ground) {
+  selected_ = tree_.follow(pose, ground);
+  const bool anyKept = std::any_of(ordered_.begin(), ordered_.end(), [&](const Leaf* leaf) {
+    LeafAddress now;  // kept, split or merged: the ground is still held
+    return tree_.leafAt({leaf->address.x(), leaf->address.z()}, now);
+  });
+  if (!anyKept) clear();  // somewhere else altogether
+  moveAnchor(pose, anyKept);
+  return {selected_, !anyKept, static_cast<std::uint32_t>(tree_.made().size()), static_cast<std::uint32_t>(tree_.gone().size())};
+}
+
+void CameraMesh::clear() {
+  mesh_.clear();
+  for (Leaf* leaf : ordered_) {
+    mesh_.removeRegion(leaf->region);
+    leaves_[leaf->region].reset();
+  }
+  ordered_.clear();
+  regions_.clear();
+  sparse_.clear();
+}
+
+void CameraMesh::moveAnchor(const camera::Pose& pose, bool keep) {
+  const auto far = [](Step camera, Step anchor) { return std::abs(camera - anchor) > kAnchorReach; };
+  if (keep && !far(pose.x, mesh_.anchor().x) && !far(pose.z, mesh_.anchor().z)) return;
+  mesh_.setAnchor({lattice::floorTo(pose.x, kAnchorBits), lattice::floorTo(pose.z, kAnchorBits)});
+}
+
+// ---- generate ----
+
+void CameraMesh::generate(scheduling::Pool& pool) {
+  if (std::exchange(selected_, false)) {
+    const Turnover turnover = replaceLeaves();  // from here on the partition answers with the new leaves
+    if (!mesh_.triangulation().empty()) refile(turnover.former, pool);
+    insertGrids(missingGrids(turnover));
+    dropOutside();
+    updateNeighbours(turnover, pool);
+  }
+  compact();
+}
+
+CameraMesh::Turnover CameraMesh::replaceLeaves() {
+  Turnover turnover;
+  if (!ordered_.empty()) {
+    for (RegionId region : tree_.gone()) turnover.former.push_back({std::move(leaves_[region]), nullptr, {}});
+    std::sort(turnover.former.begin(), turnover.former.end(),
+              [](const Former& l, const Former& r) { return l.leaf->address < r.leaf->address; });
+  }
+  for (LeafAddress address : tree_.made()) {
+    const triangulation::Point2 corner = mesh_.local({address.x(), address.z()});
+    const RegionId region = mesh_.addRegion({corner.x, corner.z, static_cast<std::int32_t>(address.side())}, address.level);
+    tree_.setTag(address, region);
+    if (region >= leaves_.size()) leaves_.resize(region + 1);
+    leaves_[region] = std::make_unique<Leaf>();
+    leaves_[region]->address = address;
+    leaves_[region]->region = region;
+    turnover.made.push_back(leaves_[region].get());
+  }
+  findHeirs(turnover);
+  replaceOrdered(turnover);
+  for (const Former& f : turnover.former) {
+    if (f.whole) mesh_.addGround(f.whole->region, mesh_.ground(f.leaf->region));
+    for (const Leaf* part : f.parts) mesh_.addGround(part->region, mesh_.ground(f.leaf->region));
+  }
+  return turnover;
+}
+
+void CameraMesh::findHeirs(Turnover& turnover) {
+  for (Former& f : turnover.former)
+    for (Leaf* heir : turnover.made) {
+      if (heir->address.isAncestorOf(f.leaf->address))
+        f.whole = heir;
+      else if (f.leaf->address.isAncestorOf(heir->address))
+        f.parts.push_back(heir);
+    }
+}
+
+// All lists are in canonical order, and few of the leaves are looked at.
+void CameraMesh::replaceOrdered(const Turnover& turnover) {
+  std::vector<Leaf*> now;
+  now.reserve(ordered_.size() + turnover.made.size() - turnover.former.size());
+  auto at = ordered_.begin();
+  const auto keepUntil = [&](LeafAddress address) {
+    const auto end = std::lower_bound(at, ordered_.end(), address, [](const Leaf* l, LeafAddress r) { return l->address < r; });
+    now.insert(now.end(), at, end);
+    at = end;
+  };
+  auto goes = turnover.former.begin();
+  const auto goUntil = [&](const LeafAddress* address) {
+    for (; goes != turnover.former.end() && (!address || goes->leaf->address < *address); ++goes) {
+      keepUntil(goes->leaf->address);
+      ++at;
+    }
+  };
+  for (Leaf* leaf : turnover.made) {
+    goUntil(&leaf->address);
+    keepUntil(leaf->address);
+    now.push_back(leaf);
+  }
+  goUntil(nullptr);
+  now.insert(now.end(), at, ordered_.end());
+  ordered_ = std::move(now);
+  regions_.clear();
+  for (const Leaf* leaf : ordered_) regions_.push_back(leaf->region);
+}
+
+// What is filed under leaves that were merged, split or dropped is filed under their heirs, or outside.
+void CameraMesh::refile(const std::vector<Former>& former, scheduling::Pool& pool) {
+  const auto& t = mesh_.triangulation();
+  std::vector<VertexId> moved;
+  std::vector<RegionId> splits;
+  for (const Former& f : former) {
+    if (f.whole)
+      mesh_.adopt(f.leaf->region, f.whole->region);
+    else if (!f.parts.empty())
+      splits.push_back(f.leaf->region);
+    else
+      mesh_.refile(f.leaf->region, moved);
+  }
+  const auto loop = [&](std::size_t count, const std::function<void(std::size_t)>& body) { pool.forEach(count, 1, body); };
+  if (!mesh_.split(splits, loop))
+    for (RegionId region : splits) mesh_.refile(region, moved);
+  for (const Former& f : former) mesh_.removeRegion(f.leaf->region);
+  for (const Former& f : former)
+    for (const Leaf* part : f.parts) t.vertexPages().forEach(part->region, [&](VertexId v) { moved.push_back(v); });
+  mesh_.refile(kOutside, moved);
+  for (VertexId v : moved)
+    if (t.vertexPages().alive(v)) mesh_.snap(v);
+}
+
+// Grids nest, so leaves that were merged left all points of the new leaf's grid, and one that was split left some.
+std::vector<CameraMesh::Grid> CameraMesh::missingGrids(const Turnover& turnover) {
+  std::vector<Grid> grids;
+  std::vector<lattice::Point> sorted;
+  for (Leaf* leaf : turnover.made) {
+    const Leaf* split = nullptr;  // what it was a part of
+    bool merged = false;
+    for (const Former& f : turnover.former) {
+      merged = merged || f.whole == leaf;
+      if (std::find(f.parts.begin(), f.parts.end(), leaf) != f.parts.end()) split = f.leaf.get();
+    }
+    if (merged) continue;
+    Grid& grid = grids.emplace_back(Grid{leaf, {}});
+    for (lattice::Point p : gridPoints(leaf->address))
+      if (!split || ((p.x | p.z) & (split->address.side() / 2 - 1)) != 0) {
+        grid.points.push_back({p, 0});
+        sorted.push_back(p);
+      }
+  }
+  std::sort(sorted.begin(), sorted.end());
+  sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+  const std::vector<std::int32_t> heights = mesh_.heightsAt(sorted);
+  for (Grid& grid : grids)
+    for (refinement::GridPoint& p : grid.points)
+      p.y = heights[static_cast<std::size_t>(std::lower_bound(sorted.begin(), sorted.end(), p.at) - sorted.begin())];
+  return grids;
+}
+
+void CameraMesh::insertGrids(std::vector<Grid> grids) {
+  if (grids.empty()) return;
+  const auto& t = mesh_.triangulation();
+  if (const auto& first = grids.front().points; t.empty()) mesh_.start(first[0], first[2], first[6]);
+  TriangleId hint = t.anyTriangle();
+  std::set<lattice::Point> done;  // neighbours share points
+  for (Grid& grid : grids) {
+    if (grid.points.empty()) continue;
+    for (const refinement::GridPoint& p : grid.points) mesh_.addGround(grid.leaf->region, {p.y, p.y});
+    std::erase_if(grid.points, [&](const refinement::GridPoint& p) { return !done.insert(p.at).second; });
+    // Start the walk in the leaf itself where it inherited triangles.
+    for (std::uint32_t page : t.trianglePages().pagesOf(grid.leaf->region))
+      if (const TrianglePages::Mask alive = t.trianglePages().aliveMask(page)) {
+        hint = page * TrianglePages::kSlots + static_cast<TriangleId>(std::countr_zero(alive));
+        break;
+      }
+    mesh_.insertGrid(grid.points, hint);
+  }
+}
+
+// Outside all leaves only the grids' points remain.
+void CameraMesh::dropOutside() {
+  std::vector<VertexId> stray;
+  mesh_.triangulation().vertexPages().forEach(kOutside, [&](VertexId v) {
+    if (v != kInfinite && !isGridPoint(tree_, mesh_.absolute(mesh_.triangulation().vertex(v).point()))) stray.push_back(v);
+  });
+  for (VertexId v : stray) mesh_.drop(v);
+}
+
+// Write sets of leaves whose neighbours changed, and which vertices still belong to a grid where one lost points.
+void CameraMesh::updateNeighbours(const Turnover& turnover, scheduling::Pool& pool) {
+  struct Stale {
+    Leaf* leaf;
+    bool coarser;  // its own or a neighbour's grid lost points
+  };
+  enum : std::uint8_t { kStale = 1, kCoarser = 2 };
+  std::vector<std::uint8_t> marks(leaves_.size(), 0);
+  std::vector<RegionId> around;
+  for (const Leaf* leaf : turnover.made) {
+    marks[leaf->region] |= kStale;
+    tree_.touchingTags(leaf->address, around);
+    for (RegionId region : around) marks[region] |= kStale;
+  }
+  for (const Former& f : turnover.former) {
+    tree_.touchingTags(f.leaf->address, around);
+    for (RegionId region : around) marks[region] |= f.parts.empty() ? kStale | kCoarser : kStale;
+  }
+  std::vector<Stale> stale;
+  for (RegionId region = 0; region < marks.size(); ++region)
+    if (marks[region] != 0) stale.push_back({leaves_[region].get(), (marks[region] & kCoarser) != 0});
+  pool.forEach(stale.size(), 4, [&](std::size_t k) {
+    Leaf* const leaf = stale[k].leaf;
+    tree_.touchingTags(leaf->address, leaf->writeSet);
+    leaf->writeSet.push_back(leaf->region);
+    if (!stale[k].coarser) return;
+    mesh_.triangulation().vertexPages().forEach(leaf->region, [&](VertexId v) {
+      const lattice::Point at = mesh_.absolute(mesh_.triangulation().vertex(v).point());
+      if (mayBeGridPoint(at)) mesh_.setFixed(v, isGridPoint(tree_, at));
+    });
+  });
+}
+
+void CameraMesh::compact() {
+  for (RegionId region : sparse_)
+    if (mesh_.triangulation().trianglePages().hasRegion(region)) mesh_.compact(region);
+  sparse_.clear();
+  mesh_.compact(kOutside);
+}
+
+// ---- checking ----
+
+std::string CameraMesh::verify() const {
+  std::string wrong = triangulation::verify(mesh_.triangulation(), *this);
+  std::set<lattice::Point> fixedPoints;
+  const auto look = [&](RegionId region) {
+    mesh_.triangulation().vertexPages().forEach(region, [&](VertexId v) {
+      if (v == kInfinite) return;
+      const lattice::Point at = mesh_.absolute(mesh_.triangulation().vertex(v).point());
+      const bool fixed = mesh_.isFixed(v);
+      if (fixed) fixedPoints.insert(at);
+      if (fixed != isGridPoint(tree_, at) && wrong.empty())
+        wrong = "the vertex at " + std::to_string(at.x) + " " + std::to_string(at.z) +
+                (fixed ? " is fixed, and belongs to no grid" : " may go, and belongs to a grid");
+    });
+  };
+  look(kOutside);
+  for (const Leaf* leaf : ordered_) look(leaf->region);
+  for (const Leaf* leaf : ordered_)
+    for (lattice::Point p : gridPoints(leaf->address))
+      if (fixedPoints.count(p) == 0 && wrong.empty())
+        wrong = "the grid point at " + std::to_string(p.x) + " " + std::to_string(p.z) + " is not in the mesh";
+  return wrong;
+}
+
+}  // namespace ridgecast::generation

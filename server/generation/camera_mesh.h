@@ -1,0 +1,108 @@
+#pragma once
+// A camera's leaves over its mesh: select (the quadtree follows the camera) and generate (the mesh follows the quadtree). It keeps these
+// laws:
+//   - the mesh's vertices are the grids of its leaves and what refinement added inside leaves; outside all leaves only grid points;
+//   - a vertex's height is the terrain's, snapped to a level that is at most one above that of the leaf that holds it: one level is
+//     not seen (0.15 px), and splits and merges then move no vertex;
+//   - coordinates are relative to an anchor and stay below 2^26.
+// One thread; generate and compact spread over the pool inside.
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/camera/camera.h"
+#include "common/lattice/lattice.h"
+#include "common/terrain/terrain.h"
+#include "server/quadtree/quadtree.h"
+#include "server/refinement/adaptive_mesh.h"
+#include "server/scheduling/pool.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::generation {
+
+struct alignas(64) Leaf {  // every iteration looks at the first two lines of all of them, and at the rest of few
+  lattice::LeafAddress address;
+  triangulation::RegionId region = triangulation::kOutside;
+  bool visible = false;                           // in the current iteration, it may be
+  refinement::Work work{};                        // of the current iteration
+  std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
+  std::uint64_t version = 0, hash = 0;
+};
+
+struct Selection {
+  bool changed = false;
+  bool fromNothing = false;                  // nothing of the mesh there was remains
+  std::uint32_t generated = 0, dropped = 0;  // leaves
+};
+
+class CameraMesh : private triangulation::Partition {
+ public:
+  CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric);
+
+  // Which leaves there are; `ground`: height of the ground below the camera in metres. Call generate() next.
+  Selection select(const camera::Pose& pose, double ground);
+  // Re-files what lies in leaves that split or merged, drops what is gone, inserts the grids that are missing, and brings the records of
+  // leaves closer together where removals have scattered them.
+  void generate(scheduling::Pool& pool);
+
+  const std::vector<Leaf*>& leaves() const { return ordered_; }  // canonical order of address
+  Leaf* leaf(lattice::LeafAddress address) const;                // null: not a leaf
+  // f(k) for the leaves in leaves() whose triangles changed since the last takeChanged().
+  template <class F>
+  void forEachChanged(F&& f) const {
+    const auto& pages = mesh_.triangulation().trianglePages();
+    for (std::size_t k = 0; k < regions_.size(); ++k)
+      if (pages.changed(regions_[k])) f(k);
+  }
+  std::vector<std::size_t> takeChanged();
+
+  refinement::AdaptiveMesh& mesh() { return mesh_; }
+  const refinement::AdaptiveMesh& mesh() const { return mesh_; }
+  std::size_t memoryBytes() const { return mesh_.memoryBytes() + leaves_.size() * sizeof(Leaf); }
+
+  // A full check of the triangulation, whether every leaf's grid is in it, and whether exactly the grids' points are fixed; empty when
+  // sound. Slow.
+  std::string verify() const;
+
+ private:
+  // A leaf that is no longer one, and who has its ground now: one that it was merged into, or those that it was split into, or nobody.
+  struct Former {
+    std::unique_ptr<Leaf> leaf;
+    Leaf* whole = nullptr;
+    std::vector<Leaf*> parts;
+  };
+  // What one generate() changes: leaves in canonical order.
+  struct Turnover {
+    std::vector<Leaf*> made;
+    std::vector<Former> former;
+  };
+  struct Grid {  // what a new leaf lacks of its own
+    Leaf* leaf;
+    std::vector<refinement::GridPoint> points;
+  };
+
+  triangulation::RegionId regionAt(triangulation::Point2 p) const override { return tree_.tagAt(mesh_.absolute(p)); }
+  void moveAnchor(const camera::Pose& pose, bool keep);
+  void clear();
+  Turnover replaceLeaves();
+  static void findHeirs(Turnover& turnover);
+  void replaceOrdered(const Turnover& turnover);
+  void refile(const std::vector<Former>& former, scheduling::Pool& pool);
+  std::vector<Grid> missingGrids(const Turnover& turnover);
+  void insertGrids(std::vector<Grid> grids);
+  void dropOutside();
+  void updateNeighbours(const Turnover& turnover, scheduling::Pool& pool);
+  void compact();
+
+  quadtree::Quadtree tree_;
+  refinement::AdaptiveMesh mesh_;
+  std::vector<std::unique_ptr<Leaf>> leaves_;  // by region; null: unused
+  std::vector<Leaf*> ordered_;
+  std::vector<triangulation::RegionId> regions_;  // of the leaves in ordered_
+  std::vector<triangulation::RegionId> sparse_;   // to be compacted next time; some may be gone
+  bool selected_ = false;                         // leaves came or went, and generate() is due
+};
+
+}  // namespace ridgecast::generation

@@ -1,0 +1,214 @@
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "server/pipeline/state.h"
+#include "server/scheduling/colouring.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::pipeline {
+
+using refinement::Pending;
+
+namespace {
+
+// A budget that binds raises the threshold by at most this factor: one below the grids alone, which always stay, cannot be kept.
+constexpr double kMostRaised = 100;
+// Vertices are removed below this share of the threshold.
+constexpr double kRemoval = 0.5;
+// The thesis never removes; with its metric vertices go only in leaves that the wide frustum does not see, when the budget is nearly full.
+constexpr double kThesisRemovalPixels = 1.0;
+// "Nearly full": leaves outside the wide frustum then lose vertices below the whole threshold.
+constexpr double kTight = 0.9;
+
+struct RemovalLimits {
+  double inside, outside;  // pixels of loss, for leaves that may be seen and for the others
+};
+RemovalLimits removalLimits(bool thesis, double threshold, double fill) {
+  const bool tight = fill >= kTight;
+  if (thesis) return {0, tight ? kThesisRemovalPixels : 0};
+  return {kRemoval * threshold, (tight ? 1 : kRemoval) * threshold};
+}
+
+refinement::Metric metricOf(wire::Metric metric) {
+  return metric == wire::Metric::kThesis ? refinement::Metric::kThesis
+         : metric == wire::Metric::kArea ? refinement::Metric::kArea
+                                         : refinement::Metric::kPixels;
+}
+
+}  // namespace
+
+void Motion::follow(const camera::Camera& now, bool fromNothing) {
+  const camera::Pose &pose = now.pose, &before = camera.pose;
+  const double dx = static_cast<double>(pose.x - before.x), dz = static_cast<double>(pose.z - before.z),
+               dy = (pose.y - before.y) * lattice::kStepsPerMetre;
+  const double way = std::sqrt(dx * dx + dz * dz + dy * dy);
+  moving = way > 0;
+  travel = fromNothing ? 0 : travel + way;
+  turn += std::abs(std::remainder(pose.yaw - before.yaw, 2 * std::numbers::pi)) + std::abs(pose.pitch - before.pitch);
+  if (!(now.projection == camera.projection)) turn += std::numbers::pi;  // another picture: whatever is dormant is judged again
+  camera = now;
+}
+
+Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const wire::Settings& granted,
+                       std::shared_ptr<scheduling::Pool> workers)
+    : settings(granted),
+      madeFor(granted.triangleBudget),
+      terrain(std::move(ground)),
+      pool(std::move(workers)),
+      horizon(terrain),
+      mesh(terrain, granted.triangleBudget, metricOf(granted.metric)),
+      effective(granted.threshold) {}
+
+refinement::View Pipeline::State::view() const {
+  return {motion.camera, mesh.mesh().anchor(), motion.travel, motion.turn, motion.moving, settings.metric == wire::Metric::kArea};
+}
+
+// ---- refine ----
+
+void Pipeline::State::fitBudget() {
+  live = 0;
+  for (const Leaf* leaf : mesh.leaves()) live += mesh.mesh().triangulation().triangleCount(leaf->region);
+  fill = static_cast<double>(live) / settings.triangleBudget;
+  if (fill > 0.98)
+    effective = std::min(effective * 1.05, kMostRaised * settings.threshold);
+  else if (fill < 0.95)
+    effective = std::max(settings.threshold, effective * 0.95);
+}
+
+void Pipeline::State::castHorizon(refinement::View& view, double ground) {
+  if (isThesis()) return;
+  const std::vector<int>& rays = horizon.follow(motion.camera, motion.camera.pose.y - ground, motion.moving, refinement::kWidening);
+  pool->forEach(rays.size(), 16, [&](std::size_t k) { horizon.cast(rays[k]); });
+  view.horizon = &horizon;
+}
+
+void Pipeline::State::findWork(const refinement::View& view) {
+  const RemovalLimits removal = removalLimits(isThesis(), effective, fill);
+  const camera::Pose& pose = motion.camera.pose;
+  const auto& leafs = mesh.leaves();
+  pool->forEach(leafs.size(), 16, [&](std::size_t k) {
+    Leaf& leaf = *leafs[k];
+    const refinement::HeightRange& ground = mesh.mesh().ground(leaf.region);
+    const double side = static_cast<double>(leaf.address.side()) * lattice::kMetresPerStep;
+    const double x = static_cast<double>(leaf.address.x() - pose.x) * lattice::kMetresPerStep,
+                 z = static_cast<double>(leaf.address.z() - pose.z) * lattice::kMetresPerStep;
+    // Triangles straddle borders by less than half a side.
+    const camera::Vec3 low{x - side / 2, ground.low * lattice::kMetresPerStep - pose.y - 1, z - side / 2},
+        high{x + 1.5 * side, ground.high * lattice::kMetresPerStep - pose.y + 1, z + 1.5 * side};
+    leaf.visible = view.wide.mayIntersect(low, high);
+    leaf.work.inserted = leaf.work.removed = 0;
+    leaf.work.removalLimit = leaf.visible ? removal.inside : removal.outside;
+    leaf.work.pending.clear();
+    if (leaf.visible) mesh.mesh().findWanted(leaf.region, view, effective, leaf.work);
+    mesh.mesh().findRemovable(leaf.region, view, leaf.work);
+  });
+}
+
+void Pipeline::State::limitInsertions(const refinement::View& view) {
+  left = 0;
+  std::size_t wanted = 0;
+  for (const Leaf* leaf : mesh.leaves()) wanted += leaf->work.pending.size();
+  const std::size_t budgeted = settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0,
+                    room = std::min(insertionLimit, budgeted);
+  const bool forNow = budgeted >= insertionLimit || isThesis();  // what is postponed comes next
+  if (wanted <= room) return;
+  std::vector<Pending> all;
+  all.reserve(wanted);
+  for (const Leaf* leaf : mesh.leaves()) all.insert(all.end(), leaf->work.pending.begin(), leaf->work.pending.end());
+  const auto postpone = [&](Leaf& leaf, std::size_t from) {
+    for (std::size_t k = from; k < leaf.work.pending.size(); ++k) {
+      const double error = mesh.mesh().postpone(leaf.work.pending[k], leaf.region, view);
+      if (!forNow) left = std::max(left, error);
+    }
+    leaf.work.pending.resize(from);
+  };
+  if (room == 0) {
+    for (Leaf* leaf : mesh.leaves()) postpone(*leaf, 0);
+    return;
+  }
+  std::nth_element(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(room - 1), all.end());
+  const Pending last = all[room - 1];
+  for (Leaf* leaf : mesh.leaves())
+    postpone(*leaf, static_cast<std::size_t>(std::upper_bound(leaf->work.pending.begin(), leaf->work.pending.end(), last) -
+                                             leaf->work.pending.begin()));
+}
+
+void Pipeline::State::evaluate(const refinement::View* view) {
+  thread_local std::vector<Leaf*> changed;
+  changed.clear();
+  mesh.forEachChanged([&](std::size_t k) { changed.push_back(mesh.leaves()[k]); });
+  pool->forEach(changed.size(), 4, [&, list = changed.data()](std::size_t k) { mesh.mesh().evaluateFresh(list[k]->region, view); });
+}
+
+void Pipeline::State::evaluateInView(const refinement::View& view) {
+  pool->forEach(mesh.leaves().size(), 4, [&](std::size_t k) {
+    const Leaf& leaf = *mesh.leaves()[k];
+    const triangulation::Point2 low = mesh.mesh().local({leaf.address.x(), leaf.address.z()});
+    // Triangles straddle borders by less than half a side.
+    const auto half = static_cast<std::int32_t>(leaf.address.side() / 2);
+    const auto corner = [&](int i, int j) { return view.relative(low.x + i * half, low.z + j * half, 0); };
+    if (!view.sector.misses(std::array{corner(-1, -1), corner(-1, 3), corner(3, -1), corner(3, 3)}))
+      mesh.mesh().evaluateAll(leaf.region, view);
+  });
+}
+
+// ---- triangulate ----
+
+std::uint32_t Pipeline::State::change(const refinement::View& view) {
+  std::vector<Leaf*> busy;
+  std::vector<std::span<const std::uint32_t>> writeSets;
+  for (Leaf* leaf : mesh.leaves()) {
+    if (leaf->work.pending.empty() && leaf->work.removable.empty()) continue;
+    busy.push_back(leaf);
+    writeSets.push_back(leaf->writeSet);
+  }
+  refinement::AdaptiveMesh& m = mesh.mesh();
+  const auto [tasks, order] = scheduling::colour(writeSets, m.triangulation().regionLimit());
+  pool->forEachOrdered(order, [&, tasks = tasks.data()](std::size_t k) {
+    thread_local triangulation::WriteSet set;
+    Leaf& leaf = *busy[tasks[k]];
+    set.allow(leaf.writeSet);
+    m.removeUnneeded(leaf.region, view, set, leaf.work);
+    m.insertWanted(leaf.region, view, set, leaf.work);
+    m.evaluateFresh(leaf.region, &view);  // while it is in the cache
+  });
+  std::size_t deferred = 0;
+  for (std::uint32_t task : tasks) {
+    Leaf& leaf = *busy[task];
+    deferred += leaf.work.deferred.size();
+    m.insertDeferred(leaf.region, view, leaf.work);
+  }
+  return static_cast<std::uint32_t>(deferred);
+}
+
+void Pipeline::State::publish(bool otherLeaves) {
+  const auto& leafs = mesh.leaves();
+  const auto& t = mesh.mesh().triangulation();
+  const auto state = [&](const Leaf& leaf) {
+    return ridgecast::mesh::LeafState{leaf.address, leaf.version, leaf.hash, t.triangleCount(leaf.region)};
+  };
+  const std::vector<std::size_t> changed = mesh.takeChanged();
+  for (std::size_t k : changed) leafs[k]->version = ++versions;
+  pool->forEach(changed.size(), 16, [&](std::size_t n) {
+    Leaf& leaf = *leafs[changed[n]];
+    leaf.hash = mesh.mesh().hash(leaf.region);
+  });
+  if (otherLeaves) {
+    leaves.clear();
+    for (const Leaf* leaf : leafs) leaves.push_back(state(*leaf));
+  } else {
+    for (std::size_t k : changed) leaves[k] = state(*leafs[k]);
+  }
+  live = 0;
+  for (const ridgecast::mesh::LeafState& leaf : leaves) live += leaf.triangles;
+}
+
+void Pipeline::State::describe(wire::Figures& figures) const {
+  figures.leaves = static_cast<std::uint32_t>(leaves.size());
+  for (const Leaf* leaf : mesh.leaves()) figures.visibleLeaves += leaf->visible;
+  figures.triangles = live;
+  figures.effectiveThreshold = std::max(effective, left);
+}
+
+}  // namespace ridgecast::pipeline

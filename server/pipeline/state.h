@@ -1,0 +1,75 @@
+#pragma once
+// What a pipeline keeps from one iteration to the next, and the steps of one (stages.cpp).
+
+#include <algorithm>
+
+#include "server/generation/camera_mesh.h"
+#include "server/pipeline/pipeline.h"
+#include "server/refinement/horizon.h"
+
+namespace ridgecast::pipeline {
+
+using generation::Leaf;
+
+// A close look tries points this many pixels apart for each pixel of the threshold, within bounds.
+inline constexpr double kClosely = 12, kLeastClosely = 4, kMostClosely = 100;
+// At most so many insertions an iteration, the most wanted first, so that the newest camera is never far away.
+inline constexpr std::size_t kMostInsertions = 24'000;
+
+// The way of the camera so far. (The quadtree measures its own: from the ground below, which goes up and down, too.)
+struct Motion {
+  camera::Camera camera;        // of the last iteration that did anything
+  double travel = 0, turn = 0;  // steps, radians
+  bool moving = false;          // since the iteration before
+  // `fromNothing`: the mesh is, so travel starts again: short ways then count beside it, however many long ones there were before.
+  void follow(const camera::Camera& now, bool fromNothing);
+};
+
+struct Pipeline::State {
+  State(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> workers);
+
+  bool isThesis() const { return settings.metric == wire::Metric::kThesis; }
+  double spacing() const { return std::clamp(kClosely * effective, kLeastClosely, kMostClosely); }
+  refinement::View view() const;
+
+  // Counts the triangles, and raises or lowers the threshold as the budget demands.
+  void fitBudget();
+  // What the ground hides; `ground`: its height below the camera. The thesis's metric knows nothing of that.
+  void castHorizon(refinement::View& view, double ground);
+  // Which leaves may be seen, which candidates they want, which vertices may go.
+  void findWork(const refinement::View& view);
+  // Keeps the most wanted insertions that the budget and one iteration have room for; ties by position.
+  void limitInsertions(const refinement::View& view);
+  // Removes, inserts, and evaluates what is fresh in the leaves that changed, in parallel where write sets are disjoint, with the result of
+  // doing it one leaf after the other. Returns how many insertions were deferred to the serial step at the end.
+  std::uint32_t change(const refinement::View& view);
+  // Chooses candidates for every fresh triangle. `view`: of the last findWork(), if there was one since triangles were generated.
+  void evaluate(const refinement::View* view);
+  // The same for all triangles of the leaves that may be seen.
+  void evaluateInView(const refinement::View& view);
+  // New versions and hashes for leaves whose triangles changed.
+  void publish(bool otherLeaves);
+  // The figures of what there is, as against those of what was done.
+  void describe(wire::Figures& figures) const;
+
+  wire::Settings settings;
+  std::uint32_t madeFor;  // triangles that the mesh has room for
+  std::shared_ptr<const terrain::Terrain> terrain;
+  std::shared_ptr<scheduling::Pool> pool;
+  refinement::Horizon horizon;
+  generation::CameraMesh mesh;
+  std::size_t insertionLimit = kMostInsertions;
+  double effective;        // threshold; above the granted one while the budget binds
+  double fill = 0;         // of the budget
+  double left = 0;         // the greatest error, as seen, of what the budget kept out
+  std::uint32_t live = 0;  // triangles owned by leaves
+  // A camera at rest for which nothing is left to do looks closely, once, and at whatever changes after that. Only then is the mesh
+  // settled.
+  bool closely = false;
+  bool settled = false;
+  Motion motion;
+  std::uint64_t versions = 0;
+  std::vector<ridgecast::mesh::LeafState> leaves;
+};
+
+}  // namespace ridgecast::pipeline

@@ -1,0 +1,203 @@
+#pragma once
+// A triangulation that follows the terrain: the triangles, a candidate for each, and what removing each vertex would cost. The only place
+// that changes them, so that they always belong together. Which regions there are, and when, is generation's business; which views there
+// are, the pipeline's.
+//
+// A triangle's *candidate* is the point of the true terrain that would improve the mesh most there, chosen once, when the triangle is new
+// (candidates.cpp). A vertex's *loss* is the error that its removal would make (coarsening.cpp). *Fixed* vertices are never removed.
+//
+// Positions are in steps relative to anchor(), heights in steps, absolute. Arrays grow resident with the mesh.
+//
+// Threads: what says "one region" touches only records of that region, so that different regions may be worked on at the same time; with a
+// write set, those of its regions. Everything else: one thread, alone.
+
+#include <atomic>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "common/mesh/leaf_mesh.h"
+#include "common/terrain/terrain.h"
+#include "server/refinement/records.h"
+#include "server/refinement/view.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::refinement {
+
+struct GridPoint {
+  lattice::Point at;  // absolute
+  std::int32_t y;     // the terrain's height
+};
+
+struct ListedCandidate {
+  triangulation::Point2 point;
+  std::int32_t y;  // steps: the terrain's height there
+  float pixels;    // between it and the mesh, as kPixels measures, whatever the metric
+
+  // The worst first; a total order that depends on values only.
+  friend bool operator<(const ListedCandidate& a, const ListedCandidate& b) {
+    if (a.pixels != b.pixels) return a.pixels > b.pixels;
+    return triangulation::smaller(a.point, b.point);
+  }
+};
+// Keeps the worst `most`, sorted.
+void keepWorst(std::vector<ListedCandidate>& candidates, std::size_t most);
+
+class AdaptiveMesh {
+ public:
+  using RegionId = triangulation::RegionId;
+  using VertexId = triangulation::VertexId;
+  using TriangleId = triangulation::TriangleId;
+
+  // The level to which vertices outside all regions are snapped.
+  static constexpr int kOutsideLevel = 8;
+
+  // `triangles`: room for so many. The partition answers relative to anchor().
+  AdaptiveMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, Metric metric,
+               const triangulation::Partition& partition);
+
+  // ---- the anchor: absolute steps ----
+  lattice::Point anchor() const { return anchor_; }
+  void setAnchor(lattice::Point anchor);  // everything stays where it is in the world
+  triangulation::Point2 local(lattice::Point p) const {
+    return {static_cast<std::int32_t>(p.x - anchor_.x), static_cast<std::int32_t>(p.z - anchor_.z)};
+  }
+  lattice::Point absolute(triangulation::Point2 p) const { return {anchor_.x + p.x, anchor_.z + p.z}; }
+
+  // ---- regions ----
+  RegionId addRegion(const triangulation::Square& square, int level);
+  void removeRegion(RegionId region) { mesh_.removeRegion(region); }  // must be empty
+  void clear() { mesh_.clear(); }                                     // regions stay
+  const HeightRange& ground(RegionId region) const { return regions_[region].ground; }
+  void addGround(RegionId region, const HeightRange& seen) { regions_[region].ground.add(seen); }
+  // As those of the triangulation. What is kept beside the records follows them.
+  void adopt(RegionId from, RegionId to) { mesh_.adopt(from, to); }
+  bool split(std::span<const RegionId> regions, const triangulation::Triangulation::Loop& loop);
+  void refile(RegionId region, std::vector<VertexId>& moved);  // appends the vertices that moved, by their new ids
+  void compact(RegionId region);
+  bool takeChanged(RegionId region) { return mesh_.takeChanged(region); }
+
+  // ---- fixed vertices ----
+  std::vector<std::int32_t> heightsAt(std::span<const lattice::Point> points);  // of the terrain; points absolute
+  // Starts an empty mesh.
+  void start(const GridPoint& a, const GridPoint& b, const GridPoint& c);
+  // Inserts points as fixed vertices, or fixes the vertices that are there. `hint`: a triangle to walk from; becomes one near the last
+  // point.
+  void insertGrid(std::span<const GridPoint> points, TriangleId& hint);
+  bool isFixed(VertexId v) const { return std::isinf(extras_[v].loss); }
+  void setFixed(VertexId v, bool fixed);  // one region
+  void drop(VertexId v);                  // fixed or not
+  // Snaps a vertex to the level of the region that holds it, where it is more than one level off.
+  void snap(VertexId v);
+
+  // ---- refinement ----
+  // Finds the candidates at or above the threshold. A wanted candidate is found once: whoever does not insert it must postpone() it. One
+  // region.
+  void findWanted(RegionId region, const View& view, double threshold, Work& work);
+  // Finds the vertices whose remembered loss is below work.removalLimit. One region.
+  void findRemovable(RegionId region, const View& view, Work& work);
+  // The candidate will be found again. Returns what is seen of its error. One region.
+  double postpone(const Pending& wanted, RegionId region, const View& view);
+  // Removes those removable vertices whose loss still is below the limit. By write set.
+  void removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
+  // Inserts what is pending; the rest is in work.deferred. By write set.
+  void insertWanted(RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
+  void insertDeferred(RegionId region, const View& view, Work& work);
+  // Chooses the candidates of the region's fresh triangles, and hashes them. `view`: of the last findWanted(); without it, all pages with
+  // fresh triangles are checked next time. One region.
+  void evaluateFresh(RegionId region, const View* view);
+  // The same for all of the region's triangles.
+  void evaluateAll(RegionId region, const View& view);
+
+  // ---- reading ----
+  const triangulation::Triangulation& triangulation() const { return mesh_; }
+  Candidate candidate(TriangleId t) const {
+    const CandidatePage& page = candidates_[t / CandidatePage::kSlots];
+    const std::uint32_t k = t % CandidatePage::kSlots;
+    return {{page.x[k], page.z[k]}, page.y[k], page.error[k]};
+  }
+  const CandidatePage& candidatePage(std::uint32_t page) const { return candidates_[page]; }
+  const PageScreen& screen(std::uint32_t page) const { return screens_[page]; }
+  const NextCheck& nextCheck(std::uint32_t page) const { return checks_[page]; }
+  const NextCheck& nextRegionCheck(RegionId region) const { return regions_[region].nextCheck; }
+  const VertexExtra& extra(VertexId v) const { return extras_[v]; }
+  // The region's hash (common/mesh). One region: sums again what changed.
+  std::uint64_t hash(RegionId region);
+  // The region as a leaf's mesh in canonical order. Any thread.
+  ridgecast::mesh::LeafMesh extract(RegionId region, lattice::LeafAddress leaf) const;
+  // Appends the candidates whose triangle, or the ground over it, the view's wide frustum may see, in any order, without the dormant ones.
+  // Any thread.
+  void list(RegionId region, const View& view, std::vector<ListedCandidate>& out) const;
+  std::size_t memoryBytes() const;
+  std::uint64_t heights() const { return heights_.load(std::memory_order_relaxed); }  // evaluated so far
+
+ private:
+  using Mask = triangulation::TrianglePages::Mask;
+
+  // storage and changes: adaptive_mesh.cpp
+  int levelAt(triangulation::Point2 p) const { return regions_[partition_.regionAt(p)].level; }
+  triangulation::Vertex vertexAt(const GridPoint& p) const;
+  triangulation::Moves moves(std::vector<VertexId>* moved);
+  void moveTriangles(std::span<const triangulation::Move> moves);
+  void moveVertices(std::span<const triangulation::Move> moves);
+  std::uint64_t mixedOf(VertexId v) const;
+  void keepExtra(VertexId v, std::int32_t fineY, int level, float loss);
+  void addCurvature(std::span<const VertexId> vertices);
+  bool insertOne(const Pending& wanted, RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
+  // The page of a candidate or a vertex is checked next time, whatever is known of it.
+  void wakeCandidate(TriangleId t, RegionId region) {
+    screens_[t / CandidatePage::kSlots].travel = -1;
+    checks_[t / CandidatePage::kSlots].travel = regions_[region].nextCheck.travel = kAlways;
+  }
+  void wakeVertex(VertexId v, RegionId region) {
+    PageLosses& page = losses_[v / triangulation::VertexPages::kSlots];
+    page.travel = -1;
+    page.nextCheck = regions_[region].nextLossCheck = kAlways;
+  }
+
+  // candidates.cpp
+  struct Scratch;
+  void takeFresh(RegionId region, const View* view, Scratch& scratch);
+  void readBatch(std::size_t begin, std::size_t count, Scratch& scratch);
+  void tryPoints(std::size_t begin, std::size_t count, int bits, const View* closely, Scratch& scratch) const;
+  void tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch) const;
+  void judgeTrials(int level, const View* closely, Scratch& scratch);
+  void storeCandidates(RegionId region, const View* view, Scratch& scratch);
+  void beginScreen(std::uint32_t page, double travel);
+  void setCandidate(TriangleId t, const Candidate& c);
+  void setHash(TriangleId t, std::uint64_t term);
+  void prefetchCandidate(TriangleId t) const;
+  void prefetchCorners(std::size_t k, const Scratch& scratch) const;
+
+  // screening.cpp
+  void screenPixels(RegionId region, const View& view, double threshold, std::vector<Pending>& out);
+  void screenThesis(RegionId region, const View& view, double threshold, std::vector<Pending>& out) const;
+  void collectDue(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due);
+  void checkPage(std::uint32_t page, const View& view, double threshold, std::vector<TriangleId>& wanted);
+  void judgeWanted(const std::vector<TriangleId>& wanted, const View& view, std::vector<Pending>& out);
+
+  // coarsening.cpp
+  void collectDueLosses(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due);
+  void checkLosses(std::uint32_t page, const View& view, double slope, std::vector<VertexId>& out);
+  void foldLoss(const triangulation::Vertex& p, VertexId v, float loss, RegionId region, const View& view);
+  float lossOf(VertexId v, bool area, triangulation::WriteSet& set) const;
+
+  triangulation::Triangulation mesh_;
+  const triangulation::Partition& partition_;
+  std::shared_ptr<const terrain::Terrain> terrain_;
+  Metric metric_;
+  lattice::Point anchor_;
+
+  triangulation::Records<CandidatePage> candidates_;  // by page of triangles
+  std::unique_ptr<NextCheck[]> checks_;               // by page of triangles
+  std::unique_ptr<PageScreen[]> screens_;             // by page of triangles
+  triangulation::Records<std::uint64_t> hashes_;      // by triangle: its term of its leaf's hash (common/mesh)
+  std::unique_ptr<PageLosses[]> losses_;              // by page of vertices
+  triangulation::Records<VertexExtra> extras_;        // by vertex
+  triangulation::Records<float> curvature_;           // by vertex, metres; of no length but for kThesis
+  std::vector<RegionState> regions_;                  // by region; as long as the largest id needs
+  std::atomic<std::uint64_t> heights_{0};
+  triangulation::WriteSet everything_;
+};
+
+}  // namespace ridgecast::refinement

@@ -1,0 +1,87 @@
+// What others read of a region: its hash, its mesh, its candidates.
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "server/refinement/adaptive_mesh.h"
+#include "server/refinement/triangle.h"
+
+namespace ridgecast::refinement {
+
+using triangulation::TrianglePages;
+
+// The sum over the region's triangles, of which only what changed is summed again.
+std::uint64_t AdaptiveMesh::hash(RegionId region) {
+  const TrianglePages& pages = mesh_.trianglePages();
+  std::uint64_t sum = 0;
+  for (std::uint32_t number : pages.pagesOf(region)) {
+    PageScreen& page = screens_[number];
+    const Mask alive = pages.aliveMask(number);
+    for (Mask m = page.hashed & ~alive; m != 0; m &= m - 1)
+      page.hash -= hashes_[number * CandidatePage::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
+    page.hashed &= alive;
+    sum += page.hash;
+  }
+  return sum;
+}
+
+mesh::LeafMesh AdaptiveMesh::extract(RegionId region, lattice::LeafAddress leaf) const {
+  mesh::LeafMesh out;
+  out.address = leaf;
+  const lattice::Step dx = anchor_.x - leaf.x(), dz = anchor_.z - leaf.z();
+  out.triangles.reserve(mesh_.triangleCount(region));
+  out.vertices.reserve(mesh_.triangleCount(region) / 2 + 16);
+  // By vertex: 1 + its place in the leaf, 0 between calls. Of each thread, as large as the largest mesh it has seen.
+  thread_local std::vector<std::uint32_t> places;
+  if (places.size() < mesh_.vertexCapacity()) places.resize(mesh_.vertexCapacity(), 0);
+  thread_local std::vector<VertexId> vertices;
+  vertices.clear();
+  const auto addTriangle = [&](TriangleId id) {
+    mesh::Triangle triangle;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const VertexId v = mesh_.triangle(id).v[k];
+      std::uint32_t& place = places[v];
+      if (place == 0) {
+        const auto& p = mesh_.vertex(v);
+        out.vertices.push_back({static_cast<std::int32_t>(dx + p.x), static_cast<std::int32_t>(dz + p.z), p.y});
+        vertices.push_back(v);
+        place = static_cast<std::uint32_t>(vertices.size());
+      }
+      triangle[k] = place - 1;
+    }
+    out.triangles.push_back(triangle);
+  };
+  const TrianglePages& pages = mesh_.trianglePages();
+  for (std::uint32_t page : pages.pagesOf(region)) {
+    const TriangleId first = page * TrianglePages::kSlots;
+    // Many cameras' meshes do not fit the cache: a page's corners are fetched together.
+    for (Mask m = pages.aliveMask(page); m != 0; m &= m - 1) mesh_.prefetchCorners(first + static_cast<TriangleId>(std::countr_zero(m)));
+    for (Mask m = pages.aliveMask(page); m != 0; m &= m - 1) addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
+  }
+  for (VertexId v : vertices) places[v] = 0;
+  mesh::canonicalize(out);
+  return out;
+}
+
+void AdaptiveMesh::list(RegionId region, const View& view, std::vector<ListedCandidate>& out) const {
+  mesh_.trianglePages().forEach(region, [&](TriangleId t) {
+    const Candidate c = candidate(t);
+    if (!(c.error > 0)) return;
+    const camera::Vec3 at = view.relative(c.point.x, c.point.z, c.y);
+    const double error = view.area ? c.error / areaWeight(mesh_, t) : c.error;
+    if (!view.wide.contains(at) && !view.wide.meets(cornersOf(mesh_, view, t), error * lattice::kMetresPerStep)) return;
+    const double flat = at.x * at.x + at.z * at.z, d2 = std::max(flat + at.y * at.y, 0.25);
+    const double pixels = error * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
+    out.push_back({c.point, c.y, static_cast<float>(pixels)});
+  });
+}
+
+void keepWorst(std::vector<ListedCandidate>& candidates, std::size_t most) {
+  if (candidates.size() > most) {
+    std::nth_element(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(most), candidates.end());
+    candidates.resize(most);
+  }
+  std::sort(candidates.begin(), candidates.end());
+}
+
+}  // namespace ridgecast::refinement

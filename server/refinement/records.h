@@ -1,0 +1,123 @@
+#pragma once
+// What refinement keeps beside the triangulation's records: a candidate for each triangle, a height and a loss for each vertex, and what
+// the last look at a page found (bounds.h says why).
+//
+// Positions are in steps relative to the mesh's anchor, heights in steps, absolute.
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::refinement {
+
+// kPixels  distance on screen, in pixels, between the candidate on the mesh and on the terrain, measured where the camera looks straight at
+// it:
+//          error x cos(elevation) x pixels per radian / distance. It does not depend on where the camera turns, so turning makes no thrash.
+// kArea    the same times the fourth root of the triangle's area in square pixels, seen face on at the candidate's distance: an error that
+//          covers more of the picture counts for more. The fewest triangles for a picture; no promise about any one pixel.
+// kThesis  (area in normalised device coordinates)^0.5 x 40 x (distance in normalised device coordinates), Cavallin and Pettersson 2019,
+//          algorithm 6, with the constants of their published program. A triangle that reaches behind the camera counts as large as the
+//          picture.
+enum class Metric { kPixels, kArea, kThesis };
+
+// Slots without a candidate lie here, so that they are nobody's nearest; steps, and its square's square fits a float.
+inline constexpr std::int32_t kFarAway = 1 << 29;
+inline constexpr double kAlways = -std::numeric_limits<double>::infinity();  // a next check that is always due
+
+struct HeightRange {  // steps
+  std::int32_t low = lattice::kMaxHeight, high = -lattice::kMaxHeight;
+  void add(const HeightRange& other) {
+    low = std::min(low, other.low);
+    high = std::max(high, other.high);
+  }
+};
+
+struct Candidate {
+  triangulation::Point2 point;
+  std::int32_t y;  // the terrain's height there, to the step (not snapped to a level)
+  float error;     // steps: |mesh - snapped terrain|, for kArea times the triangle's weight; negative: dormant; 0: there is no candidate
+};
+
+// The candidates of a page of triangles, so that screening reads one run of memory.
+struct alignas(64) CandidatePage {
+  static constexpr std::uint32_t kSlots = triangulation::TrianglePages::kSlots;
+  std::int32_t x[kSlots], z[kSlots], y[kSlots];
+  float error[kSlots];
+};
+
+// A page is checked again once the camera has travelled or turned this far. Stored separately: every iteration scans all of these.
+struct NextCheck {
+  double travel = kAlways, turn = kAlways;
+};
+
+struct alignas(64) PageScreen {
+  using Mask = triangulation::TrianglePages::Mask;
+  double travel = -1;       // of the camera when the bounds held; negative: there are none
+  float steepest = 0;       // of the candidates not wanted: the largest error / distance,
+  float seen = 0;           // the largest error x horizontal distance / distance^2, which is what is seen of it,
+  float nearest = 0;        // and the smallest distance of any candidate, steps
+  float dormantFor = 0;     // steps from dormantSince on, after which the first dormant candidate wakes
+  Mask dormant = 0;         // their errors are kept negative
+  Mask blank = 0;           // dead slots that hold no candidate, far away
+  double dormantSince = 0;  // travel when the first of them became dormant
+
+  // The page's share of its region's hash, here because whatever makes a triangle writes both.
+  std::uint64_t hash = 0;  // sum of the terms of the slots in `hashed`
+  Mask hashed = 0;
+};
+static_assert(sizeof(PageScreen) == 64);
+
+// As PageScreen, for the losses of a page of vertices.
+struct PageLosses {
+  double nextCheck = kAlways;
+  double travel = -1;
+  float leastSlope = 0;         // of any vertex that was not to go: loss as seen, pixels / pixels per radian
+  float flat = 0, nearest = 0;  // steps: smallest horizontal and smallest distance
+};
+
+struct alignas(64) RegionState {
+  // The earliest of the region's pages, valid for the limit that it was made for.
+  NextCheck nextCheck;
+  double skipped = 1;  // error / distance
+  double nextLossCheck = kAlways;
+  double skippedLoss = 1;
+  HeightRange ground;  // that was seen there
+  std::int32_t level = 0;
+};
+static_assert(sizeof(RegionState) == 64);
+
+struct VertexExtra {
+  std::uint64_t mixed;      // the vertex's part of its triangles' hashes (common/mesh)
+  float loss;               // steps: the error that removing it made when last looked at; infinite: the vertex is fixed
+  std::int32_t fineY : 27;  // the terrain's height to the step; the mesh's vertex is snapped
+  std::uint32_t level : 5;  // that the mesh's vertex is snapped to
+};
+static_assert(sizeof(VertexExtra) == 16 && lattice::kMaxHeight < (1 << 26));
+
+// A wanted candidate.
+struct Pending {
+  triangulation::TriangleId triangle;
+  triangulation::Point2 point;
+  float priority;  // the greater the earlier
+
+  // A total order that depends on values only.
+  friend bool operator<(const Pending& a, const Pending& b) {
+    if (a.priority != b.priority) return a.priority > b.priority;
+    return triangulation::smaller(a.point, b.point);
+  }
+};
+
+// What one iteration finds to do in a region, and what it did.
+struct Work {
+  double removalLimit = 0;                         // pixels of loss below which vertices go
+  std::vector<Pending> pending;                    // sorted
+  std::vector<triangulation::VertexId> removable;  // in the order of storage
+  std::uint32_t inserted = 0, removed = 0;
+  std::vector<Pending> deferred;  // their changes would have left the write set
+};
+
+}  // namespace ridgecast::refinement

@@ -1,0 +1,36 @@
+#pragma once
+// Geometry of one triangle of the mesh. Steps.
+
+#include <cmath>
+
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::refinement {
+
+// The height at a point of the plane through three vertices.
+inline double planeHeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c,
+                          triangulation::Point2 p) {
+  const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, px = double(p.x) - a.x,
+               pz = double(p.z) - a.z;
+  const double area = bz * cx - bx * cz;
+  const double wb = (pz * cx - px * cz) / area, wc = (bz * px - bx * pz) / area;
+  return a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y);
+}
+inline double heightOnTriangle(const triangulation::Triangulation& mesh, triangulation::TriangleId t, triangulation::Point2 p) {
+  const auto& v = mesh.triangle(t).v;
+  return planeHeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p);
+}
+
+// The fourth root of a triangle's area in square steps: its weight for Metric::kArea.
+inline double areaWeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c) {
+  const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, by = double(b.y) - a.y, cx = double(c.x) - a.x, cz = double(c.z) - a.z,
+               cy = double(c.y) - a.y;
+  const double nx = by * cz - bz * cy, ny = bz * cx - bx * cz, nz = bx * cy - by * cx;
+  return std::sqrt(std::sqrt(0.5 * std::sqrt(nx * nx + ny * ny + nz * nz)));
+}
+inline double areaWeight(const triangulation::Triangulation& mesh, triangulation::TriangleId t) {
+  const auto& v = mesh.triangle(t).v;
+  return areaWeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]));
+}
+
+}  // namespace ridgecast::refinement

@@ -1,0 +1,62 @@
+#pragma once
+// A camera as refinement sees it, for one iteration.
+
+#include <array>
+
+#include "common/camera/camera.h"
+#include "server/refinement/horizon.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::refinement {
+
+// Of the drawn frustum's tangents: what may be drawn soon.
+inline constexpr double kWidening = 1.31;
+// Dormant candidates outside the wide frustum wake when the camera has moved this share of the distance to their triangle, or turned this
+// far (radians), both in units of the angle by which the wide frustum is wider on each side than the drawn one.
+inline constexpr double kWakeMove = 0.58, kWakeTurn = 0.36;
+inline constexpr double kHiddenMargin = 2;     // pixels
+inline constexpr float kNearest = 0.5f * 256;  // steps: nearer than this nothing is refined further for being near
+
+// Positions are relative to the mesh's anchor.
+struct View {
+  // `travel` (steps) and `turn` (radians): how far this camera has moved and turned in its life; they only grow.
+  View(const camera::Camera& camera, lattice::Point anchor, double travel, double turn, bool moving, bool area = false);
+
+  std::int32_t x, z;  // steps
+  float y;            // steps, absolute
+  double pixelsPerRadian;
+  camera::Frustum wide;
+  camera::Sector sector;  // of what is drawn
+  camera::Vec3 forward, right, up;
+  double tanX, tanY;  // of the drawn half angles
+  double travel, turn;
+  double spare;        // radians: the wide frustum is wider by this on each side than the drawn one
+  bool moving;         // candidates are then inserted up to kSlack late (bounds.h); at rest, exactly
+  bool area;           // Metric::kArea
+  double gain;         // of an error at a distance, both in steps, gain x error x horizontal distance / distance^(power() + 1) is seen
+  double closely = 0;  // pixels: points no farther apart are tried in what is drawn (candidates.cpp); 0: the same few in each triangle
+  const Horizon* horizon = nullptr;  // not with Metric::kThesis; null: nothing is hidden
+  double power() const { return area ? 1.5 : 1; }
+  double wakeMove() const { return kWakeMove * spare; }
+  double wakeTurn() const { return kWakeTurn * spare; }
+
+  // Whether a point, in metres relative to the camera, lies behind other ground, and by more than kHiddenMargin.
+  bool hides(const camera::Vec3& p) const { return horizon && horizon->hidden(p, kHiddenMargin / pixelsPerRadian); }
+
+  // A point in metres relative to the camera.
+  camera::Vec3 relative(std::int32_t px, std::int32_t pz, double py) const {
+    return {(double(px) - x) * lattice::kMetresPerStep, (py - y) * lattice::kMetresPerStep, (double(pz) - z) * lattice::kMetresPerStep};
+  }
+};
+
+// A triangle's corners, in metres relative to the camera.
+inline std::array<camera::Vec3, 3> cornersOf(const triangulation::Triangulation& mesh, const View& view, triangulation::TriangleId t) {
+  std::array<camera::Vec3, 3> corners;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const triangulation::Vertex& v = mesh.vertex(mesh.triangle(t).v[k]);
+    corners[k] = view.relative(v.x, v.z, v.y);
+  }
+  return corners;
+}
+
+}  // namespace ridgecast::refinement
