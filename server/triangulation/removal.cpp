@@ -1,4 +1,4 @@
-// Removal of a vertex: its star is a star-shaped hole, filled by giving each base edge the corner whose circle is empty.
+// Removal of a vertex: its star is a star-shaped cavity, filled by giving each base edge the corner whose circle is empty.
 #include <algorithm>
 #include <cassert>
 
@@ -6,13 +6,13 @@
 
 namespace ridgecast::triangulation {
 
-// The star of v counter-clockwise: border_[i].from is a link vertex, border_[i].outer lies beyond the edge from -> to. False when the
+// The star of v counter-clockwise: boundary_[i].from is a link vertex, boundary_[i].outer lies beyond the edge from -> to. False when the
 // star or its ring leaves the write set. It begins at its smallest link vertex: which half-edge a vertex names depends on which thread was
 // last, and which slots the fill gets on where the star begins.
 bool Triangulation::collectStar(VertexId v, WriteSet& set) const {
-  auto& border = set.border_;
-  border.clear();
-  set.hole_.clear();
+  auto& boundary = set.boundary_;
+  boundary.clear();
+  set.cavity_.clear();
   const HalfEdge first = edgeOf(v);
   std::size_t least = 0;
   for (HalfEdge h = first;;) {
@@ -21,27 +21,27 @@ bool Triangulation::collectStar(VertexId v, WriteSet& set) const {
     assert(origin(h) == v);
     const HalfEdge opposite = next(h), outer = twin(opposite);
     if (!set.allows(triangles_.regionOf(outer >> 2))) return false;
-    set.hole_.push_back(t);
-    border.push_back({origin(opposite), origin(next(opposite)), outer, kOutside});
-    const VertexId link = border.back().from, smallest = border[least].from;
+    set.cavity_.push_back(t);
+    boundary.push_back({origin(opposite), origin(next(opposite)), outer, kOutside});
+    const VertexId link = boundary.back().from, smallest = boundary[least].from;
     if (smallest == kInfinite || (link != kInfinite && smaller(vertexRecords_[link].point(), vertexRecords_[smallest].point())))
-      least = border.size() - 1;
+      least = boundary.size() - 1;
     h = twin(previous(h));
     if (h == first) break;
   }
-  std::rotate(border.begin(), border.begin() + static_cast<std::ptrdiff_t>(least), border.end());
-  std::rotate(set.hole_.begin(), set.hole_.begin() + static_cast<std::ptrdiff_t>(least), set.hole_.end());
+  std::rotate(boundary.begin(), boundary.begin() + static_cast<std::ptrdiff_t>(least), boundary.end());
+  std::rotate(set.cavity_.begin(), set.cavity_.begin() + static_cast<std::ptrdiff_t>(least), set.cavity_.end());
   return true;
 }
 
-// Fills the polygon border_[0..n).from; new triangles in fill_, corners as indices, a < b < c, (c, a) the base.
+// Fills the polygon boundary_[0..n).from; new triangles in fill_, corners as indices, a < b < c, (c, a) the base.
 void Triangulation::fillStar(WriteSet& set) const {
-  const auto& border = set.border_;
-  const auto count = static_cast<std::uint32_t>(border.size());
-  const RegionId home = triangles_.regionOf(set.hole_.front());
+  const auto& boundary = set.boundary_;
+  const auto count = static_cast<std::uint32_t>(boundary.size());
+  const RegionId home = triangles_.regionOf(set.cavity_.front());
   auto& link = set.link_;
   link.resize(count);
-  for (std::uint32_t i = 0; i < count; ++i) link[i] = vertexRecords_[border[i].from].point();
+  for (std::uint32_t i = 0; i < count; ++i) link[i] = vertexRecords_[boundary[i].from].point();
   set.fill_.clear();
   set.spans_.clear();
   set.spans_.push_back({0, count - 1, 0});
@@ -53,7 +53,7 @@ void Triangulation::fillStar(WriteSet& set) const {
   while (!set.spans_.empty()) {
     const auto [i, j, parent] = set.spans_.back();
     set.spans_.pop_back();
-    const VertexId a = border[i].from, c = border[j].from;
+    const VertexId a = boundary[i].from, c = boundary[j].from;
     std::uint32_t best = j, infinite = j;
     if (a == kInfinite) {
       for (std::uint32_t m = i + 1; m < j; ++m)
@@ -63,7 +63,7 @@ void Triangulation::fillStar(WriteSet& set) const {
         if (best == j || beyond(link[i], link[best], link[m])) best = m;
     } else {
       for (std::uint32_t m = i + 1; m < j; ++m) {
-        if (border[m].from == kInfinite) {
+        if (boundary[m].from == kInfinite) {
           infinite = m;
           continue;
         }
@@ -74,7 +74,7 @@ void Triangulation::fillStar(WriteSet& set) const {
     }
     assert(best != j);
     RegionId region = kOutside;
-    if ((a != kInfinite) & (c != kInfinite) & (border[best].from != kInfinite))
+    if ((a != kInfinite) & (c != kInfinite) & (boundary[best].from != kInfinite))
       region = regionOfSum(link[i].x + link[best].x + link[j].x, link[i].z + link[best].z + link[j].z, home);
     const auto fill = static_cast<std::uint32_t>(set.fill_.size());
     set.fill_.push_back({i, best, j, region, kNoEdge, parent});
@@ -86,52 +86,43 @@ void Triangulation::fillStar(WriteSet& set) const {
 Change Triangulation::plan(VertexId v, WriteSet& set) const {
   assert(v != kInfinite);
   if (!set.allows(vertices_.regionOf(v)) || !collectStar(v, set)) return Change::kDeferred;
-  auto& border = set.border_;
+  auto& boundary = set.boundary_;
   // The first base should be finite, so that "nothing to its left" has a meaning.
-  const auto infinite = std::find_if(border.begin(), border.end(), [](const auto& b) { return b.from == kInfinite; });
-  if (infinite != border.end()) std::rotate(border.begin(), infinite == border.begin() ? border.end() - 1 : infinite - 1, border.end());
-  if (border.size() < 3) return Change::kRefused;
+  const auto infinite = std::find_if(boundary.begin(), boundary.end(), [](const auto& b) { return b.from == kInfinite; });
+  if (infinite != boundary.end())
+    std::rotate(boundary.begin(), infinite == boundary.begin() ? boundary.end() - 1 : infinite - 1, boundary.end());
+  if (boundary.size() < 3) return Change::kRefused;
   fillStar(set);
-  bool anyFinite = infinite == border.end();
+  bool anyFinite = infinite == boundary.end();
   for (const auto& f : set.fill_) {
     if (!set.allows(f.region)) return Change::kDeferred;
-    anyFinite = anyFinite || (border[f.a].from != kInfinite && border[f.b].from != kInfinite && border[f.c].from != kInfinite);
+    anyFinite = anyFinite || (boundary[f.a].from != kInfinite && boundary[f.b].from != kInfinite && boundary[f.c].from != kInfinite);
   }
   if (!anyFinite) {  // only a hull vertex can leave a line behind: look whether any finite triangle survives
-    const auto isHole = [&](TriangleId t) { return std::find(set.hole_.begin(), set.hole_.end(), t) != set.hole_.end(); };
-    for (const auto& b : border) anyFinite = anyFinite || (!isGhost(b.outer >> 2) && !isHole(b.outer >> 2));
+    const auto isRemoved = [&](TriangleId t) { return std::find(set.cavity_.begin(), set.cavity_.end(), t) != set.cavity_.end(); };
+    for (const auto& b : boundary) anyFinite = anyFinite || (!isGhost(b.outer >> 2) && !isRemoved(b.outer >> 2));
     if (!anyFinite) return Change::kRefused;
   }
-  return triangles_.hasFree(64 + static_cast<std::uint32_t>(border.size())) ? Change::kDone : Change::kFull;
+  return triangles_.hasFree(64 + static_cast<std::uint32_t>(boundary.size())) ? Change::kDone : Change::kFull;
 }
 
 Change Triangulation::apply(VertexId v, WriteSet& set) {
-  const auto& border = set.border_;
-  const RegionId home = triangles_.regionOf(set.hole_.front());
-  triangles_.markChanged(home);
-  std::size_t spare = 0;
-  for (TriangleId t : set.hole_) {
-    if (triangles_.regionOf(t) == home)
-      set.hole_[spare++] = t;
-    else
-      triangles_.release(t);
-  }
+  const auto& boundary = set.boundary_;
+  const RegionId home = triangles_.regionOf(set.cavity_.front());
+  std::size_t spare = emptyCavity(home, set);
   for (auto& f : set.fill_) {
-    if (f.region == home && spare > 0)
-      triangles_.renew(f.id = set.hole_[--spare]);
-    else
-      f.id = triangles_.allocate(f.region);
-    triangleRecords_[f.id] = {{border[f.a].from, border[f.b].from, border[f.c].from}, {kNoEdge, kNoEdge, kNoEdge}};
-    setEdge(border[f.a].from, 4 * f.id);
-    setEdge(border[f.b].from, 4 * f.id + 1);
-    setEdge(border[f.c].from, 4 * f.id + 2);
+    f.id = takeSlot(f.region, home, set, spare);
+    triangleRecords_[f.id] = {{boundary[f.a].from, boundary[f.b].from, boundary[f.c].from}, {kNoEdge, kNoEdge, kNoEdge}};
+    setEdge(boundary[f.a].from, 4 * f.id);
+    setEdge(boundary[f.b].from, 4 * f.id + 1);
+    setEdge(boundary[f.c].from, 4 * f.id + 2);
   }
-  while (spare > 0) triangles_.release(set.hole_[--spare]);
+  while (spare > 0) triangles_.release(set.cavity_[--spare]);
   for (std::size_t n = 0; n < set.fill_.size(); ++n) {
     const auto& f = set.fill_[n];
-    if (f.b - f.a == 1) link(4 * f.id, border[f.a].outer);
-    if (f.c - f.b == 1) link(4 * f.id + 1, border[f.b].outer);
-    link(4 * f.id + 2, n == 0 ? border.back().outer : 4 * set.fill_[f.parent >> 2].id + (f.parent & 3));
+    if (f.b - f.a == 1) link(4 * f.id, boundary[f.a].outer);
+    if (f.c - f.b == 1) link(4 * f.id + 1, boundary[f.b].outer);
+    link(4 * f.id + 2, n == 0 ? boundary.back().outer : 4 * set.fill_[f.parent >> 2].id + (f.parent & 3));
   }
   vertices_.release(v);
   return Change::kDone;

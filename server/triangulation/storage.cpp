@@ -147,7 +147,7 @@ void Pages<N>::release(std::uint32_t slot) {
   if (region.count == 0) {
     giveBackAll(region);
   } else if (page.alive == 0 && region.open.back() != number) {
-    // The page that is being filled stays: a change releases its hole and fills it again at once.
+    // The page that is being filled stays: a change releases its cavity and fills it again at once.
     region.open.erase(std::find(region.open.begin(), region.open.end(), number));
     region.pages[page.place] = region.pages.back();
     pages_[region.pages[page.place]].place = page.place;

@@ -1,4 +1,4 @@
-// Storage of the mesh, location, and insertion by the hole of Bowyer and Watson.
+// Storage of the mesh, location, and insertion by the cavity of Bowyer and Watson.
 #include "server/triangulation/triangulation.h"
 
 #include <algorithm>
@@ -124,7 +124,7 @@ bool Triangulation::ghostContains(const Triangle& t, const Point2& p) const {
   return side > 0 || (side == 0 && strictlyBetween(u, w, p));
 }
 
-inline bool Triangulation::holeContains(const Triangle& t, const Point2& p) const {
+inline bool Triangulation::conflicts(const Triangle& t, const Point2& p) const {
   if ((t.v[0] == kInfinite) | (t.v[1] == kInfinite) | (t.v[2] == kInfinite)) return ghostContains(t, p);
   return inCircle(vertexRecords_[t.v[0]].point(), vertexRecords_[t.v[1]].point(), vertexRecords_[t.v[2]].point(), p);
 }
@@ -144,103 +144,89 @@ inline Spot spotOf(const Vertex& v, const Point2& p) {
 
 }  // namespace
 
-// Whether the circle of the triangle beyond a door holds p. `spot` becomes the apex's.
+// Whether the circle of the triangle beyond an edge holds p. `spot` becomes the apex's.
 //
 // In-circle relative to p: lift(A) (B x C) + lift(B) (C x A) + lift(C) (A x B) for A, B, C counter-clockwise. Lifts and cross products are
 // exact, so only three products and two sums round: at most 3 x 2^-53 of the sum of magnitudes, and a little.
-inline bool Triangulation::opens(const WriteSet::Door& door, const Triangle& beyond, unsigned apex, const Point2& p,
+inline bool Triangulation::opens(const WriteSet::OpenEdge& edge, const Triangle& beyond, unsigned apex, const Point2& p,
                                  WriteSet::Spot& spot) const {
   const VertexId c = beyond.v[apex];
-  if ((c == kInfinite) | (door.from == kInfinite) | (door.to == kInfinite)) {
+  if ((c == kInfinite) | (edge.from == kInfinite) | (edge.to == kInfinite)) {
     if (c != kInfinite) spot = spotOf<WriteSet::Spot>(vertexRecords_[c], p);
     return ghostContains(beyond, p);
   }
   spot = spotOf<WriteSet::Spot>(vertexRecords_[c], p);
-  const WriteSet::Spot &A = door.b, &B = door.a, &C = spot;
+  const WriteSet::Spot &A = edge.b, &B = edge.a, &C = spot;
   const double u = A.lift * (B.z * C.x - B.x * C.z), v = B.lift * (C.z * A.x - C.x * A.z), w = C.lift * (A.z * B.x - A.x * B.z);
   const double det = u + v + w, bound = 4.5e-16 * (std::abs(u) + std::abs(v) + std::abs(w));
   if (det > bound) return true;
   if (det < -bound) return false;
-  return inCircle(vertexRecords_[door.to].point(), vertexRecords_[door.from].point(), vertexRecords_[c].point(), p);
+  return inCircle(vertexRecords_[edge.to].point(), vertexRecords_[edge.from].point(), vertexRecords_[c].point(), p);
+}
+
+// Walks outwards from the first triangle, turning right at every edge that is not opened: the boundary comes out counter-clockwise. The
+// cavity has no vertex inside, so its dual is a tree and nothing is met twice.
+inline bool Triangulation::findCavity(const Vertex& p, TriangleId at, RegionId home, WriteSet& set) const {
+  const Point2 point = p.point();
+  const Triangle& start = triangleRecords_[at];
+  auto& open = set.open_;
+  set.cavity_.assign(1, at);
+  set.boundary_.clear();
+  WriteSet::Spot corner[3];
+  for (HalfEdge h : start.twin) __builtin_prefetch(&vertexRecords_[triangleRecords_[h >> 2].v[before(h & 3)]]);
+  for (int k = 0; k < 3; ++k) corner[k] = spotOf<WriteSet::Spot>(vertexRecords_[start.v[k]], point);
+  // The edge at hand is kept out of the stack, where it would be read back just after it was written.
+  std::size_t top = 0;
+  WriteSet::OpenEdge edge{start.twin[0], start.v[0], start.v[1], corner[0], corner[1]};
+  open[top++] = {start.twin[2], start.v[2], start.v[0], corner[2], corner[0]};
+  open[top++] = {start.twin[1], start.v[1], start.v[2], corner[1], corner[2]};
+  for (;;) {
+    const TriangleId t = edge.outer >> 2;
+    const RegionId region = triangles_.regionOf(t);
+    if (region != home && !set.allows(region)) return false;
+    const Triangle& r = triangleRecords_[t];
+    const unsigned k1 = after(edge.outer & 3), k2 = before(edge.outer & 3);
+    WriteSet::Spot apex{};
+    if (opens(edge, r, k2, point, apex)) {
+      set.cavity_.push_back(t);
+      if (top == open.size()) open.resize(2 * open.size());
+      __builtin_prefetch(&triangleRecords_[r.twin[k1] >> 2]);
+      __builtin_prefetch(&triangleRecords_[r.twin[k2] >> 2]);
+      open[top++] = {r.twin[k2], r.v[k2], edge.to, apex, edge.b};
+      edge.outer = r.twin[k1];
+      edge.to = r.v[k2];
+      edge.b = apex;
+      continue;
+    }
+    RegionId filed = kOutside;
+    if ((edge.from != kInfinite) & (edge.to != kInfinite))
+      filed = regionOfSum(3 * p.x + static_cast<std::int32_t>(edge.a.x + edge.b.x),
+                          3 * p.z + static_cast<std::int32_t>(edge.a.z + edge.b.z), home);
+    if (filed != home && !set.allows(filed)) return false;
+    set.boundary_.push_back({edge.from, edge.to, edge.outer, filed});
+    if (top == 0) return true;
+    edge = open[--top];
+  }
 }
 
 Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made) {
-  const Point2 point = p.point();
   const RegionId home = triangles_.regionOf(at);
   if (!set.allows(home)) return Change::kDeferred;
   const Triangle& start = triangleRecords_[at];
   for (HalfEdge h : start.twin) __builtin_prefetch(&triangleRecords_[h >> 2]);
   for (VertexId v : start.v)
-    if (v != kInfinite && vertexRecords_[v].point() == point) return Change::kDuplicate;
-  assert(holeContains(start, point));
-
-  // Walk outwards from the first triangle, turning right at every closed door: the hole's border comes out counter-clockwise. The
-  // hole has no vertex inside, so its dual is a tree and nothing is met twice.
-  auto& hole = set.hole_;
-  auto& border = set.border_;
-  auto& doors = set.doors_;
-  hole.clear();
-  border.clear();
-  hole.push_back(at);
-  WriteSet::Spot corner[3];
-  for (HalfEdge h : start.twin) __builtin_prefetch(&vertexRecords_[triangleRecords_[h >> 2].v[before(h & 3)]]);
-  for (int k = 0; k < 3; ++k) corner[k] = spotOf<WriteSet::Spot>(vertexRecords_[start.v[k]], point);
-  // The door at hand is kept out of the stack, where it would be read back just after it was written.
-  std::size_t top = 0;
-  WriteSet::Door door{start.twin[0], start.v[0], start.v[1], corner[0], corner[1]};
-  doors[top++] = {start.twin[2], start.v[2], start.v[0], corner[2], corner[0]};
-  doors[top++] = {start.twin[1], start.v[1], start.v[2], corner[1], corner[2]};
-  for (;;) {
-    const TriangleId t = door.outer >> 2;
-    const RegionId region = triangles_.regionOf(t);
-    if (region != home && !set.allows(region)) return Change::kDeferred;
-    const Triangle& r = triangleRecords_[t];
-    const unsigned k1 = after(door.outer & 3), k2 = before(door.outer & 3);
-    WriteSet::Spot apex{};
-    if (opens(door, r, k2, point, apex)) {
-      hole.push_back(t);
-      if (top == doors.size()) doors.resize(2 * doors.size());
-      __builtin_prefetch(&triangleRecords_[r.twin[k1] >> 2]);
-      __builtin_prefetch(&triangleRecords_[r.twin[k2] >> 2]);
-      doors[top++] = {r.twin[k2], r.v[k2], door.to, apex, door.b};
-      door.outer = r.twin[k1];
-      door.to = r.v[k2];
-      door.b = apex;
-      continue;
-    }
-    RegionId filed = kOutside;
-    if ((door.from != kInfinite) & (door.to != kInfinite))
-      filed = regionOfSum(3 * p.x + static_cast<std::int32_t>(door.a.x + door.b.x),
-                          3 * p.z + static_cast<std::int32_t>(door.a.z + door.b.z), home);
-    if (filed != home && !set.allows(filed)) return Change::kDeferred;
-    border.push_back({door.from, door.to, door.outer, filed});
-    if (top == 0) break;
-    door = doors[--top];
-  }
-  const Square& square = squares_[home];
-  const RegionId vertexRegion = p.x >= square.x && p.x < square.x + square.side && p.z >= square.z && p.z < square.z + square.side
-                                    ? home
-                                    : partition_->regionAt(point);
+    if (v != kInfinite && vertexRecords_[v].point() == p.point()) return Change::kDuplicate;
+  assert(conflicts(start, p.point()));
+  if (!findCavity(p, at, home, set)) return Change::kDeferred;
+  const RegionId vertexRegion = regionOfSum(3 * p.x, 3 * p.z, home);
   if (!set.allows(vertexRegion)) return Change::kDeferred;
-  if (!triangles_.hasFree(64 + static_cast<std::uint32_t>(border.size())) || !vertices_.hasFree(64)) return Change::kFull;
+  if (!triangles_.hasFree(64 + static_cast<std::uint32_t>(set.boundary_.size())) || !vertices_.hasFree(64)) return Change::kFull;
 
   const VertexId v = vertices_.allocate(vertexRegion);
-  // Slots of the hole go to new triangles of the same region, mostly all of them.
-  triangles_.markChanged(home);
-  std::size_t spare = 0;
-  for (TriangleId t : hole) {
-    if (triangles_.regionOf(t) == home)
-      hole[spare++] = t;
-    else
-      triangles_.release(t);
-  }
+  std::size_t spare = emptyCavity(home, set);
   HalfEdge first = kNoEdge, last = kNoEdge;
-  for (const auto& b : border) {
-    TriangleId t;
-    if (b.region == home && spare > 0)
-      triangles_.renew(t = hole[--spare]);
-    else
-      t = triangles_.allocate(b.region);
+  for (const auto& b : set.boundary_) {
+    const TriangleId t = takeSlot(b.region, home, set, spare);
     Triangle& r = triangleRecords_[t];
     r.v[0] = v;
     r.v[1] = b.from;
@@ -253,7 +239,7 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
     last = 4 * t + 2;
     setEdge(b.from, 4 * t + 1);
   }
-  while (spare > 0) triangles_.release(hole[--spare]);
+  while (spare > 0) triangles_.release(set.cavity_[--spare]);
   link(last, first);
   vertexRecords_[v] = p;
   setEdge(v, first);
@@ -265,7 +251,7 @@ TriangleId Triangulation::locate(Point2 p, TriangleId from, const WriteSet& set)
   TriangleId t = from;
   if (isGhost(t)) {  // step into the hull
     const Triangle& r = triangleRecords_[t];
-    if (holeContains(r, p)) {
+    if (conflicts(r, p)) {
       const int k = r.v[0] == kInfinite ? 1 : r.v[1] == kInfinite ? 2 : 0;
       if (orientation(vertexRecords_[r.v[k]].point(), vertexRecords_[r.v[(k + 1) % 3]].point(), p) > 0) return t;
     }

@@ -87,10 +87,10 @@ class WriteSet {
   bool allows(RegionId r) const { return all_ || (r < stamp_.size() && stamp_[r] == current_); }
 
   // The last plan: the triangles of the star, and f(a, b, c) for the corners of each triangle that would fill it.
-  const std::vector<TriangleId>& star() const { return hole_; }
+  const std::vector<TriangleId>& star() const { return cavity_; }
   template <class F>
   void forEachFill(F&& f) const {
-    for (const Fill& t : fill_) f(border_[t.a].from, border_[t.b].from, border_[t.c].from);
+    for (const Fill& t : fill_) f(boundary_[t.a].from, boundary_[t.b].from, boundary_[t.c].from);
   }
 
  private:
@@ -102,18 +102,18 @@ class WriteSet {
     double x, z;  // steps, exact
     double lift;  // x x + z z, exact; NaN where a coordinate is too large for that, so that no filter decides
   };
-  struct Door {      // an edge of the hole, hole on its left, that may still be opened
-    HalfEdge outer;  // the half-edge that runs back, outside the hole
+  struct OpenEdge {  // an edge of the cavity so far, cavity on its left, that may still be opened
+    HalfEdge outer;  // the half-edge that runs back, outside the cavity
     VertexId from, to;
     Spot a, b;  // of from and to
   };
-  struct Border {  // an edge of the hole that stays
+  struct BoundaryEdge {  // an edge of the cavity that stays
     VertexId from, to;
     HalfEdge outer;
     RegionId region;  // of the new triangle (insertion)
   };
   struct Fill {             // a triangle of a removal's plan
-    std::uint32_t a, b, c;  // indices into border_ (their `from`)
+    std::uint32_t a, b, c;  // indices into boundary_ (their `from`)
     RegionId region;
     TriangleId id;
     std::uint32_t parent;  // 4 * the fill across the base (c, a) + its side
@@ -121,9 +121,9 @@ class WriteSet {
   struct Span {
     std::uint32_t from, to, parent;
   };
-  std::vector<TriangleId> hole_;
-  std::vector<Border> border_;
-  std::vector<Door> doors_ = std::vector<Door>(64);
+  std::vector<TriangleId> cavity_;
+  std::vector<BoundaryEdge> boundary_;
+  std::vector<OpenEdge> open_ = std::vector<OpenEdge>(64);
   std::vector<Point2> link_;  // of the star that is filled
   std::vector<Fill> fill_;
   std::vector<Span> spans_;
@@ -185,7 +185,7 @@ class Triangulation {
   void prefetchNeighbours(TriangleId t) const {
     for (HalfEdge h : triangleRecords_[t].twin) __builtin_prefetch(&triangleRecords_[h >> 2]);
   }
-  // Removal in two steps: plan() fills the hole that v would leave, writing nothing but the set's scratch (kDone: there is a plan);
+  // Removal in two steps: plan() fills the cavity that v would leave, writing nothing but the set's scratch (kDone: there is a plan);
   // the plan can be looked at, and applied as long as nothing changed in between. remove() is both.
   Change plan(VertexId v, WriteSet& set) const;
   Change apply(VertexId v, WriteSet& set);
@@ -243,7 +243,7 @@ class Triangulation {
 
  private:
   void setEdge(VertexId v, HalfEdge h) { std::atomic_ref<HalfEdge>(vertexRecords_[v].edge).store(h, std::memory_order_relaxed); }
-  bool holeContains(const Triangle& t, const Point2& p) const;
+  bool conflicts(const Triangle& t, const Point2& p) const;  // the triangle's circle holds p
   bool ghostContains(const Triangle& t, const Point2& p) const;
   // The region of a triangle; `guess` is looked at first.
   RegionId regionOfCorners(VertexId a, VertexId b, VertexId c, RegionId guess) const;
@@ -261,9 +261,30 @@ class Triangulation {
   // The record at `from` is copied to `to` and everything that points to it follows.
   void moveTriangle(TriangleId from, TriangleId to);
   void moveVertex(VertexId from, VertexId to);
+  // The cavity that p makes, and its boundary, into the set's scratch; false when it leaves the set.
+  bool findCavity(const Vertex& p, TriangleId at, RegionId home, WriteSet& set) const;
+  // Slots of the cavity go to new triangles of the same region, mostly all of them; the others are released. Returns how many there are to
+  // take.
+  std::size_t emptyCavity(RegionId home, WriteSet& set) {
+    triangles_.markChanged(home);
+    std::size_t spare = 0;
+    for (TriangleId t : set.cavity_) {
+      if (triangles_.regionOf(t) == home)
+        set.cavity_[spare++] = t;
+      else
+        triangles_.release(t);
+    }
+    return spare;
+  }
+  TriangleId takeSlot(RegionId region, RegionId home, WriteSet& set, std::size_t& spare) {
+    if (region != home || spare == 0) return triangles_.allocate(region);
+    const TriangleId t = set.cavity_[--spare];
+    triangles_.renew(t);
+    return t;
+  }
   bool collectStar(VertexId v, WriteSet& set) const;
   void fillStar(WriteSet& set) const;
-  bool opens(const WriteSet::Door& door, const Triangle& beyond, unsigned apex, const Point2& p, WriteSet::Spot& spot) const;
+  bool opens(const WriteSet::OpenEdge& edge, const Triangle& beyond, unsigned apex, const Point2& p, WriteSet::Spot& spot) const;
 
   const Partition* partition_;
   TrianglePages triangles_;
