@@ -16,8 +16,8 @@
 #include "client/render/context.h"
 #include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
+#include "client/replica/client.h"
 #include "client/scene/exchange_tiles.h"
-#include "client/scene/scene.h"
 #include "common/camera/path.h"
 
 namespace ridgecast::evaluation {
@@ -39,11 +39,12 @@ int fail(int code, const std::string& message) {
 
 class Flight {
  public:
-  Flight(const FlyOptions& options, camera::Path path, std::unique_ptr<connection::Connection> connection, render::Drawing drawing,
+  Flight(const FlyOptions& options, camera::Path path, std::unique_ptr<replica::Client> client, render::Drawing drawing,
          render::Renderer renderer, Recorder recorder)
       : options_(options),
         path_(std::move(path)),
-        connection_(std::move(connection)),
+        client_(std::move(client)),
+        scene_(client_->scene()),
         terrain_(std::move(drawing.terrain)),
         window_(std::move(drawing.window)),
         renderer_(std::move(renderer)),
@@ -53,7 +54,6 @@ class Flight {
         nextPicture_(pictureEvery_),
         exportDue_(!options.exportFile.empty() && options.exportAt && *options.exportAt < duration_) {
     if (window_) texture_.emplace(window_->shape());
-    scene_.expectShades(connection_->world().shadedVertices);
   }
 
   Outcome<void> fly() {
@@ -85,10 +85,17 @@ class Flight {
   // A height map's tiles around the camera are waited for, so that the same flight gives the same pictures.
   Outcome<void> fetchTiles(lattice::Point p) {
     window_->moveTo(p);
+    if (client_->connection().reconnections() != reconnections_) {
+      reconnections_ = client_->connection().reconnections();
+      window_->forgetAsked();
+    }
     for (const auto began = Clock::now(); !window_->complete();) {
-      auto exchanged = scene::exchangeTiles(*connection_, *window_);
+      auto exchanged = scene::exchangeTiles(*client_->connection(), *window_);
       if (!exchanged) return exchanged.error();
-      if (connection_->error()) return ended();
+      if (const auto why = client_->connection()->error()) {
+        if (options_.realtime) break;  // it comes back
+        return *why;
+      }
       if (*exchanged) continue;
       if (Clock::now() - began > kPatience)
         return Error{"the server has not sent the heights around the camera for " + std::to_string(kPatience / 1s) + " s"};
@@ -104,7 +111,7 @@ class Flight {
         if (!broken_) broken_ = fetched.error();
         return 0;
       }
-    return terrain_ ? terrain_->height(p) : scene_.height(p).value_or(0);
+    return terrain_ && (!window_ || window_->knows(p)) ? terrain_->height(p) : scene_.height(p).value_or(0);
   }
 
   camera::Camera cameraAt(double t) {
@@ -118,7 +125,7 @@ class Flight {
   render::View view() const {
     render::View view;
     view.camera = camera_;
-    view.horizon = connection_->world().horizon;
+    view.horizon = client_->world().horizon;
     if (!terrain_) return view;
     const render::HeightBounds bounds = render::boundsAround(*terrain_, {camera_.pose.x, camera_.pose.z}, view.horizon);
     view.lowest = bounds.lowest;
@@ -138,26 +145,24 @@ class Flight {
   void sendPose(double t) {
     t_ = t;
     camera_ = cameraAt(t);
-    ++sequence_;
+    sequence_ = client_->send(camera_);
     sent_[sequence_] = {Clock::now(), t};
     if (sent_.size() > 4096) sent_.erase(sent_.begin());
-    connection_->send({sequence_, camera_});
   }
 
-  // Applies, judges and acknowledges one iteration.
-  Outcome<void> take(const connection::Received& received) {
-    const wire::Iteration& iteration = received.iteration;
+  // Measures and judges one iteration.
+  Outcome<void> take(const replica::Update& update) {
+    const wire::Iteration& iteration = update.iteration;
+    const auto began = Clock::now();
     IterationRecord record;
-    record.bytes = received.bytes;
+    record.bytes = update.bytes;
+    record.applyMs = update.milliseconds;
     if (const auto pose = sent_.find(iteration.poseSequence); pose != sent_.end()) {
-      record.latencyMs = secondsSince(pose->second.first) * 1e3;
+      record.latencyMs = secondsSince(pose->second.first) * 1e3 - update.milliseconds;
       record.t = pose->second.second;
       sent_.erase(sent_.begin(), pose);
     }
-    const auto began = Clock::now();
-    const auto applied = scene_.apply(iteration);
-    record.applyMs = secondsSince(began) * 1e3;
-    record.hashOk = applied && scene_.hash() == iteration.meshHash;
+    record.hashOk = !update.wrong;
     record.held = scene_.triangles();
     settled_ = iteration.settled && record.hashOk;
     if (options_.measureFrames && !options_.realtime) {
@@ -168,29 +173,16 @@ class Flight {
       auto drawn = renderer_.drawMesh(scene_, small);
       if (!drawn) return drawn.error();
       record.drawMs = drawn->milliseconds;
-      unmeasured_ += secondsSince(began) - record.applyMs / 1e3;
+      unmeasured_ += secondsSince(began);
     }
     if (auto added = recorder_.add(iteration, record); !added) return added.error();
-    if (!record.hashOk) {
-      const std::string why = applied ? "its hash differs from the server's" : applied.error().message;
-      std::fprintf(stderr, "warning: the mesh held after iteration %llu is not the server's (%s); asking for leaves again\n",
-                   static_cast<unsigned long long>(iteration.number), why.c_str());
+    if (update.wrong) {
+      std::fprintf(stderr, "warning: %s; asking for leaves again\n", update.wrong->message.c_str());
       if (recorder_.hashMismatches() > kMostMismatches)
         return Error{"the mesh held differed from the server's in more than " + std::to_string(kMostMismatches) +
-                     " iterations: the last time " + why};
-      if (!applied) scene_.clear();
-      // Leaves that are known to be wrong by name, and once; else all of them.
-      const bool known = scene_.damaged();
-      const auto damaged = scene_.takeDamaged();
-      if (!known || !damaged.empty()) connection_->resend({damaged});
+                     " iterations: the last time " + update.wrong->message};
     }
-    connection_->acknowledge({iteration.number, scene_.hash()});
     return {};
-  }
-
-  Error ended() const {
-    const auto why = connection_->error();
-    return why ? *why : Error{"the connection to the server has ended"};
   }
 
   // One pose and its iteration.
@@ -198,18 +190,9 @@ class Flight {
     const auto began = Clock::now();
     sendPose(t);
     if (broken_) return *broken_;
-    for (;;) {
-      if (const auto received = connection_->receive(1s)) {
-        const bool mine = received->iteration.poseSequence >= sequence_;
-        if (auto taken = take(*received); !taken) return taken.error();
-        if (mine) break;
-      } else if (connection_->error()) {
-        return ended();
-      } else if (Clock::now() - began > kPatience) {
-        return Error{"the server has not answered a pose for " + std::to_string(kPatience / 1s) +
-                     " s: look at its log, or ask for fewer triangles (--budget)"};
-      }
-    }
+    const auto update = client_->await(sequence_, kPatience);
+    if (!update) return update.error();
+    if (auto taken = take(*update); !taken) return taken.error();
     totals_.seconds += secondsSince(began) - std::exchange(unmeasured_, 0.0);
     progress();
     return {};
@@ -240,11 +223,9 @@ class Flight {
   Outcome<void> takeUntil(Clock::time_point until) {
     do {
       const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
-      if (const auto received = connection_->receive(std::max(left, 0ms))) {
-        if (auto taken = take(*received); !taken) return taken.error();
-        settledPose_ = settled_ ? received->iteration.poseSequence : 0;
-      } else if (connection_->error()) {
-        return ended();
+      if (const auto update = client_->receive(std::max(left, 0ms))) {
+        if (auto taken = take(*update); !taken) return taken.error();
+        settledPose_ = settled_ ? update->iteration.poseSequence : 0;
       }
     } while (Clock::now() < until);
     progress();
@@ -272,6 +253,7 @@ class Flight {
       if (auto taken = takeUntil(stepped + 50ms); !taken) return taken.error();
       totals_.seconds += secondsSince(stepped);
     }
+    if (const auto why = client_->connection().error()) return *why;
     totals_.settled = settledPose_ >= sequence_;
     return {};
   }
@@ -310,7 +292,7 @@ class Flight {
   }
 
   Outcome<void> exportMesh() {
-    const wire::World& world = connection_->world();
+    const wire::World& world = client_->world();
     if (auto written = writeGlb(scene_.leaves(), camera_.pose, {world.terrainName, world.seed}, options_.exportFile); !written)
       return written.error();
     std::fprintf(stderr, "%s: the %llu triangles held at %.2f s\n", options_.exportFile.c_str(),
@@ -323,7 +305,7 @@ class Flight {
     nextProgress_ = Clock::now() + 2s;
     std::fprintf(stderr, "%7.1f of %.1f s, iteration %llu, %llu triangles, %.1f MB received\n", t_, duration_,
                  static_cast<unsigned long long>(scene_.iteration()), static_cast<unsigned long long>(scene_.triangles()),
-                 static_cast<double>(connection_->bytesReceived()) / 1e6);
+                 static_cast<double>(client_->connection().bytesReceived()) / 1e6);
   }
 
   Outcome<void> conclude() {
@@ -345,16 +327,17 @@ class Flight {
                    popping->worstOff);
       totals_.popping = std::move(*popping);
     }
-    totals_.bytesReceived = connection_->bytesReceived();
+    totals_.bytesReceived = client_->connection().bytesReceived();
     totals_.pacing = options_.realtime ? "realtime" : "lockstep";
     totals_.path = options_.path.filename().string();
     totals_.renderer = render::contextDescription();
-    return recorder_.writeSummary(connection_->world(), scene_, view(), options_.supersample, totals_);
+    return recorder_.writeSummary(client_->world(), scene_, view(), options_.supersample, totals_);
   }
 
   const FlyOptions& options_;
   camera::Path path_;
-  std::unique_ptr<connection::Connection> connection_;
+  std::unique_ptr<replica::Client> client_;
+  const scene::Scene& scene_;
   std::shared_ptr<const terrain::Terrain> terrain_;
   std::shared_ptr<scene::HeightWindow> window_;  // of a height map; else null
   std::optional<render::HeightTexture> texture_;
@@ -362,14 +345,13 @@ class Flight {
   render::Renderer renderer_;
   Recorder recorder_;
   References lastMarch_{1};  // the picture at rest often is where the last one was
-  scene::Scene scene_;
   camera::Camera camera_;
 
   std::vector<render::Morph::Leaves> states_;  // of the standing camera, when popping is measured
   double t_ = 0, duration_, pictureEvery_, nextPicture_;
   bool exportDue_, exported_ = false, settled_ = false;
   double unmeasured_ = 0;  // seconds of this step that went into frames
-  std::uint64_t sequence_ = 0, settledPose_ = 0, pictures_ = 0;
+  std::uint64_t sequence_ = 0, settledPose_ = 0, pictures_ = 0, reconnections_ = 0;
   std::map<std::uint64_t, std::pair<Clock::time_point, double>> sent_;  // pose sequence -> when, path time; at most 4,096
   Clock::time_point nextProgress_ = Clock::now();
   Totals totals_;
@@ -389,7 +371,7 @@ int fly(const FlyOptions& options) {
   hello.clientName = "ridgecast-client fly";
   hello.settings = options.settings;
   hello.pacing = options.realtime ? wire::Pacing::kFree : wire::Pacing::kLockstep;
-  auto connected = connection::Connection::open(options.url, hello);
+  auto connected = replica::Client::open(options.url, hello, {.reconnects = options.realtime});
   if (!connected) return fail(kRuntimeFailure, connected.error().message);
   const wire::World& world = (*connected)->world();
   auto drawing = render::drawingOf(world, options.remoteShaders);

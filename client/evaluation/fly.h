@@ -1,7 +1,7 @@
 #pragma once
 // Flies a camera path without a window against a running server, and measures: the mesh held against a ray march of the same camera.
-// A lost connection ends the flight with an error: figures on both sides of a gap would not be those of one flight. The window and
-// connection/resuming.h come back by themselves.
+// In lock-step a lost connection ends the flight with an error: figures on both sides of a gap would not be those of one flight. By the
+// clock the flight goes on with what is held, and with the server once it is back.
 
 #include <cstdint>
 #include <filesystem>

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
-#include <future>
 
 #include "common/wire/wire.h"
 
@@ -24,24 +23,24 @@ constexpr std::size_t kInFlight = 16;  // queries
 
 }  // namespace
 
-Ground::Ground(connection::Connection& connection, std::chrono::milliseconds patience)
-    : connection_(connection), patience_(patience), local_(builtInOf(connection.world())) {}
+Ground::Ground(const wire::World& world, Ask ask, std::chrono::milliseconds timeout)
+    : ask_(std::move(ask)), timeout_(timeout), local_(builtInOf(world)) {}
 
 // `count` things in batches of `each`, `numbers` of the answer to each thing.
 template <class Number, class Make, class Take>
 Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                           const Take& take) {
-  const auto until = std::chrono::steady_clock::now() + patience_;
+  const auto until = std::chrono::steady_clock::now() + timeout_;
   std::deque<std::future<Outcome<wire::Answer>>> open;
   std::size_t asked = 0, taken = 0;
   while (taken < count) {
     while (asked < count && open.size() < kInFlight) {
       const std::size_t n = std::min(each, count - asked);
-      open.push_back(connection_.ask(make(asked, n)));
+      open.push_back(ask_(make(asked, n)));
       asked += n;
     }
     if (open.front().wait_until(until) != std::future_status::ready)
-      return Error{"the server did not answer a query within " + std::to_string(patience_.count()) + " ms"};
+      return Error{"the server did not answer a query within " + std::to_string(timeout_.count()) + " ms"};
     auto answer = open.front().get();
     open.pop_front();
     if (!answer) return answer.error();

@@ -9,14 +9,17 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
+#include <future>
 #include <memory>
 #include <span>
+#include <utility>
 
-#include "client/connection/connection.h"
 #include "common/ground/ground.h"
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
+#include "common/wire/messages.h"
 
 namespace ridgecast::query {
 
@@ -27,8 +30,11 @@ class Ground {
  public:
   enum class Source { kLocal, kServer };
 
-  // `connection` must outlive this where the source is the server. `patience`: how long one call may wait for it.
-  explicit Ground(connection::Connection& connection, std::chrono::milliseconds patience = std::chrono::seconds(10));
+  // `connection`, a Connection or a ReconnectingConnection, must outlive this where the source is the server. `timeout`: of one call.
+  template <class Connection>
+  explicit Ground(Connection& connection, std::chrono::milliseconds timeout = std::chrono::seconds(10))
+      : Ground(
+            connection.world(), [&connection](wire::Query query) { return connection.ask(std::move(query)); }, timeout) {}
 
   Source source() const { return local_ ? Source::kLocal : Source::kServer; }
 
@@ -45,11 +51,13 @@ class Ground {
   Outcome<double> height(double x, double z);
 
  private:
+  using Ask = std::function<std::future<Outcome<wire::Answer>>(wire::Query)>;
+  Ground(const wire::World& world, Ask ask, std::chrono::milliseconds timeout);
   template <class Number, class Make, class Take>
   Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make, const Take& take);
 
-  connection::Connection& connection_;
-  const std::chrono::milliseconds patience_;
+  const Ask ask_;
+  const std::chrono::milliseconds timeout_;
   std::shared_ptr<const terrain::Terrain> local_;  // null: ask the server
 };
 

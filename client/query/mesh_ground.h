@@ -38,6 +38,6 @@ struct Patch {
   double error = 0;
 };
 Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
-                            std::chrono::milliseconds patience = std::chrono::seconds(30));
+                            std::chrono::milliseconds timeout = std::chrono::seconds(30));
 
 }  // namespace ridgecast::query

@@ -272,6 +272,12 @@ std::vector<lattice::LeafAddress> Scene::takeDamaged() {
   return out;
 }
 
+void Scene::reconnect() {
+  iteration_ = 0;
+  damaged_.clear();
+  untold_.clear();
+}
+
 std::vector<wire::HeldLeaf> Scene::held() const {
   std::vector<wire::HeldLeaf> out;
   if (leaves_.size() > wire::kMaxResumed) return out;

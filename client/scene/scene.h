@@ -60,8 +60,9 @@ class Scene {
   std::vector<lattice::LeafAddress> takeDamaged();
   bool damaged() const { return !damaged_.empty(); }
 
-  // The connection was lost, and what is held stays: the next iteration is the first of another one.
-  void reconnect() { iteration_ = 0; }
+  // The connection was lost, and what is held stays: the next iteration is the first of another one. The server hears by held() what is
+  // damaged.
+  void reconnect();
   // What is held, to be named to a server; empty when it is more than a server takes.
   std::vector<wire::HeldLeaf> held() const;
 

@@ -9,18 +9,15 @@
 #include <stop_token>
 #include <string>
 
-#include "client/connection/resuming.h"
+#include "client/replica/client.h"
 
 namespace ridgecast::viewer {
 
-class Flight;
-
-// A connection, and the flight that it tells when it has come back.
+// A world that is connected to.
 struct Link {
   connection::Url url;
   wire::Settings settings;
-  std::unique_ptr<connection::Resuming> connection;
-  std::shared_ptr<Flight*> flight;
+  std::unique_ptr<replica::Client> client;
 
   static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting = {});
 };

@@ -62,6 +62,7 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
       link_(std::move(link)),
       terrain_(std::move(drawing.terrain)),
       heights_(std::move(drawing.window)),
+      scene_(link_.client->scene()),
       shade_(std::move(passes.shade)),
       mesh_(std::move(passes.mesh), std::move(passes.before), std::move(passes.morph), std::move(passes.structure),
             std::move(passes.correction), shade_),
@@ -70,12 +71,10 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
       controls_(startPose()),
       path_(options.path),
       shown_(std::move(kept.shown)) {
-  *link_.flight = this;
   overlay_.emplace(handle_, kept.started ? shown_.choices.textScale : options.textScale);
   listen();
-  const wire::World& world = link_.connection->world();
+  const wire::World& world = link_.client->world();
   if (heights_) texture_.emplace(heights_->shape());
-  scene_.expectShades(world.shadedVertices);
   if (!kept.started) {
     shown_.smooth = !options.reducedMotion;
     shown_.choices.invertY = options.invertY;
@@ -92,7 +91,6 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
   smoothSet_ = shown_.smooth;
   mesh_.setSmooth(shown_.smooth);
   mesh_.setCorrected(shown_.corrected);
-  contentHash_ = world.contentHash;
   shown_.world = world.terrainName + ", seed " + std::to_string(world.seed) + ", session " + world.session + ", from " + world.serverName;
   std::snprintf(shown_.choices.terrain.data(), shown_.choices.terrain.size(), "%s", world.terrainName.c_str());
   std::snprintf(shown_.choices.seed.data(), shown_.choices.seed.size(), "%u", world.seed);
@@ -101,7 +99,6 @@ Flight::Flight(const ViewOptions& options, Window& window, Link link, render::Dr
 }
 
 Flight::~Flight() {
-  if (*link_.flight == this) *link_.flight = nullptr;
   glfwSetWindowUserPointer(handle_, nullptr);
   glfwSetKeyCallback(handle_, nullptr);
   glfwSetCharCallback(handle_, nullptr);
@@ -170,12 +167,12 @@ std::optional<double> Flight::ground(lattice::Point p) const {
 // Whether the samples that are drawn with have changed.
 bool Flight::exchangeHeights() {
   if (!heights_) return false;
-  if (reconnections_ != link_.connection->reconnections()) {
-    reconnections_ = link_.connection->reconnections();
+  if (reconnections_ != link_.client->connection().reconnections()) {
+    reconnections_ = link_.client->connection().reconnections();
     heights_->forgetAsked();
   }
   heights_->moveTo({controls_.pose().x, controls_.pose().z});
-  if (auto exchanged = scene::exchangeTiles(*link_.connection, *heights_); !exchanged)
+  if (auto exchanged = scene::exchangeTiles(*link_.client->connection(), *heights_); !exchanged)
     std::fprintf(stderr, "warning: %s\n", exchanged.error().message.c_str());
   const std::uint64_t before = texture_->version();
   texture_->update(*heights_, 16);
@@ -195,7 +192,7 @@ camera::Projection Flight::projection() const {
 render::View Flight::currentView() {
   render::View view;
   view.camera = {controls_.pose(), projection()};
-  view.horizon = link_.connection->world().horizon;
+  view.horizon = link_.client->world().horizon;
   view.heights = texture_ ? &*texture_ : nullptr;
   if (terrain_) {
     const camera::Pose& pose = view.camera.pose;
@@ -296,7 +293,7 @@ void Flight::tellFigures() {
   if (counted >= 0.5) {
     shown_.framesPerSecond = static_cast<double>(std::exchange(framesCounted_, 0)) / counted;
     shown_.iterationsPerSecond = static_cast<double>(std::exchange(iterationsCounted_, 0)) / counted;
-    const std::uint64_t bytes = link_.connection->bytesReceived();
+    const std::uint64_t bytes = link_.client->connection().bytesReceived();
     shown_.history.bytes.add(static_cast<double>(bytes - std::exchange(bytesCounted_, bytes)) / counted / 1e3);
     shown_.history.triangles.add(static_cast<double>(shown_.triangles) / 1e3);
     countedSince_ = Clock::now();
@@ -308,7 +305,7 @@ void Flight::tellFigures() {
   shown_.marchMs = march_.milliseconds();
   shown_.coarseness = march_.coarseness();
   shown_.progress = march_.progress();
-  shown_.bytes = link_.connection->bytesReceived();
+  shown_.bytes = link_.client->connection().bytesReceived();
   shown_.x = formatMetres(pose.x);
   shown_.z = formatMetres(pose.z);
   shown_.y = pose.y;
@@ -337,7 +334,7 @@ void Flight::project(const camera::Camera& camera) {
     const camera::Vec3 at = between(camera.pose, seen.pose);
     const double away = std::sqrt(at.x * at.x + at.y * at.y + at.z * at.z);
     const auto spot = spotOf(camera, at);
-    if (!spot || away > 4 * link_.connection->world().horizon) continue;
+    if (!spot || away > 4 * link_.client->world().horizon) continue;
     char text[200];
     std::snprintf(text, sizeof text, "%.128s, %.0f m%s", other.member.name.empty() ? "somebody" : other.member.name.c_str(), away,
                   other.member.role == wire::Role::kSensor ? ", sensor" : "");

@@ -5,7 +5,6 @@
 #include <array>
 #include <chrono>
 #include <filesystem>
-#include <future>
 #include <map>
 #include <memory>
 #include <optional>
@@ -14,7 +13,6 @@
 #include <utility>
 #include <vector>
 
-#include "client/connection/resuming.h"
 #include "client/render/difference_pass.h"
 #include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
@@ -66,9 +64,6 @@ class Flight {
   };
   Ending run(std::chrono::steady_clock::time_point began);
 
-  // A new connection has begun: what is held of the last one. Another world than the one that is drawn is the end.
-  std::vector<wire::HeldLeaf> resume(const wire::World& world);
-
  private:
   using Clock = std::chrono::steady_clock;
   static Flight& self(GLFWwindow* w);
@@ -106,9 +101,7 @@ class Flight {
 
   // flight_server.cpp: what the server says
   void converse();
-  void prepare(wire::Iteration&& iteration);
-  void takePrepared();
-  void take(const wire::Iteration& iteration, const Outcome<void>& applied);
+  void take(const replica::Update& update);
   void sendPose();
   void lookForMembers();
   void lookForWorld();
@@ -136,7 +129,7 @@ class Flight {
   std::shared_ptr<scene::HeightWindow> heights_;     // of a height map, the same terrain; else null
   std::optional<render::HeightTexture> texture_;
   std::uint64_t reconnections_ = 0;
-  scene::Scene scene_;
+  const scene::Scene& scene_;
   render::ShadePass shade_;
   MeshPane mesh_;
   MarchPane march_;
@@ -156,12 +149,6 @@ class Flight {
   std::optional<connection::Roster> others_;
   std::uint64_t othersSeen_ = 0;
   std::optional<camera::Camera> frozen_;
-  // Decoding an iteration may take longer than a frame: beside the window, one at a time. The scene is only read meanwhile.
-  struct Preparing {
-    wire::Iteration iteration;
-    std::future<Outcome<scene::Scene::Prepared>> ready{};
-  };
-  std::unique_ptr<Preparing> preparing_;
   std::optional<Arrival> nextWorld_;
   std::optional<Link> arrived_;
 
@@ -174,7 +161,7 @@ class Flight {
   std::shared_ptr<const std::vector<wire::Candidate>> candidates_;  // as last heard; null: none are wanted
   std::map<std::uint64_t, Clock::time_point> sent_;                 // pose sequence -> when; at most 256
   Clock::time_point sentAt_{}, presentedAt_{}, countedSince_ = Clock::now(), hintedAt_{}, restructuredAt_{};
-  std::uint64_t sequence_ = 0, sceneVersion_ = 0, contentHash_ = 0, bytesCounted_ = 0;
+  std::uint64_t sceneVersion_ = 0, bytesCounted_ = 0;
   int framesCounted_ = 0, iterationsCounted_ = 0;
   std::optional<lattice::Point> boundsAt_;
   render::HeightBounds bounds_;

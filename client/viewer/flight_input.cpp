@@ -94,7 +94,7 @@ std::filesystem::path Flight::freeName(const std::string& ending) {
 
 void Flight::toggleRecord() {
   if (!recorder_) {
-    recorder_.emplace(link_.connection->world().terrainName, link_.connection->world().seed);
+    recorder_.emplace(link_.client->world().terrainName, link_.client->world().seed);
     return hint("recording");
   }
   const std::filesystem::path file = freeName(".json");

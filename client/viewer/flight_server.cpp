@@ -30,41 +30,25 @@ bool sameForServer(const camera::Camera& a, const camera::Camera& b) {
 }  // namespace
 
 Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting) {
-  Link link{url, settings, nullptr, std::make_shared<Flight*>(nullptr)};
   wire::Hello hello;
   hello.clientName = "ridgecast-client view";
   hello.settings = settings;
   hello.members = true;
-  auto connected = connection::Resuming::open(
-      url, hello,
-      [flight = link.flight](const wire::World& world) { return *flight ? (*flight)->resume(world) : std::vector<wire::HeldLeaf>(); },
-      waiting);
-  if (!connected) return connected.error();
-  link.connection = std::move(*connected);
-  return link;
-}
-
-std::vector<wire::HeldLeaf> Flight::resume(const wire::World& world) {
-  if (world.contentHash != contentHash_) {
-    otherWorld_ = true;
-    return {};
-  }
-  scene_.reconnect();
-  return scene_.held();
+  auto client = replica::Client::open(url, hello, {.waiting = waiting});
+  if (!client) return client.error();
+  return Link{url, settings, std::move(*client)};
 }
 
 void Flight::converse() {
   if (otherWorld_) return;
   for (int k = 0; k < 4; ++k) {  // a few at a time, while they are soon done: the window goes first
-    takePrepared();
-    if (preparing_) break;
-    auto received = link_.connection->receive(0ms);
-    if (!received) break;
-    prepare(std::move(received->iteration));
-    preparing_->ready.wait_for(kSoon);
+    const auto update = link_.client->poll(kSoon, glfwPostEmptyEvent);
+    if (!update) break;
+    take(*update);
   }
-  takePrepared();
-  const auto why = link_.connection->error();
+  const connection::ReconnectingConnection& connection = link_.client->connection();
+  otherWorld_ = connection.otherWorld();
+  const auto why = otherWorld_ ? std::nullopt : connection.error();
   if (otherWorld_) {
     shown_.message =
         "The server has another world now: enter it by F2, or start the viewer anew.\nThe picture shows what had arrived. Esc quits.";
@@ -85,47 +69,21 @@ void Flight::converse() {
   }
   lost_ = why.has_value();
   lookForMembers();
-  if (link_.connection->granted() != shownSettings_) showSettings();
+  if (connection->granted() != shownSettings_) showSettings();
   sendPose();
 }
 
 void Flight::lookForMembers() {
-  auto others = link_.connection->others(othersSeen_);
+  auto others = link_.client->connection()->others(othersSeen_);
   if (!others) return;
   othersSeen_ = others->version();
   others_ = std::move(*others);
   changed_ = true;
 }
 
-void Flight::prepare(wire::Iteration&& iteration) {
-  preparing_ = std::make_unique<Preparing>(Preparing{std::move(iteration)});
-  preparing_->ready = std::async(std::launch::async, [scene = &scene_, next = &preparing_->iteration] {
-    auto prepared = scene->prepare(*next);
-    glfwPostEmptyEvent();
-    return prepared;
-  });
-}
-
-void Flight::takePrepared() {
-  if (!preparing_ || preparing_->ready.wait_for(0ms) != std::future_status::ready) return;
-  auto prepared = preparing_->ready.get();
-  if (prepared) scene_.take(std::move(*prepared));
-  take(preparing_->iteration, prepared ? Outcome<void>() : Outcome<void>(prepared.error()));
-  preparing_.reset();
-}
-
-// Judges and acknowledges what was applied.
-void Flight::take(const wire::Iteration& iteration, const Outcome<void>& applied) {
-  const bool same = applied && scene_.hash() == iteration.meshHash;
-  if (applied && scene_.damaged()) {
-    if (const auto damaged = scene_.takeDamaged(); !damaged.empty()) link_.connection->resend({damaged});
-  } else if (!same) {
-    std::fprintf(stderr, "warning: the mesh held after iteration %llu is not the server's%s; asking for all leaves again\n",
-                 static_cast<unsigned long long>(iteration.number), applied ? "" : (" (" + applied.error().message + ")").c_str());
-    if (!applied) scene_.clear();
-    link_.connection->resend({});
-  }
-  link_.connection->acknowledge({iteration.number, scene_.hash()});
+void Flight::take(const replica::Update& update) {
+  const wire::Iteration& iteration = update.iteration;
+  if (update.wrong) std::fprintf(stderr, "warning: %s; asking for leaves again\n", update.wrong->message.c_str());
   ages_.update(scene_.leaves(), std::chrono::duration<double>(Clock::now().time_since_epoch()).count());
   ++sceneVersion_;
   ++iterationsCounted_;
@@ -133,8 +91,8 @@ void Flight::take(const wire::Iteration& iteration, const Outcome<void>& applied
   const std::array<double, 5> stages = {f.selectMs, f.generateMs, f.refineMs, f.triangulateMs, f.encodeMs};
   for (std::size_t k = 0; k < stages.size(); ++k) shown_.history.stages[k].add(stages[k]);
   building_.iterated(std::uint64_t{f.inserted} + f.removed, iteration.settled);
-  shown_.hashOk = same;
-  shown_.settled = iteration.settled && same;
+  shown_.hashOk = !update.wrong;
+  shown_.settled = iteration.settled && !update.wrong;
   shown_.iteration = iteration.number;
   shown_.triangles = scene_.triangles();
   shown_.leaves = scene_.leaves().size();
@@ -159,7 +117,7 @@ void Flight::wantCandidates(bool want) {
   if (want && !shown_.live) return hint("this server sends no candidates");
   shown_.candidates = want;
   link_.settings.candidates = want ? wire::kMaxCandidates : 0;
-  link_.connection->change(link_.settings);
+  link_.client->connection().change(link_.settings);
   if (!want) {
     candidates_.reset();
     shown_.candidateCount = 0;
@@ -169,7 +127,7 @@ void Flight::wantCandidates(bool want) {
 }
 
 double Flight::candidateUnit() const {
-  return link_.connection->granted().metric == wire::Metric::kPixels ? std::max(shown_.effectiveThreshold, 1e-3) : 1;
+  return link_.client->connection()->granted().metric == wire::Metric::kPixels ? std::max(shown_.effectiveThreshold, 1e-3) : 1;
 }
 
 void Flight::sendPose() {
@@ -178,9 +136,8 @@ void Flight::sendPose() {
   if (same || Clock::now() - sentAt_ < kPoseInterval) return;
   sentCamera_ = camera;
   sentAt_ = Clock::now();
-  sent_[++sequence_] = sentAt_;
+  sent_[link_.client->send(camera)] = sentAt_;
   if (sent_.size() > 256) sent_.erase(sent_.begin());
-  link_.connection->send({sequence_, camera});
 }
 
 void Flight::lookForWorld() {
@@ -211,9 +168,9 @@ void Flight::giveUpWorld() {
 }
 
 void Flight::showSettings() {
-  const wire::Settings granted = link_.connection->granted();
+  const wire::Settings granted = link_.client->connection()->granted();
   shownSettings_ = granted;
-  shown_.live = link_.connection->world().revision >= 2;
+  shown_.live = link_.client->world().revision >= 2;
   changed_ = true;
   Choices& c = shown_.choices;
   c.metric = static_cast<int>(granted.metric);
@@ -231,11 +188,11 @@ void Flight::changeSettings() {
   wire::Settings& asked = link_.settings;
   const auto metric = static_cast<wire::Metric>(c.metric);
   // Thresholds of two metrics have nothing to do with each other.
-  asked.threshold = metric == link_.connection->granted().metric ? static_cast<double>(c.threshold) : 0;
+  asked.threshold = metric == link_.client->connection()->granted().metric ? static_cast<double>(c.threshold) : 0;
   asked.metric = metric;
   asked.triangleBudget = static_cast<std::uint32_t>(c.triangles) * 1000;
   asked.bytesPerSecond = static_cast<std::uint64_t>(c.kilobytes) * 1000;
-  link_.connection->change(asked);
+  link_.client->connection().change(asked);
 }
 
 }  // namespace ridgecast::viewer

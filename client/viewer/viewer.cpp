@@ -32,7 +32,7 @@ int fail(int code, const std::string& message) {
 Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Point at) {
   window.moveTo(at);
   for (const auto began = Clock::now(); !window.complete() && Clock::now() - began < std::chrono::seconds(5);) {
-    if (auto exchanged = scene::exchangeTiles(*link.connection, window); !exchanged) return exchanged.error();
+    if (auto exchanged = scene::exchangeTiles(*link.client->connection(), window); !exchanged) return exchanged.error();
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   }
   return {};
@@ -90,7 +90,7 @@ int view(const ViewOptions& given) {
   auto link = std::move(*arrived);
   if (!link) return fail(1, link.error().message);
   for (Flight::Kept kept;;) {
-    const wire::World& world = link->connection->world();
+    const wire::World& world = link->client->world();
     auto drawing = render::drawingOf(world, options.remoteShaders);
     auto passes = render::createOrNeutral(world, drawing, Passes::create);
     if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());

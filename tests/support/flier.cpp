@@ -18,44 +18,35 @@ T orThrow(Outcome<T> outcome) {
   return std::move(*outcome);
 }
 
-std::unique_ptr<connection::Connection> connect(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) {
+std::unique_ptr<replica::Client> connect(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) {
   wire::Hello hello;
   hello.clientName = "ridgecast tests";
   hello.settings = settings;
   hello.pacing = pacing;
-  return orThrow(connection::Connection::open(orThrow(connection::parseUrl(url)), hello, kPatience));
+  return orThrow(replica::Client::open(orThrow(connection::parseUrl(url)), hello, {.reconnects = false, .timeout = kPatience}));
+}
+
+wire::Iteration agreed(replica::Update&& update) {
+  if (update.wrong) throw std::runtime_error(update.wrong->message);
+  return std::move(update.iteration);
 }
 
 }  // namespace
 
-Flier::Flier(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) : connection_(connect(url, settings, pacing)) {}
-
-std::uint64_t Flier::send(const camera::Camera& camera) {
-  connection_->send({++sequence_, camera});
-  return sequence_;
-}
+Flier::Flier(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) : client_(connect(url, settings, pacing)) {}
 
 std::optional<wire::Iteration> Flier::take(std::chrono::milliseconds patience) {
-  auto received = connection_->receive(patience);
-  if (!received) return {};
-  wire::Iteration& iteration = received->iteration;
-  const std::string which = "iteration " + std::to_string(iteration.number) + ": ";
-  if (const auto applied = scene_.apply(iteration); !applied) throw std::runtime_error(which + applied.error().message);
-  if (scene_.hash() != iteration.meshHash) throw std::runtime_error(which + "the mesh held is not the server's");
-  connection_->acknowledge({iteration.number, scene_.hash()});
-  return std::move(iteration);
+  auto update = client_->receive(patience);
+  if (!update) return {};
+  return agreed(std::move(*update));
 }
 
 wire::Iteration Flier::step(const camera::Camera& camera) {
   const std::uint64_t sequence = send(camera);
-  auto iteration = take(kPatience);
-  if (!iteration) {
-    const auto why = connection_->error();
-    throw std::runtime_error("pose " + std::to_string(sequence) + " was not answered: " + (why ? why->message : "silence"));
-  }
-  if (iteration->poseSequence != sequence)
-    throw std::runtime_error("pose " + std::to_string(sequence) + " was answered as " + std::to_string(iteration->poseSequence));
-  return std::move(*iteration);
+  wire::Iteration iteration = agreed(orThrow(client_->await(sequence, kPatience)));
+  if (iteration.poseSequence != sequence)
+    throw std::runtime_error("pose " + std::to_string(sequence) + " was answered as " + std::to_string(iteration.poseSequence));
+  return iteration;
 }
 
 int Flier::settle(const camera::Camera& camera, int most) {
@@ -66,7 +57,7 @@ int Flier::settle(const camera::Camera& camera, int most) {
 
 MeshReport Flier::check() const {
   std::vector<mesh::LeafMesh> leaves;
-  for (const auto& [address, held] : scene_.leaves()) leaves.push_back(*held.mesh);
+  for (const auto& [address, held] : scene().leaves()) leaves.push_back(*held.mesh);
   return checkMesh(leaves);
 }
 

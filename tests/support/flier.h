@@ -1,5 +1,5 @@
 #pragma once
-// A client without pictures: a connection and the scene it fills, in lock-step or by the clock, for tests that fly.
+// A client without pictures, in lock-step or by the clock, for tests that fly. It does not come back when its connection ends.
 
 #include <cstdint>
 #include <memory>
@@ -7,8 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
-#include "client/scene/scene.h"
+#include "client/replica/client.h"
 #include "common/camera/path.h"
 #include "common/terrain/terrain.h"
 #include "tests/support/mesh_check.h"
@@ -20,12 +19,12 @@ class Flier {
   // Throws std::runtime_error when it cannot connect.
   Flier(const std::string& url, const wire::Settings& settings, wire::Pacing pacing = wire::Pacing::kLockstep);
 
-  const wire::World& world() const { return connection_->world(); }
-  connection::Connection& connection() { return *connection_; }
-  const scene::Scene& scene() const { return scene_; }
+  const wire::World& world() const { return client_->world(); }
+  connection::ReconnectingConnection& connection() { return client_->connection(); }
+  const scene::Scene& scene() const { return client_->scene(); }
 
   // One pose, sent and not waited for; its sequence.
-  std::uint64_t send(const camera::Camera& camera);
+  std::uint64_t send(const camera::Camera& camera) { return client_->send(camera); }
   // Applies and acknowledges the next iteration; nothing when none came. Throws when it cannot be applied or the hash differs.
   std::optional<wire::Iteration> take(std::chrono::milliseconds patience);
   // One pose and its iteration. Throws when none comes.
@@ -36,9 +35,7 @@ class Flier {
   MeshReport check() const;
 
  private:
-  std::unique_ptr<connection::Connection> connection_;
-  scene::Scene scene_;
-  std::uint64_t sequence_ = 0;
+  std::unique_ptr<replica::Client> client_;
 };
 
 // A camera path over the terrain of a world, as `ridgecast-client fly` sees it.

@@ -143,14 +143,16 @@ void RawConnection::drain() {
   }
 }
 
-RawServer::RawServer(std::function<void(RawConnection&)> script) : listener_(loopbackListener(port_)) {
-  thread_ = std::thread([this, play = std::move(script)] {
-    pollfd waiting{.fd = listener_, .events = POLLIN, .revents = 0};
-    if (poll(&waiting, 1, 10'000) <= 0) return;
-    const int peer = accept(listener_, nullptr, nullptr);
-    RawConnection connection(peer);
-    play(connection);
-    close(peer);
+RawServer::RawServer(std::function<void(RawConnection&)> script, int connections) : listener_(loopbackListener(port_)) {
+  thread_ = std::thread([this, connections, play = std::move(script)] {
+    for (int k = 0; k < connections; ++k) {
+      pollfd waiting{.fd = listener_, .events = POLLIN, .revents = 0};
+      if (poll(&waiting, 1, 10'000) <= 0) return;
+      const int peer = accept(listener_, nullptr, nullptr);
+      RawConnection connection(peer);
+      play(connection);
+      close(peer);
+    }
   });
 }
 

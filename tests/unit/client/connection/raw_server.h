@@ -32,7 +32,8 @@ class RawConnection {
 
 class RawServer {
  public:
-  explicit RawServer(std::function<void(RawConnection&)> script);
+  // Plays the script with so many connections, one after the other.
+  explicit RawServer(std::function<void(RawConnection&)> script, int connections = 1);
   ~RawServer();  // waits for the script
   RawServer(const RawServer&) = delete;
   RawServer& operator=(const RawServer&) = delete;

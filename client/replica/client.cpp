@@ -1,0 +1,86 @@
+#include "client/replica/client.h"
+
+#include <string>
+#include <utility>
+
+namespace ridgecast::replica {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+using Prepared = scene::Scene::Prepared;
+
+Outcome<std::unique_ptr<Client>> Client::open(const connection::Url& url, const wire::Hello& hello, const Options& options) {
+  std::unique_ptr<Client> client(new Client);
+  auto opened = connection::ReconnectingConnection::open(
+      url, hello,
+      [client = client.get()] {
+        auto held = client->follower_.resume();
+        for (const wire::Resume& part : held) client->resumed_ += part.leaves.size();
+        return held;
+      },
+      options);
+  if (!opened) return opened.error();
+  client->connection_ = std::move(*opened);
+  client->follower_.expectShades(client->world().shadedVertices);
+  return client;
+}
+
+std::uint64_t Client::send(const camera::Camera& camera) {
+  connection_->send({++sequence_, camera});
+  return sequence_;
+}
+
+std::optional<Update> Client::receive(std::chrono::milliseconds timeout) {
+  if (decoding_) return poll(timeout, {});
+  auto received = connection_->receive(timeout);
+  if (!received) return std::nullopt;
+  Decoding decoding{std::move(*received)};
+  auto prepared = decode(decoding);
+  return answer(std::move(decoding), std::move(prepared));
+}
+
+Outcome<Update> Client::await(std::uint64_t sequence, std::chrono::milliseconds timeout) {
+  for (const auto until = Clock::now() + timeout;;) {
+    auto update = receive(std::chrono::ceil<std::chrono::milliseconds>(until - Clock::now()));
+    if (update && update->iteration.poseSequence >= sequence) return std::move(*update);
+    if (update) continue;
+    if (const auto why = connection_->error()) return *why;
+    return Error{"the server has not answered a pose for " + std::to_string(timeout / 1s) +
+                 " s: look at its log, or ask for fewer triangles"};
+  }
+}
+
+std::optional<Update> Client::poll(std::chrono::milliseconds soon, const std::function<void()>& ready) {
+  if (!decoding_) {
+    auto received = connection_->receive(0ms);
+    if (!received) return std::nullopt;
+    decoding_ = std::make_unique<Decoding>(Decoding{std::move(*received)});
+    decoding_->prepared = std::async(std::launch::async, [this, decoding = decoding_.get(), ready] {
+      auto prepared = decode(*decoding);
+      if (ready) ready();
+      return prepared;
+    });
+  }
+  if (decoding_->prepared.wait_for(soon) != std::future_status::ready) return std::nullopt;
+  const std::unique_ptr<Decoding> decoding = std::move(decoding_);
+  auto prepared = decoding->prepared.get();
+  return answer(std::move(*decoding), std::move(prepared));
+}
+
+Outcome<Prepared> Client::decode(Decoding& decoding) const {
+  const auto began = Clock::now();
+  auto prepared = follower_.prepare(decoding.received.iteration);
+  decoding.milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - began).count();
+  return prepared;
+}
+
+Update Client::answer(Decoding&& decoding, Outcome<Prepared> prepared) {
+  Update update{std::move(decoding.received.iteration), decoding.received.bytes, decoding.milliseconds, {}};
+  Follower::Answer answer = follower_.take(update.iteration, std::move(prepared));
+  if (answer.resend) (*connection_)->resend(*answer.resend);
+  (*connection_)->acknowledge(answer.acknowledge);
+  update.wrong = std::move(answer.wrong);
+  return update;
+}
+
+}  // namespace ridgecast::replica

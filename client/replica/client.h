@@ -1,0 +1,75 @@
+#pragma once
+// A program's end of a server's stream, whole: a connection that comes back by itself and the mesh that it keeps equal to the server's.
+//
+//     auto client = replica::Client::open(url, hello);
+//     (*client)->send(camera);
+//     while (auto update = (*client)->receive(timeout)) draw((*client)->scene());
+//
+// One owner; blocks only in open(), receive() and await().
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <future>
+#include <memory>
+#include <optional>
+
+#include "client/connection/reconnecting.h"
+#include "client/replica/follower.h"
+#include "client/scene/scene.h"
+#include "common/camera/camera.h"
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::replica {
+
+// An iteration that was applied and acknowledged.
+struct Update {
+  wire::Iteration iteration;
+  std::uint64_t bytes = 0;     // of its message
+  double milliseconds = 0;     // of decoding
+  std::optional<Error> wrong;  // why the mesh held is not the server's, and leaves were requested again; nothing: it is
+};
+
+class Client {
+ public:
+  using Options = connection::ReconnectingConnection::Options;
+  static Outcome<std::unique_ptr<Client>> open(const connection::Url& url, const wire::Hello& hello, const Options& options = {});
+
+  const scene::Scene& scene() const { return follower_.scene(); }
+  const wire::World& world() const { return connection_->world(); }  // good until receive(), poll() or await() is called
+  connection::ReconnectingConnection& connection() { return *connection_; }
+  const connection::ReconnectingConnection& connection() const { return *connection_; }
+  std::uint64_t resumed() const { return resumed_; }  // leaves that were named to later connections
+
+  // Never blocks. Returns the pose's sequence, ascending from 1.
+  std::uint64_t send(const camera::Camera& camera);
+
+  // The next iteration; nothing when none came within `timeout`. Why, connection().error() knows.
+  std::optional<Update> receive(std::chrono::milliseconds timeout);
+
+  // Receives until an iteration of this pose or a later one has come, which is returned. Errors: the connection is lost, or the server does
+  // not answer within `timeout`.
+  Outcome<Update> await(std::uint64_t sequence, std::chrono::milliseconds timeout);
+
+  // As receive(), but does not wait for an iteration to come, and no longer than `soon` until it is decoded: that goes on on a thread of its
+  // own, which calls `ready`, and a later call returns it. scene() may be read meanwhile.
+  std::optional<Update> poll(std::chrono::milliseconds soon, const std::function<void()>& ready);
+
+ private:
+  struct Decoding {
+    connection::Received received;
+    double milliseconds = 0;
+    std::future<Outcome<scene::Scene::Prepared>> prepared{};
+  };
+  Client() = default;
+  Outcome<scene::Scene::Prepared> decode(Decoding& decoding) const;
+  Update answer(Decoding&& decoding, Outcome<scene::Scene::Prepared> prepared);
+
+  Follower follower_;
+  std::unique_ptr<connection::ReconnectingConnection> connection_;  // never null
+  std::uint64_t sequence_ = 0, resumed_ = 0;
+  std::unique_ptr<Decoding> decoding_;
+};
+
+}  // namespace ridgecast::replica

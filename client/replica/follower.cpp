@@ -1,0 +1,36 @@
+#include "client/replica/follower.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::replica {
+
+Follower::Answer Follower::take(const wire::Iteration& iteration, Outcome<scene::Scene::Prepared> prepared) {
+  Answer answer;
+  prepared ? scene_.take(std::move(*prepared)) : scene_.clear();
+  if (!prepared || scene_.hash() != iteration.meshHash)
+    answer.wrong = Error{"the mesh held after iteration " + std::to_string(iteration.number) + " is not the server's (" +
+                         (prepared ? "its hash differs" : prepared.error().message) + ")"};
+  const bool known = scene_.damaged();
+  std::vector<lattice::LeafAddress> damaged = scene_.takeDamaged();
+  if (known ? !damaged.empty() : answer.wrong.has_value()) answer.resend = wire::ResendLeaves{std::move(damaged)};
+  answer.acknowledge = {iteration.number, scene_.hash()};
+  return answer;
+}
+
+std::vector<wire::Resume> Follower::resume() {
+  scene_.reconnect();
+  const std::vector<wire::HeldLeaf> held = scene_.held();
+  std::vector<wire::Resume> out;
+  for (auto at = held.begin(); at != held.end();) {
+    const auto end = at + std::min<std::ptrdiff_t>(held.end() - at, wire::kMaxResumeLeaves);
+    out.push_back({{at, end}});
+    at = end;
+  }
+  return out;
+}
+
+}  // namespace ridgecast::replica

@@ -1,0 +1,48 @@
+#pragma once
+// The copy of the server's mesh that a client holds, and what the server must hear about it: the counterpart of server/replica. Knows no
+// socket, thread or clock.
+//
+// The law: whatever is damaged, lost or resumed on the way, the mesh becomes the server's again. Each iteration is applied all or nothing
+// and its hash compared. Where they differ, leaves are requested again: those known to be wrong by name, once; otherwise all.
+//
+// Not thread-safe; one owner.
+
+#include <optional>
+#include <vector>
+
+#include "client/scene/scene.h"
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::replica {
+
+class Follower {
+ public:
+  // What the server must be told after an iteration, in this order.
+  struct Answer {
+    std::optional<wire::ResendLeaves> resend;
+    wire::Acknowledge acknowledge;
+    std::optional<Error> wrong;  // why the mesh held is not the server's; nothing: it is
+  };
+
+  // Before the first iteration: whether shades travel with the vertices (World.shaded_vertices).
+  void expectShades(bool expect) { scene_.expectShades(expect); }
+
+  // Iterations in the order of the connection.
+  Answer apply(const wire::Iteration& iteration) { return take(iteration, prepare(iteration)); }
+
+  // The same in two: prepare() decodes and may run on another thread while scene() is only read; take() is a matter of microseconds.
+  // Nothing may be applied in between.
+  Outcome<scene::Scene::Prepared> prepare(const wire::Iteration& iteration) const { return scene_.prepare(iteration); }
+  Answer take(const wire::Iteration& iteration, Outcome<scene::Scene::Prepared> prepared);
+
+  // Another connection to the same world begins: what to say before its first pose, so that only what is missing comes.
+  std::vector<wire::Resume> resume();
+
+  const scene::Scene& scene() const { return scene_; }
+
+ private:
+  scene::Scene scene_;
+};
+
+}  // namespace ridgecast::replica

@@ -1,0 +1,170 @@
+// A client against a server that lies, hangs up and comes back, at times with another world. (Real servers: tests/e2e/resume_test.cpp.)
+#include "client/replica/client.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "common/codec/codec.h"
+#include "common/wire/wire.h"
+#include "tests/support/leaf_meshes.h"
+#include "tests/support/waiting.h"
+#include "tests/unit/client/connection/raw_server.h"
+
+namespace ridgecast::replica {
+namespace {
+
+using namespace std::chrono_literals;
+using test::RawConnection;
+using test::RawServer;
+using testing_support::kPatience;
+
+connection::Url at(const RawServer& server) { return {.host = "127.0.0.1", .port = server.port(), .session = "default"}; }
+
+void greet(RawConnection& peer, std::uint64_t contentHash) {
+  peer.upgrade();
+  peer.readFrame();  // hello
+  wire::World world;
+  world.serverName = "raw";
+  world.session = "default";
+  world.terrainName = "alpine";
+  world.contentHash = contentHash;
+  world.horizon = 2000;
+  world.settings = {wire::Metric::kPixels, 1, 1000};
+  world.window = 3;
+  peer.sendFrame(wire::encode(wire::ServerMessage(world)));
+}
+
+// What the client says next.
+wire::ClientMessage read(RawConnection& peer) {
+  const std::string frame = peer.readFrame();
+  return wire::decodeClient({reinterpret_cast<const std::uint8_t*>(frame.data()), frame.size()}).value();
+}
+
+void sendIteration(RawConnection& peer, std::uint64_t number, std::uint64_t pose, const mesh::LeafMesh& leaf, bool truly = true) {
+  wire::Iteration it;
+  it.number = number;
+  it.poseSequence = pose;
+  it.meshHash = mesh::hashTerm(leaf.address, mesh::hashLeaf(leaf)) + (truly ? 0 : 1);
+  it.whole.push_back({leaf.address, static_cast<std::uint32_t>(leaf.vertices.size()), static_cast<std::uint32_t>(leaf.triangles.size()),
+                      codec::encodeLeaf(leaf)});
+  peer.sendFrame(wire::encode(wire::ServerMessage(it)));
+}
+
+mesh::LeafMesh anyLeaf() {
+  support::Random random(1);
+  return support::terrainLike(random, 4, 0);
+}
+
+TEST(Client, RequestsLeavesAgainBeforeItAcknowledgesAHashThatDiffers) {
+  const mesh::LeafMesh leaf = anyLeaf();
+  RawServer server([&](RawConnection& peer) {
+    greet(peer, 1);
+    const auto pose = std::get<wire::PoseMessage>(read(peer));
+    sendIteration(peer, 1, pose.sequence, leaf, false);
+    EXPECT_TRUE(std::get<wire::ResendLeaves>(read(peer)).leaves.empty());
+    EXPECT_EQ(std::get<wire::Acknowledge>(read(peer)).iteration, 1u);
+    sendIteration(peer, 2, pose.sequence, leaf);
+    EXPECT_EQ(std::get<wire::Acknowledge>(read(peer)).meshHash, mesh::hashTerm(leaf.address, mesh::hashLeaf(leaf)));
+    peer.drain();
+  });
+  const auto client = Client::open(at(server), {}).value();
+  const auto wrong = client->await(client->send({}), kPatience).value();
+  ASSERT_TRUE(wrong.wrong);
+  EXPECT_NE(wrong.wrong->message.find("its hash differs"), std::string::npos) << wrong.wrong->message;
+  const auto right = client->receive(kPatience);
+  ASSERT_TRUE(right);
+  EXPECT_FALSE(right->wrong);
+  EXPECT_GT(right->bytes, 0u);
+}
+
+TEST(Client, DecodesBesideTheOwnerAndSaysWhenItIsReady) {
+  const mesh::LeafMesh leaf = anyLeaf();
+  RawServer server([&](RawConnection& peer) {
+    greet(peer, 1);
+    sendIteration(peer, 1, 0, leaf);
+    EXPECT_EQ(std::get<wire::Acknowledge>(read(peer)).iteration, 1u);
+    peer.drain();
+  });
+  const auto client = Client::open(at(server), {}).value();
+  std::atomic<int> ready = 0;
+  std::optional<Update> update;
+  EXPECT_TRUE(testing_support::await([&] { return (update = client->poll(0ms, [&] { ++ready; })).has_value(); }));
+  EXPECT_EQ(ready, 1);
+  EXPECT_EQ(client->scene().triangles(), leaf.triangles.size());
+}
+
+TEST(Client, NamesWhatItHoldsToTheNextConnectionAndSendsItsPoseAgain) {
+  const mesh::LeafMesh leaf = anyLeaf();
+  int connections = 0;
+  RawServer server(
+      [&](RawConnection& peer) {
+        greet(peer, 1);
+        if (++connections == 1) {
+          sendIteration(peer, 1, std::get<wire::PoseMessage>(read(peer)).sequence, leaf);
+          read(peer);
+          return;
+        }
+        const auto held = std::get<wire::Resume>(read(peer)).leaves;
+        ASSERT_EQ(held.size(), 1u);
+        EXPECT_EQ(held[0].hash, mesh::hashLeaf(leaf));
+        EXPECT_EQ(std::get<wire::PoseMessage>(read(peer)).sequence, 1u);
+        sendIteration(peer, 1, 1, leaf);
+        read(peer);
+      },
+      2);
+  const auto client = Client::open(at(server), {}).value();
+  ASSERT_TRUE(client->await(client->send({}), kPatience));
+  const auto again = client->receive(kPatience);
+  ASSERT_TRUE(again);
+  EXPECT_FALSE(again->wrong);
+  EXPECT_EQ(client->connection().reconnections(), 1u);
+  EXPECT_EQ(client->resumed(), 1u);
+}
+
+TEST(Client, StaysWithWhatItHoldsWhereTheServerHasAnotherWorld) {
+  const mesh::LeafMesh leaf = anyLeaf();
+  std::uint64_t world = 0;
+  RawServer server(
+      [&](RawConnection& peer) {
+        greet(peer, ++world);
+        if (world > 1) return peer.drain();
+        sendIteration(peer, 1, 0, leaf);
+        read(peer);
+      },
+      2);
+  const auto client = Client::open(at(server), {}).value();
+  ASSERT_TRUE(client->receive(kPatience));
+  EXPECT_FALSE(client->receive(kPatience));
+  EXPECT_TRUE(client->connection().otherWorld());
+  EXPECT_TRUE(client->connection().error());
+  EXPECT_EQ(client->world().contentHash, 1u);
+  EXPECT_EQ(client->scene().triangles(), leaf.triangles.size());
+}
+
+TEST(Client, EndsWithItsConnectionWhereItIsToldTo) {
+  RawServer server([&](RawConnection& peer) { greet(peer, 1); });
+  const auto client = Client::open(at(server), {}, {.reconnects = false}).value();
+  const auto awaited = client->await(client->send({}), kPatience);
+  ASSERT_FALSE(awaited);
+  EXPECT_EQ(awaited.error().message, client->connection().error()->message);
+  EXPECT_EQ(client->connection().reconnections(), 0u);
+}
+
+TEST(Client, SaysThatNoAnswerCame) {
+  RawServer server([&](RawConnection& peer) {
+    greet(peer, 1);
+    peer.drain();
+  });
+  const auto client = Client::open(at(server), {}).value();
+  const auto awaited = client->await(client->send({}), 50ms);
+  ASSERT_FALSE(awaited);
+  EXPECT_NE(awaited.error().message.find("has not answered a pose"), std::string::npos) << awaited.error().message;
+}
+
+}  // namespace
+}  // namespace ridgecast::replica
