@@ -52,11 +52,11 @@ struct Waiting {
 
 class Connection {
  public:
-  // Connects, says hello, and returns when the world has arrived. Errors: nobody listens there, no answer within `patience` (of a server
+  // Connects, says hello, and returns when the world has arrived. Errors: nobody listens there, no answer within `timeout` (of a server
   // that may have to make the world, see Waiting), not a Ridgecast server, refused by the server (its own message). Each says what to try.
   // Looking up a host's name may take as long as the system's resolver does.
   static Outcome<std::unique_ptr<Connection>> open(const Url& url, const wire::Hello& hello,
-                                                   std::chrono::milliseconds patience = std::chrono::seconds(10),
+                                                   std::chrono::milliseconds timeout = std::chrono::seconds(10),
                                                    const Waiting& waiting = {});
   ~Connection();  // closes politely, waits at most 200 ms for it
   Connection(const Connection&) = delete;
@@ -64,7 +64,7 @@ class Connection {
 
   const wire::World& world() const;
 
-  // Never block. A pose that has not left yet is replaced by a newer one (free pacing) or queued (lock-step, at most kMaxPoses: one
+  // Never block, and do nothing once the connection has ended. A pose that has not left yet is replaced by a newer one (free pacing) or queued (lock-step, at most kMaxPoses: one
   // more ends the connection with an error). An acknowledgement that has not left yet is replaced by a newer one; leaves to be sent
   // again are collected, at most what one message holds: more ask for all.
   static constexpr std::size_t kMaxPoses = 64;
@@ -79,27 +79,27 @@ class Connection {
   // Those that have come since the last call.
   std::vector<wire::HeightTile> takeTiles();
 
-  // The next iteration, in order; nothing when none arrived within `patience` (0: do not wait) or when the connection has ended and
+  // The next iteration, in order; nothing when none arrived within `timeout` (0: do not wait) or when the connection has ended and
   // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations; a server that
   // sends more is disconnected.
-  std::optional<Received> receive(std::chrono::milliseconds patience);
+  std::optional<Received> receive(std::chrono::milliseconds timeout);
   // With hello.members: the other members, as last heard. `version` grows with everything that is heard; while it is `seen`, nothing is
   // copied and nothing returned.
   std::optional<Roster> others(std::uint64_t seen = 0) const;
 
   // With hello.clock: the session's clock, asked for again and again so that it stays good to a fraction of a round trip.
   SessionClock clock() const;
-  // Waits until something newer than `seen` (SessionClock::version) was heard; false when nothing was within `patience` or the connection
+  // Waits until something newer than `seen` (SessionClock::version) was heard; false when nothing was within `timeout` or the connection
   // has ended.
-  bool waitForClock(std::uint64_t seen, std::chrono::milliseconds patience) const;
-  // Never block. At most kMaxSayings of these wait to leave: one more ends the connection with an error.
-  static constexpr std::size_t kMaxSayings = 256;
+  bool waitForClock(std::uint64_t seen, std::chrono::milliseconds timeout) const;
+  // Never block. At most kMaxWaiting of these wait to leave: one more ends the connection with an error.
+  static constexpr std::size_t kMaxWaiting = 256;
   void setClock(const wire::SetClock& set);
   void step(const wire::Step& step);
   void stepDone(const wire::StepDone& done);
 
   // Questions to the server; `id` is set here. The future is ready when the answer has come, or with the error when the connection ends, the
-  // server knows no queries (World::revision 0), or more than kMaxSayings wait. No more than wire::kMaxQueries and wire::kMaxGrounds are on
+  // server knows no queries (World::revision 0), or more than kMaxWaiting wait. No more than wire::kMaxQueries and wire::kMaxGrounds are on
   // their way at a time; the others wait here. Futures may outlive the connection.
   std::future<Outcome<wire::Answer>> ask(wire::Query query);
   std::future<Outcome<wire::Ground>> askGround(const wire::AskGround& ask);
@@ -116,6 +116,8 @@ class Connection {
 
  private:
   struct Impl;
+  template <class Message>
+  void post(const Message& message);
   explicit Connection(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };

@@ -14,7 +14,7 @@
 #include <system_error>
 #include <utility>
 
-#include "client/connection/line.h"
+#include "common/transport/channel.h"
 
 namespace ridgecast::connection {
 
@@ -66,9 +66,9 @@ std::optional<Header> parse(std::string_view text) {
 
 class Download {
  public:
-  Download(const Url& url, const std::filesystem::path& file, std::chrono::milliseconds patience,
+  Download(const Url& url, const std::filesystem::path& file, std::chrono::milliseconds timeout,
            const std::function<void(const Progress&)>& tell)
-      : url_(url), file_(file), unfinished_(file.string() + "." + std::to_string(getpid()) + ".part"), patience_(patience), tell_(tell) {}
+      : url_(url), file_(file), unfinished_(file.string() + "." + std::to_string(getpid()) + ".part"), timeout_(timeout), tell_(tell) {}
   ~Download() {
     std::error_code ignored;
     if (!finished_) std::filesystem::remove(unfinished_, ignored);
@@ -90,12 +90,12 @@ class Download {
       context_.run_one_for(kTellEvery);
       context_.poll();
       if (Clock::now() - told_ >= kTellEvery) report();
-      if (!ended_ && Clock::now() - lastWord_ > patience_)
+      if (!ended_ && Clock::now() - lastWord_ > timeout_)
         end(header_ ? "the server sends nothing any more"
-                    : "no answer from " + where() + " within " + std::to_string(patience_.count() / 1000) + " s");
+                    : "no answer from " + where() + " within " + std::to_string(timeout_.count() / 1000) + " s");
       if (context_.stopped()) context_.restart();
     }
-    line_.hangUp();
+    channel_.close();
     if (error_) return *error_;
     out_.close();
     if (!out_) return cannotWrite();
@@ -104,7 +104,7 @@ class Download {
     if (failed) return cannotWrite();
     finished_ = true;
     report();
-    return received_;
+    return progress_.received;
   }
 
  private:
@@ -115,9 +115,9 @@ class Download {
 
   void report() {
     told_ = Clock::now();
-    if (tell_)
-      tell_({std::chrono::duration_cast<std::chrono::milliseconds>(told_ - begun_), received_, header_ ? header_->length.value_or(0) : 0,
-             work_});
+    progress_.waited = std::chrono::duration_cast<std::chrono::milliseconds>(told_ - begun_);
+    progress_.total = header_ ? header_->length.value_or(0) : 0;
+    if (tell_) tell_(progress_);
   }
   void end(std::string why) {
     if (ended_) return;
@@ -126,13 +126,13 @@ class Download {
   }
 
   void connect(const asio::ip::tcp::resolver::results_type& found) {
-    asio::async_connect(line_.socket(), found, [this](error_code ec, const asio::ip::tcp::endpoint&) {
+    asio::async_connect(channel_.socket(), found, [this](error_code ec, const asio::ip::tcp::endpoint&) {
       if (ended_) return;
       if (ec == asio::error::connection_refused)
         return end("no server at " + where() + "; start one with ridgecast-server --port " + url_.port);
       if (ec) return end("no connection to " + where() + ": " + ec.message());
       if (!url_.secure) return ask();
-      line_.startTls(url_.host, url_.ca, [this](std::optional<std::string> wrong) {
+      channel_.startTls(url_.host, url_.ca, [this](std::optional<std::string> wrong) {
         if (ended_) return;
         wrong ? end("no secure connection to " + where() + ": " + *wrong) : ask();
       });
@@ -140,14 +140,14 @@ class Download {
   }
 
   void ask() {
-    asio::async_write(line_, asio::buffer(request_), [this](error_code ec, std::size_t) {
+    asio::async_write(channel_, asio::buffer(request_), [this](error_code ec, std::size_t) {
       if (ec) return end("the connection to " + where() + " was lost: " + ec.message());
       read();
     });
   }
 
   void read() {
-    line_.async_read_some(asio::buffer(buffer_), [this](error_code ec, std::size_t bytes) {
+    channel_.async_read_some(asio::buffer(buffer_), [this](error_code ec, std::size_t bytes) {
       if (ended_) return;
       lastWord_ = Clock::now();
       take({buffer_.data(), bytes});
@@ -171,7 +171,7 @@ class Download {
       if (!header_) return end("what answers at " + where() + " is no Ridgecast server; check host and port");
       text_.erase(0, blank + 4);
       if (header_->status / 100 == 1) {  // word of the work; the answer itself follows
-        work_ = header_->progress;
+        progress_.work = header_->progress;
         header_.reset();
         continue;
       }
@@ -180,7 +180,7 @@ class Download {
       if (header_->length && *header_->length == 0) return complete();
       if (bytes.empty()) return;
     }
-    received_ += bytes.size();
+    progress_.received += bytes.size();
     if (header_->status == 200)
       out_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
     else
@@ -188,7 +188,7 @@ class Download {
     if (!out_) {
       ended_ = true;
       error_ = cannotWrite();
-    } else if (header_->length && received_ >= *header_->length) {
+    } else if (header_->length && progress_.received >= *header_->length) {
       complete();
     }
   }
@@ -207,17 +207,16 @@ class Download {
 
   const Url& url_;
   const std::filesystem::path file_, unfinished_;
-  const std::chrono::milliseconds patience_;
+  const std::chrono::milliseconds timeout_;
   const std::function<void(const Progress&)>& tell_;
   std::ofstream out_;
   asio::io_context context_;
   asio::ip::tcp::resolver resolver_{context_};
-  Line line_{context_.get_executor()};
+  transport::Channel channel_{asio::ip::tcp::socket(context_)};
   std::string request_, text_;  // what was read of the header, then of a refusal's sentence
   std::array<char, 65'536> buffer_;
   std::optional<Header> header_;
-  std::string work_;  // what the server says about it
-  std::uint64_t received_ = 0;
+  Progress progress_;
   Clock::time_point begun_, lastWord_, told_{};
   bool ended_ = false, finished_ = false;
   std::optional<Error> error_;
@@ -226,8 +225,8 @@ class Download {
 }  // namespace
 
 Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
-                                std::chrono::milliseconds patience, const std::function<void(const Progress&)>& tell) {
-  return std::make_unique<Download>(url, file, patience, tell)->run(target);
+                                std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell) {
+  return std::make_unique<Download>(url, file, timeout, tell)->run(target);
 }
 
 }  // namespace ridgecast::connection

@@ -20,9 +20,9 @@ struct Progress {
 
 // Blocks. `target`: path and query, already percent-encoded. The file is there whole or not at all. `tell` is called some ten times a second
 // and when all is there. Returns how many bytes it has.
-// Errors: as Connection::open; the server's own sentence when it refuses; no answer within `patience`, or `patience` without a byte while
+// Errors: as Connection::open; the server's own sentence when it refuses; no answer within `timeout`, or `timeout` without a byte while
 // one comes; the file cannot be written.
 Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
-                                std::chrono::milliseconds patience, const std::function<void(const Progress&)>& tell);
+                                std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell);
 
 }  // namespace ridgecast::connection

@@ -15,9 +15,9 @@
 #include <string_view>
 #include <utility>
 
+#include "common/transport/channel.h"
 #include "server/http/routes.h"
 #include "server/logging/logging.h"
-#include "server/net/channel.h"
 #include "server/net/stream.h"
 
 namespace ridgecast::net {

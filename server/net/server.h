@@ -1,6 +1,6 @@
 #pragma once
 // The one port: HTTP requests and WebSocket streams. The only room of the server that sees sockets; Boost.Beast stays in http.cpp
-// and stream.cpp, OpenSSL in channel.cpp.
+// and stream.cpp, OpenSSL in common/transport.
 //
 // Every connection has one strand; nothing of it runs twice at a time, and one writer sends its messages in order. Encoding and all work
 // on meshes runs on the cameras' pools; the threads here only move bytes.

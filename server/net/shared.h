@@ -13,8 +13,8 @@
 
 #include <boost/asio/ip/tcp.hpp>
 
+#include "common/transport/channel.h"
 #include "server/access/limits.h"
-#include "server/net/channel.h"
 #include "server/http/gate.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
@@ -30,6 +30,9 @@ using ridgecast::http::namesEtag;
 using ridgecast::http::queryParameter;
 using ridgecast::http::Request;
 using ridgecast::http::Route;
+using ridgecast::transport::Channel;
+using ridgecast::transport::loadTls;
+using ridgecast::transport::TlsContext;
 
 inline constexpr char kServerName[] = "ridgecast-server/" RIDGECAST_VERSION;
 

@@ -8,7 +8,6 @@
 #include <boost/beast/http/message.hpp>
 
 #include "server/access/grant.h"
-#include "server/net/channel.h"
 #include "server/net/shared.h"
 
 namespace ridgecast::net {

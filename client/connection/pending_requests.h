@@ -13,13 +13,13 @@
 
 namespace ridgecast::connection {
 
-// Questions with an id that wait for the way or for their answers: at most `atATime` are on their way, `waiting` wait. Not thread-safe.
-template <class Question, class Reply>
-class Asked {
+// Requests with an id, waiting to leave or for their answers: at most `atATime` have left, at most `waiting` wait. Not thread-safe.
+template <class Request, class Reply>
+class PendingRequests {
  public:
-  Asked(std::size_t atATime, std::size_t waiting) : atATime_(atATime), most_(waiting) {}
+  PendingRequests(std::size_t atATime, std::size_t waiting) : atATime_(atATime), most_(waiting) {}
 
-  std::future<Outcome<Reply>> add(Question question, std::optional<Error> refusal) {
+  std::future<Outcome<Reply>> add(Request request, std::optional<Error> refusal) {
     std::promise<Outcome<Reply>> promise;
     auto future = promise.get_future();
     if (!refusal && waiting_.size() >= most_) refusal = Error{"more than " + std::to_string(most_) + " questions wait for the server"};
@@ -27,17 +27,17 @@ class Asked {
       promise.set_value(*refusal);
       return future;
     }
-    question.id = ++last_;
-    waiting_.emplace_back(std::move(question), std::move(promise));
+    request.id = ++last_;
+    waiting_.emplace_back(std::move(request), std::move(promise));
     return future;
   }
   // The next that may leave.
-  std::optional<Question> next() {
+  std::optional<Request> next() {
     if (waiting_.empty() || open_.size() >= atATime_) return std::nullopt;
-    auto [question, promise] = std::move(waiting_.front());
+    auto [request, promise] = std::move(waiting_.front());
     waiting_.pop_front();
-    open_.emplace(question.id, std::move(promise));
-    return std::move(question);
+    open_.emplace(request.id, std::move(promise));
+    return std::move(request);
   }
   bool take(std::uint64_t id, Reply reply) {
     const auto it = open_.find(id);
@@ -48,7 +48,7 @@ class Asked {
   }
   void fail(const Error& error) {
     for (auto& [id, promise] : open_) promise.set_value(error);
-    for (auto& [question, promise] : waiting_) promise.set_value(error);
+    for (auto& [request, promise] : waiting_) promise.set_value(error);
     open_.clear();
     waiting_.clear();
   }
@@ -56,7 +56,7 @@ class Asked {
  private:
   const std::size_t atATime_, most_;
   std::uint64_t last_ = 0;
-  std::deque<std::pair<Question, std::promise<Outcome<Reply>>>> waiting_;
+  std::deque<std::pair<Request, std::promise<Outcome<Reply>>>> waiting_;
   std::map<std::uint64_t, std::promise<Outcome<Reply>>> open_;
 };
 

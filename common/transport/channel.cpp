@@ -1,17 +1,16 @@
-#include "server/net/channel.h"
+#include "common/transport/channel.h"
 
 #include <openssl/err.h>
 #include <openssl/ssl.h>
-#include <openssl/x509.h>
+#include <openssl/x509v3.h>
 
 #include <algorithm>
-#include <boost/asio/post.hpp>
+#include <boost/asio/ip/address.hpp>
 #include <boost/asio/ssl.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <optional>
-#include <string>
+#include <string_view>
 
-namespace ridgecast::net {
+namespace ridgecast::transport {
 
 namespace asio = boost::asio;
 namespace ssl = asio::ssl;
@@ -22,16 +21,17 @@ namespace {
 constexpr std::size_t kRecordBytes = 16'384;  // the most that a TLS record carries
 constexpr unsigned char kHandshakeRecord = 22;
 constexpr int kMostPassedOver = 64;  // reads of what comes after the end
+constexpr std::size_t kMostHead = 8192;
 
 }  // namespace
 
 class TlsContext : public ssl::context {
  public:
-  TlsContext() : ssl::context(ssl::context::tls_server) {}
+  using ssl::context::context;
 };
 
 Outcome<std::shared_ptr<TlsContext>> loadTls(const std::filesystem::path& certificate, const std::filesystem::path& key) {
-  auto context = std::make_shared<TlsContext>();
+  auto context = std::make_shared<TlsContext>(ssl::context::tls_server);
   boost::system::error_code ec;
   SSL_CTX* native = context->native_handle();
   SSL_CTX_set_min_proto_version(native, TLS1_2_VERSION);
@@ -72,12 +72,50 @@ struct Channel::Body : std::enable_shared_from_this<Channel::Body> {
                            });
   }
 
+  void read(const MutableBuffers& buffers, Done done) {
+    auto ended = [self = shared_from_this(), done = std::move(done)](error_code ec, std::size_t bytes) mutable {
+      if (ec == ssl::error::stream_truncated) ec = asio::error::eof;  // many hang up without a word; messages and answers have lengths
+      done(ec, bytes);
+    };
+    tls ? tls->async_read_some(buffers, std::move(ended)) : socket.async_read_some(buffers, std::move(ended));
+  }
+
+  // An answer's head, but for the interim ones before it; then what was read of it.
+  void readHead(const MutableBuffers& buffers, Done done) {
+    if (interim)
+      return read({asio::buffer(scratch)},
+                  Done([self = shared_from_this(), buffers, done = std::move(done)](error_code ec, std::size_t bytes) mutable {
+                    self->head.append(self->scratch.data(), bytes);
+                    if (ec || self->beginsAnswer()) self->interim = {};
+                    if (ec && self->head.empty()) return done(ec, 0);
+                    self->readHead(buffers, std::move(done));
+                  }));
+    const std::size_t copied = asio::buffer_copy(buffers, asio::buffer(head));
+    head.erase(0, copied);
+    asio::post(socket.get_executor(), [done = std::move(done), copied]() mutable { done({}, copied); });
+  }
+
+  // Takes whole interim answers off what was read; whether what is left is to be passed on.
+  bool beginsAnswer() {
+    static constexpr std::string_view kBegin = "HTTP/1.1 1", kUpgrade = "HTTP/1.1 101";
+    for (;;) {
+      const std::string_view text = head;
+      if (text.substr(0, kUpgrade.size()) == kUpgrade || text.substr(0, kBegin.size()) != kBegin.substr(0, text.size())) return true;
+      const auto blank = text.find("\r\n\r\n");
+      if (blank == std::string_view::npos || text.size() < kUpgrade.size()) return text.size() > kMostHead;
+      head.erase(0, blank + 4);
+      interim();
+    }
+  }
+
   tcp::socket socket;
   asio::steady_timer deadline;
   std::shared_ptr<TlsContext> context;
   std::optional<ssl::stream<tcp::socket&>> tls;
   std::string record;  // under TLS: what is being written
   std::array<char, 1024> scratch{};
+  std::function<void()> interim;  // set: the answer has not begun
+  std::string head;               // what was read of it, and nobody has had yet
 };
 
 Channel::Channel(tcp::socket&& socket) : body_(std::make_shared<Body>(std::move(socket))) {}
@@ -87,6 +125,8 @@ Channel::~Channel() {
 }
 
 Channel::executor_type Channel::get_executor() const { return body_->socket.get_executor(); }
+
+tcp::socket& Channel::socket() { return body_->socket; }
 
 tcp::endpoint Channel::peer() const {
   error_code ignored;
@@ -110,12 +150,39 @@ void Channel::startTls(std::shared_ptr<TlsContext> context, Done done) {
   });
 }
 
+void Channel::startTls(const std::string& host, const std::string& ca, std::function<void(std::optional<std::string>)> done) {
+  error_code ec;
+  auto context = std::make_shared<TlsContext>(ssl::context::tls_client);
+  SSL_CTX_set_min_proto_version(context->native_handle(), TLS1_2_VERSION);
+  ca.empty() ? context->set_default_verify_paths(ec) : context->load_verify_file(ca, ec);
+  if (ec)
+    return asio::post(get_executor(), [done, ca, ec] {
+      done("the authorities in '" + ca + "' cannot be used (" + ec.message() + "); it must be a readable file of certificates in PEM");
+    });
+  context->set_verify_mode(ssl::verify_peer, ec);
+  body_->context = std::move(context);
+  ssl::stream<tcp::socket&>& tls = body_->tls.emplace(body_->socket, *body_->context);
+  SSL* const native = tls.native_handle();
+  asio::ip::make_address(host, ec);
+  if (ec) SSL_set_tlsext_host_name(native, host.c_str());
+  tls.set_verify_callback(ssl::host_name_verification(host), ec);
+  tls.async_handshake(ssl::stream_base::client, [body = body_, native, host, ca, done](error_code failed) {
+    if (!failed) return done(std::nullopt);
+    if (failed == asio::error::operation_aborted) return;
+    const long verdict = SSL_get_verify_result(native);
+    if (verdict == X509_V_ERR_UNSPECIFIED)  // all that Asio's check of the name leaves
+      return done("the server's certificate is not for '" + host + "'");
+    if (verdict != X509_V_OK)
+      return done(std::string("the server's certificate is not to be trusted: ") + X509_verify_cert_error_string(verdict) +
+                  (ca.empty() ? "; name its authority with --ca FILE" : "; is '" + ca + "' its authority?"));
+    done("no TLS could be agreed on (" + failed.message() + "); does the server speak it? Without it: ws://");
+  });
+}
+
+void Channel::passOverInterim(std::function<void()> tell) { body_->interim = std::move(tell); }
+
 void Channel::readSome(const MutableBuffers& buffers, Done done) {
-  auto ended = [body = body_, done = std::move(done)](error_code ec, std::size_t bytes) mutable {
-    if (ec == ssl::error::stream_truncated) ec = asio::error::eof;  // many hang up without a word; messages and answers have lengths
-    done(ec, bytes);
-  };
-  body_->tls ? body_->tls->async_read_some(buffers, std::move(ended)) : body_->socket.async_read_some(buffers, std::move(ended));
+  body_->interim || !body_->head.empty() ? body_->readHead(buffers, std::move(done)) : body_->read(buffers, std::move(done));
 }
 
 void Channel::writeSome(const ConstBuffers& buffers, Done done) {
@@ -155,4 +222,4 @@ void Channel::cancel() {
 
 void Channel::close() { body_->close(); }
 
-}  // namespace ridgecast::net
+}  // namespace ridgecast::transport

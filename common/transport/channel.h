@@ -1,6 +1,6 @@
 #pragma once
-// One connection's bytes, in the clear or under TLS, with a deadline: what HTTP and WebSocket read from and write to. Beast's templates
-// are made once for it, whatever lies below; OpenSSL stays in channel.cpp. For the room's own sources.
+// One connection's bytes, in the clear or under TLS, with a deadline: what HTTP and WebSocket read from and write to, on both sides. Beast's
+// templates are made once for it, whatever lies below; OpenSSL stays in channel.cpp. Heavy: for .cpp files that see sockets.
 //
 // Everything on the socket's strand. An asynchronous stream in Asio's sense; at most one read and one write at a time.
 
@@ -8,18 +8,22 @@
 #include <boost/asio/async_result.hpp>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
 #include <boost/beast/core/role.hpp>
 #include <chrono>
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <optional>
+#include <string>
 #include <utility>
 
 #include "common/outcome/outcome.h"
 
-namespace ridgecast::net {
+namespace ridgecast::transport {
 
-class TlsContext;  // a certificate and its key
+class TlsContext;  // a server's certificate and its key
 // Error: a file cannot be read, is no PEM, or the two do not belong together.
 Outcome<std::shared_ptr<TlsContext>> loadTls(const std::filesystem::path& certificate, const std::filesystem::path& key);
 
@@ -56,11 +60,19 @@ class Channel {
   ~Channel();
 
   executor_type get_executor() const;
+  boost::asio::ip::tcp::socket& socket();
   boost::asio::ip::tcp::endpoint peer() const;  // unspecified when it is gone already
 
-  // Waits for the first byte. A TLS handshake follows when it begins one, and `done` says how it went. Else done(error::no_protocol_option):
-  // the channel then is in the clear.
+  // A server's side. Waits for the first byte. A TLS handshake follows when it begins one, and `done` says how it went. Otherwise
+  // done(error::no_protocol_option): the channel then is in the clear.
   void startTls(std::shared_ptr<TlsContext> context, Done done);
+  // A client's side: the server must be `host` (a name or an address) by the word of the authorities in the file `ca` (PEM); empty: of those
+  // that this system trusts. `done` gets nothing, or what was wrong.
+  void startTls(const std::string& host, const std::string& ca, std::function<void(std::optional<std::string>)> done);
+
+  // What is read next is an answer to an HTTP request: interim answers (1xx, but for 101) before it are told of and read by nobody. A head of
+  // more than 8 KiB is passed on as it is.
+  void passOverInterim(std::function<void()> tell);
 
   template <class Buffers, class Token>
   auto async_read_some(const Buffers& buffers, Token&& token) {
@@ -103,12 +115,17 @@ class Channel {
   std::shared_ptr<Body> body_;
 };
 
-// How Beast ends a WebSocket on it. Both sides have said that they close by then: there is little to wait for.
+// How Beast ends a WebSocket on it. Both sides have said that they close by then: a server has little to wait for, and a client, which must
+// say why the connection ended, does not wait at all.
 inline void beast_close_socket(Channel& channel) { channel.close(); }
 template <class Handler>
-void async_teardown(boost::beast::role_type, Channel& channel, Handler&& handler) {
+void async_teardown(boost::beast::role_type role, Channel& channel, Handler&& handler) {
+  if (role == boost::beast::role_type::client) {
+    channel.close();
+    return boost::asio::post(channel.get_executor(), [h = std::forward<Handler>(handler)]() mutable { h(boost::system::error_code{}); });
+  }
   channel.expires_after(std::chrono::milliseconds(250));
   channel.finish(Channel::Done([h = std::forward<Handler>(handler)](boost::system::error_code ec, std::size_t) mutable { h(ec); }));
 }
 
-}  // namespace ridgecast::net
+}  // namespace ridgecast::transport

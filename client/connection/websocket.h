@@ -1,0 +1,57 @@
+#pragma once
+// A WebSocket to a server: looks up, connects, secures, upgrades, and carries frames of bytes whose meaning it does not know. Internal to
+// the room; Beast stays in websocket.cpp.
+//
+//   resolving -> connecting (-> securing) -> upgrading -> greeting -> streaming -> ended
+// Every state may go to ended.
+//
+// It has one thread. Everything is called on it, the listener too, but for the constructor, start(), post() and the destructor.
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "client/connection/connection.h"
+
+namespace ridgecast::connection {
+
+// One line of a text from the network, fit for a terminal.
+std::string oneLine(std::string_view text);
+
+class WebSocket {
+ public:
+  struct Listener {
+    virtual void opened() = 0;  // the first frame may be sent
+    virtual void received(std::span<const std::uint8_t> frame) = 0;
+    virtual void sent() = 0;                  // the frame has left; the next one may be sent
+    virtual void ended(std::string why) = 0;  // nothing follows
+
+   protected:
+    ~Listener() = default;
+  };
+
+  // `timeout`: of each step on the way to greeted(). `listener` must outlive this.
+  WebSocket(const Url& url, std::chrono::milliseconds timeout, const Waiting& waiting, Listener& listener);
+  ~WebSocket();  // says goodbye where there is somebody to say it to, for at most 200 ms
+  WebSocket(const WebSocket&) = delete;
+  WebSocket& operator=(const WebSocket&) = delete;
+
+  void start();
+  void post(std::function<void()> work);
+  void send(std::string frame);
+  void greeted();                                                           // the server's first frame was the right one
+  void after(std::chrono::milliseconds pause, std::function<void()> work);  // replaces what was to come before
+  void end(std::string why);
+  void giveUp();                     // ends it where it is not greeted
+  const std::string& where() const;  // HOST:PORT
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace ridgecast::connection
