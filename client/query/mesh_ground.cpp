@@ -11,11 +11,6 @@ namespace {
 
 double boundOf(const scene::HeldLeaf& leaf) { return leaf.error > 0 ? leaf.error : std::numeric_limits<double>::infinity(); }
 
-// Twice the area of (a, b, p), positive when p lies to the left of a -> b seen from above.
-std::int64_t side(const mesh::LocalVertex& a, const mesh::LocalVertex& b, std::int64_t x, std::int64_t z) {
-  return (std::int64_t{b.z} - a.z) * (x - a.x) - (std::int64_t{b.x} - a.x) * (z - a.z);
-}
-
 struct Vec {
   double x, y, z;
 };
@@ -26,22 +21,13 @@ double dot(const Vec& a, const Vec& b) { return a.x * b.x + a.y * b.y + a.z * b.
 }  // namespace
 
 std::optional<MeshHeight> heightOf(const scene::Scene& scene, lattice::Point at) {
-  for (const auto& [address, leaf] : scene.leaves()) {
-    const std::int64_t x = at.x - address.x(), z = at.z - address.z();
-    if (x < leaf.low.x || x > leaf.high.x || z < leaf.low.z || z > leaf.high.z) continue;
-    for (const mesh::Triangle& t : leaf.mesh->triangles) {
-      const mesh::LocalVertex &a = leaf.mesh->vertices[t[0]], &b = leaf.mesh->vertices[t[1]], &c = leaf.mesh->vertices[t[2]];
-      const std::int64_t wa = side(b, c, x, z), wb = side(c, a, x, z), wc = side(a, b, x, z);
-      if (wa < 0 || wb < 0 || wc < 0) continue;
-      const double total = static_cast<double>(wa + wb + wc);
-      const double steps = (static_cast<double>(wa) * a.y + static_cast<double>(wb) * b.y + static_cast<double>(wc) * c.y) / total;
-      const auto vec = [](const mesh::LocalVertex& v) { return Vec{double(v.x), double(v.y), double(v.z)}; };
-      const Vec n = cross(vec(b) - vec(a), vec(c) - vec(a));
-      const double length = std::sqrt(dot(n, n));
-      return MeshHeight{steps * lattice::kMetresPerStep, boundOf(leaf), n.x / length, n.y / length, n.z / length};
-    }
-  }
-  return std::nullopt;
+  const auto place = scene.locate(at);
+  if (!place) return std::nullopt;
+  const auto vec = [](const mesh::LocalVertex& v) { return Vec{double(v.x), double(v.y), double(v.z)}; };
+  const auto& [a, b, c] = place->corners;
+  const Vec n = cross(vec(b) - vec(a), vec(c) - vec(a));
+  const double length = std::sqrt(dot(n, n));
+  return MeshHeight{place->height, boundOf(*place->leaf), n.x / length, n.y / length, n.z / length};
 }
 
 std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray) {

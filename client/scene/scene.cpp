@@ -110,6 +110,170 @@ void spread(std::size_t count, std::size_t bytes, const Work& work) {
   for (auto& other : others) other.get();
 }
 
+using Leaves = std::map<lattice::LeafAddress, HeldLeaf>;
+
+// One iteration on its way into a scene, in four steps: what goes, what each changed leaf starts from, whether the whole has room, and the
+// leaves themselves. The scene is only read.
+class Preparation {
+ public:
+  Preparation(const wire::Iteration& iteration, const Leaves& held, std::uint64_t hash, std::uint64_t triangles, bool shaded)
+      : iteration_(iteration),
+        held_(held),
+        shaded_(shaded),
+        name_("iteration " + std::to_string(iteration.number) + ": "),
+        out_{iteration.number, hash, triangles, {}, {}, {}},
+        count_(held.size()) {}
+
+  Outcome<Scene::Prepared> run() {
+    for (const auto step : {&Preparation::drop, &Preparation::findBases, &Preparation::judgeSize, &Preparation::decode})
+      if (const auto done = (this->*step)(); !done) return done.error();
+    return std::move(out_);
+  }
+
+ private:
+  // What a delta starts from: the leaf that is held, or the triangles of leaves that are gone.
+  struct Base {
+    std::shared_ptr<const mesh::LeafMesh> mesh;
+    std::uint64_t hash = 0;
+    std::vector<const HeldLeaf*> leaves;  // that it consists of
+  };
+  struct Decoded {
+    HeldLeaf leaf;
+    std::optional<Error> error;
+    bool damaged = false;
+  };
+
+  Error wrong(const lattice::LeafAddress& address, const std::string& why) const { return Error{name_ + nameOf(address) + why}; }
+
+  void subtract(const lattice::LeafAddress& address, const HeldLeaf& leaf) {
+    out_.hash -= mesh::hashTerm(address, leaf.hash);
+    out_.triangles -= leaf.mesh->triangles.size();
+    --count_;
+  }
+
+  Outcome<void> drop() {
+    for (const lattice::LeafAddress& address : iteration_.gone) {
+      const auto held = held_.find(address);
+      if (held == held_.end()) return wrong(address, " is gone but was not held");
+      if (!out_.gone.insert(address).second) return wrong(address, " is gone twice");
+      subtract(address, held->second);
+    }
+    announced_ = out_.triangles;
+    return {};
+  }
+
+  // Notes a leaf that comes; the one that is held in its place, if any.
+  Outcome<const HeldLeaf*> expect(const lattice::LeafAddress& address) {
+    if (!lattice::addressIsValid(address)) return wrong(address, " lies beyond the lattice");
+    if (!out_.fresh.emplace(address, HeldLeaf{}).second) return wrong(address, " is there twice");
+    const auto held = held_.find(address);
+    if (held == held_.end() || out_.gone.contains(address)) return static_cast<const HeldLeaf*>(nullptr);
+    subtract(address, held->second);
+    announced_ -= held->second.mesh->triangles.size();
+    return &held->second;
+  }
+
+  Outcome<void> findBases() {
+    for (const wire::LeafWhole& whole : iteration_.whole) {
+      announced_ += whole.triangles;
+      if (auto held = expect(whole.address); !held) return held.error();
+    }
+    bases_.reserve(iteration_.changed.size());
+    Families families(out_.gone);
+    for (const wire::LeafDelta& delta : iteration_.changed) {
+      const auto held = expect(delta.address);
+      if (!held) return held.error();
+      auto base = *held ? Base{(*held)->mesh, (*held)->hash, {*held}} : gather(delta.address, families);
+      if (!base) return base.error();
+      announced_ += base->mesh->triangles.size();
+      if (const auto counts = codec::deltaCounts(delta.payload, base->mesh->triangles.size()))
+        announced_ = announced_ + counts->added - counts->removed;
+      bases_.push_back(std::move(*base));
+      if (announced_ > kMaxTriangles) break;
+    }
+    return {};
+  }
+
+  Outcome<Base> gather(const lattice::LeafAddress& address, Families& families) {
+    Base base;
+    std::vector<const mesh::LeafMesh*> sources;
+    for (const lattice::LeafAddress& source : families.of(address)) {
+      base.leaves.push_back(&held_.at(source));
+      sources.push_back(base.leaves.back()->mesh.get());
+      searched_ += sources.back()->triangles.size();
+    }
+    if (searched_ > kMaxGathered) return Error{name_ + "too much would have to be gathered from leaves that are gone"};
+    mesh::LeafMesh gathered = mesh::gather(address, sources);
+    if (!mesh::isCanonical(gathered)) return wrong(address, " begins with leaves that overlap");
+    base.hash = mesh::hashLeaf(gathered);
+    base.mesh = std::make_shared<const mesh::LeafMesh>(std::move(gathered));
+    return base;
+  }
+
+  Outcome<void> judgeSize() {
+    const auto tooMuch = [&](std::uint64_t would, const std::string& what, std::uint64_t most) {
+      return Error{name_ + "the mesh would have " + std::to_string(would) + " " + what + ", at most " + std::to_string(most) + " are held"};
+    };
+    count_ += out_.fresh.size();
+    if (announced_ > kMaxTriangles) return tooMuch(announced_, "triangles", kMaxTriangles);
+    if (count_ > kMaxLeaves) return tooMuch(count_, "leaves", kMaxLeaves);
+    return {};
+  }
+
+  Outcome<void> decode() {
+    std::size_t bytes = 0;
+    for (const wire::LeafWhole& whole : iteration_.whole) bytes += whole.payload.size();
+    for (const wire::LeafDelta& delta : iteration_.changed) bytes += delta.payload.size();
+    const std::size_t wholes = iteration_.whole.size();
+    std::vector<Decoded> decoded(wholes + iteration_.changed.size());
+    spread(decoded.size(), bytes, [&](std::size_t k) {
+      decoded[k] = k < wholes ? decodeWhole(iteration_.whole[k]) : decodeDelta(iteration_.changed[k - wholes], bases_[k - wholes]);
+    });
+    for (std::size_t k = 0; k < decoded.size(); ++k) {
+      if (decoded[k].error) return *decoded[k].error;
+      HeldLeaf& leaf = decoded[k].leaf;
+      const lattice::LeafAddress& address = leaf.mesh->address;
+      if (decoded[k].damaged) out_.damaged.insert(address);
+      out_.hash += mesh::hashTerm(address, leaf.hash);
+      out_.triangles += leaf.mesh->triangles.size();
+      out_.fresh[address] = std::move(leaf);
+    }
+    return {};
+  }
+
+  Decoded decodeWhole(const wire::LeafWhole& whole) const {
+    Outcome<mesh::LeafMesh> mesh = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
+    if (!mesh) return {{}, wrong(whole.address, ": " + mesh.error().message)};
+    const std::uint64_t hash = mesh::hashLeaf(*mesh);
+    HeldLeaf leaf = hold(std::move(*mesh), hash, whole.error);
+    if (shaded_ && !(leaf.shades = shadesOf(*leaf.mesh, nullptr, {}, whole.shades)))
+      return {{}, wrong(whole.address, ": its shades are not those of its vertices")};
+    return {std::move(leaf), {}};
+  }
+
+  Decoded decodeDelta(const wire::LeafDelta& delta, const Base& base) const {
+    auto changed = codec::decodeDelta(delta.payload, *base.mesh, base.hash);
+    HeldLeaf leaf = changed ? hold(std::move(changed->leaf), changed->hash, delta.error) : hold(mesh::LeafMesh(*base.mesh), base.hash, 0);
+    if (shaded_) {
+      KnownShades known;
+      for (const HeldLeaf* source : base.leaves) collect(*source, known);
+      const std::span<const std::uint8_t> bytes = changed ? std::span<const std::uint8_t>(delta.shades) : std::span<const std::uint8_t>();
+      if (!(leaf.shades = shadesOf(*leaf.mesh, base.mesh.get(), known, bytes)))
+        return {{}, wrong(delta.address, ": its shades are not those of its vertices")};
+    }
+    return {std::move(leaf), {}, !changed};
+  }
+
+  const wire::Iteration& iteration_;
+  const Leaves& held_;
+  const bool shaded_;
+  const std::string name_;
+  Scene::Prepared out_;
+  std::size_t count_;                           // of leaves, afterwards
+  std::uint64_t announced_ = 0, searched_ = 0;  // triangles: afterwards, as the messages say; of leaves that are gone
+  std::vector<Base> bases_;                     // of the changed leaves
+};
+
 // Twice the area of (a, b, p), positive when p lies to the left of a -> b seen from above. Coordinates below 2^29: exact.
 std::int64_t side(const mesh::LocalVertex& a, const mesh::LocalVertex& b, std::int64_t x, std::int64_t z) {
   return (std::int64_t{b.z} - a.z) * (x - a.x) - (std::int64_t{b.x} - a.x) * (z - a.z);
@@ -125,131 +289,9 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
 }
 
 Outcome<Scene::Prepared> Scene::prepare(const wire::Iteration& iteration) const {
-  const std::string name = "iteration " + std::to_string(iteration.number) + ": ";
   if (iteration.number == 0 || (iteration_ != 0 && iteration.number != iteration_ + 1))
-    return Error{name + "out of order, " + std::to_string(iteration_ + 1) + " was expected"};
-
-  std::uint64_t hash = hash_, triangles = triangles_;
-  std::size_t count = leaves_.size();
-  const auto subtract = [&](const lattice::LeafAddress& address, const HeldLeaf& leaf) {
-    hash -= mesh::hashTerm(address, leaf.hash);
-    triangles -= leaf.mesh->triangles.size();
-    --count;
-  };
-
-  std::set<lattice::LeafAddress> gone;
-  for (const lattice::LeafAddress& address : iteration.gone) {
-    const auto held = leaves_.find(address);
-    if (held == leaves_.end()) return Error{name + nameOf(address) + " is gone but was not held"};
-    if (!gone.insert(address).second) return Error{name + nameOf(address) + " is gone twice"};
-    subtract(address, held->second);
-  }
-
-  // What each delta starts from: the leaf that is held, or the triangles of leaves that are gone.
-  std::uint64_t announced = triangles;
-  std::map<lattice::LeafAddress, HeldLeaf> fresh;
-  const auto expect = [&](const lattice::LeafAddress& address) -> Outcome<const HeldLeaf*> {
-    if (!lattice::addressIsValid(address)) return Error{name + nameOf(address) + " lies beyond the lattice"};
-    if (!fresh.emplace(address, HeldLeaf{}).second) return Error{name + nameOf(address) + " is there twice"};
-    const auto held = leaves_.find(address);
-    if (held == leaves_.end() || gone.contains(address)) return static_cast<const HeldLeaf*>(nullptr);
-    subtract(address, held->second);
-    announced -= held->second.mesh->triangles.size();
-    return &held->second;
-  };
-  for (const wire::LeafWhole& whole : iteration.whole) {
-    announced += whole.triangles;
-    if (auto held = expect(whole.address); !held) return held.error();
-  }
-  struct Base {
-    std::shared_ptr<const mesh::LeafMesh> mesh;
-    std::uint64_t hash = 0;
-    std::vector<const HeldLeaf*> leaves;  // that it consists of
-  };
-  std::vector<Base> bases;
-  bases.reserve(iteration.changed.size());
-  Families families(gone);
-  std::uint64_t looked = 0;
-  for (const wire::LeafDelta& delta : iteration.changed) {
-    const auto held = expect(delta.address);
-    if (!held) return held.error();
-    Base base;
-    if (*held) {
-      base = {(*held)->mesh, (*held)->hash, {*held}};
-    } else {
-      std::vector<const mesh::LeafMesh*> sources;
-      for (const lattice::LeafAddress& address : families.of(delta.address)) {
-        base.leaves.push_back(&leaves_.at(address));
-        sources.push_back(base.leaves.back()->mesh.get());
-        looked += sources.back()->triangles.size();
-      }
-      if (looked > kMaxGathered) return Error{name + "too much would have to be gathered from leaves that are gone"};
-      mesh::LeafMesh gathered = mesh::gather(delta.address, sources);
-      if (!mesh::isCanonical(gathered)) return Error{name + nameOf(delta.address) + " begins with leaves that overlap"};
-      base.hash = mesh::hashLeaf(gathered);
-      base.mesh = std::make_shared<const mesh::LeafMesh>(std::move(gathered));
-    }
-    announced += base.mesh->triangles.size();
-    if (const auto counts = codec::deltaCounts(delta.payload, base.mesh->triangles.size()))
-      announced = announced + counts->added - counts->removed;
-    bases.push_back(std::move(base));
-    if (announced > kMaxTriangles) break;
-  }
-  count += fresh.size();
-  if (announced > kMaxTriangles)
-    return Error{name + "the mesh would have " + std::to_string(announced) + " triangles, at most " + std::to_string(kMaxTriangles) +
-                 " are held"};
-  if (count > kMaxLeaves)
-    return Error{name + "the mesh would have " + std::to_string(count) + " leaves, at most " + std::to_string(kMaxLeaves) + " are held"};
-
-  std::set<lattice::LeafAddress> damaged;
-  const auto keep = [&](const lattice::LeafAddress& address, HeldLeaf&& leaf) {
-    hash += mesh::hashTerm(address, leaf.hash);
-    triangles += leaf.mesh->triangles.size();
-    fresh[address] = std::move(leaf);
-  };
-  struct Decoded {
-    HeldLeaf leaf;
-    std::optional<Error> error;
-    bool damaged = false;
-  };
-  const auto decodeWhole = [&](const wire::LeafWhole& whole) -> Decoded {
-    Outcome<mesh::LeafMesh> mesh = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
-    if (!mesh) return {{}, Error{name + nameOf(whole.address) + ": " + mesh.error().message}};
-    const std::uint64_t leafHash = mesh::hashLeaf(*mesh);
-    HeldLeaf leaf = hold(std::move(*mesh), leafHash, whole.error);
-    if (shaded_ && !(leaf.shades = shadesOf(*leaf.mesh, nullptr, {}, whole.shades)))
-      return {{}, Error{name + nameOf(whole.address) + ": its shades are not those of its vertices"}};
-    return {std::move(leaf), {}};
-  };
-  const auto decodeDelta = [&](const wire::LeafDelta& delta, const Base& base) -> Decoded {
-    auto changed = codec::decodeDelta(delta.payload, *base.mesh, base.hash);
-    HeldLeaf leaf = changed ? hold(std::move(changed->leaf), changed->hash, delta.error) : hold(mesh::LeafMesh(*base.mesh), base.hash, 0);
-    if (shaded_) {
-      KnownShades known;
-      for (const HeldLeaf* source : base.leaves) collect(*source, known);
-      const std::span<const std::uint8_t> bytes = changed ? std::span<const std::uint8_t>(delta.shades) : std::span<const std::uint8_t>();
-      if (!(leaf.shades = shadesOf(*leaf.mesh, base.mesh.get(), known, bytes)))
-        return {{}, Error{name + nameOf(delta.address) + ": its shades are not those of its vertices"}};
-    }
-    return {std::move(leaf), {}, !changed};
-  };
-  std::size_t bytes = 0;
-  for (const wire::LeafWhole& whole : iteration.whole) bytes += whole.payload.size();
-  for (const wire::LeafDelta& delta : iteration.changed) bytes += delta.payload.size();
-  const std::size_t wholes = iteration.whole.size();
-  std::vector<Decoded> decoded(wholes + iteration.changed.size());
-  spread(decoded.size(), bytes, [&](std::size_t k) {
-    decoded[k] = k < wholes ? decodeWhole(iteration.whole[k]) : decodeDelta(iteration.changed[k - wholes], bases[k - wholes]);
-  });
-  for (std::size_t k = 0; k < decoded.size(); ++k) {
-    if (decoded[k].error) return *decoded[k].error;
-    const lattice::LeafAddress& address = k < wholes ? iteration.whole[k].address : iteration.changed[k - wholes].address;
-    if (decoded[k].damaged) damaged.insert(address);
-    keep(address, std::move(decoded[k].leaf));
-  }
-
-  return Prepared{iteration.number, hash, triangles, std::move(gone), std::move(damaged), std::move(fresh)};
+    return Error{"iteration " + std::to_string(iteration.number) + ": out of order, " + std::to_string(iteration_ + 1) + " was expected"};
+  return Preparation(iteration, leaves_, hash_, triangles_, shaded_).run();
 }
 
 void Scene::take(Prepared&& prepared) {
@@ -293,21 +335,25 @@ void Scene::clear() {
   hash_ = triangles_ = iteration_ = 0;
 }
 
-std::optional<double> Scene::height(lattice::Point at) const {
+std::optional<Scene::Place> Scene::locate(lattice::Point at) const {
   for (const auto& [address, leaf] : leaves_) {
     const std::int64_t x = at.x - address.x(), z = at.z - address.z();
     if (x < leaf.low.x || x > leaf.high.x || z < leaf.low.z || z > leaf.high.z) continue;
-    const mesh::LeafMesh& mesh = *leaf.mesh;
-    for (const mesh::Triangle& t : mesh.triangles) {
-      const mesh::LocalVertex &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
+    for (const mesh::Triangle& t : leaf.mesh->triangles) {
+      const mesh::LocalVertex &a = leaf.mesh->vertices[t[0]], &b = leaf.mesh->vertices[t[1]], &c = leaf.mesh->vertices[t[2]];
       const std::int64_t wa = side(b, c, x, z), wb = side(c, a, x, z), wc = side(a, b, x, z);
       if (wa < 0 || wb < 0 || wc < 0) continue;
       const double total = static_cast<double>(wa + wb + wc);
       const double steps = (static_cast<double>(wa) * a.y + static_cast<double>(wb) * b.y + static_cast<double>(wc) * c.y) / total;
-      return steps * lattice::kMetresPerStep;
+      return Place{&leaf, {a, b, c}, steps * lattice::kMetresPerStep};
     }
   }
   return std::nullopt;
+}
+
+std::optional<double> Scene::height(lattice::Point at) const {
+  const auto place = locate(at);
+  return place ? std::optional(place->height) : std::nullopt;
 }
 
 }  // namespace ridgecast::scene

@@ -2,6 +2,7 @@
 // The mesh that a client holds: leaves by address, replaced all or nothing by iterations. No OpenGL, no sockets.
 // Not thread-safe; one owner.
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -71,9 +72,15 @@ class Scene {
   std::uint64_t triangles() const { return triangles_; }
   std::uint64_t iteration() const { return iteration_; }  // number of the last one applied, 0 before any
 
-  // Height of the held mesh at a point, in metres; nothing where no held triangle covers it. Looks at the triangles of the few leaves
-  // whose bounds hold the point: tens of microseconds.
-  std::optional<double> height(lattice::Point at) const;
+  // The held triangle over or below a point; nothing where none is. Looks at the triangles of the few leaves whose bounds hold the point: tens
+  // of microseconds. Good until the leaf is replaced.
+  struct Place {
+    const HeldLeaf* leaf;
+    std::array<mesh::LocalVertex, 3> corners;  // in the leaf's frame, counter-clockwise
+    double height;                             // metres, at the point
+  };
+  std::optional<Place> locate(lattice::Point at) const;
+  std::optional<double> height(lattice::Point at) const;  // metres
 
  private:
   std::map<lattice::LeafAddress, HeldLeaf> leaves_;
