@@ -8,8 +8,8 @@ import { DracoDecode } from '../../../client/web/src/codec/leaf';
 import { loadDraco } from '../../../client/web/src/codec/draco';
 import { hashLeaf, hashTerm } from '../../../client/web/src/codec/mesh';
 import type { Iteration, World } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
-import { Scene } from '../../../client/web/src/scene/scene';
-import { Camera, Held, Stream } from '../../../client/web/src/stream/stream';
+import { Replica } from '../../../client/web/src/replica/replica';
+import { Camera, Stream } from '../../../client/web/src/stream/stream';
 import { NodeSocket } from './node_socket';
 import { Server, needed } from './server';
 
@@ -22,18 +22,18 @@ async function draco(): Promise<DracoDecode> {
 const forms = { plain: 0, draco: 0, delta: 0, moved: 0 }; // how leaves came
 
 /** Flies in lock-step; resolves once `cameras` have had their iterations. */
-async function fly(server: Server, scene: Scene, cameras: Camera[], more: { damage?: boolean } = {}): Promise<{ triangles: number; settled: boolean }> {
+async function fly(server: Server, replica: Replica, cameras: Camera[], more: { damage?: boolean } = {}): Promise<{ triangles: number; settled: boolean }> {
   return new Promise((resolve, reject) => {
+    const again: number[] = []; // how many leaves were asked for again, each time
     let next = 0, triangles = 0, damages = 0;
     const socket = new NodeSocket(`${server.ws}/v1/stream`);
     const stream: Stream = new Stream(
       { open: () => socket, clientName: 'test', settings: { threshold: 1, triangleBudget: 0, candidates: 0 }, lockstep: true },
       {
-        onWorld: (world: World): Held[] => {
+        onWorld: (world: World) => {
           assert.equal(world.stepBits, 8);
-          scene.reconnect();
           setTimeout(() => stream.pose(cameras[next++]!));
-          return [...scene.leaves.values()].map((leaf) => ({ address: leaf.mesh.address, hash: leaf.hash }));
+          return replica.resume(world, { acknowledge: (number, hash) => stream.acknowledge(number, hash), resend: (leaves) => (again.push(leaves.length), stream.resend(leaves)) });
         },
         onIteration: (iteration: Iteration) => {
           for (const w of iteration.whole) if (w.payload.length > 0) w.payload[0] === 0x11 ? ++forms.draco : ++forms.plain;
@@ -41,18 +41,15 @@ async function fly(server: Server, scene: Scene, cameras: Camera[], more: { dama
           // A byte that is wrong in the middle of a delta must be noticed, and mended by the server.
           const damaged = more.damage && damages === 0 ? iteration.changed.find((c) => c.payload.length > 40) : undefined;
           if (damaged) damaged.payload[20]! ^= 0x55, ++damages;
-          triangles += scene.apply(iteration).decoded;
-          if (damaged) {
-            const asked = scene.takeDamaged();
-            assert.equal(asked.length, 1);
-            stream.resend(asked);
-          } else if (!scene.damaged) {
-            assert.equal(scene.hash, iteration.meshHash, `iteration ${iteration.number}`);
-          }
-          stream.acknowledge(iteration.number, scene.hash);
+          const { decoded, agrees, acknowledge } = replica.apply(iteration);
+          triangles += decoded;
+          if (damaged) assert.deepEqual(again, [1]);
+          if (!damaged && !replica.scene.damaged) assert.ok(agrees, `iteration ${iteration.number}`);
+          acknowledge();
           if (next < cameras.length) return void stream.pose(cameras[next++]!);
-          stream.close();
           if (more.damage) assert.equal(damages, 1);
+          else assert.deepEqual(again, []);
+          stream.close();
           resolve({ triangles, settled: iteration.settled });
         },
         onLost: (sentence) => {
@@ -72,9 +69,9 @@ test('every iteration of a flight has the hash that the server says', async (t) 
   t.after(() => server.stop());
   const decode = await draco();
 
-  const scene = new Scene(decode);
+  const replica = new Replica(decode), { scene } = replica;
   const began = performance.now();
-  const { triangles } = await fly(server, scene, flight(358_400, 921_600, 40));
+  const { triangles } = await fly(server, replica, flight(358_400, 921_600, 40));
   t.diagnostic(`${triangles} triangles came in ${Math.round(performance.now() - began)} ms; forms ${JSON.stringify(forms)}`);
   assert.ok(scene.triangles > 10_000);
   assert.ok(forms.delta > 100 && forms.draco > 0 && forms.plain > 10 && forms.moved > 0, JSON.stringify(forms));
@@ -89,9 +86,9 @@ test('every iteration of a flight has the hash that the server says', async (t) 
 
   await t.test('resumes on a new connection', async () => {
     const before = scene.triangles;
-    const { triangles: again } = await fly(server, scene, flight(358_400 + 39 * 12_000, 921_600 - 39 * 36_000, 3, 0));
+    const { triangles: again } = await fly(server, replica, flight(358_400 + 39 * 12_000, 921_600 - 39 * 36_000, 3, 0));
     assert.ok(again < before / 2, `${again} of ${before} came again`);
   });
-  await t.test('far away', () => fly(server, new Scene(decode), flight(2 ** 50 - 2 ** 30, -(2 ** 49), 6)));
-  await t.test('a damaged delta is noticed and mended', () => fly(server, new Scene(decode), flight(358_400, 921_600, 12), { damage: true }));
+  await t.test('far away', () => fly(server, new Replica(decode), flight(2 ** 50 - 2 ** 30, -(2 ** 49), 6)));
+  await t.test('a damaged delta is noticed and mended', () => fly(server, new Replica(decode), flight(358_400, 921_600, 12), { damage: true }));
 });

@@ -8,7 +8,7 @@ import { Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
 const FIRST_WAIT = 50, LONGEST_WAIT = 2000; // ms
-const PATIENCE = 15_000; // ms from the attempt to the world, unless told otherwise
+const TIMEOUT = 15_000; // ms from the attempt to the world, unless told otherwise
 const MAX_MESSAGE = 256 * 2 ** 20;
 const MAX_RESENT = 4096, RESUMED_AT_A_TIME = 2048, MAX_RESUMED = 65_536;
 
@@ -68,7 +68,7 @@ export interface Options {
   settings: Settings;
   lockstep?: boolean;
   /** Milliseconds from an attempt to the world: more where the server may have to compile it first. */
-  patience?: number;
+  timeout?: number;
   /** Why a connection could not even be opened, where that can be found out; sockets do not say. */
   explain?: () => Promise<Explanation | undefined>;
 }
@@ -171,7 +171,7 @@ export class Stream {
       this.why = 'The server did not answer in time.';
       this.socket?.close();
       void this.lost(1006, '');
-    }, this.options.patience ?? PATIENCE);
+    }, this.options.timeout ?? TIMEOUT);
   }
 
   private hello(): void {

@@ -1,0 +1,192 @@
+// Holds the connection and the mesh. Iterations are decoded, compared with the server's hash and turned into buffers here; the painter
+// takes them over a port of its own.
+
+import type { DracoDecode } from '../codec/leaf';
+import type { Iteration, World } from '../generated/ridgecast/v1/stream_pb';
+import type { Figures, FromEngine, ToEngine } from '../messages';
+import { Replica } from '../replica/replica';
+import { Explanation, Held, Settings, Socket, Stream } from '../stream/stream';
+import { MemberList } from './member_list';
+import { PainterPort } from './painter_port';
+import { Poses } from './poses';
+
+type Start = Extract<ToEngine, { kind: 'start' }>;
+
+const MOST_CANDIDATES = 20_000; // of an iteration
+const MAKING_TIMEOUT = 90_000; // ms; a browser hides that the server says it is at it
+const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
+
+// A browser does not say why a WebSocket could not be opened; the same address over HTTP does.
+async function explain(url: string, token: string): Promise<Explanation | undefined> {
+  try {
+    const answer = await fetch(url.replace(/^ws/, 'http'), { cache: 'no-store', headers: token ? { Authorization: `Bearer ${token}` } : {} });
+    const sentence = (await answer.text()).trim().slice(0, 500);
+    // 426: all is well over HTTP, so it is the session that refused.
+    if (answer.status === 426) return { sentence: 'The server is there but refuses this session: it does not exist, is another world or is full.', final: false, wantsToken: false };
+    return { sentence, final: [400, 401, 403, 404, 409, 421].includes(answer.status), wantsToken: answer.status === 401 };
+  } catch {
+    return undefined;
+  }
+}
+
+export class Engine {
+  private readonly painter = new PainterPort();
+  private readonly poses = new Poses();
+  private readonly members = new MemberList();
+  private replica: Replica | undefined;
+  private stream: Stream | undefined;
+  private starts = 0;
+  private settings: Settings = { threshold: 0, triangleBudget: 0, candidates: 0 };
+  private candidates = 0; // of the last iteration
+  private bytes = 0;
+  private figures: Figures | undefined;
+
+  constructor(
+    private readonly tell: (message: FromEngine) => void,
+    private readonly loadDecoder: () => Promise<DracoDecode>,
+  ) {}
+
+  /** What the page says. */
+  hear(message: ToEngine): void {
+    switch (message.kind) {
+      case 'painter':
+        return this.painter.open(message.port);
+      case 'start':
+        return void this.start(message);
+      case 'pose':
+        this.poses.newest = message.camera;
+        this.poses.number = message.number;
+        this.poses.add(this.stream?.pose(message.camera) ?? 0n);
+        return this.tellGround();
+      case 'candidates':
+        return this.wantCandidates(message.wanted);
+      case 'hurry':
+        return this.stream?.hurry();
+      case 'stop':
+        return this.stream?.close();
+    }
+  }
+
+  private async start({ url, token, settings }: Start): Promise<void> {
+    this.stream?.close();
+    this.stream = undefined;
+    const mine = ++this.starts;
+    try {
+      this.replica ??= new Replica(await this.loadDecoder());
+    } catch (error) {
+      return this.lost(`The page could not load its parts: ${error instanceof Error ? error.message : error}. Reload it.`, true, false);
+    }
+    if (mine !== this.starts) return; // started again meanwhile
+    this.settings = { ...settings, candidates: this.settings.candidates };
+    this.stream = new Stream(
+      {
+        // A page cannot set headers of a WebSocket: a token travels as a subprotocol.
+        open: () => new WebSocket(url, token ? ['ridgecast.v1', `bearer.${token}`] : []) as unknown as Socket,
+        clientName: 'ridgecast-web',
+        settings: this.settings,
+        ...(new URL(url).searchParams.has('terrain') ? { timeout: MAKING_TIMEOUT } : {}),
+        explain: () => explain(url, token),
+      },
+      {
+        onWorld: (world) => this.enter(world),
+        onIteration: (iteration, bytes) => this.take(iteration, bytes),
+        onMembers: (members) => {
+          this.members.know(members);
+          this.tellMembers();
+        },
+        onLost: (sentence, final, wantsToken) => this.lost(sentence, final, wantsToken),
+      },
+    );
+    if (this.poses.newest) this.stream.pose(this.poses.newest);
+  }
+
+  private enter(world: World): Held[] {
+    this.poses.forget();
+    this.members.clear();
+    this.showNoCandidates();
+    const held = this.replica!.resume(world, this.stream!);
+    if (held.length === 0) this.painter.clear();
+    const source = text(world.terrainSource);
+    this.painter.send({ kind: 'world', source, seed: world.seed, horizon: world.horizon });
+    this.tell({
+      kind: 'world',
+      world: {
+        terrain: text(world.terrainName),
+        seed: world.seed,
+        session: text(world.session),
+        server: text(world.serverName),
+        camera: String(world.camera),
+        horizon: world.horizon,
+        hasSource: source !== '',
+        threshold: world.settings?.threshold ?? 0,
+        triangleBudget: world.settings?.triangleBudget ?? 0,
+      },
+    });
+    return held;
+  }
+
+  private take(iteration: Iteration, bytes: number): void {
+    const began = performance.now(), { scene, totals } = this.replica!;
+    const applied = this.replica!.apply(iteration);
+    this.bytes += bytes;
+    this.showCandidates(iteration); // before the change, which the painter counts
+    this.painter.show(applied, applied.acknowledge);
+    const latencyMs = this.poses.answered(iteration.poseSequence);
+    this.tellFigures({
+      iteration: Number(iteration.number),
+      triangles: scene.triangles,
+      leaves: scene.leaves.size,
+      settled: iteration.settled && applied.agrees && this.poses.allAnswered,
+      pose: this.poses.number,
+      changes: this.painter.changes,
+      hashOk: applied.agrees,
+      effectiveThreshold: iteration.figures?.effectiveThreshold ?? 0,
+      bytes: this.bytes,
+      ...totals,
+      candidates: this.candidates,
+      decodeMs: performance.now() - began,
+      latencyMs,
+    });
+    this.tellGround();
+  }
+
+  private lost(sentence: string, final: boolean, wantsToken: boolean): void {
+    this.members.clear();
+    this.tellMembers();
+    this.tell({ kind: 'lost', sentence, final, wantsToken });
+  }
+
+  private wantCandidates(wanted: boolean): void {
+    this.settings = { ...this.settings, candidates: wanted ? MOST_CANDIDATES : 0 };
+    this.stream?.change(this.settings);
+    if (wanted) return;
+    this.showNoCandidates();
+    if (this.figures) this.tellFigures({ ...this.figures, candidates: 0 });
+  }
+
+  private showNoCandidates(): void {
+    this.candidates = 0;
+    this.painter.send({ kind: 'candidates', candidates: undefined });
+  }
+
+  private showCandidates({ candidates, figures }: Iteration): void {
+    if (this.settings.candidates === 0 || !candidates) return;
+    const { x, z, points, errors } = candidates;
+    const count = (this.candidates = Math.min(errors.length, Math.floor(points.length / 3)));
+    const own = { x: Number(x), z: Number(z), points: Int32Array.from(points.slice(0, 3 * count)), errors: Float32Array.from(errors.slice(0, count)) };
+    this.painter.send({ kind: 'candidates', candidates: { ...own, threshold: Math.max(figures?.effectiveThreshold ?? 0, 1e-3) } }, [own.points.buffer, own.errors.buffer]);
+  }
+
+  private tellFigures(figures: Figures): void {
+    this.figures = figures;
+    this.tell({ kind: 'figures', figures });
+  }
+  private tellMembers(): void {
+    this.tell({ kind: 'members', members: this.members.all });
+  }
+  private tellGround(): void {
+    const { newest } = this.poses;
+    const metres = newest && this.replica?.scene.height(newest.x, newest.z);
+    if (metres !== undefined) this.tell({ kind: 'ground', metres });
+  }
+}
