@@ -1,0 +1,35 @@
+// What the page says to people: a problem in its middle, a note at its edge, and how the connection stands.
+
+export function element<T extends HTMLElement>(id: string): T {
+  return document.getElementById(id) as T;
+}
+
+export class Notices {
+  private timer = 0;
+
+  problem(title: string, sentence: string, offer: 'nothing' | 'token' | 'again' = 'nothing'): void {
+    const box = element('problem');
+    box.querySelector('h2')!.textContent = title;
+    box.querySelector('p')!.textContent = sentence;
+    element('token').hidden = offer !== 'token';
+    element('again').hidden = offer !== 'again';
+    box.hidden = false;
+  }
+  noProblem(): void {
+    element('problem').hidden = true;
+  }
+
+  /** For so long; 0: until the next one. */
+  note(sentence: string, ms = 2500): void {
+    const box = element('note');
+    box.textContent = sentence;
+    box.hidden = sentence === '';
+    clearTimeout(this.timer);
+    if (ms > 0) this.timer = window.setTimeout(() => (box.hidden = true), ms);
+  }
+
+  light(state: 'on' | 'wait' | 'off', text: string): void {
+    element('light').dataset['state'] = state;
+    element('world').textContent = text;
+  }
+}

@@ -1,0 +1,40 @@
+// The buttons of the page's bar: what is drawn, what lies over it, and how fine the mesh is.
+
+import type { Look, Mode } from '../messages';
+import { element } from './notices';
+
+export type Toggle = 'wireframe' | 'nodes' | 'candidates' | 'figures';
+
+export class Toolbar {
+  private readonly modes = document.querySelectorAll<HTMLButtonElement>('[data-mode]');
+  private readonly toggles = document.querySelectorAll<HTMLButtonElement>('[data-toggle]');
+  private readonly threshold = element<HTMLSelectElement>('threshold');
+
+  constructor(on: { mode: (mode: Mode) => void; toggle: (name: Toggle) => void; threshold: (pixels: number) => void }) {
+    for (const button of this.modes) button.addEventListener('click', () => on.mode(button.dataset['mode'] as Mode));
+    for (const button of this.toggles) button.addEventListener('click', () => on.toggle(button.dataset['toggle'] as Toggle));
+    this.threshold.addEventListener('change', () => on.threshold(Number(this.threshold.value)));
+  }
+
+  show(look: Look, figures: boolean): void {
+    const on: Record<Toggle, boolean> = { wireframe: look.wireframe, nodes: look.nodes, candidates: look.candidates, figures };
+    for (const button of this.modes) button.setAttribute('aria-pressed', String(button.dataset['mode'] === look.mode));
+    for (const button of this.toggles) button.setAttribute('aria-pressed', String(on[button.dataset['toggle'] as Toggle]));
+    const divider = element('divider');
+    divider.hidden = look.mode !== 'split';
+    divider.style.left = `${look.divider * 100}%`;
+  }
+
+  allowMarch(allowed: boolean): void {
+    for (const button of this.modes) button.disabled = !allowed && button.dataset['mode'] !== 'mesh';
+  }
+
+  showThreshold(granted: number): void {
+    let option = [...this.threshold.options].find((o) => Number(o.value) === granted);
+    if (!option) {
+      option = new Option(`${Number(granted.toPrecision(3))} px`, String(granted));
+      this.threshold.add(option);
+    }
+    option.selected = true;
+  }
+}

@@ -1,0 +1,347 @@
+// What a person does on the page, and what it shows: hands move the camera, the engine and the painter are told, and what they say is
+// shown. Nothing here takes long: what does runs in the two workers.
+
+import type { FromEngine, FromPainter, Look, Mode, WorldTold } from '../messages';
+import type { Pose } from '../render/view';
+import { EngineLink } from './engine_link';
+import { Flying } from './flying';
+import { Hands } from './hands';
+import { readPlace, writePlace } from './link';
+import { Members } from './members';
+import { Notices, element } from './notices';
+import { PainterLink } from './painter_link';
+import { Statistics } from './statistics';
+import { Toggle, Toolbar } from './toolbar';
+import { Worlds } from './worlds';
+
+const VERTICAL_FOV = Math.PI / 3;
+const MAX_PIXELS = 2.5e6; // of the canvas; more are not worth their time
+const GRAB = 14; // CSS pixels around the divider
+
+function pixels(): { width: number; height: number } {
+  const ratio = Math.min(devicePixelRatio || 1, Math.sqrt(MAX_PIXELS / Math.max(1, innerWidth * innerHeight)));
+  return { width: Math.max(1, Math.round(innerWidth * ratio)), height: Math.max(1, Math.round(innerHeight * ratio)) };
+}
+const sentenceOf = (error: unknown): string => (error instanceof Error ? error.message : String(error));
+
+export class Viewer {
+  readonly flying: Flying;
+  readonly engine: EngineLink;
+  readonly painter: PainterLink;
+  private readonly canvas = element<HTMLCanvasElement>('view');
+  private readonly place = readPlace(location.hash);
+  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false };
+  private readonly hands = new Hands(this.canvas);
+  private readonly notices = new Notices();
+  private readonly statistics = new Statistics();
+  private readonly members = new Members(element('members'));
+  private readonly toolbar: Toolbar;
+  private readonly worlds: Worlds;
+  private token: string;
+  private groundWanted: boolean; // until the height at the start is known
+  private makingSince = 0; // when a world was asked for that the server may have to compile; 0: none is waited for
+  private readonly frames = { last: performance.now(), savedAt: 0 }; // the last frame; when the address was brought up to date
+
+  constructor() {
+    this.flying = new Flying(this.place.pose);
+    this.token = this.place.token || sessionStorage.getItem('token') || '';
+    this.groundWanted = !Number.isFinite(this.place.pose.y);
+    this.engine = new EngineLink(
+      (message) => this.hearEngine(message),
+      (sentence) => this.notices.problem('The page failed', `${sentence || 'Its engine could not be loaded.'} Reload it.`),
+    );
+    this.painter = new PainterLink(
+      (message) => this.hearPainter(message),
+      (sentence) => this.notices.problem('No pictures', `${sentence || 'The part of the page that draws could not be loaded.'} Reload it.`),
+    );
+    this.toolbar = new Toolbar({ mode: (mode) => this.setMode(mode), toggle: (name) => this.toggle(name), threshold: (pixelsOfError) => this.setThreshold(pixelsOfError) });
+    this.worlds = new Worlds((session, terrain, seed) => this.goTo(session, terrain, seed));
+    this.listen();
+  }
+
+  begin(): void {
+    if (!('transferControlToOffscreen' in this.canvas) || typeof OffscreenCanvas === 'undefined')
+      return this.notices.problem('This browser is too old', 'The viewer draws in a worker (OffscreenCanvas), which Chrome 69, Firefox 105 and Safari 17 and those after them can.');
+    const canvas = this.canvas.transferControlToOffscreen(), { port1, port2 } = new MessageChannel();
+    this.engine.send({ kind: 'painter', port: port1 }, [port1]);
+    this.painter.send({ kind: 'begin', canvas, engine: port2 }, [canvas, port2]);
+    this.resize();
+    this.setLook();
+    if (this.groundWanted) this.wantGround();
+    this.connect();
+    this.canvas.focus({ preventScroll: true });
+    requestAnimationFrame((now) => this.frame(now));
+    setInterval(() => this.showStatistics(), 250);
+    setInterval(() => this.showWaiting(), 500);
+  }
+
+  /** Whether the mesh, or the picture, is all that will come for this pose. */
+  get atRest(): boolean {
+    return this.engine.isAtRest(this.flying.pose);
+  }
+  get drawn(): boolean {
+    return this.atRest && this.painter.hasDrawn(this.engine.figures!.changes);
+  }
+
+  private listen(): void {
+    const { hands } = this;
+    hands.attachTouch(element('stick'), element('lift'));
+    hands.onGrab = (x) => this.look.mode === 'split' && Math.abs(x - this.look.divider * innerWidth) < GRAB;
+    hands.onDrag = (x) => {
+      this.look.divider = Math.min(0.98, Math.max(0.02, x / innerWidth));
+      this.setLook();
+    };
+    const does: Record<'picture' | 'gltf' | 'link' | 'help', () => void> = {
+      picture: () => this.painter.send({ kind: 'picture' }),
+      gltf: () => void this.keepMesh(),
+      link: () => void this.copyLink(),
+      help: () => element<HTMLDialogElement>('help-text').showModal(),
+    };
+    const keys: Record<string, () => void> = {
+      Digit1: () => this.setMode('mesh'),
+      Digit2: () => this.setMode('march'),
+      Digit3: () => this.setMode('split'),
+      KeyX: () => this.toggle('wireframe'),
+      KeyN: () => this.toggle('nodes'),
+      KeyK: () => this.toggle('candidates'),
+      KeyF: () => this.toggle('figures'),
+      KeyP: does.picture,
+      KeyG: does.gltf,
+      KeyL: does.link,
+      KeyH: does.help,
+    };
+    hands.onKey = (code) => keys[code]?.();
+    for (const [name, act] of Object.entries(does)) element(name).addEventListener('click', act);
+    element('place').addEventListener('click', () => void this.worlds.show(this.engine.world?.session, this.authorization()));
+    element('again').addEventListener('click', () => this.connect());
+    element('token').addEventListener('submit', (event) => {
+      event.preventDefault();
+      this.token = String(new FormData(event.target as HTMLFormElement).get('token') ?? '').trim();
+      sessionStorage.setItem('token', this.token); // of this tab alone, and not in links
+      this.connect();
+    });
+    window.addEventListener('hashchange', () => this.follow());
+    window.addEventListener('resize', () => this.resize());
+    window.addEventListener('online', () => this.engine.send({ kind: 'hurry' }));
+    window.addEventListener('pagehide', () => this.engine.send({ kind: 'stop' }));
+    window.addEventListener('pageshow', (event) => {
+      if (event.persisted) this.connect();
+    });
+  }
+
+  // ---- the server ----
+
+  private streamUrl(): string {
+    const { session, terrain, seed, parameters } = this.place;
+    const url = new URL('./v1/stream', location.href);
+    url.protocol = url.protocol === 'https:' ? 'wss:' : 'ws:';
+    url.hash = '';
+    url.search = '';
+    url.searchParams.set('session', session);
+    if (!terrain) return url.href;
+    url.searchParams.set('terrain', terrain);
+    if (seed) url.searchParams.set('seed', seed);
+    for (const parameter of parameters) url.searchParams.append('param', parameter);
+    return url.href;
+  }
+
+  /** Begins, or begins again; the mesh that is held is kept. */
+  private connect(): void {
+    this.makingSince = this.place.terrain ? performance.now() : 0;
+    this.notices.noProblem();
+    this.engine.send({ kind: 'start', url: this.streamUrl(), settings: { threshold: this.place.threshold ?? 0, triangleBudget: 0, candidates: 0 }, token: this.token });
+  }
+
+  private showWaiting(): void {
+    const seconds = Math.floor((performance.now() - this.makingSince) / 1000);
+    if (this.makingSince > 0 && seconds >= 2) this.notices.light('wait', `waiting for the server to prepare the terrain, ${seconds} s`);
+  }
+
+  private hearEngine(message: FromEngine): void {
+    switch (message.kind) {
+      case 'world':
+        return this.enter(message.world);
+      case 'lost':
+        return this.showLost(message);
+      case 'ground':
+        if (this.engine.world && !this.engine.world.hasSource) this.beginAbove(message.metres);
+        return;
+      case 'members':
+        return this.members.set(message.members);
+    }
+  }
+
+  private enter({ terrain, seed, session, hasSource, threshold }: WorldTold): void {
+    this.makingSince = 0;
+    this.notices.noProblem();
+    this.notices.note('', 0);
+    this.notices.light('on', `${terrain}, seed ${seed}${session === 'default' ? '' : ` · ${session}`}`);
+    document.title = `${terrain} · Ridgecast`;
+    if (!hasSource && this.look.mode !== 'mesh') this.setMode('mesh');
+    this.toolbar.allowMarch(hasSource);
+    this.toolbar.showThreshold(threshold);
+  }
+
+  private showLost({ sentence, final, wantsToken }: Extract<FromEngine, { kind: 'lost' }>): void {
+    const { notices } = this;
+    this.makingSince = 0;
+    notices.light(final ? 'off' : 'wait', final ? 'not connected' : 'reconnecting');
+    if (wantsToken) notices.problem('This server asks for a token', this.token ? `${sentence} Give another one.` : 'Ask whoever runs it for one.', 'token');
+    else if (final) notices.problem('Not connected', sentence, 'again');
+    else if (this.engine.figures) notices.note(`${sentence} The picture shows what had arrived; trying again.`, 0);
+    else notices.problem('No connection to the server', `${sentence} Trying again.`, 'again');
+  }
+
+  private authorization(): Record<string, string> {
+    return this.token ? { Authorization: `Bearer ${this.token}` } : {};
+  }
+
+  // ---- pictures and files ----
+
+  private hearPainter(message: FromPainter): void {
+    switch (message.kind) {
+      case 'ready':
+        document.body.dataset['renderer'] = message.renderer;
+        return;
+      case 'problem':
+        return message.fatal ? this.notices.problem('No pictures', message.sentence) : this.notices.note(message.sentence, 12_000);
+      case 'ground':
+        return this.beginAbove(message.metres);
+      case 'picture':
+        this.keep(message.png, 'png');
+        return this.notices.note('The picture is kept in your downloads.');
+    }
+  }
+
+  private keep(file: Blob, extension: string): void {
+    const link = document.createElement('a');
+    link.href = URL.createObjectURL(file);
+    link.download = `ridgecast-${this.engine.world?.terrain ?? 'view'}.${extension}`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  }
+
+  /** Exactly the mesh that this page holds, from the server. */
+  private async keepMesh(): Promise<void> {
+    const { world } = this.engine, { notices } = this;
+    if (!world) return;
+    notices.note('The server writes the mesh …', 0);
+    try {
+      const answer = await fetch(`./v1/sessions/${world.session}/snapshot.glb?camera=${world.camera}`, { headers: this.authorization() });
+      if (!answer.ok) throw new Error((await answer.text()).trim().slice(0, 300));
+      this.keep(await answer.blob(), 'glb');
+      notices.note('The mesh is kept in your downloads.');
+    } catch (error) {
+      notices.note(`The server gives no mesh: ${sentenceOf(error)}`, 8000);
+    }
+  }
+
+  // ---- what is drawn ----
+
+  private resize(): void {
+    this.painter.send({ kind: 'size', ...pixels() });
+    this.engine.lookAgain();
+  }
+
+  private setLook(): void {
+    this.painter.send({ kind: 'look', look: { ...this.look } });
+    this.toolbar.show(this.look, this.statistics.wanted);
+    this.showStatistics();
+  }
+
+  private setMode(mode: Mode): void {
+    const { world } = this.engine;
+    if (mode !== 'mesh' && world && !world.hasSource) return this.notices.note('The server keeps the terrain to itself: there is no ray march.');
+    this.look.mode = mode;
+    this.setLook();
+  }
+
+  private toggle(name: Toggle): void {
+    if (name === 'figures') this.statistics.wanted = !this.statistics.wanted;
+    else this.look[name] = !this.look[name];
+    if (name === 'candidates') this.engine.send({ kind: 'candidates', wanted: this.look.candidates });
+    this.setLook();
+  }
+
+  private setThreshold(threshold: number): void {
+    this.place.threshold = threshold;
+    this.canvas.focus();
+    this.connect();
+  }
+
+  private showStatistics(): void {
+    const { look, flying, engine, painter } = this;
+    this.statistics.show({ look, flying, ground: engine.ground, figures: engine.figures, frames: painter.frames, atRest: this.atRest, others: engine.others.length });
+  }
+
+  // ---- places ----
+
+  private address(): string {
+    return new URL(writePlace({ ...this.place, pose: this.flying.pose, mode: this.look.mode }), location.href).href;
+  }
+
+  private async copyLink(): Promise<void> {
+    history.replaceState(null, '', this.address());
+    try {
+      await navigator.clipboard.writeText(this.address());
+      this.notices.note('The link to this place is copied.');
+    } catch {
+      this.notices.note('The link to this place is in the address bar.');
+    }
+  }
+
+  /** Goes where the page's address says. */
+  private follow(): void {
+    const next = readPlace(location.hash), { place } = this;
+    const elsewhere = next.session !== place.session || next.terrain !== place.terrain || next.threshold !== place.threshold;
+    Object.assign(place, next);
+    this.flying.pose = next.pose;
+    if (next.token) this.token = next.token;
+    this.look.mode = next.mode;
+    this.setLook();
+    if (!Number.isFinite(next.pose.y)) this.wantGround();
+    if (elsewhere) this.connect();
+  }
+
+  private goTo(session: string, terrain: string, seed: string): void {
+    Object.assign(this.place, { session, terrain, seed, parameters: [] });
+    history.replaceState(null, '', this.address());
+    this.notices.light('wait', 'connecting');
+    this.connect();
+  }
+
+  private wantGround(): void {
+    this.groundWanted = true;
+    this.painter.send({ kind: 'ground', pose: { ...this.flying.pose, y: 0 } });
+  }
+  /** The start is given above the ground, whose height was not known until now. */
+  private beginAbove(metres: number): void {
+    if (!this.groundWanted) return;
+    this.groundWanted = false;
+    this.flying.pose = { ...this.flying.pose, y: metres + this.place.altitude };
+  }
+
+  // ---- frames ----
+
+  private frame(now: number): void {
+    requestAnimationFrame((next) => this.frame(next));
+    const seconds = Math.min(0.1, Math.max(0, (now - this.frames.last) / 1000));
+    this.frames.last = now;
+    const input = this.hands.take(seconds);
+    if (this.groundWanted) return;
+    this.flying.step(input, seconds, this.engine.ground);
+    const { pose } = this.flying, lens = { verticalFov: VERTICAL_FOV, ...pixels() };
+    this.painter.look(pose, VERTICAL_FOV);
+    this.engine.look(pose, lens, now);
+    this.saveAddress(pose, now);
+    this.members.draw({ pose, ...lens, horizon: this.engine.world?.horizon ?? 0 }, innerWidth, innerHeight);
+  }
+
+  /** Every two seconds, where the camera stands. */
+  private saveAddress(pose: Pose, now: number): void {
+    if (now - this.frames.savedAt <= 2000 || !this.engine.knows(pose)) return;
+    this.frames.savedAt = now;
+    const next = this.address();
+    if (next !== location.href && this.engine.world) history.replaceState(null, '', next);
+  }
+}
