@@ -1,14 +1,15 @@
 // A delta's payload and a base -> the leaf it makes. PROTOCOL.md, Delta payload; the names are the page's.
 
+import { Difference, GOES, STAYS, UNDECIDED, assemble } from './assemble';
 import { Sum, hashTriangle, hashVertex, out } from './hash';
-import { LeafMesh, MAX_HEIGHT, MAX_OFFSET, MAX_TRIANGLES, Refusal, cornerX, cornerZ, orientation, putRotated, sortedTriangles } from './mesh';
+import { LeafMesh, MAX_HEIGHT, MAX_OFFSET, MAX_TRIANGLES, Refusal, cornerX, cornerZ, orientation } from './mesh';
 import { Contexts, RangeDecoder } from './range_decoder';
 import { Reader } from './reader';
+import { bytes, signed, words } from './scratch';
 
 const FORM = 0x20;
 const NOBODY = 0xffffffff;
 const MAX_WALK = 32;
-const UNDECIDED = 0, STAYS = 1, GOES = 2;
 
 // Where each set of contexts begins.
 const LENGTH = 0, TOP = 33, NUMBER = 66; // of a number: 33 for its length, 33 for its second bit
@@ -17,25 +18,6 @@ const GROWS = HEIGHT + NUMBER;
 const IS_BEFORE = GROWS + 4, IS_BEHIND = IS_BEFORE + 12, IS_FRESH = IS_BEHIND + 12, IS_NONE = IS_FRESH + 6;
 const IS_WALK = IS_NONE + 3, IS_FORWARDS = IS_WALK + 1, SEED_IS_FRESH = IS_FORWARDS + 1;
 const FINER = SEED_IS_FRESH + 1, FINER_HEIGHT = FINER + 11, CONTEXTS = FINER_HEIGHT + 11;
-
-// Working memory is kept from one delta to the next: most deltas are small, and zeroed arrays would cost more than decoding. It grows
-// to what the largest leaf needs, and nothing in it is valid after the call. One thread.
-const kept: Uint32Array[] = [];
-const keptBytes: Uint8Array[] = [];
-function words(slot: number, count: number): Uint32Array {
-  let array = kept[slot];
-  if (!array || array.length < count) array = kept[slot] = new Uint32Array(Math.max(1024, 2 * count));
-  return array;
-}
-function bytes(slot: number, count: number): Uint8Array {
-  let array = keptBytes[slot];
-  if (!array || array.length < count) array = keptBytes[slot] = new Uint8Array(Math.max(1024, 2 * count));
-  return array;
-}
-function signed(slot: number, count: number): Int32Array {
-  const array = words(slot, count);
-  return new Int32Array(array.buffer, 0, array.length);
-}
 
 export interface DeltaHead {
   removed: number;
@@ -58,11 +40,11 @@ export function readHead(payload: Uint8Array, baseTriangles: number): DeltaHead 
   return { removed, added, fresh, check, body };
 }
 
-class Walk {
-  readonly triangleCount: number; // of the base
-  readonly fates: Uint8Array; // of the base's triangles
-  readonly added: Uint32Array; // triangles that came
-  readonly vertices: Int32Array; // the base's, then those that came
+class Walk implements Difference {
+  readonly triangleCount: number;
+  readonly fates: Uint8Array;
+  readonly added: Uint32Array;
+  readonly vertices: Int32Array;
   vertexCount: number;
   private addedCount = 0;
   private effort: number;
@@ -394,74 +376,6 @@ class Walk {
     v[3 * number + 2] = y;
     return number;
   }
-}
-
-/** What stays and what came, in canonical order: both are merged, since what stays is in order already. */
-function assemble(base: LeafMesh, walk: Walk): LeafMesh {
-  const { vertices, fates, added, triangleCount } = walk, corners = base.triangles;
-  const old = base.vertices.length / 3, count = walk.vertexCount;
-  const used = bytes(3, count).fill(0, 0, count);
-  let kept = 0;
-  for (let t = 0; t < triangleCount; ++t) {
-    if (fates[t] === GOES) continue;
-    ++kept;
-    used[corners[3 * t]!] = used[corners[3 * t + 1]!] = used[corners[3 * t + 2]!] = 1;
-  }
-  for (const v of added) used[v] = 1;
-  const fresh = new Uint32Array(count - old);
-  for (let v = old; v < count; ++v) {
-    if (!used[v]) throw new Refusal('a new vertex has no triangle');
-    fresh[v - old] = v;
-  }
-  const compare = (a: number, b: number): number => vertices[3 * a]! - vertices[3 * b]! || vertices[3 * a + 1]! - vertices[3 * b + 1]!;
-  fresh.sort(compare);
-
-  // Old and new vertices; next: the new one that is waited with, as far behind as it belongs.
-  const place = words(13, count);
-  let total = fresh.length;
-  for (let v = 0; v < old; ++v) total += used[v]!;
-  const to = new Int32Array(3 * total);
-  let n = 0, next = 0;
-  for (let v = 0; v <= old; ++v) {
-    if (v < old && !used[v]) continue;
-    while (next < fresh.length && (v === old || compare(fresh[next]!, v) < 0)) {
-      const f = fresh[next++]!;
-      place[f] = n / 3;
-      to[n++] = vertices[3 * f]!, to[n++] = vertices[3 * f + 1]!, to[n++] = vertices[3 * f + 2]!;
-    }
-    if (v === old) break;
-    place[v] = n / 3;
-    to[n++] = vertices[3 * v]!, to[n++] = vertices[3 * v + 1]!, to[n++] = vertices[3 * v + 2]!;
-  }
-  for (let k = 3; k < n; k += 3) if (to[k] === to[k - 3] && to[k + 1] === to[k - 2]) throw new Refusal('two vertices share a place');
-
-  const came = new Uint32Array(added.length);
-  for (let k = 0; k < added.length; k += 3) putRotated(came, k, place[added[k]!]!, place[added[k + 1]!]!, place[added[k + 2]!]!);
-  const comes = cameInOrder(came, total);
-  const triangles = new Uint32Array(3 * kept + added.length);
-  let at = 0, c = 0;
-  for (let t = 0, k = 0; t < triangleCount; ++t, k += 3) {
-    if (fates[t] === GOES) continue;
-    const p = place[corners[k]!]!, q = place[corners[k + 1]!]!, r = place[corners[k + 2]!]!;
-    while (c < comes.length && (comes[c]! - p || comes[c + 1]! - q || comes[c + 2]! - r) < 0) {
-      triangles[at++] = comes[c++]!, triangles[at++] = comes[c++]!, triangles[at++] = comes[c++]!;
-    }
-    triangles[at++] = p, triangles[at++] = q, triangles[at++] = r;
-  }
-  while (c < comes.length) triangles[at++] = comes[c++]!;
-  return { address: base.address, vertices: to, triangles };
-}
-
-// A few triangles do not deserve counting sorts over all vertices.
-function cameInOrder(came: Uint32Array, vertices: number): Uint32Array {
-  const count = came.length / 3;
-  if (count > vertices / 4) return sortedTriangles(came, vertices);
-  const order = new Uint32Array(count);
-  for (let k = 0; k < count; ++k) order[k] = 3 * k;
-  order.sort((a, b) => came[a]! - came[b]! || came[a + 1]! - came[b + 1]! || came[a + 2]! - came[b + 2]!);
-  const sorted = new Uint32Array(came.length);
-  for (let k = 0; k < count; ++k) sorted.set(came.subarray(order[k]!, order[k]! + 3), 3 * k);
-  return sorted;
 }
 
 export interface Changed {

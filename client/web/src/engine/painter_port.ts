@@ -2,7 +2,8 @@
 
 import { keyOf } from '../codec/mesh';
 import type { FromPainterToEngine, LeafBuffers, ToPainterFromEngine } from '../messages';
-import type { Change, HeldLeaf } from '../scene/scene';
+import type { HeldLeaf } from '../scene/draft';
+import type { Change } from '../scene/scene';
 
 function buffersOf({ mesh, low, high }: HeldLeaf): LeafBuffers {
   const { address, vertices, triangles } = mesh;
