@@ -91,12 +91,6 @@ export class Viewer {
       this.look.divider = Math.min(0.98, Math.max(0.02, x / innerWidth));
       this.setLook();
     };
-    const does: Record<'picture' | 'gltf' | 'link' | 'help', () => void> = {
-      picture: () => this.painter.send({ kind: 'picture' }),
-      gltf: () => void this.keepMesh(),
-      link: () => void this.copyLink(),
-      help: () => element<HTMLDialogElement>('help-text').showModal(),
-    };
     const keys: Record<string, () => void> = {
       Digit1: () => this.setMode('mesh'),
       Digit2: () => this.setMode('march'),
@@ -105,13 +99,13 @@ export class Viewer {
       KeyN: () => this.toggle('nodes'),
       KeyK: () => this.toggle('candidates'),
       KeyF: () => this.toggle('figures'),
-      KeyP: does.picture,
-      KeyG: does.gltf,
-      KeyL: does.link,
-      KeyH: does.help,
+      KeyP: () => this.painter.send({ kind: 'picture' }),
+      KeyG: () => void this.keepMesh(),
+      KeyL: () => void this.copyLink(),
+      KeyH: () => element<HTMLDialogElement>('help-text').showModal(),
     };
     hands.onKey = (code) => keys[code]?.();
-    for (const [name, act] of Object.entries(does)) element(name).addEventListener('click', act);
+    for (const [id, code] of Object.entries({ picture: 'KeyP', gltf: 'KeyG', link: 'KeyL', help: 'KeyH' })) element(id).addEventListener('click', keys[code]!);
     element('place').addEventListener('click', () => void this.worlds.show(this.engine.world?.session, this.authorization()));
     element('again').addEventListener('click', () => this.connect());
     element('token').addEventListener('submit', (event) => {
