@@ -51,16 +51,13 @@ void CandidatePass::draw(const View& view, const Surface& surface, const Canvas&
   glEnable(GL_BLEND);
   glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
   glEnable(GL_PROGRAM_POINT_SIZE);
-  glActiveTexture(GL_TEXTURE0);
-  glBindTexture(GL_TEXTURE_2D, surface.texture());
   program_.use();
-  program_.set("dotSurface", 0);
+  program_.sample("dotSurface", 0, surface.texture());
   setCamera(program_, view);
   program_.set("dotSize", std::max(2.0f, std::round(static_cast<float>(view.camera.projection.height) / 110)));
   glDrawArrays(GL_POINTS, 0, static_cast<GLsizei>(dots.size()));
   glDisable(GL_PROGRAM_POINT_SIZE);
   glDisable(GL_BLEND);
-  glBindTexture(GL_TEXTURE_2D, 0);
   glBindVertexArray(0);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
 }

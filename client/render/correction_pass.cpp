@@ -101,7 +101,9 @@ void main() {
   fall = min(fall, -0.02);
   float width = viewFootprint(dot(surface.xyz, viewForward)), longest = kMostSamples * width / -fall;
   float slope = fall, best = t, gap = correctGap(surface.xyz), least = gap;
-  UNKNOWN
+#ifdef RASTER  // beyond what is known of a height map the mesh is all there is
+  if (viewCameraY + surface.y - gap <= kUnknownHeight) return;
+#endif
   float began = t, first = gap;
   for (int k = 1; k <= correctSteps; ++k) {
     float next = t + clamp(-gap / slope, -longest, longest);
@@ -146,25 +148,18 @@ CorrectionPass::CorrectionPass(Program program, std::uint32_t seed, bool canCorr
     : program_(std::move(program)), vertexArray_(makeVertexArray()), seed_(seed), canCorrect_(canCorrect) {}
 
 Outcome<CorrectionPass> CorrectionPass::create(const TerrainText& terrain) {
-  std::string main(kCorrect);
-  // Beyond what is known of a height map the mesh is all there is.
-  const std::string_view mark = "UNKNOWN";
-  main.replace(main.find(mark), mark.size(), terrain.raster ? "if (viewCameraY + surface.y - gap <= kUnknownHeight) return;" : "");
-  auto program = buildTerrainProgram("correction", terrain, main);
+  auto program = buildTerrainProgram("correction", terrain, (terrain.raster ? "#define RASTER\n" : "") + std::string(kCorrect));
   if (!program) return program.error();
   return CorrectionPass(std::move(*program), terrain.seed, !terrain.neutral);
 }
 
 void CorrectionPass::correct(const View& view, const Surface& mesh, const Surface& out, int steps) const {
   drawInto(out.framebuffer(), out.width(), out.height());
-  glActiveTexture(GL_TEXTURE0);
-  glBindTexture(GL_TEXTURE_2D, mesh.texture());
   program_.use();
   setView(program_, view, seed_);
-  program_.set("correctSurface", 0);
+  program_.sample("correctSurface", 0, mesh.texture());
   program_.set("correctSteps", canCorrect_ ? steps : 0);
   drawFullScreen(vertexArray_);
-  glBindTexture(GL_TEXTURE_2D, 0);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 

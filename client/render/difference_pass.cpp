@@ -38,18 +38,13 @@ Outcome<DifferencePass> DifferencePass::create() {
 void DifferencePass::present(const Canvas& a, const Canvas& b, int width, int height) const {
   drawInto(0, static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height));
   program_.use();
-  glActiveTexture(GL_TEXTURE1);
-  glBindTexture(GL_TEXTURE_2D, b.texture());
-  glActiveTexture(GL_TEXTURE0);
-  glBindTexture(GL_TEXTURE_2D, a.texture());
-  program_.set("differenceA", 0);
-  program_.set("differenceB", 1);
+  program_.sample("differenceA", 0, a.texture());
+  program_.sample("differenceB", 1, b.texture());
   program_.set("differenceSize", static_cast<float>(width), static_cast<float>(height));
   static constexpr std::array<const char*, 5> kNames = {"ramp0", "ramp1", "ramp2", "ramp3", "ramp4"};
   for (std::size_t k = 0; k < kNames.size(); ++k)
     program_.set(kNames[k], kDifferenceRamp[k][0], kDifferenceRamp[k][1], kDifferenceRamp[k][2]);
   drawFullScreen(vertexArray_);
-  glBindTexture(GL_TEXTURE_2D, 0);
 }
 
 }  // namespace ridgecast::render

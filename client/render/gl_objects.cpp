@@ -72,10 +72,16 @@ GlObject makeTexture(std::uint32_t internalFormat, std::uint32_t width, std::uin
   std::uint32_t name = 0;
   glGenTextures(1, &name);
   GlObject texture(name, [](std::uint32_t n) { glDeleteTextures(1, &n); });
-  const bool depth = internalFormat == GL_DEPTH_COMPONENT32F;
+  const bool depth = internalFormat == GL_DEPTH_COMPONENT32F, integers = internalFormat == GL_RGBA32I;
   glBindTexture(GL_TEXTURE_2D, name);
   glTexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(internalFormat), static_cast<GLsizei>(width), static_cast<GLsizei>(height), 0,
-               depth ? GL_DEPTH_COMPONENT : GL_RGBA, depth || internalFormat == GL_RGBA32F ? GL_FLOAT : GL_UNSIGNED_BYTE, nullptr);
+               depth      ? GL_DEPTH_COMPONENT
+               : integers ? GL_RGBA_INTEGER
+                          : GL_RGBA,
+               integers                                ? GL_INT
+               : depth || internalFormat == GL_RGBA32F ? GL_FLOAT
+                                                       : GL_UNSIGNED_BYTE,
+               nullptr);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAX_LEVEL, 0);
@@ -109,6 +115,12 @@ Outcome<Program> Program::build(std::string_view what, std::string_view vertexSo
   return Program(std::move(program));
 }
 
+void Program::sample(const char* name, int unit, std::uint32_t texture) const {
+  glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
+  glBindTexture(GL_TEXTURE_2D, texture);
+  glActiveTexture(GL_TEXTURE0);
+  set(name, unit);
+}
 int Program::location(const char* name) const { return glGetUniformLocation(program_.name(), name); }
 void Program::use() const { glUseProgram(program_.name()); }
 void Program::set(const char* name, int v) const { glUniform1i(location(name), v); }

@@ -40,7 +40,7 @@ class GlObject {
 GlObject makeBuffer();
 GlObject makeVertexArray();
 GlObject makeFramebuffer();
-// A texture of one level without filtering; `internalFormat` is OpenGL's.
+// A texture of one level without filtering; `internalFormat` is OpenGL's: colours, depth, or integers (GL_RGBA32I).
 GlObject makeTexture(std::uint32_t internalFormat, std::uint32_t width, std::uint32_t height);
 
 // The next drawing goes to all of a framebuffer (0: the window's), with nothing in between: no scissor, depth test, blending or culling.
@@ -70,6 +70,8 @@ class Program {
   void set(const char* name, float x, float y) const;
   void set(const char* name, float x, float y, float z) const;
   void set(const char* name, int x, int y) const;
+  // A sampler's texture, which is bound to this unit; unit 0 is active afterwards.
+  void sample(const char* name, int unit, std::uint32_t texture) const;
   int location(const char* name) const;
 
  private:

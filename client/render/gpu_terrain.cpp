@@ -35,16 +35,8 @@ class GpuTerrain final : public terrain::Terrain {
         program_(std::move(program)),
         vertexArray_(makeVertexArray()),
         result_(makeTexture(GL_RGBA32F, kSide, kSide)),
-        framebuffer_(makeFramebuffer()) {
-    std::uint32_t points = 0;
-    glGenTextures(1, &points);
-    points_ = GlObject(points, [](std::uint32_t n) { glDeleteTextures(1, &n); });
-    glBindTexture(GL_TEXTURE_2D, points);
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32I, kSide, kSide, 0, GL_RGBA_INTEGER, GL_INT, nullptr);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAX_LEVEL, 0);
-    glBindTexture(GL_TEXTURE_2D, 0);
+        framebuffer_(makeFramebuffer()),
+        points_(makeTexture(GL_RGBA32I, kSide, kSide)) {
     glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name());
     glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, result_.name(), 0);
     glBindFramebuffer(GL_FRAMEBUFFER, 0);
@@ -72,18 +64,13 @@ class GpuTerrain final : public terrain::Terrain {
       texels[4 * i + 3] = static_cast<std::int32_t>(z[i] & kInCell);
     }
     drawInto(framebuffer_.name(), kSide, static_cast<std::uint32_t>(rows));
-    glActiveTexture(GL_TEXTURE0);
-    glBindTexture(GL_TEXTURE_2D, points_.name());
+    program_.use();
+    program_.sample("heightPoints", 0, points_.name());
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
     glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, kSide, rows, GL_RGBA_INTEGER, GL_INT, texels.data());
-    program_.use();
-    program_.set("heightPoints", 0);
     program_.set("viewSeed", text_.seed);
     if (window_) window_->bind(program_);
-    glBindVertexArray(vertexArray_.name());
-    glDrawArrays(GL_TRIANGLES, 0, 3);
-    glBindVertexArray(0);
-    glBindTexture(GL_TEXTURE_2D, 0);
+    drawFullScreen(vertexArray_);
     std::vector<float> drawn(static_cast<std::size_t>(rows) * kSide);
     glPixelStorei(GL_PACK_ALIGNMENT, 4);
     glReadPixels(0, 0, kSide, rows, GL_RED, GL_FLOAT, drawn.data());

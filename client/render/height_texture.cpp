@@ -101,10 +101,7 @@ void HeightTexture::bind(const Program& program) const {
   program.set("rasterBaseSteps", static_cast<int>(x & kInCell), static_cast<int>(z & kInCell));
   program.set("rasterFirst", static_cast<int>(base_.i & (kTiles - 1)) * terrain::kTileSide,
               static_cast<int>(base_.j & (kTiles - 1)) * terrain::kTileSide);
-  program.set("rasterWindow", 3);
-  glActiveTexture(GL_TEXTURE3);
-  glBindTexture(GL_TEXTURE_2D, texture_.name());
-  glActiveTexture(GL_TEXTURE0);
+  program.sample("rasterWindow", 3, texture_.name());
 }
 
 std::string_view HeightTexture::accessor() { return kAccessor; }

@@ -72,9 +72,7 @@ bool MarchPass::advance(std::chrono::milliseconds budget) {
   }
   if (!picture_.left()) return true;
   use(marchProgram_);
-  glActiveTexture(GL_TEXTURE0);
-  glBindTexture(GL_TEXTURE_2D, skylineTexture_.name());
-  marchProgram_.set("skyline", 0);
+  marchProgram_.sample("skyline", 0, skylineTexture_.name());
   marchProgram_.set("marchLowest", static_cast<float>(view_.lowest));
   marchProgram_.set("marchHighest", static_cast<float>(view_.highest));
   marchProgram_.set("marchFineness", fineness_);

@@ -2,8 +2,6 @@
 
 #include <epoxy/gl.h>
 
-#include <array>
-
 #include "common/shaders/shaders.h"
 
 namespace ridgecast::render {
@@ -45,19 +43,12 @@ Outcome<MorphPass> MorphPass::create() {
 void MorphPass::blend(const Surface& from, const Surface& to, float share, const Surface& out) const {
   drawInto(out.framebuffer(), out.width(), out.height());
   program_.use();
-  const std::array<std::pair<const char*, std::uint32_t>, 4> textures = {
-      {{"morphFrom", from.texture()}, {"morphTo", to.texture()}, {"morphCarriedFrom", from.carried()}, {"morphCarriedTo", to.carried()}}};
-  for (std::size_t k = 0; k < textures.size(); ++k) {
-    glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(k));
-    glBindTexture(GL_TEXTURE_2D, textures[k].second);
-    program_.set(textures[k].first, static_cast<int>(k));
-  }
+  program_.sample("morphFrom", 0, from.texture());
+  program_.sample("morphTo", 1, to.texture());
+  program_.sample("morphCarriedFrom", 2, from.carried());
+  program_.sample("morphCarriedTo", 3, to.carried());
   program_.set("morphShare", share);
   drawFullScreen(vertexArray_);
-  for (std::size_t k = textures.size(); k-- > 0;) {
-    glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(k));
-    glBindTexture(GL_TEXTURE_2D, 0);
-  }
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 

@@ -23,17 +23,11 @@ Outcome<ShadePass> ShadePass::create(const TerrainText& terrain) {
 
 void ShadePass::shade(const View& view, const Surface& surface, const Canvas& canvas) const {
   drawInto(canvas.framebuffer(), canvas.width(), canvas.height());
-  glActiveTexture(GL_TEXTURE0);
-  glBindTexture(GL_TEXTURE_2D, surface.texture());
   program_.use();
   setView(program_, view, seed_);
-  program_.set("shadeSurface", 0);
-  program_.set("shadeCarried", 1);
-  glActiveTexture(GL_TEXTURE1);
-  glBindTexture(GL_TEXTURE_2D, surface.carried());
-  glActiveTexture(GL_TEXTURE0);
+  program_.sample("shadeSurface", 0, surface.texture());
+  program_.sample("shadeCarried", 1, surface.carried());
   drawFullScreen(vertexArray_);
-  glBindTexture(GL_TEXTURE_2D, 0);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 

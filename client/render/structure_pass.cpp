@@ -102,13 +102,11 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
   drawInto(canvas.framebuffer(), canvas.width(), canvas.height());
   glEnable(GL_BLEND);
   glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
-  glActiveTexture(GL_TEXTURE0);
-  glBindTexture(GL_TEXTURE_2D, surface.texture());
   const auto metres = [](lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; };
 
   if (structure.leafColour) {
     leaves_.use();
-    leaves_.set("structureSurface", 0);
+    leaves_.sample("structureSurface", 0, surface.texture());
     leaves_.set("lineWidth", std::max(1.0f, static_cast<float>(view.camera.projection.height) / 500));
     mesh.redraw(view, leaves_, [&](const MeshPass::Leaf& leaf) {
       const lattice::LeafAddress& a = leaf.address;
@@ -120,7 +118,7 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
   }
   if (structure.wireframe) {
     edges_.use();
-    edges_.set("structureSurface", 0);
+    edges_.sample("structureSurface", 0, surface.texture());
     glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
     const double pixels = camera::pixelsPerRadian(view.camera.projection);
     mesh.redraw(view, edges_, [&](const MeshPass::Leaf& leaf) {
@@ -132,7 +130,7 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
   if (structure.frozen) {
     const camera::Pose& frozen = structure.frozen->pose;
     frustum_.use();
-    frustum_.set("structureSurface", 0);
+    frustum_.sample("structureSurface", 0, surface.texture());
     setVector(frustum_, "fromFrozen", {metres(pose.x - frozen.x), pose.y - frozen.y, metres(pose.z - frozen.z)});
     View from = view;
     from.camera = *structure.frozen;
@@ -140,7 +138,6 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
     drawFullScreen(vertexArray_);
   }
   glDisable(GL_BLEND);
-  glBindTexture(GL_TEXTURE_2D, 0);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
   if (structure.candidates) candidates_.draw(view, surface, canvas, *structure.candidates, structure.candidateColour);
 }
