@@ -55,19 +55,16 @@ void Quadtree::drop(std::int32_t node) {
   nodes_[node].tag = 0;
 }
 
-std::int32_t Quadtree::makeChildren(std::int32_t node) {
+void Quadtree::makeChildren(std::int32_t node) {
   const std::int32_t first = newFour();
   drop(node);
   nodes_[node].children = first;
-  leafCount_ += 3;
-  return first;
 }
 
 void Quadtree::freeChildren(std::int32_t node) {
   for (int k = 0; k < 4; ++k) drop(nodes_[node].children + k);
   free_.push_back(nodes_[node].children);
   nodes_[node].children = -1;
-  leafCount_ -= 3;
 }
 
 double Quadtree::distance(const View& view, LeafAddress square) const {
@@ -120,7 +117,6 @@ void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
     drop(node);
     free_.push_back(node);  // a root sits in the first of four slots of its own
     roots_[rootSlot(address.i, address.j)] = {};
-    --leafCount_;
     return true;
   });
   const LeafAddress centre = lattice::leafAt({pose.x, pose.z}, kRootLevel);
@@ -138,7 +134,6 @@ void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
       roots_[rootSlot(i, j)] = {i, j, newFour()};
       held_.push_back(address);
       made_.push_back(address);
-      ++leafCount_;
     }
   std::sort(held_.begin(), held_.end());
 }
@@ -163,23 +158,6 @@ bool Quadtree::follow(const camera::Pose& pose, double ground) {
   return !made_.empty() || !gone_.empty();
 }
 
-template <class F>
-void Quadtree::visit(std::int32_t node, LeafAddress address, F&& f) const {
-  if (nodes_[node].children < 0) {
-    f(address);
-    return;
-  }
-  for (int k = 0; k < 4; ++k) visit(nodes_[node].children + k, address.child(k), f);
-}
-
-std::vector<LeafAddress> Quadtree::leaves() const {
-  std::vector<LeafAddress> out;
-  out.reserve(leafCount_);
-  for (const LeafAddress& address : held_) visit(rootAt(address.i, address.j), address, [&](LeafAddress a) { out.push_back(a); });
-  std::sort(out.begin(), out.end());
-  return out;
-}
-
 bool Quadtree::isLeaf(LeafAddress address) const { return find(address) >= 0; }
 
 bool Quadtree::leafAt(lattice::Point p, LeafAddress& leaf) const {
@@ -193,15 +171,14 @@ std::uint32_t Quadtree::tagAt(lattice::Point p) const {
   return node < 0 ? 0 : nodes_[node].tag;
 }
 
-// f(address, node) for every leaf along the ring just outside, some more than once; the finest square is the smallest stride there is.
-template <class F>
-void Quadtree::walkAround(LeafAddress leaf, F&& f) const {
+// Walks along the ring just outside, from leaf to leaf.
+void Quadtree::touchingTags(LeafAddress leaf, std::vector<std::uint32_t>& tags) const {
+  tags.clear();
   const Step x0 = leaf.x() - 1, z0 = leaf.z() - 1, x1 = leaf.x() + leaf.side(), z1 = leaf.z() + leaf.side();
   const auto along = [&](bool horizontal, Step fixed, Step from, Step to) {
     for (Step at = from; at <= to;) {
-      const lattice::Point p = horizontal ? lattice::Point{at, fixed} : lattice::Point{fixed, at};
-      const auto [node, level] = descend(p, 0);
-      if (node >= 0) f(lattice::leafAt(p, level), node);
+      const auto [node, level] = descend(horizontal ? lattice::Point{at, fixed} : lattice::Point{fixed, at}, 0);
+      if (node >= 0) tags.push_back(nodes_[node].tag);
       const int bits = lattice::kFinestSideBits + level;
       at = lattice::floorTo(at, bits) + (Step{1} << bits);
     }
@@ -210,19 +187,6 @@ void Quadtree::walkAround(LeafAddress leaf, F&& f) const {
   along(true, z1, x0, x1);
   along(false, x0, z0, z1);
   along(false, x1, z0, z1);
-}
-
-std::vector<LeafAddress> Quadtree::touching(LeafAddress leaf) const {
-  std::vector<LeafAddress> out;
-  walkAround(leaf, [&](LeafAddress address, std::int32_t) { out.push_back(address); });
-  std::sort(out.begin(), out.end());
-  out.erase(std::unique(out.begin(), out.end()), out.end());
-  return out;
-}
-
-void Quadtree::touchingTags(LeafAddress leaf, std::vector<std::uint32_t>& tags) const {
-  tags.clear();
-  walkAround(leaf, [&](LeafAddress, std::int32_t node) { tags.push_back(nodes_[node].tag); });
   std::sort(tags.begin(), tags.end());
   tags.erase(std::unique(tags.begin(), tags.end()), tags.end());
 }

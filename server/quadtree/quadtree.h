@@ -38,16 +38,11 @@ class Quadtree {
   const std::vector<lattice::LeafAddress>& made() const { return made_; }
   const std::vector<std::uint32_t>& gone() const { return gone_; }
 
-  // Every leaf of the tree, in canonical order of address.
-  std::vector<lattice::LeafAddress> leaves() const;
-  std::size_t leafCount() const { return leafCount_; }
-
+  const std::vector<lattice::LeafAddress>& roots() const { return held_; }  // in canonical order
   bool isLeaf(lattice::LeafAddress address) const;
   // The leaf that holds a point; false when the point is beyond every root.
   bool leafAt(lattice::Point p, lattice::LeafAddress& leaf) const;
-  // The leaves whose closed squares share at least a point with a leaf's, itself excluded, in canonical order.
-  std::vector<lattice::LeafAddress> touching(lattice::LeafAddress leaf) const;
-  // Their tags, ascending.
+  // The tags of the leaves whose closed squares share at least a point with a leaf's, itself excluded, ascending.
   void touchingTags(lattice::LeafAddress leaf, std::vector<std::uint32_t>& tags) const;
 
   void setTag(lattice::LeafAddress leaf, std::uint32_t tag);
@@ -84,24 +79,19 @@ class Quadtree {
   };
   Place descend(lattice::Point p, int finest) const;
   std::int32_t find(lattice::LeafAddress address) const;  // -1: no leaf
-  template <class F>
-  void walkAround(lattice::LeafAddress leaf, F&& f) const;
   std::int32_t newFour();
-  std::int32_t makeChildren(std::int32_t node);
+  void makeChildren(std::int32_t node);
   void freeChildren(std::int32_t node);
   void drop(std::int32_t node);
   double distance(const View& view, lattice::LeafAddress square) const;
   double update(const View& view, std::int32_t node, lattice::LeafAddress address);
   void followRoots(const View& view, const camera::Pose& pose);
   void collapse(std::int32_t node);
-  template <class F>
-  void visit(std::int32_t node, lattice::LeafAddress address, F&& f) const;
 
   std::array<Root, kRootSlots * kRootSlots> roots_;
   std::vector<lattice::LeafAddress> held_;  // the roots, in canonical order
   std::vector<Node> nodes_;
   std::vector<std::int32_t> free_;  // first of four
-  std::size_t leafCount_ = 0;
   View last_{};
   double travel_ = 0;               // metres, of all follow() so far
   double nextRootCheck_ = kAlways;  // travel from which on a root may come or go

@@ -1,7 +1,9 @@
 #pragma once
 // A camera as refinement sees it, for one iteration.
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "common/camera/camera.h"
 #include "server/refinement/horizon.h"
@@ -19,8 +21,25 @@ inline constexpr float kNearest = 0.5f * 256;  // steps: nearer than this nothin
 
 // Positions are relative to the mesh's anchor.
 struct View {
-  // `travel` (steps) and `turn` (radians): how far this camera has moved and turned in its life; they only grow.
-  View(const camera::Camera& camera, lattice::Point anchor, double travel, double turn, bool moving, bool area = false);
+  // `travelled` (steps) and `turned` (radians): how far this camera has moved and turned in its life; they only grow.
+  View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned, bool onTheWay, bool byArea = false)
+      : x(static_cast<std::int32_t>(camera.pose.x - anchor.x)),
+        z(static_cast<std::int32_t>(camera.pose.z - anchor.z)),
+        y(static_cast<float>(camera.pose.y * lattice::kStepsPerMetre)),
+        pixelsPerRadian(camera::pixelsPerRadian(camera.projection)),
+        wide(camera.pose, camera.projection, kWidening),
+        sector(camera.pose, camera.projection),
+        forward(camera::forward(camera.pose)),
+        right(camera::right(camera.pose)),
+        up(camera::up(camera.pose)),
+        tanX(std::tan(camera.projection.verticalFov / 2) * camera.projection.aspect()),
+        tanY(std::tan(camera.projection.verticalFov / 2)),
+        travel(travelled),
+        turn(turned),
+        spare(std::min(std::atan(kWidening * tanX) - std::atan(tanX), std::atan(kWidening * tanY) - std::atan(tanY))),
+        moving(onTheWay),
+        area(byArea),
+        gain(byArea ? pixelsPerRadian * std::sqrt(pixelsPerRadian) : pixelsPerRadian) {}
 
   std::int32_t x, z;  // steps
   float y;            // steps, absolute
