@@ -51,6 +51,14 @@ struct Connection::Impl final : WebSocket::Listener {
     socket_.post([this] { write(); });
   }
 
+  template <class Message>
+  void post(const Message& message) {
+    put([&] { return outbox_.put(message), std::optional<std::string>(); });
+  }
+  void say(const wire::ClientMessage& message) {
+    put([&] { return outbox_.put(message); });
+  }
+
   template <class Requests, class Request>
   auto ask(Requests& requests, Request request) {
     std::unique_lock lock(mutex_);
@@ -61,6 +69,12 @@ struct Connection::Impl final : WebSocket::Listener {
     lock.unlock();
     socket_.post([this] { write(); });
     return future;
+  }
+
+  template <class Value>
+  Value copyOf(const Value& value) const {
+    const std::lock_guard lock(mutex_);
+    return value;
   }
 
   // ---- the WebSocket's thread ----
@@ -191,38 +205,23 @@ void Connection::send(const wire::PoseMessage& pose) {
   impl_->put([&] { return impl_->outbox_.put(pose); });
 }
 
-template <class Message>
-void Connection::post(const Message& message) {
-  impl_->put([&]() -> std::optional<std::string> {
-    impl_->outbox_.put(message);
-    return std::nullopt;
-  });
-}
-
-void Connection::acknowledge(const wire::Acknowledge& acknowledge) { post(acknowledge); }
-void Connection::resume(const wire::Resume& resume) { post(resume); }
-void Connection::resend(const wire::ResendLeaves& resend) { post(resend); }
+void Connection::acknowledge(const wire::Acknowledge& acknowledge) { impl_->post(acknowledge); }
+void Connection::resume(const wire::Resume& resume) { impl_->post(resume); }
+void Connection::resend(const wire::ResendLeaves& resend) { impl_->post(resend); }
 void Connection::change(const wire::Settings& settings) {
-  if (world().revision >= 2) post(settings);
+  if (world().revision >= 2) impl_->post(settings);
 }
 
 void Connection::want(const wire::WantTiles& wanted) {
-  impl_->put([&]() -> std::optional<std::string> {
+  impl_->put([&] {
     impl_->inbox_.unanswered += wanted.tiles.size();
-    impl_->outbox_.put(wanted);
-    return std::nullopt;
+    return impl_->outbox_.put(wanted), std::optional<std::string>();
   });
 }
 
-void Connection::setClock(const wire::SetClock& set) {
-  impl_->put([&] { return impl_->outbox_.put(wire::ClientMessage(set)); });
-}
-void Connection::step(const wire::Step& step) {
-  impl_->put([&] { return impl_->outbox_.put(wire::ClientMessage(step)); });
-}
-void Connection::stepDone(const wire::StepDone& done) {
-  impl_->put([&] { return impl_->outbox_.put(wire::ClientMessage(done)); });
-}
+void Connection::setClock(const wire::SetClock& set) { impl_->say(set); }
+void Connection::step(const wire::Step& step) { impl_->say(step); }
+void Connection::stepDone(const wire::StepDone& done) { impl_->say(done); }
 
 std::future<Outcome<wire::Answer>> Connection::ask(wire::Query query) { return impl_->ask(impl_->outbox_.queries, std::move(query)); }
 std::future<Outcome<wire::Ground>> Connection::askGround(const wire::AskGround& ask) { return impl_->ask(impl_->outbox_.grounds, ask); }
@@ -233,9 +232,11 @@ std::optional<Received> Connection::receive(milliseconds timeout) {
   return impl_->inbox_.takeIteration();
 }
 
-std::vector<wire::HeightTile> Connection::takeTiles() {
-  const std::lock_guard lock(impl_->mutex_);
-  return impl_->inbox_.takeTiles();
+bool Connection::waitForClock(std::uint64_t seen, milliseconds timeout) const {
+  std::unique_lock lock(impl_->mutex_);
+  const auto newer = [&] { return impl_->inbox_.clock.version() > seen; };
+  impl_->changed_.wait_for(lock, timeout, [&] { return newer() || impl_->error_; });
+  return newer();
 }
 
 std::optional<Roster> Connection::others(std::uint64_t seen) const {
@@ -244,36 +245,15 @@ std::optional<Roster> Connection::others(std::uint64_t seen) const {
   return impl_->inbox_.roster;
 }
 
-SessionClock Connection::clock() const {
+std::vector<wire::HeightTile> Connection::takeTiles() {
   const std::lock_guard lock(impl_->mutex_);
-  return impl_->inbox_.clock;
+  return impl_->inbox_.takeTiles();
 }
 
-bool Connection::waitForClock(std::uint64_t seen, milliseconds timeout) const {
-  std::unique_lock lock(impl_->mutex_);
-  const auto newer = [&] { return impl_->inbox_.clock.version() > seen; };
-  impl_->changed_.wait_for(lock, timeout, [&] { return newer() || impl_->error_; });
-  return newer();
-}
-
-wire::Settings Connection::granted() const {
-  const std::lock_guard lock(impl_->mutex_);
-  return impl_->inbox_.granted;
-}
-
-std::optional<Error> Connection::error() const {
-  const std::lock_guard lock(impl_->mutex_);
-  return impl_->error_;
-}
-
-std::optional<std::string> Connection::sentTo() const {
-  const std::lock_guard lock(impl_->mutex_);
-  return impl_->sentTo_;
-}
-
-std::uint64_t Connection::bytesReceived() const {
-  const std::lock_guard lock(impl_->mutex_);
-  return impl_->inbox_.bytes;
-}
+SessionClock Connection::clock() const { return impl_->copyOf(impl_->inbox_.clock); }
+wire::Settings Connection::granted() const { return impl_->copyOf(impl_->inbox_.granted); }
+std::optional<Error> Connection::error() const { return impl_->copyOf(impl_->error_); }
+std::optional<std::string> Connection::sentTo() const { return impl_->copyOf(impl_->sentTo_); }
+std::uint64_t Connection::bytesReceived() const { return impl_->copyOf(impl_->inbox_.bytes); }
 
 }  // namespace ridgecast::connection

@@ -116,8 +116,6 @@ class Connection {
 
  private:
   struct Impl;
-  template <class Message>
-  void post(const Message& message);
   explicit Connection(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };

@@ -18,6 +18,19 @@ std::shared_ptr<const terrain::Terrain> builtInOf(const wire::World& world) {
   return *terrain;
 }
 
+// Queries for a part of these places.
+auto placesOf(wire::QueryKind kind, std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::uint32_t spacing = 0) {
+  return [=](std::size_t at, std::size_t n) {
+    wire::Query q;
+    q.kind = kind;
+    q.spacing = spacing;
+    const auto allX = x.subspan(at, n), allZ = z.subspan(at, n);
+    q.x.assign(allX.begin(), allX.end());
+    q.z.assign(allZ.begin(), allZ.end());
+    return q;
+  };
+}
+
 constexpr std::size_t kBatch = 1000;   // places a query
 constexpr std::size_t kInFlight = 16;  // queries
 
@@ -54,38 +67,20 @@ Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number>
 }
 
 Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) {
-  if (local_) {
-    local_->heights(x, z, out);
-    return {};
-  }
-  return ask(
-      out.size(), kBatch, out, 1,
-      [&](std::size_t at, std::size_t n) {
-        wire::Query q;
-        q.x.assign(x.begin() + static_cast<std::ptrdiff_t>(at), x.begin() + static_cast<std::ptrdiff_t>(at + n));
-        q.z.assign(z.begin() + static_cast<std::ptrdiff_t>(at), z.begin() + static_cast<std::ptrdiff_t>(at + n));
-        return q;
-      },
-      [](const wire::Answer& a) -> const std::vector<float>& { return a.heights; });
+  if (!local_)
+    return ask(out.size(), kBatch, out, 1, placesOf(wire::QueryKind::kHeights, x, z),
+               [](const wire::Answer& a) -> const std::vector<float>& { return a.heights; });
+  local_->heights(x, z, out);
+  return {};
 }
 
 Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
                               std::uint32_t spacing) {
-  if (local_) {
-    ground::normals(*local_, x, z, spacing, out);
-    return {};
-  }
-  return ask(
-      x.size(), kBatch, out, 3,
-      [&](std::size_t at, std::size_t n) {
-        wire::Query q;
-        q.kind = wire::QueryKind::kNormals;
-        q.spacing = spacing;
-        q.x.assign(x.begin() + static_cast<std::ptrdiff_t>(at), x.begin() + static_cast<std::ptrdiff_t>(at + n));
-        q.z.assign(z.begin() + static_cast<std::ptrdiff_t>(at), z.begin() + static_cast<std::ptrdiff_t>(at + n));
-        return q;
-      },
-      [](const wire::Answer& a) -> const std::vector<float>& { return a.normals; });
+  if (!local_)
+    return ask(x.size(), kBatch, out, 3, placesOf(wire::QueryKind::kNormals, x, z, spacing),
+               [](const wire::Answer& a) -> const std::vector<float>& { return a.normals; });
+  ground::normals(*local_, x, z, spacing, out);
+  return {};
 }
 
 Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> out) {
