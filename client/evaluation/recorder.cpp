@@ -193,6 +193,7 @@ Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scen
     summary[std::string(name) + "_frame_cpu_ms"] = median(drawn->cpuMilliseconds);
   }
   summary["bytes_received"] = totals.bytesReceived;
+  summary["reconnections"] = totals.reconnections;
   summary["iterations"] = iterations_;
   summary["hash_mismatches"] = mismatches_;
   summary["settled"] = totals.settled;

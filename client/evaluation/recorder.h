@@ -45,7 +45,7 @@ struct PictureSettings {
 
 struct Totals {
   double seconds = 0;  // of wall time in which iterations ran, pictures not counted
-  std::uint64_t bytesReceived = 0;
+  std::uint64_t bytesReceived = 0, reconnections = 0;
   bool settled = false;
   double settleSeconds = 0;
   std::string pacing, path, renderer;

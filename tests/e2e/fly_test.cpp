@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <signal.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -19,6 +20,7 @@
 #include "tests/support/mesh_check.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -158,6 +160,35 @@ TEST_F(Fly, ByTheClock) {
   EXPECT_EQ(s.at("hash_mismatches"), 0);
   EXPECT_EQ(s.at("settled"), true);
   EXPECT_GT(s.at("ssim_settled").get<double>(), 0.8);
+}
+
+// What came before and after is one flight: the mesh is kept, and at the end all of it is the server's.
+TEST_F(Fly, ByTheClockGoesOnWhenTheServerIsKilledAndComesBack) {
+  auto server = std::make_unique<ServerProcess>(RIDGECAST_SERVER);
+  const std::uint16_t port = server->port();
+  Process flight({RIDGECAST_CLIENT, "fly", server->url(), "--path", RIDGECAST_PATHS "/alpine.json", "--out", (*folder_ / "back").string(),
+                  "--size", "64x48", "--threshold", "3", "--seconds", "8", "--frames-every", "99", "--realtime"});
+  const auto says = [&](const std::string& text) { return await([&] { return flight.output().find(text) != std::string::npos; }); };
+  ASSERT_TRUE(says("iteration ")) << flight.output();
+  server->process().signal(SIGKILL);
+  server->process().wait(kPatience);
+  ASSERT_TRUE(says("; trying again")) << flight.output();
+  server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
+  ASSERT_EQ(flight.wait(kPatience), 0) << flight.output();
+  const Json s = Json::parse(readText(*folder_ / "back/summary.json"));
+  EXPECT_EQ(s.at("reconnections"), 1);
+  EXPECT_EQ(s.at("hash_mismatches"), 0);
+  EXPECT_EQ(s.at("settled"), true);
+  EXPECT_TRUE(server->healthy());
+}
+
+TEST_F(Fly, InLockStepALostServerIsTheEnd) {
+  auto server = std::make_unique<ServerProcess>(RIDGECAST_SERVER);
+  Process flight({RIDGECAST_CLIENT, "fly", server->url(), "--path", RIDGECAST_PATHS "/alpine.json", "--out", (*folder_ / "lost").string(),
+                  "--size", "64x48", "--frames-every", "99"});
+  ASSERT_TRUE(await([&] { return flight.output().find("iteration ") != std::string::npos; })) << flight.output();
+  server->process().signal(SIGKILL);
+  EXPECT_EQ(flight.wait(kPatience), 1) << flight.output();
 }
 
 TEST_F(Fly, WarnsOfAnotherTerrainAndFliesOn) {
