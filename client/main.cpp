@@ -14,6 +14,7 @@
 #include "client/snapshot/snapshot.h"
 #include "client/viewer/viewer.h"
 #include "common/camera/path.h"
+#include "common/settings/settings.h"
 #include "common/version/version.h"
 
 namespace {
@@ -231,7 +232,7 @@ int main(int argc, char** argv) {
         !std::all_of(url->token.begin(), url->token.end(), [](char c) { return c > ' ' && c < 0x7f; }))
       return wrongArguments("--token-file: '" + server.tokenFile + "' holds no token, as 'ridgecast-server token' prints one");
   }
-  if (server.metric != "default") server.settings.metric = server.metric == "pixels" ? wire::Metric::kPixels : server.metric == "area" ? wire::Metric::kArea : wire::Metric::kThesis;
+  server.settings.metric = ridgecast::settings::metricNamed(server.metric).value();
   if (const std::string wrong = parseSize(size, flies ? fly.width : shoots ? shot.width : view.width, flies ? fly.height : shoots ? shot.height : view.height);
       !wrong.empty())
     return wrongArguments(wrong);

@@ -16,6 +16,7 @@
 #include "client/evaluation/plan.h"
 #include "client/evaluation/report.h"
 #include "client/evaluation/views.h"
+#include "common/settings/settings.h"
 #include "common/version/version.h"
 
 namespace ridgecast::evaluation {
@@ -34,10 +35,6 @@ int fail(int code, const std::string& message) {
 
 std::string_view pathOf(const std::string& terrain) {
   return terrain == "alpine" ? paths::alpine : terrain == "canyon" ? paths::canyon : paths::archipelago;
-}
-
-wire::Metric metricOf(const std::string& name) {
-  return name == "thesis" ? wire::Metric::kThesis : name == "area" ? wire::Metric::kArea : wire::Metric::kPixels;
 }
 
 std::string processorName() {
@@ -90,7 +87,7 @@ class Evaluation {
         if (!own) return fail(kRuntimeFailure, own.error().message);
         for (const MeshCase& mesh : plan_.meshes) {
           FlyOptions fly = common(**own, path, folder / "mesh");
-          fly.settings = {metricOf(mesh.metric), mesh.threshold, kViewBudget};
+          fly.settings = {settings::metricNamed(mesh.metric).value(), mesh.threshold, kViewBudget};
           fly.atRest = [&](const AtRest& at) { return measurement.measure(mesh, at); };
           if (const int code = evaluation::fly(fly); code != kSuccess) return interrupted(code, folder.filename().string());
         }
@@ -116,7 +113,7 @@ class Evaluation {
             OwnServer::start(server_, {"--terrain", run.terrain, "--seed", "1", "--threads", std::to_string(run.threads)}, run.folder);
         if (!own) return fail(kRuntimeFailure, own.error().message);
         FlyOptions fly = common(**own, path, run.folder);
-        fly.settings = {metricOf(run.metric), run.threshold, kFlightBudget};
+        fly.settings = {settings::metricNamed(run.metric).value(), run.threshold, kFlightBudget};
         fly.corrected = fly.unfiltered = fly.pictures = planned.pictures;
         fly.framesEvery = plan_.framesEvery;
         fly.references = &references_;

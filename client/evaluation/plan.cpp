@@ -4,6 +4,8 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "common/settings/settings.h"
+
 namespace ridgecast::evaluation {
 namespace {
 
@@ -139,7 +141,7 @@ Outcome<MeshCase> meshCaseFrom(std::string_view text) {
   const std::string metric(text.substr(0, colon)), number(colon == std::string_view::npos ? "" : text.substr(colon + 1));
   char* end = nullptr;
   const double threshold = std::strtod(number.c_str(), &end);
-  if ((metric != "pixels" && metric != "area" && metric != "thesis") || number.empty() || *end || !(threshold > 0 && threshold <= 1e6))
+  if (metric == "default" || !settings::metricNamed(metric) || number.empty() || *end || !(threshold > 0 && threshold <= 1e6))
     return Error{std::string("'").append(text).append(
         "' is no METRIC:THRESHOLD: say pixels, area or thesis, a colon and a number above 0, as in area:0.3")};
   return MeshCase{metric, threshold};

@@ -6,6 +6,8 @@
 #include <system_error>
 #include <utility>
 
+#include "common/settings/settings.h"
+
 namespace ridgecast::evaluation {
 namespace {
 
@@ -22,10 +24,6 @@ Json median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::ranges::nth_element(values, middle);
   return *middle;
-}
-
-std::string_view metricName(wire::Metric metric) {
-  return metric == wire::Metric::kThesis ? "thesis" : metric == wire::Metric::kArea ? "area" : "pixels";
 }
 
 Error cannotWrite(const std::filesystem::path& file) {
@@ -201,7 +199,7 @@ Outcome<void> Recorder::writeSummary(const wire::World& world, const scene::Scen
   summary["leaves"] = scene.leaves().size();
   summary["latency_ms_mean"] = latency_ / static_cast<double>(std::max<std::uint64_t>(iterations_, 1));
   summary["latency_ms_max"] = latencyWorst_;
-  summary["metric"] = metricName(world.settings.metric);
+  summary["metric"] = settings::traits(world.settings.metric).name;
   summary["threshold"] = world.settings.threshold;
   summary["budget"] = world.settings.triangleBudget;
   summary["width"] = view.camera.projection.width;

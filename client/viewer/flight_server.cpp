@@ -2,6 +2,7 @@
 #include <cstdio>
 
 #include "client/viewer/flight.h"
+#include "common/settings/settings.h"
 
 #define GLFW_INCLUDE_NONE
 #include <GLFW/glfw3.h>
@@ -15,10 +16,6 @@ constexpr auto kSoon = 2ms;           // what takes no longer is waited for
 
 double secondsSince(std::chrono::steady_clock::time_point began) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
-}
-
-const char* nameOf(wire::Metric metric) {
-  return metric == wire::Metric::kThesis ? "thesis" : metric == wire::Metric::kArea ? "area" : "pixels";
 }
 
 // What the server refines by. A pose's remainder is for drawing only.
@@ -178,7 +175,8 @@ void Flight::showSettings() {
   c.triangles = static_cast<int>(granted.triangleBudget / 1000);
   c.kilobytes = static_cast<int>(granted.bytesPerSecond / 1000);
   char text[120];
-  std::snprintf(text, sizeof text, "%s %.4g, %u triangles%s", nameOf(granted.metric), granted.threshold, granted.triangleBudget,
+  std::snprintf(text, sizeof text, "%s %.4g, %u triangles%s", settings::traits(granted.metric).name.data(), granted.threshold,
+                granted.triangleBudget,
                 granted.bytesPerSecond ? (", " + std::to_string(granted.bytesPerSecond / 1000) + " kB/s").c_str() : "");
   shown_.granted = text;
 }

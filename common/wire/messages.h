@@ -11,6 +11,7 @@
 #include "common/camera/camera.h"
 #include "common/ground/ray.h"
 #include "common/lattice/lattice.h"
+#include "common/settings/settings.h"
 #include "common/terrain/raster.h"
 
 namespace ridgecast::wire {
@@ -19,21 +20,13 @@ inline constexpr std::uint32_t kProtocolVersion = 1;
 inline constexpr std::uint32_t kRevision =
     2;  // of that version: members, clock, queries, grounds (1) and changes of settings (2) are known
 
-enum class Metric { kDefault = 0, kPixels = 1, kThesis = 2, kArea = 3 };
+using settings::Metric;
+using settings::Settings;
 enum class Pacing { kFree = 0, kLockstep = 1 };
 enum class Role { kViewer = 0, kSensor = 1 };
 enum class ClockMode { kRealTime = 0, kScaled = 1, kStepped = 2 };
 
 inline constexpr std::uint32_t kMaxCandidates = 20'000;  // of an iteration
-
-struct Settings {
-  Metric metric = Metric::kDefault;
-  double threshold = 0;              // 0: the default of the metric
-  std::uint32_t triangleBudget = 0;  // 0: the server's default
-  std::uint64_t bytesPerSecond = 0;  // 0: as many as there are
-  std::uint32_t candidates = 0;      // of Iteration::candidates at most
-  friend bool operator==(const Settings&, const Settings&) = default;
-};
 
 struct Hello {
   std::uint32_t protocolVersion = kProtocolVersion;

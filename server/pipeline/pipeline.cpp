@@ -11,9 +11,6 @@ namespace ridgecast::pipeline {
 static_assert(Pipeline::kHorizon == quadtree::kHorizon);
 
 namespace {
-
-constexpr double kDefaultPixels = 0.6, kDefaultArea = 1.2, kDefaultThesis = 2e-5;
-
 class Stopwatch {
  public:
   double lap() {
@@ -31,13 +28,11 @@ class Stopwatch {
 
 wire::Settings grant(const wire::Settings& asked, const Limits& limits) {
   wire::Settings granted = asked;
-  if (granted.metric == wire::Metric::kDefault) granted.metric = wire::Metric::kPixels;
-  const bool thesis = granted.metric == wire::Metric::kThesis;
-  if (!(granted.threshold > 0))
-    granted.threshold = thesis ? kDefaultThesis : granted.metric == wire::Metric::kArea ? kDefaultArea : kDefaultPixels;
-  granted.threshold = std::clamp(granted.threshold, thesis ? 1e-9 : 0.05, thesis ? 1e9 : 1000.0);
+  if (granted.metric == settings::Metric::kDefault) granted.metric = settings::Metric::kPixels;
+  const settings::MetricTraits& metric = settings::traits(granted.metric);
+  granted.threshold = std::clamp(granted.threshold > 0 ? granted.threshold : metric.threshold, metric.least, metric.most);
   if (granted.triangleBudget == 0) granted.triangleBudget = limits.defaultBudget;
-  granted.triangleBudget = std::clamp<std::uint32_t>(granted.triangleBudget, 10'000, limits.maxBudget);
+  granted.triangleBudget = std::clamp(granted.triangleBudget, settings::kLeastBudget, limits.maxBudget);
   granted.candidates = std::min(granted.candidates, wire::kMaxCandidates);
   return granted;
 }

@@ -13,6 +13,7 @@
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
 #include "common/mesh/leaf_state.h"
+#include "common/settings/settings.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
 #include "server/scheduling/pool.h"
@@ -20,12 +21,11 @@
 namespace ridgecast::pipeline {
 
 struct Limits {
-  std::uint32_t defaultBudget = 500'000;  // triangles
-  std::uint32_t maxBudget = 2'000'000;
+  std::uint32_t defaultBudget = settings::kDefaultBudget;
+  std::uint32_t maxBudget = settings::kMostBudget;
 };
 
-// The settings with defaults filled in and caps applied. Thresholds are clamped to [0.05, 1000] (pixels) or [1e-9, 1e9] (thesis),
-// candidates to wire::kMaxCandidates.
+// The settings with defaults filled in and limits applied (common/settings; candidates: wire::kMaxCandidates).
 wire::Settings grant(const wire::Settings& asked, const Limits& limits);
 
 class Pipeline {

@@ -30,12 +30,6 @@ RemovalLimits removalLimits(bool thesis, double threshold, double fill) {
   return {kRemoval * threshold, (tight ? 1 : kRemoval) * threshold};
 }
 
-refinement::Metric metricOf(wire::Metric metric) {
-  return metric == wire::Metric::kThesis ? refinement::Metric::kThesis
-         : metric == wire::Metric::kArea ? refinement::Metric::kArea
-                                         : refinement::Metric::kPixels;
-}
-
 }  // namespace
 
 void Motion::follow(const camera::Camera& now, bool fromNothing) {
@@ -57,7 +51,7 @@ Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const wir
       terrain(std::move(ground)),
       pool(std::move(workers)),
       horizon(terrain),
-      mesh(terrain, granted.triangleBudget, metricOf(granted.metric)),
+      mesh(terrain, granted.triangleBudget, granted.metric),
       effective(granted.threshold) {}
 
 refinement::View Pipeline::State::view() const {

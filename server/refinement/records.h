@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/settings/settings.h"
 #include "server/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
@@ -22,7 +23,7 @@ namespace ridgecast::refinement {
 // kThesis  (area in normalised device coordinates)^0.5 x 40 x (distance in normalised device coordinates), Cavallin and Pettersson 2019,
 //          algorithm 6, with the constants of their published program. A triangle that reaches behind the camera counts as large as the
 //          picture.
-enum class Metric { kPixels, kArea, kThesis };
+using settings::Metric;
 
 // Slots without a candidate lie here, so that they are nobody's nearest; steps, and its square's square fits a float.
 inline constexpr std::int32_t kFarAway = 1 << 29;

@@ -11,6 +11,7 @@
 #include <thread>
 #include <utility>
 
+#include "common/settings/settings.h"
 #include "server/box/box_mesh.h"
 #include "server/pipeline/pipeline.h"
 #include "server/session/camera_session.h"
@@ -59,10 +60,6 @@ Json describe(const camera::Camera& c, const terrain::Terrain& terrain) {
           {"height", c.projection.height}};
 }
 
-const char* unitOf(wire::Metric metric) {
-  return metric == wire::Metric::kThesis ? "thesis" : metric == wire::Metric::kArea ? "area" : "pixels";
-}
-
 Json parametersOf(const terrain::Terrain& terrain) {
   Json out = Json::object();
   if (const auto declaration = user_terrain::readDeclaration(terrain.name(), terrain.source()))
@@ -109,10 +106,12 @@ Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const
   const session::MeshCopy& held = *out.held;
   out.camera = held.camera;
   out.origin = {held.camera.pose.x, held.camera.pose.z};
-  out.extras = {{"of", "camera"},
-                {"camera", {{"id", of.id}, {"iteration", held.iteration}, {"meshHash", hexadecimal(held.meshHash)}}},
-                {"pose", describe(held.camera, *session.terrain())},
-                {"error", {{"unit", unitOf(held.settings.metric)}, {"asked", held.settings.threshold}, {"kept", held.effectiveThreshold}}}};
+  out.extras = {
+      {"of", "camera"},
+      {"camera", {{"id", of.id}, {"iteration", held.iteration}, {"meshHash", hexadecimal(held.meshHash)}}},
+      {"pose", describe(held.camera, *session.terrain())},
+      {"error",
+       {{"unit", settings::traits(held.settings.metric).name}, {"asked", held.settings.threshold}, {"kept", held.effectiveThreshold}}}};
   return out;
 }
 

@@ -368,6 +368,44 @@ TEST(WireRefuses, TooMuch) {
   EXPECT_NE(messageOf(decodeServer(bytesOf(half + half))).find("Iteration.gone must be at most 65,536"), std::string::npos);
 }
 
+// Entries that protobuf could not even parse: the refusal names the list, so it was counted before anything was built.
+TEST(WireRefuses, TooManyEntriesBeforeTheyAreBuilt) {
+  const auto nested = [](const std::string& tag, const std::string& content) {
+    std::string out = tag;
+    for (std::size_t size = content.size();; size >>= 7) {
+      out += static_cast<char>(size >= 0x80 ? (size & 0x7f) | 0x80 : size);
+      if (size < 0x80) return out + content;
+    }
+  };
+  const auto list = [&](const std::string& tag, std::size_t most) {
+    std::string out;
+    for (std::size_t k = 0; k <= most; ++k) out += nested(tag, "\x0b");
+    return out;
+  };
+  const std::string far = "\xa2\x01";  // field 20
+  for (const auto& [name, bytes] :
+       std::vector<std::pair<std::string, std::string>>{{"ResendLeaves.leaves", nested("\x22", list("\x0a", kMaxResendLeaves))},
+                                                        {"Resume.leaves", nested("\x2a", list("\x0a", kMaxResumeLeaves))},
+                                                        {"Rays.rays", nested("\x52", nested("\x22", list("\x0a", kMaxRays)))},
+                                                        {"WantTiles.tiles", nested(far, list("\x0a", kMaxTiles))}}) {
+    const auto decoded = decodeClient(bytesOf(bytes));
+    ASSERT_FALSE(decoded) << name;
+    EXPECT_EQ(decoded.error().message.find(name + " must be at most "), 0u) << decoded.error().message;
+  }
+  for (const auto& [name, bytes] :
+       std::vector<std::pair<std::string, std::string>>{{"Iteration.gone", nested("\x12", list("\x1a", kMaxIterationLeaves))},
+                                                        {"Iteration.whole", nested("\x12", list("\x22", kMaxIterationLeaves))},
+                                                        {"Iteration.changed", nested("\x12", list("\x42", kMaxIterationLeaves))},
+                                                        {"Members.joined", nested("\x22", list("\x0a", kMaxMembers))},
+                                                        {"Members.moved", nested("\x22", list("\x12", kMaxMembers))},
+                                                        {"Ground.leaves", nested("\x3a", list("\x1a", kMaxIterationLeaves))},
+                                                        {"HeightTiles.tiles", nested(far, list("\x0a", kMaxTiles))}}) {
+    const auto decoded = decodeServer(bytesOf(bytes));
+    ASSERT_FALSE(decoded) << name;
+    EXPECT_EQ(decoded.error().message.find(name + " must be at most "), 0u) << decoded.error().message;
+  }
+}
+
 TEST(WireRefuses, EmptyAndForeign) {
   EXPECT_FALSE(decodeClient({}));
   EXPECT_FALSE(decodeServer({}));

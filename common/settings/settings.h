@@ -1,0 +1,44 @@
+#pragma once
+// What a client asks of its mesh, and what it is granted: metric, threshold, budgets. Numbers are the protocol's (PROTOCOL.md, Settings).
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string_view>
+
+namespace ridgecast::settings {
+
+// How the need for a vertex is measured; server/refinement/screening.h has the formulas.
+enum class Metric { kDefault = 0, kPixels = 1, kThesis = 2, kArea = 3 };
+
+struct MetricTraits {
+  std::string_view name;          // in flags, files and logs
+  double threshold, least, most;  // by default; granted
+};
+inline constexpr std::array<MetricTraits, 4> kMetrics{{
+    {"default", 0.6, 0.05, 1000},  // kPixels
+    {"pixels", 0.6, 0.05, 1000},
+    {"thesis", 2e-5, 1e-9, 1e9},
+    {"area", 1.2, 0.05, 1000},
+}};
+
+constexpr const MetricTraits& traits(Metric metric) { return kMetrics[static_cast<std::size_t>(metric)]; }
+constexpr std::optional<Metric> metricNamed(std::string_view name) {
+  const auto found = std::find_if(kMetrics.begin(), kMetrics.end(), [&](const MetricTraits& m) { return m.name == name; });
+  return found == kMetrics.end() ? std::nullopt : std::optional(static_cast<Metric>(found - kMetrics.begin()));
+}
+
+inline constexpr std::uint32_t kDefaultBudget = 500'000, kLeastBudget = 10'000, kMostBudget = 2'000'000;  // triangles
+
+struct Settings {
+  Metric metric = Metric::kDefault;
+  double threshold = 0;              // 0: the default of the metric
+  std::uint32_t triangleBudget = 0;  // 0: the server's default
+  std::uint64_t bytesPerSecond = 0;  // 0: unlimited
+  std::uint32_t candidates = 0;      // at most this many of an iteration
+  friend bool operator==(const Settings&, const Settings&) = default;
+};
+
+}  // namespace ridgecast::settings
