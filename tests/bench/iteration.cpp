@@ -1,5 +1,5 @@
-// Whole iterations, without encoding: a moving camera at a fine setting (or --threshold PIXELS, --budget TRIANGLES), a hovering one, and two
-// threads against one.
+// Whole iterations, without encoding: a moving camera at a fine setting (or --threshold PIXELS, --budget TRIANGLES), a hovering one, and
+// two threads against one.
 #include <algorithm>
 #include <cstdio>
 #include <future>
@@ -34,7 +34,8 @@ struct Rig {
     asked.triangleBudget = budget;
     pipeline = std::make_unique<pipeline::Pipeline>(terrain, pipeline::grant(asked, {}), pool);
   }
-  // Ten iterations from time `t` of the flight on, `perIteration` seconds apart. Runs as the server does, as a task of the camera's pool, so that two threads are two.
+  // Ten iterations from time `t` of the flight on, `perIteration` seconds apart. Runs as the server does, as a task of the camera's pool,
+  // so that two threads are two.
   wire::Figures fly(double t, double perIteration) {
     std::promise<wire::Figures> done;
     pool->post([&] {

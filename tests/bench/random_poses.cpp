@@ -80,7 +80,8 @@ Wanted read(const std::vector<std::string>& arguments) {
   return w;
 }
 
-// A square of alpine's heights, 513 samples of 4 m, in half metres, raw: what lies beyond is 0, so its edges are walls of a kilometre and more.
+// A square of alpine's heights, 513 samples of 4 m, in half metres, raw: what lies beyond is 0, so its edges are walls of a kilometre and
+// more.
 void writeMap(const std::filesystem::path& file) {
   constexpr int kSamples = 513;
   const auto alpine = terrain::create("alpine", 1).value();

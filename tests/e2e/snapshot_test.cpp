@@ -139,8 +139,8 @@ TEST_F(Snapshot, MetadataAlone) {
   EXPECT_EQ(nlohmann::json::parse(r.body), readGlb(ask(glb(kPose)).body).json["asset"]["extras"]);
 }
 
-// A quarter of the bytes where there is detail. A pose at the default threshold has a thousand leaves outside the picture with eight triangles
-// each; what glTF itself says about a leaf (600 bytes of JSON, and of Draco's own 200) weighs there what Draco saves.
+// A quarter of the bytes where there is detail. A pose at the default threshold has a thousand leaves outside the picture with eight
+// triangles each; what glTF itself says about a leaf (600 bytes of JSON, and of Draco's own 200) weighs there what Draco saves.
 TEST_F(Snapshot, DracoTakesAQuarterOfTheBytesWhereThereIsDetail) {
   const auto share = [](const std::string& question) {
     const Response plain = ask(glb(question)), draco = ask(glb(question + "&compression=draco"));
@@ -349,8 +349,8 @@ TEST_F(Snapshot, TheSameFromTheCommandLine) {
   EXPECT_FALSE(std::filesystem::exists(file));
 }
 
-// The same flight with and without a snapshot in the making, turn by turn: it goes on. What counts with MEASURE=1, on a machine that does nothing
-// else, is the server's own time for an iteration.
+// The same flight with and without a snapshot in the making, turn by turn: it goes on. What counts with MEASURE=1, on a machine that does
+// nothing else, is the server's own time for an iteration.
 TEST_F(Snapshot, OtherCamerasHardlyNotice) {
   Camera camera(server_->url(), 1);
   camera.flier->settle(camera.path->at(0));

@@ -384,7 +384,8 @@ TEST(Pipeline, CandidatesAreTheTrueTerrainsAndSayHowFarTheMeshIsFromIt) {
         const double x = static_cast<double>(at.x - camera.pose.x) / 256, z = static_cast<double>(at.z - camera.pose.z) / 256,
                      y = at.y / 256.0 - camera.pose.y, d = std::sqrt(x * x + y * y + z * z);
         const double perMetre = camera::pixelsPerRadian(camera.projection) * std::sqrt(x * x + z * z) / (d * d);
-        // Vertices are snapped to their leaf's level, by at most half of 2^(level + 3) steps, and an eighth of a metre is as much as any in sight is.
+        // Vertices are snapped to their leaf's level, by at most half of 2^(level + 3) steps, and an eighth of a metre is as much as any in
+        // sight is.
         EXPECT_NEAR(list[k].pixels, std::abs(at.y - *height) / 256 * perMetre, 0.02 + 20 * perMetre * d / 32'000) << d << " m away";
       }
     }
