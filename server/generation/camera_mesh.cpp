@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "server/generation/grid.h"
-#include "server/triangulation/verify.h"
 
 namespace ridgecast::generation {
 
@@ -271,31 +270,6 @@ void CameraMesh::compact() {
     if (mesh_.triangulation().trianglePages().hasRegion(region)) mesh_.compact(region);
   sparse_.clear();
   mesh_.compact(kOutside);
-}
-
-// ---- checking ----
-
-std::string CameraMesh::verify() const {
-  std::string wrong = triangulation::verify(mesh_.triangulation(), *this);
-  std::set<lattice::Point> fixedPoints;
-  const auto look = [&](RegionId region) {
-    mesh_.triangulation().vertexPages().forEach(region, [&](VertexId v) {
-      if (v == kInfinite) return;
-      const lattice::Point at = mesh_.absolute(mesh_.triangulation().vertex(v).point());
-      const bool fixed = mesh_.isFixed(v);
-      if (fixed) fixedPoints.insert(at);
-      if (fixed != isGridPoint(tree_, at) && wrong.empty())
-        wrong = "the vertex at " + std::to_string(at.x) + " " + std::to_string(at.z) +
-                (fixed ? " is fixed, and belongs to no grid" : " may go, and belongs to a grid");
-    });
-  };
-  look(kOutside);
-  for (const Leaf* leaf : ordered_) look(leaf->region);
-  for (const Leaf* leaf : ordered_)
-    for (lattice::Point p : gridPoints(leaf->address))
-      if (fixedPoints.count(p) == 0 && wrong.empty())
-        wrong = "the grid point at " + std::to_string(p.x) + " " + std::to_string(p.z) + " is not in the mesh";
-  return wrong;
 }
 
 }  // namespace ridgecast::generation

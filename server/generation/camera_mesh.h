@@ -9,7 +9,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <string>
 #include <vector>
 
 #include "common/camera/camera.h"
@@ -37,7 +36,7 @@ struct Selection {
   std::uint32_t generated = 0, dropped = 0;  // leaves
 };
 
-class CameraMesh : private triangulation::Partition {
+class CameraMesh final : public triangulation::Partition {
  public:
   CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric);
 
@@ -61,10 +60,8 @@ class CameraMesh : private triangulation::Partition {
   refinement::AdaptiveMesh& mesh() { return mesh_; }
   const refinement::AdaptiveMesh& mesh() const { return mesh_; }
   std::size_t memoryBytes() const { return mesh_.memoryBytes() + leaves_.size() * sizeof(Leaf); }
-
-  // A full check of the triangulation, whether every leaf's grid is in it, and whether exactly the grids' points are fixed; empty when
-  // sound. Slow.
-  std::string verify() const;
+  const quadtree::Quadtree& tree() const { return tree_; }
+  triangulation::RegionId regionAt(triangulation::Point2 p) const override { return tree_.tagAt(mesh_.absolute(p)); }
 
  private:
   // A leaf that is no longer one, and who has its ground now: one that it was merged into, or those that it was split into, or nobody.
@@ -83,7 +80,6 @@ class CameraMesh : private triangulation::Partition {
     std::vector<refinement::GridPoint> points;
   };
 
-  triangulation::RegionId regionAt(triangulation::Point2 p) const override { return tree_.tagAt(mesh_.absolute(p)); }
   void moveAnchor(const camera::Pose& pose, bool keep);
   void clear();
   Turnover replaceLeaves();

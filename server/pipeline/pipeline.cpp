@@ -156,6 +156,6 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
 
 std::size_t Pipeline::memoryBytes() const { return state_->mesh.memoryBytes(); }
 
-std::string Pipeline::verify() const { return state_->mesh.verify(); }
+const generation::CameraMesh& Pipeline::mesh() const { return state_->mesh; }
 
 }  // namespace ridgecast::pipeline

@@ -6,7 +6,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <string>
 #include <vector>
 
 #include "common/camera/camera.h"
@@ -17,6 +16,10 @@
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
 #include "server/scheduling/pool.h"
+
+namespace ridgecast::generation {
+class CameraMesh;
+}
 
 namespace ridgecast::pipeline {
 
@@ -64,8 +67,8 @@ class Pipeline {
   // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.
   std::size_t memoryBytes() const;
 
-  // A full check of the mesh by triangulation::verify, and of the leaves' grids in it, slow; empty when sound. For tests and benches.
-  std::string verify() const;
+  // The mesh of the last iteration. For checks.
+  const generation::CameraMesh& mesh() const;
 
   // Horizontal distance in metres at which the world ends for this camera; what is drawn fades out before it.
   static constexpr double kHorizon = 32'000.0;

@@ -15,6 +15,7 @@
 #include "tests/bench/usage.h"
 #include "tests/support/flight.h"
 #include "tests/support/mesh_check.h"
+#include "tests/support/verify.h"
 
 namespace ridgecast::bench {
 
@@ -109,7 +110,7 @@ Report soak(const Options& options) {
     hovering = hover;
     if (n % 100 == 99) {
       ++checks;
-      if (const std::string wrong = pipeline.verify(); !wrong.empty()) {
+      if (const std::string wrong = testing_support::verify(pipeline.mesh()); !wrong.empty()) {
         ++failures;
         if (firstFailure.empty()) firstFailure = "iteration " + std::to_string(n) + ": " + wrong;
       }

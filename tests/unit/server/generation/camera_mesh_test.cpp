@@ -8,6 +8,7 @@
 
 #include "server/generation/grid.h"
 #include "server/refinement/triangle.h"
+#include "tests/support/verify.h"
 
 namespace ridgecast::generation {
 namespace {
@@ -56,7 +57,7 @@ TEST(CameraMesh, KeepsItsLaws) {
     }
     for (Leaf* leaf : mesh.leaves()) mesh.mesh().insertDeferred(leaf->region, view, leaf->work);
     evaluate(mesh);
-    ASSERT_EQ(mesh.verify(), "") << "iteration " << n;
+    ASSERT_EQ(testing_support::verify(mesh), "") << "iteration " << n;
     const auto& t = mesh.mesh().triangulation();
     const lattice::Point anchor = mesh.mesh().anchor();
     std::set<std::pair<Step, Step>> points;

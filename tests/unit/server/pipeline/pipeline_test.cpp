@@ -11,6 +11,7 @@
 
 #include "tests/support/flight.h"
 #include "tests/support/mesh_check.h"
+#include "tests/support/verify.h"
 
 namespace ridgecast::pipeline {
 namespace {
@@ -213,7 +214,7 @@ TEST(Pipeline, TheAreaMetricRefinesSettlesAndIsSound) {
       while (++n < 150 && !r->pipeline.settled());
       EXPECT_LT(n, 150) << x;
       r->pipeline.iterate(cameraAt(*rig.terrain, x + 5, 0, 100));
-      ASSERT_EQ(r->pipeline.verify(), "") << x;
+      ASSERT_EQ(testing_support::verify(r->pipeline.mesh()), "") << x;
     }
   }
   EXPECT_GT(more, triangles + 2000);
@@ -295,7 +296,7 @@ TEST(Pipeline, AShortSoak) {
     const auto figures = rig.pipeline.iterate(testing_support::hour(*rig.terrain, n * 15.0));
     ASSERT_LE(figures.triangles, 63'000u) << "iteration " << n;
     if (n % 20 == 19) {
-      ASSERT_EQ(rig.pipeline.verify(), "") << "iteration " << n;
+      ASSERT_EQ(testing_support::verify(rig.pipeline.mesh()), "") << "iteration " << n;
     }
     if (n == 80) most = rig.pipeline.memoryBytes();
     if (n > 80) {

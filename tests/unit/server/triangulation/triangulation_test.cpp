@@ -10,10 +10,12 @@
 #include <set>
 #include <thread>
 
-#include "server/triangulation/verify.h"
+#include "tests/support/verify.h"
 
 namespace ridgecast::triangulation {
 namespace {
+
+using testing_support::verify;
 
 using Wide = __int128;
 

@@ -4,14 +4,18 @@
 
 #include <string>
 
+#include "server/generation/camera_mesh.h"
 #include "server/triangulation/triangulation.h"
 
-namespace ridgecast::triangulation {
+namespace ridgecast::testing_support {
 
 // Empty when everything holds; otherwise what does not, and where, one line each (at most 20). Checked:
 //   every finite triangle counter-clockwise; every directed edge used once and its twin link mutual; ghosts exactly on the hull and
 //   the hull convex; one connected piece without holes (Euler); every edge locally Delaunay by exact arithmetic, ties keeping the
 //   diagonal with the smallest point; every triangle and vertex filed under the partition's region; every vertex's edge starts at it.
-std::string verify(const Triangulation& mesh, const Partition& partition);
+std::string verify(const triangulation::Triangulation& mesh, const triangulation::Partition& partition);
 
-}  // namespace ridgecast::triangulation
+// And whether every leaf's grid is in the mesh, and exactly the grids' points are fixed.
+std::string verify(const generation::CameraMesh& camera);
+
+}  // namespace ridgecast::testing_support

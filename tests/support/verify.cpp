@@ -1,11 +1,17 @@
-#include "server/triangulation/verify.h"
+#include "tests/support/verify.h"
 
 #include <algorithm>
+#include <set>
 #include <sstream>
 #include <unordered_map>
 #include <unordered_set>
 
-namespace ridgecast::triangulation {
+#include "server/generation/grid.h"
+
+namespace ridgecast::testing_support {
+
+using namespace triangulation;
+
 namespace {
 
 using Wide = __int128;
@@ -132,4 +138,28 @@ std::string verify(const Triangulation& mesh, const Partition& partition) {
   return out.str();
 }
 
-}  // namespace ridgecast::triangulation
+std::string verify(const generation::CameraMesh& camera) {
+  const refinement::AdaptiveMesh& mesh = camera.mesh();
+  std::string wrong = verify(mesh.triangulation(), camera);
+  std::set<lattice::Point> fixedPoints;
+  const auto look = [&](RegionId region) {
+    mesh.triangulation().vertexPages().forEach(region, [&](VertexId v) {
+      if (v == kInfinite) return;
+      const lattice::Point at = mesh.absolute(mesh.triangulation().vertex(v).point());
+      const bool fixed = mesh.isFixed(v);
+      if (fixed) fixedPoints.insert(at);
+      if (fixed != generation::isGridPoint(camera.tree(), at) && wrong.empty())
+        wrong = "the vertex at " + std::to_string(at.x) + " " + std::to_string(at.z) +
+                (fixed ? " is fixed, and belongs to no grid" : " may go, and belongs to a grid");
+    });
+  };
+  look(kOutside);
+  for (const generation::Leaf* leaf : camera.leaves()) look(leaf->region);
+  for (const generation::Leaf* leaf : camera.leaves())
+    for (lattice::Point p : generation::gridPoints(leaf->address))
+      if (fixedPoints.count(p) == 0 && wrong.empty())
+        wrong = "the grid point at " + std::to_string(p.x) + " " + std::to_string(p.z) + " is not in the mesh";
+  return wrong;
+}
+
+}  // namespace ridgecast::testing_support
