@@ -54,7 +54,7 @@ class Pipeline {
   // lattice excepted. Before it says so, the camera has looked at everything closely.
   bool settled() const;
 
-  // The valid leaves with their triangles as of the last iteration, in canonical order of address. The client should hold exactly these.
+  // The leaves with their triangles as of the last iteration, in canonical order of address. The client should hold exactly these.
   const std::vector<mesh::LeafState>& leaves() const;
 
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
