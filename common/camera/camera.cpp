@@ -20,9 +20,7 @@ bool isValid(const Camera& camera) {
          q.width >= 1 && q.height >= 1 && q.width <= 32768 && q.height <= 32768;
 }
 
-Vec3 forward(const Pose& p) {
-  return {-std::sin(p.yaw) * std::cos(p.pitch), std::sin(p.pitch), -std::cos(p.yaw) * std::cos(p.pitch)};
-}
+Vec3 forward(const Pose& p) { return {-std::sin(p.yaw) * std::cos(p.pitch), std::sin(p.pitch), -std::cos(p.yaw) * std::cos(p.pitch)}; }
 Vec3 right(const Pose& p) { return {std::cos(p.yaw), 0, -std::sin(p.yaw)}; }
 Vec3 up(const Pose& p) { return {std::sin(p.yaw) * std::sin(p.pitch), std::cos(p.pitch), std::cos(p.yaw) * std::sin(p.pitch)}; }
 
@@ -43,7 +41,7 @@ bool Frustum::mayIntersect(const Vec3& low, const Vec3& high) const {
   return true;
 }
 
-// Clips the triangle by one plane after the other (Sutherland and Hodgman 1974), each moved outwards by what lifting can reach.
+// Clips the triangle by one plane after another (Sutherland and Hodgman 1974), each moved outwards by the reach of the lift.
 bool Frustum::meets(const std::array<Vec3, 3>& triangle, double lift) const {
   std::array<Vec3, 3 + 5> corners, kept;
   std::copy(triangle.begin(), triangle.end(), corners.begin());
@@ -65,9 +63,10 @@ bool Frustum::meets(const std::array<Vec3, 3>& triangle, double lift) const {
 }
 
 Sector::Sector(const Pose& pose, const Projection& projection) {
-  // The corners of the picture are farthest from its middle; of the upper or the lower ones those nearer to the vertical.
+  // The picture's corners are farthest from its middle. Of the upper and the lower pair, take the one nearer to the vertical.
   const double tanY = std::tan(projection.verticalFov / 2), tanX = tanY * projection.aspect();
-  const double steepest = std::abs(pose.pitch) + projection.verticalFov / 2, ahead = std::cos(pose.pitch) - tanY * std::sin(std::abs(pose.pitch));
+  const double steepest = std::abs(pose.pitch) + projection.verticalFov / 2,
+               ahead = std::cos(pose.pitch) - tanY * std::sin(std::abs(pose.pitch));
   all_ = steepest >= std::numbers::pi / 2 || ahead <= 0;
   Pose level = pose;
   level.pitch = 0;

@@ -27,7 +27,7 @@ constexpr double kMaxHeight = 5e5;
 constexpr double kMaxYaw = 1e6;
 constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 
-// ---- reading: one object at a time, the first thing that is wrong is the error ----
+// ---- reading: one object at a time; the first mistake is the error ----
 
 class Fields {
  public:
@@ -82,7 +82,7 @@ Outcome<Keyframe> parseKeyframe(const Json& json, std::size_t number, const std:
   fields.onlyKnows({"t", "x", "z", "altitude", "y", "yaw", "pitch"});
   Keyframe key;
   key.t = fields.number("t", 0, kMaxSeconds, "seconds");
-  // A power of two times a double is exact: only the rounding to whole steps loses anything, at most half a step.
+  // A power of two times a double is exact. Only rounding to whole steps loses anything, at most half a step.
   key.x = std::llround(fields.number("x", -kMaxMetres, kMaxMetres, "metres") * lattice::kStepsPerMetre);
   key.z = std::llround(fields.number("z", -kMaxMetres, kMaxMetres, "metres") * lattice::kStepsPerMetre);
   key.aboveGround = fields.has("altitude");
@@ -107,7 +107,7 @@ double hermite(double from, double to, double slopeFrom, double slopeTo, double 
   return from * (1 + 2 * s) * r * r + to * s * s * (3 - 2 * s) + span * s * r * (slopeFrom * r - slopeTo * s);
 }
 
-// Four values around a segment (the outer two repeat the ends where there is no neighbour) at four times.
+// Values at four times around a segment. At the path's ends the outer ones repeat the end.
 struct Around {
   std::array<double, 4> t, v;
 
@@ -116,7 +116,7 @@ struct Around {
     return t[high] > t[low] ? (v[high] - v[low]) / (t[high] - t[low]) : 0;
   }
   double secant(std::size_t from) const { return t[from + 1] > t[from] ? (v[from + 1] - v[from]) / (t[from + 1] - t[from]) : 0; }
-  // The slope, limited so that the segment between values 1 and 2 stays between them.
+  // The slope, limited so that the curve between values 1 and 2 stays between them.
   double limitedSlope(std::size_t at) const {
     const double here = secant(1), there = secant(at == 1 ? 0 : 2);
     const bool isEnd = at == 1 ? t[0] == t[1] : t[2] == t[3];
@@ -138,7 +138,7 @@ double absoluteHeight(const GroundHeight& ground, const Keyframe& key) {
 }
 
 void moveBy(lattice::Step from, double steps, lattice::Step& whole, double& remainder) {
-  // A wild curve may leave the lattice between its keyframes; the camera stops at its edge.
+  // A wild curve may leave the lattice between its keyframes. The camera then stops at the edge.
   steps = std::clamp(steps, static_cast<double>(-lattice::kMaxPosition - from), static_cast<double>(lattice::kMaxPosition - from));
   const double floor = std::floor(steps);
   whole = from + static_cast<lattice::Step>(floor);

@@ -1,12 +1,13 @@
 #pragma once
 // A camera path: keyframes in time, read from a JSON file
 //   {"terrain": "alpine", "seed": 1, "keyframes": [{"t": 0, "x": 0, "z": 0, "altitude": 120, "yaw": 0, "pitch": -10}, ...]}
-// Seconds, metres, degrees. A keyframe has t, x, z, yaw, pitch and either `altitude` (above the ground there) or `y` (absolute).
-// Optional beside the keyframes: "terrain", "seed", "fov" (vertical, degrees, default 60), and "name" and "comment", which are ignored.
+// Seconds, metres, degrees. A keyframe has t, x, z, yaw, pitch and either `altitude` (above the ground there) or `y` (absolute). Optional
+// at the top level: "terrain", "seed", "fov" (vertical, degrees, default 60), and "name" and "comment", which are ignored.
 //
-// Between keyframes x and z follow a Catmull-Rom curve over time (a cubic through both ends whose slope at a keyframe is that of the line
-// between its neighbours), in coordinates relative to the segment's first keyframe, so that 1e12 m out is as smooth as the origin.
-// Heights do the same with slopes limited so that they never leave the range of both ends (Fritsch and Carlson 1980): a camera that comes
+// Between keyframes, x and z follow a Catmull-Rom curve over time: a cubic through both ends whose slope at a keyframe is that of the line
+// between its neighbours. Coordinates are relative to the segment's first keyframe, so it is as smooth at 1e12 m as at the origin. Heights
+// follow the same curve with limited slopes, so they never leave the range of both ends (Fritsch and Carlson 1980): a camera that descends
+// to 2 m does not dive below the ground. Yaw turns linearly the shortest way, pitch linearly.
 // down to 2 m does not dive below the ground. Yaw turns linearly the shortest way, pitch linearly.
 
 #include <cstdint>
@@ -24,7 +25,7 @@ namespace ridgecast::camera {
 struct Keyframe {
   double t = 0;                // seconds, ascending by at least 1 ms, the first is 0
   lattice::Step x = 0, z = 0;  // steps
-  double height = 0;           // metres: above the ground when `aboveGround`, else absolute
+  double height = 0;           // metres: above the ground if `aboveGround`, otherwise absolute
   bool aboveGround = true;
   double yaw = 0, pitch = 0;  // radians
 };
@@ -40,13 +41,13 @@ struct Path {
 // Height of the ground in metres at a point, for keyframes above ground.
 using GroundHeight = std::function<double(lattice::Point)>;
 
-// Limits: 1 MiB of text, 10,000 keyframes, |x|, |z| <= 4.3e12 m, 24 h. Errors name the keyframe (the first is number 1) and field and say
-// what would be right. Fields that are not known are errors too, so that a misspelt one is not silently ignored.
+// Limits: 1 MiB of text, 10,000 keyframes, |x|, |z| <= 4.3e12 m, 24 h. Errors name the keyframe (from 1) and the field and say what would
+// be right. Unknown fields are errors, so that a misspelt one is not silently ignored.
 Outcome<Path> parsePath(std::string_view json);
 Outcome<Path> readPath(const std::filesystem::path& file);
 
-// The pose at time t (clamped to the path). Between two keyframes that state an altitude the altitude is interpolated, and the ground is
-// added where the camera is; between others absolute heights are interpolated. `ground` may be empty when no keyframe is above ground.
+// The pose at time t (clamped to the path). Between two keyframes with an altitude, the altitude is interpolated and added to the ground at
+// the camera. Between others, absolute heights are interpolated. `ground` may be empty if no keyframe is above ground.
 Pose poseAt(const Path& path, double t, const GroundHeight& ground);
 
 }  // namespace ridgecast::camera
