@@ -16,9 +16,9 @@ namespace {
 
 constexpr std::uint8_t kPlain = 0x10, kDraco = 0x11;
 constexpr unsigned kMaxShift = 28;
-constexpr std::uint32_t kMaxQuotient = 1u << 28;  // the widest difference of two values in range
-constexpr std::uint32_t kPlainWorthTrying = 64;   // triangles; above, Draco's fixed cost of about 70 bytes never decides
-constexpr std::size_t kLeastDracoBytes = 90;      // about, header included; shorter plain forms are taken without trying
+constexpr std::uint32_t kMaxQuotient = 1u << 28;  // the largest difference of two values in range
+constexpr std::uint32_t kPlainWorthTrying = 64;   // triangles; with more, Draco's fixed cost of about 70 bytes never decides
+constexpr std::size_t kLeastDracoBytes = 90;      // approximately, with header; shorter plain forms are used without trying Draco
 constexpr std::size_t kLeastPlainBytes = 3;       // of a vertex, and of a triangle
 
 using Quotients = std::array<std::uint32_t, 3>;  // x, z, y: (value - least) >> shift
@@ -32,7 +32,7 @@ struct Scale {
 std::array<Scale, 3> scalesOf(const std::vector<mesh::LocalVertex>& vertices) {
   const mesh::LocalVertex& first = vertices.front();
   std::array<std::int32_t, 3> least{first.x, first.z, first.y};
-  std::array<std::uint32_t, 3> bits{};  // differences to the first have the same common power of two as those to the least
+  std::array<std::uint32_t, 3> bits{};  // differences to the first value share the same power of two as those to the least
   for (const mesh::LocalVertex& v : vertices) {
     const std::array<std::int32_t, 3> value{v.x, v.z, v.y};
     for (std::size_t k = 0; k < 3; ++k) {
@@ -104,7 +104,7 @@ bool coordinatesAreValid(const mesh::LocalVertex& v) {
          v.y <= lattice::kMaxHeight;
 }
 
-// Counter-clockwise seen from above: with +Z towards the viewer the usual cross product changes its sign.
+// Counter-clockwise seen from above. With +Z towards the viewer, the usual cross product changes its sign.
 bool isCounterClockwise(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c) {
   const std::int64_t bx = std::int64_t{b.x} - a.x, bz = std::int64_t{b.z} - a.z, cx = std::int64_t{c.x} - a.x, cz = std::int64_t{c.z} - a.z;
   return bz * cx - bx * cz > 0;

@@ -1,13 +1,12 @@
 #pragma once
-// What changed inside a leaf: one leaf's mesh -> another one over the same square, in a few bytes a new vertex.
+// What changed inside a leaf: one leaf's mesh -> another over the same square, in a few bytes for each new vertex.
 //
-// A delta names the triangles of the base that go, and fills the holes they leave: from the hole's edges inwards each new triangle is an
-// edge that is already known and an apex, which mostly follows from the edges beside it; only new vertices carry a position, relative to
-// the edge they were reached from. Everything is coded bit by bit with adaptive probabilities (range_coder.h). PROTOCOL.md, Delta payload,
-// describes the same for people who write a client.
+// A delta names the base's triangles to remove and fills the holes they leave, from the edges inwards. Each new triangle is a known edge
+// and an apex, which mostly follows from the neighbouring edges. Only new vertices carry a position, relative to the edge they were reached
+// from. Everything is coded bit by bit with adaptive probabilities (range_coder.h). For authors of clients: PROTOCOL.md, Delta payload.
 //
 //   1 byte    form: 0x20
-//   varints   triangles that go, triangles that come, vertices that are new
+//   varints   triangles removed, triangles added, new vertices
 //   4 bytes   check: the low half of the hash of the new leaf, little-endian
 //   rest      the coded bits
 // An empty payload means: nothing changed. The base is in the frame of the leaf that is decoded (see mesh::gather for leaves that were

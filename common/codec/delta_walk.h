@@ -1,9 +1,9 @@
 #pragma once
 // The part of the delta format that encoder and decoder share: the walk over holes and their edges. `Coder` is a RangeEncoder or a
-// RangeDecoder, `Truth` answers what is to be coded (an encoder's) or nothing at all (a decoder's).
+// RangeDecoder. An encoder's `Truth` knows what to code; a decoder's knows nothing.
 //
-// Vertices are numbered: those of the base in canonical order, then new ones in the order in which they are coded. An *open edge* (a, b) is
-// one whose left side is still to be filled.
+// Vertices are numbered: the base's in canonical order, then new ones in the order in which they are coded. An *open edge* (a, b) has its
+// left side still to be filled.
 
 #include <algorithm>
 #include <array>
@@ -22,13 +22,13 @@ namespace ridgecast::codec {
 inline constexpr std::uint32_t kNobody = 0xffffffffu;
 inline constexpr std::uint32_t kMaxWalk = 32;
 
-// Twice the area of (a, b, c), positive when they are counter-clockwise seen from above. Differences are below 2^29: exact.
+// Twice the area of (a, b, c), positive if counter-clockwise seen from above. Differences are below 2^29: exact.
 inline std::int64_t orientation(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c) {
   const std::int64_t bx = std::int64_t{b.x} - a.x, bz = std::int64_t{b.z} - a.z, cx = std::int64_t{c.x} - a.x, cz = std::int64_t{c.z} - a.z;
   return bz * cx - bx * cz;
 }
 
-// Positive when d lies inside the circle through a, b, c (counter-clockwise). A guess in doubles: it only chooses a probability.
+// Positive if d lies inside the circle through a, b, c (counter-clockwise). Approximate, in doubles: it only chooses a probability.
 inline bool isInside(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c, const mesh::LocalVertex& d) {
   const double ax = double(a.x) - d.x, az = double(a.z) - d.z, bx = double(b.x) - d.x, bz = double(b.z) - d.z, cx = double(c.x) - d.x,
                cz = double(c.z) - d.z;
@@ -36,23 +36,23 @@ inline bool isInside(const mesh::LocalVertex& a, const mesh::LocalVertex& b, con
   return aa * (bz * cx - bx * cz) + bb * (cz * ax - cx * az) + cc * (az * bx - ax * bz) > 0;
 }
 
-// What a Truth answers about the left side of an open edge.
+// A Truth's answer about the left side of an open edge.
 struct Apex {
   enum Kind { kNone, kKnown, kFresh } kind = kNone;
   std::uint32_t vertex = kNobody;  // kKnown: its number; kFresh: the encoder's own name for it
   mesh::LocalVertex position;      // kFresh
 };
 
-// An edge of a hole, or of what fills it.
+// An edge of a hole, or of its filling.
 struct OpenEdge {
   std::uint32_t a, b;
-  std::uint32_t third;  // a vertex that, with a and b, says how the surface goes on
-  std::uint8_t kind;    // 0: a triangle that stays lies on its right, 1: nothing of the base does, 2: a new triangle does
+  std::uint32_t third;  // with a and b, predicts how the surface continues
+  std::uint8_t kind;    // what lies on its right: 0 a triangle that stays, 1 nothing of the base, 2 a new triangle
   bool open = true;
   std::uint32_t nextOut = kNobody, previousOut = kNobody, nextIn = kNobody, previousIn = kNobody;
 };
 
-// What a walk keeps by vertex and by triangle, apart from it so that its memory can be used again.
+// A walk's arrays by vertex and triangle, separate so that their memory can be reused.
 struct WalkMemory {
   std::vector<std::uint32_t> start, around, end, gone;
   std::vector<char> fate, asked;
@@ -65,7 +65,7 @@ struct WalkMemory {
 template <class Coder, class Truth>
 class Walk {
  public:
-  // `memory`: nobody else's while the walk lives.
+  // `memory` must not be used by others while the walk lives.
   Walk(Coder& coder, Truth& truth, const mesh::LeafMesh& base, const DeltaCounts& counts, WalkMemory& memory)
       : coder_(coder), truth_(truth), base_(base), counts_(counts), level_(base.address.level), memory_(memory) {
     gone_.clear();
@@ -73,7 +73,7 @@ class Walk {
     edges_.clear();
   }
 
-  // False: not a delta, or one that takes more work than its size allows.
+  // False: not a delta, or one that needs more work than its size allows.
   bool run() {
     effort_ = 256 * (base_.triangles.size() + std::size_t{counts_.added}) + 65536;
     vertices_.reserve(base_.vertices.size() + counts_.fresh);
@@ -85,7 +85,7 @@ class Walk {
 
   std::vector<mesh::LocalVertex>& vertices() { return vertices_; }     // of the base, then the new ones
   const std::vector<char>& fates() const { return fate_; }             // of the base's triangles: kGoes or not
-  const std::vector<mesh::Triangle>& added() const { return added_; }  // in numbers of vertices()
+  const std::vector<mesh::Triangle>& added() const { return added_; }  // as indices into vertices()
 
   enum Fate : char { kUndecided, kStays, kGoes };
 
@@ -104,7 +104,7 @@ class Walk {
     std::array<Probability, 33> length;
     std::array<Probability, 33> top;
   };
-  // v below 2^32 - 1: the length of v + 1 in unary, its second bit, the rest as it is.
+  // v below 2^32 - 1: the length of v + 1 in unary, its second bit adaptively, the rest as plain bits.
   std::uint32_t number(Number& n, std::uint32_t v) {
     const std::uint64_t plus = std::uint64_t{v} + 1;
     unsigned length = static_cast<unsigned>(std::bit_width(plus)) - 1, k = 0;
@@ -122,7 +122,7 @@ class Walk {
     for (int k = static_cast<int>(std::bit_width(count - 1)) - 1; k >= 0; --k) out = out << 1 | (coder_.even(v >> k & 1) ? 1u : 0u);
     return out;
   }
-  // `fine` low bits as they are, the rest as a number, then the sign.
+  // `fine` low bits plain, the rest as a number, then the sign.
   std::int64_t difference(Number& n, unsigned fine, std::int64_t v) {
     const auto size = static_cast<std::uint64_t>(std::abs(v));
     std::uint64_t out = number(n, static_cast<std::uint32_t>(std::min<std::uint64_t>(size >> fine, 0xfffffffeu)));
@@ -134,7 +134,7 @@ class Walk {
 
   // ---- the base's triangles ----
 
-  // Which triangles have a vertex: for each vertex a run of `around_`. An encoder knows whose it will ask for: the corners of what goes.
+  // The triangles at each vertex: a run of `around_`. An encoder lists only vertices it will query: the corners of removed triangles.
   bool file() {
     std::vector<char>& asked = memory_.asked;
     asked.assign(base_.vertices.size(), Coder::kDecodes);
@@ -170,7 +170,7 @@ class Walk {
     return true;
   }
 
-  // Which triangles go: a first one, then those beyond its edges, and so on; then the next first one.
+  // Removed triangles: a first one, then its neighbours across edges, and so on; then the next first one.
   bool remove() {
     std::uint32_t left = counts_.removed, cursor = 0;
     const auto count = static_cast<std::uint32_t>(base_.triangles.size());
@@ -277,13 +277,13 @@ class Walk {
     return true;
   }
 
-  // A triangle over the edge (a, b), which is closed already.
+  // A triangle over the edge (a, b), which is already closed.
   bool add(std::uint32_t a, std::uint32_t b, std::uint32_t c) {
     if (orientation(vertices_[a], vertices_[b], vertices_[c]) <= 0) return false;
     added_.push_back({a, b, c});
     return pass(b, c, a) && pass(c, a, b);
   }
-  // The new triangle's edge (a, b): closes itself, or opens the other way when that is neither open nor filled.
+  // The new triangle's edge (a, b): closes an open edge, or opens the other way if (a, b) is neither open nor filled.
   bool pass(std::uint32_t a, std::uint32_t b, std::uint32_t third) {
     std::uint32_t e = kNobody;
     if (!find(out_, a, b, e)) return false;
@@ -297,7 +297,7 @@ class Walk {
     return true;
   }
 
-  // The vertex `steps` open edges behind b, or before a.
+  // The vertex `steps` open edges after b, or before a.
   std::uint32_t walk(std::uint32_t from, bool forwards, std::uint32_t steps) const {
     for (; steps > 0 && from != kNobody; --steps) {
       const std::uint32_t e = forwards ? out_[from] : in_[from];
@@ -330,7 +330,7 @@ class Walk {
       apex = kNobody;
       return true;
     }
-    // Further along the edges of the hole, or anywhere.
+    // Farther along the edges of the hole, or anywhere.
     std::uint32_t steps = 0;
     bool forwards = true;
     if constexpr (!Coder::kDecodes) {
@@ -368,7 +368,7 @@ class Walk {
     std::array<std::uint32_t, 3> v;
     Edge none{0, 0, kNobody, 2};
     for (std::size_t k = 0; k < 3; ++k) {
-      // A vertex that was new a moment ago is known by now.
+      // A vertex that was new when coded may be known by now.
       if constexpr (!Coder::kDecodes) is[k] = truth_.again(is[k]);
       if (freshLeft_ > 0 && coder_.bit(seedIsFresh_, is[k].kind == Apex::kFresh)) {
         none.a = none.b = none.third = k == 0 ? kNobody : v[k - 1];
@@ -393,7 +393,7 @@ class Walk {
     } else {
       a = vertices_[edge.a], b = vertices_[edge.b], c = vertices_[edge.third];
     }
-    // Inside the triangle that was there, or where the mirrored one would be.
+    // Inside the former triangle, or where its mirror image would be.
     const auto guess = [&](std::int64_t p, std::int64_t q, std::int64_t r) {
       return edge.kind == 2 && edge.a != edge.b ? third(2 * p + 2 * q - r) : third(p + q + r);
     };
@@ -418,7 +418,7 @@ class Walk {
     return true;
   }
 
-  // The power of two of which the value is a multiple: that of the leaf's level, or of a finer one.
+  // The power of two that divides the value: that of the leaf's level, or a finer one.
   template <class Bits>
   int spacing(std::array<Probability, lattice::kMaxLevel + 1>& finer, std::int32_t value, const Bits& bits) {
     int level = level_;
@@ -435,7 +435,7 @@ class Walk {
     return from + difference(n, fine, (value - from) >> bits) * (std::int64_t{1} << bits);
   }
 
-  // Where the plane through three vertices is at a fourth one, not far above or below them.
+  // The height of the plane through three vertices at a fourth, limited to a range around them.
   static std::int64_t heightAt(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c,
                                const mesh::LocalVertex& v) {
     const double ux = double(b.x) - a.x, uz = double(b.z) - a.z, wx = double(c.x) - a.x, wz = double(c.z) - a.z;
@@ -461,8 +461,8 @@ class Walk {
   std::vector<mesh::LocalVertex>& vertices_ = memory_.vertices;
   std::vector<mesh::Triangle>& added_ = memory_.added;
   std::vector<Edge>& edges_ = memory_.edges;
-  std::vector<std::uint32_t>&out_ = memory_.out, &in_ = memory_.in;  // by vertex: the newest open edge from and to it
-  std::vector<std::uint32_t>& filled_ = memory_.filled;              // by vertex: the newest edge of kind 1 from it that has been filled
+  std::vector<std::uint32_t>&out_ = memory_.out, &in_ = memory_.in;  // by vertex: the newest open edge from it, and to it
+  std::vector<std::uint32_t>& filled_ = memory_.filled;              // by vertex: the newest filled edge of kind 1 from it
 
   using P = Probability;
   Number gap_, steps_, place_, height_;

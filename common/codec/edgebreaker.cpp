@@ -18,19 +18,19 @@
 namespace ridgecast::codec {
 namespace {
 
-// 7: the slowest that still predicts by parallelogram; 8 and faster lose half of the gain, slower ones save less than 2 %.
+// 7 is the slowest speed that still predicts by parallelogram. 8 and faster lose half of the gain; slower ones save less than 2 %.
 constexpr int kSpeed = 7;
 
-// What every stream of ours starts with: magic, bitstream 2.2, triangular mesh, edgebreaker, no flags, standard traversal.
+// The start of all our streams: magic, bitstream 2.2, triangular mesh, edgebreaker, no flags, standard traversal.
 constexpr std::array<std::uint8_t, 12> kStart{'D', 'R', 'A', 'C', 'O', 2, 2, 1, 1, 0, 0, 0};
 // The only attribute: one, POSITION, its type, three components, not normalised, id 0, coded as integers.
 constexpr std::uint8_t kInteger32 = 5;  // draco::DT_INT32
 constexpr std::array<std::uint8_t, 7> kAttribute{1, 0, kInteger32, 3, 0, 0, 1};
-// Symbols of more bits than this are never coded as one symbol (draco/compression/entropy/symbol_encoding.cc).
+// Draco never codes larger symbols as one symbol (draco/compression/entropy/symbol_encoding.cc).
 constexpr std::uint64_t kMaxSymbols = (1u << 18) + 1;
 
-// Draco's decoder, stopped before it believes a count. It sizes its tables by triangles (checked before it starts), by attributes and
-// components, and by entropy symbols: the last two are looked at here, at the moment when the attribute's description comes next.
+// Draco's decoder, with checks before it believes a count. It sizes its tables by triangles (checked before it starts), by attributes and
+// components, and by entropy symbols. The last two are checked here, just before the attribute's description is read.
 class CarefulDecoder : public draco::MeshEdgebreakerDecoder {
  protected:
   bool CreateAttributesDecoder(std::int32_t id) override {
@@ -46,7 +46,7 @@ class CarefulDecoder : public draco::MeshEdgebreakerDecoder {
     std::uint8_t prediction = 0, transform = 0, compressed = 0, scheme = 0, bits = 0;
     std::uint64_t symbols = 0;
     if (!reader.byte(prediction) || (prediction != 0xfe && !reader.byte(transform)) || !reader.byte(compressed)) return false;
-    if (compressed == 0) return true;  // plain bytes: Draco checks them against what is left of the buffer
+    if (compressed == 0) return true;  // plain bytes: Draco checks them against the rest of the buffer
     if (!reader.byte(scheme) || (scheme == draco::SYMBOL_CODING_RAW && !reader.byte(bits))) return false;
     return reader.varint(symbols) && symbols <= kMaxSymbols;
   }

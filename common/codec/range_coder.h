@@ -1,11 +1,11 @@
 #pragma once
-// Binary arithmetic coding with adaptive probabilities, without carries (as in lpaq, Mahoney 2007): bits that are foreseen cost next to
-// nothing. Encoder and Decoder have the same interface, so that one piece of code describes a format for both directions: a value goes in,
-// the value that is (or was) coded comes out.
+// Binary arithmetic coding with adaptive probabilities, without carries (as in lpaq, Mahoney 2007): predictable bits cost almost nothing.
+// Encoder and decoder have the same interface, so one piece of code describes a format for both directions: a value goes in, the coded
+// value comes out.
 //
 // A probability has 16 bits and learns faster while it is young. An interval [low, high] of 32 bits is split in the ratio of the
-// probability; top bytes that agree are shifted out. The end is the fewest bytes whose value, zeros behind it, lies in the last interval. A decoder reads
-// zeros beyond the end, and knows afterwards how many bytes there must have been.
+// probability; equal top bytes are shifted out. The code ends with the fewest bytes whose value, followed by zeros, lies in the last
+// interval. A decoder reads zeros beyond the end, and knows afterwards how many bytes there must have been.
 
 #include <cstddef>
 #include <cstdint>
@@ -14,13 +14,13 @@
 
 namespace ridgecast::codec {
 
-// How likely the next bit is 1, in 1/65536, and how many bits it has seen.
+// The probability that the next bit is 1, in 1/65536, and the number of bits seen.
 struct Probability {
   std::uint16_t one = 32768;
   std::uint16_t seen = 0;
 
   constexpr Probability() = default;
-  // A first guess in 1/256, worth as much as two bits seen.
+  // A first guess in 1/256, with the weight of two bits seen.
   constexpr explicit Probability(unsigned of256) : one(static_cast<std::uint16_t>(of256 << 8)), seen(2) {}
 
   void learn(bool bit) {
@@ -33,7 +33,7 @@ struct Probability {
   }
 };
 
-// How many bytes it takes to name a value in [low, high], the bytes behind them zero.
+// Bytes needed to name a value in [low, high], followed by zero bytes.
 constexpr int tailBytes(std::uint32_t low, std::uint32_t high) {
   for (int bytes = 0; bytes < 4; ++bytes) {
     const std::uint64_t rest = 0xffffffffull >> (8 * bytes);
@@ -53,7 +53,7 @@ class RangeEncoder {
     p.learn(value);
     return value;
   }
-  bool even(bool value) {  // a bit of which nothing is known
+  bool even(bool value) {  // a bit without a model
     split(low_ + ((high_ - low_) >> 1), value);
     return value;
   }
@@ -93,7 +93,7 @@ class RangeDecoder {
   bool even(bool = false) { return split(low_ + ((high_ - low_) >> 1)); }
   // More was read than an encoder can have left out.
   bool failed() const { return at_ > bytes_.size() + 4; }
-  // Exactly as many bytes were there as the encoder made.
+  // There were exactly as many bytes as the encoder made.
   bool finished() const { return bytes_.size() + 4 == at_ + static_cast<std::size_t>(tailBytes(low_, high_)); }
 
  private:

@@ -14,7 +14,7 @@ inline void putVarint(std::vector<std::uint8_t>& out, std::uint64_t v) {
 constexpr std::uint64_t zigzag(std::int64_t v) { return (static_cast<std::uint64_t>(v) << 1) ^ static_cast<std::uint64_t>(v >> 63); }
 constexpr std::int64_t unzigzag(std::uint64_t v) { return static_cast<std::int64_t>(v >> 1) ^ -static_cast<std::int64_t>(v & 1); }
 
-// Reads from the front of a span; after a failure every read fails.
+// Reads from the front of a span. After a failure every read fails.
 class Reader {
  public:
   explicit Reader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
