@@ -13,7 +13,7 @@
 namespace ridgecast::gltf {
 namespace {
 
-constexpr int kEncodeSpeed = 3, kDecodeSpeed = 3;  // slower ones save less than 2 %
+constexpr int kEncodeSpeed = 3, kDecodeSpeed = 3;  // slower speeds save less than 2 %
 constexpr int kNormalBits = 8;
 constexpr int kOriginBits = 2, kLeastRangeBits = 13;
 constexpr int kMostPositionBits = 24;  // quantised values must be exact in a float
@@ -39,8 +39,8 @@ std::optional<DracoPrimitive> compress(const Leaf& leaf) {
   for (const mesh::LocalVertex& v : vertices)
     for (const std::int32_t value : stepsOf(v)) all |= static_cast<std::uint32_t>(value);
   const int shift = all == 0 ? 0 : std::min(20, static_cast<int>(std::countr_zero(all)));
-  // Draco keeps origin and range as decimal texts of six digits behind the point until it encodes: a multiple of four steps is exact so,
-  // and a range of 16 m and more is read back as the float that it was.
+  // Until it encodes, Draco keeps origin and range as decimal texts with six digits after the point. A multiple of four steps is exact in
+  // that form, and a range of 16 m and more is read back as the same float.
   for (std::int32_t& value : least) value = static_cast<std::int32_t>(lattice::floorTo(value, std::max(shift, kOriginBits)));
   for (const mesh::LocalVertex& v : vertices)
     for (std::size_t k = 0; k < 3; ++k)
@@ -74,7 +74,7 @@ std::optional<DracoPrimitive> compress(const Leaf& leaf) {
   draco::ExpertEncoder encoder(mesh);
   encoder.SetSpeedOptions(kEncodeSpeed, kDecodeSpeed);
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
-  encoder.options().SetGlobalBool("split_mesh_on_seams", true);  // all attributes share the corners of the positions: 2 % less, 25 % faster
+  encoder.options().SetGlobalBool("split_mesh_on_seams", true);  // all attributes share the positions' corners: 2 % smaller, 25 % faster
   encoder.SetTrackEncodedProperties(true);
   const float origin[3] = {metres(least[0]), metres(least[1]), metres(least[2])};
   const float range = static_cast<float>(((std::int64_t{1} << bits) - 1) << shift) * static_cast<float>(lattice::kMetresPerStep);

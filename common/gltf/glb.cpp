@@ -27,7 +27,7 @@ constexpr double kNear = 0.5, kFar = 40'000;  // metres, of the camera
 
 double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 
-// tinygltf's integers have 32 bits; leaf numbers may have 38, which a double holds exactly and JSON writes without a fraction.
+// tinygltf's integers have 32 bits. Leaf indices may have 38: a double holds them exactly, and JSON writes no fraction.
 tinygltf::Value number(std::int64_t v) {
   if (v >= std::numeric_limits<std::int32_t>::min() && v <= std::numeric_limits<std::int32_t>::max())
     return tinygltf::Value(static_cast<int>(v));
@@ -68,7 +68,7 @@ bool isExact(const mesh::LeafMesh& leaf) {
   });
 }
 
-// Whole numbers without their ".0", and without what glTF says anyway: tinygltf writes both, and a file may have thousands of leaves.
+// Integers without ".0", and without glTF's defaults: tinygltf writes both, and a file may have thousands of leaves.
 void thin(nlohmann::json& value) {
   if (value.is_number_float()) {
     const double number = value.get<double>();
@@ -105,7 +105,7 @@ std::string thinned(std::string_view glb) {
   return out;
 }
 
-// What many accessors share: their values one after the other in one buffer view.
+// The values of many accessors, one after another in one buffer view.
 struct Store {
   std::vector<unsigned char> bytes;
   int view = -1;
@@ -285,7 +285,7 @@ class Writer {
     }
   }
 
-  // The buffer view is known once everything is stored: until then the accessor names -2 - store.
+  // The buffer view is known only when everything is stored. Until then the accessor names -2 - store.
   tinygltf::Accessor stored(int store, std::size_t at, int type, int component, std::size_t count) {
     tinygltf::Accessor accessor;
     accessor.bufferView = -2 - store;
@@ -339,13 +339,13 @@ class Writer {
     }
     for (tinygltf::Accessor& a : model_.accessors)
       if (a.bufferView <= -2) a.bufferView = stores_[static_cast<std::size_t>(-2 - a.bufferView)].view;
-    if (!model_.meshes.empty()) {  // glTF knows no empty buffers, meshes or materials
+    if (!model_.meshes.empty()) {  // glTF does not allow empty buffers, meshes or materials
       model_.buffers.emplace_back();
       model_.buffers[0].data = std::move(data);
       tinygltf::Material material;
       material.name = "terrain";
       const bool coloured = std::ranges::any_of(document_.leaves, [](const Leaf& leaf) { return !leaf.colours.empty(); });
-      const double grey = coloured ? 1.0 : 0.5;  // rock, until someone brings their own
+      const double grey = coloured ? 1.0 : 0.5;  // rock, unless the file has colours
       material.pbrMetallicRoughness.baseColorFactor = {grey, grey, grey, 1.0};
       material.pbrMetallicRoughness.metallicFactor = 0;
       material.pbrMetallicRoughness.roughnessFactor = 1;
@@ -369,7 +369,7 @@ class Writer {
   tinygltf::Model model_;
   tinygltf::Scene scene_;
   std::array<Store, kStores> stores_;
-  std::vector<std::optional<DracoPrimitive>> packed_;  // by leaf, until it is added; nothing: plain
+  std::vector<std::optional<DracoPrimitive>> packed_;  // by leaf, until it is added; empty: plain
   std::vector<unsigned char> compressed_;
 };
 

@@ -8,16 +8,15 @@
 //   NORMAL             unit; compressed: within half a degree
 //   COLOR_0            linear, 16 bits; compressed: 8 bits (see kColourBits)
 //   asset.extras       cellX, cellZ (the cell, integers: metres / 4,096), latticeStep (metres) and what the caller adds
-// Triangles are counter-clockwise seen from above. A camera is the only node of a scene of its own, the second one, so that the nodes of
-// the first have translations alone; its rotation is yaw, then pitch. Equal documents give equal bytes. Pure functions; any thread.
-// What Draco cannot shrink: a leaf takes some 600 bytes of JSON (a node with its extras, a mesh, four accessors, a buffer view), compressed or
-// not, and Draco's own description of a mesh with three attributes 230. Against the plain file: a box of many triangles a fifth, a pose at 0.3
-// pixels 0.23; the default pose at 0.6 pixels 0.35, since 989 of its 1,476 leaves are grids of eight triangles. There the JSON alone is 0.16 and
-// the 325 leaves with detail 0.13, so 0.30 if the small leaves took no bytes at all (compare the sizes of snapshot.glb?x=0&z=0&altitude=120&
-// yaw=0&pitch=-10 with and without compression=draco). Tried on that file: Draco's sequential coding (281 kB for the small leaves, 275 now),
-// its other speeds (2 % either way), seven bits for normals and colours (0.33). Accessors are not shared between leaves, although glTF
-// allows it: several importers, tinygltf among them, keep what Draco decoded by accessor. Extras stay at their nodes, where readers look.
-// tinygltf stays in glb.cpp, Draco in draco_primitive.cpp.
+// Triangles are counter-clockwise seen from above. A camera is the only node of the second scene, so that the first scene's nodes have
+// translations alone; its rotation is yaw, then pitch. Equal documents give equal bytes. Pure functions; any thread.
+//
+// Size: a leaf takes some 600 bytes of JSON (a node with its extras, a mesh, four accessors, a buffer view), compressed or not, and Draco's
+// description of three attributes takes 230. Compressed against plain: 1/5 for a box of many triangles, 0.23 for a pose at 0.3 pixels, 0.35
+// for the default pose at 0.6 pixels (snapshot.glb?x=0&z=0&altitude=120&yaw=0&pitch=-10), where 989 of 1,476 leaves are grids of eight
+// triangles: JSON alone is 0.16, the 325 leaves with detail 0.13. Tried on that file: sequential coding (281 kB for the small leaves; now
+// 275), other speeds (2 % either way), seven bits for normals and colours (0.33). Leaves do not share accessors, although glTF allows it:
+// several importers, tinygltf among them, cache Draco's output by accessor. tinygltf stays in glb.cpp, Draco in draco_primitive.cpp.
 
 #include <array>
 #include <cstddef>
@@ -35,29 +34,28 @@
 
 namespace ridgecast::gltf {
 
-inline constexpr int kColourBits = 8;  // of a channel where Draco compresses
+inline constexpr int kColourBits = 8;  // of a channel compressed by Draco
 
 enum class Compression { kNone, kDraco };
 
 struct Leaf {
   const mesh::LeafMesh* mesh = nullptr;               // canonical; lives as long as the document
-  std::vector<std::array<float, 3>> normals;          // of every vertex, or none
-  std::vector<std::array<std::uint16_t, 3>> colours;  // linear, 65535 is 1; of every vertex, or none
+  std::vector<std::array<float, 3>> normals;          // of every vertex, or empty
+  std::vector<std::array<std::uint16_t, 3>> colours;  // linear, 65535 is 1; of every vertex, or empty
 };
 
 struct Document {
-  lattice::Point origin;  // the file's cell is the one that holds it
+  lattice::Point origin;  // the file's cell is the one that contains it
   std::vector<Leaf> leaves;
   std::optional<camera::Camera> camera;
   std::string extras = "{}";  // JSON object, added to asset.extras
 };
 
-// Calls its body for every index below the count, in whatever order, by as many threads as there are; returns when all are done.
+// Calls its body for every index below the count, in any order, on any number of threads; returns when all are done.
 using ForEach = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;
 
-// `forEach`: leaves are compressed by it; none: one after the other. Equal bytes either way.
-// Errors: the mesh is too large for a .glb (4 GiB), a leaf's coordinates are not exact in a float (they reach 65 km), or `stop` was
-// requested.
+// `forEach` compresses the leaves; without it, one after another. The bytes are equal either way. Errors: the mesh is too large for a .glb
+// (4 GiB), a leaf's coordinates are not exact in a float (they reach 65 km), or `stop` was requested.
 Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop = {}, const ForEach& forEach = {});
 
 }  // namespace ridgecast::gltf
