@@ -45,14 +45,14 @@ namespace {
 class Above {
  public:
   Above(const terrain::Terrain& terrain, const Ray& ray) : terrain_(terrain), ray_(ray) {
-    // Scaled before it is squared: any length that is a number has a direction.
+    // Scaled before squaring, so that every finite length has a direction.
     const double most = std::max({std::abs(ray.directionX), std::abs(ray.directionY), std::abs(ray.directionZ)});
     const double x = ray.directionX / most, y = ray.directionY / most, z = ray.directionZ / most;
     const double length = std::sqrt(x * x + y * y + z * z);
     x_ = x / length, y_ = y / length, z_ = z / length;
   }
 
-  // False: one of them lies beyond the lattice; those before it are answered, `count` says how many.
+  // False if a distance lies beyond the lattice. Those before it are answered; `count` says how many.
   bool at(std::span<const double> distances, std::span<double> above, std::size_t& count) const {
     constexpr std::size_t kMost = 256;
     std::array<Step, kMost> x, z;
@@ -82,7 +82,7 @@ double cast(const terrain::Terrain& terrain, const Ray& ray) {
   constexpr int kRounds = 4;  // 1/4 m in 16^4 parts: 4 micrometres
   const Above ray_above(terrain, ray);
   std::array<double, kBlock> distance, above;
-  double before = 0, aboveBefore = 0;  // the last that is known to lie above the ground
+  double before = 0, aboveBefore = 0;  // the last distance known to be above the ground
   bool first = true;
   std::size_t known = 0;
   for (bool last = false; !last;) {
@@ -109,7 +109,7 @@ double cast(const terrain::Terrain& terrain, const Ray& ray) {
       before = distance[hit - 1];
       aboveBefore = above[hit - 1];
     }
-    // Between `before`, above the ground, and `behind`, on it or below: the first part in which it is met, again and again.
+    // Between `before`, above the ground, and `behind`, on or below it: find the first part with a crossing, repeatedly.
     double behind = distance[hit], aboveBehind = above[hit];
     for (int round = 0; round < kRounds && behind > before; ++round) {
       const double part = (behind - before) / kParts;

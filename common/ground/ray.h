@@ -4,7 +4,7 @@
 
 namespace ridgecast::ground {
 
-// Where a ray begins, where it points and how far it reaches.
+// Origin, direction and reach of a ray.
 struct Ray {
   lattice::Step x = 0, z = 0;                             // steps
   double y = 0;                                           // metres
