@@ -7,9 +7,9 @@
 // Angles  radians inside, degrees in files, flags and URLs. Yaw 0 looks along -Z, positive yaw turns left (counter-clockwise
 //         seen from above), positive pitch looks up.
 // Range   horizontal positions within +-2^50 steps (4.4e12 m); heights within +-2^25 steps (131 km).
-// Leaves  squares of the quadtree, (level, i, j). Level 0 is 32 m, the finest, and a *higher level is coarser* (web maps count
-//         the other way). Squares are half-open: least x and z belong to them.
-// All functions are pure and total over these ranges; callers check untrusted input with positionIsValid / addressIsValid first.
+//   Leaves  squares of the quadtree, (level, i, j). Level 0 is 32 m, the finest; a *higher level is coarser* (web maps count the other
+//           way). Squares are half-open: least x and z belong to them.
+// All functions are pure and total over these ranges. Callers check untrusted input with positionIsValid / addressIsValid first.
 
 #include <compare>
 #include <cstddef>
@@ -20,12 +20,12 @@ namespace ridgecast::lattice {
 
 using Step = std::int64_t;
 
-inline constexpr int kStepBits = 8;                             // steps a metre, as a power of two
+inline constexpr int kStepBits = 8;  // steps a metre, as a power of two
 inline constexpr double kStepsPerMetre = 256.0;
 inline constexpr double kMetresPerStep = 1.0 / 256.0;
-inline constexpr int kFinestSideBits = 13;                      // a level 0 leaf is 2^13 steps = 32 m wide
-inline constexpr int kMaxLevel = 10;                            // 32,768 m, coarser leaves are never made
-inline constexpr int kCellBits = 20;                            // terrain functions see cells of 2^20 steps = 4,096 m
+inline constexpr int kFinestSideBits = 13;  // a level 0 leaf is 2^13 steps = 32 m wide
+inline constexpr int kMaxLevel = 10;        // 32,768 m; coarser leaves do not exist
+inline constexpr int kCellBits = 20;        // terrain functions see cells of 2^20 steps = 4,096 m
 inline constexpr Step kMaxPosition = Step{1} << 50;
 inline constexpr std::int32_t kMaxHeight = std::int32_t{1} << 25;
 
@@ -53,8 +53,8 @@ constexpr Step floorTo(Step v, int bits) { return (v >> bits) << bits; }
 // Nearest multiple of 2^bits, halves upwards.
 constexpr Step roundTo(Step v, int bits) { return bits == 0 ? v : floorTo(v + (Step{1} << (bits - 1)), bits); }
 
-// The spacing, as a power of two in steps, on which vertices of a leaf of this level lie: exact at level 0, and coarser far away,
-// where nobody sees it and every bit is paid for on the wire.
+// The spacing of a leaf's vertices at this level, as a power of two in steps: exact at level 0, coarser far away, where nobody sees it and
+// every bit costs bandwidth.
 constexpr int horizontalBits(int level) { return level == 0 ? 0 : level + 4; }
 constexpr int verticalBits(int level) { return level == 0 ? 0 : level + 3; }
 constexpr std::int32_t snapHeight(std::int32_t y, int level) { return static_cast<std::int32_t>(roundTo(y, verticalBits(level))); }
@@ -87,9 +87,7 @@ struct LeafAddress {
   friend constexpr auto operator<=>(const LeafAddress&, const LeafAddress&) = default;
 };
 
-constexpr LeafAddress leafAt(Point p, int level) {
-  return {level, p.x >> (kFinestSideBits + level), p.z >> (kFinestSideBits + level)};
-}
+constexpr LeafAddress leafAt(Point p, int level) { return {level, p.x >> (kFinestSideBits + level), p.z >> (kFinestSideBits + level)}; }
 constexpr bool addressIsValid(LeafAddress a) {
   if (a.level < 0 || a.level > kMaxLevel) return false;
   const std::int64_t limit = kMaxPosition >> a.sideBits();
@@ -112,7 +110,8 @@ constexpr std::uint64_t mix(std::uint64_t v) {
 
 struct LeafAddressHash {
   std::size_t operator()(const LeafAddress& a) const {
-    return static_cast<std::size_t>(mix(static_cast<std::uint64_t>(a.level) + mix(static_cast<std::uint64_t>(a.i) + mix(static_cast<std::uint64_t>(a.j)))));
+    return static_cast<std::size_t>(
+        mix(static_cast<std::uint64_t>(a.level) + mix(static_cast<std::uint64_t>(a.i) + mix(static_cast<std::uint64_t>(a.j)))));
   }
 };
 
