@@ -11,7 +11,7 @@ std::uint64_t hashVertex(const lattice::Vertex& v) {
 }
 
 void canonicalize(LeafMesh& leaf) {
-  // Kept for their memory: a server does this for every leaf that changes.
+  // Static for its memory: a server does this for every leaf that changes.
   struct Placed {
     std::uint64_t key;  // x, then z, as an unsigned number
     std::uint32_t vertex;
@@ -42,7 +42,7 @@ void canonicalize(LeafMesh& leaf) {
   }
   leaf.vertices.assign(vertices.begin(), vertices.end());
 
-  // Counted by their first vertex, which few share.
+  // Counting sort by the first vertex, which few triangles share.
   start.assign(vertices.size() + 1, 0);
   for (Triangle& t : leaf.triangles) {
     t = rotated({place[t[0]], place[t[1]], place[t[2]]});
@@ -50,7 +50,7 @@ void canonicalize(LeafMesh& leaf) {
   }
   for (std::size_t v = 0; v < vertices.size(); ++v) start[v + 1] += start[v];
   triangles.resize(leaf.triangles.size());
-  for (const Triangle& t : leaf.triangles) triangles[start[t[0]]++] = t;  // start: now where each one's triangles end
+  for (const Triangle& t : leaf.triangles) triangles[start[t[0]]++] = t;  // now start[v] is where the triangles of v end
   for (std::size_t v = 0, first = 0; v < vertices.size(); first = start[v++]) {
     const auto begin = triangles.begin() + static_cast<std::ptrdiff_t>(first), end = triangles.begin() + start[v];
     if (end - begin > 1) std::sort(begin, end);

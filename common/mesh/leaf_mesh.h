@@ -1,14 +1,14 @@
 #pragma once
-// A leaf's share of a mesh, as it is sent, held and drawn: the triangles whose centroid lies in the leaf's square.
+// A leaf's share of a mesh, as sent, held and drawn: the triangles whose centroid lies in the leaf's square.
 //
 // Positions are in steps, x and z relative to the leaf's corner (least x and z; they may be negative or exceed the side, since
 // triangles straddle borders), y absolute. Triangles are counter-clockwise seen from above.
 //
-// Canonical order, which both sides reach by themselves so that it costs no bytes:
+// Canonical order, which each side reaches by itself, so it costs no bytes:
 //   vertices    ascending by x, then z; no two have the same x and z; every vertex is used
 //   triangles   rotated so that the smallest index comes first; ascending by (first, second, third)
 //
-// The hash is a function of positions only, never of indices:
+// The hash depends only on positions, never on indices:
 //   vertex      v = mix(x + mix(z + mix(y))), whole lattice positions as two's complement 64-bit integers
 //   triangle    mix(v0 + mix(v1 + mix(v2))), v0 the corner that is smallest by x, then z, the others following counter-clockwise
 //   leaf        sum of its triangles, modulo 2^64
@@ -49,7 +49,7 @@ constexpr Triangle rotated(Triangle t) {
 void canonicalize(LeafMesh& leaf);
 bool isCanonical(const LeafMesh& leaf);
 
-// A vertex's v, and a triangle's hash from those of its corners, the smallest by x, then z, first.
+// A vertex's v; and a triangle's hash from those of its corners, beginning with the smallest by x, then z.
 std::uint64_t hashVertex(const lattice::Vertex& v);
 constexpr std::uint64_t hashMixed(std::uint64_t v0, std::uint64_t v1, std::uint64_t v2) {
   return lattice::mix(v0 + lattice::mix(v1 + lattice::mix(v2)));
