@@ -1,6 +1,6 @@
 #pragma once
-// What can fail for reasons outside the program (a person, a file, a socket) returns an Outcome: a value, or an Error whose message
-// says what was wrong and what would be right, in one sentence for a person. Broken contracts inside the program are assertions.
+// A failure for reasons outside the program (a person, a file, a socket) is returned as an Outcome: a value, or an Error whose message says
+// in one sentence what is wrong and what would be right. Broken contracts inside the program are assertions.
 
 #include <string>
 #include <utility>
