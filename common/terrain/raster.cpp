@@ -76,8 +76,8 @@ std::string rasterSource(const RasterShape& s) {
   return out.append(embedded::raster_cubic).append("\n").append(embedded::raster_color).append("\n").append(embedded::raster);
 }
 
-// Along one axis the curve leaves the range of its samples by at most an eighth of it (all weights' negative parts at t = 1/2 sum to
-// 1/8), along both by 1/8 + (1 + 2/8) / 8.
+// Along one axis the curve leaves the range of its samples by at most an eighth of it (at t = 1/2 the negative weights sum to 1/8); along
+// both, by 1/8 + (1 + 2/8) / 8.
 RasterBounds boundsOf(const RasterShape& s) {
   const double low = s.lowest * lattice::kMetresPerStep, high = s.highest * lattice::kMetresPerStep, swing = 0.2875 * (high - low) + 0.1;
   return {low - swing, high + swing};

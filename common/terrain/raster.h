@@ -1,9 +1,10 @@
 #pragma once
-// A terrain whose heights are samples on a grid: a height map. The grid is endless, continued beyond the map's edge by a rule; samples
-// are whole steps, so heights between them (bicubic, raster_cubic.glsl) have the same bits on every machine and in a shader that does not
-// fuse multiplication and addition.
+// A terrain whose heights are samples on a grid: a height map. A rule continues the grid without end beyond the map's edge. Samples are
+// whole steps, so heights between them (bicubic, raster_cubic.glsl) have the same bits on every machine and in any shader without fused
+// multiply-add.
 //
-// Samples are counted along x and z from the map's first, at (originX, originZ); any number, negative ones too. Those who draw the
+// Samples are counted along x and z from the map's first, at (originX, originZ); indices may be negative. Renderers hold a window of them,
+// in square tiles.
 // terrain hold a window of it, in square tiles.
 
 #include <array>
@@ -29,7 +30,7 @@ struct RasterShape {
   std::uint32_t pitch = 256;               // steps between samples, kMinPitch..kMaxPitch
   lattice::Step originX = 0, originZ = 0;  // of the map's first sample, |.| <= lattice::kMaxPosition
   std::uint32_t width = 0, height = 0;     // samples of the map itself, along x and z, at least 2
-  std::int32_t lowest = 0, highest = 0;    // of all samples, the continuation's included; within +-kMaxSample, lowest <= highest
+  std::int32_t lowest = 0, highest = 0;    // of all samples with the continuation; within +-kMaxSample, lowest <= highest
   std::uint64_t content = 0;               // equal for equal samples and continuation
   friend bool operator==(const RasterShape&, const RasterShape&) = default;
 };
@@ -39,12 +40,12 @@ struct TileAddress {
   std::int64_t i = 0, j = 0;  // samples [i, i + 1) x kTileSide along x, j along z
   friend constexpr auto operator<=>(const TileAddress&, const TileAddress&) = default;
 };
-// Whether all of a tile lies on the lattice, give or take a tile.
+// Whether all of a tile lies on the lattice, with a tolerance of one tile.
 bool tileIsValid(const RasterShape& shape, TileAddress tile);
 
 using Tile = std::array<std::int32_t, kTileSamples>;  // steps, along x first
 
-// Where samples come from. Any thread.
+// A source of samples. Any thread.
 class Raster {
  public:
   virtual ~Raster() = default;
@@ -52,7 +53,7 @@ class Raster {
   virtual void tile(TileAddress address, Tile& out) const = 0;
 };
 
-// The sample before a coordinate, and how many steps behind it the coordinate lies, 0..pitch - 1.
+// The sample before a coordinate, and the steps from it to the coordinate, 0..pitch - 1.
 struct Between {
   std::int64_t sample = 0;
   std::int32_t steps = 0;
@@ -63,24 +64,24 @@ constexpr Between between(lattice::Step v, lattice::Step origin, std::uint32_t p
   return {sample, static_cast<std::int32_t>(from - sample * size)};
 }
 
-// Metres between the 4 x 4 samples around a place, along x first; beyondX and beyondZ in steps behind the second row and column.
+// Metres between the 4 x 4 samples around a place, along x first. beyondX and beyondZ: steps after the second row and column.
 float cubicHeight(const std::array<std::int32_t, 16>& samples, std::int32_t beyondX, std::int32_t beyondZ, std::uint32_t pitch);
 
-// The height map as a terrain file: its two functions, and the constants that are its own. Needs what raster.glsl lists.
+// The height map as a terrain file: its two functions and its constants. Needs what raster.glsl lists.
 std::string rasterSource(const RasterShape& shape);
 
-// The file's colours, in this program.
+// The file's colours, in C++.
 Colours rasterColours(const RasterShape& shape);
 
-// Least and most that heights between samples can be, metres: the curve swings beyond its samples.
+// The least and greatest possible height between samples, metres: the curve overshoots its samples.
 struct RasterBounds {
   double lowest = 0, highest = 0;
 };
 RasterBounds boundsOf(const RasterShape& shape);
 
-// A tile <-> bytes, without loss. First a byte: 0x30. Then for each sample, along x first, the zigzag varint of what it differs from
-// left + above - above left (those outside the tile: 0; in the first row the left one, in the first column the one above). A run of
-// n >= 1 zeros is 0 followed by the varint n - 1.
+// A tile <-> bytes, without loss. First the byte 0x30. Then for each sample, along x first, the zigzag varint of its difference from left +
+// above - above left (0 outside the tile; the left one in the first row, the one above in the first column). A run of n >= 1 zeros is 0
+// followed by the varint n - 1.
 std::vector<std::uint8_t> encodeTile(const Tile& tile);
 // Error: too short, too long, a sample out of range.
 Outcome<Tile> decodeTile(std::span<const std::uint8_t> bytes);

@@ -1,6 +1,6 @@
 #pragma once
-// How a vertex looks: the terrain's normal and colour there, in five bytes. They travel with the mesh of a private terrain, whose text
-// clients never get.
+// A vertex's appearance: the terrain's normal and colour there, in five bytes. Sent with the mesh of a private terrain, whose text clients
+// never receive.
 
 #include <array>
 #include <cstdint>
@@ -22,8 +22,8 @@ inline constexpr std::size_t kShadeBytes = 5;  // in this order
 
 Shade makeShade(const std::array<float, 3>& normal, const std::array<float, 3>& colour);
 
-// Of points of a leaf of this level: differences and detail as wide as its triangles are, 2^level half metres at least.
-// Contract: terrain.colours() is there. `out` has the same size as x and z.
+// The shades of points in a leaf of this level: differences and detail are as wide as its triangles, at least 2^level half metres. Requires
+// terrain.colours(). `out` has the same size as x and z.
 void shadesAt(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, int level, std::span<Shade> out);
 
 }  // namespace ridgecast::terrain

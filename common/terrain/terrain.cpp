@@ -10,7 +10,7 @@
 namespace ridgecast::terrain {
 namespace {
 
-// Part of contentHash: change it when the same text and seed would give other heights on the lattice.
+// Part of contentHash. Change it if the same text and seed give other heights on the lattice.
 constexpr std::uint64_t kLatticeVersion = 1;
 
 const std::array<Description, kBuiltIns> kBuiltIn = {
@@ -105,8 +105,8 @@ std::string_view batch() { return embedded::batch; }
 
 void curvatures(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, lattice::Step spacing,
                 std::span<float> out) {
-  // Laplacian of Gaussian at sigma 1, (r^2 - 2) exp(-r^2 / 2) at r^2 = 0, 1, 2 for centre, edges and corners; the mean of the nine is
-  // taken off each so that they sum to zero, then all are divided by the sum of their absolute values.
+  // Laplacian of Gaussian at sigma 1, (r^2 - 2) exp(-r^2 / 2) at r^2 = 0, 1, 2 for centre, edges and corners. Subtracting the mean of the
+  // nine makes them sum to zero; then all are divided by the sum of their absolute values.
   constexpr double kRaw[3] = {-2.0, -0.60653065971263342, 0.0};
   constexpr double kMean = (kRaw[0] + 4 * kRaw[1] + 4 * kRaw[2]) / 9;
   constexpr double kCentre = kRaw[0] - kMean, kEdge = kRaw[1] - kMean, kCorner = kRaw[2] - kMean;

@@ -1,6 +1,6 @@
 #pragma once
-// A terrain: two functions of a position on the horizontal plane, height and colour, written once as GLSL. The file is compiled into
-// the program as C++ for heights and handed to clients as text, for the ray march and for shading.
+// A terrain: two functions of a position on the horizontal plane, height and colour, written once in GLSL. The file is compiled into the
+// program as C++ for heights, and sent to clients as text for the ray march and shading.
 //
 // The contract of a terrain file (see common/terrain/README.md):
 //   float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed)
@@ -26,7 +26,7 @@ namespace ridgecast::terrain {
 
 class Raster;
 
-// Linear red, green and blue at `count` points of these heights (metres) and unit normals, as samples `footprint` metres wide see them.
+// Linear red, green and blue at `count` points with these heights (metres) and unit normals, as seen by samples `footprint` metres wide.
 using Colours = std::function<void(const lattice::Step* x, const lattice::Step* z, const float* height, const std::array<float, 3>* normal,
                                    float footprint, std::array<float, 3>* out, std::size_t count, std::uint32_t seed)>;
 
@@ -38,7 +38,7 @@ class Terrain {
   virtual std::string_view source() const = 0;  // the GLSL text of the terrain file
   virtual std::uint32_t seed() const = 0;
   virtual const Raster* raster() const { return nullptr; }  // the samples of a height map (raster.h); null: heights are a formula
-  virtual Colours colours() const { return {}; }            // empty: they have no counterpart in C++ (some files of persons)
+  virtual Colours colours() const { return {}; }            // empty: not available in C++ (some users' files)
 
   // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.
   virtual void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const = 0;
@@ -59,16 +59,16 @@ std::span<const Description> builtIn();
 // Error: unknown name; the message lists the names there are.
 Outcome<std::shared_ptr<const Terrain>> create(std::string_view name, std::uint32_t seed);
 
-// A number that is equal for equal worlds: hash of source text, seed and lattice version.
+// A hash of source text, seed and lattice version: equal for equal worlds.
 std::uint64_t contentHash(const Terrain& terrain);
 
-// GLSL that every terrain file may call (noise on the lattice) and that draws from a terrain file (filtered normal, light, sky, fog).
-// Both renderings compile the same text: version line, prelude(), the terrain's source(), shading(), then their own main.
+// GLSL that every terrain file may call (noise on the lattice), and GLSL that draws a terrain (filtered normal, light, sky, fog). Both
+// renderings compile: version line, prelude(), the terrain's source(), shading(), then their own main.
 std::string_view prelude();
 std::string_view shading();
 
-// The texts around a terrain file when it is compiled at run time (server/terrain): GLSL as C++ before prelude(), the loop over points
-// after the file.
+// The texts around a terrain file that is compiled at run time (server/terrain): GLSL as C++ before prelude(), the loop over points after
+// the file.
 std::string_view glslAsCpp();
 std::string_view batch();
 

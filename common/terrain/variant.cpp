@@ -1,6 +1,6 @@
-// Compiled once for each instruction set, with RIDGECAST_VARIANT naming it. Everything but the one function that hands the pointers out
-// lives in a namespace of that name, and nothing here may call an inline function from outside it: the linker keeps one copy of those,
-// and it could be the one that this machine cannot run. Hence also no std::span and no std::min below.
+// Compiled once for each instruction set, named by RIDGECAST_VARIANT. Everything except the function that returns the pointers lives in a
+// namespace of that name. Nothing here may call an inline function from outside it: the linker keeps one copy of those, perhaps one that
+// this machine cannot run. Hence no std::span and no std::min below.
 
 #include "common/terrain/variants.h"
 

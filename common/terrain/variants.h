@@ -1,6 +1,6 @@
 #pragma once
-// Internal to the room, its tests and benches: the terrain files as C++, compiled once for each instruction set. All variants return
-// the same bits; they differ in speed only.
+// Internal to the room, its tests and benches: the terrain files as C++, compiled once for each instruction set. All variants return the
+// same bits; only their speed differs.
 
 #include <array>
 #include <cstddef>
@@ -15,7 +15,7 @@ namespace ridgecast::terrain {
 
 // Heights in metres at `count` points, as the terrain function returns them.
 using HeightsFunction = void (*)(const lattice::Step* x, const lattice::Step* z, float* out, std::size_t count, std::uint32_t seed);
-// One height as a sample `footprint` metres wide sees it; for tests of the filter.
+// One height as seen by a sample `footprint` metres wide; for tests of the filter.
 using FilteredHeightFunction = float (*)(lattice::Step x, lattice::Step z, float footprint, std::uint32_t seed);
 
 // Colours, see terrain::Colours; normals and results are three floats a point.
@@ -41,10 +41,10 @@ inline Colours asColours(ColoursFunction f) {
              std::uint32_t seed) { f(x, z, height, normal->data(), footprint, out->data(), count, seed); };
 }
 
-// Those that this machine can run, slowest first; never empty. Decided once.
+// The variants that this machine can run, slowest first; never empty. Decided once.
 std::span<const Variant> variants();
 
-// Each from its own translation unit, compiled with its own flags: call only what variants() lists.
+// Each has its own translation unit and flags. Call only those that variants() lists.
 Variant baselineVariant();
 #ifdef RIDGECAST_TERRAIN_X86
 Variant avx2Variant();
