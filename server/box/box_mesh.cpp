@@ -23,13 +23,13 @@ using triangulation::VertexId;
 namespace {
 
 constexpr int kAnchorBits = lattice::kFinestSideBits + lattice::kMaxLevel;
-constexpr double kSnapShare = 1.0 / 16;          // of the error that snapping a height may cost
-constexpr double kSideShare = 0.7;               // of the error that the box's sides, as lines, may have
-constexpr double kQuickShare = 0.9;              // of the error, for a triangle's few candidates
-constexpr double kDenseShare = 0.93;             // of the error, for its dense samples: room for what lies between them
-constexpr double kGreed = 0.6;                   // a batch holds what is at least this share of the worst
-constexpr double kFinestDense = 64;              // steps between dense samples: nothing is narrower...
-constexpr double kMostDenseSamples = 4e7;        // ...nor do large boxes get many more than so many samples
+constexpr double kSnapShare = 1.0 / 16;          // of the error: what snapping a height may cost
+constexpr double kSideShare = 0.7;               // of the error: allowed for the box's sides, as lines
+constexpr double kQuickShare = 0.9;              // of the error: allowed at a triangle's few candidates
+constexpr double kDenseShare = 0.93;             // of the error: allowed at its dense samples; the rest is for what lies between them
+constexpr double kGreed = 0.6;                   // a batch takes every point with at least this share of the worst error
+constexpr double kFinestDense = 64;              // steps between dense samples, at least...
+constexpr double kMostDenseSamples = 4e7;        // ...and large boxes get not many more samples than this
 constexpr int kLeastDense = 6, kMostDense = 64;  // divisions of a triangle's sides
 constexpr int kRegionsAcross = 24;               // working squares along the longer side
 constexpr std::size_t kTrianglesALeaf = 3000;
@@ -42,7 +42,7 @@ std::string text(double v) {
 
 struct Worst {        // without initialisers: most of the array is never touched
   float error;        // metres
-  std::int32_t x, z;  // where a vertex would mend it; only where admissible
+  std::int32_t x, z;  // where a vertex would fix it; only admissible places
   bool admissible;
   Point2 at() const { return {x, z}; }
 };
@@ -52,7 +52,7 @@ class Mesher : private triangulation::Partition {
   Mesher(const terrain::Terrain& terrain, const Box& box, std::uint32_t most, scheduling::Pool& pool, const Watch& watch)
       : terrain_(terrain), most_(most), error_(box.error), pool_(pool), watch_(watch), mesh_(most + 64, *this) {
     all_.allowAll();
-    const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // half a spacing of heights at most
+    const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // at most half a spacing of heights
     while (std::ldexp(1.0, vertical_) <= fits && vertical_ < 12) ++vertical_;
     horizontal_ = vertical_ + 1;
     low_ = {lattice::floorTo(box.low.x, horizontal_), lattice::floorTo(box.low.z, horizontal_)};
@@ -126,10 +126,10 @@ class Mesher : private triangulation::Partition {
     return {};
   }
 
-  // Points between two corners such that the terrain along the side is near the line through them.
+  // Chooses points between two corners so that the terrain along the side is close to the line through them.
   void divide(Point2 from, Point2 to, std::vector<Point2>& out) const {
     const bool alongX = from.z == to.z;
-    if (alongX ? from.x > to.x : from.z > to.z) std::swap(from, to);  // adjoining boxes divide a side they share alike
+    if (alongX ? from.x > to.x : from.z > to.z) std::swap(from, to);  // adjoining boxes divide a shared side alike
     const Step begin = alongX ? from.x : from.z, end = alongX ? to.x : to.z;
     const Step spacing =
         std::max<Step>({Step{1} << horizontal_, static_cast<Step>(kFinestDense) / 2, lattice::floorTo((end - begin) >> 17, horizontal_)});
@@ -165,7 +165,7 @@ class Mesher : private triangulation::Partition {
     }
   }
 
-  // Inserts what is worst until nothing exceeds `share` of the error. dense 0: a few candidates a triangle.
+  // Inserts the worst points until nothing exceeds `share` of the error. dense 0: a few candidates for each triangle.
   std::optional<Problem> refine(int dense, double share) {
     const float limit = static_cast<float>(share * error_);
     for (;;) {
@@ -196,7 +196,7 @@ class Mesher : private triangulation::Partition {
         });
       }
       for (const auto& [error, t] : batch) {
-        if (!mesh_.trianglePages().alive(t) || mesh_.trianglePages().fresh(t)) continue;  // changed by this batch: judged again
+        if (!mesh_.trianglePages().alive(t) || mesh_.trianglePages().fresh(t)) continue;  // changed by this batch: evaluated again
         const Point2 p = worst_[t].at();
         if (mesh_.insert({p.x, p.z, heightAt(p), triangulation::kNoEdge}, t, all_) != Change::kDone || 2 * ++vertices_ > most_)
           return tooMany(most);
@@ -228,7 +228,7 @@ class Mesher : private triangulation::Partition {
     samples_ += samples;
   }
 
-  // The centroids of the parts of a triangle whose sides are divided: all inside, evenly spread.
+  // The centroids of the parts of a triangle with divided sides: all inside, evenly spread.
   std::uint64_t judge(TriangleId t, int dense) {
     const auto& corner = mesh_.triangle(t).v;
     const Vertex &a = mesh_.vertex(corner[0]), &b = mesh_.vertex(corner[1]), &c = mesh_.vertex(corner[2]);
@@ -290,7 +290,7 @@ class Mesher : private triangulation::Partition {
     return most;
   }
 
-  // Filed anew by leaves of the level that gives each a fair number of triangles.
+  // Files the triangles by leaves of one level, chosen for a moderate number of triangles in each.
   std::vector<mesh::LeafMesh> leaves() const {
     const double area = static_cast<double>(high_.x - low_.x) * static_cast<double>(high_.z - low_.z);
     const double parts = std::max(1.0, static_cast<double>(mesh_.liveTriangles()) / kTrianglesALeaf);
@@ -343,7 +343,7 @@ class Mesher : private triangulation::Partition {
   std::vector<triangulation::RegionId> regions_;
   triangulation::Triangulation mesh_;
   triangulation::WriteSet all_;
-  std::unique_ptr<Worst[]> worst_;  // by triangle; of those that are not fresh
+  std::unique_ptr<Worst[]> worst_;  // by triangle; valid for those that are not fresh
   std::uint64_t samples_ = 0;
   std::uint32_t vertices_ = 3;
 };

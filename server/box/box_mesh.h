@@ -1,10 +1,10 @@
 #pragma once
-// The mesh of a box: covers it exactly and keeps to a vertical error in metres, wherever it is looked at from.
+// The mesh of a box: covers it exactly and keeps a vertical error in metres, for any viewpoint.
 //
-// The sides of the box are divided first, each as a line of its own; then points are inserted where triangles are worst (Garland and
-// Heckbert 1995, in batches), until no triangle's few candidates exceed the error; then every triangle is sampled densely and what still
-// exceeds it is inserted as well, until nothing does. The vertices lie on a lattice as coarse as a sixteenth of the error allows. The
-// result depends on terrain, box and error alone, not on threads.
+// The box's sides are divided first, each as a line. Then points are inserted where triangles are worst (Garland and Heckbert 1995, in
+// batches) until no triangle's few candidates exceed the error. Then every triangle is sampled densely and what exceeds the error is
+// inserted, until nothing does. Vertices lie on the coarsest lattice that costs at most a sixteenth of the error. The result depends only
+// on terrain, box and error, not on threads.
 
 #include <cstdint>
 #include <vector>
@@ -12,8 +12,8 @@
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
 #include "common/terrain/terrain.h"
-#include "server/scheduling/pool.h"
 #include "server/box/problem.h"
+#include "server/scheduling/pool.h"
 
 namespace ridgecast::box {
 
@@ -24,13 +24,13 @@ struct Box {
 
 struct BoxMesh {
   std::vector<mesh::LeafMesh> leaves;  // all of one level, canonical, none empty
-  lattice::Point low, high;            // what is covered: the box, widened to the vertices' lattice (at most a quarter of the error)
-  double error = 0;                    // metres: the largest found on `samples` points, at most the one asked for
+  lattice::Point low, high;            // the covered area: the box, widened to the vertices' lattice (by at most a quarter of the error)
+  double error = 0;                    // metres: the largest found on `samples` points, at most the requested one
   std::uint64_t samples = 0;
   std::uint32_t triangles = 0;
 };
 
-// Problems: more than `mostTriangles` would be needed, the error cannot be reached (a cliff), the watch is over.
+// Problems: more than `mostTriangles` would be needed, the error cannot be reached (a cliff), or the watch is over.
 Result<BoxMesh> meshBox(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool,
                         const Watch& watch);
 

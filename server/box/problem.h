@@ -1,5 +1,5 @@
 #pragma once
-// Why a mesh could not be made, in one sentence for a person, and whose matter that is.
+// Why a mesh could not be made, in one sentence for people, and who can change that.
 
 #include <atomic>
 #include <chrono>
@@ -16,10 +16,10 @@ namespace ridgecast::box {
 struct Problem {
   enum class Kind {
     kNotThere,  // no such camera, or it holds nothing yet
-    kTooMuch,   // beyond a limit; the sentence says which and what would fit
-    kTooSlow,   // the time was up: less, or later
-    kStopped,   // nobody waits any more
-    kFailed,    // the server's own fault
+    kTooMuch,   // beyond a limit; the sentence names it and what would fit
+    kTooSlow,   // timed out: request less, or try later
+    kStopped,   // nobody is waiting any more
+    kFailed,    // an error of the server
   };
   Kind kind = Kind::kFailed;
   std::string message;
@@ -32,18 +32,18 @@ struct Problem {
 template <class T>
 using Result = boost::system::result<T, Problem>;
 
-// Whether the work should go on. Any thread.
+// Whether the work should continue. Any thread.
 struct Watch {
   std::stop_token stop;
   std::chrono::steady_clock::time_point deadline;
-  double seconds = 0;                               // that there were, for messages
-  std::atomic<std::uint32_t>* triangles = nullptr;  // where it is told how many there are, if anywhere
+  double seconds = 0;                               // the time limit, for messages
+  std::atomic<std::uint32_t>* triangles = nullptr;  // receives the number of triangles so far; may be null
 
   void has(std::uint32_t count) const {
     if (triangles) triangles->store(count, std::memory_order_relaxed);
   }
   bool over() const { return stop.stop_requested() || std::chrono::steady_clock::now() >= deadline; }
-  Problem problem() const;  // what to say when it is over
+  Problem problem() const;  // what to report when it is over
 };
 
 }  // namespace ridgecast::box
