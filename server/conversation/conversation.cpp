@@ -13,7 +13,7 @@ namespace {
 using wire::ErrorCode;
 using wire::ErrorMessage;
 
-// The messages in a sentence, and the earliest stage they belong to; by their place in wire::ClientMessage.
+// A message's name in a sentence, and the earliest stage it may arrive in; by index in wire::ClientMessage.
 struct Kind {
   std::string_view name;
   bool needsWorld;
@@ -32,7 +32,7 @@ constexpr std::array<Kind, std::variant_size_v<wire::ClientMessage>> kKinds{{{"h
                                                                              {"request for tiles", false},
                                                                              {"change of settings", true}}};
 
-constexpr std::size_t kBytesACandidate = 15;  // about
+constexpr std::size_t kBytesACandidate = 15;  // approximately
 
 template <class Leaves>
 std::size_t payloadBytes(const Leaves& leaves, std::size_t overhead) {

@@ -4,21 +4,21 @@
 //                 hello                 world sent            error, or the client is gone
 //   expects hello -----> expects world ----------> runs -------------------------------------> closed
 //
-// receive() takes a message in. due() says when there is work and next() takes it out; its result is reported by greeted(), iterated() and
-// sent(). There is no lock, thread, clock or socket in here: the time, and the bytes that wait in the client's way out, are arguments. The same
-// calls give the same answers.
+// receive() takes a message in. due() says when there is work and next() takes it out. The caller reports its result by greeted(),
+// iterated() and sent(). No lock, thread, clock or socket: the time, and the bytes queued for the client, are arguments. The same calls
+// give the same answers.
 //
-// Free pacing: the newest pose wins; iterations go on while the client has room and a newer pose came or the mesh is not at rest. The first
-// iteration for a pose is always sent, later ones only when they carry something, and that the mesh is at rest is said once.
+// Free pacing: the newest pose wins. Iterations continue while the client has room and the pose is new or the mesh is not at rest. The
+// first iteration for a pose is always sent, later ones only if they change something; that the mesh is at rest is sent once.
 // Lock-step: exactly one iteration for each pose, in order.
 //
-// A client that resumes names the leaves it still holds between hello and its first pose; only what differs is sent. The mesh starts again from
-// nothing, coarse: in free pacing, without a budget of bytes, a client that holds at least half of its leaves keeps its detail until the mesh
-// is at rest or was iterated kMostUnsent times.
+// A reconnecting client lists the leaves it still holds between hello and its first pose; only differences are sent. The server's mesh
+// starts coarse. The server may first run up to kMostUnsent iterations without sending them, so that the client keeps its detail: in free
+// pacing, without a budget of bytes, if the client holds at least half of its leaves.
 //
-// The client has room when fewer than `window` iterations are unacknowledged and at most maxQueuedBytes wait in its way out. All that waits
-// there for long belongs to unacknowledged iterations, so only an acknowledgement can make room. With a budget of bytes a second an iteration
-// also waits until those before it are paid for (pace.h).
+// The client has room if fewer than `window` iterations are unacknowledged and at most maxQueuedBytes are queued for it. Bytes that stay
+// queued belong to unacknowledged iterations, so only an acknowledgement can make room. With a budget of bytes a second, an iteration also
+// waits until those before it are paid for (pace.h).
 
 #include <cstddef>
 #include <cstdint>
@@ -38,8 +38,8 @@
 
 namespace ridgecast::conversation {
 
-inline constexpr std::size_t kMaxQueuedPoses = 64;  // lock-step: poses, and changes of settings, that wait for their iteration
-inline constexpr int kMostUnsent = 16;              // a mesh without a budget that binds rests after 10 to 20 iterations
+inline constexpr std::size_t kMaxQueuedPoses = 64;  // lock-step: poses, and changes of settings, waiting for their iteration
+inline constexpr int kMostUnsent = 16;              // a mesh without a binding budget is at rest after 10 to 20 iterations
 inline constexpr std::size_t kTilesAtOnce = 16;
 
 // What the server grants each client.
@@ -47,7 +47,7 @@ struct Terms {
   std::function<wire::Settings(const wire::Settings& requested)> grant;
   std::uint32_t window = replica::kDefaultWindow;
   std::size_t maxQueuedBytes = 8u << 20;
-  std::optional<terrain::RasterShape> heightMap;  // whose tiles a client may have
+  std::optional<terrain::RasterShape> heightMap;  // its tiles may be requested
 };
 
 // What to do next.
@@ -70,17 +70,17 @@ class Conversation {
 
   explicit Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) {}
 
-  // Refused: the connection must end with this error. Queries and what concerns other members is only checked to be in place; answering it is up
-  // to the caller.
+  // Refused: the connection must end with this error. Queries, and messages about other members, are only checked for their place; the
+  // caller answers them.
   Refusal receive(const wire::ClientMessage& message);
   void close();
 
-  // When next() has work: nothing means not before something else happens, a time that has passed means now.
+  // When next() has work. Nothing: not before another event. A past time: now.
   std::optional<Time> due(std::size_t queuedBytes) const;
   Work next(std::size_t queuedBytes);
 
   void greeted();
-  // After Iterate: what to send of the mesh as it is now, or nothing. `leaves` in canonical order.
+  // After Iterate: what to send of the current mesh, or nothing. `leaves` in canonical order.
   std::optional<replica::Changes> iterated(std::span<const mesh::LeafState> leaves, bool settled);
   void sent(const wire::Iteration& iteration, Time now);
   void sent(const wire::HeightTiles& tiles, Time now);
@@ -121,9 +121,9 @@ class Conversation {
   std::deque<Change> changes_;              // as poses_
   std::deque<terrain::TileAddress> tiles_;  // requested, at most wire::kMaxWantedTiles; sent before the next iteration
   wire::PoseMessage pose_;                  // sequence 0: none yet
-  bool owesAnswer_ = false;                 // the iteration under way is sent whatever it changes
+  bool owesAnswer_ = false;                 // the current iteration is sent even if it changes nothing
   bool atRest_ = true;                      // nothing to do before another pose
-  int unsent_ = 0;                          // iterations before the first that was sent to a client that resumes
+  int unsent_ = 0;                          // iterations before the first one sent to a reconnecting client
   replica::Replica replica_;
   Pace pace_;
 };

@@ -1,7 +1,7 @@
 #pragma once
-// How fast one client's iterations may leave: a budget of bytes a second that may be overdrawn by one iteration and is then paid back
-// before the next one begins. What a narrow line postpones is detail: an iteration may insert as many vertices as are likely to fit into
-// a quarter of a second. Not thread-safe.
+// Limits how fast one client's iterations leave: a budget of bytes a second. One iteration may overdraw it; the next waits until that is
+// paid back. Detail is what a slow connection postpones: an iteration may insert as many vertices as probably fit into a quarter of a
+// second. Not thread-safe.
 
 #include <algorithm>
 #include <chrono>
@@ -17,17 +17,17 @@ class Pace {
   void setRate(std::uint64_t bytesPerSecond) { rate_ = bytesPerSecond; }
   bool limits() const { return rate_ != 0; }
 
-  // When the next iteration may begin.
+  // The earliest time for the next iteration.
   Clock::time_point free() const { return free_; }
 
-  // Vertices that the next iteration may insert. A function of what was sent, not of the clock, so that lock-step stays reproducible.
+  // Vertices that the next iteration may insert. Depends on what was sent, not on the clock, so lock-step stays reproducible.
   std::uint32_t insertions() const {
     if (!limits()) return 0xffffffffu;
     const double room = static_cast<double>(rate_) * kShare / bytesAnInsertion_;
     return static_cast<std::uint32_t>(std::clamp(room, 32.0, 1e6));
   }
 
-  // An iteration of so many bytes has left, which inserted so many vertices.
+  // An iteration of `bytes` that inserted `inserted` vertices has left.
   void sent(Clock::time_point now, std::size_t bytes, std::uint32_t inserted) {
     if (!limits()) return;
     const auto cost = std::chrono::duration<double>(static_cast<double>(bytes) / static_cast<double>(rate_));
@@ -39,7 +39,7 @@ class Pace {
 
  private:
   static constexpr double kShare = 0.25;                    // seconds
-  static constexpr std::chrono::milliseconds kCredit{250};  // what was not used for so long is not saved up
+  static constexpr std::chrono::milliseconds kCredit{250};  // the most unused time that is saved up
 
   std::uint64_t rate_ = 0;
   Clock::time_point free_{};
