@@ -5,7 +5,7 @@
 namespace ridgecast::encoding {
 
 std::size_t Bases::Packed::bytes() const {
-  constexpr std::size_t kEntry = 160;  // of the table, and of what the allocator adds
+  constexpr std::size_t kEntry = 160;  // of the table, with the allocator's overhead
   return kEntry + vertices.capacity() * sizeof(vertices[0]) + narrow.capacity() * sizeof(narrow[0]) + wide.capacity() * sizeof(wide[0]);
 }
 
@@ -13,7 +13,7 @@ void Bases::put(mesh::LeafMesh leaf) {
   erase(leaf.address);
   Packed packed;
   const bool narrow = leaf.vertices.size() <= 65536;
-  // Judged before it is copied.
+  // Checked before copying.
   const std::size_t size = leaf.vertices.capacity() * sizeof(mesh::LocalVertex) + leaf.triangles.size() * (narrow ? 6 : 12);
   if (bytes_ + packed.bytes() + size > budget_) return;
   packed.vertices = std::move(leaf.vertices);

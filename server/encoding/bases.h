@@ -1,8 +1,8 @@
 #pragma once
-// The meshes that a client holds, as far as deltas may start from them: the last version sent of each leaf, packed. What does not fit
-// into the budget is not kept, and its next change is sent whole.
+// The meshes that deltas may start from: the last version sent of each leaf, packed. A leaf that does not fit into the budget is not kept;
+// its next change is sent whole.
 //
-// One thread writes; find() may be called by several while nobody writes.
+// One thread writes; several may call find() while nobody writes.
 
 #include <array>
 #include <cstdint>
@@ -22,7 +22,7 @@ class Bases {
   void put(mesh::LeafMesh leaf);  // canonical; replaces what was there
   void erase(lattice::LeafAddress address);
   void clear();
-  // Into `leaf`, whose memory is used again; false: unknown.
+  // Writes into `leaf`, reusing its memory. False: unknown.
   bool find(lattice::LeafAddress address, mesh::LeafMesh& leaf) const;
 
   std::size_t triangles(lattice::LeafAddress address) const;  // 0: unknown, or empty
@@ -31,7 +31,7 @@ class Bases {
   std::size_t budget() const { return budget_; }
 
  private:
-  // About 12 bytes a triangle: indices have 16 bits where that is enough.
+  // About 12 bytes a triangle: 16-bit indices where possible.
   struct Packed {
     std::vector<mesh::LocalVertex> vertices;
     std::vector<std::array<std::uint16_t, 3>> narrow;

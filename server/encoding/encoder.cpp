@@ -15,9 +15,9 @@ namespace ridgecast::encoding {
 
 namespace {
 
-// A delta of at most so many bytes a triangle is shorter than any whole leaf of more than a handful of triangles: not worth the comparison.
+// A delta with at most this many bytes a triangle is shorter than a whole leaf of more than a few triangles, so it needs no comparison.
 constexpr std::size_t kSurelyCheaper = 1;
-// A leaf starts from others when these have at most so many triangles for each of its own: the receiver looks at all of them.
+// A leaf is derived from others that have at most this many triangles for each of its own: the receiver reads them all.
 constexpr std::size_t kMostGathered = 16;
 
 }  // namespace
@@ -39,7 +39,7 @@ void Encoder::setTriangleBudget(std::uint32_t triangles) {
   if (form_.deltas) bases_.setBudget(kBaseBytesPerTriangle * triangles);
 }
 
-// Of the leaf's vertices, in order, that the base does not have (same position); of all without one.
+// The shades of the leaf's vertices, in order, that the base lacks (by position); of all vertices if there is no base.
 std::vector<std::uint8_t> Encoder::shadesOf(const mesh::LeafMesh& leaf, const mesh::LeafMesh* base) const {
   if (!form_.shades) return {};
   std::vector<lattice::Step> x, z;
@@ -60,7 +60,7 @@ std::vector<std::uint8_t> Encoder::shadesOf(const mesh::LeafMesh& leaf, const me
   return out;
 }
 
-// Null: not all of it is known, or it is too much. Valid until the same thread asks again.
+// Null: not all of it is known, or it is too large. Valid until the same thread calls again.
 const mesh::LeafMesh* Encoder::baseOf(const replica::Changes& changes, const replica::Derived& derived, std::size_t triangles) const {
   const auto sources = std::span(changes.sources).subspan(derived.first, derived.count);
   thread_local mesh::LeafMesh base;
@@ -78,7 +78,7 @@ const mesh::LeafMesh* Encoder::baseOf(const replica::Changes& changes, const rep
   return &base;
 }
 
-// `derived`: none where the leaf has to be whole.
+// `derived`: null if the leaf must be sent whole.
 Encoder::Encoded Encoder::encode(const replica::Changes& changes, const replica::Derived* derived, mesh::LeafMesh leaf) const {
   Encoded out{std::move(leaf), {}, {}, false, 0};
   if (form_.errors) out.error = query::deviation(*terrain_, out.leaf);

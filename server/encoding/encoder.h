@@ -1,7 +1,6 @@
 #pragma once
-// From what changed to what is sent: each leaf whole or as a delta, whichever is cheaper.
-//
-// Remembers what the client holds, to start deltas from (bases.h). One thread calls; the work is spread over the pool.
+// From changes to payloads: each leaf whole or as a delta, whichever is cheaper. Remembers what the client holds, to start deltas from
+// (bases.h). Called by one thread; spreads the work over the pool.
 
 #include <cstddef>
 #include <cstdint>
@@ -17,13 +16,13 @@
 
 namespace ridgecast::encoding {
 
-inline constexpr std::size_t kBaseBytesPerTriangle = 24;  // of the client's triangle budget, for the bases
+inline constexpr std::size_t kBaseBytesPerTriangle = 24;  // for the bases, by the client's triangle budget
 
-// What every leaf carries beside its triangles.
+// What each leaf carries besides triangles.
 struct Form {
   bool deltas = true;
-  bool errors = false;  // its distance from the ground
-  bool shades = false;  // colours and normals of its vertices
+  bool errors = false;  // distances from the ground
+  bool shades = false;  // colours and normals of vertices
 };
 
 class Encoder {
@@ -32,9 +31,9 @@ class Encoder {
 
   void setTriangleBudget(std::uint32_t triangles);
 
-  // `extract`: a leaf's mesh as it is now, canonical; called by several threads.
+  // `extract` returns a leaf's current mesh, canonical. Called by several threads.
   using Extract = std::function<mesh::LeafMesh(lattice::LeafAddress)>;
-  // Number, hash and leaves of an iteration.
+  // Sets number, hash and leaves of an iteration.
   void encode(replica::Changes changes, const Extract& extract, wire::Iteration& iteration);
 
  private:
