@@ -9,7 +9,7 @@ namespace ridgecast::http {
 
 namespace {
 
-// Among the subprotocols that are offered; empty: none.
+// The token among the offered subprotocols; empty: none.
 std::string_view bearerOf(const Request& request) {
   constexpr std::string_view scheme = "Bearer ", prefix = "bearer.";
   if (request.authorization.size() > scheme.size() && access::sameIgnoringCase(request.authorization.substr(0, scheme.size()), scheme))
@@ -65,7 +65,7 @@ std::optional<Error> Gate::load() {
   return {};
 }
 
-// A page of the server's own, or one that was allowed. That the server's own name is no other's was judged before (access/host.h).
+// Whether this is the server's own page or an allowed one. access/host.h has already checked the server's name.
 bool Gate::originMayAsk(std::string_view origin, std::string_view host) const {
   for (const std::string& allowed : settings_.allowedOrigins)
     if (allowed == "*" || access::sameIgnoringCase(allowed, origin)) return true;

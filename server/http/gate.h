@@ -1,9 +1,9 @@
 #pragma once
-// Who may pass: names of this server, origins of browsers' pages, bearer tokens. Judged before a request reaches its route, for every route
-// alike; but /healthz and /readyz answer under every name.
+// Who may pass: host names of this server, origins of browser pages, bearer tokens. Checked before a request reaches its route, for every
+// route alike; only /healthz and /readyz answer under any name.
 //
 // A token comes as `Authorization: Bearer TOKEN`. Pages cannot set headers of a WebSocket; they offer two subprotocols instead,
-// `ridgecast.v1` and `bearer.TOKEN`, of which the server takes the first.
+// `ridgecast.v1` and `bearer.TOKEN`, and the server selects the first.
 
 #include <filesystem>
 #include <memory>
@@ -25,19 +25,19 @@ inline constexpr std::string_view kSubprotocol = "ridgecast.v1";
 struct Access {
   std::string host = "127.0.0.1";                  // an address or a name of this machine
   std::filesystem::path tokenFile, jwtSecretFile;  // both empty: everybody may do everything
-  std::vector<std::string> allowedOrigins;         // of browsers' pages beside the server's own: https://example.org, *
-  std::vector<std::string> allowedHosts;           // beside its addresses, localhost and `host`; where nobody needs a token (access/host.h)
+  std::vector<std::string> allowedOrigins;         // of browser pages besides the server's own: https://example.org, *
+  std::vector<std::string> allowedHosts;           // besides its addresses, localhost and `host`; used without tokens (access/host.h)
 };
 
 class Gate {
  public:
   explicit Gate(const Access& settings) : settings_(settings) {}
 
-  // Reads the tokens, again too: then an error leaves those there are.
+  // Reads the tokens, also again later. On an error the old ones stay.
   std::optional<Error> load();
   bool asksForTokens() const { return !settings_.tokenFile.empty() || !settings_.jwtSecretFile.empty(); }
 
-  // What the one who asks is granted, or why it is refused. Without tokens: everything.
+  // What the client is granted, or why it is refused. Without tokens: everything.
   std::variant<access::Grant, Answer> judge(const Request& request) const;
 
  private:
@@ -48,7 +48,7 @@ class Gate {
   std::shared_ptr<const access::Tokens> tokens_;
 };
 
-// What a route asks for; nothing: it is open to all. Every path below /v1/ asks for something.
+// What a route requires; empty: nothing. Every path below /v1/ requires something.
 struct Needed {
   std::optional<access::Right> right;
   bool everySession = false;  // shows more than one session

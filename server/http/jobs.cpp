@@ -17,7 +17,7 @@ Jobs::Jobs(const Limits& limits) : limits_(limits), running_(std::max(1u, limits
 Jobs::~Jobs() { stop(); }
 
 bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run) {
-  std::vector<Job> dropped;  // destroyed after the lock is given back
+  std::vector<Job> dropped;  // destroyed after unlocking
   {
     const std::lock_guard lock(mutex_);
     if (closed_) return false;

@@ -1,9 +1,9 @@
 #pragma once
-// Work behind HTTP requests that takes longer than a socket's thread may wait: a bounded queue, a few threads of its own.
+// Work for HTTP requests that would block a socket's thread too long: a bounded queue with its own few threads.
 //
-// A job is given a std::stop_token, to be asked every few milliseconds: it is stopped when its asker leaves and when the server shuts
-// down. Bounds: `threads` jobs run, `waiting` wait; beyond that post() refuses. A job that is stopped before it began never begins.
-// Any thread may post; what a job throws is the job's mistake and ends as `failed`.
+// A job checks its std::stop_token every few milliseconds: it is stopped when its client leaves and when the server shuts down. Bounds:
+// `threads` jobs run and `waiting` wait; beyond that post() refuses. A job that is stopped before it starts never starts. Any thread may
+// post. An exception counts as the job's failure and ends as `failed`.
 
 #include <chrono>
 #include <condition_variable>
@@ -25,17 +25,17 @@ class Jobs {
     int niceness = 0;  // of the threads, as scheduling::setNiceness
   };
   explicit Jobs(const Limits& limits);
-  ~Jobs();  // as stop()
+  ~Jobs();  // calls stop()
   Jobs(const Jobs&) = delete;
   Jobs& operator=(const Jobs&) = delete;
 
-  // False: full, or stopped. `run` is called once, on a thread of this, unless `stop` is requested before.
+  // False: full, or stopped. Calls `run` once, on one of these threads, unless `stop` is requested before.
   bool post(std::stop_source stop, std::function<void(std::stop_token)> run);
-  // How many wait; at most `threads` more run. Any thread.
+  // Jobs that wait; up to `threads` more run. Any thread.
   std::size_t waiting() const;
-  // Takes no more; what runs or waits has until then to end, then as stop(). Any thread but a job's.
+  // Accepts no more. Lets running and waiting jobs end until the given time, then calls stop(). Any thread except a job's.
   void finish(std::chrono::steady_clock::time_point until);
-  // Stops all jobs and waits for those that run. Any thread but a job's.
+  // Stops all jobs and waits for running ones. Any thread except a job's.
   void stop();
 
  private:

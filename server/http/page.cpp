@@ -7,7 +7,7 @@
 namespace ridgecast::http {
 namespace {
 
-// WebAssembly is Draco's decoder; 'wasm-unsafe-eval' allows that and no eval.
+// Draco's decoder is WebAssembly. 'wasm-unsafe-eval' allows that, but not eval.
 constexpr char kPolicy[] =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; img-src 'self' blob:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";

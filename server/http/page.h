@@ -1,6 +1,6 @@
 #pragma once
-// The browser viewer over HTTP: its files with their types, compressed where the browser takes that, kept by it for a year where their
-// names hold a hash, and with a policy that lets the page load its own files and speak to its own server, nothing else.
+// The browser viewer over HTTP: its files with their types, compressed if the browser accepts that. The browser may keep a file for a year
+// if its name holds a hash. A policy lets the page load its own files and contact its own server, nothing else.
 
 #include <memory>
 
@@ -9,7 +9,7 @@
 
 namespace ridgecast::http {
 
-// Answers GET and HEAD for the site's files; everything else is for others. Any thread.
+// Answers GET and HEAD for the site's files and leaves everything else to other routes. Any thread.
 Route pageRoute(std::shared_ptr<const Site> site);
 
 }  // namespace ridgecast::http

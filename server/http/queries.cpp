@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kFarthest = static_cast<double>(lattice::kMaxPosition) * lattice::kMetresPerStep;
 
-// As many numbers as there are places for, with commas between them.
+// Reads exactly as many numbers as there are places, separated by commas.
 bool parseNumbers(std::string_view text, std::span<double> numbers) {
   for (std::size_t k = 0; k < numbers.size(); ++k) {
     const std::string_view one = text.substr(0, text.find(','));

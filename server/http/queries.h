@@ -1,10 +1,11 @@
 #pragma once
-// Queries over HTTP, for scripts and for people:
+// Queries over HTTP, for scripts and people:
 //   GET /v1/heights?at=X,Z&at=X,Z            {"heights": [metres, ...]}
 //   GET /v1/normals?at=X,Z&spacing=METRES    {"normals": [[x, y, z], ...]}
 //   GET /v1/rays?ray=X,Y,Z,DX,DY,DZ&reach=M  {"rays": [{"distance": metres, "at": [x, y, z]} or null, ...]}
-// Places in metres, rounded to the lattice's 1/256 m; &session=NAME of another session than `default`; `at` and `ray` as often as the
-// header's limit allows, at most kMaxHttpPlaces and kMaxHttpRays. The numbers are those of the socket's queries, digit for digit.
+// Places are in metres, rounded to the lattice's 1/256 m. &session=NAME selects a session (default `default`). Repeat `at` and `ray` as
+// often as the header's limit allows, up to kMaxHttpPlaces and kMaxHttpRays. The numbers equal those of the socket's queries, digit for
+// digit.
 
 #include <memory>
 

@@ -30,7 +30,7 @@ int hexDigit(char c) {
   return -1;
 }
 
-// Only what can stand in a page and a JSON text without escaping is ever shown there.
+// Whether the text needs no escaping in HTML and JSON. Nothing else is shown there.
 bool hostIsHarmless(std::string_view host) {
   return !host.empty() && host.size() <= 255 && std::all_of(host.begin(), host.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == ':' || c == '-' || c == '[' ||

@@ -33,7 +33,7 @@ std::string typeOf(const fs::path& name) {
   return "application/octet-stream";
 }
 
-// FNV-1a, 64 bits: tells versions of a file apart, no more.
+// FNV-1a, 64 bits: only tells versions of a file apart.
 std::string tagOf(std::string_view bytes) {
   std::uint64_t h = 0xcbf29ce484222325u;
   for (const char c : bytes) h = (h ^ static_cast<std::uint8_t>(c)) * 0x100000001b3u;
@@ -55,7 +55,7 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-// The next part of a list; the separator is taken off `rest`.
+// The next part of a list. Removes it and its separator from `rest`.
 std::string_view next(std::string_view& rest, char separator) {
   const auto end = std::min(rest.find(separator), rest.size());
   const std::string_view part = trimmed(rest.substr(0, end));

@@ -1,9 +1,9 @@
 #pragma once
-// The browser viewer's files, as client/web is built: read once into memory, found by their exact path and by nothing else, so that no
-// request ever reaches the file system. Immutable after load(); every member may be called from any thread.
+// The browser viewer's files, as client/web builds them. Read once into memory and found only by their exact path, so no request reaches
+// the file system. Immutable after load(); every member may be called from any thread.
 //
-// A file NAME may come with NAME.br and NAME.gz, the same bytes compressed: they are offered to browsers that take them and are no
-// files of their own.
+// A file NAME may come with NAME.br and NAME.gz, the same bytes compressed. They are offered to browsers that accept them and are not files
+// of their own.
 
 #include <cstddef>
 #include <filesystem>
@@ -29,19 +29,20 @@ struct File {
 
 class Site {
  public:
-  // Error: the folder has no index.html, cannot be read, or exceeds the limits above. Links and hidden files are passed over.
+  // Error: the folder has no index.html, cannot be read, or exceeds the limits above. Skips links and hidden files.
   static Outcome<std::shared_ptr<const Site>> load(const std::filesystem::path& folder);
-  // The folder beside this program where the page is installed or built: ../share/ridgecast/web, else ../../web. Nothing: neither.
+  // The folder, relative to this program, where the page is installed or built: ../share/ridgecast/web, otherwise ../../web. Empty:
+  // neither.
   static std::optional<std::filesystem::path> defaultFolder();
 
-  // `path` begins with a slash; "/" is /index.html. Null: there is no such file.
+  // `path` begins with a slash; "/" is /index.html. Null: no such file.
   const File* find(std::string_view path) const;
 
  private:
   std::map<std::string, File, std::less<>> files_;  // by path, with its slash
 };
 
-// The form of a file for an Accept-Encoding header (RFC 9110; q = 0 forbids): its bytes and the Content-Encoding, empty for none.
+// A file's form for an Accept-Encoding header (RFC 9110; q = 0 forbids): its bytes and the Content-Encoding (empty: none).
 struct Form {
   std::string_view bytes, encoding;
 };

@@ -15,7 +15,7 @@ using snapshot::Snapshots;
 
 constexpr std::string_view kPrefix = "/v1/sessions/";
 
-void open(Answer& a) {  // to pages of any origin: there is nothing here that needs a cookie
+void open(Answer& a) {  // to pages of any origin: nothing here uses cookies
   a.headers.emplace_back("Access-Control-Allow-Origin", "*");
   a.headers.emplace_back("Access-Control-Expose-Headers", "Content-Disposition, Content-Length, ETag, Retry-After");
 }
@@ -79,7 +79,7 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     if (file != "snapshot.glb" && file != "snapshot.json") return std::nullopt;
     const bool metadataOnly = file == "snapshot.json";
 
-    if (request.method == "OPTIONS") {  // what a page must ask before it may say who it is
+    if (request.method == "OPTIONS") {  // a page's preflight request, before it may send its token
       Answer a;
       a.status = 204;
       open(a);

@@ -1,11 +1,11 @@
 #pragma once
 // Snapshots over HTTP.
 //
-//   GET /v1/sessions/NAME/snapshot.glb?...     the file; the questions are those of server/snapshot/question.h
-//   GET /v1/sessions/NAME/snapshot.json?...    its metadata alone
-// HEAD gives the same header. Answers carry an ETag (for a live camera only once they are made) and may be read by pages of any origin.
-// Who asks with `Prefer: progress` is told about once a second how far it has come: HTTP 102 with a header `Progress`.
-//   400 nonsense   404 no such session or camera   405 another method   422 beyond a limit: says which, and what would fit
+//   GET /v1/sessions/NAME/snapshot.glb?...     the file; parameters: server/snapshot/question.h
+//   GET /v1/sessions/NAME/snapshot.json?...    only its metadata
+// HEAD returns the same header. Answers carry an ETag (for a live camera only once made), and pages of any origin may read them. Clients
+// that send `Prefer: progress` get progress about once a second: HTTP 102 with a header `Progress`.
+//   400 invalid   404 no such session or camera   405 other method   422 beyond a limit: says which, and what would fit
 //   503 too busy, or not ready in time; with Retry-After
 
 #include <memory>

@@ -22,7 +22,7 @@ Answer upgrade(std::shared_ptr<session::Session> session) {
   return a;
 }
 
-// What the URL says about the world: only of a session that is there already must it not say the terrain.
+// The URL's world. It may omit the terrain only for an existing session.
 struct Wish {
   std::string terrain;
   std::optional<std::uint32_t> seed;
@@ -91,7 +91,7 @@ std::string describe(const WorldSpec& spec) {
   return out;
 }
 
-// Joins, where the session is the world that is wished for.
+// Joins, if the session has the requested world.
 Answer join(std::shared_ptr<session::Session> session, const Wish& wish) {
   if (wish.isMetBy(session->spec())) return upgrade(std::move(session));
   return refused(409, metrics::Refusal::kSession,
@@ -105,7 +105,7 @@ Answer make(const std::string& name, const Wish& wish, session::Directory& direc
   if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be made: " + terrain.error().message);
   const auto added = directory.add(name, std::move(*terrain), spec.parameters);
   if (added) return upgrade(*added);
-  // Somebody else may have been faster.
+  // Another request may have been faster.
   if (auto session = directory.find(name)) return join(std::move(session), wish);
   return refused(503, metrics::Refusal::kFull, added.error().message);
 }
@@ -117,7 +117,7 @@ void appendText(std::string& out, std::string_view text) {
       out += '\\';
       out += c;
     } else if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) >= 0x7f) {
-      // A client's bytes need not be UTF-8: each is shown as the character of that number.
+      // A client's bytes need not be UTF-8: each becomes the character with that number.
       char escape[8];
       std::snprintf(escape, sizeof escape, "\\u%04x", static_cast<unsigned>(static_cast<unsigned char>(c)));
       out += escape;

@@ -1,5 +1,5 @@
 #pragma once
-// Sessions over HTTP: /v1/stream joins one or makes it, /v1/sessions lists them.
+// Sessions over HTTP: /v1/stream joins or creates one, /v1/sessions lists them.
 
 #include <string_view>
 
@@ -7,8 +7,8 @@
 
 namespace ridgecast::http {
 
-// The answer to the upgrade request: 101 with the session, or why not. A world that takes long to make is made by work (Answer::later),
-// whose answer is the upgrade then. `directory` must outlive that work.
+// The answer to the upgrade request: 101 with the session, or a refusal. A world that takes long to make is made by work (Answer::later),
+// whose answer is then the upgrade. `directory` must outlive that work.
 Answer streamAnswer(const Request& request, std::string_view query, session::Directory& directory);
 
 // {"sessions": [...], "max_sessions": N}
