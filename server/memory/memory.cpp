@@ -4,7 +4,7 @@
 
 #include <jemalloc/jemalloc.h>
 
-// Read by jemalloc before main: what was freed goes back after a second, also when nobody allocates any more.
+// Read by jemalloc before main: freed memory goes back to the system after a second, even when nothing is allocated any more.
 extern "C" {
 const char* malloc_conf = "background_thread:true,dirty_decay_ms:1000,muzzy_decay_ms:0";
 }

@@ -1,11 +1,11 @@
 #pragma once
-// The allocator that the server runs with: jemalloc (RIDGECAST_JEMALLOC, on by default), because cameras allocate small things of all sizes
-// on whichever thread is free, which the C library's arenas answer with locks and page faults: 24 flying cameras have 1.4 times the
-// iterations a second with it (bench cameras). The sanitizers bring their own allocator.
+// The server's allocator: jemalloc (RIDGECAST_JEMALLOC, default on). Cameras allocate small things of all sizes on any free thread, which
+// costs the C library's arenas locks and page faults: 24 flying cameras reach 1.4 times the iterations a second with jemalloc (bench
+// cameras). Sanitizers bring their own allocator.
 
 namespace ridgecast::memory {
 
-// Returns what is free to the system. Takes milliseconds. Any thread.
+// Returns free memory to the system. Takes milliseconds. Any thread.
 void giveBack();
 
 }  // namespace ridgecast::memory
