@@ -31,12 +31,12 @@ namespace websocket = beast::websocket;
 using asio::ip::tcp;
 using beast::error_code;
 
-constexpr char kRetrySeconds[] = "5";                 // after which who found us busy may ask again
-constexpr std::chrono::seconds kTurnedPatience{2};    // for a request of who is only told that there are too many
-constexpr std::chrono::milliseconds kTellEvery{700};  // how far work has come
-constexpr std::size_t kSlowest = 65'536;              // bytes a second that a reader must take of a long answer
+constexpr char kRetrySeconds[] = "5";                 // Retry-After of a busy answer
+constexpr std::chrono::seconds kTurnedPatience{2};    // timeout for the request of a connection beyond a limit
+constexpr std::chrono::milliseconds kTellEvery{700};  // interval of progress messages
+constexpr std::size_t kSlowest = 65'536;              // bytes a second that a client must read of a long answer
 
-// A connection before it is a stream: requests and answers, one after the other.
+// A connection before it is a stream: requests and answers, one after another.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
   HttpConnection(tcp::socket&& socket, Counted counted, std::shared_ptr<Shared> shared)
@@ -184,7 +184,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     send(std::move(a));
   }
 
-  // Work for an answer, watching meanwhile whether the asker is still there.
+  // Does the work for an answer and watches meanwhile whether the client is still there.
   void work(std::shared_ptr<const Later> later) {
     if (later->patient && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy();
     asker_ = std::stop_source();
@@ -208,7 +208,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (wantsProgress_ && later->progress) tick(std::move(later));
   }
 
-  // Says now and then how far the work has come. So little that it never waits for a reader: the socket's buffer takes all of it.
+  // Reports progress at intervals. The reports fit into the socket's buffer, so they never wait for the client.
   void tick(std::shared_ptr<const Later> later) {
     ticking_.expires_after(kTellEvery);
     ticking_.async_wait([self = shared_from_this(), later = std::move(later)](error_code ec) mutable {
@@ -242,11 +242,11 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void worked(Answer a) {
     ticking_.cancel();
-    if (telling_) {  // one writer at a time: its end goes on
+    if (telling_) {  // one write at a time: continues when it ends
       made_ = std::move(a);
       return;
     }
-    if (watching_) {  // one reader at a time: its end sends the answer
+    if (watching_) {  // one read at a time: sends the answer when it ends
       made_ = std::move(a);
       stream_.cancel();
       return;
@@ -298,7 +298,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     }
   }
 
-  // A piece at a time: who takes no piece for too long, or takes all of them too slowly, is not waited for.
+  // Writes a piece at a time. Closes if the client takes a piece too late, or all of them too slowly.
   void write() {
     stream_.expires_at(std::min(patienceEnds_, std::chrono::steady_clock::now() + shared_->settings.patience));
     http::async_write_some(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t bytes) {
@@ -324,8 +324,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     shared_->fewer.notify_all();
   }
 
-  // Says that nothing follows and passes over what the client still sends for a moment: closing with unread bytes would reset the
-  // connection and could take the answer with it.
+  // Shuts down writing and discards what the client still sends for a moment: closing with unread bytes would reset the connection and
+  // could lose the answer.
   void closePolitely() {
     stream_.expires_after(std::chrono::seconds(1));
     stream_.finish(Channel::Done([self = shared_from_this()](error_code, std::size_t) { self->close(); }));
@@ -335,9 +335,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   static std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
   const access::Address peer_;
-  std::string peerName_;  // behind a trusted proxy: its client's
+  std::string peerName_;  // behind a trusted proxy: its client's name
   Channel stream_;
-  bool clear_ = false;  // although the port speaks TLS
+  bool clear_ = false;  // plain text on a port that speaks TLS
   Counted counted_;
   const std::shared_ptr<Shared> shared_;
   beast::flat_buffer buffer_;
@@ -346,19 +346,19 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::optional<http::response_serializer<http::string_body>> serializer_;
   int answered_ = 0;
 
-  // Of the request that is being answered.
+  // Of the current request.
   access::Grant grant_;
-  std::string asked_;  // the session's name as it came, for the log
+  std::string asked_;  // the session's name as received, for the log
   bool keepAlive_ = false, head_ = false;
   std::string ifNoneMatch_;
   std::chrono::steady_clock::time_point patienceEnds_;
   // While work is done for it.
   std::stop_source asker_{std::nostopstate};
   asio::steady_timer ticking_;
-  std::string word_;  // that is being told
+  std::string word_;  // the progress report being written
   bool working_ = false, watching_ = false, telling_ = false, wantsProgress_ = false;
   std::optional<Answer> made_;
-  std::size_t answerBytes_ = 0;  // what this answer adds to the shared number
+  std::size_t answerBytes_ = 0;  // this answer's share of the common number
 };
 
 }  // namespace

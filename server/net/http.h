@@ -1,5 +1,5 @@
 #pragma once
-// A connection before it is a stream: HTTP requests and answers, one after the other. For the room's own sources.
+// A connection before it is a stream: HTTP requests and answers, one after another. Private to the room.
 
 #include <memory>
 
@@ -9,7 +9,7 @@
 
 namespace ridgecast::net {
 
-// Serves the connection until either side ends it or it becomes a stream. `socket` runs on a strand of its own.
+// Serves the connection until either side ends it or it becomes a stream. `socket` runs on its own strand.
 void startHttp(boost::asio::ip::tcp::socket&& socket, Counted counted, std::shared_ptr<Shared> shared);
 
 }  // namespace ridgecast::net

@@ -5,7 +5,7 @@
 namespace ridgecast::net {
 
 void addOperations(const std::shared_ptr<Shared>& shared) {
-  // Weak: the figures may be shared with others and outlive this server.
+  // Weak: the metrics may be shared and outlive this server.
   const auto ask = [weak = std::weak_ptr(shared)](double (*value)(Shared&)) {
     return [weak, value]() -> double {
       const auto now = weak.lock();

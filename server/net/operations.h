@@ -1,11 +1,11 @@
 #pragma once
-// What those who run the server ask for: GET /readyz and GET /metrics. For the room's own sources.
+// Operations: GET /readyz and GET /metrics. Private to the room.
 
 #include "server/net/shared.h"
 
 namespace ridgecast::net {
 
-// Adds the routes, and the figures that are asked for when they are scraped. Before connections are accepted.
+// Adds the routes, and the metrics that are computed when scraped. Call before connections are accepted.
 void addOperations(const std::shared_ptr<Shared>& shared);
 
 }  // namespace ridgecast::net

@@ -36,7 +36,7 @@ namespace asio = boost::asio;
 using asio::ip::tcp;
 using boost::system::error_code;
 
-// Connections beyond a limit that are still told so, instead of being closed at once.
+// Connections beyond a limit that still get an answer; any more are closed at once.
 constexpr std::uint32_t kTurnedAtATime = 32;
 
 class ListeningServer final : public Server {
@@ -153,7 +153,7 @@ class ListeningServer final : public Server {
   void accept() {
     acceptor_.async_accept(asio::make_strand(io_), [this](error_code ec, tcp::socket socket) {
       if (ec == asio::error::operation_aborted || !acceptor_.is_open()) return;
-      if (ec) {  // most likely out of file descriptors: the ones that are open may end
+      if (ec) {  // probably no file descriptors left: open connections may end
         logging::warning("cannot accept a connection: " + ec.message());
         retry_.expires_after(std::chrono::milliseconds(200));
         retry_.async_wait([this](error_code waited) {
@@ -166,7 +166,7 @@ class ListeningServer final : public Server {
     });
   }
 
-  // Everything that limits connections is judged here, before anything is made for this one.
+  // Checks everything that limits connections before anything is made for this one.
   void take(tcp::socket&& socket) {
     const Settings& settings = shared_->settings;
     shared_->figures->connections.Increment();

@@ -1,5 +1,5 @@
 #pragma once
-// What the connections of one server share. For the room's own sources; light but for Boost.Asio.
+// Shared by the connections of one server. Private to the room; light except for Boost.Asio.
 
 #include <atomic>
 #include <condition_variable>
@@ -16,6 +16,7 @@
 #include "common/transport/channel.h"
 #include "server/access/limits.h"
 #include "server/http/gate.h"
+#include "server/net/channel.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 
@@ -36,7 +37,7 @@ using ridgecast::transport::TlsContext;
 
 inline constexpr char kServerName[] = "ridgecast-server/" RIDGECAST_VERSION;
 
-// An open stream, as the server sees it.
+// An open stream, as seen by the server.
 class OpenStream {
  public:
   virtual ~OpenStream() = default;
@@ -45,7 +46,7 @@ class OpenStream {
   virtual std::size_t waitingBytes() const = 0;
 };
 
-// What all connections share. Outlives them.
+// Shared by all connections. Outlives them.
 struct Shared {
   Shared(const Settings& s, std::shared_ptr<session::Directory> d, std::vector<Route> r)
       : settings(s),
@@ -64,24 +65,24 @@ struct Shared {
   Gate gate;
   access::Census census;
   std::atomic<bool> ready{true};         // false: no new streams
-  std::atomic<std::uint32_t> turned{0};  // connections that are only told that there are too many
+  std::atomic<std::uint32_t> turned{0};  // connections that only get an answer about too many
   std::atomic<std::uint32_t> connections{0};
-  std::atomic<std::size_t> answerBytes{0};  // of bodies made by work, until they are sent
+  std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
   Jobs promptJobs, patientJobs, worldJobs;
 
   std::mutex mutex;
-  std::shared_ptr<TlsContext> tls;  // of new connections; none: the port is in the clear
-  std::condition_variable fewer;    // streams, or answers on their way
+  std::shared_ptr<TlsContext> tls;  // for new connections; null: no TLS
+  std::condition_variable fewer;    // notified when there are fewer streams or answers
   std::unordered_map<const OpenStream*, std::weak_ptr<OpenStream>> streams;
 };
 
-// Counts a connection for as long as it lives.
+// Counts a connection while it lives.
 class Counted {
  public:
-  // Why it is not served; at most kTurnedAtATime of these are told so.
+  // Why it is not served. At most kTurnedAtATime of these get an answer.
   enum class Surplus { kNone, kConnections, kAddress };
 
-  // `place`: among the connections of its address; nothing: behind a proxy, whose clients are counted when they ask.
+  // `place`: among the connections of its address. Empty behind a proxy, whose clients are counted by request.
   Counted(std::shared_ptr<Shared> shared, Surplus surplus, std::optional<access::Census::Place> place)
       : shared_(std::move(shared)), surplus_(surplus), place_(std::move(place)) {
     ++(surplus_ == Surplus::kNone ? shared_->connections : shared_->turned);
@@ -92,7 +93,7 @@ class Counted {
     if (shared_) --(surplus_ == Surplus::kNone ? shared_->connections : shared_->turned);
   }
   Surplus surplus() const { return surplus_; }
-  // The connection is this client's from now on. False: the client has too many.
+  // Counts the connection for this client from now on. False: the client has too many.
   bool belongsTo(const access::Address& client) {
     if (place_ && place_->who() == access::household(client)) return true;
     place_.reset();

@@ -23,7 +23,7 @@ namespace http = beast::http;
 namespace websocket = beast::websocket;
 using beast::error_code;
 
-// After an error the client has this long to take it and to answer the close.
+// Time for the client to read an error and answer the close.
 constexpr std::chrono::seconds kFarewellPatience{3};
 
 websocket::close_reason closeReason(const wire::ErrorMessage& message, std::optional<websocket::close_code> code) {
@@ -62,10 +62,10 @@ metrics::Refusal refusalOf(wire::ErrorCode code) {
 
 struct Outgoing {
   std::string bytes;
-  std::shared_ptr<const void> ticket;  // let go when they have left or are dropped
+  std::shared_ptr<const void> ticket;  // released when they have left or are dropped
 };
 
-// One client's stream. Everything runs on its strand but for the counter of queued bytes.
+// One client's stream. Everything runs on its strand except the counter of queued bytes.
 //
 //   accepting -> open -> farewell (an error or the server's end: one last message, then the closing handshake) -> over
 class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
@@ -98,7 +98,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
       shared_->streams.emplace(this, weak_from_this());
     }
     request_ = std::move(request);
-    beast::get_lowest_layer(ws_).expires_never();  // the stream has timeouts of its own
+    beast::get_lowest_layer(ws_).expires_never();  // the stream has its own timeouts
     websocket::stream_base::timeout timeout{};
     timeout.handshake_timeout = shared_->settings.patience;
     timeout.idle_timeout = shared_->settings.idle;
@@ -109,7 +109,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
           response.set(http::field::server, kServerName);
           if (offered.find(kSubprotocol) != beast::string_view::npos) response.set(http::field::sec_websocket_protocol, kSubprotocol);
         }));
-    ws_.read_message_max(0);  // counted here, so that the client is told before it is closed
+    ws_.read_message_max(0);  // counted here, so that the client gets an error before the close
     ws_.auto_fragment(false);
     ws_.binary(true);
     ws_.async_accept(request_, [self = shared_from_this()](error_code ec) { self->accepted(ec); });
@@ -144,7 +144,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   void hasRead(error_code ec) {
     if (ec) return end();
-    if (stage_ != Stage::kOpen) {  // what still arrives after an error is passed over
+    if (stage_ != Stage::kOpen) {  // ignores what arrives after an error
       buffer_.clear();
       return read();
     }
@@ -215,7 +215,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     farewell(wire::encode(wire::ServerMessage(message)), closeReason(message, code));
   }
 
-  // One last message, when there is one, then the closing handshake.
+  // Sends one last message, if any, then the closing handshake.
   void farewell(std::string last, websocket::close_reason reason) {
     if (stage_ == Stage::kAccepting) return end();
     if (stage_ != Stage::kOpen) return;
@@ -243,7 +243,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     ws_.async_close(reason_, [self = shared_from_this()](error_code) { self->end(); });
   }
 
-  // Gives the camera's place back.
+  // Releases the camera's place.
   void leave() {
     if (camera_) camera_->close();
     camera_.reset();
@@ -282,7 +282,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   std::shared_ptr<std::atomic<std::size_t>> queuedBytes_ = std::make_shared<std::atomic<std::size_t>>(0);
 };
 
-// A camera session's way to its client. Messages are encoded here, on the thread that sends: a camera's pool.
+// A camera session's way to its client. Messages are encoded on the sending thread, which belongs to a camera's pool.
 class StreamSender final : public session::Sender {
  public:
   explicit StreamSender(const std::shared_ptr<Stream>& stream) : stream_(stream), queuedBytes_(stream->queuedBytes()) {}
@@ -308,7 +308,7 @@ class StreamSender final : public session::Sender {
 void Stream::accepted(error_code ec) {
   if (ec || stage_ != Stage::kAccepting) return end();
   stage_ = Stage::kOpen;
-  if (!shared_->ready) return goAway();  // it began to leave meanwhile
+  if (!shared_->ready) return goAway();  // the server began to leave meanwhile
   auto place = session_->enter();
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),

@@ -1,5 +1,5 @@
 #pragma once
-// A WebSocket stream: a client's messages go to its camera session, the session's messages to the client. For the room's own sources.
+// A WebSocket stream: passes a client's messages to its camera session and the session's to the client. Private to the room.
 
 #include <memory>
 #include <string>
@@ -12,7 +12,8 @@
 
 namespace ridgecast::net {
 
-// `peer`: the client's address, for the log. Answers the upgrade that `request` asks for and serves the stream until either side ends it. On the connection's strand.
+// Answers the upgrade in `request` and serves the stream until either side ends it. `peer`: the client's address, for the log. Call on the
+// connection's strand.
 void startStream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
                  std::string peer, access::Grant grant, boost::beast::http::request<boost::beast::http::empty_body> request);
 
