@@ -28,12 +28,12 @@ wire::Answer answer(const terrain::Terrain& terrain, const wire::Query& query) {
 
 namespace {
 
-// Compares heights of the triangles with the terrain's, a block at a time.
+// Compares heights of triangles with the terrain's, a block at a time.
 class Comparison {
  public:
   explicit Comparison(const terrain::Terrain& terrain) : terrain_(terrain) {}
 
-  // `follows`: a neighbour on the grid of the one before.
+  // `follows`: a neighbour on the grid of the previous one.
   void add(lattice::Step x, lattice::Step z, double height, bool follows) {
     x_[count_] = x;
     z_[count_] = z;
