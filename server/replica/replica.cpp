@@ -38,8 +38,8 @@ bool Replica::resumes(std::span<const mesh::LeafState> leaves) const {
 Changes Replica::send(std::span<const mesh::LeafState> leaves) {
   assert(hasRoom());
   Changes changes;
-  std::vector<Arrival> arrivals;              // leaves that were not held
-  std::vector<lattice::LeafAddress> sources;  // leaves that are gone, and were not lost
+  std::vector<Arrival> arrivals;              // leaves not held before
+  std::vector<lattice::LeafAddress> sources;  // leaves that are gone and were not lost
   scratch_.clear();
   scratch_.reserve(leaves.size());
   auto held = held_.cbegin();
@@ -80,7 +80,7 @@ Changes Replica::send(std::span<const mesh::LeafState> leaves) {
   return changes;
 }
 
-// Finds for each leaf that was not held the leaves it can be made from; without any it is sent whole.
+// Finds the leaves from which each arrival can be made. An arrival without any is sent whole.
 void Replica::derive(Changes& changes, std::span<const Arrival> arrivals, std::span<const lattice::LeafAddress> sources) const {
   struct Pair {
     std::uint32_t arrival;
@@ -141,7 +141,7 @@ Verdict Replica::acknowledge(std::uint64_t iteration, std::uint64_t meshHash) {
 }
 
 void Replica::resend(std::span<const lattice::LeafAddress> leaves) {
-  // What is under way was computed without knowing of the loss, so its hashes will differ too.
+  // Iterations under way were computed without this loss, so their hashes will differ too.
   judgedAfter_ = lastSent_;
   if (leaves.empty()) {
     for (Held& held : held_) held.again = true;
