@@ -22,11 +22,11 @@ double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-// What cameras leave behind lies scattered in the allocator's arenas, which keep it until they are told. It takes milliseconds: once for all
-// cameras that close within a second.
+// A closed camera leaves freed memory scattered in the allocator's arenas, which keep it until told. Returning it takes milliseconds: once
+// for all cameras that close within a second.
 void giveMemoryBackSoon(const Resources& resources) {
   if (resources.givesMemoryBack.exchange(true)) return;
-  resources.timer->at(resources.timer->now() + std::chrono::seconds(1), [&resources] {  // they own the timer
+  resources.timer->at(resources.timer->now() + std::chrono::seconds(1), [&resources] {  // the resources own the timer
     resources.givesMemoryBack = false;
     memory::giveBack();
   });
@@ -111,7 +111,7 @@ CameraSession::Refusal CameraSession::attend(const wire::Step& step) {
   switch (session_->presence().step(id_, step)) {
     case Clock::Stepped::kBegins:
     case Clock::Stepped::kQueues:
-    case Clock::Stepped::kNotYours:  // answered with the clock, which says whose it is
+    case Clock::Stepped::kNotYours:  // answered with the clock, which names its owner
       return {};
     case Clock::Stepped::kNotStepped:
       return ErrorMessage{ErrorCode::kInvalid, "A step came while the clock runs by itself; set it to stepped first."};
@@ -132,7 +132,7 @@ CameraSession::Refusal CameraSession::attend(const wire::Query& query) {
     return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
                                                " queries wait for their answers: send the next when one has arrived."};
   ++*queries_;
-  // Open until the answer has left.
+  // Counts as open until the answer has left.
   std::shared_ptr<const void> ticket(nullptr, [open = queries_](const void*) { --*open; });
   pool_->post([terrain = session_->terrain(), sender = sender_, query, ticket = std::move(ticket)]() mutable {
     sender->send(query::answer(*terrain, query), std::move(ticket));
@@ -195,7 +195,7 @@ void CameraSession::run() {
   } catch (const std::exception& e) {
     refuse({ErrorCode::kInternal, std::string("The server failed: ") + e.what()});
   }
-  // Taken under the lock, for another task may follow; destroyed after it.
+  // Moved out under the lock, because another task may follow; destroyed after unlocking.
   std::unique_ptr<IteratingMesh> freed;
   std::unique_ptr<encoding::Encoder> encoder;
   std::vector<TakeCopy> disappointed;
@@ -223,7 +223,7 @@ void CameraSession::work(const conversation::Greet&) {
   mesh_ = session_->resources().makeMesh(terrain, granted, pool_);
   encoder_ =
       std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.deltas, hello.errors, shades}, granted.triangleBudget);
-  // Under the lock: a client that has received the world may say anything.
+  // Under the lock: once it has received the world, a client may send anything.
   const std::lock_guard lock(mutex_);
   conversation_.greeted();
   if (!conversation_.runs()) return;

@@ -1,9 +1,9 @@
 #pragma once
 // One camera in a session: ties its conversation (server/conversation) to its mesh, its encoder and its pool.
 //
-// An actor: receive() and close() come from any thread, never wait for an iteration and only note what happened. The work runs as a task of
-// the camera's own pool, at most one at a time, one iteration a task, so that many cameras take turns. Queries and grounds are answered by
-// tasks of their own beside the iterations; at most wire::kMaxQueries and wire::kMaxGrounds are open at a time.
+// An actor: receive() and close() may come from any thread, never wait for an iteration and only record what happened. The work runs as a
+// task of the camera's own pool, at most one at a time and one iteration each, so that many cameras take turns. Separate tasks answer
+// queries and grounds beside the iterations; at most wire::kMaxQueries and wire::kMaxGrounds are open at a time.
 
 #include <atomic>
 #include <memory>
@@ -25,11 +25,11 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   CameraSession(std::shared_ptr<Session> session, Place place, std::uint64_t id, std::shared_ptr<Sender> sender);
 
   void receive(wire::ClientMessage message);
-  // The client is gone: nothing more is sent, the mesh is freed by a task of the pool.
+  // The client is gone: sends nothing more; a task of the pool frees the mesh.
   void close();
 
-  // Copies the mesh between two iterations, a few milliseconds at a time so that other cameras have their turns, and hands it over on a
-  // thread of the pool; nullptr when the camera closes before that. False: there was no iteration yet, or kMaxCopies wait already.
+  // Copies the mesh between two iterations, a few milliseconds at a time so that other cameras get their turns. Hands the copy over on a
+  // thread of the pool; nullptr if the camera closes before that. False: there was no iteration yet, or kMaxCopies requests wait.
   bool copy(TakeCopy done);
   static constexpr std::size_t kMaxCopies = 16;
 
@@ -47,11 +47,11 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   Refusal attend(const wire::Query& query);
   Refusal attend(const wire::AskGround& ask);
   Refusal attend(const auto&) { return {}; }
-  bool wake();  // under the lock; false: the pool takes no more
+  bool wake();  // under the lock; false: the pool accepts no more
 
   void refuse(wire::ErrorMessage message);
   void run();
-  // The work that there may be.
+  // The possible kinds of work.
   void work(std::monostate) {}
   void work(const conversation::Greet&);
   void work(const conversation::SendTiles& wanted);
@@ -69,9 +69,10 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   conversation::Conversation conversation_;
   bool scheduled_ = false;  // a task is queued or runs
   bool timerSet_ = false;
-  std::vector<TakeCopy> copies_;                                                                       // wanted
-  std::shared_ptr<std::atomic<std::size_t>> queries_ = std::make_shared<std::atomic<std::size_t>>(0);  // not answered, or not sent yet
-  std::shared_ptr<Grounds> grounds_;                                                                   // once one was requested
+  std::vector<TakeCopy> copies_;  // requested
+  // unanswered, or answers not yet sent
+  std::shared_ptr<std::atomic<std::size_t>> queries_ = std::make_shared<std::atomic<std::size_t>>(0);
+  std::shared_ptr<Grounds> grounds_;  // once one was requested
 
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;

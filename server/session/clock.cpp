@@ -68,7 +68,7 @@ Clock::Stepped Clock::step(std::uint64_t member, const wire::Step& step) {
 
 bool Clock::done(std::uint64_t member, std::uint64_t step) {
   if (step != step_ || waitsFor_.erase(member) == 0) return false;
-  if (!waitsFor_.empty()) return false;  // of interest is only when nobody is left
+  if (!waitsFor_.empty()) return false;  // a change matters only when nobody is waited for any more
   goOn();
   return true;
 }
@@ -78,7 +78,7 @@ void Clock::begin(const wire::Step& step) {
   time_ = std::min(wire::kMaxTime, time_ + step.time);
   if (!step.wait) return;
   waitsFor_ = followers_;
-  waitsFor_.erase(owner_);  // it knows what it does
+  waitsFor_.erase(owner_);  // the owner needs no waiting for
 }
 
 void Clock::goOn() {

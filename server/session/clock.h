@@ -1,12 +1,12 @@
 #pragma once
-// A session's clock: real time, scaled, or stepped by its owner. What time it is is a function of what was said to it and of the time of
-// day that is handed in; it neither waits nor sends. Not thread-safe.
+// A session's clock: real time, scaled, or stepped by its owner. Its time depends only on the calls made and on the time of day passed in;
+// it neither waits nor sends. Not thread-safe.
 //
-// It begins in real time, at 0, without an owner. Whoever sets it while it has none becomes its owner; only the owner sets or steps it.
-// When the owner leaves, the clock goes on as it is (a stepped one stands still) until somebody else takes it.
+// It starts in real time, at 0, without an owner. The first member to set it becomes its owner; only the owner sets or steps it. When the
+// owner leaves, the clock continues as it is (a stepped one stands still) until another member takes it.
 //
-// A step may wait: the next one does not begin before every member that followed the clock when it began has done it or has left. Steps
-// that come meanwhile queue up, at most kMaxQueuedSteps; they are forgotten with their owner or when the mode changes.
+// A step may wait: the next one starts only when every member that followed the clock at its start has done it or left. Meanwhile further
+// steps queue up, at most kMaxQueuedSteps. Owner or mode changes drop them.
 
 #include <chrono>
 #include <cstdint>
@@ -28,11 +28,11 @@ class Clock {
   std::uint64_t time(Instant now) const;  // microseconds
   std::uint64_t owner() const { return owner_; }
 
-  // A member that follows the clock comes; any member goes. Whether the state changed.
+  // A member starts to follow the clock, or leaves (follower or not). Returns whether the state changed.
   void follow(std::uint64_t member) { followers_.insert(member); }
   bool leave(std::uint64_t member, Instant now);
 
-  // Whether the state changed: not when it is another's.
+  // Returns whether the state changed; it does not if the clock belongs to another member.
   bool set(std::uint64_t member, const wire::SetClock& set, Instant now);
   enum class Stepped { kBegins, kQueues, kNotYours, kNotStepped, kTooMany };
   Stepped step(std::uint64_t member, const wire::Step& step);
@@ -40,9 +40,9 @@ class Clock {
 
  private:
   void begin(const wire::Step& step);
-  void goOn();  // to the next queued steps, when nobody is waited for
+  void goOn();  // to the next queued steps, if nobody is waited for
 
-  Instant since_;           // when it was time_
+  Instant since_;           // the instant at which the clock showed time_
   std::uint64_t time_ = 0;  // microseconds
   wire::ClockMode mode_ = wire::ClockMode::kRealTime;
   double rate_ = 1;

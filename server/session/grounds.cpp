@@ -15,11 +15,11 @@ namespace ridgecast::session {
 
 namespace {
 
-constexpr double kCoarser = 2;    // times the error, when it cannot be reached
-constexpr double kInside = 0.65;  // of the error is the mesher's share, the rest what its samples have not seen
-constexpr int kFineness = 8;      // of the look at the result: 1/256 of a leaf's side
+constexpr double kCoarser = 2;    // factor for an error that cannot be reached
+constexpr double kInside = 0.65;  // of the error: the mesher's share; the rest is for what its samples missed
+constexpr int kFineness = 8;      // of the check of the result: 1/256 of a leaf's side
 
-// Lets go of one open question when it is destroyed.
+// Releases one open request when destroyed.
 struct Ticket {
   std::shared_ptr<std::atomic<std::size_t>> open;
   explicit Ticket(std::shared_ptr<std::atomic<std::size_t>> o) : open(std::move(o)) {}
@@ -28,7 +28,7 @@ struct Ticket {
   ~Ticket() { --*open; }
 };
 
-// Keeps the triangles of which the box touches the circle.
+// Keeps the triangles whose bounding box touches the circle.
 void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
   const lattice::Step cornerX = leaf.address.x() - at.x, cornerZ = leaf.address.z() - at.z;
   std::erase_if(leaf.triangles, [&](const mesh::Triangle& t) {
@@ -101,7 +101,7 @@ void Grounds::answer(const wire::AskGround& asked) {
   };
   double error = asked.error * kInside;
   auto made = make(error);
-  // A cliff, the budget or the time do not allow it: as good as it gets.
+  // A cliff, the budget or the time forbid it: use the best that is possible.
   using Kind = box::Problem::Kind;
   while (!made && error < 1e4 && (made.error().kind == Kind::kTooMuch || made.error().kind == Kind::kTooSlow))
     made = make(error *= kCoarser);

@@ -1,9 +1,9 @@
 #pragma once
-// The ground around points, whatever a member's camera sees: a mesh of the square around the circle at the error that was asked for
+// The ground around points, independent of the member's camera: a mesh of the square around the circle at the requested error
 // (server/box/box_mesh.h), of which the triangles over the circle are sent.
 //
-// An actor beside the camera session: ask() comes from any thread and only queues. The work runs as tasks of the member's own pool, one ground
-// a task. An error that cannot be reached, or not within kTimeout, is tried again at twice the size. Bound: wire::kMaxGrounds requests that wait,
+// An actor beside the camera session: ask() may come from any thread and only queues. The work runs as tasks of the member's own pool, one
+// ground each. If an error cannot be reached, or not within kTimeout, twice the error is tried. Bound: wire::kMaxGrounds requests that wait
 // or whose answers have not left.
 
 #include <atomic>
@@ -27,7 +27,7 @@ class Grounds : public std::enable_shared_from_this<Grounds> {
   Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<scheduling::Pool> pool,
           std::shared_ptr<Sender> sender, std::chrono::seconds timeout = kTimeout);
   bool ask(const wire::AskGround& ask);  // false: too many are open
-  void close();                          // nothing more is sent, what is being made is given up; any thread
+  void close();                          // sends nothing more and abandons current work; any thread
 
  private:
   void run();

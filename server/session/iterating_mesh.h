@@ -1,6 +1,6 @@
 #pragma once
-// One camera's mesh as a session sees it: something that iterates and can be read between iterations. pipeline::Pipeline is the one
-// there is; behind this seam a session can be tested, and later fed, without it.
+// One camera's mesh as a session sees it: it iterates, and can be read between iterations. The only implementation is pipeline::Pipeline;
+// with this interface a session can be tested without it.
 
 #include <functional>
 #include <memory>

@@ -1,5 +1,5 @@
 #pragma once
-// The cameras of a session by number, to look at what one of them holds. Any thread.
+// The cameras of a session by number, to read what each holds. Any thread.
 
 #include <cstdint>
 #include <functional>
@@ -15,7 +15,7 @@ namespace ridgecast::session {
 
 class CameraSession;
 
-// The mesh of a camera as one of its iterations left it: what its client holds when it has applied that iteration.
+// A camera's mesh after one of its iterations: what its client holds once it has applied that iteration.
 struct MeshCopy {
   std::uint64_t iteration = 0, meshHash = 0;
   camera::Camera camera;
@@ -35,7 +35,7 @@ class LiveCameras {
     const std::lock_guard lock(mutex_);
     cameras_.erase(id);
   }
-  std::shared_ptr<CameraSession> find(std::uint64_t id) const {  // none: nullptr
+  std::shared_ptr<CameraSession> find(std::uint64_t id) const {  // nullptr: none
     const std::lock_guard lock(mutex_);
     const auto it = cameras_.find(id);
     return it == cameras_.end() ? nullptr : it->second.lock();

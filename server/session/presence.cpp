@@ -90,7 +90,7 @@ bool Presence::notify(Entry& entry) {
       news.moved.push_back(*other.member.moved);
   }
   news.left = std::exchange(entry.left, {});
-  const bool first = entry.notified == 0;  // the first is sent though nobody else may be there
+  const bool first = entry.notified == 0;  // the first is sent even if nobody else is there
   entry.notified = version_;
   if (!first && news.joined.empty() && news.moved.empty() && news.left.empty()) return true;
   const auto held = ticket();

@@ -1,12 +1,12 @@
 #pragma once
 // Who is in a session and where, and its clock; notifies the members of both.
 //
-// A member that requested members is sent all changes since its last notification in one message, at most every kLeastPause (20 times a second),
-// and not while the last such message still waits in its way out: for a slow member changes merge. A member that follows the clock is sent the
-// state that is current when the message before has left. A step that waits for a member always reaches it.
+// A member that requested members is sent all changes since its last notification in one message: at most every kLeastPause (20 times a
+// second), and not while the previous one is still queued, so for a slow member changes merge. A member that follows the clock is sent the
+// current state once its previous message has left. A step that waits for a member always reaches it.
 //
 // Any thread. Messages are handed to the members' senders under a lock; senders do not call back.
-// Bounds: one entry a member; of members that left, at most those it was notified of.
+// Bounds: one entry a member; of departed members, at most those that it was notified of.
 
 #include <chrono>
 #include <cstdint>
@@ -27,7 +27,7 @@ namespace ridgecast::session {
 class Presence : public std::enable_shared_from_this<Presence> {
  public:
   static constexpr std::chrono::milliseconds kLeastPause{50};
-  static constexpr std::chrono::milliseconds kClockRetry{5};  // when the last word about the clock has not left yet
+  static constexpr std::chrono::milliseconds kClockRetry{5};  // while the last message about the clock has not left
 
   // `timer` must outlive this.
   explicit Presence(const Timer& timer);
@@ -38,7 +38,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void leave(std::uint64_t camera);
 
   void ask(std::uint64_t camera, const wire::AskClock& ask);
-  // Answered with the clock as it is then, set or not.
+  // Answers with the resulting clock, changed or not.
   void set(std::uint64_t camera, const wire::SetClock& set);
   Clock::Stepped step(std::uint64_t camera, const wire::Step& step);
   void done(std::uint64_t camera, const wire::StepDone& done);
@@ -66,7 +66,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
 
   void membersChanged();  // under the lock, as all below
   void notifyMembers();
-  bool notify(Entry& entry);  // whether it is up to date now
+  bool notify(Entry& entry);  // returns whether it is up to date
   void clockChanged();
   void notifyOfClock();
   void sendClock(Entry& entry, std::uint64_t echo);

@@ -8,13 +8,13 @@
 
 namespace ridgecast::session {
 
-// Any thread; no call blocks or calls back into the session.
+// Any thread. No call blocks or calls back into the session.
 class Sender {
  public:
   virtual ~Sender() = default;
   virtual void send(wire::ServerMessage message) = 0;
-  // The same; `ticket` is let go once the message has left for the operating system, or is dropped. Who holds a weak pointer to it knows
-  // whether the message still waits, and need not send the next one of its kind behind it.
+  // The same; `ticket` is released once the message has left for the operating system or is dropped. The holder of a weak pointer to it can
+  // see whether the message is still queued, and need not send another of its kind.
   virtual void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) {
     send(std::move(message));
     ticket.reset();

@@ -1,9 +1,9 @@
 #pragma once
-// Named worlds and who is in them.
+// Named worlds and their members.
 //
-// A Session is a terrain with its seed and parameters that several cameras look at; it never changes while it lives. The Directory holds
-// the sessions by name; `default` always exists, the others end after a while without members. Every camera has its own mesh, replica and
-// pool (camera_session.h).
+// A Session is a terrain with its seed and parameters, seen by several cameras; it never changes while it lives. The Directory holds the
+// sessions by name. `default` always exists; the others end after a while without members. Every camera has its own mesh, replica and pool
+// (camera_session.h).
 
 #include <atomic>
 #include <chrono>
@@ -36,42 +36,42 @@ struct Limits {
   std::uint32_t maxCameras = 256;                  // of all sessions together
   std::uint32_t maxMembers = 64;                   // of one session
   std::uint32_t maxSessions = 64;                  // `default` included
-  std::chrono::milliseconds sessionIdle{300'000};  // a session without members ends after this
+  std::chrono::milliseconds sessionIdle{300'000};  // a session ends after this time without members
   std::uint32_t window = replica::kDefaultWindow;
-  std::size_t maxQueuedBytes = 8u << 20;  // no iteration starts while more than this waits in a client's way out
-  std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: no limit
+  std::size_t maxQueuedBytes = 8u << 20;  // no iteration starts while more than this is queued for a client
+  std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: unlimited
   pipeline::Limits mesh;
   bool sendsTerrain = true;  // false: World's terrain_source stays empty
 };
 
-// What a world is made of. Terrain and parameters by name, as `--terrain` and `--param` have them.
+// What a world is made of. Terrain and parameters by name, as in `--terrain` and `--param`.
 struct WorldSpec {
   std::string terrain;
   std::uint32_t seed = 1;
-  std::vector<std::pair<std::string, double>> parameters;  // that are not the terrain's own defaults; ascending by name
+  std::vector<std::pair<std::string, double>> parameters;  // those that differ from the terrain's defaults; ascending by name
   friend bool operator==(const WorldSpec&, const WorldSpec&) = default;
 };
-// May take seconds, where a terrain has to be compiled. Any thread. Error: one sentence for the person who asked.
+// May take seconds if a terrain must be compiled. Any thread. Error: one sentence for the user.
 using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&)>;
 
 inline constexpr std::string_view kDefaultName = "default";
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 
-// What cameras of all sessions share.
+// Shared by the cameras of all sessions.
 struct Resources {
-  // Not owned: a task may be the last owner of anything here, and a machine cannot be destroyed by its own threads. Destroyed after
-  // the sockets are closed; remaining tasks are dropped.
+  // Not owned: a task may be the last owner of anything here, and an executor cannot be destroyed by its own threads. Destroyed after the
+  // sockets are closed; remaining tasks are dropped.
   scheduling::Machine* machine = nullptr;
   MakeMesh makeMesh;
-  MakeTerrain makeTerrain;  // of sessions that clients create; empty: they cannot
+  MakeTerrain makeTerrain;  // for sessions that clients create; empty: not allowed
   std::string serverName;
   Limits limits;
   std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
   std::unique_ptr<const Timer> timer = std::make_unique<SteadyTimer>();
-  mutable std::atomic<bool> givesMemoryBack{false};  // a call that trims the allocator is set
+  mutable std::atomic<bool> givesMemoryBack{false};  // a call to trim the allocator is scheduled
 };
 
-// One camera's place; given back when destroyed.
+// One camera's place; released when destroyed.
 class Place {
  public:
   Place(std::shared_ptr<std::atomic<std::uint32_t>> members, std::shared_ptr<std::atomic<std::uint32_t>> cameras)
@@ -88,7 +88,7 @@ class Place {
   std::shared_ptr<std::atomic<std::uint32_t>> members_, cameras_;
 };
 
-// Immutable but for its members and their clock; any thread.
+// Immutable except for its members and their clock; any thread.
 class Session {
  public:
   Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec, std::shared_ptr<const Resources> resources,
@@ -105,12 +105,12 @@ class Session {
 
   // Error: the session or the server is full, or the session has just ended.
   Outcome<Place> enter();
-  // Ends it, unless it has members: nobody can enter afterwards.
+  // Ends it if it has no members; then nobody can enter.
   bool end();
   std::uint64_t entries() const { return entries_; }  // how often members have entered
 
  private:
-  static constexpr std::uint32_t kEnded = 1u << 31;  // in members_, which is 0 then
+  static constexpr std::uint32_t kEnded = 1u << 31;  // in members_, otherwise 0 then
   std::string name_;
   WorldSpec spec_;
   std::atomic<std::uint64_t> entries_{0};
@@ -122,14 +122,14 @@ class Session {
   std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
 };
 
-// Any thread. Sessions that are idle end only where this is held by a shared_ptr.
+// Any thread. Idle sessions end only if a shared_ptr holds this.
 class Directory : public std::enable_shared_from_this<Directory> {
  public:
   Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
             std::vector<std::pair<std::string, double>> defaultParameters = {});
 
   std::shared_ptr<Session> find(std::string_view name) const;  // none: nullptr
-  // Error: the name is taken or cannot be one, or there are as many sessions as there may be.
+  // Error: the name is taken or invalid, or no more sessions are allowed.
   Outcome<std::shared_ptr<Session>> add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
                                         std::vector<std::pair<std::string, double>> parameters = {});
   std::vector<std::shared_ptr<Session>> all() const;  // by name
@@ -145,7 +145,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::atomic<std::uint64_t> lastCameraId_{0};
   struct Kept {
     std::shared_ptr<Session> session;
-    // Nobody was in it at `idleSince`, and nobody has entered since.
+    // It had no members at `idleSince`, and nobody has entered since.
     std::uint64_t entries = 0;
     std::optional<std::chrono::steady_clock::time_point> idleSince;
   };

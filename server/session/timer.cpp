@@ -47,7 +47,7 @@ SteadyTimer::~SteadyTimer() {
   }
   state_->changed.notify_all();
   if (!thread.joinable()) return;
-  // A call may drop the last owner of the resources, and with them this.
+  // A call may drop the last owner of the resources, and with them this timer.
   if (thread.get_id() == std::this_thread::get_id())
     thread.detach();
   else

@@ -1,5 +1,5 @@
 #pragma once
-// The time, and calls at a time: the only clock of this room, so that a test can bring its own.
+// The time, and timed calls: the only clock of this room, so that a test can supply its own.
 
 #include <chrono>
 #include <functional>
@@ -7,14 +7,14 @@
 
 namespace ridgecast::session {
 
-// Any thread; const, because everyone who shares the resources may set calls. Callers bound their number.
+// Any thread; const, because everyone who shares the resources may schedule calls. Callers bound their number.
 class Timer {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
   virtual ~Timer() = default;
   virtual Time now() const = 0;
-  // `call` runs once, briefly, on a thread of the timer's. Calls that are not due when the timer ends are dropped.
+  // Runs `call` once on the timer's thread; it must be brief. Drops calls that are not due when the timer ends.
   virtual void at(Time when, std::function<void()> call) const = 0;
 };
 
