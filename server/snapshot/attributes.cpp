@@ -9,10 +9,10 @@ namespace {
 using lattice::Step;
 using Float3 = std::array<float, 3>;
 
-constexpr int kFinest = -1, kWidest = 9;  // widths a vertex stands for, as powers of two in metres
+constexpr int kFinest = -1, kWidest = 9;  // sample widths of a vertex, as powers of two in metres
 constexpr std::size_t kBatch = 1024;
 
-// A vertex wherever leaves hold it.
+// A vertex, in every leaf that holds it.
 struct Shared {
   Step x = 0, z = 0;
   std::int32_t y = 0;  // steps
@@ -49,7 +49,7 @@ std::vector<Shared> gather(const std::vector<gltf::Leaf>& leaves, std::vector<st
       for (const std::uint32_t v : t) out[indices[l][v]].area += area;
     }
   }
-  for (Shared& v : out) {  // a vertex has six triangles and a share of a third in each: the square of the width is their area / 6 * 2
+  for (Shared& v : out) {  // a vertex has a third of six triangles: the width squared is their area / 6 * 2
     const double metres = std::sqrt(v.area / 6) * lattice::kMetresPerStep;
     v.width = static_cast<std::int8_t>(std::clamp(std::ilogb(std::max(metres, 0.01)), kFinest, kWidest));
   }

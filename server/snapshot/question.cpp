@@ -40,7 +40,7 @@ std::string text(double v) {
   return out;
 }
 
-// Anything can stand in a URL: only what is harmless is repeated.
+// A URL may contain anything: repeats only harmless text.
 std::string quoted(std::string_view text) {
   std::string out = "'";
   for (const char c : text.substr(0, 40)) out += c >= ' ' && c <= '~' && c != '\'' && c != '\\' ? c : '?';
@@ -75,7 +75,7 @@ class Parameters {
     return value;
   }
 
-  // A number within its range; `otherwise` where it is missing, and without that, an error. Once something was wrong, all is.
+  // A number within its range. If missing: `otherwise`, or an error without it. After the first error all calls fail.
   double number(const char* name, double low, double high, const char* unit, std::optional<double> otherwise = {}) {
     const auto value = take(name);
     if (!value) {

@@ -45,7 +45,7 @@ std::string text(double v) {
   return out;
 }
 
-double shortened(double v) { return std::round(v * 1e9) / 1e9; }  // degrees that came as degrees
+double shortened(double v) { return std::round(v * 1e9) / 1e9; }  // degrees that were given in degrees
 
 Json describe(const camera::Camera& c, const terrain::Terrain& terrain) {
   const double ground = terrain.height({c.pose.x, c.pose.z});
@@ -67,7 +67,7 @@ Json parametersOf(const terrain::Terrain& terrain) {
   return out;
 }
 
-// What all kinds of snapshots come to.
+// The common result of all kinds of snapshots.
 struct Made {
   std::vector<mesh::LeafMesh> own;
   std::shared_ptr<const session::MeshCopy> held;  // or these

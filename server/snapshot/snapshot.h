@@ -1,14 +1,15 @@
 #pragma once
-// A mesh at a moment as a file: of a live camera, of a pose, of a box (question.h). Works on threads of its own that give way to all
-// cameras; one snapshot is made at a time by each thread that asks.
+// A mesh as a file: of a live camera, a pose or a box (question.h). Works on its own threads, at lower priority than all cameras. Each
+// calling thread makes one snapshot at a time.
 //
-// asset.extras, and the metadata alone:
+// asset.extras, which are also the metadata:
 //   of            "camera", "pose" or "box"
 //   session, terrain, seed, parameters {name: value}, contentHash (16 hexadecimal digits)
 //   pose          x, z, y (metres, absolute), altitude, yaw, pitch, fov (degrees, as in path files), width, height; of camera and pose
 //   camera        id, iteration, meshHash (as acknowledged by its client); of a live camera
-//   box           x0, z0, x1, z1 (metres: what is covered, at most a quarter of the error wider than asked for)
-//   error         unit ("metres" of a box, else the metric: "pixels", "area" or "thesis"), asked, kept; of a box also samples: kept is the largest error found on so many points
+//   box           x0, z0, x1, z1 (metres; the covered area, at most a quarter of the error wider than requested)
+//   error         unit ("metres" for a box, otherwise the metric: "pixels", "area" or "thesis"), asked, kept; for a box also
+//                 samples: kept is the largest error found on that many points
 //   leaves, triangles, vertices (of all leaves, shared ones each time), cellX, cellZ, latticeStep
 
 #include <atomic>
@@ -27,12 +28,12 @@ using box::Problem;
 using box::Result;
 
 struct Snapshot {
-  std::string glb;       // empty when only the metadata were wanted
+  std::string glb;       // empty if only the metadata were requested
   std::string metadata;  // JSON
   std::string name;      // of a file, without its ending
 };
 
-// How far a snapshot has come. Written while it is made, read by any thread meanwhile.
+// Progress of a snapshot. Written while it is made; any thread may read it meanwhile.
 struct Progress {
   enum class Stage { kWaiting, kMeshing, kColouring, kWriting };
   std::atomic<Stage> stage{Stage::kWaiting};
@@ -42,16 +43,16 @@ struct Progress {
 
 class Snapshots {
  public:
-  // threads 0: one less than there are, at least one. `cameras`: whose work goes first; none: nobody's.
+  // threads 0: one less than the machine's, at least one. `cameras`: whose work has priority; null: nobody's.
   explicit Snapshots(const Limits& limits, unsigned threads = 0, const scheduling::Machine* cameras = nullptr);
 
   const Limits& limits() const { return limits_; }
 
-  // Blocks until it is made: for a thread of its own. Any thread.
+  // Blocks until the snapshot is made; call it on its own thread. Any thread.
   Result<Snapshot> take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop,
                         Progress* progress = nullptr);
 
-  // Equal for equal files; empty where only the file itself can tell (a live camera).
+  // Equal for equal files; empty if only the file itself can tell (a live camera).
   static std::string etag(const session::Session& session, const Question& question, bool metadataOnly);
 
  private:
