@@ -37,7 +37,7 @@ class Compiled final : public terrain::Terrain {
     library_->heights()(x.data(), z.data(), out.data(), count, seed_);
     constexpr float kMost = static_cast<float>(lattice::kMaxHeight * lattice::kMetresPerStep);
     bool fine = true;
-    for (std::size_t i = 0; i < count; ++i) fine &= std::abs(out[i]) <= kMost;  // false for what is no number
+    for (std::size_t i = 0; i < count; ++i) fine &= std::abs(out[i]) <= kMost;  // false also for NaN
     if (fine) return;
     for (std::size_t i = 0; i < count; ++i) {
       const std::string_view fault = faultOf(out[i]);
@@ -116,7 +116,7 @@ Outcome<Source> find(const Request& request) {
 Outcome<std::shared_ptr<const Library>> built(const Source& source, const Request& request) {
   const std::string variant = request.variant.empty() ? std::string(terrain::variants().back().name) : request.variant;
   auto cache = Cache::open(request.cache);
-  std::optional<Scratch> once;  // a user without a cache folder of his own compiles every time; what is loaded stays when its file goes
+  std::optional<Scratch> once;  // without a cache folder, compile every time; a loaded library survives the removal of its file
   if (!cache && request.cache.empty()) {
     auto made = Scratch::create();
     if (!made) return made.error();
@@ -124,7 +124,7 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
     cache = Cache::open(once->path());
   }
   if (!cache) return cache.error();
-  // With colours where they have a counterpart in C++: snapshots have them. Only a private terrain must have them.
+  // With colours if they can be compiled as C++, for snapshots. Only a private terrain requires them.
   const auto make = [&](bool colours) -> Outcome<std::shared_ptr<const Library>> {
     const std::filesystem::path file = cache->fileFor(source.text, variant, colours);
     if (cache->has(file))

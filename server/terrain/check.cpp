@@ -25,7 +25,7 @@ std::size_t lineOf(std::string_view text, std::size_t position) {
   return static_cast<std::size_t>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(position), '\n')) + 1;
 }
 
-// The first byte that cannot be UTF-8 (RFC 3629), if any.
+// The first byte that is not valid UTF-8 (RFC 3629), if any.
 std::optional<std::size_t> notUtf8(std::string_view s) {
   for (std::size_t i = 0; i < s.size();) {
     const auto byte = [&](std::size_t k) { return k < s.size() ? static_cast<unsigned char>(s[k]) : 0u; };
@@ -74,7 +74,7 @@ std::optional<std::string> wrongDirective(std::string_view line) {
 }
 
 struct Assembled {
-  std::string_view version;  // its lines
+  std::string_view version;  // version lines of the text
   bool whole = false;        // with a main that calls both functions
 };
 
@@ -87,7 +87,7 @@ std::string assembled(const Assembled& how, std::string_view text) {
   return out.append(");\n}\n");
 }
 
-// Runs the front end over a text; its output.
+// Runs the front end over a text and returns its output.
 Outcome<ChildEnd> glslang(const Scratch& scratch, const std::filesystem::path& program, std::vector<std::string> arguments,
                           const std::string& text) {
   const std::filesystem::path file = scratch.path() / "terrain.frag";
@@ -104,7 +104,7 @@ std::string_view trimmed(std::string_view s) {
   return s;
 }
 
-// The first complaint: "ERROR: 1:12: 'x' : undeclared identifier" -> "file:12: 'x' : undeclared identifier".
+// The first error: "ERROR: 1:12: 'x' : undeclared identifier" -> "file:12: 'x' : undeclared identifier".
 Error complaint(std::string_view file, std::string_view output, std::string_view dialect) {
   const std::string tail = dialect.empty() ? "" : " (as " + std::string(dialect) + ")";
   for (std::size_t begin = output.find("ERROR: "); begin != std::string_view::npos; begin = output.find("ERROR: ", begin + 1)) {
@@ -193,7 +193,7 @@ Outcome<Checked> checkGlsl(std::string_view file, std::string_view text) {
   end = glslang(*scratch, *program, {"-E"}, std::string(kDesktop) + "#line 1 1\n" + std::string(text) + "\n");
   if (!end) return end.error();
   const std::size_t marker = end->output.find("#line 1 1\n");
-  // The child's output is cut at its limit: what is longer came from macros.
+  // The child's output is cut at its limit. Longer output comes from macros.
   if (end->status != 0 || marker == std::string::npos || end->output.size() >= kMostOutput)
     return Error{std::string(file) + ": too long once its macros are expanded; write functions instead"};
   Checked out;

@@ -1,7 +1,6 @@
 #pragma once
-// Whether a person's text is a terrain file: size, encoding, what no terrain file may hold, GLSL as every client's compiler speaks it,
-// and the two functions with their signatures. All errors are one sentence for a person that begins with "`file`:line: " where there
-// is a line.
+// Checks that a user's text is a terrain file: size, encoding, forbidden content, GLSL as every client's compiler accepts it, and the two
+// functions with their signatures. Every error is one sentence that begins with "`file`:line: " if there is a line.
 
 #include <cstddef>
 #include <string>
@@ -15,7 +14,7 @@ namespace ridgecast::user_terrain {
 
 inline constexpr std::size_t kMostText = 256 << 10;  // bytes
 
-// What can be seen without a compiler.
+// The checks that need no compiler.
 Outcome<void> checkText(std::string_view file, std::string_view text);
 
 struct Checked {
@@ -23,8 +22,8 @@ struct Checked {
   std::vector<TopLevel> items;
 };
 
-// The GLSL front end's verdict, as GLSL 3.30 and as GLSL ES 3.00, then the signatures. Runs glslangValidator in a child process;
-// error too when that is not installed.
+// The GLSL front end's verdict as GLSL 3.30 and as GLSL ES 3.00, then the signatures. Runs glslangValidator in a child process; it is an
+// error if that is not installed.
 Outcome<Checked> checkGlsl(std::string_view file, std::string_view text);
 
 }  // namespace ridgecast::user_terrain

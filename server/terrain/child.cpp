@@ -43,7 +43,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   const auto cannot = [&] { return Error{"cannot start " + program.string() + ": " + std::strerror(errno)}; };
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return cannot();
-  // All memory is taken before the fork: the child may only make calls that are safe in a process that had threads.
+  // All memory is allocated before the fork: the child may only make calls that are safe in a process that had threads.
   const std::string file = program.string();
   std::vector<char*> argv{const_cast<char*>(file.c_str())};
   for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
@@ -68,7 +68,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
     dup2(open("/dev/null", O_RDONLY), 0);
     dup2(ends[1], 1);
     dup2(ends[1], 2);
-    // Nothing of the server's outlives it in what it started: a client whose socket stayed open here would wait for a server that has died.
+    // The child must not inherit the server's sockets: a client would wait for a dead server while one stays open here.
     close_range(3, ~0u, CLOSE_RANGE_CLOEXEC);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     limit(RLIMIT_AS, limits.memory);
@@ -78,7 +78,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
     execve(file.c_str(), argv.data(), envp.data());
     _exit(127);
   }
-  setpgid(child, child);  // both sides: whoever comes first
+  setpgid(child, child);  // in parent and child: whichever comes first
   close(ends[1]);
 
   ChildEnd out;
@@ -98,7 +98,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
     out.output.append(buffer, std::min(static_cast<std::size_t>(n), kMostOutput - std::min(out.output.size(), kMostOutput)));
   }
   close(ends[0]);
-  // Its output may end before it does. Seen but not yet reaped, it keeps its group's number from being given to others.
+  // The output may end before the child does. Wait without reaping, so that nobody else gets its group's number.
   for (;;) {
     out.timedOut |= std::chrono::steady_clock::now() >= until;
     if (out.timedOut) kill(-child, SIGKILL);
@@ -107,7 +107,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
       break;
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   }
-  kill(-child, SIGKILL);  // whatever it has left behind
+  kill(-child, SIGKILL);  // anything it has left behind
   int status = 0;
   waitpid(child, &status, 0);
   if (WIFEXITED(status)) out.status = WEXITSTATUS(status);

@@ -1,5 +1,5 @@
 #pragma once
-// Another program, run to its end under limits: the GLSL front end and the C++ compiler.
+// Runs another program to its end under limits: the GLSL front end and the C++ compiler.
 
 #include <chrono>
 #include <cstddef>
@@ -13,21 +13,21 @@
 
 namespace ridgecast::user_terrain {
 
-inline constexpr std::size_t kMostOutput = 1 << 20;  // bytes kept of what it prints
+inline constexpr std::size_t kMostOutput = 1 << 20;  // bytes of output that are kept
 
 struct ChildLimits {
-  std::chrono::milliseconds time{60'000};            // wall time, then it and what it started are killed
+  std::chrono::milliseconds time{60'000};            // wall time; then it and its children are killed
   std::uint64_t memory = std::uint64_t{3} << 30;     // bytes of address space, each process
   std::uint64_t fileSize = std::uint64_t{64} << 20;  // bytes, each file it writes
 };
 
 struct ChildEnd {
   bool timedOut = false;
-  int status = -1;     // exit status; -1 when a signal ended it
+  int status = -1;     // exit status; -1 if a signal ended it
   std::string output;  // stdout and stderr together, the first kMostOutput
 };
 
-// Where the program of this name is, by PATH.
+// The path of the program with this name, by PATH.
 std::optional<std::filesystem::path> findProgram(const std::string& name);
 
 // Runs it without input, with the C locale. Error: it could not be started.

@@ -15,7 +15,7 @@ std::string_view trimmed(std::string_view s) {
   return s;
 }
 
-// The number at the front of s, taken off it.
+// Takes a number off the front of s.
 std::optional<double> takeNumber(std::string_view& s) {
   if (s.starts_with('+')) s.remove_prefix(1);
   double value = 0;
@@ -40,7 +40,7 @@ bool takeWord(std::string_view& s, std::string_view word) {
   return true;
 }
 
-// code: what stands before //! ; comment: what stands after it. Nothing where they do not make a parameter.
+// code: the text before //! ; comment: the text after it. Empty if they do not form a parameter.
 std::optional<Parameter> readParameter(std::string_view code, std::string_view comment, const char* text) {
   Parameter p;
   if (!takeWord(code, "const") || !takeWord(code, "float")) return std::nullopt;

@@ -1,8 +1,8 @@
 #pragma once
-// What a terrain file says about itself in comments that begin with //! :
+// What a terrain file declares in comments that begin with //! :
 //   //! rolling hills with lakes                                            the first such line of its own: a summary
-//   const float snowLine = 1800.0;  //! 0..4000 m: height of the snow line  a parameter: default, least..most, unit (may be left out)
-// Setting a parameter rewrites its literal. The text that results is the terrain: what is compiled, hashed and sent to clients.
+//   const float snowLine = 1800.0;  //! 0..4000 m: height of the snow line  a parameter: default, least..most, unit (optional)
+// Setting a parameter rewrites its literal. The resulting text is the terrain: it is compiled, hashed and sent to clients.
 
 #include <cstddef>
 #include <string>
@@ -29,13 +29,13 @@ struct Declaration {
 // A value for a parameter, as --param gives it.
 using Assignment = std::pair<std::string, double>;
 
-// "name=value" -> Assignment. Error: another form, or a value that is no finite number.
+// "name=value" -> Assignment. Error: another form, or a value that is not a finite number.
 Outcome<Assignment> parseAssignment(std::string_view text);
 
 // Errors begin with "`file`:line: ".
 Outcome<Declaration> readDeclaration(std::string_view file, std::string_view text);
 
-// The text with these values for its defaults. Error: a name that is not declared (those there are are listed), a value out of range.
+// The text with these values as defaults. Error: an undeclared name (the message lists the declared ones), or a value out of range.
 Outcome<std::string> withParameters(std::string_view file, std::string_view text, const Declaration& declaration,
                                     const std::vector<Assignment>& assignments);
 

@@ -5,7 +5,7 @@
 
 namespace ridgecast::user_terrain::embedded {
 
-extern const std::string_view glsl_extras;  // what the compilation of a terrain file includes
-extern const std::string_view translate;    // translate.cpp: another translation is another compilation
+extern const std::string_view glsl_extras;  // included by the compilation of a terrain file
+extern const std::string_view translate;    // translate.cpp, part of the cache key
 
 }  // namespace ridgecast::user_terrain::embedded

@@ -1,7 +1,7 @@
-// What a person's own terrain file may use beyond glsl_as_cpp.h, included as text after it. Names that end in __ are for the
-// translation: GLSL does not let anybody else have them.
+// What a user's terrain file may use beyond glsl_as_cpp.h; included as text after it. Names that end in __ are for the translation: GLSL
+// reserves them.
 
-// a / over__ / b and a /= over__ = b: division that no operand can make trap (divided, remainderOf). C++ groups them as it does a / b.
+// a / over__ / b and a /= over__ = b: division that never traps (divided, remainderOf). C++ groups them like a / b.
 struct Over__ {};
 struct Rem__ {};
 template <class A>
@@ -61,7 +61,7 @@ constexpr A& operator/=(A& a, Modulus__<B> d) {
   return a = remainderOf(a, d.b);
 }
 
-// An array that cannot be left: an index out of range means the nearest that is in range.
+// An array with safe access: an index out of range means the nearest one in range.
 template <class T, int N>
 struct Array__ {
   static_assert(N >= 1 && sizeof(T) * N <= 16384, "an array may have 16,384 bytes");
@@ -102,8 +102,8 @@ constexpr vec3 operator*(vec3 v, mat3 m) { return {dot(v, m.column0), dot(v, m.c
 constexpr mat3 operator*(mat3 a, mat3 b) { return {a * b.column0, a * b.column1, a * b.column2}; }
 constexpr vec3& operator*=(vec3& v, mat3 m) { return v = v * m; }
 
-// Functions that every graphics card rounds its own way; here polynomials, so that loops over them become vector code. Within a few
-// 1e-7 of the true value for arguments of ordinary size: a picture drawn from another's differs by millimetres.
+// Functions that graphics cards round differently. Here they are polynomials, so that loops over them become vector code: within a few 1e-7
+// of the true value for ordinary arguments, so pictures differ by millimetres.
 inline float ceil(float v) { return -floor(-v); }
 inline float trunc(float v) { return v < 0.0f ? -floor(-v) : floor(v); }
 inline float round(float v) { return floor(v + 0.5f); }

@@ -24,7 +24,7 @@ namespace {
 
 constexpr const char *kEntry = "ridgecast_heights", *kColours = "ridgecast_colours";
 
-// As the built-in terrains are compiled (common/terrain/CMakeLists.txt); never with fused multiply-add.
+// The flags of the built-in terrains (common/terrain/CMakeLists.txt); never with fused multiply-add.
 const std::vector<std::string>& commonFlags() {
   static const std::vector<std::string> flags = {
       "-std=c++20",
@@ -43,7 +43,7 @@ const std::vector<std::string>& commonFlags() {
       "-fno-diagnostics-show-caret",
       "-fno-exceptions",
       "-fno-stack-protector",
-      "-fstack-clash-protection"};  // the last: what is too large for the stack hits its end, never jumps over
+      "-fstack-clash-protection"};  // the last: what is too large for the stack hits its guard and never jumps over it
   return flags;
 }
 std::vector<std::string> variantFlags(std::string_view variant) {
@@ -86,7 +86,7 @@ std::uint64_t hashed(std::uint64_t hash, std::string_view text) {
 
 bool isPrivate(const struct stat& s) { return s.st_uid == geteuid() && (s.st_mode & (S_IWGRP | S_IWOTH)) == 0; }
 
-// "terrain.glsl:12:7: error: ..." -> "file:12: ..."; errors inside the program's own text are put where the file called it.
+// "terrain.glsl:12:7: error: ..." -> "file:12: ..."; an error inside the program's own text is reported where the file called it.
 Error complaint(std::string_view file, std::string_view output) {
   const std::size_t error = output.find("error: ");
   if (error == std::string_view::npos) return Error{std::string(file) + ": the C++ compiler failed without saying why"};
@@ -161,7 +161,7 @@ void Cache::trim() const {
   std::vector<std::pair<std::filesystem::file_time_type, std::filesystem::path>> kept;
   std::error_code failed;
   for (const auto& entry : std::filesystem::directory_iterator(folder_, failed)) {
-    const std::string name = entry.path().filename().string();  // as fileFor() makes them; what else lies there is somebody's
+    const std::string name = entry.path().filename().string();  // as fileFor() names them; other files are not ours
     if (name.find_first_not_of("0123456789abcdef") != 32 || name[32] != '-' || name.find(".so") == std::string::npos) continue;
     const auto used = entry.last_write_time(failed);
     if (!failed) kept.emplace_back(used, entry.path());
@@ -179,7 +179,7 @@ Outcome<void> compile(std::string_view file, const Translation& translation, std
   auto scratch = Scratch::create();
   if (!scratch) return scratch.error();
   const std::filesystem::path source = scratch->path() / "terrain.cpp";
-  // Beside its place, so that moving it there cannot fail half way.
+  // Written in the same folder, so that moving it into place cannot fail half way.
   const std::filesystem::path made = target.string() + "." + std::to_string(getpid()) + ".new";
   std::ofstream(source, std::ios::binary) << programText(translation);
   std::vector<std::string> arguments = commonFlags();

@@ -16,13 +16,13 @@ namespace ridgecast::user_terrain {
 
 class Library {
  public:
-  // Error: not a library that this program has made.
+  // Error: not a library that this program made.
   static Outcome<std::shared_ptr<const Library>> open(const std::filesystem::path& file);
   ~Library();
   Library(const Library&) = delete;
   Library& operator=(const Library&) = delete;
   terrain::HeightsFunction heights() const { return heights_; }
-  terrain::ColoursFunction colours() const { return colours_; }  // null unless translated with them
+  terrain::ColoursFunction colours() const { return colours_; }  // null unless translated with colours
 
  private:
   explicit Library(void* handle) : handle_(handle) {}
@@ -31,17 +31,17 @@ class Library {
   terrain::ColoursFunction colours_ = nullptr;
 };
 
-// Compiled terrains by content. Only a folder that belongs to this user and that nobody else can write is trusted.
+// Compiled terrains by content. Trusts only a folder that belongs to this user and that nobody else can write.
 class Cache {
  public:
-  // In `folder`, or, when that is empty, in ridgecast/terrains below $XDG_CACHE_HOME or ~/.cache; made when missing. Error: it cannot
-  // be made or is not private.
+  // In `folder`; if empty, in ridgecast/terrains below $XDG_CACHE_HOME or ~/.cache. Made if missing. Error: it cannot be made or is not
+  // private.
   static Outcome<Cache> open(std::filesystem::path folder);
-  // Where the compilation of this text for this instruction set is, or belongs. Depends on everything that goes into it.
+  // Where the compilation of this text for this instruction set is, or belongs. Depends on all its inputs.
   std::filesystem::path fileFor(std::string_view text, std::string_view variant, bool colours = false) const;
-  bool has(const std::filesystem::path& file) const;  // a file of this user's; it counts as used now
-  // Removes those that were not used for longest, beyond kMostKept: who may make sessions could fill the disk with parameters otherwise.
-  // What is loaded stays loaded.
+  bool has(const std::filesystem::path& file) const;  // a file of this user's; marks it as used now
+  // Removes the least recently used files beyond kMostKept: otherwise clients that create sessions could fill the disk with parameters.
+  // Loaded libraries stay loaded.
   void trim() const;
   static constexpr std::size_t kMostKept = 256;
 
@@ -50,8 +50,8 @@ class Cache {
   std::filesystem::path folder_;
 };
 
-// Compiles for an instruction set ("baseline", "avx2", "avx512"), into `target`: whole or not at all. `file` is for messages.
-// Error: no compiler (says what to install), or what it does not accept, with the file's line.
+// Compiles for an instruction set ("baseline", "avx2", "avx512") into `target`, completely or not at all. `file` is for messages. Error: no
+// compiler (says what to install), or code that it rejects, with the file's line.
 Outcome<void> compile(std::string_view file, const Translation& translation, std::string_view variant, const std::filesystem::path& target);
 
 }  // namespace ridgecast::user_terrain

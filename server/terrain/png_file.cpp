@@ -1,4 +1,4 @@
-// The one includer of libpng. A picture's rows are read as they come; interlaced ones have no rows and are refused.
+// The only includer of libpng. Reads a picture row by row; refuses interlaced ones, which have no rows.
 
 #include <png.h>
 

@@ -24,9 +24,9 @@ namespace {
 constexpr std::array<double, 10> kPlaces = {0, 5e3, 1e6, -1e6, 3e7, 1e8, -1e9, 1e12, -1e12, 4.39e12};  // metres, x; z is its mirror
 constexpr std::size_t kBatch = 256, kBatches = 16;                                                     // points a place: 4,096
 
-// What the child tells, in memory that both see.
+// The child's report, in shared memory.
 struct Report {
-  lattice::Step x, z;  // where it is, then where the fault is
+  lattice::Step x, z;  // the current place, finally that of the fault
   float height;
   bool faulty, done;
 };
@@ -62,7 +62,7 @@ void tryAll(terrain::HeightsFunction heights, std::uint32_t seed, volatile Repor
   report.done = true;
 }
 
-// Bytes of address space that this process has now; 0: unknown.
+// Bytes of address space in use by this process; 0: unknown.
 std::uint64_t addressSpace() {
   std::uint64_t pages = 0;
   if (std::FILE* f = std::fopen("/proc/self/statm", "r")) {
@@ -73,9 +73,9 @@ std::uint64_t addressSpace() {
   return pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
 }
 
-// A function has nowhere to take memory from but its variables. It gets less of a stack than the threads that will call it later have.
+// A function can only use memory for its variables. Its stack here is smaller than on the threads that will call it later.
 constexpr rlim_t kStack = 1 << 20;
-constexpr std::uint64_t kRoom = 16 << 20;  // bytes beside what the server has already
+constexpr std::uint64_t kRoom = 16 << 20;  // bytes in addition to the server's
 
 [[noreturn]] void child(terrain::HeightsFunction heights, std::uint32_t seed, volatile Report& report, long seconds, std::uint64_t memory) {
   close_range(3, ~0u, 0);  // the server's sockets, see child.cpp

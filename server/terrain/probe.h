@@ -1,7 +1,6 @@
 #pragma once
-// Tries a compiled terrain before the server relies on it: in a child process under limits of time and memory
-// (RLIMIT_AS, RLIMIT_STACK), at points near the
-// origin and as far as the lattice goes.
+// Tries a compiled terrain before the server relies on it: in a child process under limits of time and memory (RLIMIT_AS, RLIMIT_STACK), at
+// points near the origin and out to the lattice's end.
 
 #include <chrono>
 #include <cstdint>
@@ -14,13 +13,13 @@
 
 namespace ridgecast::user_terrain {
 
-// What is wrong with a height, as a sentence's end ("is not a number", ...); empty when nothing is.
+// What is wrong with a height, as a sentence's end ("is not a number", ...); empty: nothing.
 std::string_view faultOf(float height);
 
 // "x 1234.5 m, z -17 m"
 std::string placeText(lattice::Step x, lattice::Step z);
 
-// Forks: call it before other threads work. Error: the first fault with its position, a crash, or that it took longer than `time`.
+// Forks: call it before other threads start. Error: the first fault with its position, a crash, or more than `time`.
 Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std::uint32_t seed,
                     std::chrono::milliseconds time = std::chrono::seconds(20));
 

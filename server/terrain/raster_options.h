@@ -1,5 +1,5 @@
 #pragma once
-// What a person says about a height map: --raster NAME=VALUE.
+// A user's settings for a height map: --raster NAME=VALUE.
 
 #include <cstdint>
 #include <optional>
@@ -10,25 +10,25 @@
 
 namespace ridgecast::user_terrain {
 
-// How the grid goes on beyond the map's edge. Mirror does not repeat the outermost sample, so slopes stay continuous.
+// How the grid continues beyond the map's edge. Mirror does not repeat the outermost sample, so slopes stay continuous.
 enum class Edge { kClamp, kMirror, kRepeat, kConstant };
 
 struct RasterOptions {
-  std::optional<double> pitch;          // pitch=METRES between samples; nothing: what a GeoTIFF says, else 1
+  std::optional<double> pitch;          // pitch=METRES between samples; default: a GeoTIFF's, otherwise 1
   double scale = 1, offset = 0;         // scale=S offset=O: height = S * sample + O, metres
   Edge edge = Edge::kClamp;             // edge=clamp|mirror|repeat|METRES
   double constant = 0;                  // metres, beyond the edge
-  std::optional<double> noData;         // nodata=METRES in place of samples that are none; nothing: such a map is refused
-  std::uint32_t width = 0, height = 0;  // size=WxH, of a raw file; 0: a square, by its length
+  std::optional<double> noData;         // nodata=METRES for missing samples; default: such a map is refused
+  std::uint32_t width = 0, height = 0;  // size=WxH, of a raw file; default 0: a square, by its length
   bool bigEndian = false;               // order=little|big, of a raw file
   bool isSigned = false;                // type=unsigned|signed, of a raw file
   bool geographic = false;              // place=centre|geo: the map's middle at x 0, z 0, or easting at x and northing at -z
 };
 
-// Adds one assignment. Error: no such name, or a value that cannot be; says what would be right.
+// Adds one assignment. Error: an unknown name or an invalid value; says what would be right.
 Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& options);
 
-// Whether a file's name says that it is a height map: .tif, .tiff, .png, .r16 or .raw, in any case.
+// Whether a file's name denotes a height map: .tif, .tiff, .png, .r16 or .raw, in any case.
 bool isRasterName(std::string_view name);
 
 }  // namespace ridgecast::user_terrain

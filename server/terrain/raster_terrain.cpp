@@ -77,7 +77,7 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   std::int32_t constant_;
 };
 
-// What one pass over the file finds.
+// The results of one pass over the file.
 struct Found {
   std::int32_t lowest = terrain::kMaxSample, highest = -terrain::kMaxSample;
   std::uint64_t hash = 0, missing = 0;
@@ -135,7 +135,7 @@ Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std:
     std::string file = (folder / "ridgecast-XXXXXX").string();
     const int descriptor = failed ? -1 : mkostemp(file.data(), O_CLOEXEC);
     if (descriptor >= 0) unlink(file.c_str());
-    // Room is taken now: a disk that is full later would end the process.
+    // Allocate the space now: a full disk would kill the process later.
     if (descriptor >= 0 && posix_fallocate(descriptor, 0, static_cast<off_t>(bytes)) == 0)
       data = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
     if (descriptor >= 0) ::close(descriptor);

@@ -1,7 +1,7 @@
 #pragma once
-// A height map as a terrain. At start-up its file is read once, row by row, and its samples are kept as whole steps: in memory up to
-// kMostInMemory, else in a nameless file where temporary files go, which the system pages in where somebody flies. After that every
-// height is a few reads: no lock, no wait, nothing that can fail.
+// A height map as a terrain. Its file is read once at start, row by row. Samples are kept as whole steps: in memory up to kMostInMemory,
+// otherwise in an unnamed temporary file that the system pages in on demand. After that a height is a few reads: no lock, no wait, no
+// failure.
 
 #include <cstdint>
 #include <filesystem>
@@ -21,7 +21,7 @@ inline constexpr std::uint64_t kMostInMemory = std::uint64_t{1} << 30;  // bytes
 // width x height steps, row after row. Owns its pages.
 class Samples {
  public:
-  // Error: no memory, or no room for the file; says how much is wanted and where. `inMemory` is the most that is not put into a file.
+  // Error: no memory, or no space for the file; says how much is needed and where. Above `inMemory` bytes a file is used.
   static Outcome<Samples> create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory = kMostInMemory);
   ~Samples();
   Samples(Samples&& other) noexcept;
@@ -37,11 +37,11 @@ class Samples {
   std::uint32_t width_, height_;
 };
 
-// Where a number on the endless axis falls on a map of n samples, n >= 2; nothing: beyond it, where the rule is a constant.
+// Maps an index on the endless axis to a map of n samples, n >= 2; empty: beyond the edge, with a constant there.
 std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge);
 
-// Reads a file (raster_file.h) whole. Error: what openRaster and reading say; samples that are none without nodata=; heights beyond
-// 32,768 m; positions beyond the lattice.
+// Reads a file (raster_file.h) whole. Error: those of openRaster and row(); missing samples without nodata=; heights beyond 32,768 m;
+// positions beyond the lattice.
 Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& file, const RasterOptions& options,
                                                             std::uint32_t seed, std::uint64_t inMemory = kMostInMemory);
 

@@ -1,4 +1,4 @@
-// RAW16: rows of 16-bit numbers and nothing else, as terrain tools exchange them. And what all formats share.
+// RAW16: rows of 16-bit numbers and nothing else, as terrain tools exchange them. Also the code that all formats share.
 
 #include <cmath>
 #include <fstream>

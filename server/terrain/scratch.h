@@ -1,5 +1,5 @@
 #pragma once
-// A folder of one's own for as long as the object lives; nobody else can read or write it.
+// A private temporary folder that lives as long as the object.
 
 #include <stdlib.h>
 
@@ -14,7 +14,7 @@ namespace ridgecast::user_terrain {
 
 class Scratch {
  public:
-  // Error: nothing can be written where temporary files go.
+  // Error: the folder for temporary files is not writable.
   static Outcome<Scratch> create() {
     std::error_code failed;
     std::string name = (std::filesystem::temp_directory_path(failed) / "ridgecast-XXXXXX").string();

@@ -1,5 +1,5 @@
-// The one includer of libtiff: TIFF and BigTIFF in strips or tiles, whatever libtiff unpacks, one band of integers or floats; and the
-// tags that make a TIFF a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, keys 34735) or GDAL's (NoData 42113).
+// The only includer of libtiff: TIFF and BigTIFF in strips or tiles, any packing that libtiff supports, one band of integers or floats; and
+// the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, keys 34735) and of GDAL (NoData 42113).
 
 #include <tiffio.h>
 
@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kGeoKeys = 34735, kNoData = 42113;
 
-thread_local std::string complaint;  // libtiff's first, since it was last cleared
+thread_local std::string complaint;  // libtiff's first error since it was last cleared
 
 void keepComplaint(const char*, const char* format, std::va_list arguments) {
   if (!complaint.empty()) return;
@@ -28,7 +28,7 @@ void keepComplaint(const char*, const char* format, std::va_list arguments) {
   complaint = text;
 }
 
-// libtiff only warns where tags cannot be read, and leaves them out: then a map would lie elsewhere, or be of another size.
+// libtiff only warns about unreadable tags and omits them; the map would then have another place or size.
 thread_local std::string warning;
 void keepWarning(const char*, const char* format, std::va_list arguments) {
   char text[200];
@@ -39,7 +39,7 @@ void keepWarning(const char*, const char* format, std::va_list arguments) {
   if (warning.empty() && lost) warning = said;
 }
 
-// libtiff must know the tags' types, or a hostile file chooses them.
+// libtiff must know the tags' types; otherwise a hostile file chooses them.
 void addTags(TIFF* tiff) {
   static char scale[] = "ModelPixelScale", tie[] = "ModelTiepoint", keys[] = "GeoKeyDirectory", none[] = "GDALNoData";
   static const TIFFFieldInfo fields[] = {
@@ -72,7 +72,7 @@ class TiffFile final : public RasterFile {
     setUpLibrary();
     complaint.clear();
     warning.clear();
-    tiff_ = TIFFOpen(name_.c_str(), "rm");  // without mapping: a file that shrinks must not end the server
+    tiff_ = TIFFOpen(name_.c_str(), "rm");  // not mapped: a file that shrinks must not kill the server
     if (!tiff_) return broken("this is no TIFF, or a broken one");
     if (!warning.empty())
       return Error{name_ + ": a part of what it says about itself cannot be read (" + warning + "); it is cut off or broken"};
@@ -123,7 +123,7 @@ class TiffFile final : public RasterFile {
     return {name_ + ": " + what + (complaint.empty() ? "" : " (" + complaint + ")") + "; it is cut off or broken"};
   }
 
-  // Strips and tiles must lie in the file, and be no larger than what is kept in memory of them.
+  // Strips and tiles must lie within the file and fit into the memory reserved for them.
   Outcome<void> checkPieces(std::uint64_t size) {
     if (TIFFIsTiled(tiff_)) {
       TIFFGetField(tiff_, TIFFTAG_TILEWIDTH, &tileWidth_);

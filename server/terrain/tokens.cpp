@@ -109,7 +109,7 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
       i = end;
       continue;
     }
-    // A function: qualifiers, type, perhaps [n], name, parameters.
+    // A function: qualifiers, type, optional [n], name, parameters.
     std::size_t open = i;
     while (isName(open)) ++open;
     if (is(open, "[") && isName(closing(tokens, open) + 1)) open = closing(tokens, open) + 2;

@@ -1,6 +1,6 @@
 #pragma once
-// A terrain file's text as tokens, and its top level as declarations: as much of GLSL's grammar as checking and translating need.
-// The text is what the GLSL front end has preprocessed and found to be GLSL.
+// A terrain file's text as tokens, and its top level as declarations: as much of GLSL's grammar as checking and translating need. The GLSL
+// front end has preprocessed and accepted the text.
 
 #include <cstddef>
 #include <string>
@@ -16,7 +16,7 @@ enum class Kind { kName, kNumber, kMark };
 struct Token {
   Kind kind;
   std::string text;
-  std::size_t line;  // of the person's file, from 1
+  std::size_t line;  // of the user's file, from 1
 };
 
 // Directives (lines that begin with #) are skipped. Error: a character that GLSL does not have; begins with "`file`:line: ".
@@ -24,19 +24,19 @@ Outcome<std::vector<Token>> tokenise(std::string_view file, std::string_view tex
 
 struct TopLevel {
   enum class What { kFunction, kPrototype, kStruct, kConstant } what;
-  std::vector<std::string> names;  // one, but constants may come several at a time
+  std::vector<std::string> names;  // one; constants may have several
   std::size_t line;
   std::size_t begin, end;                // of its tokens
   std::size_t parameters = 0, body = 0;  // functions: index of ( and of {
 };
 
-// Error: something that a terrain file does not have at its top level, such as a variable or a uniform; begins with "`file`:line: ".
+// Error: something that is not allowed at a terrain file's top level, such as a variable or a uniform; begins with "`file`:line: ".
 Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector<Token>& tokens);
 
 // Index of the mark that closes the one at `open`, or tokens.size().
 std::size_t closing(const std::vector<Token>& tokens, std::size_t open);
 
-// "float terrainHeight(ivec2, vec2, float, uint)": name and types alone, precision and parameter names left out.
+// "float terrainHeight(ivec2, vec2, float, uint)": only name and types, without precision and parameter names.
 std::string signatureOf(const std::vector<Token>& tokens, const TopLevel& function);
 
 bool isPrecision(const std::string& name);  // highp, mediump, lowp

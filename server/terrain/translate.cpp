@@ -11,10 +11,10 @@ namespace ridgecast::user_terrain {
 namespace {
 
 constexpr std::size_t kMostTripsWrittenOut = 32;
-constexpr double kMostInlined = 300'000;     // words; g++ takes about a minute for as many
-constexpr std::size_t kMostTokens = 60'000;  // of the translation; loops that would exceed it stay loops
+constexpr double kMostInlined = 300'000;     // words; g++ takes about a minute for this many
+constexpr std::size_t kMostTokens = 60'000;  // of the translation; loops that would exceed it are not unrolled
 
-// What C++ claims and GLSL does not; sorted.
+// Reserved in C++ but not in GLSL; sorted.
 constexpr std::array<std::string_view, 51> kClaimed = {"alignas",     "alignof",      "and",
                                                        "and_eq",      "auto",         "bitand",
                                                        "bitor",       "catch",        "char",
@@ -41,7 +41,7 @@ bool isAssignment(const std::string& t) {
          t == ">>=" || t == "++" || t == "--";
 }
 
-// "xyz", "rgb" or "stp" letters as indices; nothing when it is no swizzle.
+// "xyz", "rgb" or "stp" letters as indices; empty if not a swizzle.
 std::optional<std::vector<int>> swizzle(const std::string& name) {
   if (name.empty() || name.size() > 4) return std::nullopt;
   for (const std::string_view letters : {"xyzw", "rgba", "stpq"}) {
@@ -118,7 +118,7 @@ class Translator {
     }
   }
 
-  // Words of the functions of this name with all calls inside written out, as the compiler does it.
+  // Words of the functions of this name with all calls inlined, as the compiler does it.
   double inlined(const std::string& name) {
     if (const auto known = sizes_.find(name); known != sizes_.end()) return known->second;
     double size = 1;
@@ -161,7 +161,7 @@ class Translator {
     }
   }
 
-  // At a type: writes it, arrays as Array__<type, size>, with the name if one follows. Returns the index of what comes next.
+  // At a type: writes it, arrays as Array__<type, size>, with the name if one follows. Returns the index of the next token.
   std::size_t declared(std::size_t i, bool byReference) {
     std::size_t name = i + 1, open = i + 1;
     if (is(open, "["))
@@ -208,7 +208,7 @@ class Translator {
 
   std::string renamed(const std::string& name) const { return std::ranges::binary_search(kClaimed, name) ? "claimed__" + name : name; }
 
-  // `for (int i = 0; i < 5; ++i)` with numbers that are known, and a body that leaves i alone and never leaves early.
+  // `for (int i = 0; i < 5; ++i)` with constant numbers, and a body that neither changes i nor leaves early.
   std::optional<CountedLoop> counted(std::size_t open, std::size_t close, std::size_t bodyEnd) const {
     std::size_t i = open + 1;
     CountedLoop loop;
@@ -233,7 +233,7 @@ class Translator {
     return loop;
   }
 
-  // An integer literal, or the name of a constant of the file that is one.
+  // An integer literal, or the name of one of the file's integer constants.
   std::optional<long> number(std::size_t i) const {
     if (i >= tokens_.size()) return std::nullopt;
     if (tokens_[i].kind == Kind::kName) {
@@ -333,7 +333,7 @@ class Translator {
     }
   }
 
-  // Operators and component selection; returns the index of the last token it took.
+  // Operators and component selection. Returns the index of the last token it consumed.
   std::size_t mark(std::size_t i) {
     const std::string& t = tokens_[i].text;
     const bool literalNext =

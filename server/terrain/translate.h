@@ -1,7 +1,7 @@
 #pragma once
-// From checked GLSL to C++ that glsl_as_cpp.h, glsl_extras.h and prelude.glsl stand before: what terrainHeight needs of the file, and,
-// where it can be had so, terrainColor (else colours stay GLSL). Swizzles, `out`, arrays, literals and division are rewritten; small counted loops are written out,
-// which lets the loop over points become vector code; all others run down a counter of kMostSteps steps a point, after which they end.
+// From checked GLSL to C++ that follows glsl_as_cpp.h, glsl_extras.h and prelude.glsl: the parts of the file that terrainHeight needs, and
+// terrainColor if possible (otherwise colours stay GLSL). Rewrites swizzles, `out`, arrays, literals and division. Unrolls small counted
+// loops, so that the loop over points becomes vector code. All other loops count down kMostSteps steps a point and then end.
 
 #include <cstdint>
 #include <string>
@@ -13,7 +13,7 @@
 namespace ridgecast::user_terrain {
 
 inline constexpr int kMostSteps = 10'000;                 // of loops, for one height
-inline constexpr std::uint32_t kOutOfSteps = 0x7fc0dead;  // the bits of what such a height is instead: a NaN of our own
+inline constexpr std::uint32_t kOutOfSteps = 0x7fc0dead;  // the bits of the NaN that replaces such a height
 
 struct Translation {
   std::string text;      // with #line directives that name kPersonsFile
@@ -23,7 +23,7 @@ struct Translation {
 
 inline constexpr std::string_view kPersonsFile = "terrain.glsl";
 
-// Error: something that heights cannot have, such as assigning to several components at once; begins with "`file`:line: ".
+// Error: something that heights do not support, such as assigning to several components at once; begins with "`file`:line: ".
 Outcome<Translation> translate(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items,
                                bool colours = false);
 
