@@ -39,7 +39,7 @@ constexpr std::size_t kInFlight = 16;  // queries
 Ground::Ground(const wire::World& world, Ask ask, std::chrono::milliseconds timeout)
     : ask_(std::move(ask)), timeout_(timeout), local_(builtInOf(world)) {}
 
-// `count` things in batches of `each`, `numbers` of the answer to each thing.
+// `count` items in batches of `each`; each item's answer has `numbers` numbers.
 template <class Number, class Make, class Take>
 Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                           const Take& take) {

@@ -1,11 +1,11 @@
 #pragma once
 // The true terrain of a session's world, for simulations: heights, normals, rays.
 //
-// Where the terrain is one that is built in here and its content hash is the world's, the answers are made here, at once; else the server
-// is asked, in batches, and a call waits for it. Both are the same bits. (What the held mesh says is another thing: mesh_ground.h.)
+// If a built-in terrain here has the world's content hash, answers are computed locally, at once. Otherwise the server is asked, in
+// batches, and each call waits for its answers. Both give the same bits. (For the mesh held by the client: mesh_ground.h.)
 //
-// Places are steps of the lattice (1/256 m); toSteps() makes them of metres. Not thread-safe where the server is asked, but several may
-// share a connection; local answers may be had from any thread.
+// Places are steps of the lattice (1/256 m); toSteps() converts metres. Local answers: any thread. Answers from the server: not
+// thread-safe, but several grounds may share a connection.
 
 #include <chrono>
 #include <cstdint>
@@ -38,16 +38,16 @@ class Ground {
 
   Source source() const { return local_ ? Source::kLocal : Source::kServer; }
 
-  // Heights in metres, as the terrain function returns them. x, z and out have the same size, and all errors are the server's: it is gone,
-  // or did not answer in time. `out` is then undefined.
+  // Heights in metres, as the terrain function returns them. x, z and out have the same size. Errors: the server is gone or did not answer
+  // in time; `out` is then undefined.
   Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out);
-  // Unit normals, three numbers each, over `spacing` steps to each side (ground.h).
+  // Unit normals, three numbers each, over `spacing` steps to each side (common/ground/ground.h).
   Outcome<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
                         std::uint32_t spacing = ground::kDefaultSpacing);
-  // Metres along each ray to the ground, ground::kNoHit where it meets none.
+  // Metres along each ray to the ground; ground::kNoHit if it meets none.
   Outcome<void> cast(std::span<const ground::Ray> rays, std::span<double> out);
 
-  // One place, for those who ask for one alone; metres.
+  // The height of a single place; metres.
   Outcome<double> height(double x, double z);
 
  private:

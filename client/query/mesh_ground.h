@@ -1,9 +1,9 @@
 #pragma once
-// What the mesh that a client holds says about the ground: never without how far that may be from the truth. (The truth itself: ground.h.)
+// The ground according to the mesh held by a client, always with a bound of its error. (For the true terrain: ground.h.)
 //
-// The bound of a place is the one its leaf came with: the server looked at the true terrain densely (server/query/query.h) and says how far
-// the leaf's triangles are from it at most. Leaves come with it when hello asked for `errors`, and in the answer to a question for the
-// ground around a point; without it, `bound` is infinite.
+// A place's bound is that of its leaf: the server sampled the true terrain densely (server/query/query.h) and reports the largest distance
+// of the leaf's triangles from it. Leaves carry bounds if hello requested `errors`, and in answers to requests for the ground around a
+// point. Otherwise `bound` is infinite.
 
 #include <cstdint>
 #include <optional>
@@ -17,22 +17,22 @@ namespace ridgecast::query {
 
 struct MeshHeight {
   double height = 0;                             // metres, of the mesh
-  double bound = 0;                              // metres: the true terrain is at most so much higher or lower here
+  double bound = 0;                              // metres: the true terrain is at most this much higher or lower here
   double normalX = 0, normalY = 1, normalZ = 0;  // of the triangle
 };
 
 struct MeshHit {
   double distance = 0;  // metres along the ray, to the mesh
-  double bound = 0;     // metres, vertically: of the leaf that was met
+  double bound = 0;     // metres, vertically: of the leaf that was hit
 };
 
-// Of a scene as it is when asked; nothing where no held triangle is. Tens of microseconds.
+// Of the scene's current state; empty if no held triangle is there. Tens of microseconds.
 std::optional<MeshHeight> heightOf(const scene::Scene& scene, lattice::Point at);
-// The first triangle that the ray meets from above or below. Looks at the triangles of all leaves in its way: milliseconds.
+// The first triangle that the ray meets, from above or below. Searches the triangles of all leaves along it: milliseconds.
 std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray);
 
-// The ground around a point, as a scene of its own: all triangles over the circle. Waits for the server. Errors: its, or
-// what cannot be decoded. `error` is what was reached: more than was asked for when the triangle budget does not allow it.
+// The ground around a point, as its own scene: all triangles over the circle. Waits for the server. Errors: the server's, or an undecodable
+// answer. `error` is what was reached: more than requested if the triangle budget does not allow it.
 struct Patch {
   scene::Scene scene;
   double error = 0;
