@@ -1,6 +1,6 @@
 #pragma once
-// Hands out ranges of a growing array (first fit, neighbours joined when given back): the bookkeeping of the mesh's two large buffers.
-// Not thread-safe.
+// Hands out ranges of a growing array (first fit; returned neighbours are joined): the bookkeeping of the mesh's two large buffers. Not
+// thread-safe.
 
 #include <cstddef>
 #include <map>
@@ -16,11 +16,11 @@ class Arena {
   std::size_t capacity() const { return capacity_; }
   std::size_t used() const { return used_; }
 
-  // The start of `size` >= 1 free elements; nothing when no gap is that long: then grow().
+  // The start of `size` >= 1 free elements; empty if no gap is that long: then call grow().
   std::optional<std::size_t> take(std::size_t size);
-  // Exactly a range that take() gave.
+  // Takes back exactly a range from take().
   void giveBack(std::size_t start, std::size_t size);
-  // Adds room at the end; `capacity` is not less than before.
+  // Adds space at the end; `capacity` must not shrink.
   void grow(std::size_t capacity);
 
  private:

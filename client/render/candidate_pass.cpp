@@ -33,7 +33,7 @@ void CandidatePass::draw(const View& view, const Surface& surface, const Canvas&
   std::vector<Dot> dots;
   dots.reserve(points.size());
   for (auto c = points.rbegin(); c != points.rend(); ++c)
-    // Whole steps first, so that far out is as exact as here.
+    // Differences in whole steps first: exact at any distance.
     dots.push_back({static_cast<float>((static_cast<double>(c->at.x - pose.x) - pose.remainderX) * lattice::kMetresPerStep),
                     static_cast<float>(c->at.y * lattice::kMetresPerStep - pose.y),
                     static_cast<float>((static_cast<double>(c->at.z - pose.z) - pose.remainderZ) * lattice::kMetresPerStep),

@@ -1,5 +1,5 @@
 #pragma once
-// Candidates as dots over a picture of the mesh, where the surface does not hide them. Needs the context it was made in.
+// Candidates as dots over a picture of the mesh, except where the surface hides them. Needs the context it was made in.
 
 #include <array>
 #include <functional>
@@ -12,13 +12,13 @@
 
 namespace ridgecast::render {
 
-// The colour of a candidate by its error in pixels, as a display value of 0..1.
+// A candidate's colour by its error in pixels, as display values of 0..1.
 using CandidateColour = std::function<std::array<float, 3>(float pixels)>;
 
 class CandidatePass {
  public:
   static Outcome<CandidatePass> create();
-  // `surface` is where the mesh is, `canvas` the picture; both of the view's size. The worst of `points` come first, and are drawn last.
+  // `surface` is the mesh's, `canvas` the picture; both of the view's size. `points` begins with the worst, which are drawn last.
   void draw(const View& view, const Surface& surface, const Canvas& canvas, const std::vector<wire::Candidate>& points,
             const CandidateColour& colour) const;
 

@@ -12,7 +12,7 @@ namespace ridgecast::render {
 namespace {
 
 bool libraryExists(const char* name) {
-  // libepoxy aborts the program when it cannot load a library, so look first.
+  // libepoxy aborts the program if it cannot load a library, so try first.
   void* library = dlopen(name, RTLD_LAZY | RTLD_LOCAL);
   if (library) dlclose(library);
   return library != nullptr;
@@ -73,7 +73,8 @@ Outcome<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
     }
   }
   if (!anyDisplay)
-    return Error{"no OpenGL: drawing without a window needs an EGL driver, but none could be started: install libegl-mesa0 and libgl1-mesa-dri"};
+    return Error{
+        "no OpenGL: drawing without a window needs an EGL driver, but none could be started: install libegl-mesa0 and libgl1-mesa-dri"};
   return Error{
       "no EGL driver of this machine offers an OpenGL 3.3 core context without a window: install libgl1-mesa-dri or a newer graphics "
       "driver"};
@@ -82,7 +83,7 @@ Outcome<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
 HeadlessContext::~HeadlessContext() {
   eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
   eglDestroyContext(display_, context_);
-  // The display stays: it belongs to the process, not to this context, and others may be drawing on it.
+  // The display stays: it belongs to the process, and others may be drawing on it.
 }
 
 std::string contextDescription() {

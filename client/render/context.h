@@ -11,8 +11,8 @@ namespace ridgecast::render {
 
 class HeadlessContext {
  public:
-  // Makes the context current on the calling thread; everything of this room must then be used on that thread. Errors: no EGL library,
-  // no EGL display, no OpenGL 3.3 core; each says what to install or to try.
+  // Makes the context current on the calling thread, the only thread that may use this room afterwards. Errors: no EGL library, no EGL
+  // display, no OpenGL 3.3 core; each says what to install or try.
   static Outcome<std::unique_ptr<HeadlessContext>> create();
   ~HeadlessContext();
   HeadlessContext(const HeadlessContext&) = delete;
@@ -24,7 +24,7 @@ class HeadlessContext {
   void* context_;
 };
 
-// The current context's renderer and version, for figures: "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5". Needs a current context.
+// The current context's renderer and version, for results: "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5". Needs a current context.
 std::string contextDescription();
 
 }  // namespace ridgecast::render

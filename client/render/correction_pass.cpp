@@ -7,12 +7,12 @@
 namespace ridgecast::render {
 namespace {
 
-// The mesh's own plane gives the first step's slope, the two last heights that of the others. No slope is taken for flatter than a
-// quarter of the mesh's, and no step is longer than what lifts the ground by kMostSamples samples' widths.
-// Where that has not come to within a sample's width of the ground, or to the wrong side of where it began, or where the mesh is seen edge on, its slope
-// does not say where the ground is: then the ray is searched from the mesh on, forwards above the ground and backwards below it, with steps that grow, and
-// a crossing that was found is closed in on. Where the mesh stands out over the ground the ray so comes to what lies behind, or to the sky. Without
-// a crossing the mesh's own point stays.
+// The mesh's plane gives the slope of the first step, the last two heights that of the others. A slope counts as at least a quarter of the
+// mesh's, and a step is at most what lifts the ground by kMostSamples samples' widths.
+// The steps fail if they do not end within a sample's width of the ground, if they end on the wrong side of their start, or if the mesh is
+// seen edge on. Then the ray is searched from the mesh on, with growing steps: forwards above the ground, backwards below it. A crossing is
+// then located precisely. Where the mesh rises above the ground, the ray so reaches what lies behind, or the sky. Without a crossing the
+// mesh's own point stays.
 constexpr std::string_view kCorrect = R"(
 uniform sampler2D correctSurface;
 uniform int correctSteps;

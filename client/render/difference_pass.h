@@ -1,6 +1,6 @@
 #pragma once
-// How two canvases differ, as a heat map in the window: the distance of their display values from 0 (black) through violet and orange to
-// light yellow (a quarter of the full range and more), which colour-blind eyes tell apart. Needs the context it was made in.
+// The difference of two canvases as a heat map in the window: the distance of their display values from 0 (black) through violet and orange
+// to light yellow (a quarter of the full range and more), distinguishable for colour-blind eyes. Needs the context it was made in.
 
 #include <array>
 
@@ -16,7 +16,7 @@ inline constexpr std::array<std::array<float, 3>, 5> kDifferenceRamp = {
 class DifferencePass {
  public:
   static Outcome<DifferencePass> create();
-  // Into framebuffer 0, whole, `width` x `height` pixels; canvases of any size are stretched over it.
+  // Into framebuffer 0, whole, `width` x `height` pixels; stretches canvases of any size over it.
   void present(const Canvas& a, const Canvas& b, int width, int height) const;
 
  private:

@@ -9,7 +9,7 @@
 namespace ridgecast::render {
 namespace {
 
-// Mesa writes "1:23(4): error: ...", NVIDIA "1(23) : error ...": the number before is the piece.
+// Mesa writes "1:23(4): error: ...", NVIDIA "1(23) : error ...": the first number is the piece.
 std::string firstComplaints(std::string log, std::span<const Program::Piece> pieces) {
   while (!log.empty() && (log.back() == '\n' || log.back() == '\0')) log.pop_back();
   if (log.size() > 800) log.resize(800);

@@ -1,5 +1,5 @@
 #pragma once
-// Owners of OpenGL names and the way from text to program. All of it needs the context that was current when it was made.
+// Owners of OpenGL names, and programs from text. Everything needs the context that was current when it was made.
 
 #include <cstdint>
 #include <span>
@@ -11,7 +11,7 @@
 
 namespace ridgecast::render {
 
-// A name and the function that gives it back; 0 owns nothing.
+// A name and the function that releases it; 0 owns nothing.
 class GlObject {
  public:
   using Release = void (*)(std::uint32_t);
@@ -43,20 +43,20 @@ GlObject makeFramebuffer();
 // A texture of one level without filtering; `internalFormat` is OpenGL's: colours, depth, or integers (GL_RGBA32I).
 GlObject makeTexture(std::uint32_t internalFormat, std::uint32_t width, std::uint32_t height);
 
-// The next drawing goes to all of a framebuffer (0: the window's), with nothing in between: no scissor, depth test, blending or culling.
+// Directs drawing to all of a framebuffer (0: the window's), without scissor, depth test, blending or culling.
 void drawInto(std::uint32_t framebuffer, std::uint32_t width, std::uint32_t height);
 // One triangle that covers the target, for programs with shaders::full_screen; any vertex array.
 void drawFullScreen(const GlObject& vertexArray);
 
-// A linked program. Setting a uniform that the program does not have is no error: the compiler drops what is not used.
+// A linked program. Setting a uniform that it does not have is not an error: the compiler drops unused ones.
 class Program {
  public:
-  // Fragment shaders are given in pieces, joined behind the version line, each with its own #line so that messages name the piece.
+  // Fragment shaders come in pieces, joined after the version line, each with its own #line so that messages name the piece.
   struct Piece {
     std::string_view name;
     std::string_view text;
   };
-  // Error: the compiler's or linker's first complaints with the piece's name and line.
+  // Error: the first messages of compiler or linker, with the piece's name and line.
   static Outcome<Program> build(std::string_view what, std::string_view vertexSource, std::span<const Piece> fragmentPieces);
   static Outcome<Program> build(std::string_view what, std::string_view vertexSource, std::string_view fragment) {
     const Piece whole{what, fragment};

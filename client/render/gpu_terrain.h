@@ -1,6 +1,6 @@
 #pragma once
-// A terrain that came as GLSL, evaluated by the graphics driver and by nothing else: nothing that a network sent becomes machine code
-// of this program. Heights have the bits of the server's where the driver does not fuse multiplication and addition.
+// A terrain received as GLSL, evaluated only by the graphics driver: nothing from a network becomes machine code of this program. Heights
+// have the same bits as the server's if the driver does not fuse multiplication and addition.
 
 #include <memory>
 
@@ -10,9 +10,8 @@
 
 namespace ridgecast::render {
 
-// Unlike other terrains it may be called on one thread only: that of the context that was current when it was made, while it is
-// current. Error: the driver does not compile the terrain; names the line.
-// A height map's text needs `heights`, which the terrain refers to.
+// Unlike other terrains, callable only on the thread of the context that was current when it was made, while it is current. Error: the
+// driver does not compile the terrain; names the line. A height map's text needs `heights`, which the terrain refers to.
 class HeightTexture;
 Outcome<std::shared_ptr<const terrain::Terrain>> gpuTerrain(std::string name, const TerrainText& text,
                                                             const HeightTexture* heights = nullptr);

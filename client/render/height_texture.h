@@ -1,7 +1,6 @@
 #pragma once
-// The window of a height map (scene::HeightWindow) as a texture: 2,048 x 2,048 samples that wrap around, so that only what is new is
-// uploaded when the camera moves, and a pyramid of eight levels for shading from afar. 22 MiB on the graphics card.
-// Needs the context it was made in.
+// The window of a height map (scene::HeightWindow) as a texture: 2,048 x 2,048 samples that wrap around, so that a moving camera uploads
+// only what is new, and a pyramid of eight levels for distant shading. 22 MiB on the graphics card. Needs the context it was made in.
 
 #include <array>
 #include <cstdint>
@@ -19,13 +18,13 @@ class HeightTexture {
   static constexpr int kLevels = 8;           // the coarsest has one texel a tile
 
   explicit HeightTexture(const terrain::RasterShape& shape);
-  // Uploads what the window has and the texture has not, at most `most` tiles. Whether everything is there now.
+  // Uploads at most `most` tiles that the texture lacks. Returns whether it now has everything.
   bool update(const scene::HeightWindow& window, std::size_t most = 64);
   std::uint64_t version() const { return version_; }  // grows with every change
 
   // Sets the uniforms of accessor() and binds the texture to unit 3; the program must be in use.
   void bind(const Program& program) const;
-  // GLSL that raster.glsl wants before it.
+  // GLSL that must precede raster.glsl.
   static std::string_view accessor();
 
  private:

@@ -1,5 +1,5 @@
 #pragma once
-// How this client draws a server's world, and what it knows of the ground.
+// How this client draws a server's world, and its knowledge of the ground.
 
 #include <memory>
 #include <string>
@@ -13,21 +13,21 @@ namespace ridgecast::render {
 
 struct Drawing {
   TerrainText text;                                 // for the shaders; neutral: mesh normals and a ramp of heights, no ray march
-  std::shared_ptr<const terrain::Terrain> terrain;  // null when neutral; else see gpuTerrain for the thread that may call it
-  std::shared_ptr<scene::HeightWindow> window;      // of a height map: the same terrain, to be fed with tiles; else null
-  std::string why;                                  // when neutral: one sentence for a person
+  std::shared_ptr<const terrain::Terrain> terrain;  // null if neutral; otherwise see gpuTerrain for the thread that may call it
+  std::shared_ptr<scene::HeightWindow> window;      // of a height map: the same terrain, to be fed with tiles; otherwise null
+  std::string why;                                  // if neutral: one sentence for people
 };
 
-// A built-in terrain of this client's own, when the content hash says that it is the server's: nothing received is used. Else the GLSL
-// received, through the graphics driver alone, if `remoteShaders` allows it, the server has sent it and the driver compiles it.
-// A height map's text is made here from its shape, and used when it is what the server has sent; its heights come as tiles. A private
-// terrain's colours come with the vertices. Otherwise neutral. Needs a current context.
+// In this order: a built-in terrain of this client whose content hash is the server's (nothing received is used); the received GLSL,
+// through the graphics driver alone, if `remoteShaders` allows it and the driver compiles it; neutral. A height map's text is made here
+// from its shape and used if it equals the server's; its heights come as tiles. A private terrain's colours come with the vertices. Needs a
+// current context.
 Drawing drawingOf(const wire::World& world, bool remoteShaders);
-// What is left where the driver rejects the text after all, in another pass: `why` is its complaint.
+// The fallback when the driver rejects the text in a later pass: `why` is its message.
 Drawing neutralDrawing(const wire::World& world, const std::string& why);
 
-// create(drawing.text); where the driver rejects a terrain's text, what draws the mesh without, for the mesh itself needs none: `drawing` is then
-// the neutral one and says why.
+// Returns create(drawing.text). If the driver rejects a terrain's text, returns what draws the mesh without it; `drawing` is then the
+// neutral one and says why.
 template <class Create>
 auto createOrNeutral(const wire::World& world, Drawing& drawing, const Create& create) {
   auto made = create(drawing.text);

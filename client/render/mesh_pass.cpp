@@ -75,8 +75,8 @@ void write(const GlObject& buffer, std::size_t start, std::size_t bytes, const v
   glBufferSubData(GL_COPY_WRITE_BUFFER, static_cast<GLintptr>(start), static_cast<GLsizeiptr>(bytes), data);
 }
 
-// What goes into one buffer with one update. Each call costs a driver microseconds and may make it wait for what it still draws: ranges that lie side
-// by side, all of them in a buffer that was empty, go together.
+// One update's writes into one buffer. Each call costs a driver microseconds and may wait for drawing in progress, so adjacent ranges go
+// together, as does everything for an empty buffer.
 class Writes {
  public:
   void add(std::size_t start, std::size_t bytes, const void* data) { parts_.push_back({start, bytes, data}); }
@@ -119,7 +119,7 @@ Outcome<MeshPass> MeshPass::create(bool shaded) {
   return MeshPass(std::move(*program), reversed, shaded);
 }
 
-// Room for a leaf, and its shades; its vertices and indices are written by update().
+// Reserves space for a leaf and its shades; update() writes its vertices and indices.
 void MeshPass::place(const scene::HeldLeaf& held, Slot& slot) {
   const mesh::LeafMesh& leaf = *held.mesh;
   slot.vertices = leaf.vertices.size();
@@ -204,7 +204,7 @@ MeshPass::Drawn MeshPass::drawLeaves(const View& view, const Program& program, i
   for (const auto& [address, slot] : slots_) {
     if (!slot.indices) continue;
     const lattice::Step x = address.x() - pose.x, z = address.z() - pose.z;
-    constexpr lattice::Step kFarthest = std::numeric_limits<std::int32_t>::max() / 2;  // 4,194 km: a stale scene after a jump
+    constexpr lattice::Step kFarthest = std::numeric_limits<std::int32_t>::max() / 2;  // 4,194 km: an outdated scene after a jump
     if (std::abs(x) > kFarthest || std::abs(z) > kFarthest) continue;
     const auto metres = [](double steps) { return steps * lattice::kMetresPerStep; };
     if (!frustum.mayIntersect({metres(double(x + slot.low.x) - 1), metres(slot.low.y - cameraY - 1), metres(double(z + slot.low.z) - 1)},

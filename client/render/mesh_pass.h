@@ -1,6 +1,6 @@
 #pragma once
-// Draws the mesh held into a surface. Vertices stay integers on the graphics card; the leaf's corner relative to the camera's own step
-// is an integer too, so 10^12 m out is as exact as the origin and neighbours cannot crack. Needs the context it was made in.
+// Draws the held mesh into a surface. Vertices stay integers on the graphics card, and the leaf's corner relative to the camera's step is
+// an integer too: 10^12 m out is as exact as the origin, and neighbours cannot crack. Needs the context it was made in.
 
 #include <cstdint>
 #include <functional>
@@ -14,16 +14,16 @@
 
 namespace ridgecast::render {
 
-// Metres in front of the camera at which the mesh is cut off.
+// Metres in front of the camera at which the mesh is clipped.
 inline constexpr double kNear = 0.1;
 
 class MeshPass {
  public:
-  // `shaded`: leaves bring shades along, which are lit into the surface's carried colours.
+  // `shaded`: leaves carry shades, which are lit into the surface's carried colours.
   static Outcome<MeshPass> create(bool shaded = false);
   bool shaded() const { return shaded_; }
 
-  // Copies leaves that are new or whose version grew, forgets those that are gone. Memory follows what the scene holds (doubling).
+  // Copies leaves that are new or have a newer version, and drops those that are gone. Memory follows what the scene holds (doubling).
   void update(const scene::Scene& scene);
   void update(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves);
 
@@ -31,8 +31,8 @@ class MeshPass {
     std::uint32_t leaves = 0;
     std::uint64_t triangles = 0;
   };
-  // Clears the surface and draws what update() left; leaves outside the view are skipped by their bounding boxes.
-  // The surface has the view's size.
+  // Clears the surface and draws the leaves of the last update(), except those whose bounding box is out of view. The surface has the
+  // view's size.
   Drawn draw(const View& view, const Surface& surface) const;
 
   // The same triangles once more, into whatever framebuffer is bound, with a program of one's own that is in use and has the vertex shader
@@ -47,7 +47,7 @@ class MeshPass {
   struct Slot {
     std::uint64_t version = 0;
     std::size_t firstVertex = 0, vertices = 0, firstIndex = 0, indices = 0;
-    mesh::LocalVertex low, high;  // bounding box, as the leaf's vertices
+    mesh::LocalVertex low, high;  // bounding box, like the leaf's vertices
   };
   MeshPass(Program program, bool reversedDepth, bool shaded);
   void bindArrays() const;
@@ -56,7 +56,8 @@ class MeshPass {
   void giveBack(const Slot& slot);
 
   Program program_;
-  bool reversedDepth_;  // float depth from 1 at the near plane to 0 at infinity; else logarithmic depth, written by the fragment shader
+  // float depth from 1 at the near plane to 0 at infinity; otherwise logarithmic depth, written by the fragment shader
+  bool reversedDepth_;
   bool shaded_;
   int leafOffset_ = -1;
   GlObject vertexArray_, vertexBuffer_, indexBuffer_, shadeBuffer_;  // shades lie where their vertices do

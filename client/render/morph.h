@@ -1,7 +1,7 @@
 #pragma once
-// Which two meshes are blended, and by how much: a change of the mesh is shown over kMorphSeconds, and what changes meanwhile is taken
-// up when that has been shown. What is shown is so at most two of these behind what is held.
-// Holds at most two generations of leaves beside the scene's; geometry that they share is shared.
+// Which two meshes are blended, and in which ratio: a change of the mesh is shown over kMorphSeconds. Further changes wait until that is
+// done, so the picture is at most two such intervals behind. Holds at most two generations of leaves beside the scene's; they share
+// unchanged geometry.
 
 #include <algorithm>
 #include <cstdint>
@@ -18,8 +18,8 @@ class Morph {
  public:
   using Leaves = std::map<lattice::LeafAddress, scene::HeldLeaf>;
 
-  // Once a frame. `now` in seconds ascends; `version` tells states of the leaves apart; without `smooth` a change shows at once.
-  // The first mesh shows at once as well.
+  // Call once a frame. `now` in seconds ascends; `version` tells states of the leaves apart. Without `smooth`, and for the first mesh, a
+  // change shows at once.
   void advance(const Leaves& leaves, std::uint64_t version, double now, bool smooth) {
     if (began_ && now - *began_ >= kMorphSeconds) settle();
     if (version == version_) return;
@@ -34,7 +34,7 @@ class Morph {
     }
   }
   bool active() const { return began_.has_value(); }
-  // Of to(), 0..1.
+  // The share of to(), 0..1.
   float share(double now) const { return began_ ? static_cast<float>(std::clamp((now - *began_) / kMorphSeconds, 0.0, 1.0)) : 1.0f; }
   const Leaves& from() const { return from_; }
   const Leaves& to() const { return to_; }

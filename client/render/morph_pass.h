@@ -1,9 +1,8 @@
 #pragma once
-// Blends what two meshes show into one surface, so that a mesh that changes never jumps: through each sample the ground moves along the
-// ray from where the first mesh has it to where the second does. New vertices so grow out of the surface that was there, and edges
-// that flip, leaves that split and vertices that go need nothing of their own. Where the two see different ground (a silhouette that
-// moves, more than a twentieth of the distance apart) or one sees sky, samples change over one by one.
-// Needs the context it was made in.
+// Blends two meshes' surfaces into one, so that a changing mesh never jumps: each sample moves along its ray from the first mesh's ground
+// to the second's. So new vertices grow out of the existing surface; flipped edges, split leaves and removed vertices need no special case.
+// Where the two see different ground (a moving silhouette, more than a twentieth of the distance apart), or one sees sky, samples switch
+// one by one. Needs the context it was made in.
 
 #include "client/render/gl_objects.h"
 #include "client/render/surface.h"
@@ -13,7 +12,7 @@ namespace ridgecast::render {
 class MorphPass {
  public:
   static Outcome<MorphPass> create();
-  // `share` of the second surface, 0..1. All three have one size, and carry colours all or none.
+  // `share` of the second surface, 0..1. All three have the same size; all or none carry colours.
   void blend(const Surface& from, const Surface& to, float share, const Surface& out) const;
 
  private:

@@ -18,7 +18,7 @@ struct Picture {
 };
 
 // The mean of n x n blocks, in display values, rounded to nearest; width and height must be multiples of n >= 1.
-// A pixel shows terrain when all of its samples do.
+// The downsampled pixel shows terrain if all of its samples do.
 Picture downsample(const Picture& picture, std::uint32_t n);
 
 // JPEG; quality 1..100.
@@ -26,7 +26,7 @@ std::string encodeJpeg(const Picture& picture, int quality);
 
 // Error: the file cannot be written.
 Outcome<void> writePng(const Picture& picture, const std::filesystem::path& file);
-// Colours alone; `terrain` stays empty. Error: not a readable PNG.
+// Reads only colours; `terrain` stays empty. Error: not a readable PNG.
 Outcome<Picture> readPng(const std::filesystem::path& file);
 
 }  // namespace ridgecast::render

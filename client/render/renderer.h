@@ -1,5 +1,5 @@
 #pragma once
-// Pictures of one world, from the mesh held and by ray march, drawn off screen. Needs the context it was made in.
+// Pictures of one world, from the held mesh and by ray march, drawn off screen. Needs the context it was made in.
 
 #include <chrono>
 #include <cstdint>
@@ -18,8 +18,8 @@
 
 namespace ridgecast::render {
 
-// Heights that the terrain does not leave within `radius` metres around a point: sampled every 128 m, with a margin of 400 m for what lies between;
-// a height map's are those of all its samples.
+// Bounds of the terrain's heights within `radius` metres around a point: sampled every 128 m, with a margin of 400 m for what lies between.
+// A height map's are those of all its samples.
 struct HeightBounds {
   double lowest = 0, highest = 0;
 };
@@ -33,12 +33,12 @@ class Renderer {
   struct Drawn {
     Picture picture;
     double milliseconds = 0;     // drawing and shading, all samples; not reading back
-    double cpuMilliseconds = 0;  // of this process's threads meanwhile: what a software driver costs, whatever else the machine does
+    double cpuMilliseconds = 0;  // of all threads of this process: what a software driver costs, independent of other programs
   };
-  // The view is that of the picture; n x n samples a pixel, averaged as display values. Error: a picture larger than the driver draws.
+  // The view is the picture's; n x n samples a pixel, averaged as display values. Error: a picture larger than the driver can draw.
   Outcome<Drawn> drawMesh(const scene::Scene& scene, const View& view, std::uint32_t samples = 1);
   Outcome<Drawn> drawMesh(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view, std::uint32_t samples = 1);
-  // What is between two meshes (morph_pass.h).
+  // The blend of two meshes (morph_pass.h).
   Outcome<Drawn> drawMorph(const std::map<lattice::LeafAddress, scene::HeldLeaf>& from,
                            const std::map<lattice::LeafAddress, scene::HeldLeaf>& to, float share, const View& view,
                            std::uint32_t samples = 1);
@@ -47,11 +47,11 @@ class Renderer {
                                int steps = kCorrectionSteps);
   Outcome<Drawn> drawMarch(const View& view, std::uint32_t samples = 1, float fineness = 1);
 
-  // What was drawn last, coloured anew: by another `filtered`. The camera and the samples must be the same.
+  // The last drawing, coloured again with another `filtered`. Camera and samples must be the same.
   Outcome<Drawn> shadeAgain(const View& view, std::uint32_t samples = 1);
-  // Where it has its samples: x, y, z in metres from the camera and 1 for ground, 0 for sky; rows from top to bottom.
+  // The last drawing's samples: x, y, z in metres from the camera, and 1 for ground or 0 for sky; rows from top to bottom.
   std::vector<float> positions() const;
-  // Brings the graphics card up to what is held, without drawing; milliseconds until it is there.
+  // Uploads the given leaves without drawing; returns the milliseconds until they are on the graphics card.
   double upload(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves);
 
  private:
@@ -70,7 +70,7 @@ class Renderer {
   CorrectionPass correction_;
   MarchPass march_;
   ShadePass shade_;
-  std::optional<Surface> surface_, first_, second_;  // the last two for morphs, the first of them also for what is corrected
+  std::optional<Surface> surface_, first_, second_;  // the last two for morphs, the first of them also for corrections
   std::optional<Canvas> canvas_;
 };
 

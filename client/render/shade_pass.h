@@ -1,6 +1,6 @@
 #pragma once
-// Colours a surface: terrain by its own functions at the surface's positions, filtered by the sample's footprint; sky elsewhere and
-// from the horizon on. Mesh and ray march go through this one pass. Needs the context it was made in.
+// Colours a surface: terrain by its own functions at the surface's positions, filtered by the sample's footprint; sky elsewhere and beyond
+// the horizon. Mesh and ray march share this pass. Needs the context it was made in.
 
 #include <cstdint>
 
@@ -25,10 +25,10 @@ class ShadePass {
   std::uint32_t seed_;
 };
 
-// Reads a canvas back; waits until everything is drawn.
+// Reads a canvas back; waits until drawing is complete.
 Picture readBack(const Canvas& canvas);
 
-// Copies a canvas into a rectangle of the window (or whatever framebuffer 0 is), stretched, pixels from the bottom left.
+// Copies a canvas, stretched, into a rectangle of the window (framebuffer 0), in pixels from the bottom left.
 struct Rectangle {
   int x = 0, y = 0, width = 0, height = 0;
 };

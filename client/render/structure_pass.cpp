@@ -11,7 +11,8 @@
 namespace ridgecast::render {
 namespace {
 
-// A little behind what is seen is still seen: lines are not sampled where triangles are, and a morphing surface lies between two meshes.
+// Lines slightly behind the surface are still visible: lines and triangles are sampled at different places, and a morphing surface lies
+// between two meshes.
 constexpr std::string_view kSeen = R"(
 uniform sampler2D structureSurface;
 uniform vec3 viewForward;
@@ -26,7 +27,7 @@ float seen(float tolerance) {  // 0: hidden; fades out towards the horizon
 }
 )";
 
-// Where triangles are specks their edges would be all there is to see: they fade out with the size that a leaf's have on screen.
+// Edges fade out with the size of a leaf's triangles on screen; otherwise tiny triangles would leave nothing but edges.
 constexpr std::string_view kEdges = R"(
 uniform float pixels;  // that the side of one of the leaf's triangles covers at a depth of one metre
 void main() {
@@ -50,7 +51,7 @@ void main() {
 }
 )";
 
-// One over the whole picture.
+// One fill over the whole picture.
 constexpr std::string_view kFrustum = R"(
 uniform sampler2D structureSurface;
 uniform vec3 fromFrozen;  // the camera, seen from the frozen one; metres

@@ -1,6 +1,6 @@
 #pragma once
-// What a rendering sees through each sample: the position of the terrain there, relative to the camera in metres (x, y, z), and whether
-// there is any (w: 1 terrain, 0 sky). Both renderings write surfaces, one pass shades either: equal positions get equal colours.
+// What a rendering sees through each sample: the terrain's position relative to the camera in metres (x, y, z), and whether there is any
+// (w: 1 terrain, 0 sky). Both renderings write surfaces and one pass shades both: equal positions get equal colours.
 
 #include <cstdint>
 
@@ -11,8 +11,8 @@ namespace ridgecast::render {
 
 class Surface {
  public:
-  // Error: the driver refuses a picture of this size.
-  // With `carried` it also takes what vertices bring along: linear light (r, g, b), from the mesh pass alone.
+  // Error: the driver refuses a picture of this size. With `carried`, also holds the colours of vertices: linear light (r, g, b), written
+  // only by the mesh pass.
   static Outcome<Surface> create(std::uint32_t width, std::uint32_t height, bool carried = false);
   std::uint32_t carried() const { return carried_.name(); }  // texture; 0: none
   std::uint32_t width() const { return width_; }

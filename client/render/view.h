@@ -17,11 +17,11 @@ class HeightTexture;
 struct View {
   camera::Camera camera;  // projection: of the picture that is drawn, in samples
   double horizon = 0;     // metres from the camera at which both renderings end
-  // Colours as samples of the picture's own width see them; else as points, with all the aliasing that has.
+  // Colours as seen by samples of the picture's width; otherwise point-sampled, with aliasing.
   bool filtered = true;
-  // No terrain is higher or lower within the horizon: lets the ray march skip the air. Metres, absolute; the defaults are always right.
+  // Bounds of the terrain within the horizon, so that the ray march can skip air. Metres, absolute; the defaults are always valid.
   double lowest = -131072, highest = 131072;
-  const HeightTexture* heights = nullptr;  // where the text is a height map's: what is known of it; outlives the view
+  const HeightTexture* heights = nullptr;  // for a height map's text: its known samples; outlives the view
 };
 
 // The camera with n x n samples for each pixel.
@@ -31,9 +31,9 @@ View supersampled(const View& view, std::uint32_t n);
 struct TerrainText {
   std::string source;  // the terrain file
   std::uint32_t seed = 0;
-  bool neutral = false;  // the text is not to be had: a world without ground for the ray march, shading from the mesh alone
+  bool neutral = false;  // the text is not available: no ground for the ray march, shading from the mesh alone
   bool shaded = false;   // neutral, but colours and normals come with the vertices
-  bool raster = false;   // it is a height map's (common/terrain/raster.glsl): views need `heights`
+  bool raster = false;   // a height map's (common/terrain/raster.glsl): views need `heights`
 };
 
 // A full-screen program of version line, terrain prelude, terrain, shading, view.glsl and `main`.
