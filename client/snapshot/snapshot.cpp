@@ -16,7 +16,7 @@ std::string number(double v) {
   return std::string(out, std::to_chars(out, out + sizeof out, v).ptr);
 }
 
-// One line that changes where people watch; where a file does, a line when something begins.
+// Progress: on a terminal one line that changes, in a file a line for each stage.
 class Teller {
  public:
   void operator()(const connection::Progress& p) {
@@ -46,7 +46,7 @@ class Teller {
 
  private:
   int stage_ = 0;
-  std::string work_;  // the stage of the server's that was told
+  std::string work_;  // the server's stage that was reported
   bool open_ = false;
 };
 
