@@ -1,5 +1,5 @@
 #pragma once
-// A connection to a world, and the wait for it: servers may have to compile a world's terrain first. Internal to the room.
+// Opens a connection to a world and waits for it: the server may first have to compile the terrain. Internal to the room.
 
 #include <atomic>
 #include <chrono>
@@ -22,18 +22,18 @@ struct Link {
   static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting = {});
 };
 
-// A connection that is being opened beside the window. The main thread's.
+// A connection being opened while the window stays responsive. Main thread only.
 class Arrival {
  public:
   Arrival(const connection::Url& url, const wire::Settings& settings);
-  ~Arrival();  // gives up at once, but for the look-up of a host's name
+  ~Arrival();  // gives up at once, except on the look-up of a host name
   Arrival(const Arrival&) = delete;
   Arrival& operator=(const Arrival&) = delete;
 
-  // The connection or why there is none, once.
+  // The connection, or why there is none; returned once.
   std::optional<Outcome<Link>> take();
   double seconds() const;                      // since it began
-  bool prepares() const { return prepares_; }  // the server has said that it makes the world
+  bool prepares() const { return prepares_; }  // the server has reported that it is making the world
   // "waiting for 127.0.0.1:7070 to prepare the terrain, 12 s"
   std::string describe() const;
 

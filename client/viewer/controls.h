@@ -1,5 +1,5 @@
 #pragma once
-// How keys, mouse and gamepad move the camera. No window system: values in, pose out.
+// Moves the camera by keys, mouse and gamepad. No window system: values in, pose out.
 
 #include <functional>
 #include <optional>
@@ -8,7 +8,7 @@
 
 namespace ridgecast::viewer {
 
-// What is held down or was moved since the last step.
+// What is held down, and what has moved since the last step.
 struct Input {
   double forward = 0, right = 0, up = 0;  // -1 to 1
   bool sprint = false;                    // five times as fast
@@ -19,7 +19,7 @@ struct Input {
 
 inline constexpr double kLook = 1.2;
 inline constexpr double kEyes = 1.7;       // metres above the ground, walking
-inline constexpr double kWalkShare = 0.1;  // of the speed in the air
+inline constexpr double kWalkShare = 0.1;  // of the flying speed
 
 class Controls {
  public:
@@ -29,15 +29,15 @@ class Controls {
   const camera::Pose& pose() const { return pose_; }
   double speed() const { return speed_ * (walking_ ? kWalkShare : 1); }  // metres a second
 
-  // One step of `seconds`; the camera stays at least 2 m above `ground` and within the lattice. Walking it stays kEyes above it, where that
-  // is known, and up and down do nothing.
+  // One step of `seconds`. The camera stays at least 2 m above `ground` and within the lattice. Walking, it stays kEyes above known ground,
+  // and `up` has no effect.
   void step(const Input& input, double seconds, const Ground& ground);
 
   void setWalking(bool walking) { walking_ = walking; }
   bool walking() const { return walking_; }
   void setInvertY(bool invert) { invertY_ = invert; }  // of the mouse and the sticks
   bool invertY() const { return invertY_; }
-  void place(const camera::Pose& pose) { pose_ = pose; }  // elsewhere at once
+  void place(const camera::Pose& pose) { pose_ = pose; }  // jumps there
 
  private:
   void moveBy(double x, double y, double z);  // metres
@@ -46,7 +46,7 @@ class Controls {
   bool walking_ = false, invertY_ = false;
 };
 
-// A tap of the key keeps sprinting until the next one or until the camera rests; held down, it sprints while it is held.
+// A tap of the key keeps sprinting until the next tap or until the camera rests. Held down, the key sprints while it is held.
 class Sprint {
  public:
   // Once a frame; `now` in seconds.

@@ -41,7 +41,7 @@ std::string formatMetres(lattice::Step steps) {
   if (rest != 0) {
     char text[16];
     std::snprintf(text, sizeof text, "%.3f", static_cast<double>(rest) / static_cast<double>(kPerMetre));
-    out += text + 1;  // behind the 0; 255/256 is .996
+    out += text + 1;  // without the 0; 255/256 is .996
   }
   return out;
 }

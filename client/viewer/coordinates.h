@@ -1,5 +1,5 @@
 #pragma once
-// What a person types where a number of metres is wanted.
+// Metres as typed by a person.
 
 #include <string>
 #include <string_view>
@@ -9,10 +9,10 @@
 
 namespace ridgecast::viewer {
 
-// Metres, whole or with a fraction ("-4398046511104", "12.5"), to the nearest step; exact however far out. Spaces around it, a plus and thin
-// separators (_ and ') between digits are allowed. Errors say what would be right.
+// Metres, whole or with a fraction ("-4398046511104", "12.5"), to the nearest step; exact at any distance. Allows surrounding spaces, a
+// plus and thin separators (_ and ') between digits. Errors say what would be right.
 Outcome<lattice::Step> parseMetres(std::string_view text);
-// Whole metres where it is, else with as few digits as tell it from the next step.
+// Whole metres if possible, otherwise with the fewest digits that tell it from the next step.
 std::string formatMetres(lattice::Step steps);
 
 }  // namespace ridgecast::viewer

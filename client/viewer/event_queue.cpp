@@ -5,7 +5,7 @@
 namespace ridgecast::viewer {
 namespace {
 
-// GLFW's numbers. Keys that only write: their characters say all that matters, unless Ctrl makes a command of them.
+// GLFW's key numbers. Keys that only write: their characters suffice, unless Ctrl makes a command of them.
 bool writes(int key) { return (key > 32 && key <= 162) || (key >= 320 && key <= 334); }
 bool modifies(int key) { return key >= 340 && key <= 347; }
 constexpr int kFramesToField = 2;  // after Tab
@@ -35,7 +35,7 @@ void EventQueue::holdFor(int frames) {
   std::erase_if(waiting_, [](const Event& e) { return e.kind == Event::Kind::kText; });
 }
 
-// Whether it must not be seen together with what this frame has already.
+// Whether the event must not share a frame with those already in it.
 bool EventQueue::startsFrame(const Event& e) const {
   switch (e.kind) {
     case Event::Kind::kMove:

@@ -1,7 +1,7 @@
 #pragma once
-// What a person did with keys and mouse, in order, handed on a frame's worth at a time. Whoever looks at keys and buttons once a frame, as Dear
-// ImGui does before its version 1.87, must see each of them go down and come up, and what was typed before a key before it: on a slow
-// machine a press, its release and the next press all come within one frame. No window system: values in, values out. One thread.
+// Key and mouse events in order, delivered one frame's worth at a time. Code that polls keys and buttons once a frame (Dear ImGui before
+// 1.87) must see each of them go down and up, and typed text in order with keys. On a slow machine a press, its release and the next press
+// may all come within one frame. No window system: values in, values out. One thread.
 
 #include <bitset>
 #include <cstddef>
@@ -12,36 +12,36 @@ namespace ridgecast::viewer {
 
 struct Event {
   enum class Kind { kKey, kText, kButton, kWheel, kMove } kind = Kind::kKey;
-  int code = 0;         // key (as GLFW numbers them), character, or button
+  int code = 0;         // key (GLFW's number), character, or button
   bool down = false;    // of a key or button
-  double x = 0, y = 0;  // where the mouse is, or how far the wheel turned
+  double x = 0, y = 0;  // mouse position, or how far the wheel turned
 };
 
 class EventQueue {
  public:
-  // Bound: kMost wait; of more, what would go down or be typed is dropped, what comes up is not.
+  // Bound: kMost events wait. Beyond that, presses and text are dropped; releases are not.
   static constexpr std::size_t kMost = 1000;
   static constexpr std::size_t kButtons = 5, kKeys = 512;
 
   void add(const Event& event);
-  // Those of the next frame.
+  // The events of the next frame.
   std::vector<Event> next();
-  // All that wait.
+  // All waiting events.
   std::vector<Event> all();
   bool empty() const { return waiting_.empty(); }
 
-  // Something opens to be typed into, by a key whose own character is still to come: that one is dropped, as what was typed before. What
-  // follows waits for so many frames, until it is there.
+  // A field opens to be typed into, by a key whose own character is still to come: drops that character and earlier text. Later events wait
+  // for `frames` frames, until the field is there.
   void holdFor(int frames);
   bool holding() const { return held_ > 0; }
 
  private:
   bool startsFrame(const Event& event) const;
   std::deque<Event> waiting_;
-  std::bitset<kKeys> keys_;  // down, of what was handed on
+  std::bitset<kKeys> keys_;  // down, according to delivered events
   int held_ = 0;
   bool skipText_ = false;
-  // Handed on in this frame:
+  // Delivered in this frame:
   bool command_ = false, text_ = false, wheel_ = false;
   std::bitset<kKeys> changedKeys_;
   std::bitset<kButtons> changedButtons_;

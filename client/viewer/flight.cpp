@@ -15,10 +15,10 @@
 namespace ridgecast::viewer {
 namespace {
 
-constexpr double kBoundsMargin = 4000;  // metres that the camera may fly before the highest ground is looked for again
+constexpr double kBoundsMargin = 4000;  // metres that the camera may fly before the highest ground is computed again
 constexpr double kHintSeconds = 2;
-constexpr double kAgeInterval = 0.5;   // seconds between redraws while leaves only grow older
-constexpr double kMarkerReach = 25;    // metres: the length of the others' pyramids
+constexpr double kAgeInterval = 0.5;   // seconds between redraws while leaves only age
+constexpr double kMarkerReach = 25;    // metres: the length of the other members' pyramids
 constexpr double kFrozenReach = 2000;  // metres: of a frozen camera's
 
 double secondsSince(std::chrono::steady_clock::time_point began) {
@@ -113,7 +113,7 @@ Flight::Ending Flight::run(Clock::time_point began) {
   auto last = Clock::now();
   window_.show();
   for (;;) {
-    // At rest there is nothing to draw: wait for input, but look at the connection now and then.
+    // At rest there is nothing to draw: wait for input, but check the connection at intervals.
     if (idle_)
       glfwWaitEventsTimeout(0.02);
     else
@@ -164,7 +164,7 @@ std::optional<double> Flight::ground(lattice::Point p) const {
   return terrain_ && (!heights_ || heights_->knows(p)) ? terrain_->height(p) : scene_.height(p);
 }
 
-// Whether the samples that are drawn with have changed.
+// Whether the height samples used for drawing have changed.
 bool Flight::exchangeHeights() {
   if (!heights_) return false;
   if (reconnections_ != link_.client->connection().reconnections()) {
@@ -207,7 +207,7 @@ render::View Flight::currentView() {
   return view;
 }
 
-// Tells the mesh's pane what is drawn over it. The difference compares pictures, not lines.
+// Tells the mesh's pane what to draw over it. The difference view compares pictures, not lines.
 void Flight::restructure() {
   restructuredAt_ = Clock::now();
   render::Structure structure;
@@ -316,7 +316,7 @@ void Flight::tellFigures() {
   shown_.building = building_.share();
 }
 
-// The others and the frozen camera, as lines in the window.
+// The other members and the frozen camera, as lines in the window.
 void Flight::project(const camera::Camera& camera) {
   const auto lines = [&camera](const camera::Camera& seen, double reach) {
     std::vector<Line> out;

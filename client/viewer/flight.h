@@ -1,6 +1,6 @@
 #pragma once
-// One world in the window: what a person does there, what the server sends, what is drawn. Ends when the window closes, or when another
-// world has been connected to. Internal to the room. The main thread's.
+// One world in the window: the user's actions, the server's messages, the pictures. Ends when the window closes or another world is
+// connected. Internal to the room. Main thread only.
 
 #include <array>
 #include <chrono>
@@ -30,7 +30,7 @@
 
 namespace ridgecast::viewer {
 
-// What the world is drawn with. Errors: a shader that the driver does not compile.
+// What draws the world. Errors: a shader that the driver does not compile.
 struct Passes {
   render::MeshPass mesh, before;
   render::MorphPass morph;
@@ -44,7 +44,7 @@ struct Passes {
 
 class Flight {
  public:
-  // What stays when another world is entered.
+  // Kept when another world is entered.
   struct Kept {
     Shown shown;
     bool started = false;
@@ -72,7 +72,7 @@ class Flight {
   std::optional<double> ground(lattice::Point p) const;
   bool exchangeHeights();
 
-  // flight_input.cpp: what a person does
+  // flight_input.cpp: the user's actions
   void listen();  // to the window's events
   void freeMouse(bool free);
   void onKey(int key, bool typed);  // goes down; `typed`: in the panel
@@ -82,8 +82,8 @@ class Flight {
   void onScroll(double notches);
   void onPad(double seconds);
   bool held(int key) const;
-  bool onPanel() const;                                                  // where the mouse is
-  bool typing() const { return shown_.panel && overlay_->takesKeys(); }  // keys are meant for the panel
+  bool onPanel() const;                                                  // whether the mouse is there
+  bool typing() const { return shown_.panel && overlay_->takesKeys(); }  // keys go to the panel
   void fly(double seconds);
   void follow();
   void nextMode();
@@ -99,7 +99,7 @@ class Flight {
   void enterWorld();
   static std::filesystem::path freeName(const std::string& ending);
 
-  // flight_server.cpp: what the server says
+  // flight_server.cpp: the server's messages
   void converse();
   void take(const replica::Update& update);
   void sendPose();
@@ -109,7 +109,7 @@ class Flight {
   void changeSettings();
   void showSettings();
   void wantCandidates(bool want);
-  double candidateUnit() const;  // pixels: the error that a candidate becomes a vertex for, where the metric is one of pixels, else one
+  double candidateUnit() const;  // pixels: the error at which a candidate becomes a vertex, for metrics in pixels; otherwise 1
 
   // flight.cpp: pictures
   camera::Projection projection() const;
@@ -126,7 +126,7 @@ class Flight {
   GLFWwindow* const handle_;
   Link link_;
   std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here
-  std::shared_ptr<scene::HeightWindow> heights_;     // of a height map, the same terrain; else null
+  std::shared_ptr<scene::HeightWindow> heights_;     // of a height map, the same terrain; otherwise null
   std::optional<render::HeightTexture> texture_;
   std::uint64_t reconnections_ = 0;
   const scene::Scene& scene_;
@@ -158,7 +158,7 @@ class Flight {
   bool dragging_ = false, changed_ = true, idle_ = false, lost_ = false, otherWorld_ = false, meshStale_ = false, marchStale_ = false,
        smoothSet_ = true;
   std::optional<camera::Camera> sentCamera_, drawnCamera_;
-  std::shared_ptr<const std::vector<wire::Candidate>> candidates_;  // as last heard; null: none are wanted
+  std::shared_ptr<const std::vector<wire::Candidate>> candidates_;  // the last received; null: not requested
   std::map<std::uint64_t, Clock::time_point> sent_;                 // pose sequence -> when; at most 256
   Clock::time_point sentAt_{}, presentedAt_{}, countedSince_ = Clock::now(), hintedAt_{}, restructuredAt_{};
   std::uint64_t sceneVersion_ = 0, bytesCounted_ = 0;

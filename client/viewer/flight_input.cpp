@@ -1,4 +1,4 @@
-// What a person does: keys, mouse, gamepad, panel.
+// The user's actions: keys, mouse, gamepad, panel.
 #include <cstdio>
 #include <cstdlib>
 
@@ -26,7 +26,7 @@ void Flight::listen() {
   glfwSetWindowUserPointer(handle_, this);
   glfwSetKeyCallback(handle_, [](GLFWwindow* w, int key, int, int action, int) {
     if (action == GLFW_REPEAT) return;
-    const bool typed = self(w).typing();  // by what the panel has seen so far
+    const bool typed = self(w).typing();  // according to the events seen so far
     self(w).overlay_->hear({Event::Kind::kKey, key, action == GLFW_PRESS});
     if (action == GLFW_PRESS) self(w).onKey(key, typed);
   });
@@ -83,7 +83,7 @@ void Flight::togglePath() {
   changed_ = true;
 }
 
-// Names that are not taken: ridgecast-1.json, ridgecast-2.json, ...
+// Unused names: ridgecast-1.json, ridgecast-2.json, ...
 std::filesystem::path Flight::freeName(const std::string& ending) {
   for (int k = 1;; ++k) {
     std::filesystem::path file = "ridgecast-" + std::to_string(k) + ending;
@@ -119,7 +119,7 @@ void Flight::openPanel(Focus focus) {
   changed_ = true;
 }
 
-// What is waited for or open ends first; then the mouse comes free; then the window closes.
+// Escape first ends what is waiting or open, then frees the mouse, then closes the window.
 void Flight::onEscape() {
   if (nextWorld_)
     giveUpWorld();
@@ -135,7 +135,7 @@ void Flight::onEscape() {
 
 void Flight::onKey(int key, bool typed) {
   changed_ = true;
-  switch (key) {  // those that the panel leaves alone
+  switch (key) {  // those that the panel ignores
     case GLFW_KEY_ESCAPE:
       return onEscape();
     case GLFW_KEY_F1:
@@ -294,14 +294,14 @@ void Flight::onPad(double seconds) {
     for (const auto& [button, key] : kKeys)
       if (pressed(button)) onKey(key, typing());
     if (pressed(GLFW_GAMEPAD_BUTTON_X)) nextMode();
-    return;  // the first that there is
+    return;  // the first one found
   }
 }
 
-// Or was: a key that is pressed and released while a frame is drawn counts for that frame.
+// Or was held: a key pressed and released while a frame is drawn counts for that frame.
 bool Flight::held(int key) const { return glfwGetKey(handle_, key) == GLFW_PRESS || tapped_.contains(key); }
 
-// Along the path, until its end or until a person steers.
+// Along the path, until its end or until the user steers.
 void Flight::follow() {
   const double t = std::chrono::duration<double>(Clock::now() - pathBegan_).count();
   const bool steers = input_.forward != 0 || input_.right != 0 || input_.up != 0;
@@ -363,7 +363,7 @@ void Flight::jump() {
   pose.x = *x;
   pose.z = *z;
   pose.remainderX = pose.remainderZ = 0;
-  // Where the ground is not known yet, above all that there may be nearby; it is told soon.
+  // While the ground is unknown, above all ground that there may be nearby; the true height arrives soon.
   pose.y = ground({pose.x, pose.z}).value_or(std::max(0.0, controls_.pose().y)) + altitude;
   controls_.place(pose);
   boundsAt_.reset();

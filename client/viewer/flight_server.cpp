@@ -1,4 +1,4 @@
-// What the server says, and what it is told.
+// Messages from and to the server.
 #include <cstdio>
 
 #include "client/viewer/flight.h"
@@ -11,8 +11,8 @@ namespace ridgecast::viewer {
 namespace {
 
 using namespace std::chrono_literals;
-constexpr auto kPoseInterval = 33ms;  // poses a second at most 30
-constexpr auto kSoon = 2ms;           // what takes no longer is waited for
+constexpr auto kPoseInterval = 33ms;  // at most 30 poses a second
+constexpr auto kSoon = 2ms;           // shorter work is waited for
 
 double secondsSince(std::chrono::steady_clock::time_point began) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
@@ -109,7 +109,7 @@ void Flight::take(const replica::Update& update) {
   changed_ = true;
 }
 
-// It is a setting: the server sends them for as long as they are wanted.
+// Candidates are a setting: the server sends them while they are requested.
 void Flight::wantCandidates(bool want) {
   if (want && !shown_.live) return hint("this server sends no candidates");
   shown_.candidates = want;
@@ -141,7 +141,7 @@ void Flight::lookForWorld() {
   if (!nextWorld_) return;
   auto next = nextWorld_->take();
   if (!next) {
-    // What the panel says, where it is still open; a short wait is not spoken of.
+    // Shown in the panel if it is still open; short waits are not shown.
     if (nextWorld_->seconds() < 1) return;
     const std::string waits = nextWorld_->describe() + "; Esc gives up";
     if (waits != shown_.problem) hint(shown_.problem = waits);

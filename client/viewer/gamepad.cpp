@@ -6,7 +6,7 @@
 namespace ridgecast::viewer {
 namespace {
 
-constexpr double kRest = 0.15;  // worn sticks do not come back to 0
+constexpr double kRest = 0.15;  // worn sticks do not return to 0
 constexpr double kNotches = 6;  // of the speed, a second
 
 void add(double& to, double what) { to = std::clamp(to + what, -1.0, 1.0); }

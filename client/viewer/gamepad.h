@@ -10,10 +10,10 @@ namespace ridgecast::viewer {
 // As GLFW orders them: left x, left y, right x, right y (down and right are positive), left and right trigger (-1 released, 1 pressed).
 using GamepadAxes = std::array<float, 6>;
 
-// What a stick says at `value`: nothing near its rest, then growing with its square, so that small turns are small.
+// A stick's effect at `value`: none near its rest, then growing with the square, so that small turns are small.
 double stick(float value);
 
-// Adds to what keys and mouse say; the sum of both stays within -1 and 1.
+// Adds to the input of keys and mouse; the sum stays within -1 and 1.
 void addGamepad(Input& input, const GamepadAxes& axes, bool sprint, bool slower, bool faster, double seconds);
 
 }  // namespace ridgecast::viewer

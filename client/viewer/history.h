@@ -1,5 +1,5 @@
 #pragma once
-// The last values of a figure, for plots.
+// The last values of a statistic, for plots.
 
 #include <array>
 #include <cstddef>
@@ -30,8 +30,8 @@ class History {
   std::size_t next_ = 0, count_ = 0;
 };
 
-// How far a mesh is that is being built: how much less is inserted and removed than at the most since it was last at rest. Never goes back
-// before it rests.
+// Progress of a mesh being built: how much fewer insertions and removals there are than at the peak since it was last at rest. Never
+// decreases before it rests.
 class Building {
  public:
   void iterated(std::uint64_t changes, bool settled) {

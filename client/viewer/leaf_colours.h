@@ -1,5 +1,6 @@
 #pragma once
-// Colours of leaves, by level and by how long ago they changed, and of candidates by their error: ramps that grow in brightness alone, and so can be told apart by everybody.
+// Colours of leaves by level and by time since their last change, and of candidates by error. The ramps grow in brightness alone, so that
+// everybody can tell them apart.
 
 #include <array>
 #include <cstdint>
@@ -12,18 +13,18 @@ namespace ridgecast::viewer {
 using Colour = std::array<float, 3>;  // display values
 
 Colour levelColour(int level);      // viridis: the finest is yellow, the coarsest dark violet
-Colour ageColour(double seconds);   // inferno: just now is pale yellow, kOld and more is black; even steps for each doubling
+Colour ageColour(double seconds);   // inferno: now is pale yellow, kOld and more is black; even steps for each doubling
 inline constexpr double kOld = 60;  // seconds
-// inferno: at kErrorRange times the threshold and more it is pale yellow, at the threshold orange, violet below; even steps for each doubling.
+// inferno: pale yellow from kErrorRange times the threshold, orange at the threshold, violet below; even steps for each doubling.
 Colour errorColour(double pixels, double threshold);
 inline constexpr double kErrorRange = 8;
 
-// When each leaf changed last, as far as this client has seen.
+// When each leaf last changed, as seen by this client.
 class LeafAges {
  public:
-  // After every iteration; `now` in seconds ascends. What is there at the first call is as old as can be.
+  // Call after every iteration; `now` in seconds ascends. Leaves of the first call count as oldest.
   void update(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, double now);
-  double age(const lattice::LeafAddress& address, double now) const;  // kOld when it is not known
+  double age(const lattice::LeafAddress& address, double now) const;  // kOld if unknown
   // Whether some leaf's colour still changes.
   bool moving(double now) const { return now - newest_ < kOld; }
 

@@ -22,7 +22,7 @@ constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowF
 
 ImU32 colourOf(const Colour& c, float alpha = 1) { return ImGui::ColorConvertFloat4ToU32(ImVec4(c[0], c[1], c[2], alpha)); }
 
-constexpr float kPlotWidth = 27;  // letters' heights
+constexpr float kPlotWidth = 27;  // in letter heights
 
 void shadowed(ImDrawList* list, ImVec2 at, const char* text) {
   list->AddText(ImVec2(at.x + 1, at.y + 1), IM_COL32(0, 0, 0, 200), text);
@@ -47,14 +47,14 @@ void drawDivider(const Shown& shown) {
   if (shown.mode != Mode::kMesh) label(list, x, "ray march", false);
 }
 
-// Which colour is which, at the lower left.
+// The legend of colours, at the lower left.
 void drawLegend(const Shown& s) {
   const bool structure = s.mode == Mode::kMesh || s.mode == Mode::kSplit, differs = s.mode == Mode::kDifference;
   if (!differs && !(structure && (s.candidates || s.borders != Borders::kNone))) return;
   ImDrawList* list = ImGui::GetBackgroundDrawList();
   const float line = ImGui::GetTextLineHeight();
   float x = 10, y = ImGui::GetIO().DisplaySize.y - 3 * line - 10, widest = 0;
-  list->ChannelsSplit(2);  // what is written, over what lies behind it
+  list->ChannelsSplit(2);  // text, over its background
   list->ChannelsSetCurrent(1);
   const auto shade = [&] {  // behind the lines from y - line on
     list->ChannelsSetCurrent(0);
@@ -71,7 +71,7 @@ void drawLegend(const Shown& s) {
     shadowed(list, ImVec2(x + line + 4, y), text);
     x += line + 16 + ImGui::CalcTextSize(text).x;
   };
-  if (differs) {  // in the place of the window's own words
+  if (differs) {  // instead of the window's own text
     y += 2 * line;
     title("difference of mesh and ray march, of the whole range:");
     static constexpr std::array<const char*, 5> kShares = {"0", "1/16", "1/8", "3/16", "1/4"};
@@ -162,7 +162,7 @@ void drawPlot(const char* name, const char* unit, const History& history) {
                    std::max(history.most() * 1.1f, 1e-3f), ImVec2(ImGui::GetFontSize() * kPlotWidth, ImGui::GetFontSize() * 3.2f));
 }
 
-// The stages of each iteration on top of each other.
+// The stages of each iteration, stacked.
 void drawStages(const Plots& plots) {
   static constexpr std::array<const char*, 5> kNames = {"select", "generate", "refine", "triangulate", "encode"};
   const ImVec2 at = ImGui::GetCursorScreenPos(), size(ImGui::GetFontSize() * kPlotWidth, ImGui::GetFontSize() * 4.5f);
@@ -338,13 +338,13 @@ Overlay::Overlay(GLFWwindow* window, float textScale) : window_(window) {
   io.IniFilename = nullptr;
   io.ConfigFlags |= ImGuiConfigFlags_NavEnableKeyboard;
   ImGui::StyleColorsDark();
-  // The font is drawn as large as the screen's scale asks, so that it stays sharp; what a person adds stretches it.
+  // The font is drawn at the screen's scale, so that it stays sharp; the user's scale stretches it.
   float x = 1, y = 1;
   glfwGetWindowContentScale(window, &x, &y);
   int width = 1, height = 1, pixels = 1, pixelsHigh = 1;
   glfwGetWindowSize(window, &width, &height);
   glfwGetFramebufferSize(window, &pixels, &pixelsHigh);
-  // Where a screen coordinate is more than a pixel the backend scales by itself.
+  // If a screen coordinate is more than a pixel, the backend scales by itself.
   const float own = static_cast<float>(pixels) / static_cast<float>(std::max(width, 1));
   const float wanted = std::clamp(std::max(x, y) / std::max(own, 0.1f), 1.0f, 4.0f) * textScale;
   ImFontConfig font;
@@ -364,14 +364,14 @@ Overlay::~Overlay() {
 }
 
 bool Overlay::takesKeys() const { return ImGui::GetIO().WantCaptureKeyboard || events_.holding() || !events_.empty(); }
-// What the panel has asked for, it asked for by where the mouse was in the last frame.
+// What the panel requested follows from the mouse's place in the last frame.
 bool Overlay::takesMouse(double x, double y) const {
   return ImGui::GetIO().WantCaptureMouse || (x >= panel_.left && x < panel_.right && y >= panel_.top && y < panel_.bottom);
 }
 
 void Overlay::focus(bool focused) { ImGui_ImplGlfw_WindowFocusCallback(window_, focused); }
 
-// A frame, with what is to be seen in it.
+// Begins a frame, with the input that it may see.
 void Overlay::begin(bool panel) {
   ImGuiIO& io = ImGui::GetIO();
   for (const Event& e : panel ? events_.next() : events_.all()) {

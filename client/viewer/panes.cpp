@@ -10,7 +10,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr std::uint32_t kCoarsest = 16;
-constexpr std::chrono::milliseconds kRest{400};  // without a change: the mesh is drawn in full
+constexpr std::chrono::milliseconds kRest{400};  // after this time without a change the mesh is drawn in full
 
 double millisecondsSince(Clock::time_point began) { return std::chrono::duration<double, std::milli>(Clock::now() - began).count(); }
 
@@ -24,14 +24,14 @@ render::View coarser(const render::View& view, std::uint32_t n) {
 
 double samplesOf(const render::View& view) { return static_cast<double>(view.camera.projection.width) * view.camera.projection.height; }
 
-// The finest power of two that fits the budget, by what a sample cost so far.
+// The finest power of two that fits the budget, by the cost of a sample so far.
 std::uint32_t fitting(const render::View& view, double perSample, std::chrono::milliseconds budget) {
   std::uint32_t n = 1;
   while (n < kCoarsest && samplesOf(coarser(view, n)) * perSample > static_cast<double>(budget.count())) n *= 2;
   return n;
 }
 
-// Keeps `layer` when it already has that size.
+// Keeps `layer` if it already has that size.
 Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::uint32_t coarseness, bool carried = false) {
   const std::uint32_t width = view.camera.projection.width, height = view.camera.projection.height;
   if (layer && layer->canvas.width() == width && layer->canvas.height() == height) {
@@ -131,7 +131,7 @@ bool MarchPane::advance(std::chrono::milliseconds budget) {
 
 Outcome<bool> MarchPane::update(const render::View& view, bool moving) {
   if (moving || !shown_) {
-    // The first picture ever is a coarse one: nothing is known about the cost yet.
+    // The first picture is a coarse one: its cost is unknown.
     if (auto begun = begin(view, shown_ ? fitting(view, perSample_, kMarchBudget) : kCoarsest); !begun) return begun.error();
     advance(std::chrono::hours(1));
     return true;

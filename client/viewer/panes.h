@@ -1,7 +1,7 @@
 #pragma once
-// The two pictures of the window. On a graphics card both are drawn whole each frame. In software they cannot be: each pane measures
-// what a sample costs and, while the camera moves, draws as many as fit its budget, stretched; once the camera rests it goes finer.
-// A pane that is up to date draws nothing.
+// The two pictures of the window. On a graphics card each is drawn whole every frame. In software, each pane measures the cost of a sample;
+// while the camera moves it draws as many as fit its budget, stretched, and once the camera rests it draws finer ones. An up-to-date pane
+// draws nothing.
 
 #include <chrono>
 #include <cstdint>
@@ -18,8 +18,8 @@
 
 namespace ridgecast::viewer {
 
-inline constexpr std::chrono::milliseconds kMeshBudget{40}, kMarchBudget{40};  // a frame, each, while the camera moves
-inline constexpr std::chrono::milliseconds kRefiningBudget{100};               // for the mesh while only the mesh changes
+inline constexpr std::chrono::milliseconds kMeshBudget{40}, kMarchBudget{40};  // each frame, while the camera moves
+inline constexpr std::chrono::milliseconds kRefiningBudget{100};               // for the mesh, while only the mesh changes
 
 // A surface and the canvas it is shaded into, `coarseness` pixels a sample.
 struct Layer {
@@ -38,16 +38,17 @@ class MeshPane {
         lines_(std::move(structure)),
         correction_(std::move(correction)),
         shade_(&shade) {}
-  // Whether it drew or will soon go finer. `sceneVersion` tells scenes apart. Error: the window is larger than the driver draws.
+  // Returns whether it drew or will soon draw finer. `sceneVersion` tells scenes apart. Error: the window is larger than the driver can
+  // draw.
   Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
-  // Changes of the mesh are shown over a fraction of a second (render/morph.h), or at once.
+  // Shows changes of the mesh over a fraction of a second (render/morph.h), or at once.
   void setSmooth(bool smooth) { smooth_ = smooth; }
-  // Moves every sample onto the true surface (render/correction_pass.h), where the terrain's function is known; draws anew.
+  // Moves every sample onto the true surface (render/correction_pass.h) if the terrain's function is known; redraws.
   void setCorrected(bool corrected) {
     corrected_ = corrected && correction_.canCorrect();
     restructured_ = true;
   }
-  // What is drawn over the picture from the next update on, which draws it anew.
+  // What to draw over the picture from the next update on; redraws.
   void setStructure(render::Structure structure) {
     structure_ = std::move(structure);
     restructured_ = true;
@@ -79,7 +80,7 @@ class MarchPane {
   MarchPane(render::MarchPass pass, const render::ShadePass& shade) : pass_(std::move(pass)), shade_(&shade) {}
   Outcome<bool> update(const render::View& view, bool moving);
   const render::Canvas* canvas() const { return shown_ ? &shown_->canvas : nullptr; }
-  double milliseconds() const { return milliseconds_; }  // of the last picture that was completed
+  double milliseconds() const { return milliseconds_; }  // of the last complete picture
   bool isFinest() const { return shown_ && shown_->coarseness == 1; }
   std::uint32_t coarseness() const { return shown_ ? shown_->coarseness : 0; }
   double progress() const { return next_ ? pass_.progress() : 1; }

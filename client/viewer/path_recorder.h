@@ -13,10 +13,10 @@ namespace ridgecast::viewer {
 class PathRecorder {
  public:
   PathRecorder(std::string terrain, std::uint32_t seed) : terrain_(std::move(terrain)), seed_(seed) {}
-  // `now` in seconds ascends. At most 10,000 keyframes are kept, what a path file may have; later ones are left out.
+  // `now` in seconds ascends. Keeps at most 10,000 keyframes, the limit of a path file; drops later ones.
   void add(double now, const camera::Pose& pose);
   std::size_t keyframes() const { return keyframes_.size(); }
-  // Error: it cannot be written.
+  // Error: the file cannot be written.
   Outcome<void> write(const std::filesystem::path& file) const;
 
  private:

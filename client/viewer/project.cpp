@@ -32,7 +32,7 @@ std::optional<Spot> spotOf(const camera::Camera& camera, const camera::Vec3& at)
 std::optional<Line> lineOf(const camera::Camera& camera, const camera::Vec3& a, const camera::Vec3& b) {
   const camera::Vec3 f = camera::forward(camera.pose), r = camera::right(camera.pose), u = camera::up(camera.pose);
   const double tangent = std::tan(camera.projection.verticalFov / 2), wide = tangent * camera.projection.aspect();
-  // What is not negative inside: the near plane, then the four sides.
+  // Not negative inside: distance to the near plane, then to the four sides.
   const auto inside = [&](const camera::Vec3& p, int plane) {
     const double depth = dot(p, f);
     switch (plane) {

@@ -1,5 +1,5 @@
 #pragma once
-// Where points of the world lie in the window, for what is written and drawn over the pictures.
+// Projects points of the world into the window, for text and lines over the pictures.
 
 #include <array>
 #include <optional>
@@ -15,17 +15,17 @@ struct Spot {
   double depth = 0;     // metres along the axis
 };
 
-// From one camera's position to another's, in metres; exact in whole steps first.
+// From one camera's position to another's, in metres; differences are taken in whole steps first, so they are exact.
 camera::Vec3 between(const camera::Pose& from, const camera::Pose& to);
 
-// A point in metres from the camera; nothing when it lies behind it.
+// A point in metres from the camera; empty if it lies behind.
 std::optional<Spot> spotOf(const camera::Camera& camera, const camera::Vec3& at);
 
-// The part of a line that lies before the camera, cut by the window's sides as well; nothing when no part does.
+// The part of a line in front of the camera, clipped by the window's sides; empty if there is none.
 using Line = std::pair<Spot, Spot>;
 std::optional<Line> lineOf(const camera::Camera& camera, const camera::Vec3& a, const camera::Vec3& b);
 
-// The edges of what a camera sees up to `reach` metres: four rays and the far rectangle; ends in metres from the camera that looks at it.
+// The edges of what a camera sees up to `reach` metres: four rays and the far rectangle. Ends in metres from the viewing camera.
 std::array<std::pair<camera::Vec3, camera::Vec3>, 8> frustumEdges(const camera::Camera& seen, const camera::Pose& from, double reach);
 
 }  // namespace ridgecast::viewer

@@ -21,14 +21,14 @@ namespace ridgecast::viewer {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-constexpr double kMoment = 0.7;  // seconds: waits that are shorter are not spoken of
+constexpr double kMoment = 0.7;  // seconds: shorter waits are not reported
 
 int fail(int code, const std::string& message) {
   std::fprintf(stderr, "ridgecast-client: %s\n", message.c_str());
   return code;
 }
 
-// The heights around the place where a flight begins; gives up after five seconds, they come later then.
+// Fetches the heights around the start of a flight. Gives up after five seconds; they arrive later then.
 Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Point at) {
   window.moveTo(at);
   for (const auto began = Clock::now(); !window.complete() && Clock::now() - began < std::chrono::seconds(5);) {
@@ -38,8 +38,8 @@ Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Poin
   return {};
 }
 
-// Opens the connection; shows in the window what it waits for, if it takes more than a moment. Nothing when the window was closed
-// meanwhile, or the time is over.
+// Opens the connection. Shows in the window what it waits for, if that takes more than a moment. Empty if the window was closed meanwhile
+// or the time is over.
 std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, Clock::time_point began) {
   Arrival arrival(options.url, options.settings);
   std::optional<Overlay> overlay;

@@ -15,21 +15,21 @@ struct ViewOptions {
   connection::Url url;
   wire::Settings settings;
   std::uint32_t width = 1280, height = 720;  // of the window at first, screen coordinates
-  double x = 0, z = 0, altitude = 150;       // metres; where the flight begins, above the ground there
+  double x = 0, z = 0, altitude = 150;       // metres; the start, above the ground there
   double yaw = 0, pitch = -10;               // degrees
-  std::optional<lattice::Point> at;          // where the flight begins, instead of x and z: exact however far out
-  std::optional<camera::Path> path;          // followed from the beginning on
+  std::optional<lattice::Point> at;          // the start, instead of x and z: exact at any distance
+  std::optional<camera::Path> path;          // followed from the start
   bool vsync = true, invertY = false;
   bool reducedMotion = false;        // changes of the mesh show at once
-  float textScale = 1;               // beside the screen's own
-  bool remoteShaders = true;         // draw with a terrain's GLSL that the server sent; else neutrally, see drawingOf
-  std::optional<double> seconds;     // close by itself after so long
-  std::filesystem::path screenshot;  // empty: none; else a PNG of the window when it closes
+  float textScale = 1;               // relative to the screen's own
+  bool remoteShaders = true;         // draw with GLSL sent by the server; otherwise neutrally, see drawingOf
+  std::optional<double> seconds;     // close after this time
+  std::filesystem::path screenshot;  // a PNG of the window when it closes; empty: none
 };
 
-// Returns the program's exit code: 0 closed by the user or after `seconds`, 1 no server, or closed without a connection, 3 no display or
-// OpenGL, or the driver refuses what is to be drawn. A connection that ends is said in the window, which keeps drawing what it holds and tries to connect
-// again. Errors go to stderr. Must run on the main thread.
+// Returns the exit code: 0 closed by the user or after `seconds`; 1 no server, or closed without a connection; 3 no display or OpenGL, or
+// the driver rejects a shader. If a connection ends, the window says so, keeps drawing what it holds and reconnects. Errors go to stderr.
+// Must run on the main thread.
 int view(const ViewOptions& options);
 
 }  // namespace ridgecast::viewer

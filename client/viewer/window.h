@@ -1,5 +1,5 @@
 #pragma once
-// GLFW's start and end, and the one window.
+// Starts and ends GLFW; the one window.
 
 #include <cstdint>
 #include <memory>
@@ -12,8 +12,8 @@ namespace ridgecast::viewer {
 
 class Window {
  public:
-  // Makes its context current; it stays hidden until show(). `width` and `height` in screen coordinates. Errors: no display, no OpenGL 3.3
-  // core; each says what to do.
+  // Makes its context current; the window stays hidden until show(). `width` and `height` in screen coordinates. Errors: no display, no
+  // OpenGL 3.3 core; each says what to do.
   static Outcome<std::unique_ptr<Window>> open(std::uint32_t width, std::uint32_t height, bool vsync);
   ~Window();
   Window(const Window&) = delete;
@@ -21,17 +21,17 @@ class Window {
 
   GLFWwindow* handle() const { return handle_; }
   void show();
-  // Whether frames wait for the screen.
+  // Whether frames wait for the screen's refresh.
   bool vsync() const { return vsync_; }
   void setVsync(bool vsync);
-  // The whole screen, or a window again.
+  // Full screen, or a window again.
   void toggleFullScreen();
 
  private:
   Window() = default;
   GLFWwindow* handle_ = nullptr;
   bool started_ = false, vsync_ = true;
-  int x_ = 0, y_ = 0, width_ = 0, height_ = 0;  // of the window, while it fills the screen
+  int x_ = 0, y_ = 0, width_ = 0, height_ = 0;  // of the window, while it is full screen
 };
 
 }  // namespace ridgecast::viewer
