@@ -15,7 +15,7 @@ namespace ridgecast::config {
 
 namespace {
 
-// Names begin unindented lines, details are indented: easy to read for people and for scripts.
+// Names begin unindented lines and details are indented, readable for people and scripts.
 int listTerrains(const std::filesystem::path& folder) {
   const auto entries = user_terrain::list(folder);
   if (!entries) {
@@ -36,7 +36,7 @@ int refuse(const std::string& sentence) {
   return 2;
 }
 
-// Settings as they are written; finish() makes a Config of them.
+// Settings as written; finish() turns them into a Config.
 struct Written {
   Config config;
   bool isPrivate = false, quiet = false;
@@ -48,23 +48,22 @@ struct Written {
 void addTerrain(CLI::App& app, Written& w) {
   Config& c = w.config;
   app.add_option("--terrain", c.terrain.terrain,
-                 "Terrain of the default session: a name, or a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .r16 or .raw")
+                 "Terrain of the default session: a name, a terrain file NAME.glsl, or a height map NAME.tif, .png, .r16 or .raw")
       ->capture_default_str();
-  app.add_option("--seed", c.terrain.seed, "Its seed")->capture_default_str();
-  app.add_option("--param", w.parameters, "Set a parameter of the terrain, NAME=NUMBER; may be given several times")
+  app.add_option("--seed", c.terrain.seed, "Seed of that terrain")->capture_default_str();
+  app.add_option("--param", w.parameters, "Set a parameter of the terrain, NAME=NUMBER; repeatable")
       ->type_name("NAME=NUMBER")
       ->allow_extra_args(false);
   app.add_option("--raster", w.raster,
-                 "How a height map is read, NAME=VALUE; may be given several times: pitch=METRES, scale=NUMBER, offset=METRES, "
+                 "How to read a height map, NAME=VALUE; repeatable: pitch=METRES, scale=NUMBER, offset=METRES, "
                  "edge=clamp|mirror|repeat|METRES, nodata=METRES, place=centre|geo; raw files: size=COLUMNSxROWS, order=little|big, "
                  "type=unsigned|signed")
       ->type_name("NAME=VALUE")
       ->allow_extra_args(false);
-  app.add_option("--terrain-dir", c.terrain.folder, "A folder of terrain files, to be had by name")->type_name("DIR");
-  app.add_option("--terrain-cache", c.terrain.cache, "Where compiled terrains are kept; left out: in your own cache folder")
-      ->type_name("DIR");
+  app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl, each available as NAME")->type_name("DIR");
+  app.add_option("--terrain-cache", c.terrain.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");
   app.add_flag("--private-terrain", w.isPrivate,
-               "Never send the terrain's text or samples; colours and normals travel with the vertices instead");
+               "Never send the terrain's text or samples; send colours and normals with the vertices instead");
 }
 
 void addListening(CLI::App& app, Written& w) {
@@ -72,51 +71,49 @@ void addListening(CLI::App& app, Written& w) {
   app.add_option("--host", c.net.host, "Address to listen on")->capture_default_str();
   app.add_option("--port", c.net.port, "Port to listen on; 0: any free one")->capture_default_str();
   app.add_option("--port-file", c.portFile, "Write the port to this file once the server listens")->type_name("FILE");
-  app.add_option("--web-dir", c.webFolder, "Folder of the browser viewer; left out: the one installed or built with this program")
+  app.add_option("--web-dir", c.webFolder, "Folder of the browser viewer; default: the one installed or built with this program")
       ->type_name("DIR");
-  app.add_option("--threads", c.threads, "Threads that work on meshes; 0: as many as the machine has")
-      ->check(CLI::Range(0u, 1024u))
-      ->capture_default_str();
+  app.add_option("--threads", c.threads, "Threads for meshes; 0: one for each core")->check(CLI::Range(0u, 1024u))->capture_default_str();
 }
 
 void addAccess(CLI::App& app, Written& w) {
   net::Settings& n = w.config.net;
-  app.add_option("--tls-cert", n.tlsCertificate, "Certificate chain (PEM): the port speaks TLS; SIGHUP reads it again")->type_name("FILE");
-  app.add_option("--tls-key", n.tlsKey, "Its private key (PEM)")->type_name("FILE");
-  app.add_option("--token-file", n.tokenFile, "Tokens and their rights, see 'ridgecast-server token --help'; SIGHUP reads it again")
+  app.add_option("--tls-cert", n.tlsCertificate, "Certificate chain (PEM), for TLS; SIGHUP reloads it")->type_name("FILE");
+  app.add_option("--tls-key", n.tlsKey, "Private key of the certificate (PEM)")->type_name("FILE");
+  app.add_option("--token-file", n.tokenFile, "Tokens and their rights, see 'ridgecast-server token --help'; SIGHUP reloads it")
       ->type_name("FILE");
-  app.add_option("--jwt-secret-file", n.jwtSecretFile, "Secret of JSON Web Tokens (HS256), at least 32 bytes; SIGHUP reads it again")
+  app.add_option("--jwt-secret-file", n.jwtSecretFile, "Secret of JSON Web Tokens (HS256), at least 32 bytes; SIGHUP reloads it")
       ->type_name("FILE");
-  app.add_option("--allow-origin", n.allowedOrigins, "Another origin whose pages may connect, such as https://example.org; * for any")
+  app.add_option("--allow-origin", n.allowedOrigins, "Another origin whose pages may connect, such as https://example.org; *: any")
       ->type_name("ORIGIN")
       ->allow_extra_args(false);
   app.add_option("--allowed-host", w.allowedHosts,
-                 "A name under which this server may be asked without tokens, beside its addresses and localhost; * for any")
+                 "Another host name to answer to without tokens, besides its addresses and localhost; *: any")
       ->type_name("NAME")
       ->allow_extra_args(false);
-  app.add_option("--trusted-proxy", w.trustedProxies, "Networks whose X-Forwarded-For is believed, such as 10.0.0.0/8")
+  app.add_option("--trusted-proxy", w.trustedProxies, "Networks whose X-Forwarded-For is trusted, such as 10.0.0.0/8")
       ->type_name("CIDR")
       ->allow_extra_args(false);
-  app.add_flag("--allow-insecure", n.allowInsecure, "Listen on other than loopback addresses without TLS or without tokens");
+  app.add_flag("--allow-insecure", n.allowInsecure, "Permit addresses other than loopback without TLS or without tokens");
 }
 
 void addLimits(CLI::App& app, Written& w) {
   Config& c = w.config;
-  app.add_option("--max-cameras", c.limits.maxCameras, "Cameras at a time, of all sessions")
+  app.add_option("--max-cameras", c.limits.maxCameras, "Cameras at a time, in all sessions")
       ->check(CLI::Range(1u, 65535u))
       ->capture_default_str();
   app.add_option("--max-members", c.limits.maxMembers, "Cameras at a time in one session")
       ->check(CLI::Range(1u, 65535u))
       ->capture_default_str();
-  app.add_option("--max-sessions", c.limits.maxSessions, "Sessions at a time, the default one included; 1: clients cannot make any")
+  app.add_option("--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any")
       ->check(CLI::Range(1u, 65535u))
       ->capture_default_str();
-  app.add_option("--session-idle", w.sessionIdle, "Seconds that a session without members lives on; the default one always does")
+  app.add_option("--session-idle", w.sessionIdle, "Seconds after which a session without members ends; the default session never ends")
       ->check(CLI::Range(1ll, 31'536'000ll))
       ->capture_default_str();
   app.add_option("--max-connections", c.net.maxConnections, "Connections at a time")->check(CLI::Range(1u, 65535u))->capture_default_str();
   app.add_option("--max-connections-per-address", c.net.maxConnectionsPerAddress,
-                 "Connections at a time of one client address; 0: no limit")
+                 "Connections at a time from one client address; 0: unlimited")
       ->check(CLI::Range(0u, 65535u))
       ->capture_default_str();
   app.add_option("--max-header-bytes", c.net.maxHeaderBytes, "Longest header of an HTTP request")
@@ -126,40 +123,40 @@ void addLimits(CLI::App& app, Written& w) {
       ->check(CLI::Range(std::size_t{1024}, wire::kMaxClientMessageBytes))
       ->capture_default_str();
   app.add_option("--max-messages-per-second", c.net.maxMessagesPerSecond,
-                 "Messages of one client on average, twice as many at once; 0: no limit")
+                 "Messages of one client on average, bursts of twice as many; 0: unlimited")
       ->capture_default_str();
   app.add_option("--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted")
       ->check(CLI::Range(10'000u, 50'000'000u))
       ->capture_default_str();
-  app.add_option("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot")
+  app.add_option("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles")
       ->check(CLI::Range(10'000u, 20'000'000u))
       ->capture_default_str();
-  app.add_option("--max-snapshot-seconds", c.snapshots.seconds, "Longest that a snapshot may take")
+  app.add_option("--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds")
       ->check(CLI::Range(1.0, 600.0))
       ->capture_default_str();
   app.add_option("--snapshot-niceness", c.snapshots.niceness,
-                 "How far snapshots give way to cameras, 0..19; 20: they run only where nothing else wants the processor")
+                 "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only")
       ->check(CLI::Range(0, scheduling::kIdle))
       ->capture_default_str();
   app.add_option("--window", c.limits.window, "Iterations that a client may leave unacknowledged")
       ->check(CLI::Range(1u, wire::kMaxWindow))
       ->capture_default_str();
-  app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Most that the iterations of one client may take; 0: no limit")
+  app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();
-  app.add_option("--patience", w.patience, "Seconds to wait for each of: TLS handshake, request, hello")
+  app.add_option("--patience", w.patience, "Timeout in seconds of each of: TLS handshake, request, hello")
       ->check(CLI::Range(1ll, 600ll))
       ->capture_default_str();
-  app.add_option("--idle", w.idle, "Seconds of silence after which a stream is closed; half as long: a ping")
+  app.add_option("--idle", w.idle, "Seconds of silence after which a stream is closed; a ping is sent after half of them")
       ->check(CLI::Range(2ll, 86400ll))
       ->capture_default_str();
 }
 
 void addOperation(CLI::App& app, Written& w) {
-  app.add_option("--drain", w.drain, "Seconds that clients have to leave after SIGTERM")
+  app.add_option("--drain", w.drain, "Seconds to wait for clients to leave after SIGTERM")
       ->check(CLI::Range(0ll, 3600ll))
       ->capture_default_str();
   app.add_option("--reconnect-url", w.config.net.reconnectUrl,
-                 "Where clients are told to go when this server leaves; left out: where they came from")
+                 "URL for clients to reconnect to when this server leaves; default: the same address")
       ->type_name("URL");
   app.add_option("--log-format", w.logFormat, "text, or json: one object a line")
       ->check(CLI::IsMember({"text", "json"}))
@@ -167,7 +164,7 @@ void addOperation(CLI::App& app, Written& w) {
   app.add_option("--log-level", w.logLevel, "debug, info, warning or error")
       ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
       ->capture_default_str();
-  app.add_flag("--quiet", w.quiet, "As --log-level warning");
+  app.add_flag("--quiet", w.quiet, "Same as --log-level warning");
 }
 
 // Error: one sentence.
@@ -242,7 +239,7 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
   } catch (const CLI::Success& e) {  // --help, --version
     return {std::nullopt, app.exit(e)};
   } catch (const CLI::ParseError& e) {
-    return {std::nullopt, refuse(std::string(e.what()) + "; --help lists what there is.")};
+    return {std::nullopt, refuse(std::string(e.what()) + "; see --help.")};
   }
   const std::string variable = variableOf("config") + "=";
   for (const char* const* entry = environment; file.empty() && *entry; ++entry)

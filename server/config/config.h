@@ -1,5 +1,5 @@
 #pragma once
-// What the server is told: command line, environment, settings file (layers.h).
+// The server's settings from command line, environment and settings file (layers.h).
 
 #include <cstdint>
 #include <filesystem>
@@ -22,13 +22,13 @@ struct Config {
   user_terrain::Request terrain;    // of the default session, with its seed
   unsigned threads = 0;             // 0: as many as the hardware has
   std::filesystem::path portFile;   // empty: none
-  std::filesystem::path webFolder;  // of the browser viewer; empty: the one beside the program, where there is one
+  std::filesystem::path webFolder;  // of the browser viewer; empty: the one beside the program, if any
   logging::Format logFormat = logging::Format::kText;
   logging::Level logLevel = logging::Level::kInfo;
 };
 
-// What is asked for. Either `config`, or the process is to end now with `status`, its text printed already: 0 after --help, --version,
-// --list-terrains, --print-config and `token`, 2 after an error, which is one sentence on stderr.
+// Either `config`, or the process must exit now with `status`, its text already printed: 0 after --help, --version, --list-terrains,
+// --print-config and `token`; 2 after an error, one sentence on stderr.
 struct Parsed {
   std::optional<Config> config;
   int status = 0;

@@ -40,7 +40,7 @@ std::vector<std::string> split(std::string_view text) {
   return parts;
 }
 
-// As TOML: numbers and truth bare, all else in quotation marks.
+// As TOML: numbers and booleans bare, everything else in quotation marks.
 std::string literal(const std::string& value) {
   const bool number = !value.empty() && value.size() < 19 &&
                       std::all_of(value.begin(), value.end(), [](char c) { return c >= '0' && c <= '9'; }) &&
@@ -84,7 +84,7 @@ Outcome<Sources> addLayers(CLI::App& app, const std::filesystem::path& file, con
     if (name == variableOf("config") || std::find(kOthers.begin(), kOthers.end(), name) != kOthers.end()) continue;
     const auto found = byVariable.find(name);
     if (found == byVariable.end())
-      return Error{"The environment's " + name + " is no setting of this server; --print-config lists what there is."};
+      return Error{"The environment's " + name + " is not a setting of this server; --print-config lists the settings."};
     std::string& source = sources[keyOf(*found->second)];
     if (source == "flag") continue;
     const std::string value(entry.substr(std::min(name.size() + 1, entry.size())));
@@ -99,7 +99,7 @@ Outcome<Sources> addLayers(CLI::App& app, const std::filesystem::path& file, con
     const std::string where = file.string() + ":" + std::to_string(setting.line);
     const auto found = byKey.find(setting.key);
     if (found == byKey.end())
-      return Error{where + ": '" + setting.key + "' is no setting of this server; --print-config lists what there is."};
+      return Error{where + ": '" + setting.key + "' is not a setting of this server; --print-config lists the settings."};
     if (setting.list && !isList(*found->second)) return Error{where + ": '" + setting.key + "' takes one value, not a list."};
     std::string& source = sources[setting.key];
     if (source != "default") continue;

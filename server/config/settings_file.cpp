@@ -33,7 +33,7 @@ Outcome<std::vector<FileSetting>> readSettingsFile(const std::filesystem::path& 
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   if (!in.eof() && in.gcount() == 0) return Error{"Cannot read the settings file '" + file.string() + "'."};
   text.resize(static_cast<std::size_t>(in.gcount()));
-  if (text.size() > kMaxFileBytes) return Error{"The settings file '" + file.string() + "' has more than a megabyte."};
+  if (text.size() > kMaxFileBytes) return Error{"The settings file '" + file.string() + "' is larger than a megabyte."};
   toml::table table;
   try {
     table = toml::parse(text);

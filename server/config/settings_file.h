@@ -1,5 +1,5 @@
 #pragma once
-// A file of settings: TOML, one `key = value` a line, without sections. Keys are the long flags without their hyphens in front.
+// A settings file: TOML, one `key = value` a line, without sections. Keys are the long flags without leading hyphens.
 
 #include <filesystem>
 #include <string>
@@ -16,7 +16,7 @@ struct FileSetting {
   unsigned line = 0;
 };
 
-// Error: unreadable, larger than 1 MiB, no TOML, a section, or a value that is neither text, number, true, false nor a list of these.
+// Error: unreadable, larger than 1 MiB, not TOML, a section, or a value that is not text, number, true, false or a list of these.
 Outcome<std::vector<FileSetting>> readSettingsFile(const std::filesystem::path& file);
 
 }  // namespace ridgecast::config

@@ -38,7 +38,7 @@ std::optional<std::chrono::seconds> parseDuration(const std::string& text) {
   }
 }
 
-// Behind what is there, in one write; a new file is its owner's alone.
+// Appends in one write. A new file is readable only by its owner.
 bool appendLine(const std::filesystem::path& file, const std::string& line) {
   const int descriptor = open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
   if (descriptor < 0) return false;
@@ -60,11 +60,11 @@ int refuse(const std::string& sentence) {
 int runTokenCommand(int argc, const char* const* argv) {
   std::string rights = "view", holder = "anyone", expires, session;
   std::filesystem::path tokenFile, secretFile;
-  CLI::App app("Issues a token: a random one whose hash is added to a token file, or a JSON Web Token (HS256).", "ridgecast-server token");
-  app.add_option("--rights", rights, "What it grants: view, create, query, snapshot, with commas")->capture_default_str();
-  app.add_option("--holder", holder, "Whose it is, for the log")->capture_default_str();
-  app.add_option("--session", session, "The one session it is for; left out: all")->type_name("NAME");
-  app.add_option("--expires", expires, "How long it lasts: 90s, 15m, 12h, 30d; left out: a JSON Web Token 12h, another for ever")
+  CLI::App app("Issues a token: a random one, adding its hash to a token file, or a JSON Web Token (HS256).", "ridgecast-server token");
+  app.add_option("--rights", rights, "Rights to grant: view, create, query, snapshot, separated by commas")->capture_default_str();
+  app.add_option("--holder", holder, "Name of the holder, for the log")->capture_default_str();
+  app.add_option("--session", session, "Valid for this session only; default: all")->type_name("NAME");
+  app.add_option("--expires", expires, "Lifetime: 90s, 15m, 12h, 30d; default: a JSON Web Token 12h, otherwise unlimited")
       ->type_name("DURATION");
   auto* file = app.add_option("--token-file", tokenFile, "Make a random token and add its hash to this file")->type_name("FILE");
   app.add_option("--jwt-secret-file", secretFile, "Sign a JSON Web Token with the secret in this file")->type_name("FILE")->excludes(file);
@@ -73,7 +73,7 @@ int runTokenCommand(int argc, const char* const* argv) {
   } catch (const CLI::Success& e) {
     return app.exit(e);
   } catch (const CLI::ParseError& e) {
-    return refuse(std::string(e.what()) + "; --help lists what there is.");
+    return refuse(std::string(e.what()) + "; see --help.");
   }
   access::Grant grant;
   const auto parsed = access::parseRights(rights);
@@ -88,7 +88,7 @@ int runTokenCommand(int argc, const char* const* argv) {
   if (expires.empty() && !secretFile.empty()) expires = "12h";
   if (!expires.empty()) {
     const auto duration = parseDuration(expires);
-    if (!duration) return refuse("--expires is a number and s, m, h or d, such as 12h, and not '" + expires + "'.");
+    if (!duration) return refuse("--expires takes a number and s, m, h or d, such as 12h, not '" + expires + "'.");
     grant.expires = now + *duration;
   }
   if (!secretFile.empty()) {
@@ -97,7 +97,7 @@ int runTokenCommand(int argc, const char* const* argv) {
     std::cout << access::issueJwt(grant, *secret, now) << "\n";
     return 0;
   }
-  if (tokenFile.empty()) return refuse("Say where the token is to be good: --token-file FILE or --jwt-secret-file FILE.");
+  if (tokenFile.empty()) return refuse("Name where to add the token or what to sign it with: --token-file FILE or --jwt-secret-file FILE.");
   const access::NewToken made = access::makeToken(grant);
   if (!appendLine(tokenFile, made.line)) return refuse("Cannot write to '" + tokenFile.string() + "'.");
   std::cout << made.token << "\n";

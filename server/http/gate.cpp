@@ -78,13 +78,12 @@ std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {
   const Needed need = needed(request.method, path);
   if (!asksForTokens() && path != "/healthz" && path != "/readyz" &&
       !access::mayBeAsked(request.host, settings_.host, settings_.allowedHosts))
-    return refused(
-        421, metrics::Refusal::kHost,
-        "This server is not asked by that name, which could be another's for this machine; use its address or localhost, or whoever "
-        "runs it can allow the name with --allowed-host.");
+    return refused(421, metrics::Refusal::kHost,
+                   "This server does not answer to that name, which may not be its own; use its address or localhost, or its operator can "
+                   "allow the name with --allowed-host.");
   if (!request.origin.empty() && need.right && !originMayAsk(request.origin, request.host))
     return refused(403, metrics::Refusal::kOrigin,
-                   "Pages of this origin may not use this server; whoever runs it can allow them with --allow-origin.");
+                   "Pages of this origin may not use this server; its operator can allow them with --allow-origin.");
   if (!asksForTokens()) return access::Grant{{}, access::Rights::all(), {}, {}};
   if (!need.right) return access::Grant{};
 

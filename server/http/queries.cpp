@@ -69,7 +69,7 @@ Outcome<wire::Query> readPlaces(std::string_view query, bool normals) {
   for (const std::string& place : *places) {
     std::array<double, 2> at{};
     if (!parseNumbers(place, at) || !inLattice(at[0]) || !inLattice(at[1]))
-      return Error{"A place is at=X,Z: two numbers, metres, within 4.398e12 of the origin."};
+      return Error{"A place is at=X,Z: two numbers in metres, within 4.398e12 of the origin."};
     out.x.push_back(steps(at[0]));
     out.z.push_back(steps(at[1]));
   }
@@ -80,7 +80,7 @@ Outcome<wire::Query> readPlaces(std::string_view query, bool normals) {
   if (spacing->empty()) return out;
   std::array<double, 1> metres{};
   if (!parseNumbers(*spacing, metres) || steps(metres[0]) < 1 || steps(metres[0]) > wire::kMaxSpacing)
-    return Error{"spacing is the metres to each side over which the slope is taken, 0.004 to 256."};
+    return Error{"spacing is the distance to each side for the slope, 0.004 to 256 metres."};
   out.spacing = static_cast<std::uint32_t>(steps(metres[0]));
   return out;
 }
@@ -97,7 +97,7 @@ Outcome<wire::Query> readRays(std::string_view query) {
   const auto asked = queryParameter(query, "reach");
   if (!asked) return asked.error();
   if (!asked->empty() && (!parseNumbers(*asked, reach) || reach[0] < 0 || reach[0] > wire::kMaxReach))
-    return Error{"reach is how far the rays go, 0 to 100000 metres."};
+    return Error{"reach is the length of the rays, 0 to 100000 metres."};
   for (const std::string& text : *rays) {
     std::array<double, 6> n{};
     const bool numbers = parseNumbers(text, n);
@@ -149,14 +149,14 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
   const bool heights = path == "/v1/heights", normals = path == "/v1/normals", rays = path == "/v1/rays";
   if (!heights && !normals && !rays) return std::nullopt;
   if (request.method != "GET" && request.method != "HEAD") {
-    auto a = plain(405, "Only GET and HEAD are possible here.");
+    auto a = plain(405, "Only GET and HEAD are allowed here.");
     a.headers = {{"Allow", "GET, HEAD"}};
     return a;
   }
   const auto name = queryParameter(query, "session");
   if (!name) return plain(400, name.error().message);
   const auto session = directory.find(name->empty() ? session::kDefaultName : std::string_view(*name));
-  if (!session) return plain(404, "There is no session of that name here; /v1/sessions lists those there are.");
+  if (!session) return plain(404, "There is no session of that name here; /v1/sessions lists the sessions.");
   auto asked = rays ? readRays(query) : readPlaces(query, normals);
   if (!asked) return plain(400, asked.error().message);
   auto later = std::make_shared<Later>();

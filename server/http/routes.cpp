@@ -124,7 +124,7 @@ Outcome<std::string> queryParameter(std::string_view query, std::string_view nam
       }
       const int high = k + 1 < raw.size() ? hexDigit(raw[k + 1]) : -1;
       const int low = k + 2 < raw.size() ? hexDigit(raw[k + 2]) : -1;
-      if (high < 0 || low < 0) return Error{"The query has a % that two hexadecimal digits do not follow."};
+      if (high < 0 || low < 0) return Error{"The query has a % without two hexadecimal digits after it."};
       value += static_cast<char>(high * 16 + low);
       k += 2;
     }
@@ -156,10 +156,10 @@ Answer answer(const Request& request, session::Directory& directory, std::string
   const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
   const bool known =
       path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream" || path == "/v1/sessions";
-  if (!known) return refused(404, metrics::Refusal::kRequest, "There is nothing here; see / for what this server has.");
+  if (!known) return refused(404, metrics::Refusal::kRequest, "There is nothing here; see / for what this server offers.");
   const bool isStream = path == "/v1/stream";
   if (request.method != "GET" && (isStream || request.method != "HEAD")) {
-    Answer a = refused(405, metrics::Refusal::kRequest, isStream ? "Only GET is possible here." : "Only GET and HEAD are possible here.");
+    Answer a = refused(405, metrics::Refusal::kRequest, isStream ? "Only GET is allowed here." : "Only GET and HEAD are allowed here.");
     a.headers = {{"Allow", isStream ? "GET" : "GET, HEAD"}};
     return a;
   }

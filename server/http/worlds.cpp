@@ -55,7 +55,7 @@ Outcome<Wish> readWish(std::string_view query) {
   if (!terrain) return terrain.error();
   wish.terrain = *terrain;
   if (!wish.terrain.empty() && !nameIsHarmless(wish.terrain))
-    return Error{"A terrain is named by letters, digits, underscores or hyphens, as ridgecast-server --list-terrains does."};
+    return Error{"A terrain's name has letters, digits, underscores or hyphens; ridgecast-server --list-terrains lists the names."};
   const auto seed = queryParameter(query, "seed");
   if (!seed) return seed.error();
   if (!seed->empty() && !parse(*seed, wish.seed.emplace())) return Error{"A seed is a whole number from 0 to 4294967295."};
@@ -77,7 +77,7 @@ Outcome<Wish> readWish(std::string_view query) {
   std::sort(wish.parameters.begin(), wish.parameters.end());
   const auto twice =
       std::adjacent_find(wish.parameters.begin(), wish.parameters.end(), [](const auto& a, const auto& b) { return a.first == b.first; });
-  if (twice != wish.parameters.end()) return Error{"The parameter '" + twice->first + "' is given twice; once is right."};
+  if (twice != wish.parameters.end()) return Error{"The parameter '" + twice->first + "' is given twice; give it once."};
   return wish;
 }
 
@@ -102,7 +102,7 @@ Answer join(std::shared_ptr<session::Session> session, const Wish& wish) {
 Answer make(const std::string& name, const Wish& wish, session::Directory& directory) {
   const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters};
   auto terrain = directory.resources().makeTerrain(spec);
-  if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be made: " + terrain.error().message);
+  if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
   const auto added = directory.add(name, std::move(*terrain), spec.parameters);
   if (added) return upgrade(*added);
   // Another request may have been faster.
@@ -154,15 +154,15 @@ Answer streamAnswer(const Request& request, std::string_view query, session::Dir
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish);
   if (wish->terrain.empty())
     return refused(404, metrics::Refusal::kSession,
-                   "There is no session named '" + wanted + "' here; 'default' always exists, and &terrain=NAME makes one.");
+                   "There is no session named '" + wanted + "' here; 'default' always exists, and &terrain=NAME creates one.");
   if (!request.rights.has(access::Right::kCreate))
     return refused(403, metrics::Refusal::kRight, "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
   if (!directory.resources().makeTerrain)
-    return refused(403, metrics::Refusal::kSession, "Sessions cannot be made on this server; 'default' always exists.");
+    return refused(403, metrics::Refusal::kSession, "Sessions cannot be created on this server; 'default' always exists.");
   if (directory.full())
     return refused(
         503, metrics::Refusal::kFull,
-        "This server has " + std::to_string(directory.resources().limits.maxSessions) + " sessions, the most it takes; try again later.");
+        "This server has " + std::to_string(directory.resources().limits.maxSessions) + " sessions, its limit; try again later.");
   const auto builtIn = terrain::builtIn();
   const bool atOnce =
       wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });

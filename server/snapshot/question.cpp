@@ -57,10 +57,10 @@ class Parameters {
       if (part.empty()) continue;
       const auto equals = std::min(part.find('='), part.size());
       const auto name = decoded(part.substr(0, equals)), value = decoded(part.substr(std::min(equals + 1, part.size())));
-      if (!name || !value) return Error{"The query has a % that two hexadecimal digits do not follow."};
+      if (!name || !value) return Error{"The query has a % without two hexadecimal digits after it."};
       if (values_.size() >= kMostParameters)
-        return Error{"The query has more than " + std::to_string(kMostParameters) + " parameters, the most there may be."};
-      if (!values_.emplace(*name, *value).second) return Error{"The query says " + quoted(*name) + " twice; say it once."};
+        return Error{"The query has more than " + std::to_string(kMostParameters) + " parameters, the limit."};
+      if (!values_.emplace(*name, *value).second) return Error{"The query has " + quoted(*name) + " twice; give it once."};
     }
     return {};
   }

@@ -181,7 +181,7 @@ Outcome<void> checkText(std::string_view file, std::string_view text) {
 Outcome<Checked> checkGlsl(std::string_view file, std::string_view text) {
   const auto program = findProgram("glslangValidator");
   if (!program)
-    return Error{"a terrain file is checked by glslangValidator, which is not installed; on Debian: apt-get install glslang-tools g++"};
+    return Error{"glslangValidator, which checks terrain files, is not installed; on Debian: apt-get install glslang-tools g++"};
   auto scratch = Scratch::create();
   if (!scratch) return scratch.error();
   constexpr std::string_view kDesktop = "#version 330 core\n", kEs = "#version 300 es\nprecision highp float;\nprecision highp int;\n";

@@ -126,7 +126,7 @@ Outcome<std::string> withParameters(std::string_view file, std::string_view text
       return Error{std::string(file) + " has no parameter '" + name + "'; " + (names.empty() ? "it has none" : "it has: " + names)};
     }
     if (!(value >= p->least && value <= p->most))
-      return Error{"--param " + name + "=" + shortNumber(value) + " is out of range: it goes from " + shortNumber(p->least) + " to " +
+      return Error{"--param " + name + "=" + shortNumber(value) + " is out of range: it must be from " + shortNumber(p->least) + " to " +
                    shortNumber(p->most) + (p->unit.empty() ? "" : " " + p->unit)};
     std::erase_if(changed, [&](const Parameter& c) { return c.name == name; });  // the last one counts
     changed.push_back(*p);

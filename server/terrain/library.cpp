@@ -122,14 +122,14 @@ Outcome<Cache> Cache::open(std::filesystem::path folder) {
     else if (home && *home)
       folder = std::filesystem::path(home) / ".cache" / "ridgecast" / "terrains";
     else
-      return Error{"there is no place to keep compiled terrains: set HOME, or give --terrain-cache DIR"};
+      return Error{"there is no folder for compiled terrains: set HOME, or give --terrain-cache DIR"};
   }
   std::error_code failed;
   if (folder.has_parent_path()) std::filesystem::create_directories(folder.parent_path(), failed);
   mkdir(folder.c_str(), 0700);
   struct stat s;
   if (stat(folder.c_str(), &s) != 0 || !S_ISDIR(s.st_mode) || access(folder.c_str(), W_OK) != 0)
-    return Error{"compiled terrains cannot be kept in " + folder.string() + "; give another folder with --terrain-cache DIR"};
+    return Error{"cannot store compiled terrains in " + folder.string() + "; give another folder with --terrain-cache DIR"};
   if (!isPrivate(s))
     return Error{"others can write to " + folder.string() +
                  ", so compiled terrains from it cannot be trusted; give another folder with --terrain-cache DIR"};

@@ -128,7 +128,7 @@ Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std:
   void* data = MAP_FAILED;
   if (bytes <= inMemory) {
     data = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (data == MAP_FAILED) return Error{"the height map takes " + inMegabytes(bytes) + " of memory, more than there is"};
+    if (data == MAP_FAILED) return Error{"the height map takes " + inMegabytes(bytes) + " of memory, more than is available"};
   } else {
     std::error_code failed;
     const std::filesystem::path folder = std::filesystem::temp_directory_path(failed);

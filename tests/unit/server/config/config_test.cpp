@@ -127,14 +127,14 @@ TEST_F(ConfigTest, SaysWhatIsWrongAndWhere) {
     std::vector<std::string> words;
   };
   for (const Case& c : {Case{{"--max-camera", "3"}, {}, "", {"--max-camera"}},
-                        Case{{}, {"RIDGECAST_MAX_CAMERA=3"}, "", {"RIDGECAST_MAX_CAMERA", "no setting"}},
-                        Case{{}, {"RIDGECAST_PRINT_CONFIG=1"}, "", {"RIDGECAST_PRINT_CONFIG", "no setting"}},
+                        Case{{}, {"RIDGECAST_MAX_CAMERA=3"}, "", {"RIDGECAST_MAX_CAMERA", "not a setting"}},
+                        Case{{}, {"RIDGECAST_PRINT_CONFIG=1"}, "", {"RIDGECAST_PRINT_CONFIG", "not a setting"}},
                         Case{{}, {"RIDGECAST_PORT=tcp://10.0.0.1:7070"}, "", {"RIDGECAST_PORT", "tcp://"}},
                         Case{{}, {"RIDGECAST_MAX_CAMERAS=0"}, "", {"RIDGECAST_MAX_CAMERAS", "not in range"}},
                         Case{{}, {"RIDGECAST_QUIET=perhaps"}, "", {"RIDGECAST_QUIET"}},
                         Case{{}, {"RIDGECAST_TRUSTED_PROXY=10.0.0.1/8"}, "", {"10.0.0.1/8"}},
                         Case{{"--allowed-host", "https://terrain.example.org"}, {}, "", {"https://terrain", "no host name"}},
-                        Case{{}, {}, "max_cameras = 3", {"settings", ":1", "max_cameras", "no setting"}},
+                        Case{{}, {}, "max_cameras = 3", {"settings", ":1", "max_cameras", "not a setting"}},
                         Case{{}, {}, "\nconfig = \"x\"", {":2", "config"}}, Case{{}, {}, "max-cameras = 70000", {":1", "not in range"}},
                         Case{{}, {}, "max-cameras = [3, 4]", {":1", "one value"}}, Case{{}, {}, "max-cameras = 3.5", {":1", "max-cameras"}},
                         Case{{}, {}, "[limits]\nmax-cameras = 3", {":1", "section"}}, Case{{}, {}, "seed = 1979-05-27", {":1", "seed"}},
