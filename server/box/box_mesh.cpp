@@ -206,7 +206,7 @@ class Mesher : private triangulation::Partition {
 
   Problem tooMany(float reached) const {
     return {Problem::Kind::kTooMuch, "This box at an error of " + text(error_) + " m takes more than " + std::to_string(most_) +
-                                         " triangles, the most there may be; with an error of " + text(reached * 1.1) +
+                                         " triangles, the limit; with an error of " + text(reached * 1.1) +
                                          " m, or in several smaller boxes, it fits."};
   }
 

@@ -117,13 +117,13 @@ Conversation::Refusal Conversation::take(const wire::Resume& resume) {
 }
 
 Conversation::Refusal Conversation::take(const wire::WantTiles& request) {
-  if (!terms_.heightMap) return ErrorMessage{ErrorCode::kInvalid, "Tiles are wanted of a world that has no height map."};
+  if (!terms_.heightMap) return ErrorMessage{ErrorCode::kInvalid, "Tiles were requested, but this world has no height map."};
   if (tiles_.size() + request.tiles.size() > wire::kMaxWantedTiles)
     return ErrorMessage{ErrorCode::kLimit,
-                        "More than " + std::to_string(wire::kMaxWantedTiles) + " tiles wait to be sent: want fewer at a time."};
+                        "More than " + std::to_string(wire::kMaxWantedTiles) + " tiles wait to be sent; request fewer at a time."};
   for (const terrain::TileAddress& tile : request.tiles)
     if (!terrain::tileIsValid(*terms_.heightMap, tile))
-      return ErrorMessage{ErrorCode::kInvalid, "A tile is wanted that lies beyond the lattice."};
+      return ErrorMessage{ErrorCode::kInvalid, "A requested tile lies beyond the lattice."};
   tiles_.insert(tiles_.end(), request.tiles.begin(), request.tiles.end());
   return {};
 }

@@ -94,19 +94,17 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void hasRead(error_code ec) {
     if (ec == http::error::header_limit || ec == http::error::buffer_overflow)
-      return refuse(
-          431, metrics::Refusal::kHeader,
-          "The request's header has more than " + std::to_string(shared_->settings.maxHeaderBytes) + " bytes, the most there may be.");
+      return refuse(431, metrics::Refusal::kHeader,
+                    "The request's header has more than " + std::to_string(shared_->settings.maxHeaderBytes) + " bytes, the limit.");
     if (ec && ec != http::error::end_of_stream && ec != http::error::partial_message &&
         ec.category() == http::make_error_code(http::error::bad_method).category())
-      return refuse(400, metrics::Refusal::kRequest, "This is no HTTP request (" + ec.message() + ").");
+      return refuse(400, metrics::Refusal::kRequest, "This is not an HTTP request (" + ec.message() + ").");
     if (ec == asio::error::operation_aborted && answered_ == 0) shared_->figures->refused(metrics::Refusal::kPatience);
     if (ec) return close();
     const Settings& settings = shared_->settings;
     if (clear_) return refuse(400, metrics::Refusal::kTls, "This port speaks TLS: use https:// or wss://.");
     if (counted_.surplus() == Counted::Surplus::kConnections)
-      return refuse(503, {},
-                    "This server has " + std::to_string(settings.maxConnections) + " connections, the most it takes; try again later.");
+      return refuse(503, {}, "This server has " + std::to_string(settings.maxConnections) + " connections, its limit; try again later.");
     if (counted_.surplus() == Counted::Surplus::kAddress) return refuseAddress();
 
     const auto& header = parser_->get();
@@ -178,7 +176,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void busy() {
-    Answer a = sentenceOf(503, "This server is busy with the work of others; ask again in " + std::string(kRetrySeconds) + " seconds.");
+    Answer a = sentenceOf(503, "This server is busy with other work; try again in " + std::string(kRetrySeconds) + " seconds.");
     a.headers = {{"Retry-After", kRetrySeconds}};
     a.refusal = metrics::Refusal::kBusy;
     send(std::move(a));

@@ -55,7 +55,7 @@ class ListeningServer final : public Server {
     const auto found =
         resolver.resolve(settings.host, std::to_string(settings.port), tcp::resolver::passive | tcp::resolver::numeric_service, ec);
     if (ec || found.empty())
-      return Error{"Cannot listen on '" + settings.host + "': it is no address or name of this machine; 127.0.0.1 is the usual one."};
+      return Error{"Cannot listen on '" + settings.host + "': it is not an address or name of this machine; 127.0.0.1 is the usual one."};
     const tcp::endpoint endpoint = found.begin()->endpoint();
     if (settings.tlsCertificate.empty() != settings.tlsKey.empty())
       return Error{"TLS takes both a certificate and its key: --tls-cert FILE --tls-key FILE."};
@@ -77,7 +77,7 @@ class ListeningServer final : public Server {
     if (ec == asio::error::address_in_use)
       return Error{"Cannot listen on " + where + ": the port is in use; choose another with --port, or --port 0 for any free one."};
     if (ec == asio::error::access_denied)
-      return Error{"Cannot listen on " + where + ": that takes rights this user lacks; choose a port above 1023."};
+      return Error{"Cannot listen on " + where + ": this user lacks the permission; choose a port above 1023."};
     if (ec) return Error{"Cannot listen on " + where + ": " + ec.message() + "; 127.0.0.1 is the usual address."};
     endpoint_ = acceptor_.local_endpoint(ec);
     addOperations(shared_);

@@ -151,15 +151,14 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     const Settings& settings = shared_->settings;
     if (buffer_.size() > settings.maxMessageBytes)
       return fail(metrics::Refusal::kMessageSize,
-                  {wire::ErrorCode::kLimit,
-                   "A message has more than " + std::to_string(settings.maxMessageBytes) + " bytes, the most there may be."},
+                  {wire::ErrorCode::kLimit, "A message has more than " + std::to_string(settings.maxMessageBytes) + " bytes, the limit."},
                   websocket::close_code::too_big);
     if (!ws_.is_message_done()) return read();
     shared_->figures->messagesReceived.Increment();
     shared_->figures->bytesReceived.Increment(buffer_.size());
     if (!rate_.take(access::Rate::Clock::now()))
       return fail(metrics::Refusal::kMessageRate, {wire::ErrorCode::kLimit, "More than " + std::to_string(settings.maxMessagesPerSecond) +
-                                                                                " messages came a second, the most there may be."});
+                                                                                " messages a second, the limit."});
     if (ws_.got_text())
       return fail(metrics::Refusal::kMalformed,
                   {wire::ErrorCode::kMalformed, "A text message came; messages are binary, one protobuf ClientMessage each."},
@@ -188,7 +187,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     }
     if (out_.size() >= kMaxQueuedMessages) {
       *queuedBytes_ -= message.bytes.size();
-      return fail({wire::ErrorCode::kLimit, "Too much waits for this client."});
+      return fail({wire::ErrorCode::kLimit, "Too much is queued for this client."});
     }
     out_.push_back(std::move(message));
     if (!writing_) write();

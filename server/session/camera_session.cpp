@@ -144,7 +144,7 @@ CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
   if (!grounds_) grounds_ = std::make_shared<Grounds>(session_->terrain(), conversation_.granted().triangleBudget, pool_, sender_);
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
-                      "More than " + std::to_string(wire::kMaxGrounds) + " grounds were asked for: ask for the next when one has arrived."};
+                      "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};
 }
 
 void CameraSession::close() {

@@ -106,7 +106,7 @@ void Grounds::answer(const wire::AskGround& asked) {
   while (!made && error < 1e4 && (made.error().kind == Kind::kTooMuch || made.error().kind == Kind::kTooSlow))
     made = make(error *= kCoarser);
   if (stop_.stop_requested()) return;
-  if (!made) return sender_->fail({wire::ErrorCode::kLimit, "The ground that was asked for could not be made: " + made.error().message});
+  if (!made) return sender_->fail({wire::ErrorCode::kLimit, "The requested ground could not be made: " + made.error().message});
 
   wire::Ground ground;
   ground.id = asked.id;

@@ -32,10 +32,10 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
 Outcome<Place> Session::enter() {
   const Limits& limits = resources_->limits;
   if (!raise(*cameras_, limits.maxCameras))
-    return Error{"This server is full: it serves " + std::to_string(limits.maxCameras) + " cameras; try again later."};
+    return Error{"This server is full: it has " + std::to_string(limits.maxCameras) + " cameras; try again later."};
   if (!raise(*members_, limits.maxMembers)) {
     --*cameras_;
-    if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended, as nobody was in it; connect again to make it anew."};
+    if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
   ++entries_;
@@ -69,7 +69,7 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_p
   const std::lock_guard lock(mutex_);
   if (sessions_.contains(name)) return Error{"There is a session named '" + name + "' already; choose another name."};
   if (sessions_.size() >= resources_->limits.maxSessions)
-    return Error{"This server has " + std::to_string(resources_->limits.maxSessions) + " sessions, the most it takes; try again later."};
+    return Error{"This server has " + std::to_string(resources_->limits.maxSessions) + " sessions, its limit; try again later."};
   sessions_.emplace(std::move(name), Kept{session, 0, {}});
   sweepSoon();
   return session;

@@ -121,7 +121,7 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
   camera::Camera camera = of.camera;
   if (of.aboveGround) camera.pose.y += session.terrain()->height({camera.pose.x, camera.pose.z});
   if (!camera::isValid(camera))
-    return Problem{Problem::Kind::kTooMuch, "This pose lies outside what there is: up to 4e12 m from the origin and 200 km high."};
+    return Problem{Problem::Kind::kTooMuch, "This pose lies outside the world: up to 4e12 m from the origin and 200 km high."};
   pipeline::Limits budget;
   budget.defaultBudget = budget.maxBudget = limits.triangles;
   wire::Settings asked;
@@ -135,7 +135,7 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
     watch.has(static_cast<std::uint32_t>(figures.triangles));
     if (figures.effectiveThreshold > of.threshold * 1.0001)
       return Problem{Problem::Kind::kTooMuch, "This pose at a threshold of " + text(of.threshold) + " pixels takes more than " +
-                                                  std::to_string(limits.triangles) + " triangles, the most there may be; a threshold of " +
+                                                  std::to_string(limits.triangles) + " triangles, the limit; a threshold of " +
                                                   text(of.threshold * 2) + " pixels takes about a third of them."};
   } while (!pipeline.settled());
   const auto& leaves = pipeline.leaves();
