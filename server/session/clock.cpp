@@ -78,7 +78,7 @@ void Clock::begin(const wire::Step& step) {
   time_ = std::min(wire::kMaxTime, time_ + step.time);
   if (!step.wait) return;
   waitsFor_ = followers_;
-  waitsFor_.erase(owner_);  // the owner needs no waiting for
+  waitsFor_.erase(owner_);  // nobody waits for the owner
 }
 
 void Clock::goOn() {

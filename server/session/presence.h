@@ -27,7 +27,7 @@ namespace ridgecast::session {
 class Presence : public std::enable_shared_from_this<Presence> {
  public:
   static constexpr std::chrono::milliseconds kLeastPause{50};
-  static constexpr std::chrono::milliseconds kClockRetry{5};  // while the last message about the clock has not left
+  static constexpr std::chrono::milliseconds kClockRetry{5};  // retry interval while the last message about the clock has not left
 
   // `timer` must outlive this.
   explicit Presence(const Timer& timer);

@@ -110,7 +110,7 @@ class Session {
   std::uint64_t entries() const { return entries_; }  // how often members have entered
 
  private:
-  static constexpr std::uint32_t kEnded = 1u << 31;  // in members_, otherwise 0 then
+  static constexpr std::uint32_t kEnded = 1u << 31;  // flag in members_, whose count is then 0
   std::string name_;
   WorldSpec spec_;
   std::atomic<std::uint64_t> entries_{0};
