@@ -16,7 +16,6 @@
 #include "common/transport/channel.h"
 #include "server/access/limits.h"
 #include "server/http/gate.h"
-#include "server/net/channel.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 

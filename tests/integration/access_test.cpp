@@ -102,7 +102,7 @@ class AccessTest : public testing::Test {
     client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + headers + "\r\n");
     return client.answer();
   }
-  std::uint64_t refusals(metrics::Refusal reason) const { return resources->figures->refusals[static_cast<std::size_t>(reason)]->value(); }
+  double refusals(metrics::Refusal reason) const { return resources->figures->refusals[static_cast<std::size_t>(reason)]->Value(); }
   Outcome<std::unique_ptr<connection::Connection>> connect(const std::string& address, const std::string& ca,
                                                            const std::string& token = "") const {
     auto url = connection::parseUrl(address).value();

@@ -9,6 +9,7 @@
 #include <sstream>
 #include <string>
 
+#include "client/connection/connection.h"
 #include "client/scene/scene.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
@@ -16,7 +17,7 @@
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
-#include "tests/support/flier.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -64,17 +65,31 @@ std::string record() {
   auto server = net::Server::listen(settings, directory).value();
   std::string stream;
   {
-    testing_support::Flier flier("ws://127.0.0.1:" + std::to_string(server->port()) + "/v1/stream", {.threshold = 2.5});
-    wire::World world = flier.world();
+    wire::Hello hello;
+    hello.pacing = wire::Pacing::kLockstep;
+    hello.settings.threshold = 2.5;
+    const auto connection =
+        connection::Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello, testing_support::kPatience).value();
+    wire::World world = connection->world();
     world.terrainSource.clear();  // long, and of no use here
     stream += framed(world);
+    scene::Scene scene;
+    std::uint64_t sequence = 0;
+    const auto step = [&](const camera::Camera& camera) {
+      connection->send({++sequence, camera});
+      wire::Iteration iteration = connection->receive(testing_support::kPatience).value().iteration;
+      scene.apply(iteration).value();
+      connection->acknowledge({iteration.number, scene.hash()});
+      return iteration;
+    };
     camera::Camera camera;
     camera.pose.y = 29'000;  // high up, for few leaves
     camera.pose.pitch = -1.2;
-    flier.settle(camera);
-    flier.connection().resend({});  // the first of the stream brings everything
+    while (!step(camera).settled) {
+    }
+    connection->resend({});  // the first of the stream brings everything
     for (std::uint64_t n = 1; n <= 3; ++n) {
-      wire::Iteration iteration = flier.step(camera);
+      wire::Iteration iteration = step(camera);
       iteration.number = iteration.poseSequence = n;
       iteration.figures = {};
       stream += framed(iteration);
