@@ -26,7 +26,7 @@ Outcome<V> decodeAs(std::span<const std::uint8_t> bytes, std::size_t most) {
   P in;
   const bool wellFormed = scan<V, P>(bytes, counts, refusal) && in.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()));
   if (!refusal.empty()) return Error{refusal};
-  if (!wellFormed || in.kind_case() == P::KIND_NOT_SET) return Error{"the bytes are no message of protocol version 1 (see PROTOCOL.md)"};
+  if (!wellFormed || in.kind_case() == P::KIND_NOT_SET) return Error{"The bytes are not a message of protocol version 1 (see PROTOCOL.md)."};
   V out;
   read(out, in, refusal);
   if (!refusal.empty()) return Error{refusal};
