@@ -11,15 +11,15 @@
 #include <system_error>
 
 #include "server/config/config.h"
+#include "server/http/page.h"
+#include "server/http/queries.h"
+#include "server/http/snapshots.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
-#include "server/http/snapshots.h"
 #include "server/notify.h"
-#include "server/http/queries.h"
 #include "server/scheduling/pool.h"
 #include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
-#include "server/http/page.h"
 
 namespace {
 
@@ -50,9 +50,35 @@ Outcome<std::shared_ptr<const http::Site>> loadSite(std::filesystem::path folder
   return http::Site::load(folder);
 }
 
+void warn(const std::string& complaint) { logging::warning(complaint); }
+
+// Returns after SIGINT or SIGTERM.
+void untilEnded(net::Server& server, const sigset_t& signals) {
+  for (int signal = 0;;) {
+    sigwait(&signals, &signal);
+    if (signal == SIGHUP) {
+      notify("RELOADING=1");
+      if (const auto error = server.reload())
+        logging::error("not reloaded: " + error->message);
+      else
+        logging::info("reloaded: certificate and tokens");
+      notify("READY=1");
+    } else if (signal == SIGUSR1) {
+      logging::info("draining: clients are told to connect again; SIGUSR2 ends it");
+      server.drain();
+      notify("STATUS=Draining");
+    } else if (signal == SIGUSR2) {
+      logging::info("ready again");
+      server.undrain();
+      notify("STATUS=Serving at " + server.url());
+    } else {
+      return logging::info(signal == SIGINT ? "interrupted: shutting down" : "terminated: shutting down");
+    }
+  }
+}
+
 int serve(const config::Config& config, const sigset_t& signals) {
-  auto terrain =
-      user_terrain::load(config.terrain, [](const std::string& complaint) { logging::warning(complaint); });  // before any thread begins
+  auto terrain = user_terrain::load(config.terrain, warn);  // before any thread begins
   if (!terrain) return refuse(terrain.error().message);
 
   auto site = loadSite(config.webFolder);
@@ -76,7 +102,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
       if (spec.terrain != own) made.terrain = spec.terrain;  // a name: paths are refused before
       made.seed = spec.seed;
       made.parameters = spec.parameters;
-      return user_terrain::load(made, [](const std::string& complaint) { logging::warning(complaint); });
+      return user_terrain::load(made, warn);
     };
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
   routes.insert(routes.begin(), http::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &machine)));
@@ -90,28 +116,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
                 std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 
   notify("READY=1\nSTATUS=Serving at " + server->url());
-  for (int signal = 0;;) {
-    sigwait(&signals, &signal);
-    if (signal == SIGHUP) {
-      notify("RELOADING=1");
-      if (const auto error = server->reload())
-        logging::error("not reloaded: " + error->message);
-      else
-        logging::info("reloaded: certificate and tokens");
-      notify("READY=1");
-    } else if (signal == SIGUSR1) {
-      logging::info("draining: clients are told to connect again; SIGUSR2 ends it");
-      server->drain();
-      notify("STATUS=Draining");
-    } else if (signal == SIGUSR2) {
-      logging::info("ready again");
-      server->undrain();
-      notify("STATUS=Serving at " + server->url());
-    } else {
-      logging::info(signal == SIGINT ? "interrupted: shutting down" : "terminated: shutting down");
-      break;
-    }
-  }
+  untilEnded(*server, signals);
   notify("STOPPING=1\nSTATUS=Waiting for clients to leave");
   server->shutdown();
   if (!config.portFile.empty()) {

@@ -18,26 +18,26 @@ constexpr int kNormalBits = 8;
 constexpr int kOriginBits = 2, kLeastRangeBits = 13;
 constexpr int kMostPositionBits = 24;  // quantised values must be exact in a float
 
-int addAttribute(draco::Mesh& mesh, draco::GeometryAttribute::Type type, const void* values, std::size_t bytes) {
-  draco::GeometryAttribute description;
-  description.Init(type, nullptr, 3, draco::DT_FLOAT32, false, 3 * sizeof(float), 0);
-  const int id = mesh.AddAttribute(description, true, mesh.num_points());
-  mesh.attribute(id)->buffer()->Write(0, values, bytes);
-  return id;
-}
+using Steps = std::array<std::int32_t, 3>;
+using Floats = std::vector<std::array<float, 3>>;
 
-}  // namespace
+Steps stepsOf(const mesh::LocalVertex& v) { return {v.x, v.y, v.z}; }
+float metres(std::int32_t steps) { return static_cast<float>(steps) * static_cast<float>(lattice::kMetresPerStep); }
 
-std::optional<DracoPrimitive> compress(const Leaf& leaf) {
-  const auto& vertices = leaf.mesh->vertices;
-  using Steps = std::array<std::int32_t, 3>;
-  const auto stepsOf = [](const mesh::LocalVertex& v) { return Steps{v.x, v.y, v.z}; };
+// Positions are least + 2^shift k, k of so many bits.
+struct Quantisation {
+  Steps least;
+  int shift, bits;
+};
+
+Quantisation quantisationOf(const std::vector<mesh::LocalVertex>& vertices) {
   Steps least = stepsOf(vertices.front());
-  for (const mesh::LocalVertex& v : vertices)
-    for (std::size_t k = 0; k < 3; ++k) least[k] = std::min(least[k], stepsOf(v)[k]);
   std::uint32_t all = 0, widest = 0;
   for (const mesh::LocalVertex& v : vertices)
-    for (const std::int32_t value : stepsOf(v)) all |= static_cast<std::uint32_t>(value);
+    for (std::size_t k = 0; k < 3; ++k) {
+      least[k] = std::min(least[k], stepsOf(v)[k]);
+      all |= static_cast<std::uint32_t>(stepsOf(v)[k]);
+    }
   const int shift = all == 0 ? 0 : std::min(20, static_cast<int>(std::countr_zero(all)));
   // Until it encodes, Draco keeps origin and range as decimal texts with six digits after the point. A multiple of four steps is exact in
   // that form, and a range of 16 m and more is read back as the same float.
@@ -45,51 +45,53 @@ std::optional<DracoPrimitive> compress(const Leaf& leaf) {
   for (const mesh::LocalVertex& v : vertices)
     for (std::size_t k = 0; k < 3; ++k)
       widest = std::max(widest, static_cast<std::uint32_t>(stepsOf(v)[k]) - static_cast<std::uint32_t>(least[k]));
-  const int bits = std::max({1, kLeastRangeBits - shift, static_cast<int>(std::bit_width(widest >> shift))});
+  return {least, shift, std::max({1, kLeastRangeBits - shift, static_cast<int>(std::bit_width(widest >> shift))})};
+}
+
+// The attribute's id; -1 where there is none.
+int addAttribute(draco::Mesh& mesh, draco::GeometryAttribute::Type type, const Floats& values) {
+  if (values.empty()) return -1;
+  draco::GeometryAttribute description;
+  description.Init(type, nullptr, 3, draco::DT_FLOAT32, false, 3 * sizeof(float), 0);
+  const int id = mesh.AddAttribute(description, true, mesh.num_points());
+  mesh.attribute(id)->buffer()->Write(0, values.data(), values.size() * sizeof values[0]);
+  return id;
+}
+
+}  // namespace
+
+std::optional<DracoPrimitive> compress(const Leaf& leaf) {
+  const auto& vertices = leaf.mesh->vertices;
+  const auto [least, shift, bits] = quantisationOf(vertices);
   if (bits > kMostPositionBits) return std::nullopt;
 
   draco::Mesh mesh;
   mesh.set_num_points(static_cast<std::uint32_t>(vertices.size()));
-  std::vector<std::array<float, 3>> positions;
-  positions.reserve(vertices.size());
-  const auto metres = [](std::int32_t steps) { return static_cast<float>(steps) * static_cast<float>(lattice::kMetresPerStep); };
+  Floats positions, colours;
   for (const mesh::LocalVertex& v : vertices) positions.push_back({metres(v.x), metres(v.y), metres(v.z)});
+  for (const auto& c : leaf.colours) colours.push_back({c[0] / 65535.0f, c[1] / 65535.0f, c[2] / 65535.0f});
   DracoPrimitive out;
-  const int position = addAttribute(mesh, draco::GeometryAttribute::POSITION, positions.data(), positions.size() * sizeof positions[0]);
-  int normal = -1, colour = -1;
-  if (!leaf.normals.empty())
-    normal = addAttribute(mesh, draco::GeometryAttribute::NORMAL, leaf.normals.data(), leaf.normals.size() * sizeof leaf.normals[0]);
-  std::vector<std::array<float, 3>> colours;
-  if (!leaf.colours.empty()) {
-    for (const auto& c : leaf.colours) colours.push_back({c[0] / 65535.0f, c[1] / 65535.0f, c[2] / 65535.0f});
-    colour = addAttribute(mesh, draco::GeometryAttribute::COLOR, colours.data(), colours.size() * sizeof colours[0]);
-  }
-  mesh.SetNumFaces(leaf.mesh->triangles.size());
-  for (std::size_t k = 0; k < leaf.mesh->triangles.size(); ++k) {
-    const mesh::Triangle& t = leaf.mesh->triangles[k];
-    mesh.SetFace(draco::FaceIndex(static_cast<std::uint32_t>(k)),
-                 {draco::PointIndex(t[0]), draco::PointIndex(t[1]), draco::PointIndex(t[2])});
-  }
+  out.position = addAttribute(mesh, draco::GeometryAttribute::POSITION, positions);
+  out.normal = addAttribute(mesh, draco::GeometryAttribute::NORMAL, leaf.normals);
+  out.colour = addAttribute(mesh, draco::GeometryAttribute::COLOR, colours);
+  for (const mesh::Triangle& t : leaf.mesh->triangles)
+    mesh.AddFace({draco::PointIndex(t[0]), draco::PointIndex(t[1]), draco::PointIndex(t[2])});
 
   draco::ExpertEncoder encoder(mesh);
   encoder.SetSpeedOptions(kEncodeSpeed, kDecodeSpeed);
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
   encoder.options().SetGlobalBool("split_mesh_on_seams", true);  // all attributes share the positions' corners: 2 % smaller, 25 % faster
   encoder.SetTrackEncodedProperties(true);
-  const float origin[3] = {metres(least[0]), metres(least[1]), metres(least[2])};
+  const float origin[3] = {metres(least[0]), metres(least[1]), metres(least[2])}, black[3] = {0, 0, 0};
   const float range = static_cast<float>(((std::int64_t{1} << bits) - 1) << shift) * static_cast<float>(lattice::kMetresPerStep);
-  encoder.SetAttributeExplicitQuantization(position, bits, 3, origin, range);
-  if (normal >= 0) encoder.SetAttributeQuantization(normal, kNormalBits);
-  const float black[3] = {0, 0, 0};
-  if (colour >= 0) encoder.SetAttributeExplicitQuantization(colour, kColourBits, 3, black, 1.0f);
+  encoder.SetAttributeExplicitQuantization(out.position, bits, 3, origin, range);
+  if (out.normal >= 0) encoder.SetAttributeQuantization(out.normal, kNormalBits);
+  if (out.colour >= 0) encoder.SetAttributeExplicitQuantization(out.colour, kColourBits, 3, black, 1.0f);
   draco::EncoderBuffer buffer;
   if (!encoder.EncodeToBuffer(&buffer).ok()) return std::nullopt;
   out.bytes.assign(buffer.data(), buffer.data() + buffer.size());
   out.points = static_cast<std::uint32_t>(encoder.num_encoded_points());
   out.triangles = static_cast<std::uint32_t>(encoder.num_encoded_faces());
-  out.position = position;
-  out.normal = normal;
-  out.colour = colour;
   if (out.triangles != leaf.mesh->triangles.size()) return std::nullopt;
   return out;
 }

@@ -99,56 +99,32 @@ void addAccess(CLI::App& app, Written& w) {
 
 void addLimits(CLI::App& app, Written& w) {
   Config& c = w.config;
-  app.add_option("--max-cameras", c.limits.maxCameras, "Cameras at a time, in all sessions")
-      ->check(CLI::Range(1u, 65535u))
-      ->capture_default_str();
-  app.add_option("--max-members", c.limits.maxMembers, "Cameras at a time in one session")
-      ->check(CLI::Range(1u, 65535u))
-      ->capture_default_str();
-  app.add_option("--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any")
-      ->check(CLI::Range(1u, 65535u))
-      ->capture_default_str();
-  app.add_option("--session-idle", w.sessionIdle, "Seconds after which a session without members ends; the default session never ends")
-      ->check(CLI::Range(1ll, 31'536'000ll))
-      ->capture_default_str();
-  app.add_option("--max-connections", c.net.maxConnections, "Connections at a time")->check(CLI::Range(1u, 65535u))->capture_default_str();
-  app.add_option("--max-connections-per-address", c.net.maxConnectionsPerAddress,
-                 "Connections at a time from one client address; 0: unlimited")
-      ->check(CLI::Range(0u, 65535u))
-      ->capture_default_str();
-  app.add_option("--max-header-bytes", c.net.maxHeaderBytes, "Longest header of an HTTP request")
-      ->check(CLI::Range(1024u, 65536u))
-      ->capture_default_str();
-  app.add_option("--max-message-bytes", c.net.maxMessageBytes, "Longest message of a client")
-      ->check(CLI::Range(std::size_t{1024}, wire::kMaxClientMessageBytes))
-      ->capture_default_str();
+  const auto number = [&](const char* flag, auto& value, const char* text, auto least, auto most) {
+    app.add_option(flag, value, text)->check(CLI::Range(least, most))->capture_default_str();
+  };
+  number("--max-cameras", c.limits.maxCameras, "Cameras at a time, in all sessions", 1u, 65535u);
+  number("--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1u, 65535u);
+  number("--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any", 1u, 65535u);
+  number("--session-idle", w.sessionIdle, "Seconds after which a session without members ends; the default session never ends", 1ll,
+         31'536'000ll);
+  number("--max-connections", c.net.maxConnections, "Connections at a time", 1u, 65535u);
+  number("--max-connections-per-address", c.net.maxConnectionsPerAddress, "Connections at a time from one client address; 0: unlimited", 0u,
+         65535u);
+  number("--max-header-bytes", c.net.maxHeaderBytes, "Longest header of an HTTP request", 1024u, 65536u);
+  number("--max-message-bytes", c.net.maxMessageBytes, "Longest message of a client", std::size_t{1024}, wire::kMaxClientMessageBytes);
   app.add_option("--max-messages-per-second", c.net.maxMessagesPerSecond,
                  "Messages of one client on average, bursts of twice as many; 0: unlimited")
       ->capture_default_str();
-  app.add_option("--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted")
-      ->check(CLI::Range(10'000u, 50'000'000u))
-      ->capture_default_str();
-  app.add_option("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles")
-      ->check(CLI::Range(10'000u, 20'000'000u))
-      ->capture_default_str();
-  app.add_option("--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds")
-      ->check(CLI::Range(1.0, 600.0))
-      ->capture_default_str();
-  app.add_option("--snapshot-niceness", c.snapshots.niceness,
-                 "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only")
-      ->check(CLI::Range(0, scheduling::kIdle))
-      ->capture_default_str();
-  app.add_option("--window", c.limits.window, "Iterations that a client may leave unacknowledged")
-      ->check(CLI::Range(1u, wire::kMaxWindow))
-      ->capture_default_str();
+  number("--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted", 10'000u, 50'000'000u);
+  number("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles", 10'000u, 20'000'000u);
+  number("--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1.0, 600.0);
+  number("--snapshot-niceness", c.snapshots.niceness, "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only",
+         0, scheduling::kIdle);
+  number("--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1u, wire::kMaxWindow);
   app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();
-  app.add_option("--patience", w.patience, "Timeout in seconds of each of: TLS handshake, request, hello")
-      ->check(CLI::Range(1ll, 600ll))
-      ->capture_default_str();
-  app.add_option("--idle", w.idle, "Seconds of silence after which a stream is closed; a ping is sent after half of them")
-      ->check(CLI::Range(2ll, 86400ll))
-      ->capture_default_str();
+  number("--patience", w.patience, "Timeout in seconds of each of: TLS handshake, request, hello", 1ll, 600ll);
+  number("--idle", w.idle, "Seconds of silence after which a stream is closed; a ping is sent after half of them", 2ll, 86400ll);
 }
 
 void addOperation(CLI::App& app, Written& w) {

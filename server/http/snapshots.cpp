@@ -21,10 +21,18 @@ void open(Answer& a) {  // to pages of any origin: nothing here uses cookies
 }
 
 Answer refusal(unsigned status, std::string sentence) {
-  Answer a;
-  a.status = status;
-  a.body = std::move(sentence) + "\n";
+  Answer a = plain(status, std::move(sentence));
   open(a);
+  return a;
+}
+
+Answer preflight() {  // of a page, before it may send its token
+  Answer a;
+  a.status = 204;
+  open(a);
+  a.headers.emplace_back("Access-Control-Allow-Methods", "GET, HEAD");
+  a.headers.emplace_back("Access-Control-Allow-Headers", "Authorization, If-None-Match");
+  a.headers.emplace_back("Access-Control-Max-Age", "86400");
   return a;
 }
 
@@ -64,6 +72,31 @@ std::string etagOf(std::string_view bytes) {
   return out;
 }
 
+Answer taken(const std::shared_ptr<Snapshots>& snapshots, std::shared_ptr<session::Session> session, snapshot::Question question,
+             bool metadataOnly) {
+  Answer a;
+  open(a);
+  a.etag = Snapshots::etag(*session, question, metadataOnly);
+  auto later = std::make_shared<Later>();
+  later->patient = true;
+  const auto progress = std::make_shared<snapshot::Progress>();
+  later->progress = [progress] { return progress->text(); };
+  later->work = [snapshots, progress, session = std::move(session), question = std::move(question), metadataOnly,
+                 etag = a.etag](std::stop_token stop) {
+    auto made = snapshots->take(*session, question, metadataOnly, stop, progress.get());
+    if (!made) return answerOf(made.error());
+    Answer done;
+    open(done);
+    done.type = metadataOnly ? "application/json" : "model/gltf-binary";
+    done.body = metadataOnly ? std::move(made->metadata) : std::move(made->glb);
+    done.etag = etag.empty() ? etagOf(done.body) : etag;
+    if (!metadataOnly) done.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + made->name + ".glb\"");
+    return done;
+  };
+  a.later = std::move(later);
+  return a;
+}
+
 }  // namespace
 
 Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_ptr<Snapshots> snapshots) {
@@ -79,15 +112,7 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     if (file != "snapshot.glb" && file != "snapshot.json") return std::nullopt;
     const bool metadataOnly = file == "snapshot.json";
 
-    if (request.method == "OPTIONS") {  // a page's preflight request, before it may send its token
-      Answer a;
-      a.status = 204;
-      open(a);
-      a.headers.emplace_back("Access-Control-Allow-Methods", "GET, HEAD");
-      a.headers.emplace_back("Access-Control-Allow-Headers", "Authorization, If-None-Match");
-      a.headers.emplace_back("Access-Control-Max-Age", "86400");
-      return a;
-    }
+    if (request.method == "OPTIONS") return preflight();
     if (request.method != "GET" && request.method != "HEAD") {
       Answer a = refusal(405, "Only GET and HEAD are possible here.");
       a.headers.emplace_back("Allow", "GET, HEAD, OPTIONS");
@@ -101,27 +126,7 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     auto question = snapshot::parse(query, snapshots->limits());
     if (!question) return refusal(400, question.error().message);
 
-    Answer a;
-    open(a);
-    a.etag = Snapshots::etag(*session, *question, metadataOnly);
-    auto later = std::make_shared<Later>();
-    later->patient = true;
-    const auto progress = std::make_shared<snapshot::Progress>();
-    later->progress = [progress] { return progress->text(); };
-    later->work = [snapshots, progress, session = std::move(session), question = std::move(*question), metadataOnly,
-                   etag = a.etag](std::stop_token stop) {
-      auto made = snapshots->take(*session, question, metadataOnly, stop, progress.get());
-      if (!made) return answerOf(made.error());
-      Answer done;
-      open(done);
-      done.type = metadataOnly ? "application/json" : "model/gltf-binary";
-      done.body = metadataOnly ? std::move(made->metadata) : std::move(made->glb);
-      done.etag = etag.empty() ? etagOf(done.body) : etag;
-      if (!metadataOnly) done.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + made->name + ".glb\"");
-      return done;
-    };
-    a.later = std::move(later);
-    return a;
+    return taken(snapshots, std::move(session), std::move(*question), metadataOnly);
   };
 }
 

@@ -4,6 +4,25 @@
 
 namespace ridgecast::net {
 
+namespace {
+
+std::optional<Answer> operations(const std::shared_ptr<Shared>& server, const Request& request) {
+  const std::string_view path = request.target.substr(0, request.target.find('?'));
+  if (path != "/readyz" && path != "/metrics") return std::nullopt;
+  if (request.method != "GET" && request.method != "HEAD") {
+    Answer a = http::refused(405, metrics::Refusal::kRequest, "Only GET and HEAD are possible here.");
+    a.headers = {{"Allow", "GET, HEAD"}};
+    return a;
+  }
+  if (path == "/readyz") return server && server->ready ? http::plain(200, "ready") : http::plain(503, "This server is leaving.");
+  Answer a;
+  a.type = "text/plain; version=0.0.4; charset=utf-8";
+  if (server) a.body = server->figures->registry.text();
+  return a;
+}
+
+}  // namespace
+
 void addOperations(const std::shared_ptr<Shared>& shared) {
   // Weak: the metrics may be shared and outlive this server.
   const auto ask = [weak = std::weak_ptr(shared)](double (*value)(Shared&)) {
@@ -34,28 +53,7 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
   registry.ask("ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
                {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}});
 
-  shared->routes.push_back([weak = std::weak_ptr(shared)](const Request& request) -> std::optional<Answer> {
-    const std::string_view path = request.target.substr(0, request.target.find('?'));
-    if (path != "/readyz" && path != "/metrics") return std::nullopt;
-    Answer a;
-    if (request.method != "GET" && request.method != "HEAD") {
-      a.status = 405;
-      a.refusal = metrics::Refusal::kRequest;
-      a.body = "Only GET and HEAD are possible here.\n";
-      a.headers = {{"Allow", "GET, HEAD"}};
-      return a;
-    }
-    const auto now = weak.lock();
-    if (path == "/metrics") {
-      a.type = "text/plain; version=0.0.4; charset=utf-8";
-      if (now) a.body = now->figures->registry.text();
-      return a;
-    }
-    const bool ready = now && now->ready;
-    a.status = ready ? 200 : 503;
-    a.body = ready ? "ready\n" : "This server is leaving.\n";
-    return a;
-  });
+  shared->routes.push_back([weak = std::weak_ptr(shared)](const Request& request) { return operations(weak.lock(), request); });
 }
 
 }  // namespace ridgecast::net

@@ -45,10 +45,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   State& s = *state_;
   wire::Figures figures;
   const bool still = camera == s.motion.camera;
-  if (s.settled && still) {  // nothing can change
-    s.describe(figures);
-    return figures;
-  }
+  if (s.settled && still) return s.describe(figures);  // nothing can change
   const std::uint64_t heightsBefore = s.mesh.mesh().heights() + s.horizon.heights();
   const double thresholdBefore = s.effective;
   Stopwatch watch;
@@ -83,21 +80,11 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   s.publish(selection.changed);
   figures.triangulateMs += watch.lap();
 
-  s.describe(figures);
+  figures = s.describe(figures);
   figures.generatedLeaves = selection.generated;
   figures.droppedLeaves = selection.dropped;
-  for (const Leaf* leaf : s.mesh.leaves()) {
-    figures.inserted += leaf->work.inserted;
-    figures.removed += leaf->work.removed;
-  }
-  const bool rests = still && !selection.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == thresholdBefore;
-  s.settled = rests && (s.closely || s.isThesis());
-  if (rests && !s.settled) {
-    s.closely = true;
-    view.closely = s.spacing();
-    s.evaluateInView(view);
-    figures.refineMs += watch.lap();
-  }
+  s.settle(still && !selection.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == thresholdBefore, view);
+  figures.refineMs += watch.lap();
   figures.heights = s.mesh.mesh().heights() + s.horizon.heights() - heightsBefore;
   return figures;
 }

@@ -198,11 +198,24 @@ void Pipeline::State::publish(bool otherLeaves) {
   for (const ridgecast::mesh::LeafState& leaf : leaves) live += leaf.triangles;
 }
 
-void Pipeline::State::describe(wire::Figures& figures) const {
+void Pipeline::State::settle(bool rests, refinement::View& view) {
+  settled = rests && (closely || isThesis());
+  if (!rests || settled) return;
+  closely = true;
+  view.closely = spacing();
+  evaluateInView(view);
+}
+
+wire::Figures Pipeline::State::describe(wire::Figures figures) const {
   figures.leaves = static_cast<std::uint32_t>(leaves.size());
-  for (const Leaf* leaf : mesh.leaves()) figures.visibleLeaves += leaf->visible;
+  for (const Leaf* leaf : mesh.leaves()) {
+    figures.visibleLeaves += leaf->visible;
+    figures.inserted += leaf->work.inserted;
+    figures.removed += leaf->work.removed;
+  }
   figures.triangles = live;
   figures.effectiveThreshold = std::max(effective, left);
+  return figures;
 }
 
 }  // namespace ridgecast::pipeline

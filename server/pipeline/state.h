@@ -49,8 +49,10 @@ struct Pipeline::State {
   void evaluateInView(const refinement::View& view);
   // New versions and hashes for leaves whose triangles changed.
   void publish(bool otherLeaves);
-  // The figures of what there is, as against those of what was done.
-  void describe(wire::Figures& figures) const;
+  // `rests`: this iteration changed nothing. The first time, looks closely for more to do; then the mesh is settled.
+  void settle(bool rests, refinement::View& view);
+  // Fills in what there is and what the last iteration changed.
+  wire::Figures describe(wire::Figures figures) const;
 
   wire::Settings settings;
   std::uint32_t madeFor;  // triangles that the mesh has room for

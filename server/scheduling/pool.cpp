@@ -120,6 +120,7 @@ struct Machine::State {
     if (enqueue(pool) && idle > 0) work.notify_one();
   }
   void serve();
+  void help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept;
 };
 
 namespace {
@@ -130,8 +131,6 @@ struct WorkingFor {
   explicit WorkingFor(const void* pool) : before(std::exchange(workingFor, pool)) {}
   ~WorkingFor() { workingFor = before; }
 };
-
-void runTask(std::function<void()>& task) noexcept { task(); }
 
 // Of loops whose machine gives way to another: how much work comes before a rest, and the longest rest.
 constexpr std::chrono::microseconds kWorkAtATime{500}, kLongestRest{50'000};
@@ -151,6 +150,17 @@ void rest(const std::atomic<unsigned>& others) {
 Pool::Impl::~Impl() {
   const std::lock_guard lock(machine->mutex);
   machine->pools.erase(this);
+}
+
+// The task, too, is destroyed without the lock: what it captured may be the last owner of anything.
+void Machine::State::help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept {
+  const WorkingFor mark(&pool);
+  working.fetch_add(1, std::memory_order_relaxed);
+  if (region)
+    region->help([this] { return waiting.load(std::memory_order_relaxed) > 0; });
+  else if (task)
+    task();
+  working.fetch_sub(1, std::memory_order_relaxed);
 }
 
 void Machine::State::serve() {
@@ -186,17 +196,7 @@ void Machine::State::serve() {
     summon(*pool);  // more work and more room: to the back of the row
     lock.unlock();
     last.reset();
-    working.fetch_add(1, std::memory_order_relaxed);
-    {
-      const WorkingFor mark(pool.get());
-      if (region) {
-        region->help([this] { return waiting.load(std::memory_order_relaxed) > 0; });
-      } else if (task) {
-        runTask(task);
-        task = nullptr;  // what it captured may be the last owner of anything: destroyed here, without the lock
-      }
-    }
-    working.fetch_sub(1, std::memory_order_relaxed);
+    help(*pool, region, std::move(task));
     lock.lock();
     if (region && --region->helpers == 0) region->helpersGone.notify_one();
     --pool->inFlight;

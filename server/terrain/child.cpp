@@ -18,11 +18,54 @@
 namespace ridgecast::user_terrain {
 namespace {
 
+using Clock = std::chrono::steady_clock;
+
 void limit(int resource, std::uint64_t most) {
   rlimit value;
   if (getrlimit(static_cast<__rlimit_resource_t>(resource), &value) != 0) return;
   value.rlim_cur = std::min<rlim_t>(most, value.rlim_max);
   setrlimit(static_cast<__rlimit_resource_t>(resource), &value);
+}
+
+std::vector<char*> pointersTo(std::vector<std::string>& words) {
+  std::vector<char*> out;
+  for (std::string& word : words) out.push_back(word.data());
+  out.push_back(nullptr);
+  return out;
+}
+
+[[noreturn]] void become(char* const* argv, char* const* environment, int output, const ChildLimits& limits) {
+  setpgid(0, 0);
+  sigset_t none;
+  sigemptyset(&none);
+  sigprocmask(SIG_SETMASK, &none, nullptr);
+  dup2(open("/dev/null", O_RDONLY), 0);
+  dup2(output, 1);
+  dup2(output, 2);
+  // The child must not inherit the server's sockets: a client would wait for a dead server while one stays open here.
+  close_range(3, ~0u, CLOSE_RANGE_CLOEXEC);
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  limit(RLIMIT_AS, limits.memory);
+  limit(RLIMIT_FSIZE, limits.fileSize);
+  limit(RLIMIT_CORE, 0);
+  limit(RLIMIT_CPU, static_cast<std::uint64_t>(limits.time.count() / 1000 + 1));
+  execve(argv[0], argv, environment);
+  _exit(127);
+}
+
+// Until the end of the output; false where time is up first.
+bool readAll(int from, Clock::time_point until, std::string& output) {
+  char buffer[4096];
+  for (;;) {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()).count();
+    if (left <= 0) return false;
+    pollfd wait{from, POLLIN, 0};
+    if (poll(&wait, 1, static_cast<int>(left)) <= 0) continue;
+    const ssize_t n = read(from, buffer, sizeof buffer);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return true;
+    output.append(buffer, std::min(static_cast<std::size_t>(n), kMostOutput - output.size()));
+  }
 }
 
 }  // namespace
@@ -44,15 +87,11 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return cannot();
   // All memory is allocated before the fork: the child may only make calls that are safe in a process that had threads.
-  const std::string file = program.string();
-  std::vector<char*> argv{const_cast<char*>(file.c_str())};
-  for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
-  argv.push_back(nullptr);
+  std::vector<std::string> words{program.string()};
+  words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<std::string> environment{"LC_ALL=C", "TMPDIR=" + std::filesystem::temp_directory_path().string()};
   if (const char* path = std::getenv("PATH")) environment.push_back(std::string("PATH=") + path);
-  std::vector<char*> envp;
-  for (std::string& e : environment) envp.push_back(e.data());
-  envp.push_back(nullptr);
+  const auto argv = pointersTo(words), envp = pointersTo(environment);
 
   const pid_t child = fork();
   if (child < 0) {
@@ -60,47 +99,17 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
     close(ends[0]), close(ends[1]);
     return error;
   }
-  if (child == 0) {
-    setpgid(0, 0);
-    sigset_t none;
-    sigemptyset(&none);
-    sigprocmask(SIG_SETMASK, &none, nullptr);
-    dup2(open("/dev/null", O_RDONLY), 0);
-    dup2(ends[1], 1);
-    dup2(ends[1], 2);
-    // The child must not inherit the server's sockets: a client would wait for a dead server while one stays open here.
-    close_range(3, ~0u, CLOSE_RANGE_CLOEXEC);
-    prctl(PR_SET_PDEATHSIG, SIGKILL);
-    limit(RLIMIT_AS, limits.memory);
-    limit(RLIMIT_FSIZE, limits.fileSize);
-    limit(RLIMIT_CORE, 0);
-    limit(RLIMIT_CPU, static_cast<std::uint64_t>(limits.time.count() / 1000 + 1));
-    execve(file.c_str(), argv.data(), envp.data());
-    _exit(127);
-  }
+  if (child == 0) become(argv.data(), envp.data(), ends[1], limits);
   setpgid(child, child);  // in parent and child: whichever comes first
   close(ends[1]);
 
   ChildEnd out;
-  const auto until = std::chrono::steady_clock::now() + limits.time;
-  char buffer[4096];
-  for (;;) {
-    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now()).count();
-    if (left <= 0) {
-      out.timedOut = true;
-      break;
-    }
-    pollfd wait{ends[0], POLLIN, 0};
-    if (poll(&wait, 1, static_cast<int>(left)) <= 0) continue;
-    const ssize_t n = read(ends[0], buffer, sizeof buffer);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) break;
-    out.output.append(buffer, std::min(static_cast<std::size_t>(n), kMostOutput - std::min(out.output.size(), kMostOutput)));
-  }
+  const auto until = Clock::now() + limits.time;
+  out.timedOut = !readAll(ends[0], until, out.output);
   close(ends[0]);
   // The output may end before the child does. Wait without reaping, so that nobody else gets its group's number.
   for (;;) {
-    out.timedOut |= std::chrono::steady_clock::now() >= until;
+    out.timedOut |= Clock::now() >= until;
     if (out.timedOut) kill(-child, SIGKILL);
     siginfo_t ended{};
     if (waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOWAIT | (out.timedOut ? 0 : WNOHANG)) == 0 && ended.si_pid == child)

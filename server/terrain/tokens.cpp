@@ -77,18 +77,17 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
   std::vector<TopLevel> out;
   const auto is = [&](std::size_t i, std::string_view text) { return i < tokens.size() && tokens[i].text == text; };
   const auto isName = [&](std::size_t i) { return i < tokens.size() && tokens[i].kind == Kind::kName; };
+  const auto isOpening = [&](std::size_t i) { return is(i, "(") || is(i, "[") || is(i, "{"); };
+  const auto after = [&](std::size_t i) { return isOpening(i) ? closing(tokens, i) + 1 : i + 1; };  // brackets as one
   const auto statementEnd = [&](std::size_t i) {
-    while (i < tokens.size() && !is(i, ";")) i = is(i, "(") || is(i, "[") || is(i, "{") ? closing(tokens, i) + 1 : i + 1;
+    while (i < tokens.size() && !is(i, ";")) i = after(i);
     return std::min(i + 1, tokens.size());
   };
+  using enum TopLevel::What;
   for (std::size_t i = 0; i < tokens.size();) {
     const std::size_t begin = i, line = tokens[i].line;
     const auto refuse = [&](const std::string& what) { return Error{std::string(file) + ":" + std::to_string(line) + ": " + what}; };
-    if (is(i, ";")) {
-      ++i;
-      continue;
-    }
-    if (is(i, "precision")) {
+    if (is(i, ";") || is(i, "precision")) {
       i = statementEnd(i);
       continue;
     }
@@ -96,17 +95,14 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
       const std::size_t close = is(i + 2, "{") ? closing(tokens, i + 2) : tokens.size();
       if (!isName(i + 1) || !is(close + 1, ";")) return refuse("a struct is declared by itself, with a name and without variables");
       i = close + 2;
-      out.push_back({TopLevel::What::kStruct, {tokens[begin + 1].text}, line, begin, i});
+      out.push_back({kStruct, {tokens[begin + 1].text}, line, begin, i});
       continue;
     }
     if (is(i, "const")) {
-      const std::size_t end = statementEnd(i);
-      TopLevel constant{TopLevel::What::kConstant, {}, line, begin, end};
-      for (std::size_t k = i; k < end; k = is(k, "(") || is(k, "[") || is(k, "{") ? closing(tokens, k) + 1 : k + 1)
-        if (isName(k) && (is(k + 1, "=") || (is(k + 1, "[") && is(closing(tokens, k + 1) + 1, "="))))
-          constant.names.push_back(tokens[k].text);
-      out.push_back(std::move(constant));
-      i = end;
+      i = statementEnd(i);
+      out.push_back({kConstant, {}, line, begin, i});
+      for (std::size_t k = begin; k < i; k = after(k))
+        if (isName(k) && (is(k + 1, "=") || (is(k + 1, "[") && is(after(k + 1), "=")))) out.back().names.push_back(tokens[k].text);
       continue;
     }
     // A function: qualifiers, type, optional [n], name, parameters.
@@ -117,19 +113,12 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
       const std::size_t close = closing(tokens, open);
       const bool defined = is(close + 1, "{");
       i = std::min(defined ? closing(tokens, close + 1) + 1 : statementEnd(close), tokens.size());
-      out.push_back({defined ? TopLevel::What::kFunction : TopLevel::What::kPrototype,
-                     {tokens[open - 1].text},
-                     line,
-                     begin,
-                     i,
-                     open,
-                     defined ? close + 1 : 0});
+      out.push_back({defined ? kFunction : kPrototype, {tokens[open - 1].text}, line, begin, i, open, defined ? close + 1 : 0});
       continue;
     }
     return refuse(
         "at its top level a terrain file has functions, structs and constants only; for a value that people may set write: const float "
-        "name = "
-        "1.0;  //! 0..2 m: what it is");
+        "name = 1.0;  //! 0..2 m: what it is");
   }
   return out;
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <compare>
 #include <memory>
+#include <set>
 
 #include "server/triangulation/triangulation.h"
 
@@ -17,6 +18,11 @@ struct Heir {
   std::uint32_t source;
   RegionId region;
   auto operator<=>(const Heir&) const = default;
+};
+
+struct Task {
+  Heir heir;
+  std::vector<Move> triangles, vertices;
 };
 
 // The pages of one kind of record in the regions that are split, and where each record goes.
@@ -54,8 +60,8 @@ struct Plan {
         home = now;
       }
   }
-  void addHeirs(std::vector<Heir>& heirs) const {
-    for (const auto& chunk : found) heirs.insert(heirs.end(), chunk.begin(), chunk.end());
+  void addHeirs(std::set<Heir>& heirs) const {
+    for (const auto& chunk : found) heirs.insert(chunk.begin(), chunk.end());
   }
   // What goes from a source to an heir, in the order in which it lies.
   void collect(const Storage& storage, const Heir& heir, std::vector<Move>& moves) const {
@@ -68,6 +74,33 @@ struct Plan {
 };
 
 }  // namespace
+
+void Triangulation::joinCopies(std::span<const Move> triangles, const std::vector<std::uint8_t>& splitting) {
+  for (std::size_t n = 0; n < triangles.size(); ++n) {
+    if (n + 4 < triangles.size()) prefetchNeighbours(triangles[n + 4].to);
+    const auto [from, to] = triangles[n];
+    Triangle& r = triangleRecords_[to];
+    for (unsigned side = 0; side < 3; ++side) {
+      const HalfEdge twin = r.twin[side];
+      Triangle& beyond = triangleRecords_[twin >> 2];
+      if (splitting[triangles_.regionOf(twin >> 2)])
+        r.twin[side] = 4 * beyond.v[0] + (twin & 3);
+      else
+        beyond.twin[twin & 3] = 4 * to + side;
+      const VertexId v = r.v[side];  // vertices that move as well find their edge themselves
+      if (edgeOf(v) == 4 * from + side && !splitting[vertices_.regionOf(v)]) setEdge(v, 4 * to + side);
+    }
+  }
+}
+
+void Triangulation::joinStars(std::span<const Move> vertices, const std::vector<std::uint8_t>& splitting) {
+  for (const auto& [from, to] : vertices) {
+    HalfEdge edge = vertexRecords_[from].edge;
+    if (splitting[triangles_.regionOf(edge >> 2)]) edge = 4 * triangleRecords_[edge >> 2].v[0] + (edge & 3);
+    setEdge(to, edge);
+    forEachAround(to, [&](HalfEdge h) { triangleRecords_[h >> 2].v[h & 3] = to; });
+  }
+}
 
 // Four loops, in each of which nothing is written to a place that another thread reads or writes meanwhile: where everything goes; records
 // are copied, page by page, and an old triangle's first corner names the new one; half-edges are joined anew, each by the triangle that it
@@ -95,15 +128,9 @@ bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, c
       });
   });
 
-  std::vector<Heir> heirs;
+  std::set<Heir> heirs;
   triangles.addHeirs(heirs);
   vertices.addHeirs(heirs);
-  std::sort(heirs.begin(), heirs.end());
-  heirs.erase(std::unique(heirs.begin(), heirs.end()), heirs.end());
-  struct Task {
-    Heir heir;
-    std::vector<Move> triangles, vertices;
-  };
   std::vector<Task> tasks;
   for (const Heir& heir : heirs) tasks.push_back({heir, {}, {}});
 
@@ -119,32 +146,8 @@ bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, c
     if (moves.triangles && !task.triangles.empty()) moves.triangles(task.triangles);
     if (moves.vertices && !task.vertices.empty()) moves.vertices(task.vertices);
   });
-  loop(tasks.size(), [&](std::size_t k) {
-    const auto& list = tasks[k].triangles;
-    for (std::size_t n = 0; n < list.size(); ++n) {
-      if (n + 4 < list.size()) prefetchNeighbours(list[n + 4].to);
-      const auto [from, to] = list[n];
-      Triangle& r = triangleRecords_[to];
-      for (unsigned side = 0; side < 3; ++side) {
-        const HalfEdge twin = r.twin[side];
-        Triangle& beyond = triangleRecords_[twin >> 2];
-        if (splitting[triangles_.regionOf(twin >> 2)])
-          r.twin[side] = 4 * beyond.v[0] + (twin & 3);
-        else
-          beyond.twin[twin & 3] = 4 * to + side;
-        const VertexId v = r.v[side];  // vertices that move as well find their edge themselves
-        if (edgeOf(v) == 4 * from + side && !splitting[vertices_.regionOf(v)]) setEdge(v, 4 * to + side);
-      }
-    }
-  });
-  loop(tasks.size(), [&](std::size_t k) {
-    for (const auto& [from, to] : tasks[k].vertices) {
-      HalfEdge edge = vertexRecords_[from].edge;
-      if (splitting[triangles_.regionOf(edge >> 2)]) edge = 4 * triangleRecords_[edge >> 2].v[0] + (edge & 3);
-      setEdge(to, edge);
-      forEachAround(to, [&](HalfEdge h) { triangleRecords_[h >> 2].v[h & 3] = to; });
-    }
-  });
+  loop(tasks.size(), [&](std::size_t k) { joinCopies(tasks[k].triangles, splitting); });
+  loop(tasks.size(), [&](std::size_t k) { joinStars(tasks[k].vertices, splitting); });
   for (RegionId region : regions) {
     triangles_.drain(region);
     vertices_.drain(region);

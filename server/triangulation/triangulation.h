@@ -261,6 +261,9 @@ class Triangulation {
   // The record at `from` is copied to `to` and everything that points to it follows.
   void moveTriangle(TriangleId from, TriangleId to);
   void moveVertex(VertexId from, VertexId to);
+  // The last two loops of split(), for what goes to one region; `splitting`: by region, whether it is split.
+  void joinCopies(std::span<const Move> triangles, const std::vector<std::uint8_t>& splitting);
+  void joinStars(std::span<const Move> vertices, const std::vector<std::uint8_t>& splitting);
   // The cavity that p makes, and its boundary, into the set's scratch; false when it leaves the set.
   bool findCavity(const Vertex& p, TriangleId at, RegionId home, WriteSet& set) const;
   // Slots of the cavity go to new triangles of the same region, mostly all of them; the others are released. Returns how many there are to
