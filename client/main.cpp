@@ -109,7 +109,7 @@ void addSnapshotOptions(CLI::App& command, Server& server, ridgecast::snapshot::
   command.add_flag("!--no-normals", shot.normals, "omit normals");
   command.add_flag("!--no-colours", shot.colours, "omit vertex colours");
   command.add_flag("--metadata", shot.metadata, "write only the metadata, as JSON");
-  command.add_option("--patience", shot.patience, "timeout for the server, seconds")->check(within(1, 3600))->capture_default_str();
+  command.add_option("--patience", shot.timeout, "timeout for the server, seconds")->check(within(1, 3600))->capture_default_str();
 }
 
 int wrongArguments(const std::string& message) {
@@ -247,7 +247,13 @@ int main(int argc, char** argv) {
       return wrongArguments("--token-file: '" + server.tokenFile + "' holds no token; 'ridgecast-server token' prints one");
   }
   server.settings.metric = ridgecast::settings::metricNamed(server.metric).value();
-  if (const std::string wrong = parseSize(size, flies ? fly.width : shoots ? shot.width : view.width, flies ? fly.height : shoots ? shot.height : view.height);
+  if (const std::string wrong = parseSize(size,
+                                          flies    ? fly.width
+                                          : shoots ? shot.width
+                                                   : view.width,
+                                          flies    ? fly.height
+                                          : shoots ? shot.height
+                                                   : view.height);
       !wrong.empty())
     return wrongArguments(wrong);
   if (shoots) {

@@ -89,10 +89,10 @@ int serve(const config::Config& config, const sigset_t& signals) {
   else
     logging::info("the browser viewer is not beside this program; / says how to connect otherwise");
 
-  std::unique_ptr<net::Server> server;  // before the machine, so that it is destroyed after it: tasks send through it
-  scheduling::Machine machine(config.threads);
+  std::unique_ptr<net::Server> server;  // before the executor, so that it is destroyed after it: tasks send through it
+  scheduling::Executor executor(config.threads);
   auto resources = std::make_shared<session::Resources>();
-  resources->machine = &machine;
+  resources->executor = &executor;
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
   resources->limits = config.limits;
@@ -105,14 +105,14 @@ int serve(const config::Config& config, const sigset_t& signals) {
       return user_terrain::load(made, warn);
     };
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
-  routes.insert(routes.begin(), http::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &machine)));
+  routes.insert(routes.begin(), http::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &executor)));
   routes.push_back(http::queryRoute(directory));
   auto listening = net::Server::listen(config.net, directory, std::move(routes));
   if (!listening) return refuse(listening.error().message);
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
     return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
-  logging::info("listening on " + server->url() + " with " + std::to_string(machine.threads()) + " threads, terrain " +
+  logging::info("listening on " + server->url() + " with " + std::to_string(executor.threads()) + " threads, terrain " +
                 std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 
   notify("READY=1\nSTATUS=Serving at " + server->url());

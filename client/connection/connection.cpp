@@ -220,7 +220,7 @@ void Connection::want(const wire::WantTiles& wanted) {
 }
 
 void Connection::setClock(const wire::SetClock& set) { impl_->say(set); }
-void Connection::step(const wire::Step& step) { impl_->say(step); }
+void Connection::step(const wire::ClockStep& step) { impl_->say(step); }
 void Connection::stepDone(const wire::StepDone& done) { impl_->say(done); }
 
 std::future<Outcome<wire::Answer>> Connection::ask(wire::Query query) { return impl_->ask(impl_->outbox_.queries, std::move(query)); }

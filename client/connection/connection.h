@@ -95,7 +95,7 @@ class Connection {
   // Never block. At most kMaxWaiting of these wait to leave: one more ends the connection with an error.
   static constexpr std::size_t kMaxWaiting = 256;
   void setClock(const wire::SetClock& set);
-  void step(const wire::Step& step);
+  void step(const wire::ClockStep& step);
   void stepDone(const wire::StepDone& done);
 
   // Questions to the server; `id` is set here. The future is ready when the answer has come, or with the error when the connection ends, the

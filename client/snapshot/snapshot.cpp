@@ -85,7 +85,7 @@ std::string target(const SnapshotOptions& o) {
 int snapshot(const SnapshotOptions& options) {
   Teller teller;
   const auto made = connection::download(options.url, target(options), options.out,
-                                         std::chrono::milliseconds(static_cast<std::int64_t>(options.patience * 1000)), std::ref(teller));
+                                         std::chrono::milliseconds(static_cast<std::int64_t>(options.timeout * 1000)), std::ref(teller));
   teller.end();
   if (!made) {
     std::fprintf(stderr, "ridgecast-client: %s\n", made.error().message.c_str());

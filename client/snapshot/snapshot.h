@@ -21,7 +21,7 @@ struct SnapshotOptions {
   std::uint32_t width = 1280, height = 720;                             // pixels
   double threshold = 0.6;                                               // pixels
   bool draco = false, normals = true, colours = true, metadata = false;
-  double patience = 120;  // seconds
+  double timeout = 120;  // seconds
 };
 
 // Path and query of the request.

@@ -90,7 +90,7 @@ class Channel {
 
   // The channel closes when this time comes; operations then end with an error. A new time replaces the last.
   void expires_at(Clock::time_point when);
-  void expires_after(Clock::duration patience) { expires_at(Clock::now() + patience); }
+  void expires_after(Clock::duration timeout) { expires_at(Clock::now() + timeout); }
   void expires_never();
   void cancel();  // operations end; the channel stays open
   void close();

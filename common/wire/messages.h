@@ -74,7 +74,7 @@ struct SetClock {
   double rate = 1;  // kScaled
 };
 
-struct Step {
+struct ClockStep {
   std::uint64_t time = 0;  // microseconds
   bool wait = false;
 };
@@ -111,7 +111,7 @@ struct ChangeSettings {
   Settings settings;
 };
 
-using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, Step, StepDone, Query,
+using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, ClockStep, StepDone, Query,
                                    AskGround, WantTiles, ChangeSettings>;
 
 struct World {

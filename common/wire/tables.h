@@ -171,7 +171,7 @@ TABLE(WantTiles, FIELD(tiles, tiles, Entries{kMaxTiles}));
 
 TABLE(ClientMessage,
     KIND(hello, Hello), KIND(pose, PoseMessage), KIND(acknowledge, Acknowledge), KIND(resend_leaves, ResendLeaves), KIND(resume, Resume),
-    KIND(ask_clock, AskClock), KIND(set_clock, SetClock), KIND(step, Step), KIND(step_done, StepDone), KIND(query, Query),
+    KIND(ask_clock, AskClock), KIND(set_clock, SetClock), KIND(step, ClockStep), KIND(step_done, StepDone), KIND(query, Query),
     KIND(ask_ground, AskGround), KIND(want_tiles, WantTiles), SETTINGS(change_settings, ChangeSettings));
 
 // ---- server to client ----

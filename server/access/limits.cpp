@@ -2,7 +2,7 @@
 
 namespace ridgecast::access {
 
-std::optional<Census::Place> Census::enter(const Address& client) {
+std::optional<ConnectionsByAddress::Place> ConnectionsByAddress::enter(const Address& client) {
   const Address who = household(client);
   const std::lock_guard lock(state_->mutex);
   std::uint32_t& count = state_->counts[who];
@@ -11,7 +11,7 @@ std::optional<Census::Place> Census::enter(const Address& client) {
   return Place(state_, who);
 }
 
-Census::Place::~Place() {
+ConnectionsByAddress::Place::~Place() {
   if (!state_) return;
   const std::lock_guard lock(state_->mutex);
   const auto found = state_->counts.find(who_);

@@ -34,16 +34,16 @@ class Rate {
 };
 
 // Connections of each client. One entry for each client that has any. Any thread.
-class Census {
+class ConnectionsByAddress {
   struct State {
     std::mutex mutex;
     std::map<Address, std::uint32_t> counts;
   };
 
  public:
-  explicit Census(std::uint32_t mostEach) : mostEach_(mostEach) {}  // 0: no limit
+  explicit ConnectionsByAddress(std::uint32_t mostEach) : mostEach_(mostEach) {}  // 0: no limit
 
-  // Given back when destroyed, which may be after the census.
+  // Given back when destroyed, which may be later than these counts are.
   class Place {
    public:
     Place(Place&&) = default;
@@ -56,7 +56,7 @@ class Census {
     const Address& who() const { return who_; }
 
    private:
-    friend class Census;
+    friend class ConnectionsByAddress;
     Place(std::shared_ptr<State> state, const Address& who) : state_(std::move(state)), who_(who) {}
     std::shared_ptr<State> state_;
     Address who_;

@@ -41,7 +41,7 @@ struct Written {
   Config config;
   bool isPrivate = false, quiet = false;
   std::vector<std::string> parameters, raster, trustedProxies, allowedHosts;
-  long long patience = 0, idle = 0, drain = 0, sessionIdle = 0;
+  long long timeout = 0, idle = 0, drain = 0, sessionIdle = 0;
   std::string logFormat = "text", logLevel = "info";
 };
 
@@ -118,12 +118,12 @@ void addLimits(CLI::App& app, Written& w) {
   number("--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted", 10'000u, 50'000'000u);
   number("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles", 10'000u, 20'000'000u);
   number("--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1.0, 600.0);
-  number("--snapshot-niceness", c.snapshots.niceness, "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only",
-         0, scheduling::kIdle);
+  number("--snapshot-niceness", c.snapshots.lowerPriorityBy,
+         "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only", 0, scheduling::kIdle);
   number("--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1u, wire::kMaxWindow);
   app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();
-  number("--patience", w.patience, "Timeout in seconds of each of: TLS handshake, request, hello", 1ll, 600ll);
+  number("--patience", w.timeout, "Timeout in seconds of each of: TLS handshake, request, hello", 1ll, 600ll);
   number("--idle", w.idle, "Seconds of silence after which a stream is closed; a ping is sent after half of them", 2ll, 86400ll);
 }
 
@@ -165,12 +165,12 @@ Outcome<Config> finish(Written&& w) {
     if (!host) return host.error();
     c.net.allowedHosts.push_back(std::move(*host));
   }
-  c.net.patience = std::chrono::seconds(w.patience);
+  c.net.timeout = std::chrono::seconds(w.timeout);
   c.net.idle = std::chrono::seconds(w.idle);
   c.net.drain = std::chrono::seconds(w.drain);
   c.limits.sessionIdle = std::chrono::seconds(w.sessionIdle);
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);
-  c.net.patientJobs.niceness = c.snapshots.niceness;
+  c.net.patientJobs.lowerPriorityBy = c.snapshots.lowerPriorityBy;
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
   const std::map<std::string, logging::Level> levels{{"debug", logging::Level::kDebug},
@@ -187,7 +187,7 @@ Outcome<Config> finish(Written&& w) {
 Parsed parse(int argc, const char* const* argv, const char* const* environment) {
   if (argc > 1 && std::string_view(argv[1]) == "token") return {std::nullopt, runTokenCommand(argc - 1, argv + 1)};
   Written w;
-  w.patience = w.config.net.patience / std::chrono::seconds(1);
+  w.timeout = w.config.net.timeout / std::chrono::seconds(1);
   w.idle = w.config.net.idle / std::chrono::seconds(1);
   w.drain = w.config.net.drain / std::chrono::seconds(1);
   w.sessionIdle = w.config.limits.sessionIdle / std::chrono::seconds(1);

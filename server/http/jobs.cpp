@@ -61,7 +61,7 @@ void Jobs::stop() {
 }
 
 void Jobs::work(std::size_t thread) {
-  scheduling::setNiceness(limits_.niceness);
+  scheduling::lowerPriority(limits_.lowerPriorityBy);
   std::unique_lock lock(mutex_);
   for (;;) {
     changed_.wait(lock, [this] { return stopped_ || !waiting_.empty(); });

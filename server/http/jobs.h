@@ -22,7 +22,7 @@ class Jobs {
   struct Limits {
     unsigned threads = 1;
     std::size_t waiting = 4;
-    int niceness = 0;  // of the threads, as scheduling::setNiceness
+    int lowerPriorityBy = 0;  // of the threads, as scheduling::lowerPriority
   };
   explicit Jobs(const Limits& limits);
   ~Jobs();  // calls stop()

@@ -22,7 +22,7 @@ enum class Refusal {
   kHeader,
   kRequest,  // no HTTP, no such path, no such method
   kTls,
-  kPatience,
+  kTimeout,
   kMessageSize,
   kMessageRate,
   kMalformed,

@@ -32,7 +32,7 @@ using asio::ip::tcp;
 using beast::error_code;
 
 constexpr char kRetrySeconds[] = "5";                 // Retry-After of a busy answer
-constexpr std::chrono::seconds kTurnedPatience{2};    // timeout for the request of a connection beyond a limit
+constexpr std::chrono::seconds kTurnedTimeout{2};     // timeout for the request of a connection beyond a limit
 constexpr std::chrono::milliseconds kTellEvery{700};  // interval of progress messages
 constexpr std::size_t kSlowest = 65'536;              // bytes a second that a client must read of a long answer
 
@@ -70,7 +70,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       tls = shared_->tls;
     }
     if (!tls) return read();
-    stream_.expires_after(patience());
+    stream_.expires_after(timeout());
     stream_.startTls(std::move(tls), Channel::Done([self = shared_from_this()](error_code ec, std::size_t) {
                        self->clear_ = ec == asio::error::no_protocol_option;
                        if (!ec) self->shared_->figures->tlsHandshakes.Increment();
@@ -80,15 +80,15 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                      }));
   }
 
-  std::chrono::milliseconds patience() const {
-    const std::chrono::milliseconds usual = shared_->settings.patience;
-    return counted_.surplus() == Counted::Surplus::kNone ? usual : std::min<std::chrono::milliseconds>(usual, kTurnedPatience);
+  std::chrono::milliseconds timeout() const {
+    const std::chrono::milliseconds usual = shared_->settings.timeout;
+    return counted_.surplus() == Counted::Surplus::kNone ? usual : std::min<std::chrono::milliseconds>(usual, kTurnedTimeout);
   }
 
   void read() {
     parser_.emplace();
     parser_->header_limit(shared_->settings.maxHeaderBytes);
-    stream_.expires_after(patience());
+    stream_.expires_after(timeout());
     http::async_read_header(stream_, buffer_, *parser_, [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
   }
 
@@ -99,7 +99,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (ec && ec != http::error::end_of_stream && ec != http::error::partial_message &&
         ec.category() == http::make_error_code(http::error::bad_method).category())
       return refuse(400, metrics::Refusal::kRequest, "This is not an HTTP request (" + ec.message() + ").");
-    if (ec == asio::error::operation_aborted && answered_ == 0) shared_->figures->refused(metrics::Refusal::kPatience);
+    if (ec == asio::error::operation_aborted && answered_ == 0) shared_->figures->refused(metrics::Refusal::kTimeout);
     if (ec) return close();
     const Settings& settings = shared_->settings;
     if (clear_) return refuse(400, metrics::Refusal::kTls, "This port speaks TLS: use https:// or wss://.");
@@ -286,10 +286,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     response_ = std::move(response);
     serializer_.emplace(response_);
     serializer_->split(head_);
-    patienceEnds_ =
-        std::chrono::steady_clock::now() + shared_->settings.patience + std::chrono::seconds(response_.body().size() / kSlowest);
+    timeoutEnds_ = std::chrono::steady_clock::now() + shared_->settings.timeout + std::chrono::seconds(response_.body().size() / kSlowest);
     if (head_) {
-      stream_.expires_after(shared_->settings.patience);
+      stream_.expires_after(shared_->settings.timeout);
       http::async_write_header(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t) { self->sent(ec); });
     } else {
       write();
@@ -298,7 +297,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   // Writes a piece at a time. Closes if the client takes a piece too late, or all of them too slowly.
   void write() {
-    stream_.expires_at(std::min(patienceEnds_, std::chrono::steady_clock::now() + shared_->settings.patience));
+    stream_.expires_at(std::min(timeoutEnds_, std::chrono::steady_clock::now() + shared_->settings.timeout));
     http::async_write_some(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t bytes) {
       self->shared_->figures->bytesSent.Increment(bytes);
       ec || self->serializer_->is_done() ? self->sent(ec) : self->write();
@@ -349,7 +348,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::string asked_;  // the session's name as received, for the log
   bool keepAlive_ = false, head_ = false;
   std::string ifNoneMatch_;
-  std::chrono::steady_clock::time_point patienceEnds_;
+  std::chrono::steady_clock::time_point timeoutEnds_;
   // While work is done for it.
   std::stop_source asker_{std::nostopstate};
   asio::steady_timer ticking_;

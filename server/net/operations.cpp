@@ -41,7 +41,7 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
                  return static_cast<double>(bytes);
                }));
   const std::pair<const char*, double (*)(Shared&)> queues[] = {
-      {"iterations", [](Shared& s) -> double { return s.directory->resources().machine->queued(); }},
+      {"iterations", [](Shared& s) -> double { return s.directory->resources().executor->queued(); }},
       {"answers", [](Shared& s) -> double { return s.promptJobs.waiting(); }},
       {"snapshots", [](Shared& s) -> double { return s.patientJobs.waiting(); }},
       {"worlds", [](Shared& s) -> double { return s.worldJobs.waiting(); }}};

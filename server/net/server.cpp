@@ -176,11 +176,11 @@ class ListeningServer final : public Server {
     const access::Address address = addressOf(peer);
     const auto isProxy = [&](const access::Network& network) { return network.contains(address); };
     auto surplus = Counted::Surplus::kNone;
-    std::optional<access::Census::Place> place;
+    std::optional<access::ConnectionsByAddress::Place> place;
     if (shared_->connections >= settings.maxConnections) {
       surplus = Counted::Surplus::kConnections;
     } else if (std::none_of(settings.trustedProxies.begin(), settings.trustedProxies.end(), isProxy)) {
-      place = shared_->census.enter(address);
+      place = shared_->connectionsByAddress.enter(address);
       if (!place) surplus = Counted::Surplus::kAddress;
     }
     if (surplus != Counted::Surplus::kNone) {

@@ -9,7 +9,7 @@
 //   connections            maxConnections             HTTP 503; closed at once while 32 are getting this answer
 //   of one address         maxConnectionsPerAddress   HTTP 429, or closed as above; a /64 of IPv6 is one address
 //   request header         maxHeaderBytes             HTTP 431
-//   TLS, request, hello    patience each              closed; for hello with an error
+//   TLS, request, hello    timeout each              closed; for hello with an error
 //   client message         maxMessageBytes            Error, close 1009
 //   messages a second      maxMessagesPerSecond (bursts: twice that)   Error, close 1008
 //   token                  its expiry                 Error, close 1008
@@ -17,7 +17,7 @@
 //   silence                idle, ping at half         closed
 //   work for answers       prompt-, patient-, worldJobs   HTTP 503 with Retry-After; ends if the client hangs up or half-closes
 //   unsent answers         maxAnswerBytes             HTTP 503 for patient work
-//   slow readers           patience, then 64 KiB/s    closed
+//   slow readers           timeout, then 64 KiB/s    closed
 // An invalid message or another protocol version: Error, close 1002 (text: 1003). A message that the session refuses (out of place or
 // range): Error, close 1008. The process continues.
 
@@ -52,7 +52,7 @@ struct Settings : http::Access {                 // host: the address to listen 
   std::uint32_t maxHeaderBytes = 8192;
   std::size_t maxMessageBytes = wire::kMaxClientMessageBytes;
   std::uint32_t maxMessagesPerSecond = 4000;  // 0: unlimited
-  std::chrono::milliseconds patience{10'000};
+  std::chrono::milliseconds timeout{10'000};
   std::chrono::milliseconds idle{60'000};
   http::Jobs::Limits promptJobs{2, 64, 0};   // answers that take milliseconds
   http::Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds; nice value from --snapshot-niceness

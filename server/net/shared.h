@@ -53,7 +53,7 @@ struct Shared {
         routes(std::move(r)),
         figures(directory->resources().figures),
         gate(settings),
-        census(settings.maxConnectionsPerAddress),
+        connectionsByAddress(settings.maxConnectionsPerAddress),
         promptJobs(s.promptJobs),
         patientJobs(s.patientJobs),
         worldJobs(s.worldJobs) {}
@@ -62,7 +62,7 @@ struct Shared {
   std::vector<Route> routes;  // constant once connections are accepted
   const std::shared_ptr<metrics::Figures> figures;
   Gate gate;
-  access::Census census;
+  access::ConnectionsByAddress connectionsByAddress;
   std::atomic<bool> ready{true};         // false: no new streams
   std::atomic<std::uint32_t> turned{0};  // connections that only get an answer about too many
   std::atomic<std::uint32_t> connections{0};
@@ -82,7 +82,7 @@ class Counted {
   enum class Surplus { kNone, kConnections, kAddress };
 
   // `place`: among the connections of its address. Empty behind a proxy, whose clients are counted by request.
-  Counted(std::shared_ptr<Shared> shared, Surplus surplus, std::optional<access::Census::Place> place)
+  Counted(std::shared_ptr<Shared> shared, Surplus surplus, std::optional<access::ConnectionsByAddress::Place> place)
       : shared_(std::move(shared)), surplus_(surplus), place_(std::move(place)) {
     ++(surplus_ == Surplus::kNone ? shared_->connections : shared_->turned);
   }
@@ -96,14 +96,14 @@ class Counted {
   bool belongsTo(const access::Address& client) {
     if (place_ && place_->who() == access::household(client)) return true;
     place_.reset();
-    place_ = shared_->census.enter(client);
+    place_ = shared_->connectionsByAddress.enter(client);
     return place_.has_value();
   }
 
  private:
   std::shared_ptr<Shared> shared_;
   Surplus surplus_;
-  std::optional<access::Census::Place> place_;
+  std::optional<access::ConnectionsByAddress::Place> place_;
 };
 
 // ADDRESS:PORT, [ADDRESS]:PORT

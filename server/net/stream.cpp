@@ -24,7 +24,7 @@ namespace websocket = beast::websocket;
 using beast::error_code;
 
 // Time for the client to read an error and answer the close.
-constexpr std::chrono::seconds kFarewellPatience{3};
+constexpr std::chrono::seconds kFarewellTimeout{3};
 
 websocket::close_reason closeReason(const wire::ErrorMessage& message, std::optional<websocket::close_code> code) {
   websocket::close_reason reason;
@@ -100,7 +100,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     request_ = std::move(request);
     beast::get_lowest_layer(ws_).expires_never();  // the stream has its own timeouts
     websocket::stream_base::timeout timeout{};
-    timeout.handshake_timeout = shared_->settings.patience;
+    timeout.handshake_timeout = shared_->settings.timeout;
     timeout.idle_timeout = shared_->settings.idle;
     timeout.keep_alive_pings = true;
     ws_.set_option(timeout);
@@ -225,7 +225,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
       *queuedBytes_ -= out_.back().bytes.size();
       out_.pop_back();
     }
-    timer_.expires_after(kFarewellPatience);
+    timer_.expires_after(kFarewellTimeout);
     timer_.async_wait([weak = weak_from_this()](error_code ec) {
       if (ec) return;
       if (auto self = weak.lock()) self->end();
@@ -312,13 +312,13 @@ void Stream::accepted(error_code ec) {
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
                                                      std::make_shared<StreamSender>(shared_from_this()));
-  timer_.expires_after(shared_->settings.patience);
+  timer_.expires_after(shared_->settings.timeout);
   timer_.async_wait([weak = weak_from_this()](error_code waited) {
     if (waited) return;
     const auto self = weak.lock();
     if (self && !self->greeted_)
-      self->fail(metrics::Refusal::kPatience,
-                 {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self->shared_->settings.patience.count()) + " ms."});
+      self->fail(metrics::Refusal::kTimeout,
+                 {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self->shared_->settings.timeout.count()) + " ms."});
   });
   if (grant_.expires) {
     expiry_.expires_after(std::max<std::chrono::nanoseconds>(*grant_.expires - std::chrono::system_clock::now(), std::chrono::seconds(0)));

@@ -18,8 +18,8 @@
 #include <unordered_set>
 #include <utility>
 
-// One lock for the machine guards who works for whom; it is taken when a thread changes the pool it works for, not for every task.
-// A parallel loop (Region) lives on its caller's stack. Helpers join and leave it under the machine's lock, and the caller leaves only
+// One lock for the executor guards who works for whom; it is taken when a thread changes the pool it works for, not for every task.
+// A parallel loop (Region) lives on its caller's stack. Helpers join and leave it under the executor's lock, and the caller leaves only
 // when the last helper has left, so no helper ever sees a region that is gone. Each region has its own way of handing out work: an
 // atomic counter for forEach, a heap of ready tasks under a lock of its own for forEachOrdered.
 //
@@ -59,7 +59,7 @@ class Region {
   // Works until nothing is left to start, or until `leave()` after any task. Must not throw.
   virtual void help(const std::function<bool()>& leave) noexcept = 0;
 
-  std::atomic<unsigned> helpers{0};  // changed under the machine's lock
+  std::atomic<unsigned> helpers{0};  // changed under the executor's lock
   std::condition_variable helpersGone;
 
  protected:
@@ -69,10 +69,10 @@ class Region {
 }  // namespace
 
 struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
-  std::shared_ptr<Machine::State> machine;
+  std::shared_ptr<Executor::State> executor;
   unsigned limit = 1;
 
-  // Under the machine's lock.
+  // Under the executor's lock.
   std::deque<std::function<void()>> posted;
   std::vector<Region*> regions;  // innermost last
   unsigned inFlight = 0;
@@ -89,10 +89,10 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
   void noteChange() { takesMore = inFlight < limit && !queued; }
   void run(Region& region, std::size_t helpersUseful, const std::function<void()>& work);
   std::function<void(std::size_t)> giving(
-      const std::function<void(std::size_t)>& task) const;  // with rests where another machine goes first
+      const std::function<void(std::size_t)>& task) const;  // with rests where another executor goes first
 };
 
-struct Machine::State {
+struct Executor::State {
   std::mutex mutex;
   std::condition_variable work;
   std::deque<std::shared_ptr<Pool::Impl>> ready;  // pools with work and room, served in turn
@@ -104,7 +104,7 @@ struct Machine::State {
   unsigned threads = 1;
   std::vector<std::thread> workers;
   std::atomic<unsigned> working{0};    // threads that run a task; a hint
-  std::shared_ptr<const State> first;  // the machine that goes before this one, or none
+  std::shared_ptr<const State> first;  // the executor that goes before this one, or none
 
   // All under the lock.
   bool enqueue(Pool::Impl& pool) {
@@ -132,7 +132,7 @@ struct WorkingFor {
   ~WorkingFor() { workingFor = before; }
 };
 
-// Of loops whose machine gives way to another: how much work comes before a rest, and the longest rest.
+// Of loops whose executor gives way to another: how much work comes before a rest, and the longest rest.
 constexpr std::chrono::microseconds kWorkAtATime{500}, kLongestRest{50'000};
 constexpr int kRests = 9;  // times what was worked: others then lose a tenth at most
 thread_local std::chrono::steady_clock::time_point rested{};
@@ -148,12 +148,12 @@ void rest(const std::atomic<unsigned>& others) {
 }  // namespace
 
 Pool::Impl::~Impl() {
-  const std::lock_guard lock(machine->mutex);
-  machine->pools.erase(this);
+  const std::lock_guard lock(executor->mutex);
+  executor->pools.erase(this);
 }
 
 // The task, too, is destroyed without the lock: what it captured may be the last owner of anything.
-void Machine::State::help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept {
+void Executor::State::help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept {
   const WorkingFor mark(&pool);
   working.fetch_add(1, std::memory_order_relaxed);
   if (region)
@@ -163,7 +163,7 @@ void Machine::State::help(Pool::Impl& pool, Region* region, std::function<void()
   working.fetch_sub(1, std::memory_order_relaxed);
 }
 
-void Machine::State::serve() {
+void Executor::State::serve() {
   std::shared_ptr<Pool::Impl> last;  // let go of without the lock: it may be the last owner
   std::unique_lock lock(mutex);
   for (;;) {
@@ -206,27 +206,27 @@ void Machine::State::serve() {
   }
 }
 
-void setNiceness([[maybe_unused]] int niceness) {
+void lowerPriority([[maybe_unused]] int by) {
 #ifdef __linux__
-  const auto thread = static_cast<id_t>(gettid());  // on Linux a thread has a niceness of its own
+  const auto thread = static_cast<id_t>(gettid());  // on Linux a thread has a nice value of its own
   const sched_param none{};
-  if (niceness >= kIdle && sched_setscheduler(0, SCHED_IDLE, &none) == 0) return;
-  if (niceness > 0) setpriority(PRIO_PROCESS, thread, std::min(19, getpriority(PRIO_PROCESS, thread) + niceness));
+  if (by >= kIdle && sched_setscheduler(0, SCHED_IDLE, &none) == 0) return;
+  if (by > 0) setpriority(PRIO_PROCESS, thread, std::min(19, getpriority(PRIO_PROCESS, thread) + by));
 #endif
 }
 
-Machine::Machine(unsigned threads, int niceness, const Machine* first) : state_(std::make_shared<State>()) {
+Executor::Executor(unsigned threads, int lowerPriorityBy, const Executor* first) : state_(std::make_shared<State>()) {
   if (first) state_->first = first->state_;
   state_->threads = threads ? threads : std::max(1u, std::thread::hardware_concurrency());
   state_->workers.reserve(state_->threads);
   for (unsigned k = 0; k < state_->threads; ++k)
-    state_->workers.emplace_back([state = state_.get(), niceness] {
-      setNiceness(niceness);
+    state_->workers.emplace_back([state = state_.get(), lowerPriorityBy] {
+      lowerPriority(lowerPriorityBy);
       state->serve();
     });
 }
 
-Machine::~Machine() {
+Executor::~Executor() {
   {
     const std::lock_guard lock(state_->mutex);
     state_->stop = true;
@@ -242,18 +242,18 @@ Machine::~Machine() {
   }
 }
 
-unsigned Machine::threads() const { return state_->threads; }
+unsigned Executor::threads() const { return state_->threads; }
 
-std::size_t Machine::queued() const {
+std::size_t Executor::queued() const {
   const std::lock_guard lock(state_->mutex);
   std::size_t sum = 0;
   for (const Pool::Impl* pool : state_->pools) sum += pool->posted.size();
   return sum;
 }
 
-std::shared_ptr<Pool> Machine::makePool(unsigned limit) {
+std::shared_ptr<Pool> Executor::makePool(unsigned limit) {
   auto impl = std::make_shared<Pool::Impl>();
-  impl->machine = state_;
+  impl->executor = state_;
   impl->limit = std::min(limit ? limit : 4u, state_->threads);
   {
     const std::lock_guard lock(state_->mutex);
@@ -263,8 +263,8 @@ std::shared_ptr<Pool> Machine::makePool(unsigned limit) {
 }
 
 std::function<void(std::size_t)> Pool::Impl::giving(const std::function<void(std::size_t)>& task) const {
-  if (!machine->first) return std::cref(task);
-  return [&task, &others = machine->first->working](std::size_t k) {
+  if (!executor->first) return std::cref(task);
+  return [&task, &others = executor->first->working](std::size_t k) {
     rest(others);
     task(k);
   };
@@ -274,28 +274,28 @@ Pool::Pool(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
 
 Pool::~Pool() {
   std::deque<std::function<void()>> dropped;
-  const std::lock_guard lock(impl_->machine->mutex);
+  const std::lock_guard lock(impl_->executor->mutex);
   impl_->closed = true;
   dropped.swap(impl_->posted);
   // `dropped` was declared first, so it is destroyed after the lock is released.
 }
 
 bool Pool::post(std::function<void()> task) {
-  auto& machine = *impl_->machine;
-  const std::lock_guard lock(machine.mutex);
-  if (machine.stop || impl_->closed || impl_->posted.size() >= kMaxPosted) return false;
+  auto& executor = *impl_->executor;
+  const std::lock_guard lock(executor.mutex);
+  if (executor.stop || impl_->closed || impl_->posted.size() >= kMaxPosted) return false;
   impl_->posted.push_back(std::move(task));
-  machine.summon(*impl_);
+  executor.summon(*impl_);
   return true;
 }
 
 void Pool::rouse() {
-  auto& machine = *impl_->machine;
+  auto& executor = *impl_->executor;
   if (impl_->limit == 1) return;
-  const std::lock_guard lock(machine.mutex);
-  if (machine.idle == 0 || machine.roused) return;
-  machine.roused = true;
-  machine.work.notify_one();
+  const std::lock_guard lock(executor.mutex);
+  if (executor.idle == 0 || executor.roused) return;
+  executor.roused = true;
+  executor.work.notify_one();
 }
 
 // Publishes a region, works on it through `work`, and returns when the last helper has left. The caller counts as one of the pool's
@@ -303,13 +303,13 @@ void Pool::rouse() {
 void Pool::Impl::run(Region& region, std::size_t helpersUseful, const std::function<void()>& work) {
   const bool outside = workingFor != this;
   {
-    const std::lock_guard lock(machine->mutex);
+    const std::lock_guard lock(executor->mutex);
     regions.push_back(&region);
     if (outside) ++inFlight;
     noteChange();
-    if (machine->enqueue(*this)) {
+    if (executor->enqueue(*this)) {
       const std::size_t room = limit - inFlight;
-      for (std::size_t k = std::min<std::size_t>({helpersUseful, room, machine->idle}); k > 0; --k) machine->work.notify_one();
+      for (std::size_t k = std::min<std::size_t>({helpersUseful, room, executor->idle}); k > 0; --k) executor->work.notify_one();
     }
   }
   {
@@ -318,13 +318,13 @@ void Pool::Impl::run(Region& region, std::size_t helpersUseful, const std::funct
   }
   // Whoever is still in its last task is worth a short look before sleeping. The lock below orders what it did before what follows.
   if (region.helpers.load(std::memory_order_relaxed) > 0) spinUntil([&] { return region.helpers.load(std::memory_order_relaxed) == 0; });
-  std::unique_lock lock(machine->mutex);
+  std::unique_lock lock(executor->mutex);
   regions.erase(std::find(regions.begin(), regions.end(), &region));
   region.helpersGone.wait(lock, [&] { return region.helpers == 0; });
   if (outside) {
     --inFlight;
     noteChange();
-    machine->summon(*this);
+    executor->summon(*this);
   }
 }
 
@@ -490,8 +490,8 @@ void Pool::forEachOrdered(const Order& order, const std::function<void(std::size
   }
   Ordered ordered(order, body, [impl = impl_.get()] {
     if (!impl->takesMore) return;
-    const std::lock_guard lock(impl->machine->mutex);
-    impl->machine->summon(*impl);
+    const std::lock_guard lock(impl->executor->mutex);
+    impl->executor->summon(*impl);
   });
   impl_->run(ordered, order.size() - 1, [&] { ordered.lead(); });
 }

@@ -1,8 +1,8 @@
 #pragma once
-// A logical worker pool for each camera over the machine's threads.
+// A logical worker pool for each camera over the threads of an executor.
 //
-// A Machine owns the threads. A Pool is one camera's share: its own queue, and at most `limit` of its tasks in flight at any time.
-// Pools that have work are served round robin, one batch each, so that a thousand cameras share the machine fairly.
+// An Executor owns the threads. A Pool is one camera's share: its own queue, and at most `limit` of its tasks in flight at any time.
+// Pools that have work are served round robin, one batch each, so that a thousand cameras share the threads fairly.
 
 #include <cstddef>
 #include <cstdint>
@@ -15,25 +15,25 @@ namespace ridgecast::scheduling {
 
 class Pool;
 
-// The calling thread becomes nicer, by 0..19: it gives way to those that are less so. kIdle: it runs only where no other thread wants the core,
-// and who wakes up takes its place at once (Linux: SCHED_IDLE); nicer threads alone still get a time slice in turn, which an iteration of
-// two milliseconds notices. For good: a thread cannot take it back. Nothing happens where the system does not know this of threads.
+// Lowers the calling thread's priority, for good: adds 0..19 to its nice value. kIdle: it runs only while no other thread wants the core
+// (Linux: SCHED_IDLE). A nice value alone still leaves a time slice in turn, which an iteration of two milliseconds notices. Does nothing
+// where the system has no priorities of threads.
 inline constexpr int kIdle = 20;
-void setNiceness(int niceness);
+void lowerPriority(int by);
 
-class Machine {
+class Executor {
  public:
-  // threads 0: as many as the hardware has. niceness: as setNiceness, of all of them. `first`: while that machine works, loops of this one
-  // rest between their tasks, nine times as long as they worked: even on a core of its own, what works takes cache and memory from the others.
-  explicit Machine(unsigned threads, int niceness = 0, const Machine* first = nullptr);
-  ~Machine();  // waits for the tasks in flight; tasks still queued are dropped
-  Machine(const Machine&) = delete;
-  Machine& operator=(const Machine&) = delete;
+  // threads 0: as many as the hardware has. lowerPriorityBy: of all of them. `first`: while that executor works, loops of this one rest
+  // between their tasks, nine times as long as they worked: even on a core of its own, what works takes cache and memory from the others.
+  explicit Executor(unsigned threads, int lowerPriorityBy = 0, const Executor* first = nullptr);
+  ~Executor();  // waits for the tasks in flight; tasks still queued are dropped
+  Executor(const Executor&) = delete;
+  Executor& operator=(const Executor&) = delete;
 
   unsigned threads() const;
   // Posted tasks that no thread has begun, of all pools. Any thread.
   std::size_t queued() const;
-  // limit 0: min(4, threads). The pool may outlive the machine only without being used.
+  // limit 0: min(4, threads). The pool may outlive the executor only without being used.
   std::shared_ptr<Pool> makePool(unsigned limit = 0);
 
  private:
@@ -51,7 +51,7 @@ class Pool {
   // Queues a task; false when the pool's queue is full (1,024 posted tasks). Any thread.
   bool post(std::function<void()> task);
 
-  // A loop follows within microseconds: one thread of the machine that sleeps, if any, is woken now and looks around for it.
+  // A loop follows within microseconds: one thread of the executor that sleeps, if any, is woken now and looks around for it.
   void rouse();
 
   // body(k) for every k in [0, count), in parallel; returns when all are done. The calling thread takes part, so that a task of this
@@ -63,7 +63,7 @@ class Pool {
   void forEachOrdered(const Order& order, const std::function<void(std::size_t)>& body);
 
  private:
-  friend class Machine;
+  friend class Executor;
   struct Impl;
   explicit Pool(std::shared_ptr<Impl> impl);
   std::shared_ptr<Impl> impl_;

@@ -77,7 +77,7 @@ CameraSession::CameraSession(std::shared_ptr<Session> session, Place place, std:
       place_(std::move(place)),
       id_(id),
       sender_(std::move(sender)),
-      pool_(session_->resources().machine->makePool()),
+      pool_(session_->resources().executor->makePool()),
       conversation_(termsOf(*session_)) {}
 
 void CameraSession::receive(wire::ClientMessage message) {
@@ -107,7 +107,7 @@ CameraSession::Refusal CameraSession::attend(const wire::SetClock& set) {
   return {};
 }
 
-CameraSession::Refusal CameraSession::attend(const wire::Step& step) {
+CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
   switch (session_->presence().step(id_, step)) {
     case Clock::Stepped::kBegins:
     case Clock::Stepped::kQueues:

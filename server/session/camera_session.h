@@ -42,7 +42,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   Refusal attend(const wire::PoseMessage& pose);
   Refusal attend(const wire::AskClock& ask);
   Refusal attend(const wire::SetClock& set);
-  Refusal attend(const wire::Step& step);
+  Refusal attend(const wire::ClockStep& step);
   Refusal attend(const wire::StepDone& done);
   Refusal attend(const wire::Query& query);
   Refusal attend(const wire::AskGround& ask);

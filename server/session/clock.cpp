@@ -56,7 +56,7 @@ bool Clock::set(std::uint64_t member, const wire::SetClock& set, Instant now) {
   return true;
 }
 
-Clock::Stepped Clock::step(std::uint64_t member, const wire::Step& step) {
+Clock::Stepped Clock::step(std::uint64_t member, const wire::ClockStep& step) {
   if (owner_ != member) return Stepped::kNotYours;
   if (mode_ != wire::ClockMode::kStepped) return Stepped::kNotStepped;
   if (queued_.size() >= kMaxQueuedSteps) return Stepped::kTooMany;
@@ -73,7 +73,7 @@ bool Clock::done(std::uint64_t member, std::uint64_t step) {
   return true;
 }
 
-void Clock::begin(const wire::Step& step) {
+void Clock::begin(const wire::ClockStep& step) {
   ++step_;
   time_ = std::min(wire::kMaxTime, time_ + step.time);
   if (!step.wait) return;

@@ -35,11 +35,11 @@ class Clock {
   // Returns whether the state changed; it does not if the clock belongs to another member.
   bool set(std::uint64_t member, const wire::SetClock& set, Instant now);
   enum class Stepped { kBegins, kQueues, kNotYours, kNotStepped, kTooMany };
-  Stepped step(std::uint64_t member, const wire::Step& step);
+  Stepped step(std::uint64_t member, const wire::ClockStep& step);
   bool done(std::uint64_t member, std::uint64_t step);
 
  private:
-  void begin(const wire::Step& step);
+  void begin(const wire::ClockStep& step);
   void goOn();  // to the next queued steps, if nobody is waited for
 
   Instant since_;           // the instant at which the clock showed time_
@@ -48,7 +48,7 @@ class Clock {
   double rate_ = 1;
   std::uint64_t owner_ = 0, step_ = 0;
   std::set<std::uint64_t> followers_, waitsFor_;
-  std::deque<wire::Step> queued_;
+  std::deque<wire::ClockStep> queued_;
 };
 
 }  // namespace ridgecast::session

@@ -115,7 +115,7 @@ void Presence::set(std::uint64_t camera, const wire::SetClock& set) {
   if (!changed || !it->second.wantsClock) sendClock(it->second, 0);
 }
 
-Clock::Stepped Presence::step(std::uint64_t camera, const wire::Step& step) {
+Clock::Stepped Presence::step(std::uint64_t camera, const wire::ClockStep& step) {
   const std::lock_guard lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return Clock::Stepped::kNotYours;

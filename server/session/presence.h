@@ -40,7 +40,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void ask(std::uint64_t camera, const wire::AskClock& ask);
   // Answers with the resulting clock, changed or not.
   void set(std::uint64_t camera, const wire::SetClock& set);
-  Clock::Stepped step(std::uint64_t camera, const wire::Step& step);
+  Clock::Stepped step(std::uint64_t camera, const wire::ClockStep& step);
   void done(std::uint64_t camera, const wire::StepDone& done);
 
   struct Seen {

@@ -61,7 +61,7 @@ inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 struct Resources {
   // Not owned: a task may be the last owner of anything here, and an executor cannot be destroyed by its own threads. Destroyed after the
   // sockets are closed; remaining tasks are dropped.
-  scheduling::Machine* machine = nullptr;
+  scheduling::Executor* executor = nullptr;
   MakeMesh makeMesh;
   MakeTerrain makeTerrain;  // for sessions that clients create; empty: not allowed
   std::string serverName;

@@ -23,7 +23,7 @@ namespace ridgecast::snapshot {
 struct Limits {
   std::uint32_t triangles = 2'000'000;
   double seconds = 60;
-  int niceness = 15;         // nice value of the snapshot threads; with 20 they may starve beside other programs
+  int lowerPriorityBy = 15;  // nice value of the snapshot threads; with 20 they may starve beside other programs
   double boxSide = 32'768;   // metres, the longest
   double leastError = 0.02;  // metres, of a box
   double mostError = 1'000;

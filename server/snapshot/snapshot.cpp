@@ -179,8 +179,9 @@ std::string Progress::text() const {
   return "writing, " + count;
 }
 
-Snapshots::Snapshots(const Limits& limits, unsigned threads, const scheduling::Machine* cameras)
-    : limits_(limits), machine_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), limits.niceness, cameras) {}
+Snapshots::Snapshots(const Limits& limits, unsigned threads, const scheduling::Executor* cameras)
+    : limits_(limits),
+      executor_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), limits.lowerPriorityBy, cameras) {}
 
 Result<Snapshot> Snapshots::take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop,
                                  Progress* progress) {
@@ -192,7 +193,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
     if (progress) progress->stage = stage;
   };
   reaches(Progress::Stage::kMeshing);
-  const auto pool = machine_.makePool(machine_.threads());
+  const auto pool = executor_.makePool(executor_.threads());
   Result<Made> made = Problem{};
   if (const auto* camera = std::get_if<OfCamera>(&question.of))
     made = ofCamera(session, *camera, watch);

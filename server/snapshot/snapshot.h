@@ -43,8 +43,8 @@ struct Progress {
 
 class Snapshots {
  public:
-  // threads 0: one less than the machine's, at least one. `cameras`: whose work has priority; null: nobody's.
-  explicit Snapshots(const Limits& limits, unsigned threads = 0, const scheduling::Machine* cameras = nullptr);
+  // threads 0: one less than the hardware has, at least one. `cameras`: whose work has priority; null: nobody's.
+  explicit Snapshots(const Limits& limits, unsigned threads = 0, const scheduling::Executor* cameras = nullptr);
 
   const Limits& limits() const { return limits_; }
 
@@ -57,7 +57,7 @@ class Snapshots {
 
  private:
   const Limits limits_;
-  scheduling::Machine machine_;
+  scheduling::Executor executor_;
 };
 
 }  // namespace ridgecast::snapshot

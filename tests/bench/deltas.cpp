@@ -147,10 +147,10 @@ struct Flown {
 constexpr double kFrameBytes = 14;
 
 Flown fly(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Path& path, double seconds, std::uint32_t budget) {
-  scheduling::Machine machine(0);
+  scheduling::Executor executor(0);
   wire::Settings asked;
   asked.triangleBudget = budget;
-  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), machine.makePool());
+  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), executor.makePool());
   std::map<lattice::LeafAddress, mesh::LeafMesh> held;
   std::map<lattice::LeafAddress, std::uint64_t> hashes;
   Flown f;

@@ -33,12 +33,12 @@ struct Settled {
 };
 Settled settle(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Camera& camera,
                const std::vector<testing_support::Hit>& hits, wire::Metric metric, double threshold) {
-  scheduling::Machine machine(2);
+  scheduling::Executor executor(2);
   wire::Settings asked;
   asked.metric = metric;
   asked.threshold = threshold;
   asked.triangleBudget = 2'000'000;
-  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), machine.makePool(2));
+  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), executor.makePool(2));
   Settled out{};
   std::uint64_t heights = 0, inserted = 0;
   for (int n = 0; n < 300 && !pipeline.settled(); ++n) {

@@ -28,7 +28,7 @@ void add(wire::Figures& sum, const wire::Figures& figures) {
 
 struct Rig {
   Rig(unsigned threads, double threshold, std::uint32_t budget = 2'000'000)
-      : machine(threads), terrain(terrain::create("alpine", 1).value()), pool(machine.makePool(threads)) {
+      : executor(threads), terrain(terrain::create("alpine", 1).value()), pool(executor.makePool(threads)) {
     wire::Settings asked;
     asked.threshold = threshold;
     asked.triangleBudget = budget;
@@ -55,7 +55,7 @@ struct Rig {
     for (int n = 0; n < 300 && !pipeline->settled(); ++n) inserted += pipeline->iterate(testing_support::straight(*terrain, t)).inserted;
     return inserted;
   }
-  scheduling::Machine machine;
+  scheduling::Executor executor;
   std::shared_ptr<const terrain::Terrain> terrain;
   std::shared_ptr<scheduling::Pool> pool;
   std::unique_ptr<pipeline::Pipeline> pipeline;

@@ -123,12 +123,12 @@ struct Measured {
 Measured measure(const std::shared_ptr<const terrain::Terrain>& terrain, camera::Camera camera, const Wanted& wanted) {
   Measured m;
   Clock clock;
-  scheduling::Machine machine(1);
+  scheduling::Executor executor(1);
   wire::Settings asked;
   asked.metric = wire::Metric::kPixels;
   asked.threshold = wanted.threshold;
   asked.triangleBudget = 2'000'000;
-  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), machine.makePool(1));
+  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), executor.makePool(1));
   wire::Figures figures;
   for (int n = 0; n < 300 && !pipeline.settled(); ++n) figures = pipeline.iterate(camera);
   if (wanted.speed > 0) {

@@ -12,8 +12,8 @@ namespace ridgecast::bench {
 
 Report screening(const Options& options) {
   const auto terrain = terrain::create("alpine", 1).value();
-  scheduling::Machine machine(1);
-  auto pool = machine.makePool(1);
+  scheduling::Executor executor(1);
+  auto pool = executor.makePool(1);
   generation::CameraMesh mesh(terrain, 1'200'000, refinement::Metric::kPixels);
   const auto camera = testing_support::straight(*terrain, 0);
   refinement::AdaptiveMesh& m = mesh.mesh();

@@ -33,7 +33,7 @@ namespace {
 
 struct Plan {
   std::vector<int> counts{1, 4};
-  int askers = 2, rounds = 6, niceness = snapshot::Limits{}.niceness;
+  int askers = 2, rounds = 6, lowerPriorityBy = snapshot::Limits{}.lowerPriorityBy;
   double seconds = 3;
   std::uint32_t budget = 100'000;
 };
@@ -43,7 +43,7 @@ class Asker {
  public:
   Asker(std::uint16_t port, int index, std::atomic<int>& answered)
       : thread_([this, port, index, &answered] {
-          scheduling::setNiceness(scheduling::kIdle);
+          scheduling::lowerPriority(scheduling::kIdle);
           for (int k = index; !leaves_; ++k) answered += ask(port, k);
         }) {}
   ~Asker() {
@@ -137,7 +137,7 @@ Report snapshot(const Options& options) {
     else if (name == "--rounds")
       plan.rounds = std::clamp(static_cast<int>(value), 1, 100);
     else if (name == "--niceness")
-      plan.niceness = std::clamp(static_cast<int>(value), 0, scheduling::kIdle);
+      plan.lowerPriorityBy = std::clamp(static_cast<int>(value), 0, scheduling::kIdle);
     else if (name == "--budget")
       plan.budget = static_cast<std::uint32_t>(std::max(10'000.0, value));
     else
@@ -150,7 +150,7 @@ Report snapshot(const Options& options) {
   double worst = 0;
   for (const int count : plan.counts) {
     testing_support::ServerProcess server(options.programFolder + "/ridgecast-server",
-                                          {"--snapshot-niceness", std::to_string(plan.niceness)});
+                                          {"--snapshot-niceness", std::to_string(plan.lowerPriorityBy)});
     Flight flight(server.port(), count, plan.budget, **terrain);
     flight.fly(options.quick ? 1 : 4);
     std::atomic<int> answered{0};

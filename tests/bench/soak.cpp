@@ -80,12 +80,12 @@ Report soak(const Options& options) {
 
   const int iterations = options.quick ? 1200 : 36'000, speed = options.quick ? 30 : 1;  // a quick one flies the hour in leaps
   constexpr std::uint32_t kBudget = 300'000;
-  scheduling::Machine machine(2);
+  scheduling::Executor executor(2);
   const auto terrain = terrain::create("alpine", 1).value();
   wire::Settings asked;
   asked.threshold = 0.5;
   asked.triangleBudget = kBudget;
-  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), machine.makePool(2));
+  pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), executor.makePool(2));
 
   std::uint32_t most = 0, checks = 0, failures = 0, exports = 0, longestHover = 0, hoverChanging = 0;
   std::uint64_t inserted = 0, removed = 0;

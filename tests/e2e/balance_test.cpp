@@ -87,7 +87,7 @@ class Balance : public testing::Test {
       if (!c->agrees()) return false;
     return true;
   }
-  void fly(const std::function<bool()>& until, std::chrono::milliseconds atMost = kPatience) {
+  void fly(const std::function<bool()>& until, std::chrono::milliseconds atMost = kTimeout) {
     for (const auto end = Clock::now() + atMost; Clock::now() < end && !until();) {
       for (std::size_t k = 0; k < clients.size(); ++k) {
         clients[k]->send(path->looped(std::chrono::duration<double>(Clock::now() - began).count() + 3 * static_cast<double>(k)));
@@ -203,7 +203,7 @@ TEST_F(Balance, EndingDoesTheSame) {
   const double moved = figure(servers[leaving]->port(), "ridgecast_cameras");
   servers[leaving]->process().signal(SIGTERM);
   expectAllAt(1 - leaving, moved);
-  EXPECT_EQ(servers[leaving]->process().wait(kPatience), 0);
+  EXPECT_EQ(servers[leaving]->process().wait(kTimeout), 0);
 }
 
 }  // namespace

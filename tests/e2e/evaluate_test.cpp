@@ -62,10 +62,10 @@ class Evaluate : public testing::Test {
     folder_ = std::make_unique<ScratchFolder>();
     Process first(command(out()));
     const std::filesystem::path early = out() / "views/archipelago-low/view.json";
-    await([&] { return !first.running() || std::filesystem::exists(early); }, 5 * kPatience);
+    await([&] { return !first.running() || std::filesystem::exists(early); }, 5 * kTimeout);
     killedInTheMiddle_ = first.running();
     first.signal(SIGKILL);
-    first.wait(kPatience);
+    first.wait(kTimeout);
     early_ = readText(early);
     auto report = command(out());
     report.push_back("--report");

@@ -171,10 +171,10 @@ TEST_F(Fly, ByTheClockGoesOnWhenTheServerIsKilledAndComesBack) {
   const auto says = [&](const std::string& text) { return await([&] { return flight.output().find(text) != std::string::npos; }); };
   ASSERT_TRUE(says("iteration ")) << flight.output();
   server->process().signal(SIGKILL);
-  server->process().wait(kPatience);
+  server->process().wait(kTimeout);
   ASSERT_TRUE(says("; trying again")) << flight.output();
   server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
-  ASSERT_EQ(flight.wait(kPatience), 0) << flight.output();
+  ASSERT_EQ(flight.wait(kTimeout), 0) << flight.output();
   const Json s = Json::parse(readText(*folder_ / "back/summary.json"));
   EXPECT_EQ(s.at("reconnections"), 1);
   EXPECT_EQ(s.at("hash_mismatches"), 0);
@@ -188,7 +188,7 @@ TEST_F(Fly, InLockStepALostServerIsTheEnd) {
                   "--size", "64x48", "--frames-every", "99"});
   ASSERT_TRUE(await([&] { return flight.output().find("iteration ") != std::string::npos; })) << flight.output();
   server->process().signal(SIGKILL);
-  EXPECT_EQ(flight.wait(kPatience), 1) << flight.output();
+  EXPECT_EQ(flight.wait(kTimeout), 1) << flight.output();
 }
 
 TEST_F(Fly, WarnsOfAnotherTerrainAndFliesOn) {

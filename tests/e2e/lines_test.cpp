@@ -67,7 +67,7 @@ TEST(Lines, ANarrowLineCarriesAUsableWorld) {
   double firstView = 0;
   // Twelve seconds, and as many more as a slow machine takes for what the line could have carried long since.
   const auto usable = [&] { return client.scene().triangles() > 20'000 && client.latencies().size() > 12; };
-  while (secondsSince(began) < 12 || (!usable() && Clock::now() < began + kPatience)) {
+  while (secondsSince(began) < 12 || (!usable() && Clock::now() < began + kTimeout)) {
     const camera::Camera camera = path.at(secondsSince(began));
     client.send(camera);
     ASSERT_TRUE(client.take(30ms)) << client.failure();

@@ -160,7 +160,7 @@ TEST(Operations, EveryLineOfTheLogIsJsonWhateverClientsSay) {
     server.signal(SIGHUP);
     EXPECT_TRUE(await([&] { return server.output().find("reloaded") != std::string::npos; }));
     server.signal(SIGTERM);
-    EXPECT_EQ(server.wait(kPatience), 0);
+    EXPECT_EQ(server.wait(kTimeout), 0);
     output = server.output();
   }
   std::istringstream lines(output);
@@ -209,7 +209,7 @@ TEST(Operations, TellsItsManagerAndEndsWithinItsBound) {
   const auto began = Clock::now();
   server.signal(SIGTERM);
   EXPECT_TRUE(heard("STOPPING=1"));
-  EXPECT_EQ(server.wait(kPatience), 0);
+  EXPECT_EQ(server.wait(kTimeout), 0);
   if (measures()) {
     EXPECT_LT(Clock::now() - began, 6s);
   }
@@ -250,7 +250,9 @@ TEST(Operations, FilesForSystemdAndPrometheusAreGood) {
   if (judged < 2) GTEST_SKIP() << "systemd-analyze or promtool (package prometheus) is not installed: " << judged << " of 2 judged";
 }
 
-std::string snapshotOf(const std::string& box) { return "GET /v1/sessions/default/snapshot.glb?" + box + " HTTP/1.1\r\nHost: localhost\r\n\r\n"; }
+std::string snapshotOf(const std::string& box) {
+  return "GET /v1/sessions/default/snapshot.glb?" + box + " HTTP/1.1\r\nHost: localhost\r\n\r\n";
+}
 
 // What waits can be seen, and a server that is told to end hands over what it is working at.
 TEST(Operations, QueuesAreCountedAndSnapshotsInTheMakingAreFinished) {
@@ -273,20 +275,21 @@ TEST(Operations, QueuesAreCountedAndSnapshotsInTheMakingAreFinished) {
     ASSERT_NE(body, std::string::npos);
     EXPECT_THAT(answer, HasSubstr("Content-Length: " + std::to_string(answer.size() - body - 4) + "\r\n"));
   }
-  EXPECT_EQ(server.process().wait(kPatience), 0);
+  EXPECT_EQ(server.process().wait(kTimeout), 0);
 }
 
 TEST(Operations, ASnapshotThatTakesTooLongDoesNotHoldTheEnd) {
   ServerProcess server(RIDGECAST_SERVER, {"--drain", "1"});
   SocketClient asker(server.port());
-  asker.send("GET /v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=20000&z1=20000&error=6 HTTP/1.1\r\nHost: localhost\r\nPrefer: progress\r\n\r\n");
+  asker.send(
+      "GET /v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=20000&z1=20000&error=6 HTTP/1.1\r\nHost: localhost\r\nPrefer: progress\r\n\r\n");
   for (std::string word; word.find(" triangles") == std::string::npos;) {
     word = asker.answer(false);  // how far it is
     ASSERT_THAT(word, testing::StartsWith("HTTP/1.1 102"));
   }
   const auto began = Clock::now();
   server.process().signal(SIGTERM);
-  EXPECT_EQ(server.process().wait(kPatience), 0);
+  EXPECT_EQ(server.process().wait(kTimeout), 0);
   EXPECT_GE(Clock::now() - began, 900ms);
   if (measures()) {
     EXPECT_LT(Clock::now() - began, 6s);

@@ -27,7 +27,7 @@ wire::Settings coarse() {
 
 // Takes iterations until one says that nothing is left to refine at pose `sequence`; false when that does not come.
 bool rest(Flier& flier, std::uint64_t sequence) {
-  const auto until = std::chrono::steady_clock::now() + kPatience;
+  const auto until = std::chrono::steady_clock::now() + kTimeout;
   while (std::chrono::steady_clock::now() < until)
     if (const auto i = flier.take(200ms); i && i->settled && i->poseSequence == sequence) return true;
   return false;
@@ -76,15 +76,15 @@ TEST(FreePacing, ASlowClientGetsFewerIterationsAndNeverMoreThanTheWindow) {
   for (int k = 1; k <= 60; ++k) {
     quick.send(path.at(0.1 * k));
     last = slow.send(path.at(0.1 * k));
-    ASSERT_TRUE(quick.take(kPatience));
+    ASSERT_TRUE(quick.take(kTimeout));
     if (k % 10 > 0) continue;
-    ASSERT_TRUE(slow.take(kPatience));
+    ASSERT_TRUE(slow.take(kTimeout));
   }
   // The connection ends a stream that exceeds the window: it has not. What waited is at most the window; then comes the newest pose.
   EXPECT_FALSE(slow.connection().error()) << slow.connection().error()->message;
   bool newest = false;
   for (std::uint64_t k = 0; k <= kWindow && !newest; ++k) {
-    const auto i = slow.take(kPatience);
+    const auto i = slow.take(kTimeout);
     ASSERT_TRUE(i);
     newest = i->poseSequence == last;
   }
@@ -98,14 +98,14 @@ TEST(FreePacing, NothingIsSentBeyondTheWindowWithoutAnAcknowledgement) {
   wire::Hello hello;
   hello.settings = coarse();
   const auto url = connection::parseUrl(server.url());
-  auto connected = connection::Connection::open(*url, hello, kPatience);
+  auto connected = connection::Connection::open(*url, hello, kTimeout);
   ASSERT_TRUE(connected) << connected.error().message;
   connection::Connection& c = **connected;
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", c.world());
   std::vector<wire::Iteration> got;
   for (int k = 1; k <= 20; ++k) {
     c.send({static_cast<std::uint64_t>(k), path.at(k)});
-    if (auto r = c.receive(got.size() < 2 ? std::chrono::milliseconds(kPatience) : 100ms)) got.push_back(std::move(r->iteration));
+    if (auto r = c.receive(got.size() < 2 ? std::chrono::milliseconds(kTimeout) : 100ms)) got.push_back(std::move(r->iteration));
   }
   ASSERT_EQ(got.size(), 2u);
   // One word about both opens the window again, and what comes is for the newest pose.
@@ -113,7 +113,7 @@ TEST(FreePacing, NothingIsSentBeyondTheWindowWithoutAnAcknowledgement) {
   for (const wire::Iteration& i : got) ASSERT_TRUE(held.apply(i));
   EXPECT_EQ(held.hash(), got[1].meshHash);
   c.acknowledge({2, held.hash()});
-  const auto third = c.receive(kPatience);
+  const auto third = c.receive(kTimeout);
   ASSERT_TRUE(third);
   EXPECT_EQ(third->iteration.number, 3u);
   EXPECT_EQ(third->iteration.poseSequence, 20u);
@@ -130,7 +130,7 @@ TEST(Cameras, ManyShareFairly) {
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", fliers[0]->world());
   for (int n = 0; n < 5; ++n) {
     for (auto& f : fliers) f->send(path.at(n * 0.2));
-    for (auto& f : fliers) ASSERT_TRUE(f->take(kPatience));
+    for (auto& f : fliers) ASSERT_TRUE(f->take(kTimeout));
   }
   for (auto& f : fliers) EXPECT_EQ(f->scene().hash(), fliers[0]->scene().hash());
   EXPECT_TRUE(server.healthy());

@@ -39,7 +39,7 @@ TEST(Resume, EightClientsSurviveAServerThatIsKilled) {
   const auto began = Clock::now();
   // Until it is so; false when that does not come.
   const auto fly = [&](auto until) {
-    for (const auto end = Clock::now() + kPatience; !until();) {
+    for (const auto end = Clock::now() + kTimeout; !until();) {
       if (Clock::now() > end) return false;
       const double t = std::chrono::duration<double>(Clock::now() - began).count();
       for (std::size_t k = 0; k < clients.size(); ++k) {
@@ -59,7 +59,7 @@ TEST(Resume, EightClientsSurviveAServerThatIsKilled) {
   ASSERT_TRUE(fly(allAgree));
 
   server->process().signal(SIGKILL);
-  server->process().wait(kPatience);
+  server->process().wait(kTimeout);
   EXPECT_TRUE(fly([&] { return all([](Traveller& c) { return c.line().error().has_value(); }); })) << "a client that did not notice";
   for_(1s);
   for (auto& c : clients) EXPECT_GT(c->scene().triangles(), 1000u) << "what is held stays";
@@ -87,14 +87,14 @@ TEST(Resume, ALineThatBreaksCostsOnlyWhatIsMissing) {
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", client.line().world());
   const auto rest = [&] {
     client.send(path.at(0));
-    for (const auto until = Clock::now() + kPatience; Clock::now() < until && !client.settled();) client.take(50ms);
+    for (const auto until = Clock::now() + kTimeout; Clock::now() < until && !client.settled();) client.take(50ms);
     return client.settled();
   };
   ASSERT_TRUE(rest());
   const std::uint64_t hash = client.scene().hash();
   const std::size_t before = client.wholes(), leaves = client.scene().leaves().size();
   relay.breakAll();
-  for (const auto until = Clock::now() + kPatience; Clock::now() < until && client.line().reconnections() == 0;) client.take(20ms);
+  for (const auto until = Clock::now() + kTimeout; Clock::now() < until && client.line().reconnections() == 0;) client.take(20ms);
   ASSERT_EQ(client.line().reconnections(), 1u);
   ASSERT_TRUE(rest());
   EXPECT_EQ(client.mismatches(), 0u);

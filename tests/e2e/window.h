@@ -37,7 +37,8 @@ class WindowTest : public testing::Test {
     return {};
   }
   void startScreen() {
-    screen_ = std::make_unique<Process>(std::vector<std::string>{"Xvfb", "-displayfd", "1", "-noreset", "-r", "-screen", "0", "800x600x24"});
+    screen_ =
+        std::make_unique<Process>(std::vector<std::string>{"Xvfb", "-displayfd", "1", "-noreset", "-r", "-screen", "0", "800x600x24"});
     ASSERT_TRUE(await([&] { return !displayNumber().empty(); }, 60s)) << screen_->output();
     environment_ = {{"DISPLAY", ":" + displayNumber()}, {"WAYLAND_DISPLAY", {}}};
   }
@@ -50,8 +51,8 @@ class WindowTest : public testing::Test {
     all.insert(all.end(), more.begin(), more.end());
     viewer_ = std::make_unique<Process>(std::vector<std::string>{"sh", "-c", command}, all);
   }
-  bool says(const std::string& text, std::chrono::milliseconds patience = 300s) {
-    return await([&] { return viewer_->output().find(text) != std::string::npos || !viewer_->running(); }, patience) &&
+  bool says(const std::string& text, std::chrono::milliseconds timeout = 300s) {
+    return await([&] { return viewer_->output().find(text) != std::string::npos || !viewer_->running(); }, timeout) &&
            viewer_->output().find(text) != std::string::npos;
   }
   // Once the window is there.

@@ -62,7 +62,7 @@ void clientSeeds() {
   hello.members = hello.clock = hello.errors = true;
   const wire::Query heights{1, wire::QueryKind::kHeights, {5, -6}, {7, 1 << 20}, 0, {}},
       normals{2, wire::QueryKind::kNormals, {5}, {7}, 32, {}}, rays{3, wire::QueryKind::kRays, {}, {}, 0, {{1, 2, 3, 0, -1, 0.5, 100}}};
-  for (const M& m : {M(hello), M(wire::AskClock{9}), M(wire::SetClock{true, wire::ClockMode::kScaled, 2}), M(wire::Step{20'000, true}),
+  for (const M& m : {M(hello), M(wire::AskClock{9}), M(wire::SetClock{true, wire::ClockMode::kScaled, 2}), M(wire::ClockStep{20'000, true}),
                      M(wire::StepDone{1}), M(heights), M(normals), M(rays), M(wire::AskGround{4, {5, 6}, 20, 0.5}),
                      M(wire::ChangeSettings{{wire::Metric::kArea, 2, 50'000, 0}})})
     write("client", framed<M>({m}));

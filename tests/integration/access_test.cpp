@@ -59,9 +59,9 @@ class AccessTest : public testing::Test {
   void TearDown() override { stop(); }
   void start() {
     stop();
-    machine = std::make_unique<scheduling::Machine>(2);
+    executor = std::make_unique<scheduling::Executor>(2);
     resources = std::make_shared<session::Resources>();
-    resources->machine = machine.get();
+    resources->executor = executor.get();
     resources->makeMesh = [](auto, const auto&, auto) { return std::make_unique<StillMesh>(); };
     resources->makeTerrain = [](const session::WorldSpec& spec) { return terrain::create(spec.terrain, spec.seed); };
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
@@ -71,7 +71,7 @@ class AccessTest : public testing::Test {
   }
   void stop() {
     if (server) server->shutdown();
-    machine.reset();
+    executor.reset();
     server.reset();
     directory.reset();
   }
@@ -108,13 +108,13 @@ class AccessTest : public testing::Test {
     auto url = connection::parseUrl(address).value();
     url.ca = ca;
     url.token = token;
-    return connection::Connection::open(url, wire::Hello{}, testing_support::kPatience);
+    return connection::Connection::open(url, wire::Hello{}, testing_support::kTimeout);
   }
 
   testing_support::ScratchFolder folder;
   net::Settings settings;
-  std::unique_ptr<net::Server> server;  // outlives the machine, whose tasks send through it
-  std::unique_ptr<scheduling::Machine> machine;
+  std::unique_ptr<net::Server> server;  // outlives the executor, whose tasks send through it
+  std::unique_ptr<scheduling::Executor> executor;
   std::shared_ptr<session::Resources> resources;
   std::shared_ptr<session::Directory> directory;
 };
@@ -262,7 +262,7 @@ TEST_F(AccessTest, TlsIsVerifiedByTheClientAndReloaded) {
   };
   install(issued);
   settings.jwtSecretFile = file("secret", kSecret);
-  settings.patience = 2s;
+  settings.timeout = 2s;
   start();
   EXPECT_THAT(server->url(), StartsWith("https://"));
   const std::string port = std::to_string(server->port());
@@ -274,7 +274,7 @@ TEST_F(AccessTest, TlsIsVerifiedByTheClientAndReloaded) {
   wire::PoseMessage pose;
   pose.sequence = 1;
   (*stream)->send(pose);
-  EXPECT_TRUE((*stream)->receive(testing_support::kPatience));
+  EXPECT_TRUE((*stream)->receive(testing_support::kTimeout));
   EXPECT_TRUE(connect("https://127.0.0.1:" + port, authority.certificate(), token));
   const auto complaint = [&](const std::string& address, const std::string& ca, const std::string& t) {
     const auto refused = connect(address, ca, t);

@@ -54,9 +54,9 @@ void describe(const wire::Iteration& iteration, const scene::Scene& scene, std::
 
 std::string record() {
   logging::setUp(logging::Format::kText, logging::Level::kWarning);
-  scheduling::Machine machine(2);
+  scheduling::Executor executor(2);
   auto resources = std::make_shared<session::Resources>();
-  resources->machine = &machine;
+  resources->executor = &executor;
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "example";
   auto directory = std::make_shared<session::Directory>(resources, terrain::create("canyon", 1).value());
@@ -69,7 +69,7 @@ std::string record() {
     hello.pacing = wire::Pacing::kLockstep;
     hello.settings.threshold = 2.5;
     const auto connection =
-        connection::Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello, testing_support::kPatience).value();
+        connection::Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello, testing_support::kTimeout).value();
     wire::World world = connection->world();
     world.terrainSource.clear();  // long, and of no use here
     stream += framed(world);
@@ -77,7 +77,7 @@ std::string record() {
     std::uint64_t sequence = 0;
     const auto step = [&](const camera::Camera& camera) {
       connection->send({++sequence, camera});
-      wire::Iteration iteration = connection->receive(testing_support::kPatience).value().iteration;
+      wire::Iteration iteration = connection->receive(testing_support::kTimeout).value().iteration;
       scene.apply(iteration).value();
       connection->acknowledge({iteration.number, scene.hash()});
       return iteration;

@@ -31,7 +31,7 @@ namespace {
 using namespace std::chrono_literals;
 using connection::Connection;
 using Time = std::chrono::steady_clock;
-using testing_support::kPatience;
+using testing_support::kTimeout;
 
 double seconds() {
   const char* given = std::getenv("RIDGECAST_MEMBERS_SECONDS");
@@ -62,9 +62,9 @@ class MembersTest : public testing::Test {
  protected:
   void SetUp() override {
     logging::setUp(logging::Format::kText, logging::Level::kWarning);
-    machine = std::make_unique<scheduling::Machine>(2);
+    executor = std::make_unique<scheduling::Executor>(2);
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = machine.get();
+    resources->executor = executor.get();
     resources->makeMesh = session::pipelineMeshes();
     resources->serverName = "integration";
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
@@ -76,16 +76,16 @@ class MembersTest : public testing::Test {
   }
   void TearDown() override {
     if (server) server->shutdown();
-    machine.reset();
+    executor.reset();
     server.reset();
   }
   std::unique_ptr<Connection> join(const wire::Hello& hello) {
-    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello, kPatience);
+    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello, kTimeout);
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
   }
   std::unique_ptr<net::Server> server;
-  std::unique_ptr<scheduling::Machine> machine;
+  std::unique_ptr<scheduling::Executor> executor;
   std::shared_ptr<session::Directory> directory;
 };
 
@@ -180,14 +180,14 @@ TEST_F(MembersTest, EightMembersSeeEachOtherInTimeAndTheirClocksAgree) {
 TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
   auto owner = join(helloOf("owner"));
   owner->setClock({true, wire::ClockMode::kStepped, 0});
-  while (owner->clock().said().owner != owner->world().camera) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kPatience));
+  while (owner->clock().said().owner != owner->world().camera) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kTimeout));
 
   const std::uint64_t begin = owner->clock().said().time;
   constexpr std::size_t kOthers = 7;
   constexpr std::uint64_t kSteps = 60;
   std::vector<std::unique_ptr<Connection>> others;
   for (std::size_t k = 0; k < kOthers; ++k) others.push_back(join(helloOf("other", k < 2 ? wire::Role::kSensor : wire::Role::kViewer)));
-  for (auto& o : others) ASSERT_TRUE(o->waitForClock(0, kPatience));
+  for (auto& o : others) ASSERT_TRUE(o->waitForClock(0, kTimeout));
 
   std::array<std::atomic<std::uint64_t>, kOthers> done{};  // steps that each has finished its work for
   std::atomic<bool> ranAhead{false};
@@ -196,7 +196,7 @@ TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
     threads.emplace_back([&, k] {
       Connection& me = *others[k];
       std::uint64_t version = 0;
-      while (done[k] < kSteps && me.waitForClock(version, kPatience)) {
+      while (done[k] < kSteps && me.waitForClock(version, kTimeout)) {
         const auto clock = me.clock();
         version = clock.version();
         const auto& said = clock.said();
@@ -219,20 +219,20 @@ TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
 TEST_F(MembersTest, WhoLeavesIsNotWaitedForAndAnotherTakesTheClock) {
   auto owner = join(helloOf("owner")), lazy = join(helloOf("lazy")), next = join(helloOf("next"));
   owner->setClock({true, wire::ClockMode::kStepped, 0});
-  while (owner->clock().said().owner == 0) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kPatience));
+  while (owner->clock().said().owner == 0) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kTimeout));
   owner->step({1000, true});
-  while (next->clock().said().step != 1) ASSERT_TRUE(next->waitForClock(next->clock().version(), kPatience));
+  while (next->clock().said().step != 1) ASSERT_TRUE(next->waitForClock(next->clock().version(), kTimeout));
   next->stepDone({1});
   lazy.reset();
   while (!owner->clock().said().waitsFor.empty() || owner->clock().said().step != 1)
-    ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kPatience));
+    ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kTimeout));
   next->setClock({true, wire::ClockMode::kRealTime, 1});  // in vain
   std::this_thread::sleep_for(300ms);
   EXPECT_EQ(next->clock().said().owner, owner->world().camera);
   owner.reset();
-  while (next->clock().said().owner != 0) ASSERT_TRUE(next->waitForClock(next->clock().version(), kPatience));
+  while (next->clock().said().owner != 0) ASSERT_TRUE(next->waitForClock(next->clock().version(), kTimeout));
   next->setClock({true, wire::ClockMode::kScaled, 3});
-  while (next->clock().said().owner != next->world().camera) ASSERT_TRUE(next->waitForClock(next->clock().version(), kPatience));
+  while (next->clock().said().owner != next->world().camera) ASSERT_TRUE(next->waitForClock(next->clock().version(), kTimeout));
   EXPECT_EQ(next->clock().said().rate, 3);
 }
 
@@ -241,9 +241,9 @@ TEST_F(MembersTest, AnOldClientIsSentNothingNew) {
   auto client = join(old);
   auto other = join(helloOf("other"));
   other->send(poseAt(1));
-  ASSERT_TRUE(other->receive(kPatience));
+  ASSERT_TRUE(other->receive(kTimeout));
   client->send(poseAt(1));
-  ASSERT_TRUE(client->receive(kPatience));
+  ASSERT_TRUE(client->receive(kTimeout));
   EXPECT_FALSE(client->others());
   EXPECT_EQ(client->clock().version(), 0u);
   EXPECT_FALSE(client->error());

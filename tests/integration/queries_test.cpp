@@ -34,7 +34,7 @@ using connection::Connection;
 using lattice::Step;
 using query::Ground;
 using Time = std::chrono::steady_clock;
-using testing_support::kPatience;
+using testing_support::kTimeout;
 
 std::size_t places() {
   const char* given = std::getenv("RIDGECAST_QUERY_PLACES");
@@ -62,9 +62,9 @@ class QueriesTest : public testing::Test {
  protected:
   void SetUp() override {
     logging::setUp(logging::Format::kText, logging::Level::kWarning);
-    machine = std::make_unique<scheduling::Machine>(2);
+    executor = std::make_unique<scheduling::Executor>(2);
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = machine.get();
+    resources->executor = executor.get();
     resources->makeMesh = session::pipelineMeshes();
     resources->serverName = "integration";
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
@@ -81,16 +81,16 @@ class QueriesTest : public testing::Test {
   }
   void TearDown() override {
     if (server) server->shutdown();
-    machine.reset();
+    executor.reset();
     server.reset();
   }
   std::unique_ptr<Connection> join(const std::string& session, const wire::Hello& hello = {}) {
-    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), session}, hello, kPatience);
+    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), session}, hello, kTimeout);
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
   }
   std::unique_ptr<net::Server> server;
-  std::unique_ptr<scheduling::Machine> machine;
+  std::unique_ptr<scheduling::Executor> executor;
   std::shared_ptr<session::Directory> directory;
 };
 
@@ -114,7 +114,7 @@ TEST_F(QueriesTest, LocalAnswersAreTheServersBitForBit) {
   const Places p = randomPlaces(places(), 5);
   for (const auto& d : terrain::builtIn()) {
     auto here = join(std::string(d.name)), there = join("renamed-" + std::string(d.name));
-    Ground local(*here), remote(*there, 5 * kPatience);
+    Ground local(*here), remote(*there, 5 * kTimeout);
     ASSERT_EQ(local.source(), Ground::Source::kLocal);
     ASSERT_EQ(remote.source(), Ground::Source::kServer);
     std::vector<float> a(p.x.size()), b(p.x.size());
@@ -167,7 +167,7 @@ TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
   pose.camera.projection.height = 360;
   connection->send(pose);
   for (bool settled = false; !settled;) {
-    auto received = connection->receive(kPatience);
+    auto received = connection->receive(kTimeout);
     ASSERT_TRUE(received) << (connection->error() ? connection->error()->message : "nothing came");
     ASSERT_TRUE(scene.apply(received->iteration));
     connection->acknowledge({received->iteration.number, scene.hash()});
@@ -213,9 +213,9 @@ TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
       const lattice::Point at{5000 * 256 + static_cast<Step>(radius * 700), -3000 * 256};
       const auto begin = Time::now();
       // A server that has no time for it answers with a coarser one: what it says about that holds all the same.
-      auto patch = query::groundAround(*connection, at, radius, error, kPatience);
+      auto patch = query::groundAround(*connection, at, radius, error, kTimeout);
       for (int again = 0; again < 3 && patch && patch->error > error; ++again)
-        patch = query::groundAround(*connection, at, radius, error, kPatience);
+        patch = query::groundAround(*connection, at, radius, error, kTimeout);
       ASSERT_TRUE(patch) << patch.error().message;
       const double milliseconds = std::chrono::duration<double, std::milli>(Time::now() - begin).count();
       double worst = 0;
@@ -250,7 +250,7 @@ TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
     asked.push_back(connection->ask(q));
   }
   for (auto& a : asked) {
-    ASSERT_EQ(a.wait_for(kPatience), std::future_status::ready);
+    ASSERT_EQ(a.wait_for(kTimeout), std::future_status::ready);
     EXPECT_TRUE(a.get());
   }
   // What is out of range ends the connection with the server's sentence, and whoever waits is told.
@@ -258,7 +258,7 @@ TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
   wrong.x.assign(wire::kMaxPlaces + 1, 0);
   wrong.z = wrong.x;
   auto refused = connection->ask(wrong);
-  ASSERT_EQ(refused.wait_for(kPatience), std::future_status::ready);
+  ASSERT_EQ(refused.wait_for(kTimeout), std::future_status::ready);
   const auto answer = refused.get();
   ASSERT_FALSE(answer);
   EXPECT_NE(answer.error().message.find("Places.x"), std::string::npos) << answer.error().message;
@@ -267,7 +267,7 @@ TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
   auto leaves = join("alpine");
   auto open = leaves->askGround({0, {0, 0}, 100, 0.05});
   leaves.reset();
-  ASSERT_EQ(open.wait_for(kPatience), std::future_status::ready);
+  ASSERT_EQ(open.wait_for(kTimeout), std::future_status::ready);
   EXPECT_FALSE(open.get());
 }
 

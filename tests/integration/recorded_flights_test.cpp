@@ -65,9 +65,9 @@ using Flight = std::vector<Flown>;
 
 Flight fly(const std::string& path, double perIteration, int iterations,
            const std::function<void(testing_support::Flier&, int)>& before = {}) {
-  scheduling::Machine machine(2);
+  scheduling::Executor executor(2);
   auto resources = std::make_shared<session::Resources>();
-  resources->machine = &machine;
+  resources->executor = &executor;
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "recorded";
   const auto keyframes = camera::readPath(kPaths + "/" + path).value();

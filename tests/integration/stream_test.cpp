@@ -53,9 +53,9 @@ class StreamTest : public testing::Test {
   }
   void TearDown() override { stop(); }
   void start() {
-    machine = std::make_unique<scheduling::Machine>(2);
+    executor = std::make_unique<scheduling::Executor>(2);
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = machine.get();
+    resources->executor = executor.get();
     resources->makeMesh = session::pipelineMeshes();
     resources->serverName = "integration";
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
@@ -66,7 +66,7 @@ class StreamTest : public testing::Test {
   }
   void stop() {
     if (server) server->shutdown();
-    machine.reset();
+    executor.reset();
     server.reset();
     directory.reset();
   }
@@ -79,8 +79,8 @@ class StreamTest : public testing::Test {
   }
 
   net::Settings settings;
-  std::unique_ptr<net::Server> server;  // outlives the machine, whose tasks send through it
-  std::unique_ptr<scheduling::Machine> machine;
+  std::unique_ptr<net::Server> server;  // outlives the executor, whose tasks send through it
+  std::unique_ptr<scheduling::Executor> executor;
   std::shared_ptr<session::Directory> directory;
 };
 
@@ -116,12 +116,12 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
   wire::Hello hello;
   hello.settings = coarse();
   hello.pacing = wire::Pacing::kLockstep;
-  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello, kPatience).value();
+  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello, kTimeout).value();
   scene::Scene held;
   std::uint64_t sequence = 0;
   const auto next = [&] {
     connection->send({++sequence, cameraAt(0)});
-    auto r = connection->receive(kPatience);
+    auto r = connection->receive(kTimeout);
     if (!r) throw std::runtime_error("no iteration");
     return std::move(r->iteration);
   };
@@ -147,11 +147,11 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
 TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
   wire::Hello hello;
   hello.settings = coarse();
-  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello, kPatience).value();
+  auto connection = connection::Connection::open(connection::parseUrl(url()).value(), hello, kTimeout).value();
   scene::Scene held;
   const auto settle = [&] {
     for (int k = 0; k < 500; ++k) {
-      const auto r = connection->receive(kPatience);
+      const auto r = connection->receive(kTimeout);
       if (!r) throw std::runtime_error("no iteration");
       EXPECT_TRUE(held.apply(r->iteration));
       EXPECT_EQ(held.hash(), r->iteration.meshHash);
@@ -193,7 +193,7 @@ TEST_F(StreamTest, ClientsThatLeaveInTheMiddleGiveTheirPlaceBack) {
     EXPECT_EQ(directory->cameras(), 6u);
     for (auto& f : fliers)
       for (int k = 0; k < 5; ++k) f->send(cameraAt(k));
-    for (std::size_t k = 0; k < fliers.size(); k += 2) fliers[k]->take(kPatience);
+    for (std::size_t k = 0; k < fliers.size(); k += 2) fliers[k]->take(kTimeout);
     fliers.clear();
     EXPECT_TRUE(cameras(0));
   }

@@ -23,7 +23,7 @@ std::unique_ptr<replica::Client> connect(const std::string& url, const wire::Set
   hello.clientName = "ridgecast tests";
   hello.settings = settings;
   hello.pacing = pacing;
-  return orThrow(replica::Client::open(orThrow(connection::parseUrl(url)), hello, {.reconnects = false, .timeout = kPatience}));
+  return orThrow(replica::Client::open(orThrow(connection::parseUrl(url)), hello, {.reconnects = false, .timeout = kTimeout}));
 }
 
 wire::Iteration agreed(replica::Update&& update) {
@@ -35,15 +35,15 @@ wire::Iteration agreed(replica::Update&& update) {
 
 Flier::Flier(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) : client_(connect(url, settings, pacing)) {}
 
-std::optional<wire::Iteration> Flier::take(std::chrono::milliseconds patience) {
-  auto update = client_->receive(patience);
+std::optional<wire::Iteration> Flier::take(std::chrono::milliseconds timeout) {
+  auto update = client_->receive(timeout);
   if (!update) return {};
   return agreed(std::move(*update));
 }
 
 wire::Iteration Flier::step(const camera::Camera& camera) {
   const std::uint64_t sequence = send(camera);
-  wire::Iteration iteration = agreed(orThrow(client_->await(sequence, kPatience)));
+  wire::Iteration iteration = agreed(orThrow(client_->await(sequence, kTimeout)));
   if (iteration.poseSequence != sequence)
     throw std::runtime_error("pose " + std::to_string(sequence) + " was answered as " + std::to_string(iteration.poseSequence));
   return iteration;

@@ -26,7 +26,7 @@ class Flier {
   // One pose, sent and not waited for; its sequence.
   std::uint64_t send(const camera::Camera& camera) { return client_->send(camera); }
   // Applies and acknowledges the next iteration; nothing when none came. Throws when it cannot be applied or the hash differs.
-  std::optional<wire::Iteration> take(std::chrono::milliseconds patience);
+  std::optional<wire::Iteration> take(std::chrono::milliseconds timeout);
   // One pose and its iteration. Throws when none comes.
   wire::Iteration step(const camera::Camera& camera);
   // Steps at one pose until nothing is refined any more; how many steps. Throws after `most`.

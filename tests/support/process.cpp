@@ -66,8 +66,8 @@ Process::~Process() {
 
 bool Process::running() { return !wait(0ms); }
 
-std::optional<int> Process::wait(std::chrono::milliseconds patience) {
-  const auto until = std::chrono::steady_clock::now() + patience;
+std::optional<int> Process::wait(std::chrono::milliseconds timeout) {
+  const auto until = std::chrono::steady_clock::now() + timeout;
   while (!status_) {
     int status = 0;
     if (waitpid(pid_, &status, WNOHANG) == pid_) {
@@ -87,9 +87,9 @@ void Process::signal(int number) {
 
 std::string Process::output() const { return readText(folder_ / "output"); }
 
-Finished runProgram(const std::vector<std::string>& command, const Environment& environment, std::chrono::milliseconds patience) {
+Finished runProgram(const std::vector<std::string>& command, const Environment& environment, std::chrono::milliseconds timeout) {
   Process process(command, environment);
-  const auto code = process.wait(patience);
+  const auto code = process.wait(timeout);
   return {code, process.output()};
 }
 

@@ -37,7 +37,7 @@ class Process {
 
   bool running();
   // The exit code, 128 + signal when it was killed; nothing when it still runs then.
-  std::optional<int> wait(std::chrono::milliseconds patience);
+  std::optional<int> wait(std::chrono::milliseconds timeout);
   void signal(int number);
   pid_t id() const { return pid_; }
   std::string output() const;
@@ -53,7 +53,7 @@ struct Finished {
   std::string output;
 };
 Finished runProgram(const std::vector<std::string>& command, const Environment& environment = {},
-                    std::chrono::milliseconds patience = std::chrono::seconds(600));
+                    std::chrono::milliseconds timeout = std::chrono::seconds(600));
 
 // Whether a program of this name is found along PATH.
 bool programExists(const std::string& name);

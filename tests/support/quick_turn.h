@@ -59,7 +59,7 @@ inline std::string quickTurn(Traveller& client, const PathCamera& path) {
   fly(3, 0);
   fly(2, std::numbers::pi);
   fly(2, 0);
-  for (const auto end = Clock::now() + kPatience; wrong.empty() && client.latencies().size() <= kLeastAnswers && Clock::now() < end;)
+  for (const auto end = Clock::now() + kTimeout; wrong.empty() && client.latencies().size() <= kLeastAnswers && Clock::now() < end;)
     fly(1, 0);
   return wrong;
 }

@@ -24,7 +24,7 @@ std::vector<std::string> commandLine(const std::string& program, const std::stri
 
 ServerProcess::ServerProcess(const std::string& program, const std::vector<std::string>& arguments, std::uint16_t port)
     : process_(commandLine(program, (folder_ / "port").string(), port, arguments)) {
-  const auto until = std::chrono::steady_clock::now() + kPatience;
+  const auto until = std::chrono::steady_clock::now() + kTimeout;
   std::string text;
   while ((text = readText(folder_ / "port")).empty()) {
     if (!process_.running() || std::chrono::steady_clock::now() > until)
@@ -44,7 +44,7 @@ bool ServerProcess::healthy() {
 
 std::optional<int> ServerProcess::stop() {
   process_.signal(SIGTERM);
-  return process_.wait(kPatience);
+  return process_.wait(kTimeout);
 }
 
 }  // namespace ridgecast::testing_support

@@ -31,9 +31,9 @@ class Traveller {
     sent_.push_back({sequence_, std::chrono::steady_clock::now()});
   }
   // Takes what is there; false: something cannot be applied.
-  bool take(std::chrono::milliseconds patience) {
-    while (const auto update = client_->receive(patience)) {
-      patience = std::chrono::milliseconds(0);
+  bool take(std::chrono::milliseconds timeout) {
+    while (const auto update = client_->receive(timeout)) {
+      timeout = std::chrono::milliseconds(0);
       const wire::Iteration& iteration = update->iteration;
       if (update->wrong) {
         ++mismatches_;

@@ -21,7 +21,7 @@ using namespace std::string_literals;
 using test::RawConnection;
 using test::RawServer;
 using Clock = std::chrono::steady_clock;
-using testing_support::kPatience;
+using testing_support::kTimeout;
 
 Url at(const std::string& port) { return {.host = "127.0.0.1", .port = port, .session = "default"}; }
 
@@ -53,7 +53,7 @@ Message read(RawConnection& peer) {
   return {};
 }
 
-std::string errorOf(const Url& url, std::chrono::milliseconds patience = kPatience, const Waiting& waiting = {}) {
+std::string errorOf(const Url& url, std::chrono::milliseconds patience = kTimeout, const Waiting& waiting = {}) {
   const auto connection = Connection::open(url, {}, patience, waiting);
   EXPECT_FALSE(connection);
   return connection ? "" : connection.error().message;
@@ -133,7 +133,7 @@ TEST(Connection, AWorldThatIsBeingMadeIsWaitedForAsLongAsTheServerSaysSo) {
   });
   std::atomic<std::size_t> words = 0;
   const auto connection =
-      Connection::open(making(server.port()), {}, kPatience, {.unheard = kPatience, .heard = kPatience, .preparing = [&] { ++words; }});
+      Connection::open(making(server.port()), {}, kTimeout, {.unheard = kTimeout, .heard = kTimeout, .preparing = [&] { ++words; }});
   ASSERT_TRUE(connection) << connection.error().message;
   EXPECT_EQ((*connection)->world().seed, 3u);
   EXPECT_EQ(words, kWord.size() / 9 + 1 + 3);
@@ -148,7 +148,7 @@ TEST(Connection, EachWordIsNewPatience) {
     peer.drain();
   });
   const auto began = Clock::now();
-  expectContains(errorOf(making(server.port()), 10ms, {.unheard = kPatience, .heard = 700ms}),
+  expectContains(errorOf(making(server.port()), 10ms, {.unheard = kTimeout, .heard = 700ms}),
                  "said nothing more within 700 ms; try again later");
   EXPECT_GE(Clock::now() - began, 1800ms);  // after the twelfth
 }
@@ -157,11 +157,11 @@ TEST(Connection, AServerWithoutAWordOfTheWorldHasOnlyTheTimeOfItsKind) {
   const auto drain = [](RawConnection& peer) { peer.drain(); };
   {
     RawServer server(drain);
-    expectContains(errorOf(making(server.port()), 10ms, {.unheard = 300ms, .heard = kPatience}),
+    expectContains(errorOf(making(server.port()), 10ms, {.unheard = 300ms, .heard = kTimeout}),
                    "did not answer like a Ridgecast server within 300 ms");
   }
   RawServer server(drain);  // there is nothing to be made
-  expectContains(errorOf(at(server.port()), 200ms, {.unheard = kPatience, .heard = kPatience}), "within 200 ms");
+  expectContains(errorOf(at(server.port()), 200ms, {.unheard = kTimeout, .heard = kTimeout}), "within 200 ms");
 }
 
 TEST(Connection, AServerThatDiesWhileItMakesTheWorld) {
@@ -191,17 +191,17 @@ TEST(Connection, WaitingIsGivenUpAtOnce) {
     });
     std::stop_source stop;
     std::atomic<bool> told = false;
-    const Waiting waiting{.unheard = kPatience,
-                          .heard = kPatience,
+    const Waiting waiting{.unheard = kTimeout,
+                          .heard = kTimeout,
                           .preparing =
                               [&] {
                                 if (!told.exchange(true)) waits.set_value();
                               },
                           .stop = stop.get_token()};
-    auto error = std::async(std::launch::async, [&] { return errorOf(making(server.port()), kPatience, waiting); });
+    auto error = std::async(std::launch::async, [&] { return errorOf(making(server.port()), kTimeout, waiting); });
     waits.get_future().wait();
     stop.request_stop();
-    ASSERT_EQ(error.wait_for(kPatience / 2), std::future_status::ready);
+    ASSERT_EQ(error.wait_for(kTimeout / 2), std::future_status::ready);
     expectContains(error.get(), "gave up");
   }
 }
@@ -277,7 +277,7 @@ struct Greeted {
         }) {
     wire::Hello hello;
     hello.pacing = pacing;
-    auto opened = Connection::open(at(server.port()), hello, kPatience);
+    auto opened = Connection::open(at(server.port()), hello, kTimeout);
     EXPECT_TRUE(opened) << opened.error().message;
     if (opened) connection = std::move(*opened);
   }
@@ -286,7 +286,7 @@ struct Greeted {
 };
 
 void expectEndsWith(Connection& connection, const std::string& part) {
-  while (connection.receive(kPatience)) {
+  while (connection.receive(kTimeout)) {
   }
   ASSERT_TRUE(connection.error());
   expectContains(connection.error()->message, part);
@@ -301,7 +301,7 @@ TEST(Connection, SaysHelloAndHoldsTheWorld) {
     peer.drain();
   });
   const wire::Hello hello{.clientName = "a test", .settings = {wire::Metric::kPixels, 2, 3}, .pacing = wire::Pacing::kLockstep};
-  const auto connection = Connection::open(at(server.port()), hello, kPatience);
+  const auto connection = Connection::open(at(server.port()), hello, kTimeout);
   ASSERT_TRUE(connection) << connection.error().message;
   EXPECT_EQ((*connection)->world().terrainName, "alpine");
   EXPECT_EQ((*connection)->world().window, 3u);
@@ -325,7 +325,7 @@ TEST(Connection, IterationsArriveInOrderAndAreCounted) {
   });
   std::uint64_t bytes = worldBytes().size();
   for (std::uint64_t n = 1; n <= 50; ++n) {
-    const auto received = g.connection->receive(kPatience);
+    const auto received = g.connection->receive(kTimeout);
     ASSERT_TRUE(received);
     EXPECT_EQ(received->iteration.number, n);
     EXPECT_EQ(received->bytes, iterationBytes(n).size());
@@ -397,7 +397,7 @@ TEST(Connection, LockstepSendsEveryPose) {
       },
       3, wire::Pacing::kLockstep);
   for (std::uint64_t n = 1; n <= 60; ++n) g.connection->send({.sequence = n, .camera = {}});
-  EXPECT_EQ(done.get_future().wait_for(kPatience), std::future_status::ready);
+  EXPECT_EQ(done.get_future().wait_for(kTimeout), std::future_status::ready);
 }
 
 TEST(Connection, LockstepPosesThatNobodyReadsEndIt) {
@@ -432,7 +432,7 @@ TEST(Connection, PartsQuicklyFromAServerThatDoesNotAnswer) {
   Greeted g([wait](RawConnection&) { wait.wait(); });
   const auto before = Clock::now();
   g.connection.reset();
-  EXPECT_LT(Clock::now() - before, testing_support::measures() ? 1s : kPatience);
+  EXPECT_LT(Clock::now() - before, testing_support::measures() ? 1s : kTimeout);
   over.set_value();
 }
 

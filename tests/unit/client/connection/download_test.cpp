@@ -26,7 +26,7 @@ class DownloadTest : public testing::Test {
   void SetUp() override { std::filesystem::create_directories(folder_); }
   void TearDown() override { std::filesystem::remove_all(folder_); }
   Outcome<std::uint64_t> get(const std::string& port, const std::function<void(const Progress&)>& tell = {},
-                             std::chrono::milliseconds patience = testing_support::kPatience) {
+                             std::chrono::milliseconds patience = testing_support::kTimeout) {
     Url url;
     url.port = port;
     return download(url, "/v1/a?b=c", file_, patience, tell);

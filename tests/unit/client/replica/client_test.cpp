@@ -21,7 +21,7 @@ namespace {
 using namespace std::chrono_literals;
 using test::RawConnection;
 using test::RawServer;
-using testing_support::kPatience;
+using testing_support::kTimeout;
 
 connection::Url at(const RawServer& server) { return {.host = "127.0.0.1", .port = server.port(), .session = "default"}; }
 
@@ -73,10 +73,10 @@ TEST(Client, RequestsLeavesAgainBeforeItAcknowledgesAHashThatDiffers) {
     peer.drain();
   });
   const auto client = Client::open(at(server), {}).value();
-  const auto wrong = client->await(client->send({}), kPatience).value();
+  const auto wrong = client->await(client->send({}), kTimeout).value();
   ASSERT_TRUE(wrong.wrong);
   EXPECT_NE(wrong.wrong->message.find("its hash differs"), std::string::npos) << wrong.wrong->message;
-  const auto right = client->receive(kPatience);
+  const auto right = client->receive(kTimeout);
   ASSERT_TRUE(right);
   EXPECT_FALSE(right->wrong);
   EXPECT_GT(right->bytes, 0u);
@@ -118,8 +118,8 @@ TEST(Client, NamesWhatItHoldsToTheNextConnectionAndSendsItsPoseAgain) {
       },
       2);
   const auto client = Client::open(at(server), {}).value();
-  ASSERT_TRUE(client->await(client->send({}), kPatience));
-  const auto again = client->receive(kPatience);
+  ASSERT_TRUE(client->await(client->send({}), kTimeout));
+  const auto again = client->receive(kTimeout);
   ASSERT_TRUE(again);
   EXPECT_FALSE(again->wrong);
   EXPECT_EQ(client->connection().reconnections(), 1u);
@@ -138,8 +138,8 @@ TEST(Client, StaysWithWhatItHoldsWhereTheServerHasAnotherWorld) {
       },
       2);
   const auto client = Client::open(at(server), {}).value();
-  ASSERT_TRUE(client->receive(kPatience));
-  EXPECT_FALSE(client->receive(kPatience));
+  ASSERT_TRUE(client->receive(kTimeout));
+  EXPECT_FALSE(client->receive(kTimeout));
   EXPECT_TRUE(client->connection().otherWorld());
   EXPECT_TRUE(client->connection().error());
   EXPECT_EQ(client->world().contentHash, 1u);
@@ -149,7 +149,7 @@ TEST(Client, StaysWithWhatItHoldsWhereTheServerHasAnotherWorld) {
 TEST(Client, EndsWithItsConnectionWhereItIsToldTo) {
   RawServer server([&](RawConnection& peer) { greet(peer, 1); });
   const auto client = Client::open(at(server), {}, {.reconnects = false}).value();
-  const auto awaited = client->await(client->send({}), kPatience);
+  const auto awaited = client->await(client->send({}), kTimeout);
   ASSERT_FALSE(awaited);
   EXPECT_EQ(awaited.error().message, client->connection().error()->message);
   EXPECT_EQ(client->connection().reconnections(), 0u);

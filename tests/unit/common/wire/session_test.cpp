@@ -126,7 +126,7 @@ TEST(WireSession, ClockMessagesSurvive) {
   EXPECT_TRUE(set.own);
   EXPECT_EQ(set.mode, ClockMode::kStepped);
   EXPECT_EQ(set.rate, 0.5);
-  const Step step = throughServer(Step{kMaxStepTime, true});
+  const ClockStep step = throughServer(ClockStep{kMaxStepTime, true});
   EXPECT_EQ(step.time, kMaxStepTime);
   EXPECT_TRUE(step.wait);
   EXPECT_EQ(throughServer(StepDone{9}).step, 9u);

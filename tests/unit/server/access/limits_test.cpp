@@ -26,39 +26,39 @@ TEST(Rate, LetsThroughWhatItSays) {
   for (int k = 0; k < 100; ++k) EXPECT_TRUE(none.take(now));
 }
 
-TEST(Census, CountsEachClientAlone) {
+TEST(ConnectionsByAddress, CountsEachClientAlone) {
   const Address a = *parseAddress("192.0.2.1"), b = *parseAddress("192.0.2.2");
-  Census census(2);
-  auto first = census.enter(a), second = census.enter(a);
+  ConnectionsByAddress connectionsByAddress(2);
+  auto first = connectionsByAddress.enter(a), second = connectionsByAddress.enter(a);
   ASSERT_TRUE(first && second);
-  EXPECT_FALSE(census.enter(a));
-  auto other = census.enter(b);
+  EXPECT_FALSE(connectionsByAddress.enter(a));
+  auto other = connectionsByAddress.enter(b);
   EXPECT_TRUE(other);
   first.reset();
-  auto third = census.enter(a);
+  auto third = connectionsByAddress.enter(a);
   ASSERT_TRUE(third);
-  EXPECT_FALSE(census.enter(a));
+  EXPECT_FALSE(connectionsByAddress.enter(a));
   *third = std::move(*other);  // gives a's back in its stead
   other.reset();
-  EXPECT_TRUE(census.enter(a));
+  EXPECT_TRUE(connectionsByAddress.enter(a));
   // Neighbours in one /64 are one client.
-  auto six = census.enter(*parseAddress("2001:db8::1")), more = census.enter(*parseAddress("2001:db8::2"));
-  EXPECT_FALSE(census.enter(*parseAddress("2001:db8::3")));
-  EXPECT_TRUE(census.enter(*parseAddress("2001:db8:0:1::3")));
+  auto six = connectionsByAddress.enter(*parseAddress("2001:db8::1")), more = connectionsByAddress.enter(*parseAddress("2001:db8::2"));
+  EXPECT_FALSE(connectionsByAddress.enter(*parseAddress("2001:db8::3")));
+  EXPECT_TRUE(connectionsByAddress.enter(*parseAddress("2001:db8:0:1::3")));
 }
 
-TEST(Census, IsExactAmongThreadsAndOutlived) {
-  std::optional<Census::Place> last;
+TEST(ConnectionsByAddress, IsExactAmongThreadsAndOutlived) {
+  std::optional<ConnectionsByAddress::Place> last;
   {
-    Census census(5);
+    ConnectionsByAddress connectionsByAddress(5);
     std::atomic<int> inside{0}, most{0};
     std::vector<std::thread> threads;
     for (int t = 0; t < 4; ++t)
       threads.emplace_back([&] {
         for (int k = 0; k < 2000; ++k) {
-          std::vector<Census::Place> places;
+          std::vector<ConnectionsByAddress::Place> places;
           for (int j = 0; j < 3; ++j)
-            if (auto place = census.enter(*parseAddress("192.0.2.1"))) {
+            if (auto place = connectionsByAddress.enter(*parseAddress("192.0.2.1"))) {
               places.push_back(std::move(*place));
               const int now = ++inside;
               for (int seen = most; now > seen && !most.compare_exchange_weak(seen, now);) {
@@ -69,7 +69,7 @@ TEST(Census, IsExactAmongThreadsAndOutlived) {
       });
     for (auto& thread : threads) thread.join();
     EXPECT_LE(most, 5);
-    last = census.enter(*parseAddress("192.0.2.1"));
+    last = connectionsByAddress.enter(*parseAddress("192.0.2.1"));
   }
   last.reset();
 }

@@ -23,8 +23,8 @@ Box boxAt(double x, double z, double width, double depth, double error) {
 }
 
 Result<BoxMesh> make(const terrain::Terrain& terrain, const Box& box, unsigned threads = 2, std::uint32_t most = 2'000'000) {
-  scheduling::Machine machine(threads);
-  const auto pool = machine.makePool(threads);
+  scheduling::Executor executor(threads);
+  const auto pool = executor.makePool(threads);
   return meshBox(terrain, box, most, *pool, patient());
 }
 
@@ -124,8 +124,8 @@ TEST(BoxMesh, WhatIsTooMuchSaysWhatWouldFit) {
 
 TEST(BoxMesh, StopsWhenNobodyWaits) {
   const auto terrain = terrainOf("alpine");
-  scheduling::Machine machine(1);
-  const auto pool = machine.makePool();
+  scheduling::Executor executor(1);
+  const auto pool = executor.makePool();
   std::stop_source source;
   source.request_stop();
   Watch watch = patient();

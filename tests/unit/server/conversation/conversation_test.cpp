@@ -50,7 +50,7 @@ mesh::LeafState leaf(int i, std::uint64_t content) { return {{3, i, 0}, content,
 
 TEST(Conversation, EveryMessageHasItsPlace) {
   const std::vector<wire::ClientMessage> all{pose(1),          wire::Acknowledge{}, wire::ResendLeaves{}, wire::Resume{},
-                                             wire::AskClock{}, wire::SetClock{},    wire::Step{},         wire::StepDone{},
+                                             wire::AskClock{}, wire::SetClock{},    wire::ClockStep{},    wire::StepDone{},
                                              wire::Query{},    wire::AskGround{},   wire::WantTiles{},    wire::ChangeSettings{}};
   for (const wire::ClientMessage& message : all) {
     Conversation fresh(terms());

@@ -32,8 +32,8 @@ void evaluate(CameraMesh& mesh) {
 }
 
 TEST(CameraMesh, KeepsItsLaws) {
-  scheduling::Machine machine(2);
-  auto pool = machine.makePool(2);
+  scheduling::Executor executor(2);
+  auto pool = executor.makePool(2);
   const auto terrain = terrain::create("alpine", 1).value();
   CameraMesh mesh(terrain, 400000, refinement::Metric::kPixels);
   std::mt19937 rng(2);

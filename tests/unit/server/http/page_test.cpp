@@ -87,7 +87,7 @@ class SiteRoutesTest : public SiteTest {
     put("assets/a-1.js", "let x = 1;");
     put("assets/a-1.js.gz", "zipped");
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = &machine;
+    resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_unique<session::Directory>(resources, terrain::create("alpine", 3).value());
     routes.push_back(pageRoute(load()));
@@ -105,7 +105,7 @@ class SiteRoutesTest : public SiteTest {
       if (n == name) return v;
     return {};
   }
-  scheduling::Machine machine{1};
+  scheduling::Executor executor{1};
   std::unique_ptr<session::Directory> directory;
   std::vector<Route> routes;
 };

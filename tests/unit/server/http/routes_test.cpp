@@ -17,7 +17,7 @@ class RoutesTest : public testing::Test {
  protected:
   RoutesTest() {
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = &machine;
+    resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_unique<session::Directory>(resources, terrain::create("alpine", 3).value());
   }
@@ -36,7 +36,7 @@ class RoutesTest : public testing::Test {
     request.webSocketVersion = version;
     return answer(request, *directory, "9.9");
   }
-  scheduling::Machine machine{1};
+  scheduling::Executor executor{1};
   std::unique_ptr<session::Directory> directory;
 };
 
@@ -101,7 +101,7 @@ class WorldsTest : public testing::Test {
  protected:
   explicit WorldsTest(std::uint32_t maxSessions = 4, bool makes = true) {
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = &machine;
+    resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     resources->limits.maxSessions = maxSessions;
     resources->limits.sessionIdle = std::chrono::seconds(1);
@@ -123,7 +123,7 @@ class WorldsTest : public testing::Test {
     request.target = "/v1/sessions";
     return answer(request, *directory, "9.9").body;
   }
-  scheduling::Machine machine{1};
+  scheduling::Executor executor{1};
   std::shared_ptr<session::Directory> directory;
 };
 

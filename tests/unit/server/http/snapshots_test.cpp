@@ -14,10 +14,10 @@ class SnapshotRouteTest : public testing::Test {
  protected:
   SnapshotRouteTest() {
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = &machine;
+    resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
-    route = snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000, .niceness = 0}, 1));
+    route = snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000, .lowerPriorityBy = 0}, 1));
   }
   std::optional<Answer> ask(std::string_view target, std::string_view method = "GET") {
     Request request;
@@ -30,7 +30,7 @@ class SnapshotRouteTest : public testing::Test {
       if (key == name) return value;
     return {};
   }
-  scheduling::Machine machine{1};
+  scheduling::Executor executor{1};
   std::shared_ptr<session::Directory> directory;
   Route route;
 };
@@ -38,8 +38,9 @@ class SnapshotRouteTest : public testing::Test {
 constexpr char kBox[] = "/v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=40&z1=40&error=2";
 
 TEST_F(SnapshotRouteTest, TakesItsOwnPathsAlone) {
-  for (const char* other : {"/", "/v1/sessions", "/v1/sessions/", "/v1/sessions/default", "/v1/sessions/default/", "/v1/sessions/default/snapshot",
-                            "/v1/sessions/default/snapshot.gltf", "/v1/sessions/a/b/snapshot.glb", "/v1/sessions//../snapshot.glb/"})
+  for (const char* other :
+       {"/", "/v1/sessions", "/v1/sessions/", "/v1/sessions/default", "/v1/sessions/default/", "/v1/sessions/default/snapshot",
+        "/v1/sessions/default/snapshot.gltf", "/v1/sessions/a/b/snapshot.glb", "/v1/sessions//../snapshot.glb/"})
     EXPECT_FALSE(ask(other)) << other;
 }
 

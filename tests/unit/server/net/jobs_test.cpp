@@ -82,7 +82,7 @@ TEST(Jobs, FinishingLetsThemEndUntilTheTimeIsUp) {
     });
   EXPECT_GE(jobs.waiting(), 2u);
   gate.set_value();
-  jobs.finish(std::chrono::steady_clock::now() + testing_support::kPatience);
+  jobs.finish(std::chrono::steady_clock::now() + testing_support::kTimeout);
   EXPECT_EQ(done, 3);
   EXPECT_EQ(jobs.waiting(), 0u);
   EXPECT_FALSE(jobs.post(std::stop_source(), [](std::stop_token) {}));
@@ -122,7 +122,7 @@ class LaterTest : public testing::Test {
     settings.port = 0;
     settings.patientJobs = {1, 1, 0};
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = &machine;
+    resources->executor = &executor;
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
     server = Server::listen(settings, directory, {[this](const Request& r) { return route(r); }}).value();
   }
@@ -179,7 +179,7 @@ class LaterTest : public testing::Test {
     return client.answer(hasBody);
   }
 
-  scheduling::Machine machine{1};
+  scheduling::Executor executor{1};
   Settings settings;
   std::shared_ptr<session::Directory> directory;
   std::unique_ptr<Server> server;

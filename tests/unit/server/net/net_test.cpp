@@ -46,16 +46,16 @@ class NetTest : public testing::Test {
       EXPECT_TRUE(alive());
       server->shutdown();
     }
-    machine.reset();
+    executor.reset();
     server.reset();
   }
   void start() {
     if (server) server->shutdown();
-    machine.reset();
+    executor.reset();
     server.reset();
-    machine = std::make_unique<scheduling::Machine>(2);
+    executor = std::make_unique<scheduling::Executor>(2);
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = machine.get();
+    resources->executor = executor.get();
     resources->makeMesh = [](auto, const auto&, auto) { return std::make_unique<StillMesh>(); };
     resources->limits = limits;
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
@@ -64,7 +64,9 @@ class NetTest : public testing::Test {
     server = std::move(*made);
   }
   bool alive() { return get("/healthz").find("\r\n\r\nok\n") != std::string::npos; }
-  std::string get(const std::string& target) { return request("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"); }
+  std::string get(const std::string& target) {
+    return request("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  }
   std::string request(std::string_view bytes) {
     SocketClient client(server->port());
     client.send(bytes);
@@ -96,7 +98,7 @@ class NetTest : public testing::Test {
 
   Settings settings;
   session::Limits limits;
-  std::unique_ptr<scheduling::Machine> machine;
+  std::unique_ptr<scheduling::Executor> executor;
   std::shared_ptr<session::Directory> directory;
   std::unique_ptr<Server> server;
 };
@@ -228,7 +230,7 @@ TEST_F(NetTest, RandomBytesAndSuddenEndsLeaveTheServerAlive) {
 }
 
 TEST_F(NetTest, SilentClientsAreClosed) {
-  settings.patience = 1s;
+  settings.timeout = 1s;
   settings.idle = 400ms;
   start();
   SocketClient half(server->port());
@@ -283,7 +285,7 @@ TEST_F(NetTest, ShutdownSaysThatItGoes) {
   EXPECT_EQ(client.awaitClose(), 1001);
   closing.join();
   noCamerasSoon();
-  machine.reset();
+  executor.reset();
   server.reset();
 }
 

@@ -13,9 +13,9 @@ namespace {
 class Damage : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    scheduling::Machine machine(2);
+    scheduling::Executor executor(2);
     const auto terrain = terrain::create("alpine", 3).value();
-    pipeline::Pipeline p(terrain, pipeline::grant({}, {}), machine.makePool(2));
+    pipeline::Pipeline p(terrain, pipeline::grant({}, {}), executor.makePool(2));
     camera::Camera camera;
     camera.pose.y = terrain->height({0, 0}) + 300;
     for (int n = 0; n < 4; ++n) p.iterate(camera);
@@ -24,9 +24,9 @@ class Damage : public testing::Test {
   void SetUp() override {
     ASSERT_TRUE(checkMesh(sound_).clean());
     leaves_ = sound_;
-    busy_ = static_cast<std::size_t>(std::max_element(leaves_.begin(), leaves_.end(),
-                                                      [](auto& a, auto& b) { return a.triangles.size() < b.triangles.size(); }) -
-                                     leaves_.begin());
+    busy_ = static_cast<std::size_t>(
+        std::max_element(leaves_.begin(), leaves_.end(), [](auto& a, auto& b) { return a.triangles.size() < b.triangles.size(); }) -
+        leaves_.begin());
   }
   mesh::LeafMesh& busy() { return leaves_[busy_]; }
 

@@ -34,7 +34,7 @@ camera::Camera cameraAt(const terrain::Terrain& terrain, double x, double z, dou
 
 struct Rig {
   explicit Rig(unsigned threads, wire::Settings asked = coarse())
-      : machine(threads), pool(machine.makePool(8)), terrain(alpine()), pipeline(terrain, grant(asked, {}), pool) {}
+      : executor(threads), pool(executor.makePool(8)), terrain(alpine()), pipeline(terrain, grant(asked, {}), pool) {}
   static wire::Settings coarse() {
     wire::Settings s;
     s.threshold = 4;
@@ -61,7 +61,7 @@ struct Rig {
       ASSERT_TRUE(mesh::isCanonical(all[k])) << when;
     }
   }
-  scheduling::Machine machine;
+  scheduling::Executor executor;
   std::shared_ptr<scheduling::Pool> pool;
   std::shared_ptr<const terrain::Terrain> terrain;
   Pipeline pipeline;

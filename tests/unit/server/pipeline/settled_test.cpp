@@ -46,8 +46,8 @@ struct Rig {
     EXPECT_LE(error.p99, 2 * threshold) << where << ": " << error.worst;
     EXPECT_LE(error.most, 8 * threshold) << where << ": " << error.worst;
   }
-  scheduling::Machine machine{2};
-  std::shared_ptr<scheduling::Pool> pool = machine.makePool(2);
+  scheduling::Executor executor{2};
+  std::shared_ptr<scheduling::Pool> pool = executor.makePool(2);
   std::shared_ptr<const terrain::Terrain> terrain;
   Pipeline pipeline;
 };

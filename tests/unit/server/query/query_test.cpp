@@ -101,7 +101,7 @@ class QueryHttpTest : public testing::Test {
  protected:
   QueryHttpTest() {
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = &machine;
+    resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_shared<session::Directory>(resources, terrain);
     directory->add("other", terrain::create("alpine", 4).value()).value();
@@ -119,7 +119,7 @@ class QueryHttpTest : public testing::Test {
     return a->later ? a->later->work({}) : *a;
   }
   std::shared_ptr<const terrain::Terrain> terrain = terrain::create("alpine", 3).value();
-  scheduling::Machine machine{1};
+  scheduling::Executor executor{1};
   std::shared_ptr<session::Directory> directory;
 };
 

@@ -47,11 +47,11 @@ Order randomOrder(std::mt19937& random, std::size_t count, unsigned most) {
 }
 
 class Threads : public testing::TestWithParam<unsigned> {};
-INSTANTIATE_TEST_SUITE_P(Machines, Threads, testing::Values(1u, 2u, 3u, 8u));
+INSTANTIATE_TEST_SUITE_P(Executors, Threads, testing::Values(1u, 2u, 3u, 8u));
 
 TEST_P(Threads, ForEachVisitsEveryIndexOnceFromOutsideAndFromATask) {
-  Machine machine(GetParam());
-  auto pool = machine.makePool();
+  Executor executor(GetParam());
+  auto pool = executor.makePool();
   for (const std::size_t count : {0u, 1u, 2u, 7u, 64u, 1000u})
     for (const std::size_t grain : {0u, 1u, 3u, 64u, 5000u}) {
       for (const bool fromTask : {false, true}) {
@@ -68,8 +68,8 @@ TEST_P(Threads, ForEachVisitsEveryIndexOnceFromOutsideAndFromATask) {
 }
 
 TEST_P(Threads, OrderedTasksSeeAllTheirPredecessors) {
-  Machine machine(GetParam());
-  auto pool = machine.makePool(8);
+  Executor executor(GetParam());
+  auto pool = executor.makePool(8);
   std::mt19937 random(7);
   for (int round = 0; round < 30; ++round) {
     const std::size_t count = random() % 400;
@@ -97,9 +97,9 @@ TEST_P(Threads, OrderedTasksSeeAllTheirPredecessors) {
 TEST_P(Threads, NestedLoopsInTasksOfManyPoolsFinish) {
   std::atomic<int> visits{0};
   std::latch done(18);
-  Machine machine(GetParam());
+  Executor executor(GetParam());
   std::vector<std::shared_ptr<Pool>> pools;
-  for (int k = 0; k < 6; ++k) pools.push_back(machine.makePool(1 + k % 4));
+  for (int k = 0; k < 6; ++k) pools.push_back(executor.makePool(1 + k % 4));
   for (int round = 0; round < 3; ++round)
     for (auto& pool : pools)
       ASSERT_TRUE(pool->post([&, own = pool] {
@@ -115,8 +115,8 @@ TEST_P(Threads, NestedLoopsInTasksOfManyPoolsFinish) {
 
 TEST(Scheduling, ReadyTasksStartInAscendingOrder) {
   // With one worker for the tasks, ascending order is the only one.
-  Machine machine(4);
-  auto pool = machine.makePool(1);
+  Executor executor(4);
+  auto pool = executor.makePool(1);
   std::mt19937 random(3);
   const Order order = randomOrder(random, 200, 3);
   std::vector<std::size_t> ran;
@@ -128,9 +128,9 @@ TEST(Scheduling, ReadyTasksStartInAscendingOrder) {
 
 TEST(Scheduling, KeepsToTheLimitOfTasksInFlight) {
   std::atomic<unsigned> now{0}, most{0};
-  Machine machine(6);
+  Executor executor(6);
   for (const unsigned limit : {1u, 2u, 3u}) {
-    auto pool = machine.makePool(limit);
+    auto pool = executor.makePool(limit);
     const auto body = [&](std::size_t) {
       const unsigned mine = ++now;
       unsigned seen = most;
@@ -156,12 +156,12 @@ TEST(Scheduling, KeepsToTheLimitOfTasksInFlight) {
 }
 
 TEST(Scheduling, UsesSeveralThreads) {
-  Machine machine(4);
-  auto pool = machine.makePool(4);
+  Executor executor(4);
+  auto pool = executor.makePool(4);
   std::mutex mutex;
   std::condition_variable changed;
   std::set<std::thread::id> threads;
-  const auto end = std::chrono::steady_clock::now() + testing_support::kPatience;
+  const auto end = std::chrono::steady_clock::now() + testing_support::kTimeout;
   // Each index that has nothing to wait for waits for the others' threads.
   const auto note = [&](std::size_t) {
     std::unique_lock lock(mutex);
@@ -191,10 +191,10 @@ TEST(Scheduling, ManyPoolsShareFairly) {
   std::vector<std::atomic<int>> counts(kPools);
   std::atomic<bool> stop{false};
   std::vector<std::function<void()>> tasks(kPools);
-  Machine machine(2);  // last, so that its tasks end before what they use
+  Executor executor(2);  // last, so that its tasks end before what they use
   // Every pool always has work; the first also floods its queue and fans out.
   for (int k = 0; k < kPools; ++k) {
-    pools.push_back(machine.makePool());
+    pools.push_back(executor.makePool());
     tasks[k] = [&, k] {
       if (k == 0)
         pools[0]->forEach(4, 1, [](std::size_t) { spinFor(5us); });
@@ -223,8 +223,8 @@ TEST(Scheduling, ManyPoolsShareFairly) {
 TEST(Scheduling, QueueOfPostedTasksIsBounded) {
   std::atomic<int> ran{0};
   std::promise<void> release, started;
-  Machine machine(1);
-  auto pool = machine.makePool();
+  Executor executor(1);
+  auto pool = executor.makePool();
   auto gate = release.get_future().share();
   ASSERT_TRUE(pool->post([&] {
     started.set_value();
@@ -243,8 +243,8 @@ TEST(Scheduling, DroppedTasksAreDestroyedAndLateOnesRefused) {
   auto token = std::make_shared<int>(0);
   std::shared_ptr<Pool> pool;
   {
-    Machine machine(1);
-    pool = machine.makePool();
+    Executor executor(1);
+    pool = executor.makePool();
     auto started = std::make_shared<std::promise<void>>();
     pool->post([started] {
       started->set_value();
@@ -260,9 +260,9 @@ TEST(Scheduling, DroppedTasksAreDestroyedAndLateOnesRefused) {
 
 TEST(Scheduling, ATaskMayHoldTheLastReferenceToItsPool) {
   std::atomic<int> ran{0};
-  Machine machine(2);
+  Executor executor(2);
   for (int k = 0; k < 300; ++k) {
-    auto pool = machine.makePool();
+    auto pool = executor.makePool();
     auto* raw = pool.get();
     raw->post([&, own = std::move(pool)] { own->forEach(4, 1, [&](std::size_t) { ++ran; }); });
   }
@@ -271,11 +271,11 @@ TEST(Scheduling, ATaskMayHoldTheLastReferenceToItsPool) {
 
 TEST(Scheduling, StressOfShortLoopsFromManyThreads) {
   std::atomic<std::uint64_t> sum{0};
-  Machine machine(4);
+  Executor executor(4);
   std::vector<std::thread> outsiders;
   for (int t = 0; t < 4; ++t)
     outsiders.emplace_back([&, t] {
-      auto pool = machine.makePool(t + 1);
+      auto pool = executor.makePool(t + 1);
       std::mt19937 random(static_cast<unsigned>(t));
       for (int round = 0; round < 200; ++round) {
         pool->forEach(random() % 40, 1 + random() % 3, [&](std::size_t k) { sum += k; });
@@ -293,16 +293,16 @@ TEST(SchedulingDeathTest, ABodyThatThrowsEndsTheProcess) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");
   EXPECT_DEATH(
       {
-        Machine machine(1);
-        auto pool = machine.makePool();
+        Executor executor(1);
+        auto pool = executor.makePool();
         pool->forEach(1, 1, [](std::size_t) { throw 1; });
       },
       "");
 }
 
-// However busy the machine that goes first is: everything is done once, in an order that is right, and never without end.
-TEST(Machines, WhoRestsWhileAnotherWorksComesToItsEnd) {
-  Machine first(1), second(2, kIdle - 1, &first);
+// However busy the executor that goes first is: everything is done once, in an order that is right, and never without end.
+TEST(Executors, WhoRestsWhileAnotherWorksComesToItsEnd) {
+  Executor first(1), second(2, kIdle - 1, &first);
   std::atomic<bool> over{false};
   const auto busy = first.makePool();
   busy->post([&] {

@@ -31,7 +31,7 @@ class Listener final : public Sender {
   }
   std::optional<wire::Ground> next() {
     std::unique_lock lock(mutex_);
-    changed_.wait_for(lock, 4 * testing_support::kPatience, [&] { return taken_ < grounds_.size() || !error_.empty(); });
+    changed_.wait_for(lock, 4 * testing_support::kTimeout, [&] { return taken_ < grounds_.size() || !error_.empty(); });
     EXPECT_EQ(error_, "");
     if (taken_ == grounds_.size()) return std::nullopt;
     return grounds_[taken_++];
@@ -50,9 +50,9 @@ class GroundsTest : public testing::Test {
   // What can be reached is reached, however slow the machine is.
   std::shared_ptr<Grounds> over(const std::string& terrain, std::uint32_t budget = 200'000) {
     terrain_ = terrain::create(terrain, 5).value();
-    return std::make_shared<Grounds>(terrain_, budget, machine.makePool(), listener, testing_support::kPatience);
+    return std::make_shared<Grounds>(terrain_, budget, executor.makePool(), listener, testing_support::kTimeout);
   }
-  scheduling::Machine machine{2};
+  scheduling::Executor executor{2};
   std::shared_ptr<Listener> listener = std::make_shared<Listener>();
   std::shared_ptr<const terrain::Terrain> terrain_;
 };

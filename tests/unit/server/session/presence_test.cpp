@@ -44,7 +44,7 @@ class Listener : public Sender {
   template <class Condition>
   bool wait(const Condition& condition) {
     std::unique_lock lock(mutex_);
-    return changed_.wait_for(lock, testing_support::kPatience, [&] { return condition(*this); });
+    return changed_.wait_for(lock, testing_support::kTimeout, [&] { return condition(*this); });
   }
   std::size_t messages() {
     const std::lock_guard lock(mutex_);
@@ -118,7 +118,7 @@ TEST_F(PresenceTest, AtMostTwentyASecond) {
   const auto a = join(1);
   join(2);
   const auto begin = Time::now();
-  for (std::uint64_t k = 1; Time::now() < begin + 400ms || (a->messages() < 3 && Time::now() < begin + testing_support::kPatience); ++k) {
+  for (std::uint64_t k = 1; Time::now() < begin + 400ms || (a->messages() < 3 && Time::now() < begin + testing_support::kTimeout); ++k) {
     presence->moved(2, pose(k));
     std::this_thread::sleep_for(1ms);
   }

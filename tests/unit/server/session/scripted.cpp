@@ -7,7 +7,7 @@
 
 namespace ridgecast::session {
 
-using testing_support::kPatience;
+using testing_support::kTimeout;
 
 namespace {
 
@@ -163,20 +163,20 @@ void Client::apply(const wire::Iteration& iteration) {
 
 std::optional<wire::World> Client::world() {
   std::unique_lock lock(mutex_);
-  changed_.wait_for(lock, kPatience, [this] { return world_ || error_; });
+  changed_.wait_for(lock, kTimeout, [this] { return world_ || error_; });
   return world_;
 }
 
 std::optional<wire::Iteration> Client::iteration() {
   std::unique_lock lock(mutex_);
-  changed_.wait_for(lock, kPatience, [this] { return iterations_.size() > taken_ || error_; });
+  changed_.wait_for(lock, kTimeout, [this] { return iterations_.size() > taken_ || error_; });
   if (iterations_.size() <= taken_) return {};
   return iterations_[taken_++];
 }
 
 std::optional<wire::ErrorMessage> Client::error() {
   std::unique_lock lock(mutex_);
-  changed_.wait_for(lock, kPatience, [this] { return error_.has_value(); });
+  changed_.wait_for(lock, kTimeout, [this] { return error_.has_value(); });
   return error_;
 }
 

@@ -47,14 +47,14 @@ class SessionTest : public testing::Test {
   void stop() {
     if (camera) camera->close();
     camera.reset();
-    machine.reset();
+    executor.reset();
   }
 
   void start(const Limits& limits = {}, unsigned threads = 2) {
     stop();
-    machine = std::make_unique<scheduling::Machine>(threads);
+    executor = std::make_unique<scheduling::Executor>(threads);
     auto made = std::make_shared<Resources>();
-    made->machine = machine.get();
+    made->executor = executor.get();
     made->makeMesh = scriptedMeshes(script);
     made->serverName = "test";
     made->limits = limits;
@@ -91,7 +91,7 @@ class SessionTest : public testing::Test {
   void acknowledge(const wire::Iteration& iteration) { camera->receive(wire::Acknowledge{iteration.number, iteration.meshHash}); }
 
   std::shared_ptr<Script> script = std::make_shared<Script>();
-  std::unique_ptr<scheduling::Machine> machine;
+  std::unique_ptr<scheduling::Executor> executor;
   std::unique_ptr<Directory> directory;
   std::shared_ptr<Client> client = std::make_shared<Client>();
   std::shared_ptr<CameraSession> camera;

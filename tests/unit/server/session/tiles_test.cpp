@@ -49,7 +49,7 @@ class Listener final : public Sender {
   }
   bool wait(const std::function<bool()>& until) {
     std::unique_lock lock(mutex_);
-    return changed_.wait_for(lock, testing_support::kPatience, until);
+    return changed_.wait_for(lock, testing_support::kTimeout, until);
   }
   std::atomic<std::size_t> queued{0};
   std::mutex mutex_;
@@ -65,7 +65,7 @@ class Tiles : public testing::Test {
     TearDown();
     listener = std::make_shared<Listener>();
     auto resources = std::make_shared<Resources>();
-    resources->machine = (machine = std::make_unique<scheduling::Machine>(2)).get();
+    resources->executor = (executor = std::make_unique<scheduling::Executor>(2)).get();
     auto script = std::make_shared<Script>();
     script->next = [](int, const camera::Camera&) { return Script::State{{{{1, 0, 0}, 1}}, true}; };
     resources->makeMesh = scriptedMeshes(script);
@@ -78,14 +78,14 @@ class Tiles : public testing::Test {
   void TearDown() override {
     if (camera) camera->close();
     camera.reset();
-    machine.reset();
+    executor.reset();
   }
   std::string refusal(std::vector<terrain::TileAddress> wanted) {
     camera->receive(wire::WantTiles{std::move(wanted)});
     listener->wait([&] { return !listener->error_.empty(); });
     return listener->error_;
   }
-  std::unique_ptr<scheduling::Machine> machine;
+  std::unique_ptr<scheduling::Executor> executor;
   std::unique_ptr<Directory> directory;
   std::shared_ptr<Listener> listener;
   std::shared_ptr<CameraSession> camera;

@@ -16,7 +16,7 @@ class TakeTest : public testing::Test {
  protected:
   TakeTest() {
     auto resources = std::make_shared<session::Resources>();
-    resources->machine = &machine;
+    resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
     session = directory->find("default");
@@ -30,8 +30,8 @@ class TakeTest : public testing::Test {
     return snapshots.take(*session, question(query), metadataOnly, stop);
   }
 
-  scheduling::Machine machine{1};
-  Snapshots snapshots{{.niceness = 0}, 2};
+  scheduling::Executor executor{1};
+  Snapshots snapshots{{.lowerPriorityBy = 0}, 2};
   std::shared_ptr<session::Directory> directory;
   std::shared_ptr<session::Session> session;
 };
@@ -121,7 +121,7 @@ TEST_F(TakeTest, ETagsTellQuestionsAndWorldsApart) {
   EXPECT_NE(tag, Snapshots::etag(*session, question(kPose), true));
   EXPECT_NE(tag, Snapshots::etag(*session, question(std::string(kPose) + "&compression=draco"), false));
   auto resources = std::make_shared<session::Resources>();
-  resources->machine = &machine;
+  resources->executor = &executor;
   session::Directory other(resources, terrain::create("alpine", 4).value());
   EXPECT_NE(tag, Snapshots::etag(*other.find("default"), question(kPose), false));
   EXPECT_EQ(Snapshots::etag(*session, question("camera=1"), false), "");
