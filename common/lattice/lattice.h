@@ -44,6 +44,13 @@ struct Vertex {
   friend constexpr auto operator<=>(const Vertex&, const Vertex&) = default;
 };
 
+// A place that may become a vertex.
+struct Candidate {
+  Vertex at;         // on the true terrain
+  float pixels = 0;  // between it and the mesh, on the screen, looked at straight on
+  friend bool operator==(const Candidate&, const Candidate&) = default;
+};
+
 constexpr bool positionIsValid(Step x, Step z) {
   return x >= -kMaxPosition && x <= kMaxPosition && z >= -kMaxPosition && z <= kMaxPosition;
 }

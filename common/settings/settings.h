@@ -1,5 +1,6 @@
 #pragma once
-// What a client asks of its mesh, and what it is granted: metric, threshold, budgets. Numbers are the protocol's (PROTOCOL.md, Settings).
+// What a client requests of its mesh and is granted (metric, threshold, budgets), and what an iteration then did. Numbers are the
+// protocol's (PROTOCOL.md, Settings).
 
 #include <algorithm>
 #include <array>
@@ -32,6 +33,8 @@ constexpr std::optional<Metric> metricNamed(std::string_view name) {
 
 inline constexpr std::uint32_t kDefaultBudget = 500'000, kLeastBudget = 10'000, kMostBudget = 2'000'000;  // triangles
 
+inline constexpr std::uint32_t kMaxCandidates = 20'000;  // of an iteration
+
 struct Settings {
   Metric metric = Metric::kDefault;
   double threshold = 0;              // 0: the default of the metric
@@ -39,6 +42,15 @@ struct Settings {
   std::uint64_t bytesPerSecond = 0;  // 0: unlimited
   std::uint32_t candidates = 0;      // at most this many of an iteration
   friend bool operator==(const Settings&, const Settings&) = default;
+};
+
+// What an iteration did. Milliseconds are wall time.
+struct Figures {
+  double selectMs = 0, generateMs = 0, refineMs = 0, triangulateMs = 0, encodeMs = 0;
+  std::uint32_t leaves = 0, visibleLeaves = 0, generatedLeaves = 0, droppedLeaves = 0;
+  std::uint32_t triangles = 0, inserted = 0, removed = 0, deferred = 0;
+  std::uint64_t heights = 0;
+  double effectiveThreshold = 0;
 };
 
 }  // namespace ridgecast::settings

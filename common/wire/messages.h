@@ -20,13 +20,14 @@ inline constexpr std::uint32_t kProtocolVersion = 1;
 inline constexpr std::uint32_t kRevision =
     2;  // of that version: members, clock, queries, grounds (1) and changes of settings (2) are known
 
+using lattice::Candidate;
+using settings::Figures;
+using settings::kMaxCandidates;
 using settings::Metric;
 using settings::Settings;
 enum class Pacing { kFree = 0, kLockstep = 1 };
 enum class Role { kViewer = 0, kSensor = 1 };
 enum class ClockMode { kRealTime = 0, kScaled = 1, kStepped = 2 };
-
-inline constexpr std::uint32_t kMaxCandidates = 20'000;  // of an iteration
 
 struct Hello {
   std::uint32_t protocolVersion = kProtocolVersion;
@@ -132,15 +133,6 @@ struct World {
   bool shadedVertices = false;                      // colours and normals travel with the vertices
 };
 
-// What an iteration did. Milliseconds are wall time.
-struct Figures {
-  double selectMs = 0, generateMs = 0, refineMs = 0, triangulateMs = 0, encodeMs = 0;
-  std::uint32_t leaves = 0, visibleLeaves = 0, generatedLeaves = 0, droppedLeaves = 0;
-  std::uint32_t triangles = 0, inserted = 0, removed = 0, deferred = 0;
-  std::uint64_t heights = 0;
-  double effectiveThreshold = 0;
-};
-
 struct LeafWhole {
   lattice::LeafAddress address;
   std::uint32_t vertices = 0, triangles = 0;
@@ -155,13 +147,6 @@ struct LeafDelta {
   std::vector<std::uint8_t> payload;   // empty: the triangles stay as they are
   float error = 0;                     // as LeafWhole's
   std::vector<std::uint8_t> shades{};  // of the vertices that the base does not have
-};
-
-// A place that may become a vertex.
-struct Candidate {
-  lattice::Vertex at;  // on the true terrain
-  float pixels = 0;    // between it and the mesh, on the screen, looked at straight on
-  friend bool operator==(const Candidate&, const Candidate&) = default;
 };
 
 struct Iteration {

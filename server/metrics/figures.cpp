@@ -57,7 +57,7 @@ Figures::Figures()
                [now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count()] { return now; });
 }
 
-void Figures::iterated(const wire::Figures& f) {
+void Figures::iterated(const settings::Figures& f) {
   iterations.Increment();
   inserted.Increment(f.inserted);
   removed.Increment(f.removed);

@@ -4,7 +4,7 @@
 #include <array>
 #include <string_view>
 
-#include "common/wire/messages.h"
+#include "common/settings/settings.h"
 #include "server/metrics/registry.h"
 
 namespace ridgecast::metrics {
@@ -42,7 +42,7 @@ inline constexpr std::array<std::string_view, 22> kRefusalNames{
 struct Figures {
   Figures();
   void refused(Refusal reason) { refusals[static_cast<std::size_t>(reason)]->Increment(); }
-  void iterated(const wire::Figures& figures);  // one iteration, its encoding included
+  void iterated(const settings::Figures& figures);  // one iteration, its encoding included
 
   Registry registry;  // first: the others are its
   Counter &iterations, &iterationsSent, &inserted, &removed, &heights;

@@ -26,24 +26,25 @@ class Stopwatch {
 
 }  // namespace
 
-wire::Settings grant(const wire::Settings& asked, const Limits& limits) {
-  wire::Settings granted = asked;
+settings::Settings grant(const settings::Settings& asked, const Limits& limits) {
+  settings::Settings granted = asked;
   if (granted.metric == settings::Metric::kDefault) granted.metric = settings::Metric::kPixels;
   const settings::MetricTraits& metric = settings::traits(granted.metric);
   granted.threshold = std::clamp(granted.threshold > 0 ? granted.threshold : metric.threshold, metric.least, metric.most);
   if (granted.triangleBudget == 0) granted.triangleBudget = limits.defaultBudget;
   granted.triangleBudget = std::clamp(granted.triangleBudget, settings::kLeastBudget, limits.maxBudget);
-  granted.candidates = std::min(granted.candidates, wire::kMaxCandidates);
+  granted.candidates = std::min(granted.candidates, settings::kMaxCandidates);
   return granted;
 }
 
-Pipeline::Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool)
+Pipeline::Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted,
+                   std::shared_ptr<scheduling::Pool> pool)
     : state_(std::make_unique<State>(std::move(terrain), granted, std::move(pool))) {}
 Pipeline::~Pipeline() = default;
 
-wire::Figures Pipeline::iterate(const camera::Camera& camera) {
+settings::Figures Pipeline::iterate(const camera::Camera& camera) {
   State& s = *state_;
-  wire::Figures figures;
+  settings::Figures figures;
   const bool still = camera == s.motion.camera;
   if (s.settled && still) return s.describe(figures);  // nothing can change
   const std::uint64_t heightsBefore = s.mesh.mesh().heights() + s.horizon.heights();
@@ -89,7 +90,7 @@ wire::Figures Pipeline::iterate(const camera::Camera& camera) {
   return figures;
 }
 
-void Pipeline::change(const wire::Settings& granted) {
+void Pipeline::change(const settings::Settings& granted) {
   State& s = *state_;
   if (granted.metric != s.settings.metric || granted.triangleBudget > s.madeFor) {
     auto fresh = std::make_unique<State>(s.terrain, granted, s.pool);
@@ -111,7 +112,7 @@ bool Pipeline::settled() const { return state_->settled; }
 
 const std::vector<mesh::LeafState>& Pipeline::leaves() const { return state_->leaves; }
 
-std::vector<wire::Candidate> Pipeline::candidates(std::uint32_t most) const {
+std::vector<lattice::Candidate> Pipeline::candidates(std::uint32_t most) const {
   const State& s = *state_;
   const refinement::View view = s.view();
   const auto& leafs = s.mesh.leaves();
@@ -124,7 +125,7 @@ std::vector<wire::Candidate> Pipeline::candidates(std::uint32_t most) const {
   std::vector<refinement::ListedCandidate> all;
   for (const auto& leaf : found) all.insert(all.end(), leaf.begin(), leaf.end());
   refinement::keepWorst(all, most);
-  std::vector<wire::Candidate> out;
+  std::vector<lattice::Candidate> out;
   out.reserve(all.size());
   for (const auto& c : all) {
     const lattice::Point at = s.mesh.mesh().absolute(c.point);

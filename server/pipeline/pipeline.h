@@ -14,7 +14,6 @@
 #include "common/mesh/leaf_state.h"
 #include "common/settings/settings.h"
 #include "common/terrain/terrain.h"
-#include "common/wire/messages.h"
 #include "server/scheduling/pool.h"
 
 namespace ridgecast::generation {
@@ -28,22 +27,22 @@ struct Limits {
   std::uint32_t maxBudget = settings::kMostBudget;
 };
 
-// The settings with defaults filled in and limits applied (common/settings; candidates: wire::kMaxCandidates).
-wire::Settings grant(const wire::Settings& asked, const Limits& limits);
+// The settings with defaults filled in and limits applied (common/settings; candidates: settings::kMaxCandidates).
+settings::Settings grant(const settings::Settings& asked, const Limits& limits);
 
 class Pipeline {
  public:
-  Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool);
+  Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted, std::shared_ptr<scheduling::Pool> pool);
   ~Pipeline();
   Pipeline(const Pipeline&) = delete;
   Pipeline& operator=(const Pipeline&) = delete;
 
   // One iteration. `camera` must satisfy camera::isValid.
-  wire::Figures iterate(const camera::Camera& camera);
+  settings::Figures iterate(const camera::Camera& camera);
 
   // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric
   // or a larger budget begins anew, with versions that go on.
-  void change(const wire::Settings& granted);
+  void change(const settings::Settings& granted);
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
   // narrow: what is postponed is detail.
@@ -62,7 +61,7 @@ class Pipeline {
 
   // The candidates that the camera of the last iteration may see, the worst first, at most so many: where the mesh would grow next. A pass
   // over all triangles in view; spreads over the pool. The same for any number of threads.
-  std::vector<wire::Candidate> candidates(std::uint32_t most) const;
+  std::vector<lattice::Candidate> candidates(std::uint32_t most) const;
 
   // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.
   std::size_t memoryBytes() const;

@@ -44,7 +44,7 @@ void Motion::follow(const camera::Camera& now, bool fromNothing) {
   camera = now;
 }
 
-Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const wire::Settings& granted,
+Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const settings::Settings& granted,
                        std::shared_ptr<scheduling::Pool> workers)
     : settings(granted),
       madeFor(granted.triangleBudget),
@@ -55,7 +55,7 @@ Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const wir
       effective(granted.threshold) {}
 
 refinement::View Pipeline::State::view() const {
-  return {motion.camera, mesh.mesh().anchor(), motion.travel, motion.turn, motion.moving, settings.metric == wire::Metric::kArea};
+  return {motion.camera, mesh.mesh().anchor(), motion.travel, motion.turn, motion.moving, settings.metric == settings::Metric::kArea};
 }
 
 // ---- refine ----
@@ -206,7 +206,7 @@ void Pipeline::State::settle(bool rests, refinement::View& view) {
   evaluateInView(view);
 }
 
-wire::Figures Pipeline::State::describe(wire::Figures figures) const {
+settings::Figures Pipeline::State::describe(settings::Figures figures) const {
   figures.leaves = static_cast<std::uint32_t>(leaves.size());
   for (const Leaf* leaf : mesh.leaves()) {
     figures.visibleLeaves += leaf->visible;

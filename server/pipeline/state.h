@@ -26,9 +26,9 @@ struct Motion {
 };
 
 struct Pipeline::State {
-  State(std::shared_ptr<const terrain::Terrain> terrain, const wire::Settings& granted, std::shared_ptr<scheduling::Pool> workers);
+  State(std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted, std::shared_ptr<scheduling::Pool> workers);
 
-  bool isThesis() const { return settings.metric == wire::Metric::kThesis; }
+  bool isThesis() const { return settings.metric == settings::Metric::kThesis; }
   double spacing() const { return std::clamp(kClosely * effective, kLeastClosely, kMostClosely); }
   refinement::View view() const;
 
@@ -52,9 +52,9 @@ struct Pipeline::State {
   // `rests`: this iteration changed nothing. The first time, looks closely for more to do; then the mesh is settled.
   void settle(bool rests, refinement::View& view);
   // Fills in what there is and what the last iteration changed.
-  wire::Figures describe(wire::Figures figures) const;
+  settings::Figures describe(settings::Figures figures) const;
 
-  wire::Settings settings;
+  settings::Settings settings;
   std::uint32_t madeFor;  // triangles that the mesh has room for
   std::shared_ptr<const terrain::Terrain> terrain;
   std::shared_ptr<scheduling::Pool> pool;

@@ -14,17 +14,17 @@ namespace ridgecast::session {
 class IteratingMesh {
  public:
   virtual ~IteratingMesh() = default;
-  virtual wire::Figures iterate(const camera::Camera& camera) = 0;
+  virtual settings::Figures iterate(const camera::Camera& camera) = 0;
   virtual void setInsertionLimit(std::uint32_t most) = 0;
-  virtual void change(const wire::Settings& granted) = 0;  // from the next iteration on
+  virtual void change(const settings::Settings& granted) = 0;  // from the next iteration on
   virtual bool settled() const = 0;
   virtual const std::vector<mesh::LeafState>& leaves() const = 0;
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
-  virtual std::vector<wire::Candidate> candidates(std::uint32_t most) const = 0;
+  virtual std::vector<lattice::Candidate> candidates(std::uint32_t most) const = 0;
 };
 
 using MakeMesh = std::function<std::unique_ptr<IteratingMesh>(std::shared_ptr<const terrain::Terrain> terrain,
-                                                              const wire::Settings& granted, std::shared_ptr<scheduling::Pool> pool)>;
+                                                              const settings::Settings& granted, std::shared_ptr<scheduling::Pool> pool)>;
 
 // Makes pipelines.
 MakeMesh pipelineMeshes();

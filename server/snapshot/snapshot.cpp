@@ -124,11 +124,11 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
     return Problem{Problem::Kind::kTooMuch, "This pose lies outside the world: up to 4e12 m from the origin and 200 km high."};
   pipeline::Limits budget;
   budget.defaultBudget = budget.maxBudget = limits.triangles;
-  wire::Settings asked;
-  asked.metric = wire::Metric::kPixels;
+  settings::Settings asked;
+  asked.metric = settings::Metric::kPixels;
   asked.threshold = of.threshold;
   pipeline::Pipeline pipeline(session.terrain(), pipeline::grant(asked, budget), pool);
-  wire::Figures figures;
+  settings::Figures figures;
   do {
     if (watch.over()) return watch.problem();
     figures = pipeline.iterate(camera);

@@ -148,7 +148,7 @@ constexpr double kFrameBytes = 14;
 
 Flown fly(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Path& path, double seconds, std::uint32_t budget) {
   scheduling::Executor executor(0);
-  wire::Settings asked;
+  settings::Settings asked;
   asked.triangleBudget = budget;
   pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), executor.makePool());
   std::map<lattice::LeafAddress, mesh::LeafMesh> held;

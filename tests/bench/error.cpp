@@ -14,13 +14,13 @@ namespace {
 // Thresholds that give about 50,000 to 400,000 triangles here.
 struct Series {
   const char* name;
-  wire::Metric metric;
+  settings::Metric metric;
   std::vector<double> thresholds;
 };
 const std::vector<Series>& series() {
-  static const std::vector<Series> all = {{"pixels", wire::Metric::kPixels, {1.4, 1.0, 0.7, 0.5}},
-                                          {"area", wire::Metric::kArea, {3.5, 2.4, 1.6, 1.0}},
-                                          {"thesis", wire::Metric::kThesis, {1e-4, 5e-5, 2.5e-5, 1.2e-5, 6e-6}}};
+  static const std::vector<Series> all = {{"pixels", settings::Metric::kPixels, {1.4, 1.0, 0.7, 0.5}},
+                                          {"area", settings::Metric::kArea, {3.5, 2.4, 1.6, 1.0}},
+                                          {"thesis", settings::Metric::kThesis, {1e-4, 5e-5, 2.5e-5, 1.2e-5, 6e-6}}};
   return all;
 }
 
@@ -32,9 +32,9 @@ struct Settled {
   double heightsPerVertex;
 };
 Settled settle(const std::shared_ptr<const terrain::Terrain>& terrain, const camera::Camera& camera,
-               const std::vector<testing_support::Hit>& hits, wire::Metric metric, double threshold) {
+               const std::vector<testing_support::Hit>& hits, settings::Metric metric, double threshold) {
   scheduling::Executor executor(2);
-  wire::Settings asked;
+  settings::Settings asked;
   asked.metric = metric;
   asked.threshold = threshold;
   asked.triangleBudget = 2'000'000;
@@ -92,7 +92,7 @@ Report error(const Options& options) {
   const auto terrain = terrain::create("alpine", 1).value();
   const auto camera = testing_support::straight(*terrain, 0);
   const auto hits = testing_support::castRays(*terrain, camera, options.quick ? 160 : 480);
-  const Settled ours = settle(terrain, camera, hits, wire::Metric::kPixels, 1.0);
+  const Settled ours = settle(terrain, camera, hits, settings::Metric::kPixels, 1.0);
   std::vector<double> near, far;
   for (std::size_t k = 0; k < ours.pixels.size(); ++k) (ours.distance[k] < 1000 ? near : far).push_back(ours.pixels[k]);
   Report report;

@@ -110,7 +110,7 @@ void Line::take(std::span<const std::uint8_t> payload) {
   if (coarseMs == 0) coarseMs = since(opened_) * 1e3;
   ++iterations;
   bytes += payload.size();
-  const wire::Figures& f = it->figures;
+  const settings::Figures& f = it->figures;
   encodeMs += f.encodeMs;
   totalMs += f.selectMs + f.generateMs + f.refineMs + f.triangulateMs + f.encodeMs;
   settled = it->settled;

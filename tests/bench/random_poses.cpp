@@ -124,12 +124,12 @@ Measured measure(const std::shared_ptr<const terrain::Terrain>& terrain, camera:
   Measured m;
   Clock clock;
   scheduling::Executor executor(1);
-  wire::Settings asked;
-  asked.metric = wire::Metric::kPixels;
+  settings::Settings asked;
+  asked.metric = settings::Metric::kPixels;
   asked.threshold = wanted.threshold;
   asked.triangleBudget = 2'000'000;
   pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), executor.makePool(1));
-  wire::Figures figures;
+  settings::Figures figures;
   for (int n = 0; n < 300 && !pipeline.settled(); ++n) figures = pipeline.iterate(camera);
   if (wanted.speed > 0) {
     const double altitude = camera.pose.y - terrain->height({camera.pose.x, camera.pose.z});

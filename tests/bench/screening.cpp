@@ -61,11 +61,11 @@ Report screening(const Options& options) {
     screen.push_back(cpuSeconds() - start);
   }
   // The product's own idle iteration, of as many triangles.
-  wire::Settings asked;
+  settings::Settings asked;
   asked.threshold = options.quick ? 1.0 : 0.4;
   asked.triangleBudget = 2'000'000;
   pipeline::Pipeline idle(terrain, pipeline::grant(asked, {}), pool);
-  wire::Figures last{};
+  settings::Figures last{};
   for (int n = 0; n < 300 && !idle.settled(); ++n) last = idle.iterate(camera);
   const double start = cpuSeconds();
   for (int n = 0; n < 50; ++n) last = idle.iterate(camera);

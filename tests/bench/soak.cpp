@@ -82,7 +82,7 @@ Report soak(const Options& options) {
   constexpr std::uint32_t kBudget = 300'000;
   scheduling::Executor executor(2);
   const auto terrain = terrain::create("alpine", 1).value();
-  wire::Settings asked;
+  settings::Settings asked;
   asked.threshold = 0.5;
   asked.triangleBudget = kBudget;
   pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), executor.makePool(2));

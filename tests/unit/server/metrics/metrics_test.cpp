@@ -65,7 +65,7 @@ TEST(Registry, LosesNothingAmongThreads) {
 
 TEST(Figures, HaveTheirNames) {
   Figures figures;
-  wire::Figures iteration;
+  settings::Figures iteration;
   iteration.refineMs = 20;
   iteration.inserted = 7;
   figures.iterated(iteration);

@@ -33,10 +33,10 @@ camera::Camera cameraAt(const terrain::Terrain& terrain, double x, double z, dou
 }
 
 struct Rig {
-  explicit Rig(unsigned threads, wire::Settings asked = coarse())
+  explicit Rig(unsigned threads, settings::Settings asked = coarse())
       : executor(threads), pool(executor.makePool(8)), terrain(alpine()), pipeline(terrain, grant(asked, {}), pool) {}
-  static wire::Settings coarse() {
-    wire::Settings s;
+  static settings::Settings coarse() {
+    settings::Settings s;
     s.threshold = 4;
     return s;
   }
@@ -91,7 +91,7 @@ TEST(Pipeline, OneTwoAndEightThreadsEndInTheSameHash) {
   const unsigned threads[3] = {1, 2, 8};
   for (int k = 0; k < 3; ++k) {
     Rig rig(threads[k], [] {
-      wire::Settings s;
+      settings::Settings s;
       s.threshold = 2;
       return s;
     }());
@@ -145,7 +145,7 @@ TEST(Pipeline, AFinerThresholdHasMoreTrianglesAndTheBudgetHolds) {
   std::uint32_t last = 0;
   for (double threshold : {8.0, 3.0, 1.0}) {
     Rig rig(2, [&] {
-      wire::Settings s;
+      settings::Settings s;
       s.threshold = threshold;
       return s;
     }());
@@ -154,7 +154,7 @@ TEST(Pipeline, AFinerThresholdHasMoreTrianglesAndTheBudgetHolds) {
     EXPECT_GT(triangles, last);
     last = triangles;
   }
-  wire::Settings tight;
+  settings::Settings tight;
   tight.threshold = 0.3;
   tight.triangleBudget = 30000;
   Rig rig(2, tight);
@@ -170,7 +170,7 @@ TEST(Pipeline, AFinerThresholdHasMoreTrianglesAndTheBudgetHolds) {
 
 // A budget below the grids alone once raised the threshold for ever, and nothing settled.
 TEST(Pipeline, ABudgetBelowTheGridsSettles) {
-  wire::Settings least;
+  settings::Settings least;
   least.triangleBudget = 10'000;
   Rig rig(2, least);
   int n = 0;
@@ -179,8 +179,8 @@ TEST(Pipeline, ABudgetBelowTheGridsSettles) {
 }
 
 TEST(Pipeline, TheThesissMetricRefinesAndSettles) {
-  wire::Settings s;
-  s.metric = wire::Metric::kThesis;
+  settings::Settings s;
+  s.metric = settings::Metric::kThesis;
   s.threshold = 1e-4;
   Rig rig(2, s);
   const auto camera = cameraAt(*rig.terrain, 0, 0, 100);
@@ -198,11 +198,11 @@ TEST(Pipeline, TheThesissMetricRefinesAndSettles) {
 // At rest no candidate in view is left above the threshold: measured against the terrain itself at points of our own choosing, the
 // error in pixels is rarely above it.
 TEST(Pipeline, TheAreaMetricRefinesSettlesAndIsSound) {
-  wire::Settings s;
-  s.metric = wire::Metric::kArea;
+  settings::Settings s;
+  s.metric = settings::Metric::kArea;
   s.threshold = 6;
   Rig rig(2, s);
-  wire::Settings finer = s;
+  settings::Settings finer = s;
   finer.threshold = 3;
   Rig fine(2, finer);
   std::uint32_t triangles = 0, more = 0;
@@ -223,7 +223,7 @@ TEST(Pipeline, TheAreaMetricRefinesSettlesAndIsSound) {
 
 // The same place seen over a ridge and from high above: what the ridge hides has no detail until it comes into sight.
 TEST(Pipeline, HiddenGroundIsLeftAloneUntilItIsSeen) {
-  wire::Settings s;
+  settings::Settings s;
   s.threshold = 2;
   Rig low(2, s), high(2, s);
   const auto settle = [](Rig& r, const camera::Camera& c) {
@@ -243,7 +243,7 @@ TEST(Pipeline, HiddenGroundIsLeftAloneUntilItIsSeen) {
 }
 
 TEST(Pipeline, AtRestTheErrorOnScreenIsWhatWasAskedFor) {
-  wire::Settings s;
+  settings::Settings s;
   s.threshold = 2;
   Rig rig(2, s);
   const auto camera = cameraAt(*rig.terrain, 0, 0, 150);
@@ -287,7 +287,7 @@ TEST(Pipeline, AtRestTheErrorOnScreenIsWhatWasAskedFor) {
 
 // The bench's hour in leaps: straight, circles, hover, turn back, teleport, dive; the budget holds, the mesh is sound, memory stays.
 TEST(Pipeline, AShortSoak) {
-  wire::Settings s;
+  settings::Settings s;
   s.threshold = 2;
   s.triangleBudget = 60'000;
   Rig rig(2, s);
@@ -317,24 +317,24 @@ TEST(Pipeline, GoesOnWithOtherSettingsWhateverTheThreads) {
       EXPECT_TRUE(rig.pipeline.settled());
       return triangles;
     };
-    const auto change = [&](wire::Metric metric, double threshold, std::uint32_t budget) {
+    const auto change = [&](settings::Metric metric, double threshold, std::uint32_t budget) {
       rig.pipeline.change(grant({.metric = metric, .threshold = threshold, .triangleBudget = budget}, {}));
       EXPECT_FALSE(rig.pipeline.settled());
     };
     const std::uint32_t coarse = settle();
-    change(wire::Metric::kPixels, 2, 0);
+    change(settings::Metric::kPixels, 2, 0);
     const std::uint32_t fine = settle();
     EXPECT_GT(fine, coarse * 5 / 4);  // the grids of the leaves are most of either
     rig.expectSound("finer");
-    change(wire::Metric::kPixels, 8, 0);
+    change(settings::Metric::kPixels, 8, 0);
     EXPECT_LT(settle(), fine * 4 / 5);
     rig.expectSound("coarser");
-    change(wire::Metric::kPixels, 0.5, 20'000);
+    change(settings::Metric::kPixels, 0.5, 20'000);
     EXPECT_LE(settle(), 20'400u);
     rig.expectSound("with a small budget");
     std::uint64_t newest = 0;
     for (const mesh::LeafState& leaf : rig.pipeline.leaves()) newest = std::max(newest, leaf.version);
-    change(wire::Metric::kArea, 8, 0);
+    change(settings::Metric::kArea, 8, 0);
     settle();
     rig.expectSound("by another metric");
     for (const mesh::LeafState& leaf : rig.pipeline.leaves()) EXPECT_GT(leaf.version, newest);
@@ -362,14 +362,14 @@ std::optional<double> heightOf(const std::vector<mesh::LeafMesh>& meshes, const 
 }
 
 TEST(Pipeline, CandidatesAreTheTrueTerrainsAndSayHowFarTheMeshIsFromIt) {
-  for (const wire::Metric metric : {wire::Metric::kPixels, wire::Metric::kArea, wire::Metric::kThesis}) {
-    std::vector<std::vector<wire::Candidate>> lists;
+  for (const settings::Metric metric : {settings::Metric::kPixels, settings::Metric::kArea, settings::Metric::kThesis}) {
+    std::vector<std::vector<lattice::Candidate>> lists;
     for (const unsigned threads : {1u, 2u, 8u}) {
-      Rig rig(threads, {.metric = metric, .threshold = metric == wire::Metric::kThesis ? 1e-3 : 4, .triangleBudget = 40'000});
+      Rig rig(threads, {.metric = metric, .threshold = metric == settings::Metric::kThesis ? 1e-3 : 4, .triangleBudget = 40'000});
       EXPECT_TRUE(rig.pipeline.candidates(100).empty()) << "before there is a mesh";
       const camera::Camera camera = cameraAt(*rig.terrain, -1e12 + 1400, 3600, 200);
       for (int k = 0; k < 4; ++k) rig.pipeline.iterate(camera);
-      const auto list = rig.pipeline.candidates(wire::kMaxCandidates);
+      const auto list = rig.pipeline.candidates(settings::kMaxCandidates);
       ASSERT_GT(list.size(), 300u);
       for (std::size_t k = 1; k < list.size(); ++k) ASSERT_GE(list[k - 1].pixels, list[k].pixels);
       auto few = rig.pipeline.candidates(100);

@@ -28,9 +28,9 @@ camera::Camera standing(const terrain::Terrain& terrain, double x, double z, dou
 struct Rig {
   explicit Rig(std::shared_ptr<const terrain::Terrain> ground, double threshold = 1)
       : terrain(std::move(ground)), pipeline(terrain, granted(threshold), pool) {}
-  static wire::Settings granted(double threshold) {
-    wire::Settings asked;
-    asked.metric = wire::Metric::kPixels;
+  static settings::Settings granted(double threshold) {
+    settings::Settings asked;
+    asked.metric = settings::Metric::kPixels;
     asked.threshold = threshold;
     asked.triangleBudget = 2'000'000;
     return grant(asked, {});
@@ -134,14 +134,14 @@ TEST(Settled, ManyLongJumpsLeaveRefinementAsItWas) {
 
 // A budget far too small for the picture: the mesh comes to rest, and does not claim an error that it does not keep.
 TEST(Settled, TellsTheErrorThatABudgetLeaves) {
-  wire::Settings asked;
-  asked.metric = wire::Metric::kPixels;
+  settings::Settings asked;
+  asked.metric = settings::Metric::kPixels;
   asked.threshold = 0.5;
   asked.triangleBudget = 20'000;
   Rig rig(built("canyon"));
   rig.pipeline.change(grant(asked, {}));
   const auto camera = standing(*rig.terrain, 1000, 0, 200, 0, -20);
-  wire::Figures figures;
+  settings::Figures figures;
   for (int n = 0; n < 400 && !rig.pipeline.settled(); ++n) figures = rig.pipeline.iterate(camera);
   ASSERT_TRUE(rig.pipeline.settled());
   EXPECT_LE(figures.triangles, 20'000u);
