@@ -215,11 +215,9 @@ Outcome<Path> readPath(const std::filesystem::path& file) {
 
 Pose poseAt(const Path& path, double t, const GroundHeight& ground) {
   const std::vector<Keyframe>& keys = path.keyframes;
-  Pose pose;
-  if (!(t > keys.front().t) || keys.size() == 1 || t >= keys.back().t) {
-    const Keyframe& key = keys.size() > 1 && t >= keys.back().t ? keys.back() : keys.front();
-    pose = {.x = key.x, .z = key.z, .remainderX = 0, .remainderZ = 0, .y = absoluteHeight(ground, key), .yaw = key.yaw, .pitch = key.pitch};
-    return pose;
+  if (!(t > keys.front().t) || t >= keys.back().t) {
+    const Keyframe& key = t >= keys.back().t ? keys.back() : keys.front();
+    return {.x = key.x, .z = key.z, .remainderX = 0, .remainderZ = 0, .y = absoluteHeight(ground, key), .yaw = key.yaw, .pitch = key.pitch};
   }
   const auto later = std::upper_bound(keys.begin(), keys.end(), t, [](double time, const Keyframe& k) { return time < k.t; });
   const std::size_t to = static_cast<std::size_t>(later - keys.begin()), from = to - 1;
@@ -234,12 +232,9 @@ Pose poseAt(const Path& path, double t, const GroundHeight& ground) {
     x.t[k] = z.t[k] = y.t[k] = key.t;
     x.v[k] = static_cast<double>(key.x - a.x);
     z.v[k] = static_cast<double>(key.z - a.z);
-    if (aboveGround == key.aboveGround) {
-      y.v[k] = key.height;
-    } else {
-      y.v[k] = aboveGround ? key.height - groundAt(ground, key) : absoluteHeight(ground, key);
-    }
+    y.v[k] = aboveGround && !key.aboveGround ? key.height - groundAt(ground, key) : aboveGround ? key.height : absoluteHeight(ground, key);
   }
+  Pose pose;
   moveBy(a.x, x.at(t), pose.x, pose.remainderX);
   moveBy(a.z, z.at(t), pose.z, pose.remainderZ);
   pose.y = y.limitedAt(t) + (aboveGround ? ground(lattice::Point{pose.x, pose.z}) : 0);

@@ -110,14 +110,6 @@ struct Store {
   std::vector<unsigned char> bytes;
   int view = -1;
   std::size_t stride = 0;  // 0: indices
-  template <class T>
-  std::size_t add(const T* values, std::size_t count) {
-    const std::size_t at = bytes.size();
-    const auto* first = reinterpret_cast<const unsigned char*>(values);
-    bytes.insert(bytes.end(), first, first + count * sizeof(T));
-    bytes.resize((bytes.size() + 3) / 4 * 4);
-    return at;
-  }
 };
 
 class Writer {
@@ -209,13 +201,6 @@ class Writer {
     compressed_.insert(compressed_.end(), draco->bytes.begin(), draco->bytes.end());
     compressed_.resize((compressed_.size() + 3) / 4 * 4);
     model_.bufferViews.push_back(std::move(view));
-    const auto described = [&](int type, int component, std::size_t count) {
-      tinygltf::Accessor accessor;
-      accessor.type = type;
-      accessor.componentType = component;
-      accessor.count = count;
-      return accessor;
-    };
     tinygltf::Accessor positions = described(TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT, draco->points);
     bound(*leaf.mesh, positions);
     tinygltf::Value::Object ids;
@@ -251,48 +236,50 @@ class Writer {
   }
 
   void addPlain(const Leaf& leaf, tinygltf::Primitive& primitive) {
-    std::vector<float> positions;
-    positions.reserve(leaf.mesh->vertices.size() * 3);
+    std::vector<std::array<float, 3>> positions;
     for (const mesh::LocalVertex& v : leaf.mesh->vertices)
-      for (const std::int32_t steps : {v.x, v.y, v.z}) positions.push_back(static_cast<float>(metres(steps)));
-    tinygltf::Accessor accessor = stored(kPositions, stores_[kPositions].add(positions.data(), positions.size()), TINYGLTF_TYPE_VEC3,
-                                         TINYGLTF_COMPONENT_TYPE_FLOAT, leaf.mesh->vertices.size());
+      positions.push_back({static_cast<float>(metres(v.x)), static_cast<float>(metres(v.y)), static_cast<float>(metres(v.z))});
+    tinygltf::Accessor accessor = stored(kPositions, positions, TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT);
     bound(*leaf.mesh, accessor);
     primitive.attributes["POSITION"] = addAccessor(std::move(accessor));
     if (!leaf.normals.empty())
-      primitive.attributes["NORMAL"] = addAccessor(stored(kNormals, stores_[kNormals].add(leaf.normals.data(), leaf.normals.size()),
-                                                          TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT, leaf.normals.size()));
+      primitive.attributes["NORMAL"] = addAccessor(stored(kNormals, leaf.normals, TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT));
     if (!leaf.colours.empty()) {
       std::vector<std::array<std::uint16_t, 4>> padded;
-      padded.reserve(leaf.colours.size());
       for (const auto& c : leaf.colours) padded.push_back({c[0], c[1], c[2], 0});
-      tinygltf::Accessor colours = stored(kColours, stores_[kColours].add(padded.data(), padded.size()), TINYGLTF_TYPE_VEC3,
-                                          TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, padded.size());
+      tinygltf::Accessor colours = stored(kColours, padded, TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT);
       colours.normalized = true;
       primitive.attributes["COLOR_0"] = addAccessor(std::move(colours));
     }
-    const std::size_t count = leaf.mesh->triangles.size() * 3;
-    if (indexType(leaf.mesh->vertices.size()) == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT) {
-      std::vector<std::uint16_t> indices;
-      indices.reserve(count);
+    const int type = indexType(leaf.mesh->vertices.size());
+    std::vector<std::array<std::uint16_t, 3>> narrow;
+    if (type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT)
       for (const mesh::Triangle& t : leaf.mesh->triangles)
-        for (const std::uint32_t index : t) indices.push_back(static_cast<std::uint16_t>(index));
-      primitive.indices = addAccessor(
-          stored(kShort, stores_[kShort].add(indices.data(), count), TINYGLTF_TYPE_SCALAR, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, count));
-    } else {
-      primitive.indices = addAccessor(stored(kLong, stores_[kLong].add(leaf.mesh->triangles.data(), leaf.mesh->triangles.size()),
-                                             TINYGLTF_TYPE_SCALAR, TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, count));
-    }
+        narrow.push_back({static_cast<std::uint16_t>(t[0]), static_cast<std::uint16_t>(t[1]), static_cast<std::uint16_t>(t[2])});
+    tinygltf::Accessor indices = narrow.empty() ? stored(kLong, leaf.mesh->triangles, TINYGLTF_TYPE_SCALAR, type)
+                                                : stored(kShort, narrow, TINYGLTF_TYPE_SCALAR, type);
+    indices.count *= 3;
+    primitive.indices = addAccessor(std::move(indices));
   }
 
-  // The buffer view is known only when everything is stored. Until then the accessor names -2 - store.
-  tinygltf::Accessor stored(int store, std::size_t at, int type, int component, std::size_t count) {
+  static tinygltf::Accessor described(int type, int component, std::size_t count) {
     tinygltf::Accessor accessor;
-    accessor.bufferView = -2 - store;
-    accessor.byteOffset = at;
     accessor.type = type;
     accessor.componentType = component;
     accessor.count = count;
+    return accessor;
+  }
+
+  // The buffer view is known only when everything is stored. Until then the accessor names -2 - store.
+  template <class T>
+  tinygltf::Accessor stored(int store, const std::vector<T>& values, int type, int component) {
+    tinygltf::Accessor accessor = described(type, component, values.size());
+    std::vector<unsigned char>& bytes = stores_[static_cast<std::size_t>(store)].bytes;
+    accessor.bufferView = -2 - store;
+    accessor.byteOffset = bytes.size();
+    const auto* first = reinterpret_cast<const unsigned char*>(values.data());
+    bytes.insert(bytes.end(), first, first + values.size() * sizeof(T));
+    bytes.resize((bytes.size() + 3) / 4 * 4);
     return accessor;
   }
 

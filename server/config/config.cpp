@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 #include <map>
+#include <type_traits>
 
 #include "common/version/version.h"
 #include "common/wire/wire.h"
@@ -45,21 +46,27 @@ struct Written {
   std::string logFormat = "text", logLevel = "info";
 };
 
+void addList(CLI::App& app, const char* flag, std::vector<std::string>& values, const char* type, const char* text) {
+  app.add_option(flag, values, text)->type_name(type)->allow_extra_args(false);
+}
+
+template <class Number>
+void addNumber(CLI::App& app, const char* flag, Number& value, const char* text, std::type_identity_t<Number> least,
+               std::type_identity_t<Number> most) {
+  app.add_option(flag, value, text)->check(CLI::Range(least, most))->capture_default_str();
+}
+
 void addTerrain(CLI::App& app, Written& w) {
   Config& c = w.config;
   app.add_option("--terrain", c.terrain.terrain,
                  "Terrain of the default session: a name, a terrain file NAME.glsl, or a height map NAME.tif, .png, .r16 or .raw")
       ->capture_default_str();
   app.add_option("--seed", c.terrain.seed, "Seed of that terrain")->capture_default_str();
-  app.add_option("--param", w.parameters, "Set a parameter of the terrain, NAME=NUMBER; repeatable")
-      ->type_name("NAME=NUMBER")
-      ->allow_extra_args(false);
-  app.add_option("--raster", w.raster,
-                 "How to read a height map, NAME=VALUE; repeatable: pitch=METRES, scale=NUMBER, offset=METRES, "
-                 "edge=clamp|mirror|repeat|METRES, nodata=METRES, place=centre|geo; raw files: size=COLUMNSxROWS, order=little|big, "
-                 "type=unsigned|signed")
-      ->type_name("NAME=VALUE")
-      ->allow_extra_args(false);
+  addList(app, "--param", w.parameters, "NAME=NUMBER", "Set a parameter of the terrain, NAME=NUMBER; repeatable");
+  addList(app, "--raster", w.raster, "NAME=VALUE",
+          "How to read a height map, NAME=VALUE; repeatable: pitch=METRES, scale=NUMBER, offset=METRES, "
+          "edge=clamp|mirror|repeat|METRES, nodata=METRES, place=centre|geo; raw files: size=COLUMNSxROWS, order=little|big, "
+          "type=unsigned|signed");
   app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl, each available as NAME")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");
   app.add_flag("--private-terrain", w.isPrivate,
@@ -73,7 +80,7 @@ void addListening(CLI::App& app, Written& w) {
   app.add_option("--port-file", c.portFile, "Write the port to this file once the server listens")->type_name("FILE");
   app.add_option("--web-dir", c.webFolder, "Folder of the browser viewer; default: the one installed or built with this program")
       ->type_name("DIR");
-  app.add_option("--threads", c.threads, "Threads for meshes; 0: one for each core")->check(CLI::Range(0u, 1024u))->capture_default_str();
+  addNumber(app, "--threads", c.threads, "Threads for meshes; 0: one for each core", 0, 1024);
 }
 
 void addAccess(CLI::App& app, Written& w) {
@@ -84,53 +91,43 @@ void addAccess(CLI::App& app, Written& w) {
       ->type_name("FILE");
   app.add_option("--jwt-secret-file", n.jwtSecretFile, "Secret of JSON Web Tokens (HS256), at least 32 bytes; SIGHUP reloads it")
       ->type_name("FILE");
-  app.add_option("--allow-origin", n.allowedOrigins, "Another origin whose pages may connect, such as https://example.org; *: any")
-      ->type_name("ORIGIN")
-      ->allow_extra_args(false);
-  app.add_option("--allowed-host", w.allowedHosts,
-                 "Another host name to answer to without tokens, besides its addresses and localhost; *: any")
-      ->type_name("NAME")
-      ->allow_extra_args(false);
-  app.add_option("--trusted-proxy", w.trustedProxies, "Networks whose X-Forwarded-For is trusted, such as 10.0.0.0/8")
-      ->type_name("CIDR")
-      ->allow_extra_args(false);
+  addList(app, "--allow-origin", n.allowedOrigins, "ORIGIN", "Another origin whose pages may connect, such as https://example.org; *: any");
+  addList(app, "--allowed-host", w.allowedHosts, "NAME",
+          "Another host name to answer to without tokens, besides its addresses and localhost; *: any");
+  addList(app, "--trusted-proxy", w.trustedProxies, "CIDR", "Networks whose X-Forwarded-For is trusted, such as 10.0.0.0/8");
   app.add_flag("--allow-insecure", n.allowInsecure, "Permit addresses other than loopback without TLS or without tokens");
 }
 
 void addLimits(CLI::App& app, Written& w) {
   Config& c = w.config;
-  const auto number = [&](const char* flag, auto& value, const char* text, auto least, auto most) {
-    app.add_option(flag, value, text)->check(CLI::Range(least, most))->capture_default_str();
-  };
-  number("--max-cameras", c.limits.maxCameras, "Cameras at a time, in all sessions", 1u, 65535u);
-  number("--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1u, 65535u);
-  number("--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any", 1u, 65535u);
-  number("--session-idle", w.sessionIdle, "Seconds after which a session without members ends; the default session never ends", 1ll,
-         31'536'000ll);
-  number("--max-connections", c.net.maxConnections, "Connections at a time", 1u, 65535u);
-  number("--max-connections-per-address", c.net.maxConnectionsPerAddress, "Connections at a time from one client address; 0: unlimited", 0u,
-         65535u);
-  number("--max-header-bytes", c.net.maxHeaderBytes, "Longest header of an HTTP request", 1024u, 65536u);
-  number("--max-message-bytes", c.net.maxMessageBytes, "Longest message of a client", std::size_t{1024}, wire::kMaxClientMessageBytes);
+  addNumber(app, "--max-cameras", c.limits.maxCameras, "Cameras at a time, in all sessions", 1, 65535);
+  addNumber(app, "--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1, 65535);
+  addNumber(app, "--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any", 1,
+            65535);
+  addNumber(app, "--session-idle", w.sessionIdle, "Seconds after which a session without members ends; the default session never ends", 1,
+            31'536'000);
+  addNumber(app, "--max-connections", c.net.maxConnections, "Connections at a time", 1, 65535);
+  addNumber(app, "--max-connections-per-address", c.net.maxConnectionsPerAddress,
+            "Connections at a time from one client address; 0: unlimited", 0, 65535);
+  addNumber(app, "--max-header-bytes", c.net.maxHeaderBytes, "Longest header of an HTTP request", 1024, 65536);
+  addNumber(app, "--max-message-bytes", c.net.maxMessageBytes, "Longest message of a client", 1024, wire::kMaxClientMessageBytes);
   app.add_option("--max-messages-per-second", c.net.maxMessagesPerSecond,
                  "Messages of one client on average, bursts of twice as many; 0: unlimited")
       ->capture_default_str();
-  number("--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted", 10'000u, 50'000'000u);
-  number("--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles", 10'000u, 20'000'000u);
-  number("--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1.0, 600.0);
-  number("--snapshot-niceness", c.snapshots.lowerPriorityBy,
-         "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only", 0, scheduling::kIdle);
-  number("--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1u, wire::kMaxWindow);
+  addNumber(app, "--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted", 10'000, 50'000'000);
+  addNumber(app, "--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles", 10'000, 20'000'000);
+  addNumber(app, "--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1, 600);
+  addNumber(app, "--snapshot-niceness", c.snapshots.lowerPriorityBy,
+            "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only", 0, scheduling::kIdle);
+  addNumber(app, "--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1, wire::kMaxWindow);
   app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();
-  number("--patience", w.timeout, "Timeout in seconds of each of: TLS handshake, request, hello", 1ll, 600ll);
-  number("--idle", w.idle, "Seconds of silence after which a stream is closed; a ping is sent after half of them", 2ll, 86400ll);
+  addNumber(app, "--patience", w.timeout, "Timeout in seconds of each of: TLS handshake, request, hello", 1, 600);
+  addNumber(app, "--idle", w.idle, "Seconds of silence after which a stream is closed; a ping is sent after half of them", 2, 86400);
 }
 
 void addOperation(CLI::App& app, Written& w) {
-  app.add_option("--drain", w.drain, "Seconds to wait for clients to leave after SIGTERM")
-      ->check(CLI::Range(0ll, 3600ll))
-      ->capture_default_str();
+  addNumber(app, "--drain", w.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
   app.add_option("--reconnect-url", w.config.net.reconnectUrl,
                  "URL for clients to reconnect to when this server leaves; default: the same address")
       ->type_name("URL");

@@ -74,7 +74,7 @@ bool Gate::originMayAsk(std::string_view origin, std::string_view host) const {
 }
 
 std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {
-  const std::string_view path = request.target.substr(0, std::min(request.target.find('?'), request.target.size()));
+  const std::string_view path = request.path();
   const Needed need = needed(request.method, path);
   if (!asksForTokens() && path != "/healthz" && path != "/readyz" &&
       !access::mayBeAsked(request.host, settings_.host, settings_.allowedHosts))
@@ -110,11 +110,11 @@ std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {
     if (!grant->reaches(*session)) return forbidden("The token is for another session.");
     return std::move(*grant);
   }
-  const std::string_view query = request.target.substr(std::min(path.size() + 1, request.target.size()));
-  const auto session = queryParameter(query, "session");
-  if (session && !grant->reaches(session->empty() ? session::kDefaultName : std::string_view(*session)))
-    return forbidden("The token is for another session.");
-  if (!session && !grant->session.empty()) return forbidden("The token is for another session.");
+  const auto session = queryParameter(request.query(), "session");
+  const bool reaches = !session           ? grant->session.empty()
+                       : session->empty() ? grant->reaches(session::kDefaultName)
+                                          : grant->reaches(*session);
+  if (!reaches) return forbidden("The token is for another session.");
   return std::move(*grant);
 }
 

@@ -32,14 +32,9 @@ Answer answerOf(const File& file, const Request& request) {
 Route pageRoute(std::shared_ptr<const Site> site) {
   return [site = std::move(site)](const Request& request) -> std::optional<Answer> {
     if (request.upgrade) return {};
-    const File* file = site->find(request.target.substr(0, std::min(request.target.find('?'), request.target.size())));
+    const File* file = site->find(request.path());
     if (!file) return {};
-    if (request.method == "GET" || request.method == "HEAD") return answerOf(*file, request);
-    Answer a;
-    a.status = 405;
-    a.body = "Only GET and HEAD are possible here.\n";
-    a.headers = {{"Allow", "GET, HEAD"}};
-    return a;
+    return request.reads() ? answerOf(*file, request) : wrongMethod();
   };
 }
 

@@ -35,20 +35,6 @@ bool parseNumbers(std::string_view text, std::span<double> numbers) {
 bool inLattice(double metres) { return std::abs(metres) <= kFarthest; }
 lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre + 0.5)); }
 
-// The values of all parameters of this name.
-Outcome<std::vector<std::string>> all(std::string_view query, std::string_view name) {
-  std::vector<std::string> out;
-  while (!query.empty()) {
-    const std::string_view part = query.substr(0, query.find('&'));
-    query.remove_prefix(std::min(part.size() + 1, query.size()));
-    if (part.substr(0, part.find('=')) != name) continue;
-    auto value = queryParameter(part, name);
-    if (!value) return value.error();
-    out.push_back(std::move(*value));
-  }
-  return out;
-}
-
 std::string number(double value) {
   char text[40];
   std::snprintf(text, sizeof text, "%.17g", value);
@@ -62,7 +48,7 @@ std::string number(float value) {
 
 Outcome<wire::Query> readPlaces(std::string_view query, bool normals) {
   wire::Query out;
-  const auto places = all(query, "at");
+  const auto places = queryParameters(query, "at");
   if (!places) return places.error();
   if (places->empty() || places->size() > kMaxHttpPlaces)
     return Error{"Name 1 to " + std::to_string(kMaxHttpPlaces) + " places as at=X,Z, in metres."};
@@ -88,7 +74,7 @@ Outcome<wire::Query> readPlaces(std::string_view query, bool normals) {
 Outcome<wire::Query> readRays(std::string_view query) {
   wire::Query out;
   out.kind = wire::QueryKind::kRays;
-  const auto rays = all(query, "ray");
+  const auto rays = queryParameters(query, "ray");
   if (!rays) return rays.error();
   if (rays->empty() || rays->size() > kMaxHttpRays)
     return Error{"Name 1 to " + std::to_string(kMaxHttpRays) +
@@ -144,15 +130,10 @@ std::string json(const wire::Query& query, const wire::Answer& answer) {
 }
 
 std::optional<Answer> respond(const Request& request, const session::Directory& directory) {
-  const std::string_view path = request.target.substr(0, request.target.find('?'));
-  const std::string_view query = request.target.substr(std::min(path.size() + 1, request.target.size()));
+  const std::string_view path = request.path(), query = request.query();
   const bool heights = path == "/v1/heights", normals = path == "/v1/normals", rays = path == "/v1/rays";
   if (!heights && !normals && !rays) return std::nullopt;
-  if (request.method != "GET" && request.method != "HEAD") {
-    auto a = plain(405, "Only GET and HEAD are allowed here.");
-    a.headers = {{"Allow", "GET, HEAD"}};
-    return a;
-  }
+  if (!request.reads()) return wrongMethod();
   const auto name = queryParameter(query, "session");
   if (!name) return plain(400, name.error().message);
   const auto session = directory.find(name->empty() ? session::kDefaultName : std::string_view(*name));

@@ -1,6 +1,7 @@
 #include "server/http/routes.h"
 
 #include <algorithm>
+#include <charconv>
 
 #include "common/version/version.h"
 #include "common/wire/wire.h"
@@ -21,14 +22,13 @@ Answer refused(unsigned status, metrics::Refusal why, std::string sentence) {
   return a;
 }
 
-namespace {
-
-int hexDigit(char c) {
-  if (c >= '0' && c <= '9') return c - '0';
-  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-  return -1;
+Answer wrongMethod(const std::string& allowed) {
+  Answer a = refused(405, metrics::Refusal::kRequest, "Methods allowed here: " + allowed + ".");
+  a.headers = {{"Allow", allowed}};
+  return a;
 }
+
+namespace {
 
 // Whether the text needs no escaping in HTML and JSON. Nothing else is shown there.
 bool hostIsHarmless(std::string_view host) {
@@ -40,24 +40,7 @@ bool hostIsHarmless(std::string_view host) {
 
 std::string escaped(std::string_view text) {
   std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  }
+  for (const char c : text) out += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '>' ? "&gt;" : c == '"' ? "&quot;" : std::string(1, c);
   return out;
 }
 
@@ -108,29 +91,35 @@ std::string page(const Request& request, const session::Directory& directory, st
 
 }  // namespace
 
-Outcome<std::string> queryParameter(std::string_view query, std::string_view name) {
+Outcome<std::vector<std::string>> queryParameters(std::string_view query, std::string_view name) {
+  std::vector<std::string> values;
   while (!query.empty()) {
-    const auto end = std::min(query.find('&'), query.size());
-    const std::string_view part = query.substr(0, end);
-    query.remove_prefix(std::min(end + 1, query.size()));
+    const std::string_view part = query.substr(0, query.find('&'));
+    query.remove_prefix(std::min(part.size() + 1, query.size()));
     const auto equals = std::min(part.find('='), part.size());
     if (part.substr(0, equals) != name) continue;
     const std::string_view raw = part.substr(std::min(equals + 1, part.size()));
-    std::string value;
+    std::string& value = values.emplace_back();
     for (std::size_t k = 0; k < raw.size(); ++k) {
       if (raw[k] != '%') {
         value += raw[k];
         continue;
       }
-      const int high = k + 1 < raw.size() ? hexDigit(raw[k + 1]) : -1;
-      const int low = k + 2 < raw.size() ? hexDigit(raw[k + 2]) : -1;
-      if (high < 0 || low < 0) return Error{"The query has a % without two hexadecimal digits after it."};
-      value += static_cast<char>(high * 16 + low);
+      unsigned char byte = 0;
+      const char *digits = raw.data() + k + 1, *end = raw.data() + std::min(k + 3, raw.size());
+      if (end - digits < 2 || std::from_chars(digits, end, byte, 16).ptr != end)
+        return Error{"The query has a % without two hexadecimal digits after it."};
+      value += static_cast<char>(byte);
       k += 2;
     }
-    return Outcome<std::string>(boost::system::in_place_value, std::move(value));
   }
-  return Outcome<std::string>(boost::system::in_place_value);
+  return values;
+}
+
+Outcome<std::string> queryParameter(std::string_view query, std::string_view name) {
+  auto values = queryParameters(query, name);
+  if (!values) return values.error();
+  return Outcome<std::string>(boost::system::in_place_value, values->empty() ? std::string() : std::move(values->front()));
 }
 
 bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
@@ -151,19 +140,14 @@ bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
 Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
   for (const Route& route : routes)
     if (auto a = route(request)) return std::move(*a);
-  const auto split = std::min(request.target.find('?'), request.target.size());
-  const std::string_view path = request.target.substr(0, split);
-  const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
+  const std::string_view path = request.path();
   const bool known =
       path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream" || path == "/v1/sessions";
   if (!known) return refused(404, metrics::Refusal::kRequest, "There is nothing here; see / for what this server offers.");
   const bool isStream = path == "/v1/stream";
-  if (request.method != "GET" && (isStream || request.method != "HEAD")) {
-    Answer a = refused(405, metrics::Refusal::kRequest, isStream ? "Only GET is allowed here." : "Only GET and HEAD are allowed here.");
-    a.headers = {{"Allow", isStream ? "GET" : "GET, HEAD"}};
-    return a;
-  }
-  if (isStream) return streamAnswer(request, query, directory);
+  if (isStream && request.method != "GET") return wrongMethod("GET");
+  if (!request.reads()) return wrongMethod();
+  if (isStream) return streamAnswer(request, directory);
   if (path == "/v1/sessions") return sessionsAnswer(directory);
   Answer a;
   if (path == "/healthz") {

@@ -10,6 +10,7 @@
 //   GET /v1/sessions                the sessions, their worlds, members and clocks, as JSON
 // HEAD is answered wherever GET is. Everything else is refused in one sentence.
 
+#include <algorithm>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -35,6 +36,10 @@ struct Request {  // the views live while the request is answered, not in later 
   std::string_view acceptEncoding;
   std::string_view origin, authorization, subprotocols;  // headers; untrusted, checked by the gate before a route sees them
   access::Rights rights = access::Rights::all();         // of the client
+
+  std::string_view path() const { return target.substr(0, target.find('?')); }
+  std::string_view query() const { return target.substr(std::min(path().size() + 1, target.size())); }
+  bool reads() const { return method == "GET" || method == "HEAD"; }
 };
 
 struct Later;
@@ -54,6 +59,8 @@ struct Answer {
 Answer plain(unsigned status, std::string sentence);
 // The same for a refusal, counted in the metrics under `why`.
 Answer refused(unsigned status, metrics::Refusal why, std::string sentence);
+// Of a method that a path does not have.
+Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 
 // Work that makes the answer on its own thread (jobs.h). `stop` is requested when the client leaves or the server shuts down: return soon;
 // the result is not read. `patient` work may take seconds and yields to everything else. Making a world also takes seconds, but must not
@@ -72,7 +79,9 @@ using Route = std::function<std::optional<Answer>(const Request& request)>;
 // `routes` are tried first, in order.
 Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
 
-// The value of a query parameter, percent-decoded; empty if absent. Error: an invalid escape.
+// The values of a query parameter, percent-decoded. Error: an invalid escape.
+Outcome<std::vector<std::string>> queryParameters(std::string_view query, std::string_view name);
+// The first; empty if absent.
 Outcome<std::string> queryParameter(std::string_view query, std::string_view name);
 
 // Whether an If-None-Match header names this etag.

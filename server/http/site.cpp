@@ -2,13 +2,14 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <system_error>
 #include <utility>
+
+#include "server/access/host.h"
 
 namespace ridgecast::http {
 namespace {
@@ -63,15 +64,10 @@ std::string_view next(std::string_view& rest, char separator) {
   return part;
 }
 
-bool equalIgnoringCase(std::string_view a, std::string_view b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [](unsigned char p, unsigned char q) { return std::tolower(p) == std::tolower(q); });
-}
-
 bool accepts(std::string_view header, std::string_view coding) {
   while (!header.empty()) {
     std::string_view part = next(header, ',');
-    if (!equalIgnoringCase(next(part, ';'), coding)) continue;
+    if (!access::sameIgnoringCase(next(part, ';'), coding)) continue;
     while (!part.empty()) {
       const std::string_view parameter = next(part, ';');
       if (parameter.size() >= 2 && (parameter[0] == 'q' || parameter[0] == 'Q') && parameter[1] == '=')

@@ -101,9 +101,7 @@ Answer taken(const std::shared_ptr<Snapshots>& snapshots, std::shared_ptr<sessio
 
 Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_ptr<Snapshots> snapshots) {
   return [directory = std::move(directory), snapshots = std::move(snapshots)](const Request& request) -> std::optional<Answer> {
-    const auto split = std::min(request.target.find('?'), request.target.size());
-    std::string_view path = request.target.substr(0, split);
-    const std::string_view query = request.target.substr(std::min(split + 1, request.target.size()));
+    std::string_view path = request.path();
     if (!path.starts_with(kPrefix)) return std::nullopt;
     path.remove_prefix(kPrefix.size());
     const auto slash = path.find('/');
@@ -113,9 +111,9 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     const bool metadataOnly = file == "snapshot.json";
 
     if (request.method == "OPTIONS") return preflight();
-    if (request.method != "GET" && request.method != "HEAD") {
-      Answer a = refusal(405, "Only GET and HEAD are possible here.");
-      a.headers.emplace_back("Allow", "GET, HEAD, OPTIONS");
+    if (!request.reads()) {
+      Answer a = wrongMethod("GET, HEAD, OPTIONS");
+      open(a);
       return a;
     }
     if (!wire::sessionNameIsValid(std::string(name)))
@@ -123,7 +121,7 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
           400, "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
     auto session = directory->find(name);
     if (!session) return refusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
-    auto question = snapshot::parse(query, snapshots->limits());
+    auto question = snapshot::parse(request.query(), snapshots->limits());
     if (!question) return refusal(400, question.error().message);
 
     return taken(snapshots, std::move(session), std::move(*question), metadataOnly);

@@ -59,16 +59,13 @@ Outcome<Wish> readWish(std::string_view query) {
   const auto seed = queryParameter(query, "seed");
   if (!seed) return seed.error();
   if (!seed->empty() && !parse(*seed, wish.seed.emplace())) return Error{"A seed is a whole number from 0 to 4294967295."};
-  while (!query.empty()) {
-    const std::string_view part = query.substr(0, query.find('&'));
-    query.remove_prefix(std::min(part.size() + 1, query.size()));
-    if (!part.starts_with("param=")) continue;
-    const auto assignment = queryParameter(part, "param");
-    if (!assignment) return assignment.error();
-    const auto equals = assignment->find('=');
+  const auto assignments = queryParameters(query, "param");
+  if (!assignments) return assignments.error();
+  for (const std::string& assignment : *assignments) {
+    const auto equals = assignment.find('=');
     double value = 0;
-    const std::string name = assignment->substr(0, equals);
-    if (equals == std::string::npos || !nameIsHarmless(name) || !parse(std::string_view(*assignment).substr(equals + 1), value) ||
+    const std::string name = assignment.substr(0, equals);
+    if (equals == std::string::npos || !nameIsHarmless(name) || !parse(std::string_view(assignment).substr(equals + 1), value) ||
         !std::isfinite(value))
       return Error{"A parameter is given as param=NAME=NUMBER."};
     if (wish.parameters.size() >= kMaxParameters) return Error{"A world has at most " + std::to_string(kMaxParameters) + " parameters."};
@@ -136,15 +133,15 @@ std::string number(double value) {
 
 }  // namespace
 
-Answer streamAnswer(const Request& request, std::string_view query, session::Directory& directory) {
-  const auto name = queryParameter(query, "session");
+Answer streamAnswer(const Request& request, session::Directory& directory) {
+  const auto name = queryParameter(request.query(), "session");
   if (!name) return refused(400, metrics::Refusal::kSession, name.error().message);
   const std::string wanted = name->empty() ? std::string(session::kDefaultName) : *name;
   if (!wire::sessionNameIsValid(wanted))
     return refused(
         400, metrics::Refusal::kSession,
         "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
-  const auto wish = readWish(query);
+  const auto wish = readWish(request.query());
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (!request.upgrade || request.webSocketVersion != "13") {
     Answer a = plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.");

@@ -1,15 +1,13 @@
 #pragma once
 // Sessions over HTTP: /v1/stream joins or creates one, /v1/sessions lists them.
 
-#include <string_view>
-
 #include "server/http/routes.h"
 
 namespace ridgecast::http {
 
 // The answer to the upgrade request: 101 with the session, or a refusal. A world that takes long to make is made by work (Answer::later),
 // whose answer is then the upgrade. `directory` must outlive that work.
-Answer streamAnswer(const Request& request, std::string_view query, session::Directory& directory);
+Answer streamAnswer(const Request& request, session::Directory& directory);
 
 // {"sessions": [...], "max_sessions": N}
 Answer sessionsAnswer(const session::Directory& directory);

@@ -108,18 +108,17 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (counted_.surplus() == Counted::Surplus::kAddress) return refuseAddress();
 
     const auto& header = parser_->get();
-    Request request;
-    request.method = view(header.method_string());
-    request.target = view(header.target());
-    request.host = view(header[http::field::host]);
-    request.upgrade = websocket::is_upgrade(header);
-    request.webSocketVersion = view(header[http::field::sec_websocket_version]);
-    request.acceptEncoding = view(header[http::field::accept_encoding]);
-    request.origin = view(header[http::field::origin]);
-    request.authorization = view(header[http::field::authorization]);
-    request.subprotocols = view(header[http::field::sec_websocket_protocol]);
+    Request request{.method = header.method_string(),
+                    .target = header.target(),
+                    .host = header[http::field::host],
+                    .upgrade = websocket::is_upgrade(header),
+                    .webSocketVersion = header[http::field::sec_websocket_version],
+                    .acceptEncoding = header[http::field::accept_encoding],
+                    .origin = header[http::field::origin],
+                    .authorization = header[http::field::authorization],
+                    .subprotocols = header[http::field::sec_websocket_protocol]};
     if (!settings.trustedProxies.empty()) {
-      const access::Address client = access::clientAddress(peer_, view(header["X-Forwarded-For"]), settings.trustedProxies);
+      const access::Address client = access::clientAddress(peer_, header["X-Forwarded-For"], settings.trustedProxies);
       if (client != peer_) peerName_ = access::toText(client);
       if (!counted_.belongsTo(client)) {
         shared_->figures->refused(metrics::Refusal::kAddress);
@@ -131,7 +130,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (grant) request.rights = grant->rights;
     Answer a = grant ? answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes) : std::get<Answer>(std::move(judged));
     grant_ = grant ? *grant : access::Grant();
-    const auto session = queryParameter(request.target.substr(std::min(request.target.find('?') + 1, request.target.size())), "session");
+    const auto session = queryParameter(request.query(), "session");
     asked_ = session ? session->substr(0, 100) : std::string();
     const bool hasBody = parser_->chunked() || parser_->content_length().value_or(0) > 0;
     if (request.upgrade && hasBody)
@@ -146,8 +145,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void upgrade(std::shared_ptr<session::Session> session) {
     if (!shared_->ready) {
-      Answer a = sentenceOf(503, "This server is leaving; connect again.");
-      a.refusal = metrics::Refusal::kDraining;
+      Answer a = refused(503, metrics::Refusal::kDraining, "This server is leaving; connect again.");
       a.headers = {{"Retry-After", "1"}};
       return send(std::move(a));
     }
@@ -163,22 +161,15 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void refuse(unsigned status, std::optional<metrics::Refusal> reason, std::string sentence) {
     keepAlive_ = head_ = false;
-    Answer a = sentenceOf(status, std::move(sentence));
+    Answer a = plain(status, std::move(sentence));
     a.refusal = reason;
     send(std::move(a));
   }
 
-  static Answer sentenceOf(unsigned status, std::string sentence) {
-    Answer a;
-    a.status = status;
-    a.body = std::move(sentence) + "\n";
-    return a;
-  }
-
   void busy() {
-    Answer a = sentenceOf(503, "This server is busy with other work; try again in " + std::string(kRetrySeconds) + " seconds.");
+    Answer a = refused(503, metrics::Refusal::kBusy,
+                       "This server is busy with other work; try again in " + std::string(kRetrySeconds) + " seconds.");
     a.headers = {{"Retry-After", kRetrySeconds}};
-    a.refusal = metrics::Refusal::kBusy;
     send(std::move(a));
   }
 
@@ -192,7 +183,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
         a = later->work(stop);
       } catch (const std::exception& e) {
         logging::error(std::string("work for an answer failed: ") + e.what());
-        a = sentenceOf(500, "The server failed at this; its log says why.");
+        a = plain(500, "The server failed at this; its log says why.");
       }
       self->shared_->answerBytes += a.body.size();
       auto done = std::make_shared<Answer>(std::move(a));
@@ -328,8 +319,6 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     stream_.finish(Channel::Done([self = shared_from_this()](error_code, std::size_t) { self->close(); }));
   }
   void close() { stream_.close(); }
-
-  static std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
   const access::Address peer_;
   std::string peerName_;  // behind a trusted proxy: its client's name

@@ -7,13 +7,9 @@ namespace ridgecast::net {
 namespace {
 
 std::optional<Answer> operations(const std::shared_ptr<Shared>& server, const Request& request) {
-  const std::string_view path = request.target.substr(0, request.target.find('?'));
+  const std::string_view path = request.path();
   if (path != "/readyz" && path != "/metrics") return std::nullopt;
-  if (request.method != "GET" && request.method != "HEAD") {
-    Answer a = http::refused(405, metrics::Refusal::kRequest, "Only GET and HEAD are possible here.");
-    a.headers = {{"Allow", "GET, HEAD"}};
-    return a;
-  }
+  if (!request.reads()) return http::wrongMethod();
   if (path == "/readyz") return server && server->ready ? http::plain(200, "ready") : http::plain(503, "This server is leaving.");
   Answer a;
   a.type = "text/plain; version=0.0.4; charset=utf-8";

@@ -26,37 +26,21 @@ using beast::error_code;
 // Time for the client to read an error and answer the close.
 constexpr std::chrono::seconds kFarewellTimeout{3};
 
-websocket::close_reason closeReason(const wire::ErrorMessage& message, std::optional<websocket::close_code> code) {
-  websocket::close_reason reason;
-  switch (message.code) {
-    case wire::ErrorCode::kVersion:
-    case wire::ErrorCode::kMalformed:
-      reason.code = websocket::close_code::protocol_error;
-      break;
-    case wire::ErrorCode::kInternal:
-      reason.code = websocket::close_code::internal_error;
-      break;
-    default:
-      reason.code = websocket::close_code::policy_error;
-  }
-  if (code) reason.code = *code;
-  reason.reason =
-      beast::string_view(message.message.data(), std::min<std::size_t>(message.message.size(), 120));  // a control frame has 125 bytes
-  return reason;
-}
-
-metrics::Refusal refusalOf(wire::ErrorCode code) {
+// What an error is to the WebSocket and in the metrics.
+std::pair<websocket::close_code, metrics::Refusal> meaningOf(wire::ErrorCode code) {
   switch (code) {
     case wire::ErrorCode::kVersion:
-      return metrics::Refusal::kVersion;
+      return {websocket::close_code::protocol_error, metrics::Refusal::kVersion};
     case wire::ErrorCode::kMalformed:
-      return metrics::Refusal::kMalformed;
+      return {websocket::close_code::protocol_error, metrics::Refusal::kMalformed};
     case wire::ErrorCode::kInvalid:
-      return metrics::Refusal::kInvalid;
+      return {websocket::close_code::policy_error, metrics::Refusal::kInvalid};
     case wire::ErrorCode::kLimit:
-      return metrics::Refusal::kLimit;
+      return {websocket::close_code::policy_error, metrics::Refusal::kLimit};
+    case wire::ErrorCode::kInternal:
+      return {websocket::close_code::internal_error, metrics::Refusal::kInternal};
     default:
-      return metrics::Refusal::kInternal;
+      return {websocket::close_code::policy_error, metrics::Refusal::kInternal};
   }
 }
 
@@ -206,12 +190,21 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     });
   }
 
-  void fail(const wire::ErrorMessage& message) { fail(refusalOf(message.code), message); }
+  void fail(const wire::ErrorMessage& message) { fail(meaningOf(message.code).second, message); }
   void fail(metrics::Refusal reason, const wire::ErrorMessage& message, std::optional<websocket::close_code> code = {}) {
     if (stage_ != Stage::kOpen) return;
     shared_->figures->refused(reason);
     logging::info(about(), "is sent away: " + message.message);
-    farewell(wire::encode(wire::ServerMessage(message)), closeReason(message, code));
+    farewell(wire::encode(wire::ServerMessage(message)),
+             {code.value_or(meaningOf(message.code).first), message.message.substr(0, 120)});  // a control frame has 125 bytes
+  }
+
+  // Calls `then` when the time is over, unless the stream is gone or the timer was cancelled.
+  void after(asio::steady_timer& timer, std::chrono::nanoseconds time, void (*then)(Stream&)) {
+    timer.expires_after(time);
+    timer.async_wait([weak = weak_from_this(), then](error_code ec) {
+      if (const auto self = weak.lock(); self && !ec) then(*self);
+    });
   }
 
   // Sends one last message, if any, then the closing handshake.
@@ -225,11 +218,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
       *queuedBytes_ -= out_.back().bytes.size();
       out_.pop_back();
     }
-    timer_.expires_after(kFarewellTimeout);
-    timer_.async_wait([weak = weak_from_this()](error_code ec) {
-      if (ec) return;
-      if (auto self = weak.lock()) self->end();
-    });
+    after(timer_, kFarewellTimeout, [](Stream& self) { self.end(); });
     if (!last.empty()) {
       *queuedBytes_ += last.size();
       out_.push_back({std::move(last), {}});
@@ -312,21 +301,16 @@ void Stream::accepted(error_code ec) {
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
                                                      std::make_shared<StreamSender>(shared_from_this()));
-  timer_.expires_after(shared_->settings.timeout);
-  timer_.async_wait([weak = weak_from_this()](error_code waited) {
-    if (waited) return;
-    const auto self = weak.lock();
-    if (self && !self->greeted_)
-      self->fail(metrics::Refusal::kTimeout,
-                 {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self->shared_->settings.timeout.count()) + " ms."});
+  after(timer_, shared_->settings.timeout, [](Stream& self) {
+    if (!self.greeted_)
+      self.fail(metrics::Refusal::kTimeout,
+                {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self.shared_->settings.timeout.count()) + " ms."});
   });
-  if (grant_.expires) {
-    expiry_.expires_after(std::max<std::chrono::nanoseconds>(*grant_.expires - std::chrono::system_clock::now(), std::chrono::seconds(0)));
-    expiry_.async_wait([weak = weak_from_this()](error_code waited) {
-      if (waited) return;
-      if (const auto self = weak.lock()) self->fail(metrics::Refusal::kExpired, {wire::ErrorCode::kLimit, "The token has expired."});
-    });
-  }
+  if (grant_.expires)
+    after(expiry_, std::max<std::chrono::nanoseconds>(*grant_.expires - std::chrono::system_clock::now(), std::chrono::seconds(0)),
+          [](Stream& self) {
+            self.fail(metrics::Refusal::kExpired, {wire::ErrorCode::kLimit, "The token has expired."});
+          });
   read();
 }
 

@@ -53,6 +53,8 @@ bool spinUntil(const Condition& condition) {
   return false;
 }
 
+bool never() { return false; }
+
 class Region {
  public:
   virtual bool wantsHelp() const = 0;
@@ -88,8 +90,8 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
   }
   void noteChange() { takesMore = inFlight < limit && !queued; }
   void run(Region& region, std::size_t helpersUseful, const std::function<void()>& work);
-  std::function<void(std::size_t)> giving(
-      const std::function<void(std::size_t)>& task) const;  // with rests where another executor goes first
+  // With rests where another executor goes first.
+  std::function<void(std::size_t)> giving(const std::function<void(std::size_t)>& task) const;
 };
 
 struct Executor::State {
@@ -373,10 +375,7 @@ void Pool::forEach(std::size_t count, std::size_t grain, const std::function<voi
     return;
   }
   Range range(count, grain, body);
-  impl_->run(range, (count - 1) / grain, [&] {
-    while (range.batch()) {
-    }
-  });
+  impl_->run(range, (count - 1) / grain, [&] { range.help(never); });
 }
 
 // ---- forEachOrdered ----
@@ -407,9 +406,7 @@ class Ordered final : public Region {
   bool wantsHelp() const override { return readyCount_.load() > 0; }
 
   void help(const std::function<bool()>& leave) noexcept override { work(false, leave); }
-  void lead() noexcept {
-    work(true, [] { return false; });
-  }
+  void lead() noexcept { work(true, never); }
 
  private:
   void work(bool caller, const std::function<bool()>& leave) noexcept {
@@ -437,13 +434,7 @@ class Ordered final : public Region {
       lock.unlock();
       body_(task);
       lock.lock();
-      ++done_;
-      for (std::uint32_t f = first_[task]; f < first_[task + 1]; ++f) {
-        if (--missing_[followers_[f]] > 0) continue;
-        ready_.push_back(followers_[f]);
-        std::push_heap(ready_.begin(), ready_.end(), std::greater<>());
-      }
-      readyCount_ = ready_.size();
+      finish(task);
       if (done_ == count_) {
         finished_ = true;
         if (callerWaits_) wake_.notify_one();
@@ -463,6 +454,16 @@ class Ordered final : public Region {
       }
       if (leaving) return;
     }
+  }
+
+  void finish(std::uint32_t task) {  // what waited for it may start
+    ++done_;
+    for (std::uint32_t f = first_[task]; f < first_[task + 1]; ++f) {
+      if (--missing_[followers_[f]] > 0) continue;
+      ready_.push_back(followers_[f]);
+      std::push_heap(ready_.begin(), ready_.end(), std::greater<>());
+    }
+    readyCount_ = ready_.size();
   }
 
   const std::size_t count_;

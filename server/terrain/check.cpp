@@ -57,8 +57,6 @@ std::string withoutComments(std::string_view text) {
   return out;
 }
 
-bool isNameCharacter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_'; }
-
 // What is wrong with a line that begins with #.
 std::optional<std::string> wrongDirective(std::string_view line) {
   line.remove_prefix(std::min(line.find_first_not_of(" \t", 1), line.size()));
@@ -96,12 +94,6 @@ Outcome<ChildEnd> glslang(const Scratch& scratch, const std::filesystem::path& p
   auto end = runChild(program, arguments, {.time = std::chrono::seconds(20)});
   if (end && (end->timedOut || end->status < 0)) return Error{"the GLSL front end needed too much time or memory; make the file smaller"};
   return end;
-}
-
-std::string_view trimmed(std::string_view s) {
-  while (s.starts_with(' ')) s.remove_prefix(1);
-  while (!s.empty() && (s.back() == ' ' || s.back() == '\r')) s.remove_suffix(1);
-  return s;
 }
 
 // The first error: "ERROR: 1:12: 'x' : undeclared identifier" -> "file:12: 'x' : undeclared identifier".

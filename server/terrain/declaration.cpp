@@ -6,14 +6,10 @@
 #include <cstdio>
 #include <optional>
 
+#include "server/terrain/tokens.h"
+
 namespace ridgecast::user_terrain {
 namespace {
-
-std::string_view trimmed(std::string_view s) {
-  while (!s.empty() && (s.front() == ' ' || s.front() == '\t' || s.front() == '\r')) s.remove_prefix(1);
-  while (!s.empty() && (s.back() == ' ' || s.back() == '\t' || s.back() == '\r')) s.remove_suffix(1);
-  return s;
-}
 
 // Takes a number off the front of s.
 std::optional<double> takeNumber(std::string_view& s) {
@@ -30,8 +26,6 @@ std::optional<double> wholeNumber(std::string_view s) {
   const auto value = takeNumber(s);
   return s.empty() ? value : std::nullopt;
 }
-
-bool isNameCharacter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_'; }
 
 bool takeWord(std::string_view& s, std::string_view word) {
   s = trimmed(s);

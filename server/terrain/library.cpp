@@ -24,28 +24,26 @@ namespace {
 
 constexpr const char *kEntry = "ridgecast_heights", *kColours = "ridgecast_colours";
 
-// The flags of the built-in terrains (common/terrain/CMakeLists.txt); never with fused multiply-add.
-const std::vector<std::string>& commonFlags() {
-  static const std::vector<std::string> flags = {
-      "-std=c++20",
-      "-O3",
-      "-fopenmp-simd",
-      "-ffp-contract=off",
-      "-fno-math-errno",
-      "-fno-trapping-math",
-      "-fwrapv",
-      "-fPIC",
-      "-fvisibility=hidden",
-      "-shared",
-      "-nostdlib",
-      "-w",
-      "-fmax-errors=1",
-      "-fno-diagnostics-show-caret",
-      "-fno-exceptions",
-      "-fno-stack-protector",
-      "-fstack-clash-protection"};  // the last: what is too large for the stack hits its guard and never jumps over it
-  return flags;
-}
+// The flags of the built-in terrains (common/terrain/CMakeLists.txt); never with fused multiply-add. What is too large for the stack hits its
+// guard (-fstack-clash-protection) and never jumps over it.
+const std::vector<std::string> kCommonFlags = {"-std=c++20",
+                                               "-O3",
+                                               "-fopenmp-simd",
+                                               "-ffp-contract=off",
+                                               "-fno-math-errno",
+                                               "-fno-trapping-math",
+                                               "-fwrapv",
+                                               "-fPIC",
+                                               "-fvisibility=hidden",
+                                               "-shared",
+                                               "-nostdlib",
+                                               "-w",
+                                               "-fmax-errors=1",
+                                               "-fno-diagnostics-show-caret",
+                                               "-fno-exceptions",
+                                               "-fno-stack-protector",
+                                               "-fstack-clash-protection"};
+
 std::vector<std::string> variantFlags(std::string_view variant) {
   if (variant == "avx2") return {"-mavx2"};
   if (variant == "avx512") return {"-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512"};
@@ -142,7 +140,7 @@ std::filesystem::path Cache::fileFor(std::string_view text, std::string_view var
   for (const std::string_view part : {terrain::glslAsCpp(), std::string_view(embedded::glsl_extras), terrain::prelude(), terrain::batch(),
                                       variant, std::string_view(embedded::translate)})
     all.append(1, '\0').append(part);
-  for (const std::string& flag : commonFlags()) all.append(1, '\0').append(flag);
+  for (const std::string& flag : kCommonFlags) all.append(1, '\0').append(flag);
   all += std::to_string(kMostSteps) + (colours ? "c" : "");
   char name[64];
   std::snprintf(name, sizeof name, "%016llx%016llx", static_cast<unsigned long long>(hashed(first, all)),
@@ -182,7 +180,7 @@ Outcome<void> compile(std::string_view file, const Translation& translation, std
   // Written in the same folder, so that moving it into place cannot fail half way.
   const std::filesystem::path made = target.string() + "." + std::to_string(getpid()) + ".new";
   std::ofstream(source, std::ios::binary) << programText(translation);
-  std::vector<std::string> arguments = commonFlags();
+  std::vector<std::string> arguments = kCommonFlags;
   for (std::string& flag : variantFlags(variant)) arguments.push_back(std::move(flag));
   arguments.insert(arguments.end(), {"-o", made.string(), source.string()});
   auto end = runChild(*program, arguments, {.time = std::chrono::seconds(60)});

@@ -16,6 +16,14 @@ constexpr std::string_view kMarks = "+-*/%<>=!&|^~?:;,.()[]{}";
 
 }  // namespace
 
+bool isNameCharacter(char c) { return isNameStart(c) || isDigit(c); }
+
+std::string_view trimmed(std::string_view text) {
+  constexpr std::string_view kBlank = " \t\r";
+  text.remove_prefix(std::min(text.find_first_not_of(kBlank), text.size()));
+  return text.substr(0, text.find_last_not_of(kBlank) + 1);
+}
+
 bool isPrecision(const std::string& name) { return name == "highp" || name == "mediump" || name == "lowp"; }
 
 Outcome<std::vector<Token>> tokenise(std::string_view file, std::string_view text) {
@@ -40,12 +48,12 @@ Outcome<std::vector<Token>> tokenise(std::string_view file, std::string_view tex
     lineBegins = false;
     std::size_t end = i + 1;
     if (isNameStart(c)) {
-      while (end < text.size() && (isNameStart(text[end]) || isDigit(text[end]))) ++end;
+      while (end < text.size() && isNameCharacter(text[end])) ++end;
       out.push_back({Kind::kName, std::string(text.substr(i, end - i)), line});
     } else if (isDigit(c) || (c == '.' && end < text.size() && isDigit(text[end]))) {
       const bool hexadecimal = c == '0' && end < text.size() && (text[end] == 'x' || text[end] == 'X');
       while (end < text.size() &&
-             (isDigit(text[end]) || isNameStart(text[end]) || text[end] == '.' ||
+             (isNameCharacter(text[end]) || text[end] == '.' ||
               (!hexadecimal && (text[end] == '+' || text[end] == '-') && (text[end - 1] == 'e' || text[end - 1] == 'E'))))
         ++end;
       out.push_back({Kind::kNumber, std::string(text.substr(i, end - i)), line});

@@ -40,5 +40,7 @@ std::size_t closing(const std::vector<Token>& tokens, std::size_t open);
 std::string signatureOf(const std::vector<Token>& tokens, const TopLevel& function);
 
 bool isPrecision(const std::string& name);  // highp, mediump, lowp
+bool isNameCharacter(char c);
+std::string_view trimmed(std::string_view text);  // without spaces, tabs and carriage returns at its ends
 
 }  // namespace ridgecast::user_terrain

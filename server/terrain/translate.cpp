@@ -14,24 +14,12 @@ constexpr std::size_t kMostTripsWrittenOut = 32;
 constexpr double kMostInlined = 300'000;     // words; g++ takes about a minute for this many
 constexpr std::size_t kMostTokens = 60'000;  // of the translation; loops that would exceed it are not unrolled
 
-// Reserved in C++ but not in GLSL; sorted.
-constexpr std::array<std::string_view, 51> kClaimed = {"alignas",     "alignof",      "and",
-                                                       "and_eq",      "auto",         "bitand",
-                                                       "bitor",       "catch",        "char",
-                                                       "char16_t",    "char32_t",     "char8_t",
-                                                       "co_await",    "co_return",    "co_yield",
-                                                       "compl",       "concept",      "const_cast",
-                                                       "consteval",   "constexpr",    "constinit",
-                                                       "decltype",    "delete",       "dynamic_cast",
-                                                       "explicit",    "export",       "friend",
-                                                       "mutable",     "new",          "noexcept",
-                                                       "not_eq",      "nullptr",      "operator",
-                                                       "or",          "or_eq",        "private",
-                                                       "protected",   "register",     "reinterpret_cast",
-                                                       "requires",    "signed",       "static_assert",
-                                                       "static_cast", "thread_local", "throw",
-                                                       "try",         "typeid",       "typename",
-                                                       "virtual",     "wchar_t",      "xor"};
+// Reserved in C++ but not in GLSL, each between spaces.
+constexpr std::string_view kClaimed =
+    " alignas alignof and and_eq auto bitand bitor catch char char16_t char32_t char8_t co_await co_return co_yield compl "
+    "concept const_cast consteval constexpr constinit decltype delete dynamic_cast explicit export friend mutable new "
+    "noexcept not_eq nullptr operator or or_eq private protected register reinterpret_cast requires signed static_assert "
+    "static_cast thread_local throw try typeid typename virtual wchar_t xor ";
 
 constexpr std::array<std::string_view, 18> kTypes = {"float", "int",   "uint",  "bool",  "vec2",  "vec3",  "vec4",  "ivec2", "ivec3",
                                                      "ivec4", "uvec2", "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2",  "mat3"};
@@ -206,7 +194,9 @@ class Translator {
     return n;
   }
 
-  std::string renamed(const std::string& name) const { return std::ranges::binary_search(kClaimed, name) ? "claimed__" + name : name; }
+  std::string renamed(const std::string& name) const {
+    return kClaimed.find(" " + name + " ") != kClaimed.npos ? "claimed__" + name : name;
+  }
 
   // `for (int i = 0; i < 5; ++i)` with constant numbers, and a body that neither changes i nor leaves early.
   std::optional<CountedLoop> counted(std::size_t open, std::size_t close, std::size_t bodyEnd) const {
