@@ -1,6 +1,7 @@
 #pragma once
 // Moves the camera by keys, mouse and gamepad. No window system: values in, pose out.
 
+#include <array>
 #include <functional>
 #include <optional>
 
@@ -15,6 +16,7 @@ struct Input {
   double turnX = 0, turnY = 0;            // mouse, in screen coordinates, right and down
   double wheel = 0;                       // notches
   double lookRight = 0, lookUp = 0;       // -1 to 1: keys and sticks, kLook radians a second
+  bool moves() const { return forward != 0 || right != 0 || up != 0; }
 };
 
 inline constexpr double kLook = 1.2;
@@ -57,5 +59,14 @@ class Sprint {
   bool down_ = false, latched_ = false;
   double since_ = 0;
 };
+
+// As GLFW orders them: left x, left y, right x, right y (down and right are positive), left and right trigger (-1 released, 1 pressed).
+using GamepadAxes = std::array<float, 6>;
+
+// A stick's effect at `value`: none near its rest, then growing with the square, so that small turns are small.
+double stick(float value);
+
+// Adds a gamepad to the input of keys and mouse: left stick flies, right stick looks, triggers go down and up, shoulders set the speed; the sum stays within -1 and 1.
+void addGamepad(Input& input, const GamepadAxes& axes, bool sprint, bool slower, bool faster, double seconds);
 
 }  // namespace ridgecast::viewer

@@ -9,7 +9,8 @@ namespace {
 bool writes(int key) { return (key > 32 && key <= 162) || (key >= 320 && key <= 334); }
 bool modifies(int key) { return key >= 340 && key <= 347; }
 constexpr int kFramesToField = 2;  // after Tab
-constexpr int kTab = 258, kCtrl[] = {341, 345};
+constexpr int kTab = 258;
+constexpr std::size_t kCtrl[] = {341, 345};
 
 }  // namespace
 
@@ -35,11 +36,12 @@ void EventQueue::holdFor(int frames) {
   std::erase_if(waiting_, [](const Event& e) { return e.kind == Event::Kind::kText; });
 }
 
+bool EventQueue::isCommand(int key) const { return !writes(key) || keys_[kCtrl[0]] || keys_[kCtrl[1]]; }
+
 // Whether the event must not share a frame with those already in it.
 bool EventQueue::startsFrame(const Event& e) const {
   switch (e.kind) {
     case Event::Kind::kMove:
-      return changedButtons_.any();
     case Event::Kind::kWheel:
       return changedButtons_.any();
     case Event::Kind::kButton:
@@ -52,8 +54,7 @@ bool EventQueue::startsFrame(const Event& e) const {
   const auto key = static_cast<std::size_t>(e.code);
   if (e.down == keys_[key]) return false;  // a repeat
   if (!e.down || modifies(e.code)) return command_ || (changedKeys_[key] && !writes(e.code));
-  const bool ctrl = keys_[static_cast<std::size_t>(kCtrl[0])] || keys_[static_cast<std::size_t>(kCtrl[1])];
-  return (!writes(e.code) || ctrl) && (command_ || text_ || changedKeys_[key] || changedButtons_.any());
+  return isCommand(e.code) && (command_ || text_ || changedKeys_[key] || changedButtons_.any());
 }
 
 std::vector<Event> EventQueue::next() {
@@ -69,28 +70,15 @@ std::vector<Event> EventQueue::next() {
     const Event e = waiting_.front();
     waiting_.pop_front();
     out.push_back(e);
-    switch (e.kind) {
-      case Event::Kind::kKey: {
-        const auto key = static_cast<std::size_t>(e.code);
-        const bool ctrl = keys_[static_cast<std::size_t>(kCtrl[0])] || keys_[static_cast<std::size_t>(kCtrl[1])];
-        command_ |= e.down && !keys_[key] && !modifies(e.code) && (!writes(e.code) || ctrl);
-        changedKeys_[key] = true;
-        keys_[key] = e.down;
-        if (e.down && e.code == kTab) held_ = kFramesToField;
-        break;
-      }
-      case Event::Kind::kText:
-        text_ = true;
-        break;
-      case Event::Kind::kButton:
-        changedButtons_[static_cast<std::size_t>(e.code)] = true;
-        break;
-      case Event::Kind::kWheel:
-        wheel_ = true;
-        break;
-      case Event::Kind::kMove:
-        break;
-    }
+    text_ |= e.kind == Event::Kind::kText;
+    wheel_ |= e.kind == Event::Kind::kWheel;
+    if (e.kind == Event::Kind::kButton) changedButtons_[static_cast<std::size_t>(e.code)] = true;
+    if (e.kind != Event::Kind::kKey) continue;
+    const auto key = static_cast<std::size_t>(e.code);
+    command_ |= e.down && !keys_[key] && !modifies(e.code) && isCommand(e.code);
+    changedKeys_[key] = true;
+    keys_[key] = e.down;
+    if (e.down && e.code == kTab) held_ = kFramesToField;
   }
   return out;
 }

@@ -37,6 +37,7 @@ class EventQueue {
 
  private:
   bool startsFrame(const Event& event) const;
+  bool isCommand(int key) const;
   std::deque<Event> waiting_;
   std::bitset<kKeys> keys_;  // down, according to delivered events
   int held_ = 0;

@@ -9,10 +9,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <span>
+#include <tuple>
 #include <utility>
 
 #include "client/render/difference_pass.h"
 #include "client/viewer/leaf_colours.h"
+#include "common/wire/messages.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -29,129 +32,128 @@ void shadowed(ImDrawList* list, ImVec2 at, const char* text) {
   list->AddText(at, IM_COL32_WHITE, text);
 }
 
+// A window of text; `pivot`: which of its points lies at `at`, in shares of its size.
+template <class Fill>
+void box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, const Fill& fill) {
+  ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
+  ImGui::SetNextWindowBgAlpha(alpha);
+  if (ImGui::Begin(name, nullptr, kPlain)) fill();
+  ImGui::End();
+}
+
 void label(ImDrawList* list, float x, const char* text, bool alignRight) {
   const ImVec2 size = ImGui::CalcTextSize(text);
   shadowed(list, ImVec2(alignRight ? x - size.x - 10 : x + 10, ImGui::GetIO().DisplaySize.y - size.y - 10), text);
 }
 
-void drawDivider(const Shown& shown) {
+void drawDivider(const ViewerState& s) {
   ImDrawList* list = ImGui::GetBackgroundDrawList();
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const float x = shown.mode == Mode::kSplit ? static_cast<float>(shown.divider) * size.x : shown.mode == Mode::kMesh ? size.x : 0.0f;
-  if (shown.mode == Mode::kSplit) {
+  const float x = s.mode == Mode::kSplit ? static_cast<float>(s.divider) * size.x : s.mode == Mode::kMesh ? size.x : 0.0f;
+  if (s.mode == Mode::kSplit) {
     list->AddLine(ImVec2(x, 0), ImVec2(x, size.y), IM_COL32(255, 255, 255, 220), 2);
     list->AddCircleFilled(ImVec2(x, size.y / 2), 7, IM_COL32(255, 255, 255, 220));
   }
-  if (shown.mode == Mode::kDifference) return;  // its legend says so
-  if (shown.mode != Mode::kMarch) label(list, x, "mesh", true);
-  if (shown.mode != Mode::kMesh) label(list, x, "ray march", false);
+  if (s.mode == Mode::kDifference) return;  // its legend says so
+  if (s.mode != Mode::kMarch) label(list, x, "mesh", true);
+  if (s.mode != Mode::kMesh) label(list, x, "ray march", false);
 }
 
-// The legend of colours, at the lower left.
-void drawLegend(const Shown& s) {
-  const bool structure = s.mode == Mode::kMesh || s.mode == Mode::kSplit, differs = s.mode == Mode::kDifference;
-  if (!differs && !(structure && (s.candidates || s.borders != Borders::kNone))) return;
+// A row of colours with their meanings below a title, at the lower left; `bottom` above the window's lower edge.
+struct LegendEntry {
+  Colour colour;
+  std::string text;
+};
+void drawLegendRow(float bottom, const std::string& title, std::span<const LegendEntry> entries) {
   ImDrawList* list = ImGui::GetBackgroundDrawList();
-  const float line = ImGui::GetTextLineHeight();
-  float x = 10, y = ImGui::GetIO().DisplaySize.y - 3 * line - 10, widest = 0;
-  list->ChannelsSplit(2);  // text, over its background
-  list->ChannelsSetCurrent(1);
-  const auto shade = [&] {  // behind the lines from y - line on
-    list->ChannelsSetCurrent(0);
-    list->AddRectFilled(ImVec2(4, y - line - 8), ImVec2(std::max(x, widest) + 4, y + line + 4), IM_COL32(0, 0, 0, 110), 3);
-    list->ChannelsSetCurrent(1);
-  };
-  const auto title = [&](const char* text) {
-    shadowed(list, ImVec2(x, y - line - 4), text);
-    widest = x + ImGui::CalcTextSize(text).x + 4;
-  };
-  const auto entry = [&](const Colour& colour, const char* text) {
-    list->AddRectFilled(ImVec2(x, y), ImVec2(x + line, y + line), colourOf(colour));
+  const float line = ImGui::GetTextLineHeight(), y = ImGui::GetIO().DisplaySize.y - bottom;
+  float right = 10;
+  for (const LegendEntry& entry : entries) right += line + 16 + ImGui::CalcTextSize(entry.text.c_str()).x;
+  right = std::max(right, 14 + ImGui::CalcTextSize(title.c_str()).x);
+  list->AddRectFilled(ImVec2(4, y - line - 8), ImVec2(right + 4, y + line + 4), IM_COL32(0, 0, 0, 110), 3);
+  shadowed(list, ImVec2(10, y - line - 4), title.c_str());
+  float x = 10;
+  for (const LegendEntry& entry : entries) {
+    list->AddRectFilled(ImVec2(x, y), ImVec2(x + line, y + line), colourOf(entry.colour));
     list->AddRect(ImVec2(x, y), ImVec2(x + line, y + line), IM_COL32(255, 255, 255, 160));
-    shadowed(list, ImVec2(x + line + 4, y), text);
-    x += line + 16 + ImGui::CalcTextSize(text).x;
-  };
-  if (differs) {  // instead of the window's own text
-    y += 2 * line;
-    title("difference of mesh and ray march, of the whole range:");
-    static constexpr std::array<const char*, 5> kShares = {"0", "1/16", "1/8", "3/16", "1/4"};
-    for (std::size_t k = 0; k < kShares.size(); ++k) entry(render::kDifferenceRamp[k], kShares[k]);
-    shade();
-    list->ChannelsMerge();
-    return;
+    shadowed(list, ImVec2(x + line + 4, y), entry.text.c_str());
+    x += line + 16 + ImGui::CalcTextSize(entry.text.c_str()).x;
   }
-  if (s.candidates) {
-    char text[80];
-    std::snprintf(text, sizeof text, "%zu candidates: error in pixels", s.candidateCount);
-    title(text);
-    for (const double share : {1 / kErrorRange, 0.5, 1.0, 2.0, kErrorRange}) {
-      std::snprintf(text, sizeof text, "%.2g", share * s.candidateUnit);
-      entry(errorColour(share, 1), text);
-    }
-    shade();
-    x = 10;
-    y -= 2 * line + 14;
-  }
-  if (s.borders != Borders::kNone) title(s.borders == Borders::kLevel ? "leaves by level: side" : "leaves by age: changed");
-  if (s.borders == Borders::kLevel) {
-    static constexpr std::array<const char*, 6> kSides = {"32 m", "128 m", "512 m", "2 km", "8 km", "33 km"};
-    for (int k = 0; k < 6; ++k) entry(levelColour(2 * k), kSides[static_cast<std::size_t>(k)]);
-  } else if (s.borders == Borders::kAge) {
-    entry(ageColour(0), "now");
-    entry(ageColour(4), "4 s");
-    entry(ageColour(16), "16 s");
-    entry(ageColour(kOld), "1 min");
-  }
-  if (s.borders != Borders::kNone) shade();
-  list->ChannelsMerge();
 }
 
-void drawLines(const Shown& s) {
+void drawLegend(const ViewerState& s) {
+  const float line = ImGui::GetTextLineHeight();
+  float bottom = 3 * line + 10;
+  std::vector<LegendEntry> entries;
+  if (s.mode == Mode::kDifference) {  // instead of the window's own text
+    static constexpr std::array<const char*, 5> kShares = {"0", "1/16", "1/8", "3/16", "1/4"};
+    for (std::size_t k = 0; k < kShares.size(); ++k) entries.push_back({render::kDifferenceRamp[k], kShares[k]});
+    return drawLegendRow(line + 10, "difference of mesh and ray march, of the whole range:", entries);
+  }
+  if (s.mode == Mode::kMarch) return;
+  if (s.lines.candidates) {
+    for (const double share : {1 / kErrorRange, 0.5, 1.0, 2.0, kErrorRange}) {
+      char text[20];
+      std::snprintf(text, sizeof text, "%.2g", share * s.statistics.candidateUnit);
+      entries.push_back({errorColour(share, 1), text});
+    }
+    drawLegendRow(bottom, std::to_string(s.statistics.candidates) + " candidates: error in pixels", entries);
+    bottom += 2 * line + 14;
+  }
+  if (s.lines.borders == Borders::kLevel) {
+    static constexpr std::array<const char*, 6> kSides = {"32 m", "128 m", "512 m", "2 km", "8 km", "33 km"};
+    entries.clear();
+    for (std::size_t k = 0; k < kSides.size(); ++k) entries.push_back({levelColour(static_cast<int>(2 * k)), kSides[k]});
+    drawLegendRow(bottom, "leaves by level: side", entries);
+  } else if (s.lines.borders == Borders::kAge) {
+    const std::array<LegendEntry, 4> ages = {
+        {{ageColour(0), "now"}, {ageColour(4), "4 s"}, {ageColour(16), "16 s"}, {ageColour(kOld), "1 min"}}};
+    drawLegendRow(bottom, "leaves by age: changed", ages);
+  }
+}
+
+void drawLines(const ViewerState& s) {
   ImDrawList* list = ImGui::GetBackgroundDrawList();
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   const auto at = [&size](const Spot& spot) { return ImVec2(static_cast<float>(spot.x) * size.x, static_cast<float>(spot.y) * size.y); };
-  if (s.frozen && s.mode != Mode::kMarch && s.mode != Mode::kDifference) {
+  if (s.lines.frozen && s.mode != Mode::kMarch && s.mode != Mode::kDifference) {
     const float right = s.mode == Mode::kSplit ? static_cast<float>(s.divider) * size.x : size.x;
     list->PushClipRect(ImVec2(0, 0), ImVec2(right, size.y));
-    for (const Line& line : s.frozenEdges) list->AddLine(at(line.first), at(line.second), IM_COL32(255, 220, 70, 255), 2);
+    for (const Segment& line : s.outlines.frozen) list->AddLine(at(line.first), at(line.second), IM_COL32(255, 220, 70, 255), 2);
     list->PopClipRect();
   }
-  for (const Marker& marker : s.markers) {
-    for (const Line& line : marker.lines) list->AddLine(at(line.first), at(line.second), IM_COL32(80, 220, 255, 255), 2);
+  for (const Outlines::Member& marker : s.outlines.members) {
+    for (const Segment& line : marker.lines) list->AddLine(at(line.first), at(line.second), IM_COL32(80, 220, 255, 255), 2);
     const ImVec2 spot = at(marker.at);
     list->AddCircleFilled(spot, 4, IM_COL32(80, 220, 255, 255));
     shadowed(list, ImVec2(spot.x + 8, spot.y - ImGui::GetTextLineHeight()), marker.name.c_str());
   }
 }
 
-void drawFigures(const Shown& s) {
-  ImGui::SetNextWindowPos(ImVec2(10, 10));
-  ImGui::SetNextWindowBgAlpha(0.55f);
-  if (ImGui::Begin("figures", nullptr, kPlain)) {
-    ImGui::TextUnformatted(s.world.c_str());
-    ImGui::Text("%.0f frames/s   mesh %.1f ms", s.framesPerSecond, s.meshMs);
-    if (s.coarseness > 1)
-      ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.marchMs, s.coarseness, s.progress * 100);
-    else
-      ImGui::Text("ray march %.0f ms", s.marchMs);
-    ImGui::Text("%llu triangles in %llu leaves", static_cast<unsigned long long>(s.triangles), static_cast<unsigned long long>(s.leaves));
-    ImGui::Text("iteration %llu, %.1f/s, latency %.0f ms", static_cast<unsigned long long>(s.iteration), s.iterationsPerSecond,
-                s.latencyMs);
-    if (s.settled)
-      ImGui::TextUnformatted("settled");
-    else
-      ImGui::Text("building, %.0f %%", s.building * 100);
-    ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
-    ImGui::Text("x %s  y %.1f  z %s m, %.0f m above ground", s.x.c_str(), s.y, s.z.c_str(), s.aboveGround);
-    if (s.members) ImGui::Text("%zu other%s in this session", s.members, s.members == 1 ? "" : "s");
-    if (!s.smooth) ImGui::TextUnformatted("reduced motion: changes show at once (M)");
-    if (s.frozen) ImGui::TextUnformatted("the server's camera is frozen (C)");
-    if (s.following) ImGui::TextUnformatted("following the path (P ends it)");
-    if (s.recording) ImGui::Text("recording, %llu keyframes (R ends it)", static_cast<unsigned long long>(s.keyframes));
-    if (s.knownReach > 0) ImGui::Text("height map held for %.1f km around", s.knownReach / 1000);
-    ImGui::Text("%s%.3g m/s%s   F1 help, F2 settings", s.walking ? "walking, " : "", s.speed, s.sprinting ? " x 5" : "");
-  }
-  ImGui::End();
+void drawFigures(const ViewerState& state) {
+  const Statistics& s = state.statistics;
+  const Motion& m = state.motion;
+  ImGui::TextUnformatted(s.world.c_str());
+  ImGui::Text("%.0f frames/s   mesh %.1f ms", s.framesPerSecond, s.meshMs);
+  if (s.coarseness > 1)
+    ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.marchMs, s.coarseness, s.progress * 100);
+  else
+    ImGui::Text("ray march %.0f ms", s.marchMs);
+  ImGui::Text("%llu triangles in %llu leaves", static_cast<unsigned long long>(s.triangles), static_cast<unsigned long long>(s.leaves));
+  ImGui::Text("iteration %llu, %.1f/s, latency %.0f ms", static_cast<unsigned long long>(s.iteration), s.iterationsPerSecond, s.latencyMs);
+  if (s.settled)
+    ImGui::TextUnformatted("settled");
+  else
+    ImGui::Text("building, %.0f %%", s.building.share() * 100);
+  ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
+  ImGui::Text("x %s  y %.1f  z %s m, %.0f m above ground", m.x.c_str(), m.y, m.z.c_str(), m.aboveGround);
+  if (const std::size_t others = state.outlines.others) ImGui::Text("%zu other%s in this session", others, others == 1 ? "" : "s");
+  if (!state.smooth) ImGui::TextUnformatted("reduced motion: changes show at once (M)");
+  if (state.lines.frozen) ImGui::TextUnformatted("the server's camera is frozen (C)");
+  if (m.following) ImGui::TextUnformatted("following the path (P ends it)");
+  if (m.keyframes) ImGui::Text("recording, %zu keyframes (R ends it)", *m.keyframes);
+  if (s.knownReach > 0) ImGui::Text("height map held for %.1f km around", s.knownReach / 1000);
+  ImGui::Text("%s%.3g m/s%s   F1 help, F2 settings", m.walking ? "walking, " : "", m.speed, m.sprinting ? " x 5" : "");
 }
 
 void drawPlot(const char* name, const char* unit, const History& history) {
@@ -200,133 +202,135 @@ void drawStages(const Plots& plots) {
   }
 }
 
-void drawPlots(const Shown& s) {
-  const ImVec2 size = ImGui::GetIO().DisplaySize;
-  ImGui::SetNextWindowPos(ImVec2(size.x - 10, size.y - 30), ImGuiCond_Always, ImVec2(1, 1));
-  ImGui::SetNextWindowBgAlpha(0.65f);
-  if (ImGui::Begin("plots", nullptr, kPlain)) {
-    drawPlot("frame", "ms", s.history.frame);
-    drawStages(s.history);
-    drawPlot("triangles", "thousand", s.history.triangles);
-    drawPlot("received", "kB/s", s.history.bytes);
-    drawPlot("latency", "ms", s.history.latency);
-  }
-  ImGui::End();
+void drawPlots(const Plots& plots) {
+  drawPlot("frame", "ms", plots.frame);
+  drawStages(plots);
+  drawPlot("triangles", "thousand", plots.triangles);
+  drawPlot("received", "kB/s", plots.bytes);
+  drawPlot("latency", "ms", plots.latency);
 }
 
-void drawHelp(const Shown& s) {
-  const ImVec2 size = ImGui::GetIO().DisplaySize;
-  ImGui::SetNextWindowPos(ImVec2(size.x - 10, 10), ImGuiCond_Always, ImVec2(1, 0));
-  ImGui::SetNextWindowBgAlpha(0.75f);
-  if (ImGui::Begin("help", nullptr, kPlain)) {
-    ImGui::TextUnformatted(
-        "W A S D      fly forward, left, back, right\n"
-        "E / Space    up          Q / Ctrl    down\n"
-        "arrows       look around\n"
-        "Shift        five times as fast: hold, or tap to keep\n"
-        "+ / -        speed (or the mouse wheel)\n"
-        "G            walk on the ground\n"
-        "1 / 2 / 3    mesh / ray march / both\n"
-        "4            their difference as a heat map\n"
-        ", / .        move the divider (or drag it)\n"
-        "F            edges of the triangles\n"
-        "B            leaves by level / by age / not at all\n"
-        "C            freeze the camera that the server sees\n"
-        "K            candidates for vertices, by their error\n"
-        "N            the others in the session\n"
-        "M            changes of the mesh: smooth or at once\n"
-        "T            the mesh corrected onto the true surface\n"
-        "J / L        jump to a place / enter another world\n"
-        "R            record a camera path, and end it\n"
-        "P            follow that path, or the one of --path\n"
-        "V            wait for the screen, or not\n"
-        "F2 settings  F3 figures  F4 plots\n"
-        "F11 full screen          F12 screenshot\n"
-        "Letters are places on a US keyboard.");
-    ImGui::TextUnformatted(s.mouseFree ? "click        look around with the mouse\nEsc          close this, then quit"
-                                       : "mouse        look around\nEsc          free the mouse");
-    ImGui::TextUnformatted(
-        "gamepad      sticks fly and look, triggers down and up,\n"
-        "             shoulders speed, A sprint, B walk, X mode, Y edges");
-  }
-  ImGui::End();
+void drawHelp(bool mouseFree) {
+  ImGui::TextUnformatted(
+      "W A S D      fly forward, left, back, right\n"
+      "E / Space    up          Q / Ctrl    down\n"
+      "arrows       look around\n"
+      "Shift        five times as fast: hold, or tap to keep\n"
+      "+ / -        speed (or the mouse wheel)\n"
+      "G            walk on the ground\n"
+      "1 / 2 / 3    mesh / ray march / both\n"
+      "4            their difference as a heat map\n"
+      ", / .        move the divider (or drag it)\n"
+      "F            edges of the triangles\n"
+      "B            leaves by level / by age / not at all\n"
+      "C            freeze the camera that the server sees\n"
+      "K            candidates for vertices, by their error\n"
+      "N            the others in the session\n"
+      "M            changes of the mesh: smooth or at once\n"
+      "T            the mesh corrected onto the true surface\n"
+      "J / L        jump to a place / enter another world\n"
+      "R            record a camera path, and end it\n"
+      "P            follow that path, or the one of --path\n"
+      "V            wait for the screen, or not\n"
+      "F2 settings  F3 figures  F4 plots\n"
+      "F11 full screen          F12 screenshot\n"
+      "Letters are places on a US keyboard.");
+  ImGui::TextUnformatted(mouseFree ? "click        look around with the mouse\nEsc          close this, then quit"
+                                   : "mouse        look around\nEsc          free the mouse");
+  ImGui::TextUnformatted(
+      "gamepad      sticks fly and look, triggers down and up,\n"
+      "             shoulders speed, A sprint, B walk, X mode, Y edges");
 }
 
 void drawMessage(const std::string& message) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Always, ImVec2(0.5f, 0.5f));
-  ImGui::SetNextWindowBgAlpha(0.8f);
-  if (ImGui::Begin("message", nullptr, kPlain)) {
+  box("message", ImVec2(size.x / 2, size.y / 2), ImVec2(0.5f, 0.5f), 0.8f, [&] {
     ImGui::PushTextWrapPos(size.x * 0.6f);
     ImGui::TextUnformatted(message.c_str());
     ImGui::PopTextWrapPos();
-  }
-  ImGui::End();
+  });
 }
 
-void drawHint(const Shown& s) {
-  const ImVec2 size = ImGui::GetIO().DisplaySize, text = ImGui::CalcTextSize(s.hint.c_str());
-  shadowed(ImGui::GetForegroundDrawList(), ImVec2((size.x - text.x) / 2, size.y - 3 * ImGui::GetTextLineHeight() - 10), s.hint.c_str());
+void drawHint(const std::string& hint) {
+  const ImVec2 size = ImGui::GetIO().DisplaySize, text = ImGui::CalcTextSize(hint.c_str());
+  shadowed(ImGui::GetForegroundDrawList(), ImVec2((size.x - text.x) / 2, size.y - 3 * ImGui::GetTextLineHeight() - 10), hint.c_str());
+}
+
+// Whether Enter was pressed in the field.
+template <std::size_t n>
+bool entered(const char* name, std::array<char, n>& text) {
+  return ImGui::InputText(name, text.data(), n, ImGuiInputTextFlags_EnterReturnsTrue);
+}
+
+bool drawDetail(Panel& p) {
+  if (!p.live) {
+    ImGui::TextUnformatted("This server changes no settings on the way.");
+    return false;
+  }
+  static constexpr std::array<const char*, 4> kMetrics = {"the server's", "pixels", "thesis", "area"};
+  bool changed = ImGui::Combo("metric", &p.metric, kMetrics.data(), static_cast<int>(kMetrics.size()));
+  const bool thesis = p.metric == static_cast<int>(wire::Metric::kThesis);
+  ImGui::SliderFloat("threshold", &p.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",
+                     ImGuiSliderFlags_Logarithmic);
+  changed |= ImGui::IsItemDeactivatedAfterEdit();
+  ImGui::SliderInt("thousand triangles", &p.triangles, 10, 2000, "%d", ImGuiSliderFlags_Logarithmic);
+  changed |= ImGui::IsItemDeactivatedAfterEdit();
+  ImGui::SliderInt("kB/s, 0: all", &p.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic);
+  changed |= ImGui::IsItemDeactivatedAfterEdit();
+  return changed;
+}
+
+Requests drawFields(Panel& p, bool& smooth) {
+  Requests requests;
+  ImGui::TextDisabled("Go to (metres)");
+  if (p.focus == Focus::kJump) ImGui::SetKeyboardFocusHere();
+  requests.jump = entered("x", p.x);
+  requests.jump |= entered("z", p.z);
+  requests.jump |= entered("above ground", p.altitude);
+  requests.jump |= ImGui::Button("Jump");
+  ImGui::Separator();
+  ImGui::TextDisabled("Detail, for this window alone");
+  requests.settings = drawDetail(p);
+  ImGui::Text("granted: %s", p.granted.c_str());
+  ImGui::Separator();
+  ImGui::TextDisabled("Another world (makes its session, or joins it)");
+  if (p.focus == Focus::kWorld) ImGui::SetKeyboardFocusHere();
+  requests.world = entered("terrain", p.terrain);
+  requests.world |= entered("seed", p.seed);
+  requests.world |= ImGui::Button("Enter");
+  ImGui::Separator();
+  ImGui::TextDisabled("This window");
+  ImGui::Checkbox("smooth changes (off: reduced motion)", &smooth);
+  ImGui::Checkbox("invert looking up and down", &p.invertY);
+  requests.vsync = ImGui::Checkbox("wait for the screen (vsync)", &p.vsync);
+  ImGui::Checkbox("the others in the session", &p.members);
+  ImGui::SliderFloat("text", &p.textScale, 0.7f, 3.0f, "x %.1f");
+  return requests;
 }
 
 template <class Area>
-Wishes drawPanel(Shown& s, Area& area) {
-  Wishes wishes;
-  Choices& c = s.choices;
+Requests drawPanel(ViewerState& s, Area& area) {
+  Requests requests;
+  Panel& p = s.panel;
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Appearing, ImVec2(0.5f, 0.5f));
-  const Focus focus = std::exchange(s.focus, Focus::kNone);
-  if (focus != Focus::kNone) ImGui::SetNextWindowFocus();
-  if (ImGui::Begin("Settings", &s.panel,
+  if (p.focus != Focus::kNone) ImGui::SetNextWindowFocus();
+  if (ImGui::Begin("Settings", &p.open,
                    ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoCollapse)) {
     ImGui::PushItemWidth(ImGui::GetFontSize() * 16);
-    ImGui::TextDisabled("Go to (metres)");
-    if (focus == Focus::kJump) ImGui::SetKeyboardFocusHere();
-    bool go = ImGui::InputText("x", c.x.data(), c.x.size(), ImGuiInputTextFlags_EnterReturnsTrue);
-    go |= ImGui::InputText("z", c.z.data(), c.z.size(), ImGuiInputTextFlags_EnterReturnsTrue);
-    go |= ImGui::InputText("above ground", c.altitude.data(), c.altitude.size(), ImGuiInputTextFlags_EnterReturnsTrue);
-    wishes.jump = ImGui::Button("Jump") || go;
-    ImGui::Separator();
-    ImGui::TextDisabled("Detail, for this window alone");
-    if (s.live) {
-      static constexpr std::array<const char*, 4> kMetrics = {"the server's", "pixels", "thesis", "area"};
-      wishes.settings |= ImGui::Combo("metric", &c.metric, kMetrics.data(), static_cast<int>(kMetrics.size()));
-      const bool thesis = c.metric == static_cast<int>(wire::Metric::kThesis);
-      ImGui::SliderFloat("threshold", &c.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",
-                         ImGuiSliderFlags_Logarithmic);
-      wishes.settings |= ImGui::IsItemDeactivatedAfterEdit();
-      ImGui::SliderInt("thousand triangles", &c.triangles, 10, 2000, "%d", ImGuiSliderFlags_Logarithmic);
-      wishes.settings |= ImGui::IsItemDeactivatedAfterEdit();
-      ImGui::SliderInt("kB/s, 0: all", &c.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic);
-      wishes.settings |= ImGui::IsItemDeactivatedAfterEdit();
-    } else {
-      ImGui::TextUnformatted("This server changes no settings on the way.");
-    }
-    ImGui::Text("granted: %s", s.granted.c_str());
-    ImGui::Separator();
-    ImGui::TextDisabled("Another world (makes its session, or joins it)");
-    if (focus == Focus::kWorld) ImGui::SetKeyboardFocusHere();
-    bool enter = ImGui::InputText("terrain", c.terrain.data(), c.terrain.size(), ImGuiInputTextFlags_EnterReturnsTrue);
-    enter |= ImGui::InputText("seed", c.seed.data(), c.seed.size(), ImGuiInputTextFlags_EnterReturnsTrue);
-    wishes.world = ImGui::Button("Enter") || enter;
-    ImGui::Separator();
-    ImGui::TextDisabled("This window");
-    ImGui::Checkbox("smooth changes (off: reduced motion)", &s.smooth);
-    ImGui::Checkbox("invert looking up and down", &c.invertY);
-    wishes.vsync = ImGui::Checkbox("wait for the screen (vsync)", &c.vsync);
-    ImGui::Checkbox("the others in the session", &c.members);
-    ImGui::SliderFloat("text", &c.textScale, 0.7f, 3.0f, "x %.1f");
-    if (!s.problem.empty()) {
+    requests = drawFields(p, s.smooth);
+    if (!p.problem.empty()) {
       ImGui::PushTextWrapPos(ImGui::GetFontSize() * 26);
-      ImGui::TextColored(ImVec4(1, 0.75f, 0.3f, 1), "%s", s.problem.c_str());
+      ImGui::TextColored(ImVec4(1, 0.75f, 0.3f, 1), "%s", p.problem.c_str());
       ImGui::PopTextWrapPos();
     }
     ImGui::PopItemWidth();
     const ImVec2 at = ImGui::GetWindowPos(), whole = ImGui::GetWindowSize();
     area = {at.x, at.y, at.x + whole.x, at.y + whole.y};
   }
+  p.focus = Focus::kNone;
   ImGui::End();
-  return wishes;
+  return requests;
 }
 
 }  // namespace
@@ -375,24 +379,12 @@ void Overlay::focus(bool focused) { ImGui_ImplGlfw_WindowFocusCallback(window_, 
 void Overlay::begin(bool panel) {
   ImGuiIO& io = ImGui::GetIO();
   for (const Event& e : panel ? events_.next() : events_.all()) {
-    switch (e.kind) {
-      case Event::Kind::kKey:
-        ImGui_ImplGlfw_KeyCallback(window_, e.code, 0, e.down ? GLFW_PRESS : GLFW_RELEASE, 0);
-        break;
-      case Event::Kind::kText:
-        io.AddInputCharacter(static_cast<unsigned>(e.code));
-        break;
-      case Event::Kind::kButton:
-        buttons_[static_cast<std::size_t>(e.code)] = e.down;
-        break;
-      case Event::Kind::kWheel:
-        ImGui_ImplGlfw_ScrollCallback(window_, e.x, e.y);
-        break;
-      case Event::Kind::kMove:
-        mouseX_ = e.x;
-        mouseY_ = e.y;
-        break;
-    }
+    using Kind = Event::Kind;
+    if (e.kind == Kind::kKey) ImGui_ImplGlfw_KeyCallback(window_, e.code, 0, e.down ? GLFW_PRESS : GLFW_RELEASE, 0);
+    if (e.kind == Kind::kText) io.AddInputCharacter(static_cast<unsigned>(e.code));
+    if (e.kind == Kind::kButton) buttons_[static_cast<std::size_t>(e.code)] = e.down;
+    if (e.kind == Kind::kWheel) ImGui_ImplGlfw_ScrollCallback(window_, e.x, e.y);
+    if (e.kind == Kind::kMove) std::tie(mouseX_, mouseY_) = std::pair(e.x, e.y);
   }
   ImGui_ImplOpenGL3_NewFrame();
   ImGui_ImplGlfw_NewFrame();
@@ -402,25 +394,27 @@ void Overlay::begin(bool panel) {
   ImGui::NewFrame();
 }
 
-Wishes Overlay::draw(Shown& shown) {
+Requests Overlay::draw(ViewerState& state) {
   ImGuiIO& io = ImGui::GetIO();
-  io.ConfigFlags = shown.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
-  io.FontGlobalScale = shown.choices.textScale / base_;
-  begin(shown.panel);
-  drawLines(shown);
-  drawDivider(shown);
-  drawLegend(shown);
-  if (shown.figures) drawFigures(shown);
-  if (shown.plots && !shown.help) drawPlots(shown);
-  if (shown.help) drawHelp(shown);
-  if (!shown.message.empty()) drawMessage(shown.message);
-  if (!shown.hint.empty()) drawHint(shown);
-  Wishes wishes;
+  io.ConfigFlags = state.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
+  io.FontGlobalScale = state.panel.textScale / base_;
+  begin(state.panel.open);
+  drawLines(state);
+  drawDivider(state);
+  drawLegend(state);
+  const ImVec2 size = io.DisplaySize;
+  if (state.figures) box("figures", ImVec2(10, 10), ImVec2(0, 0), 0.55f, [&] { drawFigures(state); });
+  if (state.plots && !state.help)
+    box("plots", ImVec2(size.x - 10, size.y - 30), ImVec2(1, 1), 0.65f, [&] { drawPlots(state.statistics.plots); });
+  if (state.help) box("help", ImVec2(size.x - 10, 10), ImVec2(1, 0), 0.75f, [&] { drawHelp(state.mouseFree); });
+  if (!state.message.empty()) drawMessage(state.message);
+  if (!state.hint.empty()) drawHint(state.hint);
+  Requests requests;
   panel_ = {};
-  if (shown.panel) wishes = drawPanel(shown, panel_);
+  if (state.panel.open) requests = drawPanel(state, panel_);
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
-  return wishes;
+  return requests;
 }
 
 void Overlay::drawMessageAlone(const std::string& text) {

@@ -49,11 +49,29 @@ Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::ui
 
 }  // namespace
 
+Outcome<Passes> Passes::create(const render::TerrainText& text) {
+  auto mesh = render::MeshPass::create(text.shaded), before = render::MeshPass::create(text.shaded);
+  auto morph = render::MorphPass::create();
+  auto structure = render::StructurePass::create();
+  auto correction = render::CorrectionPass::create(text);
+  auto march = render::MarchPass::create(text);
+  auto shade = render::ShadePass::create(text);
+  auto difference = render::DifferencePass::create();
+  std::optional<Error> error;
+  const auto check = [&error](const auto& made) {
+    if (!made && !error) error = made.error();
+  };
+  (check(mesh), check(before), check(morph), check(structure), check(correction), check(march), check(shade), check(difference));
+  if (error) return *error;
+  return Passes{std::move(*mesh),       std::move(*before), std::move(*morph), std::move(*structure),
+                std::move(*correction), std::move(*march),  std::move(*shade), std::move(*difference)};
+}
+
 Outcome<void> MeshPane::fitBefore() {
   for (auto* surface : {&first_, &second_}) {
     if (*surface && (*surface)->width() == layer_->surface.width() && (*surface)->height() == layer_->surface.height()) continue;
     surface->reset();
-    auto made = render::Surface::create(layer_->surface.width(), layer_->surface.height(), pass_.shaded());
+    auto made = render::Surface::create(layer_->surface.width(), layer_->surface.height(), passes_.mesh.shaded());
     if (!made) return made.error();
     surface->emplace(std::move(*made));
   }
@@ -77,27 +95,27 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
                     layer_->canvas.height() == samples.camera.projection.height;
   if (fits && !moving && !morphing && !restructured_) return refining && coarseness > 1;
   restructured_ = false;
-  if (auto fitted = fit(layer_, samples, coarseness, pass_.shaded()); !fitted) return fitted.error();
+  if (auto fitted = fit(layer_, samples, coarseness, passes_.mesh.shaded()); !fitted) return fitted.error();
   if (morph_.version() != shownVersion_) {
-    before_.update(morph_.from());
-    pass_.update(morph_.to());
+    passes_.before.update(morph_.from());
+    passes_.mesh.update(morph_.to());
     shownVersion_ = morph_.version();
   }
   const auto began = Clock::now();
   if (morph_.active()) {
     if (auto fitted = fitBefore(); !fitted) return fitted.error();
-    before_.draw(samples, *first_);
-    pass_.draw(samples, *second_);
-    blend_.blend(*first_, *second_, morph_.share(now), layer_->surface);
+    passes_.before.draw(samples, *first_);
+    passes_.mesh.draw(samples, *second_);
+    passes_.morph.blend(*first_, *second_, morph_.share(now), layer_->surface);
   } else {
-    pass_.draw(samples, layer_->surface);
+    passes_.mesh.draw(samples, layer_->surface);
   }
   if (corrected_) {
     if (auto fitted = fitBefore(); !fitted) return fitted.error();
-    correction_.correct(samples, layer_->surface, *first_);
+    passes_.correction.correct(samples, layer_->surface, *first_);
   }
-  shade_->shade(samples, corrected_ ? *first_ : layer_->surface, layer_->canvas);
-  lines_.draw(samples, pass_, layer_->surface, layer_->canvas, structure_);
+  passes_.shade.shade(samples, corrected_ ? *first_ : layer_->surface, layer_->canvas);
+  passes_.structure.draw(samples, passes_.mesh, layer_->surface, layer_->canvas, structure_);
   glFinish();
   milliseconds_ = millisecondsSince(began);
   perSample_ = milliseconds_ / samplesOf(samples);
@@ -109,16 +127,16 @@ Outcome<void> MarchPane::begin(const render::View& view, std::uint32_t coarsenes
   view_ = coarser(view, coarseness);
   if (auto fitted = fit(spare_, view_, coarseness); !fitted) return fitted.error();
   next_ = std::exchange(spare_, std::nullopt);
-  pass_.begin(view_, next_->surface);
+  passes_.march.begin(view_, next_->surface);
   spent_ = 0;
   return {};
 }
 
 bool MarchPane::advance(std::chrono::milliseconds budget) {
   const auto began = Clock::now();
-  const bool complete = pass_.advance(budget);
+  const bool complete = passes_.march.advance(budget);
   if (complete) {
-    shade_->shade(view_, next_->surface, next_->canvas);
+    passes_.shade.shade(view_, next_->surface, next_->canvas);
     glFinish();
   }
   spent_ += millisecondsSince(began);

@@ -6,8 +6,10 @@
 #include <chrono>
 #include <cstdint>
 #include <optional>
+#include <utility>
 
 #include "client/render/correction_pass.h"
+#include "client/render/difference_pass.h"
 #include "client/render/march_pass.h"
 #include "client/render/mesh_pass.h"
 #include "client/render/morph.h"
@@ -21,6 +23,18 @@ namespace ridgecast::viewer {
 inline constexpr std::chrono::milliseconds kMeshBudget{40}, kMarchBudget{40};  // each frame, while the camera moves
 inline constexpr std::chrono::milliseconds kRefiningBudget{100};               // for the mesh, while only the mesh changes
 
+// What draws the world. Errors: a shader that the driver does not compile.
+struct Passes {
+  render::MeshPass mesh, before;
+  render::MorphPass morph;
+  render::StructurePass structure;
+  render::CorrectionPass correction;
+  render::MarchPass march;
+  render::ShadePass shade;
+  render::DifferencePass difference;
+  static Outcome<Passes> create(const render::TerrainText& text);
+};
+
 // A surface and the canvas it is shaded into, `coarseness` pixels a sample.
 struct Layer {
   std::uint32_t coarseness = 0;
@@ -30,23 +44,16 @@ struct Layer {
 
 class MeshPane {
  public:
-  MeshPane(render::MeshPass pass, render::MeshPass before, render::MorphPass morph, render::StructurePass structure,
-           render::CorrectionPass correction, const render::ShadePass& shade)
-      : pass_(std::move(pass)),
-        before_(std::move(before)),
-        blend_(std::move(morph)),
-        lines_(std::move(structure)),
-        correction_(std::move(correction)),
-        shade_(&shade) {}
+  explicit MeshPane(Passes& passes) : passes_(passes) {}
   // Returns whether it drew or will soon draw finer. `sceneVersion` tells scenes apart. Error: the window is larger than the driver can
   // draw.
   Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
   // Shows changes of the mesh over a fraction of a second (render/morph.h), or at once.
   void setSmooth(bool smooth) { smooth_ = smooth; }
-  // Moves every sample onto the true surface (render/correction_pass.h) if the terrain's function is known; redraws.
+  // Moves every sample onto the true surface (render/correction_pass.h) if the terrain's function is known.
   void setCorrected(bool corrected) {
-    corrected_ = corrected && correction_.canCorrect();
-    restructured_ = true;
+    corrected &= passes_.correction.canCorrect();
+    restructured_ |= std::exchange(corrected_, corrected) != corrected;
   }
   // What to draw over the picture from the next update on; redraws.
   void setStructure(render::Structure structure) {
@@ -60,14 +67,10 @@ class MeshPane {
 
  private:
   Outcome<void> fitBefore();
-  render::MeshPass pass_, before_;
-  render::MorphPass blend_;
+  Passes& passes_;
   render::Morph morph_;
-  render::StructurePass lines_;
-  render::CorrectionPass correction_;
   render::Structure structure_;
   bool smooth_ = true, restructured_ = false, corrected_ = false;
-  const render::ShadePass* shade_;
   std::optional<Layer> layer_;
   std::optional<render::Surface> first_, second_;  // of the layer's size, while the mesh morphs or is corrected
   std::uint64_t sceneVersion_ = ~std::uint64_t{0}, shownVersion_ = ~std::uint64_t{0};
@@ -77,20 +80,19 @@ class MeshPane {
 
 class MarchPane {
  public:
-  MarchPane(render::MarchPass pass, const render::ShadePass& shade) : pass_(std::move(pass)), shade_(&shade) {}
+  explicit MarchPane(Passes& passes) : passes_(passes) {}
   Outcome<bool> update(const render::View& view, bool moving);
   const render::Canvas* canvas() const { return shown_ ? &shown_->canvas : nullptr; }
   double milliseconds() const { return milliseconds_; }  // of the last complete picture
   bool isFinest() const { return shown_ && shown_->coarseness == 1; }
   std::uint32_t coarseness() const { return shown_ ? shown_->coarseness : 0; }
-  double progress() const { return next_ ? pass_.progress() : 1; }
+  double progress() const { return next_ ? passes_.march.progress() : 1; }
 
  private:
   Outcome<void> begin(const render::View& view, std::uint32_t coarseness);
   bool advance(std::chrono::milliseconds budget);
 
-  render::MarchPass pass_;
-  const render::ShadePass* shade_;
+  Passes& passes_;
   std::optional<Layer> shown_, next_, spare_;
   render::View view_;  // of next_, in samples
   double milliseconds_ = 0, spent_ = 0, perSample_ = 0;

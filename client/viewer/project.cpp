@@ -29,27 +29,16 @@ std::optional<Spot> spotOf(const camera::Camera& camera, const camera::Vec3& at)
               0.5 - 0.5 * dot(at, camera::up(camera.pose)) / (depth * tangent), depth};
 }
 
-std::optional<Line> lineOf(const camera::Camera& camera, const camera::Vec3& a, const camera::Vec3& b) {
+std::optional<Segment> segmentOf(const camera::Camera& camera, const camera::Vec3& a, const camera::Vec3& b) {
   const camera::Vec3 f = camera::forward(camera.pose), r = camera::right(camera.pose), u = camera::up(camera.pose);
   const double tangent = std::tan(camera.projection.verticalFov / 2), wide = tangent * camera.projection.aspect();
   // Not negative inside: distance to the near plane, then to the four sides.
-  const auto inside = [&](const camera::Vec3& p, int plane) {
-    const double depth = dot(p, f);
-    switch (plane) {
-      case 0:
-        return depth - 2 * kNearest;
-      case 1:
-        return depth * wide - dot(p, r);
-      case 2:
-        return depth * wide + dot(p, r);
-      case 3:
-        return depth * tangent - dot(p, u);
-      default:
-        return depth * tangent + dot(p, u);
-    }
+  const auto inside = [&](const camera::Vec3& p, std::size_t plane) {
+    const double depth = dot(p, f), x = dot(p, r), y = dot(p, u);
+    return std::array{depth - 2 * kNearest, depth * wide - x, depth * wide + x, depth * tangent - y, depth * tangent + y}[plane];
   };
   double from = 0, to = 1;
-  for (int plane = 0; plane < 5; ++plane) {
+  for (std::size_t plane = 0; plane < 5; ++plane) {
     const double first = inside(a, plane), second = inside(b, plane);
     if (first < 0 && second < 0) return std::nullopt;
     if (first < 0) from = std::max(from, first / (first - second));
@@ -58,7 +47,7 @@ std::optional<Line> lineOf(const camera::Camera& camera, const camera::Vec3& a, 
   if (from >= to) return std::nullopt;
   const auto first = spotOf(camera, mix(a, b, from)), second = spotOf(camera, mix(a, b, to));
   if (!first || !second) return std::nullopt;
-  return Line{*first, *second};
+  return Segment{*first, *second};
 }
 
 std::array<std::pair<camera::Vec3, camera::Vec3>, 8> frustumEdges(const camera::Camera& seen, const camera::Pose& from, double reach) {

@@ -22,8 +22,8 @@ camera::Vec3 between(const camera::Pose& from, const camera::Pose& to);
 std::optional<Spot> spotOf(const camera::Camera& camera, const camera::Vec3& at);
 
 // The part of a line in front of the camera, clipped by the window's sides; empty if there is none.
-using Line = std::pair<Spot, Spot>;
-std::optional<Line> lineOf(const camera::Camera& camera, const camera::Vec3& a, const camera::Vec3& b);
+using Segment = std::pair<Spot, Spot>;
+std::optional<Segment> segmentOf(const camera::Camera& camera, const camera::Vec3& a, const camera::Vec3& b);
 
 // The edges of what a camera sees up to `reach` metres: four rays and the far rectangle. Ends in metres from the viewing camera.
 std::array<std::pair<camera::Vec3, camera::Vec3>, 8> frustumEdges(const camera::Camera& seen, const camera::Pose& from, double reach);

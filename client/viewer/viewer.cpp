@@ -14,8 +14,8 @@
 
 #include "client/render/context.h"
 #include "client/scene/exchange_tiles.h"
-#include "client/viewer/flight.h"
 #include "client/viewer/window.h"
+#include "client/viewer/world_window.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -89,7 +89,12 @@ int view(const ViewOptions& given) {
   if (!arrived) return fail(1, "closed before the server at " + options.url.host + ":" + options.url.port + " had answered");
   auto link = std::move(*arrived);
   if (!link) return fail(1, link.error().message);
-  for (Flight::Kept kept;;) {
+  ViewerState state;
+  state.smooth = !options.reducedMotion;
+  state.panel.invertY = options.invertY;
+  state.panel.vsync = (*window)->vsync();
+  state.panel.textScale = options.textScale;
+  for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();
     auto drawing = render::drawingOf(world, options.remoteShaders);
     auto passes = render::createOrNeutral(world, drawing, Passes::create);
@@ -98,11 +103,10 @@ int view(const ViewOptions& given) {
     std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
     if (drawing.window)
       if (auto fetched = fetchGround(*link, *drawing.window, *options.at); !fetched) return fail(1, fetched.error().message);
-    Flight flight(options, **window, std::move(*link), std::move(drawing), std::move(*passes), std::move(kept));
-    Flight::Ending ending = flight.run(began);
+    WorldWindow inside(options, **window, std::move(*link), drawing, std::move(*passes), state);
+    WorldWindow::Ending ending = inside.run(began);
     if (!ending.next) return ending.code;
     link = std::move(*ending.next);
-    kept = std::move(ending.kept);
     options.at = lattice::Point{ending.pose.x, ending.pose.z};
     options.altitude = std::max(2.0, ending.aboveGround);
     options.yaw = ending.pose.yaw * 180 / std::numbers::pi;

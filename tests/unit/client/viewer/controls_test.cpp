@@ -6,8 +6,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "client/viewer/gamepad.h"
-
 namespace ridgecast::viewer {
 namespace {
 

@@ -74,12 +74,12 @@ TEST(Projection, CentreCornersAndWhatIsBehind) {
 
 TEST(Projection, LinesAreCutByTheWindowAndTheCamera) {
   const camera::Camera camera = looking(0, 0, 0);  // along -z
-  const auto through = lineOf(camera, {0, 0, 10}, {0, 0, -10});
+  const auto through = segmentOf(camera, {0, 0, 10}, {0, 0, -10});
   ASSERT_TRUE(through);
   EXPECT_GT(through->first.depth, 0);
-  EXPECT_FALSE(lineOf(camera, {-1, 0, 1}, {1, 0, 1}));
-  EXPECT_FALSE(lineOf(camera, {1000, 0, -1}, {1001, 0, -1}));
-  const auto across = lineOf(camera, {-1000, 0, -10}, {1000, 0, -10});
+  EXPECT_FALSE(segmentOf(camera, {-1, 0, 1}, {1, 0, 1}));
+  EXPECT_FALSE(segmentOf(camera, {1000, 0, -1}, {1001, 0, -1}));
+  const auto across = segmentOf(camera, {-1000, 0, -10}, {1000, 0, -10});
   ASSERT_TRUE(across);
   EXPECT_NEAR(across->first.x, 0, 1e-6);
   EXPECT_NEAR(across->second.x, 1, 1e-6);

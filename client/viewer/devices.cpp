@@ -1,0 +1,148 @@
+#include "client/viewer/devices.h"
+
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+namespace ridgecast::viewer {
+namespace {
+
+Devices& of(GLFWwindow* w) { return *static_cast<Devices*>(glfwGetWindowUserPointer(w)); }
+
+}  // namespace
+
+Devices::Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::vector<Action> actions)
+    : window_(window), state_(state), overlay_(overlay), actions_(std::move(actions)) {
+  glfwSetWindowUserPointer(window, this);
+  glfwSetKeyCallback(window, [](GLFWwindow* w, int key, int, int action, int) {
+    if (action != GLFW_REPEAT) of(w).onKey(key, action == GLFW_PRESS);
+  });
+  glfwSetCharCallback(window, [](GLFWwindow* w, unsigned c) { of(w).overlay_.hear({Event::Kind::kText, static_cast<int>(c)}); });
+  glfwSetScrollCallback(window, [](GLFWwindow* w, double x, double notches) {
+    of(w).state_.changed = true;
+    if (!of(w).onPanel()) of(w).input_.wheel += notches;
+    of(w).overlay_.hear({Event::Kind::kWheel, 0, false, x, notches});
+  });
+  glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) { of(w).onMove(x, y); });
+  glfwSetMouseButtonCallback(window, [](GLFWwindow* w, int button, int action, int) { of(w).onButton(button, action == GLFW_PRESS); });
+  glfwSetWindowFocusCallback(window, [](GLFWwindow* w, int focused) { of(w).overlay_.focus(focused == GLFW_TRUE); });
+}
+
+Devices::~Devices() {
+  glfwSetWindowUserPointer(window_, nullptr);
+  glfwSetKeyCallback(window_, nullptr);
+  glfwSetCharCallback(window_, nullptr);
+  glfwSetWindowFocusCallback(window_, nullptr);
+  glfwSetScrollCallback(window_, nullptr);
+  glfwSetCursorPosCallback(window_, nullptr);
+  glfwSetMouseButtonCallback(window_, nullptr);
+}
+
+void Devices::freeMouse(bool free) {
+  state_.mouseFree = free;
+  glfwSetInputMode(window_, GLFW_CURSOR, free ? GLFW_CURSOR_NORMAL : GLFW_CURSOR_DISABLED);
+  lastCursor_.reset();
+}
+
+void Devices::onKey(int key, bool down) {
+  const bool typed = typing();  // according to the events seen so far
+  overlay_.hear({Event::Kind::kKey, key, down});
+  if (!down) return;
+  state_.changed = true;
+  if (!typed) {
+    tapped_.insert(key);
+    input_.wheel += 2 * ((key == GLFW_KEY_EQUAL || key == GLFW_KEY_KP_ADD) - (key == GLFW_KEY_MINUS || key == GLFW_KEY_KP_SUBTRACT));
+  }
+  for (const Action& action : actions_)
+    if (action.key == key && (!typed || action.whileTyping)) action.perform();
+}
+
+double Devices::width() const {
+  int width = 0, height = 0;
+  glfwGetWindowSize(window_, &width, &height);
+  return std::max(width, 1);
+}
+
+void Devices::moveDivider(double to) {
+  state_.divider = std::clamp(to, 0.02, 0.98);
+  state_.changed = true;
+}
+
+bool Devices::onPanel() const {
+  double x = 0, y = 0;
+  glfwGetCursorPos(window_, &x, &y);
+  return state_.panel.open && state_.mouseFree && overlay_.takesMouse(x, y);
+}
+
+void Devices::onMove(double x, double y) {
+  if (state_.mouseFree && state_.panel.open) state_.changed = true;
+  if (dragging_) moveDivider(x / width());
+  if (!state_.mouseFree && lastCursor_) {
+    input_.turnX += x - lastCursor_->first;
+    input_.turnY += y - lastCursor_->second;
+  }
+  lastCursor_ = {x, y};
+  overlay_.hear({Event::Kind::kMove, 0, false, x, y});
+}
+
+void Devices::onButton(int button, bool down) {
+  state_.changed = true;
+  if (button == GLFW_MOUSE_BUTTON_LEFT) {
+    dragging_ = false;
+    if (down && state_.mouseFree && !onPanel()) {
+      double x = 0, y = 0;
+      glfwGetCursorPos(window_, &x, &y);
+      dragging_ = state_.mode == Mode::kSplit && std::abs(x - state_.divider * width()) < 10;
+      if (!dragging_) freeMouse(false);
+    }
+  }
+  overlay_.hear({Event::Kind::kButton, button, down});
+}
+
+void Devices::readPad(double seconds) {
+  GLFWgamepadstate pad;
+  int id = GLFW_JOYSTICK_1;  // the first one found
+  while (id <= GLFW_JOYSTICK_LAST && !(glfwJoystickIsGamepad(id) && glfwGetGamepadState(id, &pad))) ++id;
+  if (id > GLFW_JOYSTICK_LAST) return;
+  GamepadAxes axes;
+  std::copy(std::begin(pad.axes), std::end(pad.axes), axes.begin());
+  const auto down = [&pad](int button) { return pad.buttons[button] == GLFW_PRESS; };
+  addGamepad(input_, axes, down(GLFW_GAMEPAD_BUTTON_A), down(GLFW_GAMEPAD_BUTTON_LEFT_BUMPER), down(GLFW_GAMEPAD_BUTTON_RIGHT_BUMPER),
+             seconds);
+  for (const Action& action : actions_) {
+    if (action.button < 0) continue;
+    const bool was = std::exchange(padButtons_[static_cast<std::size_t>(action.button)], down(action.button));
+    if (!down(action.button) || was || (typing() && !action.whileTyping)) continue;
+    state_.changed = true;
+    action.perform();
+  }
+}
+
+// Or was held: a key pressed and released while a frame is drawn counts for that frame.
+bool Devices::held(int key) const { return glfwGetKey(window_, key) == GLFW_PRESS || tapped_.contains(key); }
+
+Input Devices::read(double seconds) {
+  bool shift = false;
+  if (!typing()) {
+    input_.forward += held(GLFW_KEY_W) - held(GLFW_KEY_S);
+    input_.right += held(GLFW_KEY_D) - held(GLFW_KEY_A);
+    input_.up +=
+        (held(GLFW_KEY_E) || held(GLFW_KEY_SPACE)) - (held(GLFW_KEY_Q) || held(GLFW_KEY_LEFT_CONTROL) || held(GLFW_KEY_RIGHT_CONTROL));
+    input_.lookRight += held(GLFW_KEY_RIGHT) - held(GLFW_KEY_LEFT);
+    input_.lookUp += held(GLFW_KEY_UP) - held(GLFW_KEY_DOWN);
+    if (const int way = held(GLFW_KEY_PERIOD) - held(GLFW_KEY_COMMA)) moveDivider(state_.divider + way * 0.5 * seconds);
+    shift = held(GLFW_KEY_LEFT_SHIFT) || held(GLFW_KEY_RIGHT_SHIFT);
+  }
+  readPad(seconds);
+  const double now = std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+  const bool sprints = sprint_.update(shift, input_.moves(), now);
+  if (std::exchange(state_.motion.sprinting, sprints) != sprints || input_.wheel != 0) state_.changed = true;
+  input_.sprint |= sprints;
+  tapped_.clear();
+  return std::exchange(input_, {});
+}
+
+}  // namespace ridgecast::viewer

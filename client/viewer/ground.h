@@ -1,0 +1,34 @@
+#pragma once
+// What this client knows of the terrain itself: its function, or the tiles of a height map around the camera. Main thread only.
+
+#include <optional>
+
+#include "client/render/height_texture.h"
+#include "client/render/local_terrain.h"
+#include "client/render/renderer.h"
+#include "client/replica/client.h"
+
+namespace ridgecast::viewer {
+
+class Ground {
+ public:
+  Ground(const render::Drawing& drawing, replica::Client& client);
+  bool hasFunction() const { return terrain_ != nullptr; }
+  // Metres, of the mesh where the terrain is not known; empty if neither is.
+  std::optional<double> height(lattice::Point p) const;
+  // Fetches the tiles around the camera. Whether the samples used for drawing have changed.
+  bool follow(lattice::Point camera);
+  double knownReach() const { return tiles_ ? tiles_->knownReach() : 0; }  // metres; 0: everywhere
+  render::View view(const camera::Camera& camera);
+
+ private:
+  replica::Client& client_;
+  std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here
+  std::shared_ptr<scene::HeightWindow> tiles_;       // of a height map, the same terrain; otherwise null
+  std::optional<render::HeightTexture> texture_;
+  std::uint64_t reconnections_ = 0;
+  std::optional<lattice::Point> boundsAt_;
+  render::HeightBounds bounds_;
+};
+
+}  // namespace ridgecast::viewer

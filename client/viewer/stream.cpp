@@ -1,0 +1,225 @@
+#include "client/viewer/stream.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cstdio>
+#include <utility>
+
+#include "common/settings/settings.h"
+
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+
+namespace ridgecast::viewer {
+namespace {
+
+using namespace std::chrono_literals;
+constexpr auto kPoseInterval = 33ms;  // at most 30 poses a second
+constexpr auto kSoon = 2ms;           // shorter work is waited for
+
+using Clock = std::chrono::steady_clock;
+
+// What the server refines by. A pose's remainder is for drawing only.
+bool sameForServer(const camera::Camera& a, const camera::Camera& b) {
+  return a.pose.x == b.pose.x && a.pose.z == b.pose.z && a.pose.y == b.pose.y && a.pose.yaw == b.pose.yaw && a.pose.pitch == b.pose.pitch &&
+         a.projection.width == b.projection.width && a.projection.height == b.projection.height;
+}
+
+}  // namespace
+
+Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting) {
+  wire::Hello hello;
+  hello.clientName = "ridgecast-client view";
+  hello.settings = settings;
+  hello.members = true;
+  auto client = replica::Client::open(url, hello, {.waiting = waiting});
+  if (!client) return client.error();
+  return Link{url, settings, std::move(*client)};
+}
+
+Stream::Stream(Link link, ViewerState& state) : link_(std::move(link)), state_(state) {
+  const wire::World& world = client().world();
+  state.statistics.world =
+      world.terrainName + ", seed " + std::to_string(world.seed) + ", session " + world.session + ", from " + world.serverName;
+  std::snprintf(state.panel.terrain.data(), state.panel.terrain.size(), "%s", world.terrainName.c_str());
+  std::snprintf(state.panel.seed.data(), state.panel.seed.size(), "%u", world.seed);
+  showSettings();
+}
+
+void Stream::exchange(const camera::Camera& camera) {
+  if (otherWorld_) return;
+  for (int k = 0; k < 4; ++k) {  // a few at a time, while they are soon done: the window goes first
+    const auto update = client().poll(kSoon, glfwPostEmptyEvent);
+    if (!update) break;
+    accept(*update);
+  }
+  watchConnection();
+  if (auto others = client().connection()->others(othersSeen_)) {
+    othersSeen_ = others->version();
+    others_ = std::move(*others);
+    state_.changed = true;
+  }
+  if (client().connection()->granted() != shownSettings_) showSettings();
+  state_.statistics.bytes = client().connection().bytesReceived();
+  sendPose(camera);
+}
+
+void Stream::watchConnection() {
+  const connection::ReconnectingConnection& connection = client().connection();
+  otherWorld_ = connection.otherWorld();
+  const auto why = otherWorld_ ? std::nullopt : connection.error();
+  if (otherWorld_) {
+    state_.message =
+        "The server has another world now: enter it by F2, or start the viewer anew.\nThe picture shows what had arrived. Esc quits.";
+    std::fprintf(stderr, "ridgecast-client: the server has another world now\n");
+    state_.changed = true;
+  } else if (why && !lost_) {
+    state_.message =
+        "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Esc quits.";
+    std::fprintf(stderr, "ridgecast-client: %s; trying again\n", why->message.c_str());
+    state_.changed = true;
+  } else if (!why && lost_) {
+    state_.message.clear();
+    std::fprintf(stderr, "ridgecast-client: connected again\n");
+    state_.tell("connected again");
+    showSettings();
+    others_.reset();
+    othersSeen_ = 0;
+  }
+  lost_ = why.has_value();
+}
+
+void Stream::accept(const replica::Update& update) {
+  const wire::Iteration& iteration = update.iteration;
+  if (update.wrong) std::fprintf(stderr, "warning: %s; asking for leaves again\n", update.wrong->message.c_str());
+  ages_.update(client().scene().leaves(), std::chrono::duration<double>(Clock::now().time_since_epoch()).count());
+  ++sceneVersion_;
+  Statistics& s = state_.statistics;
+  const wire::Figures& f = iteration.figures;
+  const std::array<double, 5> stages = {f.selectMs, f.generateMs, f.refineMs, f.triangulateMs, f.encodeMs};
+  for (std::size_t k = 0; k < stages.size(); ++k) s.plots.stages[k].add(stages[k]);
+  s.building.iterated(std::uint64_t{f.inserted} + f.removed, iteration.settled);
+  s.hashOk = !update.wrong;
+  s.settled = iteration.settled && !update.wrong;
+  s.iteration = iteration.number;
+  s.triangles = client().scene().triangles();
+  s.leaves = client().scene().leaves().size();
+  s.effectiveThreshold = f.effectiveThreshold;
+  if (const auto pose = sent_.find(iteration.poseSequence); pose != sent_.end()) {
+    s.latencyMs = std::chrono::duration<double, std::milli>(Clock::now() - pose->second).count();
+    s.plots.latency.add(s.latencyMs);
+    sent_.erase(sent_.begin(), std::next(pose));
+  }
+  if (iteration.candidates && state_.lines.candidates) {
+    candidates_ = std::make_shared<const std::vector<wire::Candidate>>(*iteration.candidates);
+    s.candidates = candidates_->size();
+    s.candidateUnit = client().connection()->granted().metric == wire::Metric::kPixels ? std::max(s.effectiveThreshold, 1e-3) : 1;
+  }
+  state_.changed = true;
+}
+
+// Candidates are a setting: the server sends them while they are requested.
+void Stream::requestCandidates(bool want) {
+  if (want && !state_.panel.live) return state_.tell("this server sends no candidates");
+  state_.lines.candidates = want;
+  link_.settings.candidates = want ? wire::kMaxCandidates : 0;
+  client().connection().change(link_.settings);
+  if (!want) {
+    candidates_.reset();
+    state_.statistics.candidates = 0;
+  }
+  state_.tell(want ? "candidates for vertices" : "no candidates");
+}
+
+void Stream::measure(double seconds) {
+  Statistics& s = state_.statistics;
+  s.iterationsPerSecond = static_cast<double>(sceneVersion_ - std::exchange(versionCounted_, sceneVersion_)) / seconds;
+  s.plots.bytes.add(static_cast<double>(s.bytes - std::exchange(bytesCounted_, s.bytes)) / seconds / 1e3);
+  s.plots.triangles.add(static_cast<double>(s.triangles) / 1e3);
+}
+
+void Stream::sendPose(const camera::Camera& camera) {
+  const bool same = sentCamera_ && sameForServer(*sentCamera_, camera);
+  if (same || Clock::now() - sentAt_ < kPoseInterval) return;
+  sentCamera_ = camera;
+  sentAt_ = Clock::now();
+  sent_[client().send(camera)] = sentAt_;
+  if (sent_.size() > 256) sent_.erase(sent_.begin());
+}
+
+std::optional<Link> Stream::enteredWorld() {
+  if (!next_) return std::nullopt;
+  auto next = next_->take();
+  if (!next) {
+    // Shown in the panel if it is still open; short waits are not shown.
+    if (next_->seconds() < 1) return std::nullopt;
+    const std::string waits = next_->describe() + "; Esc gives up";
+    if (waits != state_.panel.problem) state_.tell(state_.panel.problem = waits);
+    return std::nullopt;
+  }
+  next_.reset();
+  state_.changed = true;
+  if (*next) return std::move(**next);
+  state_.panel.problem = next->error().message;
+  std::fprintf(stderr, "ridgecast-client: %s\n", state_.panel.problem.c_str());
+  if (!state_.panel.open) state_.tell(state_.panel.problem);
+  return std::nullopt;
+}
+
+void Stream::giveUpWorld() {
+  next_.reset();
+  state_.tell("stayed here");
+  state_.panel.problem.clear();
+}
+
+void Stream::showSettings() {
+  const wire::Settings granted = client().connection()->granted();
+  shownSettings_ = granted;
+  state_.panel.live = client().world().revision >= 2;
+  state_.changed = true;
+  Panel& c = state_.panel;
+  c.metric = static_cast<int>(granted.metric);
+  c.threshold = static_cast<float>(granted.threshold);
+  c.triangles = static_cast<int>(granted.triangleBudget / 1000);
+  c.kilobytes = static_cast<int>(granted.bytesPerSecond / 1000);
+  char text[120];
+  std::snprintf(text, sizeof text, "%s %.4g, %u triangles%s", settings::traits(granted.metric).name.data(), granted.threshold,
+                granted.triangleBudget,
+                granted.bytesPerSecond ? (", " + std::to_string(granted.bytesPerSecond / 1000) + " kB/s").c_str() : "");
+  state_.panel.granted = text;
+}
+
+void Stream::requestSettings() {
+  const Panel& c = state_.panel;
+  wire::Settings& asked = link_.settings;
+  const auto metric = static_cast<wire::Metric>(c.metric);
+  // Thresholds of two metrics have nothing to do with each other.
+  asked.threshold = metric == client().connection()->granted().metric ? static_cast<double>(c.threshold) : 0;
+  asked.metric = metric;
+  asked.triangleBudget = static_cast<std::uint32_t>(c.triangles) * 1000;
+  asked.bytesPerSecond = static_cast<std::uint64_t>(c.kilobytes) * 1000;
+  client().connection().change(asked);
+}
+
+void Stream::enterWorld() {
+  if (next_) return;
+  const std::string terrain = state_.panel.terrain.data(), seed = state_.panel.seed.data();
+  std::uint32_t number = 0;
+  const auto parsed = std::from_chars(seed.data(), seed.data() + seed.size(), number);
+  const bool plain = !terrain.empty() && std::all_of(terrain.begin(), terrain.end(), [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '.' || c == '_' || c == '-';
+  });
+  state_.changed = true;
+  if (!plain || terrain.size() > 40)
+    return void(state_.panel.problem =
+                    "'" + terrain.substr(0, 60) + "' is no terrain's name: letters, digits, . _ - are, at most 40, such as canyon");
+  if (parsed.ec != std::errc() || parsed.ptr != seed.data() + seed.size())
+    return void(state_.panel.problem = "'" + seed + "' is no seed: a whole number from 0 to 4294967295 is wanted");
+  connection::Url url = link_.url;
+  url.session = terrain + "-" + std::to_string(number);
+  url.world = "terrain=" + terrain + "&seed=" + std::to_string(number);
+  state_.panel.problem = "entering ...";
+  next_.emplace(url, link_.settings);
+}
+
+}  // namespace ridgecast::viewer

@@ -1,0 +1,116 @@
+#pragma once
+// What the window shows and how: the user's actions and the server's messages change it, pictures and overlay read it. Values only.
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/viewer/history.h"
+#include "client/viewer/project.h"
+
+namespace ridgecast::viewer {
+
+enum class Mode { kSplit, kMesh, kMarch, kDifference };
+enum class Borders { kNone, kLevel, kAge };
+enum class Focus { kNone, kJump, kWorld };  // of the panel, when it opens: the field to type in
+
+// The settings panel: what it shows and the user changes there.
+struct Panel {
+  bool open = false;
+  Focus focus = Focus::kNone;  // it has just been opened to type there
+  int metric = 1;              // wire::Metric
+  float threshold = 0;         // of the metric
+  int triangles = 0;           // budget, thousands
+  int kilobytes = 0;           // a second; 0: unlimited
+  float textScale = 1;
+  bool invertY = false, vsync = true, members = true;
+  std::array<char, 32> x{}, z{}, altitude{};  // metres
+  std::array<char, 130> terrain{};
+  std::array<char, 16> seed{};
+  bool live = false;    // settings can be changed
+  std::string granted;  // the settings as the server granted them
+  std::string problem;  // what is wrong in the panel
+};
+
+// Lines, colours and dots over the mesh.
+struct Lines {
+  bool wireframe = false, candidates = false;
+  Borders borders = Borders::kNone;
+  std::optional<camera::Camera> frozen;  // what the server keeps to
+};
+
+// Other members and the frozen camera, as they lie in the window.
+struct Outlines {
+  struct Member {
+    std::string name;
+    Spot at;
+    std::vector<Segment> lines;
+  };
+  std::size_t others = 0;  // in the session
+  std::vector<Member> members;
+  std::vector<Segment> frozen;
+};
+
+struct Motion {
+  std::string x, z;  // metres
+  double y = 0, aboveGround = 0, speed = 0;
+  bool walking = false, following = false, sprinting = false;
+  std::optional<std::size_t> keyframes;  // recorded; null: not recording
+};
+
+struct Plots {
+  History frame, triangles, bytes, latency;  // ms, thousands, kB a second, ms
+  std::array<History, 5> stages;             // ms of each iteration: select, generate, refine, triangulate, encode
+};
+
+struct Statistics {
+  std::string world;  // terrain, seed, server
+  double framesPerSecond = 0, meshMs = 0, marchMs = 0, progress = 1;
+  std::uint32_t coarseness = 1;  // side, in pixels, of the square that one ray of the march stands for
+  std::uint64_t triangles = 0, leaves = 0, iteration = 0, bytes = 0;
+  double iterationsPerSecond = 0, latencyMs = 0, effectiveThreshold = 0;
+  double knownReach = 0;  // metres to which a height map is known here; 0: all of it
+  std::size_t candidates = 0;
+  double candidateUnit = 1;  // pixels, see errorColour()
+  bool settled = false, hashOk = true;
+  Building building;
+  Plots plots;
+};
+
+struct ViewerState {
+  Mode mode = Mode::kSplit;
+  double divider = 0.5;  // share of the window's width
+  bool help = false, figures = true, plots = false, mouseFree = true, smooth = true, corrected = false;
+  Lines lines;
+  std::string message;  // empty: none; otherwise in the middle, until it changes
+  std::string hint;     // empty: none; otherwise at the bottom, for a moment: what a key has just done
+  std::chrono::steady_clock::time_point hintedAt{};
+  Motion motion;
+  Statistics statistics;
+  Outlines outlines;
+  Panel panel;
+  bool changed = true;  // since the window was drawn
+
+  // Shows it as the hint.
+  void tell(std::string text) {
+    hint = std::move(text);
+    hintedAt = std::chrono::steady_clock::now();
+    changed = true;
+  }
+  // Forgets what belongs to one world.
+  void leaveWorld() {
+    message.clear();
+    panel.problem.clear();
+    panel.open = false;
+    lines.frozen.reset();
+    motion = {};
+    statistics = {};
+    changed = true;
+  }
+};
+
+}  // namespace ridgecast::viewer

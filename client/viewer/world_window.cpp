@@ -1,0 +1,347 @@
+#include "client/viewer/world_window.h"
+
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <numbers>
+#include <utility>
+
+#include "client/viewer/coordinates.h"
+
+namespace ridgecast::viewer {
+namespace {
+
+constexpr double kHintSeconds = 2;
+constexpr double kMarkerReach = 25;    // metres: the length of the other members' pyramids
+constexpr double kFrozenReach = 2000;  // metres: of a frozen camera's
+
+double secondsSince(std::chrono::steady_clock::time_point began) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+}
+
+// Unused names: ridgecast-1.json, ridgecast-2.json, ...
+std::filesystem::path freeName(const std::string& ending) {
+  for (int k = 1;; ++k) {
+    std::filesystem::path file = "ridgecast-" + std::to_string(k) + ending;
+    std::error_code ignored;
+    if (!std::filesystem::exists(file, ignored)) return file;
+  }
+}
+
+camera::Pose startPose(const ViewOptions& options, const Ground& ground) {
+  camera::Pose pose;
+  pose.x = options.at->x;
+  pose.z = options.at->z;
+  pose.y = ground.height(*options.at).value_or(0) + options.altitude;
+  pose.yaw = options.yaw * std::numbers::pi / 180;
+  pose.pitch = options.pitch * std::numbers::pi / 180;
+  return pose;
+}
+
+}  // namespace
+
+WorldWindow::WorldWindow(const ViewOptions& options, Window& window, Link link, const render::Drawing& drawing, Passes passes,
+                         ViewerState& state)
+    : options_(options),
+      window_(window),
+      state_(state),
+      stream_(std::move(link), state),
+      ground_(drawing, stream_.client()),
+      pictures_(std::move(passes)),
+      overlay_(window.handle(), state.panel.textScale),
+      devices_(window.handle(), state, overlay_, actions()),
+      controls_(startPose(options, ground_)),
+      path_(options.path) {
+  state.motion.following = path_.has_value();
+  if (!ground_.hasFunction()) state.mode = Mode::kMesh;
+}
+
+WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
+  Ending ending;
+  auto last = Clock::now();
+  window_.show();
+  for (;;) {
+    // At rest there is nothing to draw: wait for input, but check the connection at intervals.
+    if (idle_)
+      glfwWaitEventsTimeout(0.02);
+    else
+      glfwPollEvents();
+    const bool ends = glfwWindowShouldClose(window_.handle()) || (options_.seconds && secondsSince(began) >= *options_.seconds);
+    const double whole = secondsSince(std::exchange(last, Clock::now()));
+    fly(std::min(whole, 0.25));
+    stream_.exchange(state_.lines.frozen ? *state_.lines.frozen : camera());
+    if (auto drawn = draw(ends); !drawn) {
+      std::fprintf(stderr, "ridgecast-client: %s\n", drawn.error().message.c_str());
+      ending.code = 3;
+      return ending;
+    }
+    if (ends) break;
+    if ((ending.next = stream_.enteredWorld())) break;
+  }
+  ending.pose = controls_.pose();
+  ending.aboveGround = aboveGround();
+  if (!ending.next && stream_.lost()) {
+    std::fprintf(stderr, "ridgecast-client: closed without a connection to the server\n");
+    ending.code = 1;
+  }
+  devices_.freeMouse(true);
+  return ending;
+}
+
+std::vector<Action> WorldWindow::actions() {
+  ViewerState& s = state_;
+  constexpr bool kAlways = true, kUntyped = false;  // whether also while the panel is typed into
+  const auto toggle = [](bool& what) { return [&what] { what = !what; }; };
+  const auto show = [&s](Mode mode) { return [&s, mode] { s.mode = mode; }; };
+  const auto cycle = [](auto& what, int count) {
+    return [&what, count] { what = static_cast<std::decay_t<decltype(what)>>((static_cast<int>(what) + 1) % count); };
+  };
+  return {{GLFW_KEY_ESCAPE, [this] { goBack(); }, kAlways},
+          {GLFW_KEY_F1, toggle(s.help), kAlways, GLFW_GAMEPAD_BUTTON_START},
+          {GLFW_KEY_F2, [this] { state_.panel.open ? void(state_.panel.open = false) : openPanel(Focus::kNone); }, kAlways},
+          {GLFW_KEY_F3, toggle(s.figures), kAlways},
+          {GLFW_KEY_F4, toggle(s.plots), kAlways},
+          {GLFW_KEY_F11, [this] { window_.toggleFullScreen(); }, kAlways},
+          {GLFW_KEY_F12, [this] { wantsScreenshot_ = true; }, kAlways},
+          {GLFW_KEY_1, show(Mode::kMesh)},
+          {GLFW_KEY_2, show(Mode::kMarch)},
+          {GLFW_KEY_3, show(Mode::kSplit)},
+          {GLFW_KEY_4, show(Mode::kDifference)},
+          {Action::kNone, cycle(s.mode, 4), kAlways, GLFW_GAMEPAD_BUTTON_X},
+          {GLFW_KEY_F, toggle(s.lines.wireframe), kUntyped, GLFW_GAMEPAD_BUTTON_Y},
+          {GLFW_KEY_B, cycle(s.lines.borders, 3), kUntyped, GLFW_GAMEPAD_BUTTON_BACK},
+          {GLFW_KEY_C, [this] { toggleFrozen(); }, kUntyped, GLFW_GAMEPAD_BUTTON_LEFT_THUMB},
+          {GLFW_KEY_K, [this] { stream_.requestCandidates(!state_.lines.candidates); }},
+          {GLFW_KEY_G, [this] { toggleWalking(); }, kUntyped, GLFW_GAMEPAD_BUTTON_B},
+          {GLFW_KEY_N, toggle(s.panel.members)},
+          {GLFW_KEY_M, toggle(s.smooth)},
+          {GLFW_KEY_T, [this] { toggleCorrected(); }},
+          {GLFW_KEY_J, [this] { openPanel(Focus::kJump); }},
+          {GLFW_KEY_L, [this] { openPanel(Focus::kWorld); }},
+          {GLFW_KEY_R, [this] { toggleRecord(); }},
+          {GLFW_KEY_P, [this] { togglePath(); }},
+          {GLFW_KEY_V, [this] { toggleVsync(); }}};
+}
+
+void WorldWindow::toggleWalking() {
+  controls_.setWalking(!controls_.walking());
+  state_.tell(controls_.walking() ? "walking" : "flying");
+}
+
+void WorldWindow::toggleCorrected() {
+  state_.corrected = !state_.corrected;
+  state_.tell(!ground_.hasFunction() ? "this terrain's function is not known here"
+              : state_.corrected     ? "the mesh, corrected onto the true surface"
+                                     : "the mesh as it is");
+}
+
+void WorldWindow::toggleVsync() {
+  window_.setVsync(state_.panel.vsync = !window_.vsync());
+  state_.tell(window_.vsync() ? "frames wait for the screen" : "frames do not wait for the screen");
+}
+
+// First ends what is waiting or open, then frees the mouse, then closes the window.
+void WorldWindow::goBack() {
+  if (stream_.entering())
+    stream_.giveUpWorld();
+  else if (state_.panel.open)
+    state_.panel.open = false;
+  else if (!state_.mouseFree)
+    devices_.freeMouse(true);
+  else if (state_.help)
+    state_.help = false;
+  else
+    glfwSetWindowShouldClose(window_.handle(), GLFW_TRUE);
+}
+
+void WorldWindow::toggleFrozen() {
+  auto& frozen = state_.lines.frozen;
+  frozen = frozen ? std::nullopt : std::optional(camera());
+  state_.tell(frozen ? "the server keeps to this camera: fly on and look at it from outside" : "the server follows again");
+}
+
+void WorldWindow::togglePath() {
+  if (!path_) return state_.tell("no path yet: R records one, or give one by --path FILE.json");
+  state_.motion.following = !state_.motion.following;
+  pathBegan_ = Clock::now();
+}
+
+void WorldWindow::toggleRecord() {
+  if (!recorder_) {
+    recorder_.emplace(stream_.client().world().terrainName, stream_.client().world().seed);
+    return state_.tell("recording");
+  }
+  const std::filesystem::path file = freeName(".json");
+  const auto written = recorder_->write(file);
+  const std::string said = written ? "the path flown is in " + file.string() + "; P follows it" : written.error().message;
+  if (auto flown = camera::readPath(file); written && flown) path_ = std::move(*flown);
+  std::fprintf(stderr, "%s\n", said.c_str());
+  state_.tell(said);
+  recorder_.reset();
+}
+
+void WorldWindow::openPanel(Focus focus) {
+  devices_.freeMouse(true);
+  Panel& panel = state_.panel;
+  panel.open = true;
+  panel.focus = focus;
+  if (focus != Focus::kNone) overlay_.awaitTyping();
+  if (!stream_.entering()) panel.problem.clear();
+  std::snprintf(panel.x.data(), panel.x.size(), "%s", formatMetres(controls_.pose().x).c_str());
+  std::snprintf(panel.z.data(), panel.z.size(), "%s", formatMetres(controls_.pose().z).c_str());
+  std::snprintf(panel.altitude.data(), panel.altitude.size(), "%.0f", std::max(2.0, aboveGround()));
+}
+
+void WorldWindow::grant(const Requests& requests) {
+  if (requests.vsync) window_.setVsync(state_.panel.vsync);
+  if (requests.settings) stream_.requestSettings();
+  if (requests.jump) jump();
+  if (requests.world) stream_.enterWorld();
+}
+
+void WorldWindow::jump() {
+  Panel& panel = state_.panel;
+  const auto x = parseMetres(panel.x.data()), z = parseMetres(panel.z.data());
+  char* end = nullptr;
+  const double altitude = std::strtod(panel.altitude.data(), &end);
+  panel.problem = !x   ? x.error().message
+                  : !z ? z.error().message
+                  : end == panel.altitude.data() || *end || !(altitude >= 1 && altitude <= 30000)
+                      ? "above ground: 1 to 30000 metres are wanted"
+                      : "";
+  state_.changed = true;
+  if (!panel.problem.empty()) return;
+  camera::Pose pose = controls_.pose();
+  pose.x = *x;
+  pose.z = *z;
+  pose.remainderX = pose.remainderZ = 0;
+  // While the ground is unknown, above all ground that there may be nearby; the true height arrives soon.
+  pose.y = ground_.height({pose.x, pose.z}).value_or(std::max(0.0, pose.y)) + altitude;
+  controls_.place(pose);
+  state_.motion.following = panel.open = false;
+}
+
+camera::Camera WorldWindow::camera() const {
+  int width = 0, height = 0;
+  glfwGetFramebufferSize(window_.handle(), &width, &height);
+  camera::Camera out{controls_.pose(), {}};
+  out.projection.width = static_cast<std::uint32_t>(std::max(width, 1));
+  out.projection.height = static_cast<std::uint32_t>(std::max(height, 1));
+  return out;
+}
+
+double WorldWindow::aboveGround() const {
+  const camera::Pose& pose = controls_.pose();
+  return pose.y - ground_.height({pose.x, pose.z}).value_or(0);
+}
+
+void WorldWindow::fly(double seconds) {
+  const Input input = devices_.read(seconds);
+  controls_.setInvertY(state_.panel.invertY);
+  if (state_.motion.following) followPath(input);
+  controls_.step(input, seconds, [this](lattice::Point p) { return ground_.height(p); });
+}
+
+// Until its end or until the user steers.
+void WorldWindow::followPath(const Input& input) {
+  const double t = secondsSince(pathBegan_);
+  if (!input.moves()) {
+    controls_.place(
+        camera::poseAt(*path_, std::min(t, path_->duration()), [this](lattice::Point p) { return ground_.height(p).value_or(0); }));
+    if (t <= path_->duration()) return;
+  }
+  state_.motion.following = false;
+  state_.changed = true;
+}
+
+Outcome<void> WorldWindow::draw(bool last) {
+  const camera::Camera seen = camera();
+  if (recorder_) recorder_->add(std::chrono::duration<double>(Clock::now().time_since_epoch()).count(), seen.pose);
+  const bool newHeights = ground_.follow({seen.pose.x, seen.pose.z});
+  if (!state_.hint.empty() && secondsSince(state_.hintedAt) > kHintSeconds) {
+    state_.hint.clear();
+    state_.changed = true;
+  }
+  const auto updated = pictures_.update(ground_.view(seen), stream_, state_, newHeights);
+  if (!updated) return updated.error();
+  const bool drew = std::exchange(state_.changed, false) || *updated || state_.panel.open;
+  idle_ = !drew && !pictures_.refining(state_.mode);
+  if (drew || last || secondsSince(presentedAt_) >= 0.5) present(seen, last);
+  return {};
+}
+
+void WorldWindow::present(const camera::Camera& camera, bool last) {
+  measure();
+  outline(camera);
+  pictures_.present(static_cast<int>(camera.projection.width), static_cast<int>(camera.projection.height), state_);
+  if (wantsScreenshot_) state_.hint.clear();
+  const Requests requests = overlay_.draw(state_);
+  if (last && !options_.screenshot.empty()) screenshot(camera.projection, options_.screenshot);
+  if (std::exchange(wantsScreenshot_, false)) {
+    const std::filesystem::path file = freeName(".png");
+    screenshot(camera.projection, file);
+    state_.tell("screenshot: " + file.string());
+  }
+  glfwSwapBuffers(window_.handle());
+  if (framesCounted_++ > 0) state_.statistics.plots.frame.add(secondsSince(presentedAt_) * 1e3);
+  presentedAt_ = Clock::now();
+  grant(requests);
+}
+
+void WorldWindow::measure() {
+  if (const double counted = secondsSince(countedSince_); counted >= 0.5) {
+    state_.statistics.framesPerSecond = static_cast<double>(std::exchange(framesCounted_, 0)) / counted;
+    stream_.measure(counted);
+    countedSince_ = Clock::now();
+  }
+  state_.statistics.knownReach = ground_.knownReach();
+  Motion& m = state_.motion;
+  m.keyframes = recorder_ ? std::optional(recorder_->keyframes()) : std::nullopt;
+  m.x = formatMetres(controls_.pose().x);
+  m.z = formatMetres(controls_.pose().z);
+  m.y = controls_.pose().y;
+  m.aboveGround = aboveGround();
+  m.speed = controls_.speed();
+  m.walking = controls_.walking();
+}
+
+void WorldWindow::outline(const camera::Camera& camera) {
+  const auto lines = [&camera](const camera::Camera& seen, double reach) {
+    std::vector<Segment> out;
+    for (const auto& [a, b] : frustumEdges(seen, camera.pose, reach))
+      if (const auto line = segmentOf(camera, a, b)) out.push_back(*line);
+    return out;
+  };
+  Outlines& out = state_.outlines;
+  out = {};
+  if (state_.lines.frozen) out.frozen = lines(*state_.lines.frozen, kFrozenReach);
+  const connection::Roster* others = stream_.others();
+  if (!others) return;
+  out.others = others->others().size();
+  if (!state_.panel.members) return;
+  for (const auto& [id, other] : others->others()) {
+    if (!other.member.moved) continue;
+    const camera::Camera& seen = other.member.moved->pose.camera;
+    const camera::Vec3 at = between(camera.pose, seen.pose);
+    const double away = std::sqrt(at.x * at.x + at.y * at.y + at.z * at.z);
+    const auto spot = spotOf(camera, at);
+    if (!spot || away > 4 * stream_.client().world().horizon) continue;
+    char text[200];
+    std::snprintf(text, sizeof text, "%.128s, %.0f m%s", other.member.name.empty() ? "somebody" : other.member.name.c_str(), away,
+                  other.member.role == wire::Role::kSensor ? ", sensor" : "");
+    out.members.push_back({text, *spot, lines(seen, std::max(kMarkerReach, away / 20))});
+  }
+}
+
+void WorldWindow::screenshot(const camera::Projection& size, const std::filesystem::path& file) const {
+  const auto written = saveWindow(static_cast<int>(size.width), static_cast<int>(size.height), file);
+  std::fprintf(stderr, "%s\n",
+               written ? ("the picture is in " + file.string() + (pictures_.finished(state_) ? "" : ", and was still being built")).c_str()
+                       : ("ridgecast-client: " + written.error().message).c_str());
+}
+
+}  // namespace ridgecast::viewer

@@ -1,0 +1,77 @@
+#pragma once
+// One world in the window: wires devices, stream, pictures and overlay. Ends when the window closes or another world is connected. Internal
+// to the room. Main thread only.
+
+#include <chrono>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "client/viewer/controls.h"
+#include "client/viewer/devices.h"
+#include "client/viewer/ground.h"
+#include "client/viewer/overlay.h"
+#include "client/viewer/path_recorder.h"
+#include "client/viewer/pictures.h"
+#include "client/viewer/stream.h"
+#include "client/viewer/viewer.h"
+#include "client/viewer/window.h"
+#include "common/camera/path.h"
+
+namespace ridgecast::viewer {
+
+class WorldWindow {
+ public:
+  WorldWindow(const ViewOptions& options, Window& window, Link link, const render::Drawing& drawing, Passes passes, ViewerState& state);
+
+  struct Ending {
+    int code = 0;
+    std::optional<Link> next;  // another world
+    camera::Pose pose;         // of the camera
+    double aboveGround = 0;
+  };
+  Ending run(std::chrono::steady_clock::time_point began);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  std::vector<Action> actions();
+  void goBack();
+  void toggleWalking();
+  void toggleCorrected();
+  void toggleVsync();
+  void toggleFrozen();
+  void togglePath();
+  void toggleRecord();
+  void openPanel(Focus focus);
+  void grant(const Requests& requests);
+  void jump();
+
+  void fly(double seconds);
+  void followPath(const Input& input);
+  camera::Camera camera() const;
+  double aboveGround() const;
+
+  Outcome<void> draw(bool last);
+  void present(const camera::Camera& camera, bool last);
+  void measure();
+  void outline(const camera::Camera& camera);
+  void screenshot(const camera::Projection& size, const std::filesystem::path& file) const;
+
+  const ViewOptions& options_;
+  Window& window_;
+  ViewerState& state_;
+  Stream stream_;
+  Ground ground_;
+  Pictures pictures_;
+  Overlay overlay_;
+  Devices devices_;
+  Controls controls_;
+  std::optional<PathRecorder> recorder_;
+  std::optional<camera::Path> path_;
+  Clock::time_point pathBegan_ = Clock::now(), presentedAt_{}, countedSince_ = Clock::now();
+  bool wantsScreenshot_ = false, idle_ = false;
+  int framesCounted_ = 0;
+};
+
+}  // namespace ridgecast::viewer
