@@ -23,7 +23,7 @@ namespace {
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
                                     ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
 
-ImU32 colourOf(const Colour& c, float alpha = 1) { return ImGui::ColorConvertFloat4ToU32(ImVec4(c[0], c[1], c[2], alpha)); }
+ImU32 colourOf(const Colour& c) { return ImGui::ColorConvertFloat4ToU32(ImVec4(c[0], c[1], c[2], 1)); }
 
 constexpr float kPlotWidth = 27;  // in letter heights
 
@@ -263,20 +263,14 @@ bool entered(const char* name, std::array<char, n>& text) {
 }
 
 bool drawDetail(Panel& p) {
-  if (!p.live) {
-    ImGui::TextUnformatted("This server changes no settings on the way.");
-    return false;
-  }
   static constexpr std::array<const char*, 4> kMetrics = {"the server's", "pixels", "thesis", "area"};
   bool changed = ImGui::Combo("metric", &p.metric, kMetrics.data(), static_cast<int>(kMetrics.size()));
   const bool thesis = p.metric == static_cast<int>(wire::Metric::kThesis);
-  ImGui::SliderFloat("threshold", &p.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",
-                     ImGuiSliderFlags_Logarithmic);
-  changed |= ImGui::IsItemDeactivatedAfterEdit();
-  ImGui::SliderInt("thousand triangles", &p.triangles, 10, 2000, "%d", ImGuiSliderFlags_Logarithmic);
-  changed |= ImGui::IsItemDeactivatedAfterEdit();
-  ImGui::SliderInt("kB/s, 0: all", &p.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic);
-  changed |= ImGui::IsItemDeactivatedAfterEdit();
+  const auto released = [&changed](bool) { changed |= ImGui::IsItemDeactivatedAfterEdit(); };
+  released(ImGui::SliderFloat("threshold", &p.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",
+                              ImGuiSliderFlags_Logarithmic));
+  released(ImGui::SliderInt("thousand triangles", &p.triangles, 10, 2000, "%d", ImGuiSliderFlags_Logarithmic));
+  released(ImGui::SliderInt("kB/s, 0: all", &p.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic));
   return changed;
 }
 
@@ -290,7 +284,10 @@ Requests drawFields(Panel& p, bool& smooth) {
   requests.jump |= ImGui::Button("Jump");
   ImGui::Separator();
   ImGui::TextDisabled("Detail, for this window alone");
-  requests.settings = drawDetail(p);
+  if (p.live)
+    requests.settings = drawDetail(p);
+  else
+    ImGui::TextUnformatted("This server changes no settings on the way.");
   ImGui::Text("granted: %s", p.granted.c_str());
   ImGui::Separator();
   ImGui::TextDisabled("Another world (makes its session, or joins it)");

@@ -15,12 +15,6 @@ constexpr std::chrono::milliseconds kAgeInterval{500};  // between redraws while
 
 double nowInSeconds() { return std::chrono::duration<double>(Clock::now().time_since_epoch()).count(); }
 
-bool sameView(const camera::Camera& a, const camera::Camera& b) {
-  return a.pose.x == b.pose.x && a.pose.z == b.pose.z && a.pose.remainderX == b.pose.remainderX && a.pose.remainderZ == b.pose.remainderZ &&
-         a.pose.y == b.pose.y && a.pose.yaw == b.pose.yaw && a.pose.pitch == b.pose.pitch && a.projection.width == b.projection.width &&
-         a.projection.height == b.projection.height;
-}
-
 }  // namespace
 
 // What to draw over the mesh. The difference view compares pictures, not lines.
@@ -48,18 +42,14 @@ Outcome<bool> Pictures::update(const render::View& view, const Stream& stream, V
   mesh_.setCorrected(state.corrected);
   const Lines& l = state.lines;
   const bool aged = l.borders == Borders::kAge && stream.ages().moving(nowInSeconds()) && Clock::now() - structured_ > kAgeInterval;
-  const Structured now{state.mode == Mode::kDifference,
-                       l.wireframe,
-                       l.borders,
-                       l.frozen.has_value(),
-                       l.candidates ? stream.candidates() : nullptr,
-                       l.borders == Borders::kAge ? stream.sceneVersion() : 0};
+  const std::tuple now(state.mode == Mode::kDifference, l.wireframe, l.borders, l.frozen, l.candidates ? stream.candidates() : nullptr,
+                       l.borders == Borders::kAge ? stream.sceneVersion() : 0);
   if (aged || structuredAs_ != now) {
     structured_ = Clock::now();
     structuredAs_ = now;
     mesh_.setStructure(structure(stream, state));
   }
-  const bool moving = newHeights || !drawn_ || !sameView(*drawn_, view.camera);
+  const bool moving = newHeights || drawn_ != view.camera;
   drawn_ = view.camera;
   bool drew = moving || aged;
   if (state.mode != Mode::kMarch) {
@@ -103,15 +93,13 @@ void Pictures::present(int width, int height, const ViewerState& state) {
 
 Outcome<void> saveWindow(int width, int height, const std::filesystem::path& file) {
   render::Picture picture{static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height), {}, {}};
-  const std::size_t row = static_cast<std::size_t>(width) * 3;
-  picture.rgb.resize(row * static_cast<std::size_t>(height));
+  const std::size_t row = static_cast<std::size_t>(width) * 3, rows = static_cast<std::size_t>(height);
+  picture.rgb.resize(row * rows);
   glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
   glPixelStorei(GL_PACK_ALIGNMENT, 1);
   glReadPixels(0, 0, width, height, GL_RGB, GL_UNSIGNED_BYTE, picture.rgb.data());
-  for (std::size_t y = 0; y < static_cast<std::size_t>(height) / 2; ++y)
-    std::swap_ranges(picture.rgb.begin() + static_cast<std::ptrdiff_t>(y * row),
-                     picture.rgb.begin() + static_cast<std::ptrdiff_t>((y + 1) * row),
-                     picture.rgb.end() - static_cast<std::ptrdiff_t>((y + 1) * row));
+  std::uint8_t* const top = picture.rgb.data();
+  for (std::size_t y = 0; y < rows / 2; ++y) std::swap_ranges(top + y * row, top + (y + 1) * row, top + (rows - 1 - y) * row);
   return render::writePng(picture, file);
 }
 

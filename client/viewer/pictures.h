@@ -33,7 +33,7 @@ class Pictures {
   bool meshStale_ = false, marchStale_ = false;
   std::optional<camera::Camera> drawn_;
   // What the lines over the mesh were made from: difference, wireframe, borders, frozen, candidates, scene.
-  using Structured = std::tuple<bool, bool, Borders, bool, Stream::Candidates, std::uint64_t>;
+  using Structured = std::tuple<bool, bool, Borders, std::optional<camera::Camera>, Stream::Candidates, std::uint64_t>;
   std::optional<Structured> structuredAs_;
   std::chrono::steady_clock::time_point structured_{};
 };

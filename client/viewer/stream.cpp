@@ -19,12 +19,6 @@ constexpr auto kSoon = 2ms;           // shorter work is waited for
 
 using Clock = std::chrono::steady_clock;
 
-// What the server refines by. A pose's remainder is for drawing only.
-bool sameForServer(const camera::Camera& a, const camera::Camera& b) {
-  return a.pose.x == b.pose.x && a.pose.z == b.pose.z && a.pose.y == b.pose.y && a.pose.yaw == b.pose.yaw && a.pose.pitch == b.pose.pitch &&
-         a.projection.width == b.projection.width && a.projection.height == b.projection.height;
-}
-
 }  // namespace
 
 Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting) {
@@ -139,9 +133,10 @@ void Stream::measure(double seconds) {
 }
 
 void Stream::sendPose(const camera::Camera& camera) {
-  const bool same = sentCamera_ && sameForServer(*sentCamera_, camera);
-  if (same || Clock::now() - sentAt_ < kPoseInterval) return;
-  sentCamera_ = camera;
+  camera::Camera refinedBy = camera;  // a pose's remainder is for drawing only
+  refinedBy.pose.remainderX = refinedBy.pose.remainderZ = 0;
+  if (sentCamera_ == refinedBy || Clock::now() - sentAt_ < kPoseInterval) return;
+  sentCamera_ = refinedBy;
   sentAt_ = Clock::now();
   sent_[client().send(camera)] = sentAt_;
   if (sent_.size() > 256) sent_.erase(sent_.begin());
@@ -173,11 +168,10 @@ void Stream::giveUpWorld() {
 }
 
 void Stream::showSettings() {
-  const wire::Settings granted = client().connection()->granted();
-  shownSettings_ = granted;
-  state_.panel.live = client().world().revision >= 2;
+  const wire::Settings& granted = shownSettings_ = client().connection()->granted();
   state_.changed = true;
   Panel& c = state_.panel;
+  c.live = client().world().revision >= 2;
   c.metric = static_cast<int>(granted.metric);
   c.threshold = static_cast<float>(granted.threshold);
   c.triangles = static_cast<int>(granted.triangleBudget / 1000);
@@ -186,7 +180,7 @@ void Stream::showSettings() {
   std::snprintf(text, sizeof text, "%s %.4g, %u triangles%s", settings::traits(granted.metric).name.data(), granted.threshold,
                 granted.triangleBudget,
                 granted.bytesPerSecond ? (", " + std::to_string(granted.bytesPerSecond / 1000) + " kB/s").c_str() : "");
-  state_.panel.granted = text;
+  c.granted = text;
 }
 
 void Stream::requestSettings() {

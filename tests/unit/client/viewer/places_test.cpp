@@ -5,9 +5,9 @@
 #include <random>
 
 #include "client/viewer/coordinates.h"
-#include "client/viewer/history.h"
 #include "client/viewer/leaf_colours.h"
 #include "client/viewer/project.h"
+#include "client/viewer/viewer_state.h"
 
 namespace ridgecast::viewer {
 namespace {
