@@ -37,8 +37,7 @@ class Controls {
 
   void setWalking(bool walking) { walking_ = walking; }
   bool walking() const { return walking_; }
-  void setInvertY(bool invert) { invertY_ = invert; }  // of the mouse and the sticks
-  bool invertY() const { return invertY_; }
+  void setInvertY(bool invert) { invertY_ = invert; }     // of the mouse and the sticks
   void place(const camera::Pose& pose) { pose_ = pose; }  // jumps there
 
  private:

@@ -30,7 +30,6 @@ class Devices {
   Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::vector<Action> actions);
   ~Devices();
   Devices(const Devices&) = delete;
-  Devices& operator=(const Devices&) = delete;
 
   // What moves the camera in this frame of `seconds`.
   Input read(double seconds);

@@ -40,17 +40,10 @@ bool EventQueue::isCommand(int key) const { return !writes(key) || keys_[kCtrl[0
 
 // Whether the event must not share a frame with those already in it.
 bool EventQueue::startsFrame(const Event& e) const {
-  switch (e.kind) {
-    case Event::Kind::kMove:
-    case Event::Kind::kWheel:
-      return changedButtons_.any();
-    case Event::Kind::kButton:
-      return changedButtons_[static_cast<std::size_t>(e.code)] || command_ || text_ || wheel_;
-    case Event::Kind::kText:
-      return command_ || changedButtons_.any();
-    case Event::Kind::kKey:
-      break;
-  }
+  using Kind = Event::Kind;
+  if (e.kind == Kind::kMove || e.kind == Kind::kWheel) return changedButtons_.any();
+  if (e.kind == Kind::kButton) return changedButtons_[static_cast<std::size_t>(e.code)] || command_ || text_ || wheel_;
+  if (e.kind == Kind::kText) return command_ || changedButtons_.any();
   const auto key = static_cast<std::size_t>(e.code);
   if (e.down == keys_[key]) return false;  // a repeat
   if (!e.down || modifies(e.code)) return command_ || (changedKeys_[key] && !writes(e.code));

@@ -6,11 +6,6 @@
 #include "client/scene/exchange_tiles.h"
 
 namespace ridgecast::viewer {
-namespace {
-
-constexpr double kBoundsMargin = 4000;  // metres that the camera may fly before the highest ground is computed again
-
-}  // namespace
 
 Ground::Ground(const render::Drawing& drawing, replica::Client& client)
     : client_(client), terrain_(drawing.terrain), tiles_(drawing.window) {
@@ -41,11 +36,12 @@ render::View Ground::view(const camera::Camera& camera) {
   view.horizon = client_.world().horizon;
   view.heights = texture_ ? &*texture_ : nullptr;
   if (!terrain_) return view;
+  constexpr double kMargin = 4000;  // metres that the camera may fly before the highest ground is computed again
   const camera::Pose& pose = camera.pose;
   const double moved = boundsAt_ ? std::hypot(static_cast<double>(pose.x - boundsAt_->x), static_cast<double>(pose.z - boundsAt_->z)) : 0;
-  if (!boundsAt_ || moved * lattice::kMetresPerStep > kBoundsMargin) {
+  if (!boundsAt_ || moved * lattice::kMetresPerStep > kMargin) {
     boundsAt_ = lattice::Point{pose.x, pose.z};
-    bounds_ = render::boundsAround(*terrain_, *boundsAt_, view.horizon + kBoundsMargin);
+    bounds_ = render::boundsAround(*terrain_, *boundsAt_, view.horizon + kMargin);
   }
   view.lowest = bounds_.lowest;
   view.highest = bounds_.highest;

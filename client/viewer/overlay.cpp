@@ -49,7 +49,7 @@ void label(ImDrawList* list, float x, const char* text, bool alignRight) {
 void drawDivider(const ViewerState& s) {
   ImDrawList* list = ImGui::GetBackgroundDrawList();
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const float x = s.mode == Mode::kSplit ? static_cast<float>(s.divider) * size.x : s.mode == Mode::kMesh ? size.x : 0.0f;
+  const float x = static_cast<float>(s.meshShare()) * size.x;
   if (s.mode == Mode::kSplit) {
     list->AddLine(ImVec2(x, 0), ImVec2(x, size.y), IM_COL32(255, 255, 255, 220), 2);
     list->AddCircleFilled(ImVec2(x, size.y / 2), 7, IM_COL32(255, 255, 255, 220));
@@ -117,8 +117,7 @@ void drawLines(const ViewerState& s) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   const auto at = [&size](const Spot& spot) { return ImVec2(static_cast<float>(spot.x) * size.x, static_cast<float>(spot.y) * size.y); };
   if (s.lines.frozen && s.mode != Mode::kMarch && s.mode != Mode::kDifference) {
-    const float right = s.mode == Mode::kSplit ? static_cast<float>(s.divider) * size.x : size.x;
-    list->PushClipRect(ImVec2(0, 0), ImVec2(right, size.y));
+    list->PushClipRect(ImVec2(0, 0), ImVec2(static_cast<float>(s.meshShare()) * size.x, size.y));
     for (const Segment& line : s.outlines.frozen) list->AddLine(at(line.first), at(line.second), IM_COL32(255, 220, 70, 255), 2);
     list->PopClipRect();
   }

@@ -22,7 +22,6 @@ class Overlay {
   Overlay(GLFWwindow* window, float textScale);  // the context must be current; textScale is relative to the window's own
   ~Overlay();
   Overlay(const Overlay&) = delete;
-  Overlay& operator=(const Overlay&) = delete;
   Requests draw(ViewerState& state);  // into the window's framebuffer
   void drawMessageAlone(const std::string& text);
 

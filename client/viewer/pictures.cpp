@@ -77,9 +77,7 @@ bool Pictures::finished(const ViewerState& state) const {
 }
 
 void Pictures::present(int width, int height, const ViewerState& state) {
-  const int divider = state.mode == Mode::kSplit  ? static_cast<int>(std::lround(state.divider * width))
-                      : state.mode == Mode::kMesh ? width
-                                                  : 0;
+  const int divider = static_cast<int>(std::lround(state.meshShare() * width));
   const render::Rectangle whole{0, 0, width, height};
   if (state.mode == Mode::kDifference) {
     if (mesh_.canvas() && march_.canvas()) passes_.difference.present(*mesh_.canvas(), *march_.canvas(), width, height);

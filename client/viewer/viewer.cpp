@@ -46,10 +46,7 @@ std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, 
   int told = 0;
   GLFWwindow* const handle = window.handle();
   for (;;) {
-    if (auto link = arrival.take()) {
-      glfwSetKeyCallback(handle, nullptr);
-      return link;
-    }
+    if (auto link = arrival.take()) return link;
     if (glfwWindowShouldClose(handle) || (options.seconds && Clock::now() - began > std::chrono::duration<double>(*options.seconds)))
       return std::nullopt;
     if (!overlay && arrival.seconds() > kMoment) {
@@ -59,11 +56,9 @@ std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, 
       window.show();
       overlay.emplace(handle, options.textScale);
     }
-    if (overlay && told < (arrival.prepares() ? 2 : 1)) {
-      std::fprintf(stderr, "%s; Esc gives up\n", arrival.describe().c_str());
-      told = arrival.prepares() ? 2 : 1;
-    }
     if (overlay) {
+      if (const int news = arrival.prepares() ? 2 : 1; std::exchange(told, news) != news)
+        std::fprintf(stderr, "%s; Esc gives up\n", arrival.describe().c_str());
       int width = 0, height = 0;
       glfwGetFramebufferSize(handle, &width, &height);
       glViewport(0, 0, width, height);

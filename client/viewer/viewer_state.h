@@ -1,6 +1,7 @@
 #pragma once
 // What the window shows and how: the user's actions and the server's messages change it, pictures and overlay read it. Values only.
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstddef>
@@ -62,24 +63,20 @@ struct Motion {
   std::optional<std::size_t> keyframes;  // recorded; null: not recording
 };
 
-// The last values of a statistic, for plots.
+// The last values of a statistic, none below 0, for plots.
 class History {
  public:
   static constexpr std::size_t kLength = 240;
   void add(double value) {
     values_[next_] = static_cast<float>(value);
     next_ = (next_ + 1) % kLength;
-    count_ = count_ < kLength ? count_ + 1 : kLength;
+    count_ = std::min(count_ + 1, kLength);
   }
   std::size_t size() const { return count_; }
   // 0 is the oldest.
   float at(std::size_t k) const { return values_[(next_ + kLength - count_ + k) % kLength]; }
   float newest() const { return count_ ? at(count_ - 1) : 0; }
-  float most() const {
-    float out = 0;
-    for (std::size_t k = 0; k < count_; ++k) out = out < at(k) ? at(k) : out;
-    return out;
-  }
+  float most() const { return *std::max_element(values_.begin(), values_.end()); }
 
  private:
   std::array<float, kLength> values_{};
@@ -91,9 +88,9 @@ class History {
 class Building {
  public:
   void iterated(std::uint64_t changes, bool settled) {
-    most_ = settled ? 0 : most_ < changes ? changes : most_;
+    most_ = settled ? 0 : std::max(most_, changes);
     const double share = settled ? 1 : most_ == 0 ? 0 : 1 - static_cast<double>(changes) / static_cast<double>(most_);
-    share_ = settled || atRest_ ? share : share_ < share ? share : share_;
+    share_ = settled || atRest_ ? share : std::max(share_, share);
     atRest_ = settled;
   }
   double share() const { return share_; }
@@ -136,6 +133,8 @@ struct ViewerState {
   Outlines outlines;
   Panel panel;
   bool changed = true;  // since the window was drawn
+
+  double meshShare() const { return mode == Mode::kSplit ? divider : mode == Mode::kMesh ? 1 : 0; }  // of the width, from the left
 
   // Shows it as the hint.
   void tell(std::string text) {

@@ -32,14 +32,10 @@ std::filesystem::path freeName(const std::string& ending) {
   }
 }
 
-camera::Pose startPose(const ViewOptions& options, const Ground& ground) {
-  camera::Pose pose;
-  pose.x = options.at->x;
-  pose.z = options.at->z;
-  pose.y = ground.height(*options.at).value_or(0) + options.altitude;
-  pose.yaw = options.yaw * std::numbers::pi / 180;
-  pose.pitch = options.pitch * std::numbers::pi / 180;
-  return pose;
+camera::Pose startPose(const ViewOptions& o, const Ground& ground) {
+  constexpr double kRadians = std::numbers::pi / 180;
+  return {
+      .x = o.at->x, .z = o.at->z, .y = ground.height(*o.at).value_or(0) + o.altitude, .yaw = o.yaw * kRadians, .pitch = o.pitch * kRadians};
 }
 
 }  // namespace

@@ -2,21 +2,16 @@
 // One world in the window: wires devices, stream, pictures and overlay. Ends when the window closes or another world is connected. Internal
 // to the room. Main thread only.
 
-#include <chrono>
 #include <filesystem>
 #include <optional>
-#include <string>
 
-#include "client/viewer/controls.h"
 #include "client/viewer/devices.h"
 #include "client/viewer/ground.h"
-#include "client/viewer/overlay.h"
 #include "client/viewer/path_recorder.h"
 #include "client/viewer/pictures.h"
 #include "client/viewer/stream.h"
 #include "client/viewer/viewer.h"
 #include "client/viewer/window.h"
-#include "common/camera/path.h"
 
 namespace ridgecast::viewer {
 
