@@ -15,7 +15,9 @@
 #include "client/evaluation/paths.h"
 #include "client/evaluation/plan.h"
 #include "client/evaluation/report.h"
+#include "client/evaluation/text_file.h"
 #include "client/evaluation/views.h"
+#include "client/exit/exit.h"
 #include "common/settings/settings.h"
 #include "common/version/version.h"
 
@@ -27,11 +29,6 @@ using Clock = std::chrono::steady_clock;
 // Triangles: a view's mesh, settled, has at most 500,000, for a server fills its budget up to 98 %; a flight's never has more.
 constexpr std::uint32_t kViewBudget = 510'000, kFlightBudget = 500'000;
 constexpr std::size_t kMostReferences = 32;  // of one terrain: a flight's pictures and more
-
-int fail(int code, const std::string& message) {
-  std::fprintf(stderr, "ridgecast-client: %s\n", message.c_str());
-  return code;
-}
 
 std::string_view pathOf(const std::string& terrain) {
   return terrain == "alpine" ? paths::alpine : terrain == "canyon" ? paths::canyon : paths::archipelago;
@@ -53,48 +50,36 @@ class Evaluation {
   int begin() {
     const std::string& words = plan_.words;
     const std::filesystem::path file = out_ / "options.txt";
-    std::string known, machine;
+    std::string known;
     if (std::ifstream in(file); std::getline(in, known)) {
       std::getline(in, machine_);
       if (known != words)
-        return fail(kBadInput,
-                    out_.string() + " holds what '" + known + "' measured, not '" + words + "': choose another --out, or the same options");
+        return fail(kBadInput, {out_.string() + " holds what '" + known + "' measured, not '" + words +
+                                "': choose another --out, or the same options"});
       return kSuccess;
     }
     machine_ = "ridgecast-client " + std::string(version::product()) + ", commit " + std::string(version::commit()) + "; " +
                processorName() + ", " + std::to_string(std::thread::hardware_concurrency()) + " threads; " + words;
-    std::ofstream out(file, std::ios::trunc);
-    out << words << "\n" << machine_ << "\n";
-    out.close();
-    return out ? kSuccess : fail(kBadInput, "cannot write " + file.string() + ": choose a folder that may be written and has room");
+    return wrote(writeText(file, words + "\n" + machine_ + "\n"));
   }
 
   int measureViews() {
     for (const PlannedView& planned : plan_.views) {
       const ViewCase& view = planned.view;
       const std::filesystem::path folder = folderOf(view);
-      if (!begins(folder.filename().string(), resultOf(view), planned.cost)) continue;
-      const Others others;
-      const std::filesystem::path path = folder / "path.json";
-      if (const int code = prepare(folder, path, evaluation::pathOf(view)); code != kSuccess) return code;
-      ViewSettings how;
-      how.samples = plan_.samples;
-      how.repeats = plan_.repeats;
-      how.marches = (plan_.repeats + static_cast<int>(plan_.meshes.size()) - 1) / static_cast<int>(plan_.meshes.size());
-      ViewMeasurement measurement(view, how, folder);
-      {
-        auto own = OwnServer::start(server_, {"--terrain", std::string(view.terrain), "--seed", "1"}, folder);
-        if (!own) return fail(kRuntimeFailure, own.error().message);
+      const int meshes = static_cast<int>(plan_.meshes.size());
+      ViewMeasurement measurement(view, {plan_.samples, plan_.repeats, (plan_.repeats + meshes - 1) / meshes}, folder);
+      const Part part{folder, resultOf(view), planned.cost, std::string(view.terrain), evaluation::pathOf(view), 0};
+      const auto fly = [&](FlyOptions& options) {
+        options.out = folder / "mesh";
         for (const MeshCase& mesh : plan_.meshes) {
-          FlyOptions fly = common(**own, path, folder / "mesh");
-          fly.settings = {settings::metricNamed(mesh.metric).value(), mesh.threshold, kViewBudget};
-          fly.atRest = [&](const AtRest& at) { return measurement.measure(mesh, at); };
-          if (const int code = evaluation::fly(fly); code != kSuccess) return interrupted(code, folder.filename().string());
+          options.settings = {settings::metricNamed(mesh.metric).value(), mesh.threshold, kViewBudget};
+          options.atRest = [&](const AtRest& at) { return measurement.measure(mesh, at); };
+          if (const int code = evaluation::fly(options); code != kSuccess) return code;
         }
-      }
-      if (const int code = ends(folder, others); code != kSuccess) return code;
-      if (auto finished = measurement.finish(); !finished) return fail(kRuntimeFailure, finished.error().message);
-      measured(planned.cost);
+        return kSuccess;
+      };
+      if (const int code = measure(part, fly, [&] { return measurement.finish(); }); code != kSuccess) return code;
     }
     return kSuccess;
   }
@@ -104,26 +89,18 @@ class Evaluation {
       Run& run = planned.run;
       run.folder = folderOf(run);
       if (std::exchange(over_, run.terrain) != run.terrain) references_.clear();
-      if (!begins(run.name, resultOf(run), planned.cost)) continue;
-      const Others others;
-      const std::filesystem::path path = run.folder / "path.json";
-      if (const int code = prepare(run.folder, path, pathOf(run.terrain)); code != kSuccess) return code;
-      {
-        auto own =
-            OwnServer::start(server_, {"--terrain", run.terrain, "--seed", "1", "--threads", std::to_string(run.threads)}, run.folder);
-        if (!own) return fail(kRuntimeFailure, own.error().message);
-        FlyOptions fly = common(**own, path, run.folder);
-        fly.settings = {settings::metricNamed(run.metric).value(), run.threshold, kFlightBudget};
-        fly.corrected = fly.unfiltered = fly.pictures = planned.pictures;
-        fly.framesEvery = plan_.framesEvery;
-        fly.references = &references_;
-        fly.measurePopping = planned.popping;
-        fly.measureFrames = planned.frames;
-        fly.seconds = planned.seconds;
-        if (const int code = evaluation::fly(fly); code != kSuccess) return interrupted(code, run.name);
-      }
-      if (const int code = ends(run.folder, others); code != kSuccess) return code;
-      measured(planned.cost);
+      const Part part{run.folder, resultOf(run), planned.cost, run.terrain, std::string(pathOf(run.terrain)), run.threads};
+      const auto fly = [&](FlyOptions& options) {
+        options.settings = {settings::metricNamed(run.metric).value(), run.threshold, kFlightBudget};
+        options.corrected = options.unfiltered = options.pictures = planned.pictures;
+        options.framesEvery = plan_.framesEvery;
+        options.references = &references_;
+        options.measurePopping = planned.popping;
+        options.measureFrames = planned.frames;
+        options.seconds = planned.seconds;
+        return evaluation::fly(options);
+      };
+      if (const int code = measure(part, fly, [] { return Outcome<void>(); }); code != kSuccess) return code;
     }
     return kSuccess;
   }
@@ -137,30 +114,64 @@ class Evaluation {
     std::vector<std::filesystem::path> views;
     for (const PlannedView& planned : plan_.views)
       if (std::filesystem::exists(resultOf(planned.view))) views.push_back(folderOf(planned.view));
-    if (runs.empty() && views.empty()) return fail(kBadInput, "nothing of it was measured yet in " + out_.string());
+    if (runs.empty() && views.empty()) return fail(kBadInput, {"nothing of it was measured yet in " + out_.string()});
     const std::size_t all = plan_.flights.size() + plan_.views.size(), there = runs.size() + views.size();
     if (there < all) machine_.append("; ").append(std::to_string(there)).append(" of its ").append(std::to_string(all)).append(" parts");
-    if (auto written = writeReport(runs, views, out_, machine_); !written) return fail(kRuntimeFailure, written.error().message);
+    if (auto written = writeReport(runs, views, out_, machine_); !written) return fail(kRuntimeFailure, written.error());
     std::fprintf(stderr, "%s, after %.0f s\n", (out_ / "report.html").c_str(), seconds());
     return kSuccess;
   }
 
  private:
   double seconds() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
+  static int wrote(const Outcome<void>& written) { return written ? kSuccess : fail(kBadInput, written.error()); }
 
-  // Whether it is to be measured; else it was.
-  bool begins(const std::string& what, const std::filesystem::path& result, double cost) {
+  // What is measured with a server of its own, and has its result in a folder.
+  struct Part {
+    std::filesystem::path folder, result;  // result: there once all of it is
+    double cost = 0;
+    std::string terrain, path;  // path: of the camera, the text of a path file
+    unsigned threads = 0;       // of the server
+  };
+
+  // Unless the result is there already. `fly` completes the options and flies; `finish` writes the result.
+  template <class Fly, class Finish>
+  int measure(const Part& part, const Fly& fly, const Finish& finish) {
+    const std::string name = part.folder.filename().string();
+    const bool there = std::filesystem::exists(part.result);
     ++number_;
-    const bool there = std::filesystem::exists(result);
-    if (there) planned_ += cost;
+    if (there) planned_ += part.cost;
     std::fprintf(stderr, "[%zu of %zu, %.0f s%s] %s%s\n", number_, plan_.views.size() + plan_.flights.size(), seconds(), left().c_str(),
-                 what.c_str(), there ? ": is there already" : "");
-    return !there;
+                 name.c_str(), there ? ": is there already" : "");
+    if (there) return kSuccess;
+    const Others others;
+    std::error_code failed;
+    std::filesystem::create_directories(part.folder, failed);
+    const std::filesystem::path path = part.folder / "path.json";
+    if (const int code = wrote(writeText(path, part.path)); code != kSuccess) return code;
+    {
+      auto own =
+          OwnServer::start(server_, {"--terrain", part.terrain, "--seed", "1", "--threads", std::to_string(part.threads)}, part.folder);
+      if (!own) return fail(kRuntimeFailure, own.error());
+      FlyOptions options;
+      options.url.port = std::to_string((*own)->port());
+      options.path = path;
+      options.out = part.folder;
+      options.width = plan_.width;
+      options.height = plan_.height;
+      options.settleLimit = plan_.quick ? 30 : 120;
+      if (const int code = fly(options); code != kSuccess)
+        return fail(code, {name + " failed; run the same command again to go on from there"});
+    }
+    const auto share = others.share();
+    const std::string machine = "{\"others\": " + (share ? std::to_string(*share) : "null") + "}\n";
+    if (const int code = wrote(writeText(part.folder / "machine.json", machine)); code != kSuccess) return code;
+    if (auto finished = finish(); !finished) return fail(kRuntimeFailure, finished.error());
+    planned_ += part.cost;
+    spent_ += part.cost;
+    return kSuccess;
   }
-  void measured(double cost) {
-    planned_ += cost;
-    spent_ += cost;
-  }
+
   // What is left, at the pace of what was measured so far.
   std::string left() const {
     if (spent_ <= 0) return {};
@@ -171,15 +182,6 @@ class Evaluation {
     std::snprintf(text, sizeof text, ", some %.0f min left", std::ceil((all - planned_) * seconds() / spent_ / 60));
     return text;
   }
-  // What the machine did beside it. Written last of a flight's files: it says that all are there.
-  static int ends(const std::filesystem::path& folder, const Others& others) {
-    const auto share = others.share();
-    const std::filesystem::path file = folder / "machine.json";
-    std::ofstream out(file, std::ios::trunc);
-    out << "{\"others\": " << (share ? std::to_string(*share) : "null") << "}\n";
-    out.close();
-    return out ? kSuccess : fail(kBadInput, "cannot write " + file.string() + ": choose a folder that may be written and has room");
-  }
   std::filesystem::path folderOf(const ViewCase& view) const {
     return out_ / "views" / (std::string(view.terrain) + "-" + std::string(view.name));
   }
@@ -187,28 +189,6 @@ class Evaluation {
   // There once all of it is.
   std::filesystem::path resultOf(const ViewCase& view) const { return folderOf(view) / "view.json"; }
   std::filesystem::path resultOf(const Run& run) const { return folderOf(run) / "machine.json"; }
-  static int prepare(const std::filesystem::path& folder, const std::filesystem::path& path, std::string_view text) {
-    std::error_code failed;
-    std::filesystem::create_directories(folder, failed);
-    std::ofstream out(path, std::ios::trunc);
-    out << text;
-    out.close();
-    return out ? kSuccess : fail(kBadInput, "cannot write " + path.string() + ": choose a folder that may be written and has room");
-  }
-  static int interrupted(int code, const std::string& what) {
-    return fail(code, what + " failed; run the same command again to go on from there");
-  }
-  FlyOptions common(const OwnServer& server, const std::filesystem::path& path, const std::filesystem::path& out) const {
-    FlyOptions fly;
-    fly.url.port = std::to_string(server.port());
-    fly.path = path;
-    fly.out = out;
-    fly.width = plan_.width;
-    fly.height = plan_.height;
-    fly.settleLimit = plan_.quick ? 30 : 120;
-    return fly;
-  }
-
   std::filesystem::path out_;
   Plan plan_;
   std::filesystem::path server_;
@@ -224,7 +204,7 @@ class Evaluation {
 int evaluate(const EvaluateOptions& options) {
   std::error_code failed;
   std::filesystem::create_directories(options.out, failed);
-  if (failed) return fail(kBadInput, "cannot make the folder " + options.out.string() + ": " + failed.message());
+  if (failed) return fail(kBadInput, {"cannot make the folder " + options.out.string() + ": " + failed.message()});
   const std::filesystem::path server =
       options.server.empty() ? std::filesystem::read_symlink("/proc/self/exe", failed).parent_path() / "ridgecast-server" : options.server;
   Evaluation evaluation(options, planOf(options, std::max(std::thread::hardware_concurrency(), 1u)), server);

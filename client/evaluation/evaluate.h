@@ -33,7 +33,7 @@ struct EvaluateOptions {
 // "METRIC:THRESHOLD", as in "area:0.3". Error: what it is not.
 Outcome<MeshCase> meshCaseFrom(std::string_view text);
 
-// Progress goes to stderr, a line for each thing measured. Returns an exit code of fly.h. Resumable: what has its result in the folder is
+// Progress goes to stderr, a line for each thing measured. Returns an exit code (exit.h). Resumable: what has its result in the folder is
 // not measured again; a folder that was begun with other options is refused (kBadInput).
 int evaluate(const EvaluateOptions& options);
 

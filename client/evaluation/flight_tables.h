@@ -3,12 +3,11 @@
 
 #include <vector>
 
-#include "client/evaluation/report.h"
+#include "client/evaluation/results.h"
 #include "client/evaluation/table.h"
 
 namespace ridgecast::evaluation {
 
-// Error: a summary that cannot be read.
-Outcome<std::vector<Table>> flightTables(const std::vector<Run>& runs);
+std::vector<Table> flightTables(const std::vector<FlightResults>& flights);
 
 }  // namespace ridgecast::evaluation

@@ -39,10 +39,7 @@ struct FlyOptions {
   std::function<Outcome<void>(const AtRest&)> atRest;  // in place of all pictures: called at the end
 };
 
-// Exit codes of the program.
-inline constexpr int kSuccess = 0, kRuntimeFailure = 1, kBadInput = 2, kNoGraphics = 3;
-
-// Progress and errors, one sentence each, go to stderr; returns an exit code. Lock-step: one pose, one iteration, pictures in between,
+// Progress and errors, one sentence each, go to stderr; returns an exit code (exit.h). Lock-step: one pose, one iteration, pictures in between,
 // so that the same flight gives the same pictures on any machine. At the end the last pose is repeated until the server has nothing
 // more to refine. Every iteration's hash is compared with the mesh held; where they differ the server is asked for all leaves again.
 int fly(const FlyOptions& options);

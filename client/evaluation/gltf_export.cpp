@@ -1,8 +1,8 @@
 #include "client/evaluation/gltf_export.h"
 
-#include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "client/evaluation/text_file.h"
 #include "common/gltf/glb.h"
 
 namespace ridgecast::evaluation {
@@ -15,11 +15,7 @@ Outcome<void> writeGlb(const std::map<lattice::LeafAddress, scene::HeldLeaf>& le
   for (const auto& [address, held] : leaves) document.leaves.push_back({held.mesh.get(), {}, {}});
   const auto bytes = gltf::writeGlb(document, gltf::Compression::kNone);
   if (!bytes) return bytes.error();
-  std::ofstream out(file, std::ios::binary);
-  out.write(bytes->data(), static_cast<std::streamsize>(bytes->size()));
-  out.close();
-  if (!out) return Error{"cannot write " + file.string() + ": choose a folder that exists, may be written and has room"};
-  return {};
+  return writeText(file, {bytes->data(), bytes->size()});
 }
 
 }  // namespace ridgecast::evaluation

@@ -1,12 +1,11 @@
 #pragma once
 // Figures out of JSON, for tables in which what was not measured stays empty.
 
-#include <limits>
 #include <nlohmann/json.hpp>
 
-namespace ridgecast::evaluation {
+#include "client/evaluation/table.h"
 
-inline constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
+namespace ridgecast::evaluation {
 
 // kNothing where there is no number of that name.
 inline double number(const nlohmann::json& json, const char* key) {

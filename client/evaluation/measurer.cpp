@@ -18,6 +18,7 @@
 #include "client/render/context.h"
 #include "client/render/height_texture.h"
 #include "client/scene/exchange_tiles.h"
+#include "common/settings/settings.h"
 
 namespace ridgecast::evaluation {
 
@@ -67,9 +68,10 @@ class Measurer final : flight::Observer {
     if (options_.measurePopping) states_.push_back(scene_.leaves());
     const auto settled = flight_.settle();
     if (!settled) return settled.error();
-    totals_.settled = *settled;
-    totals_.settleSeconds = std::chrono::duration<double>(Clock::now() - began).count();
-    if (!totals_.settled)
+    FlightSummary& summary = recorder_.summary();
+    summary.isSettled = *settled;
+    summary.settleSeconds = std::chrono::duration<double>(Clock::now() - began).count();
+    if (!summary.isSettled)
       std::fprintf(stderr, "warning: still refining after %.0f s (--settle-limit); the settled pictures show the mesh as it is\n",
                    options_.settleLimit);
     return conclude();
@@ -129,13 +131,25 @@ class Measurer final : flight::Observer {
   }
 
   Outcome<void> iterated(const replica::Update& update, double t, double latencyMs) override {
-    IterationRecord record{t, update.bytes, latencyMs, update.milliseconds, !update.wrong, scene_.triangles(), {}, {}};
+    const wire::Iteration& i = update.iteration;
+    IterationResult result{.number = i.number,
+                           .pose = i.poseSequence,
+                           .t = t,
+                           .figures = i.figures,
+                           .applyMs = update.milliseconds,
+                           .latencyMs = latencyMs,
+                           .trianglesHeld = scene_.triangles(),
+                           .leavesSent = i.whole.size(),
+                           .leavesGone = i.gone.size(),
+                           .bytes = update.bytes,
+                           .settled = i.settled,
+                           .hashOk = !update.wrong};
     if (options_.measureFrames && !options_.realtime)
-      if (auto measured = measureFrame(record); !measured) return measured;
-    if (auto added = recorder_.add(update.iteration, record); !added) return added;
+      if (auto measured = measureFrame(result); !measured) return measured;
+    if (auto added = recorder_.add(result); !added) return added;
     if (update.wrong) {
       std::fprintf(stderr, "warning: %s; asking for leaves again\n", update.wrong->message.c_str());
-      if (recorder_.hashMismatches() > kMostMismatches)
+      if (recorder_.summary().hashMismatches > kMostMismatches)
         return Error{"the mesh held differed from the server's in more than " + std::to_string(kMostMismatches) +
                      " iterations: the last time " + update.wrong->message};
     }
@@ -145,11 +159,11 @@ class Measurer final : flight::Observer {
   }
 
   // A quarter of the size.
-  Outcome<void> measureFrame(IterationRecord& record) {
-    record.uploadMs = renderer_.upload(scene_.leaves());
+  Outcome<void> measureFrame(IterationResult& result) {
+    result.uploadMs = renderer_.upload(scene_.leaves());
     auto drawn = renderer_.drawMesh(scene_, view(std::max(options_.width / 4, 16u), std::max(options_.height / 4, 16u)));
     if (!drawn) return drawn.error();
-    record.drawMs = drawn->milliseconds;
+    result.drawMs = drawn->milliseconds;
     return {};
   }
 
@@ -184,13 +198,16 @@ class Measurer final : flight::Observer {
         name, renderer_, scene_, view(),
         {options_.supersample, options_.corrected, options_.unfiltered, options_.references ? options_.references : &lastMarch_});
     if (!compared) return compared.error();
-    atRest ? recorder_.setSettled(*compared) : recorder_.addFrame(*compared, flight_.t());
-    const Similarity& similarity = compared->mesh;
-    std::string terrain;
-    if (similarity.terrain) terrain = ", terrain alone " + std::to_string(*similarity.terrain).substr(0, 6);
-    if (compared->corrected) terrain += ", corrected " + std::to_string(compared->corrected->mean).substr(0, 6);
+    const Likeness& likeness = compared->likeness;
+    if (atRest) {
+      recorder_.summary().settled = likeness;
+      recorder_.summary().terrainShare = compared->terrainShare;
+    } else {
+      recorder_.addFrame(name, flight_.t(), likeness);
+    }
+    const std::string terrain = cell(", terrain alone %.4f", likeness.terrain) + cell(", corrected %.4f", likeness.corrected);
     std::fprintf(stderr, "%s-mesh.png, %s-raymarch.png: SSIM %.4f%s (%.0f %% of the picture), %llu triangles\n", name.c_str(), name.c_str(),
-                 similarity.mean, terrain.c_str(), similarity.terrainShare * 100, static_cast<unsigned long long>(scene_.triangles()));
+                 likeness.ssim, terrain.c_str(), compared->terrainShare * 100, static_cast<unsigned long long>(scene_.triangles()));
     return {};
   }
 
@@ -208,9 +225,8 @@ class Measurer final : flight::Observer {
     std::fprintf(stderr, "drawing %zu iterations at 60 frames a second, with and without morphing\n", states_.size());
     auto popping = measurePopping(renderer_, view(std::min(options_.width, 320u), std::min(options_.height, 180u)), states_);
     if (!popping) return popping.error();
-    std::fprintf(stderr, "popping: 1 - SSIM from frame to frame at most %.4f with morphing, %.4f without\n", popping->worstOn,
-                 popping->worstOff);
-    totals_.popping = std::move(*popping);
+    std::fprintf(stderr, "popping: 1 - SSIM from frame to frame at most %.4f with morphing, %.4f without\n", popping->on, popping->off);
+    recorder_.summary().popping = std::move(*popping);
     return {};
   }
 
@@ -218,19 +234,33 @@ class Measurer final : flight::Observer {
     if (!options_.exportFile.empty() && !exported_)
       if (auto written = exportMesh(); !written) return written;
     if (options_.atRest) {
-      if (auto measured = options_.atRest({renderer_, scene_, view(), terrain_.get(), totals_.settled}); !measured) return measured;
+      if (auto measured = options_.atRest({renderer_, scene_, view(), terrain_.get(), recorder_.summary().isSettled}); !measured)
+        return measured;
     } else if (options_.pictures) {
       if (auto drawn = takePicture("settled", true); !drawn) return drawn;
     }
     if (!states_.empty())
       if (auto compared = comparePopping(); !compared) return compared;
-    totals_.seconds = flight_.seconds();
-    totals_.reconnections = client_.connection().reconnections();
-    totals_.bytesReceived = client_.connection().bytesReceived();
-    totals_.pacing = options_.realtime ? "realtime" : "lockstep";
-    totals_.path = options_.path.filename().string();
-    totals_.renderer = render::contextDescription();
-    return recorder_.writeSummary(client_.world(), scene_, view(), options_.supersample, totals_);
+    const wire::World& world = client_.world();
+    FlightSummary& summary = recorder_.summary();
+    summary.triangles = scene_.triangles();
+    summary.leaves = scene_.leaves().size();
+    summary.reconnections = client_.connection().reconnections();
+    summary.bytesReceived = client_.connection().bytesReceived();
+    summary.settings = {.metric = std::string(settings::traits(world.settings.metric).name),
+                        .threshold = world.settings.threshold,
+                        .budget = world.settings.triangleBudget,
+                        .width = options_.width,
+                        .height = options_.height,
+                        .samples = options_.supersample * options_.supersample,
+                        .pacing = options_.realtime ? "realtime" : "lockstep",
+                        .path = options_.path.filename().string(),
+                        .terrain = world.terrainName,
+                        .seed = world.seed,
+                        .horizon = world.horizon,
+                        .server = world.serverName,
+                        .renderer = render::contextDescription()};
+    return recorder_.writeSummary(flight_.seconds());
   }
 
   bool drawsPictures() const { return options_.pictures && !options_.atRest; }
@@ -252,7 +282,6 @@ class Measurer final : flight::Observer {
   std::uint64_t pictures_ = 0;
   std::vector<render::Morph::Leaves> states_;  // of the standing camera, when popping is measured
   Clock::time_point nextProgress_ = Clock::now();
-  Totals totals_;
 };
 
 }  // namespace

@@ -8,8 +8,9 @@
 #include <chrono>
 #include <csignal>
 #include <fstream>
-#include <sstream>
 #include <thread>
+
+#include "client/evaluation/text_file.h"
 
 namespace ridgecast::evaluation {
 
@@ -51,9 +52,7 @@ Outcome<std::unique_ptr<OwnServer>> OwnServer::start(const std::filesystem::path
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
-  std::ostringstream words;
-  words << std::ifstream(log).rdbuf();
-  return Error{"the server did not start: " + words.str().substr(0, 400)};
+  return Error{"the server did not start: " + readText(log).substr(0, 400)};
 }
 
 OwnServer::~OwnServer() {

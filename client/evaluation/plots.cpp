@@ -3,20 +3,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
 #include <map>
-#include <optional>
 #include <sstream>
 #include <utility>
 
-#include "client/evaluation/json_numbers.h"
 #include "client/evaluation/table.h"
 
 namespace ridgecast::evaluation {
 namespace {
 
-using Json = nlohmann::json;
-using Points = std::vector<std::pair<double, double>>;
+using Lines = std::map<std::string, std::vector<std::pair<double, double>>>;
 
 // Okabe and Ito's palette, told apart by colour-blind eyes.
 constexpr std::array<const char*, 7> kColours = {"#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"};
@@ -30,8 +26,7 @@ double stepOf(double length) {
 }
 
 // Lines over one pair of axes.
-std::string plot(const std::string& title, const std::string& xTitle, const std::string& yTitle, const std::map<std::string, Points>& lines,
-                 double lowest = 0) {
+std::string plot(const std::string& title, const std::string& xTitle, const std::string& yTitle, const Lines& lines, double lowest = 0) {
   constexpr double kWidth = 680, kHeight = 320, kLeft = 70, kBottom = 44, kTop = 34, kRight = 200;
   double highest = lowest + 1e-9, last = 1e-9;
   for (const auto& [name, points] : lines)
@@ -69,67 +64,55 @@ std::string plot(const std::string& title, const std::string& xTitle, const std:
   return out.str();
 }
 
-std::vector<Json> iterationsOf(const Run& run) {
-  std::vector<Json> out;
-  std::ifstream in(run.folder / "iterations.jsonl");
-  for (std::string line; std::getline(in, line);)
-    if (Json one = Json::parse(line, nullptr, false); one.is_object()) out.push_back(std::move(one));
+// The finest flight with pictures over each terrain by each metric.
+std::map<std::string, const FlightResults*> finestOf(const std::vector<FlightResults>& flights) {
+  std::map<std::pair<std::string, std::string>, const FlightResults*> finest;
+  for (const FlightResults& f : flights) {
+    if (f.summary.frames.ssim.empty()) continue;
+    const FlightResults*& known = finest[{f.run.terrain, f.run.metric}];
+    if (!known || f.run.threshold < known->run.threshold) known = &f;
+  }
+  std::map<std::string, const FlightResults*> out;
+  for (const auto& [key, f] : finest) out[key.first + " " + key.second + " " + cell("%g", f->run.threshold)] = f;
   return out;
 }
 
 }  // namespace
 
-std::vector<Plot> plotsOf(const std::vector<Run>& runs, const std::vector<nlohmann::json>& summaries) {
-  std::vector<Plot> out;
-  std::map<std::string, Points> triangles, bytes, popping, likeness, along;
-  std::map<std::pair<std::string, std::string>, std::size_t> finest;
+std::vector<Plot> plotsOf(const std::vector<FlightResults>& flights) {
+  if (flights.empty()) return {};
+  Lines triangles, bytes, stages, popping, likeness, along;
   double least = 1;
-  for (std::size_t r = 0; r < runs.size(); ++r) {
-    if (const auto it = summaries[r].find("popping_frames"); it != summaries[r].end())
-      for (const char* which : {"off", "on"})
-        for (std::size_t k = 0; k < (*it)[which].size(); ++k)
-          popping[runs[r].terrain + ", morphing " + which].push_back({static_cast<double>(k) / 60, (*it)[which][k].get<double>()});
-    // One line for each terrain and metric: its finest flight of those with pictures.
-    if (!summaries[r].contains("ssim_frames") || summaries[r].at("ssim_frames").empty()) continue;
-    const auto [at, isNew] = finest.try_emplace({runs[r].terrain, runs[r].metric}, r);
-    if (!isNew && runs[r].threshold < runs[at->second].threshold) at->second = r;
-  }
-  for (const auto& [key, r] : finest) {
-    const std::string name = key.first + " " + key.second + " " + cell("%g", runs[r].threshold);
-    const auto values = summaries[r].at("ssim_frames").get<std::vector<double>>();
-    const auto times = summaries[r].value("frames_t", std::vector<double>());
-    for (std::size_t k = 0; k < std::min(values.size(), times.size()); ++k) along[name].push_back({times[k], values[k]});
-    std::vector<double> sorted = values;
+  for (const auto& [name, f] : finestOf(flights)) {
+    std::vector<double> sorted = f->summary.frames.ssim;
+    for (std::size_t k = 0; k < std::min(sorted.size(), f->summary.frames.t.size()); ++k)
+      along[name].push_back({f->summary.frames.t[k], sorted[k]});
     std::ranges::sort(sorted);
     least = std::min(least, sorted.front());
     for (std::size_t k = 0; k < sorted.size() && sorted.size() > 1; ++k)
       likeness[name].push_back({static_cast<double>(k) / static_cast<double>(sorted.size() - 1), sorted[k]});
-    const std::vector<Json> iterations = iterationsOf(runs[r]);
-    double sum = 0, n = 0;
-    for (const Json& i : iterations) {
-      triangles[name].push_back({++n, number(i, "triangles_held")});
-      bytes[name].push_back({n, sum += number(i, "bytes") / 1e6});
+    double n = 0, sum = 0;
+    for (const IterationResult& i : f->iterations) {
+      triangles[name].push_back({++n, static_cast<double>(i.trianglesHeld)});
+      bytes[name].push_back({n, sum += static_cast<double>(i.bytes) / 1e6});
     }
   }
-  out.push_back({"triangles.svg", plot("Triangles held", "iteration", "triangles", triangles)});
-  out.push_back({"bytes.svg", plot("Received", "iteration", "megabytes", bytes)});
-  if (!runs.empty()) {
-    std::map<std::string, Points> stages;
-    double n = 0;
-    for (const Json& i : iterationsOf(runs.front())) {
-      ++n;
-      for (const char* stage : {"select_ms", "generate_ms", "refine_ms", "triangulate_ms", "encode_ms", "apply_ms"})
-        stages[std::string(stage).substr(0, std::string(stage).find('_'))].push_back({n, number(i, stage)});
-    }
-    out.push_back({"stages.svg", plot("Time of each stage, " + runs.front().name.substr(0, runs.front().name.rfind("-r")), "iteration",
-                                      "milliseconds", stages)});
-  }
+  for (const FlightResults& f : flights)
+    for (const auto& [which, changes] : f.summary.popping.frames)
+      for (std::size_t k = 0; k < changes.size(); ++k)
+        popping[f.run.terrain + ", morphing " + which].push_back({static_cast<double>(k) / 60, changes[k]});
+  const FlightResults& first = flights.front();
+  for (const Stage& stage : kStages)
+    for (std::size_t k = 0; k < first.iterations.size(); ++k)
+      stages[stage.name].push_back({static_cast<double>(k + 1), stage.ms(first.iterations[k])});
+
+  std::vector<Plot> out = {{"triangles.svg", plot("Triangles held", "iteration", "triangles", triangles)},
+                           {"bytes.svg", plot("Received", "iteration", "megabytes", bytes)},
+                           {"stages.svg", plot("Time of each stage, " + settingOf(first.run), "iteration", "milliseconds", stages)}};
+  const double lowest = std::floor(least * 20) / 20;
   if (!likeness.empty())
-    out.push_back({"likeness.svg", plot("SSIM along the flights: distribution", "share of the pictures below", "SSIM", likeness,
-                                        std::floor(least * 20) / 20)});
-  if (!along.empty())
-    out.push_back(
-        {"likeness-along.svg", plot("SSIM along the flights", "seconds of the path", "SSIM", along, std::floor(least * 20) / 20)});
+    out.push_back({"likeness.svg", plot("SSIM along the flights: distribution", "share of the pictures below", "SSIM", likeness, lowest)});
+  if (!along.empty()) out.push_back({"likeness-along.svg", plot("SSIM along the flights", "seconds of the path", "SSIM", along, lowest)});
   if (!popping.empty()) out.push_back({"popping.svg", plot("Change from frame to frame, standing camera", "seconds", "1 - SSIM", popping)});
   return out;
 }

@@ -1,11 +1,10 @@
 #pragma once
 // Curves along the flights, as SVG.
 
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include "client/evaluation/report.h"
+#include "client/evaluation/results.h"
 
 namespace ridgecast::evaluation {
 
@@ -13,7 +12,6 @@ struct Plot {
   std::string file, svg;
 };
 
-// `summaries`: what summary.json of each run says, in their order.
-std::vector<Plot> plotsOf(const std::vector<Run>& runs, const std::vector<nlohmann::json>& summaries);
+std::vector<Plot> plotsOf(const std::vector<FlightResults>& flights);  // of none: none
 
 }  // namespace ridgecast::evaluation

@@ -13,7 +13,7 @@ Outcome<Popping> measurePopping(render::Renderer& renderer, const render::View& 
   for (const bool smooth : {false, true}) {
     render::Morph morph;
     std::optional<render::Picture> last;
-    std::vector<double>& changes = smooth ? out.on : out.off;
+    std::vector<double>& changes = out.frames[smooth ? "on" : "off"];
     float lastShare = -1;
     std::uint64_t lastVersion = ~std::uint64_t{0};
     const std::size_t frames =
@@ -34,7 +34,7 @@ Outcome<Popping> measurePopping(render::Renderer& renderer, const render::View& 
       if (last) changes.push_back(1 - similarity(drawn->picture, *last).mean);
       last = std::move(drawn->picture);
     }
-    (smooth ? out.worstOn : out.worstOff) = changes.empty() ? 0 : *std::ranges::max_element(changes);
+    (smooth ? out.on : out.off) = changes.empty() ? 0 : *std::ranges::max_element(changes);
   }
   return out;
 }

@@ -4,15 +4,11 @@
 
 #include <vector>
 
+#include "client/evaluation/results.h"
 #include "client/render/morph.h"
 #include "client/render/renderer.h"
 
 namespace ridgecast::evaluation {
-
-struct Popping {
-  std::vector<double> off, on;  // 1 - SSIM of each frame against the one before it; 0 where nothing changes
-  double worstOff = 0, worstOn = 0;
-};
 
 // `states`: the leaves after each iteration of a standing camera, the first one's included. Draws some 20 frames a state.
 Outcome<Popping> measurePopping(render::Renderer& renderer, const render::View& view, const std::vector<render::Morph::Leaves>& states);

@@ -1,70 +1,21 @@
 #include "client/evaluation/report.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
-#include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <sstream>
 
 #include "client/evaluation/flight_tables.h"
 #include "client/evaluation/plots.h"
 #include "client/evaluation/table.h"
 #include "client/evaluation/targets.h"
+#include "client/evaluation/text_file.h"
 #include "client/evaluation/view_tables.h"
 #include "client/render/picture.h"
 
 namespace ridgecast::evaluation {
 namespace {
-
-using Json = nlohmann::json;
-
-// Of summary.json, for runs.csv.
-constexpr std::array<const char*, 30> kColumns = {"frames",
-                                                  "ssim_mean",
-                                                  "ssim_min",
-                                                  "ssim_mean_terrain",
-                                                  "ssim_mean_unfiltered",
-                                                  "ssim_mean_corrected",
-                                                  "ssim_settled",
-                                                  "ssim_settled_terrain",
-                                                  "ssim_settled_unfiltered",
-                                                  "ssim_settled_corrected",
-                                                  "triangles",
-                                                  "leaves",
-                                                  "iterations",
-                                                  "iterations_per_second",
-                                                  "mesh_frame_ms",
-                                                  "mesh_frame_cpu_ms",
-                                                  "corrected_frame_cpu_ms",
-                                                  "raymarch_frame_cpu_ms",
-                                                  "corrected_frame_ms",
-                                                  "raymarch_frame_ms",
-                                                  "bytes_received",
-                                                  "latency_ms_mean",
-                                                  "latency_ms_max",
-                                                  "settle_seconds",
-                                                  "hash_mismatches",
-                                                  "popping_off",
-                                                  "popping_on",
-                                                  "samples",
-                                                  "width",
-                                                  "height"};
-
-std::optional<double> value(const Json& summary, const char* key) {
-  const auto it = summary.find(key);
-  if (it == summary.end() || !it->is_number()) return std::nullopt;
-  return it->get<double>();
-}
-
-std::string slurp(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream out;
-  out << in.rdbuf();
-  return out.str();
-}
 
 std::string base64(const std::string& bytes) {
   constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -90,20 +41,20 @@ std::string figure(const std::filesystem::path& file, const std::string& caption
 }
 
 // The picture of a flight that is least like the ray march, beside it.
-std::string leastLike(const Run& run, const Json& summary) {
-  if (!summary.contains("frames_names") || summary.at("frames_names").empty()) return {};
-  const std::vector<double> likeness = summary.at("ssim_frames").get<std::vector<double>>();
-  const auto k = static_cast<std::size_t>(std::ranges::min_element(likeness) - likeness.begin());
-  const std::string name = summary.at("frames_names").at(k).get<std::string>();
-  const std::string where = run.terrain + ", " + run.metric + " " + cell("%g", run.threshold) + ", after " +
-                            cell("%.1f", summary.at("frames_t").at(k).get<double>()) + " s: ";
-  return figure(run.folder / (name + "-mesh.png"), where + "mesh, SSIM " + cell("%.3f", likeness[k])) +
-         figure(run.folder / (name + "-raymarch.png"), where + "ray march");
+std::string leastLike(const FlightResults& f) {
+  const auto& frames = f.summary.frames;
+  if (frames.names.empty()) return {};
+  const auto k = static_cast<std::size_t>(std::ranges::min_element(frames.ssim) - frames.ssim.begin());
+  const std::string& name = frames.names.at(k);
+  const std::string where =
+      f.run.terrain + ", " + f.run.metric + " " + cell("%g", f.run.threshold) + ", after " + cell("%.1f", frames.t.at(k)) + " s: ";
+  return figure(f.run.folder / (name + "-mesh.png"), where + "mesh, SSIM " + cell("%.3f", frames.ssim[k])) +
+         figure(f.run.folder / (name + "-raymarch.png"), where + "ray march");
 }
 
-std::string html(const Table& targets, const std::vector<Run>& runs, const std::vector<Json>& summaries,
-                 const std::vector<std::filesystem::path>& views, const std::vector<Table>& viewTables,
-                 const std::vector<Table>& flightTables, const std::vector<Plot>& drawn, const std::string& machine) {
+std::string html(const Table& targets, const std::vector<FlightResults>& flights, const std::vector<std::filesystem::path>& views,
+                 const std::vector<Table>& viewTables, const std::vector<Table>& flightTables, const std::vector<Plot>& drawn,
+                 const std::string& machine) {
   std::ostringstream out;
   out << "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
          "content=\"width=device-width\"><title>Ridgecast: mesh against ray "
@@ -135,7 +86,7 @@ std::string html(const Table& targets, const std::vector<Run>& runs, const std::
     out << "<h3>Plots</h3>\n";
     for (const Plot& p : drawn) out << "<figure>" << p.svg << "</figure>\n";
     out << "<h3>Pictures</h3>\n<p>Of each flight the one that is least like the ray march.</p>\n";
-    for (std::size_t r = 0; r < runs.size(); ++r) out << leastLike(runs[r], summaries[r]);
+    for (const FlightResults& f : flights) out << leastLike(f);
   }
   out << "</html>\n";
   return out.str();
@@ -156,20 +107,12 @@ std::string markdown(const Table& targets, const std::vector<Table>& viewTables,
   return out;
 }
 
-Outcome<void> write(const std::filesystem::path& file, const std::string& content) {
-  std::ofstream out(file, std::ios::binary | std::ios::trunc);
-  out << content;
-  out.close();
-  if (!out) return Error{"cannot write " + file.string() + ": choose a folder that may be written and has room"};
-  return {};
-}
-
 // What other programs took of the machine while these were measured, in words.
-std::string othersIn(const std::vector<std::filesystem::path>& folders) {
+std::string othersIn(const std::vector<std::filesystem::path>& views, const std::vector<FlightResults>& flights) {
   std::vector<double> shares;
-  for (const std::filesystem::path& folder : folders)
-    if (const Json beside = Json::parse(slurp(folder / "machine.json"), nullptr, false); beside.is_object())
-      if (const auto share = value(beside, "others")) shares.push_back(100 * *share);
+  for (const std::filesystem::path& view : views) shares.push_back(100 * othersOf(view));
+  for (const FlightResults& f : flights) shares.push_back(100 * f.others);
+  std::erase_if(shares, [](double share) { return std::isnan(share); });
   if (shares.empty()) return {};
   std::ranges::sort(shares);
   return std::string("; other programs took ")
@@ -178,40 +121,41 @@ std::string othersIn(const std::vector<std::filesystem::path>& folders) {
       .append(cell("%.0f %% in the middle", shares[shares.size() / 2]));
 }
 
+std::string runsCsv(const std::vector<FlightResults>& flights) {
+  std::string out = "flight,terrain,metric,threshold,threads,repeat";
+  for (const auto& [key, value] : numbersOf({})) out.append(",").append(key);
+  for (const auto& [run, summary, iterations, others] : flights) {
+    out.append("\n").append(run.name).append(",").append(run.terrain).append(",").append(run.metric);
+    out.append(cell(",%g", run.threshold)).append(cell(",%.0f", run.threads)).append(cell(",%.0f", run.repeat));
+    for (const auto& [key, value] : numbersOf(summary)) out.append(",").append(cell("%.10g", value));
+  }
+  return out + "\n";
+}
+
 Outcome<void> writeTables(const std::vector<Run>& runs, const std::vector<std::filesystem::path>& folders,
                           const std::filesystem::path& folder, const std::string& begun) {
   auto views = readViews(folders);
   if (!views) return views.error();
-  std::vector<std::filesystem::path> measured = folders;
-  for (const Run& run : runs) measured.push_back(run.folder);
-  const std::string machine = begun + othersIn(measured);
-  const std::vector<Table> settled = viewTables(*views);
-  auto flown = flightTables(runs);
-  if (!flown) return flown.error();
-  std::vector<Json> summaries;
-  std::string csv = "flight,terrain,metric,threshold,threads,repeat";
-  for (const char* column : kColumns) csv.append(",").append(column);
-  csv += "\n";
+  std::vector<FlightResults> flights;
   for (const Run& run : runs) {
-    summaries.push_back(Json::parse(slurp(run.folder / "summary.json"), nullptr, false));  // flightTables has read it
-    csv.append(run.name).append(",").append(run.terrain).append(",").append(run.metric).append(cell(",%g", run.threshold));
-    csv.append(cell(",%.0f", run.threads)).append(cell(",%.0f", run.repeat));
-    for (const char* column : kColumns) csv.append(",").append(cell("%.10g", value(summaries.back(), column).value_or(std::nan(""))));
-    csv += "\n";
+    auto results = readResults(run);
+    if (!results) return results.error();
+    flights.push_back(std::move(*results));
   }
-  if (!runs.empty())
-    if (auto written = write(folder / "runs.csv", csv); !written) return written;
-  const Table targets = targetsOf(*views, runs, summaries);
-  std::vector<Table> tables = settled;
-  tables.insert(tables.end(), flown->begin(), flown->end());
-  tables.push_back(targets);
-  for (const Table& table : tables)
-    if (auto written = write(folder / (table.name + ".csv"), asCsv(table)); !written) return written;
-  const std::vector<Plot> drawn = runs.empty() ? std::vector<Plot>() : plotsOf(runs, summaries);
-  for (const Plot& p : drawn)
-    if (auto written = write(folder / p.file, p.svg); !written) return written;
-  if (auto written = write(folder / "report.md", markdown(targets, settled, *flown, machine)); !written) return written;
-  return write(folder / "report.html", html(targets, runs, summaries, folders, settled, *flown, drawn, machine));
+  const std::string machine = begun + othersIn(folders, flights);
+  const std::vector<Table> settled = viewTables(*views), flown = flightTables(flights);
+  const Table targets = targetsOf(*views, flights);
+  const std::vector<Plot> plots = plotsOf(flights);
+  std::map<std::string, std::string> files = {{"report.md", markdown(targets, settled, flown, machine)},
+                                              {"report.html", html(targets, flights, folders, settled, flown, plots, machine)},
+                                              {"targets.csv", asCsv(targets)}};
+  if (!flights.empty()) files["runs.csv"] = runsCsv(flights);
+  for (const auto* tables : {&settled, &flown})
+    for (const Table& table : *tables) files[table.name + ".csv"] = asCsv(table);
+  for (const Plot& p : plots) files[p.file] = p.svg;
+  for (const auto& [name, text] : files)
+    if (auto written = writeText(folder / name, text); !written) return written;
+  return {};
 }
 
 }  // namespace
@@ -220,7 +164,7 @@ Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::f
                           const std::filesystem::path& folder, const std::string& machine) {
   try {
     return writeTables(runs, views, folder, machine);
-  } catch (const Json::exception& e) {
+  } catch (const nlohmann::json::exception& e) {
     return Error{folder.string() + " holds figures of another version (" + e.what() + "): choose another --out"};
   }
 }

@@ -6,18 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "client/evaluation/results.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::evaluation {
-
-struct Run {
-  std::string name;  // also of its folder
-  std::string terrain, metric;
-  double threshold = 0;
-  unsigned threads = 0;  // 0: as many as there are
-  int repeat = 1;
-  std::filesystem::path folder;  // with summary.json, iterations.jsonl and pictures, as `fly` leaves them
-};
 
 // `views`: folders as ViewMeasurement leaves them. `machine`: what it was measured with. Error: a summary that cannot be read, or a file
 // that cannot be written.

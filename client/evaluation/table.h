@@ -1,6 +1,7 @@
 #pragma once
 // A table of figures, for pages, documents and other programs.
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@ std::string asHtml(const Table& table);      // with its title as a heading
 std::string asMarkdown(const Table& table);  // likewise
 std::string asCsv(const Table& table);       // RFC 4180, title and note left out
 
+inline constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();  // what was not measured
 // printf with one number; nothing that is finite: an empty cell.
 std::string cell(const char* format, double value);
 

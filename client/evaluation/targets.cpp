@@ -55,13 +55,13 @@ double medianOf(const Json& values) {
   return sorted.empty() ? kNothing : sorted[sorted.size() / 2];
 }
 
-std::vector<std::string> terrainsOf(const std::vector<Json>& views, const std::vector<Run>& runs) {
+std::vector<std::string> terrainsOf(const std::vector<Json>& views, const std::vector<FlightResults>& flights) {
   std::vector<std::string> out;
   const auto add = [&out](const std::string& name) {
     if (!std::ranges::count(out, name)) out.push_back(name);
   };
   for (const Json& view : views) add(view.at("terrain").get<std::string>());
-  for (const Run& run : runs) add(run.terrain);
+  for (const FlightResults& f : flights) add(f.run.terrain);
   return out;
 }
 
@@ -99,7 +99,7 @@ void addSpeed(Table& table, const std::vector<Json>& views) {
 
 }  // namespace
 
-Table targetsOf(const std::vector<Json>& views, const std::vector<Run>& runs, const std::vector<Json>& summaries) {
+Table targetsOf(const std::vector<Json>& views, const std::vector<FlightResults>& flights) {
   Table out{
       "targets",
       "What is asked for, and what came out",
@@ -107,21 +107,20 @@ Table targetsOf(const std::vector<Json>& views, const std::vector<Run>& runs, co
       "area. Speed is asked for on Mesa's software driver.",
       {"what", "asked", "reached", "where", "met"},
       {}};
-  for (const std::string& terrain : terrainsOf(views, runs))
+  for (const std::string& terrain : terrainsOf(views, flights))
     addStanding(out, views, terrain, 4, true, terrain == "canyon" ? kLikeWhereSteep : kLike, "standing, filtered, 2x2 samples");
-  for (const std::string& terrain : terrainsOf(views, runs))
+  for (const std::string& terrain : terrainsOf(views, flights))
     addStanding(out, views, terrain, 16, false, kLikeUnfiltered, "standing, unfiltered, 4x4 samples");
   Worst popping{false, kNothing, {}}, differing = popping;
-  for (std::size_t r = 0; r < runs.size(); ++r) {
-    const Json& s = summaries[r];
-    if (runs[r].metric == "area")
-      for (const auto& [key, words] : {std::pair("ssim_mean", ""), std::pair("ssim_mean_terrain", ", terrain alone")}) {
+  for (const auto& [run, summary, iterations, others] : flights) {
+    if (run.metric == "area")
+      for (const auto& [reached, words] : {std::pair(summary.mean.ssim, ""), std::pair(summary.mean.terrain, ", terrain alone")}) {
         Worst flown{true, kNothing, {}};
-        flown.add(number(s, key), "mean of " + cell("%.0f", number(s, "frames")) + " pictures");
-        addRow(out, std::string(runs[r].terrain).append(", along the flight at 50 m/s").append(words), "%.3f", kLikeFlying, flown);
+        flown.add(reached, "mean of " + std::to_string(summary.frames.count) + " pictures");
+        addRow(out, std::string(run.terrain).append(", along the flight at 50 m/s").append(words), "%.3f", kLikeFlying, flown);
       }
-    popping.add(number(s, "popping_on") / number(s, "popping_off"), runs[r].terrain);
-    differing.add(number(s, "hash_mismatches"), runs[r].name);
+    popping.add(summary.popping.on / summary.popping.off, run.terrain);
+    differing.add(static_cast<double>(summary.hashMismatches), run.name);
   }
   addSpeed(out, views);
   addRow(out, "largest change from frame to frame while a mesh refines, morphed, against at once", "%.3f", kPopping, popping);

@@ -4,13 +4,13 @@
 #include <nlohmann/json_fwd.hpp>
 #include <vector>
 
-#include "client/evaluation/report.h"
+#include "client/evaluation/results.h"
 #include "client/evaluation/table.h"
 
 namespace ridgecast::evaluation {
 
-// `views`: each view.json. `summaries`: summary.json of each run, in their order. A row for each promise that was measured, by the worst
+// `views`: each view.json. A row for each promise that was measured, by the worst
 // of what was; no rows when none was.
-Table targetsOf(const std::vector<nlohmann::json>& views, const std::vector<Run>& runs, const std::vector<nlohmann::json>& summaries);
+Table targetsOf(const std::vector<nlohmann::json>& views, const std::vector<FlightResults>& flights);
 
 }  // namespace ridgecast::evaluation

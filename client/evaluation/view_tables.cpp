@@ -2,11 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <numeric>
-#include <sstream>
 
 #include "client/evaluation/json_numbers.h"
+#include "client/evaluation/text_file.h"
 
 namespace ridgecast::evaluation {
 namespace {
@@ -189,10 +188,7 @@ Outcome<std::vector<Json>> readViews(std::span<const std::filesystem::path> fold
   std::vector<Json> views;
   for (const std::filesystem::path& folder : folders) {
     const std::filesystem::path file = folder / "view.json";
-    std::ifstream in(file);
-    std::ostringstream text;
-    text << in.rdbuf();
-    Json view = Json::parse(text.str(), nullptr, false);
+    Json view = Json::parse(readText(file), nullptr, false);
     if (!view.is_object() || !view.contains("meshes"))
       return Error{file.string() + " is broken: remove its folder, and it is measured again"};
     views.push_back(std::move(view));

@@ -4,13 +4,14 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <system_error>
+#include <utility>
 
+#include "client/evaluation/text_file.h"
 #include "client/render/context.h"
 
 namespace ridgecast::evaluation {
@@ -35,6 +36,11 @@ constexpr float kFiner = 2;                          // steps of the march that 
 
 Json figures(const Similarity& s) { return {{"ssim", s.mean}, {"terrain", s.terrain ? Json(*s.terrain) : Json(nullptr)}}; }
 Json figures(const PixelError& e) { return {{"median", e.median}, {"p99", e.p99}, {"worst", e.worst}}; }
+
+Json figures(const Missing& m) {
+  return {{"total", m.total},     {"silhouettes", m.silhouettes}, {"geometry", m.geometry},
+          {"shading", m.shading}, {"marcher", m.marcher},         {"silhouette_windows", m.windows}};
+}
 
 // 1 - SSIM from black over red and yellow to white, in the middle of each window; the border is black.
 Picture lossPicture(const SimilarityMap& map) {
@@ -106,6 +112,34 @@ struct ViewMeasurement::State {
     return render::writePng(marches[kept].filtered, folder / "march.png");
   }
 
+  // Mesh and corrected mesh against the march with the k-th number of samples: "pictures", and with the first "missing".
+  Outcome<void> compare(std::size_t k, const AtRest& at, Json& out) const {
+    auto drawn = both(at.renderer.drawMesh(at.scene, at.view, settings.samples[k]), at, settings.samples[k]);
+    if (!drawn) return drawn.error();
+    const std::vector<float> seen = k == 0 ? at.renderer.positions() : std::vector<float>();
+    auto corrected = both(at.renderer.drawCorrected(at.scene.leaves(), at.view, settings.samples[k]), at, settings.samples[k]);
+    if (!corrected) return corrected.error();
+    const Both& march = marches[k];
+    for (const auto& [filtered, picture] : {std::pair(true, &Both::filtered), std::pair(false, &Both::points)})
+      out["pictures"].push_back({{"samples", settings.samples[k] * settings.samples[k]},
+                                 {"filtered", filtered},
+                                 {"mesh", figures(similarity((*drawn).*picture, march.*picture))},
+                                 {"corrected", figures(similarity((*corrected).*picture, march.*picture))}});
+    const SimilarityMap map = similarityMap(drawn->filtered, march.filtered);
+    if (k == 0) {
+      auto best = at.renderer.drawCorrected(at.scene.leaves(), at.view, 1, kMostSteps);
+      if (!best) return best.error();
+      out["missing"] =
+          figures(missingOf(map, similarityMap(best->picture, march.filtered), similarityMap(*finer, march.filtered), seen, marched, 1));
+    }
+    if (k != kept) return {};
+    const Picture loss = lossPicture(map);
+    for (const auto& [name, picture] :
+         {std::pair("mesh.png", &std::as_const(drawn->filtered)), {"corrected.png", &corrected->filtered}, {"loss.png", &loss}})
+      if (auto written = render::writePng(*picture, folder / name); !written) return written;
+    return {};
+  }
+
   // Mesh, corrected mesh and ray march in turn, one sample a pixel, filtered: what else the machine does hits all of them.
   Outcome<void> timed(const AtRest& at, Json& out) const {
     const auto note = [&out](const char* name, const Outcome<render::Renderer::Drawn>& drawn) -> Outcome<void> {
@@ -142,62 +176,21 @@ Outcome<void> ViewMeasurement::measure(const MeshCase& mesh, const AtRest& at) {
   if (s.marches.empty())
     if (auto made = s.reference(at); !made) return made;
   Json out = {{"metric", mesh.metric}, {"threshold", mesh.threshold}, {"triangles", at.scene.triangles()}, {"settled", at.settled}};
-
-  const auto correctedOf = [&](std::uint32_t samples, int steps) {
-    return at.renderer.drawCorrected(at.scene.leaves(), at.view, samples, steps);
-  };
-  auto first = at.renderer.drawMesh(at.scene, at.view);  // uploads
-  if (!first) return first.error();
-  out["pixel_error"] = figures(pixelErrorOf(at.renderer.positions(), at.view.camera, *at.terrain));
-  auto moved = correctedOf(1, render::kCorrectionSteps);
-  if (!moved) return moved.error();
-  out["pixel_error_corrected"] = figures(pixelErrorOf(at.renderer.positions(), at.view.camera, *at.terrain));
-
-  Json pictures = Json::array();
-  for (std::size_t k = 0; k < s.settings.samples.size(); ++k) {
-    const std::uint32_t samples = s.settings.samples[k];
-    if (samples > mesh.mostSamples) break;
-    auto drawn = s.both(at.renderer.drawMesh(at.scene, at.view, samples), at, samples);
-    if (!drawn) return drawn.error();
-    const std::vector<float> seen = k == 0 ? at.renderer.positions() : std::vector<float>();
-    auto corrected = s.both(correctedOf(samples, render::kCorrectionSteps), at, samples);
-    if (!corrected) return corrected.error();
-    const Both& march = s.marches[k];
-    for (const bool filtered : {true, false}) {
-      const auto of = [filtered](const Both& b) -> const Picture& { return filtered ? b.filtered : b.points; };
-      pictures.push_back({{"samples", samples * samples},
-                          {"filtered", filtered},
-                          {"mesh", figures(similarity(of(*drawn), of(march)))},
-                          {"corrected", figures(similarity(of(*corrected), of(march)))}});
-    }
-    const SimilarityMap map = similarityMap(drawn->filtered, march.filtered);
-    if (k == 0) {
-      auto best = correctedOf(1, kMostSteps);
-      if (!best) return best.error();
-      const Missing missing =
-          missingOf(map, similarityMap(best->picture, march.filtered), similarityMap(*s.finer, march.filtered), seen, s.marched, 1);
-      out["missing"] = {{"total", missing.total},     {"silhouettes", missing.silhouettes}, {"geometry", missing.geometry},
-                        {"shading", missing.shading}, {"marcher", missing.marcher},         {"silhouette_windows", missing.windows}};
-    }
-    if (k != s.kept) continue;
-    const Picture loss = lossPicture(map);
-    const std::array<std::pair<const char*, const Picture*>, 3> files = {
-        {{"mesh.png", &drawn->filtered}, {"corrected.png", &corrected->filtered}, {"loss.png", &loss}}};
-    for (const auto& [name, picture] : files)
-      if (auto written = render::writePng(*picture, s.folder / name); !written) return written;
-  }
-  out["pictures"] = std::move(pictures);
-
-  Json steps = Json::array();
-  for (const int n : kSteps) {
-    auto drawn = correctedOf(1, n);
+  const auto pixelError = [&at] { return figures(pixelErrorOf(at.renderer.positions(), at.view.camera, *at.terrain)); };
+  if (auto first = at.renderer.drawMesh(at.scene, at.view); !first) return first.error();  // uploads
+  out["pixel_error"] = pixelError();
+  if (auto moved = at.renderer.drawCorrected(at.scene.leaves(), at.view); !moved) return moved.error();
+  out["pixel_error_corrected"] = pixelError();
+  for (std::size_t k = 0; k < s.settings.samples.size() && s.settings.samples[k] <= mesh.mostSamples; ++k)
+    if (auto compared = s.compare(k, at, out); !compared) return compared;
+  for (const int steps : kSteps) {
+    auto drawn = at.renderer.drawCorrected(at.scene.leaves(), at.view, 1, steps);
     if (!drawn) return drawn.error();
     Json one = figures(similarity(drawn->picture, s.marches.front().filtered));
-    one["steps"] = n;
+    one["steps"] = steps;
     one["ms"] = drawn->milliseconds;
-    steps.push_back(std::move(one));
+    out["correction"].push_back(std::move(one));
   }
-  out["correction"] = std::move(steps);
   if (auto timed = s.timed(at, out["times"]); !timed) return timed;
   const Json& last = out["pictures"][std::min(2 * s.kept, out["pictures"].size() - 2)];
   std::fprintf(stderr, "%s %s, %s %g: %llu triangles%s, SSIM %.4f, corrected %.4f, with %d samples\n", std::string(s.view.terrain).c_str(),
@@ -210,12 +203,10 @@ Outcome<void> ViewMeasurement::measure(const MeshCase& mesh, const AtRest& at) {
 
 Outcome<void> ViewMeasurement::finish() {
   const std::filesystem::path file = state_->folder / "view.json", part = state_->folder / "view.json.part";
-  std::ofstream out(part, std::ios::trunc);
-  out << state_->json.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
-  out.close();
+  if (auto written = writeText(part, state_->json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"); !written) return written;
   std::error_code failed;
-  if (out) std::filesystem::rename(part, file, failed);
-  if (!out || failed) return Error{"cannot write " + file.string() + ": choose a folder that may be written and has room"};
+  std::filesystem::rename(part, file, failed);
+  if (failed) return cannotWrite(file);
   return {};
 }
 

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "client/connection/download.h"
+#include "client/exit/exit.h"
 
 namespace ridgecast::snapshot {
 
@@ -87,12 +88,9 @@ int snapshot(const SnapshotOptions& options) {
   const auto made = connection::download(options.url, target(options), options.out,
                                          std::chrono::milliseconds(static_cast<std::int64_t>(options.timeout * 1000)), std::ref(teller));
   teller.end();
-  if (!made) {
-    std::fprintf(stderr, "ridgecast-client: %s\n", made.error().message.c_str());
-    return 1;
-  }
+  if (!made) return fail(kRuntimeFailure, made.error());
   std::printf("%s: %llu bytes\n", options.out.c_str(), static_cast<unsigned long long>(*made));
-  return 0;
+  return kSuccess;
 }
 
 }  // namespace ridgecast::snapshot

@@ -12,6 +12,7 @@
 #include <thread>
 #include <utility>
 
+#include "client/exit/exit.h"
 #include "client/render/context.h"
 #include "client/scene/exchange_tiles.h"
 #include "client/viewer/window.h"
@@ -22,11 +23,6 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr double kMoment = 0.7;  // seconds: shorter waits are not reported
-
-int fail(int code, const std::string& message) {
-  std::fprintf(stderr, "ridgecast-client: %s\n", message.c_str());
-  return code;
-}
 
 // Fetches the heights around the start of a flight. Gives up after five seconds; they arrive later then.
 Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Point at) {
@@ -79,11 +75,12 @@ int view(const ViewOptions& given) {
   if (!options.at)
     options.at = lattice::Point{std::llround(options.x * lattice::kStepsPerMetre), std::llround(options.z * lattice::kStepsPerMetre)};
   auto window = Window::open(options.width, options.height, options.vsync);
-  if (!window) return fail(3, window.error().message);
+  if (!window) return fail(kNoGraphics, window.error());
   auto arrived = arrive(options, **window, began);
-  if (!arrived) return fail(1, "closed before the server at " + options.url.host + ":" + options.url.port + " had answered");
+  if (!arrived)
+    return fail(kRuntimeFailure, {"closed before the server at " + options.url.host + ":" + options.url.port + " had answered"});
   auto link = std::move(*arrived);
-  if (!link) return fail(1, link.error().message);
+  if (!link) return fail(kRuntimeFailure, link.error());
   ViewerState state;
   state.smooth = !options.reducedMotion;
   state.panel.invertY = options.invertY;
@@ -94,10 +91,10 @@ int view(const ViewOptions& given) {
     auto drawing = render::drawingOf(world, options.remoteShaders);
     auto passes = render::createOrNeutral(world, drawing, Passes::create);
     if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
-    if (!passes) return fail(3, passes.error().message);
+    if (!passes) return fail(kNoGraphics, passes.error());
     std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
     if (drawing.window)
-      if (auto fetched = fetchGround(*link, *drawing.window, *options.at); !fetched) return fail(1, fetched.error().message);
+      if (auto fetched = fetchGround(*link, *drawing.window, *options.at); !fetched) return fail(kRuntimeFailure, fetched.error());
     WorldWindow inside(options, **window, std::move(*link), drawing, std::move(*passes), state);
     WorldWindow::Ending ending = inside.run(began);
     if (!ending.next) return ending.code;

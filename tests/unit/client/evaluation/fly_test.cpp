@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "client/exit/exit.h"
 #include "client/render/context.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/wire.h"

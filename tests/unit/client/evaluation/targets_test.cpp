@@ -32,7 +32,7 @@ using Row = std::vector<std::string>;
 TEST(Targets, TheWorstViewOfTheFinestMeshThatIsAllowed) {
   const std::vector<Json> views = {view("low", {mesh(100'000, 0.5, 100, {1000}), mesh(499'000, 0.99, 100, {1000})}),
                                    view("grazing", {mesh(400'000, 0.96, 100, {1000}), mesh(600'000, 0.1, 100, {1000})})};
-  const Table table = targetsOf(views, {}, {});
+  const Table table = targetsOf(views, {});
   EXPECT_EQ(rowOf(table, "canyon, standing, filtered, 2x2 samples"),
             (Row{"canyon, standing, filtered, 2x2 samples", "at least 0.950", "0.960", "grazing", "yes"}));
   EXPECT_EQ(rowOf(table, "canyon, standing, filtered, 2x2 samples, terrain alone").at(4), "no");
@@ -42,18 +42,21 @@ TEST(Targets, TheWorstViewOfTheFinestMeshThatIsAllowed) {
 
 TEST(Targets, SpeedCountsWhereThePictureIsGoodByTheMedianMarch) {
   const std::vector<Json> views = {view("low", {mesh(1, 0.9, 1000, {900, 5000}), mesh(2, 0.97, 100, {1000})})};
-  const auto row = rowOf(targetsOf(views, {}, {}), "a picture by the mesh, faster than by ray march, where SSIM is 0.95 and more");
+  const auto row = rowOf(targetsOf(views, {}), "a picture by the mesh, faster than by ray march, where SSIM is 0.95 and more");
   ASSERT_EQ(row.size(), 5u);
   EXPECT_EQ(row[2], "10.0");
   EXPECT_EQ(row[4], "yes");
 }
 
 TEST(Targets, FlightsPoppingAndHashes) {
-  const std::vector<evaluation::Run> runs = {{"canyon-area-0.3-r1", "canyon", "area", 0.3, 0, 1, {}},
-                                 {"canyon-standing-r1", "canyon", "pixels", 1, 0, 1, {}}};
-  const std::vector<Json> summaries = {{{"frames", 16}, {"ssim_mean", 0.93}, {"ssim_mean_terrain", 0.91}, {"hash_mismatches", 0}},
-                                       {{"popping_off", 0.3}, {"popping_on", 0.15}, {"hash_mismatches", 2}}};
-  const Table table = targetsOf({}, runs, summaries);
+  std::vector<FlightResults> flights(2);
+  flights[0].run = {"canyon-area-0.3-r1", "canyon", "area", 0.3, 0, 1, {}};
+  flights[0].summary.frames.count = 16;
+  flights[0].summary.mean = {0.93, 0.91};
+  flights[1].run = {"canyon-standing-r1", "canyon", "pixels", 1, 0, 1, {}};
+  flights[1].summary.popping = {0.3, 0.15, {}};
+  flights[1].summary.hashMismatches = 2;
+  const Table table = targetsOf({}, flights);
   EXPECT_EQ(rowOf(table, "canyon, along the flight at 50 m/s").at(4), "yes");
   EXPECT_EQ(rowOf(table, "canyon, along the flight at 50 m/s, terrain alone").at(4), "no");
   EXPECT_EQ(rowOf(table, "canyon, along the flight at 50 m/s").at(3), "mean of 16 pictures");

@@ -1,0 +1,122 @@
+#pragma once
+// The results of a flight, as its folder keeps them: summary.json, iterations.jsonl and machine.json. What was not measured is kNothing.
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/evaluation/table.h"
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::evaluation {
+
+struct Run {
+  std::string name;  // also of its folder
+  std::string terrain, metric;
+  double threshold = 0;
+  unsigned threads = 0;  // 0: as many as there are
+  int repeat = 1;
+  std::filesystem::path folder;  // with summary.json, iterations.jsonl and pictures, as `fly` leaves them
+};
+
+// Of all its repeats.
+inline std::string settingOf(const Run& run) { return run.name.substr(0, run.name.rfind("-r")); }
+
+// SSIM of the mesh against the ray march of the same camera.
+struct Likeness {
+  double ssim = kNothing;
+  double terrain = kNothing;     // where both see terrain alone
+  double unfiltered = kNothing;  // both drawn without filtering
+  double corrected = kNothing;   // of the corrected mesh
+};
+
+struct FrameTime {
+  double ms = kNothing, cpuMs = kNothing;
+};
+
+// 1 - SSIM of each frame against the one before it.
+struct Popping {
+  double off = kNothing, on = kNothing;               // the worst, without and with morphing
+  std::map<std::string, std::vector<double>> frames;  // of "off" and "on"; 0 where nothing changes
+};
+
+// What was flown, and how it was drawn.
+struct FlightSettings {
+  std::string metric;
+  double threshold = 0;
+  std::uint32_t budget = 0, width = 0, height = 0, samples = 1;  // samples of each pixel
+  std::string pacing, path, terrain;
+  std::uint32_t seed = 0;
+  double horizon = 0;  // metres
+  std::string server, renderer;
+};
+
+struct FlightSummary {
+  struct {
+    std::uint64_t count = 0;
+    double least = kNothing;      // SSIM
+    std::vector<double> ssim, t;  // of each; seconds of path time
+    std::vector<std::string> names;
+  } frames;                                 // along the path, not the settled one
+  Likeness mean, settled;                   // of the frames; at the end
+  double terrainShare = kNothing;           // of the settled picture
+  FrameTime mesh, corrected, raymarch;      // medians
+  std::uint64_t triangles = 0, leaves = 0;  // held at the end
+  std::uint64_t iterations = 0, hashMismatches = 0, bytesReceived = 0, reconnections = 0;
+  double iterationsPerSecond = kNothing;
+  double latencyMsMean = 0, latencyMsMax = 0;
+  bool isSettled = false;
+  double settleSeconds = 0;
+  Popping popping;
+  FlightSettings settings;
+};
+
+// One iteration as the client saw it.
+struct IterationResult {
+  std::uint64_t number = 0, pose = 0;
+  double t = 0;  // seconds of path time of its pose
+  wire::Figures figures;
+  double applyMs = 0;               // decoding and applying
+  double latencyMs = 0;             // from sending its pose to having its message
+  std::uint64_t trianglesHeld = 0;  // afterwards
+  std::size_t leavesSent = 0, leavesGone = 0;
+  std::uint64_t bytes = 0;  // of its message
+  bool settled = false;
+  bool hashOk = false;                            // the mesh held afterwards is the server's
+  double uploadMs = kNothing, drawMs = kNothing;  // bringing the graphics card up to date, and drawing
+};
+
+struct Stage {
+  const char* name;
+  double (*ms)(const IterationResult&);
+};
+inline constexpr std::array<Stage, 6> kStages = {{{"select", [](const IterationResult& i) { return i.figures.selectMs; }},
+                                                  {"generate", [](const IterationResult& i) { return i.figures.generateMs; }},
+                                                  {"refine", [](const IterationResult& i) { return i.figures.refineMs; }},
+                                                  {"triangulate", [](const IterationResult& i) { return i.figures.triangulateMs; }},
+                                                  {"encode", [](const IterationResult& i) { return i.figures.encodeMs; }},
+                                                  {"apply", [](const IterationResult& i) { return i.applyMs; }}}};
+
+struct FlightResults {
+  Run run;
+  FlightSummary summary;
+  std::vector<IterationResult> iterations;
+  double others = kNothing;  // see othersOf
+};
+
+// Throws nlohmann::json::exception where another version wrote them. Error: summary.json cannot be read.
+Outcome<FlightResults> readResults(const Run& run);
+// The share of the machine that other programs took while what is in the folder was measured.
+double othersOf(const std::filesystem::path& folder);
+
+std::string asJson(const FlightSummary& summary);   // the text of summary.json
+std::string asJson(const IterationResult& result);  // a line of iterations.jsonl
+// The results that are numbers, by their keys in summary.json; always the same keys.
+std::vector<std::pair<std::string, double>> numbersOf(const FlightSummary& summary);
+
+}  // namespace ridgecast::evaluation
