@@ -1,4 +1,7 @@
+#include <strings.h>
+
 #include <algorithm>
+#include <cstring>
 #include <string>
 #include <tuple>
 
@@ -15,33 +18,65 @@ Error wrong(std::string_view text, const std::string& why) {
           " (for example ws://127.0.0.1:7070?session=default)"};
 }
 
-bool startsWith(std::string_view text, std::string_view lowerPrefix) {
-  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; };
-  return text.size() >= lowerPrefix.size() &&
-         std::equal(lowerPrefix.begin(), lowerPrefix.end(), text.begin(), [&](char p, char c) { return p == lower(c); });
+constexpr std::string_view kDigits = "0123456789", kHexDigits = "0123456789abcdefABCDEF";
+constexpr std::string_view kAlphanumeric = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
+
+bool consistsOf(std::string_view text, std::string_view some, std::string_view more = {}) {
+  return std::ranges::all_of(text, [&](char c) { return some.find(c) != some.npos || more.find(c) != more.npos; });
 }
 
-bool portIsValid(std::string_view port) {
-  if (port.empty() || port.size() > 5 || !std::all_of(port.begin(), port.end(), [](char c) { return c >= '0' && c <= '9'; })) return false;
-  const int number = std::stoi(std::string(port));
-  return number >= 1 && number <= 65535;
+bool portIsValid(const std::string& port) {
+  return !port.empty() && port.size() <= 5 && consistsOf(port, kDigits) && std::stoi(port) >= 1 && std::stoi(port) <= 65535;
 }
 
-bool hostIsValid(std::string_view host, bool isAddress6) {
-  const auto allowed = [&](char c) {
-    const bool hex = (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F') || (c >= '0' && c <= '9');
-    if (isAddress6) return hex || c == ':' || c == '.';
-    return hex || (c >= 'g' && c <= 'z') || (c >= 'G' && c <= 'Z') || c == '.' || c == '-' || c == '_';
-  };
-  return !host.empty() && host.size() <= 253 && std::all_of(host.begin(), host.end(), allowed);
+// Takes the scheme off `rest`.
+void parseScheme(std::string_view& rest, Url& url) {
+  for (const auto& [scheme, port, secure] :
+       {std::tuple{"http://", "80", false}, {"ws://", "80", false}, {"https://", "443", true}, {"wss://", "443", true}}) {
+    const std::size_t size = std::strlen(scheme);
+    if (rest.size() < size || strncasecmp(rest.data(), scheme, size) != 0) continue;
+    rest.remove_prefix(size);
+    url.port = port;
+    url.secure = secure;
+    return;
+  }
 }
 
-// Fit to stand in a request as it is.
-bool isPlain(std::string_view parameter) {
-  return std::all_of(parameter.begin(), parameter.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-           std::string_view("._-+%=").find(c) != std::string_view::npos;
-  });
+// Host and port. What is wrong with them, if anything.
+const char* parseHost(std::string_view host, Url& url) {
+  if (host.find('@') != host.npos) return "user names do not belong into it";
+  std::size_t end = host.find(':');
+  const bool isAddress6 = host.starts_with('[');
+  if (isAddress6) {
+    const std::size_t close = host.find(']');
+    if (close == host.npos) return "']' is missing";
+    end = close + 1 < host.size() ? close + 1 : host.npos;
+    url.host = host.substr(1, close - 1);
+  } else {
+    url.host = host.substr(0, end);
+  }
+  if (end != host.npos) {
+    url.port = host.substr(end + 1);
+    if (host[end] != ':' || !portIsValid(url.port)) return "its port must be 1..65535";
+  }
+  const bool valid = isAddress6 ? consistsOf(url.host, kHexDigits, ":.") : consistsOf(url.host, kAlphanumeric, ".-_");
+  return valid && !url.host.empty() && url.host.size() <= 253 ? nullptr : "its host must be a name or an address";
+}
+
+// Session and world. What is wrong with them, if anything.
+const char* parseQuery(std::string_view query, Url& url) {
+  while (!query.empty()) {
+    const std::string_view parameter = query.substr(0, query.find('&'));
+    query.remove_prefix(std::min(query.size(), parameter.size() + 1));
+    if (parameter.starts_with("session=")) {
+      url.session = parameter.substr(8);
+      if (!wire::sessionNameIsValid(url.session)) return "a session's name has 1 to 64 letters, digits, '.', '_' or '-'";
+    } else if (parameter.starts_with("terrain=") || parameter.starts_with("seed=") || parameter.starts_with("param=")) {
+      if (!consistsOf(parameter, kAlphanumeric, "._-+%=")) return "terrain, seed and param have letters, digits and . _ - + % = alone";
+      url.world.append(url.world.empty() ? "" : "&").append(parameter);
+    }
+  }
+  return nullptr;
 }
 
 }  // namespace
@@ -51,54 +86,12 @@ Outcome<Url> parseUrl(std::string_view text) {
   if (text.empty()) return url;
   if (text.size() > kMaxUrlBytes) return wrong(text, "it is too long");
   std::string_view rest = text;
-  for (const auto& [scheme, port, secure] : {std::tuple{"http://", "80", false}, std::tuple{"ws://", "80", false},
-                                             std::tuple{"https://", "443", true}, std::tuple{"wss://", "443", true}}) {
-    if (!startsWith(rest, scheme)) continue;
-    rest.remove_prefix(std::string_view(scheme).size());
-    url.port = port;
-    url.secure = secure;
-    break;
-  }
-  if (rest.find("://") != std::string_view::npos)
-    return wrong(text, "its scheme is unknown, known are ws://, wss://, http:// and https://");
-
+  parseScheme(rest, url);
+  if (rest.find("://") != rest.npos) return wrong(text, "its scheme is unknown, known are ws://, wss://, http:// and https://");
   rest = rest.substr(0, rest.find('#'));
-  const std::size_t endOfHost = std::min(rest.size(), rest.find_first_of("/?"));
-  std::string_view host = rest.substr(0, endOfHost);
-  rest.remove_prefix(endOfHost);
-  if (host.find('@') != std::string_view::npos) return wrong(text, "user names do not belong into it");
-  const bool isAddress6 = !host.empty() && host.front() == '[';
-  if (isAddress6) {
-    const std::size_t close = host.find(']');
-    if (close == std::string_view::npos) return wrong(text, "']' is missing");
-    std::string_view behind = host.substr(close + 1);
-    host = host.substr(1, close - 1);
-    if (!behind.empty()) {
-      if (behind.front() != ':' || !portIsValid(behind.substr(1))) return wrong(text, "its port must be 1..65535");
-      url.port = behind.substr(1);
-    }
-  } else if (const std::size_t colon = host.find(':'); colon != std::string_view::npos) {
-    if (!portIsValid(host.substr(colon + 1))) return wrong(text, "its port must be 1..65535");
-    url.port = host.substr(colon + 1);
-    host = host.substr(0, colon);
-  }
-  if (!hostIsValid(host, isAddress6)) return wrong(text, "its host must be a name or an address");
-  url.host = host;
-
-  const std::size_t question = rest.find('?');
-  if (question == std::string_view::npos) return url;
-  for (std::string_view query = rest.substr(question + 1); !query.empty();) {
-    const std::string_view parameter = query.substr(0, query.find('&'));
-    query.remove_prefix(std::min(query.size(), parameter.size() + 1));
-    for (const std::string_view known : {"terrain=", "seed=", "param="}) {
-      if (!parameter.starts_with(known)) continue;
-      if (!isPlain(parameter)) return wrong(text, "terrain, seed and param have letters, digits and . _ - + % = alone");
-      url.world.append(url.world.empty() ? "" : "&").append(parameter);
-    }
-    if (!parameter.starts_with("session=")) continue;
-    url.session = parameter.substr(8);
-    if (!wire::sessionNameIsValid(url.session)) return wrong(text, "a session's name has 1 to 64 letters, digits, '.', '_' or '-'");
-  }
+  if (const char* why = parseHost(rest.substr(0, rest.find_first_of("/?")), url)) return wrong(text, why);
+  if (const std::size_t question = rest.find('?'); question != rest.npos)
+    if (const char* why = parseQuery(rest.substr(question + 1), url)) return wrong(text, why);
   return url;
 }
 
