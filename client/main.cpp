@@ -77,19 +77,15 @@ void addShared(CLI::App& command, Shared& shared, bool draws) {
 // "1280x720" -> width and height.
 template <class Size>
 Outcome<void> parseSize(const std::string& text, Size& out) {
-  const auto side = [](const char* begin, const char* end) {
-    std::uint32_t value = 0;
-    return std::from_chars(begin, end, value).ptr == end && value >= 16 && value <= 16384 ? value : 0;
-  };
+  std::uint32_t width = 0, height = 0;
   const char* const end = text.data() + text.size();
-  const char* const cross = std::find(text.data(), end, 'x');
-  if (cross != end)
-    if (const auto width = side(text.data(), cross), height = side(cross + 1, end); width && height) {
-      out.width = width;
-      out.height = height;
-      return {};
-    }
-  return Error{"--size: '" + text + "' is not WIDTHxHEIGHT with 16 to 16384 pixels a side, such as 1280x720"};
+  const char* const cross = std::from_chars(text.data(), end, width).ptr;
+  if (*cross != 'x' || std::from_chars(cross + 1, end, height).ptr != end || std::min(width, height) < 16 ||
+      std::max(width, height) > 16384)
+    return Error{"--size: '" + text + "' is not WIDTHxHEIGHT with 16 to 16384 pixels a side, such as 1280x720"};
+  out.width = width;
+  out.height = height;
+  return {};
 }
 
 template <class Options>

@@ -132,18 +132,9 @@ class Measurer final : flight::Observer {
 
   Outcome<void> iterated(const replica::Update& update, double t, double latencyMs) override {
     const wire::Iteration& i = update.iteration;
-    IterationResult result{.number = i.number,
-                           .pose = i.poseSequence,
-                           .t = t,
-                           .figures = i.figures,
-                           .applyMs = update.milliseconds,
-                           .latencyMs = latencyMs,
-                           .trianglesHeld = scene_.triangles(),
-                           .leavesSent = i.whole.size(),
-                           .leavesGone = i.gone.size(),
-                           .bytes = update.bytes,
-                           .settled = i.settled,
-                           .hashOk = !update.wrong};
+    IterationResult result{
+        i.number,      i.poseSequence, t,         i.figures,    update.milliseconds, latencyMs, scene_.triangles(), i.whole.size(),
+        i.gone.size(), update.bytes,   i.settled, !update.wrong};
     if (options_.measureFrames && !options_.realtime)
       if (auto measured = measureFrame(result); !measured) return measured;
     if (auto added = recorder_.add(result); !added) return added;
@@ -247,19 +238,19 @@ class Measurer final : flight::Observer {
     summary.leaves = scene_.leaves().size();
     summary.reconnections = client_.connection().reconnections();
     summary.bytesReceived = client_.connection().bytesReceived();
-    summary.settings = {.metric = std::string(settings::traits(world.settings.metric).name),
-                        .threshold = world.settings.threshold,
-                        .budget = world.settings.triangleBudget,
-                        .width = options_.width,
-                        .height = options_.height,
-                        .samples = options_.supersample * options_.supersample,
-                        .pacing = options_.realtime ? "realtime" : "lockstep",
-                        .path = options_.path.filename().string(),
-                        .terrain = world.terrainName,
-                        .seed = world.seed,
-                        .horizon = world.horizon,
-                        .server = world.serverName,
-                        .renderer = render::contextDescription()};
+    summary.settings = {std::string(settings::traits(world.settings.metric).name),
+                        world.settings.threshold,
+                        world.settings.triangleBudget,
+                        options_.width,
+                        options_.height,
+                        options_.supersample * options_.supersample,
+                        options_.realtime ? "realtime" : "lockstep",
+                        options_.path.filename().string(),
+                        world.terrainName,
+                        world.seed,
+                        world.horizon,
+                        world.serverName,
+                        render::contextDescription()};
     return recorder_.writeSummary(flight_.seconds());
   }
 

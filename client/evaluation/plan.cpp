@@ -1,7 +1,6 @@
 #include "client/evaluation/plan.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <cstdlib>
 
 #include "common/settings/settings.h"
@@ -25,17 +24,11 @@ std::string joined(const std::vector<std::string>& names) {
   return out;
 }
 
-std::string format(const char* how, double value) {
-  char text[64];
-  std::snprintf(text, sizeof text, how, value);
-  return text;
-}
-
 Run runOf(const std::string& terrain, const MeshCase& mesh, unsigned threads, int repeat, const std::string& more = {}) {
   std::string name = terrain;
-  name.append("-").append(mesh.metric).append(format("-%g", mesh.threshold));
-  if (threads) name.append(format("-%.0fthreads", threads));
-  name.append(more).append(format("-r%.0f", repeat));
+  name.append("-").append(mesh.metric).append(cell("-%g", mesh.threshold));
+  if (threads) name.append(cell("-%.0fthreads", threads));
+  name.append(more).append(cell("-r%.0f", repeat));
   return {name, terrain, mesh.metric, mesh.threshold, threads, repeat, {}};
 }
 
@@ -119,11 +112,11 @@ class Planner {
     std::string out = std::string("evaluate") + (options_.quick ? " --quick" : "") + " --terrains " + joined(terrains_) + " --views " +
                       joined(cameras_) + (options_.only.empty() ? "" : " --only " + options_.only);
     std::vector<std::string> refined;
-    for (const MeshCase& mesh : options_.refined) refined.push_back(mesh.metric + ":" + format("%g", mesh.threshold));
+    for (const MeshCase& mesh : options_.refined) refined.push_back(mesh.metric + ":" + cell("%g", mesh.threshold));
     if (!refined.empty()) out += " --refined " + joined(refined);
     out += " --size " + std::to_string(plan_.width) + "x" + std::to_string(plan_.height) + " --supersample " +
            std::to_string(plan_.samples.back()) + " --repeats " + std::to_string(plan_.repeats);
-    if (options_.seconds) out += " --seconds " + format("%g", *options_.seconds);
+    if (options_.seconds) out += " --seconds " + cell("%g", *options_.seconds);
     return out;
   }
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "client/evaluation/evaluate.h"
-#include "client/evaluation/report.h"
+#include "client/evaluation/results.h"
 #include "client/evaluation/views.h"
 
 namespace ridgecast::evaluation {

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <type_traits>
 
-#include "client/evaluation/json_numbers.h"
+#include "client/evaluation/view_numbers.h"
 #include "client/evaluation/text_file.h"
 
 namespace ridgecast::evaluation {
@@ -114,11 +114,10 @@ std::string write(const auto& results, int indent) {
 // False: it is no object.
 bool read(const std::string& text, auto& results) {
   const Json json = Json::parse(text, nullptr, false);
-  if (!json.is_object()) return false;
   eachField(results, [&](const char* key, auto& value, In = In::kAlways) {
     if (const auto it = json.find(key); it != json.end() && !it->is_null()) it->get_to(value);
   });
-  return true;
+  return json.is_object();
 }
 
 }  // namespace

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <string>
 
-#include "client/evaluation/json_numbers.h"
+#include "client/evaluation/view_numbers.h"
 
 namespace ridgecast::evaluation {
 namespace {
@@ -43,18 +43,6 @@ const Json* finestOf(const Json& view) {
   return out;
 }
 
-double likenessOf(const Json& mesh, int samples, bool filtered, const char* where) {
-  for (const Json& p : mesh.at("pictures"))
-    if (p.at("samples") == samples && p.at("filtered") == filtered) return number(p.at("mesh"), where);
-  return kNothing;
-}
-
-double medianOf(const Json& values) {
-  std::vector<double> sorted = values.get<std::vector<double>>();
-  std::ranges::sort(sorted);
-  return sorted.empty() ? kNothing : sorted[sorted.size() / 2];
-}
-
 std::vector<std::string> terrainsOf(const std::vector<Json>& views, const std::vector<FlightResults>& flights) {
   std::vector<std::string> out;
   const auto add = [&out](const std::string& name) {
@@ -71,7 +59,8 @@ void addStanding(Table& table, const std::vector<Json>& views, const std::string
     Worst worst{true, kNothing, {}};
     for (const Json& view : views)
       if (view.at("terrain") == terrain)
-        if (const Json* mesh = finestOf(view)) worst.add(likenessOf(*mesh, samples, filtered, key), view.at("view").get<std::string>());
+        if (const Json* mesh = finestOf(view))
+          worst.add(ssim(pictureOf(*mesh, samples, filtered), "mesh", key), view.at("view").get<std::string>());
     addRow(table, std::string(terrain).append(", ").append(what).append(words), "%.3f", asked, worst);
   }
 }
@@ -79,18 +68,12 @@ void addStanding(Table& table, const std::vector<Json>& views, const std::string
 void addSpeed(Table& table, const std::vector<Json>& views) {
   Worst faster{true, kNothing, {}}, byCpu = faster;
   for (const Json& view : views) {
-    Json march = Json::array(), marchCpu = Json::array();
+    const double march = median(marches(view, "march_ms")), marchCpu = median(marches(view, "march_cpu_ms"));
     for (const Json& mesh : view.at("meshes")) {
-      if (const auto it = mesh.at("times").find("march_ms"); it != mesh.at("times").end())
-        march.insert(march.end(), it->begin(), it->end());
-      if (const auto it = mesh.at("times").find("march_cpu_ms"); it != mesh.at("times").end())
-        marchCpu.insert(marchCpu.end(), it->begin(), it->end());
-    }
-    for (const Json& mesh : view.at("meshes")) {
-      if (likenessOf(mesh, 1, true, "ssim") < kLikeWhenFaster) continue;
+      if (ssim(pictureOf(mesh, 1, true), "mesh", "ssim") < kLikeWhenFaster) continue;
       const std::string where = view.at("terrain").get<std::string>() + " " + view.at("view").get<std::string>();
-      faster.add(medianOf(march) / medianOf(mesh.at("times").at("mesh_ms")), where);
-      byCpu.add(medianOf(marchCpu) / medianOf(mesh.at("times").at("mesh_cpu_ms")), where);
+      faster.add(march / median(numbers(mesh.at("times"), "mesh_ms")), where);
+      byCpu.add(marchCpu / median(numbers(mesh.at("times"), "mesh_cpu_ms")), where);
     }
   }
   addRow(table, "a picture by the mesh, faster than by ray march, where SSIM is 0.95 and more", "%.1f", kFaster, faster);

@@ -4,41 +4,15 @@
 #include <cmath>
 #include <numeric>
 
-#include "client/evaluation/json_numbers.h"
 #include "client/evaluation/text_file.h"
+#include "client/evaluation/view_numbers.h"
 
 namespace ridgecast::evaluation {
 namespace {
 
 using Json = nlohmann::json;
 
-std::vector<double> numbers(const Json& json, const char* key) {
-  if (!json.contains(key)) return {};
-  std::vector<double> out = json.at(key).get<std::vector<double>>();
-  std::ranges::sort(out);
-  return out;
-}
-
-// Of the ray march, which is the same for every mesh of a view: all that were timed.
-std::vector<double> marches(const Json& view, const char* key) {
-  std::vector<double> out;
-  for (const Json& mesh : view.at("meshes"))
-    for (const double v : numbers(mesh.at("times"), key)) out.push_back(v);
-  std::ranges::sort(out);
-  return out;
-}
-
-double median(const std::vector<double>& sorted) { return sorted.empty() ? kNothing : sorted[sorted.size() / 2]; }
 double halfRange(const std::vector<double>& sorted) { return sorted.empty() ? kNothing : (sorted.back() - sorted.front()) / 2; }
-
-// The pictures of one mesh with so many samples; null: none.
-const Json* pictureOf(const Json& mesh, int samples, bool filtered) {
-  for (const Json& p : mesh.at("pictures"))
-    if (p.at("samples") == samples && p.at("filtered") == filtered) return &p;
-  return nullptr;
-}
-
-double ssim(const Json* picture, const char* which, const char* where) { return picture ? number(picture->at(which), where) : kNothing; }
 
 std::vector<std::string> nameOf(const Json& view, const Json& mesh) {
   return {view.at("terrain").get<std::string>() + " " + view.at("view").get<std::string>(),
