@@ -107,13 +107,12 @@ Outcome<void> share(const Shared& shared, Options& options) {
   return parseSize(shared.size, options);
 }
 
-using Run = std::function<int()>;  // of the command that was given
+using Run = std::function<int()>;
 
-void addView(CLI::App& app, Run& run) {
+Run viewCommand(CLI::App& command) {
   const auto shared = std::make_shared<Shared>();
   const auto view = std::make_shared<viewer::ViewOptions>();
   const auto path = std::make_shared<std::string>();
-  CLI::App& command = *app.add_subcommand("view", "A window: fly with keyboard and mouse");
   addShared(command, *shared, true);
   command.add_option("--size", shared->size, "size of the window, WIDTHxHEIGHT")->capture_default_str();
   addNumber(command, "--x", view->x, -4e12, 4e12, "start, metres");
@@ -128,23 +127,20 @@ void addView(CLI::App& app, Run& run) {
   command.add_flag("--invert-y", view->invertY, "invert vertical looking, of mouse and sticks");
   command.add_flag("--reduced-motion", view->reducedMotion, "show changes of the mesh at once, without morphing");
   addNumber(command, "--text-scale", view->textScale, 0.5, 4.0, "text size, relative to the screen's own scale");
-  command.callback([=, &run] {
-    run = [=] {
-      if (auto set = share(*shared, *view); !set) return fail(kBadInput, set.error());
-      if (!path->empty()) {
-        auto read = camera::readPath(*path);
-        if (!read) return fail(kBadInput, {"--path: " + read.error().message});
-        view->path = std::move(*read);
-      }
-      return viewer::view(*view);
-    };
-  });
+  return [=] {
+    if (auto set = share(*shared, *view); !set) return fail(kBadInput, set.error());
+    if (!path->empty()) {
+      auto read = camera::readPath(*path);
+      if (!read) return fail(kBadInput, {"--path: " + read.error().message});
+      view->path = std::move(*read);
+    }
+    return viewer::view(*view);
+  };
 }
 
-void addFly(CLI::App& app, Run& run) {
+Run flyCommand(CLI::App& command) {
   const auto shared = std::make_shared<Shared>();
   const auto fly = std::make_shared<evaluation::FlyOptions>();
-  CLI::App& command = *app.add_subcommand("fly", "Without a window: fly a path, draw both renderings, compare and measure");
   addShared(command, *shared, true);
   command.add_option("--path", fly->path, "camera path")->required()->type_name("FILE.json");
   command.add_option("--out", fly->out, "folder for pictures and results")->required()->type_name("DIR");
@@ -165,20 +161,17 @@ void addFly(CLI::App& app, Run& run) {
   command.add_flag("--unfiltered", fly->unfiltered, "also compare without filtering by footprint");
   command.add_flag("--popping", fly->measurePopping,
                    "measure how much pictures jump while the mesh refines at the end of the path, with and without morphing");
-  command.callback([=, &run] {
-    run = [=] {
-      if (auto set = share(*shared, *fly); !set) return fail(kBadInput, set.error());
-      if (fly->exportAt && fly->exportFile.empty()) return fail(kBadInput, {"--export-at requires --export FILE.glb"});
-      return evaluation::fly(*fly);
-    };
-  });
+  return [=] {
+    if (auto set = share(*shared, *fly); !set) return fail(kBadInput, set.error());
+    if (fly->exportAt && fly->exportFile.empty()) return fail(kBadInput, {"--export-at requires --export FILE.glb"});
+    return evaluation::fly(*fly);
+  };
 }
 
-void addEvaluate(CLI::App& app, Run& run) {
+Run evaluateCommand(CLI::App& command) {
   const auto evaluate = std::make_shared<evaluation::EvaluateOptions>();
   const auto size = std::make_shared<std::string>();
   const auto refined = std::make_shared<std::vector<std::string>>();
-  CLI::App& command = *app.add_subcommand("evaluate", "Fly over all terrains with its own servers: tables, plots and one HTML report");
   command.add_option("--out", evaluate->out, "folder for all results; existing results are kept")->required()->type_name("DIR");
   command.add_flag("--quick", evaluate->quick, "small pictures and short flights: minutes on a software driver");
   command.add_option("--terrains", evaluate->terrains, "built-in terrains; default: all")
@@ -208,25 +201,22 @@ void addEvaluate(CLI::App& app, Run& run) {
   addNumber(command, "--seconds", evaluate->seconds, 0.0, 86400.0, "seconds of each flight; default: 20 (the finest: whole), quick 3");
   command.add_flag("--report", evaluate->reportOnly, "measure nothing: report the results in the folder so far");
   command.add_option("--server", evaluate->server, "server program; default: ridgecast-server beside this one")->type_name("FILE");
-  command.callback([=, &run] {
-    run = [=] {
-      if (!size->empty())
-        if (auto set = parseSize(*size, *evaluate); !set) return fail(kBadInput, set.error());
-      for (const std::string& text : *refined) {
-        auto mesh = evaluation::meshCaseFrom(text);
-        if (!mesh) return fail(kBadInput, {"--refined: " + mesh.error().message});
-        evaluate->refined.push_back(std::move(*mesh));
-      }
-      return evaluation::evaluate(*evaluate);
-    };
-  });
+  return [=] {
+    if (!size->empty())
+      if (auto set = parseSize(*size, *evaluate); !set) return fail(kBadInput, set.error());
+    for (const std::string& text : *refined) {
+      auto mesh = evaluation::meshCaseFrom(text);
+      if (!mesh) return fail(kBadInput, {"--refined: " + mesh.error().message});
+      evaluate->refined.push_back(std::move(*mesh));
+    }
+    return evaluation::evaluate(*evaluate);
+  };
 }
 
 // The server checks the limits. Here: only what could not be sent as a number.
-void addSnapshot(CLI::App& app, Run& run) {
+Run snapshotCommand(CLI::App& command) {
   const auto shared = std::make_shared<Shared>();
   const auto shot = std::make_shared<snapshot::SnapshotOptions>();
-  CLI::App& command = *app.add_subcommand("snapshot", "A glTF file of a pose, a live camera or a box, made by the server");
   addShared(command, *shared, false);
   const auto any = within(-1e15, 1e15);
   command.add_option("--out", shot->out, "the file to write")->required()->type_name("FILE.glb");
@@ -255,12 +245,16 @@ void addSnapshot(CLI::App& app, Run& run) {
   command.add_flag("!--no-colours", shot->colours, "omit vertex colours");
   command.add_flag("--metadata", shot->metadata, "write only the metadata, as JSON");
   addNumber(command, "--patience", shot->timeout, 1, 3600, "timeout for the server, seconds");
-  command.callback([=, &run] {
-    run = [=] {
-      if (auto set = share(*shared, *shot); !set) return fail(kBadInput, set.error());
-      return snapshot::snapshot(*shot);
-    };
-  });
+  return [=] {
+    if (auto set = share(*shared, *shot); !set) return fail(kBadInput, set.error());
+    return snapshot::snapshot(*shot);
+  };
+}
+
+// `run` becomes the command's once the command line names it.
+void add(CLI::App& app, Run& run, const char* name, const char* help, Run (*options)(CLI::App&)) {
+  CLI::App* const command = app.add_subcommand(name, help);
+  command->callback([&run, its = options(*command)] { run = its; });
 }
 
 }  // namespace
@@ -270,10 +264,10 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", version::describe("ridgecast-client", wire::kProtocolVersion));
   app.require_subcommand(0, 1);
   Run run;
-  addView(app, run);
-  addFly(app, run);
-  addEvaluate(app, run);
-  addSnapshot(app, run);
+  add(app, run, "view", "A window: fly with keyboard and mouse", viewCommand);
+  add(app, run, "fly", "Without a window: fly a path, draw both renderings, compare and measure", flyCommand);
+  add(app, run, "evaluate", "Fly over all terrains with its own servers: tables, plots and one HTML report", evaluateCommand);
+  add(app, run, "snapshot", "A glTF file of a pose, a live camera or a box, made by the server", snapshotCommand);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
