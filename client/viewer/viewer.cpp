@@ -24,7 +24,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 constexpr double kMoment = 0.7;  // seconds: shorter waits are not reported
 
-// Fetches the heights around the start of a flight. Gives up after five seconds; they arrive later then.
+// Fetches the heights around the start. Gives up after five seconds; they arrive later then.
 Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Point at) {
   window.moveTo(at);
   for (const auto began = Clock::now(); !window.complete() && Clock::now() - began < std::chrono::seconds(5);) {

@@ -145,6 +145,7 @@ struct ViewerState {
   // Forgets what belongs to one world.
   void leaveWorld() {
     message.clear();
+    hint.clear();
     panel.problem.clear();
     panel.open = false;
     lines.frozen.reset();
