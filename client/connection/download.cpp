@@ -1,12 +1,11 @@
 #include "client/connection/download.h"
 
+#include <strings.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
-#include <boost/asio/connect.hpp>
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/write.hpp>
 #include <charconv>
 #include <fstream>
@@ -14,7 +13,7 @@
 #include <system_error>
 #include <utility>
 
-#include "common/transport/channel.h"
+#include "client/connection/dial.h"
 
 namespace ridgecast::connection {
 
@@ -27,7 +26,13 @@ using error_code = boost::system::error_code;
 constexpr std::size_t kMostHeader = 65'536, kMostSentence = 4096;
 constexpr std::chrono::milliseconds kTellEvery{100};
 
-char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
+// Fit for a terminal.
+std::string printable(std::string_view text) {
+  std::string out(text);
+  for (char& c : out)
+    if (c < ' ' || c == 0x7f) c = c == '\n' || c == '\r' ? ' ' : '?';
+  return out;
+}
 
 // What there is to know of an answer's header.
 struct Header {
@@ -46,19 +51,18 @@ std::optional<Header> parse(std::string_view text) {
     at = next;
     const auto colon = line.find(':');
     if (colon == std::string_view::npos) continue;
-    std::string name(line.substr(0, colon));
-    std::transform(name.begin(), name.end(), name.begin(), lower);
+    const auto is = [&](std::string_view name) { return colon == name.size() && strncasecmp(line.data(), name.data(), colon) == 0; };
     std::string_view value = line.substr(colon + 1);
     while (value.starts_with(' ')) value.remove_prefix(1);
-    if (name == "content-length") {
+    if (is("Content-Length")) {
       std::uint64_t n = 0;
       const auto [stopped, failed] = std::from_chars(value.data(), value.data() + value.size(), n);
       if (failed != std::errc() || stopped != value.data() + value.size()) return std::nullopt;
       out.length = n;
-    } else if (name == "retry-after") {
-      out.retryAfter = std::string(value.substr(0, 20));
-    } else if (name == "progress") {
-      for (const char c : value.substr(0, 80)) out.progress += c >= ' ' && c < 0x7f ? c : '?';
+    } else if (is("Retry-After")) {
+      out.retryAfter = value.substr(0, 20);
+    } else if (is("Progress")) {
+      out.progress = printable(value.substr(0, 80));
     }
   }
   return out;
@@ -71,20 +75,17 @@ class Download {
       : url_(url), file_(file), unfinished_(file.string() + "." + std::to_string(getpid()) + ".part"), timeout_(timeout), tell_(tell) {}
   ~Download() {
     std::error_code ignored;
-    if (!finished_) std::filesystem::remove(unfinished_, ignored);
+    std::filesystem::remove(unfinished_, ignored);
   }
 
   Outcome<std::uint64_t> run(const std::string& target) {
     out_.open(unfinished_, std::ios::binary | std::ios::trunc);
     if (!out_) return cannotWrite();
-    request_ = "GET " + target + " HTTP/1.1\r\nHost: " + where() +
+    request_ = "GET " + target + " HTTP/1.1\r\nHost: " + where_ +
                "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nPrefer: progress\r\nConnection: close\r\n" +
                (url_.token.empty() ? "" : "Authorization: Bearer " + url_.token + "\r\n") + "\r\n";
-    lastWord_ = Clock::now();
-    begun_ = lastWord_;
-    resolver_.async_resolve(url_.host, url_.port, [this](error_code ec, const asio::ip::tcp::resolver::results_type& found) {
-      if (ec) return end("the host '" + url_.host + "' is not known (" + ec.message() + "); check the server's address");
-      connect(found);
+    dial(url_, resolver_, channel_, step_, [this](std::optional<std::string> wrong) {
+      if (!ended_) wrong ? end(std::move(*wrong)) : ask();
     });
     while (!ended_) {
       context_.run_one_for(kTellEvery);
@@ -92,7 +93,7 @@ class Download {
       if (Clock::now() - told_ >= kTellEvery) report();
       if (!ended_ && Clock::now() - lastWord_ > timeout_)
         end(header_ ? "the server sends nothing any more"
-                    : "no answer from " + where() + " within " + std::to_string(timeout_.count() / 1000) + " s");
+                    : "no answer from " + where_ + " within " + std::to_string(timeout_.count() / 1000) + " s");
       if (context_.stopped()) context_.restart();
     }
     channel_.close();
@@ -102,16 +103,12 @@ class Download {
     std::error_code failed;
     std::filesystem::rename(unfinished_, file_, failed);
     if (failed) return cannotWrite();
-    finished_ = true;
     report();
     return progress_.received;
   }
 
  private:
-  std::string where() const { return (url_.host.find(':') == std::string::npos ? url_.host : "[" + url_.host + "]") + ":" + url_.port; }
-  Error cannotWrite() const {
-    return Error{"cannot write " + file_.string() + ": choose a folder that exists, may be written and has room"};
-  }
+  Error cannotWrite() const { return {"cannot write " + file_.string() + ": choose a folder that exists, may be written and has room"}; }
 
   void report() {
     told_ = Clock::now();
@@ -120,28 +117,13 @@ class Download {
     if (tell_) tell_(progress_);
   }
   void end(std::string why) {
-    if (ended_) return;
     ended_ = true;
     error_ = Error{std::move(why)};
   }
 
-  void connect(const asio::ip::tcp::resolver::results_type& found) {
-    asio::async_connect(channel_.socket(), found, [this](error_code ec, const asio::ip::tcp::endpoint&) {
-      if (ended_) return;
-      if (ec == asio::error::connection_refused)
-        return end("no server at " + where() + "; start one with ridgecast-server --port " + url_.port);
-      if (ec) return end("no connection to " + where() + ": " + ec.message());
-      if (!url_.secure) return ask();
-      channel_.startTls(url_.host, url_.ca, [this](std::optional<std::string> wrong) {
-        if (ended_) return;
-        wrong ? end("no secure connection to " + where() + ": " + *wrong) : ask();
-      });
-    });
-  }
-
   void ask() {
     asio::async_write(channel_, asio::buffer(request_), [this](error_code ec, std::size_t) {
-      if (ec) return end("the connection to " + where() + " was lost: " + ec.message());
+      if (ec) return end("the connection to " + where_ + " was lost: " + ec.message());
       read();
     });
   }
@@ -154,7 +136,7 @@ class Download {
       if (ended_) return;
       if (!ec) return read();
       if (header_ && !header_->length && ec == asio::error::eof) return complete();
-      end("the connection to " + where() + " was lost before all had come: " + ec.message());
+      end("the connection to " + where_ + " was lost before all had come: " + ec.message());
     });
   }
 
@@ -164,11 +146,11 @@ class Download {
     while (!header_) {
       const auto blank = text_.find("\r\n\r\n");
       if (blank == std::string::npos) {
-        if (text_.size() > kMostHeader) end("what answers at " + where() + " is no Ridgecast server; check host and port");
+        if (text_.size() > kMostHeader) end("what answers at " + where_ + " is no Ridgecast server; check host and port");
         return;
       }
       header_ = parse(std::string_view(text_).substr(0, blank));
-      if (!header_) return end("what answers at " + where() + " is no Ridgecast server; check host and port");
+      if (!header_) return end("what answers at " + where_ + " is no Ridgecast server; check host and port");
       text_.erase(0, blank + 4);
       if (header_->status / 100 == 1) {  // word of the work; the answer itself follows
         progress_.work = header_->progress;
@@ -185,27 +167,22 @@ class Download {
       out_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
     else
       text_ += bytes.substr(0, kMostSentence - std::min(kMostSentence, text_.size()));
-    if (!out_) {
-      ended_ = true;
-      error_ = cannotWrite();
-    } else if (header_->length && progress_.received >= *header_->length) {
-      complete();
-    }
+    if (!out_) return end(cannotWrite().message);
+    if (header_->length && progress_.received >= *header_->length) complete();
   }
 
   void complete() {
     if (header_->status != 200) {
-      std::string sentence;
-      for (const char c : text_) sentence += c == '\n' || c == '\r' ? ' ' : c >= ' ' && c != 0x7f ? c : '?';
+      std::string sentence = printable(text_);
       while (sentence.ends_with(' ')) sentence.pop_back();
       const std::string later = header_->retryAfter.empty() ? "" : " (try again in " + header_->retryAfter + " s)";
-      return end("the server at " + where() + " says: " + (sentence.empty() ? "HTTP " + std::to_string(header_->status) : sentence) +
-                 later);
+      return end("the server at " + where_ + " says: " + (sentence.empty() ? "HTTP " + std::to_string(header_->status) : sentence) + later);
     }
     ended_ = true;
   }
 
   const Url& url_;
+  const std::string where_ = whereOf(url_);
   const std::filesystem::path file_, unfinished_;
   const std::chrono::milliseconds timeout_;
   const std::function<void(const Progress&)>& tell_;
@@ -213,12 +190,14 @@ class Download {
   asio::io_context context_;
   asio::ip::tcp::resolver resolver_{context_};
   transport::Channel channel_{asio::ip::tcp::socket(context_)};
+  Dialing step_ = Dialing::kResolving;
   std::string request_, text_;  // what was read of the header, then of a refusal's sentence
   std::array<char, 65'536> buffer_;
   std::optional<Header> header_;
   Progress progress_;
-  Clock::time_point begun_, lastWord_, told_{};
-  bool ended_ = false, finished_ = false;
+  const Clock::time_point begun_ = Clock::now();
+  Clock::time_point lastWord_ = begun_, told_{};
+  bool ended_ = false;
   std::optional<Error> error_;
 };
 
@@ -226,7 +205,7 @@ class Download {
 
 Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
                                 std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell) {
-  return std::make_unique<Download>(url, file, timeout, tell)->run(target);
+  return Download(url, file, timeout, tell).run(target);
 }
 
 }  // namespace ridgecast::connection

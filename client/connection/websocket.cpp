@@ -6,7 +6,6 @@
 #include <thread>
 #include <utility>
 
-#include <boost/asio/connect.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
@@ -16,6 +15,7 @@
 #include <boost/beast/http/status.hpp>
 #include <boost/beast/websocket.hpp>
 
+#include "client/connection/dial.h"
 #include "common/transport/channel.h"
 #include "common/wire/wire.h"
 
@@ -44,11 +44,11 @@ std::string oneLine(std::string_view text) {
 
 // Handlers hold a plain `this`: the destructor joins the thread first, and none of them runs after it.
 struct WebSocket::Impl {
-  enum class State { kResolving, kConnecting, kSecuring, kUpgrading, kGreeting, kStreaming, kEnded };
+  enum class State { kDialing, kUpgrading, kGreeting, kStreaming, kEnded };
 
   Impl(const Url& url, milliseconds timeout, const Waiting& waiting, Listener& listener)
       : url_(url),
-        where_((url.host.find(':') == std::string::npos ? url.host : "[" + url.host + "]") + ":" + url.port),
+        where_(whereOf(url)),
         timeout_(timeout),
         waiting_(waiting),
         unheard_(url.world.find("terrain=") != std::string::npos ? std::max(timeout, waiting.unheard) : timeout),
@@ -66,28 +66,10 @@ struct WebSocket::Impl {
 
   // ---- the way to the upgrade ----
 
-  void resolve() {
+  void begin() {
     limit(timeout_);
-    resolver_.async_resolve(url_.host, url_.port, [this](error_code e, const tcp::resolver::results_type& found) {
-      if (state_ == State::kEnded) return;
-      if (e) return end("the host '" + url_.host + "' is not known (" + e.message() + "); check the server's address");
-      connect(found);
-    });
-  }
-
-  void connect(const tcp::resolver::results_type& found) {
-    state_ = State::kConnecting;
-    net::async_connect(channel().socket(), found, [this](error_code e, const tcp::endpoint&) {
-      if (state_ == State::kEnded) return;
-      if (e == net::error::connection_refused)
-        return end("no server at " + where_ + "; start one with ridgecast-server --port " + url_.port);
-      if (e) return end("no connection to " + where_ + ": " + e.message());
-      if (!url_.secure) return upgrade();
-      state_ = State::kSecuring;
-      channel().startTls(url_.host, url_.ca, [this](std::optional<std::string> wrong) {
-        if (state_ == State::kEnded) return;
-        wrong ? end("no secure connection to " + where_ + ": " + *wrong) : upgrade();
-      });
+    dial(url_, resolver_, channel(), dialing_, [this](std::optional<std::string> wrong) {
+      if (state_ != State::kEnded) wrong ? end(std::move(*wrong)) : upgrade();
     });
   }
 
@@ -141,15 +123,11 @@ struct WebSocket::Impl {
     if (state_ == State::kUpgrading && heard_)
       return "the server at " + where_ + " began to prepare the terrain and said nothing more" + within(waiting_.heard) +
              "; try again later";
-    switch (state_) {
-      case State::kResolving:
-        return "the host '" + url_.host + "' could not be looked up" + within(timeout_) + "; check the server's address";
-      case State::kConnecting:
-        return "no answer from " + where_ + within(timeout_) + "; check host, port and firewall";
-      default:
-        return "what listens at " + where_ + " did not answer like a Ridgecast server" +
-               within(state_ == State::kUpgrading ? unheard_ : timeout_) + "; check host and port";
-    }
+    if (dialing_ == Dialing::kResolving)
+      return "the host '" + url_.host + "' could not be looked up" + within(timeout_) + "; check the server's address";
+    if (dialing_ == Dialing::kConnecting) return "no answer from " + where_ + within(timeout_) + "; check host, port and firewall";
+    return "what listens at " + where_ + " did not answer like a Ridgecast server" +
+           within(state_ == State::kUpgrading ? unheard_ : timeout_) + "; check host and port";
   }
 
   // ---- frames ----
@@ -224,12 +202,13 @@ struct WebSocket::Impl {
   Listener& listener_;
   net::io_context context_{1};
   std::thread thread_;
-  State state_ = State::kResolving;
+  State state_ = State::kDialing;
   tcp::resolver resolver_{context_};
   websocket::stream<transport::Channel, false> socket_{tcp::socket(context_)};
   net::steady_timer timer_{context_}, later_{context_};
   websocket::response_type response_;
   boost::beast::flat_buffer buffer_;
+  Dialing dialing_ = Dialing::kResolving;
   std::string frame_;   // being written
   bool heard_ = false;  // that the server prepares the world
 };
@@ -243,7 +222,7 @@ WebSocket::~WebSocket() {
 }
 
 void WebSocket::start() {
-  post([this] { impl_->resolve(); });
+  post([this] { impl_->begin(); });
   impl_->thread_ = std::thread([this] { impl_->context_.run(); });
 }
 

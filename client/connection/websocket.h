@@ -2,7 +2,7 @@
 // A WebSocket to a server: looks up, connects, secures, upgrades, and carries frames of bytes whose meaning it does not know. Internal to
 // the room; Beast stays in websocket.cpp.
 //
-//   resolving -> connecting (-> securing) -> upgrading -> greeting -> streaming -> ended
+//   dialing -> upgrading -> greeting -> streaming -> ended
 // Every state may go to ended.
 //
 // It has one thread. Everything is called on it, the listener too, but for the constructor, start(), post() and the destructor.
