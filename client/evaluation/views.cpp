@@ -120,11 +120,6 @@ struct ViewMeasurement::State {
     auto corrected = both(at.renderer.drawCorrected(at.scene.leaves(), at.view, settings.samples[k]), at, settings.samples[k]);
     if (!corrected) return corrected.error();
     const Both& march = marches[k];
-    for (const auto& [filtered, picture] : {std::pair(true, &Both::filtered), std::pair(false, &Both::points)})
-      out["pictures"].push_back({{"samples", settings.samples[k] * settings.samples[k]},
-                                 {"filtered", filtered},
-                                 {"mesh", figures(similarity((*drawn).*picture, march.*picture))},
-                                 {"corrected", figures(similarity((*corrected).*picture, march.*picture))}});
     const SimilarityMap map = similarityMap(drawn->filtered, march.filtered);
     if (k == 0) {
       auto best = at.renderer.drawCorrected(at.scene.leaves(), at.view, 1, kMostSteps);
@@ -132,6 +127,11 @@ struct ViewMeasurement::State {
       out["missing"] =
           figures(missingOf(map, similarityMap(best->picture, march.filtered), similarityMap(*finer, march.filtered), seen, marched, 1));
     }
+    for (const auto& [filtered, picture] : {std::pair(true, &Both::filtered), std::pair(false, &Both::points)})
+      out["pictures"].push_back({{"samples", settings.samples[k] * settings.samples[k]},
+                                 {"filtered", filtered},
+                                 {"mesh", figures(similarity((*drawn).*picture, march.*picture))},
+                                 {"corrected", figures(similarity((*corrected).*picture, march.*picture))}});
     if (k != kept) return {};
     const Picture loss = lossPicture(map);
     for (const auto& [name, picture] :
