@@ -82,9 +82,9 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
 
   const auto popping = evaluation::measurePopping(*renderer, view, {low, high, low});
   ASSERT_TRUE(popping);
-  EXPECT_GT(popping->worstOff, 0.1);
-  EXPECT_LE(popping->worstOn, popping->worstOff / 3);
-  EXPECT_GT(popping->worstOn, 0);
+  EXPECT_GT(popping->off, 0.1);
+  EXPECT_LE(popping->on, popping->off / 3);
+  EXPECT_GT(popping->on, 0);
 }
 
 }  // namespace
