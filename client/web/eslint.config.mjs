@@ -13,5 +13,6 @@ export default tseslint.config({
     '@typescript-eslint/restrict-template-expressions': 'off',
     '@typescript-eslint/no-base-to-string': 'off',
     '@typescript-eslint/no-unnecessary-type-assertion': 'off',
+    '@typescript-eslint/no-unused-vars': ['error', { argsIgnorePattern: '^_' }],
   },
 });
