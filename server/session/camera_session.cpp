@@ -86,7 +86,7 @@ void CameraSession::receive(wire::ClientMessage message) {
     const std::lock_guard lock(mutex_);
     if (conversation_.closed()) return;
     refusal = conversation_.receive(message);
-    if (!refusal) refusal = std::visit([this](const auto& m) { return attend(m); }, message);
+    if (!refusal) refusal = std::visit([this](auto& m) { return attend(m); }, message);
     if (!refusal && !wake()) refusal = ErrorMessage{ErrorCode::kInternal, "The server is shutting down."};
   }
   if (refusal) refuse(std::move(*refusal));
@@ -127,14 +127,14 @@ CameraSession::Refusal CameraSession::attend(const wire::StepDone& done) {
   return {};
 }
 
-CameraSession::Refusal CameraSession::attend(const wire::Query& query) {
+CameraSession::Refusal CameraSession::attend(wire::Query& query) {
   if (*queries_ >= wire::kMaxQueries)
     return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
                                                " queries wait for their answers: send the next when one has arrived."};
   ++*queries_;
   // Counts as open until the answer has left.
   std::shared_ptr<const void> ticket(nullptr, [open = queries_](const void*) { --*open; });
-  pool_->post([terrain = session_->terrain(), sender = sender_, query, ticket = std::move(ticket)]() mutable {
+  pool_->post([terrain = session_->terrain(), sender = sender_, query = std::move(query), ticket = std::move(ticket)]() mutable {
     sender->send(query::answer(*terrain, query), std::move(ticket));
   });
   return {};

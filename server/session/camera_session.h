@@ -44,7 +44,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   Refusal attend(const wire::SetClock& set);
   Refusal attend(const wire::ClockStep& step);
   Refusal attend(const wire::StepDone& done);
-  Refusal attend(const wire::Query& query);
+  Refusal attend(wire::Query& query);
   Refusal attend(const wire::AskGround& ask);
   Refusal attend(const auto&) { return {}; }
   bool wake();  // under the lock; false: the pool accepts no more
