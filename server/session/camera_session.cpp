@@ -14,7 +14,6 @@ namespace ridgecast::session {
 
 namespace {
 
-using conversation::Conversation;
 using wire::ErrorCode;
 using wire::ErrorMessage;
 
