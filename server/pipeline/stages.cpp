@@ -55,7 +55,7 @@ Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const set
       effective(granted.threshold) {}
 
 refinement::View Pipeline::State::view() const {
-  return {motion.camera, mesh.mesh().anchor(), motion.travel, motion.turn, motion.moving, settings.metric == settings::Metric::kArea};
+  return {motion.camera, mesh.mesh().anchor(), motion.travel, motion.turn, motion.moving, settings.metric};
 }
 
 // ---- refine ----

@@ -180,7 +180,7 @@ class AdaptiveMesh {
   void collectDueLosses(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due);
   void checkLosses(std::uint32_t page, const View& view, double slope, std::vector<VertexId>& out);
   void foldLoss(const triangulation::Vertex& p, VertexId v, float loss, RegionId region, const View& view);
-  float lossOf(VertexId v, bool area, triangulation::WriteSet& set) const;
+  float lossOf(VertexId v, const Measure& measure, triangulation::WriteSet& set) const;
 
   triangulation::Triangulation mesh_;
   const triangulation::Partition& partition_;

@@ -30,7 +30,7 @@
 // either
 //     error / (d - m)^p                   <=  steepest (nearest / (nearest - m))^p                                   or
 //     error (f + m) / (d - m)^(p + 1)     <=  (seen + steepest m / nearest) (nearest / (nearest - m))^(p + 1)
-// times the view's gain is below it; p is View::power(). The way travelled since the check bounds m. New candidates are folded into the
+// times the view's gain is below it; p is Measure::power(). The way travelled since the check bounds m. New candidates are folded into the
 // bounds of their page. For losses (coarsening.cpp) the same holds with the limit below: none of a page's other vertices can come below it
 // while
 //     leastSlope (1 - m / flat) / (1 + m / nearest)^(p + 1)  >  limit / gain,
@@ -61,7 +61,7 @@ inline bool wakes(const PageScreen& page, const View& view) {
 }
 
 inline void setNextCheck(NextCheck& next, const PageScreen& page, double skipped, const View& view) {
-  const double power = view.power();
+  const double power = view.measure.power();
   // (1 - x)^p >= 1 - p x
   const double level = page.nearest * (1 - page.steepest / skipped) / power,
                steep = page.nearest * (skipped - page.seen) / (page.steepest + (power + 1) * skipped);
@@ -87,7 +87,7 @@ inline void foldCandidate(NextCheck& next, PageScreen& page, RegionState& region
     } else {
       if (moved > 0) {  // the bounds as they are after that way
         const float closer = page.nearest / (page.nearest - moved);
-        const float faster = view.area ? closer * std::sqrt(closer) : closer;
+        const float faster = view.measure.reach(closer);
         page.seen = (page.seen + page.steepest * moved / page.nearest) * faster * closer;
         page.steepest *= faster;
         page.nearest -= moved;
@@ -95,8 +95,7 @@ inline void foldCandidate(NextCheck& next, PageScreen& page, RegionState& region
       }
       const float dx = static_cast<float>(c.point.x - view.x), dz = static_cast<float>(c.point.z - view.z),
                   dy = static_cast<float>(c.y) - view.y;
-      const float flat = dx * dx + dz * dz, d = std::max(std::sqrt(flat + dy * dy), kNearest),
-                  steep = c.error / (view.area ? d * std::sqrt(d) : d);
+      const float flat = dx * dx + dz * dz, d = std::max(std::sqrt(flat + dy * dy), kNearest), steep = c.error / view.measure.reach(d);
       page.steepest = std::max(page.steepest, steep);
       page.seen = std::max(page.seen, steep * std::sqrt(flat) / d);
       page.nearest = std::min(page.nearest, d);

@@ -156,7 +156,7 @@ float asSeen(const View& view, Point2 p, std::int32_t y, float onMesh, float err
   constexpr float kHidden = 1e-6f;  // those hidden are still told apart
   const camera::Vec3 at = view.relative(p.x, p.z, std::max(static_cast<float>(y), onMesh));
   const double flat2 = at.x * at.x + at.z * at.z, d2 = std::max(flat2 + at.y * at.y, 0.25);
-  return error * static_cast<float>(std::sqrt(flat2) / (d2 * (view.area ? std::sqrt(std::sqrt(d2)) : 1))) * (view.hides(at) ? kHidden : 1);
+  return error * static_cast<float>(std::sqrt(flat2) / (d2 * view.measure.rise(std::sqrt(d2)))) * (view.hides(at) ? kHidden : 1);
 }
 
 }  // namespace
@@ -338,8 +338,8 @@ inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& s
     least = worth;
     best[slot] = {p, py[k], error};
   }
-  if (metric_ == Metric::kArea)
-    for (std::size_t k = 0; k < fresh.size(); ++k) best[k].error *= static_cast<float>(areaWeight(mesh_, fresh[k]));
+  if (const Measure measure(metric_); measure.byArea)
+    for (std::size_t k = 0; k < fresh.size(); ++k) best[k].error *= static_cast<float>(measure.weight(areaOf(mesh_, fresh[k])));
 }
 
 inline void AdaptiveMesh::storeCandidates(RegionId region, const View* view, Scratch& scratch) {

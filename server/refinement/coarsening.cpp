@@ -34,7 +34,7 @@ struct Seen {
 };
 inline Seen see(const Place& p, float loss, const View& view) {
   const float dx = static_cast<float>(p.x - view.x), dz = static_cast<float>(p.z - view.z), dy = static_cast<float>(p.y) - view.y;
-  const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest), reach = view.area ? d2 * std::sqrt(d2) : d2;
+  const float flat = dx * dx + dz * dz, d2 = std::max(flat + dy * dy, kNearest * kNearest), reach = view.measure.reach(d2);
   return {loss * loss * flat / (d2 * reach), flat, d2};
 }
 
@@ -61,7 +61,7 @@ void AdaptiveMesh::findRemovable(RegionId region, const View& view, Work& work) 
       for (std::size_t k = 0; k < VertexPages::kSlots * sizeof(VertexExtra); k += 64) __builtin_prefetch(ahead + k);
     }
     checkLosses(due[n], view, slope, work.removable);
-    setNextCheck(losses_[due[n]], skipped, view.power());
+    setNextCheck(losses_[due[n]], skipped, view.measure.power());
     state.nextLossCheck = std::min(state.nextLossCheck, losses_[due[n]].nextCheck);
   }
 }
@@ -76,7 +76,7 @@ void AdaptiveMesh::collectDueLosses(RegionId region, const View& view, double sk
   for (std::size_t n = 0; n < all.size(); ++n) {
     if (n + kAhead < all.size()) __builtin_prefetch(&losses_[all[n + kAhead]]);
     PageLosses& known = losses_[all[n]];
-    if (!same) setNextCheck(known, skipped, view.power());
+    if (!same) setNextCheck(known, skipped, view.measure.power());
     if (view.travel < known.nextCheck)
       state.nextLossCheck = std::min(state.nextLossCheck, known.nextCheck);
     else
@@ -116,7 +116,7 @@ void AdaptiveMesh::foldLoss(const Vertex& p, VertexId v, float loss, RegionId re
     } else {
       if (moved > 0) {  // the bounds as they are after that way
         const float away = 1 + moved / page.nearest;
-        page.leastSlope *= (1 - moved / page.flat) / (away * away * (view.area ? std::sqrt(away) : 1));
+        page.leastSlope *= (1 - moved / page.flat) / (away * away * view.measure.rise(away));
         page.flat -= moved;
         page.nearest -= moved;
         page.travel = view.travel;
@@ -126,14 +126,14 @@ void AdaptiveMesh::foldLoss(const Vertex& p, VertexId v, float loss, RegionId re
       page.flat = std::min(page.flat, std::sqrt(seen.flat2));
       page.nearest = std::min(page.nearest, std::sqrt(seen.distance2));
     }
-    setNextCheck(page, state.skippedLoss, view.power());
+    setNextCheck(page, state.skippedLoss, view.measure.power());
   }
   state.nextLossCheck = std::min(state.nextLossCheck, page.nextCheck);
 }
 
-// The loss in steps, times the weight of the triangle where `area`, by a plan for the removal that stays in `set` for apply(). Infinite
+// The loss in steps, times the weight of the triangle, by a plan for the removal that stays in `set` for apply(). Infinite
 // where the vertex cannot go now: it lies on the hull or beside a triangle without a candidate yet, or its star leaves the write set.
-float AdaptiveMesh::lossOf(VertexId v, bool area, triangulation::WriteSet& set) const {
+float AdaptiveMesh::lossOf(VertexId v, const Measure& measure, triangulation::WriteSet& set) const {
   constexpr float never = std::numeric_limits<float>::infinity();
   if (mesh_.plan(v, set) != Change::kDone) return never;
   for (TriangleId t : set.star())
@@ -146,7 +146,7 @@ float AdaptiveMesh::lossOf(VertexId v, bool area, triangulation::WriteSet& set) 
       const Vertex &va = mesh_.vertex(a), &vb = mesh_.vertex(b), &vc = mesh_.vertex(c);
       if (!triangulation::holds(va.point(), vb.point(), vc.point(), p)) return;
       found = true;
-      worst = std::max(worst, std::abs(planeHeight(va, vb, vc, p) - y) * (area ? areaWeight(va, vb, vc) : 1));
+      worst = std::max(worst, std::abs(planeHeight(va, vb, vc, p) - y) * (measure.byArea ? measure.weight(areaOf(va, vb, vc)) : 1));
     });
   };
   judge(mesh_.vertex(v).point(), extras_[v].fineY);
@@ -158,7 +158,7 @@ float AdaptiveMesh::lossOf(VertexId v, bool area, triangulation::WriteSet& set) 
 void AdaptiveMesh::removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work) {
   for (VertexId v : work.removable) {
     const Vertex& p = mesh_.vertex(v);
-    const float loss = lossOf(v, view.area, set);
+    const float loss = lossOf(v, view.measure, set);
     if (!std::isfinite(loss)) {
       wakeVertex(v, region);
       continue;

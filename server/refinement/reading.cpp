@@ -68,7 +68,7 @@ void AdaptiveMesh::list(RegionId region, const View& view, std::vector<ListedCan
     const Candidate c = candidate(t);
     if (!(c.error > 0)) return;
     const camera::Vec3 at = view.relative(c.point.x, c.point.z, c.y);
-    const double error = view.area ? c.error / areaWeight(mesh_, t) : c.error;
+    const double error = c.error / view.measure.weight(areaOf(mesh_, t));
     if (!view.wide.contains(at) && !view.wide.meets(cornersOf(mesh_, view, t), error * lattice::kMetresPerStep)) return;
     const double flat = at.x * at.x + at.z * at.z, d2 = std::max(flat + at.y * at.y, 0.25);
     const double pixels = error * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;

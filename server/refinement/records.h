@@ -10,20 +10,9 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
-#include "common/settings/settings.h"
 #include "server/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
-
-// kPixels  distance on screen, in pixels, between the candidate on the mesh and on the terrain, measured where the camera looks straight at
-// it:
-//          error x cos(elevation) x pixels per radian / distance. It does not depend on where the camera turns, so turning makes no thrash.
-// kArea    the same times the fourth root of the triangle's area in square pixels, seen face on at the candidate's distance: an error that
-//          covers more of the picture counts for more. The fewest triangles for a picture; no promise about any one pixel.
-// kThesis  (area in normalised device coordinates)^0.5 x 40 x (distance in normalised device coordinates), Cavallin and Pettersson 2019,
-//          algorithm 6, with the constants of their published program. A triangle that reaches behind the camera counts as large as the
-//          picture.
-using settings::Metric;
 
 // Slots without a candidate lie here, so that they are nobody's nearest; steps, and its square's square fits a float.
 inline constexpr std::int32_t kFarAway = 1 << 29;

@@ -1,5 +1,5 @@
 // Which candidates are worth a vertex for this camera: a straight pass over the pages that bounds.h does not skip. The metrics' definitions
-// are in records.h.
+// are in metric.h.
 //
 // All metrics leave out what is not seen: where neither the triangle nor the ground over it, as far from it as its candidate is, meets the
 // wide frustum. (To ask where the candidate lies is not enough: a triangle under the camera may have its candidate behind the camera and
@@ -30,9 +30,6 @@ constexpr std::size_t kAhead = 8;
 
 double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
-// areaWeight() of a triangle with twice this area vector, metres.
-double rootOfArea(const Vec3& area) { return std::sqrt(std::sqrt(0.5 * std::sqrt(dot(area, area))) * lattice::kStepsPerMetre); }
-
 // Twice the area vector of a triangle.
 Vec3 areaVector(const std::array<Vec3, 3>& corners) {
   const auto& [a, b, c] = corners;
@@ -40,67 +37,10 @@ Vec3 areaVector(const std::array<Vec3, 3>& corners) {
   return {u.y * w.z - u.z * w.y, u.z * w.x - u.x * w.z, u.x * w.y - u.y * w.x};
 }
 
-struct PageLook {
-  PageScreen::Mask wanted;
-  float steepest2, seen2, nearest2;  // squared, of the candidates not wanted
-};
-struct Eye {
-  std::int32_t x, z;
-  float y, gain2, least;  // gain and threshold, squared
-};
-
-// One page, sixteen candidates at a time: the square of what is seen, and of the threshold, both times d^(2 p + 2). Dead slots are blank.
-template <bool kByArea>
-inline __attribute__((always_inline)) PageLook lookThrough(const CandidatePage& page, const Eye& eye) {
-  constexpr unsigned kWidth = 16, kVectors = CandidatePage::kSlots / kWidth;
-  typedef float Floats __attribute__((vector_size(4 * kWidth)));
-  typedef std::int32_t Ints __attribute__((vector_size(4 * kWidth)));
-  const auto& x = reinterpret_cast<const Ints(&)[kVectors]>(page.x);
-  const auto& z = reinterpret_cast<const Ints(&)[kVectors]>(page.z);
-  const auto& y = reinterpret_cast<const Ints(&)[kVectors]>(page.y);
-  const auto& error = reinterpret_cast<const Floats(&)[kVectors]>(page.error);
-  const Floats zero{}, nearest2 = zero + kNearest * kNearest;
-  Floats steepest = zero, mostSeen = zero, nearest = zero + std::numeric_limits<float>::max();
-  Ints wanted[kVectors], any{};
-  for (unsigned k = 0; k < kVectors; ++k) {
-    const Floats dx = __builtin_convertvector(x[k] - eye.x, Floats), dz = __builtin_convertvector(z[k] - eye.z, Floats),
-                 dy = __builtin_convertvector(y[k], Floats) - eye.y;
-    const Floats flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < nearest2 ? nearest2 : d2;
-    const Floats e = error[k] > zero ? error[k] : zero, e2 = e * e;
-    Floats reach = n;  // d^(2 p)
-    if constexpr (kByArea)
-      for (unsigned lane = 0; lane < kWidth; ++lane) reach[lane] = n[lane] * __builtin_sqrtf(n[lane]);
-    wanted[k] = eye.gain2 * e2 * flat >= eye.least * n * reach;
-    any |= wanted[k];
-    const Floats inverse = 1.0f / n, steep = wanted[k] ? zero : (kByArea ? e2 / reach : e2 * inverse), seen = steep * inverse * flat;
-    steepest = steep > steepest ? steep : steepest;
-    mostSeen = seen > mostSeen ? seen : mostSeen;
-    nearest = n < nearest ? n : nearest;
-  }
-  // Halves against each other until all lanes hold the same.
-  const Ints lanes{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-  for (std::int32_t apart = kWidth / 2; apart > 0; apart /= 2) {
-    const Ints other = lanes ^ apart;
-    const Floats s = __builtin_shuffle(steepest, other), d = __builtin_shuffle(nearest, other), m = __builtin_shuffle(mostSeen, other);
-    steepest = s > steepest ? s : steepest;
-    mostSeen = m > mostSeen ? m : mostSeen;
-    nearest = d < nearest ? d : nearest;
-    any |= __builtin_shuffle(any, other);
-  }
-  PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
-  if (any[0] != 0)
-    for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
-      result.wanted |= static_cast<PageScreen::Mask>(wanted[k / kWidth][k % kWidth] != 0) << k;
-  return result;
+// Of a triangle with twice this area vector, metres.
+double weightOf(const Measure& measure, const Vec3& area) {
+  return measure.weight(0.5 * std::sqrt(dot(area, area)) * lattice::kStepsPerMetre * lattice::kStepsPerMetre);
 }
-// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define RIDGECAST_VECTOR_CLONES
-#endif
-RIDGECAST_VECTOR_CLONES PageLook screenPageInPixels(const CandidatePage& page, const Eye& eye) { return lookThrough<false>(page, eye); }
-RIDGECAST_VECTOR_CLONES PageLook screenPageByArea(const CandidatePage& page, const Eye& eye) { return lookThrough<true>(page, eye); }
 
 // Whether a triangle and its candidate `at`, on the terrain as on the mesh, cannot be seen behind other ground. `error`: at least a bound
 // of the distance between the two. All in metres from the eye.
@@ -156,12 +96,12 @@ Judgement judge(const triangulation::Triangulation& mesh, const View& view, tria
   const double nearest = std::max(0.0, d - std::sqrt(extent2)) * lattice::kStepsPerMetre;  // the triangle's distance, or less
   const auto dormant = [&](double share) { return Judgement{0, static_cast<float>(share * nearest)}; };
   const Vec3 area = areaVector(corners);
-  const double lift = c.error * lattice::kMetresPerStep / (view.area ? rootOfArea(area) : 1);
+  const double lift = c.error * lattice::kMetresPerStep / weightOf(view.measure, area);
   if (!view.wide.contains(at) && !view.wide.meets(corners, lift)) return dormant(view.wakeMove());
   const double perMetre = view.pixelsPerRadian / d, squarePixels = std::abs(dot(area, at)) / d * 0.5 * perMetre * perMetre;
   const double flat = at.x * at.x + at.z * at.z, pixels = lift * view.pixelsPerRadian * std::sqrt(flat) / d2;
   if ((squarePixels < kSpeck && pixels < 1) || isHidden(view, corners, at, lift)) return dormant(kWakeHidden);
-  if (view.area) return {c.error * view.gain * std::sqrt(flat / (d2 * d2 * d)), 0};
+  if (view.measure.byArea) return {c.error * view.gain * std::sqrt(flat / (d2 * d2 * d)), 0};
   // Larger triangles first at equal error: their error covers more of the picture.
   return {pixels * std::sqrt(std::sqrt(squarePixels)), 0};
 }
@@ -235,7 +175,7 @@ inline void AdaptiveMesh::checkPage(std::uint32_t number, const View& view, doub
   if (known.dormant != 0 && (wakes(known, view) || view.turn >= checks_[number].turn)) wake(known, page);
   blankDead(known, page, alive);
   const Eye eye{view.x, view.z, view.y, static_cast<float>(view.gain * view.gain), static_cast<float>(threshold * threshold)};
-  const PageLook seen = view.area ? screenPageByArea(page, eye) : screenPageInPixels(page, eye);
+  const PageLook seen = lookThrough(view.measure, page, eye);
   known.travel = view.travel;
   known.steepest = std::sqrt(seen.steepest2);
   known.seen = std::sqrt(seen.seen2);

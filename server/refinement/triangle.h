@@ -21,16 +21,16 @@ inline double heightOnTriangle(const triangulation::Triangulation& mesh, triangu
   return planeHeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]), p);
 }
 
-// The fourth root of a triangle's area in square steps: its weight for Metric::kArea.
-inline double areaWeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c) {
+// In square steps.
+inline double areaOf(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c) {
   const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, by = double(b.y) - a.y, cx = double(c.x) - a.x, cz = double(c.z) - a.z,
                cy = double(c.y) - a.y;
   const double nx = by * cz - bz * cy, ny = bz * cx - bx * cz, nz = bx * cy - by * cx;
-  return std::sqrt(std::sqrt(0.5 * std::sqrt(nx * nx + ny * ny + nz * nz)));
+  return 0.5 * std::sqrt(nx * nx + ny * ny + nz * nz);
 }
-inline double areaWeight(const triangulation::Triangulation& mesh, triangulation::TriangleId t) {
+inline double areaOf(const triangulation::Triangulation& mesh, triangulation::TriangleId t) {
   const auto& v = mesh.triangle(t).v;
-  return areaWeight(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]));
+  return areaOf(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]));
 }
 
 }  // namespace ridgecast::refinement

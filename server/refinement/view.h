@@ -7,6 +7,7 @@
 
 #include "common/camera/camera.h"
 #include "server/refinement/horizon.h"
+#include "server/refinement/metric.h"
 #include "server/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
@@ -22,7 +23,7 @@ inline constexpr float kNearest = 0.5f * 256;  // steps: nearer than this nothin
 // Positions are relative to the mesh's anchor.
 struct View {
   // `travelled` (steps) and `turned` (radians): how far this camera has moved and turned in its life; they only grow.
-  View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned, bool onTheWay, bool byArea = false)
+  View(const camera::Camera& camera, lattice::Point anchor, double travelled, double turned, bool onTheWay, Metric metric = Metric::kPixels)
       : x(static_cast<std::int32_t>(camera.pose.x - anchor.x)),
         z(static_cast<std::int32_t>(camera.pose.z - anchor.z)),
         y(static_cast<float>(camera.pose.y * lattice::kStepsPerMetre)),
@@ -38,8 +39,8 @@ struct View {
         turn(turned),
         spare(std::min(std::atan(kWidening * tanX) - std::atan(tanX), std::atan(kWidening * tanY) - std::atan(tanY))),
         moving(onTheWay),
-        area(byArea),
-        gain(byArea ? pixelsPerRadian * std::sqrt(pixelsPerRadian) : pixelsPerRadian) {}
+        measure(metric),
+        gain(measure.gain(pixelsPerRadian)) {}
 
   std::int32_t x, z;  // steps
   float y;            // steps, absolute
@@ -49,13 +50,12 @@ struct View {
   camera::Vec3 forward, right, up;
   double tanX, tanY;  // of the drawn half angles
   double travel, turn;
-  double spare;        // radians: the wide frustum is wider by this on each side than the drawn one
-  bool moving;         // candidates are then inserted up to kSlack late (bounds.h); at rest, exactly
-  bool area;           // Metric::kArea
-  double gain;         // of an error at a distance, both in steps, gain x error x horizontal distance / distance^(power() + 1) is seen
+  double spare;  // radians: the wide frustum is wider by this on each side than the drawn one
+  bool moving;   // candidates are then inserted up to kSlack late (bounds.h); at rest, exactly
+  Measure measure;
+  double gain;         // the measure's
   double closely = 0;  // pixels: points no farther apart are tried in what is drawn (candidates.cpp); 0: the same few in each triangle
   const Horizon* horizon = nullptr;  // not with Metric::kThesis; null: nothing is hidden
-  double power() const { return area ? 1.5 : 1; }
   double wakeMove() const { return kWakeMove * spare; }
   double wakeTurn() const { return kWakeTurn * spare; }
 

@@ -1,0 +1,71 @@
+// The pass over a page of candidates: most of what screening costs.
+#include "server/refinement/metric.h"
+
+#include <limits>
+
+#include "server/refinement/view.h"
+
+namespace ridgecast::refinement {
+
+namespace {
+
+// Sixteen candidates at a time: the square of what is seen, and of the threshold, both times d^(2 p + 2).
+template <bool kByArea>
+inline __attribute__((always_inline)) PageLook look(const CandidatePage& page, const Eye& eye) {
+  constexpr unsigned kWidth = 16, kVectors = CandidatePage::kSlots / kWidth;
+  typedef float Floats __attribute__((vector_size(4 * kWidth)));
+  typedef std::int32_t Ints __attribute__((vector_size(4 * kWidth)));
+  const auto& x = reinterpret_cast<const Ints(&)[kVectors]>(page.x);
+  const auto& z = reinterpret_cast<const Ints(&)[kVectors]>(page.z);
+  const auto& y = reinterpret_cast<const Ints(&)[kVectors]>(page.y);
+  const auto& error = reinterpret_cast<const Floats(&)[kVectors]>(page.error);
+  const Floats zero{}, nearest2 = zero + kNearest * kNearest;
+  Floats steepest = zero, mostSeen = zero, nearest = zero + std::numeric_limits<float>::max();
+  Ints wanted[kVectors], any{};
+  for (unsigned k = 0; k < kVectors; ++k) {
+    const Floats dx = __builtin_convertvector(x[k] - eye.x, Floats), dz = __builtin_convertvector(z[k] - eye.z, Floats),
+                 dy = __builtin_convertvector(y[k], Floats) - eye.y;
+    const Floats flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < nearest2 ? nearest2 : d2;
+    const Floats e = error[k] > zero ? error[k] : zero, e2 = e * e;
+    Floats reach = n;  // d^(2 p)
+    if constexpr (kByArea)
+      for (unsigned lane = 0; lane < kWidth; ++lane) reach[lane] = n[lane] * __builtin_sqrtf(n[lane]);
+    wanted[k] = eye.gain2 * e2 * flat >= eye.least * n * reach;
+    any |= wanted[k];
+    const Floats inverse = 1.0f / n, steep = wanted[k] ? zero : (kByArea ? e2 / reach : e2 * inverse), seen = steep * inverse * flat;
+    steepest = steep > steepest ? steep : steepest;
+    mostSeen = seen > mostSeen ? seen : mostSeen;
+    nearest = n < nearest ? n : nearest;
+  }
+  // Halves against each other until all lanes hold the same.
+  const Ints lanes{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+  for (std::int32_t apart = kWidth / 2; apart > 0; apart /= 2) {
+    const Ints other = lanes ^ apart;
+    const Floats s = __builtin_shuffle(steepest, other), d = __builtin_shuffle(nearest, other), m = __builtin_shuffle(mostSeen, other);
+    steepest = s > steepest ? s : steepest;
+    mostSeen = m > mostSeen ? m : mostSeen;
+    nearest = d < nearest ? d : nearest;
+    any |= __builtin_shuffle(any, other);
+  }
+  PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
+  if (any[0] != 0)
+    for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
+      result.wanted |= static_cast<PageScreen::Mask>(wanted[k / kWidth][k % kWidth] != 0) << k;
+  return result;
+}
+// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
+#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define RIDGECAST_VECTOR_CLONES
+#endif
+RIDGECAST_VECTOR_CLONES PageLook inPixels(const CandidatePage& page, const Eye& eye) { return look<false>(page, eye); }
+RIDGECAST_VECTOR_CLONES PageLook byArea(const CandidatePage& page, const Eye& eye) { return look<true>(page, eye); }
+
+}  // namespace
+
+PageLook lookThrough(const Measure& measure, const CandidatePage& page, const Eye& eye) {
+  return measure.byArea ? byArea(page, eye) : inPixels(page, eye);
+}
+
+}  // namespace ridgecast::refinement

@@ -1,0 +1,55 @@
+#pragma once
+// The metrics: how the error of a candidate or a vertex is measured for a camera. All that tells one from another, but for its name and
+// limits (common/settings).
+//
+// kPixels  distance on screen, in pixels, between the candidate on the mesh and on the terrain, measured where the camera looks straight at
+//          it: error x cos(elevation) x pixels per radian / distance. It does not depend on where the camera turns, so turning makes no
+//          thrash.
+// kArea    the same times the fourth root of the triangle's area in square pixels, seen face on at the candidate's distance: an error that
+//          covers more of the picture counts for more. The fewest triangles for a picture; no promise about any one pixel.
+// kThesis  (area in normalised device coordinates)^0.5 x 40 x (distance in normalised device coordinates), Cavallin and Pettersson 2019,
+//          algorithm 6, with the constants of their published program. A triangle that reaches behind the camera counts as large as the
+//          picture. AdaptiveMesh::screenThesis() measures it.
+
+#include <cmath>
+
+#include "common/settings/settings.h"
+#include "server/refinement/records.h"
+#include "server/refinement/triangle.h"
+
+namespace ridgecast::refinement {
+
+using settings::Metric;
+
+// kPixels and kArea: gain() x error x weight x horizontal distance / (distance x reach(distance)) is seen; error and distances in steps.
+struct Measure {
+  bool byArea;
+  explicit Measure(Metric metric) : byArea(metric == Metric::kArea) {}
+
+  double power() const { return byArea ? 1.5 : 1; }
+  // distance^(power() - 1), and distance^power(); of squares the squares.
+  template <class T>
+  T rise(T distance) const {
+    return byArea ? std::sqrt(distance) : T{1};
+  }
+  template <class T>
+  T reach(T distance) const {
+    return distance * rise(distance);
+  }
+  double gain(double pixelsPerRadian) const { return reach(pixelsPerRadian); }
+  // Of a triangle, by its area in square steps.
+  double weight(double area) const { return byArea ? std::sqrt(std::sqrt(area)) : 1; }
+};
+
+struct Eye {
+  std::int32_t x, z;
+  float y, gain2, least;  // gain and threshold, squared
+};
+struct PageLook {
+  PageScreen::Mask wanted;           // whose error as seen reaches the threshold
+  float steepest2, seen2, nearest2;  // as PageScreen's, squared, of the candidates not wanted
+};
+// Dead slots of the page are blank.
+PageLook lookThrough(const Measure& measure, const CandidatePage& page, const Eye& eye);
+
+}  // namespace ridgecast::refinement
