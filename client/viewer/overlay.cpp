@@ -15,6 +15,7 @@
 
 #include "client/render/difference_pass.h"
 #include "client/viewer/leaf_colours.h"
+#include "common/settings/settings.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::viewer {
@@ -262,8 +263,11 @@ bool entered(const char* name, std::array<char, n>& text) {
 }
 
 bool drawDetail(Panel& p) {
-  static constexpr std::array<const char*, 4> kMetrics = {"the server's", "pixels", "thesis", "area"};
-  bool changed = ImGui::Combo("metric", &p.metric, kMetrics.data(), static_cast<int>(kMetrics.size()));
+  const auto name = [](void*, int k, const char** out) {
+    *out = k == 0 ? "the server's" : settings::kMetrics[static_cast<std::size_t>(k)].name.data();
+    return true;
+  };
+  bool changed = ImGui::Combo("metric", &p.metric, name, nullptr, static_cast<int>(settings::kMetrics.size()));
   const bool thesis = p.metric == static_cast<int>(wire::Metric::kThesis);
   const auto released = [&changed](bool) { changed |= ImGui::IsItemDeactivatedAfterEdit(); };
   released(ImGui::SliderFloat("threshold", &p.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",

@@ -257,7 +257,7 @@ TEST(WireRefuses, Hello) {
   with("Hello.client_name", [](pb::Hello& m) { m.set_client_name("two\nlines"); });
   with("Hello.pacing", [](pb::Hello& m) { m.set_pacing(static_cast<pb::Pacing>(2)); });
   with("Hello.pacing", [](pb::Hello& m) { m.set_pacing(static_cast<pb::Pacing>(-1)); });
-  with("Settings.metric", [](pb::Hello& m) { m.mutable_settings()->set_metric(static_cast<pb::Metric>(4)); });
+  with("Settings.metric", [](pb::Hello& m) { m.mutable_settings()->set_metric(static_cast<pb::Metric>(settings::kMetrics.size())); });
   with("Settings.threshold", [](pb::Hello& m) { m.mutable_settings()->set_threshold(-0.5); });
   for (double bad : kBad) with("Settings.threshold", [&](pb::Hello& m) { m.mutable_settings()->set_threshold(bad); });
 }
