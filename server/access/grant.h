@@ -10,6 +10,8 @@
 namespace ridgecast::access {
 
 using Time = std::chrono::sys_seconds;
+// Later times count as this one: clocks of nanoseconds end in 2262.
+inline constexpr Time kLatest = std::chrono::sys_days(std::chrono::year(2200) / 1 / 1);
 
 struct Grant {
   std::string name;  // whose it is, for logs: at most 64 printable characters without blanks; may be empty

@@ -19,12 +19,12 @@ json parsed(std::string_view part) {  // discarded when it is no JSON
   return bytes ? json::parse(*bytes, nullptr, false) : json(json::value_t::discarded);
 }
 
-// Seconds since 1970; beyond a few thousand years it is the same as for ever.
+// Seconds since 1970.
 std::optional<Time> timeOf(const json& value) {
   if (!value.is_number()) return std::nullopt;
   const double seconds = value.get<double>();
   if (!(seconds >= 0)) return std::nullopt;
-  return Time(std::chrono::seconds(static_cast<long long>(std::min(seconds, 1e11))));
+  return Time(std::chrono::seconds(static_cast<long long>(std::min(seconds, static_cast<double>(kLatest.time_since_epoch().count())))));
 }
 
 Outcome<Rights> rightsOf(const json& claims) {

@@ -36,8 +36,9 @@ Outcome<std::pair<Grant, std::string>> parseLine(const std::string& line) {
     grant.session = words[2];
   }
   if (words[3] != "never") {
-    grant.expires = parseTime(words[3]);
-    if (!grant.expires) return Error{"its end is neither 'never' nor a time like 2027-01-01T00:00:00Z"};
+    const auto expires = parseTime(words[3]);
+    if (!expires) return Error{"its end is neither 'never' nor a time like 2027-01-01T00:00:00Z"};
+    grant.expires = std::min(*expires, kLatest);
   }
   const std::string_view hash = words[4];
   if (!hash.starts_with(kHashPrefix) || !digestFromHex(hash.substr(kHashPrefix.size())))

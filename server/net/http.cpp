@@ -57,6 +57,12 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     error_code ignored;
     return socket.remote_endpoint(ignored);
   }
+  // The values of all lines of this name, in order, as one list.
+  static std::string allOf(const http::fields& fields, beast::string_view name) {
+    std::string all;
+    for (auto [line, end] = fields.equal_range(name); line != end; ++line) all.append(all.empty() ? "" : ",").append(line->value());
+    return all;
+  }
   static tcp::socket&& noDelay(tcp::socket&& socket) {
     error_code ignored;
     socket.set_option(tcp::no_delay(true), ignored);
@@ -108,17 +114,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (counted_.surplus() == Counted::Surplus::kAddress) return refuseAddress();
 
     const auto& header = parser_->get();
-    Request request{.method = header.method_string(),
-                    .target = header.target(),
-                    .host = header[http::field::host],
-                    .upgrade = websocket::is_upgrade(header),
-                    .webSocketVersion = header[http::field::sec_websocket_version],
-                    .acceptEncoding = header[http::field::accept_encoding],
-                    .origin = header[http::field::origin],
-                    .authorization = header[http::field::authorization],
-                    .subprotocols = header[http::field::sec_websocket_protocol]};
+    Request request = requestOf(header);
     if (!settings.trustedProxies.empty()) {
-      const access::Address client = access::clientAddress(peer_, header["X-Forwarded-For"], settings.trustedProxies);
+      const access::Address client = access::clientAddress(peer_, allOf(header, "X-Forwarded-For"), settings.trustedProxies);
       if (client != peer_) peerName_ = access::toText(client);
       if (!counted_.belongsTo(client)) {
         shared_->figures->refused(metrics::Refusal::kAddress);

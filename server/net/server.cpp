@@ -91,13 +91,19 @@ class ListeningServer final : public Server {
 
   std::optional<Error> reload() override {
     const Settings& settings = shared_->settings;
+    std::shared_ptr<TlsContext> tls;
     if (!settings.tlsCertificate.empty()) {
-      auto tls = loadTls(settings.tlsCertificate, settings.tlsKey);
-      if (!tls) return tls.error();
-      const std::lock_guard lock(shared_->mutex);
-      shared_->tls = std::move(*tls);
+      auto loaded = loadTls(settings.tlsCertificate, settings.tlsKey);
+      if (!loaded) return loaded.error();
+      tls = std::move(*loaded);
     }
-    return shared_->gate.load();
+    if (auto error = shared_->gate.load()) return error;
+    {
+      const std::lock_guard lock(shared_->mutex);
+      shared_->tls = std::move(tls);
+    }
+    for (const auto& stream : openStreams()) stream->postJudge();
+    return {};
   }
 
   void drain() override {
@@ -129,14 +135,15 @@ class ListeningServer final : public Server {
   }
 
  private:
-  void sendAway() {
+  std::vector<std::shared_ptr<OpenStream>> openStreams() {
     std::vector<std::shared_ptr<OpenStream>> streams;
-    {
-      const std::lock_guard lock(shared_->mutex);
-      for (const auto& [key, weak] : shared_->streams)
-        if (auto stream = weak.lock()) streams.push_back(std::move(stream));
-    }
-    for (auto& stream : streams) stream->postGoingAway();
+    const std::lock_guard lock(shared_->mutex);
+    for (const auto& [key, weak] : shared_->streams)
+      if (auto stream = weak.lock()) streams.push_back(std::move(stream));
+    return streams;
+  }
+  void sendAway() {
+    for (const auto& stream : openStreams()) stream->postGoingAway();
   }
 
   void serve() {

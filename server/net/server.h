@@ -12,7 +12,7 @@
 //   TLS, request, hello    timeout each              closed; for hello with an error
 //   client message         maxMessageBytes            Error, close 1009
 //   messages a second      maxMessagesPerSecond (bursts: twice that)   Error, close 1008
-//   token                  its expiry                 Error, close 1008
+//   token                  its expiry, or a reload    Error, close 1008
 //   queued messages        kMaxQueuedMessages         closed (does not happen: a session keeps to its window)
 //   silence                idle, ping at half         closed
 //   work for answers       prompt-, patient-, worldJobs   HTTP 503 with Retry-After; ends if the client hangs up or half-closes
@@ -74,7 +74,8 @@ class Server {
   // Stops accepting streams: /readyz answers 503, open streams are told to reconnect. The port stays open.
   virtual void drain() = 0;
   virtual void undrain() = 0;
-  // Reloads certificate and tokens for new connections. On an error, which is returned, the old ones stay.
+  // Reloads certificate and tokens: the certificate for new connections, the tokens for open streams too. On an error, which is returned,
+  // both stay as they were.
   virtual std::optional<Error> reload() = 0;
   // drain(), then stops accepting connections. Waits for streams and answers in progress to end, up to settings.drain, then stops serving.
   virtual void shutdown() = 0;

@@ -44,6 +44,7 @@ class OpenStream {
   virtual ~OpenStream() = default;
   // Any thread.
   virtual void postGoingAway() = 0;
+  virtual void postJudge() = 0;  // ends the stream if its token is withdrawn
   virtual std::size_t waitingBytes() const = 0;
 };
 

@@ -110,11 +110,32 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   void postGoingAway() override {
     asio::post(ws_.get_executor(), [self = shared_from_this()] { self->goAway(); });
   }
+  void postJudge() override {
+    asio::post(ws_.get_executor(), [self = shared_from_this()] { self->judge(); });
+  }
   std::size_t waitingBytes() const override { return *queuedBytes_; }
   const std::shared_ptr<std::atomic<std::size_t>>& queuedBytes() const { return queuedBytes_; }
 
  private:
   void accepted(error_code ec);
+
+  // The token of the upgrade, by the tokens of now.
+  void judge() {
+    auto judged = shared_->gate.judge(requestOf(request_));
+    if (auto* grant = std::get_if<access::Grant>(&judged)) {
+      grant_ = std::move(*grant);
+      expireInTime();
+    } else {
+      fail(metrics::Refusal::kToken, {wire::ErrorCode::kLimit, "The token was withdrawn."});
+    }
+  }
+
+  void expireInTime() {
+    expiry_.cancel();
+    if (!grant_.expires) return;
+    const auto left = std::max<std::chrono::nanoseconds>(*grant_.expires - std::chrono::system_clock::now(), std::chrono::seconds(0));
+    after(expiry_, left, [](Stream& self) { self.fail(metrics::Refusal::kExpired, {wire::ErrorCode::kLimit, "The token has expired."}); });
+  }
 
   void goAway() {
     const wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server leaves; connect again.", shared_->settings.reconnectUrl};
@@ -257,7 +278,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   const std::shared_ptr<Shared> shared_;
   const std::shared_ptr<session::Session> session_;
   const std::string peer_;
-  const access::Grant grant_;
+  access::Grant grant_;
   access::Rate rate_;
   http::request<http::empty_body> request_;
   Stage stage_ = Stage::kAccepting;
@@ -306,15 +327,23 @@ void Stream::accepted(error_code ec) {
       self.fail(metrics::Refusal::kTimeout,
                 {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self.shared_->settings.timeout.count()) + " ms."});
   });
-  if (grant_.expires)
-    after(expiry_, std::max<std::chrono::nanoseconds>(*grant_.expires - std::chrono::system_clock::now(), std::chrono::seconds(0)),
-          [](Stream& self) {
-            self.fail(metrics::Refusal::kExpired, {wire::ErrorCode::kLimit, "The token has expired."});
-          });
+  expireInTime();
   read();
 }
 
 }  // namespace
+
+Request requestOf(const http::request_header<>& header) {
+  return {.method = header.method_string(),
+          .target = header.target(),
+          .host = header[http::field::host],
+          .upgrade = websocket::is_upgrade(header),
+          .webSocketVersion = header[http::field::sec_websocket_version],
+          .acceptEncoding = header[http::field::accept_encoding],
+          .origin = header[http::field::origin],
+          .authorization = header[http::field::authorization],
+          .subprotocols = header[http::field::sec_websocket_protocol]};
+}
 
 void startStream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
                  std::string peer, access::Grant grant, http::request<http::empty_body> request) {

@@ -12,6 +12,9 @@
 
 namespace ridgecast::net {
 
+// What the gate judges of a request; views into the header.
+Request requestOf(const boost::beast::http::request_header<>& header);
+
 // Answers the upgrade in `request` and serves the stream until either side ends it. `peer`: the client's address, for the log. Call on the
 // connection's strand.
 void startStream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,

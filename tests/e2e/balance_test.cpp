@@ -186,6 +186,18 @@ TEST_F(Balance, SessionsStayOnTheirServer) {
   EXPECT_EQ(members, 2);
 }
 
+// HAProxy adds a line of its own after the client's.
+TEST_F(Balance, NobodyForgesHisAddress) {
+  SocketClient client(port);
+  client.send("GET /v1/sessions HTTP/1.1\r\nHost: elsewhere.example\r\nConnection: close\r\nX-Forwarded-For: 192.0.2.77\r\n\r\n");
+  EXPECT_THAT(client.answer(), testing::StartsWith("HTTP/1.1 421"));
+  const auto logged = [&](const std::string& what) {
+    return servers[0]->process().output().find(what) != std::string::npos || servers[1]->process().output().find(what) != std::string::npos;
+  };
+  EXPECT_TRUE(await([&] { return logged("refused with 421"); }));
+  EXPECT_FALSE(logged("192.0.2.77"));
+}
+
 TEST_F(Balance, DrainingMovesClientsToTheOther) {
   depart();
   const std::size_t leaving = busier();

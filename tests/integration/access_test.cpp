@@ -234,6 +234,24 @@ TEST_F(AccessTest, AStreamEndsWithItsTokenAndAsksNothingWithoutTheRight) {
   EXPECT_EQ(refusals(metrics::Refusal::kRight), 1u);
 }
 
+// A time that nanoseconds cannot count to once ended streams at their first moment.
+TEST_F(AccessTest, TokensMayEndInTheFarFuture) {
+  const access::NewToken far = access::makeToken({"a", access::Right::kView, "", access::parseTime("9999-12-31T23:59:59Z")});
+  settings.tokenFile = file("tokens", far.line + "\n");
+  settings.jwtSecretFile = file("secret", kSecret);
+  start();
+  const std::string forEver =
+      access::issueJwt({"b", access::Right::kView, "", access::Time(std::chrono::seconds(90'000'000'000))}, kSecret, now());
+  for (const std::string& token : {far.token, forEver}) {
+    const auto stream = connect(server->url(), "", token);
+    ASSERT_TRUE(stream) << stream.error().message;
+    wire::PoseMessage pose;
+    pose.sequence = 1;
+    (*stream)->send(pose);
+    EXPECT_TRUE((*stream)->receive(testing_support::kTimeout));
+  }
+}
+
 TEST_F(AccessTest, ReloadingTakesTokensAwayAndAMistakeChangesNothing) {
   const access::NewToken first = access::makeToken({"a", access::Right::kView, "", {}}),
                          second = access::makeToken({"b", access::Right::kView, "", {}});
@@ -249,6 +267,28 @@ TEST_F(AccessTest, ReloadingTakesTokensAwayAndAMistakeChangesNothing) {
   ASSERT_TRUE(error);
   EXPECT_THAT(error->message, HasSubstr("Line 1"));
   EXPECT_TRUE(may(second));
+}
+
+TEST_F(AccessTest, ReloadingEndsTheStreamsOfWithdrawnTokens) {
+  const access::NewToken stays = access::makeToken({"a", access::Right::kView, "", {}}),
+                         goes = access::makeToken({"b", access::Right::kView, "", {}}),
+                         narrows = access::makeToken({"c", access::Right::kView, "", {}});
+  settings.tokenFile = file("tokens", stays.line + "\n" + goes.line + "\n" + narrows.line);
+  start();
+  auto kept = connect(server->url(), "", stays.token), lost = connect(server->url(), "", goes.token),
+       narrowed = connect(server->url(), "", narrows.token);
+  ASSERT_TRUE(kept && lost && narrowed);
+  const auto hash = narrows.line.substr(narrows.line.find("sha256:"));
+  file("tokens", stays.line + "\nc view elsewhere never " + hash);
+  EXPECT_FALSE(server->reload());
+  for (const auto& ended : {&lost, &narrowed}) {
+    EXPECT_TRUE(testing_support::await([&] { return (**ended)->error().has_value(); }));
+    EXPECT_THAT((**ended)->error()->message, HasSubstr("token"));
+  }
+  wire::PoseMessage pose;
+  pose.sequence = 1;
+  (*kept)->send(pose);
+  EXPECT_TRUE((*kept)->receive(testing_support::kTimeout));
 }
 
 TEST_F(AccessTest, TlsIsVerifiedByTheClientAndReloaded) {
@@ -298,6 +338,11 @@ TEST_F(AccessTest, TlsIsVerifiedByTheClientAndReloaded) {
   EXPECT_THAT(error->message, HasSubstr("is not that of the certificate"));
   install(issued);
   EXPECT_FALSE(server->reload());
+  EXPECT_TRUE(connect("wss://localhost:" + port, authority.certificate(), token));
+  // A mistake in the tokens: the certificate stays as well.
+  install(authority.issue("DNS:elsewhere.example"));
+  file("secret", "too short");
+  EXPECT_TRUE(server->reload());
   EXPECT_TRUE(connect("wss://localhost:" + port, authority.certificate(), token));
   // Bytes that begin like TLS and are none.
   SocketClient junk(server->port());
@@ -439,6 +484,7 @@ TEST_F(AccessTest, ConnectionsOfOneAddressAndOfThoseBehindAProxy) {
   EXPECT_FALSE(enters("192.0.2.1"));
   EXPECT_THAT(held.back()->refusal(), StartsWith("HTTP/1.1 429"));
   EXPECT_FALSE(enters("192.0.2.9, 192.0.2.1")) << "what a client says of itself counts for nothing";
+  EXPECT_FALSE(enters("192.0.2.9\r\nX-Forwarded-For: 192.0.2.1")) << "also in a line of its own, before the proxy's";
   EXPECT_TRUE(enters("192.0.2.2"));
 }
 
