@@ -11,7 +11,7 @@
 
 namespace ridgecast::settings {
 
-// How the need for a vertex is measured; server/refinement/screening.h has the formulas.
+// How the need for a vertex is measured; server/refinement/metric.h has the formulas.
 enum class Metric { kDefault = 0, kPixels = 1, kThesis = 2, kArea = 3 };
 
 struct MetricTraits {

@@ -1,5 +1,6 @@
 #include "tests/support/server_process.h"
 
+#include <algorithm>
 #include <csignal>
 #include <stdexcept>
 #include <thread>
@@ -15,7 +16,8 @@ namespace {
 
 std::vector<std::string> commandLine(const std::string& program, const std::string& portFile, std::uint16_t port,
                                      const std::vector<std::string>& arguments) {
-  std::vector<std::string> command{program, "--port", std::to_string(port), "--port-file", portFile, "--quiet"};
+  std::vector<std::string> command{program, "--port", std::to_string(port), "--port-file", portFile};
+  if (std::find(arguments.begin(), arguments.end(), "--log-level") == arguments.end()) command.push_back("--quiet");
   command.insert(command.end(), arguments.begin(), arguments.end());
   return command;
 }
