@@ -17,6 +17,12 @@ constexpr double kLongest = 1e9;  // and to their sums up to here
 
 // Gap between an interval [low, high] and a point.
 double gap(double p, double low, double high) { return p < low ? low - p : p > high ? p - high : 0.0; }
+
+// Whether all of a square does.
+bool liesOnLattice(LeafAddress square) {
+  return lattice::positionIsValid(square.x(), square.z()) &&
+         lattice::positionIsValid(square.x() + square.side(), square.z() + square.side());
+}
 }  // namespace
 
 // The deepest node of this level or coarser that holds a point: nothing beyond every root.
@@ -126,7 +132,7 @@ void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
   for (std::int64_t i = centre.i - reach; i <= centre.i + reach; ++i)
     for (std::int64_t j = centre.j - reach; j <= centre.j + reach; ++j) {
       const LeafAddress address{kRootLevel, i, j};
-      if (rootAt(i, j) >= 0) continue;
+      if (rootAt(i, j) >= 0 || !liesOnLattice(address)) continue;
       if (const double slack = distance(view, address) - kHorizon; slack > 0) {
         nextRootCheck_ = std::min(nextRootCheck_, travel_ + slack - kSlack);
         continue;

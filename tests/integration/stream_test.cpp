@@ -98,6 +98,25 @@ TEST_F(StreamTest, AFlightEndsInAMeshThatIsSound) {
   EXPECT_NEAR(*height, terrain->height(below), 20);
 }
 
+// Leaves beyond the lattice once came here, which clients must refuse.
+TEST_F(StreamTest, FliesAtEveryEdgeAndCornerOfTheLattice) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  constexpr lattice::Step kEdge = lattice::kMaxPosition;
+  for (const lattice::Point place : {lattice::Point{kEdge, kEdge}, {-kEdge, -kEdge}, {kEdge, -kEdge}, {0, kEdge}, {-kEdge, 77}}) {
+    SCOPED_TRACE(std::to_string(place.x) + ", " + std::to_string(place.z));
+    Flier flier(url(), coarse());
+    camera::Camera camera = cameraAt(0);
+    for (int k = 0; k < 6; ++k) {  // inwards, 300 m an iteration
+      camera.pose.x = place.x - (place.x > 0 ? 1 : -1) * k * 76'800;
+      camera.pose.z = place.z - (place.z > 0 ? 1 : -1) * (5 - k) * 76'800;
+      camera.pose.y = terrain->height({camera.pose.x, camera.pose.z}) + 200;
+      flier.step(camera);
+    }
+    flier.settle(camera);
+    EXPECT_TRUE(flier.check().clean()) << flier.check().text();
+  }
+}
+
 TEST_F(StreamTest, SessionsAreWorldsOfTheirOwn) {
   ASSERT_TRUE(directory->add("other", terrain::create("alpine", 2).value()));
   Flier here(url(), coarse()), there(url("other"), coarse()), beside(url("other"), coarse());

@@ -90,6 +90,30 @@ TEST_P(Quadtrees, LeavesTileTheWorldToTheHorizonAndTouchingOnesDifferByOneLevelA
   }
 }
 
+TEST(Quadtree, EndsWhereTheLatticeDoes) {
+  constexpr Step kEdge = lattice::kMaxPosition, kHorizonSteps = static_cast<Step>(kHorizon * lattice::kStepsPerMetre);
+  std::mt19937_64 random(4);
+  for (const lattice::Point at : {lattice::Point{kEdge, kEdge}, {-kEdge, kEdge}, {kEdge, 0}, {5, -kEdge}}) {
+    Quadtree tree;
+    camera::Pose pose = poseAt(0, 0, 300);
+    pose.x = at.x, pose.z = at.z;
+    tree.follow(pose, 100);
+    for (const LeafAddress leaf : leavesOf(tree)) {
+      EXPECT_TRUE(lattice::addressIsValid(leaf) && lattice::positionIsValid(leaf.x(), leaf.z()) &&
+                  lattice::positionIsValid(leaf.x() + leaf.side(), leaf.z() + leaf.side()))
+          << leaf.level << " " << leaf.i << " " << leaf.j;
+    }
+    for (int k = 0; k < 1000; ++k) {
+      const auto near = [&](Step from) {
+        const Step offset = static_cast<Step>(random() % static_cast<std::uint64_t>(kHorizonSteps)) - kHorizonSteps / 2;
+        return std::clamp(from + offset, -kEdge, kEdge - 1);
+      };
+      LeafAddress leaf;
+      EXPECT_TRUE(tree.leafAt({near(at.x), near(at.z)}, leaf));
+    }
+  }
+}
+
 TEST(Quadtree, TheFinestLeafIsUnderACameraAtTheGroundAndLeavesGrowWithDistance) {
   Quadtree tree;
   tree.follow(poseAt(10, 10, 2), 0);
