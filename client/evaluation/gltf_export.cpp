@@ -7,8 +7,7 @@
 
 namespace ridgecast::evaluation {
 
-Outcome<void> writeGlb(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const camera::Pose& pose, const ExportInfo& info,
-                       const std::filesystem::path& file) {
+Outcome<void> writeGlb(const scene::Leaves& leaves, const camera::Pose& pose, const ExportInfo& info, const std::filesystem::path& file) {
   gltf::Document document;
   document.origin = {pose.x, pose.z};
   document.extras = nlohmann::json{{"terrain", info.terrain}, {"seed", info.seed}}.dump();

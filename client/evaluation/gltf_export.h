@@ -19,7 +19,6 @@ struct ExportInfo {
 };
 
 // Error: the mesh is too large for a .glb (4 GiB), a height or extent is not exact in a float (65 km), or the file cannot be written.
-Outcome<void> writeGlb(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const camera::Pose& pose, const ExportInfo& info,
-                       const std::filesystem::path& file);
+Outcome<void> writeGlb(const scene::Leaves& leaves, const camera::Pose& pose, const ExportInfo& info, const std::filesystem::path& file);
 
 }  // namespace ridgecast::evaluation

@@ -85,7 +85,7 @@ class Measurer final : flight::Observer {
     if (auto placed = flight_.place(0); !placed) return placed;
     const render::View small = view(16, 16);
     if (auto drawn = renderer_.drawMarch(small); !drawn) return drawn.error();
-    if (auto drawn = renderer_.drawMesh(scene_, small); !drawn) return drawn.error();
+    if (auto drawn = renderer_.drawMesh(scene_.leaves(), small); !drawn) return drawn.error();
     if (options_.corrected)
       if (auto drawn = renderer_.drawCorrected(scene_.leaves(), small); !drawn) return drawn.error();
     return {};
@@ -152,7 +152,7 @@ class Measurer final : flight::Observer {
   // A quarter of the size.
   Outcome<void> measureFrame(IterationResult& result) {
     result.uploadMs = renderer_.upload(scene_.leaves());
-    auto drawn = renderer_.drawMesh(scene_, view(std::max(options_.width / 4, 16u), std::max(options_.height / 4, 16u)));
+    auto drawn = renderer_.drawMesh(scene_.leaves(), view(std::max(options_.width / 4, 16u), std::max(options_.height / 4, 16u)));
     if (!drawn) return drawn.error();
     result.drawMs = drawn->milliseconds;
     return {};

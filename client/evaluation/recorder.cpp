@@ -48,7 +48,7 @@ Outcome<Comparison> Recorder::picture(const std::string& name, render::Renderer&
   render::View points = view;
   points.filtered = false;
   std::optional<render::Picture> meshPoints, corrected;
-  auto mesh = renderer.drawMesh(scene, view, samples);
+  auto mesh = renderer.drawMesh(scene.leaves(), view, samples);
   if (!mesh) return mesh.error();
   if (settings.unfiltered) {
     auto again = renderer.shadeAgain(points, samples);
@@ -110,7 +110,7 @@ void Recorder::addFrame(const std::string& name, double t, const Likeness& liken
 
 Outcome<void> Recorder::meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
                                     const render::View& view, std::uint32_t samples) {
-  auto mesh = renderer.drawMesh(scene, view, samples);
+  auto mesh = renderer.drawMesh(scene.leaves(), view, samples);
   if (!mesh) return mesh.error();
   meshTimes_.add(mesh->milliseconds, mesh->cpuMilliseconds);
   return render::writePng(mesh->picture, folder_ / (name + "-mesh.png"));

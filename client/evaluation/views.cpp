@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -19,7 +18,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 using render::Picture;
-using Leaves = std::map<lattice::LeafAddress, scene::HeldLeaf>;
 
 constexpr std::array<ViewCase, 9> kViews = {{{"alpine", "low", 2000, 1500, 60, 0, -5},
                                              {"alpine", "overview", 1400, 3600, 1200, -20, -30},
@@ -114,7 +112,7 @@ struct ViewMeasurement::State {
 
   // Mesh and corrected mesh against the march with the k-th number of samples: "pictures", and with the first "missing".
   Outcome<void> compare(std::size_t k, const AtRest& at, Json& out) const {
-    auto drawn = both(at.renderer.drawMesh(at.scene, at.view, settings.samples[k]), at, settings.samples[k]);
+    auto drawn = both(at.renderer.drawMesh(at.scene.leaves(), at.view, settings.samples[k]), at, settings.samples[k]);
     if (!drawn) return drawn.error();
     const std::vector<float> seen = k == 0 ? at.renderer.positions() : std::vector<float>();
     auto corrected = both(at.renderer.drawCorrected(at.scene.leaves(), at.view, settings.samples[k]), at, settings.samples[k]);
@@ -149,7 +147,7 @@ struct ViewMeasurement::State {
       return {};
     };
     for (int k = 0; k < settings.repeats; ++k) {
-      if (auto noted = note("mesh", at.renderer.drawMesh(at.scene, at.view)); !noted) return noted;
+      if (auto noted = note("mesh", at.renderer.drawMesh(at.scene.leaves(), at.view)); !noted) return noted;
       if (auto noted = note("corrected", at.renderer.drawCorrected(at.scene.leaves(), at.view)); !noted) return noted;
       if (k >= settings.marches) continue;
       if (auto noted = note("march", at.renderer.drawMarch(at.view)); !noted) return noted;
@@ -177,7 +175,7 @@ Outcome<void> ViewMeasurement::measure(const MeshCase& mesh, const AtRest& at) {
     if (auto made = s.reference(at); !made) return made;
   Json out = {{"metric", mesh.metric}, {"threshold", mesh.threshold}, {"triangles", at.scene.triangles()}, {"settled", at.settled}};
   const auto pixelError = [&at] { return figures(pixelErrorOf(at.renderer.positions(), at.view.camera, *at.terrain)); };
-  if (auto first = at.renderer.drawMesh(at.scene, at.view); !first) return first.error();  // uploads
+  if (auto first = at.renderer.drawMesh(at.scene.leaves(), at.view); !first) return first.error();  // uploads
   out["pixel_error"] = pixelError();
   if (auto moved = at.renderer.drawCorrected(at.scene.leaves(), at.view); !moved) return moved.error();
   out["pixel_error_corrected"] = pixelError();

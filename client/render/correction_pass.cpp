@@ -1,7 +1,5 @@
 #include "client/render/correction_pass.h"
 
-#include <epoxy/gl.h>
-
 #include <string>
 
 namespace ridgecast::render {
@@ -144,9 +142,6 @@ void main() {
 
 }  // namespace
 
-CorrectionPass::CorrectionPass(Program program, std::uint32_t seed, bool canCorrect)
-    : program_(std::move(program)), vertexArray_(makeVertexArray()), seed_(seed), canCorrect_(canCorrect) {}
-
 Outcome<CorrectionPass> CorrectionPass::create(const TerrainText& terrain) {
   auto program = buildTerrainProgram("correction", terrain, (terrain.raster ? "#define RASTER\n" : "") + std::string(kCorrect));
   if (!program) return program.error();
@@ -154,13 +149,12 @@ Outcome<CorrectionPass> CorrectionPass::create(const TerrainText& terrain) {
 }
 
 void CorrectionPass::correct(const View& view, const Surface& mesh, const Surface& out, int steps) const {
-  drawInto(out.framebuffer(), out.width(), out.height());
+  drawInto(out);
   program_.use();
   setView(program_, view, seed_);
   program_.sample("correctSurface", 0, mesh.texture());
   program_.set("correctSteps", canCorrect_ ? steps : 0);
-  drawFullScreen(vertexArray_);
-  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  program_.drawFullScreen();
 }
 
 }  // namespace ridgecast::render

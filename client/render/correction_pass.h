@@ -23,9 +23,9 @@ class CorrectionPass {
   bool canCorrect() const { return canCorrect_; }
 
  private:
-  CorrectionPass(Program program, std::uint32_t seed, bool canCorrect);
+  CorrectionPass(Program program, std::uint32_t seed, bool canCorrect)
+      : program_(std::move(program)), seed_(seed), canCorrect_(canCorrect) {}
   Program program_;
-  GlObject vertexArray_;
   std::uint32_t seed_;
   bool canCorrect_;
 };

@@ -1,7 +1,5 @@
 #include "client/render/difference_pass.h"
 
-#include <epoxy/gl.h>
-
 #include <array>
 
 #include "common/shaders/shaders.h"
@@ -27,8 +25,6 @@ void main() {
 
 }  // namespace
 
-DifferencePass::DifferencePass(Program program) : program_(std::move(program)), vertexArray_(makeVertexArray()) {}
-
 Outcome<DifferencePass> DifferencePass::create() {
   auto program = Program::build("difference", shaders::full_screen, kDifference);
   if (!program) return program.error();
@@ -44,7 +40,7 @@ void DifferencePass::present(const Canvas& a, const Canvas& b, int width, int he
   static constexpr std::array<const char*, 5> kNames = {"ramp0", "ramp1", "ramp2", "ramp3", "ramp4"};
   for (std::size_t k = 0; k < kNames.size(); ++k)
     program_.set(kNames[k], kDifferenceRamp[k][0], kDifferenceRamp[k][1], kDifferenceRamp[k][2]);
-  drawFullScreen(vertexArray_);
+  program_.drawFullScreen();
 }
 
 }  // namespace ridgecast::render

@@ -20,9 +20,8 @@ class DifferencePass {
   void present(const Canvas& a, const Canvas& b, int width, int height) const;
 
  private:
-  explicit DifferencePass(Program program);
+  explicit DifferencePass(Program program) : program_(std::move(program)) {}
   Program program_;
-  GlObject vertexArray_;
 };
 
 }  // namespace ridgecast::render

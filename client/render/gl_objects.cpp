@@ -33,13 +33,14 @@ Outcome<GlObject> compile(GLenum kind, const std::string& text, std::string_view
   return Error{"the graphics driver cannot compile the " + std::string(what) + " shader: " + firstComplaints(log, pieces)};
 }
 
-}  // namespace
-
-GlObject makeBuffer() {
+template <auto& kGenerate, auto& kDelete>
+GlObject make() {
   std::uint32_t name = 0;
-  glGenBuffers(1, &name);
-  return {name, [](std::uint32_t n) { glDeleteBuffers(1, &n); }};
+  kGenerate(1, &name);
+  return {name, [](std::uint32_t n) { kDelete(1, &n); }};
 }
+
+}  // namespace
 
 void drawInto(std::uint32_t framebuffer, std::uint32_t width, std::uint32_t height) {
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer);
@@ -50,30 +51,15 @@ void drawInto(std::uint32_t framebuffer, std::uint32_t width, std::uint32_t heig
   glDisable(GL_CULL_FACE);
 }
 
-void drawFullScreen(const GlObject& vertexArray) {
-  glBindVertexArray(vertexArray.name());
-  glDrawArrays(GL_TRIANGLES, 0, 3);
-  glBindVertexArray(0);
-}
-
-GlObject makeVertexArray() {
-  std::uint32_t name = 0;
-  glGenVertexArrays(1, &name);
-  return {name, [](std::uint32_t n) { glDeleteVertexArrays(1, &n); }};
-}
-
-GlObject makeFramebuffer() {
-  std::uint32_t name = 0;
-  glGenFramebuffers(1, &name);
-  return {name, [](std::uint32_t n) { glDeleteFramebuffers(1, &n); }};
-}
+GlObject makeBuffer() { return make<glGenBuffers, glDeleteBuffers>(); }
+GlObject makeVertexArray() { return make<glGenVertexArrays, glDeleteVertexArrays>(); }
+GlObject makeFramebuffer() { return make<glGenFramebuffers, glDeleteFramebuffers>(); }
+GlObject makeTexture() { return make<glGenTextures, glDeleteTextures>(); }
 
 GlObject makeTexture(std::uint32_t internalFormat, std::uint32_t width, std::uint32_t height) {
-  std::uint32_t name = 0;
-  glGenTextures(1, &name);
-  GlObject texture(name, [](std::uint32_t n) { glDeleteTextures(1, &n); });
+  GlObject texture = makeTexture();
   const bool depth = internalFormat == GL_DEPTH_COMPONENT32F, integers = internalFormat == GL_RGBA32I;
-  glBindTexture(GL_TEXTURE_2D, name);
+  glBindTexture(GL_TEXTURE_2D, texture.name());
   glTexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(internalFormat), static_cast<GLsizei>(width), static_cast<GLsizei>(height), 0,
                depth      ? GL_DEPTH_COMPONENT
                : integers ? GL_RGBA_INTEGER
@@ -123,6 +109,11 @@ void Program::sample(const char* name, int unit, std::uint32_t texture) const {
 }
 int Program::location(const char* name) const { return glGetUniformLocation(program_.name(), name); }
 void Program::use() const { glUseProgram(program_.name()); }
+void Program::drawFullScreen() const {
+  glBindVertexArray(vertexArray_.name());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBindVertexArray(0);
+}
 void Program::set(const char* name, int v) const { glUniform1i(location(name), v); }
 void Program::set(const char* name, std::uint32_t v) const { glUniform1ui(location(name), v); }
 void Program::set(const char* name, float v) const { glUniform1f(location(name), v); }

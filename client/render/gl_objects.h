@@ -17,22 +17,18 @@ class GlObject {
   using Release = void (*)(std::uint32_t);
   GlObject() = default;
   GlObject(std::uint32_t name, Release release) : name_(name), release_(release) {}
-  ~GlObject() { reset(); }
+  ~GlObject() {
+    if (name_) release_(name_);
+  }
   GlObject(GlObject&& other) noexcept : name_(std::exchange(other.name_, 0)), release_(other.release_) {}
-  GlObject& operator=(GlObject&& other) noexcept {
-    if (this != &other) {
-      reset();
-      name_ = std::exchange(other.name_, 0);
-      release_ = other.release_;
-    }
+  GlObject& operator=(GlObject other) noexcept {
+    std::swap(name_, other.name_);
+    std::swap(release_, other.release_);
     return *this;
   }
   std::uint32_t name() const { return name_; }
 
  private:
-  void reset() {
-    if (name_) release_(std::exchange(name_, 0));
-  }
   std::uint32_t name_ = 0;
   Release release_ = nullptr;
 };
@@ -40,13 +36,12 @@ class GlObject {
 GlObject makeBuffer();
 GlObject makeVertexArray();
 GlObject makeFramebuffer();
+GlObject makeTexture();
 // A texture of one level without filtering; `internalFormat` is OpenGL's: colours, depth, or integers (GL_RGBA32I).
 GlObject makeTexture(std::uint32_t internalFormat, std::uint32_t width, std::uint32_t height);
 
-// Directs drawing to all of a framebuffer (0: the window's), without scissor, depth test, blending or culling.
+// Directs drawing to all of a framebuffer (0: the window's), without scissor, depth test, blending or culling. It stays bound.
 void drawInto(std::uint32_t framebuffer, std::uint32_t width, std::uint32_t height);
-// One triangle that covers the target, for programs with shaders::full_screen; any vertex array.
-void drawFullScreen(const GlObject& vertexArray);
 
 // A linked program. Setting a uniform that it does not have is not an error: the compiler drops unused ones.
 class Program {
@@ -64,6 +59,8 @@ class Program {
   }
 
   void use() const;
+  // One triangle that covers the target, for programs with shaders::full_screen; the program must be in use.
+  void drawFullScreen() const;
   void set(const char* name, int v) const;
   void set(const char* name, std::uint32_t v) const;
   void set(const char* name, float v) const;
@@ -75,8 +72,9 @@ class Program {
   int location(const char* name) const;
 
  private:
-  explicit Program(GlObject program) : program_(std::move(program)) {}
+  explicit Program(GlObject program) : program_(std::move(program)), vertexArray_(makeVertexArray()) {}
   GlObject program_;
+  GlObject vertexArray_;  // empty: OpenGL draws nothing without one
 };
 
 }  // namespace ridgecast::render

@@ -9,6 +9,7 @@
 
 #include "client/render/gl_objects.h"
 #include "client/render/height_texture.h"
+#include "client/render/surface.h"
 #include "common/lattice/lattice.h"
 
 namespace ridgecast::render {
@@ -33,14 +34,8 @@ class GpuTerrain final : public terrain::Terrain {
         text_(text),
         window_(heights),
         program_(std::move(program)),
-        vertexArray_(makeVertexArray()),
-        result_(makeTexture(GL_RGBA32F, kSide, kSide)),
-        framebuffer_(makeFramebuffer()),
-        points_(makeTexture(GL_RGBA32I, kSide, kSide)) {
-    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name());
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, result_.name(), 0);
-    glBindFramebuffer(GL_FRAMEBUFFER, 0);
-  }
+        result_(GL_RGBA32F, kSide, kSide),
+        points_(makeTexture(GL_RGBA32I, kSide, kSide)) {}
   std::string_view name() const override { return name_; }
   std::string_view source() const override { return text_.source; }
   std::uint32_t seed() const override { return text_.seed; }
@@ -63,18 +58,17 @@ class GpuTerrain final : public terrain::Terrain {
       texels[4 * i + 2] = static_cast<std::int32_t>(x[i] & kInCell);
       texels[4 * i + 3] = static_cast<std::int32_t>(z[i] & kInCell);
     }
-    drawInto(framebuffer_.name(), kSide, static_cast<std::uint32_t>(rows));
+    drawInto(result_.framebuffer(), kSide, static_cast<std::uint32_t>(rows));
     program_.use();
     program_.sample("heightPoints", 0, points_.name());
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
     glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, kSide, rows, GL_RGBA_INTEGER, GL_INT, texels.data());
     program_.set("viewSeed", text_.seed);
     if (window_) window_->bind(program_);
-    drawFullScreen(vertexArray_);
+    program_.drawFullScreen();
     std::vector<float> drawn(static_cast<std::size_t>(rows) * kSide);
     glPixelStorei(GL_PACK_ALIGNMENT, 4);
     glReadPixels(0, 0, kSide, rows, GL_RED, GL_FLOAT, drawn.data());
-    glBindFramebuffer(GL_FRAMEBUFFER, 0);
     std::copy_n(drawn.begin(), out.size(), out.begin());
   }
 
@@ -82,7 +76,8 @@ class GpuTerrain final : public terrain::Terrain {
   TerrainText text_;
   const HeightTexture* window_;
   Program program_;
-  GlObject vertexArray_, result_, framebuffer_, points_;
+  Target result_;
+  GlObject points_;
 };
 
 }  // namespace

@@ -24,12 +24,9 @@ int rasterTexel(ivec2 index, int level) {
 
 }  // namespace
 
-HeightTexture::HeightTexture(const terrain::RasterShape& shape) : shape_(shape) {
-  std::uint32_t name = 0;
-  glGenTextures(1, &name);
-  texture_ = GlObject(name, [](std::uint32_t n) { glDeleteTextures(1, &n); });
+HeightTexture::HeightTexture(const terrain::RasterShape& shape) : shape_(shape), texture_(makeTexture()) {
   glActiveTexture(GL_TEXTURE3);
-  glBindTexture(GL_TEXTURE_2D, name);
+  glBindTexture(GL_TEXTURE_2D, texture_.name());
   const std::vector<std::int32_t> unknown(std::size_t{kSide} * kSide, kUnknown);
   glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
   for (int level = 0; level < kLevels; ++level)

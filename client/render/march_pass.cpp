@@ -17,11 +17,7 @@ constexpr int kSkylineCellCount = 13 * 8;  // to 32.8 km
 }  // namespace
 
 MarchPass::MarchPass(Program skyline, Program march, std::uint32_t seed)
-    : skylineProgram_(std::move(skyline)),
-      marchProgram_(std::move(march)),
-      vertexArray_(makeVertexArray()),
-      skylineFramebuffer_(makeFramebuffer()),
-      seed_(seed) {
+    : skylineProgram_(std::move(skyline)), marchProgram_(std::move(march)), seed_(seed) {
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &mostColumns_);
 }
 
@@ -37,12 +33,8 @@ void MarchPass::begin(const View& view, const Surface& surface, float fineness) 
   view_ = view;
   fineness_ = fineness;
   sector_ = sectorOf(view.camera, mostColumns_);
-  if (sector_.columns != skyline_.width) {
-    skylineTexture_ = makeTexture(GL_R32F, sector_.columns, kSkylineCellCount);
-    glBindFramebuffer(GL_FRAMEBUFFER, skylineFramebuffer_.name());
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, skylineTexture_.name(), 0);
-  }
-  skyline_ = {skylineFramebuffer_.name(), sector_.columns, kSkylineCellCount};
+  if (sector_.columns != skyline_.width) skylineTarget_.emplace(GL_R32F, sector_.columns, kSkylineCellCount);
+  skyline_ = {skylineTarget_->framebuffer(), sector_.columns, kSkylineCellCount};
   picture_ = {surface.framebuffer(), surface.width(), surface.height()};
 }
 
@@ -68,20 +60,20 @@ bool MarchPass::advance(std::chrono::milliseconds budget) {
   const Clock::time_point end = Clock::now() + budget;
   if (skyline_.left()) {
     use(skylineProgram_);
-    if (!draw(skyline_, end)) return false;
+    if (!draw(skylineProgram_, skyline_, end)) return false;
   }
   if (!picture_.left()) return true;
   use(marchProgram_);
-  marchProgram_.sample("skyline", 0, skylineTexture_.name());
+  marchProgram_.sample("skyline", 0, skylineTarget_->texture());
   marchProgram_.set("marchLowest", static_cast<float>(view_.lowest));
   marchProgram_.set("marchHighest", static_cast<float>(view_.highest));
   marchProgram_.set("marchFineness", fineness_);
-  draw(picture_, end);
+  draw(marchProgram_, picture_, end);
   return !picture_.left();
 }
 
 // Whether there is time left.
-bool MarchPass::draw(Tiles& tiles, Clock::time_point end) const {
+bool MarchPass::draw(const Program& program, Tiles& tiles, Clock::time_point end) {
   drawInto(tiles.framebuffer, tiles.width, tiles.height);
   glEnable(GL_SCISSOR_TEST);
   bool inTime = true;
@@ -89,11 +81,10 @@ bool MarchPass::draw(Tiles& tiles, Clock::time_point end) const {
     const std::uint32_t tile = tiles.done++, x = tile % tiles.columns() * kTile, y = tile / tiles.columns() * kTile;
     glScissor(static_cast<GLint>(x), static_cast<GLint>(y), static_cast<GLsizei>(std::min(kTile, tiles.width - x)),
               static_cast<GLsizei>(std::min(kTile, tiles.height - y)));
-    drawFullScreen(vertexArray_);
+    program.drawFullScreen();
     glFinish();
   }
   glDisable(GL_SCISSOR_TEST);
-  glBindFramebuffer(GL_FRAMEBUFFER, 0);
   return inTime;
 }
 

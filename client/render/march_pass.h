@@ -6,6 +6,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <optional>
 
 #include "client/render/gl_objects.h"
 #include "client/render/surface.h"
@@ -44,10 +45,10 @@ class MarchPass {
   MarchPass(Program skyline, Program march, std::uint32_t seed);
   static Sector sectorOf(const camera::Camera& camera, int mostColumns);
   void use(const Program& program) const;
-  bool draw(Tiles& tiles, Clock::time_point end) const;
+  static bool draw(const Program& program, Tiles& tiles, Clock::time_point end);
 
   Program skylineProgram_, marchProgram_;
-  GlObject vertexArray_, skylineFramebuffer_, skylineTexture_;
+  std::optional<Target> skylineTarget_;
   std::uint32_t seed_;
   int mostColumns_ = 0;
   View view_;

@@ -105,11 +105,7 @@ class Writes {
 }  // namespace
 
 MeshPass::MeshPass(Program program, bool reversedDepth, bool shaded)
-    : program_(std::move(program)),
-      reversedDepth_(reversedDepth),
-      shaded_(shaded),
-      leafOffset_(program_.location("leafOffset")),
-      vertexArray_(makeVertexArray()) {}
+    : program_(std::move(program)), reversedDepth_(reversedDepth), shaded_(shaded), vertexArray_(makeVertexArray()) {}
 
 Outcome<MeshPass> MeshPass::create(bool shaded) {
   const bool reversed = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");
@@ -149,9 +145,7 @@ void MeshPass::giveBack(const Slot& slot) {
   indexArena_.giveBack(slot.firstIndex, slot.indices);
 }
 
-void MeshPass::update(const scene::Scene& scene) { update(scene.leaves()); }
-
-void MeshPass::update(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves) {
+void MeshPass::update(const scene::Leaves& leaves) {
   for (auto slot = slots_.begin(); slot != slots_.end();) {
     const auto held = leaves.find(slot->first);
     const bool stale = held == leaves.end() || held->second.version != slot->second.version;
@@ -187,11 +181,11 @@ void MeshPass::bindArrays() const {
   glVertexAttribPointer(2, 3, GL_UNSIGNED_BYTE, GL_TRUE, kShadeSize, reinterpret_cast<const void*>(std::uintptr_t{4}));
 }
 
-MeshPass::Drawn MeshPass::drawLeaves(const View& view, const Program& program, int leafOffset,
-                                     const std::function<void(const Leaf&)>& each) const {
-  Drawn drawn;
-  if (!vertexArena_.used()) return drawn;
+void MeshPass::redraw(const View& view, const Program& program, const std::function<void(const Leaf&)>& each) const {
+  if (!vertexArena_.used()) return;
   const camera::Pose& pose = view.camera.pose;
+  const int leafOffset = program.location("leafOffset");
+  if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
   bindArrays();
   setCamera(program, view);
   program.set("near", static_cast<float>(kNear));
@@ -214,36 +208,24 @@ MeshPass::Drawn MeshPass::drawLeaves(const View& view, const Program& program, i
     glUniform3i(leafOffset, static_cast<GLint>(x), static_cast<GLint>(z), static_cast<GLint>(-cameraY));
     glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(slot.indices), GL_UNSIGNED_INT,
                              reinterpret_cast<const void*>(slot.firstIndex * kIndexSize), static_cast<GLint>(slot.firstVertex));
-    ++drawn.leaves;
-    drawn.triangles += slot.indices / 3;
   }
   glBindVertexArray(0);
-  return drawn;
-}
-
-void MeshPass::redraw(const View& view, const Program& program, const std::function<void(const Leaf&)>& each) const {
-  if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
-  drawLeaves(view, program, program.location("leafOffset"), each);
   if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
 }
 
-MeshPass::Drawn MeshPass::draw(const View& view, const Surface& surface) const {
-  drawInto(surface.framebuffer(), surface.width(), surface.height());
+void MeshPass::draw(const View& view, const Surface& surface) const {
+  drawInto(surface);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_GREATER);
   glDepthMask(GL_TRUE);
   glClearDepth(0.0);
   glClearColor(0, 0, 0, 0);
-  if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
   glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
   program_.use();
-  const Drawn drawn = drawLeaves(view, program_, leafOffset_, {});
-  if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
+  redraw(view, program_, {});
   glDepthFunc(GL_LESS);
   glClearDepth(1.0);
   glDisable(GL_DEPTH_TEST);
-  glBindFramebuffer(GL_FRAMEBUFFER, 0);
-  return drawn;
 }
 
 }  // namespace ridgecast::render

@@ -24,19 +24,14 @@ class MeshPass {
   bool shaded() const { return shaded_; }
 
   // Copies leaves that are new or have a newer version, and drops those that are gone. Memory follows what the scene holds (doubling).
-  void update(const scene::Scene& scene);
-  void update(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves);
+  void update(const scene::Leaves& leaves);
 
-  struct Drawn {
-    std::uint32_t leaves = 0;
-    std::uint64_t triangles = 0;
-  };
   // Clears the surface and draws the leaves of the last update(), except those whose bounding box is out of view. The surface has the
   // view's size.
-  Drawn draw(const View& view, const Surface& surface) const;
+  void draw(const View& view, const Surface& surface) const;
 
   // The same triangles once more, into whatever framebuffer is bound, with a program of one's own that is in use and has the vertex shader
-  // shaders::mesh_vertex. `each` is called before every leaf.
+  // shaders::mesh_vertex. `each`, if any, is called before every leaf.
   struct Leaf {
     lattice::LeafAddress address;
     std::uint64_t triangles = 0;
@@ -51,7 +46,6 @@ class MeshPass {
   };
   MeshPass(Program program, bool reversedDepth, bool shaded);
   void bindArrays() const;
-  Drawn drawLeaves(const View& view, const Program& program, int leafOffset, const std::function<void(const Leaf&)>& each) const;
   void place(const scene::HeldLeaf& held, Slot& slot);
   void giveBack(const Slot& slot);
 
@@ -59,7 +53,6 @@ class MeshPass {
   // float depth from 1 at the near plane to 0 at infinity; otherwise logarithmic depth, written by the fragment shader
   bool reversedDepth_;
   bool shaded_;
-  int leafOffset_ = -1;
   GlObject vertexArray_, vertexBuffer_, indexBuffer_, shadeBuffer_;  // shades lie where their vertices do
   Arena vertexArena_{0}, indexArena_{0};
   std::size_t shadeCapacity_ = 0;

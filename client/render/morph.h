@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <map>
 #include <optional>
 
 #include "client/scene/scene.h"
@@ -16,22 +15,21 @@ inline constexpr double kMorphSeconds = 0.3;
 
 class Morph {
  public:
-  using Leaves = std::map<lattice::LeafAddress, scene::HeldLeaf>;
+  using Leaves = scene::Leaves;
 
   // Call once a frame. `now` in seconds ascends; `version` tells states of the leaves apart. Without `smooth`, and for the first mesh, a
   // change shows at once.
   void advance(const Leaves& leaves, std::uint64_t version, double now, bool smooth) {
-    if (began_ && now - *began_ >= kMorphSeconds) settle();
-    if (version == version_) return;
-    if (!smooth || to_.empty()) {
+    if (began_ && now - *began_ >= kMorphSeconds) {
       began_.reset();
-      take(leaves, version);
       from_ = to_;
-    } else if (!began_) {
-      from_ = to_;
-      take(leaves, version);
-      began_ = now;
     }
+    const bool atOnce = !smooth || to_.empty();
+    if (version == version_ || (began_ && !atOnce)) return;
+    from_ = atOnce ? leaves : to_;
+    to_ = leaves;
+    version_ = version;
+    began_ = atOnce ? std::nullopt : std::optional(now);
   }
   bool active() const { return began_.has_value(); }
   // The share of to(), 0..1.
@@ -41,14 +39,6 @@ class Morph {
   std::uint64_t version() const { return version_; }  // of to()
 
  private:
-  void settle() {
-    began_.reset();
-    from_ = to_;
-  }
-  void take(const Leaves& leaves, std::uint64_t version) {
-    to_ = leaves;
-    version_ = version;
-  }
   Leaves from_, to_;
   std::uint64_t version_ = ~std::uint64_t{0};
   std::optional<double> began_;

@@ -1,7 +1,5 @@
 #include "client/render/morph_pass.h"
 
-#include <epoxy/gl.h>
-
 #include "common/shaders/shaders.h"
 
 namespace ridgecast::render {
@@ -32,8 +30,6 @@ void main() {
 
 }  // namespace
 
-MorphPass::MorphPass(Program program) : program_(std::move(program)), vertexArray_(makeVertexArray()) {}
-
 Outcome<MorphPass> MorphPass::create() {
   auto program = Program::build("morph", shaders::full_screen, kBlend);
   if (!program) return program.error();
@@ -41,15 +37,14 @@ Outcome<MorphPass> MorphPass::create() {
 }
 
 void MorphPass::blend(const Surface& from, const Surface& to, float share, const Surface& out) const {
-  drawInto(out.framebuffer(), out.width(), out.height());
+  drawInto(out);
   program_.use();
   program_.sample("morphFrom", 0, from.texture());
   program_.sample("morphTo", 1, to.texture());
   program_.sample("morphCarriedFrom", 2, from.carried());
   program_.sample("morphCarriedTo", 3, to.carried());
   program_.set("morphShare", share);
-  drawFullScreen(vertexArray_);
-  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  program_.drawFullScreen();
 }
 
 }  // namespace ridgecast::render

@@ -16,9 +16,8 @@ class MorphPass {
   void blend(const Surface& from, const Surface& to, float share, const Surface& out) const;
 
  private:
-  explicit MorphPass(Program program);
+  explicit MorphPass(Program program) : program_(std::move(program)) {}
   Program program_;
-  GlObject vertexArray_;
 };
 
 }  // namespace ridgecast::render

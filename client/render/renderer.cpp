@@ -43,112 +43,87 @@ double Renderer::processMilliseconds() {
   return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) / 1e6;
 }
 
-Renderer::Renderer(MeshPass mesh, MeshPass before, MorphPass morph, CorrectionPass correction, MarchPass march, ShadePass shade)
-    : mesh_(std::move(mesh)),
-      before_(std::move(before)),
-      morph_(std::move(morph)),
-      correction_(std::move(correction)),
-      march_(std::move(march)),
-      shade_(std::move(shade)) {}
+Outcome<Passes> Passes::create(const TerrainText& terrain) {
+  auto mesh = MeshPass::create(terrain.shaded), before = MeshPass::create(terrain.shaded);
+  auto morph = MorphPass::create();
+  auto correction = CorrectionPass::create(terrain);
+  auto march = MarchPass::create(terrain);
+  auto shade = ShadePass::create(terrain);
+  std::optional<Error> error;
+  const auto check = [&error](const auto& made) {
+    if (!made && !error) error = made.error();
+  };
+  (check(mesh), check(before), check(morph), check(correction), check(march), check(shade));
+  if (error) return *error;
+  return Passes{std::move(*mesh), std::move(*before), std::move(*morph), std::move(*correction), std::move(*march), std::move(*shade)};
+}
 
 Outcome<Renderer> Renderer::create(const TerrainText& terrain) {
-  auto mesh = MeshPass::create(terrain.shaded);
-  if (!mesh) return mesh.error();
-  auto before = MeshPass::create(terrain.shaded);
-  if (!before) return before.error();
-  auto morph = MorphPass::create();
-  if (!morph) return morph.error();
-  auto correction = CorrectionPass::create(terrain);
-  if (!correction) return correction.error();
-  auto march = MarchPass::create(terrain);
-  if (!march) return march.error();
-  auto shade = ShadePass::create(terrain);
-  if (!shade) return shade.error();
-  return Renderer(std::move(*mesh), std::move(*before), std::move(*morph), std::move(*correction), std::move(*march), std::move(*shade));
+  auto passes = Passes::create(terrain);
+  if (!passes) return passes.error();
+  return Renderer(std::move(*passes));
 }
 
-Outcome<void> Renderer::fit(const View& view) {
+// `beside`: what the drawing needs beside the surface. Nothing of another size is kept.
+Outcome<void> Renderer::fit(const View& view, std::initializer_list<std::optional<Surface>*> beside) {
   const std::uint32_t width = view.camera.projection.width, height = view.camera.projection.height;
-  if (canvas_ && canvas_->width() == width && canvas_->height() == height) return {};
-  surface_.reset();
-  first_.reset();
-  second_.reset();
-  canvas_.reset();
-  auto surface = Surface::create(width, height, mesh_.shaded());
-  if (!surface) return surface.error();
-  auto canvas = Canvas::create(width, height);
-  if (!canvas) return canvas.error();
-  surface_.emplace(std::move(*surface));
-  canvas_.emplace(std::move(*canvas));
-  return {};
-}
-
-Outcome<void> Renderer::fitBeside(std::optional<Surface>& surface) {
-  if (surface) return {};
-  auto made = Surface::create(surface_->width(), surface_->height(), mesh_.shaded());
-  if (!made) return made.error();
-  surface.emplace(std::move(*made));
-  return {};
+  if (!canvas_ || canvas_->width() != width || canvas_->height() != height) {
+    first_.reset();
+    second_.reset();
+    canvas_.reset();
+  }
+  if (auto fits = render::fit(surface_, width, height, passes_.mesh.shaded()); !fits) return fits;
+  for (std::optional<Surface>* surface : beside)
+    if (auto fits = render::fit(*surface, width, height, passes_.mesh.shaded()); !fits) return fits;
+  return render::fit(canvas_, width, height);
 }
 
 Renderer::Drawn Renderer::finish(const View& view, std::uint32_t samples, Began began) {
-  shade_.shade(view, *surface_, *canvas_);
+  passes_.shade.shade(view, *surface_, *canvas_);
   glFinish();
   const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - began.wall;
   const double cpu = processMilliseconds() - began.cpu;
   return {downsample(readBack(*canvas_), samples), spent.count(), cpu};
 }
 
-Outcome<Renderer::Drawn> Renderer::drawMesh(const scene::Scene& scene, const View& view, std::uint32_t samples) {
-  return drawMesh(scene.leaves(), view, samples);
-}
-
-Outcome<Renderer::Drawn> Renderer::drawMesh(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view,
-                                            std::uint32_t samples) {
+Outcome<Renderer::Drawn> Renderer::drawMesh(const scene::Leaves& leaves, const View& view, std::uint32_t samples) {
   const View fine = supersampled(view, samples);
   if (auto fits = fit(fine); !fits) return fits.error();
-  mesh_.update(leaves);
+  passes_.mesh.update(leaves);
   glFinish();
   const Began began;
-  mesh_.draw(fine, *surface_);
+  passes_.mesh.draw(fine, *surface_);
   return finish(fine, samples, began);
 }
 
-Outcome<Renderer::Drawn> Renderer::drawMorph(const std::map<lattice::LeafAddress, scene::HeldLeaf>& from,
-                                             const std::map<lattice::LeafAddress, scene::HeldLeaf>& to, float share, const View& view,
-                                             std::uint32_t samples) {
-  const View fine = supersampled(view, samples);
-  if (auto fits = fit(fine); !fits) return fits.error();
-  for (std::optional<Surface>* surface : {&first_, &second_})
-    if (auto fits = fitBeside(*surface); !fits) return fits.error();
-  before_.update(from);
-  mesh_.update(to);
+Outcome<Renderer::Drawn> Renderer::drawMorph(const scene::Leaves& from, const scene::Leaves& to, float share, const View& view) {
+  if (auto fits = fit(view, {&first_, &second_}); !fits) return fits.error();
+  passes_.before.update(from);
+  passes_.mesh.update(to);
   glFinish();
   const Began began;
-  before_.draw(fine, *first_);
-  mesh_.draw(fine, *second_);
-  morph_.blend(*first_, *second_, share, *surface_);
-  return finish(fine, samples, began);
+  passes_.before.draw(view, *first_);
+  passes_.mesh.draw(view, *second_);
+  passes_.morph.blend(*first_, *second_, share, *surface_);
+  return finish(view, 1, began);
 }
 
-Outcome<Renderer::Drawn> Renderer::drawCorrected(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view,
-                                                 std::uint32_t samples, int steps) {
-  if (!correction_.canCorrect()) return drawMesh(leaves, view, samples);
+Outcome<Renderer::Drawn> Renderer::drawCorrected(const scene::Leaves& leaves, const View& view, std::uint32_t samples, int steps) {
+  if (!passes_.correction.canCorrect()) return drawMesh(leaves, view, samples);
   const View fine = supersampled(view, samples);
-  if (auto fits = fit(fine); !fits) return fits.error();
-  if (auto fits = fitBeside(first_); !fits) return fits.error();
-  mesh_.update(leaves);
+  if (auto fits = fit(fine, {&first_}); !fits) return fits.error();
+  passes_.mesh.update(leaves);
   glFinish();
   const Began began;
-  mesh_.draw(fine, *first_);
-  correction_.correct(fine, *first_, *surface_, steps);
+  passes_.mesh.draw(fine, *first_);
+  passes_.correction.correct(fine, *first_, *surface_, steps);
   return finish(fine, samples, began);
 }
 
 Outcome<Renderer::Drawn> Renderer::shadeAgain(const View& view, std::uint32_t samples) {
   const View fine = supersampled(view, samples);
   if (!surface_ || surface_->width() != fine.camera.projection.width || surface_->height() != fine.camera.projection.height)
-    return Error{"nothing of this size was drawn that could be coloured anew"};
+    return Error{"nothing of this size was drawn that could be coloured again"};
   glFinish();
   return finish(fine, samples, Began());
 }
@@ -166,10 +141,10 @@ std::vector<float> Renderer::positions() const {
   return out;
 }
 
-double Renderer::upload(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves) {
+double Renderer::upload(const scene::Leaves& leaves) {
   glFinish();
   const auto began = std::chrono::steady_clock::now();
-  mesh_.update(leaves);
+  passes_.mesh.update(leaves);
   glFinish();
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - began).count();
 }
@@ -179,7 +154,7 @@ Outcome<Renderer::Drawn> Renderer::drawMarch(const View& view, std::uint32_t sam
   if (auto fits = fit(fine); !fits) return fits.error();
   glFinish();
   const Began began;
-  march_.march(fine, *surface_, fineness);
+  passes_.march.march(fine, *surface_, fineness);
   return finish(fine, samples, began);
 }
 

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -25,9 +26,18 @@ struct HeightBounds {
 };
 HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre, double radius);
 
+// What draws a world. Error: a shader that the driver does not compile.
+struct Passes {
+  MeshPass mesh, before;  // before: of the mesh that a morph begins with
+  MorphPass morph;
+  CorrectionPass correction;
+  MarchPass march;
+  ShadePass shade;
+  static Outcome<Passes> create(const TerrainText& terrain);
+};
+
 class Renderer {
  public:
-  // Error: a shader that the driver does not compile.
   static Outcome<Renderer> create(const TerrainText& terrain);
 
   struct Drawn {
@@ -36,15 +46,11 @@ class Renderer {
     double cpuMilliseconds = 0;  // of all threads of this process: what a software driver costs, independent of other programs
   };
   // The view is the picture's; n x n samples a pixel, averaged as display values. Error: a picture larger than the driver can draw.
-  Outcome<Drawn> drawMesh(const scene::Scene& scene, const View& view, std::uint32_t samples = 1);
-  Outcome<Drawn> drawMesh(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view, std::uint32_t samples = 1);
+  Outcome<Drawn> drawMesh(const scene::Leaves& leaves, const View& view, std::uint32_t samples = 1);
   // The blend of two meshes (morph_pass.h).
-  Outcome<Drawn> drawMorph(const std::map<lattice::LeafAddress, scene::HeldLeaf>& from,
-                           const std::map<lattice::LeafAddress, scene::HeldLeaf>& to, float share, const View& view,
-                           std::uint32_t samples = 1);
+  Outcome<Drawn> drawMorph(const scene::Leaves& from, const scene::Leaves& to, float share, const View& view);
   // The mesh with each sample moved onto the true terrain (correction_pass.h).
-  Outcome<Drawn> drawCorrected(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves, const View& view, std::uint32_t samples = 1,
-                               int steps = kCorrectionSteps);
+  Outcome<Drawn> drawCorrected(const scene::Leaves& leaves, const View& view, std::uint32_t samples = 1, int steps = kCorrectionSteps);
   Outcome<Drawn> drawMarch(const View& view, std::uint32_t samples = 1, float fineness = 1);
 
   // The last drawing, coloured again with another `filtered`. Camera and samples must be the same.
@@ -52,12 +58,11 @@ class Renderer {
   // The last drawing's samples: x, y, z in metres from the camera, and 1 for ground or 0 for sky; rows from top to bottom.
   std::vector<float> positions() const;
   // Uploads the given leaves without drawing; returns the milliseconds until they are on the graphics card.
-  double upload(const std::map<lattice::LeafAddress, scene::HeldLeaf>& leaves);
+  double upload(const scene::Leaves& leaves);
 
  private:
-  Renderer(MeshPass mesh, MeshPass before, MorphPass morph, CorrectionPass correction, MarchPass march, ShadePass shade);
-  Outcome<void> fit(const View& view);
-  Outcome<void> fitBeside(std::optional<Surface>& surface);
+  explicit Renderer(Passes passes) : passes_(std::move(passes)) {}
+  Outcome<void> fit(const View& view, std::initializer_list<std::optional<Surface>*> beside = {});
   static double processMilliseconds();
   struct Began {
     std::chrono::steady_clock::time_point wall = std::chrono::steady_clock::now();
@@ -65,11 +70,7 @@ class Renderer {
   };
   Drawn finish(const View& view, std::uint32_t samples, Began began);
 
-  MeshPass mesh_, before_;
-  MorphPass morph_;
-  CorrectionPass correction_;
-  MarchPass march_;
-  ShadePass shade_;
+  Passes passes_;
   std::optional<Surface> surface_, first_, second_;  // the last two for morphs, the first of them also for corrections
   std::optional<Canvas> canvas_;
 };

@@ -9,7 +9,6 @@
 #include "common/shaders/shaders.h"
 
 namespace ridgecast::render {
-ShadePass::ShadePass(Program program, std::uint32_t seed) : program_(std::move(program)), vertexArray_(makeVertexArray()), seed_(seed) {}
 
 Outcome<ShadePass> ShadePass::create(const TerrainText& terrain) {
   const std::string way = terrain.shaded    ? "#define SHADE_CARRIED\n"
@@ -22,13 +21,12 @@ Outcome<ShadePass> ShadePass::create(const TerrainText& terrain) {
 }
 
 void ShadePass::shade(const View& view, const Surface& surface, const Canvas& canvas) const {
-  drawInto(canvas.framebuffer(), canvas.width(), canvas.height());
+  drawInto(canvas);
   program_.use();
   setView(program_, view, seed_);
   program_.sample("shadeSurface", 0, surface.texture());
   program_.sample("shadeCarried", 1, surface.carried());
-  drawFullScreen(vertexArray_);
-  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  program_.drawFullScreen();
 }
 
 Picture readBack(const Canvas& canvas) {

@@ -19,9 +19,8 @@ class ShadePass {
   void shade(const View& view, const Surface& surface, const Canvas& canvas) const;
 
  private:
-  ShadePass(Program program, std::uint32_t seed);
+  ShadePass(Program program, std::uint32_t seed) : program_(std::move(program)), seed_(seed) {}
   Program program_;
-  GlObject vertexArray_;
   std::uint32_t seed_;
 };
 

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
+#include <cstddef>
 
 #include "common/shaders/shaders.h"
 
@@ -70,6 +70,14 @@ void main() {
 }
 )";
 
+struct Dot {
+  float x, y, z;
+  std::array<float, 3> paint;
+};
+static_assert(sizeof(Dot) == 24);
+
+double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+
 Outcome<Program> meshProgram(std::string_view what, std::string_view main) {
   const std::array<Program::Piece, 2> pieces = {{{"seen", kSeen}, {what, main}}};
   return Program::build(what, shaders::mesh_vertex, pieces);
@@ -77,12 +85,13 @@ Outcome<Program> meshProgram(std::string_view what, std::string_view main) {
 
 }  // namespace
 
-StructurePass::StructurePass(Program edges, Program leaves, Program frustum, CandidatePass candidates)
+StructurePass::StructurePass(Program edges, Program leaves, Program frustum, Program dots)
     : edges_(std::move(edges)),
       leaves_(std::move(leaves)),
       frustum_(std::move(frustum)),
-      candidates_(std::move(candidates)),
-      vertexArray_(makeVertexArray()) {}
+      dots_(std::move(dots)),
+      dotArray_(makeVertexArray()),
+      dotBuffer_(makeBuffer()) {}
 
 Outcome<StructurePass> StructurePass::create() {
   auto edges = meshProgram("edges", kEdges);
@@ -91,20 +100,18 @@ Outcome<StructurePass> StructurePass::create() {
   if (!leaves) return leaves.error();
   auto frustum = Program::build("frustum", shaders::full_screen, kFrustum);
   if (!frustum) return frustum.error();
-  auto candidates = CandidatePass::create();
-  if (!candidates) return candidates.error();
-  return StructurePass(std::move(*edges), std::move(*leaves), std::move(*frustum), std::move(*candidates));
+  auto dots = Program::build("candidates", shaders::dots_vertex, shaders::dots);
+  if (!dots) return dots.error();
+  return StructurePass(std::move(*edges), std::move(*leaves), std::move(*frustum), std::move(*dots));
 }
 
 void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& surface, const Canvas& canvas,
                          const Structure& structure) const {
   if (!structure.any()) return;
   const camera::Pose& pose = view.camera.pose;
-  drawInto(canvas.framebuffer(), canvas.width(), canvas.height());
+  drawInto(canvas);
   glEnable(GL_BLEND);
   glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
-  const auto metres = [](lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; };
-
   if (structure.leafColour) {
     leaves_.use();
     leaves_.sample("structureSurface", 0, surface.texture());
@@ -136,11 +143,39 @@ void StructurePass::draw(const View& view, const MeshPass& mesh, const Surface& 
     View from = view;
     from.camera = *structure.frozen;
     setCamera(frustum_, from);
-    drawFullScreen(vertexArray_);
+    frustum_.drawFullScreen();
+  }
+  if (structure.candidates && !structure.candidates->empty()) {
+    dots_.use();
+    dots_.sample("dotSurface", 0, surface.texture());
+    drawCandidates(view, structure);
   }
   glDisable(GL_BLEND);
-  glBindFramebuffer(GL_FRAMEBUFFER, 0);
-  if (structure.candidates) candidates_.draw(view, surface, canvas, *structure.candidates, structure.candidateColour);
+}
+
+void StructurePass::drawCandidates(const View& view, const Structure& structure) const {
+  const camera::Pose& pose = view.camera.pose;
+  std::vector<Dot> dots;
+  dots.reserve(structure.candidates->size());
+  for (auto c = structure.candidates->rbegin(); c != structure.candidates->rend(); ++c)
+    // Differences in whole steps first: exact at any distance.
+    dots.push_back({static_cast<float>((static_cast<double>(c->at.x - pose.x) - pose.remainderX) * lattice::kMetresPerStep),
+                    static_cast<float>(c->at.y * lattice::kMetresPerStep - pose.y),
+                    static_cast<float>((static_cast<double>(c->at.z - pose.z) - pose.remainderZ) * lattice::kMetresPerStep),
+                    structure.candidateColour(c->pixels)});
+  glBindVertexArray(dotArray_.name());
+  glBindBuffer(GL_ARRAY_BUFFER, dotBuffer_.name());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(dots.size() * sizeof(Dot)), dots.data(), GL_STREAM_DRAW);
+  glEnableVertexAttribArray(0);
+  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, sizeof(Dot), nullptr);
+  glEnableVertexAttribArray(1);
+  glVertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, sizeof(Dot), reinterpret_cast<const void*>(offsetof(Dot, paint)));
+  setCamera(dots_, view);
+  dots_.set("dotSize", std::max(2.0f, std::round(static_cast<float>(view.camera.projection.height) / 110)));
+  glEnable(GL_PROGRAM_POINT_SIZE);
+  glDrawArrays(GL_POINTS, 0, static_cast<GLsizei>(dots.size()));
+  glDisable(GL_PROGRAM_POINT_SIZE);
+  glBindVertexArray(0);
 }
 
 }  // namespace ridgecast::render

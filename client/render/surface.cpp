@@ -28,36 +28,34 @@ Outcome<void> checkComplete(std::uint32_t width, std::uint32_t height) {
 
 }  // namespace
 
+Target::Target(std::uint32_t format, std::uint32_t width, std::uint32_t height)
+    : width_(width), height_(height), framebuffer_(makeFramebuffer()) {
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name());
+  texture_ = attach(GL_COLOR_ATTACHMENT0, format);
+}
+
+GlObject Target::attach(std::uint32_t attachment, std::uint32_t format) const {
+  GlObject texture = makeTexture(format, width_, height_);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, attachment, GL_TEXTURE_2D, texture.name(), 0);
+  return texture;
+}
+
 Outcome<Surface> Surface::create(std::uint32_t width, std::uint32_t height, bool carried) {
   if (auto fits = checkSize(width, height); !fits) return fits.error();
-  Surface s;
-  s.width_ = width;
-  s.height_ = height;
-  s.positions_ = makeTexture(GL_RGBA32F, width, height);
-  s.depth_ = makeTexture(GL_DEPTH_COMPONENT32F, width, height);
-  s.framebuffer_ = makeFramebuffer();
-  glBindFramebuffer(GL_FRAMEBUFFER, s.framebuffer_.name());
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, s.positions_.name(), 0);
+  Surface s(GL_RGBA32F, width, height);
+  s.depth_ = s.attach(GL_DEPTH_ATTACHMENT, GL_DEPTH_COMPONENT32F);
   if (carried) {
-    s.carried_ = makeTexture(GL_RGBA16F, width, height);
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, s.carried_.name(), 0);
+    s.carried_ = s.attach(GL_COLOR_ATTACHMENT1, GL_RGBA16F);
     const GLenum both[] = {GL_COLOR_ATTACHMENT0, GL_COLOR_ATTACHMENT1};
     glDrawBuffers(2, both);
   }
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, s.depth_.name(), 0);
   if (auto complete = checkComplete(width, height); !complete) return complete.error();
   return s;
 }
 
 Outcome<Canvas> Canvas::create(std::uint32_t width, std::uint32_t height) {
   if (auto fits = checkSize(width, height); !fits) return fits.error();
-  Canvas c;
-  c.width_ = width;
-  c.height_ = height;
-  c.colours_ = makeTexture(GL_RGBA8, width, height);
-  c.framebuffer_ = makeFramebuffer();
-  glBindFramebuffer(GL_FRAMEBUFFER, c.framebuffer_.name());
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, c.colours_.name(), 0);
+  Canvas c(GL_RGBA8, width, height);
   if (auto complete = checkComplete(width, height); !complete) return complete.error();
   return c;
 }

@@ -110,8 +110,6 @@ void spread(std::size_t count, std::size_t bytes, const Work& work) {
   for (auto& other : others) other.get();
 }
 
-using Leaves = std::map<lattice::LeafAddress, HeldLeaf>;
-
 // One iteration on its way into a scene, in four steps: what goes, what each changed leaf starts from, whether the whole has room, and the
 // leaves themselves. The scene is only read.
 class Preparation {

@@ -33,6 +33,8 @@ struct HeldLeaf {
   float error = 0;                                            // metres: the true terrain is at most so far above or below; 0: not known
 };
 
+using Leaves = std::map<lattice::LeafAddress, HeldLeaf>;
+
 class Scene {
  public:
   // Decodes and applies an iteration. Either everything in it is applied, or (error: undecodable payload, a leaf gone that is not
@@ -48,7 +50,7 @@ class Scene {
   struct Prepared {
     std::uint64_t number = 0, hash = 0, triangles = 0;  // of the iteration; after it
     std::set<lattice::LeafAddress> gone, damaged;
-    std::map<lattice::LeafAddress, HeldLeaf> fresh;
+    Leaves fresh;
   };
   Outcome<Prepared> prepare(const wire::Iteration& iteration) const;
   void take(Prepared&& prepared);
@@ -67,7 +69,7 @@ class Scene {
   // What is held, to be named to a server; empty when it is more than a server takes.
   std::vector<wire::HeldLeaf> held() const;
 
-  const std::map<lattice::LeafAddress, HeldLeaf>& leaves() const { return leaves_; }
+  const Leaves& leaves() const { return leaves_; }
   std::uint64_t hash() const { return hash_; }  // sum of mesh::hashTerm over the leaves held
   std::uint64_t triangles() const { return triangles_; }
   std::uint64_t iteration() const { return iteration_; }  // number of the last one applied, 0 before any
@@ -83,7 +85,7 @@ class Scene {
   std::optional<double> height(lattice::Point at) const;  // metres
 
  private:
-  std::map<lattice::LeafAddress, HeldLeaf> leaves_;
+  Leaves leaves_;
   std::uint64_t hash_ = 0, triangles_ = 0, iteration_ = 0, version_ = 0;
   std::set<lattice::LeafAddress> damaged_, untold_;
   bool shaded_ = false;

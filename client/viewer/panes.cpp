@@ -50,32 +50,19 @@ Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::ui
 }  // namespace
 
 Outcome<Passes> Passes::create(const render::TerrainText& text) {
-  auto mesh = render::MeshPass::create(text.shaded), before = render::MeshPass::create(text.shaded);
-  auto morph = render::MorphPass::create();
+  auto world = render::Passes::create(text);
+  if (!world) return world.error();
   auto structure = render::StructurePass::create();
-  auto correction = render::CorrectionPass::create(text);
-  auto march = render::MarchPass::create(text);
-  auto shade = render::ShadePass::create(text);
+  if (!structure) return structure.error();
   auto difference = render::DifferencePass::create();
-  std::optional<Error> error;
-  const auto check = [&error](const auto& made) {
-    if (!made && !error) error = made.error();
-  };
-  (check(mesh), check(before), check(morph), check(structure), check(correction), check(march), check(shade), check(difference));
-  if (error) return *error;
-  return Passes{std::move(*mesh),       std::move(*before), std::move(*morph), std::move(*structure),
-                std::move(*correction), std::move(*march),  std::move(*shade), std::move(*difference)};
+  if (!difference) return difference.error();
+  return Passes{std::move(*world), std::move(*structure), std::move(*difference)};
 }
 
 Outcome<void> MeshPane::fitBefore() {
-  for (auto* surface : {&first_, &second_}) {
-    if (*surface && (*surface)->width() == layer_->surface.width() && (*surface)->height() == layer_->surface.height()) continue;
-    surface->reset();
-    auto made = render::Surface::create(layer_->surface.width(), layer_->surface.height(), passes_.mesh.shaded());
-    if (!made) return made.error();
-    surface->emplace(std::move(*made));
-  }
-  return {};
+  const render::Surface& size = layer_->surface;
+  if (auto fitted = render::fit(first_, size.width(), size.height(), passes_.mesh.shaded()); !fitted) return fitted;
+  return render::fit(second_, size.width(), size.height(), passes_.mesh.shaded());
 }
 
 Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving) {

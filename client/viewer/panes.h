@@ -8,13 +8,9 @@
 #include <optional>
 #include <utility>
 
-#include "client/render/correction_pass.h"
 #include "client/render/difference_pass.h"
-#include "client/render/march_pass.h"
-#include "client/render/mesh_pass.h"
 #include "client/render/morph.h"
-#include "client/render/morph_pass.h"
-#include "client/render/shade_pass.h"
+#include "client/render/renderer.h"
 #include "client/render/structure_pass.h"
 #include "client/render/surface.h"
 
@@ -23,14 +19,9 @@ namespace ridgecast::viewer {
 inline constexpr std::chrono::milliseconds kMeshBudget{40}, kMarchBudget{40};  // each frame, while the camera moves
 inline constexpr std::chrono::milliseconds kRefiningBudget{100};               // for the mesh, while only the mesh changes
 
-// What draws the world. Errors: a shader that the driver does not compile.
-struct Passes {
-  render::MeshPass mesh, before;
-  render::MorphPass morph;
+// Errors: a shader that the driver does not compile.
+struct Passes : render::Passes {
   render::StructurePass structure;
-  render::CorrectionPass correction;
-  render::MarchPass march;
-  render::ShadePass shade;
   render::DifferencePass difference;
   static Outcome<Passes> create(const render::TerrainText& text);
 };
