@@ -37,12 +37,13 @@ CLI::Validator within(double low, double high) {
 }
 
 template <class Value>
-void addNumber(CLI::App& command, const char* name, Value& value, double low, double high, const char* help) {
+CLI::Option* addNumber(CLI::App& command, const char* name, Value& value, double low, double high, const char* help) {
   auto* const option = command.add_option(name, value, help)->check(within(low, high));
   if constexpr (std::is_arithmetic_v<Value>) option->capture_default_str();
+  return option;
 }
 
-// What view, fly and snapshot have in common.
+// Options of view, fly and snapshot.
 struct Shared {
   std::string url = "ws://127.0.0.1:7070", ca, tokenFile;
   std::string metric = "default", size = "1280x720";
@@ -50,7 +51,7 @@ struct Shared {
   bool noRemoteShaders = false;
 };
 
-// `draws`: the command refines and draws a mesh of its own.
+// `draws`: the command refines and draws its own mesh.
 void addShared(CLI::App& command, Shared& shared, bool draws) {
   command.add_option("url", shared.url, "host:port, ws:// or wss:// (also http:// or https://), optional ?session=NAME")
       ->capture_default_str();
@@ -244,14 +245,15 @@ Run snapshotCommand(CLI::App& command) {
   command.add_flag("!--no-normals", shot->normals, "omit normals");
   command.add_flag("!--no-colours", shot->colours, "omit vertex colours");
   command.add_flag("--metadata", shot->metadata, "write only the metadata, as JSON");
-  addNumber(command, "--patience", shot->timeout, 1, 3600, "timeout for the server, seconds");
+  addNumber(command, "--timeout", shot->timeout, 1, 3600, "timeout for the server, seconds");
+  addNumber(command, "--patience", shot->timeout, 1, 3600, "its old name")->group("");
   return [=] {
     if (auto set = share(*shared, *shot); !set) return fail(kBadInput, set.error());
     return snapshot::snapshot(*shot);
   };
 }
 
-// `run` becomes the command's once the command line names it.
+// Sets `run` if the command line names the command.
 void add(CLI::App& app, Run& run, const char* name, const char* help, Run (*options)(CLI::App&)) {
   CLI::App* const command = app.add_subcommand(name, help);
   command->callback([&run, its = options(*command)] { run = its; });

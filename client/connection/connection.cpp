@@ -1,10 +1,11 @@
 #include "client/connection/connection.h"
 
 #include <condition_variable>
+#include <deque>
+#include <iterator>
 #include <mutex>
 #include <utility>
 
-#include "client/connection/inbox.h"
 #include "client/connection/outbox.h"
 #include "client/connection/websocket.h"
 #include "common/wire/wire.h"
@@ -16,13 +17,13 @@ using Clock = std::chrono::steady_clock;
 
 namespace {
 
-// The clock is asked a few times at once, so that one question finds the way free, then every second.
-constexpr int kFirstAsks = 5;
-constexpr milliseconds kFirstAskPause{20}, kAskPause{1000};
+// The session's clock is requested a few times at once, so that one request finds the way free, then every second.
+constexpr int kFirstRequests = 5;
+constexpr milliseconds kFirstPause{20}, kPause{1000};
 
 }  // namespace
 
-// What the owner puts and takes lies below `mutex_`; the rest is the WebSocket's thread's alone.
+// Everything below `mutex_` is for both threads, the rest for the WebSocket's alone.
 struct Connection::Impl final : WebSocket::Listener {
   Impl(const Url& url, wire::Hello hello, milliseconds timeout, const Waiting& waiting)
       : hello_(std::move(hello)), outbox_(hello_.pacing), socket_(url, timeout, waiting, *this) {}
@@ -63,8 +64,7 @@ struct Connection::Impl final : WebSocket::Listener {
   auto ask(Requests& requests, Request request) {
     std::unique_lock lock(mutex_);
     std::optional<Error> refusal = error_;
-    if (!refusal && inbox_.world.revision < 1)
-      refusal = Error{"the server at " + socket_.where() + " is of a version that answers no queries"};
+    if (!refusal && world_.revision < 1) refusal = Error{"the server at " + socket_.where() + " is of a version that answers no queries"};
     auto future = requests.add(std::move(request), refusal);
     lock.unlock();
     socket_.post([this] { write(); });
@@ -98,21 +98,37 @@ struct Connection::Impl final : WebSocket::Listener {
       if (error->code == wire::ErrorCode::kGoingAway) sentTo_ = error->reconnectUrl;
       return "says: " + oneLine(error->message);
     }
-    inbox_.bytes += bytes;
+    bytes_ += bytes;
     auto* const world = std::get_if<wire::World>(&message);
     if (!world && !hasWorld_)
       return std::holds_alternative<wire::Iteration>(message) ? "sent an iteration before its world"
                                                               : "spoke of its session before its world";
     changed_.notify_all();
     if (world) return greet(std::move(*world));
-    if (auto* answer = std::get_if<wire::Answer>(&message))
-      return outbox_.queries.take(answer->id, std::move(*answer))
-                 ? std::nullopt
-                 : std::optional("sent what cannot be: an answer to a query that was not asked");
-    if (auto* ground = std::get_if<wire::Ground>(&message))
-      return outbox_.grounds.take(ground->id, std::move(*ground)) ? std::nullopt
-                                                                  : std::optional("sent what cannot be: a ground that was not asked for");
-    return inbox_.put(message, bytes);
+    if (auto* answer = std::get_if<wire::Answer>(&message); answer && !outbox_.queries.take(answer->id, std::move(*answer)))
+      return "sent what cannot be: an answer to no query";
+    if (auto* ground = std::get_if<wire::Ground>(&message); ground && !outbox_.grounds.take(ground->id, std::move(*ground)))
+      return "sent what cannot be: a ground that was not requested";
+    return keep(message, bytes);
+  }
+
+  // For the owner to take or look at. What is wrong with the message, if anything.
+  std::optional<std::string> keep(wire::ServerMessage& message, std::uint64_t size) {
+    const auto now = Clock::now();
+    if (auto* iteration = std::get_if<wire::Iteration>(&message)) {
+      if (iterations_.size() >= world_.window) return "sent more than the " + std::to_string(world_.window) + " iterations it may";
+      iterations_.push_back({.iteration = std::move(*iteration), .bytes = size});
+    } else if (auto* come = std::get_if<wire::HeightTiles>(&message)) {
+      if (come->tiles.size() > unanswered_ - tiles_.size()) return "sent tiles of heights that were not requested";
+      std::move(come->tiles.begin(), come->tiles.end(), std::back_inserter(tiles_));
+    } else if (const auto* members = std::get_if<wire::Members>(&message)) {
+      if (const auto applied = roster_.apply(*members, now); !applied) return "sent what cannot be: " + applied.error().message;
+    } else if (const auto* said = std::get_if<wire::Clock>(&message)) {
+      clock_.hear(*said, now);
+    } else if (const auto* settings = std::get_if<wire::Granted>(&message)) {
+      granted_ = settings->settings;
+    }
+    return std::nullopt;
   }
 
   std::optional<std::string> greet(wire::World&& world) {
@@ -121,17 +137,17 @@ struct Connection::Impl final : WebSocket::Listener {
       return "speaks protocol version " + std::to_string(world.protocolVersion) + ", this client " +
              std::to_string(wire::kProtocolVersion) + "; use equal versions of both";
     socket_.greeted();
-    inbox_.world = std::move(world);
-    inbox_.granted = inbox_.world.settings;
+    world_ = std::move(world);
+    granted_ = world_.settings;
     hasWorld_ = true;
-    if (hello_.clock && inbox_.world.revision >= 1) askClock(0);
+    if (hello_.clock && world_.revision >= 1) requestClock(0);
     return std::nullopt;
   }
 
-  void askClock(int asked) {
-    asks_ = true;
-    socket_.after(asked < kFirstAsks ? kFirstAskPause : kAskPause, [this, asked] {
-      askClock(asked + 1);
+  void requestClock(int earlier) {
+    requestsClock_ = true;
+    socket_.after(earlier < kFirstRequests ? kFirstPause : kPause, [this, earlier] {
+      requestClock(earlier + 1);
       write();
     });
   }
@@ -143,8 +159,8 @@ struct Connection::Impl final : WebSocket::Listener {
     {
       const std::lock_guard lock(mutex_);
       if (!hasWorld_ || error_) return;
-      if (std::exchange(asks_, false))  // at once: the time on its way is what makes the answer unsure
-        message = inbox_.clock.ask(Clock::now());
+      if (std::exchange(requestsClock_, false))  // at once: its time on the way makes the answer unsure
+        message = clock_.ask(Clock::now());
       else
         message = outbox_.next();
     }
@@ -172,14 +188,21 @@ struct Connection::Impl final : WebSocket::Listener {
 
   const wire::Hello hello_;
   bool writing_ = false;
-  bool asks_ = false;  // a question for the clock is to be sent
+  bool requestsClock_ = false;  // with the next frame
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   bool hasWorld_ = false;
   std::optional<Error> error_;
   std::optional<std::string> sentTo_;
-  Inbox inbox_;
+  wire::World world_;
+  wire::Settings granted_;
+  std::deque<Received> iterations_;  // at most world_.window
+  std::size_t unanswered_ = 0;       // tiles that are requested and not taken, including those that came
+  std::vector<wire::HeightTile> tiles_;
+  Roster roster_;
+  SessionClock clock_;
+  std::uint64_t bytes_ = 0;
   Outbox outbox_;
 
   WebSocket socket_;  // last: its thread ends first
@@ -199,7 +222,7 @@ Connection::~Connection() {
   impl_->fail({"the connection was closed"});
 }
 
-const wire::World& Connection::world() const { return impl_->inbox_.world; }
+const wire::World& Connection::world() const { return impl_->world_; }
 
 void Connection::send(const wire::PoseMessage& pose) {
   impl_->put([&] { return impl_->outbox_.put(pose); });
@@ -214,7 +237,7 @@ void Connection::change(const wire::Settings& settings) {
 
 void Connection::want(const wire::WantTiles& wanted) {
   impl_->put([&] {
-    impl_->inbox_.unanswered += wanted.tiles.size();
+    impl_->unanswered_ += wanted.tiles.size();
     return impl_->outbox_.put(wanted), std::optional<std::string>();
   });
 }
@@ -228,32 +251,36 @@ std::future<Outcome<wire::Ground>> Connection::askGround(const wire::AskGround& 
 
 std::optional<Received> Connection::receive(milliseconds timeout) {
   std::unique_lock lock(impl_->mutex_);
-  impl_->changed_.wait_for(lock, timeout, [&] { return !impl_->inbox_.iterations.empty() || impl_->error_; });
-  return impl_->inbox_.takeIteration();
+  impl_->changed_.wait_for(lock, timeout, [&] { return !impl_->iterations_.empty() || impl_->error_; });
+  if (impl_->iterations_.empty()) return std::nullopt;
+  Received received = std::move(impl_->iterations_.front());
+  impl_->iterations_.pop_front();
+  return received;
 }
 
 bool Connection::waitForClock(std::uint64_t seen, milliseconds timeout) const {
   std::unique_lock lock(impl_->mutex_);
-  const auto newer = [&] { return impl_->inbox_.clock.version() > seen; };
+  const auto newer = [&] { return impl_->clock_.version() > seen; };
   impl_->changed_.wait_for(lock, timeout, [&] { return newer() || impl_->error_; });
   return newer();
 }
 
 std::optional<Roster> Connection::others(std::uint64_t seen) const {
   const std::lock_guard lock(impl_->mutex_);
-  if (impl_->inbox_.roster.version() == seen) return std::nullopt;
-  return impl_->inbox_.roster;
+  if (impl_->roster_.version() == seen) return std::nullopt;
+  return impl_->roster_;
 }
 
 std::vector<wire::HeightTile> Connection::takeTiles() {
   const std::lock_guard lock(impl_->mutex_);
-  return impl_->inbox_.takeTiles();
+  impl_->unanswered_ -= impl_->tiles_.size();
+  return std::exchange(impl_->tiles_, {});
 }
 
-SessionClock Connection::clock() const { return impl_->copyOf(impl_->inbox_.clock); }
-wire::Settings Connection::granted() const { return impl_->copyOf(impl_->inbox_.granted); }
+SessionClock Connection::clock() const { return impl_->copyOf(impl_->clock_); }
+wire::Settings Connection::granted() const { return impl_->copyOf(impl_->granted_); }
 std::optional<Error> Connection::error() const { return impl_->copyOf(impl_->error_); }
 std::optional<std::string> Connection::sentTo() const { return impl_->copyOf(impl_->sentTo_); }
-std::uint64_t Connection::bytesReceived() const { return impl_->copyOf(impl_->inbox_.bytes); }
+std::uint64_t Connection::bytesReceived() const { return impl_->copyOf(impl_->bytes_); }
 
 }  // namespace ridgecast::connection

@@ -24,8 +24,8 @@ struct Url {
   std::string host = "127.0.0.1";
   std::string port = "7070";
   std::string session = "default";
-  // What the URL says about the session's world, "terrain=NAME&seed=N&param=NAME=NUMBER" or parts of it: where there is no such session and
-  // a terrain is named, the server makes it; where there is, it must be that world.
+  // The session's world, "terrain=NAME&seed=N&param=NAME=NUMBER" or parts of it. If there is no such session and a terrain is named, the
+  // server makes it; an existing session must have that world.
   std::string world = {};
   bool secure = false;     // speak TLS
   std::string ca = {};     // file of authorities to trust (PEM); empty: those of this system
@@ -41,13 +41,13 @@ struct Received {
   std::uint64_t bytes = 0;  // of the frame
 };
 
-// How the answer to the upgrade is waited for where the URL names a terrain: the server may have to compile it first, which takes seconds, and
-// a minute on a slow machine.
+// How to wait for the answer to the upgrade if the URL names a terrain: the server may have to compile it first, which takes seconds, and a
+// minute on a slow machine.
 struct Waiting {
-  std::chrono::milliseconds unheard{90'000};  // without a word of it
-  std::chrono::milliseconds heard{30'000};    // since the last word: the server gives one about every second, for as long as it works
-  std::function<void()> preparing = {};       // at each word. On the network's thread
-  std::stop_token stop = {};                  // give up, at any time before the world is there: an error
+  std::chrono::milliseconds unheard{90'000};  // timeout without any progress
+  std::chrono::milliseconds heard{30'000};    // timeout since the last progress: the server reports it about every second
+  std::function<void()> preparing = {};       // called at each progress, on the network's thread
+  std::stop_token stop = {};                  // gives up, at any time before the world is there: an error
 };
 
 class Connection {
@@ -64,9 +64,9 @@ class Connection {
 
   const wire::World& world() const;
 
-  // Never block, and do nothing once the connection has ended. A pose that has not left yet is replaced by a newer one (free pacing) or queued (lock-step, at most kMaxPoses: one
-  // more ends the connection with an error). An acknowledgement that has not left yet is replaced by a newer one; leaves to be sent
-  // again are collected, at most what one message holds: more ask for all.
+  // Never block, and do nothing once the connection has ended. A waiting pose is replaced by a newer one (free pacing) or queued
+  // (lock-step, at most kMaxPoses: one more ends the connection with an error). A waiting acknowledgement is replaced by a newer one.
+  // Leaves to be sent again are collected, at most what one message holds; more request all.
   static constexpr std::size_t kMaxPoses = 64;
   void send(const wire::PoseMessage& pose);
   void acknowledge(const wire::Acknowledge& acknowledge);
@@ -87,7 +87,7 @@ class Connection {
   // copied and nothing returned.
   std::optional<Roster> others(std::uint64_t seen = 0) const;
 
-  // With hello.clock: the session's clock, asked for again and again so that it stays good to a fraction of a round trip.
+  // With hello.clock: the session's clock, requested repeatedly so that it stays good to a fraction of a round trip.
   SessionClock clock() const;
   // Waits until something newer than `seen` (SessionClock::version) was heard; false when nothing was within `timeout` or the connection
   // has ended.
@@ -98,14 +98,14 @@ class Connection {
   void step(const wire::ClockStep& step);
   void stepDone(const wire::StepDone& done);
 
-  // Questions to the server; `id` is set here. The future is ready when the answer has come, or with the error when the connection ends, the
-  // server knows no queries (World::revision 0), or more than kMaxWaiting wait. No more than wire::kMaxQueries and wire::kMaxGrounds are on
-  // their way at a time; the others wait here. Futures may outlive the connection.
+  // Requests to the server; sets `id`. The future holds the answer, or an error if the connection ends, the server knows no queries
+  // (World::revision 0), or more than kMaxWaiting wait. At most wire::kMaxQueries and wire::kMaxGrounds are pending at a time; the others
+  // wait here. Futures may outlive the connection.
   std::future<Outcome<wire::Answer>> ask(wire::Query query);
   std::future<Outcome<wire::Ground>> askGround(const wire::AskGround& ask);
 
-  // Other settings than hello's, from the next iteration on; a change that has not left yet is replaced, and leaves before poses that wait. Never
-  // blocks; does nothing where the server is of a version that changes none (World::revision below 2).
+  // Replaces hello's settings from the next iteration on. A waiting change is replaced by a newer one and leaves before waiting poses.
+  // Never blocks; does nothing if the server's version changes none (World::revision below 2).
   void change(const wire::Settings& settings);
   wire::Settings granted() const;  // what the server makes iterations by, as last heard
 

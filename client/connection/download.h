@@ -18,8 +18,8 @@ struct Progress {
   std::string work;                       // how far the server is, in its words, at most 80 characters; empty: it does not say
 };
 
-// Blocks. `target`: path and query, already percent-encoded. The file is there whole or not at all. `tell` is called some ten times a second
-// and when all is there. Returns how many bytes it has.
+// Blocks. `target`: path and query, already percent-encoded. Writes the file whole or not at all. Calls `tell` about ten times a second
+// and at the end. Returns the number of bytes.
 // Errors: as Connection::open; the server's own sentence when it refuses; no answer within `timeout`, or `timeout` without a byte while
 // one comes; the file cannot be written.
 Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,

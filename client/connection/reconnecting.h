@@ -32,7 +32,7 @@ class ReconnectingConnection {
   ~ReconnectingConnection() { stop_.request_stop(); }  // an attempt is given up
 
   // The newest connection, for everything that is not below. While there is none it is the ended one, which sends nothing. Good until
-  // receive() is called. What was wanted, asked or heard of an earlier one is void: begin again when reconnections() has grown.
+  // receive() is called. Requests and news of an earlier one are void: begin again when reconnections() has grown.
   Connection* operator->() const { return connection_.get(); }
   Connection& operator*() const { return *connection_; }
 

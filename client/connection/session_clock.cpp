@@ -8,8 +8,8 @@ namespace ridgecast::connection {
 namespace {
 
 double microseconds(SessionClock::Instant::duration d) { return std::chrono::duration<double, std::micro>(d).count(); }
-constexpr double kDrift = 100e-6;  // two machines' clocks, at worst
-constexpr double kUnasked = 1e6;   // how much a word that nobody asked for may have been on its way
+constexpr double kDrift = 100e-6;     // two machines' clocks, at worst
+constexpr double kUnrequested = 1e6;  // how long a message without a request may have been on its way
 
 }  // namespace
 
@@ -42,7 +42,7 @@ void SessionClock::hear(const wire::Clock& clock, Instant now) {
   said_ = clock;
   ++version_;
   if (!goesOn) best_.reset();
-  Sample sample{now, static_cast<double>(clock.time), kUnasked};
+  Sample sample{now, static_cast<double>(clock.time), kUnrequested};
   if (clock.echo != 0 && clock.echo == asked_ && askedAt_) {
     const auto trip = now - *askedAt_;
     askedAt_.reset();
@@ -52,7 +52,7 @@ void SessionClock::hear(const wire::Clock& clock, Instant now) {
   } else {
     sample.time += halfTrip_ * clock.rate;
   }
-  // A clock that was set anew without another rate shows as a contradiction.
+  // A clock that was set without another rate shows as a contradiction.
   const bool contradicts = best_ && std::abs(best_->time + microseconds(sample.at - best_->at) * clock.rate - sample.time) >
                                         (spreadOf(*best_, now) + sample.spread) * std::max(1.0, clock.rate) + 1;
   if (!best_ || contradicts || sample.spread <= spreadOf(*best_, now)) best_ = sample;

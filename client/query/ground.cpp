@@ -45,12 +45,12 @@ Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number>
                           const Take& take) {
   const auto until = std::chrono::steady_clock::now() + timeout_;
   std::deque<std::future<Outcome<wire::Answer>>> open;
-  std::size_t asked = 0, taken = 0;
+  std::size_t requested = 0, taken = 0;
   while (taken < count) {
-    while (asked < count && open.size() < kInFlight) {
-      const std::size_t n = std::min(each, count - asked);
-      open.push_back(ask_(make(asked, n)));
-      asked += n;
+    while (requested < count && open.size() < kInFlight) {
+      const std::size_t n = std::min(each, count - requested);
+      open.push_back(ask_(make(requested, n)));
+      requested += n;
     }
     if (open.front().wait_until(until) != std::future_status::ready)
       return Error{"the server did not answer a query within " + std::to_string(timeout_.count()) + " ms"};
@@ -59,7 +59,7 @@ Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number>
     if (!answer) return answer.error();
     const auto& values = take(*answer);
     const std::size_t n = std::min(each, count - taken);
-    if (values.size() != n * numbers) return Error{"the server answered a query with another number of values than was asked for"};
+    if (values.size() != n * numbers) return Error{"the server answered a query with another number of values than was requested"};
     std::copy(values.begin(), values.end(), out.begin() + static_cast<std::ptrdiff_t>(taken * numbers));
     taken += n;
   }
@@ -102,7 +102,7 @@ Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> 
 Outcome<double> Ground::height(double x, double z) {
   const lattice::Step atX = toSteps(x), atZ = toSteps(z);
   float out = 0;
-  if (const auto asked = heights({&atX, 1}, {&atZ, 1}, {&out, 1}); !asked) return asked.error();
+  if (const auto known = heights({&atX, 1}, {&atZ, 1}, {&out, 1}); !known) return known.error();
   return static_cast<double>(out);
 }
 

@@ -79,10 +79,10 @@ std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray) {
 
 Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
                             std::chrono::milliseconds timeout) {
-  auto asked = connection.askGround({0, at, radius, error});
-  if (asked.wait_for(timeout) != std::future_status::ready)
+  auto answer = connection.askGround({0, at, radius, error});
+  if (answer.wait_for(timeout) != std::future_status::ready)
     return Error{"the server did not answer a question for the ground within " + std::to_string(timeout.count()) + " ms"};
-  auto ground = asked.get();
+  auto ground = answer.get();
   if (!ground) return ground.error();
   Patch patch;
   patch.error = ground->error;
