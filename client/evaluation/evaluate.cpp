@@ -26,9 +26,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// Triangles: a view's mesh, settled, has at most 500,000, for a server fills its budget up to 98 %; a flight's never has more.
+// Triangles. Both have at most 500,000: a view's settled mesh fills 98 % of its budget.
 constexpr std::uint32_t kViewBudget = 510'000, kFlightBudget = 500'000;
-constexpr std::size_t kMostReferences = 32;  // of one terrain: a flight's pictures and more
+constexpr std::size_t kMostReferences = 32;  // of one terrain: more than a flight's pictures
 
 std::string_view pathOf(const std::string& terrain) {
   return terrain == "alpine" ? paths::alpine : terrain == "canyon" ? paths::canyon : paths::archipelago;
@@ -46,7 +46,7 @@ class Evaluation {
   Evaluation(const EvaluateOptions& options, Plan plan, std::filesystem::path server)
       : out_(options.out), plan_(std::move(plan)), server_(std::move(server)) {}
 
-  // The folder's own: what it was begun with, and on what.
+  // Refuses a folder of other options. Notes the options and the machine in a new one.
   int begin() {
     const std::string& words = plan_.words;
     const std::filesystem::path file = out_ / "options.txt";
@@ -54,7 +54,7 @@ class Evaluation {
     if (std::ifstream in(file); std::getline(in, known)) {
       std::getline(in, machine_);
       if (known != words)
-        return fail(kBadInput, {out_.string() + " holds what '" + known + "' measured, not '" + words +
+        return fail(kBadInput, {out_.string() + " holds results of '" + known + "', not of '" + words +
                                 "': choose another --out, or the same options"});
       return kSuccess;
     }
@@ -66,12 +66,11 @@ class Evaluation {
   int measureViews() {
     for (const PlannedView& planned : plan_.views) {
       const ViewCase& view = planned.view;
-      const std::filesystem::path folder = folderOf(view);
       const int meshes = static_cast<int>(plan_.meshes.size());
-      ViewMeasurement measurement(view, {plan_.samples, plan_.repeats, (plan_.repeats + meshes - 1) / meshes}, folder);
-      const Part part{folder, resultOf(view), planned.cost, std::string(view.terrain), evaluation::pathOf(view), 0};
+      ViewMeasurement measurement(view, {plan_.samples, plan_.repeats, (plan_.repeats + meshes - 1) / meshes}, planned.folder);
+      const Part part{planned.folder, resultOf(planned), planned.cost, std::string(view.terrain), evaluation::pathOf(view), 0};
       const auto fly = [&](FlyOptions& options) {
-        options.out = folder / "mesh";
+        options.out = planned.folder / "mesh";
         for (const MeshCase& mesh : plan_.meshes) {
           options.settings = {settings::metricNamed(mesh.metric).value(), mesh.threshold, kViewBudget};
           options.atRest = [&](const AtRest& at) { return measurement.measure(mesh, at); };
@@ -85,11 +84,10 @@ class Evaluation {
   }
 
   int measureFlights() {
-    for (PlannedFlight& planned : plan_.flights) {
-      Run& run = planned.run;
-      run.folder = folderOf(run);
+    for (const PlannedFlight& planned : plan_.flights) {
+      const Run& run = planned.run;
       if (std::exchange(over_, run.terrain) != run.terrain) references_.clear();
-      const Part part{run.folder, resultOf(run), planned.cost, run.terrain, std::string(pathOf(run.terrain)), run.threads};
+      const Part part{run.folder, resultOf(planned), planned.cost, run.terrain, std::string(pathOf(run.terrain)), run.threads};
       const auto fly = [&](FlyOptions& options) {
         options.settings = {settings::metricNamed(run.metric).value(), run.threshold, kFlightBudget};
         options.corrected = options.unfiltered = options.pictures = planned.pictures;
@@ -107,16 +105,14 @@ class Evaluation {
 
   int report() {
     std::vector<Run> runs;
-    for (PlannedFlight& planned : plan_.flights) {
-      planned.run.folder = folderOf(planned.run);
-      if (std::filesystem::exists(resultOf(planned.run))) runs.push_back(planned.run);
-    }
+    for (const PlannedFlight& planned : plan_.flights)
+      if (std::filesystem::exists(resultOf(planned))) runs.push_back(planned.run);
     std::vector<std::filesystem::path> views;
     for (const PlannedView& planned : plan_.views)
-      if (std::filesystem::exists(resultOf(planned.view))) views.push_back(folderOf(planned.view));
-    if (runs.empty() && views.empty()) return fail(kBadInput, {"nothing of it was measured yet in " + out_.string()});
+      if (std::filesystem::exists(resultOf(planned))) views.push_back(planned.folder);
+    if (runs.empty() && views.empty()) return fail(kBadInput, {"no results yet in " + out_.string()});
     const std::size_t all = plan_.flights.size() + plan_.views.size(), there = runs.size() + views.size();
-    if (there < all) machine_.append("; ").append(std::to_string(there)).append(" of its ").append(std::to_string(all)).append(" parts");
+    if (there < all) machine_ += "; " + std::to_string(there) + " of its " + std::to_string(all) + " parts";
     if (auto written = writeReport(runs, views, out_, machine_); !written) return fail(kRuntimeFailure, written.error());
     std::fprintf(stderr, "%s, after %.0f s\n", (out_ / "report.html").c_str(), seconds());
     return kSuccess;
@@ -126,15 +122,15 @@ class Evaluation {
   double seconds() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
   static int wrote(const Outcome<void>& written) { return written ? kSuccess : fail(kBadInput, written.error()); }
 
-  // What is measured with a server of its own, and has its result in a folder.
+  // A measurement with its own server and folder.
   struct Part {
-    std::filesystem::path folder, result;  // result: there once all of it is
+    std::filesystem::path folder, result;  // result: exists once the part is complete
     double cost = 0;
     std::string terrain, path;  // path: of the camera, the text of a path file
     unsigned threads = 0;       // of the server
   };
 
-  // Unless the result is there already. `fly` completes the options and flies; `finish` writes the result.
+  // Skips a part with a result. `fly` completes the options and flies; `finish` writes the result.
   template <class Fly, class Finish>
   int measure(const Part& part, const Fly& fly, const Finish& finish) {
     const std::string name = part.folder.filename().string();
@@ -142,7 +138,7 @@ class Evaluation {
     ++number_;
     if (there) planned_ += part.cost;
     std::fprintf(stderr, "[%zu of %zu, %.0f s%s] %s%s\n", number_, plan_.views.size() + plan_.flights.size(), seconds(), left().c_str(),
-                 name.c_str(), there ? ": is there already" : "");
+                 name.c_str(), there ? ": already measured" : "");
     if (there) return kSuccess;
     const Others others;
     std::error_code failed;
@@ -161,7 +157,7 @@ class Evaluation {
       options.height = plan_.height;
       options.settleLimit = plan_.quick ? 30 : 120;
       if (const int code = fly(options); code != kSuccess)
-        return fail(code, {name + " failed; run the same command again to go on from there"});
+        return fail(code, {name + " failed; run the same command again to continue there"});
     }
     const auto share = others.share();
     const std::string machine = "{\"others\": " + (share ? std::to_string(*share) : "null") + "}\n";
@@ -172,23 +168,19 @@ class Evaluation {
     return kSuccess;
   }
 
-  // What is left, at the pace of what was measured so far.
+  // The time left, at the pace so far.
   std::string left() const {
     if (spent_ <= 0) return {};
     double all = 0;
     for (const PlannedView& v : plan_.views) all += v.cost;
     for (const PlannedFlight& f : plan_.flights) all += f.cost;
     char text[64];
-    std::snprintf(text, sizeof text, ", some %.0f min left", std::ceil((all - planned_) * seconds() / spent_ / 60));
+    std::snprintf(text, sizeof text, ", about %.0f min left", std::ceil((all - planned_) * seconds() / spent_ / 60));
     return text;
   }
-  std::filesystem::path folderOf(const ViewCase& view) const {
-    return out_ / "views" / (std::string(view.terrain) + "-" + std::string(view.name));
-  }
-  std::filesystem::path folderOf(const Run& run) const { return out_ / "flights" / run.name; }
-  // There once all of it is.
-  std::filesystem::path resultOf(const ViewCase& view) const { return folderOf(view) / "view.json"; }
-  std::filesystem::path resultOf(const Run& run) const { return folderOf(run) / "machine.json"; }
+  static std::filesystem::path resultOf(const PlannedView& planned) { return planned.folder / "view.json"; }
+  static std::filesystem::path resultOf(const PlannedFlight& planned) { return planned.run.folder / "machine.json"; }
+
   std::filesystem::path out_;
   Plan plan_;
   std::filesystem::path server_;
@@ -196,7 +188,7 @@ class Evaluation {
   std::string machine_, over_;  // the terrain that was flown over last
   Clock::time_point began_ = Clock::now();
   std::size_t number_ = 0;
-  double planned_ = 0, spent_ = 0;  // costs of what is there, and of what was measured by now
+  double planned_ = 0, spent_ = 0;  // costs: of all parts with results, of those measured in this run
 };
 
 }  // namespace

@@ -1,6 +1,6 @@
 #pragma once
-// `ridgecast-client evaluate`: stands and flies over predefined ground with servers of its own and writes what came out as CSV, SVG plots,
-// one HTML page that opens without a network, and a document of the same tables.
+// `ridgecast-client evaluate`: measures cameras at rest and flights over predefined ground with its own servers. Writes CSV, SVG plots, one
+// HTML page that needs no network, and a document of the same tables.
 
 #include <cstdint>
 #include <filesystem>
@@ -14,11 +14,11 @@
 
 namespace ridgecast::evaluation {
 
-// What is left out is what the full evaluation has, or with `quick` the quick one (plan.h).
+// Defaults: the full evaluation's, or with `quick` the quick one's (plan.h).
 struct EvaluateOptions {
-  std::filesystem::path out;                   // a folder, made when missing; what is there already is not measured again
+  std::filesystem::path out;                   // a folder, made if missing; existing results are kept
   bool quick = false;                          // small pictures, short flights: minutes on a software driver
-  bool reportOnly = false;                     // measures nothing: reports what is there of it
+  bool reportOnly = false;                     // measures nothing: reports the results so far
   std::filesystem::path server;                // the program; empty: ridgecast-server beside this one
   std::vector<std::string> terrains;           // built-in ones; empty: all
   std::vector<std::string> views;              // low, overview, grazing; empty: all
@@ -30,11 +30,11 @@ struct EvaluateOptions {
   std::optional<double> seconds;               // only the beginning of each flight
 };
 
-// "METRIC:THRESHOLD", as in "area:0.3". Error: what it is not.
+// "METRIC:THRESHOLD", as in "area:0.3".
 Outcome<MeshCase> meshCaseFrom(std::string_view text);
 
-// Progress goes to stderr, a line for each thing measured. Returns an exit code (exit.h). Resumable: what has its result in the folder is
-// not measured again; a folder that was begun with other options is refused (kBadInput).
+// Progress goes to stderr, a line for each part. Returns an exit code (exit.h). Resumable: parts with results in the folder are not
+// measured again. Refuses a folder of other options (kBadInput).
 int evaluate(const EvaluateOptions& options);
 
 }  // namespace ridgecast::evaluation

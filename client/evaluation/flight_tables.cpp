@@ -13,7 +13,7 @@ namespace {
 using Flight = FlightResults;
 using Flights = std::vector<const Flight*>;  // of one setting
 
-// Of each iteration that has it.
+// The values of all iterations that have one.
 template <class Value>
 std::vector<double> each(const Flight& f, const Value& value) {
   std::vector<double> out;
@@ -25,7 +25,7 @@ std::vector<double> each(const Flight& f, const Value& value) {
 double sum(const std::vector<double>& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
 double mean(const std::vector<double>& values) { return sum(values) / static_cast<double>(values.size()); }  // of none: kNothing
 
-// The value below which this part of all lies.
+// The quantile of this part, 0..1.
 double share(std::vector<double> values, double part) {
   if (values.empty()) return kNothing;
   std::ranges::sort(values);
@@ -53,6 +53,13 @@ std::string spread(const Flights& flights, const char* format, const Value& valu
   return all.back() > all.front() ? out.append(" ± ").append(cell(format, (all.back() - all.front()) / 2)) : out;
 }
 
+// The settings whose first flight is such a one.
+template <class Judge>
+std::vector<Flights> only(std::vector<Flights> settings, const Judge& judge) {
+  std::erase_if(settings, [&](const Flights& f) { return !judge(*f.front()); });
+  return settings;
+}
+
 struct Column {
   std::string title;
   const char* format;
@@ -78,8 +85,7 @@ Table tableOf(const char* name, const char* title, const char* note, const std::
 
 Table likeness(const std::vector<Flights>& settings) {
   return tableOf("flights", "Along the flights: likeness",
-                 "SSIM of the streamed mesh against the converged ray march of the same camera, as it was held at that moment, and at the "
-                 "end, settled.",
+                 "SSIM of the streamed mesh against the converged ray march of the same camera: during the flight, and settled at its end.",
                  settings,
                  {{"pictures", "%.0f",
                    [](const Flight& f) {
@@ -87,12 +93,7 @@ Table likeness(const std::vector<Flights>& settings) {
                      return n > 0 ? n : kNothing;
                    }},
                   {"SSIM mean", "%.4f", RIDGECAST_SUMMARY(mean.ssim)},
-                  {"median", "%.4f",
-                   [](const Flight& f) {
-                     std::vector<double> all = f.summary.frames.ssim;
-                     std::ranges::sort(all);
-                     return all.empty() ? kNothing : all[all.size() / 2];
-                   }},
+                  {"median", "%.4f", [](const Flight& f) { return median(f.summary.frames.ssim); }},
                   {"least", "%.4f", RIDGECAST_SUMMARY(frames.least)},
                   {"terrain alone", "%.4f", RIDGECAST_SUMMARY(mean.terrain)},
                   {"unfiltered", "%.4f", RIDGECAST_SUMMARY(mean.unfiltered)},
@@ -105,10 +106,9 @@ Table likeness(const std::vector<Flights>& settings) {
 
 Table speed(const std::vector<Flights>& settings) {
   return tableOf(
-      "rates", "Along the flights: what happens a second",
-      "Frames as both renderings draw them alone, medians; each place is ray-marched once for all flights over a terrain, so that only the "
-      "processors' time compares the two here. Iterations in lock-step, one pose each; nodes that the server generated "
-      "and vertices that it inserted, each of which makes two triangles.",
+      "rates", "Along the flights: rates",
+      "Frames: each rendering drawn alone, medians. A place is ray-marched once for all flights over a terrain, so only CPU time compares "
+      "the two. Iterations: lock-step, one pose each. Nodes are those that the server generated; each inserted vertex makes two triangles.",
       settings,
       {{"mesh frames/s", "%.2f", [](const Flight& f) { return 1e3 / f.summary.mesh.ms; }},
        {"corrected frames/s", "%.2f", [](const Flight& f) { return 1e3 / f.summary.corrected.ms; }},
@@ -132,15 +132,16 @@ Table stages(const std::vector<Flights>& settings) {
     columns.push_back({stage.name, "%.2f", [&stage](const Flight& f) { return share(each(f, stage.ms), 0.5); }});
   for (const auto& [title, part] : {std::pair("all", 0.5), std::pair("p99", 0.99)})
     columns.push_back({title, "%.1f", [part](const Flight& f) { return share(each(f, ofStages), part); }});
-  return tableOf("stages", "Time of each stage",
-                 "Milliseconds of an iteration, medians, and the 99th percentile of the whole of it; apply is the client's decoding and "
-                 "applying.",
-                 settings, columns);
+  return tableOf(
+      "stages", "Time of each stage",
+      "Milliseconds of an iteration: medians, and the 99th percentile of the total. Apply is the client's decoding and applying.", settings,
+      columns);
 }
 
 Table stream(const std::vector<Flights>& settings) {
   return tableOf("stream", "The stream",
-                 "Latency from sending a pose to having its mesh. Bytes a second of wall time in which iterations ran.", settings,
+                 "Latency from sending a pose to holding its mesh. Bytes a second: per second of wall time in which iterations ran.",
+                 settings,
                  {{"megabytes", "%.2f", [](const Flight& f) { return static_cast<double>(f.summary.bytesReceived) / 1e6; }},
                   {"kB/s", "%.0f", [](const Flight& f) { return static_cast<double>(f.summary.bytesReceived) / seconds(f) / 1e3; }},
                   {"bytes an iteration", "%.0f", RIDGECAST_MEAN(bytes)},
@@ -151,17 +152,17 @@ Table stream(const std::vector<Flights>& settings) {
 }
 
 Table threads(const std::vector<Flights>& settings) {
-  std::vector<Flights> those;
   const auto first = std::ranges::find_if(settings, [](const Flights& f) { return f.front()->run.threads > 0; });
+  if (first == settings.end()) return {};
+  std::vector<Flights> those;
   for (const Flights& f : settings) {
     const Run& run = f.front()->run;
-    const bool like = first != settings.end() && run.terrain == first->front()->run.terrain && run.metric == first->front()->run.metric &&
-                      run.threshold == first->front()->run.threshold;
+    const Run& other = first->front()->run;
+    const bool like = run.terrain == other.terrain && run.metric == other.metric && run.threshold == other.threshold;
     if (run.threads || (like && run.name.find("standing") == std::string::npos && run.name.find("frames") == std::string::npos))
       those.push_back(f);
   }
-  if (first == settings.end()) those.clear();
-  return tableOf("threads", "Influence of the number of threads", "Flights without a number use every core of the server's machine.", those,
+  return tableOf("threads", "Number of threads", "Default: every core of the server's machine.", those,
                  {{"iterations/s", "%.1f", RIDGECAST_SUMMARY(iterationsPerSecond)},
                   {"generate ms", "%.2f", RIDGECAST_SHARE(figures.generateMs, 0.5)},
                   {"refine ms", "%.2f", RIDGECAST_SHARE(figures.refineMs, 0.5)},
@@ -170,44 +171,37 @@ Table threads(const std::vector<Flights>& settings) {
                   {"latency ms, median", "%.1f", RIDGECAST_SHARE(latencyMs, 0.5)}});
 }
 
-// Every iteration a frame: what the uploads do to it.
+// One frame an iteration, with its upload.
 Table frames(const std::vector<Flights>& settings) {
-  std::vector<Flights> those;
-  for (const Flights& f : settings)
-    if (!RIDGECAST_EACH(*f.front(), uploadMs).empty()) those.push_back(f);
+  const auto those = only(settings, [](const Flight& f) { return !RIDGECAST_EACH(f, uploadMs).empty(); });
   static constexpr auto frame = [](const IterationResult& i) { return i.uploadMs + i.drawMs; };
   static constexpr auto uploaded = [](const IterationResult& i) { return i.uploadMs + i.applyMs; };
-  // Frames above twice the median; and those of them that would not be without their upload.
+  // Frames above twice the median; `byUpload`: only those that are not without their upload.
   static constexpr auto slow = [](const Flight& f, bool byUpload) {
     const double most = 2 * share(each(f, frame), 0.5);
     return static_cast<double>(
         std::ranges::count_if(f.iterations, [&](const IterationResult& i) { return frame(i) > most && (!byUpload || i.drawMs <= most); }));
   };
-  return tableOf(
-      "frames", "Frames along the flights, uploads included",
-      "One frame an iteration, at a quarter of the size. Message to uploaded: decoding, applying and bringing it to the graphics card.",
-      those,
-      {{"frames", "%.0f", [](const Flight& f) { return static_cast<double>(f.iterations.size()); }},
-       {"frame ms, median", "%.1f", [](const Flight& f) { return share(each(f, frame), 0.5); }},
-       {"p99", "%.1f", [](const Flight& f) { return share(each(f, frame), 0.99); }},
-       {"upload ms, median", "%.2f", RIDGECAST_SHARE(uploadMs, 0.5)},
-       {"p99", "%.2f", RIDGECAST_SHARE(uploadMs, 0.99)},
-       {"message to uploaded ms, p99", "%.2f", [](const Flight& f) { return share(each(f, uploaded), 0.99); }},
-       {"above 2 x the median", "%.0f", [](const Flight& f) { return slow(f, false); }},
-       {"because of uploads", "%.0f", [](const Flight& f) { return slow(f, true); }}});
+  return tableOf("frames", "Frames along the flights, uploads included",
+                 "One frame an iteration, at a quarter of the size. Message to uploaded: decoding, applying and uploading.", those,
+                 {{"frames", "%.0f", [](const Flight& f) { return static_cast<double>(f.iterations.size()); }},
+                  {"frame ms, median", "%.1f", [](const Flight& f) { return share(each(f, frame), 0.5); }},
+                  {"p99", "%.1f", [](const Flight& f) { return share(each(f, frame), 0.99); }},
+                  {"upload ms, median", "%.2f", RIDGECAST_SHARE(uploadMs, 0.5)},
+                  {"p99", "%.2f", RIDGECAST_SHARE(uploadMs, 0.99)},
+                  {"message to uploaded ms, p99", "%.2f", [](const Flight& f) { return share(each(f, uploaded), 0.99); }},
+                  {"above 2 x the median", "%.0f", [](const Flight& f) { return slow(f, false); }},
+                  {"because of uploads", "%.0f", [](const Flight& f) { return slow(f, true); }}});
 }
 
 Table popping(const std::vector<Flights>& settings) {
-  std::vector<Flights> those;
-  for (const Flights& f : settings)
-    if (!std::isnan(f.front()->summary.popping.off)) those.push_back(f);
-  return tableOf(
-      "popping", "Popping",
-      "The largest change between consecutive frames, 1 - SSIM, of a camera that stands still while the mesh refines, 60 frames a second.",
-      those,
-      {{"morphing off", "%.4f", RIDGECAST_SUMMARY(popping.off)},
-       {"morphing on", "%.4f", RIDGECAST_SUMMARY(popping.on)},
-       {"of it left", "%.3f", [](const Flight& f) { return f.summary.popping.on / f.summary.popping.off; }}});
+  const auto those = only(settings, [](const Flight& f) { return !std::isnan(f.summary.popping.off); });
+  return tableOf("popping", "Popping",
+                 "The largest change (1 - SSIM) between consecutive frames while the mesh of a camera at rest refines, 60 frames a second.",
+                 those,
+                 {{"morphing off", "%.4f", RIDGECAST_SUMMARY(popping.off)},
+                  {"morphing on", "%.4f", RIDGECAST_SUMMARY(popping.on)},
+                  {"of it left", "%.3f", [](const Flight& f) { return f.summary.popping.on / f.summary.popping.off; }}});
 }
 
 #undef RIDGECAST_SUMMARY
@@ -226,10 +220,8 @@ std::vector<Table> flightTables(const std::vector<Flight>& flights) {
     settings[at->second].push_back(&flight);
   }
   std::vector<Table> out;
-  // The others are there for tables of their own.
-  std::vector<Flights> pictured;
-  for (const Flights& f : settings)
-    if (f.front()->summary.frames.count > 0) pictured.push_back(f);
+  // Flights without pictures have tables of their own.
+  const auto pictured = only(settings, [](const Flight& f) { return f.summary.frames.count > 0; });
   for (Table& table : std::vector<Table>{likeness(pictured), speed(pictured), stages(pictured), threads(settings), stream(pictured),
                                          frames(settings), popping(settings)})
     if (!table.rows.empty()) out.push_back(std::move(table));

@@ -1,5 +1,5 @@
 #pragma once
-// What the flights gave, as tables: chapter 4 of the thesis, and what it could not measure.
+// Results of the flights as tables: chapter 4 of the thesis, and what it could not measure.
 
 #include <vector>
 

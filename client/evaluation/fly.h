@@ -1,6 +1,6 @@
 #pragma once
 // Flies a camera path without a window against a running server, and measures: the mesh held against a ray march of the same camera.
-// In lock-step a lost connection ends the flight with an error: figures on both sides of a gap would not be those of one flight. By the
+// In lock-step a lost connection ends the flight with an error: results on both sides of a gap would not be those of one flight. By the
 // clock the flight goes on with what is held, and with the server once it is back.
 
 #include <cstdint>
@@ -9,39 +9,35 @@
 #include <optional>
 
 #include "client/connection/connection.h"
-#include "client/evaluation/references.h"
+#include "client/evaluation/recorder.h"
 #include "client/evaluation/views.h"
+#include "client/flight/flight.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::evaluation {
 
-struct FlyOptions {
+struct FlyOptions : flight::Options {
   connection::Url url;
   std::filesystem::path path;  // a path file, see common/camera/path.h
   std::filesystem::path out;   // a folder, made when missing
   wire::Settings settings;
-  double rate = 10;                          // lock-step: iterations a second of path time
-  std::optional<double> framesEvery;         // seconds of path time between pictures; nothing: six in all
-  std::uint32_t width = 1280, height = 720;  // pixels, at least 16 x 16
-  std::uint32_t supersample = 1;             // N x N samples a pixel
-  std::filesystem::path exportFile;          // empty: no export
-  std::optional<double> exportAt;            // seconds of path time; nothing: at the end, once settled
-  double settleLimit = 120;                  // seconds of wall time to wait at the end until nothing is refined any more
-  bool remoteShaders = true;                 // draw with a terrain's GLSL that the server sent; else neutrally, see drawingOf
-  bool corrected = false;                    // draw and compare the corrected mesh, too (render/correction_pass.h)
-  bool unfiltered = false;                   // and compare all of it without filtering, too
-  bool measureFrames = false;                // lock-step: upload and draw every iteration, a quarter of the size
-  bool realtime = false;                     // by the clock instead of in lock-step
-  bool measurePopping = false;               // lock-step: from frame to frame while the mesh refines at the end of the path (popping.h)
-  std::optional<double> seconds;             // fly only the beginning of the path
-  bool pictures = true;                      // false: none at all, the flight is there for its times
-  References* references = nullptr;          // ray marches of other flights over this terrain; null: of this flight's last picture
+  std::optional<double> framesEvery;  // seconds of path time between pictures; nothing: six in all
+  std::uint32_t supersample = 1;      // N x N samples a pixel
+  std::filesystem::path exportFile;   // empty: no export
+  std::optional<double> exportAt;     // seconds of path time; nothing: at the end, once settled
+  bool remoteShaders = true;          // draw with a terrain's GLSL that the server sent; else neutrally, see drawingOf
+  bool corrected = false;             // also draw and compare the corrected mesh (render/correction_pass.h)
+  bool unfiltered = false;            // also compare without filtering
+  bool measureFrames = false;         // lock-step: upload and draw every iteration, a quarter of the size
+  bool measurePopping = false;        // lock-step: from frame to frame while the mesh refines at the end of the path (popping.h)
+  bool pictures = true;               // false: none, the flight is measured for its times
+  References* references = nullptr;   // ray marches of other flights over this terrain; null: of this flight's last picture
   std::function<Outcome<void>(const AtRest&)> atRest;  // in place of all pictures: called at the end
 };
 
-// Progress and errors, one sentence each, go to stderr; returns an exit code (exit.h). Lock-step: one pose, one iteration, pictures in between,
-// so that the same flight gives the same pictures on any machine. At the end the last pose is repeated until the server has nothing
-// more to refine. Every iteration's hash is compared with the mesh held; where they differ the server is asked for all leaves again.
+// Progress and errors, one sentence each, go to stderr; returns an exit code (exit.h). Lock-step: one pose, one iteration, pictures in
+// between, so that the same flight gives the same pictures on any machine. At the end the last pose is repeated until the mesh has settled.
+// Every iteration's hash is compared with the mesh held; if they differ, all leaves are requested again.
 int fly(const FlyOptions& options);
 
 }  // namespace ridgecast::evaluation

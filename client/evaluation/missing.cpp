@@ -17,29 +17,19 @@ bool differ(const float* a, const float* b) {
   return std::abs(first - second) > 0.05 * std::min(first, second);
 }
 
-// Which windows hold such a pixel.
-std::vector<bool> silhouettes(std::size_t width, std::size_t height, std::span<const float> mesh, std::span<const float> march,
-                              std::size_t samples) {
+// How many such pixels each window has.
+std::vector<std::uint32_t> silhouettes(std::size_t width, std::size_t height, std::span<const float> mesh, std::span<const float> march,
+                                       std::size_t samples) {
   const std::size_t border = kSimilarityWindow - 1, columns = width + border, rows = height + border;
   assert(mesh.size() == march.size() && mesh.size() == 4 * columns * rows * samples * samples);
-  std::vector<std::uint32_t> sum((columns + 1) * (rows + 1), 0);
+  std::vector<bool> differs(columns * rows, false);
   for (std::size_t y = 0; y < rows; ++y)
-    for (std::size_t x = 0; x < columns; ++x) {
-      bool any = false;
-      for (std::size_t k = 0; k < samples * samples && !any; ++k) {
+    for (std::size_t x = 0; x < columns; ++x)
+      for (std::size_t k = 0; k < samples * samples && !differs[y * columns + x]; ++k) {
         const std::size_t at = 4 * ((y * samples + k / samples) * columns * samples + x * samples + k % samples);
-        any = differ(&mesh[at], &march[at]);
+        differs[y * columns + x] = differ(&mesh[at], &march[at]);
       }
-      sum[(y + 1) * (columns + 1) + x + 1] =
-          any + sum[y * (columns + 1) + x + 1] + sum[(y + 1) * (columns + 1) + x] - sum[y * (columns + 1) + x];
-    }
-  std::vector<bool> out(width * height);
-  for (std::size_t y = 0; y < height; ++y)
-    for (std::size_t x = 0; x < width; ++x) {
-      const std::size_t top = y * (columns + 1) + x, bottom = (y + kSimilarityWindow) * (columns + 1) + x;
-      out[y * width + x] = sum[bottom + kSimilarityWindow] + sum[top] > sum[top + kSimilarityWindow] + sum[bottom];
-    }
-  return out;
+  return setInWindows(differs, columns, rows);
 }
 
 }  // namespace
@@ -47,12 +37,12 @@ std::vector<bool> silhouettes(std::size_t width, std::size_t height, std::span<c
 Missing missingOf(const SimilarityMap& mesh, const SimilarityMap& corrected, const SimilarityMap& finer, std::span<const float> meshSamples,
                   std::span<const float> marchSamples, std::size_t samples) {
   assert(mesh.values.size() == corrected.values.size() && mesh.values.size() == finer.values.size());
-  const std::vector<bool> edge = silhouettes(mesh.width, mesh.height, meshSamples, marchSamples, samples);
+  const std::vector<std::uint32_t> edge = silhouettes(mesh.width, mesh.height, meshSamples, marchSamples, samples);
   Missing out;
   for (std::size_t k = 0; k < edge.size(); ++k) {
     const double lost = 1 - mesh.values[k], kept = 1 - corrected.values[k], own = 1 - finer.values[k];
     out.total += lost;
-    if (edge[k]) {
+    if (edge[k] > 0) {
       out.silhouettes += lost;
       out.windows += 1;
       continue;

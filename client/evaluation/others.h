@@ -1,5 +1,5 @@
 #pragma once
-// How busy other programs kept the machine while something was measured: times are worth what this is low.
+// How busy other programs kept the machine during a measurement: only times with a low share are worth anything.
 
 #include <optional>
 
@@ -8,8 +8,8 @@ namespace ridgecast::evaluation {
 class Others {
  public:
   Others();  // begins now
-  // The share, 0..1, of all processors' time since then that neither this process and its ended children had, nor nobody. Nothing: the
-  // machine does not say (/proc/stat).
+  // CPU share of other processes since then, 0..1; empty if the machine does not say (/proc/stat). Children of this process count as its
+  // own once they have ended.
   std::optional<double> share() const;
 
  private:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <utility>
 
 #include "common/settings/settings.h"
 
@@ -14,7 +15,7 @@ constexpr double kThesisPath = 20;         // seconds that the thesis's own path
 constexpr double kPictures = 2.5;          // seconds from one to the next: 125 m at 50 m/s, each shows new ground
 constexpr double kIterationsASecond = 10;  // fly.h
 
-// Of nearly the same number of triangles, one by one: the server's own setting first.
+// Pairs with nearly the same number of triangles; the server's own setting first.
 const std::vector<MeshCase> kFlown = {{"pixels", 1},    {"pixels", 0.5},  {"pixels", 2},    {"thesis", 2e-5},
                                       {"thesis", 1e-5}, {"thesis", 4e-5}, {"area", kFinest}};
 
@@ -72,14 +73,16 @@ class Planner {
     for (const std::uint32_t n : plan_.samples) marches += n * n;
     const double cost = scale_ * (kMarchCost * (marches + plan_.repeats) + 12.0 * static_cast<double>(plan_.meshes.size()));
     for (const ViewCase& view : viewCases())
-      if (std::ranges::count(terrains_, view.terrain) && std::ranges::count(cameras_, view.name)) plan_.views.push_back({view, cost});
+      if (std::ranges::count(terrains_, view.terrain) && std::ranges::count(cameras_, view.name))
+        plan_.views.push_back({view, options_.out / "views" / (std::string(view.terrain) + "-" + std::string(view.name)), cost});
   }
 
-  void add(const Run& run, double seconds, bool pictures, bool frames = false, bool popping = false) {
+  void add(Run run, double seconds, bool pictures, bool frames = false, bool popping = false) {
+    run.folder = options_.out / "flights" / run.name;
     const MeshCase mesh{run.metric, run.threshold};
     const double flown = std::min(seconds, 40.0);
     const double drawn = pictures ? flown / plan_.framesEvery + 1 : 0;
-    plan_.flights.push_back({run, seconds, pictures, frames, popping,
+    plan_.flights.push_back({std::move(run), seconds, pictures, frames, popping,
                              kStartCost + kSettleCost + flown * kIterationsASecond * (iterationCost(mesh) + (frames ? 0.03 : 0)) +
                                  drawn * kPictureCost * scale_ + (popping ? 60 * std::min(scale_ * 4, 1.0) : 0)});
   }
@@ -136,7 +139,7 @@ Outcome<MeshCase> meshCaseFrom(std::string_view text) {
   const double threshold = std::strtod(number.c_str(), &end);
   if (metric == "default" || !settings::metricNamed(metric) || number.empty() || *end || !(threshold > 0 && threshold <= 1e6))
     return Error{std::string("'").append(text).append(
-        "' is no METRIC:THRESHOLD: say pixels, area or thesis, a colon and a number above 0, as in area:0.3")};
+        "' is no METRIC:THRESHOLD: pixels, area or thesis, a colon and a number above 0, as in area:0.3")};
   return MeshCase{metric, threshold};
 }
 

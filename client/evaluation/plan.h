@@ -1,9 +1,9 @@
 #pragma once
-// What an evaluation measures, in which order. Nothing is measured twice that cannot come out otherwise: in lock-step a flight's meshes
-// and pictures are the same each time, so that only its times are repeated, without pictures; flights over one terrain come one after the
-// other and are compared with the same ray marches (references.h).
+// What an evaluation measures, in which order. Only times are repeated: in lock-step a flight's meshes and pictures are the same each time.
+// Flights over one terrain come one after the other and are compared with the same ray marches (recorder.h).
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -15,15 +15,16 @@ namespace ridgecast::evaluation {
 
 struct PlannedView {
   ViewCase view;
-  double cost = 0;  // seconds, roughly, on two cores without a graphics card
+  std::filesystem::path folder;  // of its results
+  double cost = 0;               // seconds, roughly, on two cores without a graphics card
 };
 
 struct PlannedFlight {
   Run run;
-  double seconds = 0;  // of its path at most; 0: stands at the beginning
+  double seconds = 0;  // of its path at most; 0: rests at the beginning
   bool pictures = false;
   bool frames = false;   // uploads and draws every iteration
-  bool popping = false;  // of the mesh that refines under a standing camera
+  bool popping = false;  // of a camera at rest while the mesh refines
   double cost = 0;       // seconds, roughly
 };
 
@@ -36,7 +37,7 @@ struct Plan {
   std::vector<MeshCase> meshes;        // of the views
   std::vector<PlannedView> views;
   std::vector<PlannedFlight> flights;
-  std::string words;  // one line that says it all, the options that ask for it: a folder belongs to one of them
+  std::string words;  // the options in one line: a folder belongs to one of them
 };
 
 // `cores` of this machine, 1 and up: fewer threads than that are one of the axes.

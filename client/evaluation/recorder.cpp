@@ -2,24 +2,37 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <system_error>
 #include <utility>
 
 #include "client/evaluation/ssim.h"
 #include "client/evaluation/text_file.h"
+#include "common/gltf/glb.h"
 
 namespace ridgecast::evaluation {
 namespace {
 
-// Of times: a frame that something else on the machine held up is one of many.
-double median(std::vector<double> values) {
-  if (values.empty()) return kNothing;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
+// The last drawing without filtering.
+Outcome<render::Picture> unfilteredOf(render::Renderer& renderer, render::View view, std::uint32_t samples) {
+  view.filtered = false;
+  auto again = renderer.shadeAgain(view, samples);
+  if (!again) return again.error();
+  return std::move(again->picture);
 }
 
 }  // namespace
+
+const References::March* References::find(const camera::Camera& camera, std::uint32_t samples, bool unfiltered) const {
+  const auto found = std::ranges::find_if(
+      marches_, [&](const March& m) { return m.camera == camera && m.samples == samples && (m.unfiltered || !unfiltered); });
+  return found == marches_.end() ? nullptr : &*found;
+}
+
+const References::March& References::keep(March march) {
+  if (marches_.size() >= most_) marches_.pop_front();
+  return marches_.emplace_back(std::move(march));
+}
 
 Recorder::Recorder(std::filesystem::path folder) : folder_(std::move(folder)), lines_(folder_ / "iterations.jsonl", std::ios::trunc) {}
 
@@ -45,15 +58,13 @@ Outcome<void> Recorder::add(const IterationResult& result) {
 Outcome<Comparison> Recorder::picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
                                       const render::View& view, const PictureSettings& settings) {
   const std::uint32_t samples = settings.samples;
-  render::View points = view;
-  points.filtered = false;
   std::optional<render::Picture> meshPoints, corrected;
   auto mesh = renderer.drawMesh(scene.leaves(), view, samples);
   if (!mesh) return mesh.error();
   if (settings.unfiltered) {
-    auto again = renderer.shadeAgain(points, samples);
-    if (!again) return again.error();
-    meshPoints = std::move(again->picture);
+    auto points = unfilteredOf(renderer, view, samples);
+    if (!points) return points.error();
+    meshPoints = std::move(*points);
   }
   if (settings.corrected) {
     auto drawn = renderer.drawCorrected(scene.leaves(), view, samples);
@@ -91,11 +102,9 @@ Outcome<References::March> Recorder::march(const std::string& name, render::Rend
   out.cpuMilliseconds = drawn->cpuMilliseconds;
   out.filtered = std::move(drawn->picture);
   if (unfiltered) {
-    render::View points = view;
-    points.filtered = false;
-    auto again = renderer.shadeAgain(points, samples);
-    if (!again) return again.error();
-    out.unfiltered = std::move(again->picture);
+    auto points = unfilteredOf(renderer, view, samples);
+    if (!points) return points.error();
+    out.unfiltered = std::move(*points);
   }
   if (auto written = render::writePng(out.filtered, out.file); !written) return written.error();
   return out;
@@ -135,6 +144,17 @@ Outcome<void> Recorder::writeSummary(double seconds) {
   if (seconds > 0) s.iterationsPerSecond = static_cast<double>(s.iterations) / seconds;
   s.latencyMsMean /= static_cast<double>(std::max<std::uint64_t>(s.iterations, 1));
   return writeText(folder_ / "summary.json", asJson(s));
+}
+
+Outcome<void> writeGlb(const scene::Leaves& leaves, const camera::Pose& pose, const std::string& terrain, std::uint32_t seed,
+                       const std::filesystem::path& file) {
+  gltf::Document document;
+  document.origin = {pose.x, pose.z};
+  document.extras = nlohmann::json{{"terrain", terrain}, {"seed", seed}}.dump();
+  for (const auto& [address, held] : leaves) document.leaves.push_back({held.mesh.get(), {}, {}});
+  const auto bytes = gltf::writeGlb(document, gltf::Compression::kNone);
+  if (!bytes) return bytes.error();
+  return writeText(file, {bytes->data(), bytes->size()});
 }
 
 }  // namespace ridgecast::evaluation

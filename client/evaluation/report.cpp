@@ -40,7 +40,7 @@ std::string figure(const std::filesystem::path& file, const std::string& caption
          "</figcaption></figure>\n";
 }
 
-// The picture of a flight that is least like the ray march, beside it.
+// The picture of a flight that is least like the ray march, beside the march.
 std::string leastLike(const FlightResults& f) {
   const auto& frames = f.summary.frames;
   if (frames.names.empty()) return {};
@@ -52,25 +52,33 @@ std::string leastLike(const FlightResults& f) {
          figure(f.run.folder / (name + "-raymarch.png"), where + "ray march");
 }
 
-std::string html(const Table& targets, const std::vector<FlightResults>& flights, const std::vector<std::filesystem::path>& views,
-                 const std::vector<Table>& viewTables, const std::vector<Table>& flightTables, const std::vector<Plot>& drawn,
-                 const std::string& machine) {
+// What both documents show.
+struct Report {
+  std::string machine;
+  Table targets;
+  std::vector<Table> viewTables, flightTables;
+};
+
+constexpr std::string_view kRows = "Each row below is a lock-step flight with its own server. Repeated flights: median ± half the range.";
+
+std::string html(const Report& report, const std::vector<FlightResults>& flights, const std::vector<std::filesystem::path>& views,
+                 const std::vector<Plot>& plots) {
   std::ostringstream out;
-  out << "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
-         "content=\"width=device-width\"><title>Ridgecast: mesh against ray "
-         "march</title><style>body{font:15px/1.45 sans-serif;max-width:1240px;margin:2em auto;padding:0 "
-         "1em;color:#222}table{border-collapse:collapse;font-size:13px}"
-         "td,th{border:1px solid #ccc;padding:3px "
-         "7px;text-align:right}th{background:#f3f3f3;vertical-align:bottom}td:first-child,th:first-child{text-align:left;white-space:"
-         "nowrap}"
-         "tr:nth-child(odd) "
-         "td{background:#fafafa}img,svg{max-width:100%;width:100%}figure{display:inline-block;width:48%;margin:.5%;vertical-align:top}"
-         "figcaption{font-size:12px;color:#555}.wide{overflow-x:auto}h2{margin-top:2em}</style>\n<h1>Mesh against ray march</h1>\n<p>"
-      << escapedHtml(machine) << "</p>\n";
-  if (!targets.rows.empty()) out << asHtml(targets);
-  if (!viewTables.empty()) {
-    out << "<h2>Standing cameras, settled meshes</h2>\n";
-    for (const Table& table : viewTables) out << asHtml(table);
+  out << R"(<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>Ridgecast: mesh against ray march</title>
+<style>body{font:15px/1.45 sans-serif;max-width:1240px;margin:2em auto;padding:0 1em;color:#222}
+table{border-collapse:collapse;font-size:13px}td,th{border:1px solid #ccc;padding:3px 7px;text-align:right}
+th{background:#f3f3f3;vertical-align:bottom}td:first-child,th:first-child{text-align:left;white-space:nowrap}
+tr:nth-child(odd) td{background:#fafafa}img,svg{max-width:100%;width:100%}
+figure{display:inline-block;width:48%;margin:.5%;vertical-align:top}figcaption{font-size:12px;color:#555}
+.wide{overflow-x:auto}h2{margin-top:2em}</style>
+<h1>Mesh against ray march</h1>
+<p>)" << escapedHtml(report.machine)
+      << "</p>\n";
+  if (!report.targets.rows.empty()) out << asHtml(report.targets);
+  if (!report.viewTables.empty()) {
+    out << "<h2>Cameras at rest, settled meshes</h2>\n";
+    for (const Table& table : report.viewTables) out << asHtml(table);
     out << "<h3>Pictures</h3>\n";
     for (const std::filesystem::path& view : views)
       for (const auto& [file, what] : {std::pair{"mesh.png", "mesh"},
@@ -79,13 +87,12 @@ std::string html(const Table& targets, const std::vector<FlightResults>& flights
                                        {"loss.png", "1 - SSIM of the mesh: black 0, white 0.25 and more"}})
         out << figure(view / file, view.filename().string() + ": " + what);
   }
-  if (!flightTables.empty()) {
-    out << "<h2>Flights</h2>\n<p>Each row is a flight in lock-step over a server of its own; where it was repeated, median and half the "
-           "range.</p>\n";
-    for (const Table& table : flightTables) out << asHtml(table);
+  if (!report.flightTables.empty()) {
+    out << "<h2>Flights</h2>\n<p>" << kRows << "</p>\n";
+    for (const Table& table : report.flightTables) out << asHtml(table);
     out << "<h3>Plots</h3>\n";
-    for (const Plot& p : drawn) out << "<figure>" << p.svg << "</figure>\n";
-    out << "<h3>Pictures</h3>\n<p>Of each flight the one that is least like the ray march.</p>\n";
+    for (const Plot& p : plots) out << "<figure>" << p.svg << "</figure>\n";
+    out << "<h3>Pictures</h3>\n<p>For each flight, the picture least like the ray march.</p>\n";
     for (const FlightResults& f : flights) out << leastLike(f);
   }
   out << "</html>\n";
@@ -93,41 +100,35 @@ std::string html(const Table& targets, const std::vector<FlightResults>& flights
 }
 
 // The same tables as a document.
-std::string markdown(const Table& targets, const std::vector<Table>& viewTables, const std::vector<Table>& flightTables,
-                     const std::string& machine) {
-  std::string out = "# Mesh against ray march\n\nWritten by `ridgecast-client evaluate`: " + machine + ".\n\n";
-  if (!targets.rows.empty()) out += asMarkdown(targets);
-  for (const Table& table : viewTables) out += asMarkdown(table);
-  if (!flightTables.empty())
-    out +=
-        "Each of the following rows is a flight in lock-step over a server of its own; where it was repeated, median and half the "
-        "range.\n\n";
-  for (const Table& table : flightTables) out += asMarkdown(table);
+std::string markdown(const Report& report) {
+  std::string out = "# Mesh against ray march\n\nWritten by `ridgecast-client evaluate`: " + report.machine + ".\n\n";
+  if (!report.targets.rows.empty()) out += asMarkdown(report.targets);
+  for (const Table& table : report.viewTables) out += asMarkdown(table);
+  if (!report.flightTables.empty()) out.append(kRows).append("\n\n");
+  for (const Table& table : report.flightTables) out += asMarkdown(table);
   while (out.ends_with("\n\n")) out.pop_back();
   return out;
 }
 
-// What other programs took of the machine while these were measured, in words.
+// The CPU share of other programs during the measurements, in words.
 std::string othersIn(const std::vector<std::filesystem::path>& views, const std::vector<FlightResults>& flights) {
   std::vector<double> shares;
   for (const std::filesystem::path& view : views) shares.push_back(100 * othersOf(view));
   for (const FlightResults& f : flights) shares.push_back(100 * f.others);
   std::erase_if(shares, [](double share) { return std::isnan(share); });
   if (shares.empty()) return {};
-  std::ranges::sort(shares);
-  return std::string("; other programs took ")
-      .append(cell("%.0f to ", shares.front()))
-      .append(cell("%.0f %% of the processors meanwhile, ", shares.back()))
-      .append(cell("%.0f %% in the middle", shares[shares.size() / 2]));
+  const auto [least, greatest] = std::ranges::minmax(shares);
+  return "; CPU share of other programs meanwhile " + cell("%.0f to ", least) + cell("%.0f %%, median ", greatest) +
+         cell("%.0f %%", median(shares));
 }
 
 std::string runsCsv(const std::vector<FlightResults>& flights) {
   std::string out = "flight,terrain,metric,threshold,threads,repeat";
   for (const auto& [key, value] : numbersOf({})) out.append(",").append(key);
   for (const auto& [run, summary, iterations, others] : flights) {
-    out.append("\n").append(run.name).append(",").append(run.terrain).append(",").append(run.metric);
-    out.append(cell(",%g", run.threshold)).append(cell(",%.0f", run.threads)).append(cell(",%.0f", run.repeat));
-    for (const auto& [key, value] : numbersOf(summary)) out.append(",").append(cell("%.10g", value));
+    out += "\n" + run.name + "," + run.terrain + "," + run.metric;
+    out += cell(",%g", run.threshold) + cell(",%.0f", run.threads) + cell(",%.0f", run.repeat);
+    for (const auto& [key, value] : numbersOf(summary)) out += "," + cell("%.10g", value);
   }
   return out + "\n";
 }
@@ -142,15 +143,12 @@ Outcome<void> writeTables(const std::vector<Run>& runs, const std::vector<std::f
     if (!results) return results.error();
     flights.push_back(std::move(*results));
   }
-  const std::string machine = begun + othersIn(folders, flights);
-  const std::vector<Table> settled = viewTables(*views), flown = flightTables(flights);
-  const Table targets = targetsOf(*views, flights);
+  const Report report{begun + othersIn(folders, flights), targetsOf(*views, flights), viewTables(*views), flightTables(flights)};
   const std::vector<Plot> plots = plotsOf(flights);
-  std::map<std::string, std::string> files = {{"report.md", markdown(targets, settled, flown, machine)},
-                                              {"report.html", html(targets, flights, folders, settled, flown, plots, machine)},
-                                              {"targets.csv", asCsv(targets)}};
+  std::map<std::string, std::string> files = {
+      {"report.md", markdown(report)}, {"report.html", html(report, flights, folders, plots)}, {"targets.csv", asCsv(report.targets)}};
   if (!flights.empty()) files["runs.csv"] = runsCsv(flights);
-  for (const auto* tables : {&settled, &flown})
+  for (const auto* tables : {&report.viewTables, &report.flightTables})
     for (const Table& table : *tables) files[table.name + ".csv"] = asCsv(table);
   for (const Plot& p : plots) files[p.file] = p.svg;
   for (const auto& [name, text] : files)
@@ -165,7 +163,7 @@ Outcome<void> writeReport(const std::vector<Run>& runs, const std::vector<std::f
   try {
     return writeTables(runs, views, folder, machine);
   } catch (const nlohmann::json::exception& e) {
-    return Error{folder.string() + " holds figures of another version (" + e.what() + "): choose another --out"};
+    return Error{folder.string() + " holds results of another version (" + e.what() + "): choose another --out"};
   }
 }
 

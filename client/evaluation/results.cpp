@@ -5,8 +5,8 @@
 #include <nlohmann/json.hpp>
 #include <type_traits>
 
-#include "client/evaluation/view_numbers.h"
 #include "client/evaluation/text_file.h"
+#include "client/evaluation/view_numbers.h"
 
 namespace ridgecast::evaluation {
 namespace {
@@ -125,7 +125,7 @@ bool read(const std::string& text, auto& results) {
 Outcome<FlightResults> readResults(const Run& run) {
   FlightResults out{run, {}, {}, othersOf(run.folder)};
   const std::filesystem::path file = run.folder / "summary.json";
-  if (!read(readText(file), out.summary)) return Error{file.string() + " is broken: remove the folder, and it is flown again"};
+  if (!read(readText(file), out.summary)) return Error{file.string() + " is broken; remove the folder to fly it again"};
   std::ifstream lines(run.folder / "iterations.jsonl");
   for (std::string line; std::getline(lines, line);)
     if (IterationResult one; read(line, one)) out.iterations.push_back(one);

@@ -19,7 +19,7 @@ struct Run {
   std::string name;  // also of its folder
   std::string terrain, metric;
   double threshold = 0;
-  unsigned threads = 0;  // 0: as many as there are
+  unsigned threads = 0;  // 0: all cores
   int repeat = 1;
   std::filesystem::path folder;  // with summary.json, iterations.jsonl and pictures, as `fly` leaves them
 };

@@ -1,5 +1,6 @@
 #include "client/evaluation/ssim.h"
 
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <cmath>
@@ -46,25 +47,24 @@ std::vector<double> windowMeans(const std::vector<double>& a, const std::vector<
   return out;
 }
 
-// Which windows see terrain in all of their pixels, by a summed-area table.
-std::vector<bool> terrainWindows(const render::Picture& p) {
-  const std::size_t width = p.width, height = p.height;
-  std::vector<std::uint32_t> sum((width + 1) * (height + 1), 0);
+}  // namespace
+
+// By a summed-area table.
+std::vector<std::uint32_t> setInWindows(const std::vector<bool>& pixels, std::size_t width, std::size_t height) {
+  const std::size_t stride = width + 1;
+  std::vector<std::uint32_t> sum(stride * (height + 1), 0);
   for (std::size_t y = 0; y < height; ++y)
     for (std::size_t x = 0; x < width; ++x)
-      sum[(y + 1) * (width + 1) + x + 1] = (p.terrain[y * width + x] == 255 ? 1u : 0u) + sum[y * (width + 1) + x + 1] +
-                                           sum[(y + 1) * (width + 1) + x] - sum[y * (width + 1) + x];
+      sum[(y + 1) * stride + x + 1] = pixels[y * width + x] + sum[y * stride + x + 1] + sum[(y + 1) * stride + x] - sum[y * stride + x];
   const std::size_t w = width - (kWindow - 1), h = height - (kWindow - 1);
-  std::vector<bool> out(w * h);
+  std::vector<std::uint32_t> out(w * h);
   for (std::size_t y = 0; y < h; ++y)
-    for (std::size_t x = 0; x < w; ++x)
-      out[y * w + x] = sum[(y + kWindow) * (width + 1) + x + kWindow] - sum[y * (width + 1) + x + kWindow] -
-                           sum[(y + kWindow) * (width + 1) + x] + sum[y * (width + 1) + x] ==
-                       kWindow * kWindow;
+    for (std::size_t x = 0; x < w; ++x) {
+      const std::size_t top = y * stride + x, bottom = (y + kWindow) * stride + x;
+      out[y * w + x] = sum[bottom + kWindow] + sum[top] - sum[top + kWindow] - sum[bottom];
+    }
   return out;
 }
-
-}  // namespace
 
 SimilarityMap similarityMap(const render::Picture& picture, const render::Picture& reference) {
   assert(picture.width == reference.width && picture.height == reference.height && picture.width >= kWindow && picture.height >= kWindow);
@@ -74,9 +74,10 @@ SimilarityMap similarityMap(const render::Picture& picture, const render::Pictur
   const std::vector<double> squareA = windowMeans(a, &a, width, height), squareB = windowMeans(b, &b, width, height);
   const std::vector<double> product = windowMeans(a, &b, width, height);
 
-  const bool masked = reference.terrain.size() == width * height;
   SimilarityMap out{width - (kWindow - 1), height - (kWindow - 1), std::vector<double>(meanA.size()), {}};
-  out.terrain = masked ? terrainWindows(reference) : std::vector<bool>(meanA.size(), false);
+  std::vector<bool> terrain(width * height, false);
+  std::transform(reference.terrain.begin(), reference.terrain.end(), terrain.begin(), [](std::uint8_t mask) { return mask == 255; });
+  for (const std::uint32_t count : setInWindows(terrain, width, height)) out.terrain.push_back(count == kWindow * kWindow);
   constexpr double kC1 = (0.01 * 255) * (0.01 * 255), kC2 = (0.03 * 255) * (0.03 * 255);
   for (std::size_t k = 0; k < meanA.size(); ++k) {
     const double ma = meanA[k], mb = meanB[k];
@@ -99,11 +100,8 @@ Similarity similarity(const render::Picture& picture, const render::Picture& ref
   Similarity out;
   out.mean = total / static_cast<double>(map.values.size());
   if (terrainCount) out.terrain = terrainTotal / static_cast<double>(terrainCount);
-  if (!reference.terrain.empty()) {
-    std::size_t terrain = 0;
-    for (const std::uint8_t m : reference.terrain) terrain += m == 255;
-    out.terrainShare = static_cast<double>(terrain) / static_cast<double>(reference.terrain.size());
-  }
+  if (!reference.terrain.empty())
+    out.terrainShare = static_cast<double>(std::ranges::count(reference.terrain, 255)) / static_cast<double>(reference.terrain.size());
   return out;
 }
 

@@ -25,6 +25,8 @@ struct SimilarityMap {
   std::vector<bool> terrain;  // windows that see terrain only; none without a mask
 };
 inline constexpr std::size_t kSimilarityWindow = 11;
+// How many pixels of each window are set, of width x height pixels.
+std::vector<std::uint32_t> setInWindows(const std::vector<bool>& pixels, std::size_t width, std::size_t height);
 SimilarityMap similarityMap(const render::Picture& picture, const render::Picture& reference);
 
 // The mask is `reference.terrain` (the ray march's). Contract: both pictures have one size, at least 11 x 11.

@@ -1,5 +1,6 @@
 #include "client/evaluation/table.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
@@ -56,6 +57,13 @@ std::string asCsv(const Table& table) {
   std::string out = line(table.header);
   for (const auto& row : table.rows) out += line(row);
   return out;
+}
+
+double median(std::vector<double> values) {
+  if (values.empty()) return kNothing;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::ranges::nth_element(values, middle);
+  return *middle;
 }
 
 std::string cell(const char* format, double value) {

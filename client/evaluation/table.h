@@ -20,6 +20,7 @@ std::string asMarkdown(const Table& table);  // likewise
 std::string asCsv(const Table& table);       // RFC 4180, title and note left out
 
 inline constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();  // what was not measured
+double median(std::vector<double> values);                                    // the greater of two in the middle; of none: kNothing
 // printf with one number; nothing that is finite: an empty cell.
 std::string cell(const char* format, double value);
 

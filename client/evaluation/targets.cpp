@@ -16,7 +16,7 @@ constexpr double kLike = 0.97, kLikeWhereSteep = 0.95, kLikeUnfiltered = 0.95, k
 constexpr double kFaster = 8, kLikeWhenFaster = 0.95;  // on a software driver
 constexpr double kPopping = 1.0 / 3;
 
-// The worst of several figures, and where it was.
+// The worst of several results, and where it was.
 struct Worst {
   bool least;  // is the worst
   double value = kNothing;
@@ -28,14 +28,14 @@ struct Worst {
   }
 };
 
-void addRow(Table& table, const std::string& what, const char* format, double asked, const Worst& worst) {
+void addRow(Table& table, const std::string& what, const char* format, double required, const Worst& worst) {
   if (std::isnan(worst.value)) return;
-  const bool met = worst.least ? worst.value >= asked : worst.value <= asked;
-  table.rows.push_back(
-      {what, (worst.least ? "at least " : "at most ") + cell(format, asked), cell(format, worst.value), worst.where, met ? "yes" : "no"});
+  const bool met = worst.least ? worst.value >= required : worst.value <= required;
+  table.rows.push_back({what, (worst.least ? "at least " : "at most ") + cell(format, required), cell(format, worst.value), worst.where,
+                        met ? "yes" : "no"});
 }
 
-// Of the meshes with so many triangles at most the one that has most.
+// The mesh with the most triangles up to kMostTriangles; null: none.
 const Json* finestOf(const Json& view) {
   const Json* out = nullptr;
   for (const Json& mesh : view.at("meshes"))
@@ -53,7 +53,7 @@ std::vector<std::string> terrainsOf(const std::vector<Json>& views, const std::v
   return out;
 }
 
-void addStanding(Table& table, const std::vector<Json>& views, const std::string& terrain, int samples, bool filtered, double asked,
+void addStanding(Table& table, const std::vector<Json>& views, const std::string& terrain, int samples, bool filtered, double required,
                  const std::string& what) {
   for (const auto& [key, words] : {std::pair("ssim", ""), std::pair("terrain", ", terrain alone")}) {
     Worst worst{true, kNothing, {}};
@@ -61,7 +61,7 @@ void addStanding(Table& table, const std::vector<Json>& views, const std::string
       if (view.at("terrain") == terrain)
         if (const Json* mesh = finestOf(view))
           worst.add(ssim(pictureOf(*mesh, samples, filtered), "mesh", key), view.at("view").get<std::string>());
-    addRow(table, std::string(terrain).append(", ").append(what).append(words), "%.3f", asked, worst);
+    addRow(table, std::string(terrain).append(", ").append(what).append(words), "%.3f", required, worst);
   }
 }
 
@@ -76,7 +76,7 @@ void addSpeed(Table& table, const std::vector<Json>& views) {
       byCpu.add(marchCpu / median(numbers(mesh.at("times"), "mesh_cpu_ms")), where);
     }
   }
-  addRow(table, "a picture by the mesh, faster than by ray march, where SSIM is 0.95 and more", "%.1f", kFaster, faster);
+  addRow(table, "a picture of the mesh, faster than ray marching where SSIM is at least 0.95", "%.1f", kFaster, faster);
   addRow(table, "the same, by CPU time", "%.1f", kFaster, byCpu);
 }
 
@@ -85,15 +85,15 @@ void addSpeed(Table& table, const std::vector<Json>& views) {
 Table targetsOf(const std::vector<Json>& views, const std::vector<FlightResults>& flights) {
   Table out{
       "targets",
-      "What is asked for, and what came out",
-      "The worst of what was measured. Standing cameras: the settled mesh of at most 500,000 triangles that has most; flights: refined by "
-      "area. Speed is asked for on Mesa's software driver.",
-      {"what", "asked", "reached", "where", "met"},
+      "Required and measured",
+      "The worst case of each. Cameras at rest: the settled mesh with the most triangles up to 500,000. Flights: refined by area. Speed is "
+      "required on Mesa's software driver.",
+      {"what", "required", "measured", "where", "met"},
       {}};
   for (const std::string& terrain : terrainsOf(views, flights))
-    addStanding(out, views, terrain, 4, true, terrain == "canyon" ? kLikeWhereSteep : kLike, "standing, filtered, 2x2 samples");
+    addStanding(out, views, terrain, 4, true, terrain == "canyon" ? kLikeWhereSteep : kLike, "camera at rest, filtered, 2x2 samples");
   for (const std::string& terrain : terrainsOf(views, flights))
-    addStanding(out, views, terrain, 16, false, kLikeUnfiltered, "standing, unfiltered, 4x4 samples");
+    addStanding(out, views, terrain, 16, false, kLikeUnfiltered, "camera at rest, unfiltered, 4x4 samples");
   Worst popping{false, kNothing, {}}, differing = popping;
   for (const auto& [run, summary, iterations, others] : flights) {
     if (run.metric == "area")
@@ -106,9 +106,9 @@ Table targetsOf(const std::vector<Json>& views, const std::vector<FlightResults>
     differing.add(static_cast<double>(summary.hashMismatches), run.name);
   }
   addSpeed(out, views);
-  addRow(out, "largest change from frame to frame while a mesh refines, morphed, against at once", "%.3f", kPopping, popping);
+  addRow(out, "largest change between frames while a mesh refines, with morphing as a share of without", "%.3f", kPopping, popping);
   if (differing.value == 0) differing.where = "all flights";
-  addRow(out, "iterations after which a client did not hold the server's mesh", "%.0f", 0, differing);
+  addRow(out, "iterations after which a client's mesh differed from the server's", "%.0f", 0, differing);
   return out;
 }
 

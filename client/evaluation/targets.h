@@ -1,5 +1,5 @@
 #pragma once
-// What Ridgecast promises of its pictures, against what came out: the first table of the report.
+// Required and measured quality of the pictures: the first table of the report.
 
 #include <nlohmann/json_fwd.hpp>
 #include <vector>
@@ -9,8 +9,7 @@
 
 namespace ridgecast::evaluation {
 
-// `views`: each view.json. A row for each promise that was measured, by the worst
-// of what was; no rows when none was.
+// `views`: each view.json. A row for each requirement that was measured, with the worst case; no rows if none was.
 Table targetsOf(const std::vector<nlohmann::json>& views, const std::vector<FlightResults>& flights);
 
 }  // namespace ridgecast::evaluation

@@ -1,5 +1,5 @@
 #pragma once
-// What the standing cameras gave (views.h), as tables.
+// Results of the cameras at rest (views.h) as tables.
 
 #include <filesystem>
 #include <nlohmann/json_fwd.hpp>
@@ -11,9 +11,9 @@
 
 namespace ridgecast::evaluation {
 
-// What view.json in each of the folders says. Error: one that cannot be read.
+// The view.json of each folder. Error: one cannot be read.
 Outcome<std::vector<nlohmann::json>> readViews(std::span<const std::filesystem::path> folders);
-// Throws nlohmann::json::exception where another version wrote them.
+// Throws nlohmann::json::exception if another version wrote them.
 std::vector<Table> viewTables(const std::vector<nlohmann::json>& views);
 
 }  // namespace ridgecast::evaluation

@@ -1,5 +1,5 @@
 #pragma once
-// Standing cameras over settled meshes, measured against the converged ray march: the same for every terrain.
+// Cameras at rest over settled meshes, measured against the converged ray march: the same for every terrain.
 
 #include <cstdint>
 #include <filesystem>
@@ -28,23 +28,23 @@ std::string pathOf(const ViewCase& view);  // as a path file of one keyframe
 struct MeshCase {
   std::string metric;  // pixels, area, thesis
   double threshold = 0;
-  std::uint32_t mostSamples = 8;  // a side of each pixel: more of them than this are not drawn of it
+  std::uint32_t mostSamples = 8;  // most samples a side of each pixel that it is drawn with
   friend bool operator==(const MeshCase&, const MeshCase&) = default;
 };
 
-// What there is once a standing camera's mesh is refined (fly.h).
+// A camera at rest, once its mesh is refined (fly.h).
 struct AtRest {
   render::Renderer& renderer;
   const scene::Scene& scene;
   const render::View& view;
   const terrain::Terrain* terrain;  // null: the client does not know it
-  bool settled;                     // else the settle limit ran out
+  bool settled;                     // false: the settle limit ran out
 };
 
 struct ViewSettings {
   std::vector<std::uint32_t> samples = {1, 2};  // a side of each pixel; ascending, the first is 1
   int repeats = 3;                              // of what is timed, of each mesh
-  int marches = 3;                              // of them with a ray march in turn, 1 .. repeats: it is the same one for every mesh
+  int marches = 3;                              // of them, how many also time the ray march, 1..repeats: it is the same for every mesh
 };
 
 // One view, with several meshes in turn, each with a context and a connection of its own. The ray march is drawn once for all of them.

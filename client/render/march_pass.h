@@ -1,8 +1,9 @@
 #pragma once
-// Ray-marches the terrain function into a surface: the picture that the mesh is measured against. First the *skyline* is drawn, the highest ground by
-// direction and distance, sampled twice as densely as the picture; rays skip what they pass well above (common/shaders/march.glsl). Elsewhere no step is longer than a tenth of the height
-// above ground or half a sample, or shorter than a fifth of one, and a crossing is bisected 14 times: whatever is half a sample wide is met, a fence before an
-// abyss too. A test compares it with a march on the processor that is sixteen times finer and skips nothing. Needs the context it was made in.
+// Ray-marches the terrain function into a surface: the picture that the mesh is measured against. First it draws the *skyline*, the highest
+// ground by direction and distance, sampled twice as densely as the picture; rays skip what they pass well above
+// (common/shaders/march.glsl). Elsewhere no step is longer than a tenth of the height above ground or half a sample, or shorter than a
+// fifth of one, and a crossing is bisected 14 times: rays meet whatever is half a sample wide, also a fence before an abyss. A test
+// compares it with a march on the processor that is sixteen times finer and skips nothing. Needs the context it was made in.
 
 #include <chrono>
 #include <cstdint>

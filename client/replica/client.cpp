@@ -50,6 +50,15 @@ Outcome<Update> Client::await(std::uint64_t sequence, std::chrono::milliseconds 
   }
 }
 
+Outcome<bool> Client::exchangeTiles(scene::HeightWindow& window) {
+  if (std::exchange(tilesFrom_, connection_->reconnections()) != connection_->reconnections()) window.forgetRequests();
+  const auto tiles = (*connection_)->takeTiles();
+  for (const wire::HeightTile& tile : tiles)
+    if (auto put = window.put(tile); !put) return put.error();
+  if (auto missing = window.take(); !missing.empty()) (*connection_)->want({std::move(missing)});
+  return !tiles.empty();
+}
+
 std::optional<Update> Client::poll(std::chrono::milliseconds soon, const std::function<void()>& ready) {
   if (!decoding_) {
     auto received = connection_->receive(0ms);

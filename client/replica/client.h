@@ -16,6 +16,7 @@
 
 #include "client/connection/reconnecting.h"
 #include "client/replica/follower.h"
+#include "client/scene/height_window.h"
 #include "client/scene/scene.h"
 #include "common/camera/camera.h"
 #include "common/outcome/outcome.h"
@@ -48,12 +49,16 @@ class Client {
   // The next iteration; nothing when none came within `timeout`. Why, connection().error() knows.
   std::optional<Update> receive(std::chrono::milliseconds timeout);
 
-  // Receives until an iteration of this pose or a later one has come, which is returned. Errors: the connection is lost, or the server does
+  // Receives until an iteration of this pose or a later one has come, and returns it. Errors: the connection is lost, or the server does
   // not answer within `timeout`.
   Outcome<Update> await(std::uint64_t sequence, std::chrono::milliseconds timeout);
 
-  // As receive(), but does not wait for an iteration to come, and no longer than `soon` until it is decoded: that goes on on a thread of its
-  // own, which calls `ready`, and a later call returns it. scene() may be read meanwhile.
+  // Takes a height map's tiles that have come and requests missing ones; never blocks. One window a client. Returns whether any came.
+  // Error: the server sent no tile, or one that was not requested.
+  Outcome<bool> exchangeTiles(scene::HeightWindow& window);
+
+  // As receive(), but does not wait for an iteration to come, and at most `soon` until it is decoded. Decoding continues on its own thread,
+  // which calls `ready`; a later call returns the iteration. scene() may be read meanwhile.
   std::optional<Update> poll(std::chrono::milliseconds soon, const std::function<void()>& ready);
 
  private:
@@ -69,6 +74,7 @@ class Client {
   Follower follower_;
   std::unique_ptr<connection::ReconnectingConnection> connection_;  // never null
   std::uint64_t sequence_ = 0, resumed_ = 0;
+  std::uint64_t tilesFrom_ = 0;  // the reconnection that tiles are requested of
   std::unique_ptr<Decoding> decoding_;
 };
 

@@ -42,10 +42,10 @@ std::vector<TileAddress> HeightWindow::take() {
     for (std::int64_t j = -ring; j <= ring; ++j)
       for (std::int64_t i = -ring; i <= ring; ++i) {
         const TileAddress a{centre_.i + i, centre_.j + j};
-        if (std::max(std::abs(i), std::abs(j)) != ring || !terrain::tileIsValid(shape_, a) || tiles_.contains(a) || asked_.contains(a))
+        if (std::max(std::abs(i), std::abs(j)) != ring || !terrain::tileIsValid(shape_, a) || tiles_.contains(a) || pending_.contains(a))
           continue;
-        if (asked_.size() >= kMost) return out;
-        asked_.insert(a);
+        if (pending_.size() >= kMost) return out;
+        pending_.insert(a);
         out.push_back(a);
       }
   return out;
@@ -59,7 +59,7 @@ bool HeightWindow::complete() const {
 }
 
 Outcome<void> HeightWindow::put(const wire::HeightTile& tile) {
-  if (asked_.erase(tile.address) == 0) return Error{"a tile of heights came that was not asked for"};
+  if (pending_.erase(tile.address) == 0) return Error{"a tile of heights came that was not requested"};
   auto decoded = terrain::decodeTile(tile.samples);
   if (!decoded) return decoded.error();
   tiles_[tile.address] = std::make_unique<terrain::Tile>(*decoded);

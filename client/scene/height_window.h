@@ -1,8 +1,8 @@
 #pragma once
-// The part of a height map that a client holds: square tiles around the camera, asked for nearest first and kept a while after the camera
+// The part of a height map that a client holds: square tiles around the camera, requested nearest first and kept a while after the camera
 // has moved on. Not thread-safe; one owner. No OpenGL, no sockets.
 //
-// Bounds: kMaxTilesHeld tiles (32 MiB), whatever a server sends; at most kMost asked for at a time.
+// Bounds: kMaxTilesHeld tiles (32 MiB), whatever a server sends; at most kMost pending requests.
 
 #include <cstdint>
 #include <map>
@@ -24,15 +24,15 @@ class HeightWindow final : public terrain::Terrain, public terrain::Raster {
   static constexpr std::size_t kMaxTilesHeld = 512;
   static constexpr std::size_t kMost = 64;
 
-  // `reach`: metres around the camera that are wanted; less when the window is full before.
+  // `reach`: metres to hold around the camera; less if the window is full before.
   HeightWindow(std::string name, std::string source, std::uint32_t seed, const terrain::RasterShape& shape, double reach);
 
   void moveTo(lattice::Point centre);
-  // Tiles to ask for now, nearest first; they count as asked until they come or forgetAsked().
+  // Tiles to request now, nearest first; their requests are pending until they come or forgetRequests().
   std::vector<terrain::TileAddress> take();
-  void forgetAsked() { asked_.clear(); }  // the connection that they were asked of is gone
-  bool complete() const;                  // everything around the centre is held
-  // Error: not a tile, or one that was not asked for.
+  void forgetRequests() { pending_.clear(); }  // the connection is gone
+  bool complete() const;                       // everything around the centre is held
+  // Error: not a tile, or one that was not requested.
   Outcome<void> put(const wire::HeightTile& tile);
 
   terrain::TileAddress centre() const { return centre_; }
@@ -61,7 +61,7 @@ class HeightWindow final : public terrain::Terrain, public terrain::Raster {
   lattice::Point at_;
   terrain::TileAddress centre_;
   std::map<terrain::TileAddress, std::unique_ptr<terrain::Tile>> tiles_;
-  std::set<terrain::TileAddress> asked_;
+  std::set<terrain::TileAddress> pending_;
   std::uint64_t version_ = 0;
 };
 

@@ -37,16 +37,17 @@ using Leaves = std::map<lattice::LeafAddress, HeldLeaf>;
 
 class Scene {
  public:
-  // Decodes and applies an iteration. Either everything in it is applied, or (error: undecodable payload, a leaf gone that is not
-  // held, a leaf named twice, limits, a number that does not follow the last one's, shades that are not those of its vertices) nothing is. The first iteration after the
-  // beginning, clear() or reconnect() may have any number. The hash is not judged here: compare hash() with iteration.meshHash.
+  // Decodes and applies an iteration: everything in it, or on an error nothing. Errors: undecodable payload, a leaf gone that is not held,
+  // a leaf named twice, limits, a number that does not follow the last one's, shades that are not those of its vertices. The first
+  // iteration after the beginning, clear() or reconnect() may have any number. The hash is not judged here: compare hash() with
+  // iteration.meshHash.
   //
-  // One thing is forgiven: a delta that does not make the leaf that was meant, because that leaf was damaged here. It stays as it is and
-  // is named by takeDamaged(), to be asked for again.
+  // One thing is forgiven: a delta that does not make the intended leaf, because that leaf was damaged here. It stays as it is, and
+  // takeDamaged() names it, to be requested again.
   Outcome<void> apply(const wire::Iteration& iteration);
 
-  // The same in two: prepare() decodes (on up to four threads, where there is much) and takes the time, and may run on another thread while this scene is only read; take() puts it in place, in
-  // microseconds. What was prepared is for the scene as it was: nothing else may have changed it in between.
+  // The same in two steps. prepare() decodes, if there is much on up to four threads, and may run on another thread while this scene is
+  // only read. take() puts the result in place, in microseconds; nothing else may have changed the scene in between.
   struct Prepared {
     std::uint64_t number = 0, hash = 0, triangles = 0;  // of the iteration; after it
     std::set<lattice::LeafAddress> gone, damaged;
@@ -74,8 +75,8 @@ class Scene {
   std::uint64_t triangles() const { return triangles_; }
   std::uint64_t iteration() const { return iteration_; }  // number of the last one applied, 0 before any
 
-  // The held triangle over or below a point; nothing where none is. Looks at the triangles of the few leaves whose bounds hold the point: tens
-  // of microseconds. Good until the leaf is replaced.
+  // The held triangle over or below a point; empty if there is none. Searches the triangles of the few leaves whose bounds hold the point:
+  // tens of microseconds. Valid until the leaf is replaced.
   struct Place {
     const HeldLeaf* leaf;
     std::array<mesh::LocalVertex, 3> corners;  // in the leaf's frame, counter-clockwise

@@ -65,7 +65,8 @@ using GamepadAxes = std::array<float, 6>;
 // A stick's effect at `value`: none near its rest, then growing with the square, so that small turns are small.
 double stick(float value);
 
-// Adds a gamepad to the input of keys and mouse: left stick flies, right stick looks, triggers go down and up, shoulders set the speed; the sum stays within -1 and 1.
+// Adds a gamepad to the input of keys and mouse: left stick flies, right stick looks, triggers go down and up, shoulders set the speed. The
+// sum stays within -1 and 1.
 void addGamepad(Input& input, const GamepadAxes& axes, bool sprint, bool slower, bool faster, double seconds);
 
 }  // namespace ridgecast::viewer

@@ -15,8 +15,8 @@ constexpr std::int64_t kMostMetres = lattice::kMaxPosition / kPerMetre;
 }  // namespace
 
 Outcome<lattice::Step> parseMetres(std::string_view text) {
-  const Error wrong{"'" + std::string(text.substr(0, 40)) + "' is no place: a number of metres from -" + std::to_string(kMostMetres) +
-                    " to " + std::to_string(kMostMetres) + " is wanted"};
+  const Error wrong{"'" + std::string(text.substr(0, 40)) + "' is no place: give a number of metres from -" + std::to_string(kMostMetres) +
+                    " to " + std::to_string(kMostMetres)};
   std::string digits;
   for (const char c : text)
     if (c != '_' && c != '\'' && c != ' ') digits += c;

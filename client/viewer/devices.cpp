@@ -4,7 +4,6 @@
 #include <GLFW/glfw3.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 namespace ridgecast::viewer {
@@ -137,8 +136,7 @@ Input Devices::read(double seconds) {
     shift = held(GLFW_KEY_LEFT_SHIFT) || held(GLFW_KEY_RIGHT_SHIFT);
   }
   readPad(seconds);
-  const double now = std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-  const bool sprints = sprint_.update(shift, input_.moves(), now);
+  const bool sprints = sprint_.update(shift, input_.moves(), nowInSeconds());
   if (std::exchange(state_.motion.sprinting, sprints) != sprints || input_.wheel != 0) state_.changed = true;
   input_.sprint |= sprints;
   tapped_.clear();

@@ -3,8 +3,6 @@
 #include <cmath>
 #include <cstdio>
 
-#include "client/scene/exchange_tiles.h"
-
 namespace ridgecast::viewer {
 
 Ground::Ground(const render::Drawing& drawing, replica::Client& client)
@@ -18,13 +16,8 @@ std::optional<double> Ground::height(lattice::Point p) const {
 
 bool Ground::follow(lattice::Point camera) {
   if (!tiles_) return false;
-  if (reconnections_ != client_.connection().reconnections()) {
-    reconnections_ = client_.connection().reconnections();
-    tiles_->forgetAsked();
-  }
   tiles_->moveTo(camera);
-  if (auto exchanged = scene::exchangeTiles(*client_.connection(), *tiles_); !exchanged)
-    std::fprintf(stderr, "warning: %s\n", exchanged.error().message.c_str());
+  if (auto exchanged = client_.exchangeTiles(*tiles_); !exchanged) std::fprintf(stderr, "warning: %s\n", exchanged.error().message.c_str());
   const std::uint64_t before = texture_->version();
   texture_->update(*tiles_, 16);
   return texture_->version() != before;

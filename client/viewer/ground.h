@@ -26,7 +26,6 @@ class Ground {
   std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here
   std::shared_ptr<scene::HeightWindow> tiles_;       // of a height map, the same terrain; otherwise null
   std::optional<render::HeightTexture> texture_;
-  std::uint64_t reconnections_ = 0;
   std::optional<lattice::Point> boundsAt_;
   render::HeightBounds bounds_;
 };

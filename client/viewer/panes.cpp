@@ -5,14 +5,14 @@
 #include <algorithm>
 #include <utility>
 
+#include "client/viewer/viewer_state.h"
+
 namespace ridgecast::viewer {
 namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr std::uint32_t kCoarsest = 16;
 constexpr std::chrono::milliseconds kRest{400};  // after this time without a change the mesh is drawn in full
-
-double millisecondsSince(Clock::time_point began) { return std::chrono::duration<double, std::milli>(Clock::now() - began).count(); }
 
 // The view with one sample for a square of n x n pixels, at least one.
 render::View coarser(const render::View& view, std::uint32_t n) {
@@ -66,7 +66,7 @@ Outcome<void> MeshPane::fitBefore() {
 }
 
 Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving) {
-  const double now = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const double now = nowInSeconds();
   const bool wasActive = morph_.active();
   morph_.advance(scene.leaves(), sceneVersion, now, smooth_);
   const bool sceneChanged = sceneVersion != sceneVersion_;
@@ -104,7 +104,7 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
   passes_.shade.shade(samples, corrected_ ? *first_ : layer_->surface, layer_->canvas);
   passes_.structure.draw(samples, passes_.mesh, layer_->surface, layer_->canvas, structure_);
   glFinish();
-  milliseconds_ = millisecondsSince(began);
+  milliseconds_ = 1e3 * secondsSince(began);
   perSample_ = milliseconds_ / samplesOf(samples);
   return true;
 }
@@ -126,7 +126,7 @@ bool MarchPane::advance(std::chrono::milliseconds budget) {
     passes_.shade.shade(view_, next_->surface, next_->canvas);
     glFinish();
   }
-  spent_ += millisecondsSince(began);
+  spent_ += 1e3 * secondsSince(began);
   if (!complete) return false;
   milliseconds_ = spent_;
   perSample_ = spent_ / samplesOf(view_);

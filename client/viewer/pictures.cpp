@@ -13,8 +13,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 constexpr std::chrono::milliseconds kAgeInterval{500};  // between redraws while leaves only age
 
-double nowInSeconds() { return std::chrono::duration<double>(Clock::now().time_since_epoch()).count(); }
-
 }  // namespace
 
 // What to draw over the mesh. The difference view compares pictures, not lines.

@@ -45,8 +45,6 @@ std::optional<Outcome<Link>> Arrival::take() {
   return link_.get();
 }
 
-double Arrival::seconds() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
-
 std::string Arrival::describe() const {
   return "waiting for " + where_ + (prepares_ ? " to prepare the terrain, " : " to answer, ") +
          std::to_string(static_cast<int>(seconds())) + " s";
@@ -85,7 +83,7 @@ void Stream::watchConnection() {
   const auto why = otherWorld_ ? std::nullopt : connection.error();
   if (otherWorld_) {
     state_.message =
-        "The server has another world now: enter it by F2, or start the viewer anew.\nThe picture shows what had arrived. Esc quits.";
+        "The server has another world now: enter it by F2, or start the viewer again.\nThe picture shows what had arrived. Esc quits.";
     std::fprintf(stderr, "ridgecast-client: the server has another world now\n");
     state_.changed = true;
   } else if (why && !lost_) {
@@ -106,8 +104,8 @@ void Stream::watchConnection() {
 
 void Stream::accept(const replica::Update& update) {
   const wire::Iteration& iteration = update.iteration;
-  if (update.wrong) std::fprintf(stderr, "warning: %s; asking for leaves again\n", update.wrong->message.c_str());
-  ages_.update(client().scene().leaves(), std::chrono::duration<double>(Clock::now().time_since_epoch()).count());
+  if (update.wrong) std::fprintf(stderr, "warning: %s; requesting leaves again\n", update.wrong->message.c_str());
+  ages_.update(client().scene().leaves(), nowInSeconds());
   ++sceneVersion_;
   Statistics& s = state_.statistics;
   const wire::Figures& f = iteration.figures;
@@ -206,14 +204,14 @@ void Stream::showSettings() {
 
 void Stream::requestSettings() {
   const Panel& c = state_.panel;
-  wire::Settings& asked = link_.settings;
+  wire::Settings& requested = link_.settings;
   const auto metric = static_cast<wire::Metric>(c.metric);
   // Thresholds of two metrics have nothing to do with each other.
-  asked.threshold = metric == client().connection()->granted().metric ? static_cast<double>(c.threshold) : 0;
-  asked.metric = metric;
-  asked.triangleBudget = static_cast<std::uint32_t>(c.triangles) * 1000;
-  asked.bytesPerSecond = static_cast<std::uint64_t>(c.kilobytes) * 1000;
-  client().connection().change(asked);
+  requested.threshold = metric == client().connection()->granted().metric ? static_cast<double>(c.threshold) : 0;
+  requested.metric = metric;
+  requested.triangleBudget = static_cast<std::uint32_t>(c.triangles) * 1000;
+  requested.bytesPerSecond = static_cast<std::uint64_t>(c.kilobytes) * 1000;
+  client().connection().change(requested);
 }
 
 void Stream::enterWorld() {
@@ -227,9 +225,9 @@ void Stream::enterWorld() {
   state_.changed = true;
   if (!plain || terrain.size() > 40)
     return void(state_.panel.problem =
-                    "'" + terrain.substr(0, 60) + "' is no terrain's name: letters, digits, . _ - are, at most 40, such as canyon");
+                    "'" + terrain.substr(0, 60) + "' is no terrain's name: at most 40 letters, digits, . _ -, such as canyon");
   if (parsed.ec != std::errc() || parsed.ptr != seed.data() + seed.size())
-    return void(state_.panel.problem = "'" + seed + "' is no seed: a whole number from 0 to 4294967295 is wanted");
+    return void(state_.panel.problem = "'" + seed + "' is no seed: give a whole number from 0 to 4294967295");
   connection::Url url = link_.url;
   url.session = terrain + "-" + std::to_string(number);
   url.world = "terrain=" + terrain + "&seed=" + std::to_string(number);

@@ -27,7 +27,7 @@ struct Link {
   static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting = {});
 };
 
-// A connection being opened, and waited for, since the server may first have to compile the terrain, while the window stays responsive. Main thread only.
+// A connection being opened while the window stays responsive: the server may first have to compile the terrain. Main thread only.
 class Arrival {
  public:
   Arrival(const connection::Url& url, const wire::Settings& settings);
@@ -36,8 +36,8 @@ class Arrival {
 
   // The connection, or why there is none; returned once.
   std::optional<Outcome<Link>> take();
-  double seconds() const;                      // since it began
-  bool prepares() const { return prepares_; }  // the server has reported that it is making the world
+  double seconds() const { return secondsSince(began_); }  // since it began
+  bool prepares() const { return prepares_; }              // the server has reported that it is making the world
   // "waiting for 127.0.0.1:7070 to prepare the terrain, 12 s"
   std::string describe() const;
 

@@ -14,7 +14,6 @@
 
 #include "client/exit/exit.h"
 #include "client/render/context.h"
-#include "client/scene/exchange_tiles.h"
 #include "client/viewer/window.h"
 #include "client/viewer/world_window.h"
 
@@ -28,7 +27,7 @@ constexpr double kMoment = 0.7;  // seconds: shorter waits are not reported
 Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Point at) {
   window.moveTo(at);
   for (const auto began = Clock::now(); !window.complete() && Clock::now() - began < std::chrono::seconds(5);) {
-    if (auto exchanged = scene::exchangeTiles(*link.client->connection(), window); !exchanged) return exchanged.error();
+    if (auto exchanged = link.client->exchangeTiles(window); !exchanged) return exchanged.error();
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   }
   return {};
@@ -84,7 +83,7 @@ int view(const ViewOptions& given) {
   ViewerState state;
   state.smooth = !options.reducedMotion;
   state.panel.invertY = options.invertY;
-  state.panel.vsync = (*window)->vsync();
+  state.panel.vsync = options.vsync;
   state.panel.textScale = options.textScale;
   for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();

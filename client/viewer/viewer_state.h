@@ -15,6 +15,12 @@
 
 namespace ridgecast::viewer {
 
+// By the steady clock.
+inline double nowInSeconds() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+inline double secondsSince(std::chrono::steady_clock::time_point began) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+}
+
 enum class Mode { kSplit, kMesh, kMarch, kDifference };
 enum class Borders { kNone, kLevel, kAge };
 enum class Focus { kNone, kJump, kWorld };  // of the panel, when it opens: the field to type in

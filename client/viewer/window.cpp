@@ -44,10 +44,7 @@ Window::~Window() {
 
 void Window::show() { glfwShowWindow(handle_); }
 
-void Window::setVsync(bool vsync) {
-  vsync_ = vsync;
-  glfwSwapInterval(vsync ? 1 : 0);
-}
+void Window::setVsync(bool vsync) { glfwSwapInterval(vsync ? 1 : 0); }
 
 void Window::toggleFullScreen() {
   if (glfwGetWindowMonitor(handle_)) {

@@ -21,16 +21,14 @@ class Window {
 
   GLFWwindow* handle() const { return handle_; }
   void show();
-  // Whether frames wait for the screen's refresh.
-  bool vsync() const { return vsync_; }
-  void setVsync(bool vsync);
+  void setVsync(bool vsync);  // whether frames wait for the screen's refresh
   // Full screen, or a window again.
   void toggleFullScreen();
 
  private:
   Window() = default;
   GLFWwindow* handle_ = nullptr;
-  bool started_ = false, vsync_ = true;
+  bool started_ = false;
   int x_ = 0, y_ = 0, width_ = 0, height_ = 0;  // of the window, while it is full screen
 };
 

@@ -19,10 +19,6 @@ constexpr double kHintSeconds = 2;
 constexpr double kMarkerReach = 25;    // metres: the length of the other members' pyramids
 constexpr double kFrozenReach = 2000;  // metres: of a frozen camera's
 
-double secondsSince(std::chrono::steady_clock::time_point began) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
-}
-
 // Unused names: ridgecast-1.json, ridgecast-2.json, ...
 std::filesystem::path freeName(const std::string& ending) {
   for (int k = 1;; ++k) {
@@ -136,8 +132,8 @@ void WorldWindow::toggleCorrected() {
 }
 
 void WorldWindow::toggleVsync() {
-  window_.setVsync(state_.panel.vsync = !window_.vsync());
-  state_.tell(window_.vsync() ? "frames wait for the screen" : "frames do not wait for the screen");
+  window_.setVsync(state_.panel.vsync = !state_.panel.vsync);
+  state_.tell(state_.panel.vsync ? "frames wait for the screen" : "frames do not wait for the screen");
 }
 
 // First ends what is waiting or open, then frees the mouse, then closes the window.
@@ -204,11 +200,10 @@ void WorldWindow::jump() {
   const auto x = parseMetres(panel.x.data()), z = parseMetres(panel.z.data());
   char* end = nullptr;
   const double altitude = std::strtod(panel.altitude.data(), &end);
-  panel.problem = !x   ? x.error().message
-                  : !z ? z.error().message
-                  : end == panel.altitude.data() || *end || !(altitude >= 1 && altitude <= 30000)
-                      ? "above ground: 1 to 30000 metres are wanted"
-                      : "";
+  panel.problem = !x                                                                              ? x.error().message
+                  : !z                                                                            ? z.error().message
+                  : end == panel.altitude.data() || *end || !(altitude >= 1 && altitude <= 30000) ? "above ground: give 1 to 30000 metres"
+                                                                                                  : "";
   state_.changed = true;
   if (!panel.problem.empty()) return;
   camera::Pose pose = controls_.pose();
@@ -256,7 +251,7 @@ void WorldWindow::followPath(const Input& input) {
 
 Outcome<void> WorldWindow::draw(bool last) {
   const camera::Camera seen = camera();
-  if (recorder_) recorder_->add(std::chrono::duration<double>(Clock::now().time_since_epoch()).count(), seen.pose);
+  if (recorder_) recorder_->add(nowInSeconds(), seen.pose);
   const bool newHeights = ground_.follow({seen.pose.x, seen.pose.z});
   if (!state_.hint.empty() && secondsSince(state_.hintedAt) > kHintSeconds) {
     state_.hint.clear();

@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "client/evaluation/gltf_export.h"
+#include "client/evaluation/recorder.h"
 #include "server/pipeline/pipeline.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/usage.h"
@@ -135,7 +135,7 @@ Report soak(const Options& options) {
           held[address].mesh = std::make_shared<const mesh::LeafMesh>(std::move(leaf));
         }
         const auto file = std::filesystem::path(folder) / ("soak-" + std::to_string(n + 1) + ".glb");
-        const auto written = evaluation::writeGlb(held, testing_support::hour(*terrain, t).pose, {"alpine", 1}, file);
+        const auto written = evaluation::writeGlb(held, testing_support::hour(*terrain, t).pose, "alpine", 1, file);
         if (!written) throw std::runtime_error(written.error().message);
         ++exports;
       }

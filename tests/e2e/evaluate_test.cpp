@@ -161,7 +161,7 @@ TEST_F(Evaluate, EveryTableIsThereWithItsFigures) {
   }
   const std::string document = readText(out() / "report.md");
   for (const char* title :
-       {"What is asked for", "Likeness of the settled mesh", "What is missing", "faster by", "The mesh corrected along each ray",
+       {"Required and measured", "Likeness of the settled mesh", "Sources of error", "faster by", "The mesh corrected along each ray",
         "Along the flights", "Time of each stage", "The stream", "because of uploads", "Popping"})
     EXPECT_THAT(document, HasSubstr(title));
 }

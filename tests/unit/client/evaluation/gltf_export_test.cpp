@@ -1,5 +1,5 @@
 // Reads exported files back with nothing but a JSON parser and the container's layout.
-#include "client/evaluation/gltf_export.h"
+#include "client/evaluation/recorder.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -17,7 +17,7 @@ namespace ridgecast::evaluation {
 namespace {
 
 using Json = nlohmann::json;
-using Leaves = std::map<lattice::LeafAddress, scene::HeldLeaf>;
+using scene::Leaves;
 
 struct Glb {
   Json json;
@@ -150,7 +150,7 @@ TEST_F(Export, HoldsEveryLeafExactlyHereAndFarAway) {
       hold(leaves, {address, {}, {}});
     }
     hold(leaves, randomLeaf(lattice::leafAt(at, 5), 70000, 9));  // more vertices than 16 bits count
-    ASSERT_TRUE(writeGlb(leaves, pose, {"alpine", 4294967295u}, file_));
+    ASSERT_TRUE(writeGlb(leaves, pose, "alpine", 4294967295u, file_));
     const Glb glb = read(file_);
     constexpr lattice::Step kCell = 1 << 20;
     const lattice::Step cellX = (pose.x - (((pose.x % kCell) + kCell) % kCell)), cellZ = (pose.z - (((pose.z % kCell) + kCell) % kCell));
@@ -166,20 +166,20 @@ TEST_F(Export, HoldsEveryLeafExactlyHereAndFarAway) {
 TEST_F(Export, AMeshWithoutTrianglesIsStillAFile) {
   Leaves leaves;
   hold(leaves, {{2, 5, -7}, {}, {}});
-  ASSERT_TRUE(writeGlb(leaves, {}, {"alpine", 1}, file_));
+  ASSERT_TRUE(writeGlb(leaves, {}, "alpine", 1, file_));
   checkFile(read(file_), leaves, 0, 0);
 }
 
 TEST_F(Export, WhatAFloatCannotHoldIsRefused) {
   Leaves leaves;
   hold(leaves, {{10, 0, 0}, {{0, 0, (1 << 24) + 1}, {0, 100, 0}, {100, 0, 0}}, {{0, 1, 2}}});
-  const auto written = writeGlb(leaves, {}, {"alpine", 1}, file_);
+  const auto written = writeGlb(leaves, {}, "alpine", 1, file_);
   ASSERT_FALSE(written);
   EXPECT_NE(written.error().message.find("65,536 m"), std::string::npos);
 }
 
 TEST_F(Export, UnwritableFilesAreNamed) {
-  const auto written = writeGlb({}, {}, {"alpine", 1}, "/no/such/folder/a.glb");
+  const auto written = writeGlb({}, {}, "alpine", 1, "/no/such/folder/a.glb");
   ASSERT_FALSE(written);
   EXPECT_NE(written.error().message.find("/no/such/folder/a.glb"), std::string::npos);
 }

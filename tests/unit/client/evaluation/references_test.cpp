@@ -1,4 +1,4 @@
-#include "client/evaluation/references.h"
+#include "client/evaluation/recorder.h"
 
 #include <gtest/gtest.h>
 

@@ -33,16 +33,16 @@ TEST(Targets, TheWorstViewOfTheFinestMeshThatIsAllowed) {
   const std::vector<Json> views = {view("low", {mesh(100'000, 0.5, 100, {1000}), mesh(499'000, 0.99, 100, {1000})}),
                                    view("grazing", {mesh(400'000, 0.96, 100, {1000}), mesh(600'000, 0.1, 100, {1000})})};
   const Table table = targetsOf(views, {});
-  EXPECT_EQ(rowOf(table, "canyon, standing, filtered, 2x2 samples"),
-            (Row{"canyon, standing, filtered, 2x2 samples", "at least 0.950", "0.960", "grazing", "yes"}));
-  EXPECT_EQ(rowOf(table, "canyon, standing, filtered, 2x2 samples, terrain alone").at(4), "no");
-  EXPECT_EQ(rowOf(table, "canyon, standing, unfiltered, 4x4 samples").at(2), "0.960");
+  EXPECT_EQ(rowOf(table, "canyon, camera at rest, filtered, 2x2 samples"),
+            (Row{"canyon, camera at rest, filtered, 2x2 samples", "at least 0.950", "0.960", "grazing", "yes"}));
+  EXPECT_EQ(rowOf(table, "canyon, camera at rest, filtered, 2x2 samples, terrain alone").at(4), "no");
+  EXPECT_EQ(rowOf(table, "canyon, camera at rest, unfiltered, 4x4 samples").at(2), "0.960");
   for (const auto& row : table.rows) EXPECT_EQ(row.size(), table.header.size());
 }
 
 TEST(Targets, SpeedCountsWhereThePictureIsGoodByTheMedianMarch) {
   const std::vector<Json> views = {view("low", {mesh(1, 0.9, 1000, {900, 5000}), mesh(2, 0.97, 100, {1000})})};
-  const auto row = rowOf(targetsOf(views, {}), "a picture by the mesh, faster than by ray march, where SSIM is 0.95 and more");
+  const auto row = rowOf(targetsOf(views, {}), "a picture of the mesh, faster than ray marching where SSIM is at least 0.95");
   ASSERT_EQ(row.size(), 5u);
   EXPECT_EQ(row[2], "10.0");
   EXPECT_EQ(row[4], "yes");
@@ -60,10 +60,10 @@ TEST(Targets, FlightsPoppingAndHashes) {
   EXPECT_EQ(rowOf(table, "canyon, along the flight at 50 m/s").at(4), "yes");
   EXPECT_EQ(rowOf(table, "canyon, along the flight at 50 m/s, terrain alone").at(4), "no");
   EXPECT_EQ(rowOf(table, "canyon, along the flight at 50 m/s").at(3), "mean of 16 pictures");
-  EXPECT_EQ(
-      rowOf(table, "largest change from frame to frame while a mesh refines, morphed, against at once"),
-      (Row{"largest change from frame to frame while a mesh refines, morphed, against at once", "at most 0.333", "0.500", "canyon", "no"}));
-  EXPECT_EQ(rowOf(table, "iterations after which a client did not hold the server's mesh").at(3), "canyon-standing-r1");
+  EXPECT_EQ(rowOf(table, "largest change between frames while a mesh refines, with morphing as a share of without"),
+            (Row{"largest change between frames while a mesh refines, with morphing as a share of without", "at most 0.333", "0.500",
+                 "canyon", "no"}));
+  EXPECT_EQ(rowOf(table, "iterations after which a client's mesh differed from the server's").at(3), "canyon-standing-r1");
   EXPECT_EQ(table.rows.size(), 4u);  // what was not measured has no row
 }
 
