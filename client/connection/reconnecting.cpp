@@ -9,8 +9,7 @@ namespace ridgecast::connection {
 using namespace std::chrono_literals;
 
 namespace {
-constexpr std::chrono::milliseconds kFirstPause = 50ms, kLongestPause = 2s;  // each is taken times 0.5 to 1
-constexpr auto kTimeout = 5s;                                                // of one attempt
+constexpr auto kTimeout = 5s;  // of one attempt
 }  // namespace
 
 ReconnectingConnection::ReconnectingConnection(Url url, wire::Hello hello, Resume resume, bool reconnects,
@@ -20,8 +19,7 @@ ReconnectingConnection::ReconnectingConnection(Url url, wire::Hello hello, Resum
       hello_(std::move(hello)),
       resume_(std::move(resume)),
       reconnects_(reconnects),
-      connection_(std::move(connection)),
-      pause_(kFirstPause) {}
+      connection_(std::move(connection)) {}
 
 Outcome<std::unique_ptr<ReconnectingConnection>> ReconnectingConnection::open(const Url& url, const wire::Hello& hello, Resume resume,
                                                                               const Options& options) {
@@ -89,7 +87,6 @@ void ReconnectingConnection::adopt(std::unique_ptr<Connection> connection) {
   bytesBefore_ += connection_->bytesReceived();
   connection_ = std::move(connection);
   lost_.reset();
-  pause_ = kFirstPause;
   ++reconnections_;
   for (const wire::Resume& held : resume_()) connection_->resume(held);
   if (pose_) connection_->send(*pose_);

@@ -1,6 +1,6 @@
 #pragma once
-// A connection that comes back: when it ends, another one is opened after a pause, which grows with each failure and is random, so that a
-// thousand clients do not come back at once. The new connection says first what is still held, then the newest pose. The server may have
+// A connection that comes back: when it ends, another one is opened after a pause. The pause grows until an iteration of a connection was
+// applied, and is random, so that a thousand clients do not come back at once. The new connection says first what is still held, then the newest pose. The server may have
 // been started again, or may have sent us to another one.
 //
 // One owner; never blocks but in receive(). Attempts run on a thread of their own.
@@ -40,6 +40,8 @@ class ReconnectingConnection {
   void send(const wire::PoseMessage& pose);
   // Also what later connections ask for.
   void change(const wire::Settings& settings);
+  // An iteration was, without an error: the next loss is a new one.
+  void applied() { pause_ = kFirstPause; }
   std::future<Outcome<wire::Answer>> ask(wire::Query query) { return connection_->ask(std::move(query)); }
   // As Connection's; also looks after the connection, so call it often.
   std::optional<Received> receive(std::chrono::milliseconds timeout);
@@ -52,6 +54,7 @@ class ReconnectingConnection {
 
  private:
   using Clock = std::chrono::steady_clock;
+  static constexpr std::chrono::milliseconds kFirstPause{50}, kLongestPause{2000};  // each is taken times 0.5 to 1
   ReconnectingConnection(Url url, wire::Hello hello, Resume resume, bool reconnects, std::unique_ptr<Connection> connection);
   void lookAfter();
   void noteLoss();
@@ -69,7 +72,7 @@ class ReconnectingConnection {
   std::future<Outcome<std::unique_ptr<Connection>>> attempt_;
   std::optional<Error> lost_;
   Clock::time_point next_{};  // attempt
-  std::chrono::milliseconds pause_;
+  std::chrono::milliseconds pause_ = kFirstPause;
   std::minstd_rand random_{std::random_device{}()};
   std::optional<wire::PoseMessage> pose_;
   std::uint64_t bytesBefore_ = 0, reconnections_ = 0;

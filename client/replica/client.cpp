@@ -89,6 +89,7 @@ Update Client::answer(Decoding&& decoding, Outcome<Prepared> prepared) {
   if (answer.resend) (*connection_)->resend(*answer.resend);
   (*connection_)->acknowledge(answer.acknowledge);
   update.wrong = std::move(answer.wrong);
+  if (!update.wrong) connection_->applied();
   return update;
 }
 

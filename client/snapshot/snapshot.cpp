@@ -12,9 +12,10 @@ namespace ridgecast::snapshot {
 
 namespace {
 
+// Without an exponent, whose + would be a blank in a URL.
 std::string number(double v) {
-  char out[32];
-  return std::string(out, std::to_chars(out, out + sizeof out, v).ptr);
+  char out[400];
+  return std::string(out, std::to_chars(out, out + sizeof out, v, std::chars_format::fixed).ptr);
 }
 
 // Progress: on a terminal one line that changes, in a file a line for each stage.

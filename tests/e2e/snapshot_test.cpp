@@ -340,6 +340,9 @@ TEST_F(Snapshot, TheSameFromTheCommandLine) {
   done = shoot({"--altitude", "120", "--yaw", "30", "--size", "640x360", "--threshold", "1.5"});
   EXPECT_EQ(done.code, 0) << done.output;
   EXPECT_EQ(readText(file), ask(glb(kPose)).body);
+  // Numbers that would be written with an exponent, whose + is a blank in a URL.
+  done = shoot({"--x", "100000", "--z", "-1e12", "--altitude", "120", "--size", "640x360", "--threshold", "20"});
+  EXPECT_EQ(done.code, 0) << done.output;
   std::filesystem::remove(file);
   done = shoot({"--camera", "12345"});
   EXPECT_EQ(done.code, 1);

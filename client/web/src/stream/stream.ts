@@ -129,6 +129,7 @@ export class Stream {
   }
 
   acknowledge(iteration: bigint, meshHash: bigint): void {
+    this.wait = FIRST_WAIT;
     this.send({ case: 'acknowledge', value: create(AcknowledgeSchema, { iteration, meshHash }) });
   }
 
@@ -218,7 +219,6 @@ export class Stream {
     clearTimeout(this.watchdog);
     this.world = world;
     this.sequence = 0n;
-    this.wait = FIRST_WAIT;
     const held = this.listener.onWorld(world);
     if (held.length <= MAX_RESUMED)
       for (let k = 0; k < held.length; k += RESUMED_AT_A_TIME) {

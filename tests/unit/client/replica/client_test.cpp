@@ -126,6 +126,23 @@ TEST(Client, NamesWhatItHoldsToTheNextConnectionAndSendsItsPoseAgain) {
   EXPECT_EQ(client->resumed(), 1u);
 }
 
+// Asked twenty times a second for ever, once.
+TEST(Client, WaitsLongerEachTimeUntilAnIterationCanBeApplied) {
+  const mesh::LeafMesh leaf = anyLeaf();
+  constexpr int kConnections = 6;
+  RawServer server(
+      [&](RawConnection& peer) {
+        greet(peer, 1);
+        sendIteration(peer, 1, 0, leaf, false);
+        read(peer);
+      },
+      kConnections);
+  const auto began = std::chrono::steady_clock::now();
+  const auto client = Client::open(at(server), {}).value();
+  for (int k = 0; k < kConnections; ++k) ASSERT_TRUE(client->receive(kTimeout)->wrong);
+  EXPECT_GE(std::chrono::steady_clock::now() - began, (50ms + 100ms + 200ms + 400ms + 800ms) / 2);
+}
+
 TEST(Client, StaysWithWhatItHoldsWhereTheServerHasAnotherWorld) {
   const mesh::LeafMesh leaf = anyLeaf();
   std::uint64_t world = 0;
