@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -178,7 +179,7 @@ void MeshPass::bindArrays() const {
   glEnableVertexAttribArray(1);
   glVertexAttribPointer(1, 2, GL_BYTE, GL_TRUE, kShadeSize, nullptr);
   glEnableVertexAttribArray(2);
-  glVertexAttribPointer(2, 3, GL_UNSIGNED_BYTE, GL_TRUE, kShadeSize, reinterpret_cast<const void*>(std::uintptr_t{4}));
+  glVertexAttribPointer(2, 3, GL_UNSIGNED_BYTE, GL_TRUE, kShadeSize, std::bit_cast<const void*>(std::uintptr_t{4}));
 }
 
 void MeshPass::redraw(const View& view, const Program& program, const std::function<void(const Leaf&)>& each) const {
@@ -207,7 +208,7 @@ void MeshPass::redraw(const View& view, const Program& program, const std::funct
     if (each) each({address, slot.indices / 3});
     glUniform3i(leafOffset, static_cast<GLint>(x), static_cast<GLint>(z), static_cast<GLint>(-cameraY));
     glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(slot.indices), GL_UNSIGNED_INT,
-                             reinterpret_cast<const void*>(slot.firstIndex * kIndexSize), static_cast<GLint>(slot.firstVertex));
+                             std::bit_cast<const void*>(slot.firstIndex * kIndexSize), static_cast<GLint>(slot.firstVertex));
   }
   glBindVertexArray(0);
   if (reversedDepth_) glClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);

@@ -3,6 +3,7 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 
@@ -169,7 +170,7 @@ void StructurePass::drawCandidates(const View& view, const Structure& structure)
   glEnableVertexAttribArray(0);
   glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, sizeof(Dot), nullptr);
   glEnableVertexAttribArray(1);
-  glVertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, sizeof(Dot), reinterpret_cast<const void*>(offsetof(Dot, paint)));
+  glVertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, sizeof(Dot), std::bit_cast<const void*>(offsetof(Dot, paint)));
   setCamera(dots_, view);
   dots_.set("dotSize", std::max(2.0f, std::round(static_cast<float>(view.camera.projection.height) / 110)));
   glEnable(GL_PROGRAM_POINT_SIZE);
