@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
 #include <iterator>
 #include <numbers>
 #include <optional>
@@ -11,6 +10,8 @@
 #include <utility>
 
 #include <nlohmann/json.hpp>
+
+#include "common/text/text.h"
 
 namespace ridgecast::camera {
 namespace {
@@ -201,14 +202,10 @@ Outcome<Path> readPath(const std::filesystem::path& file) {
   const std::string name = "path file '" + file.string() + "'";
   std::error_code failed;
   if (std::filesystem::is_directory(file, failed)) return Error{name + " is a directory; a JSON file is needed"};
-  std::ifstream in(file, std::ios::binary);
-  if (!in) return Error{name + " cannot be read; does it exist?"};
-  std::string text(kMaxText + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (in.bad()) return Error{name + " cannot be read"};
-  if (static_cast<std::size_t>(in.gcount()) > kMaxText) return Error{name + " is larger than 1 MiB; that is no camera path"};
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  Outcome<Path> path = parsePath(text);
+  const auto text = text::readFile(file, kMaxText);
+  if (!text) return Error{name + " cannot be read; does it exist?"};
+  if (text->size() > kMaxText) return Error{name + " is larger than 1 MiB; that is no camera path"};
+  Outcome<Path> path = parsePath(*text);
   if (!path) return Error{name + ": " + path.error().message};
   return path;
 }

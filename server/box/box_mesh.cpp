@@ -4,11 +4,11 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <memory>
 #include <optional>
 
+#include "common/text/text.h"
 #include "server/triangulation/triangulation.h"
 
 namespace ridgecast::box {
@@ -34,11 +34,7 @@ constexpr int kLeastDense = 6, kMostDense = 64;  // divisions of a triangle's si
 constexpr int kRegionsAcross = 24;               // working squares along the longer side
 constexpr std::size_t kTrianglesALeaf = 3000;
 
-std::string text(double v) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.3g", v);
-  return out;
-}
+std::string text(double v) { return text::rounded(v, 3); }
 
 struct Worst {        // without initialisers: most of the array is never touched
   float error;        // metres
@@ -349,6 +345,14 @@ class Mesher : private triangulation::Partition {
 };
 
 }  // namespace
+
+Problem Watch::problem() const {
+  if (stop.stop_requested()) return {Problem::Kind::kStopped, "Nobody waits for this snapshot any more."};
+  return {Problem::Kind::kTooSlow,
+          "This snapshot was not ready after " + text(seconds) +
+              " seconds, the most that one may take; ask again when the server has less to do, or for less: a larger "
+              "threshold or error, a smaller box."};
+}
 
 Result<BoxMesh> meshBox(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool,
                         const Watch& watch) {

@@ -1,12 +1,12 @@
 #include "server/snapshot/question.h"
 
-#include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <numbers>
 #include <optional>
+
+#include "common/text/text.h"
 
 namespace ridgecast::snapshot {
 namespace {
@@ -15,33 +15,10 @@ constexpr std::size_t kMostParameters = 32;
 constexpr double kMostMetres = 4e12;
 constexpr double kRadians = std::numbers::pi / 180;
 
-int digit(char c) {
-  return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
-}
-
-std::optional<std::string> decoded(std::string_view raw) {
-  std::string out;
-  for (std::size_t k = 0; k < raw.size(); ++k) {
-    if (raw[k] != '%') {
-      out += raw[k] == '+' ? ' ' : raw[k];
-      continue;
-    }
-    const int high = k + 1 < raw.size() ? digit(raw[k + 1]) : -1, low = k + 2 < raw.size() ? digit(raw[k + 2]) : -1;
-    if (high < 0 || low < 0) return std::nullopt;
-    out += static_cast<char>(high * 16 + low);
-    k += 2;
-  }
-  return out;
-}
-
-std::string text(double v) {
-  char out[40];
-  std::snprintf(out, sizeof out, "%.12g", v);
-  return out;
-}
+std::string text(double v) { return text::rounded(v, 12); }
 
 // A URL may contain anything: repeats only harmless text.
-std::string quoted(std::string_view text) {
+std::string inQuotes(std::string_view text) {
   std::string out = "'";
   for (const char c : text.substr(0, 40)) out += c >= ' ' && c <= '~' && c != '\'' && c != '\\' ? c : '?';
   return out + (text.size() > 40 ? "...'" : "'");
@@ -51,16 +28,13 @@ class Parameters {
  public:
   Outcome<void> read(std::string_view query) {
     while (!query.empty()) {
-      const auto end = std::min(query.find('&'), query.size());
-      const std::string_view part = query.substr(0, end);
-      query.remove_prefix(std::min(end + 1, query.size()));
+      std::string_view part = text::takePart(query, '&');
       if (part.empty()) continue;
-      const auto equals = std::min(part.find('='), part.size());
-      const auto name = decoded(part.substr(0, equals)), value = decoded(part.substr(std::min(equals + 1, part.size())));
+      const auto name = text::percentDecoded(text::takePart(part, '=')), value = text::percentDecoded(part);
       if (!name || !value) return Error{"The query has a % without two hexadecimal digits after it."};
       if (values_.size() >= kMostParameters)
         return Error{"The query has more than " + std::to_string(kMostParameters) + " parameters, the limit."};
-      if (!values_.emplace(*name, *value).second) return Error{"The query has " + quoted(*name) + " twice; give it once."};
+      if (!values_.emplace(*name, *value).second) return Error{"The query has " + inQuotes(*name) + " twice; give it once."};
     }
     return {};
   }
@@ -82,28 +56,18 @@ class Parameters {
       if (!otherwise) refuse("The query lacks '" + std::string(name) + "', a number from " + text(low) + " to " + text(high) + unit + ".");
       return otherwise.value_or(low);
     }
-    double v = 0;
-    const char* end = value->data() + value->size();
-    const auto [stopped, failed] = std::from_chars(value->data(), end, v);
-    if (failed != std::errc() || stopped != end || !(v >= low && v <= high)) {
-      refuse("'" + std::string(name) + "' is " + quoted(*value) + "; it must be a number from " + text(low) + " to " + text(high) + unit +
-             ".");
-      return low;
-    }
-    return v;
+    if (const auto v = text::number<double>(*value); v && *v >= low && *v <= high) return *v;
+    refuse("'" + std::string(name) + "' is " + inQuotes(*value) + "; it must be a number from " + text(low) + " to " + text(high) + unit +
+           ".");
+    return low;
   }
 
   std::uint64_t whole(const char* name, std::uint64_t low, std::uint64_t high, const char* unit,
                       std::optional<std::uint64_t> otherwise = {}) {
     const auto value = take(name);
     if (!value && otherwise) return *otherwise;
-    std::uint64_t v = 0;
-    const char* end = value ? value->data() + value->size() : nullptr;
-    if (value) {
-      const auto [stopped, failed] = std::from_chars(value->data(), end, v);
-      if (failed == std::errc() && stopped == end && v >= low && v <= high) return v;
-    }
-    refuse("'" + std::string(name) + "' is " + quoted(value.value_or("")) + "; it must be a whole number from " + std::to_string(low) +
+    if (const auto v = text::number<std::uint64_t>(value.value_or("")); v && *v >= low && *v <= high) return *v;
+    refuse("'" + std::string(name) + "' is " + inQuotes(value.value_or("")) + "; it must be a whole number from " + std::to_string(low) +
            " to " + std::to_string(high) + unit + ".");
     return low;
   }
@@ -111,7 +75,7 @@ class Parameters {
   bool flag(const char* name) {
     const auto value = take(name);
     if (!value || *value == "1") return true;
-    if (*value != "0") refuse("'" + std::string(name) + "' is " + quoted(*value) + "; it must be 0 or 1.");
+    if (*value != "0") refuse("'" + std::string(name) + "' is " + inQuotes(*value) + "; it must be 0 or 1.");
     return false;
   }
 
@@ -121,7 +85,7 @@ class Parameters {
   std::optional<Error> finish() {
     if (!error_ && !values_.empty())
       refuse(
-          "The query says " + quoted(values_.begin()->first) +
+          "The query says " + inQuotes(values_.begin()->first) +
           ", which does not belong here. A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, or of "
           "x0, z0, x1, z1, error; with compression, normals and colours.");
     return error_;
@@ -178,7 +142,7 @@ Outcome<Question> parse(std::string_view query, const Limits& limits) {
     if (*value == "draco")
       out.compression = gltf::Compression::kDraco;
     else if (*value != "none")
-      p.refuse("'compression' is " + quoted(*value) + "; it must be draco or none.");
+      p.refuse("'compression' is " + inQuotes(*value) + "; it must be draco or none.");
   }
   out.normals = p.flag("normals");
   out.colours = p.flag("colours");

@@ -1,10 +1,8 @@
 #include "server/snapshot/snapshot.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <condition_variable>
-#include <cstdio>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -12,6 +10,7 @@
 #include <utility>
 
 #include "common/settings/settings.h"
+#include "common/text/text.h"
 #include "server/box/box_mesh.h"
 #include "server/pipeline/pipeline.h"
 #include "server/session/camera_session.h"
@@ -33,17 +32,7 @@ constexpr int kVersion = 2;  // part of the ETag: change it when the same questi
 
 double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 
-std::string hexadecimal(std::uint64_t v) {
-  char out[17];
-  std::snprintf(out, sizeof out, "%016llx", static_cast<unsigned long long>(v));
-  return out;
-}
-
-std::string text(double v) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.3g", v);
-  return out;
-}
+std::string text(double v) { return text::rounded(v, 3); }
 
 double shortened(double v) { return std::round(v * 1e9) / 1e9; }  // degrees that were given in degrees
 
@@ -108,7 +97,7 @@ Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const
   out.origin = {held.camera.pose.x, held.camera.pose.z};
   out.extras = {
       {"of", "camera"},
-      {"camera", {{"id", of.id}, {"iteration", held.iteration}, {"meshHash", hexadecimal(held.meshHash)}}},
+      {"camera", {{"id", of.id}, {"iteration", held.iteration}, {"meshHash", text::hexadecimal(held.meshHash)}}},
       {"pose", describe(held.camera, *session.terrain())},
       {"error",
        {{"unit", settings::traits(held.settings.metric).name}, {"asked", held.settings.threshold}, {"kept", held.effectiveThreshold}}}};
@@ -124,10 +113,10 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
     return Problem{Problem::Kind::kTooMuch, "This pose lies outside the world: up to 4e12 m from the origin and 200 km high."};
   pipeline::Limits budget;
   budget.defaultBudget = budget.maxBudget = limits.triangles;
-  settings::Settings asked;
-  asked.metric = settings::Metric::kPixels;
-  asked.threshold = of.threshold;
-  pipeline::Pipeline pipeline(session.terrain(), pipeline::grant(asked, budget), pool);
+  settings::Settings requested;
+  requested.metric = settings::Metric::kPixels;
+  requested.threshold = of.threshold;
+  pipeline::Pipeline pipeline(session.terrain(), pipeline::grant(requested, budget), pool);
   settings::Figures figures;
   do {
     if (watch.over()) return watch.problem();
@@ -219,7 +208,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   extras["terrain"] = terrain.name();
   extras["seed"] = terrain.seed();
   extras["parameters"] = parametersOf(terrain);
-  extras["contentHash"] = hexadecimal(session.contentHash());
+  extras["contentHash"] = text::hexadecimal(session.contentHash());
   extras["leaves"] = document.leaves.size();
   extras["triangles"] = triangles;
   extras["vertices"] = vertices;
@@ -252,8 +241,8 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
 std::string Snapshots::etag(const session::Session& session, const Question& question, bool metadataOnly) {
   if (std::holds_alternative<OfCamera>(question.of)) return {};
   std::uint64_t first = lattice::mix(session.contentHash() ^ kVersion), second = lattice::mix(first);
-  const std::string asked = canonical(question);
-  for (const std::string_view part : {std::string_view(session.name()), std::string_view(RIDGECAST_VERSION), std::string_view(asked),
+  const std::string text = canonical(question);
+  for (const std::string_view part : {std::string_view(session.name()), std::string_view(RIDGECAST_VERSION), std::string_view(text),
                                       std::string_view(metadataOnly ? "json" : "glb")}) {
     for (const char c : part) {
       first = lattice::mix(first ^ static_cast<unsigned char>(c));
@@ -261,7 +250,7 @@ std::string Snapshots::etag(const session::Session& session, const Question& que
     }
     first = lattice::mix(first ^ part.size());
   }
-  return hexadecimal(first) + hexadecimal(second);
+  return text::hexadecimal(first) + text::hexadecimal(second);
 }
 
 }  // namespace ridgecast::snapshot

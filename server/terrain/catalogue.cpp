@@ -1,14 +1,13 @@
 #include "server/terrain/catalogue.h"
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <cmath>
-#include <fstream>
 #include <optional>
 #include <utility>
 
 #include "common/terrain/variants.h"
+#include "common/text/text.h"
 #include "server/terrain/check.h"
 #include "server/terrain/library.h"
 #include "server/terrain/probe.h"
@@ -61,18 +60,14 @@ Outcome<std::string> readText(const std::filesystem::path& file) {
   std::error_code failed;
   const auto status = std::filesystem::status(file, failed);
   if (failed || !std::filesystem::is_regular_file(status)) return Error{"there is no file " + file.string()};
-  const auto size = std::filesystem::file_size(file, failed);
-  if (failed) return Error{"cannot read " + file.string()};
-  if (size > kMostText)
-    return Error{file.string() + ": the file has " + std::to_string(size) + " bytes; a terrain file has at most " +
-                 std::to_string(kMostText)};
-  std::ifstream in(file, std::ios::binary);
-  std::string text(static_cast<std::size_t>(size), '\0');
-  in.read(text.data(), static_cast<std::streamsize>(size));
-  if (!in) return Error{"cannot read " + file.string()};
-  if (text.starts_with("\xef\xbb\xbf")) text.erase(0, 3);
-  std::erase(text, '\r');
-  return {boost::system::in_place_value, std::move(text)};
+  auto text = text::readFile(file, kMostText);
+  if (!text) return Error{"cannot read " + file.string()};
+  if (text->size() > kMostText)
+    return Error{file.string() + ": the file has " + std::to_string(std::filesystem::file_size(file, failed)) +
+                 " bytes; a terrain file has at most " + std::to_string(kMostText)};
+  if (text->starts_with("\xef\xbb\xbf")) text->erase(0, 3);
+  std::erase(*text, '\r');
+  return {boost::system::in_place_value, std::move(*text)};
 }
 
 const terrain::Description* builtIn(std::string_view name) {

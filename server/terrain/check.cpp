@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cstdlib>
 #include <fstream>
 #include <optional>
 
@@ -18,8 +17,6 @@ namespace {
 
 constexpr std::string_view kHeight = "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed)";
 constexpr std::string_view kColour = "vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed)";
-
-std::string at(std::string_view file, std::size_t line) { return std::string(file) + ":" + std::to_string(line) + ": "; }
 
 std::size_t lineOf(std::string_view text, std::size_t position) {
   return static_cast<std::size_t>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(position), '\n')) + 1;

@@ -3,7 +3,6 @@
 // functions with their signatures. Every error is one sentence that begins with "`file`:line: " if there is a line.
 
 #include <cstddef>
-#include <string>
 #include <string_view>
 #include <vector>
 

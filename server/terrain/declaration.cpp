@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 
 #include "server/terrain/tokens.h"
@@ -65,11 +64,7 @@ std::optional<Parameter> readParameter(std::string_view code, std::string_view c
   return p;
 }
 
-std::string shortNumber(double v) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.9g", v);
-  return text;
-}
+std::string shortNumber(double v) { return text::rounded(v, 9); }
 
 }  // namespace
 
@@ -83,10 +78,8 @@ Outcome<Assignment> parseAssignment(std::string_view text) {
 Outcome<Declaration> readDeclaration(std::string_view file, std::string_view text) {
   Declaration out;
   std::size_t number = 0;
-  for (std::size_t begin = 0; begin <= text.size();) {
-    const std::size_t end = std::min(text.find('\n', begin), text.size());
-    const std::string_view line = text.substr(begin, end - begin);
-    begin = end + 1;
+  for (std::string_view rest = text; !rest.empty();) {
+    const std::string_view line = text::takePart(rest, '\n');
     ++number;
     const std::size_t mark = line.find("//!");
     if (mark == std::string_view::npos) continue;
@@ -95,7 +88,7 @@ Outcome<Declaration> readDeclaration(std::string_view file, std::string_view tex
       if (out.summary.empty()) out.summary = comment;
       continue;
     }
-    const std::string where = std::string(file) + ":" + std::to_string(number) + ": ";
+    const std::string where = at(file, number);
     auto parameter = readParameter(code, comment, text.data());
     if (!parameter)
       return Error{where +

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <string>
@@ -15,6 +14,7 @@
 #include <vector>
 
 #include "common/terrain/terrain.h"
+#include "common/text/text.h"
 #include "server/terrain/child.h"
 #include "server/terrain/embedded.h"
 #include "server/terrain/scratch.h"
@@ -24,8 +24,8 @@ namespace {
 
 constexpr const char *kEntry = "ridgecast_heights", *kColours = "ridgecast_colours";
 
-// The flags of the built-in terrains (common/terrain/CMakeLists.txt); never with fused multiply-add. What is too large for the stack hits its
-// guard (-fstack-clash-protection) and never jumps over it.
+// The flags of the built-in terrains (common/terrain/CMakeLists.txt); never with fused multiply-add. What is too large for the stack hits
+// its guard (-fstack-clash-protection) and never jumps over it.
 const std::vector<std::string> kCommonFlags = {"-std=c++20",
                                                "-O3",
                                                "-fopenmp-simd",
@@ -142,10 +142,7 @@ std::filesystem::path Cache::fileFor(std::string_view text, std::string_view var
     all.append(1, '\0').append(part);
   for (const std::string& flag : kCommonFlags) all.append(1, '\0').append(flag);
   all += std::to_string(kMostSteps) + (colours ? "c" : "");
-  char name[64];
-  std::snprintf(name, sizeof name, "%016llx%016llx", static_cast<unsigned long long>(hashed(first, all)),
-                static_cast<unsigned long long>(hashed(second, all)));
-  return folder_ / (std::string(name) + "-" + std::string(variant) + ".so");
+  return folder_ / (text::hexadecimal(hashed(first, all)) + text::hexadecimal(hashed(second, all)) + "-" + std::string(variant) + ".so");
 }
 
 bool Cache::has(const std::filesystem::path& file) const {

@@ -2,10 +2,8 @@
 // A terrain file as machine code: compiled by g++ in a child process, kept in a cache by content, loaded into this process.
 
 #include <cstddef>
-#include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <string>
 #include <string_view>
 
 #include "common/outcome/outcome.h"

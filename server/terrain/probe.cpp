@@ -14,8 +14,8 @@
 #include <cstdio>
 #include <cstring>
 #include <thread>
-#include <vector>
 
+#include "common/text/text.h"
 #include "server/terrain/translate.h"
 
 namespace ridgecast::user_terrain {
@@ -103,10 +103,8 @@ std::string_view faultOf(float height) {
 }
 
 std::string placeText(lattice::Step x, lattice::Step z) {
-  char text[96];
-  std::snprintf(text, sizeof text, "x %.10g m, z %.10g m", static_cast<double>(x) * lattice::kMetresPerStep,
-                static_cast<double>(z) * lattice::kMetresPerStep);
-  return text;
+  const auto metres = [](lattice::Step steps) { return text::rounded(static_cast<double>(steps) * lattice::kMetresPerStep, 10); };
+  return "x " + metres(x) + " m, z " + metres(z) + " m";
 }
 
 Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std::uint32_t seed, std::chrono::milliseconds time) {
@@ -140,11 +138,8 @@ Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std
                  where};
   if (WIFSIGNALED(status)) return Error{std::string(file) + ": terrainHeight crashes (" + strsignal(WTERMSIG(status)) + ") near " + where};
   if (report.faulty) {
-    char height[48];
-    std::snprintf(height, sizeof height, "%g", static_cast<double>(report.height));
-    const bool number = std::isfinite(report.height);
-    return Error{std::string(file) + ": the height at " + where + (number ? std::string(", ") + height + " m, " : " ") +
-                 std::string(faultOf(report.height))};
+    const std::string height = std::isfinite(report.height) ? ", " + text::rounded(static_cast<double>(report.height), 6) + " m," : "";
+    return Error{std::string(file) + ": the height at " + where + height + " " + std::string(faultOf(report.height))};
   }
   if (!report.done) return Error{std::string(file) + ": the process that tried its heights ended early"};
   return {};

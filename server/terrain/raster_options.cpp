@@ -3,26 +3,17 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <charconv>
 #include <cmath>
 
 #include "common/terrain/raster.h"
+#include "common/text/text.h"
 
 namespace ridgecast::user_terrain {
 namespace {
 
-std::optional<double> number(std::string_view text) {
-  double v = 0;
-  const auto [end, failed] = std::from_chars(text.data(), text.data() + text.size(), v);
-  if (failed != std::errc() || end != text.data() + text.size() || !std::isfinite(v)) return std::nullopt;
-  return v;
-}
-
 std::optional<std::uint32_t> count(std::string_view text) {
-  std::uint32_t v = 0;
-  const auto [end, failed] = std::from_chars(text.data(), text.data() + text.size(), v);
-  if (failed != std::errc() || end != text.data() + text.size() || v < 2) return std::nullopt;
-  return v;
+  const auto v = text::number<std::uint32_t>(text);
+  return v && *v >= 2 ? v : std::nullopt;
 }
 
 bool isHeight(double v) { return std::abs(v) <= terrain::kMaxSample * lattice::kMetresPerStep; }
@@ -30,17 +21,16 @@ bool isHeight(double v) { return std::abs(v) <= terrain::kMaxSample * lattice::k
 }  // namespace
 
 Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
-  const std::size_t equals = assignment.find('=');
-  const std::string_view name = assignment.substr(0, equals);
-  const std::string_view value = equals == std::string_view::npos ? std::string_view() : assignment.substr(equals + 1);
+  std::string_view value = assignment;
+  const std::string_view name = text::takePart(value, '=');
   const auto wrong = [&](const std::string& right) { return Error{"--raster " + std::string(assignment.substr(0, 64)) + ": " + right}; };
   if (name == "pitch") {
     constexpr double kLeast = terrain::kMinPitch * lattice::kMetresPerStep, kMost = terrain::kMaxPitch * lattice::kMetresPerStep;
-    const auto v = number(value);
+    const auto v = text::number<double>(value);
     if (!v || *v < kLeast || *v > kMost) return wrong("pitch is the distance between samples, 0.0625 to 1024 metres");
     o.pitch = *v;
   } else if (name == "scale" || name == "offset") {
-    const auto v = number(value);
+    const auto v = text::number<double>(value);
     if (!v || std::abs(*v) > 1e9 || (name == "scale" && *v == 0)) return wrong("a finite number is wanted, and no scale of 0");
     (name == "scale" ? o.scale : o.offset) = *v;
   } else if (name == "edge") {
@@ -50,18 +40,16 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
       o.edge = Edge::kMirror;
     else if (value == "repeat")
       o.edge = Edge::kRepeat;
-    else if (const auto v = number(value); v && isHeight(*v))
+    else if (const auto v = text::number<double>(value); v && isHeight(*v))
       o.edge = Edge::kConstant, o.constant = *v;
     else
       return wrong("beyond the map's edge goes on clamp, mirror, repeat, or a height in metres");
   } else if (name == "nodata") {
-    const auto v = number(value);
+    const auto v = text::number<double>(value);
     if (!v || !isHeight(*v)) return wrong("nodata is a height in metres for samples that are none");
     o.noData = *v;
   } else if (name == "size") {
-    const std::size_t cross = value.find('x');
-    const auto w = count(value.substr(0, cross));
-    const auto h = cross == std::string_view::npos ? std::nullopt : count(value.substr(cross + 1));
+    const auto w = count(text::takePart(value, 'x')), h = count(value);
     if (!w || !h) return wrong("size is COLUMNSxROWS of a raw file, at least 2x2");
     o.width = *w;
     o.height = *h;

@@ -6,12 +6,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "common/text/text.h"
 #include "server/terrain/raster_file.h"
 
 namespace ridgecast::user_terrain {
@@ -100,12 +100,10 @@ Outcome<Found> fill(const std::string& name, RasterFile& file, const RasterOptio
         row[x] = instead;
       } else {
         const double steps = std::floor((v * options.scale + options.offset) * lattice::kStepsPerMetre + 0.5);
-        if (!(std::abs(steps) <= terrain::kMaxSample)) {
-          char text[64];
-          std::snprintf(text, sizeof text, "%.6g", v * options.scale + options.offset);
-          return Error{name + ": the sample at column " + std::to_string(x) + ", row " + std::to_string(z) + " is " + text +
+        if (!(std::abs(steps) <= terrain::kMaxSample))
+          return Error{name + ": the sample at column " + std::to_string(x) + ", row " + std::to_string(z) + " is " +
+                       text::rounded(v * options.scale + options.offset, 6) +
                        " m high; heights lie within 32,768 m of 0: correct --raster scale=, offset= or nodata="};
-        }
         row[x] = static_cast<std::int32_t>(steps);
       }
       found.lowest = std::min(found.lowest, row[x]);

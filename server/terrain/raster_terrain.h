@@ -7,7 +7,6 @@
 #include <filesystem>
 #include <memory>
 #include <span>
-#include <string>
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/raster.h"

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 
 namespace ridgecast::user_terrain {
 namespace {
@@ -18,11 +17,7 @@ constexpr std::string_view kMarks = "+-*/%<>=!&|^~?:;,.()[]{}";
 
 bool isNameCharacter(char c) { return isNameStart(c) || isDigit(c); }
 
-std::string_view trimmed(std::string_view text) {
-  constexpr std::string_view kBlank = " \t\r";
-  text.remove_prefix(std::min(text.find_first_not_of(kBlank), text.size()));
-  return text.substr(0, text.find_last_not_of(kBlank) + 1);
-}
+std::string at(std::string_view file, std::size_t line) { return std::string(file) + ":" + std::to_string(line) + ": "; }
 
 bool isPrecision(const std::string& name) { return name == "highp" || name == "mediump" || name == "lowp"; }
 
@@ -62,7 +57,7 @@ Outcome<std::vector<Token>> tokenise(std::string_view file, std::string_view tex
       if (longer != kLongMarks.end())
         end = i + longer->size();
       else if (kMarks.find(c) == std::string_view::npos)
-        return Error{std::string(file) + ":" + std::to_string(line) + ": there is a character here that GLSL does not have"};
+        return Error{at(file, line) + "there is a character here that GLSL does not have"};
       out.push_back({Kind::kMark, std::string(text.substr(i, end - i)), line});
     }
     i = end;
@@ -94,7 +89,7 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
   using enum TopLevel::What;
   for (std::size_t i = 0; i < tokens.size();) {
     const std::size_t begin = i, line = tokens[i].line;
-    const auto refuse = [&](const std::string& what) { return Error{std::string(file) + ":" + std::to_string(line) + ": " + what}; };
+    const auto refuse = [&](const std::string& what) { return Error{at(file, line) + what}; };
     if (is(i, ";") || is(i, "precision")) {
       i = statementEnd(i);
       continue;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "common/outcome/outcome.h"
+#include "common/text/text.h"
 
 namespace ridgecast::user_terrain {
 
@@ -41,6 +42,7 @@ std::string signatureOf(const std::vector<Token>& tokens, const TopLevel& functi
 
 bool isPrecision(const std::string& name);  // highp, mediump, lowp
 bool isNameCharacter(char c);
-std::string_view trimmed(std::string_view text);  // without spaces, tabs and carriage returns at its ends
+std::string at(std::string_view file, std::size_t line);  // "`file`:line: ", as messages begin
+using text::trimmed;
 
 }  // namespace ridgecast::user_terrain

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <map>
 #include <optional>
 #include <set>
@@ -119,7 +118,7 @@ class Translator {
   }
 
   void refuse(std::size_t i, const std::string& what) {
-    if (!error_) error_ = Error{std::string(file_) + ":" + std::to_string(tokens_[std::min(i, tokens_.size() - 1)].line) + ": " + what};
+    if (!error_) error_ = Error{at(file_, tokens_[std::min(i, tokens_.size() - 1)].line) + what};
   }
 
   void put(std::size_t i, std::string_view text) {
@@ -233,11 +232,8 @@ class Translator {
           return number(item.begin + 4);
       return std::nullopt;
     }
-    long value = 0;
     const std::string& t = tokens_[i].text;
-    const auto [end, wrong] = std::from_chars(t.data(), t.data() + t.size(), value);
-    if (wrong != std::errc() || end != t.data() + t.size() || (t.size() > 1 && t[0] == '0')) return std::nullopt;
-    return value;
+    return t.size() > 1 && t[0] == '0' ? std::nullopt : text::number<long>(t);
   }
 
   // Index after the statement that begins at i.

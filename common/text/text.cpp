@@ -1,0 +1,63 @@
+#include "common/text/text.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+
+namespace ridgecast::text {
+
+std::string_view trimmed(std::string_view text) {
+  constexpr std::string_view kBlank = " \t\r";
+  text.remove_prefix(std::min(text.find_first_not_of(kBlank), text.size()));
+  return text.substr(0, text.find_last_not_of(kBlank) + 1);
+}
+
+bool hasOnly(std::string_view text, std::string_view others) {
+  return std::ranges::all_of(text, [others](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || others.find(c) != std::string_view::npos;
+  });
+}
+
+std::string_view takePart(std::string_view& rest, char separator) {
+  const std::string_view part = rest.substr(0, rest.find(separator));
+  rest.remove_prefix(std::min(part.size() + 1, rest.size()));
+  return part;
+}
+
+std::string rounded(double value, int digits) {
+  char out[40];
+  std::snprintf(out, sizeof out, "%.*g", digits, value);
+  return out;
+}
+
+std::string hexadecimal(std::uint64_t value) {
+  char out[17];
+  std::snprintf(out, sizeof out, "%016llx", static_cast<unsigned long long>(value));
+  return out;
+}
+
+std::optional<std::string> percentDecoded(std::string_view text) {
+  std::string out;
+  while (!text.empty()) {
+    const std::size_t length = text.front() == '%' ? 3 : 1;
+    unsigned char byte = static_cast<unsigned char>(text.front());
+    if (length == 3) {
+      const char* const digits = text.data() + 1;
+      if (text.size() < length || std::from_chars(digits, digits + 2, byte, 16).ptr != digits + 2) return std::nullopt;
+    }
+    out += static_cast<char>(byte);
+    text.remove_prefix(length);
+  }
+  return out;
+}
+
+std::optional<std::string> readFile(const std::filesystem::path& file, std::size_t most) {
+  std::ifstream in(file, std::ios::binary);
+  std::string bytes(most + 1, '\0');
+  in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  if (!in.is_open() || in.bad()) return std::nullopt;
+  bytes.resize(static_cast<std::size_t>(in.gcount()));
+  return bytes;
+}
+
+}  // namespace ridgecast::text

@@ -1,0 +1,46 @@
+#pragma once
+// Reading and writing small texts: parts of lists, numbers, URLs, files. Pure except for readFile(); any thread.
+
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <type_traits>
+
+namespace ridgecast::text {
+
+// Without spaces, tabs and carriage returns at its ends.
+std::string_view trimmed(std::string_view text);
+
+// Whether all are ASCII letters, digits or among `others`.
+bool hasOnly(std::string_view text, std::string_view others);
+
+// Takes the first part of a list, with its separator, off the front of `rest`.
+std::string_view takePart(std::string_view& rest, char separator);
+
+// The whole text as one number, which is finite. Nothing: any other text.
+template <class Number>
+std::optional<Number> number(std::string_view text) {
+  Number value{};
+  const char* const end = text.data() + text.size();
+  const auto [stopped, failed] = std::from_chars(text.data(), end, value);
+  if (failed != std::errc() || stopped != end) return std::nullopt;
+  if constexpr (std::is_floating_point_v<Number>)
+    if (!std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
+// As %g prints it. 9 digits tell all floats apart, 17 all doubles.
+std::string rounded(double value, int digits);
+std::string hexadecimal(std::uint64_t value);  // 16 digits
+
+// Of a URL: %41 -> A. Nothing: a % without two hexadecimal digits after it.
+std::optional<std::string> percentDecoded(std::string_view text);
+
+// A file's bytes; of a file with more than `most`, the first most + 1. Nothing: it cannot be read.
+std::optional<std::string> readFile(const std::filesystem::path& file, std::size_t most);
+
+}  // namespace ridgecast::text
