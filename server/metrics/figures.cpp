@@ -1,5 +1,6 @@
 #include "server/metrics/figures.h"
 
+#include <prometheus/text_serializer.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -28,6 +29,39 @@ constexpr std::array<std::string_view, 5> kStages{"select", "generate", "refine"
 
 }  // namespace
 
+Counter& Registry::counter(const std::string& name, const std::string& help, const Labels& labels) {
+  return prometheus::BuildCounter().Name(name).Help(help).Register(registry_).Add(labels);
+}
+
+Gauge& Registry::gauge(const std::string& name, const std::string& help, const Labels& labels) {
+  return prometheus::BuildGauge().Name(name).Help(help).Register(registry_).Add(labels);
+}
+
+Histogram& Registry::histogram(const std::string& name, const std::string& help, const std::vector<double>& bounds, const Labels& labels) {
+  return prometheus::BuildHistogram().Name(name).Help(help).Register(registry_).Add(labels, bounds);
+}
+
+void Registry::compute(const std::string& name, const std::string& help, std::function<double()> value, const Labels& labels, bool counts) {
+  Computed computed{name, help, {}, counts, std::move(value)};
+  for (const auto& [key, text] : labels) computed.labels.push_back({key, text});
+  const std::lock_guard lock(mutex_);
+  computed_.push_back(std::move(computed));
+}
+
+std::string Registry::text() const {
+  auto families = registry_.Collect();
+  const std::lock_guard lock(mutex_);
+  for (const Computed& computed : computed_) {
+    if (families.empty() || families.back().name != computed.name)
+      families.push_back(
+          {computed.name, computed.help, computed.counts ? prometheus::MetricType::Counter : prometheus::MetricType::Gauge, {}});
+    auto& metric = families.back().metric.emplace_back();
+    metric.label = computed.labels;
+    (computed.counts ? metric.counter.value : metric.gauge.value) = computed.value();
+  }
+  return prometheus::TextSerializer().Serialize(families);
+}
+
 Figures::Figures()
     : iterations(registry.counter("ridgecast_iterations_total", "Iterations of all cameras.")),
       iterationsSent(registry.counter("ridgecast_iterations_sent_total", "Iterations that were sent to a client.")),
@@ -51,10 +85,10 @@ Figures::Figures()
   for (std::size_t k = 0; k < refusals.size(); ++k)
     refusals[k] = &registry.counter("ridgecast_refusals_total", "Connections, requests and streams refused or sent away, by reason.",
                                     {{"reason", std::string(kRefusalNames[k])}});
-  registry.ask("process_resident_memory_bytes", "Memory of this process.", residentBytes);
-  registry.ask("process_cpu_seconds_total", "Processor time of this process.", processorSeconds, {}, true);
-  registry.ask("process_start_time_seconds", "When this process began, seconds since 1970.",
-               [now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count()] { return now; });
+  registry.compute("process_resident_memory_bytes", "Memory of this process.", residentBytes);
+  registry.compute("process_cpu_seconds_total", "Processor time of this process.", processorSeconds, {}, true);
+  registry.compute("process_start_time_seconds", "When this process began, seconds since 1970.",
+                   [now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count()] { return now; });
 }
 
 void Figures::iterated(const settings::Figures& f) {

@@ -1,13 +1,49 @@
 #pragma once
 // The server's own figures by name, as GET /metrics shows them. Rooms add to them where things happen.
 
+#include <prometheus/counter.h>
+#include <prometheus/gauge.h>
+#include <prometheus/histogram.h>
+#include <prometheus/registry.h>
+
 #include <array>
+#include <functional>
+#include <mutex>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "common/settings/settings.h"
-#include "server/metrics/registry.h"
 
 namespace ridgecast::metrics {
+
+using prometheus::Counter, prometheus::Gauge, prometheus::Histogram, prometheus::Labels;
+
+// Metrics that Prometheus scrapes, by prometheus-cpp, and their text (exposition format 0.0.4). Made once, at the start; any thread may
+// change them. A metric lives as long as its registry.
+class Registry {
+ public:
+  Counter& counter(const std::string& name, const std::string& help, const Labels& labels = {});
+  Gauge& gauge(const std::string& name, const std::string& help, const Labels& labels = {});
+  // `bounds` ascend.
+  Histogram& histogram(const std::string& name, const std::string& help, const std::vector<double>& bounds, const Labels& labels = {});
+  // A value that is computed when it is scraped, by whatever thread scrapes. Values of one name must be added one after another.
+  void compute(const std::string& name, const std::string& help, std::function<double()> value, const Labels& labels = {},
+               bool counts = false);
+
+  std::string text() const;
+
+ private:
+  struct Computed {
+    std::string name, help;
+    std::vector<prometheus::ClientMetric::Label> labels;
+    bool counts;
+    std::function<double()> value;
+  };
+  prometheus::Registry registry_;
+  mutable std::mutex mutex_;
+  std::vector<Computed> computed_;
+};
 
 // Why somebody was refused or sent away.
 enum class Refusal {

@@ -21,33 +21,33 @@ std::optional<Answer> operations(const std::shared_ptr<Shared>& server, const Re
 
 void addOperations(const std::shared_ptr<Shared>& shared) {
   // Weak: the metrics may be shared and outlive this server.
-  const auto ask = [weak = std::weak_ptr(shared)](double (*value)(Shared&)) {
+  const auto of = [weak = std::weak_ptr(shared)](double (*value)(Shared&)) {
     return [weak, value]() -> double {
       const auto now = weak.lock();
       return now ? value(*now) : 0;
     };
   };
   metrics::Registry& registry = shared->figures->registry;
-  registry.ask("ridgecast_cameras", "Cameras of all sessions.", ask([](Shared& s) -> double { return s.directory->cameras(); }));
-  registry.ask("ridgecast_open_connections", "Connections that are open.", ask([](Shared& s) -> double { return s.connections; }));
-  registry.ask("ridgecast_queued_bytes", "Bytes that wait in the way out to clients.", ask([](Shared& s) {
-                 const std::lock_guard lock(s.mutex);
-                 std::size_t bytes = 0;
-                 for (const auto& [stream, weak] : s.streams) bytes += stream->waitingBytes();
-                 return static_cast<double>(bytes);
-               }));
+  registry.compute("ridgecast_cameras", "Cameras of all sessions.", of([](Shared& s) -> double { return s.directory->cameras(); }));
+  registry.compute("ridgecast_open_connections", "Connections that are open.", of([](Shared& s) -> double { return s.connections; }));
+  registry.compute("ridgecast_queued_bytes", "Bytes that wait in the way out to clients.", of([](Shared& s) {
+                     const std::lock_guard lock(s.mutex);
+                     std::size_t bytes = 0;
+                     for (const auto& [stream, weak] : s.streams) bytes += stream->waitingBytes();
+                     return static_cast<double>(bytes);
+                   }));
   const std::pair<const char*, double (*)(Shared&)> queues[] = {
       {"iterations", [](Shared& s) -> double { return s.directory->resources().executor->queued(); }},
       {"answers", [](Shared& s) -> double { return s.promptJobs.waiting(); }},
       {"snapshots", [](Shared& s) -> double { return s.patientJobs.waiting(); }},
       {"worlds", [](Shared& s) -> double { return s.worldJobs.waiting(); }}};
   for (const auto& [name, depth] : queues)
-    registry.ask("ridgecast_queue_depth",
-                 "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, snapshots, worlds that are made.", ask(depth),
-                 {{"queue", name}});
-  registry.ask("ridgecast_ready", "1 where new streams are taken.", ask([](Shared& s) -> double { return s.ready ? 1 : 0; }));
-  registry.ask("ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
-               {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}});
+    registry.compute("ridgecast_queue_depth",
+                     "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, snapshots, worlds that are made.",
+                     of(depth), {{"queue", name}});
+  registry.compute("ridgecast_ready", "1 where new streams are taken.", of([](Shared& s) -> double { return s.ready ? 1 : 0; }));
+  registry.compute("ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
+                   {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}});
 
   shared->routes.push_back([weak = std::weak_ptr(shared)](const Request& request) { return operations(weak.lock(), request); });
 }

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "server/metrics/figures.h"
-#include "server/metrics/registry.h"
 
 namespace ridgecast::metrics {
 namespace {
@@ -28,8 +27,8 @@ TEST(Registry, WritesTheExpositionFormat) {
   registry.counter("a_total", "Of a.", {{"kind", "quo\"te\\\n"}}).Increment(2);
   Gauge& g = registry.gauge("g", "Now.");
   Histogram& h = registry.histogram("h_seconds", "Spread.", {0.1, 1}, {{"stage", "s"}});
-  registry.ask("asked", "On demand.", [] { return 1.5; }, {{"kind", "x"}});
-  registry.ask("asked", "On demand.", [] { return 2.5; }, {{"kind", "y"}});
+  registry.compute("asked", "On demand.", [] { return 1.5; }, {{"kind", "x"}});
+  registry.compute("asked", "On demand.", [] { return 2.5; }, {{"kind", "y"}});
   a.Increment();
   g.Increment(5);
   g.Increment(-7);
