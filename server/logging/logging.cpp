@@ -28,11 +28,13 @@ const char* nameOf(Level level) {
   }
 }
 
-// As JSON has it, and so with DEL, C1 and Unicode's line separators, which JSON lets through; what is no UTF-8 becomes U+FFFD. Quotation
-// marks and backslashes stay as they are where no JSON is wanted.
-void append(std::string& out, std::string_view text, bool json) {
-  const std::string escaped = nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  for (std::string_view rest(escaped.data() + 1, escaped.size() - 2); !rest.empty();) {
+using Json = nlohmann::ordered_json;
+
+// As JSON on one line: DEL, C1 and Unicode's line separators, which JSON lets through, are escaped too; what is no UTF-8 becomes U+FFFD.
+std::string dumped(const Json& value) {
+  const std::string text = value.dump(-1, ' ', false, Json::error_handler_t::replace);
+  std::string out;
+  for (std::string_view rest = text; !rest.empty();) {
     const auto byte = [&](std::size_t k) { return k < rest.size() ? static_cast<unsigned char>(rest[k]) : 0u; };
     const bool c1 = byte(0) == 0xc2 && byte(1) < 0xa0, separator = rest.starts_with("\xe2\x80\xa8") || rest.starts_with("\xe2\x80\xa9");
     if (byte(0) == 0x7f || c1 || separator) {
@@ -40,19 +42,23 @@ void append(std::string& out, std::string_view text, bool json) {
       std::snprintf(escape, sizeof escape, "\\u%04x", separator ? 0x2000 + (byte(2) & 0x3f) : byte(c1));
       out += escape;
     } else {
-      if (!json && (rest.starts_with("\\\"") || rest.starts_with("\\\\"))) rest.remove_prefix(1);
       out += rest.front();
     }
     rest.remove_prefix(separator ? 3 : c1 ? 2 : 1);
   }
+  return out;
 }
 
-void field(std::string& out, bool json, std::string_view key, std::string_view value) {
-  out += json ? ",\"" : " ";
-  out += key;
-  out += json ? "\":\"" : "=";
-  append(out, value, json);
-  if (json) out += '"';
+// The same for people: no quotation marks around it, and those within, and backslashes, as they are.
+std::string plain(const Json& value) {
+  const std::string text = dumped(value);
+  if (!value.is_string()) return text;
+  std::string out;
+  for (std::size_t k = 1; k + 1 < text.size(); ++k) {
+    if (text[k] == '\\' && (text[k + 1] == '"' || text[k + 1] == '\\')) ++k;
+    out += text[k];
+  }
+  return out;
 }
 
 std::string timeText(std::int64_t milliseconds, const char* pattern) {
@@ -66,31 +72,21 @@ std::string timeText(std::int64_t milliseconds, const char* pattern) {
 }  // namespace
 
 std::string line(Format form, Level level, const About& about, std::string_view message, std::int64_t milliseconds) {
-  const bool json = form == Format::kJson;
-  std::string out;
-  if (json) {
+  Json fields = Json::object();
+  if (!about.session.empty()) fields["session"] = about.session;
+  if (about.camera != 0) fields["camera"] = about.camera;
+  if (!about.peer.empty()) fields["peer"] = about.peer;
+  if (!about.holder.empty()) fields["holder"] = about.holder;
+  if (form == Format::kJson) {
     char fraction[8];
     std::snprintf(fraction, sizeof fraction, ".%03dZ", static_cast<int>(milliseconds % 1000));
-    out = "{\"time\":\"" + timeText(milliseconds, "%Y-%m-%dT%H:%M:%S") + fraction + "\",\"level\":\"" + nameOf(level) + "\",\"message\":\"";
-    append(out, message, true);
-    out += '"';
-  } else {
-    out = timeText(milliseconds, "%H:%M:%S ") + nameOf(level);
+    Json all{{"time", timeText(milliseconds, "%Y-%m-%dT%H:%M:%S") + fraction}, {"level", nameOf(level)}, {"message", message}};
+    all.update(fields);
+    return dumped(all);
   }
-  if (!about.session.empty()) field(out, json, "session", about.session);
-  if (about.camera != 0) {
-    out += json ? ",\"camera\":" : " camera=";
-    out += std::to_string(about.camera);
-  }
-  if (!about.peer.empty()) field(out, json, "peer", about.peer);
-  if (!about.holder.empty()) field(out, json, "holder", about.holder);
-  if (json) {
-    out += '}';
-  } else {
-    out += ' ';
-    append(out, message, false);
-  }
-  return out;
+  std::string out = timeText(milliseconds, "%H:%M:%S ") + nameOf(level);
+  for (const auto& [key, value] : fields.items()) out += " " + key + "=" + plain(value);
+  return out + " " + plain(message);
 }
 
 void setUp(Format form, Level level) {
