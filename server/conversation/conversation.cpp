@@ -103,11 +103,6 @@ Conversation::Refusal Conversation::take(const wire::Acknowledge& acknowledge) {
                                                std::to_string(replica::kMaxRepairs) + " times: it must start afresh."};
 }
 
-Conversation::Refusal Conversation::take(const wire::ResendLeaves& resend) {
-  replica_.resend(resend.leaves);
-  return {};
-}
-
 Conversation::Refusal Conversation::take(const wire::Resume& resume) {
   if (lastSequence_ != 0)
     return ErrorMessage{ErrorCode::kMalformed, "A resume came after a pose; it belongs between hello and the first pose."};

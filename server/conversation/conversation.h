@@ -26,7 +26,6 @@
 #include <functional>
 #include <optional>
 #include <span>
-#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -103,7 +102,10 @@ class Conversation {
   Refusal take(const wire::Hello& hello);
   Refusal take(const wire::PoseMessage& pose);
   Refusal take(const wire::Acknowledge& acknowledge);
-  Refusal take(const wire::ResendLeaves& resend);
+  Refusal take(const wire::ResendLeaves& resend) {
+    replica_.resend(resend.leaves);
+    return {};
+  }
   Refusal take(const wire::Resume& resume);
   Refusal take(const wire::WantTiles& request);
   Refusal take(const wire::ChangeSettings& change);

@@ -1,8 +1,6 @@
 #pragma once
 // Answers queries about a terrain, and measures how far a mesh is from it. Pure functions; any thread.
 
-#include <span>
-
 #include "common/mesh/leaf_mesh.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"

@@ -15,10 +15,8 @@ bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
   if (held_.size() + leaves.size() > wire::kMaxResumed) return false;
   scratch_ = held_;
   for (const wire::HeldLeaf& leaf : leaves) scratch_.push_back({leaf.address, 0, leaf.hash, false});
-  std::sort(scratch_.begin(), scratch_.end(), [](const Held& a, const Held& b) { return a.address < b.address; });
-  const auto twice =
-      std::adjacent_find(scratch_.begin(), scratch_.end(), [](const Held& a, const Held& b) { return a.address == b.address; });
-  if (twice != scratch_.end()) return false;
+  std::ranges::sort(scratch_, {}, &Held::address);
+  if (std::ranges::adjacent_find(scratch_, {}, &Held::address) != scratch_.end()) return false;
   held_.swap(scratch_);
   for (const wire::HeldLeaf& leaf : leaves) meshHash_ += mesh::hashTerm(leaf.address, leaf.hash);
   return true;
@@ -88,11 +86,10 @@ void Replica::derive(Changes& changes, std::span<const Arrival> arrivals, std::s
     auto operator<=>(const Pair&) const = default;
   };
   std::vector<Pair> pairs;
-  const auto byAddress = [](const Arrival& arrival, const lattice::LeafAddress& a) { return arrival.address < a; };
   for (const lattice::LeafAddress& source : sources)  // merges: the source lies in the arrival
     for (lattice::LeafAddress up = source; up.level < lattice::kMaxLevel;) {
       up = up.parent();
-      const auto it = std::lower_bound(arrivals.begin(), arrivals.end(), up, byAddress);
+      const auto it = std::ranges::lower_bound(arrivals, up, {}, &Arrival::address);
       if (it != arrivals.end() && it->address == up) pairs.push_back({static_cast<std::uint32_t>(it - arrivals.begin()), source});
     }
   if (!sources.empty())
@@ -113,7 +110,7 @@ void Replica::derive(Changes& changes, std::span<const Arrival> arrivals, std::s
       changes.whole.push_back(arrivals[k].address);
   }
   std::sort(changes.whole.begin(), changes.whole.end());
-  std::sort(changes.changed.begin(), changes.changed.end(), [](const Derived& a, const Derived& b) { return a.address < b.address; });
+  std::ranges::sort(changes.changed, {}, &Derived::address);
 }
 
 bool Replica::differs(std::span<const mesh::LeafState> leaves) const {
@@ -149,8 +146,7 @@ void Replica::resend(std::span<const lattice::LeafAddress> leaves) {
     return;
   }
   for (const lattice::LeafAddress& address : leaves) {
-    const auto it = std::lower_bound(held_.begin(), held_.end(), address,
-                                     [](const Held& held, const lattice::LeafAddress& a) { return held.address < a; });
+    const auto it = std::ranges::lower_bound(held_, address, {}, &Held::address);
     if (it == held_.end() || it->address != address) continue;
     it->again = true;
     owes_ = true;

@@ -98,7 +98,7 @@ class Replica {
     lattice::LeafAddress address;
     std::uint64_t version = 0;
     std::uint64_t hash = 0;
-    bool again = false;  // was asked for again
+    bool again = false;  // requested again
   };
   struct Sent {
     std::uint64_t number = 0;

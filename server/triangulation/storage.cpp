@@ -2,9 +2,7 @@
 
 #include <sys/mman.h>
 
-#include <algorithm>
 #include <cassert>
-#include <new>
 #include <utility>
 
 namespace ridgecast::triangulation {

@@ -1,7 +1,6 @@
 // Storage of the mesh, location, and insertion by the cavity of Bowyer and Watson.
 #include "server/triangulation/triangulation.h"
 
-#include <algorithm>
 #include <bit>
 #include <cassert>
 #include <cmath>

@@ -29,9 +29,7 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include "server/triangulation/predicates.h"
