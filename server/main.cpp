@@ -1,24 +1,30 @@
 // ridgecast-server: reads its settings, puts the rooms together, serves until SIGINT or SIGTERM. SIGHUP reads certificate and tokens again,
 // SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready again.
-// Exit status: 0 after a signal, 1 when something failed while running, 2 when what was asked for cannot be.
+// Exit status: 0 after a signal, 1 when something failed while running, 2 when the settings cannot be met.
 
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
 #include <csignal>
-#include <cstdio>
+#include <cstddef>
+#include <cstdlib>
+#include <ctime>
 #include <exception>
 #include <fstream>
 #include <iostream>
 #include <string>
+#include <string_view>
 #include <system_error>
 
 #include "server/config/config.h"
-#include "server/http/page.h"
 #include "server/http/queries.h"
+#include "server/http/site.h"
 #include "server/http/snapshots.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
-#include "server/notify.h"
 #include "server/scheduling/pool.h"
-#include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
 
 namespace {
@@ -43,7 +49,30 @@ bool writePortFile(const std::filesystem::path& file, std::uint16_t port) {
   return !ec;
 }
 
-// The browser viewer's files; null where there are none and none were asked for.
+// Tells systemd how the server is: one datagram to the socket that NOTIFY_SOCKET names (sd_notify(3)): "READY=1", "STOPPING=1",
+// "STATUS=...", lines of them. Does nothing without that variable.
+void notify(std::string_view state) {
+  const char* path = std::getenv("NOTIFY_SOCKET");
+  sockaddr_un address{};
+  const std::string_view name = path ? path : "";
+  if ((!name.starts_with('/') && !name.starts_with('@')) || name.size() < 2 || name.size() >= sizeof address.sun_path) return;
+  address.sun_family = AF_UNIX;
+  std::copy(name.begin(), name.end(), address.sun_path);
+  if (name.front() == '@') address.sun_path[0] = '\0';  // Linux's abstract names
+  std::string message(state);
+  if (state.starts_with("RELOADING=1")) {  // systemd compares it with its own clock
+    timespec now{};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    message += "\nMONOTONIC_USEC=" + std::to_string(static_cast<long long>(now.tv_sec) * 1'000'000 + now.tv_nsec / 1000);
+  }
+  const int socket = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (socket < 0) return;
+  const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + name.size());
+  (void)sendto(socket, message.data(), message.size(), MSG_NOSIGNAL, reinterpret_cast<const sockaddr*>(&address), length);
+  close(socket);
+}
+
+// The browser viewer's files; null where there are none and none were requested.
 Outcome<std::shared_ptr<const http::Site>> loadSite(std::filesystem::path folder) {
   if (folder.empty()) folder = http::Site::defaultFolder().value_or("");
   if (folder.empty()) return std::shared_ptr<const http::Site>();

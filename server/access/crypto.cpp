@@ -6,6 +6,8 @@
 #include <openssl/rand.h>
 #include <openssl/sha.h>
 
+#include <boost/algorithm/hex.hpp>
+#include <iterator>
 #include <stdexcept>
 
 namespace ridgecast::access {
@@ -15,7 +17,6 @@ namespace {
 const unsigned char* data(std::string_view bytes) { return reinterpret_cast<const unsigned char*>(bytes.data()); }
 
 constexpr std::string_view kAlphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
-constexpr std::string_view kHex = "0123456789abcdef";
 
 }  // namespace
 
@@ -80,22 +81,8 @@ std::optional<std::string> fromBase64url(std::string_view text) {
 
 std::string hex(const Digest& digest) {
   std::string text;
-  for (const std::uint8_t byte : digest) {
-    text += kHex[byte >> 4];
-    text += kHex[byte & 15];
-  }
+  boost::algorithm::hex_lower(digest, std::back_inserter(text));
   return text;
-}
-
-std::optional<Digest> digestFromHex(std::string_view text) {
-  Digest digest{};
-  if (text.size() != 2 * digest.size()) return std::nullopt;
-  for (std::size_t k = 0; k < digest.size(); ++k) {
-    const auto high = kHex.find(text[2 * k]), low = kHex.find(text[2 * k + 1]);
-    if (high == std::string_view::npos || low == std::string_view::npos) return std::nullopt;
-    digest[k] = static_cast<std::uint8_t>(high * 16 + low);
-  }
-  return digest;
 }
 
 }  // namespace ridgecast::access

@@ -23,6 +23,5 @@ std::string base64url(std::string_view bytes);
 std::optional<std::string> fromBase64url(std::string_view text);
 
 std::string hex(const Digest& digest);
-std::optional<Digest> digestFromHex(std::string_view text);
 
 }  // namespace ridgecast::access

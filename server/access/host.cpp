@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "common/text/text.h"
 #include "server/access/network.h"
 
 namespace ridgecast::access {
@@ -13,7 +14,6 @@ constexpr std::size_t kLongest = 253;  // of a name (RFC 1035)
 char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
 
 bool isDigit(char c) { return c >= '0' && c <= '9'; }
-bool belongsToName(char c) { return (lower(c) >= 'a' && lower(c) <= 'z') || isDigit(c) || c == '-' || c == '_' || c == '.'; }
 
 }  // namespace
 
@@ -22,8 +22,8 @@ bool sameIgnoringCase(std::string_view a, std::string_view b) {
 }
 
 Outcome<std::string> parseHostName(std::string_view text) {
-  const bool isName = !text.empty() && text.size() <= kLongest && std::all_of(text.begin(), text.end(), belongsToName) &&
-                      text.front() != '.' && text.find("..") == std::string_view::npos;
+  const bool isName = !text.empty() && text.size() <= kLongest && text::hasOnly(text, "-_.") && text.front() != '.' &&
+                      text.find("..") == std::string_view::npos;
   if (text != "*" && !isName && !(text.size() <= kLongest && hostName(text) == text && parseAddress(text)))
     return Error{"'" + std::string(text.substr(0, 60)) +
                  "' is no host name: --allowed-host takes one without scheme, port and path, such as terrain.example.org, or * for any."};
@@ -45,14 +45,12 @@ std::string_view hostName(std::string_view header) {
   return name;
 }
 
-bool mayBeAsked(std::string_view header, std::string_view listening, const std::vector<std::string>& allowed) {
+bool answersTo(std::string_view header, std::string_view listening, const std::vector<std::string>& allowed) {
   if (header.empty()) return true;
   const std::string_view name = hostName(header);
-  constexpr std::string_view local = "localhost";
-  if (sameIgnoringCase(name, local) || sameIgnoringCase(name, listening) || parseAddress(name)) return true;
-  if (name.size() > local.size() + 1 && name[name.size() - local.size() - 1] == '.' &&
-      sameIgnoringCase(name.substr(name.size() - local.size()), local))
-    return true;
+  constexpr std::string_view below = ".localhost";
+  if (sameIgnoringCase(name, below.substr(1)) || sameIgnoringCase(name, listening) || parseAddress(name)) return true;
+  if (name.size() > below.size() && sameIgnoringCase(name.substr(name.size() - below.size()), below)) return true;
   return std::any_of(allowed.begin(), allowed.end(), [&](const std::string& one) { return one == "*" || sameIgnoringCase(name, one); });
 }
 

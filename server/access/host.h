@@ -1,11 +1,10 @@
 #pragma once
-// Under which names a server may be asked that asks nobody for a token.
+// The names that a server without tokens answers to.
 //
-// DNS rebinding: a page of evil.example lets its own name point to 127.0.0.1 after it was loaded. From then on the browser takes the server
-// for a part of evil.example: no Origin header tells them apart, for reads have none, and all else has one that equals its Host header. Only
-// the name in the Host header gives it away, so only names that nobody else can point here are taken: addresses (they are looked up
-// nowhere), localhost and what lies below it (RFC 6761), the name that is listened on, and those that whoever runs the server allows. A
-// token does the same, for no other page has it.
+// This prevents DNS rebinding: a page of evil.example lets its own name point to 127.0.0.1 after it was loaded. The browser then takes the
+// server for a part of evil.example and sends no foreign Origin; only the Host header shows the name. Accepted are names that nobody else
+// can point here: addresses, localhost and names below it (RFC 6761), the name listened on, and those that the operator allows. With tokens
+// there is no need: the page has none.
 
 #include <string>
 #include <string_view>
@@ -26,6 +25,6 @@ std::string_view hostName(std::string_view header);
 
 // Whether a request with this Host header may be meant for this server. Without one (HTTP/1.0, never a browser) it may. Letters' case does
 // not count. `listening`: the name or address that was listened on; `allowed`: as parseHostName() returned them.
-bool mayBeAsked(std::string_view header, std::string_view listening, const std::vector<std::string>& allowed);
+bool answersTo(std::string_view header, std::string_view listening, const std::vector<std::string>& allowed);
 
 }  // namespace ridgecast::access

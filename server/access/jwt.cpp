@@ -45,13 +45,6 @@ Outcome<Rights> rightsOf(const json& claims) {
 
 }  // namespace
 
-bool holderNameIsValid(std::string_view name) {
-  return !name.empty() && name.size() <= 64 && std::all_of(name.begin(), name.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-           std::string_view("._-@").find(c) != std::string_view::npos;
-  });
-}
-
 Outcome<Grant> verifyJwt(std::string_view token, std::string_view secret, Time now) {
   const auto first = token.find('.');
   const auto second = first == std::string_view::npos ? first : token.find('.', first + 1);

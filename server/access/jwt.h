@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include "common/outcome/outcome.h"
-#include "server/access/grant.h"
+#include "server/access/rights.h"
 
 namespace ridgecast::access {
 

@@ -52,7 +52,12 @@ class ConnectionsByAddress {
       std::swap(who_, other.who_);
       return *this;
     }
-    ~Place();
+    ~Place() {
+      if (!state_) return;
+      const std::lock_guard lock(state_->mutex);
+      const auto found = state_->counts.find(who_);
+      if (--found->second == 0) state_->counts.erase(found);
+    }
     const Address& who() const { return who_; }
 
    private:
@@ -62,7 +67,14 @@ class ConnectionsByAddress {
     Address who_;
   };
   // A place for a connection of this client (its household). Nothing: it has as many as it may.
-  std::optional<Place> enter(const Address& client);
+  std::optional<Place> enter(const Address& client) {
+    const Address who = household(client);
+    const std::lock_guard lock(state_->mutex);
+    std::uint32_t& count = state_->counts[who];
+    if (mostEach_ != 0 && count >= mostEach_) return std::nullopt;
+    ++count;
+    return Place(state_, who);
+  }
 
  private:
   const std::uint32_t mostEach_;

@@ -3,8 +3,8 @@
 #include <arpa/inet.h>
 
 #include <algorithm>
-#include <charconv>
-#include <cstring>
+
+#include "common/text/text.h"
 
 namespace ridgecast::access {
 
@@ -17,12 +17,6 @@ bool isIpv4(const Address& address) { return std::equal(kMapped.begin(), kMapped
 bool portFollows(std::string_view text) {
   return text.empty() || (text.front() == ':' && text.size() > 1 && text.size() <= 6 &&
                           std::all_of(text.begin() + 1, text.end(), [](char c) { return c >= '0' && c <= '9'; }));
-}
-
-std::string_view trimmed(std::string_view text) {
-  const auto begin = text.find_first_not_of(" \t");
-  if (begin == std::string_view::npos) return {};
-  return text.substr(begin, text.find_last_not_of(" \t") - begin + 1);
 }
 
 }  // namespace
@@ -55,11 +49,6 @@ std::string toText(const Address& address) {
   return text;
 }
 
-bool isLoopback(const Address& address) {
-  if (isIpv4(address)) return address[12] == 127;
-  return std::all_of(address.begin(), address.end() - 1, [](std::uint8_t byte) { return byte == 0; }) && address.back() == 1;
-}
-
 Address household(const Address& address) {
   Address out = address;
   if (!isIpv4(address)) std::fill(out.begin() + 8, out.end(), std::uint8_t{0});
@@ -79,12 +68,8 @@ Outcome<Network> Network::parse(std::string_view text) {
   Network network;
   network.address_ = *address;
   const unsigned most = host.find(':') == std::string_view::npos ? 32 : 128;
-  unsigned bits = most;
-  if (slash < text.size()) {
-    const std::string_view digits = text.substr(slash + 1);
-    const auto [end, ec] = std::from_chars(digits.data(), digits.data() + digits.size(), bits);
-    if (ec != std::errc() || end != digits.data() + digits.size() || bits > most) return wrong("behind the / belongs a number of bits");
-  }
+  const unsigned bits = slash < text.size() ? text::number<unsigned>(text.substr(slash + 1)).value_or(most + 1) : most;
+  if (bits > most) return wrong("behind the / belongs a number of bits");
   network.bits_ = bits + (most == 32 ? 96 : 0);
   for (unsigned bit = network.bits_; bit < 128; ++bit)
     if (network.address_[bit / 8] & (0x80u >> (bit % 8))) return wrong("it has bits beyond its prefix");
@@ -107,7 +92,7 @@ Address clientAddress(const Address& peer, std::string_view forwardedFor, const 
   Address client = peer;
   while (!forwardedFor.empty() && trusted(client)) {
     const auto comma = forwardedFor.rfind(',');
-    const auto last = parseAddress(trimmed(comma == std::string_view::npos ? forwardedFor : forwardedFor.substr(comma + 1)));
+    const auto last = parseAddress(text::trimmed(comma == std::string_view::npos ? forwardedFor : forwardedFor.substr(comma + 1)));
     if (!last) break;
     client = *last;
     forwardedFor = comma == std::string_view::npos ? std::string_view() : forwardedFor.substr(0, comma);

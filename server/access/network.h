@@ -16,7 +16,6 @@ using Address = std::array<std::uint8_t, 16>;  // IPv6; IPv4 as ::ffff:a.b.c.d
 
 std::optional<Address> parseAddress(std::string_view text);  // 192.0.2.1, 2001:db8::1, [2001:db8::1]; with :PORT behind an IPv4 or a ]
 std::string toText(const Address& address);                  // 192.0.2.1, 2001:db8::1
-bool isLoopback(const Address& address);
 // What one client has of addresses to choose from: an IPv4 address, or a /64 of IPv6.
 Address household(const Address& address);
 
@@ -31,8 +30,8 @@ class Network {
   unsigned bits_ = 128;
 };
 
-// Who asks: the peer; where that is a trusted proxy, the last address of X-Forwarded-For that is none. What stands there beyond an entry that is no
-// address is not believed.
+// The client: the peer, or behind trusted proxies the last address of X-Forwarded-For that is none of them. Reading that header ends at an
+// entry that is no address.
 Address clientAddress(const Address& peer, std::string_view forwardedFor, const std::vector<Network>& trustedProxies);
 
 }  // namespace ridgecast::access

@@ -2,52 +2,43 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
+
+#include "common/text/text.h"
 
 namespace ridgecast::access {
 
 namespace {
 
-constexpr std::array kAll{Right::kView, Right::kCreate, Right::kQuery, Right::kSnapshot};
+constexpr std::array<std::pair<Right, std::string_view>, 4> kNames{
+    {{Right::kView, "view"}, {Right::kCreate, "create"}, {Right::kQuery, "query"}, {Right::kSnapshot, "snapshot"}}};
 
 }  // namespace
 
-std::string_view name(Right right) {
-  switch (right) {
-    case Right::kView:
-      return "view";
-    case Right::kCreate:
-      return "create";
-    case Right::kQuery:
-      return "query";
-    case Right::kSnapshot:
-      return "snapshot";
-  }
-  return "";
-}
+std::string_view name(Right right) { return std::ranges::find(kNames, right, &std::pair<Right, std::string_view>::first)->second; }
 
 Outcome<Rights> parseRights(std::string_view text) {
   Rights rights;
-  for (std::string_view rest = text;;) {
-    const auto end = std::min(rest.find(','), rest.size());
-    const std::string_view one = rest.substr(0, end);
-    const auto found = std::find_if(kAll.begin(), kAll.end(), [one](Right right) { return name(right) == one; });
-    if (found == kAll.end())
+  bool more = true;
+  while (more) {
+    more = text.find(',') != std::string_view::npos;
+    const std::string_view one = text::takePart(text, ',');
+    const auto found = std::ranges::find(kNames, one, &std::pair<Right, std::string_view>::second);
+    if (found == kNames.end())
       return Error{"'" + std::string(one.substr(0, 40)) +
                    "' is no right; rights are view, create, query and snapshot, with commas between them."};
-    rights = rights | *found;
-    if (end == rest.size()) return rights;
-    rest.remove_prefix(end + 1);
+    rights = rights | found->first;
   }
+  return rights;
 }
 
 std::string toText(Rights rights) {
   std::string text;
-  for (const Right right : kAll) {
-    if (!rights.has(right)) continue;
-    if (!text.empty()) text += ',';
-    text += name(right);
-  }
+  for (const auto& [right, name] : kNames)
+    if (rights.has(right)) text.append(text.empty() ? "" : ",").append(name);
   return text;
 }
+
+bool holderNameIsValid(std::string_view name) { return !name.empty() && name.size() <= 64 && text::hasOnly(name, "._-@"); }
 
 }  // namespace ridgecast::access

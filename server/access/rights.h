@@ -1,7 +1,9 @@
 #pragma once
 // What somebody may do here. Names are those of token files and of the claim "rights" in a JWT.
 
+#include <chrono>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -39,5 +41,22 @@ class Rights {
 // "view,query" -> rights. Error: none is named, or one that there is not.
 Outcome<Rights> parseRights(std::string_view text);
 std::string toText(Rights rights);  // "view,query"
+
+// What a token grants to who shows it.
+using Time = std::chrono::sys_seconds;
+// Later times count as this one: clocks of nanoseconds end in 2262.
+inline constexpr Time kLatest = std::chrono::sys_days(std::chrono::year(2200) / 1 / 1);
+
+struct Grant {
+  std::string name;  // whose it is, for logs: at most 64 printable characters without blanks; may be empty
+  Rights rights;
+  std::string session;          // the one session it is for; empty: all
+  std::optional<Time> expires;  // the first second at which it is none any more
+
+  bool reaches(std::string_view wanted) const { return session.empty() || session == wanted; }
+};
+
+// 1 to 64 letters, digits and ._-@: fit for a file of tokens and a line of a log.
+bool holderNameIsValid(std::string_view name);
 
 }  // namespace ridgecast::access

@@ -1,12 +1,11 @@
 #include "server/access/tokens.h"
 
-#include <algorithm>
-#include <charconv>
-#include <cstdio>
+#include <ctime>
 #include <fstream>
 #include <sstream>
 #include <vector>
 
+#include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/access/crypto.h"
 #include "server/access/jwt.h"
@@ -17,6 +16,7 @@ namespace {
 
 constexpr std::size_t kMaxTokens = 100'000, kMaxLineBytes = 1024, kMaxSecretBytes = 4096;
 constexpr std::string_view kHashPrefix = "sha256:";
+constexpr char kTimeForm[] = "%Y-%m-%dT%H:%M:%SZ";
 
 // One line of the file: the grant and the token's hash.
 Outcome<std::pair<Grant, std::string>> parseLine(const std::string& line) {
@@ -40,53 +40,38 @@ Outcome<std::pair<Grant, std::string>> parseLine(const std::string& line) {
     if (!expires) return Error{"its end is neither 'never' nor a time like 2027-01-01T00:00:00Z"};
     grant.expires = std::min(*expires, kLatest);
   }
-  const std::string_view hash = words[4];
-  if (!hash.starts_with(kHashPrefix) || !digestFromHex(hash.substr(kHashPrefix.size())))
+  const std::string hash = words[4].starts_with(kHashPrefix) ? words[4].substr(kHashPrefix.size()) : "";
+  if (hash.size() != 2 * Digest().size() || hash.find_first_not_of("0123456789abcdef") != std::string::npos)
     return Error{"its hash is not sha256: and 64 hexadecimal digits, as 'ridgecast-server token' writes them"};
-  return std::pair(std::move(grant), std::string(hash.substr(kHashPrefix.size())));
+  return std::pair(std::move(grant), hash);
 }
 
 }  // namespace
 
 std::optional<Time> parseTime(std::string_view text) {
-  const std::string_view form = "dddd-dd-ddTdd:dd:ddZ";
-  if (text.size() != form.size()) return std::nullopt;
-  for (std::size_t k = 0; k < form.size(); ++k)
-    if (form[k] == 'd' ? text[k] < '0' || text[k] > '9' : text[k] != form[k]) return std::nullopt;
-  const auto number = [&](std::size_t at, std::size_t digits) {
-    int value = 0;
-    std::from_chars(text.data() + at, text.data() + at + digits, value);
-    return value;
-  };
-  const std::chrono::year_month_day day{std::chrono::year(number(0, 4)), std::chrono::month(static_cast<unsigned>(number(5, 2))),
-                                        std::chrono::day(static_cast<unsigned>(number(8, 2)))};
-  const int hour = number(11, 2), minute = number(14, 2), second = number(17, 2);
-  if (!day.ok() || hour > 23 || minute > 59 || second > 59) return std::nullopt;
-  return Time(std::chrono::sys_days(day)) + std::chrono::hours(hour) + std::chrono::minutes(minute) + std::chrono::seconds(second);
+  std::tm parts{};
+  if (!strptime(std::string(text).c_str(), kTimeForm, &parts)) return std::nullopt;
+  const Time time(std::chrono::seconds(timegm(&parts)));
+  if (toText(time) != text) return std::nullopt;  // strptime also takes blanks, fewer digits and days such as 31 June
+  return time;
 }
 
 std::string toText(Time time) {
-  const auto days = std::chrono::floor<std::chrono::days>(time);
-  const std::chrono::year_month_day day(days);
-  const std::chrono::hh_mm_ss clock(time - days);
+  const std::time_t seconds = time.time_since_epoch().count();
+  std::tm parts{};
+  gmtime_r(&seconds, &parts);
   char out[40];
-  std::snprintf(out, sizeof out, "%04d-%02u-%02uT%02d:%02d:%02dZ", static_cast<int>(day.year()), static_cast<unsigned>(day.month()),
-                static_cast<unsigned>(day.day()), static_cast<int>(clock.hours().count()), static_cast<int>(clock.minutes().count()),
-                static_cast<int>(clock.seconds().count()));
-  return out;
+  return {out, std::strftime(out, sizeof out, kTimeForm, &parts)};
 }
 
 Outcome<std::string> loadSecret(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::string secret(kMaxSecretBytes + 1, '\0');
-  in.read(secret.data(), static_cast<std::streamsize>(secret.size()));
-  if (in.bad() || (!in.eof() && in.gcount() == 0)) return Error{"Cannot read the secret file '" + file.string() + "'."};
-  secret.resize(static_cast<std::size_t>(in.gcount()));
-  while (!secret.empty() && (secret.back() == '\n' || secret.back() == '\r')) secret.pop_back();
-  if (secret.size() < kMinSecretBytes || secret.size() > kMaxSecretBytes)
+  auto secret = text::readFile(file, kMaxSecretBytes);
+  if (!secret) return Error{"Cannot read the secret file '" + file.string() + "'."};
+  secret->resize(secret->find_last_not_of("\r\n") + 1);
+  if (secret->size() < kMinSecretBytes || secret->size() > kMaxSecretBytes)
     return Error{"The secret in '" + file.string() + "' must have " + std::to_string(kMinSecretBytes) + " to " +
                  std::to_string(kMaxSecretBytes) + " bytes; 'openssl rand -hex 32' makes a good one."};
-  return Outcome<std::string>(boost::system::in_place_value, std::move(secret));
+  return Outcome<std::string>(boost::system::in_place_value, std::move(*secret));
 }
 
 Outcome<std::shared_ptr<const Tokens>> Tokens::load(const std::filesystem::path& tokenFile, const std::filesystem::path& jwtSecretFile) {

@@ -16,7 +16,7 @@
 #include <unordered_map>
 
 #include "common/outcome/outcome.h"
-#include "server/access/grant.h"
+#include "server/access/rights.h"
 
 namespace ridgecast::access {
 

@@ -16,13 +16,15 @@ namespace ridgecast::config {
 
 namespace {
 
+int refuse(const std::string& sentence) {
+  std::cerr << "ridgecast-server: " << sentence << "\n";
+  return 2;
+}
+
 // Names begin unindented lines and details are indented, readable for people and scripts.
 int listTerrains(const std::filesystem::path& folder) {
   const auto entries = user_terrain::list(folder);
-  if (!entries) {
-    std::cerr << "ridgecast-server: " << entries.error().message << "\n";
-    return 2;
-  }
+  if (!entries) return refuse(entries.error().message);
   for (const user_terrain::Entry& e : *entries) {
     std::cout << e.name << "\n";
     if (!e.summary.empty()) std::cout << "    " << e.summary << "\n";
@@ -32,18 +34,20 @@ int listTerrains(const std::filesystem::path& folder) {
   return 0;
 }
 
-int refuse(const std::string& sentence) {
-  std::cerr << "ridgecast-server: " << sentence << "\n";
-  return 2;
-}
-
 // Settings as written; finish() turns them into a Config.
 struct Written {
   Config config;
   bool isPrivate = false, quiet = false;
   std::vector<std::string> parameters, raster, trustedProxies, allowedHosts;
-  long long timeout = 0, idle = 0, drain = 0, sessionIdle = 0;
   std::string logFormat = "text", logLevel = "info";
+};
+
+// Help shows the first of several long names; the others are old ones.
+class FirstNames final : public CLI::Formatter {
+  std::string make_option_name(const CLI::Option* option, bool isPositional) const override {
+    const auto& names = option->get_lnames();
+    return names.size() > 1 ? "--" + names.front() : Formatter::make_option_name(option, isPositional);
+  }
 };
 
 void addList(CLI::App& app, const char* flag, std::vector<std::string>& values, const char* type, const char* text) {
@@ -54,6 +58,13 @@ template <class Number>
 void addNumber(CLI::App& app, const char* flag, Number& value, const char* text, std::type_identity_t<Number> least,
                std::type_identity_t<Number> most) {
   app.add_option(flag, value, text)->check(CLI::Range(least, most))->capture_default_str();
+}
+
+void addSeconds(CLI::App& app, const char* flag, std::chrono::milliseconds& value, const char* text, int least, int most) {
+  app.add_option_function<int>(
+         flag, [&value](int seconds) { value = std::chrono::seconds(seconds); }, text)
+      ->check(CLI::Range(least, most))
+      ->default_str(std::to_string(value / std::chrono::seconds(1)));
 }
 
 void addTerrain(CLI::App& app, Written& w) {
@@ -104,8 +115,8 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1, 65535);
   addNumber(app, "--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any", 1,
             65535);
-  addNumber(app, "--session-idle", w.sessionIdle, "Seconds after which a session without members ends; the default session never ends", 1,
-            31'536'000);
+  addSeconds(app, "--session-idle", c.limits.sessionIdle,
+             "Seconds after which a session without members ends; the default session never ends", 1, 31'536'000);
   addNumber(app, "--max-connections", c.net.maxConnections, "Connections at a time", 1, 65535);
   addNumber(app, "--max-connections-per-address", c.net.maxConnectionsPerAddress,
             "Connections at a time from one client address; 0: unlimited", 0, 65535);
@@ -122,12 +133,12 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1, wire::kMaxWindow);
   app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();
-  addNumber(app, "--patience", w.timeout, "Timeout in seconds of each of: TLS handshake, request, hello", 1, 600);
-  addNumber(app, "--idle", w.idle, "Seconds of silence after which a stream is closed; a ping is sent after half of them", 2, 86400);
+  addSeconds(app, "--timeout,--patience", c.net.timeout, "Timeout in seconds of each of: TLS handshake, request, hello", 1, 600);
+  addSeconds(app, "--idle", c.net.idle, "Seconds of silence after which a stream is closed; a ping is sent after half of them", 2, 86400);
 }
 
 void addOperation(CLI::App& app, Written& w) {
-  addNumber(app, "--drain", w.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
+  addSeconds(app, "--drain", w.config.net.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
   app.add_option("--reconnect-url", w.config.net.reconnectUrl,
                  "URL for clients to reconnect to when this server leaves; default: the same address")
       ->type_name("URL");
@@ -140,32 +151,26 @@ void addOperation(CLI::App& app, Written& w) {
   app.add_flag("--quiet", w.quiet, "Same as --log-level warning");
 }
 
+template <class T>
+std::optional<Error> parseAll(const std::vector<std::string>& texts, Outcome<T> (*parse)(std::string_view), std::vector<T>& out) {
+  for (const std::string& text : texts) {
+    auto value = parse(text);
+    if (!value) return value.error();
+    out.push_back(std::move(*value));
+  }
+  return std::nullopt;
+}
+
 // Error: one sentence.
 Outcome<Config> finish(Written&& w) {
   Config& c = w.config;
   c.limits.sendsTerrain = !w.isPrivate;
   c.terrain.colours = w.isPrivate;
-  for (const std::string& p : w.parameters) {
-    auto assignment = user_terrain::parseAssignment(p);
-    if (!assignment) return assignment.error();
-    c.terrain.parameters.push_back(std::move(*assignment));
-  }
+  if (const auto error = parseAll(w.parameters, user_terrain::parseAssignment, c.terrain.parameters)) return *error;
+  if (const auto error = parseAll(w.trustedProxies, access::Network::parse, c.net.trustedProxies)) return *error;
+  if (const auto error = parseAll(w.allowedHosts, access::parseHostName, c.net.allowedHosts)) return *error;
   for (const std::string& option : w.raster)
     if (auto added = user_terrain::addRasterOption(option, c.terrain.raster); !added) return added.error();
-  for (const std::string& text : w.trustedProxies) {
-    const auto network = access::Network::parse(text);
-    if (!network) return network.error();
-    c.net.trustedProxies.push_back(*network);
-  }
-  for (const std::string& text : w.allowedHosts) {
-    auto host = access::parseHostName(text);
-    if (!host) return host.error();
-    c.net.allowedHosts.push_back(std::move(*host));
-  }
-  c.net.timeout = std::chrono::seconds(w.timeout);
-  c.net.idle = std::chrono::seconds(w.idle);
-  c.net.drain = std::chrono::seconds(w.drain);
-  c.limits.sessionIdle = std::chrono::seconds(w.sessionIdle);
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);
   c.net.patientJobs.lowerPriorityBy = c.snapshots.lowerPriorityBy;
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
@@ -184,16 +189,13 @@ Outcome<Config> finish(Written&& w) {
 Parsed parse(int argc, const char* const* argv, const char* const* environment) {
   if (argc > 1 && std::string_view(argv[1]) == "token") return {std::nullopt, runTokenCommand(argc - 1, argv + 1)};
   Written w;
-  w.timeout = w.config.net.timeout / std::chrono::seconds(1);
-  w.idle = w.config.net.idle / std::chrono::seconds(1);
-  w.drain = w.config.net.drain / std::chrono::seconds(1);
-  w.sessionIdle = w.config.limits.sessionIdle / std::chrono::seconds(1);
   bool list = false, print = false;
   std::filesystem::path file;
   CLI::App app(
       "Streams endless terrain, triangulated for each camera. 'ridgecast-server token --help' tells how to make tokens.\n"
       "A setting's flag goes before its environment variable (--max-cameras: RIDGECAST_MAX_CAMERAS), that before the settings file.",
       "ridgecast-server");
+  app.formatter(std::make_shared<FirstNames>());
   app.get_formatter()->column_width(34);
   app.get_help_ptr()->configurable(false);
   app.set_version_flag("--version", version::describe("ridgecast-server", wire::kProtocolVersion))->configurable(false);

@@ -1,10 +1,8 @@
 #pragma once
 // The server's settings from command line, environment and settings file (layers.h).
 
-#include <cstdint>
 #include <filesystem>
 #include <optional>
-#include <string>
 
 #include "common/outcome/outcome.h"
 #include "server/logging/logging.h"

@@ -1,11 +1,14 @@
 #include "server/config/layers.h"
 
+#include <toml++/toml.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <string_view>
+#include <vector>
 
-#include "server/config/settings_file.h"
+#include "common/text/text.h"
 
 namespace ridgecast::config {
 
@@ -32,11 +35,8 @@ std::optional<std::string> set(CLI::Option& option, const std::vector<std::strin
 
 std::vector<std::string> split(std::string_view text) {
   std::vector<std::string> parts;
-  while (!text.empty()) {
-    const auto end = std::min(text.find(','), text.size());
-    if (end > 0) parts.emplace_back(text.substr(0, end));
-    text.remove_prefix(std::min(end + 1, text.size()));
-  }
+  while (!text.empty())
+    if (const auto part = text::takePart(text, ','); !part.empty()) parts.emplace_back(part);
   return parts;
 }
 
@@ -60,6 +60,60 @@ std::string literal(const std::string& value) {
   return out + '"';
 }
 
+// A line of a settings file: TOML, one `key = value` a line, without sections. Keys are the long flags without leading hyphens.
+struct FileSetting {
+  std::string key;
+  std::vector<std::string> values;  // as a flag would have them
+  bool list = false;                // was written with brackets
+  unsigned line = 0;
+};
+
+constexpr std::size_t kMaxFileBytes = 1u << 20;
+
+std::optional<std::string> textOf(const toml::node& node) {
+  if (const auto* text = node.as_string()) return text->get();
+  if (const auto* integer = node.as_integer()) return std::to_string(integer->get());
+  if (const auto* boolean = node.as_boolean()) return boolean->get() ? "true" : "false";
+  if (const auto* real = node.as_floating_point()) return text::rounded(real->get(), 17);
+  return std::nullopt;
+}
+
+// Error: unreadable, larger than 1 MiB, not TOML, a section, or a value that is not text, number, true, false or a list of these.
+Outcome<std::vector<FileSetting>> readSettingsFile(const std::filesystem::path& file) {
+  const auto text = text::readFile(file, kMaxFileBytes);
+  if (!text) return Error{"Cannot read the settings file '" + file.string() + "'."};
+  if (text->size() > kMaxFileBytes) return Error{"The settings file '" + file.string() + "' is larger than a megabyte."};
+  toml::table table;
+  try {
+    table = toml::parse(*text);
+  } catch (const toml::parse_error& e) {
+    return Error{file.string() + ":" + std::to_string(e.source().begin.line) + ": " + std::string(e.description()) + "."};
+  }
+  std::vector<FileSetting> settings;
+  for (const auto& [key, node] : table) {
+    FileSetting setting;
+    setting.key = key.str();
+    setting.line = key.source().begin.line;
+    const std::string where = file.string() + ":" + std::to_string(setting.line) + ": ";
+    if (node.is_table() || node.is_array_of_tables())
+      return Error{where + "'" + setting.key + "' is a section; settings stand one a line, such as max-cameras = 64."};
+    if (const toml::array* list = node.as_array()) {
+      setting.list = true;
+      for (const toml::node& one : *list) {
+        auto value = textOf(one);
+        if (!value) return Error{where + "'" + setting.key + "' holds something that is neither text, number, true nor false."};
+        setting.values.push_back(std::move(*value));
+      }
+    } else {
+      auto value = textOf(node);
+      if (!value) return Error{where + "'" + setting.key + "' is neither text, number, true, false nor a list of these."};
+      setting.values.push_back(std::move(*value));
+    }
+    settings.push_back(std::move(setting));
+  }
+  return settings;
+}
+
 }  // namespace
 
 std::string variableOf(const std::string& key) {
@@ -73,9 +127,8 @@ Outcome<Sources> addLayers(CLI::App& app, const std::filesystem::path& file, con
   std::map<std::string, CLI::Option*> byKey, byVariable;
   for (CLI::Option* option : app.get_options()) {
     if (!isSetting(*option)) continue;
-    const std::string key = keyOf(*option);
-    byKey[key] = byVariable[variableOf(key)] = option;
-    sources[key] = option->count() > 0 ? "flag" : "default";
+    for (const std::string& name : option->get_lnames()) byKey[name] = byVariable[variableOf(name)] = option;
+    sources[keyOf(*option)] = option->count() > 0 ? "flag" : "default";
   }
   for (; *environment; ++environment) {
     const std::string_view entry = *environment;
@@ -101,7 +154,7 @@ Outcome<Sources> addLayers(CLI::App& app, const std::filesystem::path& file, con
     if (found == byKey.end())
       return Error{where + ": '" + setting.key + "' is not a setting of this server; --print-config lists the settings."};
     if (setting.list && !isList(*found->second)) return Error{where + ": '" + setting.key + "' takes one value, not a list."};
-    std::string& source = sources[setting.key];
+    std::string& source = sources[keyOf(*found->second)];
     if (source != "default") continue;
     if (auto wrong = set(*found->second, setting.values)) return Error{where + ": " + *wrong + "."};
     source = "file " + where;

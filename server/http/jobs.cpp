@@ -68,24 +68,18 @@ void Jobs::work(std::size_t thread) {
     if (stopped_) return;
     Job job = std::move(waiting_.front());
     waiting_.pop_front();
-    if (!job.stop.stop_requested()) {
-      running_[thread] = job.stop;
-      --idle_;
-      lock.unlock();
-      try {
-        job.run(job.stop.get_token());
-      } catch (const std::exception& e) {
-        logging::error(std::string("a request's work failed: ") + e.what());
-      }
-      job = {std::stop_source(std::nostopstate), {}};
-      lock.lock();
-      running_[thread] = std::stop_source(std::nostopstate);
-      ++idle_;
-    } else {
-      lock.unlock();
-      job = {std::stop_source(std::nostopstate), {}};
-      lock.lock();
+    running_[thread] = job.stop;
+    --idle_;
+    lock.unlock();
+    try {
+      if (!job.stop.stop_requested()) job.run(job.stop.get_token());
+    } catch (const std::exception& e) {
+      logging::error(std::string("a request's work failed: ") + e.what());
     }
+    job = {std::stop_source(std::nostopstate), {}};
+    lock.lock();
+    running_[thread] = std::stop_source(std::nostopstate);
+    ++idle_;
     ended_.notify_all();
   }
 }

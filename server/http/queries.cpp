@@ -1,14 +1,14 @@
 #include "server/http/queries.h"
 
+#include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <span>
 #include <string>
 #include <utility>
 
 #include "common/ground/ground.h"
+#include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/query/query.h"
 
@@ -20,31 +20,20 @@ constexpr double kFarthest = static_cast<double>(lattice::kMaxPosition) * lattic
 
 // Reads exactly as many numbers as there are places, separated by commas.
 bool parseNumbers(std::string_view text, std::span<double> numbers) {
-  for (std::size_t k = 0; k < numbers.size(); ++k) {
-    const std::string_view one = text.substr(0, text.find(','));
-    text.remove_prefix(one.size());
-    const auto [end, error] = std::from_chars(one.data(), one.data() + one.size(), numbers[k]);
-    if (error != std::errc() || end != one.data() + one.size() || !std::isfinite(numbers[k])) return false;
-    const bool more = k + 1 < numbers.size();
-    if (more != text.starts_with(',')) return false;
-    if (more) text.remove_prefix(1);
+  if (std::ranges::count(text, ',') + 1 != std::ssize(numbers)) return false;
+  for (double& number : numbers) {
+    const auto read = text::number<double>(text::takePart(text, ','));
+    if (!read) return false;
+    number = *read;
   }
-  return text.empty();
+  return true;
 }
 
 bool inLattice(double metres) { return std::abs(metres) <= kFarthest; }
 lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre + 0.5)); }
 
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.17g", value);
-  return text;
-}
-std::string number(float value) {
-  char text[24];
-  std::snprintf(text, sizeof text, "%.9g", static_cast<double>(value));
-  return text;
-}
+std::string number(double value) { return text::rounded(value, 17); }
+std::string number(float value) { return text::rounded(static_cast<double>(value), 9); }
 
 Outcome<wire::Query> readPlaces(std::string_view query, bool normals) {
   wire::Query out;
@@ -80,9 +69,9 @@ Outcome<wire::Query> readRays(std::string_view query) {
     return Error{"Name 1 to " + std::to_string(kMaxHttpRays) +
                  " rays as ray=X,Y,Z,DX,DY,DZ: where they begin, in metres, and their direction."};
   std::array<double, 1> reach{10'000};
-  const auto asked = queryParameter(query, "reach");
-  if (!asked) return asked.error();
-  if (!asked->empty() && (!parseNumbers(*asked, reach) || reach[0] < 0 || reach[0] > wire::kMaxReach))
+  const auto requested = queryParameter(query, "reach");
+  if (!requested) return requested.error();
+  if (!requested->empty() && (!parseNumbers(*requested, reach) || reach[0] < 0 || reach[0] > wire::kMaxReach))
     return Error{"reach is the length of the rays, 0 to 100000 metres."};
   for (const std::string& text : *rays) {
     std::array<double, 6> n{};
@@ -96,37 +85,27 @@ Outcome<wire::Query> readRays(std::string_view query) {
   return out;
 }
 
-std::string json(const wire::Query& query, const wire::Answer& answer) {
-  std::string out;
-  const auto between = [&] { out += out.ends_with('[') ? "" : ", "; };
-  switch (query.kind) {
-    case wire::QueryKind::kHeights:
-      out = "{\"heights\": [";
-      for (const float h : answer.heights) between(), out += number(h);
-      break;
-    case wire::QueryKind::kNormals:
-      out = "{\"normals\": [";
-      for (std::size_t k = 0; k + 2 < answer.normals.size(); k += 3)
-        between(),
-            out += '[' + number(answer.normals[k]) + ", " + number(answer.normals[k + 1]) + ", " + number(answer.normals[k + 2]) + ']';
-      break;
-    case wire::QueryKind::kRays:
-      out = "{\"rays\": [";
-      for (std::size_t k = 0; k < answer.distances.size(); ++k) {
-        between();
-        if (answer.distances[k] < 0) {
-          out += "null";
-          continue;
-        }
-        const wire::Ray& ray = query.rays[k];
-        const double length = std::hypot(ray.directionX, ray.directionY, ray.directionZ), t = answer.distances[k] / length;
-        out += "{\"distance\": " + number(answer.distances[k]) + ", \"at\": [" +
-               number(static_cast<double>(ray.x) * lattice::kMetresPerStep + t * ray.directionX) + ", " +
-               number(ray.y + t * ray.directionY) + ", " +
-               number(static_cast<double>(ray.z) * lattice::kMetresPerStep + t * ray.directionZ) + "]}";
-      }
-  }
-  return out + "]}\n";
+std::string answerText(const wire::Query& query, const wire::Answer& answer) {
+  const auto list = [](const std::string& name, std::size_t count, const auto& entry) {
+    std::string out = "{\"" + name + "\": [";
+    for (std::size_t k = 0; k < count; ++k) out += (k > 0 ? ", " : "") + entry(k);
+    return out + "]}\n";
+  };
+  if (query.kind == wire::QueryKind::kHeights)
+    return list("heights", answer.heights.size(), [&](std::size_t k) { return number(answer.heights[k]); });
+  if (query.kind == wire::QueryKind::kNormals)
+    return list("normals", answer.normals.size() / 3, [&](std::size_t k) {
+      const auto n = std::span(answer.normals).subspan(3 * k, 3);
+      return "[" + number(n[0]) + ", " + number(n[1]) + ", " + number(n[2]) + "]";
+    });
+  return list("rays", answer.distances.size(), [&](std::size_t k) -> std::string {
+    if (answer.distances[k] < 0) return "null";
+    const wire::Ray& ray = query.rays[k];
+    const double t = answer.distances[k] / std::hypot(ray.directionX, ray.directionY, ray.directionZ);
+    return "{\"distance\": " + number(answer.distances[k]) + ", \"at\": [" +
+           number(static_cast<double>(ray.x) * lattice::kMetresPerStep + t * ray.directionX) + ", " + number(ray.y + t * ray.directionY) +
+           ", " + number(static_cast<double>(ray.z) * lattice::kMetresPerStep + t * ray.directionZ) + "]}";
+  });
 }
 
 std::optional<Answer> respond(const Request& request, const session::Directory& directory) {
@@ -138,18 +117,11 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
   if (!name) return plain(400, name.error().message);
   const auto session = directory.find(name->empty() ? session::kDefaultName : std::string_view(*name));
   if (!session) return plain(404, "There is no session of that name here; /v1/sessions lists the sessions.");
-  auto asked = rays ? readRays(query) : readPlaces(query, normals);
-  if (!asked) return plain(400, asked.error().message);
-  auto later = std::make_shared<Later>();
-  later->work = [terrain = session->terrain(), asked = std::move(*asked)](std::stop_token) {
-    Answer a;
-    a.type = "application/json";
-    a.body = json(asked, query::answer(*terrain, asked));
-    return a;
-  };
-  Answer a;
-  a.later = std::move(later);
-  return a;
+  auto places = rays ? readRays(query) : readPlaces(query, normals);
+  if (!places) return plain(400, places.error().message);
+  return madeBy({.work = [terrain = session->terrain(), places = std::move(*places)](std::stop_token) {
+    return json(answerText(places, query::answer(*terrain, places)));
+  }});
 }
 
 }  // namespace

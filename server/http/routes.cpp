@@ -1,42 +1,47 @@
 #include "server/http/routes.h"
 
-#include <algorithm>
-#include <charconv>
-
+#include "common/text/text.h"
 #include "common/version/version.h"
 #include "common/wire/wire.h"
 #include "server/http/worlds.h"
 
 namespace ridgecast::http {
 
-Answer plain(unsigned status, std::string sentence) {
+Answer plain(unsigned status, std::string sentence, Headers headers) {
   Answer a;
   a.status = status;
   a.body = std::move(sentence) + "\n";
+  a.headers = std::move(headers);
   return a;
 }
 
-Answer refused(unsigned status, metrics::Refusal why, std::string sentence) {
-  Answer a = plain(status, std::move(sentence));
+Answer refused(unsigned status, metrics::Refusal why, std::string sentence, Headers headers) {
+  Answer a = plain(status, std::move(sentence), std::move(headers));
   a.refusal = why;
   return a;
 }
 
-Answer wrongMethod(const std::string& allowed) {
-  Answer a = refused(405, metrics::Refusal::kRequest, "Methods allowed here: " + allowed + ".");
-  a.headers = {{"Allow", allowed}};
+Answer json(std::string body) {
+  Answer a;
+  a.type = "application/json";
+  a.body = std::move(body);
   return a;
+}
+
+Answer madeBy(Later later) {
+  Answer a;
+  a.later = std::make_shared<Later>(std::move(later));
+  return a;
+}
+
+Answer wrongMethod(const std::string& allowed) {
+  return refused(405, metrics::Refusal::kRequest, "Methods allowed here: " + allowed + ".", {{"Allow", allowed}});
 }
 
 namespace {
 
 // Whether the text needs no escaping in HTML and JSON. Nothing else is shown there.
-bool hostIsHarmless(std::string_view host) {
-  return !host.empty() && host.size() <= 255 && std::all_of(host.begin(), host.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == ':' || c == '-' || c == '[' ||
-           c == ']';
-  });
-}
+bool hostIsHarmless(std::string_view host) { return !host.empty() && host.size() <= 255 && text::hasOnly(host, ".:-[]"); }
 
 std::string escaped(std::string_view text) {
   std::string out;
@@ -94,24 +99,11 @@ std::string page(const Request& request, const session::Directory& directory, st
 Outcome<std::vector<std::string>> queryParameters(std::string_view query, std::string_view name) {
   std::vector<std::string> values;
   while (!query.empty()) {
-    const std::string_view part = query.substr(0, query.find('&'));
-    query.remove_prefix(std::min(part.size() + 1, query.size()));
-    const auto equals = std::min(part.find('='), part.size());
-    if (part.substr(0, equals) != name) continue;
-    const std::string_view raw = part.substr(std::min(equals + 1, part.size()));
-    std::string& value = values.emplace_back();
-    for (std::size_t k = 0; k < raw.size(); ++k) {
-      if (raw[k] != '%') {
-        value += raw[k];
-        continue;
-      }
-      unsigned char byte = 0;
-      const char *digits = raw.data() + k + 1, *end = raw.data() + std::min(k + 3, raw.size());
-      if (end - digits < 2 || std::from_chars(digits, end, byte, 16).ptr != end)
-        return Error{"The query has a % without two hexadecimal digits after it."};
-      value += static_cast<char>(byte);
-      k += 2;
-    }
+    std::string_view part = text::takePart(query, '&');
+    if (text::takePart(part, '=') != name) continue;
+    auto value = text::percentDecoded(part);
+    if (!value) return Error{"The query has a % without two hexadecimal digits after it."};
+    values.push_back(std::move(*value));
   }
   return values;
 }
@@ -125,14 +117,10 @@ Outcome<std::string> queryParameter(std::string_view query, std::string_view nam
 bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
   if (etag.empty()) return false;
   while (!ifNoneMatch.empty()) {
-    const auto end = std::min(ifNoneMatch.find(','), ifNoneMatch.size());
-    std::string_view one = ifNoneMatch.substr(0, end);
-    ifNoneMatch.remove_prefix(std::min(end + 1, ifNoneMatch.size()));
-    while (!one.empty() && (one.front() == ' ' || one.front() == '\t')) one.remove_prefix(1);
-    while (!one.empty() && (one.back() == ' ' || one.back() == '\t')) one.remove_suffix(1);
+    std::string_view one = text::trimmed(text::takePart(ifNoneMatch, ','));
     if (one == "*") return true;
     if (one.starts_with("W/")) one.remove_prefix(2);
-    if (one.size() == etag.size() + 2 && one.front() == '"' && one.back() == '"' && one.substr(1, etag.size()) == etag) return true;
+    if (one == '"' + std::string(etag) + '"') return true;
   }
   return false;
 }
@@ -141,25 +129,20 @@ Answer answer(const Request& request, session::Directory& directory, std::string
   for (const Route& route : routes)
     if (auto a = route(request)) return std::move(*a);
   const std::string_view path = request.path();
-  const bool known =
-      path == "/" || path == "/about" || path == "/healthz" || path == "/version" || path == "/v1/stream" || path == "/v1/sessions";
-  if (!known) return refused(404, metrics::Refusal::kRequest, "There is nothing here; see / for what this server offers.");
-  const bool isStream = path == "/v1/stream";
+  const bool isPage = path == "/" || path == "/about", isStream = path == "/v1/stream";
+  if (!isPage && !isStream && path != "/healthz" && path != "/version" && path != "/v1/sessions")
+    return refused(404, metrics::Refusal::kRequest, "There is nothing here; see / for what this server offers.");
   if (isStream && request.method != "GET") return wrongMethod("GET");
   if (!request.reads()) return wrongMethod();
   if (isStream) return streamAnswer(request, directory);
   if (path == "/v1/sessions") return sessionsAnswer(directory);
+  if (path == "/healthz") return plain(200, "ok");
+  if (path == "/version")
+    return json(R"({"name": "ridgecast-server", "version": ")" + std::string(version) + R"(", "protocol": )" +
+                std::to_string(wire::kProtocolVersion) + R"(, "commit": ")" + std::string(version::commit()) + "\"}\n");
   Answer a;
-  if (path == "/healthz") {
-    a.body = "ok\n";
-  } else if (path == "/version") {
-    a.type = "application/json";
-    a.body = R"({"name": "ridgecast-server", "version": ")" + std::string(version) + R"(", "protocol": )" +
-             std::to_string(wire::kProtocolVersion) + ", \"commit\": \"" + std::string(version::commit()) + "\"}\n";
-  } else {
-    a.type = "text/html; charset=utf-8";
-    a.body = page(request, directory, version, path == "/about");
-  }
+  a.type = "text/html; charset=utf-8";
+  a.body = page(request, directory, version, path == "/about");
   return a;
 }
 

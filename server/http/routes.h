@@ -21,7 +21,7 @@
 #include <vector>
 
 #include "common/outcome/outcome.h"
-#include "server/access/grant.h"
+#include "server/access/rights.h"
 #include "server/metrics/figures.h"
 #include "server/session/session.h"
 
@@ -34,7 +34,7 @@ struct Request {  // the views live while the request is answered, not in later 
   bool upgrade = false;     // asks for a WebSocket
   std::string_view webSocketVersion;
   std::string_view acceptEncoding;
-  std::string_view origin, authorization, subprotocols;  // headers; untrusted, checked by the gate before a route sees them
+  std::string_view origin, authorization, subprotocols;  // headers; untrusted, checked by the filter before a route sees them
   access::Rights rights = access::Rights::all();         // of the client
 
   std::string_view path() const { return target.substr(0, target.find('?')); }
@@ -44,11 +44,13 @@ struct Request {  // the views live while the request is answered, not in later 
 
 struct Later;
 
+using Headers = std::vector<std::pair<std::string, std::string>>;
+
 struct Answer {
   unsigned status = 200;
   std::string type = "text/plain; charset=utf-8";
   std::string body;
-  std::vector<std::pair<std::string, std::string>> headers;
+  Headers headers;
   std::string etag;                             // of a 200, without quotation marks; a client that has it gets 304
   std::shared_ptr<session::Session> upgradeTo;  // set: answer with the upgrade instead
   std::optional<metrics::Refusal> refusal;      // why this is a refusal, for the metrics
@@ -56,9 +58,10 @@ struct Answer {
 };
 
 // One sentence as text.
-Answer plain(unsigned status, std::string sentence);
+Answer plain(unsigned status, std::string sentence, Headers headers = {});
 // The same for a refusal, counted in the metrics under `why`.
-Answer refused(unsigned status, metrics::Refusal why, std::string sentence);
+Answer refused(unsigned status, metrics::Refusal why, std::string sentence, Headers headers = {});
+Answer json(std::string body);  // a 200
 // Of a method that a path does not have.
 Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 
@@ -67,11 +70,13 @@ Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 // wait behind snapshots that take a minute, so it has its own queue.
 struct Later {
   bool patient = false, makesWorld = false;
-  std::function<Answer(std::stop_token stop)> work;
+  std::function<Answer(std::stop_token stop)> work{};
   // Progress in a few words without line breaks. Sent about once a second, as HTTP 102 with a header `Progress`, to clients that request it
   // by `Prefer: progress`. Any thread, while the work waits or runs.
-  std::function<std::string()> progress;
+  std::function<std::string()> progress{};
 };
+
+Answer madeBy(Later later);  // an answer whose status and body the work makes
 
 // Answers what other rooms provide; empty if the path is not its own. Any thread.
 using Route = std::function<std::optional<Answer>(const Request& request)>;

@@ -1,14 +1,11 @@
 #include "server/http/site.h"
 
-#include <algorithm>
 #include <array>
-#include <cstdint>
-#include <cstdio>
-#include <cstdlib>
-#include <fstream>
 #include <system_error>
 #include <utility>
 
+#include "common/text/text.h"
+#include "server/access/crypto.h"
 #include "server/access/host.h"
 
 namespace ridgecast::http {
@@ -34,35 +31,8 @@ std::string typeOf(const fs::path& name) {
   return "application/octet-stream";
 }
 
-// FNV-1a, 64 bits: only tells versions of a file apart.
-std::string tagOf(std::string_view bytes) {
-  std::uint64_t h = 0xcbf29ce484222325u;
-  for (const char c : bytes) h = (h ^ static_cast<std::uint8_t>(c)) * 0x100000001b3u;
-  char text[24];
-  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(h));
-  return text;
-}
-
-std::optional<std::string> read(const fs::path& file, std::size_t size) {
-  std::ifstream in(file, std::ios::binary);
-  std::string bytes(size, '\0');
-  if (!in.read(bytes.data(), static_cast<std::streamsize>(size))) return {};
-  return bytes;
-}
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
-  while (!text.empty() && (text.back() == ' ' || text.back() == '\t')) text.remove_suffix(1);
-  return text;
-}
-
-// The next part of a list. Removes it and its separator from `rest`.
-std::string_view next(std::string_view& rest, char separator) {
-  const auto end = std::min(rest.find(separator), rest.size());
-  const std::string_view part = trimmed(rest.substr(0, end));
-  rest.remove_prefix(std::min(end + 1, rest.size()));
-  return part;
-}
+// The next part of a list, taken off the front of `rest`.
+std::string_view next(std::string_view& rest, char separator) { return text::trimmed(text::takePart(rest, separator)); }
 
 bool accepts(std::string_view header, std::string_view coding) {
   while (!header.empty()) {
@@ -76,6 +46,26 @@ bool accepts(std::string_view header, std::string_view coding) {
     return true;
   }
   return false;
+}
+
+// Draco's decoder is WebAssembly. 'wasm-unsafe-eval' allows that, but not eval.
+constexpr char kPolicy[] =
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; img-src 'self' blob:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+Answer answerOf(const File& file, const Request& request) {
+  const Form form = formFor(file, request.acceptEncoding);
+  Answer a;
+  a.type = file.type;
+  a.etag = form.encoding.empty() ? file.tag : file.tag + "-" + std::string(form.encoding);
+  a.headers = {{"Vary", "Accept-Encoding"},
+               {"Content-Security-Policy", kPolicy},
+               {"Cross-Origin-Opener-Policy", "same-origin"},
+               {"Referrer-Policy", "no-referrer"}};
+  if (file.immutable) a.headers.emplace_back("Cache-Control", "public, max-age=31536000, immutable");
+  if (!form.encoding.empty()) a.headers.emplace_back("Content-Encoding", std::string(form.encoding));
+  a.body = std::string(form.bytes);
+  return a;
 }
 
 }  // namespace
@@ -100,8 +90,8 @@ Outcome<std::shared_ptr<const Site>> Site::load(const fs::path& folder) {
       return refuse("has more than " + std::to_string(kMaxFiles) + " files or " + std::to_string(kMaxBytes >> 20) +
                     " MiB; it should hold the built page alone.");
     bytes += size;
-    auto text = read(at->path(), size);
-    if (!text) return refuse("has a file that cannot be read, '" + name.string() + "'.");
+    auto text = text::readFile(at->path(), size);
+    if (!text || text->size() != size) return refuse("has a file that cannot be read, '" + name.string() + "'.");
     found.emplace("/" + at->path().lexically_relative(folder).generic_string(), std::move(*text));
   }
   if (ec) return refuse("cannot be read (" + ec.message() + ").");
@@ -115,7 +105,7 @@ Outcome<std::shared_ptr<const Site>> Site::load(const fs::path& folder) {
     if ((extension == ".br" || extension == ".gz") && found.contains(path.substr(0, path.size() - 3))) continue;
     File file;
     file.type = typeOf(path);
-    file.tag = tagOf(text);
+    file.tag = access::hex(access::sha256(text)).substr(0, 32);
     file.immutable = path.starts_with("/assets/");
     file.plain = text;
     file.brotli = take(path + ".br");
@@ -145,6 +135,15 @@ Form formFor(const File& file, std::string_view acceptEncoding) {
   if (!file.brotli.empty() && accepts(acceptEncoding, "br")) return {file.brotli, "br"};
   if (!file.gzip.empty() && accepts(acceptEncoding, "gzip")) return {file.gzip, "gzip"};
   return {file.plain, {}};
+}
+
+Route pageRoute(std::shared_ptr<const Site> site) {
+  return [site = std::move(site)](const Request& request) -> std::optional<Answer> {
+    if (request.upgrade) return {};
+    const File* file = site->find(request.path());
+    if (!file) return {};
+    return request.reads() ? answerOf(*file, request) : wrongMethod();
+  };
 }
 
 }  // namespace ridgecast::http

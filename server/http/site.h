@@ -3,7 +3,8 @@
 // the file system. Immutable after load(); every member may be called from any thread.
 //
 // A file NAME may come with NAME.br and NAME.gz, the same bytes compressed. They are offered to browsers that accept them and are not files
-// of their own.
+// of their own. The browser may keep a file for a year if its name holds a hash. A policy lets the page load its own files and contact its
+// own server, nothing else.
 
 #include <cstddef>
 #include <filesystem>
@@ -14,6 +15,7 @@
 #include <string_view>
 
 #include "common/outcome/outcome.h"
+#include "server/http/routes.h"
 
 namespace ridgecast::http {
 
@@ -47,5 +49,8 @@ struct Form {
   std::string_view bytes, encoding;
 };
 Form formFor(const File& file, std::string_view acceptEncoding);
+
+// Answers GET and HEAD for the site's files and leaves everything else to other routes. Any thread.
+Route pageRoute(std::shared_ptr<const Site> site);
 
 }  // namespace ridgecast::http

@@ -3,8 +3,8 @@
 #include <optional>
 #include <string>
 
-#include "common/lattice/lattice.h"
 #include "common/wire/wire.h"
+#include "server/access/crypto.h"
 
 namespace ridgecast::http {
 
@@ -20,8 +20,8 @@ void open(Answer& a) {  // to pages of any origin: nothing here uses cookies
   a.headers.emplace_back("Access-Control-Expose-Headers", "Content-Disposition, Content-Length, ETag, Retry-After");
 }
 
-Answer refusal(unsigned status, std::string sentence) {
-  Answer a = plain(status, std::move(sentence));
+Answer refusal(unsigned status, std::string sentence, Headers headers = {}) {
+  Answer a = plain(status, std::move(sentence), std::move(headers));
   open(a);
   return a;
 }
@@ -42,11 +42,8 @@ Answer answerOf(const Problem& problem) {
       return refusal(404, problem.message);
     case Problem::Kind::kTooMuch:
       return refusal(422, problem.message);
-    case Problem::Kind::kTooSlow: {
-      Answer a = refusal(503, problem.message);
-      a.headers.emplace_back("Retry-After", "30");
-      return a;
-    }
+    case Problem::Kind::kTooSlow:
+      return refusal(503, problem.message, {{"Retry-After", "30"}});
     case Problem::Kind::kStopped:
       return refusal(503, problem.message);
     case Problem::Kind::kFailed:
@@ -55,45 +52,26 @@ Answer answerOf(const Problem& problem) {
   return refusal(500, problem.message);
 }
 
-std::string etagOf(std::string_view bytes) {
-  std::uint64_t first = lattice::mix(bytes.size()), second = lattice::mix(first);
-  std::size_t k = 0;
-  for (; k + 8 <= bytes.size(); k += 8) {
-    std::uint64_t word = 0;
-    for (std::size_t b = 0; b < 8; ++b) word |= std::uint64_t{static_cast<unsigned char>(bytes[k + b])} << (8 * b);
-    first = lattice::mix(first ^ word);
-    second += lattice::mix(first + second);
-  }
-  for (; k < bytes.size(); ++k) first = lattice::mix(first ^ static_cast<unsigned char>(bytes[k]));
-  const std::uint64_t both[2] = {first, lattice::mix(second ^ first)};
-  std::string out;
-  for (const std::uint64_t v : both)
-    for (int shift = 60; shift >= 0; shift -= 4) out += "0123456789abcdef"[(v >> shift) & 15];
-  return out;
-}
-
 Answer taken(const std::shared_ptr<Snapshots>& snapshots, std::shared_ptr<session::Session> session, snapshot::Question question,
              bool metadataOnly) {
-  Answer a;
-  open(a);
-  a.etag = Snapshots::etag(*session, question, metadataOnly);
-  auto later = std::make_shared<Later>();
-  later->patient = true;
+  const std::string etag = Snapshots::etag(*session, question, metadataOnly);
   const auto progress = std::make_shared<snapshot::Progress>();
-  later->progress = [progress] { return progress->text(); };
-  later->work = [snapshots, progress, session = std::move(session), question = std::move(question), metadataOnly,
-                 etag = a.etag](std::stop_token stop) {
+  Later later{.patient = true, .progress = [progress] { return progress->text(); }};
+  later.work = [snapshots, progress, session = std::move(session), question = std::move(question), metadataOnly,
+                etag](std::stop_token stop) {
     auto made = snapshots->take(*session, question, metadataOnly, stop, progress.get());
     if (!made) return answerOf(made.error());
     Answer done;
     open(done);
     done.type = metadataOnly ? "application/json" : "model/gltf-binary";
     done.body = metadataOnly ? std::move(made->metadata) : std::move(made->glb);
-    done.etag = etag.empty() ? etagOf(done.body) : etag;
+    done.etag = etag.empty() ? access::hex(access::sha256(done.body)) : etag;
     if (!metadataOnly) done.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + made->name + ".glb\"");
     return done;
   };
-  a.later = std::move(later);
+  Answer a = madeBy(std::move(later));
+  open(a);
+  a.etag = etag;
   return a;
 }
 

@@ -1,12 +1,11 @@
 #include "server/http/worlds.h"
 
 #include <algorithm>
-#include <charconv>
-#include <cmath>
-#include <cstdio>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
 
+#include "common/text/text.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::http {
@@ -35,17 +34,7 @@ struct Wish {
   }
 };
 
-bool nameIsHarmless(std::string_view name) {
-  return !name.empty() && name.size() <= wire::kMaxNameBytes && std::all_of(name.begin(), name.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
-  });
-}
-
-template <class Number>
-bool parse(std::string_view text, Number& number) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  return error == std::errc() && end == text.data() + text.size();
-}
+bool nameIsHarmless(std::string_view name) { return !name.empty() && name.size() <= wire::kMaxNameBytes && text::hasOnly(name, "_-"); }
 
 constexpr std::size_t kMaxParameters = 32;
 
@@ -58,18 +47,17 @@ Outcome<Wish> readWish(std::string_view query) {
     return Error{"A terrain's name has letters, digits, underscores or hyphens; ridgecast-server --list-terrains lists the names."};
   const auto seed = queryParameter(query, "seed");
   if (!seed) return seed.error();
-  if (!seed->empty() && !parse(*seed, wish.seed.emplace())) return Error{"A seed is a whole number from 0 to 4294967295."};
+  wish.seed = text::number<std::uint32_t>(*seed);
+  if (!seed->empty() && !wish.seed) return Error{"A seed is a whole number from 0 to 4294967295."};
   const auto assignments = queryParameters(query, "param");
   if (!assignments) return assignments.error();
   for (const std::string& assignment : *assignments) {
-    const auto equals = assignment.find('=');
-    double value = 0;
-    const std::string name = assignment.substr(0, equals);
-    if (equals == std::string::npos || !nameIsHarmless(name) || !parse(std::string_view(assignment).substr(equals + 1), value) ||
-        !std::isfinite(value))
-      return Error{"A parameter is given as param=NAME=NUMBER."};
+    std::string_view rest = assignment;
+    const std::string name(text::takePart(rest, '='));
+    const auto value = text::number<double>(rest);
+    if (!nameIsHarmless(name) || !value) return Error{"A parameter is given as param=NAME=NUMBER."};
     if (wish.parameters.size() >= kMaxParameters) return Error{"A world has at most " + std::to_string(kMaxParameters) + " parameters."};
-    wish.parameters.emplace_back(name, value);
+    wish.parameters.emplace_back(name, *value);
   }
   std::sort(wish.parameters.begin(), wish.parameters.end());
   const auto twice =
@@ -80,11 +68,7 @@ Outcome<Wish> readWish(std::string_view query) {
 
 std::string describe(const WorldSpec& spec) {
   std::string out = "terrain " + spec.terrain + ", seed " + std::to_string(spec.seed);
-  for (const auto& [name, value] : spec.parameters) {
-    char text[40];
-    std::snprintf(text, sizeof text, "=%.9g", value);
-    out += ", " + name + text;
-  }
+  for (const auto& [name, value] : spec.parameters) out += ", " + name + "=" + text::rounded(value, 9);
   return out;
 }
 
@@ -107,30 +91,6 @@ Answer make(const std::string& name, const Wish& wish, session::Directory& direc
   return refused(503, metrics::Refusal::kFull, added.error().message);
 }
 
-void appendText(std::string& out, std::string_view text) {
-  out += '"';
-  for (const char c : text) {
-    if (c == '"' || c == '\\') {
-      out += '\\';
-      out += c;
-    } else if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) >= 0x7f) {
-      // A client's bytes need not be UTF-8: each becomes the character with that number.
-      char escape[8];
-      std::snprintf(escape, sizeof escape, "\\u%04x", static_cast<unsigned>(static_cast<unsigned char>(c)));
-      out += escape;
-    } else {
-      out += c;
-    }
-  }
-  out += '"';
-}
-
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.17g", value);
-  return text;
-}
-
 }  // namespace
 
 Answer streamAnswer(const Request& request, session::Directory& directory) {
@@ -144,9 +104,8 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
   const auto wish = readWish(request.query());
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (!request.upgrade || request.webSocketVersion != "13") {
-    Answer a = plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.");
-    a.headers = {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}};
-    return a;
+    return plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.",
+                 {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}});
   }
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish);
   if (wish->terrain.empty())
@@ -164,57 +123,39 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
   const bool atOnce =
       wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
   if (atOnce) return make(wanted, *wish, directory);
-  auto later = std::make_shared<Later>();
-  later->makesWorld = true;
-  later->progress = [] { return "preparing the terrain"; };
-  later->work = [wanted, wish = *wish, &directory](std::stop_token) { return make(wanted, wish, directory); };
-  Answer a;
-  a.later = std::move(later);
-  return a;
+  return madeBy({.makesWorld = true,
+                 .work = [wanted, wish = *wish, &directory](std::stop_token) { return make(wanted, wish, directory); },
+                 .progress = [] { return "preparing the terrain"; }});
 }
 
 Answer sessionsAnswer(const session::Directory& directory) {
-  Answer a;
-  a.type = "application/json";
-  std::string& out = a.body;
-  out = "{\"sessions\": [";
-  bool first = true;
+  using Json = nlohmann::ordered_json;
+  static constexpr const char* kModes[] = {"real-time", "scaled", "stepped"};
+  Json sessions = Json::array();
   for (const auto& session : directory.all()) {
-    const auto seen = session->presence().look();
-    std::size_t sensors = 0;
-    for (const wire::Member& m : seen.members) sensors += m.role == wire::Role::kSensor;
-    char hash[24];
-    std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(session->contentHash()));
-    out += first ? "\n  {\"name\": " : ",\n  {\"name\": ";
-    first = false;
-    appendText(out, session->name());
-    out += ", \"terrain\": ";
-    appendText(out, session->spec().terrain);
-    out += ", \"seed\": " + std::to_string(session->spec().seed) + ", \"parameters\": {";
-    for (std::size_t k = 0; k < session->spec().parameters.size(); ++k) {
-      if (k > 0) out += ", ";
-      appendText(out, session->spec().parameters[k].first);
-      out += ": " + number(session->spec().parameters[k].second);
-    }
-    out += std::string("}, \"content_hash\": \"") + hash + "\", \"step_bits\": " + std::to_string(lattice::kStepBits) +
-           ", \"members\": " + std::to_string(session->members()) + ", \"sensors\": " + std::to_string(sensors) +
-           ", \"max_members\": " + std::to_string(directory.resources().limits.maxMembers);
-    static constexpr const char* kModes[] = {"real-time", "scaled", "stepped"};
-    out += std::string(", \"clock\": {\"mode\": \"") + kModes[static_cast<int>(seen.clock.mode)] +
-           "\", \"rate\": " + number(seen.clock.rate) + ", \"seconds\": " + number(static_cast<double>(seen.clock.time) / 1e6) +
-           ", \"step\": " + std::to_string(seen.clock.step) + ", \"waits_for\": " + std::to_string(seen.clock.waitsFor.size()) +
-           ", \"owner\": ";
-    if (seen.clock.owner == 0) {
-      out += "null";
-    } else {
-      out += "{\"camera\": " + std::to_string(seen.clock.owner) + ", \"name\": ";
-      appendText(out, seen.ownerName);
-      out += "}";
-    }
-    out += "}}";
+    const session::Presence::State state = session->presence().state();
+    const wire::Clock& clock = state.clock;
+    Json parameters = Json::object();
+    for (const auto& [name, value] : session->spec().parameters) parameters[name] = value;
+    sessions.push_back({{"name", session->name()},
+                        {"terrain", session->spec().terrain},
+                        {"seed", session->spec().seed},
+                        {"parameters", parameters},
+                        {"content_hash", text::hexadecimal(session->contentHash())},
+                        {"step_bits", lattice::kStepBits},
+                        {"members", session->members()},
+                        {"sensors", std::ranges::count(state.members, wire::Role::kSensor, &wire::Member::role)},
+                        {"max_members", directory.resources().limits.maxMembers},
+                        {"clock",
+                         {{"mode", kModes[static_cast<int>(clock.mode)]},
+                          {"rate", clock.rate},
+                          {"seconds", static_cast<double>(clock.time) / 1e6},
+                          {"step", clock.step},
+                          {"waits_for", clock.waitsFor.size()},
+                          {"owner", clock.owner ? Json{{"camera", clock.owner}, {"name", state.ownerName}} : Json()}}}});
   }
-  out += "\n], \"max_sessions\": " + std::to_string(directory.resources().limits.maxSessions) + "}\n";
-  return a;
+  const Json all{{"sessions", sessions}, {"max_sessions", directory.resources().limits.maxSessions}};
+  return json(all.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 }  // namespace ridgecast::http

@@ -12,7 +12,6 @@
 #include <exception>
 #include <optional>
 #include <stop_token>
-#include <string_view>
 #include <utility>
 
 #include "common/transport/channel.h"
@@ -123,13 +122,13 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
         return refuseAddress();
       }
     }
-    auto judged = shared_->gate.judge(request);
+    auto judged = shared_->filter.judge(request);
     const auto* grant = std::get_if<access::Grant>(&judged);
     if (grant) request.rights = grant->rights;
     Answer a = grant ? answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes) : std::get<Answer>(std::move(judged));
     grant_ = grant ? *grant : access::Grant();
     const auto session = queryParameter(request.query(), "session");
-    asked_ = session ? session->substr(0, 100) : std::string();
+    sessionName_ = session ? session->substr(0, 100) : std::string();
     const bool hasBody = parser_->chunked() || parser_->content_length().value_or(0) > 0;
     if (request.upgrade && hasBody)
       return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
@@ -142,11 +141,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void upgrade(std::shared_ptr<session::Session> session) {
-    if (!shared_->ready) {
-      Answer a = refused(503, metrics::Refusal::kDraining, "This server is leaving; connect again.");
-      a.headers = {{"Retry-After", "1"}};
-      return send(std::move(a));
-    }
+    if (!shared_->ready)
+      return send(refused(503, metrics::Refusal::kDraining, "This server is leaving; connect again.", {{"Retry-After", "1"}}));
     if (buffer_.size() > 0) return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
     startStream(std::move(stream_), std::move(counted_), shared_, std::move(session), peerName_, std::move(grant_), parser_->release());
   }
@@ -165,10 +161,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void busy() {
-    Answer a = refused(503, metrics::Refusal::kBusy,
-                       "This server is busy with other work; try again in " + std::string(kRetrySeconds) + " seconds.");
-    a.headers = {{"Retry-After", kRetrySeconds}};
-    send(std::move(a));
+    send(refused(503, metrics::Refusal::kBusy,
+                 "This server is busy with other work; try again in " + std::string(kRetrySeconds) + " seconds.",
+                 {{"Retry-After", kRetrySeconds}}));
   }
 
   // Does the work for an answer and watches meanwhile whether the client is still there.
@@ -184,8 +179,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
         a = plain(500, "The server failed at this; its log says why.");
       }
       self->shared_->answerBytes += a.body.size();
-      auto done = std::make_shared<Answer>(std::move(a));
-      asio::post(self->stream_.get_executor(), [self, done] { self->worked(std::move(*done)); });
+      asio::post(self->stream_.get_executor(), [self, a = std::move(a)]() mutable { self->worked(std::move(a)); });
     };
     Jobs& jobs = later->makesWorld ? shared_->worldJobs : later->patient ? shared_->patientJobs : shared_->promptJobs;
     if (!jobs.post(asker_, std::move(run))) return busy();
@@ -253,7 +247,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void send(Answer a) {
     if (a.refusal) {
       shared_->figures->refused(*a.refusal);
-      logging::info({asked_, 0, peerName_, grant_.name},
+      logging::info({sessionName_, 0, peerName_, grant_.name},
                     "is refused with " + std::to_string(a.status) + ": " + a.body.substr(0, a.body.find('\n')));
     }
     const bool known = a.status == 200 && namesEtag(ifNoneMatch_, a.etag);
@@ -332,7 +326,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   // Of the current request.
   access::Grant grant_;
-  std::string asked_;  // the session's name as received, for the log
+  std::string sessionName_;  // the session's name as received, for the log
   bool keepAlive_ = false, head_ = false;
   std::string ifNoneMatch_;
   std::chrono::steady_clock::time_point timeoutEnds_;

@@ -6,13 +6,9 @@
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/strand.hpp>
-#include <optional>
-#include <string>
 #include <thread>
 #include <utility>
-#include <vector>
 
-#include "common/wire/wire.h"
 #include "server/logging/logging.h"
 #include "server/net/http.h"
 #include "server/net/operations.h"
@@ -60,11 +56,11 @@ class ListeningServer final : public Server {
     if (settings.tlsCertificate.empty() != settings.tlsKey.empty())
       return Error{"TLS takes both a certificate and its key: --tls-cert FILE --tls-key FILE."};
     const bool encrypted = !settings.tlsCertificate.empty();
-    if (!endpoint.address().is_loopback() && !settings.allowInsecure && !(encrypted && shared_->gate.asksForTokens()))
+    if (!endpoint.address().is_loopback() && !settings.allowInsecure && !(encrypted && shared_->filter.requiresTokens()))
       return Error{"Refusing to listen on " + settings.host + " without " +
-                   (encrypted                       ? "tokens"
-                    : shared_->gate.asksForTokens() ? "TLS"
-                                                    : "TLS and tokens") +
+                   (encrypted                          ? "tokens"
+                    : shared_->filter.requiresTokens() ? "TLS"
+                                                       : "TLS and tokens") +
                    ": everybody who reaches the port could use it or listen in; give --tls-cert and --tls-key, and --token-file or "
                    "--jwt-secret-file, or listen on 127.0.0.1, or say --allow-insecure if it is meant."};
     if (auto error = reload()) return error;
@@ -97,7 +93,7 @@ class ListeningServer final : public Server {
       if (!loaded) return loaded.error();
       tls = std::move(*loaded);
     }
-    if (auto error = shared_->gate.load()) return error;
+    if (auto error = shared_->filter.load()) return error;
     {
       const std::lock_guard lock(shared_->mutex);
       shared_->tls = std::move(tls);

@@ -32,8 +32,8 @@
 #include "common/outcome/outcome.h"
 #include "common/wire/wire.h"
 #include "server/access/network.h"
-#include "server/http/gate.h"
 #include "server/http/jobs.h"
+#include "server/http/request_filter.h"
 #include "server/http/routes.h"
 #include "server/session/session.h"
 

@@ -15,14 +15,13 @@
 
 #include "common/transport/channel.h"
 #include "server/access/limits.h"
-#include "server/http/gate.h"
+#include "server/http/request_filter.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 
 namespace ridgecast::net {
 
 using ridgecast::http::Answer;
-using ridgecast::http::Gate;
 using ridgecast::http::Jobs;
 using ridgecast::http::kSubprotocol;
 using ridgecast::http::Later;
@@ -31,6 +30,7 @@ using ridgecast::http::plain;
 using ridgecast::http::queryParameter;
 using ridgecast::http::refused;
 using ridgecast::http::Request;
+using ridgecast::http::RequestFilter;
 using ridgecast::http::Route;
 using ridgecast::transport::Channel;
 using ridgecast::transport::loadTls;
@@ -55,7 +55,7 @@ struct Shared {
         directory(std::move(d)),
         routes(std::move(r)),
         figures(directory->resources().figures),
-        gate(settings),
+        filter(settings),
         connectionsByAddress(settings.maxConnectionsPerAddress),
         promptJobs(s.promptJobs),
         patientJobs(s.patientJobs),
@@ -64,7 +64,7 @@ struct Shared {
   const std::shared_ptr<session::Directory> directory;
   std::vector<Route> routes;  // constant once connections are accepted
   const std::shared_ptr<metrics::Figures> figures;
-  Gate gate;
+  RequestFilter filter;
   access::ConnectionsByAddress connectionsByAddress;
   std::atomic<bool> ready{true};         // false: no new streams
   std::atomic<std::uint32_t> turned{0};  // connections that only get an answer about too many

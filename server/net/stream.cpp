@@ -28,20 +28,13 @@ constexpr std::chrono::seconds kFarewellTimeout{3};
 
 // What an error is to the WebSocket and in the metrics.
 std::pair<websocket::close_code, metrics::Refusal> meaningOf(wire::ErrorCode code) {
-  switch (code) {
-    case wire::ErrorCode::kVersion:
-      return {websocket::close_code::protocol_error, metrics::Refusal::kVersion};
-    case wire::ErrorCode::kMalformed:
-      return {websocket::close_code::protocol_error, metrics::Refusal::kMalformed};
-    case wire::ErrorCode::kInvalid:
-      return {websocket::close_code::policy_error, metrics::Refusal::kInvalid};
-    case wire::ErrorCode::kLimit:
-      return {websocket::close_code::policy_error, metrics::Refusal::kLimit};
-    case wire::ErrorCode::kInternal:
-      return {websocket::close_code::internal_error, metrics::Refusal::kInternal};
-    default:
-      return {websocket::close_code::policy_error, metrics::Refusal::kInternal};
-  }
+  using enum wire::ErrorCode;
+  using websocket::close_code;
+  if (code == kVersion) return {close_code::protocol_error, metrics::Refusal::kVersion};
+  if (code == kMalformed) return {close_code::protocol_error, metrics::Refusal::kMalformed};
+  if (code == kInvalid) return {close_code::policy_error, metrics::Refusal::kInvalid};
+  if (code == kLimit) return {close_code::policy_error, metrics::Refusal::kLimit};
+  return {code == kInternal ? close_code::internal_error : close_code::policy_error, metrics::Refusal::kInternal};
 }
 
 struct Outgoing {
@@ -121,7 +114,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   // The token of the upgrade, by the tokens of now.
   void judge() {
-    auto judged = shared_->gate.judge(requestOf(request_));
+    auto judged = shared_->filter.judge(requestOf(request_));
     if (auto* grant = std::get_if<access::Grant>(&judged)) {
       grant_ = std::move(*grant);
       expireInTime();
@@ -296,7 +289,6 @@ class StreamSender final : public session::Sender {
  public:
   explicit StreamSender(const std::shared_ptr<Stream>& stream) : stream_(stream), queuedBytes_(stream->queuedBytes()) {}
 
-  void send(wire::ServerMessage message) override { send(std::move(message), {}); }
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override {
     const auto stream = stream_.lock();
     if (!stream) return;

@@ -7,12 +7,12 @@
 #include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/message.hpp>
 
-#include "server/access/grant.h"
+#include "server/access/rights.h"
 #include "server/net/shared.h"
 
 namespace ridgecast::net {
 
-// What the gate judges of a request; views into the header.
+// What the filter judges of a request; views into the header.
 Request requestOf(const boost::beast::http::request_header<>& header);
 
 // Answers the upgrade in `request` and serves the stream until either side ends it. `peer`: the client's address, for the log. Call on the

@@ -30,38 +30,53 @@ struct Limits {
 // The settings with defaults filled in and limits applied (common/settings; candidates: settings::kMaxCandidates).
 settings::Settings grant(const settings::Settings& asked, const Limits& limits);
 
-class Pipeline {
+// A mesh that iterates and can be read between iterations. Pipeline is the implementation; with this interface a session can be tested
+// without it.
+class IteratingMesh {
  public:
-  Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted, std::shared_ptr<scheduling::Pool> pool);
-  ~Pipeline();
-  Pipeline(const Pipeline&) = delete;
-  Pipeline& operator=(const Pipeline&) = delete;
+  virtual ~IteratingMesh() = default;
 
   // One iteration. `camera` must satisfy camera::isValid.
-  settings::Figures iterate(const camera::Camera& camera);
+  virtual settings::Figures iterate(const camera::Camera& camera) = 0;
 
   // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric
   // or a larger budget begins anew, with versions that go on.
-  void change(const settings::Settings& granted);
+  virtual void change(const settings::Settings& granted) = 0;
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
   // narrow: what is postponed is detail.
-  void setInsertionLimit(std::uint32_t most);
+  virtual void setInsertionLimit(std::uint32_t most) = 0;
 
   // Whether the last iteration changed nothing and another one with the same camera would change nothing: the mesh then keeps
   // Figures::effectiveThreshold wherever the camera sees it, the ground narrower than twelve of its pixels and jumps narrower than the
   // lattice excepted. Before it says so, the camera has looked at everything closely.
-  bool settled() const;
+  virtual bool settled() const = 0;
 
   // The leaves with their triangles as of the last iteration, in canonical order of address. The client should hold exactly these.
-  const std::vector<mesh::LeafState>& leaves() const;
+  virtual const std::vector<mesh::LeafState>& leaves() const = 0;
 
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
-  mesh::LeafMesh extract(lattice::LeafAddress address) const;
+  virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
 
   // The candidates that the camera of the last iteration may see, the worst first, at most so many: where the mesh would grow next. A pass
   // over all triangles in view; spreads over the pool. The same for any number of threads.
-  std::vector<lattice::Candidate> candidates(std::uint32_t most) const;
+  virtual std::vector<lattice::Candidate> candidates(std::uint32_t most) const = 0;
+};
+
+class Pipeline final : public IteratingMesh {
+ public:
+  Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted, std::shared_ptr<scheduling::Pool> pool);
+  ~Pipeline() override;
+  Pipeline(const Pipeline&) = delete;
+  Pipeline& operator=(const Pipeline&) = delete;
+
+  settings::Figures iterate(const camera::Camera& camera) override;
+  void change(const settings::Settings& granted) override;
+  void setInsertionLimit(std::uint32_t most) override;
+  bool settled() const override;
+  const std::vector<mesh::LeafState>& leaves() const override;
+  mesh::LeafMesh extract(lattice::LeafAddress address) const override;
+  std::vector<lattice::Candidate> candidates(std::uint32_t most) const override;
 
   // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.
   std::size_t memoryBytes() const;

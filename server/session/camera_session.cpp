@@ -91,21 +91,6 @@ void CameraSession::receive(wire::ClientMessage message) {
   if (refusal) refuse(std::move(*refusal));
 }
 
-CameraSession::Refusal CameraSession::attend(const wire::PoseMessage& pose) {
-  if (conversation_.runs()) session_->presence().moved(id_, pose);
-  return {};
-}
-
-CameraSession::Refusal CameraSession::attend(const wire::AskClock& ask) {
-  session_->presence().ask(id_, ask);
-  return {};
-}
-
-CameraSession::Refusal CameraSession::attend(const wire::SetClock& set) {
-  session_->presence().set(id_, set);
-  return {};
-}
-
 CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
   switch (session_->presence().step(id_, step)) {
     case Clock::Stepped::kBegins:
@@ -121,19 +106,12 @@ CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
                                              " steps wait for the members: send the next when the clock says that one has begun."};
 }
 
-CameraSession::Refusal CameraSession::attend(const wire::StepDone& done) {
-  session_->presence().done(id_, done);
-  return {};
-}
-
 CameraSession::Refusal CameraSession::attend(wire::Query& query) {
   if (*queries_ >= wire::kMaxQueries)
     return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
                                                " queries wait for their answers: send the next when one has arrived."};
-  ++*queries_;
-  // Counts as open until the answer has left.
-  std::shared_ptr<const void> ticket(nullptr, [open = queries_](const void*) { --*open; });
-  pool_->post([terrain = session_->terrain(), sender = sender_, query = std::move(query), ticket = std::move(ticket)]() mutable {
+  ++*queries_;  // until the answer has left
+  pool_->post([terrain = session_->terrain(), sender = sender_, query = std::move(query), ticket = ticketOf(queries_)]() mutable {
     sender->send(query::answer(*terrain, query), std::move(ticket));
   });
   return {};

@@ -8,7 +8,6 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <vector>
 
 #include "common/wire/messages.h"
@@ -39,14 +38,13 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   using Refusal = conversation::Conversation::Refusal;
 
   // Under the lock: messages that others answer.
-  Refusal attend(const wire::PoseMessage& pose);
-  Refusal attend(const wire::AskClock& ask);
-  Refusal attend(const wire::SetClock& set);
   Refusal attend(const wire::ClockStep& step);
-  Refusal attend(const wire::StepDone& done);
   Refusal attend(wire::Query& query);
   Refusal attend(const wire::AskGround& ask);
-  Refusal attend(const auto&) { return {}; }
+  Refusal attend(const auto& message) {
+    if constexpr (requires { session_->presence().receive(id_, message); }) session_->presence().receive(id_, message);
+    return {};
+  }
   bool wake();  // under the lock; false: the pool accepts no more
 
   void refuse(wire::ErrorMessage message);

@@ -1,7 +1,6 @@
 #include "server/session/clock.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "common/wire/wire.h"
 

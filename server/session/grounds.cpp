@@ -4,7 +4,6 @@
 #include <cmath>
 #include <exception>
 #include <utility>
-#include <vector>
 
 #include "common/codec/codec.h"
 #include "common/wire/wire.h"
@@ -18,15 +17,6 @@ namespace {
 constexpr double kCoarser = 2;    // factor for an error that cannot be reached
 constexpr double kInside = 0.65;  // of the error: the mesher's share; the rest is for what its samples missed
 constexpr int kFineness = 8;      // of the check of the result: 1/256 of a leaf's side
-
-// Releases one open request when destroyed.
-struct Ticket {
-  std::shared_ptr<std::atomic<std::size_t>> open;
-  explicit Ticket(std::shared_ptr<std::atomic<std::size_t>> o) : open(std::move(o)) {}
-  Ticket(const Ticket&) = delete;
-  Ticket& operator=(const Ticket&) = delete;
-  ~Ticket() { --*open; }
-};
 
 // Keeps the triangles whose bounding box touches the circle.
 void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
@@ -70,17 +60,17 @@ void Grounds::close() {
 }
 
 void Grounds::run() {
-  wire::AskGround asked;
+  wire::AskGround request;
   {
     const std::lock_guard lock(mutex_);
     runs_ = false;
     if (pending_.empty() || stop_.stop_requested()) return;
-    asked = pending_.front();
+    request = pending_.front();
     pending_.pop_front();
     runs_ = true;
   }
   try {
-    answer(asked);
+    answer(request);
   } catch (const std::exception& e) {
     sender_->fail({wire::ErrorCode::kInternal, std::string("The server failed: ") + e.what()});
   }
@@ -88,18 +78,18 @@ void Grounds::run() {
   runs_ = !pending_.empty() && pool_->post([self = shared_from_this()] { self->run(); });
 }
 
-void Grounds::answer(const wire::AskGround& asked) {
-  const double radius = asked.radius * lattice::kStepsPerMetre;
+void Grounds::answer(const wire::AskGround& request) {
+  const double radius = request.radius * lattice::kStepsPerMetre;
   const auto reach = static_cast<lattice::Step>(std::ceil(radius)) + 1;
   const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
   const auto make = [&](double error) {
     const box::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + timeout_, static_cast<double>(timeout_.count())};
     return box::meshBox(
         *terrain_,
-        {{within(asked.at.x - reach), within(asked.at.z - reach)}, {within(asked.at.x + reach), within(asked.at.z + reach)}, error},
+        {{within(request.at.x - reach), within(request.at.z - reach)}, {within(request.at.x + reach), within(request.at.z + reach)}, error},
         triangleBudget_, *pool_, watch);
   };
-  double error = asked.error * kInside;
+  double error = request.error * kInside;
   auto made = make(error);
   // A cliff, the budget or the time forbid it: use the best that is possible.
   using Kind = box::Problem::Kind;
@@ -109,8 +99,8 @@ void Grounds::answer(const wire::AskGround& asked) {
   if (!made) return sender_->fail({wire::ErrorCode::kLimit, "The requested ground could not be made: " + made.error().message});
 
   wire::Ground ground;
-  ground.id = asked.id;
-  for (mesh::LeafMesh& leaf : made->leaves) trim(leaf, asked.at, radius);
+  ground.id = request.id;
+  for (mesh::LeafMesh& leaf : made->leaves) trim(leaf, request.at, radius);
   std::erase_if(made->leaves, [](const mesh::LeafMesh& leaf) { return leaf.triangles.empty(); });
   ground.leaves.resize(made->leaves.size());
   pool_->forEach(made->leaves.size(), 1, [&](std::size_t k) {
@@ -119,7 +109,7 @@ void Grounds::answer(const wire::AskGround& asked) {
                         codec::encodeLeaf(leaf), query::deviation(*terrain_, leaf, kFineness)};
   });
   for (const wire::LeafWhole& leaf : ground.leaves) ground.error = std::max(ground.error, static_cast<double>(leaf.error));
-  sender_->send(std::move(ground), std::make_shared<Ticket>(open_));
+  sender_->send(std::move(ground), ticketOf(open_));
 }
 
 }  // namespace ridgecast::session

@@ -31,7 +31,7 @@ class Grounds : public std::enable_shared_from_this<Grounds> {
 
  private:
   void run();
-  void answer(const wire::AskGround& asked);
+  void answer(const wire::AskGround& request);
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
   const std::uint32_t triangleBudget_;

@@ -33,7 +33,7 @@ void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_
   membersChanged();
 }
 
-void Presence::moved(std::uint64_t camera, const wire::PoseMessage& pose) {
+void Presence::receive(std::uint64_t camera, const wire::PoseMessage& pose) {
   const std::lock_guard lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return;
@@ -101,12 +101,12 @@ bool Presence::notify(Entry& entry) {
 
 // ---- clock ----
 
-void Presence::ask(std::uint64_t camera, const wire::AskClock& ask) {
+void Presence::receive(std::uint64_t camera, const wire::AskClock& ask) {
   const std::lock_guard lock(mutex_);
   if (const auto it = entries_.find(camera); it != entries_.end()) sendClock(it->second, ask.echo);
 }
 
-void Presence::set(std::uint64_t camera, const wire::SetClock& set) {
+void Presence::receive(std::uint64_t camera, const wire::SetClock& set) {
   const std::lock_guard lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return;
@@ -125,7 +125,7 @@ Clock::Stepped Presence::step(std::uint64_t camera, const wire::ClockStep& step)
   return stepped;
 }
 
-void Presence::done(std::uint64_t camera, const wire::StepDone& done) {
+void Presence::receive(std::uint64_t camera, const wire::StepDone& done) {
   const std::lock_guard lock(mutex_);
   if (clock_.done(camera, done.step)) clockChanged();
 }
@@ -164,15 +164,15 @@ void Presence::sendClock(Entry& entry, std::uint64_t echo) {
   entry.sender->send(std::move(clock), held);
 }
 
-Presence::Seen Presence::look() const {
+Presence::State Presence::state() const {
   const std::lock_guard lock(mutex_);
-  Seen seen;
-  seen.clock = clock_.state(timer_.now());
+  State state;
+  state.clock = clock_.state(timer_.now());
   for (const auto& [id, entry] : entries_) {
-    seen.members.push_back(entry.member);
-    if (id == seen.clock.owner) seen.ownerName = entry.member.name;
+    state.members.push_back(entry.member);
+    if (id == state.clock.owner) state.ownerName = entry.member.name;
   }
-  return seen;
+  return state;
 }
 
 }  // namespace ridgecast::session

@@ -34,21 +34,21 @@ class Presence : public std::enable_shared_from_this<Presence> {
 
   // `hello` has its name, role and requests; `pose` is its newest. The world must have been sent.
   void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose);
-  void moved(std::uint64_t camera, const wire::PoseMessage& pose);  // unknown cameras are ignored, here and below
+  void receive(std::uint64_t camera, const wire::PoseMessage& pose);  // unknown cameras are ignored, here and below
   void leave(std::uint64_t camera);
 
-  void ask(std::uint64_t camera, const wire::AskClock& ask);
+  void receive(std::uint64_t camera, const wire::AskClock& ask);
   // Answers with the resulting clock, changed or not.
-  void set(std::uint64_t camera, const wire::SetClock& set);
+  void receive(std::uint64_t camera, const wire::SetClock& set);
   Clock::Stepped step(std::uint64_t camera, const wire::ClockStep& step);
-  void done(std::uint64_t camera, const wire::StepDone& done);
+  void receive(std::uint64_t camera, const wire::StepDone& done);
 
-  struct Seen {
+  struct State {
     wire::Clock clock;
     std::string ownerName;
     std::vector<wire::Member> members;
   };
-  Seen look() const;  // for tables
+  State state() const;
 
  private:
   struct Entry {

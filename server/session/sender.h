@@ -1,24 +1,27 @@
 #pragma once
 // The way from a session to one client.
 
+#include <atomic>
 #include <cstddef>
 #include <memory>
+#include <utility>
 
 #include "common/wire/messages.h"
 
 namespace ridgecast::session {
 
+// One request is open no longer once the last copy is released.
+inline std::shared_ptr<const void> ticketOf(std::shared_ptr<std::atomic<std::size_t>> open) {
+  return {nullptr, [open = std::move(open)](const void*) { --*open; }};
+}
+
 // Any thread. No call blocks or calls back into the session.
 class Sender {
  public:
   virtual ~Sender() = default;
-  virtual void send(wire::ServerMessage message) = 0;
-  // The same; `ticket` is released once the message has left for the operating system or is dropped. The holder of a weak pointer to it can
+  // `ticket` is released once the message has left for the operating system or is dropped. The holder of a weak pointer to it can
   // see whether the message is still queued, and need not send another of its kind.
-  virtual void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) {
-    send(std::move(message));
-    ticket.reset();
-  }
+  virtual void send(wire::ServerMessage message, std::shared_ptr<const void> ticket = {}) = 0;
   virtual std::size_t queuedBytes() const = 0;        // not yet handed to the operating system
   virtual void fail(wire::ErrorMessage message) = 0;  // sends the message, then ends the connection
 };

@@ -1,7 +1,6 @@
 #include "server/session/session.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "common/wire/wire.h"
 
@@ -17,6 +16,12 @@ bool raise(std::atomic<std::uint32_t>& counter, std::uint32_t limit) {
 }
 
 }  // namespace
+
+MakeMesh pipelineMeshes() {
+  return [](std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted, std::shared_ptr<scheduling::Pool> pool) {
+    return std::make_unique<pipeline::Pipeline>(std::move(terrain), granted, std::move(pool));
+  };
+}
 
 Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec,
                  std::shared_ptr<const Resources> resources, std::shared_ptr<std::atomic<std::uint32_t>> cameras)
@@ -39,7 +44,10 @@ Outcome<Place> Session::enter() {
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
   ++entries_;
-  return Place(members_, cameras_);
+  return Place(nullptr, [members = members_, cameras = cameras_](const void*) {
+    --*members;
+    --*cameras;
+  });
 }
 
 bool Session::end() {

@@ -25,7 +25,6 @@
 #include "server/pipeline/pipeline.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
-#include "server/session/iterating_mesh.h"
 #include "server/session/live_cameras.h"
 #include "server/session/presence.h"
 #include "server/session/timer.h"
@@ -43,6 +42,11 @@ struct Limits {
   pipeline::Limits mesh;
   bool sendsTerrain = true;  // false: World's terrain_source stays empty
 };
+
+using pipeline::IteratingMesh;
+using MakeMesh = std::function<std::unique_ptr<IteratingMesh>(std::shared_ptr<const terrain::Terrain> terrain,
+                                                              const settings::Settings& granted, std::shared_ptr<scheduling::Pool> pool)>;
+MakeMesh pipelineMeshes();  // makes pipelines
 
 // What a world is made of. Terrain and parameters by name, as in `--terrain` and `--param`.
 struct WorldSpec {
@@ -71,22 +75,8 @@ struct Resources {
   mutable std::atomic<bool> givesMemoryBack{false};  // a call to trim the allocator is scheduled
 };
 
-// One camera's place; released when destroyed.
-class Place {
- public:
-  Place(std::shared_ptr<std::atomic<std::uint32_t>> members, std::shared_ptr<std::atomic<std::uint32_t>> cameras)
-      : members_(std::move(members)), cameras_(std::move(cameras)) {}
-  Place(Place&&) = default;
-  Place& operator=(Place&&) = delete;
-  ~Place() {
-    if (!members_) return;
-    --*members_;
-    --*cameras_;
-  }
-
- private:
-  std::shared_ptr<std::atomic<std::uint32_t>> members_, cameras_;
-};
+// One camera's place; released with its last copy.
+using Place = std::shared_ptr<const void>;
 
 // Immutable except for its members and their clock; any thread.
 class Session {

@@ -45,7 +45,7 @@ wire::ErrorMessage lastWords(SocketClient& client) {
 class Hostile : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--patience", "2", "--max-connections", "100"});
+    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--timeout", "2", "--max-connections", "100"});
     wire::Settings settings;
     settings.threshold = 20;
     flier_ = std::make_unique<Flier>(server_->url(), settings);
@@ -206,7 +206,7 @@ TEST_F(Hostile, HeadersThatNeverEnd) {
   std::vector<std::unique_ptr<SocketClient>> clients;
   for (int k = 0; k < 20; ++k) clients.push_back(std::make_unique<SocketClient>(port()));
   for (auto& c : clients) c->send("GET / HTTP/1.1\r\n");
-  // A line every half second does not buy more time than the server's patience of two seconds.
+  // A line every half second does not buy more time than the server's timeout of two seconds.
   for (int n = 0; n < 6; ++n) {
     std::this_thread::sleep_for(500ms);
     for (auto& c : clients) c->send("X-" + std::to_string(n) + ": y\r\n");

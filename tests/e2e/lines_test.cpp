@@ -1,6 +1,6 @@
 // Bad lines and bad clients: a long line with jitter, a narrow one, clients that stop, read a byte a second, lie or are killed in the
-// middle of a message. The mesh that is held has no hole, and the others are served on. STALL_SECONDS=30 stops them for so long; MEASURE=1, on a
-// machine that does nothing else, wants nine tenths of the others' rate.
+// middle of a message. The mesh that is held has no hole, and the others are served on. STALL_SECONDS=30 stops them for so long; MEASURE=1,
+// on a machine that does nothing else, wants nine tenths of the others' rate.
 
 #include <gtest/gtest.h>
 
@@ -93,7 +93,7 @@ TEST(Lines, ANarrowLineCarriesAUsableWorld) {
 class Neighbours : public testing::Test {
  protected:
   void SetUp() override {
-    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--patience", "2"});
+    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--timeout", "2"});
     good_ = std::make_unique<Traveller>(server_->url(), settings(2));
     path_ = std::make_unique<PathCamera>(RIDGECAST_PATHS "/alpine.json", good_->line().world());
     began_ = Clock::now();

@@ -336,10 +336,10 @@ class Many {
 };
 
 // Clients that are served are served on, whatever others do to the port, and memory comes back. They ask twenty times a second; a sleeping
-// server would keep up with ten times as many, so what they lose they lose to the flood: MEASURE=1, on a machine that does nothing else, wants nine
-// tenths of their rate.
+// server would keep up with ten times as many, so what they lose they lose to the flood: MEASURE=1, on a machine that does nothing else,
+// wants nine tenths of their rate.
 TEST(Operations, FloodsAreNotFeltByThoseWhoAreServed) {
-  ServerProcess server(RIDGECAST_SERVER, {"--patience", "2", "--max-connections", "600", "--max-connections-per-address", "600"});
+  ServerProcess server(RIDGECAST_SERVER, {"--timeout", "2", "--max-connections", "600", "--max-connections-per-address", "600"});
   wire::Settings settings;
   settings.threshold = 30;
   std::atomic<bool> landed = false;

@@ -46,7 +46,7 @@ class Snapshot : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     server_ =
-        std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--patience", "2", "--max-snapshot-seconds", "300"});
+        std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--timeout", "2", "--max-snapshot-seconds", "300"});
   }
   static void TearDownTestSuite() {
     EXPECT_EQ(server_->stop(), 0) << server_->process().output();

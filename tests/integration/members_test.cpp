@@ -1,6 +1,6 @@
 // Eight members of one session, two of them sensors, over loopback: each sees the others, their clocks agree, and a stepped clock waits for
-// everybody. RIDGECAST_MEMBERS_SECONDS makes it longer than a few seconds; MEASURE=1, on a machine that does nothing else, says how soon and how
-// closely.
+// everybody. RIDGECAST_MEMBERS_SECONDS makes it longer than a few seconds; MEASURE=1, on a machine that does nothing else, says how soon
+// and how closely.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -21,7 +21,6 @@
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
-#include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
 #include "tests/support/waiting.h"
 

@@ -22,7 +22,6 @@
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
-#include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
 #include "tests/support/waiting.h"
 

@@ -1,4 +1,5 @@
-// Six flights in lock-step over real sockets, against a recording of every iteration: the hash of the mesh and a digest of all that the stream said of it.
+// Six flights in lock-step over real sockets, against a recording of every iteration: the hash of the mesh and a digest of all that the
+// stream said of it.
 // A change that is not meant to move a vertex or a byte moves none. One that is meant to records anew:
 //   RIDGECAST_RECORD_FLIGHTS=1 build/test/bin/integration_recorded_flights
 #include <gtest/gtest.h>
@@ -14,7 +15,6 @@
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
-#include "server/session/iterating_mesh.h"
 #include "server/session/session.h"
 #include "tests/support/flier.h"
 

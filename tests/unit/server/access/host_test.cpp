@@ -57,7 +57,7 @@ TEST(Host, IsAskedUnderNamesThatNobodyElseCanPointHere) {
                                          {"WORKSHOP", true, "workshop"},
                                          {"workshop.evil.example", false, "workshop"},
                                          {"evil.example:7070", true, "127.0.0.1", {"*"}}})
-    EXPECT_EQ(mayBeAsked(c.header, c.listening, c.allowed), c.may) << "'" << c.header << "' at " << c.listening;
+    EXPECT_EQ(answersTo(c.header, c.listening, c.allowed), c.may) << "'" << c.header << "' at " << c.listening;
 }
 
 TEST(Host, TakesNamesAndSaysWhatIsNone) {

@@ -79,6 +79,17 @@ TEST_F(ConfigTest, FlagBeforeEnvironmentBeforeFileBeforeDefault) {
   }
 }
 
+TEST_F(ConfigTest, AnOldNameStillWorksEverywhereButIsNotShown) {
+  const auto timeoutOf = [](const Result& result) { return result.config.value().net.timeout; };
+  EXPECT_EQ(timeoutOf(run({"--patience", "3"}, {})), std::chrono::seconds(3));
+  EXPECT_EQ(timeoutOf(run({}, {"RIDGECAST_PATIENCE=3"})), std::chrono::seconds(3));
+  EXPECT_EQ(timeoutOf(run({"--config", file("patience = 3")}, {})), std::chrono::seconds(3));
+  EXPECT_EQ(timeoutOf(run({"--timeout", "4", "--config", file("patience = 3")}, {"RIDGECAST_PATIENCE=2"})), std::chrono::seconds(4));
+  EXPECT_THAT(run({"--patience", "3", "--print-config"}, {}).out, HasSubstr("\ntimeout = 3 "));
+  const std::string help = run({"--help"}, {}).out;
+  EXPECT_THAT(help, testing::AllOf(HasSubstr("--timeout"), HasSubstr("-h,--help"), testing::Not(HasSubstr("patience"))));
+}
+
 TEST_F(ConfigTest, TheFileMayBeNamedByTheEnvironment) {
   const Result result = run({}, {"RIDGECAST_CONFIG=" + file("seed = 7"), "HOME=/x", "RIDGECASTLE=1"});
   ASSERT_TRUE(result.config) << result.err;

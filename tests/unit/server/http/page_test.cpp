@@ -1,4 +1,4 @@
-#include "server/http/page.h"
+#include "server/http/site.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

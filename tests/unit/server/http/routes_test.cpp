@@ -173,10 +173,10 @@ TEST_F(WorldsTest, ThereAreOnlySoManyAndIdleOnesEnd) {
 TEST_F(WorldsTest, AreListed) {
   connect("/v1/stream?terrain=canyon&session=hills&seed=9");
   const std::string all = list();
-  EXPECT_THAT(all, HasSubstr(R"({"name": "default", "terrain": "alpine", "seed": 3, "parameters": {})"));
-  EXPECT_THAT(all, HasSubstr(R"({"name": "hills", "terrain": "canyon", "seed": 9)"));
-  EXPECT_THAT(all, HasSubstr(R"("mode": "real-time")"));
-  EXPECT_THAT(all, HasSubstr(R"("max_sessions": 4)"));
+  EXPECT_THAT(all, HasSubstr(R"({"name":"default","terrain":"alpine","seed":3,"parameters":{})"));
+  EXPECT_THAT(all, HasSubstr(R"({"name":"hills","terrain":"canyon","seed":9)"));
+  EXPECT_THAT(all, HasSubstr(R"("mode":"real-time")"));
+  EXPECT_THAT(all, HasSubstr(R"("max_sessions":4)"));
 }
 
 class ClosedWorldsTest : public WorldsTest {

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "server/http/gate.h"
+#include "server/http/request_filter.h"
 
 namespace ridgecast::http {
 namespace {

@@ -18,7 +18,7 @@ using lattice::Step;
 
 class Listener final : public Sender {
  public:
-  void send(wire::ServerMessage message) override {
+  void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     const std::lock_guard lock(mutex_);
     grounds_.push_back(std::get<wire::Ground>(std::move(message)));
     changed_.notify_all();

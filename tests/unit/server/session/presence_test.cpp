@@ -15,7 +15,6 @@ using Time = std::chrono::steady_clock;
 // A member's end: keeps a table by the protocol's rules alone. While `reads` is false nothing leaves.
 class Listener : public Sender {
  public:
-  void send(wire::ServerMessage message) override { send(std::move(message), nullptr); }
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override {
     const std::lock_guard lock(mutex_);
     if (!reads) tickets_.push_back(std::move(ticket));
@@ -96,11 +95,11 @@ TEST_F(PresenceTest, MembersSeeEachOtherComeMoveAndGo) {
   EXPECT_EQ(a->table[2].role, wire::Role::kSensor);
   EXPECT_FALSE(a->table[2].moved);
   EXPECT_TRUE(b->wait([](Listener& l) { return l.table.contains(1); }));
-  presence->moved(2, pose(1, 77));
+  presence->receive(2, pose(1, 77));
   EXPECT_TRUE(a->wait([](Listener& l) { return l.table[2].moved && l.table[2].moved->pose.camera.pose.y == 77; }));
   presence->leave(2);
   EXPECT_TRUE(a->wait([](Listener& l) { return l.table.empty(); }));
-  presence->moved(2, pose(2));
+  presence->receive(2, pose(2));
   EXPECT_EQ(a->complaint + b->complaint, "");
   EXPECT_FALSE(b->table.contains(2)) << "nobody is told of itself";
 }
@@ -109,7 +108,7 @@ TEST_F(PresenceTest, WhoDidNotAskIsToldNothingButIsSeen) {
   const auto silent = join(1, "old client", false, false);
   const auto curious = join(2);
   EXPECT_TRUE(curious->wait([](Listener& l) { return l.table.contains(1); }));
-  presence->moved(1, pose(1));
+  presence->receive(1, pose(1));
   EXPECT_TRUE(curious->wait([](Listener& l) { return l.table[1].moved.has_value(); }));
   EXPECT_TRUE(silent->times.empty() && silent->clocks.empty());
 }
@@ -119,7 +118,7 @@ TEST_F(PresenceTest, AtMostTwentyASecond) {
   join(2);
   const auto begin = Time::now();
   for (std::uint64_t k = 1; Time::now() < begin + 400ms || (a->messages() < 3 && Time::now() < begin + testing_support::kTimeout); ++k) {
-    presence->moved(2, pose(k));
+    presence->receive(2, pose(k));
     std::this_thread::sleep_for(1ms);
   }
   std::this_thread::sleep_for(100ms);  // the last one
@@ -134,7 +133,7 @@ TEST_F(PresenceTest, ForASlowMemberChangesMerge) {
   slow->reads = false;
   const auto other = join(2);
   ASSERT_TRUE(slow->wait([](Listener& l) { return l.times.size() == 2; }));
-  for (std::uint64_t k = 1; k <= 100; ++k) presence->moved(2, pose(k));
+  for (std::uint64_t k = 1; k <= 100; ++k) presence->receive(2, pose(k));
   join(3);
   join(4);
   presence->leave(3);
@@ -150,33 +149,33 @@ TEST_F(PresenceTest, ForASlowMemberChangesMerge) {
 
 TEST_F(PresenceTest, TheClockIsToldToThoseWhoFollowAndToThoseWhoAsk) {
   const auto owner = join(1, "owner"), follower = join(2, "follower"), asks = join(3, "asks", false, false);
-  presence->set(1, {true, wire::ClockMode::kStepped, 0});
-  const std::uint64_t before = presence->look().clock.time;
+  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
+  const std::uint64_t before = presence->state().clock.time;
   EXPECT_EQ(presence->step(1, {20'000, true}), Clock::Stepped::kBegins);
   ASSERT_TRUE(follower->wait([](Listener& l) { return !l.clocks.empty() && l.clocks.back().step == 1; }));
   EXPECT_EQ(follower->clocks.back().owner, 1u);
   EXPECT_EQ(follower->clocks.back().time, before + 20'000);
   EXPECT_EQ(follower->clocks.back().waitsFor, std::vector<std::uint64_t>{2});
-  presence->done(2, {1});
+  presence->receive(2, wire::StepDone{1});
   EXPECT_TRUE(owner->wait([](Listener& l) { return l.clocks.back().step == 1 && l.clocks.back().waitsFor.empty(); }));
   EXPECT_TRUE(asks->clocks.empty());
-  presence->ask(3, {99});
+  presence->receive(3, wire::AskClock{99});
   ASSERT_EQ(asks->clocks.size(), 1u);
   EXPECT_EQ(asks->clocks[0].echo, 99u);
-  presence->set(2, {true, wire::ClockMode::kRealTime, 1});
+  presence->receive(2, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
   EXPECT_EQ(follower->clocks.back().owner, 1u) << "the answer says whose it is";
   EXPECT_EQ(presence->step(3, {1, false}), Clock::Stepped::kNotYours);
-  EXPECT_EQ(presence->look().ownerName, "owner");
+  EXPECT_EQ(presence->state().ownerName, "owner");
   presence->leave(1);
-  EXPECT_EQ(presence->look().clock.owner, 0u);
-  EXPECT_EQ(presence->look().clock.mode, wire::ClockMode::kStepped);
+  EXPECT_EQ(presence->state().clock.owner, 0u);
+  EXPECT_EQ(presence->state().clock.mode, wire::ClockMode::kStepped);
 }
 
 TEST_F(PresenceTest, StepsMergeForAMemberThatDoesNotReadAndOnesThatWaitArrive) {
   join(1, "owner");
   const auto slow = join(2, "slow", false);
   slow->reads = false;
-  presence->set(1, {true, wire::ClockMode::kStepped, 0});
+  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
   for (int k = 0; k < 1000; ++k) presence->step(1, {1, false});
   presence->step(1, {1, true});
   std::this_thread::sleep_for(30ms);
@@ -192,8 +191,8 @@ TEST_F(PresenceTest, ManyThreadsAtOnceEndInOneTable) {
     threads.emplace_back([&, t] {
       for (std::uint64_t round = 0; round < 50; ++round) {
         const auto me = join(t * 100 + round);
-        for (std::uint64_t k = 1; k < 20; ++k) presence->moved(t * 100 + round, pose(k));
-        presence->set(t * 100 + round, {true, wire::ClockMode::kStepped, 0});
+        for (std::uint64_t k = 1; k < 20; ++k) presence->receive(t * 100 + round, pose(k));
+        presence->receive(t * 100 + round, wire::SetClock{true, wire::ClockMode::kStepped, 0});
         presence->step(t * 100 + round, {1, true});
         if (round % 2 == 0) presence->leave(t * 100 + round);
       }

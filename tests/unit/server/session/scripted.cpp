@@ -97,7 +97,7 @@ std::vector<wire::Settings> Client::granted() const {
   return granted_;
 }
 
-void Client::send(wire::ServerMessage message) {
+void Client::send(wire::ServerMessage message, std::shared_ptr<const void>) {
   const std::lock_guard lock(mutex_);
   if (auto* world = std::get_if<wire::World>(&message)) {
     if (world_) complaint_ = "a second world";

@@ -39,7 +39,7 @@ MakeMesh scriptedMeshes(std::shared_ptr<Script> script);
 // Records what is sent; applies iterations all or nothing.
 class Client : public Sender {
  public:
-  void send(wire::ServerMessage message) override;
+  void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
   std::size_t queuedBytes() const override { return queued; }
   void fail(wire::ErrorMessage message) override;
 

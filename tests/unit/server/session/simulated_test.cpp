@@ -16,7 +16,7 @@ using testing_support::SimulatedTimer;
 
 struct Watcher final : Sender {
   explicit Watcher(const Timer& t) : timer(t) {}
-  void send(wire::ServerMessage message) override {
+  void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     if (const auto* members = std::get_if<wire::Members>(&message)) {
       times.push_back(timer.now());
       for (const wire::Moved& moved : members->moved) last = moved.pose.sequence;
@@ -44,7 +44,7 @@ TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
   for (std::uint64_t k = 1; k <= kPoses; ++k) {
     wire::PoseMessage pose;
     pose.sequence = k;
-    presence->moved(2, pose);
+    presence->receive(2, pose);
     timer.advance(1ms);
   }
   timer.advance(1s);
@@ -62,7 +62,7 @@ TEST(Simulated, TheClockIsTheTimers) {
   const auto watcher = std::make_shared<Watcher>(timer);
   presence->join(1, {}, watcher, {});
   timer.advance(36h);
-  presence->ask(1, {7});
+  presence->receive(1, wire::AskClock{7});
   ASSERT_EQ(watcher->clocks.size(), 1u);
   EXPECT_EQ(watcher->clocks[0].time, std::uint64_t{36} * 3600 * 1'000'000);
   EXPECT_EQ(watcher->clocks[0].echo, 7u);

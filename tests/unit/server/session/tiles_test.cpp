@@ -34,7 +34,7 @@ class Terraces final : public terrain::Terrain, public terrain::Raster {
 
 class Listener final : public Sender {
  public:
-  void send(wire::ServerMessage message) override {
+  void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     const std::lock_guard lock(mutex_);
     if (auto* world = std::get_if<wire::World>(&message)) world_ = *world;
     if (auto* tiles = std::get_if<wire::HeightTiles>(&message))

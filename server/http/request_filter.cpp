@@ -1,7 +1,6 @@
-#include "server/http/gate.h"
+#include "server/http/request_filter.h"
 
-#include <algorithm>
-
+#include "common/text/text.h"
 #include "server/access/host.h"
 #include "server/session/session.h"
 
@@ -14,14 +13,8 @@ std::string_view bearerOf(const Request& request) {
   constexpr std::string_view scheme = "Bearer ", prefix = "bearer.";
   if (request.authorization.size() > scheme.size() && access::sameIgnoringCase(request.authorization.substr(0, scheme.size()), scheme))
     return request.authorization.substr(scheme.size());
-  for (std::string_view rest = request.subprotocols; !rest.empty();) {
-    const auto end = std::min(rest.find(','), rest.size());
-    std::string_view one = rest.substr(0, end);
-    rest.remove_prefix(std::min(end + 1, rest.size()));
-    while (one.starts_with(' ')) one.remove_prefix(1);
-    while (one.ends_with(' ')) one.remove_suffix(1);
-    if (one.starts_with(prefix)) return one.substr(prefix.size());
-  }
+  for (std::string_view rest = request.subprotocols; !rest.empty();)
+    if (const auto one = text::trimmed(text::takePart(rest, ',')); one.starts_with(prefix)) return one.substr(prefix.size());
   return {};
 }
 
@@ -35,10 +28,8 @@ std::optional<std::string_view> sessionOf(std::string_view path) {
   return path.substr(0, slash);
 }
 
-Answer unauthorised(std::string sentence, bool wasShown) {
-  Answer a = refused(401, metrics::Refusal::kToken, std::move(sentence));
-  a.headers = {{"WWW-Authenticate", wasShown ? R"(Bearer realm="ridgecast", error="invalid_token")" : R"(Bearer realm="ridgecast")"}};
-  return a;
+Answer unauthorised(std::string sentence, const std::string& error = {}) {
+  return refused(401, metrics::Refusal::kToken, std::move(sentence), {{"WWW-Authenticate", R"(Bearer realm="ridgecast")" + error}});
 }
 
 }  // namespace
@@ -56,8 +47,8 @@ Needed needed(std::string_view method, std::string_view path) {
   return {Right::kView};
 }
 
-std::optional<Error> Gate::load() {
-  if (!asksForTokens()) return {};
+std::optional<Error> RequestFilter::load() {
+  if (!requiresTokens()) return {};
   auto tokens = access::Tokens::load(settings_.tokenFile, settings_.jwtSecretFile);
   if (!tokens) return tokens.error();
   const std::lock_guard lock(mutex_);
@@ -66,55 +57,50 @@ std::optional<Error> Gate::load() {
 }
 
 // Whether this is the server's own page or an allowed one. access/host.h has already checked the server's name.
-bool Gate::originMayAsk(std::string_view origin, std::string_view host) const {
+bool RequestFilter::originMayAsk(std::string_view origin, std::string_view host) const {
   for (const std::string& allowed : settings_.allowedOrigins)
     if (allowed == "*" || access::sameIgnoringCase(allowed, origin)) return true;
   const auto scheme = origin.find("://");
   return scheme != std::string_view::npos && !host.empty() && access::sameIgnoringCase(origin.substr(scheme + 3), host);
 }
 
-std::variant<access::Grant, Answer> Gate::judge(const Request& request) const {
+std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request) const {
   const std::string_view path = request.path();
   const Needed need = needed(request.method, path);
-  if (!asksForTokens() && path != "/healthz" && path != "/readyz" &&
-      !access::mayBeAsked(request.host, settings_.host, settings_.allowedHosts))
+  if (!requiresTokens() && path != "/healthz" && path != "/readyz" &&
+      !access::answersTo(request.host, settings_.host, settings_.allowedHosts))
     return refused(421, metrics::Refusal::kHost,
                    "This server does not answer to that name, which may not be its own; use its address or localhost, or its operator can "
                    "allow the name with --allowed-host.");
   if (!request.origin.empty() && need.right && !originMayAsk(request.origin, request.host))
     return refused(403, metrics::Refusal::kOrigin,
                    "Pages of this origin may not use this server; its operator can allow them with --allow-origin.");
-  if (!asksForTokens()) return access::Grant{{}, access::Rights::all(), {}, {}};
+  if (!requiresTokens()) return access::Grant{{}, access::Rights::all(), {}, {}};
   if (!need.right) return access::Grant{};
 
   const std::string_view bearer = bearerOf(request);
-  if (bearer.empty()) return unauthorised("This needs a token: Authorization: Bearer TOKEN.", false);
+  if (bearer.empty()) return unauthorised("This needs a token: Authorization: Bearer TOKEN.");
   std::shared_ptr<const access::Tokens> tokens;
   {
     const std::lock_guard lock(mutex_);
     tokens = tokens_;
   }
   auto grant = tokens->judge(bearer, std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now()));
-  if (!grant) return unauthorised(grant.error().message, true);
+  if (!grant) return unauthorised(grant.error().message, R"(, error="invalid_token")");
   const auto forbidden = [&](std::string sentence) {
-    Answer a = refused(403, metrics::Refusal::kRight, std::move(sentence));
-    a.headers = {{"WWW-Authenticate", R"(Bearer realm="ridgecast", error="insufficient_scope")"}};
-    return a;
+    return refused(403, metrics::Refusal::kRight, std::move(sentence),
+                   {{"WWW-Authenticate", R"(Bearer realm="ridgecast", error="insufficient_scope")"}});
   };
   if (!grant->rights.has(*need.right)) return forbidden("The token lacks the right '" + std::string(name(*need.right)) + "'.");
-  if (need.everySession) {
-    if (!grant->session.empty()) return forbidden("The token is for session '" + grant->session + "' alone.");
-    return std::move(*grant);
-  }
-  if (const auto session = sessionOf(path)) {
-    if (!grant->reaches(*session)) return forbidden("The token is for another session.");
-    return std::move(*grant);
-  }
-  const auto session = queryParameter(request.query(), "session");
-  const bool reaches = !session           ? grant->session.empty()
-                       : session->empty() ? grant->reaches(session::kDefaultName)
-                                          : grant->reaches(*session);
-  if (!reaches) return forbidden("The token is for another session.");
+  if (need.everySession && !grant->session.empty()) return forbidden("The token is for session '" + grant->session + "' alone.");
+  const auto reaches = [&] {
+    if (need.everySession) return true;
+    if (const auto session = sessionOf(path)) return grant->reaches(*session);
+    const auto session = queryParameter(request.query(), "session");
+    if (!session) return grant->session.empty();
+    return grant->reaches(session->empty() ? session::kDefaultName : std::string_view(*session));
+  };
+  if (!reaches()) return forbidden("The token is for another session.");
   return std::move(*grant);
 }
 

@@ -29,13 +29,13 @@ struct Access {
   std::vector<std::string> allowedHosts;           // besides its addresses, localhost and `host`; used without tokens (access/host.h)
 };
 
-class Gate {
+class RequestFilter {
  public:
-  explicit Gate(const Access& settings) : settings_(settings) {}
+  explicit RequestFilter(const Access& settings) : settings_(settings) {}
 
   // Reads the tokens, also again later. On an error the old ones stay.
   std::optional<Error> load();
-  bool asksForTokens() const { return !settings_.tokenFile.empty() || !settings_.jwtSecretFile.empty(); }
+  bool requiresTokens() const { return !settings_.tokenFile.empty() || !settings_.jwtSecretFile.empty(); }
 
   // What the client is granted, or why it is refused. Without tokens: everything.
   std::variant<access::Grant, Answer> judge(const Request& request) const;
