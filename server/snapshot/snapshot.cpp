@@ -19,7 +19,6 @@
 
 namespace ridgecast::snapshot {
 
-using box::BoxMesh;
 using box::meshBox;
 using box::Watch;
 
