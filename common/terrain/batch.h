@@ -55,13 +55,6 @@ void heights(const __INT64_TYPE__* x, const __INT64_TYPE__* z, float* out, __SIZ
   }
 }
 
-float filteredHeight(__INT64_TYPE__ x, __INT64_TYPE__ z, float footprint, uint seed) {
-  return terrainHeight(ivec2(static_cast<int>(x >> kCellBits), static_cast<int>(z >> kCellBits)),
-                       vec2(static_cast<float>(static_cast<int>(static_cast<uint>(x) & kInCell)) * kStepOfCell,
-                            static_cast<float>(static_cast<int>(static_cast<uint>(z) & kInCell)) * kStepOfCell),
-                       footprint, seed);
-}
-
 #ifdef RIDGECAST_COLOURS
 // normal and out: three floats a point.
 void colours(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, float footprint, float* out,

@@ -32,12 +32,6 @@ std::string number(double v) {
 
 }  // namespace
 
-bool isValid(const RasterShape& s) {
-  return s.pitch >= kMinPitch && s.pitch <= kMaxPitch && std::abs(s.originX) <= lattice::kMaxPosition &&
-         std::abs(s.originZ) <= lattice::kMaxPosition && s.width >= 2 && s.height >= 2 && s.lowest >= -kMaxSample &&
-         s.highest <= kMaxSample && s.lowest <= s.highest;
-}
-
 bool tileIsValid(const RasterShape& s, TileAddress tile) {
   const std::int64_t limit = 2 * lattice::kMaxPosition / (std::int64_t{s.pitch} << kTileBits) + 1;
   return std::abs(tile.i) <= limit && std::abs(tile.j) <= limit;

@@ -5,7 +5,6 @@
 //
 // Samples are counted along x and z from the map's first, at (originX, originZ); indices may be negative. Renderers hold a window of them,
 // in square tiles.
-// terrain hold a window of it, in square tiles.
 
 #include <array>
 #include <cstdint>
@@ -34,7 +33,6 @@ struct RasterShape {
   std::uint64_t content = 0;               // equal for equal samples and continuation
   friend bool operator==(const RasterShape&, const RasterShape&) = default;
 };
-bool isValid(const RasterShape& shape);
 
 struct TileAddress {
   std::int64_t i = 0, j = 0;  // samples [i, i + 1) x kTileSide along x, j along z

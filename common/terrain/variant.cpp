@@ -41,9 +41,7 @@ static_assert(alpine::kCellBits == lattice::kCellBits);
 Variant RIDGECAST_JOIN(RIDGECAST_VARIANT, Variant)() {
   using namespace RIDGECAST_VARIANT;
   return {{RIDGECAST_TEXT(RIDGECAST_VARIANT), sizeof(RIDGECAST_TEXT(RIDGECAST_VARIANT)) - 1},
-          {{{&alpine::heights, &alpine::filteredHeight, &alpine::colours},
-            {&canyon::heights, &canyon::filteredHeight, &canyon::colours},
-            {&archipelago::heights, &archipelago::filteredHeight, &archipelago::colours}}}};
+          {{{&alpine::heights, &alpine::colours}, {&canyon::heights, &canyon::colours}, {&archipelago::heights, &archipelago::colours}}}};
 }
 
 }  // namespace ridgecast::terrain

@@ -15,16 +15,12 @@ namespace ridgecast::terrain {
 
 // Heights in metres at `count` points, as the terrain function returns them.
 using HeightsFunction = void (*)(const lattice::Step* x, const lattice::Step* z, float* out, std::size_t count, std::uint32_t seed);
-// One height as seen by a sample `footprint` metres wide; for tests of the filter.
-using FilteredHeightFunction = float (*)(lattice::Step x, lattice::Step z, float footprint, std::uint32_t seed);
-
 // Colours, see terrain::Colours; normals and results are three floats a point.
 using ColoursFunction = void (*)(const lattice::Step* x, const lattice::Step* z, const float* height, const float* normal, float footprint,
                                  float* out, std::size_t count, std::uint32_t seed);
 
 struct Functions {
   HeightsFunction heights;
-  FilteredHeightFunction filtered;
   ColoursFunction colours;
 };
 
