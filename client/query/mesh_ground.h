@@ -10,7 +10,7 @@
 
 #include "client/connection/connection.h"
 #include "client/scene/scene.h"
-#include "common/ground/ray.h"
+#include "common/ground/ground.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::query {

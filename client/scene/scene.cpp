@@ -14,7 +14,7 @@
 
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
-#include "common/mesh/gather.h"
+#include "common/mesh/leaf_mesh.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::scene {

@@ -8,7 +8,6 @@
 // between its neighbours. Coordinates are relative to the segment's first keyframe, so it is as smooth at 1e12 m as at the origin. Heights
 // follow the same curve with limited slopes, so they never leave the range of both ends (Fritsch and Carlson 1980): a camera that descends
 // to 2 m does not dive below the ground. Yaw turns linearly the shortest way, pitch linearly.
-// down to 2 m does not dive below the ground. Yaw turns linearly the shortest way, pitch linearly.
 
 #include <cstdint>
 #include <filesystem>

@@ -99,17 +99,6 @@ std::string decodePlain(std::span<const std::uint8_t> bytes, std::uint32_t verti
   return {};
 }
 
-bool coordinatesAreValid(const mesh::LocalVertex& v) {
-  return v.x >= -kMaxOffset && v.x <= kMaxOffset && v.z >= -kMaxOffset && v.z <= kMaxOffset && v.y >= -lattice::kMaxHeight &&
-         v.y <= lattice::kMaxHeight;
-}
-
-// Counter-clockwise seen from above. With +Z towards the viewer, the usual cross product changes its sign.
-bool isCounterClockwise(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c) {
-  const std::int64_t bx = std::int64_t{b.x} - a.x, bz = std::int64_t{b.z} - a.z, cx = std::int64_t{c.x} - a.x, cz = std::int64_t{c.z} - a.z;
-  return bz * cx - bx * cz > 0;
-}
-
 std::string placeVertices(const Soup& soup, const std::array<Scale, 3>& scales, mesh::LeafMesh& leaf) {
   leaf.vertices.reserve(soup.points.size());
   for (const Quotients& q : soup.points) {
@@ -120,7 +109,7 @@ std::string placeVertices(const Soup& soup, const std::array<Scale, 3>& scales, 
     }
     leaf.vertices.push_back(
         {static_cast<std::int32_t>(value[0]), static_cast<std::int32_t>(value[1]), static_cast<std::int32_t>(value[2])});
-    if (!coordinatesAreValid(leaf.vertices.back())) return "a vertex is out of range";
+    if (!isInRange(leaf.vertices.back())) return "a vertex is out of range";
   }
   return {};
 }
@@ -129,9 +118,14 @@ Error refusal(const std::string& why) { return {"the leaf's payload cannot be de
 
 }  // namespace
 
+bool isInRange(const mesh::LocalVertex& v) {
+  return v.x >= -kMaxOffset && v.x <= kMaxOffset && v.z >= -kMaxOffset && v.z <= kMaxOffset && v.y >= -lattice::kMaxHeight &&
+         v.y <= lattice::kMaxHeight;
+}
+
 std::vector<std::uint8_t> encodeLeaf(const mesh::LeafMesh& leaf) {
   assert(mesh::isCanonical(leaf));
-  assert(std::all_of(leaf.vertices.begin(), leaf.vertices.end(), coordinatesAreValid));
+  assert(std::all_of(leaf.vertices.begin(), leaf.vertices.end(), isInRange));
   if (leaf.triangles.empty()) return {};
 
   const std::array<Scale, 3> scales = scalesOf(leaf.vertices);
@@ -203,7 +197,7 @@ Outcome<mesh::LeafMesh> decodeLeaf(std::span<const std::uint8_t> payload, lattic
   mesh::canonicalize(leaf);
   if (leaf.vertices.size() != vertices || leaf.triangles.size() != triangles) return refusal("it does not have the announced counts");
   for (const mesh::Triangle& t : leaf.triangles)
-    if (!isCounterClockwise(leaf.vertices[t[0]], leaf.vertices[t[1]], leaf.vertices[t[2]]))
+    if (mesh::orientation(leaf.vertices[t[0]], leaf.vertices[t[1]], leaf.vertices[t[2]]) <= 0)
       return refusal("a triangle is not counter-clockwise");
   if (!mesh::isCanonical(leaf)) return refusal("two vertices share a place, or two triangles are the same");
   return leaf;

@@ -22,6 +22,7 @@ namespace ridgecast::codec {
 
 // x and z of a leaf's vertices lie within this many steps of its corner; y within lattice::kMaxHeight.
 inline constexpr std::int32_t kMaxOffset = std::int32_t{1} << 27;
+bool isInRange(const mesh::LocalVertex& v);
 
 // A decoder's limits. Decoding needs at most about 400 bytes of memory for each announced triangle.
 struct Limits {

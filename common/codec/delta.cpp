@@ -126,11 +126,6 @@ class Difference {
   bool tangled_ = false;
 };
 
-[[maybe_unused]] bool inRange(const mesh::LocalVertex& v) {
-  return std::abs(std::int64_t{v.x}) <= kMaxOffset && std::abs(std::int64_t{v.z}) <= kMaxOffset &&
-         std::abs(std::int64_t{v.y}) <= lattice::kMaxHeight;
-}
-
 // What stays of the base and what came, in canonical order; empty text, or what is wrong.
 std::string assemble(const mesh::LeafMesh& base, const std::vector<char>& fates, char goes, const std::vector<mesh::LocalVertex>& vertices,
                      const std::vector<mesh::Triangle>& added, mesh::LeafMesh& out) {
@@ -252,7 +247,7 @@ Outcome<DeltaCounts> deltaCounts(std::span<const std::uint8_t> payload, std::siz
 
 Outcome<Changed> decodeDelta(std::span<const std::uint8_t> payload, const mesh::LeafMesh& base, std::uint64_t baseHash,
                              const Limits& limits) {
-  assert(std::all_of(base.vertices.begin(), base.vertices.end(), inRange));
+  assert(std::all_of(base.vertices.begin(), base.vertices.end(), isInRange));
   if (payload.empty()) return Changed{base, baseHash};
   const auto head = readHead(payload, base.triangles.size(), limits);
   if (!head) return head.error();

@@ -19,14 +19,10 @@
 
 namespace ridgecast::codec {
 
+using mesh::orientation;
+
 inline constexpr std::uint32_t kNobody = 0xffffffffu;
 inline constexpr std::uint32_t kMaxWalk = 32;
-
-// Twice the area of (a, b, c), positive if counter-clockwise seen from above. Differences are below 2^29: exact.
-inline std::int64_t orientation(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c) {
-  const std::int64_t bx = std::int64_t{b.x} - a.x, bz = std::int64_t{b.z} - a.z, cx = std::int64_t{c.x} - a.x, cz = std::int64_t{c.z} - a.z;
-  return bz * cx - bx * cz;
-}
 
 // Positive if d lies inside the circle through a, b, c (counter-clockwise). Approximate, in doubles: it only chooses a probability.
 inline bool isInside(const mesh::LocalVertex& a, const mesh::LocalVertex& b, const mesh::LocalVertex& c, const mesh::LocalVertex& d) {
@@ -55,7 +51,7 @@ struct OpenEdge {
 // A walk's arrays by vertex and triangle, separate so that their memory can be reused.
 struct WalkMemory {
   std::vector<std::uint32_t> start, around, end, gone;
-  std::vector<char> fate, asked;
+  std::vector<char> fate, listed;
   std::vector<mesh::LocalVertex> vertices;
   std::vector<mesh::Triangle> added;
   std::vector<OpenEdge> edges;
@@ -136,22 +132,22 @@ class Walk {
 
   // The triangles at each vertex: a run of `around_`. An encoder lists only vertices it will query: the corners of removed triangles.
   bool file() {
-    std::vector<char>& asked = memory_.asked;
-    asked.assign(base_.vertices.size(), Coder::kDecodes);
+    std::vector<char>& listed = memory_.listed;
+    listed.assign(base_.vertices.size(), Coder::kDecodes);
     if constexpr (!Coder::kDecodes)
       for (std::uint32_t t = 0; t < base_.triangles.size(); ++t)
         if (truth_.goes(t))
-          for (std::uint32_t v : base_.triangles[t]) asked[v] = 1;
+          for (std::uint32_t v : base_.triangles[t]) listed[v] = 1;
     start_.assign(base_.vertices.size() + 1, 0);
     for (const mesh::Triangle& t : base_.triangles)
-      for (std::uint32_t v : t) start_[v + 1] += static_cast<std::uint32_t>(asked[v]);
+      for (std::uint32_t v : t) start_[v + 1] += static_cast<std::uint32_t>(listed[v]);
     for (std::size_t v = 0; v < base_.vertices.size(); ++v) start_[v + 1] += start_[v];
     around_.resize(start_.back());
     std::vector<std::uint32_t>& at = memory_.end;
     at.assign(start_.begin(), start_.end() - 1);
     for (std::uint32_t t = 0; t < base_.triangles.size(); ++t)
       for (std::uint32_t v : base_.triangles[t])
-        if (asked[v]) around_[at[v]++] = t;
+        if (listed[v]) around_[at[v]++] = t;
     fate_.assign(base_.triangles.size(), kUndecided);
     return true;
   }

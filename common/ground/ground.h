@@ -6,13 +6,21 @@
 #include <cstdint>
 #include <span>
 
-#include "common/ground/ray.h"
+#include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
 
 namespace ridgecast::ground {
 
 inline constexpr std::uint32_t kDefaultSpacing = 16;  // steps: 1/16 m
 inline constexpr double kNoHit = -1;
+
+// Origin, direction and reach of a ray.
+struct Ray {
+  lattice::Step x = 0, z = 0;                             // steps
+  double y = 0;                                           // metres
+  double directionX = 0, directionY = 0, directionZ = 0;  // of any length but 0
+  double reach = 0;                                       // metres
+};
 
 // Unit normals (x, y, z of each place) of the plane through the heights `spacing` steps to each side: along x and along z, the slope
 // between the two. `out` has three times the size of x and z. Positions within `spacing` of the lattice's end use the end.

@@ -86,10 +86,6 @@ struct LeafAddress {
   constexpr bool isAncestorOf(LeafAddress other) const {
     return other.level <= level && (other.i >> (level - other.level)) == i && (other.j >> (level - other.level)) == j;
   }
-  // Closed squares share at least a point.
-  constexpr bool touches(LeafAddress other) const {
-    return x() <= other.x() + other.side() && other.x() <= x() + side() && z() <= other.z() + other.side() && other.z() <= z() + side();
-  }
   // Canonical order: by level, then i, then j.
   friend constexpr auto operator<=>(const LeafAddress&, const LeafAddress&) = default;
 };

@@ -1,10 +1,11 @@
 #include "common/mesh/leaf_mesh.h"
 
 #include <algorithm>
-#include <numeric>
+#include <cstdlib>
 #include <tuple>
 
 namespace ridgecast::mesh {
+
 std::uint64_t hashVertex(const lattice::Vertex& v) {
   using lattice::mix;
   return mix(static_cast<std::uint64_t>(v.x) + mix(static_cast<std::uint64_t>(v.z) + mix(static_cast<std::uint64_t>(std::int64_t{v.y}))));
@@ -76,6 +77,40 @@ bool isCanonical(const LeafMesh& leaf) {
     if (std::tie(a.x, a.z) >= std::tie(b.x, b.z)) return false;
   }
   return true;
+}
+
+LeafMesh gather(lattice::LeafAddress address, std::span<const LeafMesh* const> sources) {
+  constexpr std::int64_t kReach = std::int64_t{1} << 27;
+  LeafMesh out{.address = address, .vertices = {}, .triangles = {}};
+  std::vector<std::uint32_t> place;
+  for (const LeafMesh* source : sources) {
+    const std::int64_t dx = source->address.x() - address.x(), dz = source->address.z() - address.z();
+    place.assign(source->vertices.size(), 0);  // 1 + index in out
+    for (const Triangle& t : source->triangles) {
+      lattice::Step sumX = 3 * source->address.x(), sumZ = 3 * source->address.z();
+      bool near = true;
+      for (std::uint32_t v : t) {
+        const std::int64_t x = source->vertices[v].x, z = source->vertices[v].z;
+        sumX += x;
+        sumZ += z;
+        near = near && std::abs(x + dx) <= kReach && std::abs(z + dz) <= kReach;
+      }
+      if (!near || !address.containsCentroid(sumX, sumZ)) continue;
+      Triangle here;
+      for (std::size_t c = 0; c < 3; ++c) {
+        std::uint32_t& at = place[t[c]];
+        if (at == 0) {
+          const LocalVertex& v = source->vertices[t[c]];
+          out.vertices.push_back({static_cast<std::int32_t>(v.x + dx), static_cast<std::int32_t>(v.z + dz), v.y});
+          at = static_cast<std::uint32_t>(out.vertices.size());
+        }
+        here[c] = at - 1;
+      }
+      out.triangles.push_back(here);
+    }
+  }
+  canonicalize(out);
+  return out;
 }
 
 std::uint64_t hashTriangle(const lattice::Vertex& a, const lattice::Vertex& b, const lattice::Vertex& c) {

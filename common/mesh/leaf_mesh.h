@@ -17,6 +17,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "common/lattice/lattice.h"
@@ -38,6 +39,20 @@ struct LeafMesh {
   friend bool operator==(const LeafMesh&, const LeafMesh&) = default;
 };
 
+// What is known of a leaf's mesh without the mesh.
+struct LeafState {
+  lattice::LeafAddress address;
+  std::uint64_t version = 0;  // grows whenever the leaf's triangles change; never reused for other content
+  std::uint64_t hash = 0;     // hashLeaf of its content
+  std::uint32_t triangles = 0;
+};
+
+// Twice the area of (a, b, c), positive if counter-clockwise seen from above. Exact for vertices within 2^28 steps of their corner.
+constexpr std::int64_t orientation(const LocalVertex& a, const LocalVertex& b, const LocalVertex& c) {
+  const std::int64_t bx = std::int64_t{b.x} - a.x, bz = std::int64_t{b.z} - a.z, cx = std::int64_t{c.x} - a.x, cz = std::int64_t{c.z} - a.z;
+  return bz * cx - bx * cz;
+}
+
 // With the smallest index first.
 constexpr Triangle rotated(Triangle t) {
   if (t[1] < t[0] && t[1] < t[2]) return {t[1], t[2], t[0]};
@@ -48,6 +63,11 @@ constexpr Triangle rotated(Triangle t) {
 // Sorts vertices and triangles into canonical order, merges equal vertices and drops unused ones. Indices must be in range.
 void canonicalize(LeafMesh& leaf);
 bool isCanonical(const LeafMesh& leaf);
+
+// What a leaf starts with after a split or merge: the triangles of `sources`, the ancestors and descendants held before, whose centroid lies
+// in the square of `address`, in its frame and in canonical order. Skips triangles with a vertex more than 2^27 steps from the new corner;
+// sound leaves have none.
+LeafMesh gather(lattice::LeafAddress address, std::span<const LeafMesh* const> sources);
 
 // A vertex's v; and a triangle's hash from those of its corners, beginning with the smallest by x, then z.
 std::uint64_t hashVertex(const lattice::Vertex& v);

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "common/camera/camera.h"
-#include "common/ground/ray.h"
+#include "common/ground/ground.h"
 #include "common/lattice/lattice.h"
 #include "common/settings/settings.h"
 #include "common/terrain/raster.h"
@@ -43,7 +43,7 @@ struct Hello {
 
 struct PoseMessage {
   std::uint64_t sequence = 0;
-  camera::Camera camera;  // checked with camera::isValid when decoded
+  camera::Camera camera;
 };
 
 struct Acknowledge {

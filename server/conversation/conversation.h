@@ -29,7 +29,7 @@
 #include <variant>
 #include <vector>
 
-#include "common/mesh/leaf_state.h"
+#include "common/mesh/leaf_mesh.h"
 #include "common/terrain/raster.h"
 #include "common/wire/messages.h"
 #include "server/conversation/pace.h"

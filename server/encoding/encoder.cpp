@@ -7,7 +7,7 @@
 
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
-#include "common/mesh/gather.h"
+#include "common/mesh/leaf_mesh.h"
 #include "common/terrain/shades.h"
 #include "server/query/query.h"
 

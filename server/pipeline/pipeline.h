@@ -11,7 +11,6 @@
 #include "common/camera/camera.h"
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
-#include "common/mesh/leaf_state.h"
 #include "common/settings/settings.h"
 #include "common/terrain/terrain.h"
 #include "server/scheduling/pool.h"

@@ -21,7 +21,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
-#include "common/mesh/leaf_state.h"
+#include "common/mesh/leaf_mesh.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::replica {

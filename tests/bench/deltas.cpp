@@ -9,7 +9,7 @@
 #include "common/camera/path.h"
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
-#include "common/mesh/gather.h"
+#include "common/mesh/leaf_mesh.h"
 #include "common/terrain/terrain.h"
 #include "server/pipeline/pipeline.h"
 #include "server/scheduling/pool.h"

@@ -7,7 +7,7 @@
 
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
-#include "common/mesh/gather.h"
+#include "common/mesh/leaf_mesh.h"
 #include "common/wire/wire.h"
 #include "tests/support/leaf_meshes.h"
 

@@ -10,7 +10,7 @@
 
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
-#include "common/mesh/gather.h"
+#include "common/mesh/leaf_mesh.h"
 #include "server/replica/replica.h"
 #include "tests/support/leaf_meshes.h"
 

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <array>
 
-#include "common/mesh/gather.h"
+#include "common/mesh/leaf_mesh.h"
 #include "tests/support/leaf_meshes.h"
 
 namespace ridgecast {

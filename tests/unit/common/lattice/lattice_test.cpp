@@ -99,7 +99,6 @@ TEST(Lattice, ParentsAndChildren) {
       EXPECT_EQ(child.z(), a.z() + (quadrant >> 1) * child.side());
       EXPECT_TRUE(a.isAncestorOf(child));
       EXPECT_FALSE(child.isAncestorOf(a));
-      EXPECT_TRUE(a.touches(child));
     }
     EXPECT_EQ(children.size(), 4u);
     EXPECT_TRUE(a.isAncestorOf(a));
@@ -108,22 +107,6 @@ TEST(Lattice, ParentsAndChildren) {
       EXPECT_EQ(a.isAncestorOf(leafAt(p, level)), level <= a.level);
       EXPECT_EQ(leafAt(p, level).isAncestorOf(a), level >= a.level);
     }
-  }
-}
-
-TEST(Lattice, TouchingIsSharingAPoint) {
-  Random random(5);
-  for (int k = 0; k < 5'000; ++k) {
-    const LeafAddress a = anyAddress(random);
-    const auto level = static_cast<std::int32_t>(between(random, 0, kMaxLevel));
-    LeafAddress b = leafAt({a.x(), a.z()}, level);
-    b.i += between(random, -2, 2);
-    b.j += between(random, -2, 2);
-    // Closed intervals on both axes, by their overlap's length.
-    const auto overlap = [](Step a0, Step aSide, Step b0, Step bSide) { return std::min(a0 + aSide, b0 + bSide) - std::max(a0, b0); };
-    const bool touches = overlap(a.x(), a.side(), b.x(), b.side()) >= 0 && overlap(a.z(), a.side(), b.z(), b.side()) >= 0;
-    EXPECT_EQ(a.touches(b), touches);
-    EXPECT_EQ(b.touches(a), touches);
   }
 }
 

@@ -2,7 +2,7 @@
 
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
-#include "common/mesh/gather.h"
+#include "common/mesh/leaf_mesh.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast::session {
