@@ -13,8 +13,10 @@
 #include <variant>
 #include <vector>
 
+#include <google/protobuf/io/coded_stream.h>
+#include <google/protobuf/wire_format_lite.h>
+
 #include "common/wire/rules.h"
-#include "common/wire/scan.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::wire {
@@ -38,13 +40,6 @@ template <class P>
 bool require(bool right, const char* field, const auto& rule, Refusal& refusal) {
   if (!right) refusal = std::string(kTable<P>.message) + "." + field + " must be " + rule.words();
   return right;
-}
-
-template <class P>
-void note(const char* field, const auto& rule, Ranges& out) {
-  std::string& range = out[std::string(kTable<P>.message) + "." + field];
-  const std::string words = rule.words();
-  if (range.find(words) == std::string::npos) range += (range.empty() ? "" : "; ") + words;
 }
 
 // Every row in turn, until one fails.
@@ -81,6 +76,30 @@ template <class M>
 concept Messages = ListOf<M>::value && std::is_class_v<typename M::value_type>;
 template <class M>
 concept Numbers = ListOf<M>::value && !Messages<M> && !Bytelike<M>;
+template <class M>
+concept Message = !Number<M> && !Bytelike<M> && !ListOf<M>::value && !Maybe<M>::value;
+
+// A field of a message that is not built: its number, and its content when it is length-delimited.
+struct Field {
+  std::uint32_t number = 0;
+  bool delimited = false;
+  std::span<const std::uint8_t> content;
+};
+// Moves `bytes` behind the field. False: malformed (groups count as malformed).
+inline bool nextField(std::span<const std::uint8_t>& bytes, Field& field) {
+  using Wire = google::protobuf::internal::WireFormatLite;
+  google::protobuf::io::CodedInputStream in(bytes.data(), static_cast<int>(bytes.size()));
+  const std::uint32_t tag = in.ReadTag();
+  const Wire::WireType type = Wire::GetTagWireType(tag);
+  field = {.number = tag >> 3, .delimited = type == Wire::WIRETYPE_LENGTH_DELIMITED, .content = {}};
+  if (field.number == 0 || type == Wire::WIRETYPE_START_GROUP) return false;
+  int length = 0;
+  if (field.delimited ? !in.ReadVarintSizeAsInt(&length) || !in.Skip(length) : !Wire::SkipField(&in, tag)) return false;
+  const auto end = static_cast<std::size_t>(in.CurrentPosition());
+  if (field.delimited) field.content = bytes.first(end).last(static_cast<std::size_t>(length));
+  bytes = bytes.subspan(end);
+  return true;
+}
 
 // Entries of repeated fields and bytes of messages seen so far, by what bounds them.
 using Counts = std::map<const void*, std::size_t>;
@@ -89,8 +108,6 @@ template <class V, class P>
 bool scan(std::span<const std::uint8_t> bytes, Counts& counts, Refusal& refusal);
 template <class V, class P>
 constexpr bool anyCounted();
-template <class V, class P>
-void describe(Ranges& out);
 
 // ---- rows ----
 
@@ -173,27 +190,10 @@ struct Row {
     return Messages<MemberOf<V>> || std::is_same_v<Rule, Encoded> || innerCounted<MemberOf<V>, P>();
   }
 
-  template <class V, class P>
-  void describe(Ranges& out) const {
-    using M = MemberOf<V>;
-    note<P>(name, rule, out);
-    if constexpr (Messages<M>) {
-      wire::describe<typename M::value_type, typename InnerOf<P>::value_type>(out);
-    } else if constexpr (Maybe<M>::value) {
-      wire::describe<typename M::value_type, InnerOf<P>>(out);
-    } else if constexpr (isMessage<M>()) {
-      wire::describe<M, InnerOf<P>>(out);
-    }
-  }
-
  private:
-  template <class M>
-  static constexpr bool isMessage() {
-    return !Number<M> && !Bytelike<M> && !ListOf<M>::value && !Maybe<M>::value;
-  }
   template <class M, class P>
   static constexpr bool innerCounted() {
-    if constexpr (isMessage<M>()) return anyCounted<M, InnerOf<P>>();
+    if constexpr (Message<M>) return anyCounted<M, InnerOf<P>>();
     return false;
   }
   // The only tag of a message that holds nothing but this field.
@@ -207,10 +207,8 @@ struct Row {
         mutate(message);
       }
       const std::string bytes = message.SerializeAsString();
-      std::span<const std::uint8_t> rest{reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()};
-      Field field;
-      nextField(rest, field);
-      return field.number;
+      google::protobuf::io::CodedInputStream in(reinterpret_cast<const std::uint8_t*>(bytes.data()), static_cast<int>(bytes.size()));
+      return in.ReadTag() >> 3;
     }();
     return known;
   }
@@ -249,8 +247,6 @@ struct NoField {
   static constexpr bool counted() {
     return false;
   }
-  template <class V, class P>
-  void describe(Ranges&) const {}
 };
 
 // A rule for what `get` takes from the message; the value gets nothing of it.
@@ -263,10 +259,6 @@ struct Judged : NoField {
   template <class V, class P>
   bool read(V&, P& in, Refusal& refusal) const {
     return require<P>(rule.holds(get(in)), name, rule, refusal);
-  }
-  template <class V, class P>
-  void describe(Ranges& out) const {
-    note<P>(name, rule, out);
   }
 };
 // A field that is right where the whole message says so.
@@ -318,11 +310,6 @@ bool scan(std::span<const std::uint8_t> bytes, Counts& counts, Refusal& refusal)
     if (!everyRow<P>([&](const auto& row) { return row.template scan<V, P>(field, counts, refusal); })) return false;
   }
   return true;
-}
-
-template <class V, class P>
-void describe(Ranges& out) {
-  everyRow<P>([&](const auto& row) { return row.template describe<V, P>(out), true; });
 }
 
 }  // namespace ridgecast::wire

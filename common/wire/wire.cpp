@@ -26,7 +26,8 @@ Outcome<V> decodeAs(std::span<const std::uint8_t> bytes, std::size_t most) {
   P in;
   const bool wellFormed = scan<V, P>(bytes, counts, refusal) && in.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()));
   if (!refusal.empty()) return Error{refusal};
-  if (!wellFormed || in.kind_case() == P::KIND_NOT_SET) return Error{"The bytes are not a message of protocol version 1 (see PROTOCOL.md)."};
+  if (!wellFormed || in.kind_case() == P::KIND_NOT_SET)
+    return Error{"The bytes are not a message of protocol version 1 (see PROTOCOL.md)."};
   V out;
   read(out, in, refusal);
   if (!refusal.empty()) return Error{refusal};
@@ -45,18 +46,11 @@ bool sessionNameIsValid(std::string_view name) {
 std::string encode(const ClientMessage& message) { return encodeAs<pb::ClientMessage>(message); }
 std::string encode(const ServerMessage& message) { return encodeAs<pb::ServerMessage>(message); }
 
-Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const Limits& limits) {
-  return decodeAs<pb::ClientMessage, ClientMessage>(bytes, limits.maxClientMessageBytes);
+Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes) {
+  return decodeAs<pb::ClientMessage, ClientMessage>(bytes, kMaxClientMessageBytes);
 }
-Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const Limits& limits) {
-  return decodeAs<pb::ServerMessage, ServerMessage>(bytes, limits.maxServerMessageBytes);
-}
-
-Ranges ranges() {
-  Ranges out{{"ClientMessage", Bytes{kMaxClientMessageBytes}.words()}, {"ServerMessage", Bytes{kMaxServerMessageBytes}.words()}};
-  describe<ClientMessage, pb::ClientMessage>(out);
-  describe<ServerMessage, pb::ServerMessage>(out);
-  return out;
+Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes) {
+  return decodeAs<pb::ServerMessage, ServerMessage>(bytes, kMaxServerMessageBytes);
 }
 
 }  // namespace ridgecast::wire

@@ -5,7 +5,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <map>
 #include <span>
 #include <string>
 #include <string_view>
@@ -48,25 +47,16 @@ inline constexpr std::size_t kMaxGrounds = 4;         // the same
 inline constexpr std::uint32_t kMaxSpacing = 65'536;  // steps
 inline constexpr double kMaxReach = 1e5;              // metres
 
-// The tables of PROTOCOL.md: "Message.field", and "Message" for its size -> its range in words; empty: anything.
-using Ranges = std::map<std::string, std::string>;
-Ranges ranges();
-
 // Whether a session's name can be one: 1..kMaxSessionBytes of [A-Za-z0-9._-].
 bool sessionNameIsValid(std::string_view name);
-
-struct Limits {
-  std::size_t maxClientMessageBytes = kMaxClientMessageBytes;
-  std::size_t maxServerMessageBytes = kMaxServerMessageBytes;
-};
 
 // What is encoded is not checked (the peer refuses what is out of range); only an error's text is cut to kMaxErrorBytes.
 std::string encode(const ClientMessage& message);
 std::string encode(const ServerMessage& message);
 
 // A hello of another protocol version is no error: it is returned with its version and name alone, so that it can be answered.
-Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes, const Limits& limits = {});
+Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes);
 // The same for a world of another protocol version.
-Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes, const Limits& limits = {});
+Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes);
 
 }  // namespace ridgecast::wire

@@ -5,10 +5,52 @@
 #include <regex>
 #include <sstream>
 
-#include "common/wire/wire.h"
+#include "common/wire/tables.h"
 
 namespace ridgecast::wire {
 namespace {
+
+// The tables of PROTOCOL.md: "Message.field", and "Message" for its size -> its range in words; empty: anything.
+using Ranges = std::map<std::string, std::string>;
+
+template <class V, class P>
+void describe(Ranges& out);
+
+template <class P>
+void note(const auto& row, Ranges& out) {
+  std::string& range = out[std::string(kTable<P>.message) + "." + row.name];
+  const std::string words = row.rule.words();
+  if (range.find(words) == std::string::npos) range += (range.empty() ? "" : "; ") + words;
+}
+template <class V, class P>
+void describeRow(const NoField&, Ranges&) {}
+template <class V, class P, class... Part>
+void describeRow(const Judged<Part...>& row, Ranges& out) {
+  note<P>(row, out);
+}
+template <class V, class P, class... Part>
+void describeRow(const Row<Part...>& row, Ranges& out) {
+  using M = typename Row<Part...>::template MemberOf<V>;
+  note<P>(row, out);
+  if constexpr (Messages<M>) {
+    describe<typename M::value_type, typename Row<Part...>::template InnerOf<P>::value_type>(out);
+  } else if constexpr (Maybe<M>::value) {
+    describe<typename M::value_type, typename Row<Part...>::template InnerOf<P>>(out);
+  } else if constexpr (Message<M>) {
+    describe<M, typename Row<Part...>::template InnerOf<P>>(out);
+  }
+}
+template <class V, class P>
+void describe(Ranges& out) {
+  everyRow<P>([&](const auto& row) { return describeRow<V, P>(row, out), true; });
+}
+
+Ranges ranges() {
+  Ranges out{{"ClientMessage", Bytes{kMaxClientMessageBytes}.words()}, {"ServerMessage", Bytes{kMaxServerMessageBytes}.words()}};
+  describe<ClientMessage, pb::ClientMessage>(out);
+  describe<ServerMessage, pb::ServerMessage>(out);
+  return out;
+}
 
 std::vector<std::string> cellsOf(const std::string& line) {
   std::vector<std::string> cells;
