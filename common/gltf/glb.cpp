@@ -27,39 +27,6 @@ constexpr double kNear = 0.5, kFar = 40'000;  // metres, of the camera
 
 double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 
-// tinygltf's integers have 32 bits. Leaf indices may have 38: a double holds them exactly, and JSON writes no fraction.
-tinygltf::Value number(std::int64_t v) {
-  if (v >= std::numeric_limits<std::int32_t>::min() && v <= std::numeric_limits<std::int32_t>::max())
-    return tinygltf::Value(static_cast<int>(v));
-  return tinygltf::Value(static_cast<double>(v));
-}
-
-tinygltf::Value valueOf(const nlohmann::json& j) {
-  switch (j.type()) {
-    case nlohmann::json::value_t::object: {
-      tinygltf::Value::Object object;
-      for (const auto& [key, value] : j.items()) object[key] = valueOf(value);
-      return tinygltf::Value(std::move(object));
-    }
-    case nlohmann::json::value_t::array: {
-      tinygltf::Value::Array array;
-      for (const auto& value : j) array.push_back(valueOf(value));
-      return tinygltf::Value(std::move(array));
-    }
-    case nlohmann::json::value_t::string:
-      return tinygltf::Value(j.get<std::string>());
-    case nlohmann::json::value_t::boolean:
-      return tinygltf::Value(j.get<bool>());
-    case nlohmann::json::value_t::number_integer:
-    case nlohmann::json::value_t::number_unsigned:
-      return number(j.get<std::int64_t>());
-    case nlohmann::json::value_t::number_float:
-      return tinygltf::Value(j.get<double>());
-    default:
-      return {};
-  }
-}
-
 // Every coordinate of a leaf, in steps, must be an exact float.
 bool isExact(const mesh::LeafMesh& leaf) {
   constexpr std::int32_t kExact = 1 << 24;
@@ -78,33 +45,6 @@ void thin(nlohmann::json& value) {
   }
 }
 
-void put32(std::string& out, std::size_t value) {
-  for (int shift = 0; shift < 32; shift += 8) out += static_cast<char>(value >> shift & 255);
-}
-
-// The same file with thinner JSON.
-std::string thinned(std::string_view glb) {
-  constexpr std::size_t kText = 20;  // header, chunk's length and name
-  std::size_t length = 0;
-  for (std::size_t k = 0; k < 4; ++k) length |= std::size_t{static_cast<unsigned char>(glb[12 + k])} << (8 * k);
-  nlohmann::json json = nlohmann::json::parse(glb.substr(kText, length));
-  thin(json);
-  if (json.contains("meshes"))
-    for (auto& mesh : json["meshes"]) mesh["primitives"][0].erase("mode");  // triangles
-  std::string text = json.dump();
-  text.resize((text.size() + 3) / 4 * 4, ' ');
-  const std::string_view rest = glb.substr(kText + length);
-  std::string out;
-  out.reserve(kText + text.size() + rest.size());
-  out += glb.substr(0, 8);
-  put32(out, kText + text.size() + rest.size());
-  put32(out, text.size());
-  out += glb.substr(16, 4);
-  out += text;
-  out += rest;
-  return out;
-}
-
 // The values of many accessors, one after another in one buffer view.
 struct Store {
   std::vector<unsigned char> bytes;
@@ -117,10 +57,12 @@ class Writer {
   Writer(const Document& document, Compression compression) : document_(document), compression_(compression) {
     stores_[kPositions].stride = stores_[kNormals].stride = 12;
     stores_[kColours].stride = 8;
+    model_.asset.version = "2.0";
+    model_.asset.generator = "Ridgecast";
+    scene_.name = "terrain";
   }
 
   Outcome<std::string> write(const std::stop_token& stop, const ForEach& forEach) {
-    begin();
     if (compression_ == Compression::kDraco) {
       packed_.resize(document_.leaves.size());
       const std::function<void(std::size_t)> pack = [&](std::size_t k) {
@@ -142,36 +84,18 @@ class Writer {
     tinygltf::TinyGLTF writer;
     if (!writer.WriteGltfSceneToStream(&model_, out, false, true) || !out) return Error{"the file could not be written"};
     model_ = {};
-    return Outcome<std::string>(boost::system::in_place_value, thinned(out.view()));
+    return Outcome<std::string>(boost::system::in_place_value, finished(out.view()));
   }
 
  private:
   enum { kPositions, kNormals, kColours, kShort, kLong, kStores };
 
-  void begin() {
-    const lattice::Step cellX = document_.origin.x >> lattice::kCellBits, cellZ = document_.origin.z >> lattice::kCellBits;
-    corner_ = {cellX << lattice::kCellBits, cellZ << lattice::kCellBits};
-    auto extras = nlohmann::json::parse(document_.extras);
-    extras["cellX"] = cellX;
-    extras["cellZ"] = cellZ;
-    extras["latticeStep"] = lattice::kMetresPerStep;
-    model_.asset.version = "2.0";
-    model_.asset.generator = "Ridgecast";
-    model_.asset.extras = valueOf(extras);
-    scene_.name = "terrain";
-  }
-
   Outcome<void> add(std::size_t k) {
     const Leaf& leaf = document_.leaves[k];
-    const lattice::LeafAddress address = leaf.mesh->address;
     if (!isExact(*leaf.mesh))
       return Error{"a leaf of the mesh reaches further than 65,536 m from its corner, which a .glb cannot hold exactly"};
     tinygltf::Node node;
-    node.translation = {metres(address.x() - corner_.x), 0.0, metres(address.z() - corner_.z)};
-    node.extras = tinygltf::Value(tinygltf::Value::Object{{"level", number(address.level)},
-                                                          {"i", number(address.i)},
-                                                          {"j", number(address.j)},
-                                                          {"side", tinygltf::Value(metres(address.side()))}});
+    node.translation = {metres(leaf.mesh->address.x() - corner_.x), 0.0, metres(leaf.mesh->address.z() - corner_.z)};
     if (!leaf.mesh->triangles.empty()) {
       tinygltf::Mesh mesh;
       mesh.primitives.push_back(primitiveOf(leaf, packed_.empty() ? std::nullopt : std::exchange(packed_[k], {})));
@@ -350,9 +274,37 @@ class Writer {
     model_.defaultScene = 0;
   }
 
+  // tinygltf's file with extras, whose integers would have 32 bits there, and with thinner JSON.
+  std::string finished(std::string_view glb) const {
+    constexpr std::size_t kText = 20;  // header, chunk's length and name
+    std::uint32_t length = 0;
+    std::memcpy(&length, &glb[12], sizeof length);
+    nlohmann::json json = nlohmann::json::parse(glb.substr(kText, length));
+    nlohmann::json& extras = json["asset"]["extras"] = nlohmann::json::parse(document_.extras);
+    extras["cellX"] = lattice::cellOf(corner_.x);
+    extras["cellZ"] = lattice::cellOf(corner_.z);
+    extras["latticeStep"] = lattice::kMetresPerStep;
+    for (std::size_t k = 0; k < document_.leaves.size(); ++k) {
+      const lattice::LeafAddress& a = document_.leaves[k].mesh->address;
+      json["nodes"][k]["extras"] = {{"level", a.level}, {"i", a.i}, {"j", a.j}, {"side", metres(a.side())}};
+    }
+    thin(json);
+    if (json.contains("meshes"))
+      for (auto& mesh : json["meshes"]) mesh["primitives"][0].erase("mode");  // triangles
+    std::string text = json.dump();
+    text.resize((text.size() + 3) / 4 * 4, ' ');
+    std::string out;
+    out.reserve(kText + text.size() + glb.size() - length);
+    out.append(glb.substr(0, kText)).append(text).append(glb.substr(kText + length));
+    const std::array lengths{static_cast<std::uint32_t>(out.size()), static_cast<std::uint32_t>(text.size())};
+    std::memcpy(&out[8], lengths.data(), sizeof lengths);
+    return out;
+  }
+
   const Document& document_;
   const Compression compression_;
-  lattice::Point corner_;
+  const lattice::Point corner_{lattice::floorTo(document_.origin.x, lattice::kCellBits),
+                               lattice::floorTo(document_.origin.z, lattice::kCellBits)};
   tinygltf::Model model_;
   tinygltf::Scene scene_;
   std::array<Store, kStores> stores_;
