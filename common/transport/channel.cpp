@@ -128,11 +128,6 @@ Channel::executor_type Channel::get_executor() const { return body_->socket.get_
 
 tcp::socket& Channel::socket() { return body_->socket; }
 
-tcp::endpoint Channel::peer() const {
-  error_code ignored;
-  return body_->socket.remote_endpoint(ignored);
-}
-
 // What an operation needs lives in the body, which every handler here keeps: the channel may be gone when they run.
 
 void Channel::startTls(std::shared_ptr<TlsContext> context, Done done) {

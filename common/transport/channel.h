@@ -37,21 +37,12 @@ class Channel {
   class Done {
    public:
     template <class Handler>
-    explicit Done(Handler handler) : call_(std::make_unique<Of<Handler>>(std::move(handler))) {}
-    void operator()(error_code ec, std::size_t bytes) { std::exchange(call_, nullptr)->call(ec, bytes); }
+    explicit Done(Handler handler)
+        : call_([own = std::make_shared<Handler>(std::move(handler))](error_code ec, std::size_t bytes) { (*own)(ec, bytes); }) {}
+    void operator()(error_code ec, std::size_t bytes) { std::exchange(call_, nullptr)(ec, bytes); }
 
    private:
-    struct Call {
-      virtual ~Call() = default;
-      virtual void call(error_code ec, std::size_t bytes) = 0;
-    };
-    template <class Handler>
-    struct Of final : Call {
-      explicit Of(Handler h) : handler(std::move(h)) {}
-      void call(error_code ec, std::size_t bytes) override { handler(ec, bytes); }
-      Handler handler;
-    };
-    std::unique_ptr<Call> call_;
+    std::function<void(error_code, std::size_t)> call_;  // shared, since a std::function is copyable
   };
 
   explicit Channel(boost::asio::ip::tcp::socket&& socket);
@@ -61,7 +52,6 @@ class Channel {
 
   executor_type get_executor() const;
   boost::asio::ip::tcp::socket& socket();
-  boost::asio::ip::tcp::endpoint peer() const;  // unspecified when it is gone already
 
   // A server's side. Waits for the first byte. A TLS handshake follows when it begins one, and `done` says how it went. Otherwise
   // done(error::no_protocol_option): the channel then is in the clear.
