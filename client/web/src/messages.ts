@@ -2,7 +2,7 @@
 // connection and the mesh; the painter (painter.worker.ts) holds the pictures. Only plain values and transferred buffers travel.
 
 import type { LeafAddress } from './codec/mesh';
-import type { Camera, Settings } from './stream/stream';
+import type { Camera, Loss, Settings } from './stream/stream';
 import type { Pose } from './render/view';
 
 // ---- the page to the engine ----
@@ -19,12 +19,9 @@ export interface WorldTold {
   terrain: string;
   seed: number;
   session: string;
-  server: string;
   camera: string; // its number, decimal
-  horizon: number; // metres
   hasSource: boolean;
   threshold: number; // granted
-  triangleBudget: number;
 }
 
 /** Somebody else in the session. */
@@ -55,7 +52,7 @@ export interface Figures {
 export type FromEngine =
   | { kind: 'world'; world: WorldTold }
   | { kind: 'members'; members: MemberTold[] } // all the others
-  | { kind: 'lost'; sentence: string; final: boolean; wantsToken: boolean }
+  | ({ kind: 'lost' } & Loss)
   | { kind: 'figures'; figures: Figures }
   | { kind: 'ground'; metres: number }; // of the mesh below the newest pose
 
@@ -107,9 +104,8 @@ export type ToPainter =
   | { kind: 'picture' }; // asks for a PNG of what is shown
 
 export type FromPainter =
-  | { kind: 'ready'; renderer: string }
   | { kind: 'problem'; sentence: string; fatal: boolean }
   | { kind: 'ground'; metres: number }
   // `messages` of the page and `changes` of the engine were heard before.
-  | { kind: 'frames'; perSecond: number; coarseness: number; milliseconds: number; finest: boolean; drawnTriangles: number; messages: number; changes: number }
+  | { kind: 'frames'; perSecond: number; coarseness: number; milliseconds: number; finest: boolean; messages: number; changes: number }
   | { kind: 'picture'; png: Blob };

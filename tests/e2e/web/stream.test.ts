@@ -28,7 +28,7 @@ async function fly(server: Server, replica: Replica, cameras: Camera[], more: { 
     let next = 0, triangles = 0, damages = 0;
     const socket = new NodeSocket(`${server.ws}/v1/stream`);
     const stream: Stream = new Stream(
-      { open: () => socket, clientName: 'test', settings: { threshold: 1, triangleBudget: 0, candidates: 0 }, lockstep: true },
+      { open: () => socket, clientName: 'test', settings: { threshold: 1, candidates: 0 }, lockstep: true },
       {
         onWorld: (world: World) => {
           assert.equal(world.stepBits, 8);
@@ -52,7 +52,7 @@ async function fly(server: Server, replica: Replica, cameras: Camera[], more: { 
           stream.close();
           resolve({ triangles, settled: iteration.settled });
         },
-        onLost: (sentence) => {
+        onLost: ({ sentence }) => {
           stream.close();
           reject(new Error(sentence));
         },

@@ -29,11 +29,9 @@ export class Sum {
 /** The halves of the last result of mix and what is built on it. */
 export const out = new Int32Array(2);
 
-const LO = 0xffffffff + 1;
-
 /** The upper half of a whole number, |v| < 2^53, as two's complement. */
-export function upper(v: number): number {
-  return Math.floor(v / LO) | 0;
+function upper(v: number): number {
+  return Math.floor(v / 2 ** 32) | 0;
 }
 
 function multiplied(h: number, l: number, ch: number, cl: number): void {
@@ -59,10 +57,14 @@ export function mix(hi: number, lo: number): void {
   out[1] = l ^ ((l >>> 31) | (h << 1));
 }
 
+function mixSum(hi: number, lo: number): void {
+  const sum = (lo >>> 0) + (out[1]! >>> 0);
+  mix((hi + out[0]! + (sum > 0xffffffff ? 1 : 0)) | 0, sum | 0);
+}
+
 /** mix(v + what `out` holds), v whole. */
 export function mixAdded(v: number): void {
-  const sum = (v >>> 0) + (out[1]! >>> 0);
-  mix((upper(v) + out[0]! + (sum > 0xffffffff ? 1 : 0)) | 0, sum | 0);
+  mixSum(upper(v), v | 0);
 }
 
 /** A vertex's hash from its whole lattice position. */
@@ -75,8 +77,6 @@ export function hashVertex(x: number, z: number, y: number): void {
 /** A triangle's hash from those of its vertices, at these places of `hashes` (two halves each), the smallest by x, then z, first. */
 export function hashTriangle(hashes: Int32Array, a: number, b: number, c: number): void {
   mix(hashes[2 * c]!, hashes[2 * c + 1]!);
-  let sum = (hashes[2 * b + 1]! >>> 0) + (out[1]! >>> 0);
-  mix((hashes[2 * b]! + out[0]! + (sum > 0xffffffff ? 1 : 0)) | 0, sum | 0);
-  sum = (hashes[2 * a + 1]! >>> 0) + (out[1]! >>> 0);
-  mix((hashes[2 * a]! + out[0]! + (sum > 0xffffffff ? 1 : 0)) | 0, sum | 0);
+  mixSum(hashes[2 * b]!, hashes[2 * b + 1]!);
+  mixSum(hashes[2 * a]!, hashes[2 * a + 1]!);
 }

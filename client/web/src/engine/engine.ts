@@ -5,7 +5,7 @@ import type { DracoDecode } from '../codec/leaf';
 import type { Iteration, World } from '../generated/ridgecast/v1/stream_pb';
 import type { Figures, FromEngine, ToEngine } from '../messages';
 import { Replica } from '../replica/replica';
-import { Explanation, Held, Settings, Socket, Stream } from '../stream/stream';
+import { Held, Loss, Settings, Socket, Stream } from '../stream/stream';
 import { MemberList } from './member_list';
 import { PainterPort } from './painter_port';
 import { Poses } from './poses';
@@ -17,7 +17,7 @@ const MAKING_TIMEOUT = 90_000; // ms; a browser hides that the server says it is
 const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 
 // A browser does not say why a WebSocket could not be opened; the same address over HTTP does.
-async function explain(url: string, token: string): Promise<Explanation | undefined> {
+async function explain(url: string, token: string): Promise<Loss | undefined> {
   try {
     const answer = await fetch(url.replace(/^ws/, 'http'), { cache: 'no-store', headers: token ? { Authorization: `Bearer ${token}` } : {} });
     const sentence = (await answer.text()).trim().slice(0, 500);
@@ -36,7 +36,7 @@ export class Engine {
   private replica: Replica | undefined;
   private stream: Stream | undefined;
   private starts = 0;
-  private settings: Settings = { threshold: 0, triangleBudget: 0, candidates: 0 };
+  private settings: Settings = { threshold: 0, candidates: 0 };
   private candidates = 0; // of the last iteration
   private bytes = 0;
   private figures: Figures | undefined;
@@ -74,7 +74,7 @@ export class Engine {
     try {
       this.replica ??= new Replica(await this.loadDecoder());
     } catch (error) {
-      return this.lost(`The page could not load its parts: ${error instanceof Error ? error.message : error}. Reload it.`, true, false);
+      return this.lost({ sentence: `The page could not load its parts: ${error instanceof Error ? error.message : error}. Reload it.`, final: true, wantsToken: false });
     }
     if (mine !== this.starts) return; // started again meanwhile
     this.settings = { ...settings, candidates: this.settings.candidates };
@@ -94,7 +94,7 @@ export class Engine {
           this.members.know(members);
           this.tellMembers();
         },
-        onLost: (sentence, final, wantsToken) => this.lost(sentence, final, wantsToken),
+        onLost: (loss) => this.lost(loss),
       },
     );
     if (this.poses.newest) this.stream.pose(this.poses.newest);
@@ -114,12 +114,9 @@ export class Engine {
         terrain: text(world.terrainName),
         seed: world.seed,
         session: text(world.session),
-        server: text(world.serverName),
         camera: String(world.camera),
-        horizon: world.horizon,
         hasSource: source !== '',
         threshold: world.settings?.threshold ?? 0,
-        triangleBudget: world.settings?.triangleBudget ?? 0,
       },
     });
     return held;
@@ -150,10 +147,10 @@ export class Engine {
     this.tellGround();
   }
 
-  private lost(sentence: string, final: boolean, wantsToken: boolean): void {
+  private lost(loss: Loss): void {
     this.members.clear();
     this.tellMembers();
-    this.tell({ kind: 'lost', sentence, final, wantsToken });
+    this.tell({ kind: 'lost', ...loss });
   }
 
   private wantCandidates(wanted: boolean): void {

@@ -12,7 +12,6 @@ const FARTHEST = 2 ** 30; // steps: a stale mesh after a jump; offsets stay with
 interface Slot {
   mesh: Mesh<BufferGeometry, RawShaderMaterial>;
   leaf: LeafBuffers; // its corners are on the graphics card and no longer here
-  triangles: number;
 }
 
 export class Leaves {
@@ -46,27 +45,23 @@ export class Leaves {
     }
   }
 
-  /** Clears the surface and draws into it. Returns how many triangles were drawn. */
-  draw(renderer: WebGLRenderer, view: View, surface: WebGLRenderTarget, edges: boolean): number {
+  /** Clears the surface and draws into it. */
+  draw(renderer: WebGLRenderer, view: View, surface: WebGLRenderTarget, edges: boolean): void {
     const { pose } = view;
     const y = Math.floor(pose.y * STEPS_PER_METRE), metres = 1 / STEPS_PER_METRE;
-    let drawn = 0;
     this.own.edges.value = edges ? 1 : 0;
-    for (const { mesh, leaf, triangles } of this.slots.values()) {
+    for (const { mesh, leaf } of this.slots.values()) {
       const x = cornerX(leaf.address) - pose.x, z = cornerZ(leaf.address) - pose.z;
       const { low, high } = leaf;
       mesh.visible =
         Math.abs(x) < FARTHEST &&
         Math.abs(z) < FARTHEST &&
         mayBeSeen(view, [(x + low[0] - 1) * metres, (low[2] - y - 1) * metres, (z + low[1] - 1) * metres], [(x + high[0]) * metres, (high[2] - y) * metres, (z + high[1]) * metres]);
-      if (!mesh.visible) continue;
-      drawn += triangles;
       mesh.userData['offset'] = [x, z, -y];
     }
     renderer.setRenderTarget(surface);
     renderer.clear();
     renderer.render(this.scene, this.camera);
-    return drawn;
   }
 
   private put(leaf: LeafBuffers): void {
@@ -86,7 +81,7 @@ export class Leaves {
       this.material.uniformsNeedUpdate = true;
     };
     this.scene.add(mesh);
-    this.slots.set(leaf.key, { mesh, leaf: { ...leaf, corners: new Int32Array(0) }, triangles: leaf.corners.length / 9 });
+    this.slots.set(leaf.key, { mesh, leaf: { ...leaf, corners: new Int32Array(0) } });
   }
 
   private drop(key: string): void {

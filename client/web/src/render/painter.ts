@@ -76,8 +76,6 @@ export class Painter {
     this.presenter = new Presenter(this.renderer);
     canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver started anew, or memory ran out). Reload the page.', true));
     engine.onmessage = (event: MessageEvent<ToPainterFromEngine>) => this.hearEngine(event.data);
-    const info = gl.getExtension('WEBGL_debug_renderer_info');
-    tell({ kind: 'ready', renderer: String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER)) });
   }
 
   /** What the page says. */
@@ -235,7 +233,6 @@ export class Painter {
       coarseness,
       milliseconds,
       finest: [this.mesh, this.march].every((pane) => !this.shows(pane) || pane.isFinest(view, pane.ofNow(this.drawing!.tools, this.look))),
-      drawnTriangles: this.mesh.drawnTriangles,
       ...this.heard,
     });
     this.told.frames = 0;

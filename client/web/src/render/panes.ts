@@ -2,12 +2,13 @@
 // moves as many are drawn as fit a frame, stretched; once it rests, the picture goes finer, a tile at a time. No call waits for the card.
 
 import { FloatType, LinearFilter, NearestFilter, RGBAFormat, WebGLRenderTarget, WebGLRenderer } from 'three';
+import type { Look } from '../messages';
 import type { Dots } from './dots';
 import type { Rectangle } from './full_screen';
 import type { Leaves } from './leaves';
 import type { Programs } from './programs';
 import { Skyline } from './skyline';
-import type { View, ViewUniforms } from './view';
+import { View, ViewUniforms, samePose } from './view';
 
 const COARSEST = 16; // pixels a sample, each way
 const MOVING_BUDGET = 40; // ms a picture while the camera moves
@@ -42,15 +43,9 @@ export interface Tools {
   dots: Dots;
 }
 
-export interface Overlays {
-  wireframe: boolean;
-  nodes: boolean;
-  candidates: boolean;
-}
-
 const coarser = (view: View, n: number): View => ({ ...view, width: Math.max(1, Math.floor(view.width / n)), height: Math.max(1, Math.floor(view.height / n)) });
 const same = (a: View, b: View): boolean =>
-  a.width === b.width && a.height === b.height && a.verticalFov === b.verticalFov && a.horizon === b.horizon && (Object.keys(a.pose) as (keyof View['pose'])[]).every((k) => a.pose[k] === b.pose[k]);
+  a.width === b.width && a.height === b.height && a.verticalFov === b.verticalFov && a.horizon === b.horizon && samePose(a.pose, b.pose);
 
 /** Work of one kind: the milliseconds that the card takes for each unit, as far as that was measured. */
 class Rate {
@@ -97,16 +92,16 @@ export abstract class Pane {
   protected constructor(private readonly withDepth: boolean) {}
 
   /** What the picture depends on beside the view. */
-  abstract ofNow(tools: Tools, overlays: Overlays): string;
+  abstract ofNow(tools: Tools, look: Look): string;
   /** Work that comes before the samples of a picture: ms, about; its beginning; and a portion of it, nothing when it is done. */
   protected abstract costBefore(view: View): number;
   protected abstract beginBefore(view: View, tools: Tools): void;
-  protected abstract before(job: Job, tools: Tools, overlays: Overlays): Portion | undefined;
+  protected abstract before(job: Job, tools: Tools, look: Look): Portion | undefined;
   /** How many pixels a sample may stand for, each way, where the camera rests and this view is not shown yet, or is already. */
   protected abstract firstCoarseness(view: View, now: number): number;
   protected abstract nextCoarseness(now: number): number;
-  protected abstract draw(job: Job, tools: Tools, overlays: Overlays, only: Rectangle): void;
-  protected finish(_job: Job, _tools: Tools, _overlays: Overlays): void {}
+  protected abstract draw(job: Job, tools: Tools, look: Look, only: Rectangle): void;
+  protected finish(_job: Job, _tools: Tools, _look: Look): void {}
 
   /** Whether what is shown is the picture of this view, in full. */
   isFinest(view: View, of: string): boolean {
@@ -117,8 +112,8 @@ export abstract class Pane {
   }
 
   /** Does a portion of what is to be done; nothing: there was nothing to do. */
-  step(tools: Tools, view: View, overlays: Overlays, now: number): Portion | undefined {
-    const of = this.ofNow(tools, overlays);
+  step(tools: Tools, view: View, look: Look, now: number): Portion | undefined {
+    const of = this.ofNow(tools, look);
     if (!this.lastView || !same(this.lastView, view)) this.movedAt = now;
     if (of !== this.lastOf) this.changedAt = now;
     this.lastView = view;
@@ -131,7 +126,7 @@ export abstract class Pane {
       this.begin(view, of, coarseness, tools);
     }
     tools.uniforms.set(this.job!.view);
-    return this.before(this.job!, tools, overlays) ?? this.samples(this.job!, tools, overlays);
+    return this.before(this.job!, tools, look) ?? this.samples(this.job!, tools, look);
   }
 
   /** The card has done what step() gave it, in so many ms. */
@@ -182,7 +177,7 @@ export abstract class Pane {
   }
 
   /** As many tiles as the budget has room for, whole rows where possible. */
-  private samples(job: Job, tools: Tools, overlays: Overlays): Portion {
+  private samples(job: Job, tools: Tools, look: Look): Portion {
     const { view, side } = job;
     const columns = Math.ceil(view.width / side), column = job.tile % columns;
     let count = Math.max(1, Math.min(job.tiles - job.tile, Math.floor(STEP_BUDGET / (side * side * this.perSample.each))));
@@ -195,15 +190,15 @@ export abstract class Pane {
       width: Math.min(count >= columns ? view.width : count * side, view.width - x),
       height: Math.min(Math.max(1, Math.floor(count / columns)) * side, view.height - y),
     };
-    this.draw(job, tools, overlays, only);
+    this.draw(job, tools, look, only);
     job.tile += count;
-    if (job.tile >= job.tiles) this.complete(job, tools, overlays);
+    if (job.tile >= job.tiles) this.complete(job, tools, look);
     const amount = only.width * only.height;
     return { rate: this.perSample, amount, estimate: Math.max(0.1, amount * this.perSample.each) };
   }
 
-  private complete(job: Job, tools: Tools, overlays: Overlays): void {
-    this.finish(job, tools, overlays);
+  private complete(job: Job, tools: Tools, look: Look): void {
+    this.finish(job, tools, look);
     this.spare?.dispose();
     this.spare = this.shown;
     this.shown = job.layer;
@@ -224,13 +219,12 @@ export abstract class Pane {
 
 /** The streamed mesh: its triangles in one go, then its colours. */
 export class MeshPane extends Pane {
-  drawnTriangles = 0;
   private readonly perMesh = new Rate(0); // whatever the size
   private drawn = false;
   constructor() {
     super(true);
   }
-  override ofNow({ leaves, dots }: Tools, { candidates, wireframe, nodes }: Overlays): string {
+  override ofNow({ leaves, dots }: Tools, { candidates, wireframe, nodes }: Look): string {
     return `${leaves.version} ${candidates ? dots.version : -1} ${wireframe} ${nodes}`;
   }
   protected override costBefore(): number {
@@ -239,10 +233,10 @@ export class MeshPane extends Pane {
   protected override beginBefore(): void {
     this.drawn = false;
   }
-  protected override before({ view, layer }: Job, { renderer, leaves }: Tools, overlays: Overlays): Portion | undefined {
+  protected override before({ view, layer }: Job, { renderer, leaves }: Tools, look: Look): Portion | undefined {
     if (this.drawn) return undefined;
     this.drawn = true;
-    this.drawnTriangles = leaves.draw(renderer, view, layer.surface, overlays.wireframe);
+    leaves.draw(renderer, view, layer.surface, look.wireframe);
     return { rate: this.perMesh, amount: 1, estimate: Math.max(1, this.perMesh.each) };
   }
   private changes(now: number): boolean {
@@ -254,11 +248,11 @@ export class MeshPane extends Pane {
   protected override nextCoarseness(now: number): number {
     return this.changes(now) ? 0 : 1;
   }
-  protected override draw(job: Job, tools: Tools, overlays: Overlays, only: Rectangle): void {
-    this.shade(job, tools, overlays.nodes, only);
+  protected override draw(job: Job, tools: Tools, look: Look, only: Rectangle): void {
+    this.shade(job, tools, look.nodes, only);
   }
-  protected override finish({ view, layer }: Job, { renderer, dots }: Tools, overlays: Overlays): void {
-    if (overlays.candidates) dots.draw(renderer, view, layer.surface, layer.picture);
+  protected override finish({ view, layer }: Job, { renderer, dots }: Tools, look: Look): void {
+    if (look.candidates) dots.draw(renderer, view, layer.surface, layer.picture);
   }
 }
 
@@ -291,7 +285,7 @@ export class MarchPane extends Pane {
   protected override nextCoarseness(): number {
     return Math.max(1, this.coarseness / 4);
   }
-  protected override draw(job: Job, tools: Tools, _overlays: Overlays, only: Rectangle): void {
+  protected override draw(job: Job, tools: Tools, _look: Look, only: Rectangle): void {
     tools.programs.march.run(tools.renderer, job.layer.surface, only);
     this.shade(job, tools, false, only);
   }

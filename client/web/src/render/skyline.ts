@@ -48,8 +48,4 @@ export class Skyline {
     programs.skyline.run(renderer, this.target, { x: this.drawn, y: 0, width: columns, height: CELLS });
     this.drawn += columns;
   }
-
-  dispose(): void {
-    this.target.dispose();
-  }
 }

@@ -15,6 +15,8 @@ export interface Pose {
   pitch: number;
 }
 
+export const samePose = (a: Pose, b: Pose): boolean => (Object.keys(a) as (keyof Pose)[]).every((k) => a[k] === b[k]);
+
 export interface View {
   pose: Pose;
   width: number; // samples
@@ -28,7 +30,7 @@ export const rightOf = (p: Pose): Vec3 => [Math.cos(p.yaw), 0, -Math.sin(p.yaw)]
 export const upOf = (p: Pose): Vec3 => [Math.sin(p.yaw) * Math.sin(p.pitch), Math.cos(p.pitch), Math.cos(p.yaw) * Math.sin(p.pitch)];
 
 /** Tangents of the half angles, horizontal and vertical. */
-export function tangentsOf(view: View): [number, number] {
+export function tangentsOf(view: Pick<View, 'width' | 'height' | 'verticalFov'>): [number, number] {
   const t = Math.tan(view.verticalFov / 2);
   return [(t * view.width) / view.height, t];
 }

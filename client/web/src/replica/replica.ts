@@ -2,16 +2,13 @@
 // differs is asked for again, what was taken is acknowledged, and a later connection resumes. No sockets: a Stream carries what is said.
 
 import type { DracoDecode } from '../codec/leaf';
-import { LeafAddress, Refusal } from '../codec/mesh';
+import { Refusal } from '../codec/mesh';
 import type { Iteration, World } from '../generated/ridgecast/v1/stream_pb';
 import { Change, Scene } from '../scene/scene';
-import type { Held } from '../stream/stream';
+import type { Held, Stream } from '../stream/stream';
 
-/** Where answers go: a Stream. */
-export interface Answers {
-  acknowledge(iteration: bigint, meshHash: bigint): void;
-  resend(leaves: readonly LeafAddress[]): void;
-}
+/** Where answers go. */
+type Answers = Pick<Stream, 'acknowledge' | 'resend'>;
 
 export interface Applied extends Change {
   readonly agrees: boolean; // with the server's hash

@@ -1,10 +1,9 @@
 // One connection to a server: hello, resume, poses and acknowledgements out, worlds and iterations in. PROTOCOL.md, The conversation.
 // Comes back by itself after a loss, waiting longer after each failure and by chance.
 
-import { MessageInitShape, create, fromBinary, toBinary } from '@bufbuild/protobuf';
-import type { LeafAddress } from '../codec/mesh';
+import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
 import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, SettingsSchema, World } from '../generated/ridgecast/v1/stream_pb';
-import { Refusal } from '../codec/mesh';
+import { LeafAddress, Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
 const FIRST_WAIT = 50, LONGEST_WAIT = 2000; // ms
@@ -26,7 +25,6 @@ export interface Camera {
 
 export interface Settings {
   threshold: number; // pixels; 0: the server's default
-  triangleBudget: number; // 0: the server's default
   candidates: number; // for vertices, of an iteration at most; 0: none
 }
 
@@ -50,15 +48,15 @@ export interface Listener {
   onWorld(world: World): Held[];
   /** Must end in acknowledge(). A Refusal that is thrown ends the connection. */
   onIteration(iteration: Iteration, bytes: number): void;
-  /** The connection is lost and will be tried again; `final`: it will not. The sentence is for a person. */
-  onLost(sentence: string, final: boolean, wantsToken: boolean): void;
+  onLost(loss: Loss): void;
   /** Who else is in the session, and who came, moved and went since. */
   onMembers?(members: Members): void;
 }
 
-export interface Explanation {
-  sentence: string;
-  final: boolean;
+/** Why there is no connection. */
+export interface Loss {
+  sentence: string; // for a person
+  final: boolean; // else it will be tried again
   wantsToken: boolean;
 }
 
@@ -70,7 +68,7 @@ export interface Options {
   /** Milliseconds from an attempt to the world: more where the server may have to compile it first. */
   timeout?: number;
   /** Why a connection could not even be opened, where that can be found out; sockets do not say. */
-  explain?: () => Promise<Explanation | undefined>;
+  explain?: () => Promise<Loss | undefined>;
 }
 
 const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
@@ -107,10 +105,6 @@ export class Stream {
     socket?.close(1000);
   }
 
-  get connected(): boolean {
-    return this.world !== undefined;
-  }
-
   /** Try again now, without waiting. */
   hurry(): void {
     if (this.over || this.socket) return;
@@ -136,12 +130,7 @@ export class Stream {
   /** From the next iteration on, and of the next connections; a server that changes nothing on the way stays as it is until then. */
   change(settings: Settings): void {
     this.settings = settings;
-    if (this.world && this.world.revision >= 2) this.send({ case: 'changeSettings', value: create(SettingsSchema, this.asked()) });
-  }
-
-  private asked(): MessageInitShape<typeof SettingsSchema> {
-    const { threshold, triangleBudget, candidates } = this.settings;
-    return { metric: Metric.PIXELS, threshold, triangleBudget, candidates };
+    if (this.world && this.world.revision >= 2) this.send({ case: 'changeSettings', value: create(SettingsSchema, { metric: Metric.PIXELS, ...this.settings }) });
   }
 
   /** None named: all. */
@@ -160,7 +149,7 @@ export class Stream {
       socket = this.options.open();
     } catch (error) {
       this.over = true;
-      this.listener.onLost(String(error), true, false);
+      this.listener.onLost({ sentence: String(error), final: true, wantsToken: false });
       return;
     }
     this.socket = socket;
@@ -182,7 +171,7 @@ export class Stream {
       value: create(HelloSchema, {
         protocolVersion: PROTOCOL_VERSION,
         clientName: new TextEncoder().encode(this.options.clientName),
-        settings: create(SettingsSchema, this.asked()),
+        settings: create(SettingsSchema, { metric: Metric.PIXELS, ...this.settings }),
         pacing: lockstep ? Pacing.LOCKSTEP : Pacing.FREE,
         deltas: true,
         members: this.listener.onMembers !== undefined,
@@ -239,18 +228,14 @@ export class Stream {
     clearTimeout(this.watchdog);
     this.forget();
     if (this.over) return;
-    let wantsToken = false;
-    let sentence = this.why || reason || (opened ? `The connection was lost (${code}).` : '');
-    if (!sentence) {
-      const explained = await this.options.explain?.();
+    let loss: Loss = { sentence: this.why || reason || (opened ? `The connection was lost (${code}).` : ''), final: this.final, wantsToken: false };
+    if (!loss.sentence) {
+      loss = (await this.options.explain?.()) ?? { sentence: 'The server cannot be reached.', final: false, wantsToken: false };
       if (this.over || this.socket) return;
-      sentence = explained?.sentence ?? 'The server cannot be reached.';
-      this.final = explained?.final ?? false;
-      wantsToken = explained?.wantsToken ?? false;
     }
-    this.over = this.final;
-    this.listener.onLost(sentence, this.final, wantsToken);
-    if (this.final) return;
+    this.over = loss.final;
+    this.listener.onLost(loss);
+    if (loss.final) return;
     this.timer = setTimeout(() => this.connect(), this.wait * (0.5 + 0.5 * Math.random()));
     this.wait = Math.min(LONGEST_WAIT, 2 * this.wait);
   }

@@ -2,9 +2,8 @@
 
 import EngineWorker from '../engine.worker?worker';
 import type { Figures, FromEngine, MemberTold, ToEngine, WorldTold } from '../messages';
-import type { Pose } from '../render/view';
+import { Pose, samePose } from '../render/view';
 import type { Camera } from '../stream/stream';
-import { samePose } from './flying';
 
 const POSE_INTERVAL = 33; // ms: poses a second at most 30
 

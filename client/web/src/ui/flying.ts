@@ -1,6 +1,6 @@
 // How keys, mouse and fingers move the camera. No page: values in, pose out.
 
-import { Pose, STEPS_PER_METRE, forwardOf, rightOf } from '../render/view';
+import { Pose, STEPS_PER_METRE, forwardOf, rightOf, samePose } from '../render/view';
 
 const TURN = 0.0025; // radians a pixel
 const LOWEST = 2; // metres above the ground
@@ -20,10 +20,6 @@ export interface Input {
 }
 
 export const atRest = (): Input => ({ forward: 0, right: 0, up: 0, sprint: false, turnX: 0, turnY: 0, wheel: 0 });
-
-export function samePose(a: Pose, b: Pose): boolean {
-  return a.x === b.x && a.z === b.z && a.remainderX === b.remainderX && a.remainderZ === b.remainderZ && a.y === b.y && a.yaw === b.yaw && a.pitch === b.pitch;
-}
 
 export function poseAt(x: number, y: number, z: number, yaw: number, pitch: number): Pose {
   const pose: Pose = { x: 0, z: 0, remainderX: 0, remainderZ: 0, y, yaw, pitch };

@@ -11,10 +11,6 @@ export class Members {
 
   constructor(private readonly parent: HTMLElement) {}
 
-  get count(): number {
-    return this.members.length;
-  }
-
   set(members: MemberTold[]): void {
     this.members = members;
     const named = new Set(members.map((m) => m.camera));
@@ -26,7 +22,7 @@ export class Members {
   }
 
   /** Puts the labels where the members are in a window of so many CSS pixels. */
-  draw(view: View, width: number, height: number): void {
+  draw(view: Omit<View, 'horizon'>, width: number, height: number): void {
     const f = forwardOf(view.pose), r = rightOf(view.pose), u = upOf(view.pose);
     const [tx, ty] = tangentsOf(view);
     const near = this.members

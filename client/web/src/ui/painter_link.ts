@@ -2,8 +2,7 @@
 
 import PainterWorker from '../painter.worker?worker';
 import type { FromPainter, ToPainter } from '../messages';
-import type { Pose } from '../render/view';
-import { samePose } from './flying';
+import { Pose, samePose } from '../render/view';
 
 export type Frames = Extract<FromPainter, { kind: 'frames' }>;
 

@@ -143,7 +143,7 @@ export class Viewer {
   private connect(): void {
     this.makingSince = this.place.terrain ? performance.now() : 0;
     this.notices.noProblem();
-    this.engine.send({ kind: 'start', url: this.streamUrl(), settings: { threshold: this.place.threshold ?? 0, triangleBudget: 0, candidates: 0 }, token: this.token });
+    this.engine.send({ kind: 'start', url: this.streamUrl(), settings: { threshold: this.place.threshold ?? 0, candidates: 0 }, token: this.token });
   }
 
   private showWaiting(): void {
@@ -194,9 +194,6 @@ export class Viewer {
 
   private hearPainter(message: FromPainter): void {
     switch (message.kind) {
-      case 'ready':
-        document.body.dataset['renderer'] = message.renderer;
-        return;
       case 'problem':
         return message.fatal ? this.notices.problem('No pictures', message.sentence) : this.notices.note(message.sentence, 12_000);
       case 'ground':
@@ -328,7 +325,7 @@ export class Viewer {
     this.painter.look(pose, VERTICAL_FOV);
     this.engine.look(pose, lens, now);
     this.saveAddress(pose, now);
-    this.members.draw({ pose, ...lens, horizon: this.engine.world?.horizon ?? 0 }, innerWidth, innerHeight);
+    this.members.draw({ pose, ...lens }, innerWidth, innerHeight);
   }
 
   /** Every two seconds, where the camera stands. */
