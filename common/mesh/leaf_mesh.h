@@ -64,9 +64,9 @@ constexpr Triangle rotated(Triangle t) {
 void canonicalize(LeafMesh& leaf);
 bool isCanonical(const LeafMesh& leaf);
 
-// What a leaf starts with after a split or merge: the triangles of `sources`, the ancestors and descendants held before, whose centroid lies
-// in the square of `address`, in its frame and in canonical order. Skips triangles with a vertex more than 2^27 steps from the new corner;
-// sound leaves have none.
+// What a leaf starts with after a split or merge: the triangles of `sources` whose centroid lies in the square of `address`, in its frame
+// and in canonical order. The sources are the ancestors and descendants held before. Skips triangles with a vertex more than 2^27 steps
+// from the new corner; sound leaves have none.
 LeafMesh gather(lattice::LeafAddress address, std::span<const LeafMesh* const> sources);
 
 // A vertex's v; and a triangle's hash from those of its corners, beginning with the smallest by x, then z.
