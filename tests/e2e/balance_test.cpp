@@ -177,9 +177,9 @@ TEST_F(Balance, SessionsStayOnTheirServer) {
   int members = 0;
   for (auto& server : servers) {
     const std::string list = get(server->port(), "/v1/sessions");
-    const auto at = list.find("\"members\": ", list.find("\"default\""));
+    const auto at = list.find("\"members\":", list.find("\"default\""));
     ASSERT_NE(at, std::string::npos);
-    const int here = std::stoi(list.substr(at + 11));
+    const int here = std::stoi(list.substr(at + 10));
     EXPECT_TRUE(here == 0 || here == 2) << list;
     members += here;
   }
