@@ -1,7 +1,7 @@
 #pragma once
 // A connection that comes back: when it ends, another one is opened after a pause. The pause grows until an iteration of a connection was
-// applied, and is random, so that a thousand clients do not come back at once. The new connection says first what is still held, then the newest pose. The server may have
-// been started again, or may have sent us to another one.
+// applied, and is random, so that a thousand clients do not come back at once. The new connection says first what is still held, then the
+// newest pose. The server may have been started again, or may have sent us to another one.
 //
 // One owner; never blocks but in receive(). Attempts run on a thread of their own.
 

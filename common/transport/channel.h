@@ -1,6 +1,6 @@
 #pragma once
-// One connection's bytes, in the clear or under TLS, with a deadline: what HTTP and WebSocket read from and write to, on both sides. Beast's
-// templates are made once for it, whatever lies below; OpenSSL stays in channel.cpp. Heavy: for .cpp files that see sockets.
+// One connection's bytes, in the clear or under TLS, with a deadline: what HTTP and WebSocket read from and write to, on both sides.
+// Beast's templates are made once for it, whatever lies below; OpenSSL stays in channel.cpp. Heavy: for .cpp files that see sockets.
 //
 // Everything on the socket's strand. An asynchronous stream in Asio's sense; at most one read and one write at a time.
 
@@ -56,12 +56,12 @@ class Channel {
   // A server's side. Waits for the first byte. A TLS handshake follows when it begins one, and `done` says how it went. Otherwise
   // done(error::no_protocol_option): the channel then is in the clear.
   void startTls(std::shared_ptr<TlsContext> context, Done done);
-  // A client's side: the server must be `host` (a name or an address) by the word of the authorities in the file `ca` (PEM); empty: of those
-  // that this system trusts. `done` gets nothing, or what was wrong.
+  // A client's side: the server must be `host` (a name or an address) by the word of the authorities in the file `ca` (PEM); empty: of
+  // those that this system trusts. `done` gets nothing, or what was wrong.
   void startTls(const std::string& host, const std::string& ca, std::function<void(std::optional<std::string>)> done);
 
-  // What is read next is an answer to an HTTP request: interim answers (1xx, but for 101) before it are told of and read by nobody. A head of
-  // more than 8 KiB is passed on as it is.
+  // What is read next is an answer to an HTTP request: interim answers (1xx, but for 101) before it are told of and read by nobody. A head
+  // of more than 8 KiB is passed on as it is.
   void passOverInterim(std::function<void()> tell);
 
   template <class Buffers, class Token>

@@ -1,9 +1,9 @@
 #pragma once
 // Which leaves a camera holds: squares that grow with their distance, out to the horizon, following the camera.
 //
-// The roots are the squares of kRootLevel that come within kKeepDistance (they are taken in within kHorizon) and lie on the lattice; below each hangs a tree.
-// A node splits while its side exceeds kSplit times its distance, and four leaves merge once their parent's side is at most
-// kMerge times its distance; the gap between the two is the hysteresis. Distance is 3D: from the camera to the nearest point of the
+// The roots are the squares of kRootLevel that come within kKeepDistance (they are taken in within kHorizon) and lie on the lattice; below
+// each hangs a tree. A node splits while its side exceeds kSplit times its distance, and four leaves merge once their parent's side is at
+// most kMerge times its distance; the gap between the two is the hysteresis. Distance is 3D: from the camera to the nearest point of the
 // square, the ground taken at the height of the ground below the camera. kSplit < 0.7, so leaves that touch differ by at most one
 // level without any balancing.
 //

@@ -21,8 +21,8 @@ namespace ridgecast::bench {
 
 namespace {
 
-// Which points come to the mesh that were gone for at most 20 iterations, in leaves that stay. A point belongs to all leaves whose triangles
-// it is a corner of.
+// Which points come to the mesh that were gone for at most 20 iterations, in leaves that stay. A point belongs to all leaves whose
+// triangles it is a corner of.
 class Returns {
  public:
   void look(const pipeline::Pipeline& pipeline, int iteration) {

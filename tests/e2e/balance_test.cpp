@@ -63,8 +63,8 @@ class Balance : public testing::Test {
   void SetUp() override {
     if (!programExists("haproxy") && !std::filesystem::exists("/usr/sbin/haproxy")) GTEST_SKIP() << "haproxy is not installed";
     for (auto& server : servers)
-      server = std::make_unique<ServerProcess>(RIDGECAST_SERVER,
-                                               std::vector<std::string>{"--trusted-proxy", "127.0.0.0/8", "--reconnect-url", "", "--log-level", "info"});
+      server = std::make_unique<ServerProcess>(
+          RIDGECAST_SERVER, std::vector<std::string>{"--trusted-proxy", "127.0.0.0/8", "--reconnect-url", "", "--log-level", "info"});
     const auto at = [](std::uint16_t p) { return "127.0.0.1:" + std::to_string(p); };
     bool ready = false;
     for (int attempt = 0; attempt < 5 && !ready; ++attempt) {  // somebody else may take the port before HAProxy does
