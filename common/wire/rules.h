@@ -35,6 +35,8 @@ struct Range {
     }
   }
 };
+template <class T, class... Text>
+Range(T, T, Text...) -> Range<T>;  // the guides are for clang before 17
 template <class T>
 constexpr Range<T> within(T most, const char* unit) {
   return {-most, most, unit};
@@ -102,6 +104,9 @@ struct Entries {
   }
 };
 
+template <class Each = Any>
+Entries(std::size_t, Each = {}) -> Entries<Each>;
+
 // The encoded size of a message, before it is built. Fields that name the same number share it.
 struct Encoded {
   const std::size_t* most;
@@ -115,5 +120,7 @@ struct Valid {
   Predicate holds;
   std::string words() const { return right; }
 };
+template <class Predicate>
+Valid(const char*, Predicate) -> Valid<Predicate>;
 
 }  // namespace ridgecast::wire

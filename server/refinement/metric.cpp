@@ -2,6 +2,7 @@
 #include "server/refinement/metric.h"
 
 #include <limits>
+#include <utility>
 
 #include "server/refinement/view.h"
 
@@ -38,15 +39,20 @@ inline __attribute__((always_inline)) PageLook look(const CandidatePage& page, c
     nearest = n < nearest ? n : nearest;
   }
   // Halves against each other until all lanes hold the same.
-  const Ints lanes{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-  for (std::int32_t apart = kWidth / 2; apart > 0; apart /= 2) {
-    const Ints other = lanes ^ apart;
-    const Floats s = __builtin_shuffle(steepest, other), d = __builtin_shuffle(nearest, other), m = __builtin_shuffle(mostSeen, other);
+  const auto fold = [&]<std::size_t... lane>(auto apart, std::index_sequence<lane...>) __attribute__((always_inline)) {
+    const Floats s = __builtin_shufflevector(steepest, steepest, (lane ^ apart)...),
+                 d = __builtin_shufflevector(nearest, nearest, (lane ^ apart)...),
+                 m = __builtin_shufflevector(mostSeen, mostSeen, (lane ^ apart)...);
     steepest = s > steepest ? s : steepest;
     mostSeen = m > mostSeen ? m : mostSeen;
     nearest = d < nearest ? d : nearest;
-    any |= __builtin_shuffle(any, other);
-  }
+    any |= __builtin_shufflevector(any, any, (lane ^ apart)...);
+  };
+  constexpr auto lanes = std::make_index_sequence<kWidth>();
+  fold(std::integral_constant<std::size_t, 8>(), lanes);
+  fold(std::integral_constant<std::size_t, 4>(), lanes);
+  fold(std::integral_constant<std::size_t, 2>(), lanes);
+  fold(std::integral_constant<std::size_t, 1>(), lanes);
   PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
   if (any[0] != 0)
     for (unsigned k = 0; k < CandidatePage::kSlots; ++k)

@@ -115,7 +115,7 @@ Outcome<std::string> withParameters(std::string_view file, std::string_view text
     if (!(value >= p->least && value <= p->most))
       return Error{"--param " + name + "=" + shortNumber(value) + " is out of range: it must be from " + shortNumber(p->least) + " to " +
                    shortNumber(p->most) + (p->unit.empty() ? "" : " " + p->unit)};
-    std::erase_if(changed, [&](const Parameter& c) { return c.name == name; });  // the last one counts
+    std::erase_if(changed, [&wanted = name](const Parameter& c) { return c.name == wanted; });  // the last one counts
     changed.push_back(*p);
     changed.back().value = value;
   }

@@ -94,8 +94,9 @@ void Triangulation::joinCopies(std::span<const Move> triangles, const std::vecto
 }
 
 void Triangulation::joinStars(std::span<const Move> vertices, const std::vector<std::uint8_t>& splitting) {
-  for (const auto& [from, to] : vertices) {
-    HalfEdge edge = vertexRecords_[from].edge;
+  for (const Move& vertex : vertices) {
+    const VertexId to = vertex.to;
+    HalfEdge edge = vertexRecords_[vertex.from].edge;
     if (splitting[triangles_.regionOf(edge >> 2)]) edge = 4 * triangleRecords_[edge >> 2].v[0] + (edge & 3);
     setEdge(to, edge);
     forEachAround(to, [&](HalfEdge h) { triangleRecords_[h >> 2].v[h & 3] = to; });

@@ -1,14 +1,22 @@
-// Writes seed corpora for the fuzzers below a folder: FOLDER/client, FOLDER/server, FOLDER/payload.
+// Writes seed corpora below a folder, one for each fuzzer: FOLDER/client, FOLDER/server, ...
+#include <png.h>
+#include <tiffio.h>
+
+#include <array>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <string>
 #include <vector>
 
 #include "common/codec/codec.h"
 #include "common/codec/delta.h"
 #include "common/mesh/leaf_mesh.h"
+#include "common/terrain/raster.h"
 #include "common/wire/wire.h"
+#include "server/access/jwt.h"
+#include "server/access/tokens.h"
 #include "tests/support/leaf_meshes.h"
 
 namespace {
@@ -135,6 +143,75 @@ void payloadSeeds() {
   }
 }
 
+std::string contents(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void rasterSeeds() {
+  constexpr std::uint32_t kWidth = 20, kHeight = 17;
+  std::array<std::uint16_t, kWidth * kHeight> samples;
+  for (std::size_t k = 0; k < samples.size(); ++k) samples[k] = static_cast<std::uint16_t>(1000 + 37 * (k % 11));
+  const std::string raw(reinterpret_cast<const char*>(samples.data()), sizeof samples);
+  write("raster", '\3' + raw.substr(0, 2 * 17 * 17));
+  write("raster", '\23' + raw.substr(0, 12));
+  const std::string file = (root / "made").string();
+  for (const bool tiled : {false, true})
+    for (const std::uint16_t compression : {COMPRESSION_NONE, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_LZW}) {
+      TIFF* out = TIFFOpen(file.c_str(), "w");
+      TIFFSetField(out, TIFFTAG_IMAGEWIDTH, kWidth);
+      TIFFSetField(out, TIFFTAG_IMAGELENGTH, kHeight);
+      TIFFSetField(out, TIFFTAG_BITSPERSAMPLE, 16);
+      TIFFSetField(out, TIFFTAG_SAMPLESPERPIXEL, 1);
+      TIFFSetField(out, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+      TIFFSetField(out, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
+      TIFFSetField(out, TIFFTAG_COMPRESSION, compression);
+      if (tiled) {
+        TIFFSetField(out, TIFFTAG_TILEWIDTH, 16);
+        TIFFSetField(out, TIFFTAG_TILELENGTH, 16);
+        for (std::uint32_t j = 0; j < kHeight; j += 16)
+          for (std::uint32_t i = 0; i < kWidth; i += 16) TIFFWriteTile(out, samples.data(), i, j, 0, 0);
+      } else {
+        TIFFSetField(out, TIFFTAG_ROWSPERSTRIP, 4);
+        for (std::uint32_t j = 0; j < kHeight; ++j) TIFFWriteScanline(out, samples.data() + j * kWidth, j, 0);
+      }
+      TIFFClose(out);
+      write("raster", '\0' + contents(file));
+    }
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  image.width = kWidth, image.height = kHeight, image.format = PNG_FORMAT_LINEAR_Y;
+  png_image_write_to_file(&image, file.c_str(), 0, samples.data(), 0, nullptr);
+  write("raster", '\1' + contents(file));
+  std::filesystem::remove(file);
+}
+
+void textSeeds() {
+  for (const char* file : {"common/terrain/tutorial/dunes.glsl", "tests/bench/terrain/terraces.glsl", "common/terrain/alpine.glsl"})
+    write("terrain", contents(std::filesystem::path(RIDGECAST_SOURCES) / file));
+  for (const char* file : {"alpine", "canyon", "archipelago"})
+    write("path", contents(std::filesystem::path(RIDGECAST_SOURCES) / "client/evaluation/paths" / (std::string(file) + ".json")));
+  for (const char* target :
+       {"/v1/heights?at=1,2&at=3,4", "/v1/normals?at=1e3,-2&spacing=2", "/v1/rays?ray=0,900,0,0,-1,0&reach=500", "/v1/sessions", "/metrics",
+        "/v1/stream?session=a&terrain=canyon&seed=3", "/v1/sessions/default/snapshot.glb?x=0&z=0&altitude=120&yaw=30&threshold=2",
+        "/v1/sessions/default/snapshot.json?x0=0&z0=0&x1=8&z1=8&error=5&compression=draco", "ws://127.0.0.1:7070?session=race&seed=2"})
+    write("request", "GET\n" + std::string(target) +
+                         "\nlocalhost:7070\nhttp://localhost:7070\nBearer abc\nridgecast.v1, bearer.abc\n192.0.2.1, 2001:db8::1");
+  const access::Time now(std::chrono::seconds(1'700'000'000));
+  const access::Grant grant{"lab", access::Rights::all(), "harbour", now + std::chrono::hours(1)};
+  write("token", "# a comment\n" + access::makeToken(grant).line + "\n" + access::makeToken({"guest", access::Right::kView, "", {}}).line);
+  const std::string token = access::issueJwt(grant, std::string(32, 's'), now);
+  write("token", token);
+  write("token", token.substr(0, token.rfind('.')));
+  write("settings", "# a comment\nport = 7070\nrate = 2.5\nquiet = true\nparam = [\"a=1\", \"b=2\"]\n");
+  terrain::Tile tile{};
+  const auto flat = terrain::encodeTile(tile);
+  write("tile", {flat.begin(), flat.end()});
+  for (std::size_t k = 0; k < tile.size(); ++k) tile[k] = static_cast<std::int32_t>((k * 2654435761u) >> (k % 29));
+  const auto rough = terrain::encodeTile(tile);
+  write("tile", {rough.begin(), rough.end()});
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -146,6 +223,8 @@ int main(int argc, char** argv) {
   clientSeeds();
   serverSeeds();
   payloadSeeds();
+  rasterSeeds();
+  textSeeds();
   std::printf("%d seeds in %s\n", written, argv[1]);
   return 0;
 }

@@ -1,0 +1,26 @@
+// A terrain file's text, as far as it goes before GLSL's front end has accepted it: checks, //! lines, parameters, tokens.
+#include <cstdint>
+#include <cstdlib>
+#include <string_view>
+
+#include "server/terrain/check.h"
+#include "server/terrain/declaration.h"
+#include "server/terrain/tokens.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace ridgecast::user_terrain;
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  if (!checkText("a.glsl", text)) return 0;
+  if (const auto declared = readDeclaration("a.glsl", text)) {
+    for (const Parameter& p : declared->parameters) {
+      const auto changed = withParameters("a.glsl", text, *declared, {{p.name, p.least}});
+      if (!changed || !readDeclaration("a.glsl", *changed)) std::abort();  // what is in range is taken, and stays a declaration
+      if (describe(p).empty()) std::abort();
+    }
+  }
+  if (const auto tokens = tokenise("a.glsl", text))
+    if (const auto items = topLevel("a.glsl", *tokens))
+      for (const TopLevel& item : *items)
+        if (item.what == TopLevel::What::kFunction) signatureOf(*tokens, item);
+  return 0;
+}
