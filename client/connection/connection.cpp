@@ -245,6 +245,9 @@ void Connection::want(const wire::WantTiles& wanted) {
 void Connection::setClock(const wire::SetClock& set) { impl_->say(set); }
 void Connection::step(const wire::ClockStep& step) { impl_->say(step); }
 void Connection::stepDone(const wire::StepDone& done) { impl_->say(done); }
+void Connection::passOver(std::uint64_t camera) {
+  if (world().revision >= 3) impl_->say(wire::PassOver{camera});
+}
 
 std::future<Outcome<wire::Answer>> Connection::ask(wire::Query query) { return impl_->ask(impl_->outbox_.queries, std::move(query)); }
 std::future<Outcome<wire::Ground>> Connection::askGround(const wire::AskGround& ask) { return impl_->ask(impl_->outbox_.grounds, ask); }

@@ -97,6 +97,8 @@ class Connection {
   void setClock(const wire::SetClock& set);
   void step(const wire::ClockStep& step);
   void stepDone(const wire::StepDone& done);
+  // Of the clock's owner: steps no longer wait for this member. Does nothing if the server's version cannot (World::revision below 3).
+  void passOver(std::uint64_t camera);
 
   // Requests to the server; sets `id`. The future holds the answer, or an error if the connection ends, the server knows no queries
   // (World::revision 0), or more than kMaxWaiting wait. At most wire::kMaxQueries and wire::kMaxGrounds are pending at a time; the others

@@ -40,6 +40,7 @@ wire::AskClock SessionClock::ask(Instant now) {
 void SessionClock::hear(const wire::Clock& clock, Instant now) {
   const bool goesOn = version_ != 0 && clock.mode == said_.mode && clock.rate == said_.rate;
   said_ = clock;
+  if (!clock.notice.empty()) notice_ = clock.notice;
   ++version_;
   if (!goesOn) best_.reset();
   Sample sample{now, static_cast<double>(clock.time), kUnrequested};

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cstdint>
 #include <optional>
+#include <string>
 
 #include "common/wire/messages.h"
 
@@ -18,6 +19,7 @@ class SessionClock {
   using Instant = std::chrono::steady_clock::time_point;
 
   const wire::Clock& said() const { return said_; }          // the last that was heard
+  const std::string& notice() const { return notice_; }      // the server's last sentence about it; empty: none yet
   std::uint64_t version() const { return version_; }         // grows with everything that is heard; 0: nothing yet
   std::uint64_t time(Instant now) const;                     // session time, microseconds
   std::chrono::microseconds uncertainty(Instant now) const;  // of time(): half a round trip, and what two clocks drift; 0 when stepped
@@ -35,6 +37,7 @@ class SessionClock {
   static double spreadOf(const Sample& sample, Instant now);
 
   wire::Clock said_;
+  std::string notice_;
   std::uint64_t version_ = 0, asked_ = 0;
   std::optional<Instant> askedAt_;
   std::optional<Sample> best_;

@@ -17,8 +17,8 @@
 namespace ridgecast::wire {
 
 inline constexpr std::uint32_t kProtocolVersion = 1;
-inline constexpr std::uint32_t kRevision =
-    2;  // of that version: members, clock, queries, grounds (1) and changes of settings (2) are known
+// Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over.
+inline constexpr std::uint32_t kRevision = 3;
 
 using lattice::Candidate;
 using settings::Figures;
@@ -84,6 +84,11 @@ struct StepDone {
   std::uint64_t step = 0;
 };
 
+// The clock's owner waits for this member no longer.
+struct PassOver {
+  std::uint64_t camera = 0;
+};
+
 enum class QueryKind { kHeights, kNormals, kRays };
 
 using ground::Ray;
@@ -113,7 +118,7 @@ struct ChangeSettings {
 };
 
 using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, ClockStep, StepDone, Query,
-                                   AskGround, WantTiles, ChangeSettings>;
+                                   AskGround, WantTiles, ChangeSettings, PassOver>;
 
 struct World {
   std::uint32_t protocolVersion = kProtocolVersion;
@@ -206,6 +211,7 @@ struct Clock {
   std::uint64_t step = 0;
   std::vector<std::uint64_t> waitsFor;
   std::uint64_t echo = 0;
+  std::string notice{};  // one sentence for a person; mostly empty
 };
 
 struct Answer {

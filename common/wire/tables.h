@@ -134,6 +134,8 @@ TABLE(Step,
 
 TABLE(StepDone, FIELD(step, step));
 
+TABLE(PassOver, FIELD(camera, camera));
+
 TABLE(Places,
     FIELD(x, x, Entries{kMaxPlaces, kPlace}),
     FIELD(z, z, Entries{kMaxPlaces, kPlace}),
@@ -172,7 +174,7 @@ TABLE(WantTiles, FIELD(tiles, tiles, Entries{kMaxTiles}));
 TABLE(ClientMessage,
     KIND(hello, Hello), KIND(pose, PoseMessage), KIND(acknowledge, Acknowledge), KIND(resend_leaves, ResendLeaves), KIND(resume, Resume),
     KIND(ask_clock, AskClock), KIND(set_clock, SetClock), KIND(step, ClockStep), KIND(step_done, StepDone), KIND(query, Query),
-    KIND(ask_ground, AskGround), KIND(want_tiles, WantTiles), SETTINGS(change_settings, ChangeSettings));
+    KIND(ask_ground, AskGround), KIND(want_tiles, WantTiles), SETTINGS(change_settings, ChangeSettings), KIND(pass_over, PassOver));
 
 // ---- server to client ----
 
@@ -293,7 +295,8 @@ TABLE(Clock,
     FIELD(time, time, kMicroseconds),
     FIELD(owner, owner), FIELD(step, step),
     FIELD(waits_for, waitsFor, Entries{kMaxMembers}),
-    FIELD(echo, echo));
+    FIELD(echo, echo),
+    FIELD(notice, notice, Bytes{kMaxErrorBytes}));
 
 TABLE(Answer,
     FIELD(id, id),

@@ -16,6 +16,7 @@ enum class Right : std::uint8_t {
   kCreate = 2,    // create sessions
   kQuery = 4,     // ask for heights, normals and rays
   kSnapshot = 8,  // take glTF snapshots
+  kClock = 16,    // take, set and step a session's clock
 };
 
 std::string_view name(Right right);
@@ -24,7 +25,7 @@ class Rights {
  public:
   constexpr Rights() = default;
   constexpr Rights(Right right) : bits_(static_cast<std::uint8_t>(right)) {}
-  static constexpr Rights all() { return Rights(Right::kView) | Right::kCreate | Right::kQuery | Right::kSnapshot; }
+  static constexpr Rights all() { return Rights(Right::kView) | Right::kCreate | Right::kQuery | Right::kSnapshot | Right::kClock; }
   constexpr bool has(Right right) const { return (bits_ & static_cast<std::uint8_t>(right)) != 0; }
   constexpr bool empty() const { return bits_ == 0; }
   constexpr Rights operator|(Rights other) const {

@@ -30,7 +30,8 @@ constexpr std::array<Kind, std::variant_size_v<wire::ClientMessage>> kKinds{{{"h
                                                                              {"query", true},
                                                                              {"question for the ground", true},
                                                                              {"request for tiles", false},
-                                                                             {"change of settings", true}}};
+                                                                             {"change of settings", true},
+                                                                             {"request to pass over", true}}};
 
 constexpr std::size_t kBytesACandidate = 15;  // approximately
 

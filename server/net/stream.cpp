@@ -37,6 +37,15 @@ std::pair<websocket::close_code, metrics::Refusal> meaningOf(wire::ErrorCode cod
   return {code == kInternal ? close_code::internal_error : close_code::policy_error, metrics::Refusal::kInternal};
 }
 
+// The right that a message takes beyond seeing the session.
+std::optional<access::Right> neededFor(const wire::ClientMessage& message) {
+  if (std::holds_alternative<wire::Query>(message) || std::holds_alternative<wire::AskGround>(message)) return access::Right::kQuery;
+  if (std::holds_alternative<wire::SetClock>(message) || std::holds_alternative<wire::ClockStep>(message) ||
+      std::holds_alternative<wire::PassOver>(message))
+    return access::Right::kClock;
+  return {};
+}
+
 struct Outgoing {
   std::string bytes;
   std::shared_ptr<const void> ticket;  // released when they have left or are dropped
@@ -165,9 +174,9 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     auto message = wire::decodeClient({static_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
     buffer_.clear();
     if (!message) return fail({wire::ErrorCode::kMalformed, message.error().message});
-    const bool asks = std::holds_alternative<wire::Query>(*message) || std::holds_alternative<wire::AskGround>(*message);
-    if (asks && !grant_.rights.has(access::Right::kQuery))
-      return fail(metrics::Refusal::kRight, {wire::ErrorCode::kInvalid, "The token lacks the right 'query'."});
+    if (const auto right = neededFor(*message); right && !grant_.rights.has(*right))
+      return fail(metrics::Refusal::kRight,
+                  {wire::ErrorCode::kInvalid, "The token lacks the right '" + std::string(access::name(*right)) + "'."});
     if (!greeted_) {
       greeted_ = true;
       timer_.cancel();

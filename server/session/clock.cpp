@@ -25,6 +25,7 @@ wire::Clock Clock::state(Instant now) const {
 
 bool Clock::leave(std::uint64_t member, Instant) {
   followers_.erase(member);
+  passedOver_.erase(member);
   bool changed = waitsFor_.erase(member) > 0;
   if (owner_ == member) {
     owner_ = 0;
@@ -66,8 +67,18 @@ Clock::Stepped Clock::step(std::uint64_t member, const wire::ClockStep& step) {
 }
 
 bool Clock::done(std::uint64_t member, std::uint64_t step) {
-  if (step != step_ || waitsFor_.erase(member) == 0) return false;
+  if (step != step_) return false;
+  if (passedOver_.erase(member) > 0) follow(member);
+  if (waitsFor_.erase(member) == 0) return false;
   if (!waitsFor_.empty()) return false;  // a change matters only when nobody is waited for any more
+  goOn();
+  return true;
+}
+
+bool Clock::passOver(std::uint64_t member) {
+  if (followers_.erase(member) == 0) return false;
+  passedOver_.insert(member);
+  waitsFor_.erase(member);
   goOn();
   return true;
 }

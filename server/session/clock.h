@@ -5,8 +5,8 @@
 // It starts in real time, at 0, without an owner. The first member to set it becomes its owner; only the owner sets or steps it. When the
 // owner leaves, the clock continues as it is (a stepped one stands still) until another member takes it.
 //
-// A step may wait: the next one starts only when every member that followed the clock at its start has done it or left. Meanwhile further
-// steps queue up, at most kMaxQueuedSteps. Owner or mode changes drop them.
+// A step may wait: the next one starts only when every member that followed the clock at its start has done it, left or been passed over.
+// Meanwhile further steps queue up, at most kMaxQueuedSteps. Owner or mode changes drop them.
 
 #include <chrono>
 #include <cstdint>
@@ -27,6 +27,8 @@ class Clock {
   wire::Clock state(Instant now) const;
   std::uint64_t time(Instant now) const;  // microseconds
   std::uint64_t owner() const { return owner_; }
+  std::uint64_t step() const { return step_; }  // number of the newest
+  const std::set<std::uint64_t>& waitsFor() const { return waitsFor_; }
 
   // A member starts to follow the clock, or leaves (follower or not). Returns whether the state changed.
   void follow(std::uint64_t member) { followers_.insert(member); }
@@ -37,6 +39,8 @@ class Clock {
   enum class Stepped { kBegins, kQueues, kNotYours, kNotStepped, kTooMany };
   Stepped step(std::uint64_t member, const wire::ClockStep& step);
   bool done(std::uint64_t member, std::uint64_t step);
+  // No step waits for this follower until it is done with the newest. False: it is no follower, or was passed over before.
+  bool passOver(std::uint64_t member);
 
  private:
   void begin(const wire::ClockStep& step);
@@ -47,7 +51,7 @@ class Clock {
   wire::ClockMode mode_ = wire::ClockMode::kRealTime;
   double rate_ = 1;
   std::uint64_t owner_ = 0, step_ = 0;
-  std::set<std::uint64_t> followers_, waitsFor_;
+  std::set<std::uint64_t> followers_, waitsFor_, passedOver_;  // each member is in one of the first and last at most
   std::deque<wire::ClockStep> queued_;
 };
 

@@ -112,7 +112,7 @@ void Presence::receive(std::uint64_t camera, const wire::SetClock& set) {
   if (it == entries_.end()) return;
   const bool changed = clock_.set(camera, set, timer_.now());
   if (changed) clockChanged();
-  if (!changed || !it->second.wantsClock) sendClock(it->second, 0);
+  if (!changed || !it->second.wantsClock) sendClock(it->second, 0, changed ? std::string() : whyNotYours());
 }
 
 Clock::Stepped Presence::step(std::uint64_t camera, const wire::ClockStep& step) {
@@ -121,7 +121,7 @@ Clock::Stepped Presence::step(std::uint64_t camera, const wire::ClockStep& step)
   if (it == entries_.end()) return Clock::Stepped::kNotYours;
   const Clock::Stepped stepped = clock_.step(camera, step);
   if (stepped == Clock::Stepped::kBegins) clockChanged();
-  if (stepped == Clock::Stepped::kNotYours) sendClock(it->second, 0);
+  if (stepped == Clock::Stepped::kNotYours) sendClock(it->second, 0, whyNotYours());
   return stepped;
 }
 
@@ -130,7 +130,53 @@ void Presence::receive(std::uint64_t camera, const wire::StepDone& done) {
   if (clock_.done(camera, done.step)) clockChanged();
 }
 
+void Presence::receive(std::uint64_t camera, const wire::PassOver& pass) {
+  const std::lock_guard lock(mutex_);
+  const auto it = entries_.find(camera);
+  if (it == entries_.end()) return;
+  if (clock_.owner() != camera) return sendClock(it->second, 0, whyNotYours());
+  if (passOver(pass.camera, "by the clock's owner")) return;
+  sendClock(it->second, 0,
+            "No step waits for member " + std::to_string(pass.camera) + ": it does not follow the clock or was passed over before.");
+}
+
+std::string Presence::whyNotYours() const {
+  if (clock_.owner() == 0) return "Nobody owns the clock: take it with set clock first.";
+  return "The clock belongs to member " + std::to_string(clock_.owner()) + ": only its owner sets and steps it.";
+}
+
+void Presence::watchStep() {
+  const Timer::Time now = timer_.now();
+  if (clock_.step() != watchedStep_) {
+    watchedStep_ = clock_.step();
+    stepBegan_ = now;
+  }
+  if (stepDue_ || clock_.waitsFor().empty()) return;
+  stepDue_ = true;
+  timer_.at(stepBegan_ + kStepTimeout, [weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    const std::lock_guard lock(self->mutex_);
+    self->stepDue_ = false;
+    if (self->timer_.now() >= self->stepBegan_ + kStepTimeout)
+      for (const std::uint64_t late : std::set(self->clock_.waitsFor()))
+        self->passOver(late, "because it was not done within " + std::to_string(kStepTimeout.count()) + " s");
+    self->watchStep();
+  });
+}
+
+bool Presence::passOver(std::uint64_t camera, const std::string& why) {
+  const std::string notice = "Member " + std::to_string(camera) + " was passed over at step " + std::to_string(clock_.step()) + ", " + why +
+                             "; when it is done with the newest step, steps wait for it again.";
+  if (!clock_.passOver(camera)) return false;
+  clockChanged();
+  for (const std::uint64_t told : {camera, clock_.owner()})
+    if (const auto it = entries_.find(told); it != entries_.end() && it->second.wantsClock) sendClock(it->second, 0, notice);
+  return true;
+}
+
 void Presence::clockChanged() {
+  watchStep();
   for (auto& [id, entry] : entries_) entry.clockStale = entry.wantsClock;
   notifyOfClock();
 }
@@ -155,9 +201,10 @@ void Presence::notifyOfClock() {
   });
 }
 
-void Presence::sendClock(Entry& entry, std::uint64_t echo) {
+void Presence::sendClock(Entry& entry, std::uint64_t echo, std::string notice) {
   wire::Clock clock = clock_.state(timer_.now());
   clock.echo = echo;
+  clock.notice = std::move(notice);
   entry.clockStale = false;
   const auto held = ticket();
   entry.clockWaiting = held;

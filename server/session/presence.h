@@ -5,6 +5,9 @@
 // second), and not while the previous one is still queued, so for a slow member changes merge. A member that follows the clock is sent the
 // current state once its previous message has left. A step that waits for a member always reaches it.
 //
+// A member that is not done with a step kStepTimeout after it began is passed over, as is one that the clock's owner names. That member and
+// the owner get one sentence about it, as does a member whose message to the clock has no effect.
+//
 // Any thread. Messages are handed to the members' senders under a lock; senders do not call back.
 // Bounds: one entry a member; of departed members, at most those that it was notified of.
 
@@ -29,6 +32,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
   static constexpr std::chrono::milliseconds kLeastPause{50};
   static constexpr std::chrono::milliseconds kClockRetry{5};  // retry interval while the last message about the clock has not left
 
+  static constexpr std::chrono::seconds kStepTimeout{30};
+
   // `timer` must outlive this.
   explicit Presence(const Timer& timer);
 
@@ -42,6 +47,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void receive(std::uint64_t camera, const wire::SetClock& set);
   Clock::Stepped step(std::uint64_t camera, const wire::ClockStep& step);
   void receive(std::uint64_t camera, const wire::StepDone& done);
+  void receive(std::uint64_t camera, const wire::PassOver& pass);
 
   struct State {
     wire::Clock clock;
@@ -69,15 +75,20 @@ class Presence : public std::enable_shared_from_this<Presence> {
   bool notify(Entry& entry);  // returns whether it is up to date
   void clockChanged();
   void notifyOfClock();
-  void sendClock(Entry& entry, std::uint64_t echo);
+  void sendClock(Entry& entry, std::uint64_t echo, std::string notice = {});
+  std::string whyNotYours() const;
+  void watchStep();
+  bool passOver(std::uint64_t camera, const std::string& why);  // false: no step waits for it anyway
 
   const Timer& timer_;
   mutable std::mutex mutex_;
   std::map<std::uint64_t, Entry> entries_;
   std::uint64_t version_ = 0;
   Timer::Time lastNotified_{};
-  bool membersDue_ = false, clockDue_ = false;
+  bool membersDue_ = false, clockDue_ = false, stepDue_ = false;
   Clock clock_;
+  std::uint64_t watchedStep_ = 0;
+  Timer::Time stepBegan_{};  // that one
 };
 
 }  // namespace ridgecast::session

@@ -71,7 +71,7 @@ void clientSeeds() {
   const wire::Query heights{1, wire::QueryKind::kHeights, {5, -6}, {7, 1 << 20}, 0, {}},
       normals{2, wire::QueryKind::kNormals, {5}, {7}, 32, {}}, rays{3, wire::QueryKind::kRays, {}, {}, 0, {{1, 2, 3, 0, -1, 0.5, 100}}};
   for (const M& m : {M(hello), M(wire::AskClock{9}), M(wire::SetClock{true, wire::ClockMode::kScaled, 2}), M(wire::ClockStep{20'000, true}),
-                     M(wire::StepDone{1}), M(heights), M(normals), M(rays), M(wire::AskGround{4, {5, 6}, 20, 0.5}),
+                     M(wire::StepDone{1}), M(wire::PassOver{8}), M(heights), M(normals), M(rays), M(wire::AskGround{4, {5, 6}, 20, 0.5}),
                      M(wire::ChangeSettings{{wire::Metric::kArea, 2, 50'000, 0}})})
     write("client", framed<M>({m}));
   write("client", framed<M>({hello, resume, pose, wire::Acknowledge{1, 0}, second, wire::ResendLeaves{}, wire::Acknowledge{2, 5}}));
@@ -91,7 +91,7 @@ void serverSeeds() {
   write("server", framed<M>({wire::ErrorMessage{wire::ErrorCode::kLimit, "too much"}}));
   const wire::Moved moved{7, {1, {}}, 5};
   write("server", framed<M>({wire::Members{{{7, wire::Role::kSensor, "seed", moved}, {8, wire::Role::kViewer, "", {}}}, {moved}, {9}}}));
-  write("server", framed<M>({wire::Clock{wire::ClockMode::kStepped, 0, 5, 7, 1, {7, 8}, 2}}));
+  write("server", framed<M>({wire::Clock{wire::ClockMode::kStepped, 0, 5, 7, 1, {7, 8}, 2, "seed"}}));
   write("server", framed<M>({wire::Answer{1, {1.5f}, {0, 1, 0}, {-1, 2}}}));
   write("server", framed<M>({wire::Ground{1, 0.5, {wholeOf(support::terrainLike(random, 2, 1))}}}));
   for (int n : {1, 2, 5}) {

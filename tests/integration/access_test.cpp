@@ -147,7 +147,7 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
                                      {"HEAD", "/v1/sessions/default/snapshot.json?session=elsewhere", Right::kSnapshot, false},
                                      {"GET", "/v1/sessions/default/whatever", Right::kView, false},
                                      {"GET", "/v1/whatever/comes/later", Right::kView, false}};
-  const std::vector<Right> rights{Right::kView, Right::kCreate, Right::kQuery, Right::kSnapshot};
+  const std::vector<Right> rights{Right::kView, Right::kCreate, Right::kQuery, Right::kSnapshot, Right::kClock};
   const auto bearer = [](const std::string& token) { return "Authorization: Bearer " + token + "\r\n"; };
   const std::string good = jwt(access::Rights::all());
   std::string tampered = good;
@@ -232,6 +232,29 @@ TEST_F(AccessTest, AStreamEndsWithItsTokenAndAsksNothingWithoutTheRight) {
   curious.message(wire::encode(wire::ClientMessage(query)));
   EXPECT_EQ(curious.awaitClose(), 1008);
   EXPECT_EQ(refusals(metrics::Refusal::kRight), 1u);
+}
+
+TEST_F(AccessTest, TheClockTakesARight) {
+  settings.jwtSecretFile = file("secret", kSecret);
+  start();
+  for (const int kind : {0, 1, 2}) {
+    const auto say = [&](connection::Connection& c) {
+      if (kind == 0) c.setClock({true, wire::ClockMode::kStepped, 0});
+      if (kind == 1) c.step({1, false});
+      if (kind == 2) c.passOver(1);
+    };
+    const auto viewer = connect(server->url(), "", jwt(access::Right::kView));
+    ASSERT_TRUE(viewer) << viewer.error().message;
+    (*viewer)->stepDone({1});
+    say(**viewer);
+    ASSERT_TRUE(testing_support::await([&] { return (*viewer)->error().has_value(); })) << "whoever may view may take the clock";
+    EXPECT_THAT((*viewer)->error()->message, HasSubstr("'clock'"));
+  }
+  const auto owner = connect(server->url(), "", jwt(access::Rights(access::Right::kView) | access::parseRights("clock").value()));
+  ASSERT_TRUE(owner);
+  (*owner)->setClock({true, wire::ClockMode::kStepped, 0});
+  ASSERT_TRUE((*owner)->waitForClock(0, testing_support::kTimeout));
+  EXPECT_EQ((*owner)->clock().said().owner, (*owner)->world().camera);
 }
 
 // A time that nanoseconds cannot count to once ended streams at their first moment.

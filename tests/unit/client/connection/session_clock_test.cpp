@@ -22,6 +22,15 @@ wire::Clock running(std::uint64_t time, std::uint64_t echo = 0, double rate = 1)
   return c;
 }
 
+TEST(SessionClock, KeepsTheLastSentenceAboutIt) {
+  SessionClock clock;
+  wire::Clock said = running(1);
+  said.notice = "The clock belongs to member 1.";
+  clock.hear(said, Instant{1h});
+  clock.hear(running(2), Instant{1h});
+  EXPECT_EQ(clock.notice(), said.notice);
+}
+
 TEST(SessionClock, IsGoodToHalfARoundTrip) {
   // Random delays either way: what it says differs from the truth by no more than it says it may.
   std::mt19937 random(3);

@@ -112,7 +112,7 @@ TEST(WireSession, MembersSurvive) {
 }
 
 TEST(WireSession, ClockMessagesSurvive) {
-  Clock in{ClockMode::kScaled, 2.5, kMaxTime, 3, 4, {5, 6}, 7};
+  Clock in{ClockMode::kScaled, 2.5, kMaxTime, 3, 4, {5, 6}, 7, "Member 5 was passed over."};
   const Clock out = throughClient(in);
   EXPECT_EQ(out.mode, in.mode);
   EXPECT_EQ(out.rate, in.rate);
@@ -121,6 +121,7 @@ TEST(WireSession, ClockMessagesSurvive) {
   EXPECT_EQ(out.step, in.step);
   EXPECT_EQ(out.waitsFor, in.waitsFor);
   EXPECT_EQ(out.echo, in.echo);
+  EXPECT_EQ(out.notice, in.notice);
   EXPECT_EQ(throughServer(AskClock{12}).echo, 12u);
   const SetClock set = throughServer(SetClock{true, ClockMode::kStepped, 0.5});
   EXPECT_TRUE(set.own);
@@ -130,6 +131,7 @@ TEST(WireSession, ClockMessagesSurvive) {
   EXPECT_EQ(step.time, kMaxStepTime);
   EXPECT_TRUE(step.wait);
   EXPECT_EQ(throughServer(StepDone{9}).step, 9u);
+  EXPECT_EQ(throughServer(PassOver{~0ull}).camera, ~0ull);
 }
 
 TEST(WireSession, QueriesAndAnswersSurvive) {

@@ -51,7 +51,8 @@ mesh::LeafState leaf(int i, std::uint64_t content) { return {{3, i, 0}, content,
 TEST(Conversation, EveryMessageHasItsPlace) {
   const std::vector<wire::ClientMessage> all{pose(1),          wire::Acknowledge{}, wire::ResendLeaves{}, wire::Resume{},
                                              wire::AskClock{}, wire::SetClock{},    wire::ClockStep{},    wire::StepDone{},
-                                             wire::Query{},    wire::AskGround{},   wire::WantTiles{},    wire::ChangeSettings{}};
+                                             wire::Query{},    wire::AskGround{},   wire::WantTiles{},    wire::ChangeSettings{},
+                                             wire::PassOver{}};
   for (const wire::ClientMessage& message : all) {
     Conversation fresh(terms());
     const auto refusal = fresh.receive(message);
@@ -59,7 +60,7 @@ TEST(Conversation, EveryMessageHasItsPlace) {
     EXPECT_EQ(refusal->code, wire::ErrorCode::kMalformed);
     EXPECT_THAT(refusal->message, HasSubstr("The first message must be a hello"));
   }
-  for (const wire::ClientMessage& message : {all[4], all[5], all[6], all[7], all[8], all[9], all[11]}) {
+  for (const wire::ClientMessage& message : {all[4], all[5], all[6], all[7], all[8], all[9], all[11], all[12]}) {
     Conversation greeting(terms());
     ASSERT_FALSE(greeting.receive(hello()));
     const auto refusal = greeting.receive(message);
