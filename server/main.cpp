@@ -128,7 +128,10 @@ int serve(const config::Config& config, const sigset_t& signals) {
   if (config.limits.maxSessions > 1)
     resources->makeTerrain = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec) {
       user_terrain::Request made = request;
-      if (spec.terrain != own) made.terrain = spec.terrain;  // a name: paths are refused before
+      if (spec.terrain != own) {
+        made.terrain = spec.terrain;  // a name: paths are refused before
+        made.raster = {};
+      }
       made.seed = spec.seed;
       made.parameters = spec.parameters;
       return user_terrain::load(made, warn);

@@ -45,7 +45,7 @@ struct Connection::Impl final : WebSocket::Listener {
       const std::lock_guard lock(mutex_);
       if (error_) return;
       if (const std::optional<std::string> wrong = change()) {
-        socket_.post([this, why = *wrong + ": the server does not read"] { socket_.end(why); });
+        socket_.post([this, why = *wrong] { socket_.end(why); });
         return;
       }
     }

@@ -6,13 +6,15 @@ namespace ridgecast::connection {
 
 std::optional<std::string> Outbox::put(const wire::PoseMessage& pose) {
   if (pacing_ == wire::Pacing::kFree) poses_.clear();
-  if (poses_.size() >= Connection::kMaxPoses) return std::to_string(Connection::kMaxPoses) + " poses wait to leave";
+  if (poses_.size() >= Connection::kMaxPoses)
+    return std::to_string(Connection::kMaxPoses) + " poses wait to leave; send the next when iterations have arrived";
   poses_.push_back(pose);
   return std::nullopt;
 }
 
 std::optional<std::string> Outbox::put(wire::ClientMessage message) {
-  if (messages_.size() >= Connection::kMaxWaiting) return std::to_string(Connection::kMaxWaiting) + " messages wait to leave";
+  if (messages_.size() >= Connection::kMaxWaiting)
+    return std::to_string(Connection::kMaxWaiting) + " messages wait to leave; send fewer at a time";
   messages_.push_back(std::move(message));
   return std::nullopt;
 }

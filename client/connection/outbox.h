@@ -68,7 +68,7 @@ class Outbox {
  public:
   explicit Outbox(wire::Pacing pacing) : pacing_(pacing) {}
 
-  // What waits in too large a number, if anything: then the server does not read.
+  // What waits in too large a number, if anything, and what would be right.
   [[nodiscard]] std::optional<std::string> put(const wire::PoseMessage& pose);
   [[nodiscard]] std::optional<std::string> put(wire::ClientMessage message);  // of the clock
 

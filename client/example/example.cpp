@@ -13,9 +13,9 @@ int main(int argc, char** argv) try {
   query::Ground ground(client->connection());  // here, where the terrain is built in; otherwise the server is asked
   for (double x = 50; x <= 1000; x += 50) {
     const double height = ground.height(x, 0).value();
-    const camera::Camera camera{.pose = {.x = query::toSteps(x), .y = height + 100}};
+    const camera::Camera camera{.pose = {.x = query::toSteps(x).value(), .y = height + 100}};
     client->await(client->send(camera), std::chrono::seconds(10)).value();
-    const auto held = query::heightOf(client->scene(), {query::toSteps(x), 0}).value_or(query::MeshHeight{});
+    const auto held = query::heightOf(client->scene(), {query::toSteps(x).value(), 0}).value_or(query::MeshHeight{});
     const auto others = client->connection()->others().value_or(connection::Roster{}).others().size();
     std::printf("%4.0f m: ground %.3f m, mesh %.3f m, good to %.3f m; %zu others here\n", x, height, held.height, held.bound, others);
   }

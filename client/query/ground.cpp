@@ -8,9 +8,25 @@
 
 namespace ridgecast::query {
 
-lattice::Step toSteps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre + 0.5)); }
+Outcome<lattice::Step> toSteps(double metres) {
+  const double steps = std::floor(metres * lattice::kStepsPerMetre + 0.5);
+  if (!(std::abs(steps) <= static_cast<double>(lattice::kMaxPosition)))
+    return Error{"a place is a number of metres within 4.398e12 of the origin"};
+  return static_cast<lattice::Step>(steps);
+}
 
 namespace {
+
+// Whether the answers to so many questions, `each` numbers a question, fit exactly.
+Outcome<void> checkRoom(std::size_t questions, const char* name, std::size_t each, std::size_t room) {
+  if (room == each * questions) return {};
+  return Error{std::to_string(questions) + " " + name + " need room for " + std::to_string(each * questions) + " numbers, not for " +
+               std::to_string(room)};
+}
+Outcome<void> checkPlaces(std::size_t x, std::size_t z, std::size_t each, std::size_t room) {
+  if (x == z) return checkRoom(x, "places", each, room);
+  return Error{"a place has one x and one z, but " + std::to_string(x) + " x and " + std::to_string(z) + " z were given"};
+}
 
 std::shared_ptr<const terrain::Terrain> builtInOf(const wire::World& world) {
   auto terrain = terrain::create(world.terrainName, world.seed);
@@ -67,6 +83,7 @@ Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number>
 }
 
 Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) {
+  if (auto fits = checkPlaces(x.size(), z.size(), 1, out.size()); !fits) return fits;
   if (!local_)
     return ask(out.size(), kBatch, out, 1, placesOf(wire::QueryKind::kHeights, x, z),
                [](const wire::Answer& a) -> const std::vector<float>& { return a.heights; });
@@ -76,6 +93,7 @@ Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const 
 
 Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
                               std::uint32_t spacing) {
+  if (auto fits = checkPlaces(x.size(), z.size(), 3, out.size()); !fits) return fits;
   if (!local_)
     return ask(x.size(), kBatch, out, 3, placesOf(wire::QueryKind::kNormals, x, z, spacing),
                [](const wire::Answer& a) -> const std::vector<float>& { return a.normals; });
@@ -84,6 +102,7 @@ Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const 
 }
 
 Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> out) {
+  if (auto fits = checkRoom(rays.size(), "rays", 1, out.size()); !fits) return fits;
   if (local_) {
     for (std::size_t k = 0; k < rays.size(); ++k) out[k] = ground::cast(*local_, rays[k]);
     return {};
@@ -100,9 +119,10 @@ Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> 
 }
 
 Outcome<double> Ground::height(double x, double z) {
-  const lattice::Step atX = toSteps(x), atZ = toSteps(z);
+  const auto atX = toSteps(x), atZ = toSteps(z);
+  if (!atX || !atZ) return (atX ? atZ : atX).error();
   float out = 0;
-  if (const auto known = heights({&atX, 1}, {&atZ, 1}, {&out, 1}); !known) return known.error();
+  if (const auto known = heights({&*atX, 1}, {&*atZ, 1}, {&out, 1}); !known) return known.error();
   return static_cast<double>(out);
 }
 

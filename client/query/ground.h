@@ -23,8 +23,8 @@
 
 namespace ridgecast::query {
 
-// The nearest step; |metres| must be at most 4.398e12.
-lattice::Step toSteps(double metres);
+// The nearest step. Error: no number, or beyond the lattice, which ends 4.398e12 m from the origin.
+Outcome<lattice::Step> toSteps(double metres);
 
 class Ground {
  public:
@@ -38,8 +38,8 @@ class Ground {
 
   Source source() const { return local_ ? Source::kLocal : Source::kServer; }
 
-  // Heights in metres, as the terrain function returns them. x, z and out have the same size. Errors: the server is gone or did not answer
-  // in time; `out` is then undefined.
+  // Heights in metres, as the terrain function returns them. x, z and out have the same size. Errors, here and below: sizes that do not
+  // match; the server is gone or did not answer in time: `out` is then undefined.
   Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out);
   // Unit normals, three numbers each, over `spacing` steps to each side (common/ground/ground.h).
   Outcome<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,

@@ -117,6 +117,7 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
   if (!name) return plain(400, name.error().message);
   const auto session = directory.find(name->empty() ? session::kDefaultName : std::string_view(*name));
   if (!session) return plain(404, "There is no session of that name here; /v1/sessions lists the sessions.");
+  session->use();
   auto places = rays ? readRays(query) : readPlaces(query, normals);
   if (!places) return plain(400, places.error().message);
   return madeBy({.work = [terrain = session->terrain(), places = std::move(*places)](std::stop_token) {

@@ -99,6 +99,7 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
           400, "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
     auto session = directory->find(name);
     if (!session) return refusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
+    session->use();
     auto question = snapshot::parse(request.query(), snapshots->limits());
     if (!question) return refusal(400, question.error().message);
 

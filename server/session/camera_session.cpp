@@ -143,7 +143,7 @@ bool CameraSession::wake() {
   if (scheduled_) return true;
   if (!conversation_.closed() && copies_.empty()) {
     const auto due = conversation_.due(sender_->queuedBytes());
-    if (!due) return true;
+    if (!due) return watchAcknowledgements(), true;
     const Timer& timer = *session_->resources().timer;
     if (*due > timer.now()) {
       if (timerSet_) return true;
@@ -160,6 +160,24 @@ bool CameraSession::wake() {
   }
   scheduled_ = pool_->post([self = shared_from_this()] { self->run(); });
   return scheduled_;
+}
+
+void CameraSession::watchAcknowledgements() {
+  if (watches_ || !conversation_.runs() || conversation_.replica().hasRoom()) return;
+  watches_ = true;
+  const Timer& timer = *session_->resources().timer;
+  timer.at(timer.now() + kAcknowledgeTimeout, [weak = weak_from_this(), last = conversation_.replica().lastSent()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    {
+      const std::lock_guard lock(self->mutex_);
+      self->watches_ = false;
+      const replica::Replica& replica = self->conversation_.replica();
+      if (!self->conversation_.runs() || replica.hasRoom() || replica.lastSent() != last) return self->watchAcknowledgements();
+    }
+    self->refuse({ErrorCode::kLimit, "No iteration was acknowledged for " + std::to_string(kAcknowledgeTimeout.count()) +
+                                         " minutes: no other is sent before; acknowledge each when it was applied."});
+  });
 }
 
 void CameraSession::run() {

@@ -32,6 +32,9 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   bool copy(TakeCopy done);
   static constexpr std::size_t kMaxCopies = 16;
 
+  // A client whose window has been full for so long without an acknowledgement is sent away.
+  static constexpr std::chrono::minutes kAcknowledgeTimeout{5};
+
   std::uint64_t id() const { return id_; }
 
  private:
@@ -46,6 +49,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
     return {};
   }
   bool wake();  // under the lock; false: the pool accepts no more
+  void watchAcknowledgements();
 
   void refuse(wire::ErrorMessage message);
   void run();
@@ -66,7 +70,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   mutable std::mutex mutex_;
   conversation::Conversation conversation_;
   bool scheduled_ = false;  // a task is queued or runs
-  bool timerSet_ = false;
+  bool timerSet_ = false, watches_ = false;
   std::vector<TakeCopy> copies_;  // requested
   // unanswered, or answers not yet sent
   std::shared_ptr<std::atomic<std::size_t>> queries_ = std::make_shared<std::atomic<std::size_t>>(0);

@@ -43,7 +43,7 @@ Outcome<Place> Session::enter() {
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
-  ++entries_;
+  use();
   return Place(nullptr, [members = members_, cameras = cameras_](const void*) {
     --*members;
     --*cameras;
@@ -111,9 +111,9 @@ void Directory::sweep() {
   const auto now = resources_->timer->now();
   for (auto it = sessions_.begin(); it != sessions_.end();) {
     Kept& kept = it->second;
-    const std::uint64_t entries = kept.session->entries();
-    if (kept.session->members() > 0 || kept.entries != entries) kept.idleSince.reset();
-    kept.entries = entries;
+    const std::uint64_t uses = kept.session->uses();
+    if (kept.session->members() > 0 || kept.uses != uses) kept.idleSince.reset();
+    kept.uses = uses;
     if (!kept.idleSince && kept.session->members() == 0) kept.idleSince = now;
     const bool isOver = kept.idleSince && now - *kept.idleSince >= resources_->limits.sessionIdle && it->first != kDefaultName;
     if (!isOver || !kept.session->end()) {

@@ -35,7 +35,7 @@ struct Limits {
   std::uint32_t maxCameras = 256;                  // of all sessions together
   std::uint32_t maxMembers = 64;                   // of one session
   std::uint32_t maxSessions = 64;                  // `default` included
-  std::chrono::milliseconds sessionIdle{300'000};  // a session ends after this time without members
+  std::chrono::milliseconds sessionIdle{300'000};  // a session ends after this time without members, queries and snapshots
   std::uint32_t window = replica::kDefaultWindow;
   std::size_t maxQueuedBytes = 8u << 20;  // no iteration starts while more than this is queued for a client
   std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: unlimited
@@ -97,13 +97,15 @@ class Session {
   Outcome<Place> enter();
   // Ends it if it has no members; then nobody can enter.
   bool end();
-  std::uint64_t entries() const { return entries_; }  // how often members have entered
+  // Somebody without a place uses it: an idle session that is used does not end.
+  void use() { ++uses_; }
+  std::uint64_t uses() const { return uses_; }  // how often it was entered or used
 
  private:
   static constexpr std::uint32_t kEnded = 1u << 31;  // flag in members_, whose count is then 0
   std::string name_;
   WorldSpec spec_;
-  std::atomic<std::uint64_t> entries_{0};
+  std::atomic<std::uint64_t> uses_{0};
   std::shared_ptr<const terrain::Terrain> terrain_;
   std::uint64_t contentHash_;
   std::shared_ptr<const Resources> resources_;
@@ -135,8 +137,8 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::atomic<std::uint64_t> lastCameraId_{0};
   struct Kept {
     std::shared_ptr<Session> session;
-    // It had no members at `idleSince`, and nobody has entered since.
-    std::uint64_t entries = 0;
+    // It had no members at `idleSince`, and nobody has entered or used it since.
+    std::uint64_t uses = 0;
     std::optional<std::chrono::steady_clock::time_point> idleSince;
   };
   void sweepSoon();  // under the lock

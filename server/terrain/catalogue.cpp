@@ -140,6 +140,8 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
 }  // namespace
 
 Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain) {
+  if (request.raster != RasterOptions() && !isRasterName(request.terrain))
+    return Error{"--raster sets options of height maps; terrain \"" + request.terrain.substr(0, 64) + "\" takes --param NAME=NUMBER"};
   if (builtIn(request.terrain) && request.parameters.empty()) return terrain::create(request.terrain, request.seed);
   if (isRasterName(request.terrain)) {
     if (!request.parameters.empty()) return Error{"--param sets parameters of GLSL terrains; a height map takes --raster NAME=VALUE"};

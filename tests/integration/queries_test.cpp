@@ -238,6 +238,30 @@ TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
   EXPECT_GE(small, terrain::builtIn().size());
 }
 
+TEST_F(QueriesTest, PlacesOffTheLatticeAndSpansOfDifferentSizesAreErrors) {
+  for (const char* name : {"alpine", "renamed-alpine"}) {
+    const auto connection = join(name);
+    Ground ground(*connection);
+    for (const double far : {1e13, -1e13, 4.4e12, std::nan(""), std::numeric_limits<double>::infinity()}) {
+      EXPECT_FALSE(ground.height(far, 0)) << far;
+      EXPECT_FALSE(ground.height(0, far)) << far;
+    }
+    ASSERT_TRUE(ground.height(4.398e12, -4.398e12));
+    const std::vector<Step> three(3), two(2);
+    std::vector<float> heights(3), normals(9);
+    EXPECT_TRUE(ground.heights(three, three, heights));
+    EXPECT_FALSE(ground.heights(three, two, heights));
+    EXPECT_FALSE(ground.heights(three, three, std::span(heights).first(2)));
+    EXPECT_FALSE(ground.normals(three, three, heights));
+    EXPECT_FALSE(ground.normals(two, three, normals));
+    const std::vector<ground::Ray> rays(2, {.y = 1e5, .directionY = -1, .reach = 10});
+    std::vector<double> distances(3);
+    const auto cast = ground.cast(rays, distances);
+    ASSERT_FALSE(cast);
+    EXPECT_NE(cast.error().message.find("2 rays"), std::string::npos) << cast.error().message;
+  }
+}
+
 TEST_F(QueriesTest, TooMuchIsRefusedAndTheEndIsTold) {
   auto connection = join("alpine");
   // More than the server lets wait at a time wait here.

@@ -409,6 +409,16 @@ TEST(Connection, LockstepPosesThatNobodyReadsEndIt) {
   over.set_value();
 }
 
+TEST(Connection, StepsThatCannotLeaveEndItInTrueWords) {
+  std::promise<void> over;
+  std::shared_future<void> wait(over.get_future());
+  Greeted g([wait](RawConnection&) { wait.wait(); });
+  for (int n = 0; n < 10'000'000 && !g.connection->error(); ++n) g.connection->step({1, false});
+  expectEndsWith(*g.connection, "256 messages wait to leave; send fewer at a time");
+  EXPECT_EQ(g.connection->error()->message.find("does not read"), std::string::npos) << "the server had no time to";
+  over.set_value();
+}
+
 TEST(Connection, ResendIsCollected) {
   std::promise<std::size_t> asked;
   std::promise<bool> askedForAll;

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "server/http/queries.h"
 #include "server/http/request_filter.h"
 
 namespace ridgecast::http {
@@ -42,6 +43,18 @@ TEST_F(SnapshotRouteTest, TakesItsOwnPathsAlone) {
        {"/", "/v1/sessions", "/v1/sessions/", "/v1/sessions/default", "/v1/sessions/default/", "/v1/sessions/default/snapshot",
         "/v1/sessions/default/snapshot.gltf", "/v1/sessions/a/b/snapshot.glb", "/v1/sessions//../snapshot.glb/"})
     EXPECT_FALSE(ask(other)) << other;
+}
+
+TEST_F(SnapshotRouteTest, SnapshotsAndQueriesCountAsUse) {
+  const auto session = directory->find("default");
+  EXPECT_EQ(session->uses(), 0u);
+  ask(kBox);
+  EXPECT_EQ(session->uses(), 1u);
+  Request request;
+  request.method = "GET";
+  request.target = "/v1/heights?at=1,2";
+  EXPECT_TRUE(queryRoute(directory)(request));
+  EXPECT_EQ(session->uses(), 2u);
 }
 
 TEST_F(SnapshotRouteTest, AGoodQuestionIsWorkWithAnETag) {

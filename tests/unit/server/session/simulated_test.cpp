@@ -164,5 +164,55 @@ TEST(Simulated, SessionsEndWhenTheyWereEmptyForLongEnough) {
   EXPECT_NE(directory->find(kDefaultName), nullptr);
 }
 
+TEST(Simulated, ASessionThatIsUsedWithoutMembersStays) {
+  auto resources = std::make_shared<Resources>();
+  auto owned = std::make_unique<SimulatedTimer>();
+  SimulatedTimer& timer = *owned;
+  resources->timer = std::move(owned);
+  resources->limits.sessionIdle = 1h;
+  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  const auto used = directory->add("used", flatTerrain(7)).value();
+  for (int k = 0; k < 10; ++k) {
+    used->use();
+    timer.advance(30min);
+  }
+  EXPECT_EQ(directory->find("used"), used);
+  timer.advance(2h);
+  EXPECT_EQ(directory->find("used"), nullptr);
+}
+
+TEST(Simulated, WhoNeverAcknowledgesIsToldSo) {
+  scheduling::Executor executor(1);
+  auto resources = std::make_shared<Resources>();
+  auto owned = std::make_unique<SimulatedTimer>();
+  SimulatedTimer& timer = *owned;
+  resources->timer = std::move(owned);
+  resources->executor = &executor;
+  const auto script = std::make_shared<Script>();
+  script->next = [](int n, const camera::Camera&) { return Script::State{{{{0, 1, 2}, n}}, false}; };
+  resources->makeMesh = scriptedMeshes(script);
+  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  const auto session = directory->find(kDefaultName);
+  const auto client = std::make_shared<Client>();
+  const auto camera = std::make_shared<CameraSession>(session, session->enter().value(), 1, client);
+  camera->receive(wire::Hello{});
+  ASSERT_TRUE(client->world());
+  camera->receive(wire::PoseMessage{1, {}});
+  for (std::uint32_t k = 0; k < client->world()->window; ++k) ASSERT_TRUE(client->iteration());
+  ASSERT_TRUE(client->quiet());
+  timer.advance(CameraSession::kAcknowledgeTimeout - 1s);
+  camera->receive(wire::Acknowledge{1, 0});
+  ASSERT_TRUE(client->iteration()) << "there was room again";
+  ASSERT_TRUE(client->quiet());
+  timer.advance(CameraSession::kAcknowledgeTimeout - 1s);
+  EXPECT_TRUE(client->quiet()) << "the time begins with what it waits for now";
+  timer.advance(CameraSession::kAcknowledgeTimeout);
+  const auto error = client->error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, wire::ErrorCode::kLimit);
+  EXPECT_THAT(error->message, HasSubstr("acknowledge"));
+  camera->close();
+}
+
 }  // namespace
 }  // namespace ridgecast::session

@@ -266,6 +266,17 @@ TEST_F(Files, foldersOfferTerrainsByName) {
   EXPECT_THAT(load(request(folder_.path() / "alpine.glsl"), nullptr).error().message, HasSubstr("built-in"));
 }
 
+TEST(Catalogue, RasterOptionsOfOtherTerrainsAreRefused) {
+  Request request;
+  ASSERT_TRUE(addRasterOption("pitch=3", request.raster));
+  for (const char* terrain : {"alpine", "mine.glsl"}) {
+    request.terrain = terrain;
+    const auto loaded = load(request, {});
+    ASSERT_FALSE(loaded) << terrain;
+    EXPECT_THAT(loaded.error().message, HasSubstr("--raster")) << terrain;
+  }
+}
+
 // What the README tells a newcomer to save and run.
 TEST_F(Files, theTutorialRunsAsItStands) {
   const path file = path(RIDGECAST_TERRAINS) / "tutorial" / "dunes.glsl";
