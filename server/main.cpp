@@ -1,5 +1,6 @@
-// ridgecast-server: reads its settings, puts the rooms together, serves until SIGINT or SIGTERM. SIGHUP reads certificate and tokens again,
-// SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready again.
+// ridgecast-server: reads its settings, puts the rooms together, serves until SIGINT or SIGTERM, of which a second one does not wait for
+// clients. SIGHUP reads certificate and tokens again, SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready
+// again.
 // Exit status: 0 after a signal, 1 when something failed while running, 2 when the settings cannot be met.
 
 #include <sys/socket.h>
@@ -106,6 +107,17 @@ void untilEnded(net::Server& server, const sigset_t& signals) {
   }
 }
 
+// From now on SIGINT and SIGTERM end the process at once.
+void letSignalsEndIt() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  for (const int signal : {SIGINT, SIGTERM}) {
+    std::signal(signal, SIG_DFL);
+    sigaddset(&signals, signal);
+  }
+  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+}
+
 int serve(const config::Config& config, const sigset_t& signals) {
   auto terrain = user_terrain::load(config.terrain, warn);  // before any thread begins
   if (!terrain) return refuse(terrain.error().message);
@@ -149,6 +161,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
 
   notify("READY=1\nSTATUS=Serving at " + server->url());
   untilEnded(*server, signals);
+  letSignalsEndIt();
   notify("STOPPING=1\nSTATUS=Waiting for clients to leave");
   server->shutdown();
   if (!config.portFile.empty()) {

@@ -117,6 +117,8 @@ struct Connection::Impl final : WebSocket::Listener {
     const auto now = Clock::now();
     if (auto* iteration = std::get_if<wire::Iteration>(&message)) {
       if (iterations_.size() >= world_.window) return "sent more than the " + std::to_string(world_.window) + " iterations it may";
+      if (waitingBytes_ + size > wire::kMaxServerMessageBytes) return "sent more than 256 MiB of iterations that nobody has taken yet";
+      waitingBytes_ += size;
       iterations_.push_back({.iteration = std::move(*iteration), .bytes = size});
     } else if (auto* come = std::get_if<wire::HeightTiles>(&message)) {
       if (come->tiles.size() > unanswered_ - tiles_.size()) return "sent tiles of heights that were not requested";
@@ -198,6 +200,7 @@ struct Connection::Impl final : WebSocket::Listener {
   wire::World world_;
   wire::Settings granted_;
   std::deque<Received> iterations_;  // at most world_.window
+  std::uint64_t waitingBytes_ = 0;   // of their frames, at most one of the largest
   std::size_t unanswered_ = 0;       // tiles that are requested and not taken, including those that came
   std::vector<wire::HeightTile> tiles_;
   Roster roster_;
@@ -258,6 +261,7 @@ std::optional<Received> Connection::receive(milliseconds timeout) {
   if (impl_->iterations_.empty()) return std::nullopt;
   Received received = std::move(impl_->iterations_.front());
   impl_->iterations_.pop_front();
+  impl_->waitingBytes_ -= received.bytes;
   return received;
 }
 

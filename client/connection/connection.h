@@ -80,8 +80,8 @@ class Connection {
   std::vector<wire::HeightTile> takeTiles();
 
   // The next iteration, in order; nothing when none arrived within `timeout` (0: do not wait) or when the connection has ended and
-  // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations; a server that
-  // sends more is disconnected.
+  // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations and 256 MiB; a
+  // server that sends more is disconnected.
   std::optional<Received> receive(std::chrono::milliseconds timeout);
   // With hello.members: the other members, as last heard. `version` grows with everything that is heard; while it is `seen`, nothing is
   // copied and nothing returned.

@@ -55,6 +55,7 @@ void ReconnectingConnection::noteLoss() {
       target_.host = other->host;
       target_.port = other->port;
       target_.secure = other->secure;
+      if (other->host != url_.host) target_.token.clear();  // given for the server that the user named
     }
   }
   pause();

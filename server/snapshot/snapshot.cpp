@@ -206,7 +206,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   extras["session"] = session.name();
   extras["terrain"] = terrain.name();
   extras["seed"] = terrain.seed();
-  extras["parameters"] = parametersOf(terrain);
+  if (session.resources().limits.sendsTerrain) extras["parameters"] = parametersOf(terrain);  // they stand in its text
   extras["contentHash"] = text::hexadecimal(session.contentHash());
   extras["leaves"] = document.leaves.size();
   extras["triangles"] = triangles;

@@ -157,7 +157,7 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Co
   source->text = std::move(*text);
   auto library = built(*source, request);
   if (!library) return library.error();
-  if (auto fine = probe(source->file, (*library)->heights(), request.seed); !fine) return fine.error();
+  if (auto fine = probe(source->file, (*library)->heights(), (*library)->colours(), request.seed); !fine) return fine.error();
   return std::shared_ptr<const terrain::Terrain>(
       std::make_shared<Compiled>(std::move(*source), request.seed, std::move(*library), std::move(complain)));
 }

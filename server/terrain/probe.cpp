@@ -28,12 +28,19 @@ constexpr std::size_t kBatch = 256, kBatches = 16;                              
 struct Report {
   lattice::Step x, z;  // the current place, finally that of the fault
   float height;
-  bool faulty, done;
+  bool colours, faulty, done;  // colours: those were tried last, not heights
 };
 
-void tryAll(terrain::HeightsFunction heights, std::uint32_t seed, volatile Report& report) {
+struct Program {
+  terrain::HeightsFunction heights;
+  terrain::ColoursFunction colours;  // may be null
+};
+
+void tryAll(const Program& program, std::uint32_t seed, volatile Report& report) {
   std::array<lattice::Step, kBatch> x, z;
   std::array<float, kBatch> out;
+  std::array<float, 3 * kBatch> normals{}, colours;
+  for (std::size_t i = 0; i < kBatch; ++i) normals[3 * i + 1] = 1;
   std::uint64_t random = 1;
   const auto next = [&] { return random = lattice::mix(random + 0x9e3779b97f4a7c15u); };
   for (std::size_t round = 0; round < kBatches; ++round) {
@@ -48,7 +55,8 @@ void tryAll(terrain::HeightsFunction heights, std::uint32_t seed, volatile Repor
       }
       report.x = x[0];
       report.z = z[0];
-      heights(x.data(), z.data(), out.data(), kBatch, seed);
+      report.colours = false;
+      program.heights(x.data(), z.data(), out.data(), kBatch, seed);
       for (std::size_t i = 0; i < kBatch; ++i) {
         if (faultOf(out[i]).empty()) continue;
         report.x = x[i];
@@ -57,6 +65,9 @@ void tryAll(terrain::HeightsFunction heights, std::uint32_t seed, volatile Repor
         report.faulty = true;
         return;
       }
+      if (!program.colours) continue;
+      report.colours = true;
+      program.colours(x.data(), z.data(), out.data(), normals.data(), 0, colours.data(), kBatch, seed);
     }
   }
   report.done = true;
@@ -77,7 +88,7 @@ std::uint64_t addressSpace() {
 constexpr rlim_t kStack = 1 << 20;
 constexpr std::uint64_t kRoom = 16 << 20;  // bytes in addition to the server's
 
-[[noreturn]] void child(terrain::HeightsFunction heights, std::uint32_t seed, volatile Report& report, long seconds, std::uint64_t memory) {
+[[noreturn]] void child(const Program& program, std::uint32_t seed, volatile Report& report, long seconds, std::uint64_t memory) {
   close_range(3, ~0u, 0);  // the server's sockets, see child.cpp
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   const rlimit stack{kStack, kStack}, space{memory, memory};
@@ -88,7 +99,7 @@ constexpr std::uint64_t kRoom = 16 << 20;  // bytes in addition to the server's
   setrlimit(RLIMIT_CORE, &none);
   setrlimit(RLIMIT_FSIZE, &none);
   for (const int signal : {SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT, SIGXCPU}) std::signal(signal, SIG_DFL);
-  tryAll(heights, seed, report);
+  tryAll(program, seed, report);
   _exit(0);
 }
 
@@ -107,7 +118,8 @@ std::string placeText(lattice::Step x, lattice::Step z) {
   return "x " + metres(x) + " m, z " + metres(z) + " m";
 }
 
-Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std::uint32_t seed, std::chrono::milliseconds time) {
+Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, terrain::ColoursFunction colours, std::uint32_t seed,
+                    std::chrono::milliseconds time) {
   void* shared = mmap(nullptr, sizeof(Report), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (shared == MAP_FAILED) return Error{"no memory to try the terrain with"};
   struct Unmap {
@@ -118,7 +130,7 @@ Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std
   const std::uint64_t used = addressSpace();
   const pid_t pid = fork();
   if (pid < 0) return Error{std::string("no process to try the terrain in: ") + std::strerror(errno)};
-  if (pid == 0) child(heights, seed, report, static_cast<long>(time.count() / 1000 + 1), used ? used + kRoom : 0);
+  if (pid == 0) child({heights, colours}, seed, report, static_cast<long>(time.count() / 1000 + 1), used ? used + kRoom : 0);
   const auto until = std::chrono::steady_clock::now() + time;
   int status = 0;
   bool timedOut = false;
@@ -129,14 +141,16 @@ Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
+  const std::string function = report.colours ? "terrainColor" : "terrainHeight";
   const std::string where = placeText(report.x, report.z);
   if (timedOut || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
-    return Error{std::string(file) + ": heights take too long: not done after " + std::to_string(time.count() / 1000) + " s, the last at " +
-                 where};
+    return Error{std::string(file) + ": " + (report.colours ? "colours" : "heights") + " take too long: not done after " +
+                 std::to_string(time.count() / 1000) + " s, the last at " + where};
   if (WIFSIGNALED(status) && WTERMSIG(status) == SIGSEGV)
-    return Error{std::string(file) + ": terrainHeight crashes, most likely because its variables need more than the 1 MiB there is, near " +
-                 where};
-  if (WIFSIGNALED(status)) return Error{std::string(file) + ": terrainHeight crashes (" + strsignal(WTERMSIG(status)) + ") near " + where};
+    return Error{std::string(file) + ": " + function +
+                 " crashes, most likely because its variables need more than the 1 MiB there is, near " + where};
+  if (WIFSIGNALED(status))
+    return Error{std::string(file) + ": " + function + " crashes (" + strsignal(WTERMSIG(status)) + ") near " + where};
   if (report.faulty) {
     const std::string height = std::isfinite(report.height) ? ", " + text::rounded(static_cast<double>(report.height), 6) + " m," : "";
     return Error{std::string(file) + ": the height at " + where + height + " " + std::string(faultOf(report.height))};

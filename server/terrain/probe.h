@@ -1,6 +1,6 @@
 #pragma once
 // Tries a compiled terrain before the server relies on it: in a child process under limits of time and memory (RLIMIT_AS, RLIMIT_STACK), at
-// points near the origin and out to the lattice's end.
+// points near the origin and out to the lattice's end: heights, and colours as a snapshot will compute them.
 
 #include <chrono>
 #include <cstdint>
@@ -18,8 +18,8 @@ std::string_view faultOf(float height);
 // "x 1234.5 m, z -17 m"
 std::string placeText(lattice::Step x, lattice::Step z);
 
-// Forks: call it before other threads start. Error: the first fault with its position, a crash, or more than `time`.
-Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, std::uint32_t seed,
+// Forks: call it before other threads start. `colours` may be null. Error: the first fault with its position, a crash, or more than `time`.
+Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, terrain::ColoursFunction colours, std::uint32_t seed,
                     std::chrono::milliseconds time = std::chrono::seconds(20));
 
 }  // namespace ridgecast::user_terrain

@@ -96,6 +96,12 @@ class Balance : public testing::Test {
       std::this_thread::sleep_for(30ms);
     }
   }
+  // Of a server's default session.
+  int members(std::size_t server) const {
+    const std::string list = get(servers[server]->port(), "/v1/sessions");
+    const auto at = list.find("\"members\":", list.find("\"default\""));
+    return at == std::string::npos ? -1 : std::stoi(list.substr(at + 10));
+  }
   // Six clients in three sessions, flying.
   void depart() {
     for (int k = 0; k < 6; ++k) clients.push_back(std::make_unique<Traveller>(url("world-" + std::to_string(k % 3)), coarse()));
@@ -174,13 +180,27 @@ TEST_F(Balance, SessionsStayOnTheirServer) {
   }
   SocketClient nameless(port), named(port);
   ASSERT_TRUE(nameless.upgrade("/v1/stream") && named.upgrade("/v1/stream?session=default"));
-  const auto members = [&](std::size_t server) {
-    const std::string list = get(servers[server]->port(), "/v1/sessions");
-    const auto at = list.find("\"members\":", list.find("\"default\""));
-    return at == std::string::npos ? -1 : std::stoi(list.substr(at + 10));
-  };
   EXPECT_TRUE(await([&] { return members(0) + members(1) == 2; })) << "they enter a moment after the upgrade";
   EXPECT_NE(members(0), 1) << "one is elsewhere";
+}
+
+TEST_F(Balance, ANameIsTheSameHoweverItIsWritten) {
+  std::vector<std::unique_ptr<SocketClient>> held;
+  for (const char* name : {"race", "%72ace", "r%61ce", "%72%61%63%65", "track", "%74rack"}) {
+    held.push_back(std::make_unique<SocketClient>(port));
+    ASSERT_TRUE(held.back()->upgrade("/v1/stream?terrain=alpine&seed=1&session=" + std::string(name))) << held.back()->refusal();
+  }
+  for (const char* name : {"", "&session=", "&session=default", "&session=%64efault"}) {
+    held.push_back(std::make_unique<SocketClient>(port));
+    ASSERT_TRUE(held.back()->upgrade("/v1/stream?x=1" + std::string(name))) << held.back()->refusal();
+  }
+  for (const char* name : {"\"race\"", "\"track\""}) {
+    int servers_ = 0;
+    for (auto& server : servers) servers_ += get(server->port(), "/v1/sessions").find(name) != std::string::npos;
+    EXPECT_EQ(servers_, 1) << name;
+  }
+  EXPECT_TRUE(await([&] { return members(0) + members(1) == 4; }));
+  EXPECT_THAT(members(0), testing::AnyOf(0, 4));
 }
 
 // HAProxy adds a line of its own after the client's.

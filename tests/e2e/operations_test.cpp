@@ -279,6 +279,20 @@ TEST(Operations, QueuesAreCountedAndSnapshotsInTheMakingAreFinished) {
   EXPECT_EQ(server.process().wait(kTimeout), 0);
 }
 
+TEST(Operations, ASecondSignalDuringTheDrainEndsAtOnce) {
+  for (const int second : {SIGTERM, SIGINT}) {
+    ServerProcess server(RIDGECAST_SERVER, {"--drain", "600", "--max-snapshot-seconds", "600", "--log-level", "info"});
+    SocketClient first(server.port()), next(server.port());
+    for (SocketClient* asker : {&first, &next}) asker->send(snapshotOf("x0=-4000&z0=-4000&x1=4000&z1=4000&error=0.05"));
+    ASSERT_TRUE(await([&] { return scrape(server.port())["ridgecast_queue_depth{queue=\"snapshots\"}"] == 1; }));
+    server.process().signal(SIGTERM);
+    ASSERT_TRUE(await([&] { return server.process().output().find("shutting down") != std::string::npos; })) << server.process().output();
+    server.process().signal(second);
+    EXPECT_TRUE(await([&] { return !server.process().running(); })) << "a second signal was not heard";
+    if (server.process().running()) server.process().signal(SIGKILL);
+  }
+}
+
 TEST(Operations, ASnapshotThatTakesTooLongDoesNotHoldTheEnd) {
   ServerProcess server(RIDGECAST_SERVER, {"--drain", "1"});
   SocketClient asker(server.port());

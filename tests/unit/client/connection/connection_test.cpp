@@ -9,6 +9,7 @@
 #include <stop_token>
 #include <thread>
 
+#include "client/connection/reconnecting.h"
 #include "common/wire/wire.h"
 #include "tests/support/waiting.h"
 #include "tests/unit/client/connection/raw_server.h"
@@ -344,6 +345,52 @@ TEST(Connection, ServerThatSendsMoreThanTheWindow) {
   EXPECT_TRUE(testing_support::await([&] { return g.connection->error().has_value(); }));
   for (std::uint64_t n = 1; n <= 3; ++n) EXPECT_EQ(g.connection->receive(0ms)->iteration.number, n);
   expectEndsWith(*g.connection, "more than the 3 iterations");
+}
+
+TEST(Connection, ServerThatSendsMoreBytesThanWaitingIterationsMayHave) {
+  wire::Iteration large;
+  large.whole = {{.vertices = 3 << 20, .triangles = 1 << 20, .payload = std::vector<std::uint8_t>(24 << 20)}};
+  Greeted g(
+      [&](RawConnection& peer) {
+        for (large.number = 1; large.number <= 12; ++large.number) peer.sendFrame(wire::encode(wire::ServerMessage(large)));
+        peer.drain();
+      },
+      64);
+  EXPECT_TRUE(testing_support::await([&] { return g.connection->error().has_value(); })) << "12 of 24 MiB wait, and any number may";
+  int taken = 0;
+  while (g.connection->receive(0ms)) ++taken;
+  EXPECT_EQ(taken, 10);
+  expectEndsWith(*g.connection, "256 MiB of iterations");
+}
+
+// A host that another one names gets no token, unless it is the one that the token was given for.
+TEST(Connection, ATokenStaysWithItsHost) {
+  for (const std::string host : {"localhost", "127.0.0.1"}) {
+    std::promise<std::string> second;
+    RawServer other([&](RawConnection& peer) {
+      second.set_value(peer.readHead());
+      peer.drain();
+    });
+    RawServer first([&](RawConnection& peer) {
+      peer.upgrade();
+      peer.readFrame();
+      peer.sendFrame(worldBytes());
+      peer.sendFrame(
+          wire::encode(wire::ServerMessage(wire::ErrorMessage{wire::ErrorCode::kGoingAway, "I go.", "ws://" + host + ":" + other.port()})));
+      peer.drain();
+    });
+    Url url = at(first.port());
+    url.token = "secret";
+    auto client = ReconnectingConnection::open(url, {}, [] { return std::vector<wire::Resume>(); }, {.timeout = kTimeout});
+    ASSERT_TRUE(client) << client.error().message;
+    auto head = second.get_future();
+    EXPECT_TRUE(testing_support::await([&] {
+      (void)(*client)->receive(1ms);
+      return head.wait_for(0ms) == std::future_status::ready;
+    }));
+    EXPECT_EQ(head.get().find("secret") == std::string::npos, host == "localhost") << host;
+    client->reset();
+  }
 }
 
 TEST(Connection, ServerThatGoesAway) {

@@ -58,6 +58,17 @@ TEST_F(TakeTest, APoseIsAWholeSoundMeshWithItsMetadata) {
   EXPECT_EQ(take(kPose)->glb, made->glb);
 }
 
+TEST_F(TakeTest, AnOwnTerrainsParametersStayPrivate) {
+  auto resources = std::make_shared<session::Resources>();
+  resources->executor = &executor;
+  resources->limits.sendsTerrain = false;
+  directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+  session = directory->find("default");
+  const auto made = take("x0=0&z0=0&x1=8&z1=8&error=5", true);
+  ASSERT_TRUE(made) << made.error().message;
+  EXPECT_FALSE(nlohmann::json::parse(made->metadata).contains("parameters")) << made->metadata;
+}
+
 TEST_F(TakeTest, CompressedFilesHoldTheSameMeshInAQuarterOfTheBytes) {
   const std::string box = "x0=-100&z0=0&x1=200&z1=250&error=0.5";
   const auto plain = take(box), draco = take(box + "&compression=draco");
