@@ -15,6 +15,7 @@
 #include <exception>
 #include <fstream>
 #include <iostream>
+#include <stop_token>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -138,7 +139,8 @@ int serve(const config::Config& config, const sigset_t& signals) {
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
   resources->limits = config.limits;
   if (config.limits.maxSessions > 1)
-    resources->makeTerrain = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec) {
+    resources->makeTerrain = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec,
+                                                                                               const std::stop_token& stop) {
       user_terrain::Request made = request;
       if (spec.terrain != own) {
         made.terrain = spec.terrain;  // a name: paths are refused before
@@ -146,7 +148,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
       }
       made.seed = spec.seed;
       made.parameters = spec.parameters;
-      return user_terrain::load(made, warn);
+      return user_terrain::load(made, warn, stop);
     };
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
   routes.insert(routes.begin(), http::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &executor)));

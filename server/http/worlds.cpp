@@ -80,10 +80,12 @@ Answer join(std::shared_ptr<session::Session> session, const Wish& wish) {
                      ") and does not change while it lives; leave the terrain out to join it, or choose another name.");
 }
 
-Answer make(const std::string& name, const Wish& wish, session::Directory& directory) {
+// The answer to a client that has left is not read: then nothing is made.
+Answer make(const std::string& name, const Wish& wish, session::Directory& directory, const std::stop_token& stop) {
   const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters};
-  auto terrain = directory.resources().makeTerrain(spec);
+  auto terrain = directory.resources().makeTerrain(spec, stop);
   if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
+  if (stop.stop_requested()) return refused(503, metrics::Refusal::kSession, "Session '" + name + "' was not created: its client left.");
   const auto added = directory.add(name, std::move(*terrain), spec.parameters);
   if (added) return upgrade(*added);
   // Another request may have been faster.
@@ -122,9 +124,9 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
   const auto builtIn = terrain::builtIn();
   const bool atOnce =
       wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
-  if (atOnce) return make(wanted, *wish, directory);
+  if (atOnce) return make(wanted, *wish, directory, {});
   return madeBy({.makesWorld = true,
-                 .work = [wanted, wish = *wish, &directory](std::stop_token) { return make(wanted, wish, directory); },
+                 .work = [wanted, wish = *wish, &directory](std::stop_token stop) { return make(wanted, wish, directory, stop); },
                  .progress = [] { return "preparing the terrain"; }});
 }
 

@@ -14,6 +14,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -55,8 +56,9 @@ struct WorldSpec {
   std::vector<std::pair<std::string, double>> parameters;  // those that differ from the terrain's defaults; ascending by name
   friend bool operator==(const WorldSpec&, const WorldSpec&) = default;
 };
-// May take seconds if a terrain must be compiled. Any thread. Error: one sentence for the user.
-using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&)>;
+// May take seconds if a terrain must be compiled; a requested stop ends that within milliseconds. Any thread. Error: one sentence for the
+// user, or a stop.
+using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&, const std::stop_token& stop)>;
 
 inline constexpr std::string_view kDefaultName = "default";
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;

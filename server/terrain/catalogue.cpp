@@ -108,7 +108,7 @@ Outcome<Source> find(const Request& request) {
   return Source{file.stem().string(), file.string(), std::move(*text)};
 }
 
-Outcome<std::shared_ptr<const Library>> built(const Source& source, const Request& request) {
+Outcome<std::shared_ptr<const Library>> built(const Source& source, const Request& request, const std::stop_token& stop) {
   const std::string variant = request.variant.empty() ? std::string(terrain::variants().back().name) : request.variant;
   auto cache = Cache::open(request.cache);
   std::optional<Scratch> once;  // without a cache folder, compile every time; a loaded library survives the removal of its file
@@ -124,22 +124,22 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
     const std::filesystem::path file = cache->fileFor(source.text, variant, colours);
     if (cache->has(file))
       if (auto library = Library::open(file)) return *library;
-    auto checked = checkGlsl(source.file, source.text);
+    auto checked = checkGlsl(source.file, source.text, stop);
     if (!checked) return checked.error();
     auto translated = translate(source.file, checked->tokens, checked->items, colours);
     if (!translated) return translated.error();
-    if (auto compiled = compile(source.file, *translated, variant, file); !compiled) return compiled.error();
+    if (auto compiled = compile(source.file, *translated, variant, file, stop); !compiled) return compiled.error();
     auto library = Library::open(file);
     cache->trim();
     return library;
   };
   auto coloured = make(true);
-  return coloured || request.colours ? std::move(coloured) : make(false);
+  return coloured || request.colours || stop.stop_requested() ? std::move(coloured) : make(false);
 }
 
 }  // namespace
 
-Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain) {
+Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain, const std::stop_token& stop) {
   if (request.raster != RasterOptions() && !isRasterName(request.terrain))
     return Error{"--raster sets options of height maps; terrain \"" + request.terrain.substr(0, 64) + "\" takes --param NAME=NUMBER"};
   if (builtIn(request.terrain) && request.parameters.empty()) return terrain::create(request.terrain, request.seed);
@@ -155,9 +155,9 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Co
   auto text = withParameters(source->file, source->text, *declaration, request.parameters);
   if (!text) return text.error();
   source->text = std::move(*text);
-  auto library = built(*source, request);
+  auto library = built(*source, request, stop);
   if (!library) return library.error();
-  if (auto fine = probe(source->file, (*library)->heights(), (*library)->colours(), request.seed); !fine) return fine.error();
+  if (auto fine = probe(source->file, (*library)->heights(), (*library)->colours(), request.seed, stop); !fine) return fine.error();
   return std::shared_ptr<const terrain::Terrain>(
       std::make_shared<Compiled>(std::move(*source), request.seed, std::move(*library), std::move(complain)));
 }

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -33,8 +34,9 @@ struct Request {
 // Called once a terrain, with one sentence, if a height turns out to be bad; on the thread that computed it.
 using Complain = std::function<void(const std::string&)>;
 
-// Forks: call it before other threads start. Error: one sentence for the user, with file and line if there is one.
-Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain);
+// Forks: call it before other threads start. `stop` ends its child processes within milliseconds. Error: one sentence for the
+// user, with file and line if there is one, or a stop.
+Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain, const std::stop_token& stop = {});
 
 struct Entry {
   std::string name, summary;

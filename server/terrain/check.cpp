@@ -84,11 +84,11 @@ std::string assembled(const Assembled& how, std::string_view text) {
 
 // Runs the front end over a text and returns its output.
 Outcome<ChildEnd> glslang(const Scratch& scratch, const std::filesystem::path& program, std::vector<std::string> arguments,
-                          const std::string& text) {
+                          const std::string& text, const std::stop_token& stop) {
   const std::filesystem::path file = scratch.path() / "terrain.frag";
   std::ofstream(file, std::ios::binary) << text;
   arguments.push_back(file.string());
-  auto end = runChild(program, arguments, {.time = std::chrono::seconds(20)});
+  auto end = runChild(program, arguments, {.time = std::chrono::seconds(20)}, stop);
   if (end && (end->timedOut || end->status < 0)) return Error{"the GLSL front end needed too much time or memory; make the file smaller"};
   return end;
 }
@@ -167,7 +167,7 @@ Outcome<void> checkText(std::string_view file, std::string_view text) {
   return {};
 }
 
-Outcome<Checked> checkGlsl(std::string_view file, std::string_view text) {
+Outcome<Checked> checkGlsl(std::string_view file, std::string_view text, const std::stop_token& stop) {
   const auto program = findProgram("glslangValidator");
   if (!program)
     return Error{"glslangValidator, which checks terrain files, is not installed; on Debian: apt-get install glslang-tools g++"};
@@ -175,11 +175,11 @@ Outcome<Checked> checkGlsl(std::string_view file, std::string_view text) {
   if (!scratch) return scratch.error();
   constexpr std::string_view kDesktop = "#version 330 core\n", kEs = "#version 300 es\nprecision highp float;\nprecision highp int;\n";
 
-  auto end = glslang(*scratch, *program, {}, assembled({kDesktop}, text));
+  auto end = glslang(*scratch, *program, {}, assembled({kDesktop}, text), stop);
   if (!end) return end.error();
   if (end->status != 0) return complaint(file, end->output, "");
 
-  end = glslang(*scratch, *program, {"-E"}, std::string(kDesktop) + "#line 1 1\n" + std::string(text) + "\n");
+  end = glslang(*scratch, *program, {"-E"}, std::string(kDesktop) + "#line 1 1\n" + std::string(text) + "\n", stop);
   if (!end) return end.error();
   const std::size_t marker = end->output.find("#line 1 1\n");
   // The child's output is cut at its limit. Longer output comes from macros.
@@ -199,7 +199,7 @@ Outcome<Checked> checkGlsl(std::string_view file, std::string_view text) {
 
   for (const auto& [version, dialect] :
        {std::pair(kDesktop, std::string_view()), std::pair(kEs, std::string_view("GLSL ES 3.00, which browsers speak"))}) {
-    end = glslang(*scratch, *program, {"-l"}, assembled({version, true}, text));
+    end = glslang(*scratch, *program, {"-l"}, assembled({version, true}, text), stop);
     if (!end) return end.error();
     if (end->status == 0) continue;
     if (const auto recursion = end->output.find("Recursion detected:"); recursion != std::string::npos) {

@@ -3,6 +3,7 @@
 // functions with their signatures. Every error is one sentence that begins with "`file`:line: " if there is a line.
 
 #include <cstddef>
+#include <stop_token>
 #include <string_view>
 #include <vector>
 
@@ -21,8 +22,8 @@ struct Checked {
   std::vector<TopLevel> items;
 };
 
-// The GLSL front end's verdict as GLSL 3.30 and as GLSL ES 3.00, then the signatures. Runs glslangValidator in a child process; it is an
-// error if that is not installed.
-Outcome<Checked> checkGlsl(std::string_view file, std::string_view text);
+// The GLSL front end's verdict as GLSL 3.30 and as GLSL ES 3.00, then the signatures. Runs glslangValidator in a child process, which
+// `stop` ends; it is an error if that is not installed.
+Outcome<Checked> checkGlsl(std::string_view file, std::string_view text, const std::stop_token& stop = {});
 
 }  // namespace ridgecast::user_terrain

@@ -53,14 +53,13 @@ std::vector<char*> pointersTo(std::vector<std::string>& words) {
   _exit(127);
 }
 
-// Until the end of the output; false where time is up first.
-bool readAll(int from, Clock::time_point until, std::string& output) {
+// Until the end of the output; false where time is up or a stop is requested first.
+bool readAll(int from, Clock::time_point until, const std::stop_token& stop, std::string& output) {
   char buffer[4096];
   for (;;) {
-    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()).count();
-    if (left <= 0) return false;
+    if (stop.stop_requested() || Clock::now() >= until) return false;
     pollfd wait{from, POLLIN, 0};
-    if (poll(&wait, 1, static_cast<int>(left)) <= 0) continue;
+    if (poll(&wait, 1, static_cast<int>(kLook.count())) <= 0) continue;
     const ssize_t n = read(from, buffer, sizeof buffer);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return true;
@@ -82,7 +81,10 @@ std::optional<std::filesystem::path> findProgram(const std::string& name) {
   return std::nullopt;
 }
 
-Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vector<std::string>& arguments, const ChildLimits& limits) {
+Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vector<std::string>& arguments, const ChildLimits& limits,
+                           std::stop_token stop) {
+  const auto stopped = [&] { return Error{program.string() + " was stopped: nobody waits for it any more"}; };
+  if (stop.stop_requested()) return stopped();
   const auto cannot = [&] { return Error{"cannot start " + program.string() + ": " + std::strerror(errno)}; };
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return cannot();
@@ -105,20 +107,21 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
 
   ChildEnd out;
   const auto until = Clock::now() + limits.time;
-  out.timedOut = !readAll(ends[0], until, out.output);
+  bool isOver = !readAll(ends[0], until, stop, out.output);
   close(ends[0]);
   // The output may end before the child does. Wait without reaping, so that nobody else gets its group's number.
   for (;;) {
-    out.timedOut |= Clock::now() >= until;
-    if (out.timedOut) kill(-child, SIGKILL);
+    isOver = isOver || stop.stop_requested() || Clock::now() >= until;
+    if (isOver) kill(-child, SIGKILL);
     siginfo_t ended{};
-    if (waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOWAIT | (out.timedOut ? 0 : WNOHANG)) == 0 && ended.si_pid == child)
-      break;
+    if (waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOWAIT | (isOver ? 0 : WNOHANG)) == 0 && ended.si_pid == child) break;
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   }
   kill(-child, SIGKILL);  // anything it has left behind
   int status = 0;
   waitpid(child, &status, 0);
+  if (stop.stop_requested()) return stopped();
+  out.timedOut = isOver;
   if (WIFEXITED(status)) out.status = WEXITSTATUS(status);
   if (out.status == 127 && out.output.empty()) return Error{"cannot start " + program.string()};
   return out;

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,8 @@
 namespace ridgecast::user_terrain {
 
 inline constexpr std::size_t kMostOutput = 1 << 20;  // bytes of output that are kept
+
+inline constexpr std::chrono::milliseconds kLook{20};  // between two looks at a stop token
 
 struct ChildLimits {
   std::chrono::milliseconds time{60'000};            // wall time; then it and its children are killed
@@ -30,7 +33,9 @@ struct ChildEnd {
 // The path of the program with this name, by PATH.
 std::optional<std::filesystem::path> findProgram(const std::string& name);
 
-// Runs it without input, with the C locale. Error: it could not be started.
-Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vector<std::string>& arguments, const ChildLimits& limits = {});
+// Runs it without input, with the C locale. A requested stop kills it and its children within kLook. Error: it could not be started, or
+// was stopped.
+Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vector<std::string>& arguments, const ChildLimits& limits = {},
+                           std::stop_token stop = {});
 
 }  // namespace ridgecast::user_terrain

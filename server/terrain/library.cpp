@@ -166,8 +166,8 @@ void Cache::trim() const {
   for (std::size_t k = 0; k < kept.size() - kMostKept; ++k) std::filesystem::remove(kept[k].second, failed);
 }
 
-Outcome<void> compile(std::string_view file, const Translation& translation, std::string_view variant,
-                      const std::filesystem::path& target) {
+Outcome<void> compile(std::string_view file, const Translation& translation, std::string_view variant, const std::filesystem::path& target,
+                      const std::stop_token& stop) {
   auto program = findProgram("g++");
   if (!program) program = findProgram("c++");
   if (!program) return Error{"a terrain file is compiled by g++, which is not installed; on Debian: apt-get install g++ glslang-tools"};
@@ -180,7 +180,7 @@ Outcome<void> compile(std::string_view file, const Translation& translation, std
   std::vector<std::string> arguments = kCommonFlags;
   for (std::string& flag : variantFlags(variant)) arguments.push_back(std::move(flag));
   arguments.insert(arguments.end(), {"-o", made.string(), source.string()});
-  auto end = runChild(*program, arguments, {.time = std::chrono::seconds(60)});
+  auto end = runChild(*program, arguments, {.time = std::chrono::seconds(60)}, stop);
   std::error_code failed;
   if (!end || end->timedOut || end->status != 0) {
     std::filesystem::remove(made, failed);

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <memory>
+#include <stop_token>
 #include <string_view>
 
 #include "common/outcome/outcome.h"
@@ -49,7 +50,8 @@ class Cache {
 };
 
 // Compiles for an instruction set ("baseline", "avx2", "avx512") into `target`, completely or not at all. `file` is for messages. Error: no
-// compiler (says what to install), or code that it rejects, with the file's line.
-Outcome<void> compile(std::string_view file, const Translation& translation, std::string_view variant, const std::filesystem::path& target);
+// compiler (says what to install), code that it rejects, with the file's line, or a stop, which ends the compiler.
+Outcome<void> compile(std::string_view file, const Translation& translation, std::string_view variant, const std::filesystem::path& target,
+                      const std::stop_token& stop = {});
 
 }  // namespace ridgecast::user_terrain

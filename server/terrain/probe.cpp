@@ -119,7 +119,7 @@ std::string placeText(lattice::Step x, lattice::Step z) {
 }
 
 Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, terrain::ColoursFunction colours, std::uint32_t seed,
-                    std::chrono::milliseconds time) {
+                    const std::stop_token& stop, std::chrono::milliseconds time) {
   void* shared = mmap(nullptr, sizeof(Report), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (shared == MAP_FAILED) return Error{"no memory to try the terrain with"};
   struct Unmap {
@@ -135,12 +135,13 @@ Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, ter
   int status = 0;
   bool timedOut = false;
   while (waitpid(pid, &status, WNOHANG) == 0) {
-    if (!timedOut && std::chrono::steady_clock::now() >= until) {
+    if (!timedOut && (stop.stop_requested() || std::chrono::steady_clock::now() >= until)) {
       timedOut = true;
       kill(pid, SIGKILL);
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
+  if (stop.stop_requested()) return Error{std::string(file) + ": stopped while its heights were tried"};
   const std::string function = report.colours ? "terrainColor" : "terrainHeight";
   const std::string where = placeText(report.x, report.z);
   if (timedOut || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))

@@ -3,7 +3,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -13,6 +19,7 @@
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -99,6 +106,62 @@ TEST_F(Worlds, ImpossibleParametersAreRefusedInOneSentence) {
   }
   EXPECT_THAT(get("/v1/sessions"), testing::Not(HasSubstr("odd")));
   EXPECT_TRUE(server_.healthy());
+}
+
+// A compiler that never ends stands first in PATH and notes the id of its process each time it starts.
+class SlowCompiler {
+ public:
+  SlowCompiler() {
+    const std::filesystem::path program = folder_ / "g++";
+    std::ofstream(program) << "#!/bin/sh\necho $$ >> " << notes().string() << "\nexec sleep 600\n";
+    std::filesystem::permissions(program, std::filesystem::perms::owner_all);
+    setenv("PATH", (program.parent_path().string() + ":" + before_).c_str(), 1);
+  }
+  ~SlowCompiler() { setenv("PATH", before_.c_str(), 1); }
+  std::vector<pid_t> started() const {
+    std::ifstream in(notes());
+    return {std::istream_iterator<pid_t>(in), {}};
+  }
+  bool runs() const {
+    return std::ranges::any_of(started(), [](pid_t id) { return kill(id, 0) == 0; });
+  }
+
+ private:
+  std::filesystem::path notes() const { return folder_ / "started"; }
+  ScratchFolder folder_;
+  std::string before_ = std::getenv("PATH");
+};
+
+constexpr char kCompiledWorld[] =
+    "GET /v1/stream?session=left&terrain=canyon&param=riverLevel=550 HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\n"
+    "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n";
+
+TEST(WorldsLeft, HangingUpStopsTheCompilerAndMakesNoSession) {
+  const SlowCompiler compiler;
+  ScratchFolder folder;
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain-cache", (folder / "cache").string()});
+  auto client = std::make_unique<SocketClient>(server.port());
+  client->send(kCompiledWorld);
+  ASSERT_TRUE(await([&] { return compiler.runs(); }));
+  client.reset();
+  EXPECT_TRUE(await([&] { return !compiler.runs(); }, std::chrono::seconds(20)));
+  SocketClient asks(server.port());
+  asks.send("GET /v1/sessions HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  EXPECT_THAT(asks.answer(), testing::Not(HasSubstr("left")));
+  EXPECT_EQ(compiler.started().size(), 1u) << "also without colours";
+}
+
+TEST(WorldsLeft, TheServersEndStopsTheCompiler) {
+  const SlowCompiler compiler;
+  ScratchFolder folder;
+  ServerProcess server(RIDGECAST_SERVER, {"--drain", "1", "--terrain-cache", (folder / "cache").string()});
+  SocketClient client(server.port());
+  client.send(kCompiledWorld);
+  ASSERT_TRUE(await([&] { return compiler.runs(); }));
+  server.process().signal(SIGTERM);
+  EXPECT_EQ(server.process().wait(std::chrono::seconds(20)), 0);
+  EXPECT_FALSE(compiler.runs());
+  EXPECT_EQ(compiler.started().size(), 1u) << "also without colours";
 }
 
 }  // namespace

@@ -63,7 +63,9 @@ class AccessTest : public testing::Test {
     resources = std::make_shared<session::Resources>();
     resources->executor = executor.get();
     resources->makeMesh = [](auto, const auto&, auto) { return std::make_unique<StillMesh>(); };
-    resources->makeTerrain = [](const session::WorldSpec& spec) { return terrain::create(spec.terrain, spec.seed); };
+    resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
+      return terrain::create(spec.terrain, spec.seed);
+    };
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
     auto made = net::Server::listen(settings, directory);
     ASSERT_TRUE(made) << made.error().message;

@@ -105,7 +105,10 @@ class WorldsTest : public testing::Test {
     resources->makeMesh = session::pipelineMeshes();
     resources->limits.maxSessions = maxSessions;
     resources->limits.sessionIdle = std::chrono::seconds(1);
-    if (makes) resources->makeTerrain = [](const session::WorldSpec& spec) { return terrain::create(spec.terrain, spec.seed); };
+    if (makes)
+      resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
+        return terrain::create(spec.terrain, spec.seed);
+      };
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
   }
   Answer connect(std::string_view target) {
