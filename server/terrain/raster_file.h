@@ -4,7 +4,7 @@
 // allocated.
 //
 // Why libtiff and not GDAL: Debian 12's libgdal-dev conflicts with libboost1.81-dev, which the server needs, and brings 39 packages and 90
-// MB at run time where libtiff brings one. Beyond libtiff, a height map needs only three tags, read here.
+// MB at run time where libtiff brings one. Beyond libtiff, a height map needs only a few tags, read here.
 
 #include <cstdint>
 #include <filesystem>
@@ -27,7 +27,7 @@ inline constexpr std::uint64_t kMostUnpacked = 2000;
 struct RasterHeader {
   std::uint32_t width = 0, height = 0;      // samples
   std::optional<double> noData;             // the value of missing samples
-  std::optional<double> pitch;              // metres, if the file states it
+  std::optional<double> pitch;              // metres, if the file states it in a unit that is known
   std::optional<double> easting, northing;  // of the first sample, metres
 };
 

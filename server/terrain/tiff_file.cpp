@@ -1,5 +1,6 @@
 // The only includer of libtiff: TIFF and BigTIFF in strips or tiles, any packing that libtiff supports, one band of integers or floats; and
-// the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, keys 34735) and of GDAL (NoData 42113).
+// the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, transformation 34264, keys 34735 with their doubles 34736) and of
+// GDAL (NoData 42113).
 
 #include <tiffio.h>
 
@@ -8,7 +9,10 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
 #include <mutex>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -17,7 +21,9 @@
 namespace ridgecast::user_terrain {
 namespace {
 
-constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kGeoKeys = 34735, kNoData = 42113;
+constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kTransformation = 34264, kGeoKeys = 34735, kGeoDoubles = 34736,
+                        kNoData = 42113;
+constexpr std::uint16_t kMetre = 9001, kFoot = 9002, kSurveyFoot = 9003;  // EPSG's numbers of units
 
 thread_local std::string complaint;  // libtiff's first error since it was last cleared
 
@@ -41,14 +47,14 @@ void keepWarning(const char*, const char* format, std::va_list arguments) {
 
 // libtiff must know the tags' types; otherwise a hostile file chooses them.
 void addTags(TIFF* tiff) {
-  static char scale[] = "ModelPixelScale", tie[] = "ModelTiepoint", keys[] = "GeoKeyDirectory", none[] = "GDALNoData";
+  static char scale[] = "ModelPixelScale", tie[] = "ModelTiepoint", turn[] = "ModelTransformation", keys[] = "GeoKeyDirectory",
+              doubles[] = "GeoDoubleParams", none[] = "GDALNoData";
   static const TIFFFieldInfo fields[] = {
-      {kPixelScale, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, scale},
-      {kTiePoint, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, tie},
-      {kGeoKeys, -1, -1, TIFF_SHORT, FIELD_CUSTOM, 1, 1, keys},
-      {kNoData, -1, -1, TIFF_ASCII, FIELD_CUSTOM, 1, 0, none},
+      {kPixelScale, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, scale},    {kTiePoint, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, tie},
+      {kTransformation, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, turn}, {kGeoDoubles, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, doubles},
+      {kGeoKeys, -1, -1, TIFF_SHORT, FIELD_CUSTOM, 1, 1, keys},         {kNoData, -1, -1, TIFF_ASCII, FIELD_CUSTOM, 1, 0, none},
   };
-  TIFFMergeFieldInfo(tiff, fields, 4);
+  TIFFMergeFieldInfo(tiff, fields, std::size(fields));
 }
 
 void setUpLibrary() {
@@ -183,19 +189,88 @@ class TiffFile final : public RasterFile {
     if (end != text) header_.noData = kind_ == Kind::kFloat && bytes_ == 4 ? static_cast<double>(static_cast<float>(v)) : v;
   }
 
-  Outcome<void> readPlace(const RasterOptions& options) {
+  template <class T>
+  std::span<const T> tag(std::uint32_t number) const {
     std::uint16_t count = 0;
-    const double* scale = nullptr;
-    if (TIFFGetField(tiff_, kPixelScale, &count, &scale) != 1 || count < 2 || !scale) return {};
-    const double x = scale[0], y = scale[1];
-    bool isArea = true, isDegrees = false;
-    const std::uint16_t* keys = nullptr;
-    if (TIFFGetField(tiff_, kGeoKeys, &count, &keys) == 1 && keys)
-      for (std::size_t k = 4; k + 3 < count; k += 4) {
-        if (keys[k] == 1024 && keys[k + 1] == 0) isDegrees = keys[k + 3] == 2;  // GTModelTypeGeoKey: geographic
-        if (keys[k] == 1025 && keys[k + 1] == 0) isArea = keys[k + 3] != 2;     // GTRasterTypeGeoKey: 2 is point
-      }
-    if (isDegrees) {
+    const T* values = nullptr;
+    if (TIFFGetField(tiff_, number, &count, &values) != 1 || !values) return {};
+    return {values, count};
+  }
+
+  // The values of the keys that matter here; as OGC 19-008r4 names them.
+  struct Keys {
+    std::uint16_t modelType = 0, rasterType = 1, linearUnit = kMetre, heightUnit = kMetre;
+    double linearUnitSize = 0;  // metres, of a unit of the file's own
+  };
+  Keys readKeys() const {
+    Keys out;
+    const auto keys = tag<std::uint16_t>(kGeoKeys);
+    const auto doubles = tag<double>(kGeoDoubles);
+    for (std::size_t k = 4; k + 3 < keys.size(); k += 4) {
+      const std::uint16_t where = keys[k + 1], value = keys[k + 3];
+      if (where == kGeoDoubles && keys[k] == 3077 && value < doubles.size()) out.linearUnitSize = doubles[value];
+      if (where != 0) continue;
+      if (keys[k] == 1024) out.modelType = value;
+      if (keys[k] == 1025) out.rasterType = value;
+      if (keys[k] == 3076) out.linearUnit = value;
+      if (keys[k] == 4099) out.heightUnit = value;
+    }
+    return out;
+  }
+
+  // Metres in the file's unit; empty: unknown.
+  static std::optional<double> metresIn(const Keys& keys) {
+    switch (keys.linearUnit) {
+      case kMetre:
+        return 1.0;
+      case kFoot:
+        return 0.3048;
+      case kSurveyFoot:
+        return 12 / 39.37;
+      case 9036:
+        return 1000.0;
+      case 32767:  // defined by the file
+        if (keys.linearUnitSize > 0) return keys.linearUnitSize;
+    }
+    return std::nullopt;
+  }
+
+  // Pixels to the file's unit: x east, y north. (0, 0) is the first pixel's corner, or its middle where pixels are points.
+  struct Grid {
+    double x = 0, y = 0;          // of (0, 0)
+    double across = 0, down = 0;  // from one pixel to the next
+    bool isPlaced = false;
+  };
+  Outcome<std::optional<Grid>> readGrid(const RasterOptions& options) const {
+    const auto scale = tag<double>(kPixelScale), tie = tag<double>(kTiePoint), matrix = tag<double>(kTransformation);
+    if (scale.size() >= 2) {
+      Grid grid{.across = scale[0], .down = scale[1]};
+      if (tie.size() >= 6) grid = {tie[3] - tie[0] * scale[0], tie[4] + tie[1] * scale[1], scale[0], scale[1], true};
+      return std::optional(grid);
+    }
+    if (matrix.size() >= 16) {
+      if (matrix[1] != 0 || matrix[4] != 0 || !(matrix[0] > 0) || !(matrix[5] < 0))
+        return Error{name_ + ": its rows do not run east and its columns south: turn it (gdalwarp)"};
+      return std::optional(Grid{matrix[3], matrix[7], matrix[0], -matrix[5], true});
+    }
+    if (!tie.empty() && !options.pitch)
+      return Error{name_ +
+                   ": it says where points of it lie, but not how far apart its samples are: warp it (gdalwarp), or say --raster "
+                   "pitch=METRES"};
+    return std::optional<Grid>();
+  }
+
+  Outcome<void> readPlace(const RasterOptions& options) {
+    const Keys keys = readKeys();
+    if (keys.heightUnit == kFoot || keys.heightUnit == kSurveyFoot)
+      if (options.scale == 1)
+        return Error{name_ +
+                     ": its heights are in feet, not metres: say --raster scale=" + (keys.heightUnit == kFoot ? "0.3048" : "0.3048006")};
+    const auto grid = readGrid(options);
+    if (!grid) return grid.error();
+    if (!*grid) return {};
+    const std::optional<double> unit = metresIn(keys);
+    if (keys.modelType == 2) {  // geographic
       if (!options.pitch)
         return Error{name_ + ": its samples are degrees apart, not metres: project it (gdalwarp -t_srs), or say --raster pitch=METRES"};
       if (options.geographic)
@@ -204,16 +279,21 @@ class TiffFile final : public RasterFile {
             ": it lies in degrees, so it has no easting and northing: leave --raster place=geo out, or project it (gdalwarp -t_srs)"};
       return {};
     }
+    if (!unit) {
+      if (options.pitch && !options.geographic) return {};
+      return Error{name_ + ": its lengths are in unit " + std::to_string(keys.linearUnit) +
+                   " of the EPSG list, and metres, feet and kilometres are read: project it to metres (gdalwarp -t_srs), or say --raster "
+                   "pitch=METRES without place=geo"};
+    }
+    const double x = (*grid)->across * *unit, y = (*grid)->down * *unit;
     if (!options.pitch && !(std::abs(x - y) <= 1e-3 * std::abs(x)))
       return Error{name_ + ": its samples are " + std::to_string(x) + " m apart one way and " + std::to_string(y) +
                    " m the other: say --raster pitch=METRES"};
     header_.pitch = x;
-    const double* tie = nullptr;
-    if (TIFFGetField(tiff_, kTiePoint, &count, &tie) == 1 && count >= 6 && tie) {
-      const double half = isArea ? 0.5 : 0.0;  // to the middle of the pixel
-      header_.easting = tie[3] + (half - tie[0]) * x;
-      header_.northing = tie[4] - (half - tie[1]) * y;
-    }
+    if (!(*grid)->isPlaced) return {};
+    const double half = keys.rasterType == 2 ? 0.0 : 0.5;  // to the middle of the pixel; 2: pixels are points
+    header_.easting = (*grid)->x * *unit + half * x;
+    header_.northing = (*grid)->y * *unit - half * y;
     return {};
   }
 

@@ -48,16 +48,19 @@ class RasterFiles : public testing::Test {
   struct Tiff {
     int width = 50, height = 40, bits = 32, format = SAMPLEFORMAT_IEEEFP, packing = COMPRESSION_NONE;
     bool tiled = false, geographic = true;
+    std::vector<std::uint16_t> keys = {};  // code, value; those of the GeoKeyDirectory
+    std::vector<double> transformation = {}, doubles = {};
     const char* noData = nullptr;
     std::function<double(int, int)> sample;
   };
   void tiff(const std::string& name, const Tiff& t) const {
     static const TIFFExtendProc before = TIFFSetTagExtender([](TIFF* f) {
-      static char a[] = "scale", b[] = "tie", c[] = "none";
-      static const TIFFFieldInfo fields[] = {{33550, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, a},
-                                             {33922, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, b},
-                                             {42113, -1, -1, TIFF_ASCII, FIELD_CUSTOM, 1, 0, c}};
-      TIFFMergeFieldInfo(f, fields, 3);
+      static char a[] = "scale", b[] = "tie", c[] = "none", d[] = "transformation", e[] = "keys", g[] = "doubles";
+      static const TIFFFieldInfo fields[] = {
+          {33550, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, a}, {33922, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, b},
+          {34264, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, d}, {34735, -1, -1, TIFF_SHORT, FIELD_CUSTOM, 1, 1, e},
+          {34736, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, g}, {42113, -1, -1, TIFF_ASCII, FIELD_CUSTOM, 1, 0, c}};
+      TIFFMergeFieldInfo(f, fields, 6);
     });
     (void)before;
     TIFF* f = TIFFOpen(file(name).c_str(), "w");
@@ -77,6 +80,14 @@ class RasterFiles : public testing::Test {
       TIFFSetField(f, 33922, 6, tie);
     }
     if (t.noData) TIFFSetField(f, 42113, t.noData);
+    if (!t.transformation.empty()) TIFFSetField(f, 34264, 16, t.transformation.data());
+    if (!t.doubles.empty()) TIFFSetField(f, 34736, static_cast<int>(t.doubles.size()), t.doubles.data());
+    if (!t.keys.empty()) {
+      std::vector<std::uint16_t> directory = {1, 1, 0, static_cast<std::uint16_t>(t.keys.size() / 2)};
+      for (std::size_t k = 0; k < t.keys.size(); k += 2)
+        directory.insert(directory.end(), {t.keys[k], static_cast<std::uint16_t>(t.keys[k] == 3077 ? 34736 : 0), 1, t.keys[k + 1]});
+      TIFFSetField(f, 34735, static_cast<int>(directory.size()), directory.data());
+    }
     const int wide = t.tiled ? 32 : t.width, high = t.tiled ? 16 : 1;
     t.tiled ? (TIFFSetField(f, TIFFTAG_TILEWIDTH, wide), TIFFSetField(f, TIFFTAG_TILELENGTH, high))
             : TIFFSetField(f, TIFFTAG_ROWSPERSTRIP, 7);
@@ -153,6 +164,56 @@ TEST_F(RasterFiles, aGeoTiffInEveryFormGivesItsHeightsAtItsPlace) {
                 << x << ", " << z;
           }
       }
+}
+
+TEST_F(RasterFiles, AGeoTiffInFeetIsConverted) {
+  struct Case {
+    std::vector<std::uint16_t> keys;
+    double metres;
+  };
+  for (const Case& c : {Case{{1024, 1, 3076, 9001}, 1}, Case{{1024, 1, 3076, 9002}, 0.3048}, Case{{1024, 1, 3076, 9003}, 12 / 39.37},
+                        Case{{1024, 1, 3076, 9036}, 1000}, Case{{1024, 1, 3076, 32767, 3077, 0}, 0.25}}) {
+    tiff("map.tif", {.keys = c.keys, .doubles = {0.25}, .sample = bumpy});
+    if (c.metres == 1000) {
+      EXPECT_THAT(complaint(file("map.tif")), HasSubstr("that must be 0.0625 to 1024 m"));
+      continue;
+    }
+    const auto terrain = load(file("map.tif"), {"place=geo"});
+    ASSERT_TRUE(terrain);
+    const terrain::RasterShape& shape = terrain->raster()->shape();
+    EXPECT_EQ(shape.pitch, std::round(30 * c.metres * 256)) << c.metres;
+    EXPECT_EQ(shape.originX, std::round(500'015 * c.metres * 256));
+    EXPECT_EQ(shape.originZ, std::round(-4'599'985 * c.metres * 256));
+  }
+  tiff("map.tif", {.keys = {1024, 1, 3076, 9084}, .sample = bumpy});
+  EXPECT_THAT(complaint(file("map.tif")), HasSubstr("unit 9084 of the EPSG list"));
+  EXPECT_THAT(complaint(file("map.tif"), {"pitch=2", "place=geo"}), HasSubstr("unit 9084 of the EPSG list"));
+  EXPECT_EQ(load(file("map.tif"), {"pitch=2"})->raster()->shape().pitch, 512u);
+}
+
+TEST_F(RasterFiles, HeightsInFeetAreRefusedUntilAScaleIsGiven) {
+  tiff("map.tif", {.keys = {1024, 1, 3076, 9001, 4099, 9003}, .sample = bumpy});
+  EXPECT_THAT(complaint(file("map.tif")), HasSubstr("its heights are in feet, not metres: say --raster scale=0.3048"));
+  const auto terrain = load(file("map.tif"), {"scale=0.3048"});
+  ASSERT_TRUE(terrain);
+  EXPECT_NEAR(terrain->height({-25 * 30 * 256, -20 * 30 * 256}), 700 * 0.3048, 0.004);
+  tiff("map.tif", {.keys = {1024, 1, 4099, 9001}, .sample = bumpy});
+  EXPECT_TRUE(load(file("map.tif")));
+}
+
+TEST_F(RasterFiles, AModelTransformationPlacesTheMapOrIsRefused) {
+  tiff("map.tif", {.geographic = false, .transformation = {10, 0, 0, 5000, 0, -10, 0, 8000, 0, 0, 0, 0, 0, 0, 0, 1}, .sample = bumpy});
+  const auto terrain = load(file("map.tif"), {"place=geo"});
+  ASSERT_TRUE(terrain);
+  const terrain::RasterShape& shape = terrain->raster()->shape();
+  EXPECT_EQ(shape.pitch, 10u * 256);
+  EXPECT_EQ(shape.originX, Step{5005} * 256) << "the first pixel's middle";
+  EXPECT_EQ(shape.originZ, -Step{7995} * 256);
+  for (const auto& [a, b, e, f] : {std::array{8.0, 6.0, 6.0, -8.0}, std::array{10.0, 0.0, 0.0, 10.0}, std::array{10.0, 0.1, 0.0, -10.0}}) {
+    tiff("map.tif", {.geographic = false, .transformation = {a, b, 0, 5000, e, f, 0, 8000, 0, 0, 0, 0, 0, 0, 0, 1}, .sample = bumpy});
+    EXPECT_THAT(complaint(file("map.tif")), HasSubstr("its rows do not run east and its columns south: turn it (gdalwarp)"));
+    EXPECT_THAT(complaint(file("map.tif"), {"pitch=10"}), HasSubstr("turn it (gdalwarp)"));
+  }
 }
 
 TEST_F(RasterFiles, aPngAndRawRowsWithScaleAndOffsetLieAroundTheOrigin) {
