@@ -22,7 +22,7 @@ struct RasterOptions {
   bool bigEndian = false;               // order=little|big, of a raw file
   bool isSigned = false;                // type=unsigned|signed, of a raw file
   bool geographic = false;              // place=centre|geo: the map's middle at x 0, z 0, or easting at x and northing at -z
-  bool operator==(const RasterOptions&) const = default;
+  friend bool operator==(const RasterOptions&, const RasterOptions&) = default;
 };
 
 // Adds one assignment. Error: an unknown name or an invalid value; says what would be right.

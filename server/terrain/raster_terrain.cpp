@@ -2,11 +2,14 @@
 
 #include <fcntl.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
+#include <mutex>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -22,16 +25,18 @@ using terrain::kTileSide;
 
 std::string inMegabytes(std::uint64_t bytes) { return std::to_string((bytes + 999'999) / 1'000'000) + " MB"; }
 
+// What terrains of one file with the same options share.
+struct Map {
+  Samples samples;
+  terrain::RasterShape shape;
+  Edge edge;
+  std::int32_t constant;
+};
+
 class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
  public:
-  RasterTerrain(std::string name, std::uint32_t seed, const terrain::RasterShape& shape, Samples samples, Edge edge, std::int32_t constant)
-      : name_(std::move(name)),
-        source_(terrain::rasterSource(shape)),
-        seed_(seed),
-        shape_(shape),
-        samples_(std::move(samples)),
-        edge_(edge),
-        constant_(constant) {}
+  RasterTerrain(std::string name, std::uint32_t seed, std::shared_ptr<const Map> map)
+      : name_(std::move(name)), source_(terrain::rasterSource(map->shape)), seed_(seed), map_(std::move(map)), shape_(map_->shape) {}
   std::string_view name() const override { return name_; }
   std::string_view source() const override { return source_; }
   std::uint32_t seed() const override { return seed_; }
@@ -57,24 +62,23 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   // At most kTileSide columns.
   void gather(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const {
     std::array<std::optional<std::uint32_t>, kTileSide> column;
-    const bool inside = x >= 0 && x + columns <= std::int64_t{samples_.width()};
+    const Samples& samples = map_->samples;
+    const bool inside = x >= 0 && x + columns <= std::int64_t{samples.width()};
     if (!inside)
-      for (std::int32_t k = 0; k < columns; ++k) column[static_cast<std::size_t>(k)] = folded(x + k, samples_.width(), edge_);
+      for (std::int32_t k = 0; k < columns; ++k) column[static_cast<std::size_t>(k)] = folded(x + k, samples.width(), map_->edge);
     for (std::int32_t j = 0; j < rows; ++j) {
-      const auto row = folded(z + j, samples_.height(), edge_);
+      const auto row = folded(z + j, samples.height(), map_->edge);
       for (std::int32_t k = 0; k < columns; ++k) {
         const auto at = inside ? static_cast<std::uint32_t>(x + k) : column[static_cast<std::size_t>(k)];
-        *out++ = row && at ? samples_.at(*at, *row) : constant_;
+        *out++ = row && at ? samples.at(*at, *row) : map_->constant;
       }
     }
   }
 
   std::string name_, source_;
   std::uint32_t seed_;
-  terrain::RasterShape shape_;
-  Samples samples_;
-  Edge edge_;
-  std::int32_t constant_;
+  std::shared_ptr<const Map> map_;
+  const terrain::RasterShape& shape_;
 };
 
 // The results of one pass over the file.
@@ -119,6 +123,122 @@ Outcome<Found> fill(const std::string& name, RasterFile& file, const RasterOptio
   return found;
 }
 
+// Everything but the samples' range and content.
+Outcome<terrain::RasterShape> shapeOf(const std::string& name, const RasterHeader& header, const RasterOptions& options) {
+  terrain::RasterShape shape;
+  shape.width = header.width;
+  shape.height = header.height;
+  const double pitch = std::round(options.pitch.value_or(header.pitch.value_or(1.0)) * lattice::kStepsPerMetre);
+  if (!(pitch >= terrain::kMinPitch && pitch <= terrain::kMaxPitch))
+    return Error{name + ": its samples are " + std::to_string(pitch * lattice::kMetresPerStep) +
+                 " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
+  shape.pitch = static_cast<std::uint32_t>(pitch);
+  if (options.geographic) {
+    if (!header.easting) return Error{name + ": it does not say where it lies: leave --raster place=geo out"};
+    const double x = std::round(*header.easting * lattice::kStepsPerMetre), z = std::round(-*header.northing * lattice::kStepsPerMetre);
+    constexpr double kMost = static_cast<double>(lattice::kMaxPosition);
+    if (!(std::abs(x) <= kMost && std::abs(z) <= kMost))
+      return Error{name + ": it says that it lies beyond 4.39e12 m: leave --raster place=geo out"};
+    shape.originX = static_cast<Step>(x);
+    shape.originZ = static_cast<Step>(z);
+  } else {
+    shape.originX = -static_cast<Step>(header.width / 2) * shape.pitch;
+    shape.originZ = -static_cast<Step>(header.height / 2) * shape.pitch;
+  }
+  return shape;
+}
+
+// `used`: bytes of the other maps in use.
+Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits,
+                                         std::uint64_t used) {
+  auto file = openRaster(path, options);
+  if (!file) return file.error();
+  const RasterHeader header = (*file)->header();
+  const std::string name = path.string();
+  auto shaped = shapeOf(name, header, options);
+  if (!shaped) return shaped.error();
+  terrain::RasterShape shape = *shaped;
+  const std::uint64_t bytes = std::uint64_t{header.width} * header.height * sizeof(std::int32_t);
+  if (used + bytes > limits.total)
+    return Error{name + ": the height map takes " + inMegabytes(bytes) + "; with it the height maps in use would take more than " +
+                 inMegabytes(limits.total) + ", the most"};
+  auto samples = Samples::create(header.width, header.height, limits.inMemory - std::min(used, limits.inMemory));
+  if (!samples) return Error{name + ": " + samples.error().message};
+  const auto found = fill(name, **file, options, *samples);
+  if (!found) return found.error();
+  shape.lowest = found->lowest;
+  shape.highest = found->highest;
+  const auto constant = static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre));
+  if (options.edge == Edge::kConstant) {
+    shape.lowest = std::min(shape.lowest, constant);
+    shape.highest = std::max(shape.highest, constant);
+  }
+  shape.content =
+      lattice::mix(found->hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
+  return std::shared_ptr<const Map>(std::make_shared<Map>(std::move(*samples), shape, options.edge, constant));
+}
+
+// The maps in use, by file and options.
+class Maps {
+ public:
+  Outcome<std::shared_ptr<const Map>> open(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits) {
+    const Key key{path, options, versionOf(path)};
+    const std::lock_guard lock(mutex_);
+    std::uint64_t used = 0;
+    for (const Entry& entry : inUse()) {
+      auto map = entry.map.lock();
+      if (!map) continue;
+      if (entry.key == key) return map;
+      used += map->samples.bytes();
+    }
+    auto made = read(path, options, limits, used);
+    if (made) entries_.push_back({key, *made});
+    return made;
+  }
+  std::uint64_t bytes() {
+    const std::lock_guard lock(mutex_);
+    std::uint64_t sum = 0;
+    for (const Entry& entry : inUse())
+      if (const auto map = entry.map.lock()) sum += map->samples.bytes();
+    return sum;
+  }
+
+ private:
+  using Version = std::array<std::int64_t, 6>;  // of the file: another if it was replaced or written
+  struct Key {
+    std::filesystem::path path;
+    RasterOptions options;
+    Version version;
+    friend bool operator==(const Key&, const Key&) = default;
+  };
+  struct Entry {
+    Key key;
+    std::weak_ptr<const Map> map;
+  };
+  static Version versionOf(const std::filesystem::path& path) {
+    struct stat s {};
+    if (stat(path.c_str(), &s) != 0) return {};  // opening it says why
+    return {static_cast<std::int64_t>(s.st_dev),
+            static_cast<std::int64_t>(s.st_ino),
+            s.st_size,
+            s.st_mtim.tv_sec,
+            s.st_mtim.tv_nsec,
+            s.st_ctim.tv_nsec};
+  }
+  const std::vector<Entry>& inUse() {
+    std::erase_if(entries_, [](const Entry& entry) { return entry.map.expired(); });
+    return entries_;
+  }
+
+  std::mutex mutex_;
+  std::vector<Entry> entries_;
+};
+
+Maps& maps() {
+  static Maps all;
+  return all;
+}
+
 }  // namespace
 
 Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory) {
@@ -145,7 +265,7 @@ Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std:
 }
 
 Samples::~Samples() {
-  if (data_) munmap(data_, std::size_t{width_} * height_ * sizeof(std::int32_t));
+  if (data_) munmap(data_, bytes());
 }
 
 Samples::Samples(Samples&& other) noexcept : data_(std::exchange(other.data_, nullptr)), width_(other.width_), height_(other.height_) {}
@@ -170,48 +290,12 @@ std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge) 
 }
 
 Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& path, const RasterOptions& options,
-                                                            std::uint32_t seed, std::uint64_t inMemory) {
-  auto file = openRaster(path, options);
-  if (!file) return file.error();
-  const RasterHeader header = (*file)->header();
-  const std::string name = path.string();
-
-  terrain::RasterShape shape;
-  shape.width = header.width;
-  shape.height = header.height;
-  const double pitch = std::round(options.pitch.value_or(header.pitch.value_or(1.0)) * lattice::kStepsPerMetre);
-  if (!(pitch >= terrain::kMinPitch && pitch <= terrain::kMaxPitch))
-    return Error{name + ": its samples are " + std::to_string(pitch * lattice::kMetresPerStep) +
-                 " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
-  shape.pitch = static_cast<std::uint32_t>(pitch);
-  if (options.geographic) {
-    if (!header.easting) return Error{name + ": it does not say where it lies: leave --raster place=geo out"};
-    const double x = std::round(*header.easting * lattice::kStepsPerMetre), z = std::round(-*header.northing * lattice::kStepsPerMetre);
-    constexpr double kMost = static_cast<double>(lattice::kMaxPosition);
-    if (!(std::abs(x) <= kMost && std::abs(z) <= kMost))
-      return Error{name + ": it says that it lies beyond 4.39e12 m: leave --raster place=geo out"};
-    shape.originX = static_cast<Step>(x);
-    shape.originZ = static_cast<Step>(z);
-  } else {
-    shape.originX = -static_cast<Step>(header.width / 2) * shape.pitch;
-    shape.originZ = -static_cast<Step>(header.height / 2) * shape.pitch;
-  }
-
-  auto samples = Samples::create(header.width, header.height, inMemory);
-  if (!samples) return Error{name + ": " + samples.error().message};
-  const auto found = fill(name, **file, options, *samples);
-  if (!found) return found.error();
-  shape.lowest = found->lowest;
-  shape.highest = found->highest;
-  const auto constant = static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre));
-  if (options.edge == Edge::kConstant) {
-    shape.lowest = std::min(shape.lowest, constant);
-    shape.highest = std::max(shape.highest, constant);
-  }
-  shape.content =
-      lattice::mix(found->hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
-  return std::shared_ptr<const terrain::Terrain>(
-      std::make_shared<RasterTerrain>(path.stem().string(), seed, shape, std::move(*samples), options.edge, constant));
+                                                            std::uint32_t seed, const MapLimits& limits) {
+  auto map = maps().open(path, options, limits);
+  if (!map) return map.error();
+  return std::shared_ptr<const terrain::Terrain>(std::make_shared<RasterTerrain>(path.stem().string(), seed, std::move(*map)));
 }
+
+std::uint64_t bytesOfMaps() { return maps().bytes(); }
 
 }  // namespace ridgecast::user_terrain

@@ -1,7 +1,8 @@
 #pragma once
-// A height map as a terrain. Its file is read once at start, row by row. Samples are kept as whole steps: in memory up to kMostInMemory,
-// otherwise in an unnamed temporary file that the system pages in on demand. After that a height is a few reads: no lock, no wait, no
-// failure.
+// A height map as a terrain. Its file is read row by row. Samples are kept as whole steps: in memory up to MapLimits::inMemory, otherwise in
+// an unnamed temporary file that the system pages in on demand. After that a height is a few reads: no lock, no wait, no failure.
+//
+// Terrains of one file with the same options share their samples while any of them lives. A file that was written again is another.
 
 #include <cstdint>
 #include <filesystem>
@@ -15,13 +16,17 @@
 
 namespace ridgecast::user_terrain {
 
-inline constexpr std::uint64_t kMostInMemory = std::uint64_t{1} << 30;  // bytes; four a sample
+// Bytes of all maps in use, four a sample. A map that would exceed the first goes into a temporary file; beyond the second it is refused.
+struct MapLimits {
+  std::uint64_t inMemory = std::uint64_t{1} << 30;
+  std::uint64_t total = std::uint64_t{1} << 34;  // the largest map alone: kMostSamples
+};
 
 // width x height steps, row after row. Owns its pages.
 class Samples {
  public:
   // Error: no memory, or no space for the file; says how much is needed and where. Above `inMemory` bytes a file is used.
-  static Outcome<Samples> create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory = kMostInMemory);
+  static Outcome<Samples> create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory);
   ~Samples();
   Samples(Samples&& other) noexcept;
   Samples& operator=(Samples&&) = delete;
@@ -29,6 +34,7 @@ class Samples {
   std::int32_t at(std::uint32_t x, std::uint32_t z) const { return data_[std::size_t{width_} * z + x]; }
   std::uint32_t width() const { return width_; }
   std::uint32_t height() const { return height_; }
+  std::uint64_t bytes() const { return std::uint64_t{width_} * height_ * sizeof(std::int32_t); }
 
  private:
   Samples(std::int32_t* data, std::uint32_t width, std::uint32_t height) : data_(data), width_(width), height_(height) {}
@@ -39,9 +45,11 @@ class Samples {
 // Maps an index on the endless axis to a map of n samples, n >= 2; empty: beyond the edge, with a constant there.
 std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge);
 
-// Reads a file (raster_file.h) whole. Error: those of openRaster and row(); missing samples without nodata=; heights beyond 32,768 m;
-// positions beyond the lattice.
+// Reads a file (raster_file.h) whole, unless its samples are in use. Any thread; files are read one at a time. Error: those of openRaster
+// and row(); missing samples without nodata=; heights beyond 32,768 m; positions beyond the lattice; more than limits.total in use.
 Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& file, const RasterOptions& options,
-                                                            std::uint32_t seed, std::uint64_t inMemory = kMostInMemory);
+                                                            std::uint32_t seed, const MapLimits& limits = {});
+
+std::uint64_t bytesOfMaps();  // of samples in use
 
 }  // namespace ridgecast::user_terrain

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -106,6 +107,35 @@ TEST_F(Worlds, ImpossibleParametersAreRefusedInOneSentence) {
   }
   EXPECT_THAT(get("/v1/sessions"), testing::Not(HasSubstr("odd")));
   EXPECT_TRUE(server_.healthy());
+}
+
+TEST(WorldsOfAMap, ShareItsSamples) {
+  constexpr std::uint64_t kSamples = 4096, kMap = kSamples * kSamples * 4;  // 64 MiB as the server holds it
+  ScratchFolder folder;
+  {
+    std::ofstream out(folder / "map.r16", std::ios::binary);
+    std::string row(2 * kSamples, '\0');
+    for (std::size_t z = 0; z < kSamples; ++z) {
+      for (std::size_t k = 0; k < row.size(); k += 2) row[k] = static_cast<char>(k * z);
+      out << row;
+    }
+  }
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain", (folder / "map.r16").string()});
+  const auto resident = [&] {
+    std::ifstream in("/proc/" + std::to_string(server.process().id()) + "/statm");
+    std::uint64_t pages = 0;
+    in >> pages >> pages;
+    return pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+  };
+  const std::uint64_t before = resident();
+  ASSERT_GT(before, kMap);
+  std::vector<std::unique_ptr<SocketClient>> clients;
+  for (int k = 0; k < 6; ++k) {
+    clients.push_back(std::make_unique<SocketClient>(server.port()));
+    ASSERT_TRUE(clients.back()->upgrade("/v1/stream?session=s" + std::to_string(k) + "&terrain=map&seed=" + std::to_string(k)))
+        << clients.back()->refusal();
+  }
+  EXPECT_LE(resident(), before + kMap * 3 / 2);
 }
 
 // A compiler that never ends stands first in PATH and notes the id of its process each time it starts.

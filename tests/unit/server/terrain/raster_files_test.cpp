@@ -26,10 +26,10 @@ class RasterFiles : public testing::Test {
  protected:
   std::filesystem::path file(const std::string& name) const { return scratch_->path() / name; }
   static std::shared_ptr<const terrain::Terrain> load(const std::filesystem::path& path, const std::vector<std::string>& options = {},
-                                                      std::uint64_t inMemory = kMostInMemory) {
+                                                      const MapLimits& limits = {}) {
     RasterOptions o;
     for (const std::string& option : options) EXPECT_TRUE(addRasterOption(option, o)) << option;
-    auto loaded = loadRaster(path, o, 1, inMemory);
+    auto loaded = loadRaster(path, o, 1, limits);
     EXPECT_TRUE(loaded) << loaded.error().message;
     return loaded ? *loaded : nullptr;
   }
@@ -281,15 +281,55 @@ TEST_F(RasterFiles, theGridGoesOnForEverAndTilesAreItsSamples) {
 
 TEST_F(RasterFiles, aMapThatDoesNotFitIntoMemoryIsTheSame) {
   png("map.png", 300, 200, [](int x, int z) { return 5000 + (x * x + 31 * z) % 977; });
-  const auto here = load(file("map.png")), there = load(file("map.png"), {}, 1000);
   std::mt19937 random(1);
   std::vector<Step> x(5000), z(5000);
   for (std::size_t k = 0; k < x.size(); ++k)
     x[k] = static_cast<Step>(random() % 100'000) - 50'000, z[k] = static_cast<Step>(random() % 100'000) - 50'000;
   std::vector<float> a(x.size()), b(x.size());
-  here->heights(x, z, a);
-  there->heights(x, z, b);
+  load(file("map.png"))->heights(x, z, a);
+  load(file("map.png"), {}, {.inMemory = 1000})->heights(x, z, b);  // the first is gone, so nothing is shared
   EXPECT_EQ(a, b);
+}
+
+TEST_F(RasterFiles, TerrainsOfOneMapShareItsSamples) {
+  const auto sample = [](int x, int z) { return 100 + x * z % 77; };
+  constexpr std::uint64_t kMap = 64 * 32 * 4, kTwo = 2 * kMap;
+  raw("map.r16", 64, 32, sample);
+  const MapLimits limits{.inMemory = kMap, .total = kTwo};
+  const auto open = [&](const std::string& name, std::uint32_t seed, const std::string& option) {
+    RasterOptions o;
+    EXPECT_TRUE(addRasterOption("size=64x32", o) && addRasterOption(option, o));
+    return loadRaster(file(name), o, seed, limits);
+  };
+  std::vector<std::shared_ptr<const terrain::Terrain>> held;
+  const std::uint64_t before = bytesOfMaps();
+  for (std::uint32_t seed = 0; seed < 6; ++seed) held.push_back(open("map.r16", seed, "pitch=2").value());
+  EXPECT_EQ(bytesOfMaps(), before + kMap);
+  EXPECT_EQ(held[3]->seed(), 3u);
+  EXPECT_EQ(terrain::contentHash(*held[1]), terrain::contentHash(*load(file("map.r16"), {"size=64x32", "pitch=2"})));
+
+  held.push_back(open("map.r16", 1, "scale=2").value());  // other options, other samples
+  EXPECT_EQ(bytesOfMaps(), before + kTwo);
+  EXPECT_EQ(held.back()->height({0, 0}), 2 * held[0]->height({0, 0}));
+
+  raw("other.r16", 64, 32, sample);
+  const auto third = open("other.r16", 1, "pitch=2");
+  ASSERT_FALSE(third);
+  EXPECT_THAT(third.error().message, HasSubstr("takes 1 MB; with it the height maps in use would take more than 1 MB, the most"));
+  held.erase(held.begin(), held.begin() + 6);
+  EXPECT_TRUE(open("other.r16", 1, "pitch=2"));
+  held.clear();
+  EXPECT_EQ(bytesOfMaps(), before);
+}
+
+// A map that was written again is read again.
+TEST_F(RasterFiles, AChangedMapIsNotShared) {
+  raw("map.r16", 2, 2, [](int, int) { return 5; });
+  const auto first = load(file("map.r16"));
+  std::filesystem::remove(file("map.r16"));
+  raw("map.r16", 2, 3, [](int, int) { return 9; });
+  EXPECT_EQ(load(file("map.r16"), {"size=2x3"})->height({0, 0}), 9);
+  EXPECT_EQ(first->height({0, 0}), 5);
 }
 
 TEST_F(RasterFiles, whatIsNoHeightIsReplacedOnlyWhenSaidSo) {
