@@ -115,8 +115,11 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1, 65535);
   addNumber(app, "--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any", 1,
             65535);
+  addNumber(app, "--max-sessions-per-client", c.limits.maxSessionsPerClient,
+            "Sessions at a time made by one token's holder or, without tokens, one address; 0: unlimited", 0, 65535);
   addSeconds(app, "--session-idle", c.limits.sessionIdle,
-             "Seconds after which a session without members ends; the default session never ends", 1, 31'536'000);
+             "Seconds after which a session without members ends, 5 at most if nobody has said hello; the default session never ends", 1,
+             31'536'000);
   addNumber(app, "--max-connections", c.net.maxConnections, "Connections at a time", 1, 65535);
   addNumber(app, "--max-connections-per-address", c.net.maxConnectionsPerAddress,
             "Connections at a time from one client address; 0: unlimited", 0, 65535);

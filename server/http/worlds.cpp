@@ -80,17 +80,21 @@ Answer join(std::shared_ptr<session::Session> session, const Wish& wish) {
                      ") and does not change while it lives; leave the terrain out to join it, or choose another name.");
 }
 
+Answer refusedFor(const session::Directory::Full& full) { return refused(full.isOwn ? 429 : 503, metrics::Refusal::kFull, full.sentence); }
+
 // The answer to a client that has left is not read: then nothing is made.
-Answer make(const std::string& name, const Wish& wish, session::Directory& directory, const std::stop_token& stop) {
+Answer make(const std::string& name, const Wish& wish, const std::string& client, session::Directory& directory,
+            const std::stop_token& stop) {
   const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters};
   auto terrain = directory.resources().makeTerrain(spec, stop);
   if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
   if (stop.stop_requested()) return refused(503, metrics::Refusal::kSession, "Session '" + name + "' was not created: its client left.");
-  const auto added = directory.add(name, std::move(*terrain), spec.parameters);
+  const auto added = directory.add(name, std::move(*terrain), spec.parameters, client);
   if (added) return upgrade(*added);
   // Another request may have been faster.
   if (auto session = directory.find(name)) return join(std::move(session), wish);
-  return refused(503, metrics::Refusal::kFull, added.error().message);
+  const auto full = directory.full(client);
+  return full ? refusedFor(*full) : refused(503, metrics::Refusal::kFull, added.error().message);
 }
 
 }  // namespace
@@ -117,17 +121,16 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
     return refused(403, metrics::Refusal::kRight, "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
   if (!directory.resources().makeTerrain)
     return refused(403, metrics::Refusal::kSession, "Sessions cannot be created on this server; 'default' always exists.");
-  if (directory.full())
-    return refused(
-        503, metrics::Refusal::kFull,
-        "This server has " + std::to_string(directory.resources().limits.maxSessions) + " sessions, its limit; try again later.");
+  const std::string client(request.client);
+  if (const auto full = directory.full(client)) return refusedFor(*full);
   const auto builtIn = terrain::builtIn();
   const bool atOnce =
       wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
-  if (atOnce) return make(wanted, *wish, directory, {});
-  return madeBy({.makesWorld = true,
-                 .work = [wanted, wish = *wish, &directory](std::stop_token stop) { return make(wanted, wish, directory, stop); },
-                 .progress = [] { return "preparing the terrain"; }});
+  if (atOnce) return make(wanted, *wish, client, directory, {});
+  return madeBy(
+      {.makesWorld = true,
+       .work = [wanted, wish = *wish, client, &directory](std::stop_token stop) { return make(wanted, wish, client, directory, stop); },
+       .progress = [] { return "preparing the terrain"; }});
 }
 
 Answer sessionsAnswer(const session::Directory& directory) {

@@ -114,8 +114,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
     const auto& header = parser_->get();
     Request request = requestOf(header);
+    access::Address client = peer_;
     if (!settings.trustedProxies.empty()) {
-      const access::Address client = access::clientAddress(peer_, allOf(header, "X-Forwarded-For"), settings.trustedProxies);
+      client = access::clientAddress(peer_, allOf(header, "X-Forwarded-For"), settings.trustedProxies);
       if (client != peer_) peerName_ = access::toText(client);
       if (!counted_.belongsTo(client)) {
         shared_->figures->refused(metrics::Refusal::kAddress);
@@ -124,6 +125,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     }
     auto judged = shared_->filter.judge(request);
     const auto* grant = std::get_if<access::Grant>(&judged);
+    const std::string who =
+        grant && !grant->name.empty() ? "token of " + grant->name : "address " + access::toText(access::household(client));
+    request.client = who;
     if (grant) request.rights = grant->rights;
     Answer a = grant ? answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes) : std::get<Answer>(std::move(judged));
     grant_ = grant ? *grant : access::Grant();

@@ -222,6 +222,7 @@ void CameraSession::work(const conversation::Greet&) {
   const std::lock_guard lock(mutex_);
   conversation_.greeted();
   if (!conversation_.runs()) return;
+  session_->use();
   session_->live().add(id_, weak_from_this());
   sender_->send(worldOf(*session_, granted, id_));
   session_->presence().join(id_, hello, sender_, conversation_.newestPose());

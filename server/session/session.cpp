@@ -43,7 +43,6 @@ Outcome<Place> Session::enter() {
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
-  use();
   return Place(nullptr, [members = members_, cameras = cameras_](const void*) {
     --*members;
     --*cameras;
@@ -68,7 +67,7 @@ std::shared_ptr<Session> Directory::find(std::string_view name) const {
 }
 
 Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
-                                                 std::vector<std::pair<std::string, double>> parameters) {
+                                                 std::vector<std::pair<std::string, double>> parameters, std::string maker) {
   if (!wire::sessionNameIsValid(name))
     return Error{"A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens."};
   std::sort(parameters.begin(), parameters.end());
@@ -76,9 +75,8 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_p
   auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, cameras_);
   const std::lock_guard lock(mutex_);
   if (sessions_.contains(name)) return Error{"There is a session named '" + name + "' already; choose another name."};
-  if (sessions_.size() >= resources_->limits.maxSessions)
-    return Error{"This server has " + std::to_string(resources_->limits.maxSessions) + " sessions, its limit; try again later."};
-  sessions_.emplace(std::move(name), Kept{session, 0, {}});
+  if (auto full = fullFor(maker)) return Error{std::move(full->sentence)};
+  sessions_.emplace(std::move(name), Kept{session, std::move(maker), 0, {}});
   sweepSoon();
   return session;
 }
@@ -90,15 +88,27 @@ std::vector<std::shared_ptr<Session>> Directory::all() const {
   return out;
 }
 
-bool Directory::full() const {
+std::optional<Directory::Full> Directory::full(std::string_view maker) const {
   const std::lock_guard lock(mutex_);
-  return sessions_.size() >= resources_->limits.maxSessions;
+  return fullFor(maker);
+}
+
+std::optional<Directory::Full> Directory::fullFor(std::string_view maker) const {
+  const Limits& limits = resources_->limits;
+  const auto made = std::ranges::count_if(sessions_, [&](const auto& entry) { return entry.second.maker == maker; });
+  if (!maker.empty() && limits.maxSessionsPerClient != 0 && made >= limits.maxSessionsPerClient)
+    return Full{true, "The " + std::string(maker) + " has made " + std::to_string(made) +
+                          " of the sessions that live here, the most one client may; leave one until it ends, or join one by its name."};
+  if (sessions_.size() >= limits.maxSessions)
+    return Full{false, "This server has " + std::to_string(limits.maxSessions) + " sessions, its limit; try again later."};
+  return std::nullopt;
 }
 
 void Directory::sweepSoon() {
   if (sweepSet_ || sessions_.size() <= 1) return;
   sweepSet_ = true;
-  const auto pause = std::max<std::chrono::milliseconds>(resources_->limits.sessionIdle / 8, std::chrono::milliseconds(10));
+  using std::chrono::milliseconds;
+  const auto pause = std::clamp<milliseconds>(resources_->limits.sessionIdle / 8, milliseconds(10), milliseconds(1000));
   resources_->timer->at(resources_->timer->now() + pause, [weak = weak_from_this()] {
     if (const auto self = weak.lock()) self->sweep();
   });
@@ -115,7 +125,8 @@ void Directory::sweep() {
     if (kept.session->members() > 0 || kept.uses != uses) kept.idleSince.reset();
     kept.uses = uses;
     if (!kept.idleSince && kept.session->members() == 0) kept.idleSince = now;
-    const bool isOver = kept.idleSince && now - *kept.idleSince >= resources_->limits.sessionIdle && it->first != kDefaultName;
+    const auto most = uses ? resources_->limits.sessionIdle : std::min(resources_->limits.sessionIdle, kUnenteredIdle);
+    const bool isOver = kept.idleSince && now - *kept.idleSince >= most && it->first != kDefaultName;
     if (!isOver || !kept.session->end()) {
       ++it;
       continue;

@@ -2,7 +2,8 @@
 // Named worlds and their members.
 //
 // A Session is a terrain with its seed and parameters, seen by several cameras; it never changes while it lives. The Directory holds the
-// sessions by name. `default` always exists; the others end after a while without members. Every camera has its own mesh, replica and pool
+// sessions by name. `default` always exists; the others end after a while without members, and within seconds if nobody has said hello in them.
+// One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has its own mesh, replica and pool
 // (camera_session.h).
 
 #include <atomic>
@@ -36,6 +37,7 @@ struct Limits {
   std::uint32_t maxCameras = 256;                  // of all sessions together
   std::uint32_t maxMembers = 64;                   // of one session
   std::uint32_t maxSessions = 64;                  // `default` included
+  std::uint32_t maxSessionsPerClient = 16;         // that live and that it has made; 0: unlimited
   std::chrono::milliseconds sessionIdle{300'000};  // a session ends after this time without members, queries and snapshots
   std::uint32_t window = replica::kDefaultWindow;
   std::size_t maxQueuedBytes = 8u << 20;  // no iteration starts while more than this is queued for a client
@@ -61,6 +63,7 @@ struct WorldSpec {
 using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&, const std::stop_token& stop)>;
 
 inline constexpr std::string_view kDefaultName = "default";
+inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // at most Limits::sessionIdle, while nobody has said hello
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 
 // Shared by the cameras of all sessions.
@@ -99,9 +102,9 @@ class Session {
   Outcome<Place> enter();
   // Ends it if it has no members; then nobody can enter.
   bool end();
-  // Somebody without a place uses it: an idle session that is used does not end.
+  // A member has said hello, or somebody without a place uses it: an idle session that is used does not end.
   void use() { ++uses_; }
-  std::uint64_t uses() const { return uses_; }  // how often it was entered or used
+  std::uint64_t uses() const { return uses_; }
 
  private:
   static constexpr std::uint32_t kEnded = 1u << 31;  // flag in members_, whose count is then 0
@@ -123,11 +126,16 @@ class Directory : public std::enable_shared_from_this<Directory> {
             std::vector<std::pair<std::string, double>> defaultParameters = {});
 
   std::shared_ptr<Session> find(std::string_view name) const;  // none: nullptr
-  // Error: the name is taken or invalid, or no more sessions are allowed.
+  // `maker`: the client, as http::Request::client; empty: the operator, who has no share. Error: the name is taken or invalid, or full().
   Outcome<std::shared_ptr<Session>> add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
-                                        std::vector<std::pair<std::string, double>> parameters = {});
+                                        std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {});
   std::vector<std::shared_ptr<Session>> all() const;  // by name
-  bool full() const;                                  // no other session can be added
+  // Why this maker can add no other session now: the server has its limit, or the maker its share.
+  struct Full {
+    bool isOwn;  // the share
+    std::string sentence;
+  };
+  std::optional<Full> full(std::string_view maker) const;
 
   const Resources& resources() const { return *resources_; }
   std::uint32_t cameras() const { return *cameras_; }
@@ -139,11 +147,13 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::atomic<std::uint64_t> lastCameraId_{0};
   struct Kept {
     std::shared_ptr<Session> session;
-    // It had no members at `idleSince`, and nobody has entered or used it since.
+    std::string maker;
+    // It had no members at `idleSince`, and nobody has used it since.
     std::uint64_t uses = 0;
     std::optional<std::chrono::steady_clock::time_point> idleSince;
   };
-  void sweepSoon();  // under the lock
+  std::optional<Full> fullFor(std::string_view maker) const;  // under the lock
+  void sweepSoon();                                           // under the lock
   void sweep();
 
   mutable std::mutex mutex_;

@@ -138,6 +138,27 @@ TEST(WorldsOfAMap, ShareItsSamples) {
   EXPECT_LE(resident(), before + kMap * 3 / 2);
 }
 
+// Whoever upgrades and never says hello keeps no slot; nobody gets them all.
+TEST(WorldsUnentered, TakeNoSlotsFromOthers) {
+  ServerProcess server(RIDGECAST_SERVER, {"--timeout", "1"});
+  const auto sessions = [&] {
+    SocketClient asks(server.port());
+    asks.send("GET /v1/sessions HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+    const std::string answer = asks.answer();
+    return nlohmann::json::parse(answer.substr(answer.find("\r\n\r\n") + 4)).at("sessions").size();
+  };
+  std::vector<std::unique_ptr<SocketClient>> clients;
+  std::string refusal;
+  for (int k = 0; k < 63; ++k) {
+    clients.push_back(std::make_unique<SocketClient>(server.port()));
+    if (!clients.back()->upgrade("/v1/stream?session=s" + std::to_string(k) + "&terrain=alpine")) refusal = clients.back()->refusal();
+  }
+  EXPECT_LE(sessions(), 17u);  // default, and one client's share
+  EXPECT_THAT(refusal,
+              testing::AllOf(StartsWith("HTTP/1.1 429"), HasSubstr("made 16 of the sessions that live here, the most one client may")));
+  EXPECT_TRUE(await([&] { return sessions() == 1; }, std::chrono::seconds(30)));
+}
+
 // A compiler that never ends stands first in PATH and notes the id of its process each time it starts.
 class SlowCompiler {
  public:

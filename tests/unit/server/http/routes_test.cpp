@@ -99,11 +99,12 @@ TEST(QueryParameter, FirstOfItsNameDecoded) {
 
 class WorldsTest : public testing::Test {
  protected:
-  explicit WorldsTest(std::uint32_t maxSessions = 4, bool makes = true) {
+  explicit WorldsTest(std::uint32_t maxSessions = 4, bool makes = true, std::uint32_t perClient = 16) {
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     resources->limits.maxSessions = maxSessions;
+    resources->limits.maxSessionsPerClient = perClient;
     resources->limits.sessionIdle = std::chrono::seconds(1);
     if (makes)
       resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
@@ -111,10 +112,11 @@ class WorldsTest : public testing::Test {
       };
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
   }
-  Answer connect(std::string_view target) {
+  Answer connect(std::string_view target, std::string_view client = "address 192.0.2.1") {
     Request request;
     request.method = "GET";
     request.target = target;
+    request.client = client;
     request.upgrade = true;
     request.webSocketVersion = "13";
     Answer a = answer(request, *directory, "9.9");
@@ -171,6 +173,32 @@ TEST_F(WorldsTest, ThereAreOnlySoManyAndIdleOnesEnd) {
   EXPECT_FALSE(old->enter()) << "who found it just before is told to come again";
   EXPECT_EQ(connect("/v1/stream?terrain=canyon&session=a").upgradeTo->terrain()->name(), "canyon") << "the name is free again";
   EXPECT_TRUE(directory->find("b"));
+}
+
+class SharesTest : public WorldsTest {
+ protected:
+  SharesTest() : WorldsTest(7, true, 2) {}
+};
+
+TEST_F(SharesTest, AreByTokenHolderOrAddress) {
+  auto make = [&, k = 0](std::string_view client, std::string_view terrain = "alpine") mutable {
+    return connect("/v1/stream?terrain=" + std::string(terrain) + "&session=s" + std::to_string(++k), client);
+  };
+  for (const std::string_view client : {"address 192.0.2.1", "token of lab"}) {
+    EXPECT_EQ(make(client).status, 101u);
+    EXPECT_EQ(make(client).status, 101u);
+    const Answer third = make(client);
+    EXPECT_EQ(third.status, 429u);
+    EXPECT_EQ(third.body, "The " + std::string(client) +
+                              " has made 2 of the sessions that live here, the most one client may; leave one until it ends, or join one "
+                              "by its name.\n");
+    EXPECT_EQ(connect("/v1/stream?session=s1", client).status, 101u) << "joining is free";
+  }
+  EXPECT_EQ(make("token of others").status, 101u);
+  EXPECT_EQ(make("address 192.0.2.2").status, 101u);
+  EXPECT_EQ(make("address 192.0.2.3").status, 503u) << "the server has 7";
+  EXPECT_TRUE(testing_support::await([&] { return directory->all().size() == 1; }));
+  EXPECT_EQ(make("token of lab").status, 101u) << "those it had made have ended";
 }
 
 TEST_F(WorldsTest, AreListed) {

@@ -153,6 +153,7 @@ TEST(Simulated, SessionsEndWhenTheyWereEmptyForLongEnough) {
   ASSERT_TRUE(directory->add("empty", flatTerrain(8)));
   {
     const auto place = visited->enter();
+    visited->use();
     timer.advance(3h);
     EXPECT_EQ(directory->find("empty"), nullptr);
     EXPECT_EQ(directory->find("visited"), visited);
@@ -212,6 +213,32 @@ TEST(Simulated, WhoNeverAcknowledgesIsToldSo) {
   EXPECT_EQ(error->code, wire::ErrorCode::kLimit);
   EXPECT_THAT(error->message, HasSubstr("acknowledge"));
   camera->close();
+}
+
+TEST(Simulated, SessionsInWhichNobodySaidHelloEndWithinSeconds) {
+  auto resources = std::make_shared<Resources>();
+  auto owned = std::make_unique<SimulatedTimer>();
+  SimulatedTimer& timer = *owned;
+  resources->timer = std::move(owned);
+  resources->limits.maxSessionsPerClient = 3;
+  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  ASSERT_TRUE(directory->add("empty", flatTerrain(7), {}, "address 192.0.2.1"));
+  const auto silent = directory->add("silent", flatTerrain(8), {}, "address 192.0.2.1").value();
+  const auto greeted = directory->add("greeted", flatTerrain(9), {}, "address 192.0.2.1").value();
+  EXPECT_TRUE(directory->full("address 192.0.2.1")->isOwn);
+  {
+    const auto place = silent->enter(), member = greeted->enter();
+    greeted->use();
+    timer.advance(2s);
+    EXPECT_NE(directory->find("empty"), nullptr);
+    timer.advance(5s);
+    EXPECT_EQ(directory->find("empty"), nullptr);
+    EXPECT_EQ(directory->find("silent"), silent) << "somebody is in it, who may still say hello";
+  }
+  timer.advance(7s);
+  EXPECT_EQ(directory->find("silent"), nullptr);
+  EXPECT_EQ(directory->find("greeted"), greeted) << "it has " << resources->limits.sessionIdle.count() << " ms";
+  EXPECT_FALSE(directory->full("address 192.0.2.1"));
 }
 
 }  // namespace
