@@ -46,7 +46,10 @@ class PendingRequests {
   bool take(std::uint64_t id, Reply reply) {
     const auto it = open_.find(id);
     if (it == open_.end()) return false;
-    it->second.set_value(std::move(reply));
+    if (reply.refusal.empty())
+      it->second.set_value(std::move(reply));
+    else
+      it->second.set_value(Error{std::move(reply.refusal)});
     open_.erase(it);
     return true;
   }

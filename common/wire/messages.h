@@ -219,12 +219,14 @@ struct Answer {
   std::vector<float> heights;     // metres
   std::vector<float> normals;     // x, y, z of each
   std::vector<double> distances;  // metres; -1: none
+  std::string refusal{};          // why there is no answer; then nothing else is set
 };
 
 struct Ground {
   std::uint64_t id = 0;
   double error = 0;  // metres
   std::vector<LeafWhole> leaves;
+  std::string refusal{};  // as Answer's
 };
 
 struct HeightTile {

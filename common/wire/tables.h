@@ -302,12 +302,14 @@ TABLE(Answer,
     FIELD(id, id),
     FIELD(heights, heights, Entries{kMaxPlaces}),
     FIELD(normals, normals, Entries{3 * kMaxPlaces}),
-    FIELD(distances, distances, Entries{kMaxRays}));
+    FIELD(distances, distances, Entries{kMaxRays}),
+    FIELD(refusal, refusal, Bytes{kMaxErrorBytes}));
 
 TABLE(Ground,
     FIELD(id, id),
     FIELD(error, error, kLeafError),
-    FIELD(leaves, leaves, Entries{kMaxIterationLeaves}));
+    FIELD(leaves, leaves, Entries{kMaxIterationLeaves}),
+    FIELD(refusal, refusal, Bytes{kMaxErrorBytes}));
 
 TABLE(HeightTile,
     FIELD(address, address),

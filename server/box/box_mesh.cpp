@@ -1,12 +1,13 @@
 #include "server/box/box_mesh.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <cmath>
 #include <map>
 #include <memory>
-#include <optional>
+#include <utility>
 
 #include "common/text/text.h"
 #include "server/triangulation/triangulation.h"
@@ -33,6 +34,8 @@ constexpr double kMostDenseSamples = 4e7;        // ...and large boxes get not m
 constexpr int kLeastDense = 6, kMostDense = 64;  // divisions of a triangle's sides
 constexpr int kRegionsAcross = 24;               // working squares along the longer side
 constexpr std::size_t kTrianglesALeaf = 3000;
+constexpr std::size_t kInsertions = 64;     // between two looks at the clock: some hundred microseconds at most
+constexpr std::size_t kLeavesAtATime = 16;  // the same
 
 std::string text(double v) { return text::rounded(v, 3); }
 
@@ -43,10 +46,18 @@ struct Worst {        // without initialisers: most of the array is never touche
   Point2 at() const { return {x, z}; }
 };
 
-class Mesher : private triangulation::Partition {
+}  // namespace
+
+class Meshing::Mesher : private triangulation::Partition {
  public:
-  Mesher(const terrain::Terrain& terrain, const Box& box, std::uint32_t most, scheduling::Pool& pool, const Watch& watch)
-      : terrain_(terrain), most_(most), error_(box.error), pool_(pool), watch_(watch), mesh_(most + 64, *this) {
+  Mesher(const terrain::Terrain& terrain, const Box& box, std::uint32_t most, scheduling::Pool& pool, Watch watch)
+      : terrain_(terrain),
+        most_(most),
+        error_(box.error),
+        passes_(box.rough ? 1 : 2),
+        pool_(pool),
+        watch_(std::move(watch)),
+        mesh_(most + 64, *this) {
     all_.allowAll();
     const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // at most half a spacing of heights
     while (std::ldexp(1.0, vertical_) <= fits && vertical_ < 12) ++vertical_;
@@ -66,22 +77,18 @@ class Mesher : private triangulation::Partition {
       for (std::int32_t i = 0; i < across_; ++i)
         regions_.push_back(mesh_.addRegion({(firstX_ + i) << regionBits_, (firstZ_ + j) << regionBits_, 1 << regionBits_}));
     worst_ = std::make_unique_for_overwrite<Worst[]>(mesh_.triangleCapacity());
+    corners_ = {local(low_), {local(low_).x, local(high_).z}, local(high_), {local(high_).x, local(low_).z}};
+    const auto vertex = [&](Point2 p) { return Vertex{p.x, p.z, heightAt(p), triangulation::kNoEdge}; };
+    mesh_.start(vertex(corners_[0]), vertex(corners_[1]), vertex(corners_[2]));
+    now_.hint = mesh_.anyTriangle();
+    now_.points = {corners_[3]};
   }
 
-  Result<BoxMesh> run() {
-    if (auto problem = begin()) return *problem;
-    if (auto problem = refine(0, kQuickShare)) return *problem;
-    for (triangulation::RegionId r : regions_) mesh_.trianglePages().forEach(r, [&](TriangleId t) { mesh_.trianglePages().setFresh(t); });
-    samples_ = 0;
-    if (auto problem = refine(kMostDense, kDenseShare)) return *problem;
-    BoxMesh out;
-    out.low = low_;
-    out.high = high_;
-    out.error = worst();
-    out.samples = samples_;
-    out.triangles = mesh_.liveTriangles();
-    out.leaves = leaves();
-    return out;
+  std::optional<Result<BoxMesh>> work(Time until) {
+    until_ = until;
+    auto made = advance();
+    if (!made && watch_.over()) return watch_.problem();
+    return made;
   }
 
  private:
@@ -89,6 +96,23 @@ class Mesher : private triangulation::Partition {
     const std::int32_t i = (p.x >> regionBits_) - firstX_, j = (p.z >> regionBits_) - firstZ_;
     return i < 0 || j < 0 || i >= across_ || j >= down_ ? triangulation::kOutside : regions_[static_cast<std::size_t>(j * across_ + i)];
   }
+  bool pauses() const { return watch_.over() || std::chrono::steady_clock::now() >= until_; }
+
+  std::optional<Result<BoxMesh>> advance() {
+    if (!begin()) return {};
+    constexpr Pass kPasses[] = {{0, kQuickShare}, {kMostDense, kDenseShare}};
+    while (now_.pass < passes_) {
+      const Result<bool> done = refine(kPasses[now_.pass]);
+      if (!done) return done.error();
+      if (!*done) return {};
+      if (++now_.pass == passes_) break;
+      for (triangulation::RegionId r : regions_) mesh_.trianglePages().forEach(r, [&](TriangleId t) { mesh_.trianglePages().setFresh(t); });
+      samples_ = 0;
+    }
+    if (!file()) return {};
+    return BoxMesh{std::move(leaves_), low_, high_, worst(), samples_, mesh_.liveTriangles()};
+  }
+
   Point2 local(lattice::Point p) const { return {static_cast<std::int32_t>(p.x - anchor_.x), static_cast<std::int32_t>(p.z - anchor_.z)}; }
   std::int32_t heightAt(Point2 p) const {
     return static_cast<std::int32_t>(lattice::roundTo(terrain_.heightStep({anchor_.x + p.x, anchor_.z + p.z}), vertical_));
@@ -103,23 +127,31 @@ class Mesher : private triangulation::Partition {
     return change == Change::kDone;
   }
 
-  // The corners, the sides and a coarse grid inside.
-  std::optional<Problem> begin() {
-    const Point2 low = local(low_), high = local(high_), corners[4] = {low, {low.x, high.z}, high, {high.x, low.z}};
-    const auto vertex = [&](Point2 p) { return Vertex{p.x, p.z, heightAt(p), triangulation::kNoEdge}; };
-    mesh_.start(vertex(corners[0]), vertex(corners[1]), vertex(corners[2]));
-    TriangleId hint = mesh_.anyTriangle();
-    insert(corners[3], hint);
-    for (int k = 0; k < 4; ++k) {
-      std::vector<Point2> points;
-      divide(corners[k], corners[(k + 1) % 4], points);
-      for (Point2 p : points) insert(p, hint);
-      if (watch_.over()) return watch_.problem();
+  // Inserts the last corner, the sides' points and a coarse grid inside. False: the turn is over.
+  bool begin() {
+    while (!now_.begun) {
+      for (; now_.next < now_.points.size(); ++now_.next) {
+        if (now_.next % kInsertions == 0 && pauses()) return false;
+        insert(now_.points[now_.next], now_.hint);
+      }
+      now_.points.clear();
+      now_.next = 0;
+      if (now_.side < corners_.size())
+        divide(corners_[now_.side], corners_[(now_.side + 1) % corners_.size()], now_.points);
+      else if (now_.side == corners_.size())
+        spread(now_.points);
+      else
+        now_.begun = true;
+      ++now_.side;
     }
+    return true;
+  }
+
+  void spread(std::vector<Point2>& out) const {
+    const Point2 low = corners_[0], high = corners_[2];
     const std::int32_t apart = 1 << (regionBits_ + 2);
     for (std::int32_t x = ((low.x / apart) + 1) * apart; x < high.x; x += apart)
-      for (std::int32_t z = ((low.z / apart) + 1) * apart; z < high.z; z += apart) insert({x, z}, hint);
-    return {};
+      for (std::int32_t z = ((low.z / apart) + 1) * apart; z < high.z; z += apart) out.push_back({x, z});
   }
 
   // Chooses points between two corners so that the terrain along the side is close to the line through them.
@@ -161,13 +193,18 @@ class Mesher : private triangulation::Partition {
     }
   }
 
-  // Inserts the worst points until nothing exceeds `share` of the error. dense 0: a few candidates for each triangle.
-  std::optional<Problem> refine(int dense, double share) {
-    const float limit = static_cast<float>(share * error_);
+  struct Pass {
+    int dense;     // 0: a few candidates for each triangle; otherwise the most divisions of its sides
+    double share;  // of the error
+  };
+  // Inserts the worst points until nothing exceeds the pass's share of the error. False: the turn is over.
+  Result<bool> refine(const Pass& pass) {
+    const float limit = static_cast<float>(pass.share * error_);
     for (;;) {
-      evaluate(dense);
+      if (!insertBatch()) return false;
+      if (now_.full) return tooMany();
+      if (!evaluate(pass.dense)) return false;
       watch_.has(mesh_.liveTriangles());
-      if (watch_.over()) return watch_.problem();
       float most = 0, stuck = 0;
       for (triangulation::RegionId r : regions_)
         mesh_.trianglePages().forEach(r, [&](TriangleId t) {
@@ -175,53 +212,73 @@ class Mesher : private triangulation::Partition {
           kind = std::max(kind, worst_[t].error);
         });
       if (most <= limit) {
-        if (std::max(most, stuck) <= error_) return {};
-        return Problem{Problem::Kind::kTooMuch, "This ground has a step of " + text(stuck) +
-                                                    " m that no mesh on the lattice follows more closely; an error of " +
-                                                    text(stuck * 1.05) + " m can be kept."};
+        if (std::max(most, stuck) <= error_) return true;
+        return Problem{Problem::Kind::kTooMuch,
+                       "This ground has a step of " + text(stuck) + " m that no mesh on the lattice follows more closely; an error of " +
+                           text(stuck * 1.05) + " m can be kept.",
+                       stuck * 1.05};
       }
-      const float wanted = std::max(limit, static_cast<float>(kGreed) * most);
-      std::vector<std::pair<float, TriangleId>> batch;
-      for (triangulation::RegionId r : regions_) {
-        const auto first = batch.size();
-        mesh_.trianglePages().forEach(r, [&](TriangleId t) {
-          if (worst_[t].admissible && worst_[t].error > wanted) batch.emplace_back(worst_[t].error, t);
-        });
-        std::sort(batch.begin() + static_cast<std::ptrdiff_t>(first), batch.end(), [&](const auto& a, const auto& b) {
-          return a.first != b.first ? a.first > b.first : triangulation::smaller(worst_[a.second].at(), worst_[b.second].at());
-        });
-      }
-      for (const auto& [error, t] : batch) {
-        if (!mesh_.trianglePages().alive(t) || mesh_.trianglePages().fresh(t)) continue;  // changed by this batch: evaluated again
-        const Point2 p = worst_[t].at();
-        if (mesh_.insert({p.x, p.z, heightAt(p), triangulation::kNoEdge}, t, all_) != Change::kDone || 2 * ++vertices_ > most_)
-          return tooMany(most);
-      }
+      now_.reached = most;
+      ++now_.batches;
+      chooseBatch(std::max(limit, static_cast<float>(kGreed) * most));
     }
   }
 
-  Problem tooMany(float reached) const {
-    return {Problem::Kind::kTooMuch, "This box at an error of " + text(error_) + " m takes more than " + std::to_string(most_) +
-                                         " triangles, the limit; with an error of " + text(reached * 1.1) +
-                                         " m, or in several smaller boxes, it fits."};
+  void chooseBatch(float wanted) {
+    for (triangulation::RegionId r : regions_) {
+      const auto first = now_.batch.size();
+      mesh_.trianglePages().forEach(r, [&](TriangleId t) {
+        if (worst_[t].admissible && worst_[t].error > wanted) now_.batch.emplace_back(worst_[t].error, t);
+      });
+      std::sort(now_.batch.begin() + static_cast<std::ptrdiff_t>(first), now_.batch.end(), [&](const auto& a, const auto& b) {
+        return a.first != b.first ? a.first > b.first : triangulation::smaller(worst_[a.second].at(), worst_[b.second].at());
+      });
+    }
   }
 
-  // Finds the worst point of every fresh triangle.
-  void evaluate(int dense) {
+  // False: the turn is over.
+  bool insertBatch() {
+    for (; now_.next < now_.batch.size() && !now_.full; ++now_.next) {
+      if (now_.next % kInsertions == 0 && pauses()) return false;
+      const TriangleId t = now_.batch[now_.next].second;
+      if (!mesh_.trianglePages().alive(t) || mesh_.trianglePages().fresh(t)) continue;  // changed by this batch: evaluated again
+      const Point2 p = worst_[t].at();
+      now_.full = mesh_.insert({p.x, p.z, heightAt(p), triangulation::kNoEdge}, t, all_) != Change::kDone || 2 * ++vertices_ > most_;
+    }
+    now_.batch.clear();
+    now_.next = 0;
+    return true;
+  }
+
+  Problem tooMany() const {
+    const double fits = static_cast<double>(now_.reached) * 1.1;
+    return {Problem::Kind::kTooMuch,
+            "This box at an error of " + text(error_) + " m takes more than " + std::to_string(most_) +
+                " triangles, the limit; with an error of " + text(fits) + " m, or in several smaller boxes, it fits.",
+            now_.batches > 1 ? fits : 0};
+  }
+
+  // Finds the worst point of every fresh triangle. False: the turn ended before.
+  bool evaluate(int dense) {
     std::atomic<std::uint64_t> samples{0};
+    std::atomic<bool> done{true};
     pool_.forEach(regions_.size(), 1, [&](std::size_t k) {
       thread_local std::vector<TriangleId> fresh;
       fresh.clear();
       mesh_.trianglePages().forEachFresh(regions_[k], [&](TriangleId t) { fresh.push_back(t); });
       std::uint64_t n = 0;
       for (TriangleId t : fresh) {
-        if (watch_.over()) break;
+        if (pauses()) {
+          done = false;
+          break;
+        }
         mesh_.trianglePages().clearFresh(t);
         n += judge(t, dense);
       }
       samples += n;
     });
     samples_ += samples;
+    return done;
   }
 
   // The centroids of the parts of a triangle with divided sides: all inside, evenly spread.
@@ -286,53 +343,83 @@ class Mesher : private triangulation::Partition {
     return most;
   }
 
-  // Files the triangles by leaves of one level, chosen for a moderate number of triangles in each.
-  std::vector<mesh::LeafMesh> leaves() const {
+  // Files the triangles by leaves of one level, chosen for a moderate number of triangles in each. False: the turn is over.
+  bool file() {
     const double area = static_cast<double>(high_.x - low_.x) * static_cast<double>(high_.z - low_.z);
     const double parts = std::max(1.0, static_cast<double>(mesh_.liveTriangles()) / kTrianglesALeaf);
     int level = 0;
     while (level < lattice::kMaxLevel && std::ldexp(1.0, 2 * (lattice::kFinestSideBits + level)) < area / parts) ++level;
-    struct Filing {
-      mesh::LeafMesh mesh;
-      std::vector<VertexId> ids;
-    };
-    std::map<lattice::LeafAddress, Filing> filed;
-    for (triangulation::RegionId r : regions_)
-      mesh_.trianglePages().forEach(r, [&](TriangleId t) {
-        const auto& v = mesh_.triangle(t).v;
-        Step x3 = 3 * anchor_.x, z3 = 3 * anchor_.z;
-        for (VertexId id : v) {
-          x3 += mesh_.vertex(id).x;
-          z3 += mesh_.vertex(id).z;
-        }
-        const Step side3 = 3 * (Step{1} << (lattice::kFinestSideBits + level));
-        const auto floored = [](Step p, Step q) { return p >= 0 ? p / q : -((q - 1 - p) / q); };
-        Filing& leaf = filed[{level, floored(x3, side3), floored(z3, side3)}];
-        const auto first = static_cast<std::uint32_t>(leaf.ids.size());
-        leaf.ids.insert(leaf.ids.end(), v, v + 3);
-        leaf.mesh.triangles.push_back({first, first + 1, first + 2});
-      });
-    std::vector<mesh::LeafMesh> out;
-    for (auto& [address, leaf] : filed) {
-      leaf.mesh.address = address;
-      for (VertexId id : leaf.ids) {
-        const Vertex& v = mesh_.vertex(id);
-        leaf.mesh.vertices.push_back(
-            {static_cast<std::int32_t>(anchor_.x + v.x - address.x()), static_cast<std::int32_t>(anchor_.z + v.z - address.z()), v.y});
-      }
-      out.push_back(std::move(leaf.mesh));
+    for (; now_.next < regions_.size(); ++now_.next) {
+      if (pauses()) return false;
+      file(regions_[now_.next], level);
     }
-    pool_.forEach(out.size(), 1, [&](std::size_t k) { mesh::canonicalize(out[k]); });
-    return out;
+    while (!filed_.empty()) {
+      if (pauses()) return false;
+      const std::size_t first = leaves_.size(), count = std::min(kLeavesAtATime, filed_.size());
+      std::vector<std::vector<VertexId>> ids;
+      for (std::size_t k = 0; k < count; ++k) {
+        auto leaf = filed_.extract(filed_.begin());
+        leaf.mapped().mesh.address = leaf.key();
+        leaves_.push_back(std::move(leaf.mapped().mesh));
+        ids.push_back(std::move(leaf.mapped().ids));
+      }
+      pool_.forEach(count, 1, [&](std::size_t k) { finish(leaves_[first + k], ids[k]); });
+    }
+    return true;
   }
+
+  void file(triangulation::RegionId region, int level) {
+    const Step side3 = 3 * (Step{1} << (lattice::kFinestSideBits + level));
+    const auto floored = [](Step p, Step q) { return p >= 0 ? p / q : -((q - 1 - p) / q); };
+    mesh_.trianglePages().forEach(region, [&](TriangleId t) {
+      const auto& v = mesh_.triangle(t).v;
+      Step x3 = 3 * anchor_.x, z3 = 3 * anchor_.z;
+      for (VertexId id : v) {
+        x3 += mesh_.vertex(id).x;
+        z3 += mesh_.vertex(id).z;
+      }
+      Filing& leaf = filed_[{level, floored(x3, side3), floored(z3, side3)}];
+      const auto first = static_cast<std::uint32_t>(leaf.ids.size());
+      leaf.ids.insert(leaf.ids.end(), v, v + 3);
+      leaf.mesh.triangles.push_back({first, first + 1, first + 2});
+    });
+  }
+
+  void finish(mesh::LeafMesh& leaf, const std::vector<VertexId>& ids) const {
+    for (VertexId id : ids) {
+      const Vertex& v = mesh_.vertex(id);
+      leaf.vertices.push_back({static_cast<std::int32_t>(anchor_.x + v.x - leaf.address.x()),
+                               static_cast<std::int32_t>(anchor_.z + v.z - leaf.address.z()), v.y});
+    }
+    mesh::canonicalize(leaf);
+  }
+
+  struct Filing {
+    mesh::LeafMesh mesh;
+    std::vector<VertexId> ids;
+  };
+  // Where the work goes on after a pause.
+  struct Position {
+    std::size_t side = 0, pass = 0, next = 0;
+    std::vector<Point2> points;                       // to be inserted first
+    TriangleId hint = 0;                              // near the last of them
+    std::vector<std::pair<float, TriangleId>> batch;  // to be inserted by refine
+    std::uint32_t batches = 0;
+    float reached = 0;  // the worst error before the batch, metres
+    bool begun = false, full = false;
+  };
 
   const terrain::Terrain& terrain_;
   const std::uint32_t most_;
   const double error_;  // metres
+  const std::size_t passes_;
   scheduling::Pool& pool_;
-  const Watch& watch_;
+  const Watch watch_;
+  Time until_;  // the turn's end
+  Position now_;
   int vertical_ = 0, horizontal_ = 0;  // the vertices' spacing, as powers of two in steps
   lattice::Point low_, high_, anchor_;
+  std::array<Point2, 4> corners_;
   double spacing_ = 0;  // of dense samples, steps
   int regionBits_ = 0;
   std::int32_t firstX_ = 0, firstZ_ = 0, across_ = 0, down_ = 0;
@@ -342,9 +429,9 @@ class Mesher : private triangulation::Partition {
   std::unique_ptr<Worst[]> worst_;  // by triangle; valid for those that are not fresh
   std::uint64_t samples_ = 0;
   std::uint32_t vertices_ = 3;
+  std::map<lattice::LeafAddress, Filing> filed_;
+  std::vector<mesh::LeafMesh> leaves_;
 };
-
-}  // namespace
 
 Problem Watch::problem() const {
   if (stop.stop_requested()) return {Problem::Kind::kStopped, "Nobody waits for this snapshot any more."};
@@ -354,9 +441,15 @@ Problem Watch::problem() const {
               "threshold or error, a smaller box."};
 }
 
+Meshing::Meshing(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool, Watch watch)
+    : mesher_(std::make_unique<Mesher>(terrain, box, mostTriangles, pool, std::move(watch))) {}
+Meshing::~Meshing() = default;
+
+std::optional<Result<BoxMesh>> Meshing::work(Time until) { return mesher_->work(until); }
+
 Result<BoxMesh> meshBox(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool,
                         const Watch& watch) {
-  return Mesher(terrain, box, mostTriangles, pool, watch).run();
+  return std::move(*Meshing(terrain, box, mostTriangles, pool, watch).work(Meshing::Time::max()));
 }
 
 }  // namespace ridgecast::box

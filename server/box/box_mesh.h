@@ -6,7 +6,10 @@
 // inserted, until nothing does. Vertices lie on the coarsest lattice that costs at most a sixteenth of the error. The result depends only
 // on terrain, box and error, not on threads.
 
+#include <chrono>
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <vector>
 
 #include "common/lattice/lattice.h"
@@ -20,6 +23,7 @@ namespace ridgecast::box {
 struct Box {
   lattice::Point low, high;  // steps, low < high
   double error = 1;          // metres
+  bool rough = false;        // without the dense samples: shows only about how many triangles it takes
 };
 
 struct BoxMesh {
@@ -30,7 +34,25 @@ struct BoxMesh {
   std::uint32_t triangles = 0;
 };
 
+// A mesh in the making, in turns: who shares threads with others does a few milliseconds of it at a time. The turns change nothing about
+// the result. One thread at a time; terrain and pool must outlive it.
+//
 // Problems: more than `mostTriangles` would be needed, the error cannot be reached (a cliff), or the watch is over.
+class Meshing {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  Meshing(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool, Watch watch);
+  ~Meshing();
+  // Works until about then. Empty: it is not finished. Not to be called again once it is.
+  std::optional<Result<BoxMesh>> work(Time until);
+
+ private:
+  class Mesher;
+  std::unique_ptr<Mesher> mesher_;
+};
+
+// All of it in one turn.
 Result<BoxMesh> meshBox(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool,
                         const Watch& watch);
 

@@ -23,6 +23,7 @@ struct Problem {
   };
   Kind kind = Kind::kFailed;
   std::string message;
+  double error = 0;  // kTooMuch of a box: metres, about what would fit; 0: unknown, for the box's sides take too much
 };
 
 [[noreturn]] inline void throw_exception_from_error(const Problem& p, const boost::source_location&) {

@@ -118,7 +118,11 @@ CameraSession::Refusal CameraSession::attend(wire::Query& query) {
 }
 
 CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
-  if (!grounds_) grounds_ = std::make_shared<Grounds>(session_->terrain(), conversation_.granted().triangleBudget, pool_, sender_);
+  if (!grounds_) {
+    const Resources& resources = session_->resources();
+    std::call_once(resources.groundsMade, [&] { resources.grounds = std::make_shared<GroundQueue>(*resources.executor); });
+    grounds_ = std::make_shared<Grounds>(session_->terrain(), conversation_.granted().triangleBudget, resources.grounds, sender_);
+  }
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
                       "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/codec/codec.h"
+#include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/box/box_mesh.h"
 #include "server/query/query.h"
@@ -14,9 +15,14 @@ namespace ridgecast::session {
 
 namespace {
 
-constexpr double kCoarser = 2;    // factor for an error that cannot be reached
-constexpr double kInside = 0.65;  // of the error: the mesher's share; the rest is for what its samples missed
-constexpr int kFineness = 8;      // of the check of the result: 1/256 of a leaf's side
+constexpr double kInside = 0.65;     // of the error: the mesher's share; the rest is for what its samples missed
+constexpr int kTries = 4;            // with smaller shares, where the check finds more
+constexpr double kMostError = 100;   // metres, of a question
+constexpr double kCoarser = 3;       // times what was reached: tried where that does not fit
+constexpr double kUnknown = 8;       // times the error: the same where nothing was reached
+constexpr double kTrial = 0.7;       // of the mesher's share: if it fits in a rough mesh, the whole error fits
+constexpr int kFineness = 8;         // of the check of the result: 1/256 of a leaf's side
+constexpr std::size_t kAtATime = 4;  // leaves between two looks at the clock: about ten milliseconds
 
 // Keeps the triangles whose bounding box touches the circle.
 void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
@@ -36,80 +42,216 @@ void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
 
 }  // namespace
 
-Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<scheduling::Pool> pool,
+// ---- the queue of all ----
+
+GroundQueue::GroundQueue(scheduling::Executor& executor)
+    : places_(std::max(1u, executor.threads() - 1)), pool_(executor.makePool(places_)) {}
+
+void GroundQueue::enter(std::weak_ptr<Grounds> grounds) {
+  {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(waiting_, [](const auto& one) { return one.expired(); });
+    waiting_.push_back(std::move(grounds));
+  }
+  beginNext();
+}
+
+unsigned GroundQueue::working() const {
+  const std::lock_guard lock(mutex_);
+  return working_;
+}
+
+void GroundQueue::leave() {
+  {
+    const std::lock_guard lock(mutex_);
+    --working_;
+  }
+  beginNext();
+}
+
+void GroundQueue::beginNext() {
+  std::shared_ptr<Grounds> next;
+  {
+    const std::lock_guard lock(mutex_);
+    while (!next && working_ < places_ && !waiting_.empty()) {
+      next = waiting_.front().lock();
+      waiting_.pop_front();
+    }
+    if (!next) return;
+    ++working_;
+  }
+  next->begin(Place(nullptr, [self = shared_from_this()](const void*) { self->leave(); }));
+}
+
+// ---- one camera's ----
+
+struct Grounds::Work {
+  wire::AskGround ask;
+  box::Watch watch;
+  double error = 0;        // metres: more than asked for in trials of what fits
+  double share = kInside;  // of the error, the mesher's
+  int tries = 1;
+  std::unique_ptr<box::Meshing> meshing;  // then there are leaves
+  std::vector<mesh::LeafMesh> leaves;
+  std::size_t measured = 0, encoded = 0;  // of the leaves
+  wire::Ground ground;                    // its leaves stand beside `leaves`
+
+  bool isTrial() const { return error > ask.error; }
+  void restart() {
+    leaves.clear();
+    ground.leaves.clear();
+    measured = 0;
+  }
+};
+
+Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<GroundQueue> queue,
                  std::shared_ptr<Sender> sender, std::chrono::seconds timeout)
     : terrain_(std::move(terrain)),
       triangleBudget_(triangleBudget),
-      pool_(std::move(pool)),
+      queue_(std::move(queue)),
       sender_(std::move(sender)),
       timeout_(timeout) {}
 
+Grounds::~Grounds() = default;
+
 bool Grounds::ask(const wire::AskGround& ask) {
-  const std::lock_guard lock(mutex_);
-  if (*open_ >= wire::kMaxGrounds) return false;
-  ++*open_;
-  pending_.push_back(ask);
-  if (!runs_) runs_ = pool_->post([self = shared_from_this()] { self->run(); });
+  {
+    const std::lock_guard lock(mutex_);
+    if (*open_ >= wire::kMaxGrounds) return false;
+    ++*open_;
+    auto work = std::make_unique<Work>();
+    work->ask = ask;
+    work->error = ask.error;
+    work->watch = {stop_.get_token(), Clock::now() + timeout_, static_cast<double>(timeout_.count())};
+    pending_.push_back(std::move(work));
+    if (std::exchange(runs_, true)) return true;
+  }
+  queue_->enter(weak_from_this());
   return true;
 }
 
-void Grounds::close() {
-  stop_.request_stop();
-  const std::lock_guard lock(mutex_);
-  pending_.clear();
+void Grounds::close() { stop_.request_stop(); }
+
+void Grounds::begin(GroundQueue::Place place) {
+  queue_->pool().post([self = shared_from_this(), place = std::move(place)]() mutable { self->run(std::move(place)); });
 }
 
-void Grounds::run() {
-  wire::AskGround request;
+void Grounds::run(GroundQueue::Place place) {
+  if (stop_.stop_requested()) return;  // nobody waits any more
+  Work* work = nullptr;
   {
     const std::lock_guard lock(mutex_);
-    runs_ = false;
-    if (pending_.empty() || stop_.stop_requested()) return;
-    request = pending_.front();
-    pending_.pop_front();
-    runs_ = true;
+    work = pending_.front().get();
   }
   try {
-    answer(request);
+    auto answer = turn(*work);
+    if (!answer) return begin(std::move(place));
+    if (!stop_.stop_requested()) sender_->send(std::move(*answer), ticketOf(open_));
   } catch (const std::exception& e) {
     sender_->fail({wire::ErrorCode::kInternal, std::string("The server failed: ") + e.what()});
+    return;
   }
-  const std::lock_guard lock(mutex_);
-  runs_ = !pending_.empty() && pool_->post([self = shared_from_this()] { self->run(); });
+  std::unique_ptr<Work> done;  // destroyed before the place is released, and without the lock
+  {
+    const std::lock_guard lock(mutex_);
+    done = std::move(pending_.front());
+    pending_.pop_front();
+    runs_ = !pending_.empty();
+    if (!runs_) return;
+  }
+  queue_->enter(weak_from_this());  // behind the others
 }
 
-void Grounds::answer(const wire::AskGround& request) {
-  const double radius = request.radius * lattice::kStepsPerMetre;
-  const auto reach = static_cast<lattice::Step>(std::ceil(radius)) + 1;
-  const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
-  const auto make = [&](double error) {
-    const box::Watch watch{stop_.get_token(), std::chrono::steady_clock::now() + timeout_, static_cast<double>(timeout_.count())};
-    return box::meshBox(
-        *terrain_,
-        {{within(request.at.x - reach), within(request.at.z - reach)}, {within(request.at.x + reach), within(request.at.z + reach)}, error},
-        triangleBudget_, *pool_, watch);
-  };
-  double error = request.error * kInside;
-  auto made = make(error);
-  // A cliff, the budget or the time forbid it: use the best that is possible.
-  using Kind = box::Problem::Kind;
-  while (!made && error < 1e4 && (made.error().kind == Kind::kTooMuch || made.error().kind == Kind::kTooSlow))
-    made = make(error *= kCoarser);
-  if (stop_.stop_requested()) return;
-  if (!made) return sender_->fail({wire::ErrorCode::kLimit, "The requested ground could not be made: " + made.error().message});
+std::optional<wire::Ground> Grounds::turn(Work& work) const {
+  const auto until = Clock::now() + kTurn;
+  if (work.watch.over() && work.isTrial()) return unfit(work, "");
+  if (work.watch.over())
+    return refusal(work, "This ground was not ready within " + text::rounded(work.watch.seconds, 3) +
+                             " s, because the server is busy; ask again later, or for a larger error or a smaller radius.");
+  if (work.leaves.empty()) return mesh(work, until);
+  auto& leaves = work.ground.leaves;
+  if (!eachLeaf(work, work.measured, until, [&](std::size_t k) {
+        trim(work.leaves[k], work.ask.at, work.ask.radius * lattice::kStepsPerMetre);
+        leaves[k].error = query::deviation(*terrain_, work.leaves[k], kFineness);
+      }))
+    return {};
+  work.ground.error = static_cast<double>(std::ranges::max(leaves, {}, &wire::LeafWhole::error).error);
+  if (work.ground.error > work.ask.error) return again(work);
+  if (!eachLeaf(work, work.encoded, until, [&](std::size_t k) {
+        const mesh::LeafMesh& leaf = work.leaves[k];
+        if (leaf.triangles.empty()) return;
+        leaves[k] = {leaf.address, static_cast<std::uint32_t>(leaf.vertices.size()), static_cast<std::uint32_t>(leaf.triangles.size()),
+                     codec::encodeLeaf(leaf), leaves[k].error};
+      }))
+    return {};
+  std::erase_if(leaves, [](const wire::LeafWhole& leaf) { return leaf.triangles == 0; });
+  work.ground.id = work.ask.id;
+  return std::move(work.ground);
+}
 
-  wire::Ground ground;
-  ground.id = request.id;
-  for (mesh::LeafMesh& leaf : made->leaves) trim(leaf, request.at, radius);
-  std::erase_if(made->leaves, [](const mesh::LeafMesh& leaf) { return leaf.triangles.empty(); });
-  ground.leaves.resize(made->leaves.size());
-  pool_->forEach(made->leaves.size(), 1, [&](std::size_t k) {
-    const mesh::LeafMesh& leaf = made->leaves[k];
-    ground.leaves[k] = {leaf.address, static_cast<std::uint32_t>(leaf.vertices.size()), static_cast<std::uint32_t>(leaf.triangles.size()),
-                        codec::encodeLeaf(leaf), query::deviation(*terrain_, leaf, kFineness)};
-  });
-  for (const wire::LeafWhole& leaf : ground.leaves) ground.error = std::max(ground.error, static_cast<double>(leaf.error));
-  sender_->send(std::move(ground), ticketOf(open_));
+// Empty: it goes on, with the leaves once they are there.
+std::optional<wire::Ground> Grounds::mesh(Work& work, Clock::time_point until) const {
+  if (!work.meshing) {
+    const auto reach = static_cast<lattice::Step>(std::ceil(work.ask.radius * lattice::kStepsPerMetre)) + 1;
+    const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
+    const lattice::Point at = work.ask.at;
+    const box::Box box{{within(at.x - reach), within(at.z - reach)},
+                       {within(at.x + reach), within(at.z + reach)},
+                       work.share * work.error,
+                       work.isTrial()};
+    work.meshing = std::make_unique<box::Meshing>(*terrain_, box, triangleBudget_, queue_->pool(), work.watch);
+  }
+  auto made = work.meshing->work(until);
+  if (!made) return {};
+  work.meshing.reset();
+  if (*made && work.isTrial()) return unfit(work, "an error of " + text::rounded(work.error, 3) + " m fits, or ");
+  if (*made) {
+    work.leaves = std::move((*made)->leaves);
+    work.ground.leaves.resize(work.leaves.size());
+  } else if (made->error().kind == box::Problem::Kind::kTooMuch) {
+    return coarser(work, made->error().error);
+  }
+  return {};  // out of time: the next turn says so
+}
+
+// The check found more than the mesher did: a smaller share.
+std::optional<wire::Ground> Grounds::again(Work& work) const {
+  if (work.tries++ == kTries) return coarser(work, work.ground.error);
+  work.share *= std::clamp(0.9 * work.ask.error / work.ground.error, 0.25, 0.9);
+  work.restart();
+  return {};
+}
+
+// The error does not fit: looks for one that does.
+std::optional<wire::Ground> Grounds::coarser(Work& work, double reached) const {
+  if (work.error >= kMostError) return unfit(work, "");
+  work.error = std::min(kMostError, std::max(kCoarser * reached, (reached > 0 ? 1.5 : kUnknown) * work.error));
+  work.share = kTrial * kInside;
+  work.restart();
+  return {};
+}
+
+bool Grounds::eachLeaf(const Work& work, std::size_t& done, Clock::time_point until, const std::function<void(std::size_t)>& body) const {
+  while (done < work.leaves.size()) {
+    if (Clock::now() >= until) return false;
+    const std::size_t count = std::min(kAtATime, work.leaves.size() - done);
+    queue_->pool().forEach(count, 1, [&](std::size_t k) { body(done + k); });
+    done += count;
+  }
+  return true;
+}
+
+wire::Ground Grounds::unfit(const Work& work, const std::string& fits) const {
+  return refusal(work, "No mesh of at most " + std::to_string(triangleBudget_) + " triangles, the camera's budget, keeps an error of " +
+                           text::rounded(work.ask.error, 3) + " m over a circle of " + text::rounded(work.ask.radius, 6) + " m here; " +
+                           fits + "ask for a smaller radius.");
+}
+
+wire::Ground Grounds::refusal(const Work& work, std::string sentence) {
+  wire::Ground out;
+  out.id = work.ask.id;
+  out.refusal = std::move(sentence);
+  return out;
 }
 
 }  // namespace ridgecast::session

@@ -1,17 +1,22 @@
 #pragma once
-// The ground around points, independent of the member's camera: a mesh of the square around the circle at the requested error
-// (server/box/box_mesh.h), of which the triangles over the circle are sent.
+// The ground around points, independent of the member's camera: a mesh of the square around the circle (server/box/box_mesh.h), of which
+// the triangles over the circle are sent. Every leaf's error is measured; what is sent keeps the requested one. If none does, the answer names
+// an error that fits by a rough trial. That depends on terrain and triangles alone: the same question gets the same answer, or on a busy server none in time.
 //
-// An actor beside the camera session: ask() may come from any thread and only queues. The work runs as tasks of the member's own pool, one
-// ground each. If an error cannot be reached, or not within kTimeout, twice the error is tried. Bound: wire::kMaxGrounds requests that wait
-// or whose answers have not left.
+// An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns of kTurn, as tasks of the pool
+// that all cameras' grounds share (GroundQueue). Bounds: wire::kMaxGrounds requests that wait or whose answers have not left; one of them
+// in work; each is answered within kTimeout.
 
 #include <atomic>
 #include <chrono>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stop_token>
+#include <string>
+#include <vector>
 
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
@@ -20,30 +25,71 @@
 
 namespace ridgecast::session {
 
+class Grounds;
+
+// Shared by the grounds of a server: one pool with one thread fewer than the executor has, at least one, and as many places to work. A work
+// takes up to some hundred MB, so the others wait, first come first served. Any thread.
+class GroundQueue : public std::enable_shared_from_this<GroundQueue> {
+ public:
+  using Place = std::shared_ptr<const void>;  // released with its last copy
+
+  explicit GroundQueue(scheduling::Executor& executor);
+  // Calls begin() of `grounds` once there is a place, unless they are gone by then.
+  void enter(std::weak_ptr<Grounds> grounds);
+  scheduling::Pool& pool() { return *pool_; }
+  unsigned places() const { return places_; }
+  unsigned working() const;
+
+ private:
+  void leave();
+  void beginNext();
+
+  const unsigned places_;
+  const std::shared_ptr<scheduling::Pool> pool_;
+  mutable std::mutex mutex_;
+  std::deque<std::weak_ptr<Grounds>> waiting_;
+  unsigned working_ = 0;
+};
+
 class Grounds : public std::enable_shared_from_this<Grounds> {
  public:
-  static constexpr std::chrono::seconds kTimeout{4};
+  static constexpr std::chrono::seconds kTimeout{30};  // from ask() on
+  static constexpr std::chrono::milliseconds kTurn{2};
 
-  Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<scheduling::Pool> pool,
+  Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<GroundQueue> queue,
           std::shared_ptr<Sender> sender, std::chrono::seconds timeout = kTimeout);
+  ~Grounds();
   bool ask(const wire::AskGround& ask);  // false: too many are open
   void close();                          // sends nothing more and abandons current work; any thread
 
  private:
-  void run();
-  void answer(const wire::AskGround& request);
+  friend GroundQueue;
+  using Clock = std::chrono::steady_clock;
+  struct Work;
+
+  void begin(GroundQueue::Place place);
+  void run(GroundQueue::Place place);
+  // Some milliseconds of work; returns the answer, if it is the last.
+  std::optional<wire::Ground> turn(Work& work) const;
+  std::optional<wire::Ground> mesh(Work& work, Clock::time_point until) const;
+  std::optional<wire::Ground> again(Work& work) const;
+  // From the leaf `done` on. False: the turn is over and some are left.
+  bool eachLeaf(const Work& work, std::size_t& done, Clock::time_point until, const std::function<void(std::size_t)>& body) const;
+  std::optional<wire::Ground> coarser(Work& work, double reached) const;
+  wire::Ground unfit(const Work& work, const std::string& fits) const;
+  static wire::Ground refusal(const Work& work, std::string sentence);
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
   const std::uint32_t triangleBudget_;
-  const std::shared_ptr<scheduling::Pool> pool_;
+  const std::shared_ptr<GroundQueue> queue_;
   const std::shared_ptr<Sender> sender_;
   const std::chrono::seconds timeout_;
   std::stop_source stop_;
 
   std::mutex mutex_;
-  std::deque<wire::AskGround> pending_;
+  std::deque<std::unique_ptr<Work>> pending_;                                                       // the first is in work while `runs_`
   std::shared_ptr<std::atomic<std::size_t>> open_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
-  bool runs_ = false;
+  bool runs_ = false;                                                                               // waits for a place or has one
 };
 
 }  // namespace ridgecast::session

@@ -33,6 +33,8 @@
 
 namespace ridgecast::session {
 
+class GroundQueue;
+
 struct Limits {
   std::uint32_t maxCameras = 256;                  // of all sessions together
   std::uint32_t maxMembers = 64;                   // of one session
@@ -77,6 +79,8 @@ struct Resources {
   Limits limits;
   std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
   std::unique_ptr<const Timer> timer = std::make_unique<SteadyTimer>();
+  mutable std::once_flag groundsMade;  // by the first camera that asks
+  mutable std::shared_ptr<GroundQueue> grounds;
   mutable std::atomic<bool> givesMemoryBack{false};  // a call to trim the allocator is scheduled
 };
 

@@ -99,6 +99,23 @@ TEST(BoxMesh, DependsOnTheQuestionAlone) {
   }
 }
 
+TEST(BoxMesh, TurnsChangeNothing) {
+  const auto terrain = terrainOf("alpine");
+  const Box box = boxAt(0, 0, 300, 250, 0.3);
+  const auto whole = make(*terrain, box);
+  scheduling::Executor executor(2);
+  const auto pool = executor.makePool();
+  Meshing meshing(*terrain, box, 2'000'000, *pool, patient());
+  int turns = 0;
+  std::optional<Result<BoxMesh>> made;
+  for (; !made; ++turns) made = meshing.work(std::chrono::steady_clock::now() + std::chrono::microseconds(200));
+  EXPECT_GT(turns, 10);
+  ASSERT_TRUE(*made);
+  EXPECT_EQ((*made)->leaves, whole->leaves);
+  EXPECT_EQ((*made)->error, whole->error);
+  EXPECT_EQ((*made)->samples, whole->samples);
+}
+
 TEST(BoxMesh, ASmallerErrorTakesMoreTriangles) {
   const auto terrain = terrainOf("alpine");
   std::uint32_t before = 0;
