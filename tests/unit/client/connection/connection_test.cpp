@@ -269,7 +269,7 @@ TEST(Connection, ServerThatTalksNonsense) {
 
 // A server that greets and then plays on.
 struct Greeted {
-  explicit Greeted(std::function<void(RawConnection&)> then, std::uint32_t window = 3, wire::Pacing pacing = wire::Pacing::kFree)
+  explicit Greeted(const std::function<void(RawConnection&)>& then, std::uint32_t window = 3, wire::Pacing pacing = wire::Pacing::kFree)
       : server([=](RawConnection& peer) {
           peer.upgrade();
           peer.readFrame();

@@ -97,7 +97,7 @@ TEST(Pace, PaysBackWhatWasSentAndSavesLittleUp) {
   const auto before = pace.insertions();
   EXPECT_GT(before, 500u);
   for (int k = 0; k < 20; ++k) pace.sent(now, 40'000, 1000);
-  EXPECT_NEAR(pace.insertions(), 16'000 / 40, 10);
+  EXPECT_NEAR(pace.insertions(), 16'000.0 / 40, 10);
 }
 
 TEST(Conversation, ABudgetOfBytesIsKeptToTheByteInSimulatedTime) {

@@ -36,7 +36,7 @@ class Files : public testing::Test {
     if (!findProgram("glslangValidator") || !(findProgram("g++") || findProgram("c++"))) GTEST_SKIP() << "needs glslangValidator and g++";
   }
   path write(const std::string& name, const std::string& text) const {
-    const path file = folder_.path() / name;
+    path file = folder_.path() / name;
     std::ofstream(file, std::ios::binary) << text;
     return file;
   }

@@ -389,7 +389,7 @@ void takesMemory(const Step*, const Step*, float* out, std::size_t count, std::u
   for (std::size_t k = 0; k < count; ++k) out[k] = taken == MAP_FAILED ? 1.0f : NAN;
 }
 TEST(Probe, limitsTheMemoryOfItsChild) {
-  const auto tried = probe("greedy.glsl", &takesMemory, 1);
+  const auto tried = probe("greedy.glsl", &takesMemory, nullptr, 1);
   EXPECT_TRUE(tried) << tried.error().message << ": it was given 256 MiB";
 }
 
