@@ -5,11 +5,13 @@
 #include <map>
 #include <type_traits>
 
+#include "common/settings/settings.h"
 #include "common/version/version.h"
 #include "common/wire/wire.h"
 #include "server/access/host.h"
 #include "server/config/layers.h"
 #include "server/config/token_command.h"
+#include "server/memory/memory.h"
 #include "server/scheduling/pool.h"
 
 namespace ridgecast::config {
@@ -129,6 +131,8 @@ void addLimits(CLI::App& app, Written& w) {
                  "Messages of one client on average, bursts of twice as many; 0: unlimited")
       ->capture_default_str();
   addNumber(app, "--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted", 10'000, 50'000'000);
+  addNumber(app, "--max-total-triangles", c.limits.maxTotalTriangles,
+            "Triangle budgets of all cameras together; 0: half of the memory that the process may use", 0, 1'000'000'000'000);
   addNumber(app, "--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles", 10'000, 20'000'000);
   addNumber(app, "--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1, 600);
   addNumber(app, "--snapshot-niceness", c.snapshots.lowerPriorityBy,
@@ -175,6 +179,9 @@ Outcome<Config> finish(Written&& w) {
   for (const std::string& option : w.raster)
     if (auto added = user_terrain::addRasterOption(option, c.terrain.raster); !added) return added.error();
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);
+  if (c.limits.maxTotalTriangles == 0) c.limits.maxTotalTriangles = memory::available() / 2 / session::kBytesPerTriangle;
+  if (c.limits.maxTotalTriangles != 0)
+    c.limits.maxTotalTriangles = std::max<std::uint64_t>(c.limits.maxTotalTriangles, settings::kLeastBudget);
   c.net.patientJobs.lowerPriorityBy = c.snapshots.lowerPriorityBy;
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;

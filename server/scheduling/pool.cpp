@@ -17,6 +17,8 @@
 #include <unordered_set>
 #include <utility>
 
+#include "server/scheduling/loop.h"
+
 // One lock for the executor guards who works for whom; it is taken when a thread changes the pool it works for, not for every task.
 // A parallel loop (Region) lives on its caller's stack. Helpers join and leave it under the executor's lock, and the caller leaves only
 // when the last helper has left, so no helper ever sees a region that is gone. Each region has its own way of handing out work: an
@@ -89,8 +91,7 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
   }
   void noteChange() { takesMore = inFlight < limit && !queued; }
   void run(Region& region, std::size_t helpersUseful, const std::function<void()>& work);
-  // With rests where another executor goes first.
-  std::function<void(std::size_t)> giving(const std::function<void(std::size_t)>& task) const;
+  const std::atomic<unsigned>* others() const;  // threads that work for the executor that goes first; null: none does
 };
 
 struct Executor::State {
@@ -132,20 +133,6 @@ struct WorkingFor {
   explicit WorkingFor(const void* pool) : before(std::exchange(workingFor, pool)) {}
   ~WorkingFor() { workingFor = before; }
 };
-
-// Of loops whose executor gives way to another: how much work comes before a rest, and the longest rest.
-constexpr std::chrono::microseconds kWorkAtATime{500}, kLongestRest{50'000};
-constexpr int kRests = 9;  // times what was worked: others then lose a tenth at most
-thread_local std::chrono::steady_clock::time_point rested{};
-
-// Rests kRests times as long as was worked since the last time.
-void rest(const std::atomic<unsigned>& others) {
-  const auto now = std::chrono::steady_clock::now();
-  if (now - rested < kWorkAtATime) return;
-  if (others.load(std::memory_order_relaxed) > 0)
-    std::this_thread::sleep_for(std::min<std::chrono::steady_clock::duration>(kRests * (now - rested), kLongestRest));
-  rested = std::chrono::steady_clock::now();
-}
 }  // namespace
 
 Pool::Impl::~Impl() {
@@ -263,13 +250,7 @@ std::shared_ptr<Pool> Executor::makePool(unsigned limit) {
   return std::shared_ptr<Pool>(new Pool(std::move(impl)));
 }
 
-std::function<void(std::size_t)> Pool::Impl::giving(const std::function<void(std::size_t)>& task) const {
-  if (!executor->first) return std::cref(task);
-  return [&task, &others = executor->first->working](std::size_t k) {
-    rest(others);
-    task(k);
-  };
-}
+const std::atomic<unsigned>* Pool::Impl::others() const { return executor->first ? &executor->first->working : nullptr; }
 
 Pool::Pool(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
 
@@ -367,14 +348,16 @@ void runInline(std::size_t count, const std::function<void(std::size_t)>& body) 
 }  // namespace
 
 void Pool::forEach(std::size_t count, std::size_t grain, const std::function<void(std::size_t)>& task) {
-  const auto body = impl_->giving(task);
+  Loop loop(task, impl_->others());
+  const std::function<void(std::size_t)> body = std::ref(loop);
   grain = std::max<std::size_t>(grain, 1);
   if (count <= grain || impl_->limit == 1) {
     runInline(count, body);
-    return;
+  } else {
+    Range range(count, grain, body);
+    impl_->run(range, (count - 1) / grain, [&] { range.help(never); });
   }
-  Range range(count, grain, body);
-  impl_->run(range, (count - 1) / grain, [&] { range.help(never); });
+  loop.rethrow();
 }
 
 // ---- forEachOrdered ----
@@ -482,11 +465,12 @@ class Ordered final : public Region {
 }  // namespace
 
 void Pool::forEachOrdered(const Order& order, const std::function<void(std::size_t)>& task) {
-  const auto body = impl_->giving(task);
+  Loop loop(task, impl_->others());
+  const std::function<void(std::size_t)> body = std::ref(loop);
   // Predecessors are smaller, so ascending order is always right when one thread does it all.
   if (order.size() <= 1 || impl_->limit == 1) {
     runInline(order.size(), body);
-    return;
+    return loop.rethrow();
   }
   Ordered ordered(order, body, [impl = impl_.get()] {
     if (!impl->takesMore) return;
@@ -494,6 +478,7 @@ void Pool::forEachOrdered(const Order& order, const std::function<void(std::size
     impl->executor->summon(*impl);
   });
   impl_->run(ordered, order.size() - 1, [&] { ordered.lead(); });
+  loop.rethrow();
 }
 
 }  // namespace ridgecast::scheduling

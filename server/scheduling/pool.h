@@ -47,14 +47,15 @@ using Order = std::vector<std::vector<std::uint32_t>>;
 class Pool {
  public:
   ~Pool();
-  // Queues a task; false when the pool's queue is full (1,024 posted tasks). Any thread.
+  // Queues a task, which must not throw; false when the pool's queue is full (1,024 posted tasks). Any thread.
   bool post(std::function<void()> task);
 
   // A loop follows within microseconds: one thread of the executor that sleeps, if any, is woken now and looks around for it.
   void rouse();
 
   // body(k) for every k in [0, count), in parallel; returns when all are done. The calling thread takes part, so that a task of this
-  // pool may call it without a thread of its own being lost. `grain` indices are handed out at a time. body must not throw.
+  // pool may call it without a thread of its own being lost. `grain` indices are handed out at a time. What body throws first is
+  // thrown here, after those that had begun; others are then passed over.
   void forEach(std::size_t count, std::size_t grain, const std::function<void(std::size_t)>& body);
 
   // The same, but task k starts only when all of order[k] are done; everything that ran in a predecessor is visible to it.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <exception>
+#include <new>
 #include <optional>
 #include <utility>
 
@@ -16,6 +17,13 @@ namespace {
 
 using wire::ErrorCode;
 using wire::ErrorMessage;
+
+// What a client is told of a failure in its work, which ends its camera alone.
+ErrorMessage messageOf(const std::exception& failure) {
+  if (dynamic_cast<const std::bad_alloc*>(&failure))
+    return {ErrorCode::kLimit, "The server ran out of memory at this camera's work; connect again with a smaller triangle budget."};
+  return {ErrorCode::kInternal, std::string("The server failed: ") + failure.what()};
+}
 
 double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -31,18 +39,21 @@ void giveMemoryBackSoon(const Resources& resources) {
   });
 }
 
-wire::Settings grant(const wire::Settings& requested, const Limits& limits) {
+wire::Settings grant(const wire::Settings& requested, const Limits& limits, Places::Place& place) {
   wire::Settings out = pipeline::grant(requested, limits.mesh);
+  out.triangleBudget = place.grant(out.triangleBudget);
   const std::uint64_t most = limits.maxBytesPerSecond;
   if (out.bytesPerSecond == 0 || (most != 0 && out.bytesPerSecond > most)) out.bytesPerSecond = most;
   if (out.bytesPerSecond != 0) out.bytesPerSecond = std::max(out.bytesPerSecond, kLeastBytesPerSecond);
   return out;
 }
 
-conversation::Terms termsOf(const Session& session) {
+conversation::Terms termsOf(const Session& session, const CameraPlace& place) {
   const Limits& limits = session.resources().limits;
-  conversation::Terms terms{
-      [limits](const wire::Settings& requested) { return grant(requested, limits); }, limits.window, limits.maxQueuedBytes, {}};
+  conversation::Terms terms{[limits, place = place.onServer](const wire::Settings& requested) { return grant(requested, limits, *place); },
+                            limits.window,
+                            limits.maxQueuedBytes,
+                            {}};
   if (const terrain::Raster* raster = session.terrain()->raster(); raster && limits.sendsTerrain) terms.heightMap = raster->shape();
   return terms;
 }
@@ -71,13 +82,13 @@ wire::World worldOf(const Session& session, const wire::Settings& granted, std::
 
 }  // namespace
 
-CameraSession::CameraSession(std::shared_ptr<Session> session, Place place, std::uint64_t id, std::shared_ptr<Sender> sender)
+CameraSession::CameraSession(std::shared_ptr<Session> session, CameraPlace place, std::uint64_t id, std::shared_ptr<Sender> sender)
     : session_(std::move(session)),
       place_(std::move(place)),
       id_(id),
       sender_(std::move(sender)),
       pool_(session_->resources().executor->makePool()),
-      conversation_(termsOf(*session_)) {}
+      conversation_(termsOf(*session_, place_)) {}
 
 void CameraSession::receive(wire::ClientMessage message) {
   Refusal refusal;
@@ -112,7 +123,11 @@ CameraSession::Refusal CameraSession::attend(wire::Query& query) {
                                                " queries wait for their answers: send the next when one has arrived."};
   ++*queries_;  // until the answer has left
   pool_->post([terrain = session_->terrain(), sender = sender_, query = std::move(query), ticket = ticketOf(queries_)]() mutable {
-    sender->send(query::answer(*terrain, query), std::move(ticket));
+    try {
+      sender->send(query::answer(*terrain, query), std::move(ticket));
+    } catch (const std::exception& e) {
+      sender->fail(messageOf(e));
+    }
   });
   return {};
 }
@@ -185,6 +200,7 @@ void CameraSession::watchAcknowledgements() {
 }
 
 void CameraSession::run() {
+  bool failed = false;
   try {
     std::unique_lock lock(mutex_);
     const bool copies = !copies_.empty() && conversation_.runs();
@@ -192,7 +208,11 @@ void CameraSession::run() {
     lock.unlock();
     copies ? workOnCopy() : std::visit([this](const auto& order) { work(order); }, next);
   } catch (const std::exception& e) {
-    refuse({ErrorCode::kInternal, std::string("The server failed: ") + e.what()});
+    failed = true;
+    mesh_.reset();  // first, so that the refusal finds memory
+    encoder_.reset();
+    copy_.reset();
+    refuse(messageOf(e));
   }
   // Moved out under the lock, because another task may follow; destroyed after unlocking.
   std::unique_ptr<IteratingMesh> freed;
@@ -211,7 +231,7 @@ void CameraSession::run() {
     countTriangles(0);
   }
   for (const TakeCopy& done : disappointed) done(nullptr);
-  if (freed) giveMemoryBackSoon(session_->resources());
+  if (freed || failed) giveMemoryBackSoon(session_->resources());
 }
 
 void CameraSession::work(const conversation::Greet&) {

@@ -21,7 +21,7 @@ namespace ridgecast::session {
 
 class CameraSession : public std::enable_shared_from_this<CameraSession> {
  public:
-  CameraSession(std::shared_ptr<Session> session, Place place, std::uint64_t id, std::shared_ptr<Sender> sender);
+  CameraSession(std::shared_ptr<Session> session, CameraPlace place, std::uint64_t id, std::shared_ptr<Sender> sender);
 
   void receive(wire::ClientMessage message);
   // The client is gone: sends nothing more; a task of the pool frees the mesh.
@@ -62,7 +62,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void countTriangles(std::uint32_t now);
 
   const std::shared_ptr<Session> session_;
-  const Place place_;
+  const CameraPlace place_;
   const std::uint64_t id_;
   const std::shared_ptr<Sender> sender_;
   const std::shared_ptr<scheduling::Pool> pool_;

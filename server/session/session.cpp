@@ -24,29 +24,25 @@ MakeMesh pipelineMeshes() {
 }
 
 Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec,
-                 std::shared_ptr<const Resources> resources, std::shared_ptr<std::atomic<std::uint32_t>> cameras)
+                 std::shared_ptr<const Resources> resources, std::shared_ptr<Places> places)
     : name_(std::move(name)),
       spec_(std::move(spec)),
       terrain_(std::move(terrain)),
       contentHash_(terrain::contentHash(*terrain_)),
       resources_(std::move(resources)),
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
-      cameras_(std::move(cameras)),
+      places_(std::move(places)),
       presence_(std::make_shared<Presence>(*resources_->timer)) {}
 
-Outcome<Place> Session::enter() {
+Outcome<CameraPlace> Session::enter() {
   const Limits& limits = resources_->limits;
-  if (!raise(*cameras_, limits.maxCameras))
-    return Error{"This server is full: it has " + std::to_string(limits.maxCameras) + " cameras; try again later."};
+  auto onServer = places_->enter();
+  if (!onServer) return onServer.error();
   if (!raise(*members_, limits.maxMembers)) {
-    --*cameras_;
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
-  return Place(nullptr, [members = members_, cameras = cameras_](const void*) {
-    --*members;
-    --*cameras;
-  });
+  return CameraPlace{std::move(*onServer), Place(nullptr, [members = members_](const void*) { --*members; })};
 }
 
 bool Session::end() {
@@ -56,7 +52,8 @@ bool Session::end() {
 
 Directory::Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
                      std::vector<std::pair<std::string, double>> defaultParameters)
-    : resources_(std::move(resources)) {
+    : resources_(std::move(resources)),
+      places_(std::make_shared<Places>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)) {
   add(std::string(kDefaultName), std::move(defaultTerrain), std::move(defaultParameters)).value();
 }
 
@@ -72,7 +69,7 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_p
     return Error{"A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens."};
   std::sort(parameters.begin(), parameters.end());
   WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters)};
-  auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, cameras_);
+  auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, places_);
   const std::lock_guard lock(mutex_);
   if (sessions_.contains(name)) return Error{"There is a session named '" + name + "' already; choose another name."};
   if (auto full = fullFor(maker)) return Error{std::move(full->sentence)};

@@ -28,6 +28,7 @@
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
 #include "server/session/live_cameras.h"
+#include "server/session/places.h"
 #include "server/session/presence.h"
 #include "server/session/timer.h"
 
@@ -37,6 +38,7 @@ class GroundQueue;
 
 struct Limits {
   std::uint32_t maxCameras = 256;                  // of all sessions together
+  std::uint64_t maxTotalTriangles = 0;             // budgets of all cameras together (places.h); 0: unlimited
   std::uint32_t maxMembers = 64;                   // of one session
   std::uint32_t maxSessions = 64;                  // `default` included
   std::uint32_t maxSessionsPerClient = 16;         // that live and that it has made; 0: unlimited
@@ -84,14 +86,22 @@ struct Resources {
   mutable std::atomic<bool> givesMemoryBack{false};  // a call to trim the allocator is scheduled
 };
 
-// One camera's place; released with its last copy.
+// Something of which there are only so many; released with its last copy.
 using Place = std::shared_ptr<const void>;
+
+inline constexpr std::uint64_t kBytesPerTriangle = 160;  // of a camera's mesh, replica and bases
+
+// One camera's place on the server and in its session.
+struct CameraPlace {
+  std::shared_ptr<Places::Place> onServer;
+  Place inSession;
+};
 
 // Immutable except for its members and their clock; any thread.
 class Session {
  public:
   Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec, std::shared_ptr<const Resources> resources,
-          std::shared_ptr<std::atomic<std::uint32_t>> cameras);
+          std::shared_ptr<Places> places);
 
   const std::string& name() const { return name_; }
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
@@ -103,7 +113,7 @@ class Session {
   LiveCameras& live() const { return *live_; }
 
   // Error: the session or the server is full, or the session has just ended.
-  Outcome<Place> enter();
+  Outcome<CameraPlace> enter();
   // Ends it if it has no members; then nobody can enter.
   bool end();
   // A member has said hello, or somebody without a place uses it: an idle session that is used does not end.
@@ -118,7 +128,8 @@ class Session {
   std::shared_ptr<const terrain::Terrain> terrain_;
   std::uint64_t contentHash_;
   std::shared_ptr<const Resources> resources_;
-  std::shared_ptr<std::atomic<std::uint32_t>> members_, cameras_;
+  std::shared_ptr<std::atomic<std::uint32_t>> members_;
+  std::shared_ptr<Places> places_;
   std::shared_ptr<Presence> presence_;
   std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
 };
@@ -142,12 +153,12 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::optional<Full> full(std::string_view maker) const;
 
   const Resources& resources() const { return *resources_; }
-  std::uint32_t cameras() const { return *cameras_; }
+  std::uint32_t cameras() const { return places_->cameras(); }
   std::uint64_t nextCameraId() { return ++lastCameraId_; }
 
  private:
   std::shared_ptr<const Resources> resources_;
-  std::shared_ptr<std::atomic<std::uint32_t>> cameras_ = std::make_shared<std::atomic<std::uint32_t>>(0);
+  std::shared_ptr<Places> places_;
   std::atomic<std::uint64_t> lastCameraId_{0};
   struct Kept {
     std::shared_ptr<Session> session;

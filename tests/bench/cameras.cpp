@@ -84,7 +84,8 @@ Report measure(const Plan& plan, const Options& options) {
   if (!terrain) throw std::runtime_error(terrain.error().message);
   const std::string many = std::to_string(plan.count + 8);
   std::vector<std::string> arguments{
-      "--max-cameras", many, "--max-members", many, "--max-connections", many, "--max-connections-per-address", many};
+      "--max-cameras",         many,           "--max-members", many, "--max-connections", many, "--max-connections-per-address", many,
+      "--max-total-triangles", "1000000000000"};
   arguments.insert(arguments.end(), plan.server.begin(), plan.server.end());
   testing_support::ServerProcess server(options.programFolder + "/ridgecast-server", arguments);
   const pid_t pid = server.process().id();

@@ -218,6 +218,12 @@ TEST(Operations, TellsItsManagerAndEndsWithinItsBound) {
   close(socket);
 }
 
+TEST(Operations, ContainersAndTheUnitLimitMemory) {
+  EXPECT_THAT(readText(RIDGECAST_DOCKER "/compose.yaml"), HasSubstr("\n    mem_limit: 4g"));
+  EXPECT_THAT(readText(RIDGECAST_DOCKER "/compose.scale.yaml"), HasSubstr("\n  mem_limit: 4g"));
+  EXPECT_THAT(readText(RIDGECAST_DOCKER "/systemd/ridgecast-server.service"), HasSubstr("\nMemoryMax=75%\n"));
+}
+
 // By the programs that read them, where these are installed.
 TEST(Operations, FilesForSystemdAndPrometheusAreGood) {
   ScratchFolder folder;

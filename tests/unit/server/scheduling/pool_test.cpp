@@ -8,9 +8,11 @@
 #include <future>
 #include <latch>
 #include <mutex>
+#include <new>
 #include <numeric>
 #include <random>
 #include <set>
+#include <stdexcept>
 #include <thread>
 
 #include "tests/support/waiting.h"
@@ -48,6 +50,24 @@ Order randomOrder(std::mt19937& random, std::size_t count, unsigned most) {
 
 class Threads : public testing::TestWithParam<unsigned> {};
 INSTANTIATE_TEST_SUITE_P(Executors, Threads, testing::Values(1u, 2u, 3u, 8u));
+
+TEST_P(Threads, WhatALoopThrowsReachesItsCallerAlone) {
+  Executor executor(GetParam());
+  auto pool = executor.makePool(), other = executor.makePool();
+  std::mt19937 random(5);
+  const auto fails = [](std::size_t k) {
+    if (k % 7 == 3) throw std::bad_alloc();
+  };
+  for (int round = 0; round < 20; ++round) {
+    EXPECT_THROW(pool->forEach(1000, 3, fails), std::bad_alloc);
+    EXPECT_THROW(pool->forEachOrdered(randomOrder(random, 300, 3), fails), std::bad_alloc);
+    EXPECT_THROW(pool->forEach(1, 1, [](std::size_t) { throw std::runtime_error("one"); }), std::runtime_error);
+    runOn(*pool, [&] { EXPECT_THROW(pool->forEach(1000, 3, fails), std::bad_alloc); });
+    std::atomic<int> done = 0;
+    for (Pool* p : {pool.get(), other.get()}) p->forEach(100, 2, [&](std::size_t) { ++done; });
+    EXPECT_EQ(done, 200);
+  }
+}
 
 TEST_P(Threads, ForEachVisitsEveryIndexOnceFromOutsideAndFromATask) {
   Executor executor(GetParam());
@@ -289,13 +309,14 @@ TEST(Scheduling, StressOfShortLoopsFromManyThreads) {
 }
 
 using SchedulingDeathTest = testing::Test;
-TEST(SchedulingDeathTest, ABodyThatThrowsEndsTheProcess) {
+TEST(SchedulingDeathTest, ATaskThatThrowsEndsTheProcess) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");
   EXPECT_DEATH(
       {
         Executor executor(1);
         auto pool = executor.makePool();
-        pool->forEach(1, 1, [](std::size_t) { throw 1; });
+        pool->post([] { throw 1; });
+        std::this_thread::sleep_for(testing_support::kTimeout);
       },
       "");
 }

@@ -1,0 +1,51 @@
+#include "server/session/places.h"
+
+#include <algorithm>
+#include <string>
+
+#include "common/settings/settings.h"
+
+namespace ridgecast::session {
+
+using settings::kLeastBudget;
+
+Outcome<std::shared_ptr<Places::Place>> Places::enter() {
+  auto place = std::make_shared<Place>(shared_from_this());
+  const std::lock_guard lock(mutex_);
+  if (cameras_ >= maxCameras_) return Error{"This server is full: it has " + std::to_string(maxCameras_) + " cameras; try again later."};
+  if (maxTriangles_ != 0 && triangles_ + kLeastBudget > maxTriangles_)
+    return Error{"This server is full: its cameras have all " + std::to_string(maxTriangles_) +
+                 " triangles that it has memory for; try again later."};
+  ++cameras_;
+  triangles_ += place->triangles_ = kLeastBudget;
+  return place;
+}
+
+Places::Place::~Place() {
+  const std::lock_guard lock(places_->mutex_);
+  if (triangles_ == 0) return;  // it never entered
+  --places_->cameras_;
+  places_->triangles_ -= triangles_;
+}
+
+std::uint32_t Places::Place::grant(std::uint32_t requested) {
+  Places& all = *places_;
+  const std::lock_guard lock(all.mutex_);
+  if (all.maxTriangles_ == 0) return requested;
+  const std::uint64_t left = all.maxTriangles_ - all.triangles_;
+  const std::uint64_t kept = std::min<std::uint64_t>(std::uint64_t{kLeastBudget} * (all.maxCameras_ - all.cameras_), all.maxTriangles_ / 2);
+  const std::uint64_t most = triangles_ + (left > kept ? left - kept : 0);
+  const auto granted = static_cast<std::uint32_t>(std::min<std::uint64_t>(requested, most));
+  if (granted > triangles_) {
+    all.triangles_ += granted - triangles_;
+    triangles_ = granted;
+  }
+  return granted;
+}
+
+std::uint32_t Places::cameras() const {
+  const std::lock_guard lock(mutex_);
+  return cameras_;
+}
+
+}  // namespace ridgecast::session
