@@ -2,8 +2,8 @@
 // Named worlds and their members.
 //
 // A Session is a terrain with its seed and parameters, seen by several cameras; it never changes while it lives. The Directory holds the
-// sessions by name. `default` always exists; the others end after a while without members, and within seconds if nobody has said hello in them.
-// One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has its own mesh, replica and pool
+// sessions by name. `default` always exists; the others end after a while without members, and within seconds if nobody has said hello in
+// them. One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has its own mesh, replica and pool
 // (camera_session.h).
 
 #include <atomic>

@@ -1,6 +1,6 @@
 #pragma once
-// A height map as a terrain. Its file is read row by row. Samples are kept as whole steps: in memory up to MapLimits::inMemory, otherwise in
-// an unnamed temporary file that the system pages in on demand. After that a height is a few reads: no lock, no wait, no failure.
+// A height map as a terrain. Its file is read row by row. Samples are kept as whole steps: in memory up to MapLimits::inMemory, otherwise
+// in an unnamed temporary file that the system pages in on demand. After that a height is a few reads: no lock, no wait, no failure.
 //
 // Terrains of one file with the same options share their samples while any of them lives. A file that was written again is another.
 

@@ -1,6 +1,6 @@
 // The only includer of libtiff: TIFF and BigTIFF in strips or tiles, any packing that libtiff supports, one band of integers or floats; and
-// the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, transformation 34264, keys 34735 with their doubles 34736) and of
-// GDAL (NoData 42113).
+// the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, transformation 34264, keys 34735 with their doubles 34736) and
+// of GDAL (NoData 42113).
 
 #include <tiffio.h>
 

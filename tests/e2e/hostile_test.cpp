@@ -1,5 +1,6 @@
 // Clients that misbehave, against the real server: it lives, answers, and a client that flies meanwhile does not notice.
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -241,7 +242,7 @@ TEST_F(Hostile, MoreConnectionsThanThereIsRoomFor) {
 }
 
 TEST_F(Hostile, MessagesOutOfPlace) {
-  const auto say = [&](std::vector<wire::ClientMessage> messages) {
+  const auto say = [&](const std::vector<wire::ClientMessage>& messages) {
     SocketClient client(port());
     EXPECT_TRUE(client.upgrade());
     for (const auto& m : messages) client.message(wire::encode(m));
@@ -254,6 +255,38 @@ TEST_F(Hostile, MessagesOutOfPlace) {
   EXPECT_EQ(say({wire::Hello{}, outside}).code, wire::ErrorCode::kMalformed);
   EXPECT_EQ(say({wire::Hello{}, pose, pose}).code, wire::ErrorCode::kInvalid);
   EXPECT_EQ(say({wire::Hello{}, wire::Acknowledge{77, 0}}).code, wire::ErrorCode::kInvalid);
+}
+
+// Memory is for a few large meshes: everybody flies, with a smaller budget, and the next is refused in one sentence.
+TEST(HostileToMemory, EverybodyFliesOnASmallServerAndTheNextIsRefused) {
+  constexpr std::uint32_t kCameras = 12, kTotal = 1'000'000;
+  ServerProcess server(RIDGECAST_SERVER, {"--max-cameras", std::to_string(kCameras), "--max-total-triangles", std::to_string(kTotal)});
+  wire::Settings greedy;
+  greedy.threshold = 0.05;
+  greedy.triangleBudget = 2'000'000;
+  std::vector<std::unique_ptr<Flier>> fliers;
+  std::uint64_t granted = 0;
+  for (std::uint32_t k = 0; k < kCameras; ++k) {
+    fliers.push_back(std::make_unique<Flier>(server.url(), greedy));
+    granted += fliers.back()->world().settings.triangleBudget;
+  }
+  EXPECT_LE(granted, kTotal);
+  for (const auto& flier : fliers) {
+    EXPECT_GE(flier->world().settings.triangleBudget, 10'000u);
+    camera::Camera camera;
+    camera.pose.y = 1500;
+    for (int step = 0; step < 4; ++step) {
+      camera.pose.x += 200;
+      EXPECT_GT(flier->step(camera).figures.triangles, 0u);
+    }
+  }
+  try {
+    Flier next(server.url(), greedy);
+    ADD_FAILURE() << "one more was let in";
+  } catch (const std::exception& e) {
+    EXPECT_THAT(e.what(), testing::HasSubstr("This server is full: it has 12 cameras; try again later."));
+  }
+  EXPECT_TRUE(server.healthy());
 }
 
 }  // namespace
