@@ -5,6 +5,8 @@
 
 #include <atomic>
 #include <chrono>
+#include <filesystem>
+#include <fstream>
 #include <functional>
 #include <memory>
 #include <random>
@@ -287,6 +289,42 @@ TEST(HostileToMemory, EverybodyFliesOnASmallServerAndTheNextIsRefused) {
     EXPECT_THAT(e.what(), testing::HasSubstr("This server is full: it has 12 cameras; try again later."));
   }
   EXPECT_TRUE(server.healthy());
+}
+
+// Memory really runs out, under a limit of address space: cameras end, the server stays.
+TEST(HostileToMemory, WhatRunsOutEndsCamerasAndNotTheServer) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "the sanitizers need all address space";
+#endif
+  ScratchFolder folder;
+  const std::string program = folder / "server";
+  std::ofstream(program) << "#!/bin/sh\nulimit -v 1000000\nexec " RIDGECAST_SERVER " \"$@\"\n";
+  std::filesystem::permissions(program, std::filesystem::perms::owner_all);
+  ServerProcess server(program, {"--max-total-triangles", "1000000000", "--threads", "2"});
+  wire::Settings greedy;
+  greedy.threshold = 0.05;
+  greedy.triangleBudget = 2'000'000;
+  std::vector<std::unique_ptr<Flier>> fliers;
+  std::string end;
+  camera::Camera camera;
+  camera.pose.y = 1500;
+  for (int k = 0; k < 6 && end.empty(); ++k) try {
+      fliers.push_back(std::make_unique<Flier>(server.url(), greedy));
+      for (int step = 0; step < 60; ++step) fliers.back()->step(camera);
+    } catch (const std::exception& e) {
+      end = e.what();
+    }
+  EXPECT_THAT(end, testing::HasSubstr("The server ran out of memory at this camera's work; connect again with a smaller triangle budget."));
+  EXPECT_TRUE(server.healthy());
+  fliers.clear();
+  EXPECT_TRUE(await([&] {
+    try {
+      Flier(server.url(), {}).step(camera);
+      return true;
+    } catch (const std::exception&) {
+      return false;
+    }
+  }));
 }
 
 }  // namespace
