@@ -104,6 +104,8 @@ Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const 
 Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> out) {
   if (auto fits = checkRoom(rays.size(), "rays", 1, out.size()); !fits) return fits;
   if (local_) {
+    for (const ground::Ray& ray : rays)
+      if (auto refusal = wire::refusalOf(ray); !refusal.empty()) return Error{std::move(refusal)};
     for (std::size_t k = 0; k < rays.size(); ++k) out[k] = ground::cast(*local_, rays[k]);
     return {};
   }

@@ -44,7 +44,8 @@ class Ground {
   // Unit normals, three numbers each, over `spacing` steps to each side (common/ground/ground.h).
   Outcome<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
                         std::uint32_t spacing = ground::kDefaultSpacing);
-  // Metres along each ray to the ground; ground::kNoHit if it meets none.
+  // Metres along each ray to the ground; ground::kNoHit if it meets none. A ray out of PROTOCOL.md's ranges is an error that names the
+  // field, the same from both sources; the connection lives.
   Outcome<void> cast(std::span<const ground::Ray> rays, std::span<double> out);
 
   // The height of a single place; metres.

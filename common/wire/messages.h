@@ -99,6 +99,7 @@ struct Query {
   std::vector<lattice::Step> x, z;  // heights, normals: as many of both
   std::uint32_t spacing = 0;        // normals: steps; 0: the default
   std::vector<Ray> rays;
+  std::string refusal{};  // of a decoded one: which of its rays' fields is out of range; it gets no other answer
 };
 
 struct AskGround {

@@ -232,6 +232,18 @@ struct Choice : Base {
 template <class Base, class Chosen>
 Choice(Base, Chosen) -> Choice<Base, Chosen>;
 
+// A kind that is out of range for itself: the value says why, and the message counts as read.
+template <class Base>
+struct Excused : Base {
+  template <class V, class P>
+  bool read(V& value, P& in, Refusal&) const {
+    Base::read(value, in, value.refusal);
+    return true;
+  }
+};
+template <class Base>
+Excused(Base) -> Excused<Base>;
+
 struct NoField {
   template <class V, class P>
   bool read(V&, P&, Refusal&) const {

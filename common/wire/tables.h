@@ -160,7 +160,7 @@ TABLE(Query,
     also("kind", "heights, normals or rays", [](const pb::Query& p) { return p.kind_case() != pb::Query::KIND_NOT_SET; }),
     QUESTION(heights, QueryKind::kHeights),
     QUESTION(normals, QueryKind::kNormals),
-    QUESTION(rays, QueryKind::kRays));
+    Excused{QUESTION(rays, QueryKind::kRays)});
 
 TABLE(AskGround,
     FIELD(id, id),

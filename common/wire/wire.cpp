@@ -43,6 +43,15 @@ bool sessionNameIsValid(std::string_view name) {
   return !name.empty() && name.size() <= kMaxSessionBytes && std::all_of(name.begin(), name.end(), allowed);
 }
 
+std::string refusalOf(const Ray& ray) {
+  pb::Ray in;
+  write(ray, in);
+  Ray out;
+  Refusal refusal;
+  read(out, in, refusal);
+  return refusal;
+}
+
 std::string encode(const ClientMessage& message) { return encodeAs<pb::ClientMessage>(message); }
 std::string encode(const ServerMessage& message) { return encodeAs<pb::ServerMessage>(message); }
 

@@ -54,6 +54,10 @@ bool sessionNameIsValid(std::string_view name);
 std::string encode(const ClientMessage& message);
 std::string encode(const ServerMessage& message);
 
+// Which field of the ray is out of range, in the sentence of decodeClient; empty: none.
+std::string refusalOf(const Ray& ray);
+
+// A query whose rays are out of range is no error: its `refusal` says so, and the connection lives.
 // A hello of another protocol version is no error: it is returned with its version and name alone, so that it can be answered.
 Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes);
 // The same for a world of another protocol version.

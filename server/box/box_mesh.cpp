@@ -94,7 +94,8 @@ class Meshing::Mesher : private triangulation::Partition {
  private:
   triangulation::RegionId regionAt(Point2 p) const override {
     const std::int32_t i = (p.x >> regionBits_) - firstX_, j = (p.z >> regionBits_) - firstZ_;
-    return i < 0 || j < 0 || i >= across_ || j >= down_ ? triangulation::kOutside : regions_[static_cast<std::size_t>(j * across_ + i)];
+    return i < 0 || j < 0 || i >= across_ || j >= down_ ? triangulation::kOutside
+                                                        : regions_[static_cast<std::size_t>(std::int64_t{j} * across_ + i)];
   }
   bool pauses() const { return watch_.over() || std::chrono::steady_clock::now() >= until_; }
 

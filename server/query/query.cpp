@@ -11,6 +11,8 @@ namespace ridgecast::query {
 wire::Answer answer(const terrain::Terrain& terrain, const wire::Query& query) {
   wire::Answer out;
   out.id = query.id;
+  out.refusal = query.refusal;
+  if (!out.refusal.empty()) return out;
   switch (query.kind) {
     case wire::QueryKind::kHeights:
       out.heights.resize(query.x.size());

@@ -7,8 +7,8 @@
 
 namespace ridgecast::query {
 
-// A decoded query is in range. Heights and normals of kMaxPlaces places take some hundred microseconds, the farthest rays some hundred
-// microseconds each.
+// A decoded query is in range, or its refusal is the answer. Heights and normals of kMaxPlaces places take some hundred microseconds, the
+// farthest rays some hundred microseconds each.
 wire::Answer answer(const terrain::Terrain& terrain, const wire::Query& query);
 
 // The largest vertical distance in metres between the true terrain and the leaf's triangles. Sampled on a grid of 1/2^fineness of the

@@ -1,7 +1,8 @@
 #pragma once
 // The ground around points, independent of the member's camera: a mesh of the square around the circle (server/box/box_mesh.h), of which
-// the triangles over the circle are sent. Every leaf's error is measured; what is sent keeps the requested one. If none does, the answer names
-// an error that fits by a rough trial. That depends on terrain and triangles alone: the same question gets the same answer, or on a busy server none in time.
+// the triangles over the circle are sent. Every leaf's error is measured; what is sent keeps the requested one. If no mesh does, the answer
+// names an error that fits by a rough trial. That depends on terrain and triangles alone: the same question gets the same answer, or on a
+// busy server none in time.
 //
 // An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns of kTurn, as tasks of the pool
 // that all cameras' grounds share (GroundQueue). Bounds: wire::kMaxGrounds requests that wait or whose answers have not left; one of them

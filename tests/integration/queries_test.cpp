@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <future>
+#include <limits>
 #include <memory>
 #include <random>
 #include <string>
@@ -296,6 +297,35 @@ TEST_F(QueriesTest, PlacesOffTheLatticeAndSpansOfDifferentSizesAreErrors) {
     const auto cast = ground.cast(rays, distances);
     ASSERT_FALSE(cast);
     EXPECT_NE(cast.error().message.find("2 rays"), std::string::npos) << cast.error().message;
+  }
+}
+
+TEST_F(QueriesTest, ABadRayIsRefusedAlikeHereAndThereForThatQuestionAlone) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  auto here = join("alpine"), there = join("renamed-alpine");
+  Ground local(*here), remote(*there, kTimeout);
+  const ground::Ray good{0, 0, 5000, 0, -1, 0, 5000};
+  std::vector<ground::Ray> bad(9, good);
+  bad[0].y = kNan;
+  bad[1].directionY = 0;
+  bad[2].directionX = kNan;
+  bad[3].reach = -1;
+  bad[4].reach = 2e5;
+  bad[5].reach = kNan;
+  bad[6].x = lattice::kMaxPosition + 1;
+  bad[7].y = 2e6;
+  bad[8].directionZ = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < bad.size(); ++k) {
+    const std::array rays{good, bad[k], good};
+    std::array<double, 3> out{};
+    const auto refusedHere = local.cast(rays, out), refusedThere = remote.cast(rays, out);
+    ASSERT_FALSE(refusedHere) << k;
+    ASSERT_FALSE(refusedThere) << k;
+    EXPECT_EQ(refusedHere.error().message, refusedThere.error().message) << k;
+    EXPECT_NE(refusedHere.error().message.find("Ray."), std::string::npos) << refusedHere.error().message;
+    ASSERT_FALSE(there->error()) << "the connection lives: " << there->error()->message;
+    EXPECT_TRUE(remote.cast({&good, 1}, std::span(out).first(1)));
+    EXPECT_GT(out[0], 0);
   }
 }
 

@@ -188,7 +188,9 @@ std::string whyServer(const std::function<void(pb::ClientMessage&)>& fill) {
   pb::ClientMessage m;
   fill(m);
   const auto out = decodeClient(bytesOf(m.SerializeAsString()));
-  return out ? "" : out.error().message;
+  if (!out) return out.error().message;
+  const auto* query = std::get_if<Query>(&*out);  // of rays alone
+  return query ? query->refusal : "";
 }
 std::string whyClient(const std::function<void(pb::ServerMessage&)>& fill) {
   pb::ServerMessage m;
