@@ -149,7 +149,8 @@ bool Conversation::hasWork(std::size_t queuedBytes) const {
 
 std::optional<Conversation::Time> Conversation::due(std::size_t queuedBytes) const {
   if (!hasWork(queuedBytes)) return {};
-  return runs() && pace_.limits() ? pace_.free() : Time::min();
+  if (!runs()) return Time::min();
+  return std::max(pace_.limits() ? pace_.free() : Time::min(), replica_.owes() ? repairs_.free() : Time::min());
 }
 
 Work Conversation::next(std::size_t queuedBytes) {
@@ -189,12 +190,14 @@ std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::Lea
     return {};
   }
   if (!owesAnswer_ && !comesToRest && !replica_.differs(leaves)) return {};
+  repairing_ = replica_.owes();
   return replica_.send(leaves);
 }
 
 void Conversation::sent(const wire::Iteration& iteration, Time now) {
   pace_.sent(now, 200 + 12 * iteration.gone.size() + payloadBytes(iteration.whole, 24) + payloadBytes(iteration.changed, 16),
              iteration.figures.inserted);
+  if (repairing_) repairs_.sent(now, payloadBytes(iteration.whole, 24), 0);
   if (iteration.candidates) pace_.sent(now, kBytesACandidate * iteration.candidates->size(), 0);
 }
 

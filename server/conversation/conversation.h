@@ -40,6 +40,8 @@ namespace ridgecast::conversation {
 inline constexpr std::size_t kMaxQueuedPoses = 64;  // lock-step: poses, and changes of settings, waiting for their iteration
 inline constexpr int kMostUnsent = 16;              // a mesh without a binding budget is at rest after 10 to 20 iterations
 inline constexpr std::size_t kTilesAtOnce = 16;
+// After n bytes of leaves that were requested again, no other such leaf is sent for n / kRepairBytesPerSecond.
+inline constexpr std::uint64_t kRepairBytesPerSecond = 1u << 20;
 
 // What the server grants each client.
 struct Terms {
@@ -67,7 +69,7 @@ class Conversation {
   using Time = Pace::Clock::time_point;
   using Refusal = std::optional<wire::ErrorMessage>;
 
-  explicit Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) {}
+  explicit Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) { repairs_.setRate(kRepairBytesPerSecond); }
 
   // Refused: the connection must end with this error. Queries, and messages about other members, are only checked for their place; the
   // caller answers them.
@@ -127,7 +129,8 @@ class Conversation {
   bool atRest_ = true;                      // nothing to do before another pose
   int unsent_ = 0;                          // iterations before the first one sent to a reconnecting client
   replica::Replica replica_;
-  Pace pace_;
+  Pace pace_, repairs_;     // of all iterations; of leaves sent again
+  bool repairing_ = false;  // the current iteration sends leaves again
 };
 
 }  // namespace ridgecast::conversation

@@ -204,7 +204,9 @@ void CameraSession::run() {
   try {
     std::unique_lock lock(mutex_);
     const bool copies = !copies_.empty() && conversation_.runs();
-    const conversation::Work next = copies ? conversation::Work{} : conversation_.next(sender_->queuedBytes());
+    const auto due = conversation_.due(sender_->queuedBytes());  // messages that came since may have put it off
+    const bool isDue = due && *due <= session_->resources().timer->now();
+    const conversation::Work next = copies || !isDue ? conversation::Work{} : conversation_.next(sender_->queuedBytes());
     lock.unlock();
     copies ? workOnCopy() : std::visit([this](const auto& order) { work(order); }, next);
   } catch (const std::exception& e) {

@@ -100,6 +100,37 @@ TEST(Pace, PaysBackWhatWasSentAndSavesLittleUp) {
   EXPECT_NEAR(pace.insertions(), 16'000.0 / 40, 10);
 }
 
+// Ten bytes ask for a whole mesh again: not for as many of them as messages fit into a second.
+TEST(Conversation, AHundredResendsSendAtMostThreeMeshes) {
+  constexpr std::size_t kMesh = 1'400'000;
+  Conversation c = running();
+  Time now{1h};
+  std::size_t meshes = 0;
+  for (std::uint64_t k = 1; k <= 100; ++k, now += 20ms) {
+    ASSERT_FALSE(c.receive(pose(k)));  // a camera that moves has iterations anyway
+    for (int turn = 0; turn < 2; ++turn) {
+      const auto due = c.due(0);
+      if (!due || *due > now) continue;
+      ASSERT_TRUE(std::holds_alternative<Iterate>(c.next(0)));
+      const auto changes = c.iterated(Leaves{leaf(0, 1)}, true);
+      if (!changes) continue;
+      wire::Iteration iteration;
+      if (!changes->whole.empty()) {
+        ++meshes;
+        iteration.whole.push_back({{3, 0, 0}, 3, 1, std::vector<std::uint8_t>(kMesh), 0, {}});
+      }
+      c.sent(iteration, now);
+      ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}));
+      ASSERT_FALSE(c.receive(wire::ResendLeaves{}));
+    }
+  }
+  EXPECT_GE(meshes, 2u) << "the first, and a repair at once";
+  EXPECT_LE(meshes, 4u) << "the first, and three repairs";
+  const auto due = c.due(0);
+  ASSERT_TRUE(due) << "what is owed comes";
+  EXPECT_LT(*due, now + 2s);
+}
+
 TEST(Conversation, ABudgetOfBytesIsKeptToTheByteInSimulatedTime) {
   constexpr std::uint64_t kRate = 10'000;
   Conversation c = running(hello(wire::Pacing::kFree, kRate));
