@@ -141,6 +141,7 @@ Pool::Impl::~Impl() {
 }
 
 // The task, too, is destroyed without the lock: what it captured may be the last owner of anything.
+// NOLINTNEXTLINE(performance-unnecessary-value-param)
 void Executor::State::help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept {
   const WorkingFor mark(&pool);
   working.fetch_add(1, std::memory_order_relaxed);

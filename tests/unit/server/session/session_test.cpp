@@ -66,7 +66,7 @@ class SessionTest : public testing::Test {
     camera = std::make_shared<CameraSession>(session, std::move(*session->enter()), directory->nextCameraId(), client);
   }
   // What a fresh client is told for these messages.
-  wire::ErrorMessage refusal(std::vector<wire::ClientMessage> messages) {
+  wire::ErrorMessage refusal(const std::vector<wire::ClientMessage>& messages) {
     client = std::make_shared<Client>();
     start();
     for (auto& m : messages) camera->receive(m);
@@ -81,7 +81,7 @@ class SessionTest : public testing::Test {
     camera->receive(hello());
     EXPECT_TRUE(client->world());
     camera->receive(pose(1));
-    const auto first = client->iteration();
+    auto first = client->iteration();
     EXPECT_TRUE(first);
     if (!first) return {};
     acknowledge(*first);
