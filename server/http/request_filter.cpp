@@ -75,6 +75,9 @@ std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request)
   if (!request.origin.empty() && need.right && !originMayAsk(request.origin, request.host))
     return refused(403, metrics::Refusal::kOrigin,
                    "Pages of this origin may not use this server; its operator can allow them with --allow-origin.");
+  // A page's <img> or link sends no Origin.
+  if (request.origin.empty() && request.fetchSite == "cross-site" && need.right)
+    return refused(403, metrics::Refusal::kOrigin, "Pages of other sites may not start work here; open the address itself.");
   if (!requiresTokens()) return access::Grant{{}, access::Rights::all(), {}, {}};
   if (!need.right) return access::Grant{};
 

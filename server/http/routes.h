@@ -34,9 +34,9 @@ struct Request {  // the views live while the request is answered, not in later 
   bool upgrade = false;     // asks for a WebSocket
   std::string_view webSocketVersion;
   std::string_view acceptEncoding;
-  std::string_view origin, authorization, subprotocols;  // headers; untrusted, checked by the filter before a route sees them
-  access::Rights rights = access::Rights::all();         // of the client
-  std::string_view client = {};                          // "token of NAME" or "address ADDRESS": whose share limited things come from
+  std::string_view origin, fetchSite, authorization, subprotocols;  // headers; untrusted, checked by the filter before a route sees them
+  access::Rights rights = access::Rights::all();                    // of the client
+  std::string_view client = {};  // "token of NAME" or "address ADDRESS": whose share limited things come from
 
   std::string_view path() const { return target.substr(0, target.find('?')); }
   std::string_view query() const { return target.substr(std::min(path().size() + 1, target.size())); }

@@ -342,6 +342,7 @@ Request requestOf(const http::request_header<>& header) {
           .webSocketVersion = header[http::field::sec_websocket_version],
           .acceptEncoding = header[http::field::accept_encoding],
           .origin = header[http::field::origin],
+          .fetchSite = header["Sec-Fetch-Site"],
           .authorization = header[http::field::authorization],
           .subprotocols = header[http::field::sec_websocket_protocol]};
 }
