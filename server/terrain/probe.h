@@ -19,8 +19,8 @@ std::string_view faultOf(float height);
 // "x 1234.5 m, z -17 m"
 std::string placeText(lattice::Step x, lattice::Step z);
 
-// Forks: call it before other threads start. `colours` may be null. Error: the first fault with its position, a crash, more than `time`, or a
-// stop.
+// Forks: call it before other threads start. `colours` may be null. Error: the first fault with its position, a crash, more than `time`, or
+// a stop.
 Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, terrain::ColoursFunction colours, std::uint32_t seed,
                     const std::stop_token& stop = {}, std::chrono::milliseconds time = std::chrono::seconds(20));
 

@@ -1,5 +1,5 @@
-// HTTP requests, a line for each part (method, target, host, origin, authorization, subprotocols, X-Forwarded-For), through filter and routes;
-// and the target as a URL and as a snapshot's question. Every refusal has a sentence.
+// HTTP requests, a line for each part (method, target, host, origin, authorization, subprotocols, X-Forwarded-For), through filter and
+// routes; and the target as a URL and as a snapshot's question. Every refusal has a sentence.
 #include <array>
 #include <cstdint>
 #include <cstdlib>
