@@ -1,32 +1,47 @@
 #pragma once
 // A session's timer that stands still until a test moves it.
 
+#include <algorithm>
 #include <map>
+#include <mutex>
 #include <utility>
 
 #include "server/session/timer.h"
 
 namespace ridgecast::testing_support {
 
-// One thread.
+// One thread moves it; any thread reads it and schedules calls.
 class SimulatedTimer final : public session::Timer {
  public:
-  Time now() const override { return now_; }
-  void at(Time when, std::function<void()> call) const override { calls_.emplace(when, std::move(call)); }
+  Time now() const override {
+    const std::lock_guard lock(mutex_);
+    return now_;
+  }
+  void at(Time when, std::function<void()> call) const override {
+    const std::lock_guard lock(mutex_);
+    calls_.emplace(when, std::move(call));
+  }
 
   // Runs what is due on the way, in order.
   void advance(Time::duration by) {
+    std::unique_lock lock(mutex_);
     const Time end = now_ + by;
     while (!calls_.empty() && calls_.begin()->first <= end) {
       const auto next = calls_.extract(calls_.begin());
       now_ = std::max(now_, next.key());
+      lock.unlock();
       next.mapped()();
+      lock.lock();
     }
     now_ = end;
   }
-  std::size_t pending() const { return calls_.size(); }
+  std::size_t pending() const {
+    const std::lock_guard lock(mutex_);
+    return calls_.size();
+  }
 
  private:
+  mutable std::mutex mutex_;
   Time now_{std::chrono::hours(1)};
   mutable std::multimap<Time, std::function<void()>> calls_;
 };
