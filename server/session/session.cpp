@@ -122,7 +122,8 @@ void Directory::sweep() {
     if (kept.session->members() > 0 || kept.uses != uses) kept.idleSince.reset();
     kept.uses = uses;
     if (!kept.idleSince && kept.session->members() == 0) kept.idleSince = now;
-    const auto most = uses ? resources_->limits.sessionIdle : std::min(resources_->limits.sessionIdle, kUnenteredIdle);
+    const auto most =
+        uses || kept.maker.empty() ? resources_->limits.sessionIdle : std::min(resources_->limits.sessionIdle, kUnenteredIdle);
     const bool isOver = kept.idleSince && now - *kept.idleSince >= most && it->first != kDefaultName;
     if (!isOver || !kept.session->end()) {
       ++it;

@@ -222,6 +222,7 @@ TEST(Simulated, SessionsInWhichNobodySaidHelloEndWithinSeconds) {
   resources->timer = std::move(owned);
   resources->limits.maxSessionsPerClient = 3;
   const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  ASSERT_TRUE(directory->add("operators", flatTerrain(6)));
   ASSERT_TRUE(directory->add("empty", flatTerrain(7), {}, "address 192.0.2.1"));
   const auto silent = directory->add("silent", flatTerrain(8), {}, "address 192.0.2.1").value();
   const auto greeted = directory->add("greeted", flatTerrain(9), {}, "address 192.0.2.1").value();
@@ -237,6 +238,7 @@ TEST(Simulated, SessionsInWhichNobodySaidHelloEndWithinSeconds) {
   }
   timer.advance(7s);
   EXPECT_EQ(directory->find("silent"), nullptr);
+  EXPECT_NE(directory->find("operators"), nullptr);
   EXPECT_EQ(directory->find("greeted"), greeted) << "it has " << resources->limits.sessionIdle.count() << " ms";
   EXPECT_FALSE(directory->full("address 192.0.2.1"));
 }
