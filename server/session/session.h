@@ -67,7 +67,7 @@ struct WorldSpec {
 using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&, const std::stop_token& stop)>;
 
 inline constexpr std::string_view kDefaultName = "default";
-inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // at most Limits::sessionIdle, of a client's session that nobody has used
+inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // of a client's session that nobody has used; at most sessionIdle
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 
 // Shared by the cameras of all sessions.
