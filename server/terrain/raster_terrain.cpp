@@ -175,7 +175,7 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   }
   shape.content =
       lattice::mix(found->hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
-  return std::shared_ptr<const Map>(std::make_shared<Map>(std::move(*samples), shape, options.edge, constant));
+  return std::shared_ptr<const Map>(std::make_shared<Map>(Map{std::move(*samples), shape, options.edge, constant}));
 }
 
 // The maps in use, by file and options.
