@@ -33,6 +33,14 @@ struct Watcher final : Sender {
   std::uint64_t last = 0;
 };
 
+// Gives resources a timer that the test moves; they own it.
+SimulatedTimer& simulateTime(Resources& resources) {
+  auto timer = std::make_unique<SimulatedTimer>();
+  SimulatedTimer& moved = *timer;
+  resources.timer = std::move(timer);
+  return moved;
+}
+
 TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
   SimulatedTimer timer;
   const auto presence = std::make_shared<Presence>(timer);
@@ -144,9 +152,7 @@ TEST(Simulated, TheOwnerRemovesWhoIsNotDone) {
 
 TEST(Simulated, SessionsEndWhenTheyWereEmptyForLongEnough) {
   auto resources = std::make_shared<Resources>();
-  auto owned = std::make_unique<SimulatedTimer>();
-  SimulatedTimer& timer = *owned;
-  resources->timer = std::move(owned);
+  SimulatedTimer& timer = simulateTime(*resources);
   resources->limits.sessionIdle = 1h;
   const auto directory = std::make_shared<Directory>(resources, flatTerrain());
   const auto visited = directory->add("visited", flatTerrain(7)).value();
@@ -167,9 +173,7 @@ TEST(Simulated, SessionsEndWhenTheyWereEmptyForLongEnough) {
 
 TEST(Simulated, ASessionThatIsUsedWithoutMembersStays) {
   auto resources = std::make_shared<Resources>();
-  auto owned = std::make_unique<SimulatedTimer>();
-  SimulatedTimer& timer = *owned;
-  resources->timer = std::move(owned);
+  SimulatedTimer& timer = simulateTime(*resources);
   resources->limits.sessionIdle = 1h;
   const auto directory = std::make_shared<Directory>(resources, flatTerrain());
   const auto used = directory->add("used", flatTerrain(7)).value();
@@ -185,9 +189,7 @@ TEST(Simulated, ASessionThatIsUsedWithoutMembersStays) {
 TEST(Simulated, WhoNeverAcknowledgesIsToldSo) {
   scheduling::Executor executor(1);
   auto resources = std::make_shared<Resources>();
-  auto owned = std::make_unique<SimulatedTimer>();
-  SimulatedTimer& timer = *owned;
-  resources->timer = std::move(owned);
+  SimulatedTimer& timer = simulateTime(*resources);
   resources->executor = &executor;
   const auto script = std::make_shared<Script>();
   script->next = [](int n, const camera::Camera&) { return Script::State{{{{0, 1, 2}, n}}, false}; };
@@ -217,9 +219,7 @@ TEST(Simulated, WhoNeverAcknowledgesIsToldSo) {
 
 TEST(Simulated, SessionsInWhichNobodySaidHelloEndWithinSeconds) {
   auto resources = std::make_shared<Resources>();
-  auto owned = std::make_unique<SimulatedTimer>();
-  SimulatedTimer& timer = *owned;
-  resources->timer = std::move(owned);
+  SimulatedTimer& timer = simulateTime(*resources);
   resources->limits.maxSessionsPerClient = 3;
   const auto directory = std::make_shared<Directory>(resources, flatTerrain());
   ASSERT_TRUE(directory->add("operators", flatTerrain(6)));
