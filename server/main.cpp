@@ -19,6 +19,7 @@
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <vector>
 
 #include "server/config/config.h"
 #include "server/http/queries.h"
@@ -119,7 +120,14 @@ void letSignalsEndIt() {
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
 }
 
+void report(const std::vector<std::string>& ignoredVariables) {
+  std::string names;
+  for (const std::string& name : ignoredVariables) names += (names.empty() ? "" : ", ") + name;
+  if (!names.empty()) logging::info("ignores variables that Kubernetes sets for Services: " + names);
+}
+
 int serve(const config::Config& config, const sigset_t& signals) {
+  report(config.ignoredVariables);
   auto terrain = user_terrain::load(config.terrain, warn);  // before any thread begins
   if (!terrain) return refuse(terrain.error().message);
 

@@ -229,15 +229,16 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
   const std::string variable = variableOf("config") + "=";
   for (const char* const* entry = environment; file.empty() && *entry; ++entry)
     if (std::string_view(*entry).starts_with(variable)) file = *entry + variable.size();
-  const auto sources = addLayers(app, file, environment);
-  if (!sources) return {std::nullopt, refuse(sources.error().message)};
+  auto layers = addLayers(app, file, environment);
+  if (!layers) return {std::nullopt, refuse(layers.error().message)};
   if (print) {
-    std::cout << describe(app, *sources);
+    std::cout << describe(app, *layers);
     return {std::nullopt, 0};
   }
   if (list) return {std::nullopt, listTerrains(w.config.terrain.folder)};
   auto config = finish(std::move(w));
   if (!config) return {std::nullopt, refuse(config.error().message)};
+  config->ignoredVariables = std::move(layers->ignored);
   return {std::move(*config), 0};
 }
 

@@ -3,6 +3,8 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "common/outcome/outcome.h"
 #include "server/logging/logging.h"
@@ -14,6 +16,7 @@
 namespace ridgecast::config {
 
 struct Config {
+  std::vector<std::string> ignoredVariables;  // that look like settings and are Kubernetes' (layers.h)
   net::Settings net;
   session::Limits limits;
   snapshot::Limits snapshots;

@@ -5,6 +5,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <regex>
 #include <string_view>
 #include <vector>
 
@@ -17,6 +18,14 @@ namespace {
 constexpr std::string_view kPrefix = "RIDGECAST_";
 // Settings of ./run, which people export.
 constexpr std::array<std::string_view, 2> kOthers{"RIDGECAST_NO_INSTALL", "RIDGECAST_JOBS"};
+
+// What Kubernetes sets in each container for a Service: NAME_SERVICE_HOST, NAME_SERVICE_PORT[_PORTNAME], NAME_PORT=tcp://ADDRESS:PORT and
+// NAME_PORT_7070_TCP[_PROTO|_PORT|_ADDR].
+bool isOfAService(const std::string& name, const std::string& value) {
+  static const std::regex names("RIDGECAST(_.*)?_(SERVICE_HOST|SERVICE_PORT(_.*)?|PORT_[0-9]+_(TCP|UDP|SCTP)(_(PROTO|PORT|ADDR))?)");
+  static const std::regex url("(tcp|udp|sctp)://.*");
+  return std::regex_match(name, names) || (name.ends_with("_PORT") && std::regex_match(value, url));
+}
 
 std::string keyOf(const CLI::Option& option) { return option.get_lnames().empty() ? std::string() : option.get_lnames().front(); }
 bool isSetting(const CLI::Option& option) { return option.get_configurable() && !option.get_lnames().empty(); }
@@ -122,8 +131,9 @@ std::string variableOf(const std::string& key) {
   return name;
 }
 
-Outcome<Sources> addLayers(CLI::App& app, const std::filesystem::path& file, const char* const* environment) {
-  Sources sources;
+Outcome<Layers> addLayers(CLI::App& app, const std::filesystem::path& file, const char* const* environment) {
+  Layers layers;
+  auto& sources = layers.sources;
   std::map<std::string, CLI::Option*> byKey, byVariable;
   for (CLI::Option* option : app.get_options()) {
     if (!isSetting(*option)) continue;
@@ -133,19 +143,22 @@ Outcome<Sources> addLayers(CLI::App& app, const std::filesystem::path& file, con
   for (; *environment; ++environment) {
     const std::string_view entry = *environment;
     if (!entry.starts_with(kPrefix)) continue;
-    const std::string name(entry.substr(0, entry.find('=')));
+    const std::string name(entry.substr(0, entry.find('='))), value(entry.substr(std::min(name.size() + 1, entry.size())));
     if (name == variableOf("config") || std::find(kOthers.begin(), kOthers.end(), name) != kOthers.end()) continue;
+    if (isOfAService(name, value)) {
+      layers.ignored.push_back(name);
+      continue;
+    }
     const auto found = byVariable.find(name);
     if (found == byVariable.end())
       return Error{"The environment's " + name + " is not a setting of this server; --print-config lists the settings."};
     std::string& source = sources[keyOf(*found->second)];
     if (source == "flag") continue;
-    const std::string value(entry.substr(std::min(name.size() + 1, entry.size())));
     if (auto wrong = set(*found->second, isList(*found->second) ? split(value) : std::vector{value}))
       return Error{"The environment's " + name + " is wrong: " + *wrong + "."};
     source = "environment " + name;
   }
-  if (file.empty()) return sources;
+  if (file.empty()) return layers;
   const auto settings = readSettingsFile(file);
   if (!settings) return settings.error();
   for (const FileSetting& setting : *settings) {
@@ -159,10 +172,10 @@ Outcome<Sources> addLayers(CLI::App& app, const std::filesystem::path& file, con
     if (auto wrong = set(*found->second, setting.values)) return Error{where + ": " + *wrong + "."};
     source = "file " + where;
   }
-  return sources;
+  return layers;
 }
 
-std::string describe(const CLI::App& app, const Sources& sources) {
+std::string describe(const CLI::App& app, const Layers& layers) {
   std::string out;
   for (const CLI::Option* option : app.get_options()) {
     if (!isSetting(*option)) continue;
@@ -178,7 +191,7 @@ std::string describe(const CLI::App& app, const Sources& sources) {
     }
     std::string line = key + " = " + value;
     line.resize(std::max<std::size_t>(line.size() + 2, 44), ' ');
-    out += line + "# " + sources.at(key) + "\n";
+    out += line + "# " + layers.sources.at(key) + "\n";
   }
   return out;
 }

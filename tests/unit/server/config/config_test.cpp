@@ -131,6 +131,30 @@ TEST_F(ConfigTest, ListsAndFlagsInTheEnvironment) {
   EXPECT_EQ(result.config->terrain.terrain, "a,b");
 }
 
+// A pod of a namespace with Services named ridgecast and ridgecast-admin has these.
+TEST_F(ConfigTest, VariablesThatKubernetesSetsForServicesAreIgnored) {
+  const std::vector<std::string> services{"RIDGECAST_PORT=tcp://10.96.0.7:7070",
+                                          "RIDGECAST_SERVICE_HOST=10.96.0.7",
+                                          "RIDGECAST_SERVICE_PORT=7070",
+                                          "RIDGECAST_SERVICE_PORT_HTTP_ADMIN=7071",
+                                          "RIDGECAST_PORT_7070_TCP=tcp://10.96.0.7:7070",
+                                          "RIDGECAST_PORT_7070_TCP_PROTO=tcp",
+                                          "RIDGECAST_PORT_7070_TCP_PORT=7070",
+                                          "RIDGECAST_PORT_7070_TCP_ADDR=10.96.0.7",
+                                          "RIDGECAST_ADMIN_PORT=tcp://10.96.0.8:7071",
+                                          "RIDGECAST_ADMIN_SERVICE_HOST=10.96.0.8",
+                                          "RIDGECAST_EU_WEST_PORT_53_UDP_ADDR=10.96.0.8"};
+  std::vector<std::string> environment = services;
+  environment.push_back("RIDGECAST_MAX_CAMERAS=12");
+  const Result result = run({}, environment);
+  ASSERT_TRUE(result.config) << result.err;
+  EXPECT_EQ(result.config->net.port, 7070);
+  EXPECT_EQ(result.config->limits.maxCameras, 12u);
+  std::vector<std::string> names;
+  for (const std::string& service : services) names.push_back(service.substr(0, service.find('=')));
+  EXPECT_EQ(result.config->ignoredVariables, names);
+}
+
 TEST_F(ConfigTest, SaysWhatIsWrongAndWhere) {
   struct Case {
     std::vector<std::string> flags, environment;
@@ -140,7 +164,7 @@ TEST_F(ConfigTest, SaysWhatIsWrongAndWhere) {
   for (const Case& c : {Case{{"--max-camera", "3"}, {}, "", {"--max-camera"}},
                         Case{{}, {"RIDGECAST_MAX_CAMERA=3"}, "", {"RIDGECAST_MAX_CAMERA", "not a setting"}},
                         Case{{}, {"RIDGECAST_PRINT_CONFIG=1"}, "", {"RIDGECAST_PRINT_CONFIG", "not a setting"}},
-                        Case{{}, {"RIDGECAST_PORT=tcp://10.0.0.1:7070"}, "", {"RIDGECAST_PORT", "tcp://"}},
+                        Case{{}, {"RIDGECAST_PORT=http://10.0.0.1:7070"}, "", {"RIDGECAST_PORT", "http://"}},
                         Case{{}, {"RIDGECAST_MAX_CAMERAS=0"}, "", {"RIDGECAST_MAX_CAMERAS", "not in range"}},
                         Case{{}, {"RIDGECAST_QUIET=perhaps"}, "", {"RIDGECAST_QUIET"}},
                         Case{{}, {"RIDGECAST_TRUSTED_PROXY=10.0.0.1/8"}, "", {"10.0.0.1/8"}},
