@@ -1,6 +1,7 @@
 // ridgecast-server: reads its settings, puts the rooms together, serves until SIGINT or SIGTERM, of which a second one does not wait for
 // clients. SIGHUP reads certificate and tokens again, SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready
 // again.
+// ridgecast-server healthy asks a running one whether it is well.
 // Exit status: 0 after a signal, 1 when something failed while running, 2 when the settings cannot be met.
 
 #include <sys/socket.h>
@@ -26,6 +27,7 @@
 #include "server/http/site.h"
 #include "server/http/snapshots.h"
 #include "server/logging/logging.h"
+#include "server/net/health.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
@@ -166,6 +168,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
     return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
+  if (!server->adminUrl().empty()) logging::info("admin port at " + server->adminUrl());
   logging::info("listening on " + server->url() + " with " + std::to_string(executor.threads()) + " threads, terrain " +
                 std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 
@@ -183,7 +186,17 @@ int serve(const config::Config& config, const sigset_t& signals) {
 
 }  // namespace
 
+// ridgecast-server healthy, with the server's settings: for containers' checks.
+int healthy(int argc, char** argv) {
+  const config::Parsed parsed = config::parse(argc, argv, environ);
+  if (!parsed.config) return parsed.status;
+  const auto error = net::checkHealth(parsed.config->net);
+  if (error) std::cerr << "ridgecast-server: " << error->message << "\n";
+  return error ? 1 : 0;
+}
+
 int main(int argc, char** argv) {
+  if (argc > 1 && std::string_view(argv[1]) == "healthy") return healthy(argc - 1, argv + 1);
   const config::Parsed parsed = config::parse(argc, argv, environ);
   if (!parsed.config) return parsed.status;
   logging::setUp(parsed.config->logFormat, parsed.config->logLevel);

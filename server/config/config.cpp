@@ -90,6 +90,10 @@ void addListening(CLI::App& app, Written& w) {
   Config& c = w.config;
   app.add_option("--host", c.net.host, "Address to listen on")->capture_default_str();
   app.add_option("--port", c.net.port, "Port to listen on; 0: any free one")->capture_default_str();
+  app.add_option("--admin-port", c.net.adminPort,
+                 "Another port, plain and without tokens, for /healthz, /readyz, /metrics and /version; 0: none")
+      ->capture_default_str();
+  app.add_option("--admin-host", c.net.adminHost, "Address of the admin port; default: that of --host");
   app.add_option("--port-file", c.portFile, "Write the port to this file once the server listens")->type_name("FILE");
   app.add_option("--web-dir", c.webFolder, "Folder of the browser viewer; default: the one installed or built with this program")
       ->type_name("DIR");
@@ -145,6 +149,8 @@ void addLimits(CLI::App& app, Written& w) {
 }
 
 void addOperation(CLI::App& app, Written& w) {
+  addSeconds(app, "--drain-delay", w.config.net.drainDelay,
+             "Seconds after SIGTERM in which the server serves as before while /readyz says 503: balancers lag", 0, 3600);
   addSeconds(app, "--drain", w.config.net.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
   app.add_option("--reconnect-url", w.config.net.reconnectUrl,
                  "URL for clients to reconnect to when this server leaves; default: the same address")
@@ -202,7 +208,8 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
   bool list = false, print = false;
   std::filesystem::path file;
   CLI::App app(
-      "Streams endless terrain, triangulated for each camera. 'ridgecast-server token --help' tells how to make tokens.\n"
+      "Streams endless terrain, triangulated for each camera. 'ridgecast-server token --help' tells how to make tokens;\n"
+      "'ridgecast-server healthy' asks a running server with the same settings whether it is well.\n"
       "A setting's flag goes before its environment variable (--max-cameras: RIDGECAST_MAX_CAMERAS), that before the settings file.",
       "ridgecast-server");
   app.formatter(std::make_shared<FirstNames>());

@@ -73,7 +73,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       const std::lock_guard lock(shared_->mutex);
       tls = shared_->tls;
     }
-    if (!tls) return read();
+    if (!tls || counted_.kind() == Counted::Kind::kAdmin) return read();
     stream_.expires_after(timeout());
     stream_.startTls(std::move(tls), Channel::Done([self = shared_from_this()](error_code ec, std::size_t) {
                        self->clear_ = ec == asio::error::no_protocol_option;
@@ -86,7 +86,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   std::chrono::milliseconds timeout() const {
     const std::chrono::milliseconds usual = shared_->settings.timeout;
-    return counted_.surplus() == Counted::Surplus::kNone ? usual : std::min<std::chrono::milliseconds>(usual, kTurnedTimeout);
+    return counted_.kind() == Counted::Kind::kServed ? usual : std::min<std::chrono::milliseconds>(usual, kTurnedTimeout);
   }
 
   void read() {
@@ -107,9 +107,10 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (ec) return close();
     const Settings& settings = shared_->settings;
     if (clear_) return refuse(400, metrics::Refusal::kTls, "This port speaks TLS: use https:// or wss://.");
-    if (counted_.surplus() == Counted::Surplus::kConnections)
+    if (counted_.kind() == Counted::Kind::kAdmin) return answerAdmin();
+    if (counted_.kind() == Counted::Kind::kTooMany)
       return refuse(503, {}, "This server has " + std::to_string(settings.maxConnections) + " connections, its limit; try again later.");
-    if (counted_.surplus() == Counted::Surplus::kAddress) return refuseAddress();
+    if (counted_.kind() == Counted::Kind::kTooManyOfAddress) return refuseAddress();
 
     const auto& header = parser_->get();
     Request request = requestOf(header);
@@ -132,19 +133,35 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     grant_ = grant ? *grant : access::Grant();
     const auto session = queryParameter(request.query(), "session");
     sessionName_ = session ? session->substr(0, 100) : std::string();
-    const bool hasBody = parser_->chunked() || parser_->content_length().value_or(0) > 0;
-    if (request.upgrade && hasBody)
+    if (request.upgrade && hasBody())
       return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
-    keepAlive_ = header.keep_alive() && !hasBody && ++answered_ < 1000;
-    head_ = header.method() == http::verb::head;
+    setAside();
     ifNoneMatch_ = header[http::field::if_none_match];
     wantsProgress_ = header.version() == 11 && header["Prefer"].find("progress") != beast::string_view::npos;
     if (a.later && !namesEtag(ifNoneMatch_, a.etag)) return work(a.later);
     a.upgradeTo ? upgrade(std::move(a.upgradeTo)) : send(std::move(a));
   }
 
+  bool hasBody() const { return parser_->chunked() || parser_->content_length().value_or(0) > 0; }
+
+  // What the answer needs of the request.
+  void setAside() {
+    keepAlive_ = parser_->keep_alive() && shared_->ready && !hasBody() && ++answered_ < 1000;
+    head_ = parser_->get().method() == http::verb::head;
+  }
+
+  // The admin port serves those who operate the server, under any name and without tokens.
+  void answerAdmin() {
+    const Request request = requestOf(parser_->get());
+    const std::string_view path = request.path();
+    setAside();
+    if (path == "/healthz" || path == "/readyz" || path == "/metrics" || path == "/version")
+      return send(answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes));
+    send(plain(404, "The admin port has /healthz, /readyz, /metrics and /version alone."));
+  }
+
   void upgrade(std::shared_ptr<session::Session> session) {
-    if (!shared_->ready)
+    if (!shared_->takesStreams)
       return send(refused(503, metrics::Refusal::kDraining, "This server is leaving; connect again.", {{"Retry-After", "1"}}));
     if (buffer_.size() > 0) return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
     startStream(std::move(stream_), std::move(counted_), shared_, std::move(session), peerName_, std::move(grant_), parser_->release());
@@ -296,7 +313,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     serializer_.reset();
     response_ = {};
     if (ec) return close();
-    keepAlive_ && shared_->ready ? read() : closePolitely();
+    keepAlive_ ? read() : closePolitely();
   }
 
   void forget(std::size_t bytes) {

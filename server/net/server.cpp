@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/post.hpp>
-#include <boost/asio/steady_timer.hpp>
-#include <boost/asio/strand.hpp>
 #include <thread>
 #include <utility>
 
 #include "server/logging/logging.h"
 #include "server/net/http.h"
+#include "server/net/listener.h"
 #include "server/net/operations.h"
 #include "server/net/shared.h"
 
@@ -34,29 +32,24 @@ using boost::system::error_code;
 
 // Connections beyond a limit that still get an answer; any more are closed at once.
 constexpr std::uint32_t kTurnedAtATime = 32;
+// Connections of the admin port; any more are closed at once.
+constexpr std::uint32_t kAdminsAtATime = 64;
 
 class ListeningServer final : public Server {
  public:
   ListeningServer(const Settings& settings, std::shared_ptr<session::Directory> directory, std::vector<Route> routes)
-      : shared_(std::make_shared<Shared>(settings, std::move(directory), std::move(routes))),
-        acceptor_(asio::make_strand(io_)),
-        retry_(acceptor_.get_executor()) {}
+      : shared_(std::make_shared<Shared>(settings, std::move(directory), std::move(routes))), listener_(io_), adminListener_(io_) {}
 
   ~ListeningServer() override { shutdown(); }
 
   std::optional<Error> open() {
     const Settings& settings = shared_->settings;
-    error_code ec;
-    tcp::resolver resolver(io_);
-    const auto found =
-        resolver.resolve(settings.host, std::to_string(settings.port), tcp::resolver::passive | tcp::resolver::numeric_service, ec);
-    if (ec || found.empty())
-      return Error{"Cannot listen on '" + settings.host + "': it is not an address or name of this machine; 127.0.0.1 is the usual one."};
-    const tcp::endpoint endpoint = found.begin()->endpoint();
+    const auto endpoint = listener_.resolve(settings.host, settings.port);
+    if (!endpoint) return endpoint.error();
     if (settings.tlsCertificate.empty() != settings.tlsKey.empty())
       return Error{"TLS takes both a certificate and its key: --tls-cert FILE --tls-key FILE."};
     const bool encrypted = !settings.tlsCertificate.empty();
-    if (!endpoint.address().is_loopback() && !settings.allowInsecure && !(encrypted && shared_->filter.requiresTokens()))
+    if (!endpoint->address().is_loopback() && !settings.allowInsecure && !(encrypted && shared_->filter.requiresTokens()))
       return Error{"Refusing to listen on " + settings.host + " without " +
                    (encrypted                          ? "tokens"
                     : shared_->filter.requiresTokens() ? "TLS"
@@ -64,26 +57,24 @@ class ListeningServer final : public Server {
                    ": everybody who reaches the port could use it or listen in; give --tls-cert and --tls-key, and --token-file or "
                    "--jwt-secret-file, or listen on 127.0.0.1, or say --allow-insecure if it is meant."};
     if (auto error = reload()) return error;
-    const std::string where = nameOf(endpoint);
-    acceptor_.open(endpoint.protocol(), ec);
-    if (ec) return Error{"Cannot listen on " + where + ": " + ec.message() + "."};
-    acceptor_.set_option(asio::socket_base::reuse_address(true), ec);
-    acceptor_.bind(endpoint, ec);
-    if (!ec) acceptor_.listen(asio::socket_base::max_listen_connections, ec);
-    if (ec == asio::error::address_in_use)
-      return Error{"Cannot listen on " + where + ": the port is in use; choose another with --port, or --port 0 for any free one."};
-    if (ec == asio::error::access_denied)
-      return Error{"Cannot listen on " + where + ": this user lacks the permission; choose a port above 1023."};
-    if (ec) return Error{"Cannot listen on " + where + ": " + ec.message() + "; 127.0.0.1 is the usual address."};
-    endpoint_ = acceptor_.local_endpoint(ec);
+    if (auto error = listener_.open(*endpoint)) return error;
+    if (settings.adminPort != 0) {
+      const auto admin = adminListener_.resolve(settings.adminHost.empty() ? settings.host : settings.adminHost, settings.adminPort);
+      if (!admin) return admin.error();
+      if (auto error = adminListener_.open(*admin)) return error;
+      adminListener_.start([this](tcp::socket&& socket) { takeAdmin(std::move(socket)); });
+    }
     addOperations(shared_);
-    asio::post(acceptor_.get_executor(), [this] { accept(); });
+    listener_.start([this](tcp::socket&& socket) { take(std::move(socket)); });
     for (unsigned k = 0; k < std::max(1u, settings.threads); ++k) threads_.emplace_back([this] { serve(); });
     return {};
   }
 
-  std::uint16_t port() const override { return endpoint_.port(); }
-  std::string url() const override { return (shared_->settings.tlsCertificate.empty() ? "http://" : "https://") + nameOf(endpoint_); }
+  std::uint16_t port() const override { return listener_.endpoint().port(); }
+  std::string url() const override {
+    return (shared_->settings.tlsCertificate.empty() ? "http://" : "https://") + nameOf(listener_.endpoint());
+  }
+  std::string adminUrl() const override { return shared_->settings.adminPort != 0 ? "http://" + nameOf(adminListener_.endpoint()) : ""; }
 
   std::optional<Error> reload() override {
     const Settings& settings = shared_->settings;
@@ -103,21 +94,17 @@ class ListeningServer final : public Server {
   }
 
   void drain() override {
-    shared_->ready = false;
+    shared_->ready = shared_->takesStreams = false;
     sendAway();
   }
-  void undrain() override { shared_->ready = true; }
+  void undrain() override { shared_->ready = shared_->takesStreams = true; }
 
   void shutdown() override {
     if (threads_.empty()) return;
     shared_->ready = false;
+    std::this_thread::sleep_for(shared_->settings.drainDelay);
     const auto until = std::chrono::steady_clock::now() + shared_->settings.drain;
-    asio::post(acceptor_.get_executor(), [this] {
-      error_code ignored;
-      acceptor_.close(ignored);
-      retry_.cancel();
-    });
-    sendAway();
+    drain();
     shared_->promptJobs.finish(until);
     shared_->patientJobs.finish(until);
     shared_->worldJobs.finish(until);
@@ -153,22 +140,6 @@ class ListeningServer final : public Server {
     }
   }
 
-  void accept() {
-    acceptor_.async_accept(asio::make_strand(io_), [this](error_code ec, tcp::socket socket) {
-      if (ec == asio::error::operation_aborted || !acceptor_.is_open()) return;
-      if (ec) {  // probably no file descriptors left: open connections may end
-        logging::warning("cannot accept a connection: " + ec.message());
-        retry_.expires_after(std::chrono::milliseconds(200));
-        retry_.async_wait([this](error_code waited) {
-          if (!waited) accept();
-        });
-        return;
-      }
-      take(std::move(socket));
-      accept();
-    });
-  }
-
   // Checks everything that limits connections before anything is made for this one.
   void take(tcp::socket&& socket) {
     const Settings& settings = shared_->settings;
@@ -178,26 +149,28 @@ class ListeningServer final : public Server {
     if (gone) return;
     const access::Address address = addressOf(peer);
     const auto isProxy = [&](const access::Network& network) { return network.contains(address); };
-    auto surplus = Counted::Surplus::kNone;
+    auto kind = Counted::Kind::kServed;
     std::optional<access::ConnectionsByAddress::Place> place;
     if (shared_->connections >= settings.maxConnections) {
-      surplus = Counted::Surplus::kConnections;
+      kind = Counted::Kind::kTooMany;
     } else if (std::none_of(settings.trustedProxies.begin(), settings.trustedProxies.end(), isProxy)) {
       place = shared_->connectionsByAddress.enter(address);
-      if (!place) surplus = Counted::Surplus::kAddress;
+      if (!place) kind = Counted::Kind::kTooManyOfAddress;
     }
-    if (surplus != Counted::Surplus::kNone) {
-      shared_->figures->refused(surplus == Counted::Surplus::kAddress ? metrics::Refusal::kAddress : metrics::Refusal::kConnections);
+    if (kind != Counted::Kind::kServed) {
+      shared_->figures->refused(kind == Counted::Kind::kTooMany ? metrics::Refusal::kConnections : metrics::Refusal::kAddress);
       if (shared_->turned >= kTurnedAtATime) return;
     }
-    startHttp(std::move(socket), Counted(shared_, surplus, std::move(place)), shared_);
+    startHttp(std::move(socket), Counted(shared_, kind, std::move(place)), shared_);
+  }
+
+  void takeAdmin(tcp::socket&& socket) {
+    if (shared_->admins < kAdminsAtATime) startHttp(std::move(socket), Counted(shared_, Counted::Kind::kAdmin, {}), shared_);
   }
 
   std::shared_ptr<Shared> shared_;
   asio::io_context io_;
-  tcp::acceptor acceptor_;
-  asio::steady_timer retry_;
-  tcp::endpoint endpoint_;
+  Listener listener_, adminListener_;
   std::vector<std::thread> threads_;
 };
 

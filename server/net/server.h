@@ -1,6 +1,6 @@
 #pragma once
-// The one port: HTTP requests and WebSocket streams. The only room of the server that sees sockets; Boost.Beast stays in http.cpp
-// and stream.cpp, OpenSSL in common/transport.
+// The port for HTTP requests and WebSocket streams, and the admin port, if any. The only room of the server that sees sockets; Boost.Beast
+// stays in http.cpp and stream.cpp, OpenSSL in common/transport.
 //
 // Each connection has one strand: nothing of it runs twice at a time, and one writer sends its messages in order. Encoding and all work on
 // meshes runs on the cameras' pools; the threads here only move bytes.
@@ -8,6 +8,7 @@
 //   limit of               by                         beyond it
 //   connections            maxConnections             HTTP 503; closed at once while 32 are getting this answer
 //   of one address         maxConnectionsPerAddress   HTTP 429, or closed as above; a /64 of IPv6 is one address
+//   of the admin port      64                         closed
 //   request header         maxHeaderBytes             HTTP 431
 //   TLS, request, hello    timeout each              closed; for hello with an error
 //   client message         maxMessageBytes            Error, close 1009
@@ -43,6 +44,8 @@ inline constexpr std::size_t kMaxQueuedMessages = 128;
 
 struct Settings : http::Access {                 // host: the address to listen on
   std::uint16_t port = 7070;                     // 0: any free one
+  std::uint16_t adminPort = 0;                   // of /healthz, /readyz, /metrics and /version, plain and without tokens; 0: none
+  std::string adminHost;                         // empty: host
   bool allowInsecure = false;                    // permits other than loopback addresses without TLS or without tokens
   std::filesystem::path tlsCertificate, tlsKey;  // PEM; both or none
   std::vector<access::Network> trustedProxies;
@@ -58,6 +61,7 @@ struct Settings : http::Access {                 // host: the address to listen 
   http::Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds; nice value from --snapshot-niceness
   http::Jobs::Limits worldJobs{1, 8, 10};    // compilation of worlds
   std::size_t maxAnswerBytes = std::size_t{1} << 30;
+  std::chrono::milliseconds drainDelay{0};  // between /readyz's 503 and the drain at shutdown: balancers lag
   std::chrono::milliseconds drain{5'000};
   std::string reconnectUrl;  // sent to clients when the server leaves; empty: the same address
 };
@@ -77,10 +81,12 @@ class Server {
   // Reloads certificate and tokens: the certificate for new connections, the tokens for open streams too. On an error, which is returned,
   // both stay as they were.
   virtual std::optional<Error> reload() = 0;
-  // drain(), then stops accepting connections. Waits for streams and answers in progress to end, up to settings.drain, then stops serving.
+  // /readyz answers 503 from now on. After settings.drainDelay drain(); then waits for streams and answers in progress to end, up to
+  // settings.drain. Accepts connections until the end.
   virtual void shutdown() = 0;
   virtual std::uint16_t port() const = 0;
-  virtual std::string url() const = 0;  // http://ADDRESS:PORT
+  virtual std::string url() const = 0;       // http://ADDRESS:PORT
+  virtual std::string adminUrl() const = 0;  // likewise; empty: none
 };
 
 }  // namespace ridgecast::net

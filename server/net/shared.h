@@ -66,9 +66,11 @@ struct Shared {
   const std::shared_ptr<metrics::Figures> figures;
   RequestFilter filter;
   access::ConnectionsByAddress connectionsByAddress;
-  std::atomic<bool> ready{true};         // false: no new streams
+  std::atomic<bool> ready{true};         // as /readyz says
+  std::atomic<bool> takesStreams{true};  // false: new ones are refused
   std::atomic<std::uint32_t> turned{0};  // connections that only get an answer about too many
   std::atomic<std::uint32_t> connections{0};
+  std::atomic<std::uint32_t> admins{0};     // connections of the admin port
   std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
   Jobs promptJobs, patientJobs, worldJobs;
 
@@ -81,20 +83,20 @@ struct Shared {
 // Counts a connection while it lives.
 class Counted {
  public:
-  // Why it is not served. At most kTurnedAtATime of these get an answer.
-  enum class Surplus { kNone, kConnections, kAddress };
+  // Of those that are too many at most kTurnedAtATime get an answer.
+  enum class Kind { kServed, kTooMany, kTooManyOfAddress, kAdmin };
 
   // `place`: among the connections of its address. Empty behind a proxy, whose clients are counted by request.
-  Counted(std::shared_ptr<Shared> shared, Surplus surplus, std::optional<access::ConnectionsByAddress::Place> place)
-      : shared_(std::move(shared)), surplus_(surplus), place_(std::move(place)) {
-    ++(surplus_ == Surplus::kNone ? shared_->connections : shared_->turned);
+  Counted(std::shared_ptr<Shared> shared, Kind kind, std::optional<access::ConnectionsByAddress::Place> place)
+      : shared_(std::move(shared)), kind_(kind), place_(std::move(place)) {
+    ++number();
   }
   Counted(Counted&&) = default;
   Counted& operator=(Counted&&) = delete;
   ~Counted() {
-    if (shared_) --(surplus_ == Surplus::kNone ? shared_->connections : shared_->turned);
+    if (shared_) --number();
   }
-  Surplus surplus() const { return surplus_; }
+  Kind kind() const { return kind_; }
   // Counts the connection for this client from now on. False: the client has too many.
   bool belongsTo(const access::Address& client) {
     if (place_ && place_->who() == access::household(client)) return true;
@@ -104,8 +106,12 @@ class Counted {
   }
 
  private:
+  std::atomic<std::uint32_t>& number() const {
+    return kind_ == Kind::kServed ? shared_->connections : kind_ == Kind::kAdmin ? shared_->admins : shared_->turned;
+  }
+
   std::shared_ptr<Shared> shared_;
-  Surplus surplus_;
+  Kind kind_;
   std::optional<access::ConnectionsByAddress::Place> place_;
 };
 

@@ -318,7 +318,7 @@ class StreamSender final : public session::Sender {
 void Stream::accepted(error_code ec) {
   if (ec || stage_ != Stage::kAccepting) return end();
   stage_ = Stage::kOpen;
-  if (!shared_->ready) return goAway();  // the server began to leave meanwhile
+  if (!shared_->takesStreams) return goAway();  // the server began to leave meanwhile
   auto place = session_->enter();
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),

@@ -22,6 +22,7 @@
 #include <thread>
 #include <vector>
 
+#include "tests/support/authority.h"
 #include "tests/support/flier.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
@@ -216,6 +217,66 @@ TEST(Operations, TellsItsManagerAndEndsWithinItsBound) {
   }
   EXPECT_FALSE(std::filesystem::exists(folder / "port"));
   close(socket);
+}
+
+// A server that is told to end goes on serving for a while: balancers and proxies learn late that it leaves.
+TEST(Operations, WhoStillComesDuringADrainsDelayIsServed) {
+  const std::uint16_t admin = freePort();
+  ServerProcess server(RIDGECAST_SERVER, {"--drain-delay", "6", "--admin-port", std::to_string(admin)});
+  EXPECT_EQ(get(admin, "/readyz"), "ready\n");
+  Flier before(server.url(), coarse());
+  const PathCamera path(RIDGECAST_PATHS "/alpine.json", before.world());
+  before.step(path.at(0));
+  server.process().signal(SIGTERM);
+  ASSERT_TRUE(await([&] { return get(admin, "/readyz") == "This server is leaving.\n"; }));
+  EXPECT_EQ(get(admin, "/healthz"), "ok\n");
+  int come = 0;
+  const auto lags = Clock::now() + 5s;  // what kube-proxy may need
+  for (int k = 1; Clock::now() < lags || k < 5; ++k, ++come) {
+    ASSERT_EQ(get(server.port(), "/healthz"), "ok\n") << k;
+    Flier late(server.url(), coarse());
+    ASSERT_EQ(late.step(path.at(0.1 * k)).number, 1u) << k;
+    ASSERT_NO_THROW(before.step(path.at(0.1 * k))) << k;
+  }
+  EXPECT_GE(come, 5);
+  EXPECT_EQ(server.process().wait(kTimeout), 0);
+  EXPECT_ANY_THROW(before.step(path.at(0)));
+}
+
+TEST(Operations, TheAdminPortTakesNeitherTokenNorTls) {
+  Authority authority;
+  const auto issued = authority.issue("DNS:localhost,IP:127.0.0.1");
+  ScratchFolder folder;
+  const std::string tokens = folder / "tokens";
+  ASSERT_EQ(runProgram({RIDGECAST_SERVER, "token", "--token-file", tokens, "--holder", "lab"}).code, 0);
+  const std::string admin = std::to_string(freePort());
+  ServerProcess server(RIDGECAST_SERVER, {"--tls-cert", issued.certificate, "--tls-key", issued.key, "--token-file", tokens, "--admin-port",
+                                          admin, "--max-connections", "1"});
+  const auto port = static_cast<std::uint16_t>(std::stoul(admin));
+  SocketClient only(server.port());  // the one connection that the server takes
+  EXPECT_EQ(get(port, "/healthz"), "ok\n");
+  EXPECT_EQ(get(port, "/readyz"), "ready\n");
+  EXPECT_THAT(get(port, "/metrics"), testing::StartsWith("# HELP "));
+  EXPECT_THAT(get(port, "/version"), HasSubstr("ridgecast-server"));
+  for (const char* elsewhere : {"/", "/v1/sessions", "/v1/heights?at=0,0", "/v1/stream"})
+    EXPECT_EQ(get(port, elsewhere), "The admin port has /healthz, /readyz, /metrics and /version alone.\n") << elsewhere;
+  EXPECT_EQ(runProgram({RIDGECAST_SERVER, "healthy", "--admin-port", admin}).code, 0);
+  const auto figures = scrape(port);
+  for (const char* reason : {"tls", "token", "host"})
+    EXPECT_EQ(figures.at(std::string("ridgecast_refusals_total{reason=\"") + reason + "\"}"), 0) << reason;
+}
+
+TEST(Operations, HealthyAsksTheServerWithTheSameSettings) {
+  ServerProcess server(RIDGECAST_SERVER);
+  const std::string port = std::to_string(server.port());
+  EXPECT_EQ(runProgram({RIDGECAST_SERVER, "healthy"}, {{"RIDGECAST_PORT", port}, {"RIDGECAST_HOST", "0.0.0.0"}}).code, 0);
+  const Finished tls = runProgram({RIDGECAST_SERVER, "healthy", "--port", port, "--tls-cert", "c", "--tls-key", "k"});
+  EXPECT_EQ(tls.code, 1);
+  EXPECT_THAT(tls.output, HasSubstr("--admin-port"));
+  ASSERT_EQ(server.stop(), 0);
+  const Finished gone = runProgram({RIDGECAST_SERVER, "healthy", "--port", port});
+  EXPECT_EQ(gone.code, 1);
+  EXPECT_EQ(gone.output, "ridgecast-server: No server answers at 127.0.0.1, port " + port + ".\n");
 }
 
 TEST(Operations, ContainersAndTheUnitLimitMemory) {

@@ -1,5 +1,9 @@
 #include "tests/support/server_process.h"
 
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <csignal>
 #include <stdexcept>
@@ -23,6 +27,19 @@ std::vector<std::string> commandLine(const std::string& program, const std::stri
 }
 
 }  // namespace
+
+std::uint16_t freePort() {
+  const int socket = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  const bool bound = bind(socket, reinterpret_cast<sockaddr*>(&address), size) == 0 &&
+                     getsockname(socket, reinterpret_cast<sockaddr*>(&address), &size) == 0;
+  close(socket);
+  if (!bound) throw std::runtime_error("loopback has no free port");
+  return ntohs(address.sin_port);
+}
 
 ServerProcess::ServerProcess(const std::string& program, const std::vector<std::string>& arguments, std::uint16_t port)
     : process_(commandLine(program, (folder_ / "port").string(), port, arguments)) {

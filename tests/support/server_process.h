@@ -9,6 +9,9 @@
 
 namespace ridgecast::testing_support {
 
+// A port of loopback that nobody listens on now.
+std::uint16_t freePort();
+
 class ServerProcess {
  public:
   // Starts `program` and waits until it listens; throws std::runtime_error with its output when it does not.
