@@ -1,6 +1,7 @@
 #include "server/config/token_command.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -38,6 +39,11 @@ std::optional<std::chrono::seconds> parseDuration(const std::string& text) {
   }
 }
 
+bool writeLine(int descriptor, const std::string& line) {
+  const std::string text = line + "\n";
+  return write(descriptor, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+}
+
 // Appends in one write. A new file is readable only by its owner.
 bool appendLine(const std::filesystem::path& file, const std::string& line) {
   const int descriptor = open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
@@ -45,8 +51,7 @@ bool appendLine(const std::filesystem::path& file, const std::string& line) {
   char last = '\n';
   const off_t size = lseek(descriptor, 0, SEEK_END);
   if (size > 0 && pread(descriptor, &last, 1, size - 1) != 1) last = '\n';
-  const std::string text = (last == '\n' ? "" : "\n") + line + "\n";
-  const bool written = write(descriptor, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+  const bool written = writeLine(descriptor, (last == '\n' ? "" : "\n") + line);
   return close(descriptor) == 0 && written;
 }
 
@@ -59,7 +64,7 @@ int refuse(const std::string& sentence) {
 
 int runTokenCommand(int argc, const char* const* argv) {
   std::string rights = "view", holder = "anyone", expires, session;
-  std::filesystem::path tokenFile, secretFile;
+  std::filesystem::path tokenFile, secretFile, outFile;
   CLI::App app("Issues a token: a random one, adding its hash to a token file, or a JSON Web Token (HS256).", "ridgecast-server token");
   app.add_option("--rights", rights, "Rights to grant: view, create, query, snapshot, clock, separated by commas")->capture_default_str();
   app.add_option("--holder", holder, "Name of the holder, for the log")->capture_default_str();
@@ -68,6 +73,7 @@ int runTokenCommand(int argc, const char* const* argv) {
       ->type_name("DURATION");
   auto* file = app.add_option("--token-file", tokenFile, "Make a random token and add its hash to this file")->type_name("FILE");
   app.add_option("--jwt-secret-file", secretFile, "Sign a JSON Web Token with the secret in this file")->type_name("FILE")->excludes(file);
+  app.add_option("--out", outFile, "Write the token to this file, which only you can read; default: standard output")->type_name("FILE");
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& e) {
@@ -91,17 +97,20 @@ int runTokenCommand(int argc, const char* const* argv) {
     if (!duration) return refuse("--expires takes a number and s, m, h or d, such as 12h, not '" + expires + "'.");
     grant.expires = now + *duration;
   }
+  if (secretFile.empty() && tokenFile.empty())
+    return refuse("Name where to add the token or what to sign it with: --token-file FILE or --jwt-secret-file FILE.");
+  // Opened before a token exists that nobody gets.
+  const int out = outFile.empty() ? STDOUT_FILENO : open(outFile.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+  if (out < 0 || (!outFile.empty() && fchmod(out, 0600) != 0)) return refuse("Cannot write to '" + outFile.string() + "'.");
+  const auto hand = [&](const std::string& token) { return writeLine(out, token) ? 0 : refuse("Cannot write the token."); };
   if (!secretFile.empty()) {
     const auto secret = access::loadSecret(secretFile);
     if (!secret) return refuse(secret.error().message);
-    std::cout << access::issueJwt(grant, *secret, now) << "\n";
-    return 0;
+    return hand(access::issueJwt(grant, *secret, now));
   }
-  if (tokenFile.empty()) return refuse("Name where to add the token or what to sign it with: --token-file FILE or --jwt-secret-file FILE.");
   const access::NewToken made = access::makeToken(grant);
   if (!appendLine(tokenFile, made.line)) return refuse("Cannot write to '" + tokenFile.string() + "'.");
-  std::cout << made.token << "\n";
-  return 0;
+  return hand(made.token);
 }
 
 }  // namespace ridgecast::config

@@ -13,6 +13,7 @@ if [[ $deb == deb ]]; then
   for package in "$scratch"/packages/*.deb; do
     dpkg-deb --info "$package" | grep -E '^ (Package|Version|Depends):'
     dpkg-deb -x "$package" "$scratch/root"
+    [[ $package != *ridgecast_* ]] || dpkg-deb -e "$package" "$scratch/control"
   done
   prefix=$scratch/root/usr
 else
@@ -54,6 +55,30 @@ node -e '
     if (heights.length !== 2 || !heights.every(Number.isFinite)) throw Error("no heights");
   })().catch((e) => { console.error(e.message); process.exit(1); });
 ' "$url"
+if [[ $deb == deb && $EUID -eq 0 ]] && command -v systemd-sysusers setpriv >/dev/null; then
+  # As installed: the package makes a user and a settings file; the server starts as that user with its own secrets.
+  mkdir -p "$scratch/root/etc"
+  DPKG_ROOT=$scratch/root sh "$scratch/control/postinst" configure
+  IFS=: read -r _ _ uid gid _ < <(grep '^ridgecast:' "$scratch/root/etc/passwd")
+  settings=$scratch/root/etc/ridgecast/server.toml
+  echo "# the operator's" >>"$settings"
+  DPKG_ROOT=$scratch/root sh "$scratch/control/postinst" configure
+  grep -q "the operator's" "$settings" || { echo "an update replaces the settings" >&2; exit 1; }
+  "$prefix/bin/ridgecast-server" token --token-file "$scratch/tokens" --out "$scratch/token"
+  chown "$uid:$gid" "$scratch/tokens"
+  [[ $(stat -c %a "$scratch/tokens" "$scratch/token") == $'600\n600' ]]
+  chmod 755 "$scratch"
+  mkdir -m 700 "$scratch/run" && chown "$uid:$gid" "$scratch/run"
+  setpriv --reuid "$uid" --regid "$gid" --clear-groups "$prefix/bin/ridgecast-server" --config "$settings" --token-file "$scratch/tokens" \
+    --port 0 --port-file "$scratch/run/port" >"$scratch/unit.log" 2>&1 &
+  unit=$!
+  for ((k = 0; k < 1200; ++k)); do
+    [[ ! -s $scratch/run/port ]] || break
+    sleep 0.1
+  done
+  [[ -s $scratch/run/port ]] || { cat "$scratch/unit.log" >&2; exit 1; }
+  kill "$unit" && wait "$unit"
+fi
 documents=$(find "$prefix/share/doc" -name copyright | wc -l)
 [[ $documents -ge 2 && -s $prefix/share/doc/ridgecast/THIRD_PARTY.md && -d $prefix/share/doc/ridgecast/licences ]] || { echo "licences are missing" >&2; exit 1; }
 echo "installed, built, flown"

@@ -199,6 +199,16 @@ TEST_F(ConfigTest, TokensAreIssuedWithoutSecretsOnTheCommandLine) {
   EXPECT_THAT(text,
               AllOf(HasSubstr("lab view * never sha256:"), HasSubstr("anyone view * 2"), testing::Not(HasSubstr(first.out.substr(0, 20)))));
   EXPECT_EQ(std::filesystem::status(tokens).permissions(), std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  const std::string out = (folder / "out").string();
+  std::ofstream(out) << std::string(100, '?');  // readable by others so far
+  const Result third = run({"token", "--token-file", tokens, "--out", out});
+  EXPECT_EQ(third.status, 0) << third.err;
+  EXPECT_EQ(third.out, "");
+  EXPECT_EQ(testing_support::readText(out).size(), first.out.size());
+  EXPECT_EQ(std::filesystem::status(out).permissions(), std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  EXPECT_EQ(run({"token", "--token-file", tokens, "--out", "/no/such/folder/out"}).status, 2);
+  const std::string after = testing_support::readText(tokens);
+  EXPECT_EQ(std::count(after.begin(), after.end(), '\n'), 3) << "a token that nobody got";
   for (const std::vector<std::string>& wrong :
        std::vector<std::vector<std::string>>{{"token"},
                                              {"token", "--rights", "admin", "--token-file", tokens},
