@@ -13,6 +13,7 @@
 #include "client/connection/connection.h"
 #include "client/evaluation/evaluate.h"
 #include "client/evaluation/fly.h"
+#include "client/evaluation/picture.h"
 #include "client/exit/exit.h"
 #include "client/snapshot/snapshot.h"
 #include "client/viewer/viewer.h"
@@ -169,6 +170,34 @@ Run flyCommand(CLI::App& command) {
   };
 }
 
+Run pictureCommand(CLI::App& command) {
+  const auto shared = std::make_shared<Shared>();
+  const auto picture = std::make_shared<evaluation::PictureOptions>();
+  const auto drawn = std::make_shared<std::string>("corrected");
+  addShared(command, *shared, true);
+  command.add_option("--out", picture->out, "the file to write")->required()->type_name("FILE.png");
+  addNumber(command, "--x", picture->x, -4e12, 4e12, "place, metres");
+  addNumber(command, "--z", picture->z, -4e12, 4e12, "place, metres");
+  addNumber(command, "--altitude", picture->altitude, 0.1, 100000.0, "metres above the ground there");
+  addNumber(command, "--yaw", picture->yaw, -360.0, 360.0, "degrees, positive to the left");
+  addNumber(command, "--pitch", picture->pitch, -89.0, 89.0, "degrees, positive upwards");
+  addNumber(command, "--fov", picture->fov, 1.0, 120.0, "vertical field of view, degrees");
+  command.add_option("--size", shared->size, "size of the picture, WIDTHxHEIGHT")->capture_default_str();
+  command.add_option("--supersample", picture->supersample, "N x N samples a pixel")
+      ->check(CLI::Range(1, 16).description(""))
+      ->capture_default_str();
+  command.add_option("--draw", *drawn, "corrected: the mesh moved onto the true surface; mesh: as it is; march: the ray march")
+      ->check(CLI::IsMember({"corrected", "mesh", "march"}).description(""))
+      ->type_name("WHAT")
+      ->capture_default_str();
+  return [=] {
+    if (auto set = share(*shared, *picture); !set) return fail(kBadInput, set.error());
+    using evaluation::Drawn;
+    picture->drawn = *drawn == "mesh" ? Drawn::kMesh : *drawn == "march" ? Drawn::kMarch : Drawn::kCorrected;
+    return evaluation::picture(*picture);
+  };
+}
+
 Run evaluateCommand(CLI::App& command) {
   const auto evaluate = std::make_shared<evaluation::EvaluateOptions>();
   const auto size = std::make_shared<std::string>();
@@ -268,6 +297,7 @@ int main(int argc, char** argv) {
   Run run;
   add(app, run, "view", "A window: fly with keyboard and mouse", viewCommand);
   add(app, run, "fly", "Without a window: fly a path, draw both renderings, compare and measure", flyCommand);
+  add(app, run, "picture", "Without a window: a PNG of the settled mesh from one pose", pictureCommand);
   add(app, run, "evaluate", "Fly over all terrains with its own servers: tables, plots and one HTML report", evaluateCommand);
   add(app, run, "snapshot", "A glTF file of a pose, a live camera or a box, made by the server", snapshotCommand);
   try {
@@ -275,5 +305,5 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? kSuccess : kBadInput;
   }
-  return run ? run() : fail(kBadInput, {"name a command: view, fly, snapshot or evaluate; see --help"});
+  return run ? run() : fail(kBadInput, {"name a command: view, fly, picture, snapshot or evaluate; see --help"});
 }

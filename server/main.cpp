@@ -31,6 +31,7 @@
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
+#include "server/terrain/raster_terrain.h"
 
 namespace {
 
@@ -169,6 +170,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
     return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
   if (!server->adminUrl().empty()) logging::info("admin port at " + server->adminUrl());
+  if (const terrain::Raster* map = (*terrain)->raster()) logging::info("height map: " + user_terrain::describe(*map));
   logging::info("listening on " + server->url() + " with " + std::to_string(executor.threads()) + " threads, terrain " +
                 std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 

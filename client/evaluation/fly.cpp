@@ -302,7 +302,7 @@ int fly(const FlyOptions& options) {
 
   Measurer measurer(options, std::move(*path), **client, std::move(drawing), std::move(*renderer), std::move(*recorder));
   if (auto measured = measurer.run(); !measured) return fail(kRuntimeFailure, measured.error());
-  std::fprintf(stderr, "results in %s\n", (options.out / "summary.json").c_str());
+  if (!options.atRest) std::fprintf(stderr, "results in %s\n", (options.out / "summary.json").c_str());
   return kSuccess;
 }
 

@@ -43,11 +43,19 @@ bool tileIsValid(const RasterShape& shape, TileAddress tile);
 
 using Tile = std::array<std::int32_t, kTileSamples>;  // steps, along x first
 
+// Where a map comes from and how it goes on, for people; empty: unknown.
+struct RasterOrigin {
+  std::string edge;                         // clamp, mirror, repeat or metres
+  std::string crs;                          // of the file, such as EPSG:32632
+  std::optional<double> easting, northing;  // of the map's middle, metres
+};
+
 // A source of samples. Any thread.
 class Raster {
  public:
   virtual ~Raster() = default;
   virtual const RasterShape& shape() const = 0;
+  virtual RasterOrigin origin() const { return {}; }
   virtual void tile(TileAddress address, Tile& out) const = 0;
 };
 

@@ -133,8 +133,30 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
        .progress = [] { return "preparing the terrain"; }});
 }
 
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json heightMap(const terrain::Raster& map) {
+  const terrain::RasterShape& shape = map.shape();
+  const terrain::RasterOrigin origin = map.origin();
+  const auto metres = [](double steps) { return steps * lattice::kMetresPerStep; };
+  Json out{{"columns", shape.width},
+           {"rows", shape.height},
+           {"pitch", metres(shape.pitch)},
+           {"x", metres(static_cast<double>(shape.originX))},
+           {"z", metres(static_cast<double>(shape.originZ))},
+           {"lowest", metres(shape.lowest)},
+           {"highest", metres(shape.highest)},
+           {"edge", origin.edge}};
+  if (!origin.crs.empty()) out["crs"] = origin.crs;
+  if (origin.easting) out["centre"] = {{"easting", *origin.easting}, {"northing", *origin.northing}};
+  return out;
+}
+
+}  // namespace
+
 Answer sessionsAnswer(const session::Directory& directory) {
-  using Json = nlohmann::ordered_json;
   static constexpr const char* kModes[] = {"real-time", "scaled", "stepped"};
   Json sessions = Json::array();
   for (const auto& session : directory.all()) {
@@ -158,6 +180,8 @@ Answer sessionsAnswer(const session::Directory& directory) {
                           {"step", clock.step},
                           {"waits_for", clock.waitsFor.size()},
                           {"owner", clock.owner ? Json{{"camera", clock.owner}, {"name", state.ownerName}} : Json()}}}});
+    if (const terrain::Raster* map = session->terrain()->raster(); map && directory.resources().limits.sendsTerrain)
+      sessions.back()["height_map"] = heightMap(*map);
   }
   const Json all{{"sessions", sessions}, {"max_sessions", directory.resources().limits.maxSessions}};
   return json(all.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");

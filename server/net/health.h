@@ -8,8 +8,8 @@
 
 namespace ridgecast::net {
 
-// GET /healthz in plain HTTP at the admin port, or at the port if it has no TLS, on this machine. Takes at most 2 seconds. Error, for people:
-// no answer, another one, or a server that has TLS and no admin port.
+// GET /healthz in plain HTTP at the admin port, or at the port if it has no TLS, on this machine. Takes at most 2 seconds.
+// Error, for people: no answer, another one, or a server that has TLS and no admin port.
 std::optional<Error> checkHealth(const Settings& settings);
 
 }  // namespace ridgecast::net

@@ -29,6 +29,7 @@ struct RasterHeader {
   std::optional<double> noData;             // the value of missing samples
   std::optional<double> pitch;              // metres, if the file states it in a unit that is known
   std::optional<double> easting, northing;  // of the first sample, metres
+  std::uint16_t epsg = 0;                   // of the projected coordinate system; 0: unknown
 };
 
 class RasterFile {

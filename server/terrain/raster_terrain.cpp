@@ -31,6 +31,7 @@ struct Map {
   terrain::RasterShape shape;
   Edge edge;
   std::int32_t constant;
+  terrain::RasterOrigin origin;
 };
 
 class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
@@ -43,6 +44,7 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   const terrain::Raster* raster() const override { return this; }
   terrain::Colours colours() const override { return terrain::rasterColours(shape_); }
   const terrain::RasterShape& shape() const override { return shape_; }
+  terrain::RasterOrigin origin() const override { return map_->origin; }
 
   void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override {
     std::array<std::int32_t, 16> around;
@@ -148,6 +150,18 @@ Outcome<terrain::RasterShape> shapeOf(const std::string& name, const RasterHeade
   return shape;
 }
 
+terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& options, const terrain::RasterShape& shape) {
+  static constexpr std::array<const char*, 3> kEdges{"clamp", "mirror", "repeat"};
+  terrain::RasterOrigin origin;
+  origin.edge = options.edge == Edge::kConstant ? text::rounded(options.constant, 9) : kEdges.at(static_cast<std::size_t>(options.edge));
+  if (header.epsg != 0) origin.crs = "EPSG:" + std::to_string(header.epsg);
+  if (header.easting) {
+    origin.easting = *header.easting + shape.width / 2 * shape.pitch * lattice::kMetresPerStep;
+    origin.northing = *header.northing - shape.height / 2 * shape.pitch * lattice::kMetresPerStep;
+  }
+  return origin;
+}
+
 // `used`: bytes of the other maps in use.
 Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits,
                                          std::uint64_t used) {
@@ -175,7 +189,8 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   }
   shape.content =
       lattice::mix(found->hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
-  return std::shared_ptr<const Map>(std::make_shared<Map>(Map{std::move(*samples), shape, options.edge, constant}));
+  return std::shared_ptr<const Map>(
+      std::make_shared<Map>(Map{std::move(*samples), shape, options.edge, constant, originOf(header, options, shape)}));
 }
 
 // The maps in use, by file and options.
@@ -294,6 +309,20 @@ Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesyste
   auto map = maps().open(path, options, limits);
   if (!map) return map.error();
   return std::shared_ptr<const terrain::Terrain>(std::make_shared<RasterTerrain>(path.stem().string(), seed, std::move(*map)));
+}
+
+std::string describe(const terrain::Raster& map) {
+  const terrain::RasterShape& shape = map.shape();
+  const terrain::RasterOrigin origin = map.origin();
+  const auto metres = [](double steps) { return text::rounded(steps * lattice::kMetresPerStep, 9); };
+  const auto side = [&](std::uint32_t samples) { return metres(static_cast<double>(samples - 1) * shape.pitch); };
+  std::string out = std::to_string(shape.width) + " x " + std::to_string(shape.height) + " samples, " + metres(shape.pitch) + " m apart (" +
+                    side(shape.width) + " x " + side(shape.height) + " m), " + metres(shape.lowest) + " to " + metres(shape.highest) +
+                    " m high";
+  if (!origin.crs.empty()) out += ", " + origin.crs;
+  if (origin.easting)
+    out += ", middle at easting " + text::rounded(*origin.easting, 12) + ", northing " + text::rounded(*origin.northing, 12);
+  return out + ", edge " + origin.edge;
 }
 
 std::uint64_t bytesOfMaps() { return maps().bytes(); }

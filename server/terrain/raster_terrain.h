@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <memory>
 #include <span>
+#include <string>
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/raster.h"
@@ -49,6 +50,9 @@ std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge);
 // and row(); missing samples without nodata=; heights beyond 32,768 m; positions beyond the lattice; more than limits.total in use.
 Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& file, const RasterOptions& options,
                                                             std::uint32_t seed, const MapLimits& limits = {});
+
+// What was understood of a height map, in a line.
+std::string describe(const terrain::Raster& map);
 
 std::uint64_t bytesOfMaps();  // of samples in use
 

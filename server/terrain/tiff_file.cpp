@@ -199,7 +199,7 @@ class TiffFile final : public RasterFile {
 
   // The values of the keys that matter here; as OGC 19-008r4 names them.
   struct Keys {
-    std::uint16_t modelType = 0, rasterType = 1, linearUnit = kMetre, heightUnit = kMetre;
+    std::uint16_t modelType = 0, rasterType = 1, projection = 0, linearUnit = kMetre, heightUnit = kMetre;
     double linearUnitSize = 0;  // metres, of a unit of the file's own
   };
   Keys readKeys() const {
@@ -212,6 +212,7 @@ class TiffFile final : public RasterFile {
       if (where != 0) continue;
       if (keys[k] == 1024) out.modelType = value;
       if (keys[k] == 1025) out.rasterType = value;
+      if (keys[k] == 3072) out.projection = value;
       if (keys[k] == 3076) out.linearUnit = value;
       if (keys[k] == 4099) out.heightUnit = value;
     }
@@ -262,6 +263,8 @@ class TiffFile final : public RasterFile {
 
   Outcome<void> readPlace(const RasterOptions& options) {
     const Keys keys = readKeys();
+    constexpr std::uint16_t kOwn = 32767;  // defined by the file
+    if (keys.projection != kOwn) header_.epsg = keys.projection;
     if (keys.heightUnit == kFoot || keys.heightUnit == kSurveyFoot)
       if (options.scale == 1)
         return Error{name_ +

@@ -191,6 +191,30 @@ TEST_F(Fly, InLockStepALostServerIsTheEnd) {
   EXPECT_EQ(flight.wait(kTimeout), 1) << flight.output();
 }
 
+TEST_F(Fly, APictureOfAPose) {
+  const auto take = [](const std::string& drawn, std::vector<std::string> more = {}) {
+    const std::string out = *folder_ / (drawn + ".png");
+    std::vector<std::string> command{
+        RIDGECAST_CLIENT, "picture", server_->url(), "--out",   out,      "--x", "2000",        "--z", "1500", "--altitude", "60",
+        "--pitch",        "-5",      "--size",       "320x180", "--draw", drawn, "--threshold", "2"};
+    command.insert(command.end(), more.begin(), more.end());
+    const Finished taken = runProgram(command, {{"TMPDIR", (*folder_ / "").string()}});
+    EXPECT_EQ(taken.code, 0) << taken.output;
+    return render::readPng(out);
+  };
+  const auto corrected = take("corrected"), mesh = take("mesh"), march = take("march"), elsewhere = take("march", {"--yaw", "90"});
+  ASSERT_TRUE(corrected && mesh && march && elsewhere);
+  EXPECT_EQ(corrected->width, 320u);
+  EXPECT_EQ(corrected->height, 180u);
+  const double ofCorrected = evaluation::similarity(*corrected, *march).mean, ofMesh = evaluation::similarity(*mesh, *march).mean;
+  EXPECT_GT(ofCorrected, 0.98);
+  EXPECT_GT(ofMesh, 0.6);
+  EXPECT_GT(ofCorrected, ofMesh);
+  EXPECT_LT(evaluation::similarity(*elsewhere, *march).mean, ofMesh);
+  for (const auto& left : std::filesystem::directory_iterator(*folder_ / ""))
+    EXPECT_EQ(left.path().filename().string().find("ridgecast-picture"), std::string::npos) << left.path();
+}
+
 TEST_F(Fly, WarnsOfAnotherTerrainAndFliesOn) {
   ServerProcess other(RIDGECAST_SERVER, {"--seed", "7"});
   const Finished flown = runProgram({RIDGECAST_CLIENT, "fly", other.url(), "--path", RIDGECAST_PATHS "/alpine.json", "--out",

@@ -79,6 +79,9 @@ if [[ $deb == deb && $EUID -eq 0 ]] && command -v systemd-sysusers setpriv >/dev
   [[ -s $scratch/run/port ]] || { cat "$scratch/unit.log" >&2; exit 1; }
   kill "$unit" && wait "$unit"
 fi
+for guide in README.md server/README.md client/evaluation/README.md common/terrain/{README.md,prelude.glsl,tutorial/dunes.glsl}; do
+  [[ -s $prefix/share/doc/ridgecast/$guide ]] || { echo "$guide is missing" >&2; exit 1; }
+done
 documents=$(find "$prefix/share/doc" -name copyright | wc -l)
 [[ $documents -ge 2 && -s $prefix/share/doc/ridgecast/THIRD_PARTY.md && -d $prefix/share/doc/ridgecast/licences ]] || { echo "licences are missing" >&2; exit 1; }
 echo "installed, built, flown"

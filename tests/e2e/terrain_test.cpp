@@ -9,6 +9,7 @@
 #include "client/render/picture.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
+#include "tests/support/socket_client.h"
 
 namespace ridgecast {
 namespace {
@@ -58,6 +59,15 @@ TEST_F(TerrainFlight, OverAHeightMapTheMeshLooksLikeTheRayMarch) {
   }
   ServerProcess server(RIDGECAST_SERVER, {"--terrain", (folder_ / "hills.r16").string(), "--raster", "size=300x200", "--raster", "pitch=25",
                                           "--raster", "scale=0.05", "--raster", "edge=mirror"});
+  SocketClient client(server.port());
+  client.send("GET /v1/sessions HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  const std::string answer = client.answer();
+  const auto sessions = nlohmann::json::parse(answer.substr(answer.find("\r\n\r\n")), nullptr, false);
+  const auto& map = sessions["sessions"][0]["height_map"];
+  EXPECT_EQ(map["columns"], 300) << answer;
+  EXPECT_EQ(map["pitch"], 25);
+  EXPECT_EQ(map["x"], -3750);
+  EXPECT_EQ(map["edge"], "mirror");
   const auto summary = fly(server, {"--no-remote-shaders"});  // its text is the client's own
   EXPECT_EQ(summary["terrain"], "hills");
   EXPECT_EQ(summary["hash_mismatches"], 0);

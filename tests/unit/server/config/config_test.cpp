@@ -103,7 +103,7 @@ TEST_F(ConfigTest, WhatIsPrintedIsASettingsFileThatMeansTheSame) {
                                HasSubstr("terrain = \"canyon\"")));
   const Result again = run({"--print-config", "--config", file(first.out)});
   EXPECT_EQ(again.status, 0) << again.err;
-  const auto withoutSources = [](std::string text) {
+  const auto withoutSources = [](const std::string& text) {
     std::string out;
     for (std::size_t at = 0; at < text.size();) {
       const auto end = text.find('\n', at);

@@ -1,0 +1,30 @@
+#pragma once
+// One picture of a settled mesh from one pose, without a window.
+
+#include <cstdint>
+#include <filesystem>
+
+#include "client/connection/connection.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::evaluation {
+
+enum class Drawn { kCorrected, kMesh, kMarch };  // the mesh moved onto the true surface (render/correction_pass.h), as it is, the ray march
+
+struct PictureOptions {
+  connection::Url url;
+  std::filesystem::path out;  // a PNG
+  wire::Settings settings;
+  double x = 0, z = 0, altitude = 150;       // metres; the altitude is above the ground there
+  double yaw = 0, pitch = -10, fov = 60;     // degrees; the field of view is vertical
+  std::uint32_t width = 1280, height = 720;  // pixels
+  std::uint32_t supersample = 2;             // N x N samples a pixel
+  Drawn drawn = Drawn::kCorrected;
+  bool remoteShaders = true;  // as FlyOptions
+};
+
+// Returns an exit code (exit.h). A terrain that this client does not know is drawn as the mesh in neutral colours. Progress and errors go to
+// stderr.
+int picture(const PictureOptions& options);
+
+}  // namespace ridgecast::evaluation
