@@ -318,6 +318,22 @@ TEST(Operations, FilesForSystemdAndPrometheusAreGood) {
   if (judged < 2) GTEST_SKIP() << "systemd-analyze or promtool (package prometheus) is not installed: " << judged << " of 2 judged";
 }
 
+// By the types of the Kubernetes API, and by the server whose settings they give.
+TEST(Operations, FilesForKubernetesAreGood) {
+  if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node")) GTEST_SKIP() << "no node, or TESTS_NODE_TOOLS names no folder";
+  const Finished judged = runProgram({"node", RIDGECAST_TOOLS "/validate-kubernetes.mjs", RIDGECAST_DOCKER "/kubernetes"});
+  ASSERT_EQ(judged.code, 0) << judged.output;
+  const json said = json::parse(judged.output);
+  Environment environment;
+  for (const auto& [name, value] : said["environment"].items()) environment.emplace_back(name, value.get<std::string>());
+  const Finished settings = runProgram({RIDGECAST_SERVER, "--print-config"}, environment);
+  EXPECT_EQ(settings.code, 0) << settings.output;
+  const int delay = std::stoi(said["environment"]["RIDGECAST_DRAIN_DELAY"].get<std::string>()),
+            drain = std::stoi(said["environment"]["RIDGECAST_DRAIN"].get<std::string>());
+  EXPECT_GE(delay, 5);  // what kube-proxy may need
+  EXPECT_GT(said["grace"], delay + drain);
+}
+
 std::string snapshotOf(const std::string& box) {
   return "GET /v1/sessions/default/snapshot.glb?" + box + " HTTP/1.1\r\nHost: localhost\r\n\r\n";
 }
