@@ -45,19 +45,22 @@ Outcome<Rights> rightsOf(const json& claims) {
 
 }  // namespace
 
-Outcome<Grant> verifyJwt(std::string_view token, std::string_view secret, Time now) {
+Outcome<Grant> verifyJwt(std::string_view token, std::span<const Key> keys, Time now) {
   const auto first = token.find('.');
   const auto second = first == std::string_view::npos ? first : token.find('.', first + 1);
   if (token.size() > kMaxTokenBytes || second == std::string_view::npos || token.find('.', second + 1) != std::string_view::npos)
     return Error{"The token is no JSON Web Token."};
   const auto signature = fromBase64url(token.substr(second + 1));
-  if (!signature || !equalInConstantTime(*signature, text(hmacSha256(secret, token.substr(0, second)))))
-    return Error{"The token's signature is wrong."};
+  const auto signer = signature
+                          ? std::ranges::find_if(keys, [&](const Key& key) { return key.verifies(token.substr(0, second), *signature); })
+                          : keys.end();
+  if (signer == keys.end()) return Error{"The token's signature is wrong."};
 
   const json header = parsed(token.substr(0, first)), claims = parsed(token.substr(first + 1, second - first - 1));
   if (!header.is_object() || !claims.is_object()) return Error{"The token is no JSON Web Token."};
   const auto algorithm = header.find("alg");
-  if (algorithm == header.end() || *algorithm != "HS256") return Error{"The token is not signed with HS256, the one way accepted here."};
+  if (algorithm == header.end() || *algorithm != signer->algorithm())
+    return Error{"The token names another algorithm than its key's, " + std::string(signer->algorithm()) + "."};
   if (header.contains("crit")) return Error{"The token demands extensions that are not known here."};
 
   Grant grant;

@@ -14,7 +14,7 @@ namespace ridgecast::access {
 
 namespace {
 
-constexpr std::size_t kMaxTokens = 100'000, kMaxLineBytes = 1024, kMaxSecretBytes = 4096;
+constexpr std::size_t kMaxTokens = 100'000, kMaxLineBytes = 1024;
 constexpr std::string_view kHashPrefix = "sha256:";
 constexpr char kTimeForm[] = "%Y-%m-%dT%H:%M:%SZ";
 
@@ -64,24 +64,21 @@ std::string toText(Time time) {
   return {out, std::strftime(out, sizeof out, kTimeForm, &parts)};
 }
 
-Outcome<std::string> loadSecret(const std::filesystem::path& file) {
-  auto secret = text::readFile(file, kMaxSecretBytes);
-  if (!secret) return Error{"Cannot read the secret file '" + file.string() + "'."};
-  secret->resize(secret->find_last_not_of("\r\n") + 1);
-  if (secret->size() < kMinSecretBytes || secret->size() > kMaxSecretBytes)
-    return Error{"The secret in '" + file.string() + "' must have " + std::to_string(kMinSecretBytes) + " to " +
-                 std::to_string(kMaxSecretBytes) + " bytes; 'openssl rand -hex 32' makes a good one."};
-  return Outcome<std::string>(boost::system::in_place_value, std::move(*secret));
-}
-
-Outcome<std::shared_ptr<const Tokens>> Tokens::load(const std::filesystem::path& tokenFile, const std::filesystem::path& jwtSecretFile) {
+Outcome<std::shared_ptr<const Tokens>> Tokens::load(const Files& files) {
   auto tokens = std::make_shared<Tokens>();
-  if (!jwtSecretFile.empty()) {
-    auto secret = loadSecret(jwtSecretFile);
+  for (const auto& file : files.secrets) {
+    auto secret = loadSecret(file);
     if (!secret) return secret.error();
-    tokens->secret_ = std::move(*secret);
+    tokens->keys_.emplace_back(std::move(*secret));
   }
-  if (!tokenFile.empty()) {
+  for (const auto& file : files.keys) {
+    auto keys = Key::readPublic(file);
+    if (!keys) return keys.error();
+    tokens->keys_.insert(tokens->keys_.end(), keys->begin(), keys->end());
+  }
+  if (tokens->keys_.size() > kMaxKeys) return Error{"There are more than " + std::to_string(kMaxKeys) + " secrets and keys."};
+  if (!files.tokens.empty()) {
+    const std::filesystem::path& tokenFile = files.tokens;
     std::ifstream in(tokenFile);
     if (!in) return Error{"Cannot read the token file '" + tokenFile.string() + "'."};
     std::size_t number = 0;
@@ -103,7 +100,7 @@ Outcome<std::shared_ptr<const Tokens>> Tokens::load(const std::filesystem::path&
 
 Outcome<Grant> Tokens::judge(std::string_view token, Time now) const {
   if (token.empty() || token.size() > kMaxTokenBytes) return Error{"The token has no length that a token can have."};
-  if (!secret_.empty() && token.find('.') != std::string_view::npos) return verifyJwt(token, secret_, now);
+  if (!keys_.empty() && token.find('.') != std::string_view::npos) return verifyJwt(token, keys_, now);
   const auto found = byHash_.find(hex(sha256(token)));
   if (found == byHash_.end()) return Error{"The token is not known here."};
   if (found->second.expires && now >= *found->second.expires) return Error{"The token has expired."};

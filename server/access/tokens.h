@@ -14,17 +14,26 @@
 #include <string>
 #include <string_view>
 #include <unordered_map>
+#include <vector>
 
 #include "common/outcome/outcome.h"
+#include "server/access/keys.h"
 #include "server/access/rights.h"
 
 namespace ridgecast::access {
 
+// What a server's tokens are judged by.
+struct Files {
+  std::filesystem::path tokens = {};                           // empty: none
+  std::vector<std::filesystem::path> secrets = {}, keys = {};  // of JSON Web Tokens (keys.h), all valid at a time
+  bool empty() const { return tokens.empty() && secrets.empty() && keys.empty(); }
+};
+
 // Immutable; any thread.
 class Tokens {
  public:
-  // A path that is empty is left out. Errors, for people: a file cannot be read, a line is wrong (and which), the secret is too short.
-  static Outcome<std::shared_ptr<const Tokens>> load(const std::filesystem::path& tokenFile, const std::filesystem::path& jwtSecretFile);
+  // Errors, for people: a file cannot be read, a line is wrong (and which), a secret is too short, a key is not usable, too many keys.
+  static Outcome<std::shared_ptr<const Tokens>> load(const Files& files);
 
   // Error: why it is refused, in one sentence that tells nothing of the token.
   Outcome<Grant> judge(std::string_view token, Time now) const;
@@ -33,7 +42,7 @@ class Tokens {
 
  private:
   std::unordered_map<std::string, Grant> byHash_;  // hex SHA-256 of the token
-  std::string secret_;                             // empty: no JSON Web Tokens
+  std::vector<Key> keys_;                          // none: no JSON Web Tokens
 };
 
 // A new token, and its line for the file.
@@ -41,9 +50,6 @@ struct NewToken {
   std::string token, line;
 };
 NewToken makeToken(const Grant& grant);
-
-// The secret that JSON Web Tokens are signed with: the file's bytes without the end of line. Error: unreadable, or shorter than 32 bytes.
-Outcome<std::string> loadSecret(const std::filesystem::path& file);
 
 // 2027-01-01T00:00:00Z <-> time; nothing when it is not that.
 std::optional<Time> parseTime(std::string_view text);

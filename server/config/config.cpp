@@ -40,7 +40,7 @@ int listTerrains(const std::filesystem::path& folder) {
 struct Written {
   Config config;
   bool isPrivate = false, quiet = false;
-  std::vector<std::string> parameters, raster, trustedProxies, allowedHosts;
+  std::vector<std::string> parameters, raster, trustedProxies, allowedHosts, secretFiles, keyFiles;
   std::string logFormat = "text", logLevel = "info";
 };
 
@@ -104,10 +104,12 @@ void addAccess(CLI::App& app, Written& w) {
   net::Settings& n = w.config.net;
   app.add_option("--tls-cert", n.tlsCertificate, "Certificate chain (PEM), for TLS; SIGHUP reloads it")->type_name("FILE");
   app.add_option("--tls-key", n.tlsKey, "Private key of the certificate (PEM)")->type_name("FILE");
-  app.add_option("--token-file", n.tokenFile, "Tokens and their rights, see 'ridgecast-server token --help'; SIGHUP reloads it")
+  app.add_option("--token-file", n.tokens.tokens, "Tokens and their rights, see 'ridgecast-server token --help'; SIGHUP reloads it")
       ->type_name("FILE");
-  app.add_option("--jwt-secret-file", n.jwtSecretFile, "Secret of JSON Web Tokens (HS256), at least 32 bytes; SIGHUP reloads it")
-      ->type_name("FILE");
+  addList(app, "--jwt-secret-file", w.secretFiles, "FILE",
+          "Secret of JSON Web Tokens (HS256), at least 32 bytes; repeatable, all are valid; SIGHUP reloads it");
+  addList(app, "--jwt-key-file", w.keyFiles, "FILE",
+          "Public keys of JSON Web Tokens (RS256, ES256), PEM or a JSON Web Key Set; repeatable; SIGHUP reloads it");
   addList(app, "--allow-origin", n.allowedOrigins, "ORIGIN", "Another origin whose pages may connect, such as https://example.org; *: any");
   addList(app, "--allowed-host", w.allowedHosts, "NAME",
           "Another host name to answer to without tokens, besides its addresses and localhost; *: any");
@@ -182,6 +184,8 @@ Outcome<Config> finish(Written&& w) {
   if (const auto error = parseAll(w.parameters, user_terrain::parseAssignment, c.terrain.parameters)) return *error;
   if (const auto error = parseAll(w.trustedProxies, access::Network::parse, c.net.trustedProxies)) return *error;
   if (const auto error = parseAll(w.allowedHosts, access::parseHostName, c.net.allowedHosts)) return *error;
+  c.net.tokens.secrets.assign(w.secretFiles.begin(), w.secretFiles.end());
+  c.net.tokens.keys.assign(w.keyFiles.begin(), w.keyFiles.end());
   for (const std::string& option : w.raster)
     if (auto added = user_terrain::addRasterOption(option, c.terrain.raster); !added) return added.error();
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);

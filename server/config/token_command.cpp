@@ -14,6 +14,7 @@
 
 #include "common/wire/wire.h"
 #include "server/access/jwt.h"
+#include "server/access/keys.h"
 #include "server/access/tokens.h"
 
 namespace ridgecast::config {

@@ -49,7 +49,7 @@ Needed needed(std::string_view method, std::string_view path) {
 
 std::optional<Error> RequestFilter::load() {
   if (!requiresTokens()) return {};
-  auto tokens = access::Tokens::load(settings_.tokenFile, settings_.jwtSecretFile);
+  auto tokens = access::Tokens::load(settings_.tokens);
   if (!tokens) return tokens.error();
   const std::lock_guard lock(mutex_);
   tokens_ = std::move(*tokens);

@@ -23,10 +23,10 @@ namespace ridgecast::http {
 inline constexpr std::string_view kSubprotocol = "ridgecast.v1";
 
 struct Access {
-  std::string host = "127.0.0.1";                  // an address or a name of this machine
-  std::filesystem::path tokenFile, jwtSecretFile;  // both empty: everybody may do everything
-  std::vector<std::string> allowedOrigins;         // of browser pages besides the server's own: https://example.org, *
-  std::vector<std::string> allowedHosts;           // besides its addresses, localhost and `host`; used without tokens (access/host.h)
+  std::string host = "127.0.0.1";           // an address or a name of this machine
+  access::Files tokens;                     // empty: everybody may do everything
+  std::vector<std::string> allowedOrigins;  // of browser pages besides the server's own: https://example.org, *
+  std::vector<std::string> allowedHosts;    // besides its addresses, localhost and `host`; used without tokens (access/host.h)
 };
 
 class RequestFilter {
@@ -35,7 +35,7 @@ class RequestFilter {
 
   // Reads the tokens, also again later. On an error the old ones stay.
   std::optional<Error> load();
-  bool requiresTokens() const { return !settings_.tokenFile.empty() || !settings_.jwtSecretFile.empty(); }
+  bool requiresTokens() const { return !settings_.tokens.empty(); }
 
   // What the client is granted, or why it is refused. Without tokens: everything.
   std::variant<access::Grant, Answer> judge(const Request& request) const;

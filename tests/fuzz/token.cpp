@@ -6,9 +6,11 @@
 #include <cstdlib>
 #include <fstream>
 #include <string>
+#include <vector>
 
 #include "server/access/crypto.h"
 #include "server/access/jwt.h"
+#include "server/access/keys.h"
 #include "server/access/tokens.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -17,10 +19,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   static const std::string file = "/dev/shm/fuzz-tokens-" + std::to_string(getpid());
   std::ofstream(file, std::ios::binary) << text;
   const Time now(std::chrono::seconds(1'700'000'000));
-  if (const auto tokens = Tokens::load(file, {})) (*tokens)->judge(text, now);
+  if (const auto tokens = Tokens::load({.tokens = file})) (*tokens)->judge(text, now);
   static const std::string secret(32, 's');
+  static const std::vector<Key> keys{Key(secret)};
   const auto judge = [&](const std::string& token) {
-    const auto grant = verifyJwt(token, secret, now);
+    const auto grant = verifyJwt(token, keys, now);
     if (grant ? !grant->expires || *grant->expires <= now || *grant->expires > kLatest : grant.error().message.empty()) std::abort();
   };
   judge(text);

@@ -125,8 +125,8 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
   using access::Right;
   const access::NewToken listed = access::makeToken({"lab", access::Rights::all(), "", {}});
   const access::NewToken expired = access::makeToken({"late", access::Rights::all(), "", now() - 1h});
-  settings.tokenFile = file("tokens", listed.line + "\n" + expired.line + "\n");
-  settings.jwtSecretFile = file("secret", kSecret + "\n");
+  settings.tokens.tokens = file("tokens", listed.line + "\n" + expired.line + "\n");
+  settings.tokens.secrets = {file("secret", kSecret + "\n")};
   start();
 
   // Every route that shows or does something, and the right that it asks for.
@@ -213,7 +213,7 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
 }
 
 TEST_F(AccessTest, AStreamEndsWithItsTokenAndAsksNothingWithoutTheRight) {
-  settings.jwtSecretFile = file("secret", kSecret);
+  settings.tokens.secrets = {file("secret", kSecret)};
   start();
   std::unique_ptr<SocketClient> client;
   bool entered = false;
@@ -238,7 +238,7 @@ TEST_F(AccessTest, AStreamEndsWithItsTokenAndAsksNothingWithoutTheRight) {
 }
 
 TEST_F(AccessTest, TheClockTakesARight) {
-  settings.jwtSecretFile = file("secret", kSecret);
+  settings.tokens.secrets = {file("secret", kSecret)};
   start();
   for (const int kind : {0, 1, 2}) {
     const auto say = [&](connection::Connection& c) {
@@ -263,8 +263,8 @@ TEST_F(AccessTest, TheClockTakesARight) {
 // A time that nanoseconds cannot count to once ended streams at their first moment.
 TEST_F(AccessTest, TokensMayEndInTheFarFuture) {
   const access::NewToken far = access::makeToken({"a", access::Right::kView, "", access::parseTime("9999-12-31T23:59:59Z")});
-  settings.tokenFile = file("tokens", far.line + "\n");
-  settings.jwtSecretFile = file("secret", kSecret);
+  settings.tokens.tokens = file("tokens", far.line + "\n");
+  settings.tokens.secrets = {file("secret", kSecret)};
   start();
   const std::string forEver =
       access::issueJwt({"b", access::Right::kView, "", access::Time(std::chrono::seconds(90'000'000'000))}, kSecret, now());
@@ -281,7 +281,7 @@ TEST_F(AccessTest, TokensMayEndInTheFarFuture) {
 TEST_F(AccessTest, ReloadingTakesTokensAwayAndAMistakeChangesNothing) {
   const access::NewToken first = access::makeToken({"a", access::Right::kView, "", {}}),
                          second = access::makeToken({"b", access::Right::kView, "", {}});
-  settings.tokenFile = file("tokens", first.line);
+  settings.tokens.tokens = file("tokens", first.line);
   start();
   const auto may = [&](const access::NewToken& t) { return status("/v1/sessions", "Authorization: Bearer " + t.token + "\r\n") == 200; };
   EXPECT_TRUE(may(first) && !may(second));
@@ -299,7 +299,7 @@ TEST_F(AccessTest, ReloadingEndsTheStreamsOfWithdrawnTokens) {
   const access::NewToken stays = access::makeToken({"a", access::Right::kView, "", {}}),
                          goes = access::makeToken({"b", access::Right::kView, "", {}}),
                          narrows = access::makeToken({"c", access::Right::kView, "", {}});
-  settings.tokenFile = file("tokens", stays.line + "\n" + goes.line + "\n" + narrows.line);
+  settings.tokens.tokens = file("tokens", stays.line + "\n" + goes.line + "\n" + narrows.line);
   start();
   auto kept = connect(server->url(), "", stays.token), lost = connect(server->url(), "", goes.token),
        narrowed = connect(server->url(), "", narrows.token);
@@ -327,7 +327,7 @@ TEST_F(AccessTest, TlsIsVerifiedByTheClientAndReloaded) {
     std::filesystem::copy_file(i.key, settings.tlsKey, std::filesystem::copy_options::overwrite_existing);
   };
   install(issued);
-  settings.jwtSecretFile = file("secret", kSecret);
+  settings.tokens.secrets = {file("secret", kSecret)};
   settings.timeout = 2s;
   start();
   EXPECT_THAT(server->url(), StartsWith("https://"));
@@ -387,13 +387,13 @@ TEST_F(AccessTest, PlacesAreRefusedWithoutTlsAndTokens) {
   const auto issued = authority.issue("DNS:localhost");
   settings.host = "0.0.0.0";
   EXPECT_THAT(complaint(), AllOf(HasSubstr("without TLS and tokens"), HasSubstr("--allow-insecure")));
-  settings.jwtSecretFile = file("secret", kSecret);
+  settings.tokens.secrets = {file("secret", kSecret)};
   EXPECT_THAT(complaint(), HasSubstr("without TLS:"));
   settings.tlsCertificate = issued.certificate;
   EXPECT_THAT(complaint(), HasSubstr("--tls-key"));
   settings.tlsKey = issued.key;
   EXPECT_EQ(complaint(), "it listens");
-  settings.jwtSecretFile.clear();
+  settings.tokens.secrets.clear();
   EXPECT_THAT(complaint(), HasSubstr("without tokens"));
   settings.allowInsecure = true;
   EXPECT_EQ(complaint(), "it listens");
@@ -495,7 +495,7 @@ TEST_F(AccessTest, NobodyElsesNamesForThisMachine) {
 
   // Tokens do the same: no other page has them.
   settings.allowedHosts.clear();
-  settings.jwtSecretFile = file("secret", kSecret);
+  settings.tokens.secrets = {file("secret", kSecret)};
   start();
   EXPECT_EQ(statusOf(ask("/v1/sessions", "evil.example", "")), 401);
   EXPECT_EQ(status("/v1/sessions", "Authorization: Bearer " + jwt(access::Rights::all()) + "\r\n"), 200);

@@ -1,11 +1,21 @@
 #include "server/access/jwt.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <fstream>
+#include <vector>
+
 #include "server/access/crypto.h"
+#include "server/access/keys.h"
+#include "tests/support/process.h"
 
 namespace ridgecast::access {
 namespace {
+
+Outcome<Grant> verifyJwt(std::string_view token, const std::string& secret, Time now) {
+  return access::verifyJwt(token, std::vector{Key(secret)}, now);
+}
 
 const std::string kSecret = "0123456789abcdef0123456789abcdef";
 const Time kNow{std::chrono::seconds(1'800'000'000)};
@@ -42,6 +52,126 @@ TEST(Jwt, JudgesTheSignatureOfTheStandardsExample) {
   EXPECT_EQ(verifyJwt(token, key, Time(std::chrono::seconds(1'300'819'380))).error().message, "The token has expired.");
   EXPECT_EQ(verifyJwt(token, key, Time(std::chrono::seconds(1'300'819'379))).error().message, "The token names no rights.");
   EXPECT_EQ(verifyJwt(token, kSecret, kNow).error().message, "The token's signature is wrong.");
+}
+
+// RFC 7515, appendices A.2 and A.3.
+const std::string kRsaJwk =
+    R"({"kty":"RSA","n":"ofgWCuLjybRlzo0tZWJjNiuSfb4p4fAkd_wWJcyQoTbji9k0l8W26mPddxHmfHQp-Vaw-4qPCJrcS2mJPMEzP1Pt0Bm4d4QlL-yRT-SFd2lZS-pCgNMs)"
+    R"(D1W_YpRPEwOWvG6b32690r2jZ47soMZo9wGzjb_7OMg0LOL-bSf63kpaSHSXndS5z5rexMdbBYUsLA9e-KXBdQOS-UTo7WTBEMa2R2CapHg665xsmtdV)"
+    R"(MTBQY4uDZlxvb3qCo5ZwKh9kG4LT6_I5IhlJH7aGhyxXFvUK-DWNmoudF8NAco9_h9iaGNj8q2ethFkMLs91kzk2PAcDTW9gb54h4FRWyuXpoQ","e":"AQAB"})";
+const std::string kCurveJwk =
+    R"({"kty":"EC","crv":"P-256","x":"f83OJ3D2xF1Bg8vub9tLe1gHMzV76e8Tus9uPHvRVEU","y":"x_FEzRu9m36HLN_tue659LNpXW6pCyStikYjKIWI5a0"})";
+const std::string kRsaToken =
+    "eyJhbGciOiJSUzI1NiJ9.eyJpc3MiOiJqb2UiLA0KICJleHAiOjEzMDA4MTkzODAsDQogImh0dHA6Ly9leGFtcGxlLmNvbS9pc19yb290Ijp0cnVlfQ."
+    "cC4hiUPoj9Eetdgtv3hF80EGrhuB__dzERat0XF9g2VtQgr9PJbu3XOiZj5RZmh7AAuHIm4Bh-0Qc_lF5YKt_O8W2Fp5jujGbds9uJdbF9CUAr7t1dnZcAcQjb"
+    "KBYNX4BAynRFdiuB--f_nZLgrnbyTyWzO75vRK5h6xBArLIARNPvkSjtQBMHlb1L07Qe7K0GarZRmB_eSN9383LcOLn6_dO--xi12jzDwusC-eOkHWEsqtFZES"
+    "c6BfI7noOPqvhJ1phCnvWh6IeYI2w9QOYEUipUTI8np6LbgGY9Fs98rqVt5AXLIhWkWywlVmtVrBp0igcN_IoypGlUPQGe77Rw";
+const std::string kCurveToken =
+    "eyJhbGciOiJFUzI1NiJ9.eyJpc3MiOiJqb2UiLA0KICJleHAiOjEzMDA4MTkzODAsDQogImh0dHA6Ly9leGFtcGxlLmNvbS9pc19yb290Ijp0cnVlfQ."
+    "DtEhU3ljbEg8L38VWAfUAqOyKAM6-Xx-F4GawxaepmXFCgfTjDxw5djxLa8ISlSApmWQxfKTUJqPP3-Kg6NU1Q";
+
+class KeyFiles : public testing::Test {
+ protected:
+  std::filesystem::path file(const std::string& content) {
+    const auto path = folder_ / ("keys" + std::to_string(++files_));
+    std::ofstream(path, std::ios::binary) << content;
+    return path;
+  }
+  std::string complaint(const std::string& content) {
+    const auto keys = Key::readPublic(file(content));
+    return keys ? "it was read" : keys.error().message;
+  }
+  testing_support::ScratchFolder folder_;
+  int files_ = 0;
+};
+
+TEST_F(KeyFiles, JudgeTheSignaturesOfTheStandardsExamples) {
+  const auto keys =
+      Key::readPublic(file(R"({"keys":[{"kty":"oct","k":"AyM1"},{"kty":"RSA","use":"enc"},)" + kRsaJwk + "," + kCurveJwk + "]}"));
+  ASSERT_TRUE(keys) << keys.error().message;
+  ASSERT_EQ(keys->size(), 2u);
+  EXPECT_EQ((*keys)[0].algorithm(), "RS256");
+  EXPECT_EQ((*keys)[1].algorithm(), "ES256");
+  const Time early(std::chrono::seconds(1'300'819'379));
+  for (const std::string& token : {kRsaToken, kCurveToken}) {
+    EXPECT_EQ(access::verifyJwt(token, *keys, early).error().message, "The token names no rights.");
+    EXPECT_EQ(access::verifyJwt(token, *keys, kNow).error().message, "The token has expired.");
+    for (std::size_t k = token.rfind('.') + 1; k + 1 < token.size(); k += 7) {
+      std::string damaged = token;
+      damaged[k] = damaged[k] == 'A' ? 'B' : 'A';
+      EXPECT_EQ(access::verifyJwt(damaged, *keys, early).error().message, "The token's signature is wrong.");
+      EXPECT_EQ(access::verifyJwt(token.substr(0, k), *keys, early).error().message, "The token's signature is wrong.");
+    }
+  }
+  const std::vector<Key> rsaAlone{(*keys)[0]};
+  EXPECT_EQ(access::verifyJwt(kCurveToken, rsaAlone, early).error().message, "The token's signature is wrong.");
+}
+
+// The known attack: a public key used as an HMAC's secret.
+TEST_F(KeyFiles, APublicKeyIsNoSecretAndAKeyHasOneAlgorithm) {
+  const auto keys = Key::readPublic(file(R"({"keys":[)" + kRsaJwk + "]}"));
+  ASSERT_TRUE(keys);
+  EXPECT_EQ(access::verifyJwt(signedToken(kHeader, kClaims, kRsaJwk), *keys, kNow).error().message, "The token's signature is wrong.");
+  EXPECT_EQ(verifyJwt(signedToken(R"({"alg":"RS256"})", kClaims), kSecret, kNow).error().message,
+            "The token names another algorithm than its key's, HS256.");
+}
+
+TEST_F(KeyFiles, OfOpenSslAreRead) {
+  const std::string folder = folder_ / "";
+  const auto openssl = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "openssl");
+    const auto finished = testing_support::runProgram(arguments);
+    EXPECT_EQ(finished.code, 0) << finished.output;
+  };
+  if (!testing_support::programExists("openssl")) GTEST_SKIP() << "no openssl";
+  struct Case {
+    std::vector<std::string> make;
+    std::string algorithm;
+  };
+  for (const Case& c : {Case{{"-algorithm", "RSA", "-pkeyopt", "rsa_keygen_bits:2048"}, "RS256"},
+                        Case{{"-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256"}, "ES256"},
+                        Case{{"-algorithm", "RSA", "-pkeyopt", "rsa_keygen_bits:1024"}, "1024 bits, and at least 2048"},
+                        Case{{"-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-384"}, "neither of RSA nor of the curve P-256"},
+                        Case{{"-algorithm", "ED25519"}, "neither of RSA nor of the curve P-256"}}) {
+    std::vector<std::string> make{"genpkey", "-out", folder + "private"};
+    make.insert(make.end(), c.make.begin(), c.make.end());
+    openssl(make);
+    openssl({"pkey", "-in", folder + "private", "-pubout", "-out", folder + "public"});
+    const auto keys = Key::readPublic(folder + "public");
+    if (!c.algorithm.ends_with("256") || c.algorithm.size() > 5) {
+      EXPECT_THAT(keys.error().message, testing::HasSubstr(c.algorithm));
+      EXPECT_THAT(complaint(testing_support::readText(folder + "private")), testing::HasSubstr("no public key"));
+      continue;
+    }
+    ASSERT_TRUE(keys) << keys.error().message;
+    ASSERT_EQ(keys->size(), 1u);
+    EXPECT_EQ(keys->front().algorithm(), c.algorithm);
+    if (c.algorithm == "ES256") continue;  // openssl writes such signatures in another form
+    std::ofstream(folder + "content") << "content";
+    openssl({"dgst", "-sha256", "-sign", folder + "private", "-out", folder + "signature", folder + "content"});
+    EXPECT_TRUE(keys->front().verifies("content", testing_support::readText(folder + "signature")));
+    EXPECT_FALSE(keys->front().verifies("Content", testing_support::readText(folder + "signature")));
+    const std::string both = testing_support::readText(folder + "public") + testing_support::readText(folder + "public");
+    EXPECT_EQ(Key::readPublic(file(both))->size(), 2u);
+  }
+}
+
+TEST_F(KeyFiles, SayWhatIsWrong) {
+  EXPECT_THAT(Key::readPublic(folder_ / "none").error().message, testing::HasSubstr("Cannot read"));
+  EXPECT_THAT(complaint(""), testing::HasSubstr("no public key"));
+  EXPECT_THAT(complaint(std::string(70'000, 'x')), testing::HasSubstr("64 KiB"));
+  EXPECT_THAT(complaint("{"), testing::HasSubstr("no set of keys"));
+  EXPECT_THAT(complaint(R"({"keys":[]})"), testing::HasSubstr("no key for RS256 or ES256"));
+  EXPECT_THAT(complaint(R"({"keys":[{"kty":"RSA","n":"AQ","e":"AQAB"}]})"),
+              testing::AnyOf(testing::HasSubstr("broken"), testing::HasSubstr("bits")));
+  EXPECT_THAT(complaint(R"({"keys":[{"kty":"RSA","n":7,"e":"AQAB"}]})"), testing::HasSubstr("broken"));
+  std::string offCurve = kCurveJwk;
+  offCurve.replace(offCurve.find("f83O"), 4, "f83P");
+  EXPECT_THAT(complaint(R"({"keys":[)" + offCurve + "]}"), testing::HasSubstr("broken"));
+  for (std::size_t k = 0; k < kRsaJwk.size(); k += 5) EXPECT_NE(complaint(R"({"keys":[)" + kRsaJwk.substr(0, k)), "it was read");
+  std::string many;
+  for (int k = 0; k < 17; ++k) many += (k ? "," : "") + kCurveJwk;
+  EXPECT_THAT(complaint(R"({"keys":[)" + many + "]}"), testing::HasSubstr("more than 16"));
 }
 
 TEST(Jwt, GrantsWhatItSays) {

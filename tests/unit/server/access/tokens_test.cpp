@@ -22,7 +22,7 @@ class TokensTest : public testing::Test {
     return path;
   }
   std::string complaint(const std::string& text) {
-    const auto tokens = Tokens::load(file(text), {});
+    const auto tokens = Tokens::load({.tokens = file(text)});
     return tokens ? "" : tokens.error().message;
   }
   testing_support::ScratchFolder folder;
@@ -34,7 +34,7 @@ TEST_F(TokensTest, GrantsWhatTheFileSays) {
   const NewToken guest = makeToken({"guest", Right::kView, "harbour", kNow + std::chrono::seconds(10)});
   EXPECT_NE(lab.token, guest.token);
   EXPECT_THAT(lab.line, testing::Not(HasSubstr(lab.token)));
-  const auto tokens = Tokens::load(file("# who may\n\n" + lab.line + "\n  " + guest.line + "\r\n"), {});
+  const auto tokens = Tokens::load({.tokens = file("# who may\n\n" + lab.line + "\n  " + guest.line + "\r\n")});
   ASSERT_TRUE(tokens) << tokens.error().message;
   EXPECT_EQ((*tokens)->count(), 2u);
   const auto a = (*tokens)->judge(lab.token, kNow), b = (*tokens)->judge(guest.token, kNow);
@@ -52,11 +52,25 @@ TEST_F(TokensTest, GrantsWhatTheFileSays) {
 TEST_F(TokensTest, TakesJsonWebTokensBesideTheFile) {
   const std::string secret = "0123456789abcdef0123456789abcdef";
   const NewToken lab = makeToken({"lab", Right::kView, "", {}});
-  const auto tokens = Tokens::load(file(lab.line), file(secret + "\n"));
+  const auto tokens = Tokens::load({.tokens = file(lab.line), .secrets = {file(secret + "\n")}});
   ASSERT_TRUE(tokens) << tokens.error().message;
   EXPECT_TRUE((*tokens)->judge(lab.token, kNow));
   EXPECT_TRUE((*tokens)->judge(issueJwt({"x", Right::kView, "", kNow + std::chrono::hours(1)}, secret, kNow), kNow));
   EXPECT_FALSE((*tokens)->judge(issueJwt({"x", Right::kView, "", kNow + std::chrono::hours(1)}, secret + "\n", kNow), kNow));
+}
+
+// So that a secret can be replaced while tokens of the old one are about.
+TEST_F(TokensTest, SeveralSecretsAreValidAtATime) {
+  const std::string before(32, 'b'), after(32, 'a');
+  const auto tokens = Tokens::load({.secrets = {file(after), file(before)}});
+  ASSERT_TRUE(tokens) << tokens.error().message;
+  const auto good = [&](const std::string& secret) {
+    return (*tokens)->judge(issueJwt({"x", Right::kView, "", kNow + std::chrono::hours(1)}, secret, kNow), kNow).has_value();
+  };
+  EXPECT_TRUE(good(before));
+  EXPECT_TRUE(good(after));
+  EXPECT_FALSE(good(std::string(32, 'c')));
+  EXPECT_THAT(Tokens::load({.secrets = std::vector<std::filesystem::path>(17, file(after))}).error().message, HasSubstr("more than 16"));
 }
 
 TEST_F(TokensTest, SaysWhatIsWrong) {
@@ -72,10 +86,10 @@ TEST_F(TokensTest, SaysWhatIsWrong) {
   EXPECT_THAT(complaint("lab view * never secret"), HasSubstr("sha256:"));
   EXPECT_THAT(complaint("l\"b view * never" + hash), HasSubstr("holder"));
   EXPECT_THAT(complaint(std::string(2000, 'x')), HasSubstr("1024 bytes"));
-  EXPECT_THAT(Tokens::load(folder / "none", {}).error().message, HasSubstr("Cannot read"));
-  EXPECT_THAT(Tokens::load({}, folder / "none").error().message, HasSubstr("Cannot read"));
-  EXPECT_THAT(Tokens::load({}, file("short\n")).error().message, HasSubstr("32"));
-  EXPECT_THAT(Tokens::load({}, file(std::string(5000, 'x'))).error().message, HasSubstr("4096"));
+  EXPECT_THAT(Tokens::load({.tokens = folder / "none"}).error().message, HasSubstr("Cannot read"));
+  EXPECT_THAT(Tokens::load({.secrets = {folder / "none"}}).error().message, HasSubstr("Cannot read"));
+  EXPECT_THAT(Tokens::load({.secrets = {file("short\n")}}).error().message, HasSubstr("32"));
+  EXPECT_THAT(Tokens::load({.secrets = {file(std::string(5000, 'x'))}}).error().message, HasSubstr("4096"));
 }
 
 TEST_F(TokensTest, TimesComeBack) {
