@@ -31,6 +31,7 @@
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
+#include "server/terrain/probe.h"
 #include "server/terrain/raster_terrain.h"
 
 namespace {
@@ -199,6 +200,7 @@ int healthy(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "healthy") return healthy(argc - 1, argv + 1);
+  if (const auto status = user_terrain::asProbe(argc, argv)) return *status;
   const config::Parsed parsed = config::parse(argc, argv, environ);
   if (!parsed.config) return parsed.status;
   logging::setUp(parsed.config->logFormat, parsed.config->logLevel);

@@ -181,6 +181,7 @@ Outcome<Config> finish(Written&& w) {
   Config& c = w.config;
   c.limits.sendsTerrain = !w.isPrivate;
   c.terrain.colours = w.isPrivate;
+  c.terrain.prober = "/proc/self/exe";  // main() calls asProbe
   if (const auto error = parseAll(w.parameters, user_terrain::parseAssignment, c.terrain.parameters)) return *error;
   if (const auto error = parseAll(w.trustedProxies, access::Network::parse, c.net.trustedProxies)) return *error;
   if (const auto error = parseAll(w.allowedHosts, access::parseHostName, c.net.allowedHosts)) return *error;

@@ -120,21 +120,24 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
   }
   if (!cache) return cache.error();
   // With colours if they can be compiled as C++, for snapshots. Only a private terrain requires them.
-  const auto make = [&](bool colours) -> Outcome<std::shared_ptr<const Library>> {
-    const std::filesystem::path file = cache->fileFor(source.text, variant, colours);
-    if (cache->has(file))
-      if (auto library = Library::open(file)) return *library;
+  const auto make = [&](bool colours) -> Outcome<std::filesystem::path> {
+    std::filesystem::path file = cache->fileFor(source.text, variant, colours);
+    // By a name that no loaded library has, so that dlopen looks at the file itself.
+    if (cache->has(file) && Library::open(file.parent_path() / "." / file.filename()))
+      return {boost::system::in_place_value, std::move(file)};
     auto checked = checkGlsl(source.file, source.text, stop);
     if (!checked) return checked.error();
     auto translated = translate(source.file, checked->tokens, checked->items, colours);
     if (!translated) return translated.error();
     if (auto compiled = compile(source.file, *translated, variant, file, stop); !compiled) return compiled.error();
-    auto library = Library::open(file);
     cache->trim();
-    return library;
+    return {boost::system::in_place_value, std::move(file)};
   };
-  auto coloured = make(true);
-  return coloured || request.colours || stop.stop_requested() ? std::move(coloured) : make(false);
+  auto file = make(true);
+  if (!file && !request.colours && !stop.stop_requested()) file = make(false);
+  if (!file) return file.error();
+  if (auto fine = probe(source.file, *file, request.seed, request.prober, stop); !fine) return fine.error();
+  return Library::open(*file);
 }
 
 }  // namespace
@@ -157,7 +160,6 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Co
   source->text = std::move(*text);
   auto library = built(*source, request, stop);
   if (!library) return library.error();
-  if (auto fine = probe(source->file, (*library)->heights(), (*library)->colours(), request.seed, stop); !fine) return fine.error();
   return std::shared_ptr<const terrain::Terrain>(
       std::make_shared<Compiled>(std::move(*source), request.seed, std::move(*library), std::move(complain)));
 }

@@ -1,8 +1,8 @@
 #pragma once
 // The terrains a server can start with: built-in ones, a user's own files, and height maps (raster_terrain.h).
 //
-// A GLSL file is checked (check.h), translated (translate.h), compiled for this machine and cached (library.h), tried in a child process
-// (probe.h) and loaded. After that every batch of heights is checked: NaN becomes 0, absurd values are clamped, loops end after kMostSteps
+// A GLSL file is checked (check.h), translated (translate.h), compiled for this machine and cached (library.h), tried in a process of its
+// own (probe.h) and loaded. After that every batch of heights is checked: NaN becomes 0, absurd values are clamped, loops end after kMostSteps
 // steps, and the first such place is reported.
 
 #include <cstdint>
@@ -27,6 +27,7 @@ struct Request {
   RasterOptions raster;                // of a height map
   std::filesystem::path cache;         // empty: the user's own, see Cache::open
   std::string variant;                 // "baseline", "avx2", "avx512"; empty: the best for this machine
+  std::filesystem::path prober;        // a program whose main() calls asProbe (probe.h) first; tries what was compiled
   std::uint32_t seed = 1;
   bool colours = false;  // require colours in C++: a private terrain's travel with its vertices. Otherwise optional
 };
@@ -34,7 +35,7 @@ struct Request {
 // Called once a terrain, with one sentence, if a height turns out to be bad; on the thread that computed it.
 using Complain = std::function<void(const std::string&)>;
 
-// Forks: call it before other threads start. `stop` ends its child processes within milliseconds. Error: one sentence for the
+// Any thread. `stop` ends its child processes within milliseconds. Error: one sentence for the
 // user, with file and line if there is one, or a stop.
 Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain, const std::stop_token& stop = {});
 

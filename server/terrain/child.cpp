@@ -34,11 +34,9 @@ std::vector<char*> pointersTo(std::vector<std::string>& words) {
   return out;
 }
 
+// Runs in the parent's memory until execve, see start(): only system calls, nothing is allocated or kept.
 [[noreturn]] void become(char* const* argv, char* const* environment, int output, const ChildLimits& limits) {
   setpgid(0, 0);
-  sigset_t none;
-  sigemptyset(&none);
-  sigprocmask(SIG_SETMASK, &none, nullptr);
   dup2(open("/dev/null", O_RDONLY), 0);
   dup2(output, 1);
   dup2(output, 2);
@@ -49,8 +47,26 @@ std::vector<char*> pointersTo(std::vector<std::string>& words) {
   limit(RLIMIT_FSIZE, limits.fileSize);
   limit(RLIMIT_CORE, 0);
   limit(RLIMIT_CPU, static_cast<std::uint64_t>(limits.time.count() / 1000 + 1));
+  sigset_t none;
+  sigemptyset(&none);
+  sigprocmask(SIG_SETMASK, &none, nullptr);
   execve(argv[0], argv, environment);
   _exit(127);
+}
+
+// The child's process, -1: errno says why there is none. By vfork, as posix_spawn does, for fork copies the page tables of a server of many
+// GiB, while its threads wait, and then every page that they write. posix_spawn itself cannot set limits, and limits that the parent sets
+// afterwards come too late for what a compiler driver has started. No signal may be handled in the shared memory.
+pid_t start(char* const* argv, char* const* environment, int output, const ChildLimits& limits) {
+  sigset_t all, before;
+  sigfillset(&all);
+  pthread_sigmask(SIG_SETMASK, &all, &before);
+  const pid_t child = vfork();
+  if (child == 0) become(argv, environment, output, limits);
+  const int error = errno;
+  pthread_sigmask(SIG_SETMASK, &before, nullptr);
+  errno = error;
+  return child;
 }
 
 // Until the end of the output; false where time is up or a stop is requested first.
@@ -88,21 +104,19 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   const auto cannot = [&] { return Error{"cannot start " + program.string() + ": " + std::strerror(errno)}; };
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return cannot();
-  // All memory is allocated before the fork: the child may only make calls that are safe in a process that had threads.
   std::vector<std::string> words{program.string()};
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<std::string> environment{"LC_ALL=C", "TMPDIR=" + std::filesystem::temp_directory_path().string()};
   if (const char* path = std::getenv("PATH")) environment.push_back(std::string("PATH=") + path);
   const auto argv = pointersTo(words), envp = pointersTo(environment);
 
-  const pid_t child = fork();
+  const pid_t child = start(argv.data(), envp.data(), ends[1], limits);
   if (child < 0) {
     const Error error = cannot();
     close(ends[0]), close(ends[1]);
     return error;
   }
-  if (child == 0) become(argv.data(), envp.data(), ends[1], limits);
-  setpgid(child, child);  // in parent and child: whichever comes first
+  setpgid(child, child);  // for sanitizers, whose vfork is fork: whichever comes first
   close(ends[1]);
 
   ChildEnd out;
@@ -123,6 +137,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   if (stop.stop_requested()) return stopped();
   out.timedOut = isOver;
   if (WIFEXITED(status)) out.status = WEXITSTATUS(status);
+  if (WIFSIGNALED(status)) out.signal = WTERMSIG(status);
   if (out.status == 127 && out.output.empty()) return Error{"cannot start " + program.string()};
   return out;
 }

@@ -1,5 +1,5 @@
 #pragma once
-// Runs another program to its end under limits: the GLSL front end and the C++ compiler.
+// Runs another program to its end under limits: the GLSL front end, the C++ compiler, the trial of a terrain (probe.h).
 
 #include <chrono>
 #include <cstddef>
@@ -27,14 +27,15 @@ struct ChildLimits {
 struct ChildEnd {
   bool timedOut = false;
   int status = -1;     // exit status; -1 if a signal ended it
+  int signal = 0;      // that ended it
   std::string output;  // stdout and stderr together, the first kMostOutput
 };
 
 // The path of the program with this name, by PATH.
 std::optional<std::filesystem::path> findProgram(const std::string& name);
 
-// Runs it without input, with the C locale. A requested stop kills it and its children within kLook. Error: it could not be started, or
-// was stopped.
+// Runs it without input, with the C locale. A requested stop kills it and its children within kLook. Does not copy the calling process,
+// however large it is; any thread. Error: it could not be started, or was stopped.
 Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vector<std::string>& arguments, const ChildLimits& limits = {},
                            std::stop_token stop = {});
 

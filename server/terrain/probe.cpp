@@ -1,10 +1,6 @@
 #include "server/terrain/probe.h"
 
-#include <poll.h>
-#include <sys/mman.h>
-#include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
@@ -13,9 +9,11 @@
 #include <csignal>
 #include <cstdio>
 #include <cstring>
-#include <thread>
+#include <sstream>
 
 #include "common/text/text.h"
+#include "server/terrain/child.h"
+#include "server/terrain/library.h"
 #include "server/terrain/translate.h"
 
 namespace ridgecast::user_terrain {
@@ -23,20 +21,18 @@ namespace {
 
 constexpr std::array<double, 10> kPlaces = {0, 5e3, 1e6, -1e6, 3e7, 1e8, -1e9, 1e12, -1e12, 4.39e12};  // metres, x; z is its mirror
 constexpr std::size_t kBatch = 256, kBatches = 16;                                                     // points a place: 4,096
+constexpr std::string_view kFlag = "--probe-terrain";
 
-// The child's report, in shared memory.
-struct Report {
-  lattice::Step x, z;  // the current place, finally that of the fault
-  float height;
-  bool colours, faulty, done;  // colours: those were tried last, not heights
-};
+// What the child says last is what it was at: "heights X Z", "colours X Z" (steps), "fault X Z BITS" (of a height), or "done".
+void say(const std::string& text) {
+  const std::string line = text + "\n";
+  if (write(STDOUT_FILENO, line.data(), line.size()) < 0) _exit(1);  // nobody listens
+}
+std::string placed(std::string_view what, lattice::Step x, lattice::Step z) {
+  return std::string(what) + " " + std::to_string(x) + " " + std::to_string(z);
+}
 
-struct Program {
-  terrain::HeightsFunction heights;
-  terrain::ColoursFunction colours;  // may be null
-};
-
-void tryAll(const Program& program, std::uint32_t seed, volatile Report& report) {
+void tryAll(const Library& library, std::uint32_t seed) {
   std::array<lattice::Step, kBatch> x, z;
   std::array<float, kBatch> out;
   std::array<float, 3 * kBatch> normals{}, colours;
@@ -53,24 +49,16 @@ void tryAll(const Program& program, std::uint32_t seed, volatile Report& report)
         x[i] = centre + static_cast<lattice::Step>(next() >> (64 - bits)) - half;
         z[i] = -centre + static_cast<lattice::Step>(next() >> (64 - bits)) - half;
       }
-      report.x = x[0];
-      report.z = z[0];
-      report.colours = false;
-      program.heights(x.data(), z.data(), out.data(), kBatch, seed);
-      for (std::size_t i = 0; i < kBatch; ++i) {
-        if (faultOf(out[i]).empty()) continue;
-        report.x = x[i];
-        report.z = z[i];
-        report.height = out[i];
-        report.faulty = true;
-        return;
-      }
-      if (!program.colours) continue;
-      report.colours = true;
-      program.colours(x.data(), z.data(), out.data(), normals.data(), 0, colours.data(), kBatch, seed);
+      say(placed("heights", x[0], z[0]));
+      library.heights()(x.data(), z.data(), out.data(), kBatch, seed);
+      for (std::size_t i = 0; i < kBatch; ++i)
+        if (!faultOf(out[i]).empty()) return say(placed("fault", x[i], z[i]) + " " + std::to_string(std::bit_cast<std::uint32_t>(out[i])));
+      if (!library.colours()) continue;
+      say(placed("colours", x[0], z[0]));
+      library.colours()(x.data(), z.data(), out.data(), normals.data(), 0, colours.data(), kBatch, seed);
     }
   }
-  report.done = true;
+  say("done");
 }
 
 // Bytes of address space in use by this process; 0: unknown.
@@ -86,22 +74,7 @@ std::uint64_t addressSpace() {
 
 // A function can only use memory for its variables. Its stack here is smaller than on the threads that will call it later.
 constexpr rlim_t kStack = 1 << 20;
-constexpr std::uint64_t kRoom = 16 << 20;  // bytes in addition to the server's
-
-[[noreturn]] void child(const Program& program, std::uint32_t seed, volatile Report& report, long seconds, std::uint64_t memory) {
-  close_range(3, ~0u, 0);  // the server's sockets, see child.cpp
-  prctl(PR_SET_PDEATHSIG, SIGKILL);
-  const rlimit stack{kStack, kStack}, space{memory, memory};
-  setrlimit(RLIMIT_STACK, &stack);
-  if (memory) setrlimit(RLIMIT_AS, &space);
-  const rlimit cpu{static_cast<rlim_t>(seconds), static_cast<rlim_t>(seconds)}, none{0, 0};
-  setrlimit(RLIMIT_CPU, &cpu);
-  setrlimit(RLIMIT_CORE, &none);
-  setrlimit(RLIMIT_FSIZE, &none);
-  for (const int signal : {SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT, SIGXCPU}) std::signal(signal, SIG_DFL);
-  tryAll(program, seed, report);
-  _exit(0);
-}
+constexpr std::uint64_t kRoom = 16 << 20;  // bytes in addition to the program's
 
 }  // namespace
 
@@ -118,45 +91,48 @@ std::string placeText(lattice::Step x, lattice::Step z) {
   return "x " + metres(x) + " m, z " + metres(z) + " m";
 }
 
-Outcome<void> probe(std::string_view file, terrain::HeightsFunction heights, terrain::ColoursFunction colours, std::uint32_t seed,
+std::optional<int> asProbe(int argc, char** argv) {
+  if (argc != 4 || argv[1] != kFlag) return std::nullopt;
+  const auto library = Library::open(argv[2]);
+  const auto seed = text::number<std::uint32_t>(argv[3]);
+  if (!library || !seed) return 1;
+  const std::uint64_t used = addressSpace(), most = used + kRoom;
+  const rlimit stack{kStack, kStack}, space{most, most};
+  setrlimit(RLIMIT_STACK, &stack);
+  if (used) setrlimit(RLIMIT_AS, &space);
+  for (const int signal : {SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT, SIGXCPU}) std::signal(signal, SIG_DFL);  // not a sanitizer's
+  tryAll(**library, *seed);
+  return 0;
+}
+
+Outcome<void> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed, const std::filesystem::path& program,
                     const std::stop_token& stop, std::chrono::milliseconds time) {
-  void* shared = mmap(nullptr, sizeof(Report), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-  if (shared == MAP_FAILED) return Error{"no memory to try the terrain with"};
-  struct Unmap {
-    void* memory;
-    ~Unmap() { munmap(memory, sizeof(Report)); }
-  } unmap{shared};
-  auto& report = *new (shared) Report{};
-  const std::uint64_t used = addressSpace();
-  const pid_t pid = fork();
-  if (pid < 0) return Error{std::string("no process to try the terrain in: ") + std::strerror(errno)};
-  if (pid == 0) child({heights, colours}, seed, report, static_cast<long>(time.count() / 1000 + 1), used ? used + kRoom : 0);
-  const auto until = std::chrono::steady_clock::now() + time;
-  int status = 0;
-  bool timedOut = false;
-  while (waitpid(pid, &status, WNOHANG) == 0) {
-    if (!timedOut && (stop.stop_requested() || std::chrono::steady_clock::now() >= until)) {
-      timedOut = true;
-      kill(pid, SIGKILL);
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  const auto error = [&](const std::string& what) { return Error{std::string(file) + ": " + what}; };
+  const auto end = runChild(program, {std::string(kFlag), library.string(), std::to_string(seed)},
+                            {.time = time, .memory = ~std::uint64_t{0}, .fileSize = 0}, stop);
+  if (stop.stop_requested()) return error("stopped while its heights were tried");
+  if (!end) return error("its heights cannot be tried: " + end.error().message);
+  std::string_view said = end->output;
+  said = said.substr(0, said.rfind('\n'));
+  said.remove_prefix(said.rfind('\n') + 1);
+  std::istringstream words{std::string(said)};
+  std::string what;
+  lattice::Step x = 0, z = 0;
+  std::uint32_t bits = 0;
+  words >> what >> x >> z >> bits;
+  const std::string function = what == "colours" ? "terrainColor" : "terrainHeight", where = placeText(x, z);
+  if (end->timedOut || end->signal == SIGXCPU)
+    return error((what == "colours" ? "colours" : "heights") + std::string(" take too long: not done after ") +
+                 std::to_string(time.count() / 1000) + " s, the last at " + where);
+  if (end->signal == SIGSEGV)
+    return error(function + " crashes, most likely because its variables need more than the 1 MiB there is, near " + where);
+  if (end->signal) return error(function + " crashes (" + strsignal(end->signal) + ") near " + where);
+  if (what == "fault") {
+    const float height = std::bit_cast<float>(bits);
+    const std::string number = std::isfinite(height) ? ", " + text::rounded(static_cast<double>(height), 6) + " m," : "";
+    return error("the height at " + where + number + " " + std::string(faultOf(height)));
   }
-  if (stop.stop_requested()) return Error{std::string(file) + ": stopped while its heights were tried"};
-  const std::string function = report.colours ? "terrainColor" : "terrainHeight";
-  const std::string where = placeText(report.x, report.z);
-  if (timedOut || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
-    return Error{std::string(file) + ": " + (report.colours ? "colours" : "heights") + " take too long: not done after " +
-                 std::to_string(time.count() / 1000) + " s, the last at " + where};
-  if (WIFSIGNALED(status) && WTERMSIG(status) == SIGSEGV)
-    return Error{std::string(file) + ": " + function +
-                 " crashes, most likely because its variables need more than the 1 MiB there is, near " + where};
-  if (WIFSIGNALED(status))
-    return Error{std::string(file) + ": " + function + " crashes (" + strsignal(WTERMSIG(status)) + ") near " + where};
-  if (report.faulty) {
-    const std::string height = std::isfinite(report.height) ? ", " + text::rounded(static_cast<double>(report.height), 6) + " m," : "";
-    return Error{std::string(file) + ": the height at " + where + height + " " + std::string(faultOf(report.height))};
-  }
-  if (!report.done) return Error{std::string(file) + ": the process that tried its heights ended early"};
+  if (what != "done") return error("the process that tried its heights ended early");
   return {};
 }
 

@@ -48,6 +48,7 @@ Report heights(const Options& options) {
   auto scratch = user_terrain::Scratch::create();
   user_terrain::Request request;
   request.terrain = RIDGECAST_TUTORIAL;
+  request.prober = "/proc/self/exe";
   if (scratch) request.cache = scratch->path() / "cache";
   const auto user = user_terrain::load(request, nullptr);
   if (!user) report.note("no figures for a person's own file: " + user.error().message);

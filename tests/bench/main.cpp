@@ -6,6 +6,7 @@
 #include <exception>
 #include <filesystem>
 
+#include "server/terrain/probe.h"
 #include "tests/bench/bench.h"
 
 namespace ridgecast::bench {
@@ -50,8 +51,10 @@ void print(const Entry& entry, const Report& report, bool json) {
     std::printf("{");
     const char* comma = "";
     for (const Figure& f : report.figures) {
-      if (std::isfinite(f.value)) std::printf("%s\"%s\": %.6g", comma, f.name.c_str(), f.value);
-      else std::printf("%s\"%s\": null", comma, f.name.c_str());
+      if (std::isfinite(f.value))
+        std::printf("%s\"%s\": %.6g", comma, f.name.c_str(), f.value);
+      else
+        std::printf("%s\"%s\": null", comma, f.name.c_str());
       comma = ", ";
     }
     std::printf("}\n");
@@ -67,15 +70,20 @@ void print(const Entry& entry, const Report& report, bool json) {
 
 int main(int argc, char** argv) {
   using namespace ridgecast::bench;
+  if (const auto status = ridgecast::user_terrain::asProbe(argc, argv)) return *status;
   Options options;
   options.programFolder = std::filesystem::weakly_canonical(argv[0]).parent_path().string();
   bool json = false;
   std::string name;
   for (int k = 1; k < argc; ++k) {
-    if (!std::strcmp(argv[k], "--json")) json = true;
-    else if (!std::strcmp(argv[k], "--quick")) options.quick = true;
-    else if (name.empty()) name = argv[k];
-    else options.arguments.emplace_back(argv[k]);
+    if (!std::strcmp(argv[k], "--json"))
+      json = true;
+    else if (!std::strcmp(argv[k], "--quick"))
+      options.quick = true;
+    else if (name.empty())
+      name = argv[k];
+    else
+      options.arguments.emplace_back(argv[k]);
   }
   // Without a name every bench runs; a part of a name runs those that hold it.
   int ran = 0;

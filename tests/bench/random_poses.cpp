@@ -98,6 +98,7 @@ std::shared_ptr<const terrain::Terrain> load(const Wanted& wanted, const std::fi
   request.terrain = wanted.terrain;
   request.raster = wanted.raster;
   request.cache = scratch / "cache";
+  request.prober = "/proc/self/exe";
   request.seed = 7;
   if (wanted.terrain == "dunes") request.terrain = RIDGECAST_TUTORIAL;
   if (wanted.terrain == "terraces") request.terrain = RIDGECAST_TERRACES;

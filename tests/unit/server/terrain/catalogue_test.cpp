@@ -5,17 +5,21 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <pthread.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cmath>
+#include <csignal>
 #include <fstream>
 
 #include "common/terrain/variants.h"
 #include "server/terrain/child.h"
 #include "server/terrain/library.h"
+#include "server/terrain/probe.h"
 #include "server/terrain/scratch.h"
 #include "tests/unit/common/terrain/points.h"
 
@@ -44,6 +48,7 @@ class Files : public testing::Test {
     Request r;
     r.terrain = file.string();
     r.cache = folder_.path() / "cache";
+    r.prober = RIDGECAST_SERVER;
     return r;
   }
   // A terrain whose height is these statements.
@@ -76,6 +81,43 @@ TEST(Child, InheritsNothingThatIsOpenHere) {
   ASSERT_TRUE(end) << end.error().message;
   EXPECT_THAT(end->output,
               testing::AllOf(testing::HasSubstr("1\n2\n"), testing::HasSubstr("done"), testing::Not(testing::HasSubstr("77"))));
+}
+
+TEST(Child, ThatASignalEndsSaysWhichOne) {
+  const auto end = runChild("/bin/sh", {"-c", "kill -SEGV $$"});
+  ASSERT_TRUE(end) << end.error().message;
+  EXPECT_EQ(end->status, -1);
+  EXPECT_EQ(end->signal, SIGSEGV);
+}
+
+TEST(Child, HasTheLimitsThatWereSet) {
+  const auto end = runChild("/bin/sh", {"-c", "ulimit -v; ulimit -c; ulimit -t; ulimit -f"},
+                            {.time = std::chrono::seconds(40), .memory = std::uint64_t{1} << 30, .fileSize = 512 * 7});
+  ASSERT_TRUE(end) << end.error().message;
+  EXPECT_EQ(end->output, "1048576\n0\n41\n7\n");
+}
+
+TEST(Child, WithoutAProgramIsAnError) {
+  const auto end = runChild("/nowhere/program", {});
+  ASSERT_FALSE(end);
+  EXPECT_EQ(end.error().message, "cannot start /nowhere/program");
+}
+
+// fork() calls what pthread_atfork registers; vfork() and posix_spawn() do not. A sanitizer may replace vfork by fork.
+std::atomic<int> forks = 0;
+TEST_F(Files, WhateverIsCompiledTheProcessIsNeverCopied) {
+#ifdef __SANITIZE_THREAD__
+  GTEST_SKIP() << "the thread sanitizer's vfork is fork";
+#endif
+  ASSERT_EQ(pthread_atfork([] { ++forks; }, nullptr, nullptr), 0);
+  EXPECT_EQ(at("return 2.0;\n"), 2.0f);
+  EXPECT_EQ(forks, 0);
+}
+
+// Whoever tries a terrain file has room for its variables and no more: the library asks for 256 MiB and says 1 m where it did not get them.
+TEST(Probe, LimitsTheMemoryOfItsChild) {
+  const auto tried = probe("greedy.glsl", RIDGECAST_GREEDY_TERRAIN, 1, RIDGECAST_SERVER);
+  EXPECT_TRUE(tried) << tried.error().message << ": it was given 256 MiB";
 }
 
 // The built-in terrains went through the compiler as they are; through the translation they must come out with the same bits, for every

@@ -2,7 +2,6 @@
 // here by libtiff, PNGs and raw rows byte by byte.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/mman.h>
 #include <tiffio.h>
 #include <zlib.h>
 
@@ -12,7 +11,6 @@
 #include <functional>
 #include <random>
 
-#include "server/terrain/probe.h"
 #include "server/terrain/raster_terrain.h"
 #include "server/terrain/scratch.h"
 
@@ -391,16 +389,6 @@ TEST(RasterOptions, areCheckedOneByOne) {
   }
   EXPECT_TRUE(isRasterName("a/b.TIF") && isRasterName("x.tiff") && isRasterName("x.Png") && isRasterName("x.raw") && isRasterName("x.r16"));
   EXPECT_FALSE(isRasterName("png") || isRasterName("x.glsl") || isRasterName("x.tif.glsl"));
-}
-
-// The child that tries a terrain file has room for its variables and no more.
-void takesMemory(const Step*, const Step*, float* out, std::size_t count, std::uint32_t) {
-  void* taken = mmap(nullptr, 256u << 20, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-  for (std::size_t k = 0; k < count; ++k) out[k] = taken == MAP_FAILED ? 1.0f : NAN;
-}
-TEST(Probe, limitsTheMemoryOfItsChild) {
-  const auto tried = probe("greedy.glsl", &takesMemory, nullptr, 1);
-  EXPECT_TRUE(tried) << tried.error().message << ": it was given 256 MiB";
 }
 
 }  // namespace
