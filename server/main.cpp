@@ -187,8 +187,6 @@ int serve(const config::Config& config, const sigset_t& signals) {
   return 0;
 }
 
-}  // namespace
-
 // ridgecast-server healthy, with the server's settings: for containers' checks.
 int healthy(int argc, char** argv) {
   const config::Parsed parsed = config::parse(argc, argv, environ);
@@ -197,6 +195,8 @@ int healthy(int argc, char** argv) {
   if (error) std::cerr << "ridgecast-server: " << error->message << "\n";
   return error ? 1 : 0;
 }
+
+}  // namespace
 
 int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "healthy") return healthy(argc - 1, argv + 1);

@@ -44,7 +44,7 @@ namespace {
 // Heights of the ray above the ground at distances along it.
 class Above {
  public:
-  Above(const terrain::Terrain& terrain, const Ray& ray) : terrain_(terrain), ray_(ray) {
+  Above(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* taken) : terrain_(terrain), ray_(ray), taken_(taken) {
     // Scaled before squaring, so that every finite length has a direction.
     const double most = std::max({std::abs(ray.directionX), std::abs(ray.directionY), std::abs(ray.directionZ)});
     const double x = ray.directionX / most, y = ray.directionY / most, z = ray.directionZ / most;
@@ -64,6 +64,7 @@ class Above {
       if (!lattice::positionIsValid(x[count], z[count])) break;
     }
     terrain_.heights(std::span(x).first(count), std::span(z).first(count), std::span(height).first(count));
+    if (taken_) *taken_ += count;
     for (std::size_t k = 0; k < count; ++k) above[k] = ray_.y + y_ * distances[k] - height[k];
     return count == distances.size();
   }
@@ -71,16 +72,17 @@ class Above {
  private:
   const terrain::Terrain& terrain_;
   const Ray& ray_;
+  std::uint64_t* const taken_;
   double x_, y_, z_;
 };
 
 }  // namespace
 
-double cast(const terrain::Terrain& terrain, const Ray& ray) {
+double cast(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* heights) {
   constexpr std::size_t kBlock = 64, kParts = 16;
   constexpr double kFinest = 0.25, kShare = 1.0 / 1024;
   constexpr int kRounds = 4;  // 1/4 m in 16^4 parts: 4 micrometres
-  const Above ray_above(terrain, ray);
+  const Above ray_above(terrain, ray, heights);
   std::array<double, kBlock> distance, above;
   double before = 0, aboveBefore = 0;  // the last distance known to be above the ground
   bool first = true;

@@ -29,7 +29,8 @@ void normals(const terrain::Terrain& terrain, std::span<const lattice::Step> x, 
 
 // Metres along the ray to its first contact with the ground: 0 if it begins below ground, kNoHit if there is none within its reach or
 // before it leaves the lattice. Samples the ground every max(1/4 m, distance / 1024) along the ray, so a thinner obstacle may be missed.
-// The contact is located to a few micrometres along the ray, between lattice places 3.9 mm apart.
-double cast(const terrain::Terrain& terrain, const Ray& ray);
+// The contact is located to a few micrometres along the ray, between lattice places 3.9 mm apart. Adds the heights that it took to
+// `heights`, if given: up to some 7,000.
+double cast(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* heights = nullptr);
 
 }  // namespace ridgecast::ground

@@ -197,7 +197,7 @@ std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::Lea
 void Conversation::sent(const wire::Iteration& iteration, Time now) {
   pace_.sent(now, 200 + 12 * iteration.gone.size() + payloadBytes(iteration.whole, 24) + payloadBytes(iteration.changed, 16),
              iteration.figures.inserted);
-  if (repairing_) repairs_.sent(now, payloadBytes(iteration.whole, 24), 0);
+  if (repairing_) repairs_.spend(now, payloadBytes(iteration.whole, 24));
   if (iteration.candidates) pace_.sent(now, kBytesACandidate * iteration.candidates->size(), 0);
 }
 

@@ -69,7 +69,7 @@ class Conversation {
   using Time = Pace::Clock::time_point;
   using Refusal = std::optional<wire::ErrorMessage>;
 
-  explicit Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) { repairs_.setRate(kRepairBytesPerSecond); }
+  explicit Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) {}
 
   // Refused: the connection must end with this error. Queries, and messages about other members, are only checked for their place; the
   // caller answers them.
@@ -129,8 +129,9 @@ class Conversation {
   bool atRest_ = true;                      // nothing to do before another pose
   int unsent_ = 0;                          // iterations before the first one sent to a reconnecting client
   replica::Replica replica_;
-  Pace pace_, repairs_;     // of all iterations; of leaves sent again
-  bool repairing_ = false;  // the current iteration sends leaves again
+  Pace pace_;
+  Budget repairs_{kRepairBytesPerSecond};  // of leaves sent again
+  bool repairing_ = false;                 // the current iteration sends leaves again
 };
 
 }  // namespace ridgecast::conversation

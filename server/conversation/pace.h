@@ -1,7 +1,5 @@
 #pragma once
-// Limits how fast one client's iterations leave: a budget of bytes a second. One iteration may overdraw it; the next waits until that is
-// paid back. Detail is what a slow connection postpones: an iteration may insert as many vertices as probably fit into a quarter of a
-// second. Not thread-safe.
+// Budgets: so much a second. One expense may overdraw a budget; the next waits until that is paid back. Not thread-safe.
 
 #include <algorithm>
 #include <chrono>
@@ -9,40 +7,53 @@
 
 namespace ridgecast::conversation {
 
-class Pace {
+class Budget {
  public:
   using Clock = std::chrono::steady_clock;
 
-  // 0: no limit.
-  void setRate(std::uint64_t bytesPerSecond) { rate_ = bytesPerSecond; }
+  explicit Budget(std::uint64_t perSecond = 0) : rate_(perSecond) {}  // 0: no limit
+  void setRate(std::uint64_t perSecond) { rate_ = perSecond; }
+  std::uint64_t rate() const { return rate_; }
   bool limits() const { return rate_ != 0; }
 
-  // The earliest time for the next iteration.
+  // The earliest time for the next expense.
   Clock::time_point free() const { return free_; }
 
+  void spend(Clock::time_point now, std::uint64_t amount) {
+    if (!limits()) return;
+    const auto cost = std::chrono::duration<double>(static_cast<double>(amount) / static_cast<double>(rate_));
+    free_ = std::max(free_, now - kCredit) + std::chrono::duration_cast<Clock::duration>(cost);
+  }
+
+ private:
+  static constexpr std::chrono::milliseconds kCredit{250};  // the most unused time that is saved up
+
+  std::uint64_t rate_;
+  Clock::time_point free_{};
+};
+
+// Limits how fast one client's iterations leave, by their bytes. Detail is what a slow connection postpones: an iteration may insert as
+// many vertices as probably fit into a quarter of a second.
+class Pace : public Budget {
+ public:
   // Vertices that the next iteration may insert. Depends on what was sent, not on the clock, so lock-step stays reproducible.
   std::uint32_t insertions() const {
     if (!limits()) return 0xffffffffu;
-    const double room = static_cast<double>(rate_) * kShare / bytesAnInsertion_;
+    const double room = static_cast<double>(rate()) * kShare / bytesAnInsertion_;
     return static_cast<std::uint32_t>(std::clamp(room, 32.0, 1e6));
   }
 
   // An iteration of `bytes` that inserted `inserted` vertices has left.
   void sent(Clock::time_point now, std::size_t bytes, std::uint32_t inserted) {
-    if (!limits()) return;
-    const auto cost = std::chrono::duration<double>(static_cast<double>(bytes) / static_cast<double>(rate_));
-    free_ = std::max(free_, now - kCredit) + std::chrono::duration_cast<Clock::duration>(cost);
-    if (inserted < 32) return;
+    spend(now, bytes);
+    if (!limits() || inserted < 32) return;
     const double each = std::clamp(static_cast<double>(bytes) / inserted, 4.0, 64.0);
     bytesAnInsertion_ += (each - bytesAnInsertion_) / 4;
   }
 
  private:
-  static constexpr double kShare = 0.25;                    // seconds
-  static constexpr std::chrono::milliseconds kCredit{250};  // the most unused time that is saved up
+  static constexpr double kShare = 0.25;  // seconds
 
-  std::uint64_t rate_ = 0;
-  Clock::time_point free_{};
   double bytesAnInsertion_ = 12;
 };
 

@@ -9,14 +9,14 @@
 
 namespace ridgecast::http {
 
-Jobs::Jobs(const Limits& limits) : limits_(limits), running_(std::max(1u, limits.threads), std::stop_source(std::nostopstate)) {
+Jobs::Jobs(const Limits& limits) : limits_(limits), running_(std::max(1u, limits.threads)) {
   idle_ = running_.size();
   for (std::size_t k = 0; k < running_.size(); ++k) threads_.emplace_back([this, k] { work(k); });
 }
 
 Jobs::~Jobs() { stop(); }
 
-bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run) {
+bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run, std::string client) {
   std::vector<Job> dropped;  // destroyed after unlocking
   {
     const std::lock_guard lock(mutex_);
@@ -25,11 +25,22 @@ bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run)
         std::stable_partition(waiting_.begin(), waiting_.end(), [](const Job& job) { return !job.stop.stop_requested(); });
     std::move(abandoned, waiting_.end(), std::back_inserter(dropped));
     waiting_.erase(abandoned, waiting_.end());
-    if (waiting_.size() >= limits_.waiting + idle_) return false;
-    waiting_.push_back({std::move(stop), std::move(run)});
+    if (waiting_.size() >= limits_.waiting + idle_ || hasShareNow(client)) return false;
+    waiting_.push_back({std::move(stop), std::move(run), std::move(client)});
   }
   changed_.notify_one();
   return true;
+}
+
+bool Jobs::hasShareNow(std::string_view client) const {
+  const auto isOwn = [&](const Job& job) { return job.client == client; };
+  return !client.empty() &&
+         static_cast<std::size_t>(std::ranges::count_if(waiting_, isOwn) + std::ranges::count_if(running_, isOwn)) >= share();
+}
+
+bool Jobs::hasShare(std::string_view client) const {
+  const std::lock_guard lock(mutex_);
+  return hasShareNow(client);
 }
 
 std::size_t Jobs::waiting() const {
@@ -54,7 +65,7 @@ void Jobs::stop() {
     closed_ = stopped_ = true;
     dropped.swap(waiting_);
     threads.swap(threads_);
-    for (std::stop_source& job : running_) job.request_stop();
+    for (Job& job : running_) job.stop.request_stop();
   }
   changed_.notify_all();
   for (std::thread& thread : threads) thread.join();
@@ -68,7 +79,7 @@ void Jobs::work(std::size_t thread) {
     if (stopped_) return;
     Job job = std::move(waiting_.front());
     waiting_.pop_front();
-    running_[thread] = job.stop;
+    running_[thread] = {job.stop, {}, job.client};
     --idle_;
     lock.unlock();
     try {
@@ -76,9 +87,9 @@ void Jobs::work(std::size_t thread) {
     } catch (const std::exception& e) {
       logging::error(std::string("a request's work failed: ") + e.what());
     }
-    job = {std::stop_source(std::nostopstate), {}};
+    job = {};
     lock.lock();
-    running_[thread] = std::stop_source(std::nostopstate);
+    running_[thread] = {};
     ++idle_;
     ended_.notify_all();
   }

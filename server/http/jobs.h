@@ -2,9 +2,10 @@
 // Work for HTTP requests that would block a socket's thread too long: a bounded queue with its own few threads.
 //
 // A job checks its std::stop_token every few milliseconds: it is stopped when its client leaves and when the server shuts down. Bounds:
-// `threads` jobs run and `waiting` wait; beyond that post() refuses. A job that is stopped before it starts never starts. Any thread may
-// post. An exception counts as the job's failure and ends as `failed`.
+// `threads` jobs run and `waiting` wait, of one client share() in all; beyond that post() refuses. A job that is stopped before it starts
+// never starts. Any thread may post. An exception counts as the job's failure and ends as `failed`.
 
+#include <algorithm>
 #include <chrono>
 #include <condition_variable>
 #include <cstddef>
@@ -12,6 +13,8 @@
 #include <functional>
 #include <mutex>
 #include <stop_token>
+#include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -29,8 +32,12 @@ class Jobs {
   Jobs(const Jobs&) = delete;
   Jobs& operator=(const Jobs&) = delete;
 
-  // False: full, or stopped. Calls `run` once, on one of these threads, unless `stop` is requested before.
-  bool post(std::stop_source stop, std::function<void(std::stop_token)> run);
+  // `client`: as http::Request::client; empty: nobody, who has no share. False: full, or stopped, or the client has its share. Calls `run`
+  // once, on one of these threads, unless `stop` is requested before.
+  bool post(std::stop_source stop, std::function<void(std::stop_token)> run, std::string client = {});
+  // Half of all places, at least one.
+  std::size_t share() const { return std::max<std::size_t>(1, (limits_.threads + limits_.waiting) / 2); }
+  bool hasShare(std::string_view client) const;  // whether that many jobs of this client wait or run
   // Jobs that wait; up to `threads` more run. Any thread.
   std::size_t waiting() const;
   // Accepts no more. Lets running and waiting jobs end until the given time, then calls stop(). Any thread except a job's.
@@ -40,17 +47,19 @@ class Jobs {
 
  private:
   struct Job {
-    std::stop_source stop;
+    std::stop_source stop{std::nostopstate};
     std::function<void(std::stop_token)> run;
+    std::string client;
   };
+  bool hasShareNow(std::string_view client) const;  // under the lock
   void work(std::size_t thread);
 
   const Limits limits_;
   mutable std::mutex mutex_;
   std::condition_variable changed_, ended_;
   std::deque<Job> waiting_;
-  std::vector<std::stop_source> running_;  // by thread
-  std::size_t idle_ = 0;                   // threads without a job
+  std::vector<Job> running_;  // by thread; without `run`
+  std::size_t idle_ = 0;      // threads without a job
   bool closed_ = false, stopped_ = false;
   std::vector<std::thread> threads_;
 };

@@ -120,8 +120,10 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
   session->use();
   auto places = rays ? readRays(query) : readPlaces(query, normals);
   if (!places) return plain(400, places.error().message);
-  return madeBy({.work = [terrain = session->terrain(), places = std::move(*places)](std::stop_token) {
-    return json(answerText(places, query::answer(*terrain, places)));
+  return madeBy({.work = [terrain = session->terrain(), places = std::move(*places)](const std::stop_token& stop) {
+    query::Answering answering(terrain, places);
+    while (!answering.isDone() && !stop.stop_requested()) answering.work();
+    return json(answerText(places, answering.take()));
   }});
 }
 

@@ -138,7 +138,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     setAside();
     ifNoneMatch_ = header[http::field::if_none_match];
     wantsProgress_ = header.version() == 11 && header["Prefer"].find("progress") != beast::string_view::npos;
-    if (a.later && !namesEtag(ifNoneMatch_, a.etag)) return work(a.later);
+    if (a.later && !namesEtag(ifNoneMatch_, a.etag)) return work(a.later, who);
     a.upgradeTo ? upgrade(std::move(a.upgradeTo)) : send(std::move(a));
   }
 
@@ -186,8 +186,15 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                  {{"Retry-After", kRetrySeconds}}));
   }
 
+  void hasShare(const std::string& client, std::size_t share) {
+    send(refused(429, metrics::Refusal::kBusy,
+                 "The " + client + " waits for " + std::to_string(share) +
+                     " answers of this kind, the most one client may; try again when one has come.",
+                 {{"Retry-After", kRetrySeconds}}));
+  }
+
   // Does the work for an answer and watches meanwhile whether the client is still there.
-  void work(std::shared_ptr<const Later> later) {
+  void work(std::shared_ptr<const Later> later, const std::string& client) {
     if (later->patient && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy();
     asker_ = std::stop_source();
     auto run = [self = shared_from_this(), later](std::stop_token stop) {
@@ -202,7 +209,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       asio::post(self->stream_.get_executor(), [self, a = std::move(a)]() mutable { self->worked(std::move(a)); });
     };
     Jobs& jobs = later->makesWorld ? shared_->worldJobs : later->patient ? shared_->patientJobs : shared_->promptJobs;
-    if (!jobs.post(asker_, std::move(run))) return busy();
+    if (!jobs.post(asker_, std::move(run), client)) return jobs.hasShare(client) ? hasShare(client, jobs.share()) : busy();
     working_ = true;
     stream_.expires_never();
     watch();

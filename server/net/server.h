@@ -13,10 +13,12 @@
 //   TLS, request, hello    timeout each              closed; for hello with an error
 //   client message         maxMessageBytes            Error, close 1009
 //   messages a second      maxMessagesPerSecond (bursts: twice that)   Error, close 1008
+//   bytes of messages      kMessageBytesPerSecond     the next is read once those are paid for; a quarter of a second is saved up
 //   token                  its expiry, or a reload    Error, close 1008
 //   queued messages        kMaxQueuedMessages         closed (does not happen: a session keeps to its window)
 //   silence                idle, ping at half         closed
 //   work for answers       prompt-, patient-, worldJobs   HTTP 503 with Retry-After; ends if the client hangs up or half-closes
+//   of one client          Jobs::share               HTTP 429 with Retry-After
 //   unsent answers         maxAnswerBytes             HTTP 503 for patient work
 //   slow readers           timeout, then 64 KiB/s    closed
 // An invalid message or another protocol version: Error, close 1002 (text: 1003). A message that the session refuses (out of place or
@@ -41,6 +43,8 @@
 namespace ridgecast::net {
 
 inline constexpr std::size_t kMaxQueuedMessages = 128;
+// Of one client. The threads of the room decode them, 128 KiB in about a millisecond at worst.
+inline constexpr std::uint64_t kMessageBytesPerSecond = 4u << 20;
 
 struct Settings : http::Access {                 // host: the address to listen on
   std::uint16_t port = 7070;                     // 0: any free one

@@ -10,6 +10,7 @@
 
 #include "common/wire/wire.h"
 #include "server/access/limits.h"
+#include "server/conversation/pace.h"
 #include "server/logging/logging.h"
 #include "server/session/camera_session.h"
 
@@ -61,6 +62,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
       : ws_(std::move(channel)),
         timer_(ws_.get_executor()),
         expiry_(ws_.get_executor()),
+        pause_(ws_.get_executor()),
         counted_(std::move(counted)),
         shared_(std::move(shared)),
         session_(std::move(session)),
@@ -149,6 +151,15 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     ws_.async_read_some(buffer_, room, [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
   }
 
+  // Once the last message is paid for.
+  void readNext() {
+    if (messageBytes_.free() <= conversation::Budget::Clock::now()) return read();
+    pause_.expires_at(messageBytes_.free());
+    pause_.async_wait([self = shared_from_this()](error_code ec) {
+      if (!ec) self->read();
+    });
+  }
+
   void hasRead(error_code ec) {
     if (ec) return end();
     if (stage_ != Stage::kOpen) {  // ignores what arrives after an error
@@ -171,6 +182,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
                   {wire::ErrorCode::kMalformed, "A text message came; messages are binary, one protobuf ClientMessage each."},
                   websocket::close_code::unknown_data);
     const auto bytes = buffer_.cdata();
+    messageBytes_.spend(access::Rate::Clock::now(), bytes.size());
     auto message = wire::decodeClient({static_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
     buffer_.clear();
     if (!message) return fail({wire::ErrorCode::kMalformed, message.error().message});
@@ -184,7 +196,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
         logging::info(about(), "says hello as '" + hello->clientName + "', protocol " + std::to_string(hello->protocolVersion));
     }
     camera_->receive(std::move(*message));
-    read();
+    readNext();
   }
 
   void enqueue(Outgoing message) {
@@ -265,6 +277,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     stage_ = Stage::kOver;
     timer_.cancel();
     expiry_.cancel();
+    pause_.cancel();
     if (camera_) logging::info(about(), "is gone");
     leave();
     beast::get_lowest_layer(ws_).close();
@@ -275,13 +288,14 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   enum class Stage { kAccepting, kOpen, kFarewell, kOver };
 
   websocket::stream<Channel, false> ws_;
-  asio::steady_timer timer_, expiry_;
+  asio::steady_timer timer_, expiry_, pause_;
   const Counted counted_;
   const std::shared_ptr<Shared> shared_;
   const std::shared_ptr<session::Session> session_;
   const std::string peer_;
   access::Grant grant_;
   access::Rate rate_;
+  conversation::Budget messageBytes_{kMessageBytesPerSecond};
   http::request<http::empty_body> request_;
   Stage stage_ = Stage::kAccepting;
   std::shared_ptr<session::CameraSession> camera_;

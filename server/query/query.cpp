@@ -3,29 +3,41 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 
 #include "common/ground/ground.h"
 
 namespace ridgecast::query {
 
-wire::Answer answer(const terrain::Terrain& terrain, const wire::Query& query) {
-  wire::Answer out;
-  out.id = query.id;
-  out.refusal = query.refusal;
-  if (!out.refusal.empty()) return out;
-  switch (query.kind) {
-    case wire::QueryKind::kHeights:
-      out.heights.resize(query.x.size());
-      terrain.heights(query.x, query.z, out.heights);
-      break;
-    case wire::QueryKind::kNormals:
-      out.normals.resize(3 * query.x.size());
-      ground::normals(terrain, query.x, query.z, query.spacing == 0 ? ground::kDefaultSpacing : query.spacing, out.normals);
-      break;
-    case wire::QueryKind::kRays:
-      for (const wire::Ray& ray : query.rays) out.distances.push_back(ground::cast(terrain, ray));
+Answering::Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query)
+    : terrain_(std::move(terrain)), query_(std::move(query)) {
+  answer_.id = query_.id;
+  answer_.refusal = query_.refusal;
+  if (!answer_.refusal.empty()) return;
+  size_ = query_.kind == wire::QueryKind::kRays ? query_.rays.size() : query_.x.size();
+  if (query_.kind == wire::QueryKind::kHeights) answer_.heights.resize(size_);
+  if (query_.kind == wire::QueryKind::kNormals) answer_.normals.resize(3 * size_);
+  if (query_.kind == wire::QueryKind::kRays) answer_.distances.resize(size_);
+}
+
+std::uint64_t Answering::work() {
+  constexpr std::size_t kPlaces = 1024;
+  const std::size_t begin = done_;
+  if (query_.kind == wire::QueryKind::kRays) {
+    std::uint64_t heights = 0;
+    answer_.distances[begin] = ground::cast(*terrain_, query_.rays[done_++], &heights);
+    return heights;
   }
-  return out;
+  const std::size_t count = std::min(kPlaces, size_ - begin);
+  done_ += count;
+  const auto x = std::span(query_.x).subspan(begin, count), z = std::span(query_.z).subspan(begin, count);
+  if (query_.kind == wire::QueryKind::kHeights) {
+    terrain_->heights(x, z, std::span(answer_.heights).subspan(begin, count));
+    return count;
+  }
+  ground::normals(*terrain_, x, z, query_.spacing == 0 ? ground::kDefaultSpacing : query_.spacing,
+                  std::span(answer_.normals).subspan(3 * begin, 3 * count));
+  return 4 * count;
 }
 
 namespace {

@@ -3,13 +3,11 @@
 #include <algorithm>
 #include <chrono>
 #include <exception>
-#include <new>
 #include <optional>
 #include <utility>
 
 #include "common/wire/wire.h"
 #include "server/memory/memory.h"
-#include "server/query/query.h"
 
 namespace ridgecast::session {
 
@@ -17,13 +15,6 @@ namespace {
 
 using wire::ErrorCode;
 using wire::ErrorMessage;
-
-// What a client is told of a failure in its work, which ends its camera alone.
-ErrorMessage messageOf(const std::exception& failure) {
-  if (dynamic_cast<const std::bad_alloc*>(&failure))
-    return {ErrorCode::kLimit, "The server ran out of memory at this camera's work; connect again with a smaller triangle budget."};
-  return {ErrorCode::kInternal, std::string("The server failed: ") + failure.what()};
-}
 
 double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -118,26 +109,16 @@ CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
 }
 
 CameraSession::Refusal CameraSession::attend(wire::Query& query) {
-  if (*queries_ >= wire::kMaxQueries)
-    return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
-                                               " queries wait for their answers: send the next when one has arrived."};
-  ++*queries_;  // until the answer has left
-  pool_->post([terrain = session_->terrain(), sender = sender_, query = std::move(query), ticket = ticketOf(queries_)]() mutable {
-    try {
-      sender->send(query::answer(*terrain, query), std::move(ticket));
-    } catch (const std::exception& e) {
-      sender->fail(messageOf(e));
-    }
-  });
-  return {};
+  if (!queries_) queries_ = std::make_shared<Queries>(session_, sender_);
+  if (queries_->ask(std::move(query))) return {};
+  return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
+                                             " queries wait for their answers: send the next when one has arrived."};
 }
 
 CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
-  if (!grounds_) {
-    const Resources& resources = session_->resources();
-    std::call_once(resources.groundsMade, [&] { resources.grounds = std::make_shared<GroundQueue>(*resources.executor); });
-    grounds_ = std::make_shared<Grounds>(session_->terrain(), conversation_.granted().triangleBudget, resources.grounds, sender_);
-  }
+  if (!grounds_)
+    grounds_ = std::make_shared<Grounds>(session_->terrain(), conversation_.granted().triangleBudget,
+                                         session_->resources().questions().grounds, sender_);
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
                       "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};
@@ -150,6 +131,8 @@ void CameraSession::close() {
   session_->live().remove(id_);
   if (grounds_) grounds_->close();
   grounds_.reset();
+  if (queries_) queries_->close();
+  queries_.reset();
   wake();
 }
 
@@ -214,7 +197,7 @@ void CameraSession::run() {
     mesh_.reset();  // first, so that the refusal finds memory
     encoder_.reset();
     copy_.reset();
-    refuse(messageOf(e));
+    refuse(failureOf(e));
   }
   // Moved out under the lock, because another task may follow; destroyed after unlocking.
   std::unique_ptr<IteratingMesh> freed;

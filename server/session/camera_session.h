@@ -2,10 +2,9 @@
 // One camera in a session: ties its conversation (server/conversation) to its mesh, its encoder and its pool.
 //
 // An actor: receive() and close() may come from any thread, never wait for an iteration and only record what happened. The work runs as a
-// task of the camera's own pool, at most one at a time and one iteration each, so that many cameras take turns. Separate tasks answer
-// queries and grounds beside the iterations; at most wire::kMaxQueries and wire::kMaxGrounds are open at a time.
+// task of the camera's own pool, at most one at a time and one iteration each, so that many cameras take turns. Actors of their own answer
+// queries and grounds beside the iterations (queries.h, grounds.h).
 
-#include <atomic>
 #include <memory>
 #include <mutex>
 #include <vector>
@@ -14,6 +13,7 @@
 #include "server/conversation/conversation.h"
 #include "server/encoding/encoder.h"
 #include "server/session/grounds.h"
+#include "server/session/queries.h"
 #include "server/session/sender.h"
 #include "server/session/session.h"
 
@@ -71,10 +71,9 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   conversation::Conversation conversation_;
   bool scheduled_ = false;  // a task is queued or runs
   bool timerSet_ = false, watches_ = false;
-  std::vector<TakeCopy> copies_;  // requested
-  // unanswered, or answers not yet sent
-  std::shared_ptr<std::atomic<std::size_t>> queries_ = std::make_shared<std::atomic<std::size_t>>(0);
-  std::shared_ptr<Grounds> grounds_;  // once one was requested
+  std::vector<TakeCopy> copies_;      // requested
+  std::shared_ptr<Queries> queries_;  // once one was sent
+  std::shared_ptr<Grounds> grounds_;
 
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;

@@ -42,49 +42,6 @@ void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
 
 }  // namespace
 
-// ---- the queue of all ----
-
-GroundQueue::GroundQueue(scheduling::Executor& executor)
-    : places_(std::max(1u, executor.threads() - 1)), pool_(executor.makePool(places_)) {}
-
-void GroundQueue::enter(std::weak_ptr<Grounds> grounds) {
-  {
-    const std::lock_guard lock(mutex_);
-    std::erase_if(waiting_, [](const auto& one) { return one.expired(); });
-    waiting_.push_back(std::move(grounds));
-  }
-  beginNext();
-}
-
-unsigned GroundQueue::working() const {
-  const std::lock_guard lock(mutex_);
-  return working_;
-}
-
-void GroundQueue::leave() {
-  {
-    const std::lock_guard lock(mutex_);
-    --working_;
-  }
-  beginNext();
-}
-
-void GroundQueue::beginNext() {
-  std::shared_ptr<Grounds> next;
-  {
-    const std::lock_guard lock(mutex_);
-    while (!next && working_ < places_ && !waiting_.empty()) {
-      next = waiting_.front().lock();
-      waiting_.pop_front();
-    }
-    if (!next) return;
-    ++working_;
-  }
-  next->begin(Place(nullptr, [self = shared_from_this()](const void*) { self->leave(); }));
-}
-
-// ---- one camera's ----
-
 struct Grounds::Work {
   wire::AskGround ask;
   box::Watch watch;
@@ -104,7 +61,7 @@ struct Grounds::Work {
   }
 };
 
-Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<GroundQueue> queue,
+Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue,
                  std::shared_ptr<Sender> sender, std::chrono::seconds timeout)
     : terrain_(std::move(terrain)),
       triangleBudget_(triangleBudget),
@@ -132,11 +89,11 @@ bool Grounds::ask(const wire::AskGround& ask) {
 
 void Grounds::close() { stop_.request_stop(); }
 
-void Grounds::begin(GroundQueue::Place place) {
+void Grounds::begin(PlaceQueue::Place place) {
   queue_->pool().post([self = shared_from_this(), place = std::move(place)]() mutable { self->run(std::move(place)); });
 }
 
-void Grounds::run(GroundQueue::Place place) {
+void Grounds::run(PlaceQueue::Place place) {
   if (stop_.stop_requested()) return;  // nobody waits any more
   Work* work = nullptr;
   {
@@ -148,8 +105,7 @@ void Grounds::run(GroundQueue::Place place) {
     if (!answer) return begin(std::move(place));
     if (!stop_.stop_requested()) sender_->send(std::move(*answer), ticketOf(open_));
   } catch (const std::exception& e) {
-    sender_->fail({wire::ErrorCode::kInternal, std::string("The server failed: ") + e.what()});
-    return;
+    return sender_->fail(failureOf(e));
   }
   std::unique_ptr<Work> done;  // destroyed before the place is released, and without the lock
   {

@@ -5,7 +5,7 @@
 // busy server none in time.
 //
 // An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns of kTurn, as tasks of the pool
-// that all cameras' grounds share (GroundQueue). Bounds: wire::kMaxGrounds requests that wait or whose answers have not left; one of them
+// that the questions of all cameras share, once there is a place (Questions). Bounds: wire::kMaxGrounds requests that wait or whose answers have not left; one of them
 // in work; each is answered within kTimeout.
 
 #include <atomic>
@@ -21,55 +21,28 @@
 
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
-#include "server/scheduling/pool.h"
+#include "server/session/place_queue.h"
 #include "server/session/sender.h"
 
 namespace ridgecast::session {
 
-class Grounds;
-
-// Shared by the grounds of a server: one pool with one thread fewer than the executor has, at least one, and as many places to work. A work
-// takes up to some hundred MB, so the others wait, first come first served. Any thread.
-class GroundQueue : public std::enable_shared_from_this<GroundQueue> {
- public:
-  using Place = std::shared_ptr<const void>;  // released with its last copy
-
-  explicit GroundQueue(scheduling::Executor& executor);
-  // Calls begin() of `grounds` once there is a place, unless they are gone by then.
-  void enter(std::weak_ptr<Grounds> grounds);
-  scheduling::Pool& pool() { return *pool_; }
-  unsigned places() const { return places_; }
-  unsigned working() const;
-
- private:
-  void leave();
-  void beginNext();
-
-  const unsigned places_;
-  const std::shared_ptr<scheduling::Pool> pool_;
-  mutable std::mutex mutex_;
-  std::deque<std::weak_ptr<Grounds>> waiting_;
-  unsigned working_ = 0;
-};
-
-class Grounds : public std::enable_shared_from_this<Grounds> {
+class Grounds final : public PlaceQueue::Worker, public std::enable_shared_from_this<Grounds> {
  public:
   static constexpr std::chrono::seconds kTimeout{30};  // from ask() on
   static constexpr std::chrono::milliseconds kTurn{2};
 
-  Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<GroundQueue> queue,
+  Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue,
           std::shared_ptr<Sender> sender, std::chrono::seconds timeout = kTimeout);
-  ~Grounds();
+  ~Grounds() override;
   bool ask(const wire::AskGround& ask);  // false: too many are open
   void close();                          // sends nothing more and abandons current work; any thread
 
  private:
-  friend GroundQueue;
   using Clock = std::chrono::steady_clock;
   struct Work;
 
-  void begin(GroundQueue::Place place);
-  void run(GroundQueue::Place place);
+  void begin(PlaceQueue::Place place) override;
+  void run(PlaceQueue::Place place);
   // Some milliseconds of work; returns the answer, if it is the last.
   std::optional<wire::Ground> turn(Work& work) const;
   std::optional<wire::Ground> mesh(Work& work, Clock::time_point until) const;
@@ -82,7 +55,7 @@ class Grounds : public std::enable_shared_from_this<Grounds> {
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
   const std::uint32_t triangleBudget_;
-  const std::shared_ptr<GroundQueue> queue_;
+  const std::shared_ptr<PlaceQueue> queue_;
   const std::shared_ptr<Sender> sender_;
   const std::chrono::seconds timeout_;
   std::stop_source stop_;

@@ -3,7 +3,10 @@
 
 #include <atomic>
 #include <cstddef>
+#include <exception>
 #include <memory>
+#include <new>
+#include <string>
 #include <utility>
 
 #include "common/wire/messages.h"
@@ -13,6 +16,13 @@ namespace ridgecast::session {
 // One request is open no longer once the last copy is released.
 inline std::shared_ptr<const void> ticketOf(std::shared_ptr<std::atomic<std::size_t>> open) {
   return {nullptr, [open = std::move(open)](const void*) { --*open; }};
+}
+
+// What a client is told of a failure in its work, which ends its camera alone.
+inline wire::ErrorMessage failureOf(const std::exception& failure) {
+  if (dynamic_cast<const std::bad_alloc*>(&failure))
+    return {wire::ErrorCode::kLimit, "The server ran out of memory at this camera's work; connect again with a smaller triangle budget."};
+  return {wire::ErrorCode::kInternal, std::string("The server failed: ") + failure.what()};
 }
 
 // Any thread. No call blocks or calls back into the session.

@@ -28,13 +28,12 @@
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
 #include "server/session/live_cameras.h"
+#include "server/session/place_queue.h"
 #include "server/session/places.h"
 #include "server/session/presence.h"
 #include "server/session/timer.h"
 
 namespace ridgecast::session {
-
-class GroundQueue;
 
 struct Limits {
   std::uint32_t maxCameras = 256;                  // of all sessions together
@@ -81,9 +80,15 @@ struct Resources {
   Limits limits;
   std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
   std::unique_ptr<const Timer> timer = std::make_unique<SteadyTimer>();
-  mutable std::once_flag groundsMade;  // by the first camera that asks
-  mutable std::shared_ptr<GroundQueue> grounds;
+  const Questions& questions() const {
+    std::call_once(questionsMade_, [this] { questions_.emplace(*executor); });
+    return *questions_;
+  }
   mutable std::atomic<bool> givesMemoryBack{false};  // a call to trim the allocator is scheduled
+
+ private:
+  mutable std::once_flag questionsMade_;  // by the first camera that asks
+  mutable std::optional<Questions> questions_;
 };
 
 // Something of which there are only so many; released with its last copy.

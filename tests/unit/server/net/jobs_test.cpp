@@ -1,4 +1,5 @@
 #include "server/http/jobs.h"
+#include "server/http/snapshots.h"
 #include "server/logging/logging.h"
 
 #include <gmock/gmock.h>
@@ -6,6 +7,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <ctime>
 #include <future>
 #include <thread>
 
@@ -69,6 +71,26 @@ TEST(Jobs, WhatIsAbandonedMakesRoomAndNeverBegins) {
   EXPECT_FALSE(ran);
 }
 
+TEST(Jobs, OneClientHasHalfOfThePlaces) {
+  Jobs jobs({.threads = 1, .waiting = 5});
+  ASSERT_EQ(jobs.share(), 3u);
+  std::promise<void> gate;
+  const std::shared_future<void> open = gate.get_future().share();
+  const auto post = [&](const std::string& client) {
+    return jobs.post(
+        std::stop_source(), [open](std::stop_token) { open.wait(); }, client);
+  };
+  int greedy = 0;
+  for (int k = 0; k < 10; ++k) greedy += post("address 192.0.2.1");
+  EXPECT_EQ(greedy, 3);
+  EXPECT_TRUE(jobs.hasShare("address 192.0.2.1"));
+  EXPECT_TRUE(post("address 192.0.2.2"));
+  EXPECT_TRUE(post("token of lab"));
+  gate.set_value();
+  EXPECT_TRUE(soon([&] { return !jobs.hasShare("address 192.0.2.1"); }));
+  EXPECT_TRUE(soon([&] { return post("address 192.0.2.1"); }));
+}
+
 TEST(Jobs, FinishingLetsThemEndUntilTheTimeIsUp) {
   Jobs jobs({.threads = 1, .waiting = 4});
   std::atomic<int> done{0};
@@ -120,11 +142,15 @@ class LaterTest : public testing::Test {
   void SetUp() override {
     logging::setUp(logging::Format::kText, logging::Level::kOff);
     settings.port = 0;
-    settings.patientJobs = {1, 1, 0};
+    settings.patientJobs = {1, 3, 0};
+    settings.trustedProxies = {access::Network::parse("127.0.0.0/8").value()};
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
-    server = Server::listen(settings, directory, {[this](const Request& r) { return route(r); }}).value();
+    server = Server::listen(settings, directory,
+                            {[this](const Request& r) { return route(r); },
+                             snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(snapshots, 1, &executor))})
+                 .value();
   }
   void TearDown() override { server->shutdown(); }
   std::optional<Answer> route(const Request& request) {
@@ -181,6 +207,7 @@ class LaterTest : public testing::Test {
 
   scheduling::Executor executor{1};
   Settings settings;
+  snapshot::Limits snapshots{.triangles = 20'000'000, .seconds = 600};
   std::shared_ptr<session::Directory> directory;
   std::unique_ptr<Server> server;
   std::atomic<int> worked{0}, asked{0}, began{0}, ended{0};
@@ -227,20 +254,46 @@ TEST_F(LaterTest, LongAnswersArriveWhole) {
   EXPECT_EQ(answer.substr(answer.size() - 30'000'000).find_first_not_of('x'), std::string::npos);
 }
 
-TEST_F(LaterTest, WhoHangsUpStopsHisWorkAndWhoComesTooManyIsTold) {
-  auto first = std::make_unique<SocketClient>(server->port()), second = std::make_unique<SocketClient>(server->port());
-  first->send(get("/endless"));
-  ASSERT_TRUE(soon([&] { return began == 1; }));
-  second->send(get("/endless"));
-  ASSERT_TRUE(soon([&] { return asked == 2; }));
-  std::this_thread::sleep_for(300ms);  // it is in the row a moment later
-  EXPECT_THAT(ask(get("/large")), AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("Retry-After: ")));
-  EXPECT_THAT(ask(get("/prompt")), HasSubstr("made"));  // another row
-  second.reset();
-  first.reset();
-  EXPECT_TRUE(soon([&] { return ended == began; }));
-  EXPECT_TRUE(soon([&] { return ask(get("/large")).starts_with("HTTP/1.1 200"); }));
-  EXPECT_LE(began, 2);
+TEST_F(LaterTest, OneAskerLeavesPlacesToOthers) {
+  const auto by = [](int who) { return "X-Forwarded-For: 192.0.2." + std::to_string(who) + "\r\n"; };
+  std::vector<std::unique_ptr<SocketClient>> open;
+  const auto wait = [&](int who, std::size_t waiting) {
+    open.push_back(std::make_unique<SocketClient>(server->port()));
+    open.back()->send(get("/endless", by(who)));
+    EXPECT_TRUE(soon([&] { return static_cast<std::size_t>(asked) == waiting; }));
+    std::this_thread::sleep_for(300ms);  // it is in the queue a moment later
+  };
+  wait(1, 1);
+  wait(1, 2);
+  EXPECT_THAT(ask(get("/large", by(1))), AllOf(StartsWith("HTTP/1.1 429"), HasSubstr("Retry-After: "),
+                                               HasSubstr("address 192.0.2.1 waits for 2 answers of this kind, the most one client may")));
+  wait(2, 3);
+  wait(3, 4);
+  EXPECT_THAT(ask(get("/large", by(4))), AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("Retry-After: ")));
+  EXPECT_THAT(ask(get("/prompt", by(1))), HasSubstr("made"));  // another queue
+  open.clear();
+  EXPECT_TRUE(soon([&] { return ask(get("/large", by(1))).starts_with("HTTP/1.1 200"); }));
+  EXPECT_LE(began, 4);
+}
+
+// A snapshot of minutes: after its client is gone, the next one does not wait for it.
+TEST_F(LaterTest, WhoHangsUpStopsHisSnapshot) {
+  {
+    SocketClient client(server->port());
+    client.send(get("/v1/sessions/default/snapshot.glb?x0=-16000&z0=-16000&x1=16000&z1=16000&error=0.02", "Prefer: progress\r\n"));
+    for (std::string said; said.find("Progress: meshing") == std::string::npos;) {
+      said = client.answer(false);
+      ASSERT_THAT(said, StartsWith("HTTP/1.1 102"));
+    }
+  }
+  const auto cpuSeconds = [] {
+    timespec t{};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+  };
+  const double before = cpuSeconds();
+  EXPECT_THAT(ask(get("/v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=64&z1=64&error=1")), StartsWith("HTTP/1.1 200"));
+  EXPECT_LT(cpuSeconds() - before, 5) << "it was made for nobody";
 }
 
 TEST_F(LaterTest, TheServersEndStopsWork) {

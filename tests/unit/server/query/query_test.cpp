@@ -17,6 +17,12 @@ namespace {
 using lattice::Step;
 using testing::HasSubstr;
 
+wire::Answer answer(std::shared_ptr<const terrain::Terrain> terrain, const wire::Query& query) {
+  Answering answering(std::move(terrain), query);
+  while (!answering.isDone()) answering.work();
+  return answering.take();
+}
+
 TEST(Query, AnswersWhatTheTerrainSays) {
   const auto terrain = terrain::create("canyon", 5).value();
   wire::Query q;
@@ -26,7 +32,7 @@ TEST(Query, AnswersWhatTheTerrainSays) {
     q.x.push_back(support::between(random, -1 << 30, 1 << 30));
     q.z.push_back(support::between(random, -1 << 30, 1 << 30));
   }
-  const auto heights = answer(*terrain, q);
+  const auto heights = answer(terrain, q);
   EXPECT_EQ(heights.id, 9u);
   ASSERT_EQ(heights.heights.size(), q.x.size());
   for (std::size_t k = 0; k < q.x.size(); k += 97) {
@@ -35,11 +41,11 @@ TEST(Query, AnswersWhatTheTerrainSays) {
     EXPECT_EQ(heights.heights[k], one);
   }
   q.kind = wire::QueryKind::kNormals;
-  EXPECT_EQ(answer(*terrain, q).normals.size(), 3 * q.x.size());
+  EXPECT_EQ(answer(terrain, q).normals.size(), 3 * q.x.size());
   wire::Query rays;
   rays.kind = wire::QueryKind::kRays;
   rays.rays = {{0, 0, 5000, 0, -1, 0, 1e5}, {0, 0, 5000, 0, 1, 0, 10}};
-  const auto distances = answer(*terrain, rays).distances;
+  const auto distances = answer(terrain, rays).distances;
   EXPECT_NEAR(distances[0], 5000 - terrain->height({0, 0}), 0.01);
   EXPECT_EQ(distances[1], -1);
 }

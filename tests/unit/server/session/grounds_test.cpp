@@ -57,7 +57,7 @@ class GroundsTest : public testing::Test {
     return std::make_shared<Grounds>(terrain_, budget, queue, listener, testing_support::kTimeout);
   }
   scheduling::Executor executor{2};
-  std::shared_ptr<GroundQueue> queue = std::make_shared<GroundQueue>(executor);
+  std::shared_ptr<PlaceQueue> queue = Questions(executor).grounds;
   std::shared_ptr<Listener> listener = std::make_shared<Listener>();
   std::shared_ptr<const terrain::Terrain> terrain_;
 };
@@ -107,7 +107,7 @@ TEST_F(GroundsTest, CoversTheCircleWithinTheErrorItStates) {
 TEST_F(GroundsTest, ALargeGroundLeavesOthersTheirTurns) {
   scheduling::Executor one(1);
   terrain_ = terrain::create("alpine", 5).value();
-  const auto grounds = std::make_shared<Grounds>(terrain_, 500'000, std::make_shared<GroundQueue>(one), listener);
+  const auto grounds = std::make_shared<Grounds>(terrain_, 500'000, Questions(one).grounds, listener);
   ASSERT_TRUE(grounds->ask({1, {0, 0}, 4096, 0.02}));
   const auto honest = one.makePool();
   for (int k = 0; k < 50; ++k) {
@@ -206,7 +206,7 @@ TEST_F(GroundsTest, AQuestionHasOneDeadline) {
 TEST_F(GroundsTest, FewerAreInWorkThanThereAreThreads) {
   for (const unsigned threads : {1u, 2u, 4u}) {
     scheduling::Executor some(threads);
-    const auto shared = std::make_shared<GroundQueue>(some);
+    const auto shared = Questions(some).grounds;
     EXPECT_EQ(shared->places(), std::max(1u, threads - 1));
     terrain_ = terrain::create("alpine", 5).value();
     std::vector<std::shared_ptr<Grounds>> cameras;

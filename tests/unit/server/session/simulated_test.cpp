@@ -2,12 +2,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
+#include <functional>
+#include <future>
 #include <vector>
 
 #include "scripted.h"
 #include "server/session/presence.h"
 #include "tests/support/simulated_timer.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::session {
 namespace {
@@ -241,6 +245,76 @@ TEST(Simulated, SessionsInWhichNobodySaidHelloEndWithinSeconds) {
   EXPECT_NE(directory->find("operators"), nullptr);
   EXPECT_EQ(directory->find("greeted"), greeted) << "it has " << resources->limits.sessionIdle.count() << " ms";
   EXPECT_FALSE(directory->full("address 192.0.2.1"));
+}
+
+// A member who asks for 256 rays at a time, none of which meets the ground within 100 km: nearly a quarter of a second of the budget.
+class SimulatedQueries : public testing::Test {
+ protected:
+  struct Asker final : Sender {
+    void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
+      worlds += std::holds_alternative<wire::World>(message);
+      answers += std::holds_alternative<wire::Answer>(message);
+    }
+    std::size_t queuedBytes() const override { return 0; }
+    void fail(wire::ErrorMessage error) override { ADD_FAILURE() << error.message; }
+    std::atomic<int> worlds{0}, answers{0};
+  };
+  void SetUp() override {
+    resources->executor = &executor;
+    resources->makeMesh = scriptedMeshes(script);
+    directory = std::make_shared<Directory>(resources, flatTerrain());
+    const auto session = directory->find(kDefaultName);
+    camera = std::make_shared<CameraSession>(session, session->enter().value(), 1, asker);
+    camera->receive(wire::Hello{});
+    ASSERT_TRUE(testing_support::await([&] { return asker->worlds == 1; }));
+  }
+  void TearDown() override { camera->close(); }
+  void askForLongRays(int queries) {
+    wire::Query query;
+    query.kind = wire::QueryKind::kRays;
+    query.rays.assign(256, {.y = 5000, .directionX = 1, .directionY = 1, .reach = 1e5});
+    for (int k = 0; k < queries; ++k) camera->receive(query);
+  }
+
+  scheduling::Executor executor{1};
+  std::shared_ptr<Resources> resources = std::make_shared<Resources>();
+  SimulatedTimer& timer = simulateTime(*resources);
+  std::shared_ptr<Script> script = std::make_shared<Script>();
+  std::shared_ptr<Asker> asker = std::make_shared<Asker>();
+  std::shared_ptr<Directory> directory;
+  std::shared_ptr<CameraSession> camera;
+};
+
+TEST_F(SimulatedQueries, WhatExceedsAMembersBudgetWaits) {
+  askForLongRays(20);
+  ASSERT_TRUE(testing_support::await([&] { return timer.pending() == 1 || asker->answers == 20; }));
+  ASSERT_LE(asker->answers, 2) << "a quarter of a second of the budget was saved up";
+  timer.advance(1s);
+  ASSERT_TRUE(testing_support::await([&] { return timer.pending() == 1; }));
+  EXPECT_GE(asker->answers, 1);
+  EXPECT_LE(asker->answers, 7);
+  for (int k = 0; k < 1000 && asker->answers < 20; ++k) {
+    timer.advance(100ms);
+    testing_support::await([&] { return timer.pending() == 1 || asker->answers == 20; });
+  }
+  EXPECT_EQ(asker->answers, 20);
+}
+
+TEST_F(SimulatedQueries, LongRaysLeaveOthersTheirTurns) {
+  askForLongRays(1);
+  const auto honest = executor.makePool();
+  std::atomic<int> turns{0};  // until the answer
+  std::function<void()> turn = [&] {
+    if (asker->answers > 0) return;
+    ++turns;
+    honest->post(turn);
+  };
+  honest->post(turn);
+  ASSERT_TRUE(testing_support::await([&] { return asker->answers == 1; }));
+  EXPECT_GE(turns, 4) << "256 rays were cast in so many turns between those of somebody else";
+  std::promise<void> last;
+  honest->post([&] { last.set_value(); });
+  last.get_future().wait();
 }
 
 }  // namespace

@@ -1,0 +1,53 @@
+#include "server/session/place_queue.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace ridgecast::session {
+
+void PlaceQueue::enter(std::weak_ptr<Worker> worker) {
+  {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(waiting_, [](const auto& one) { return one.expired(); });
+    waiting_.push_back(std::move(worker));
+  }
+  beginNext();
+}
+
+unsigned PlaceQueue::working() const {
+  const std::lock_guard lock(mutex_);
+  return working_;
+}
+
+void PlaceQueue::leave() {
+  {
+    const std::lock_guard lock(mutex_);
+    --working_;
+  }
+  beginNext();
+}
+
+void PlaceQueue::beginNext() {
+  std::unique_lock lock(mutex_);
+  if (std::exchange(begins_, true)) return;  // that one sees what has changed
+  while (working_ < places_ && !waiting_.empty()) {
+    auto next = waiting_.front().lock();
+    waiting_.pop_front();
+    if (!next) continue;
+    ++working_;
+    lock.unlock();
+    next->begin(Place(nullptr, [self = shared_from_this()](const void*) { self->leave(); }));
+    next.reset();
+    lock.lock();
+  }
+  begins_ = false;
+}
+
+Questions::Questions(scheduling::Executor& executor) {
+  const unsigned places = std::max(1u, executor.threads() - 1);
+  const auto pool = executor.makePool(places);
+  grounds = std::make_shared<PlaceQueue>(pool, places);
+  queries = std::make_shared<PlaceQueue>(pool, places);
+}
+
+}  // namespace ridgecast::session

@@ -1,0 +1,51 @@
+#pragma once
+// Work that goes on beside the iterations and may not crowd them out: it waits for one of a few places in a pool, first come first served.
+// Any thread.
+
+#include <deque>
+#include <memory>
+#include <mutex>
+
+#include "server/scheduling/pool.h"
+#include "server/session/sender.h"
+
+namespace ridgecast::session {
+
+class PlaceQueue : public std::enable_shared_from_this<PlaceQueue> {
+ public:
+  using Place = std::shared_ptr<const void>;  // released with its last copy
+
+  // One that waits. begin() posts its work, in turns of milliseconds, to the pool and keeps the place as long as it works.
+  class Worker {
+   public:
+    virtual ~Worker() = default;
+    virtual void begin(Place place) = 0;
+  };
+
+  PlaceQueue(std::shared_ptr<scheduling::Pool> pool, unsigned places) : places_(places), pool_(std::move(pool)) {}
+  // Calls begin() of the worker once there is a place, unless it is gone by then.
+  void enter(std::weak_ptr<Worker> worker);
+  scheduling::Pool& pool() { return *pool_; }
+  unsigned places() const { return places_; }
+  unsigned working() const;
+
+ private:
+  void leave();
+  void beginNext();
+
+  const unsigned places_;
+  const std::shared_ptr<scheduling::Pool> pool_;
+  mutable std::mutex mutex_;
+  std::deque<std::weak_ptr<Worker>> waiting_;
+  unsigned working_ = 0;
+  bool begins_ = false;  // a thread is in beginNext()
+};
+
+// What cameras ask beside their iterations. All of it shares one pool with one thread fewer than the executor has, at least one.
+struct Questions {
+  explicit Questions(scheduling::Executor& executor);
+  // A ground keeps its place until it is answered, for it takes up to some hundred MB; queries take places a turn at a time.
+  std::shared_ptr<PlaceQueue> grounds, queries;
+};
+
+}  // namespace ridgecast::session

@@ -1,0 +1,78 @@
+#include "server/session/queries.h"
+
+#include <exception>
+#include <utility>
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::session {
+
+Queries::Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender> sender)
+    : session_(std::move(session)), sender_(std::move(sender)), queue_(session_->resources().questions().queries) {}
+
+bool Queries::ask(wire::Query query) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (*open_ >= wire::kMaxQueries) return false;
+    ++*open_;
+    pending_.push_back(std::make_unique<query::Answering>(session_->terrain(), std::move(query)));
+    if (std::exchange(runs_, true)) return true;
+  }
+  waitForTurn();
+  return true;
+}
+
+void Queries::close() {
+  const std::lock_guard lock(mutex_);
+  closed_ = true;
+}
+
+void Queries::waitForTurn() {
+  const Timer& timer = *session_->resources().timer;
+  std::unique_lock lock(mutex_);
+  const auto free = budget_.free();
+  lock.unlock();
+  if (free <= timer.now()) return queue_->enter(weak_from_this());
+  timer.at(free, [weak = weak_from_this()] {
+    if (const auto self = weak.lock()) self->queue_->enter(weak);
+  });
+}
+
+void Queries::begin(PlaceQueue::Place place) {
+  queue_->pool().post([self = shared_from_this(), place = std::move(place)] { self->run(); });
+}
+
+void Queries::run() {
+  using Clock = std::chrono::steady_clock;
+  try {
+    for (const auto until = Clock::now() + kTurn; Clock::now() < until;)
+      if (!workOnFirst()) return;
+  } catch (const std::exception& e) {
+    return sender_->fail(failureOf(e));
+  }
+  waitForTurn();
+}
+
+bool Queries::workOnFirst() {
+  query::Answering* first = nullptr;
+  {
+    const std::lock_guard lock(mutex_);
+    runs_ = !closed_ && !pending_.empty();
+    if (!runs_) return false;
+    first = pending_.front().get();
+  }
+  if (!first->isDone()) {
+    const std::uint64_t heights = first->work();
+    const std::lock_guard lock(mutex_);
+    budget_.spend(session_->resources().timer->now(), heights);
+    return true;
+  }
+  sender_->send(first->take(), ticketOf(open_));
+  std::unique_ptr<query::Answering> done;  // destroyed without the lock
+  const std::lock_guard lock(mutex_);
+  done = std::move(pending_.front());
+  pending_.pop_front();
+  return true;
+}
+
+}  // namespace ridgecast::session
