@@ -14,6 +14,14 @@ namespace {
 
 using session::WorldSpec;
 
+bool upgrades(const Request& request) { return request.upgrade && request.webSocketVersion == "13"; }
+
+// Of a request that would be upgraded if it asked for it.
+Answer upgradeRequired() {
+  return plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.",
+               {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}});
+}
+
 Answer upgrade(std::shared_ptr<session::Session> session) {
   Answer a;
   a.status = 101;
@@ -73,8 +81,8 @@ std::string describe(const WorldSpec& spec) {
 }
 
 // Joins, if the session has the requested world.
-Answer join(std::shared_ptr<session::Session> session, const Wish& wish) {
-  if (wish.isMetBy(session->spec())) return upgrade(std::move(session));
+Answer join(std::shared_ptr<session::Session> session, const Wish& wish, bool upgrades) {
+  if (wish.isMetBy(session->spec())) return upgrades ? upgrade(std::move(session)) : upgradeRequired();
   return refused(409, metrics::Refusal::kSession,
                  "Session '" + session->name() + "' is another world (" + describe(session->spec()) +
                      ") and does not change while it lives; leave the terrain out to join it, or choose another name.");
@@ -82,17 +90,18 @@ Answer join(std::shared_ptr<session::Session> session, const Wish& wish) {
 
 Answer refusedFor(const session::Directory::Full& full) { return refused(full.isOwn ? 429 : 503, metrics::Refusal::kFull, full.sentence); }
 
-// The answer to a client that has left is not read: then nothing is made.
-Answer make(const std::string& name, const Wish& wish, const std::string& client, session::Directory& directory,
+// The answer to a client that has left is not read: then nothing is made. Without an upgrade the terrain is tried but no session is made.
+Answer make(const std::string& name, const Wish& wish, const std::string& client, session::Directory& directory, bool upgrades,
             const std::stop_token& stop) {
   const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters};
   auto terrain = directory.resources().makeTerrain(spec, stop);
   if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
   if (stop.stop_requested()) return refused(503, metrics::Refusal::kSession, "Session '" + name + "' was not created: its client left.");
+  if (!upgrades) return upgradeRequired();
   const auto added = directory.add(name, std::move(*terrain), spec.parameters, client);
   if (added) return upgrade(*added);
   // Another request may have been faster.
-  if (auto session = directory.find(name)) return join(std::move(session), wish);
+  if (auto session = directory.find(name)) return join(std::move(session), wish, upgrades);
   const auto full = directory.full(client);
   return full ? refusedFor(*full) : refused(503, metrics::Refusal::kFull, added.error().message);
 }
@@ -109,11 +118,8 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
         "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
   const auto wish = readWish(request.query());
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
-  if (!request.upgrade || request.webSocketVersion != "13") {
-    return plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.",
-                 {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}});
-  }
-  if (auto session = directory.find(wanted)) return join(std::move(session), *wish);
+  const bool upgrading = upgrades(request);
+  if (auto session = directory.find(wanted)) return join(std::move(session), *wish, upgrading);
   if (wish->terrain.empty())
     return refused(404, metrics::Refusal::kSession,
                    "There is no session named '" + wanted + "' here; 'default' always exists, and &terrain=NAME creates one.");
@@ -126,10 +132,10 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
   const auto builtIn = terrain::builtIn();
   const bool atOnce =
       wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
-  if (atOnce) return make(wanted, *wish, client, directory, {});
+  if (atOnce) return make(wanted, *wish, client, directory, upgrading, {});
   return madeBy(
       {.makesWorld = true,
-       .work = [wanted, wish = *wish, client, &directory](std::stop_token stop) { return make(wanted, wish, client, directory, stop); },
+       .work = [=, wish = *wish, &directory](std::stop_token stop) { return make(wanted, wish, client, directory, upgrading, stop); },
        .progress = [] { return "preparing the terrain"; }});
 }
 

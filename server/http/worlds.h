@@ -6,7 +6,8 @@
 namespace ridgecast::http {
 
 // The answer to the upgrade request: 101 with the session, or a refusal. A world that takes long to make is made by work (Answer::later),
-// whose answer is then the upgrade. `directory` must outlive that work.
+// whose answer is then the upgrade. `directory` must outlive that work. A request without an upgrade, which tells a page why its WebSocket
+// could not be opened, is judged in the same way: the same refusal, or 426 in place of 101, and no session is made.
 Answer streamAnswer(const Request& request, session::Directory& directory);
 
 // {"sessions": [...], "max_sessions": N}

@@ -20,10 +20,10 @@ const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 async function explain(url: string, token: string): Promise<Loss | undefined> {
   try {
     const answer = await fetch(url.replace(/^ws/, 'http'), { cache: 'no-store', headers: token ? { Authorization: `Bearer ${token}` } : {} });
-    const sentence = (await answer.text()).trim().slice(0, 500);
-    // 426: all is well over HTTP, so it is the session that refused.
-    if (answer.status === 426) return { sentence: 'The server is there but refuses this session: it does not exist, is another world or is full.', final: false, wantsToken: false };
-    return { sentence, final: [400, 401, 403, 404, 409, 421].includes(answer.status), wantsToken: answer.status === 401 };
+    // 426: the server would open the stream now.
+    if (answer.status === 426) return { sentence: 'The server answers, but the connection ended before it began.', final: false, wantsToken: false };
+    const sentence = (await answer.text()).trim().slice(0, 500) || `The server answers with status ${answer.status}.`;
+    return { sentence, final: answer.status >= 400 && answer.status < 500, wantsToken: answer.status === 401 };
   } catch {
     return undefined;
   }

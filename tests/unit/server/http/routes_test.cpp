@@ -87,6 +87,18 @@ TEST_F(RoutesTest, StreamsAreChosenByTheSessionsName) {
   EXPECT_EQ(connect("/v1/stream", "8").status, 426u);
 }
 
+// A browser does not tell a page why its WebSocket was refused; the page asks again without an upgrade.
+TEST_F(RoutesTest, ARequestWithoutAnUpgradeIsJudgedInTheSameWay) {
+  for (const char* refused : {"/v1/stream?session=other", "/v1/stream?session=a%20b", "/v1/stream?terrain=canyon", "/v1/stream?seed=x",
+                              "/v1/stream?session=other&terrain=alpine"}) {
+    const Answer with = connect(refused), without = get(refused);
+    EXPECT_GE(with.status, 400u) << refused;
+    EXPECT_NE(with.status, 426u) << refused;
+    EXPECT_EQ(without.status, with.status) << refused;
+    EXPECT_EQ(without.body, with.body) << refused;
+  }
+}
+
 TEST(QueryParameter, FirstOfItsNameDecoded) {
   EXPECT_EQ(*queryParameter("a=1&b=2&a=3", "a"), "1");
   EXPECT_EQ(*queryParameter("a=1&b", "b"), "");
@@ -112,13 +124,13 @@ class WorldsTest : public testing::Test {
       };
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
   }
-  Answer connect(std::string_view target, std::string_view client = "address 192.0.2.1") {
+  Answer connect(std::string_view target, std::string_view client = "address 192.0.2.1", bool upgrade = true) {
     Request request;
     request.method = "GET";
     request.target = target;
     request.client = client;
-    request.upgrade = true;
-    request.webSocketVersion = "13";
+    request.upgrade = upgrade;
+    request.webSocketVersion = upgrade ? "13" : "";
     Answer a = answer(request, *directory, "9.9");
     return a.later ? a.later->work({}) : a;
   }
@@ -131,6 +143,15 @@ class WorldsTest : public testing::Test {
   scheduling::Executor executor{1};
   std::shared_ptr<session::Directory> directory;
 };
+
+TEST_F(WorldsTest, WithoutAnUpgradeAWorldIsJudgedAndNotMade) {
+  const auto ask = [&](std::string_view target) { return connect(target, "address 192.0.2.1", false); };
+  const Answer unknown = ask("/v1/stream?session=new&terrain=canyons");
+  EXPECT_EQ(unknown.status, 400u);
+  EXPECT_EQ(unknown.body, connect("/v1/stream?session=new&terrain=canyons").body);
+  EXPECT_EQ(ask("/v1/stream?session=new&terrain=canyon").status, 426u);
+  EXPECT_EQ(directory->find("new"), nullptr);
+}
 
 TEST_F(WorldsTest, AUrlMakesAWorldOrJoinsIt) {
   const Answer made = connect("/v1/stream?session=hills&terrain=canyon&seed=7");
