@@ -104,7 +104,8 @@ export type ToPainter =
   | { kind: 'picture' }; // asks for a PNG of what is shown
 
 export type FromPainter =
-  | { kind: 'problem'; sentence: string; fatal: boolean }
+  | { kind: 'ready' } // pictures can be drawn; said once, before anything else
+  | { kind: 'problem'; sentence: string; fatal: boolean } // fatal: no picture will be drawn any more
   | { kind: 'ground'; metres: number }
   // `messages` of the page and `changes` of the engine were heard before.
   | { kind: 'frames'; perSecond: number; coarseness: number; milliseconds: number; finest: boolean; messages: number; changes: number }

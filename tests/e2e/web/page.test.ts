@@ -12,10 +12,10 @@ import { test } from 'node:test';
 import { promisify } from 'node:util';
 import { errorColour } from '../../../client/web/src/render/error_colour';
 import type { Report } from '../../../client/web/src/main';
-import { Viewer, closeAll, launch, missing } from './browser';
+import { PATIENCE, Viewer, closeAll, launch, missing } from './browser';
 import { contrast, decodePng, ssim } from './picture';
 import { Replay, record } from './replay';
-import { Server, needed } from './server';
+import { Server, needed, sleep } from './server';
 
 const POSE = { x: 1400, z: 3600, y: 2830, yaw: -20, pitch: -12 };
 const place = (more = ''): string => '#' + Object.entries(POSE).map(([k, v]) => `${k}=${v}`).join('&') + more;
@@ -202,12 +202,30 @@ test('its own thread stays free while 100,000 triangles a second come', async (t
   t.diagnostic(flights.join('; '));
 });
 
+/** A page that draws nothing goes on saying why, and is no member of the session. */
+async function staysUnconnected(viewer: Viewer, said: RegExp): Promise<void> {
+  const members = async (): Promise<number> => ((await (await fetch(`${server.http}/v1/sessions`)).json()) as { sessions: { members: number }[] }).sessions[0]!.members;
+  for (const end = Date.now() + PATIENCE; (await members()) > 0 && Date.now() < end; ) await sleep(50);
+  await sleep(1500); // the world would have come
+  assert.equal(await members(), 0);
+  assert.match(await viewer.problem(), said);
+  assert.equal(await viewer.page.getAttribute('#light', 'data-state'), 'off');
+  await viewer.close();
+}
+
 test('says what is wrong', async (t) => {
-  await t.test('a session that is not there', async () => {
-    const viewer = await Viewer.open(browser, `${server.http}/#session=nowhere`, { width: 320, height: 180 });
-    await viewer.until('refused', (r) => r.lost !== '');
-    await viewer.page.waitForFunction(() => /session/.test(document.getElementById('problem')!.innerText));
-    await viewer.close();
+  await t.test('a refusal in the server\'s own words, for good', async () => {
+    for (const [asked, said] of [
+      ['#session=nowhere', /no session named 'nowhere'/],
+      ['#session=new&terrain=canyons', /cannot be created: .*canyons/],
+      ['#session=default&terrain=alpine&seed=2', /another world \(terrain alpine, seed 1\)/],
+    ] as const) {
+      const viewer = await Viewer.open(browser, `${server.http}/${asked}`, { width: 320, height: 180 });
+      await viewer.until('refused', (r) => r.lost !== '');
+      await viewer.page.waitForSelector('#light[data-state=off]'); // it is not tried again
+      assert.match(await viewer.problem(), said);
+      await viewer.close();
+    }
   });
   await t.test('a token that is missing', async () => {
     const types: Record<string, string> = { '.html': 'text/html', '.js': 'text/javascript', '.css': 'text/css', '.wasm': 'application/wasm' };
@@ -239,6 +257,24 @@ test('says what is wrong', async (t) => {
   await t.test('no WebGL 2', async () => {
     const viewer = await Viewer.open(await launch(['--disable-gpu', '--disable-software-rasterizer']), server.http, { width: 320, height: 180 });
     await viewer.page.waitForFunction(() => /WebGL 2/.test(document.getElementById('problem')!.innerText));
-    await viewer.close();
+    await staysUnconnected(viewer, /WebGL 2/);
+  });
+  await t.test('a graphics card that is taken away', async () => {
+    const viewer = await Viewer.open(browser, 'about:blank', { width: 320, height: 180 });
+    await viewer.page.route('**/painter.worker*.js', async (route) => {
+      const keepsContext = 'const get = OffscreenCanvas.prototype.getContext; OffscreenCanvas.prototype.getContext = function (...of) { const context = get.apply(this, of); if (of[0] === "webgl2") self.taken = context; return context; };';
+      await route.fulfill({ contentType: 'text/javascript', body: `{ ${keepsContext} }\n${await (await route.fetch()).text()}` });
+    });
+    await viewer.page.goto(`${server.http}/#threshold=16`);
+    await viewer.until('connected', (r) => r.connected && r.figures !== undefined);
+    const painter = viewer.page.workers().find((worker) => worker.url().includes('painter'))!;
+    await painter.evaluate(() => (self as unknown as { taken: WebGL2RenderingContext }).taken.getExtension('WEBGL_lose_context')!.loseContext());
+    await viewer.page.waitForFunction(() => /taken away/.test(document.getElementById('problem')!.innerText));
+    await staysUnconnected(viewer, /Reload/);
+  });
+  await t.test('no JavaScript', async () => {
+    const context = await browser.newContext({ javaScriptEnabled: false }), page = await context.newPage();
+    await page.goto(server.http);
+    assert.match(await page.innerText('body'), /JavaScript/);
   });
 });

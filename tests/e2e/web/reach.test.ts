@@ -103,6 +103,17 @@ test('a link leads others to the same place, world and look, and never tells the
   assert.deepEqual([...one.complaints, ...other.complaints, ...odd.complaints], []);
 });
 
+test('an address in the form of the other clients leads to the same world', async () => {
+  const viewer = await Viewer.open(browser, `${server.http}/?session=race&terrain=canyon&seed=7&token=secret#threshold=1`, SMALL);
+  const here = await viewer.until('connected', (r) => r.connected && r.figures !== undefined);
+  assert.deepEqual([here.world!.session, here.world!.terrain, here.world!.seed, here.world!.threshold], ['race', 'canyon', 7, 1]);
+  // From then on its address is a link to this place.
+  await viewer.page.waitForFunction(() => location.search === '');
+  const link = await viewer.page.evaluate(() => location.hash);
+  for (const part of ['session=race', 'terrain=canyon', 'seed=7', 'threshold=1']) assert.ok(link.includes(part), link);
+  assert.ok(!link.includes('secret'), link);
+});
+
 test('a world with parameters by a link', async () => {
   const viewer = await Viewer.open(browser, `${server.http}/#x=0&z=0&y=900&session=wet&terrain=canyon&seed=1&param=riverLevel%3D550&threshold=8`, SMALL);
   await viewer.until('connected', (r) => r.connected && r.figures !== undefined);

@@ -76,6 +76,7 @@ export class Painter {
     this.presenter = new Presenter(this.renderer);
     canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver started anew, or memory ran out). Reload the page.', true));
     engine.onmessage = (event: MessageEvent<ToPainterFromEngine>) => this.hearEngine(event.data);
+    tell({ kind: 'ready' });
   }
 
   /** What the page says. */

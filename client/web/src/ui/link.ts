@@ -1,4 +1,5 @@
-// A link to a place: what the page shows, as the fragment of its address. Metres and degrees, as in path files.
+// A link to a place: what the page shows, as the fragment of its address. Metres and degrees, as in path files. The form of the server's
+// other clients, ?session=NAME&terrain=NAME&seed=N, is read as well; where both name something, the fragment counts.
 
 import type { Mode } from '../messages';
 import { Pose, STEPS_PER_METRE } from '../render/view';
@@ -18,8 +19,9 @@ export interface Place {
 
 const degrees = 180 / Math.PI;
 
-export function readPlace(hash: string): Place {
-  const values = new URLSearchParams(hash.replace(/^#/, ''));
+export function readPlace({ hash, search }: Pick<Location, 'hash' | 'search'>): Place {
+  const values = new URLSearchParams(hash.replace(/^#/, '')), asked = new URLSearchParams(search);
+  for (const name of new Set(asked.keys())) if (!values.has(name)) for (const value of asked.getAll(name)) values.append(name, value);
   const number = (name: string, least: number, most: number): number | undefined => {
     const text = values.get(name);
     const value = text === null || text.trim() === '' ? NaN : Number(text);
@@ -58,7 +60,7 @@ export function writePlace(place: Omit<Place, 'altitude' | 'token'>): string {
   if (place.terrain) parts.push(['terrain', place.terrain]);
   if (place.terrain && place.seed) parts.push(['seed', place.seed]);
   if (place.terrain) for (const parameter of place.parameters) parts.push(['param', parameter]);
-  if (place.threshold !== undefined && place.threshold !== 1) parts.push(['threshold', String(place.threshold)]);
+  if (place.threshold !== undefined) parts.push(['threshold', String(place.threshold)]);
   if (place.mode !== 'mesh') parts.push(['mode', place.mode]);
   return '#' + parts.map(([name, value]) => `${name}=${encodeURIComponent(value)}`).join('&');
 }

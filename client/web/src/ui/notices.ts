@@ -6,8 +6,18 @@ export function element<T extends HTMLElement>(id: string): T {
 
 export class Notices {
   private timer = 0;
+  private isFatal = false;
+
+  /** Stays: nothing that is said later takes its place. */
+  fatal(title: string, sentence: string): void {
+    this.light('off', 'not connected');
+    this.note('', 0);
+    this.problem(title, sentence);
+    this.isFatal = true;
+  }
 
   problem(title: string, sentence: string, offer: 'nothing' | 'token' | 'again' = 'nothing'): void {
+    if (this.isFatal) return;
     const box = element('problem');
     box.querySelector('h2')!.textContent = title;
     box.querySelector('p')!.textContent = sentence;
@@ -16,11 +26,12 @@ export class Notices {
     box.hidden = false;
   }
   noProblem(): void {
-    element('problem').hidden = true;
+    element('problem').hidden = !this.isFatal;
   }
 
   /** For so long; 0: until the next one. */
   note(sentence: string, ms = 2500): void {
+    if (this.isFatal) return;
     const box = element('note');
     box.textContent = sentence;
     box.hidden = sentence === '';
@@ -29,6 +40,7 @@ export class Notices {
   }
 
   light(state: 'on' | 'wait' | 'off', text: string): void {
+    if (this.isFatal) return;
     element('light').dataset['state'] = state;
     element('world').textContent = text;
   }

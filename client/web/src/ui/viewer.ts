@@ -29,7 +29,7 @@ export class Viewer {
   readonly engine: EngineLink;
   readonly painter: PainterLink;
   private readonly canvas = element<HTMLCanvasElement>('view');
-  private readonly place = readPlace(location.hash);
+  private readonly place = readPlace(location);
   private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false };
   private readonly hands = new Hands(this.canvas);
   private readonly notices = new Notices();
@@ -39,6 +39,7 @@ export class Viewer {
   private readonly worlds: Worlds;
   private token: string;
   private groundWanted: boolean; // until the height at the start is known
+  private mayConnect = false; // pictures can be drawn: no painter, no connection
   private makingSince = 0; // when a world was asked for that the server may have to compile; 0: none is waited for
   private readonly frames = { last: performance.now(), savedAt: 0 }; // the last frame; when the address was brought up to date
 
@@ -48,11 +49,11 @@ export class Viewer {
     this.groundWanted = !Number.isFinite(this.place.pose.y);
     this.engine = new EngineLink(
       (message) => this.hearEngine(message),
-      (sentence) => this.notices.problem('The page failed', `${sentence || 'Its engine could not be loaded.'} Reload it.`),
+      (sentence) => this.fail('The page failed', `${sentence || 'Its engine could not be loaded.'} Reload it.`),
     );
     this.painter = new PainterLink(
       (message) => this.hearPainter(message),
-      (sentence) => this.notices.problem('No pictures', `${sentence || 'The part of the page that draws could not be loaded.'} Reload it.`),
+      (sentence) => this.fail('No pictures', `${sentence || 'The part of the page that draws could not be loaded.'} Reload it.`),
     );
     this.toolbar = new Toolbar({ mode: (mode) => this.setMode(mode), toggle: (name) => this.toggle(name), threshold: (pixelsOfError) => this.setThreshold(pixelsOfError) });
     this.worlds = new Worlds((session, terrain, seed) => this.goTo(session, terrain, seed));
@@ -61,14 +62,13 @@ export class Viewer {
 
   begin(): void {
     if (!('transferControlToOffscreen' in this.canvas) || typeof OffscreenCanvas === 'undefined')
-      return this.notices.problem('This browser is too old', 'The viewer draws in a worker (OffscreenCanvas), which Chrome 69, Firefox 105 and Safari 17 and those after them can.');
+      return this.fail('This browser is too old', 'The viewer draws in a worker (OffscreenCanvas), which Chrome 69, Firefox 105 and Safari 17 and those after them can.');
     const canvas = this.canvas.transferControlToOffscreen(), { port1, port2 } = new MessageChannel();
     this.engine.send({ kind: 'painter', port: port1 }, [port1]);
     this.painter.send({ kind: 'begin', canvas, engine: port2 }, [canvas, port2]);
     this.resize();
     this.setLook();
     if (this.groundWanted) this.wantGround();
-    this.connect();
     this.canvas.focus({ preventScroll: true });
     requestAnimationFrame((now) => this.frame(now));
     setInterval(() => this.showStatistics(), 250);
@@ -141,9 +141,17 @@ export class Viewer {
 
   /** Begins, or begins again; the mesh that is held is kept. */
   private connect(): void {
+    if (!this.mayConnect) return;
     this.makingSince = this.place.terrain ? performance.now() : 0;
     this.notices.noProblem();
     this.engine.send({ kind: 'start', url: this.streamUrl(), settings: { threshold: this.place.threshold ?? 0, candidates: 0 }, token: this.token });
+  }
+
+  /** For good: a page that draws nothing is no member of a session. */
+  private fail(title: string, sentence: string): void {
+    this.mayConnect = false;
+    this.engine.send({ kind: 'stop' });
+    this.notices.fatal(title, sentence);
   }
 
   private showWaiting(): void {
@@ -194,8 +202,11 @@ export class Viewer {
 
   private hearPainter(message: FromPainter): void {
     switch (message.kind) {
+      case 'ready':
+        this.mayConnect = true;
+        return this.connect();
       case 'problem':
-        return message.fatal ? this.notices.problem('No pictures', message.sentence) : this.notices.note(message.sentence, 12_000);
+        return message.fatal ? this.fail('No pictures', message.sentence) : this.notices.note(message.sentence, 12_000);
       case 'ground':
         return this.beginAbove(message.metres);
       case 'picture':
@@ -268,7 +279,7 @@ export class Viewer {
   // ---- places ----
 
   private address(): string {
-    return new URL(writePlace({ ...this.place, pose: this.flying.pose, mode: this.look.mode }), location.href).href;
+    return location.origin + location.pathname + writePlace({ ...this.place, pose: this.flying.pose, mode: this.look.mode });
   }
 
   private async copyLink(): Promise<void> {
@@ -283,7 +294,7 @@ export class Viewer {
 
   /** Goes where the page's address says. */
   private follow(): void {
-    const next = readPlace(location.hash), { place } = this;
+    const next = readPlace(location), { place } = this;
     const elsewhere = next.session !== place.session || next.terrain !== place.terrain || next.threshold !== place.threshold;
     Object.assign(place, next);
     this.flying.pose = next.pose;
