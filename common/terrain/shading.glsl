@@ -10,12 +10,18 @@ float heightNear(ivec2 cell, vec2 fraction, float dx, float dz, float footprint,
   return terrainHeight(ivec2(cell.x + int(whole.x), cell.y + int(whole.y)), vec2(f.x - whole.x, f.y - whole.y), footprint, seed);
 }
 
-// Unit normal of the surface as seen at this footprint: central differences of filtered heights, whole steps apart.
+// Unit normal of the surface as seen at this footprint: central differences of filtered heights, whole steps apart. In a loop: drivers
+// put the terrain's function in at every call, and compile as long as there are calls.
 vec3 terrainNormal(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   float reach = max(0.2f, 0.35f * footprint);
   reach = floor(reach * 256.0f + 0.5f) * 0.00390625f;
-  float x = heightNear(cell, fraction, -reach, 0.0f, footprint, seed) - heightNear(cell, fraction, reach, 0.0f, footprint, seed);
-  float z = heightNear(cell, fraction, 0.0f, -reach, footprint, seed) - heightNear(cell, fraction, 0.0f, reach, footprint, seed);
+  float x = 0.0f;
+  float z = 0.0f;
+  for (int i = 0; i < 4; ++i) {
+    float side = (i & 1) == 0 ? -1.0f : 1.0f;
+    float ground = heightNear(cell, fraction, i < 2 ? side * reach : 0.0f, i < 2 ? 0.0f : side * reach, footprint, seed);
+    if (i < 2) x -= side * ground; else z -= side * ground;
+  }
   return normalize(vec3(x, 2.0f * reach, z));
 }
 
@@ -56,9 +62,12 @@ vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3
   vec3 normal = terrainNormal(cell, fraction, footprint, seed);
   vec3 albedo = terrainColor(cell, fraction, height, normal, footprint, seed);
   // Hollows see less of the sky: the height against its surroundings, 40 m and 300 m wide.
-  float hollow = terrainHeight(cell, fraction, max(footprint, 60.0f), seed) - height;
-  float wide = terrainHeight(cell, fraction, max(footprint, 500.0f), seed) - height;
-  float open = min(max(1.0f - 0.018f * hollow - 0.0022f * wide, 0.45f), 1.15f);
+  float open = 1.0f;
+  for (int i = 0; i < 2; ++i) {
+    float around = terrainHeight(cell, fraction, max(footprint, i == 0 ? 60.0f : 500.0f), seed) - height;
+    open -= (i == 0 ? 0.018f : 0.0022f) * around;
+  }
+  open = min(max(open, 0.45f), 1.15f);
   float facing = dot(normal, kSunDirection);
   float sun = max(facing, 0.0f);
   if (sun > 0.0f) sun = sun * sunlight(cell, fraction, height, footprint, seed);

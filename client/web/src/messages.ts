@@ -106,7 +106,7 @@ export type ToPainter =
 export type FromPainter =
   | { kind: 'ready' } // pictures can be drawn; said once, before anything else
   | { kind: 'problem'; sentence: string; fatal: boolean } // fatal: no picture will be drawn any more
-  | { kind: 'ground'; metres: number }
+  | { kind: 'ground'; metres: number | undefined } // nothing: it has no functions of the terrain
   // `messages` of the page and `changes` of the engine were heard before.
   | { kind: 'frames'; perSecond: number; coarseness: number; milliseconds: number; finest: boolean; messages: number; changes: number }
   | { kind: 'picture'; png: Blob };

@@ -103,6 +103,32 @@ test('flies, and comes back after the server started anew', async (t) => {
   await viewer.close();
 });
 
+test('when the camera rests, coarse pictures go finer in steps', async (t) => {
+  const viewer = await Viewer.open(browser, `${server.http}/${place()}`, { width: 1280, height: 720 });
+  await viewer.until('drawn in full', (r) => r.drawn);
+  await viewer.page.evaluate(() => {
+    const own = globalThis as unknown as { ridgecast: Report; steps: [number, number][] };
+    own.steps = [];
+    setInterval(() => {
+      const { coarseness } = own.ridgecast.frames!;
+      if (own.steps.at(-1)?.[1] !== coarseness) own.steps.push([performance.now(), coarseness]);
+    }, 10);
+  });
+  await viewer.page.keyboard.down('KeyW');
+  await sleep(1500);
+  await viewer.page.keyboard.up('KeyW');
+  const stopped = await viewer.now();
+  await viewer.until('drawn in full', (r) => r.drawn);
+  const steps = (await viewer.page.evaluate(() => (globalThis as unknown as { steps: [number, number][] }).steps)).map(([at, n]) => [Math.round(at - stopped), n] as const);
+  t.diagnostic(`pixels a sample since the camera stopped: ${steps.map(([at, n]) => `${n} at ${at} ms`).join(', ')}`);
+  // The last picture before the finest has blocks of at most 4 x 4 pixels; MEASURE=1 asks for it in half a second.
+  const rested = steps.filter(([at]) => at > 0), fine = rested.find(([, n]) => n <= 4);
+  assert.ok((steps.at(-2)?.[1] ?? 1) <= 4, 'from coarse blocks to the finest picture at once');
+  if (process.env['MEASURE']) assert.ok(!fine || fine[0] <= 500, `${fine?.[0]} ms`);
+  assert.deepEqual(viewer.complaints, []);
+  await viewer.close();
+});
+
 test('two pages see each other', async () => {
   const one = await Viewer.open(browser, `${server.http}/${place()}`, { width: 320, height: 180 });
   await one.until('connected', (r) => r.connected);

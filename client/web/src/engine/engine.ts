@@ -33,6 +33,7 @@ export class Engine {
   private readonly painter = new PainterPort();
   private readonly poses = new Poses();
   private readonly members = new MemberList();
+  private decoder: Promise<DracoDecode> | undefined; // loads from the first message on
   private replica: Replica | undefined;
   private stream: Stream | undefined;
   private starts = 0;
@@ -50,6 +51,7 @@ export class Engine {
   hear(message: ToEngine): void {
     switch (message.kind) {
       case 'painter':
+        this.load().catch(() => {}); // start() says so
         return this.painter.open(message.port);
       case 'start':
         return void this.start(message);
@@ -72,8 +74,9 @@ export class Engine {
     this.stream = undefined;
     const mine = ++this.starts;
     try {
-      this.replica ??= new Replica(await this.loadDecoder());
+      this.replica ??= new Replica(await this.load());
     } catch (error) {
+      this.decoder = undefined;
       return this.lost({ sentence: `The page could not load its parts: ${error instanceof Error ? error.message : error}. Reload it.`, final: true, wantsToken: false });
     }
     if (mine !== this.starts) return; // started again meanwhile
@@ -98,6 +101,10 @@ export class Engine {
       },
     );
     if (this.poses.newest) this.stream.pose(this.poses.newest);
+  }
+
+  private load(): Promise<DracoDecode> {
+    return (this.decoder ??= this.loadDecoder());
   }
 
   private enter(world: World): Held[] {

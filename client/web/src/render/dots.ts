@@ -1,4 +1,4 @@
-// Candidates for vertices as dots over a picture of the mesh, where its surface does not hide them; as the desktop client draws them
+// Candidates for vertices as dots over the picture of the mesh that is shown, in pixels of the screen, where its surface does not hide them; as the desktop client draws them
 // (client/render/candidate_pass.cpp, client/viewer/leaf_colours.cpp).
 
 import { BufferAttribute, BufferGeometry, Camera, DataTexture, DynamicDrawUsage, GLSL3, NormalBlending, Points, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
@@ -17,12 +17,12 @@ export class Dots {
   private readonly points: Points<BufferGeometry, RawShaderMaterial>;
   private readonly own = { dotSurface: { value: null as DataTexture | null }, dotSize: { value: 2 } };
 
-  constructor(view: ViewUniforms) {
+  constructor(private readonly uniforms: ViewUniforms) {
     const material = new RawShaderMaterial({
       glslVersion: GLSL3,
       vertexShader: DOT_VERTEX,
       fragmentShader: DOT_FRAGMENT,
-      uniforms: { ...view.all, ...this.own },
+      uniforms: { ...uniforms.all, ...this.own },
       depthTest: false,
       depthWrite: false,
       transparent: true,
@@ -51,10 +51,11 @@ export class Dots {
     this.points.geometry = this.geometry;
   }
 
-  /** Over the picture of this surface. The view's uniforms are set. */
-  draw(renderer: WebGLRenderer, view: View, surface: WebGLRenderTarget, picture: WebGLRenderTarget): void {
+  /** Into the window, over the picture of this surface, which may be coarser. */
+  draw(renderer: WebGLRenderer, view: View, surface: WebGLRenderTarget): void {
     const count = this.candidates?.errors.length ?? 0;
     if (count === 0) return;
+    this.uniforms.set(view);
     const { x, z, points } = this.candidates!, { pose } = view;
     // Whole steps first, so that far out is as exact as here.
     const ownX = x - pose.x, ownZ = z - pose.z, metres = 1 / STEPS_PER_METRE;
@@ -67,7 +68,7 @@ export class Dots {
     this.geometry.getAttribute('position').needsUpdate = true;
     this.own.dotSurface.value = surface.texture as DataTexture;
     this.own.dotSize.value = Math.max(2, Math.round(view.height / 110));
-    renderer.setRenderTarget(picture);
+    renderer.setRenderTarget(null);
     renderer.render(this.scene, this.camera);
   }
 }

@@ -1,8 +1,8 @@
 // What the terrain's own functions say of the ground of one world: the height somewhere, and between which heights the ray march has to look.
 
-import { FloatType, NearestFilter, RGBAFormat, WebGLRenderTarget } from 'three';
-import type { Tools } from './panes';
-import type { Pose } from './view';
+import { FloatType, NearestFilter, RGBAFormat, WebGLRenderTarget, type WebGLRenderer } from 'three';
+import type { Pose, ViewUniforms } from './view';
+import type { WorldPrograms } from './world_programs';
 
 const BOUNDS_SIDE = 512; // samples over the ground around the camera
 const BOUNDS_MARGIN = 4000; // metres that the camera may fly before it is looked again
@@ -13,13 +13,15 @@ export class Heights {
   private looking = false;
 
   constructor(
-    private readonly tools: Tools,
+    private readonly renderer: WebGLRenderer,
+    private readonly uniforms: ViewUniforms,
+    private readonly programs: WorldPrograms,
     private readonly horizon: number,
   ) {}
 
-  /** Metres. */
-  async at(pose: Pose): Promise<number> {
-    return (await this.around(pose, 1, 0))[0]!;
+  /** Metres; nothing where the terrain's functions are not to be had. */
+  async at(pose: Pose): Promise<number | undefined> {
+    return (await this.around(pose, 1, 0))?.[0];
   }
 
   get boundsAreKnown(): boolean {
@@ -32,19 +34,22 @@ export class Heights {
     this.looking = true;
     try {
       const heights = await this.around(at, BOUNDS_SIDE, (2 * (this.horizon + BOUNDS_MARGIN)) / BOUNDS_SIDE);
+      if (!heights) return;
       let low = Infinity, high = -Infinity;
       for (let k = 0; k < heights.length; k += 4) (low = Math.min(low, heights[k]!)), (high = Math.max(high, heights[k]!));
       this.bounds = at;
-      this.tools.programs.own.marchLowest.value = low - HEIGHT_MARGIN;
-      this.tools.programs.own.marchHighest.value = high + HEIGHT_MARGIN;
+      const { own } = this.programs.current; // whoever wants bounds marches
+      own.marchLowest.value = low - HEIGHT_MARGIN;
+      own.marchHighest.value = high + HEIGHT_MARGIN;
     } finally {
       this.looking = false;
     }
   }
 
   /** Of each point of a grid four numbers, the first its height; `spacing` in metres. */
-  private async around(at: Pose, side: number, spacing: number): Promise<Float32Array> {
-    const { renderer, uniforms, programs } = this.tools;
+  private async around(at: Pose, side: number, spacing: number): Promise<Float32Array | undefined> {
+    const { renderer, uniforms } = this, programs = await this.programs.heights();
+    if (!programs) return undefined;
     const target = new WebGLRenderTarget(side, side, { type: FloatType, format: RGBAFormat, minFilter: NearestFilter, magFilter: NearestFilter, depthBuffer: false });
     try {
       uniforms.set({ pose: at, width: side, height: side, verticalFov: 1, horizon: this.horizon });

@@ -1,6 +1,8 @@
-// The leaves of the mesh as three.js objects: one buffer of integers each, drawn relative to the camera's own step.
+// The leaves of the mesh in one buffer on the graphics card, drawn in one call. The buffer has blocks of 32 triangles; a leaf has as many
+// as it needs, anywhere. A table that is written for each picture tells the vertex shader, block by block, where the leaf lies from the
+// camera's own step.
 
-import { BufferAttribute, BufferGeometry, Camera, DoubleSide, GLSL3, IntType, LessDepth, Mesh, NoBlending, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
+import { BufferAttribute, BufferGeometry, Camera, DataTexture, DoubleSide, GLSL3, IntType, LessDepth, Mesh, NoBlending, RGBAIntegerFormat, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
 import { cornerX, cornerZ } from '../codec/mesh';
 import type { LeafBuffers } from '../messages';
 import { MESH_FRAGMENT, MESH_VERTEX } from './shaders';
@@ -8,10 +10,44 @@ import { STEPS_PER_METRE, View, ViewUniforms, mayBeSeen } from './view';
 
 const NEAR = 0.1; // metres before the camera where the mesh is cut off
 const FARTHEST = 2 ** 30; // steps: a stale mesh after a jump; offsets stay within 32 bits
+const BLOCK = 96; // vertices
+const COLUMNS = 256; // blocks in a row of the table
 
 interface Slot {
-  mesh: Mesh<BufferGeometry, RawShaderMaterial>;
-  leaf: LeafBuffers; // its corners are on the graphics card and no longer here
+  leaf: Omit<LeafBuffers, 'corners'>;
+  blocks: number[];
+}
+
+/** Integers of all blocks, for vertices and for the table. */
+class Store {
+  readonly geometry = new BufferGeometry();
+  readonly table: DataTexture;
+  readonly places: Int32Array; // of the table: x, z, y and level of each block's leaf; a negative level: not drawn
+  private readonly positions: BufferAttribute;
+
+  constructor(rows: number, before?: Store) {
+    this.positions = new BufferAttribute(new Int32Array(3 * BLOCK * COLUMNS * rows), 3);
+    this.positions.gpuType = IntType;
+    if (before) this.positions.array.set(before.positions.array);
+    this.geometry.setAttribute('position', this.positions);
+    this.places = new Int32Array(4 * COLUMNS * rows);
+    this.table = new DataTexture(this.places, COLUMNS, rows, RGBAIntegerFormat, IntType);
+    this.table.internalFormat = 'RGBA32I';
+  }
+  get blocks(): number {
+    return this.places.length / 4;
+  }
+  put(block: number, corners: Int32Array): void {
+    const at = 3 * BLOCK * block;
+    this.positions.array.fill(0, at + corners.length, at + 3 * BLOCK); // triangles without area
+    this.positions.array.set(corners, at);
+    this.positions.addUpdateRange(at, 3 * BLOCK);
+    this.positions.needsUpdate = true;
+  }
+  dispose(): void {
+    this.geometry.dispose();
+    this.table.dispose();
+  }
 }
 
 export class Leaves {
@@ -19,11 +55,14 @@ export class Leaves {
   private readonly scene = new Scene();
   private readonly camera = new Camera();
   private readonly slots = new Map<string, Slot>();
-  private readonly own = { leafOffset: { value: [0, 0, 0] }, leafLevel: { value: 0 }, edges: { value: 0 }, near: { value: NEAR } };
-  private readonly material: RawShaderMaterial;
+  private readonly free: number[] = []; // blocks below `end`
+  private end = 0;
+  private store = new Store(8);
+  private readonly own = { leafTable: { value: null as DataTexture | null }, leafColumns: { value: COLUMNS }, leafBlock: { value: BLOCK }, edges: { value: 0 }, near: { value: NEAR } };
+  private readonly mesh: Mesh<BufferGeometry, RawShaderMaterial>;
 
   constructor(view: ViewUniforms) {
-    this.material = new RawShaderMaterial({
+    const material = new RawShaderMaterial({
       glslVersion: GLSL3,
       vertexShader: MESH_VERTEX,
       fragmentShader: MESH_FRAGMENT,
@@ -32,6 +71,10 @@ export class Leaves {
       blending: NoBlending,
       depthFunc: LessDepth,
     });
+    this.mesh = new Mesh(this.store.geometry, material);
+    this.mesh.frustumCulled = false;
+    this.mesh.matrixAutoUpdate = this.mesh.matrixWorldAutoUpdate = false;
+    this.scene.add(this.mesh);
     this.scene.matrixWorldAutoUpdate = false;
     this.camera.matrixWorldAutoUpdate = false;
   }
@@ -45,50 +88,63 @@ export class Leaves {
     }
   }
 
-  /** Clears the surface and draws into it. */
-  draw(renderer: WebGLRenderer, view: View, surface: WebGLRenderTarget, edges: boolean): void {
-    const { pose } = view;
-    const y = Math.floor(pose.y * STEPS_PER_METRE), metres = 1 / STEPS_PER_METRE;
-    this.own.edges.value = edges ? 1 : 0;
-    for (const { mesh, leaf } of this.slots.values()) {
-      const x = cornerX(leaf.address) - pose.x, z = cornerZ(leaf.address) - pose.z;
-      const { low, high } = leaf;
-      mesh.visible =
-        Math.abs(x) < FARTHEST &&
-        Math.abs(z) < FARTHEST &&
-        mayBeSeen(view, [(x + low[0] - 1) * metres, (low[2] - y - 1) * metres, (z + low[1] - 1) * metres], [(x + high[0]) * metres, (high[2] - y) * metres, (z + high[1]) * metres]);
-      mesh.userData['offset'] = [x, z, -y];
-    }
-    renderer.setRenderTarget(surface);
-    renderer.clear();
-    renderer.render(this.scene, this.camera);
+  get areThere(): boolean {
+    return this.slots.size > 0;
   }
 
-  private put(leaf: LeafBuffers): void {
-    const geometry = new BufferGeometry();
-    const positions = new BufferAttribute(leaf.corners, 3);
-    positions.gpuType = IntType;
-    positions.onUpload(() => {
-      (positions as { array: unknown }).array = undefined; // the card has it
-    });
-    geometry.setAttribute('position', positions);
-    const mesh = new Mesh(geometry, this.material);
-    mesh.frustumCulled = false;
-    mesh.matrixAutoUpdate = mesh.matrixWorldAutoUpdate = false;
-    mesh.onBeforeRender = () => {
-      this.own.leafOffset.value = mesh.userData['offset'] as number[];
-      this.own.leafLevel.value = leaf.address.level;
-      this.material.uniformsNeedUpdate = true;
-    };
-    this.scene.add(mesh);
-    this.slots.set(leaf.key, { mesh, leaf: { ...leaf, corners: new Int32Array(0) } });
+  /** Clears the surface and draws into it. */
+  draw(renderer: WebGLRenderer, view: View, surface: WebGLRenderTarget, edges: boolean): void {
+    this.own.edges.value = edges ? 1 : 0;
+    this.place(view);
+    this.own.leafTable.value = this.store.table;
+    this.store.geometry.setDrawRange(0, this.end * BLOCK);
+    renderer.setRenderTarget(surface);
+    renderer.clear();
+    if (this.end > 0) renderer.render(this.scene, this.camera);
+  }
+
+  /** Writes the table. */
+  private place(view: View): void {
+    const { pose } = view, { places, table } = this.store;
+    const y = Math.floor(pose.y * STEPS_PER_METRE), metres = 1 / STEPS_PER_METRE;
+    places.fill(-1);
+    for (const { leaf, blocks } of this.slots.values()) {
+      const x = cornerX(leaf.address) - pose.x, z = cornerZ(leaf.address) - pose.z;
+      const { low, high } = leaf;
+      if (Math.abs(x) >= FARTHEST || Math.abs(z) >= FARTHEST) continue;
+      if (!mayBeSeen(view, [(x + low[0] - 1) * metres, (low[2] - y - 1) * metres, (z + low[1] - 1) * metres], [(x + high[0]) * metres, (high[2] - y) * metres, (z + high[1]) * metres])) continue;
+      for (const block of blocks) {
+        places[4 * block] = x;
+        places[4 * block + 1] = z;
+        places[4 * block + 2] = -y;
+        places[4 * block + 3] = leaf.address.level;
+      }
+    }
+    table.needsUpdate = true;
+  }
+
+  private put({ corners, ...leaf }: LeafBuffers): void {
+    const blocks: number[] = [];
+    for (let at = 0; at < corners.length; at += 3 * BLOCK) {
+      const block = this.free.pop() ?? this.end++;
+      if (block >= this.store.blocks) this.grow();
+      this.store.put(block, corners.subarray(at, at + 3 * BLOCK));
+      blocks.push(block);
+    }
+    this.slots.set(leaf.key, { leaf, blocks });
+  }
+
+  private grow(): void {
+    const before = this.store;
+    this.store = new Store((2 * before.blocks) / COLUMNS, before);
+    this.mesh.geometry = this.store.geometry;
+    before.dispose();
   }
 
   private drop(key: string): void {
     const slot = this.slots.get(key);
     if (!slot) return;
-    this.scene.remove(slot.mesh);
-    slot.mesh.geometry.dispose();
+    this.free.push(...slot.blocks);
     this.slots.delete(key);
   }
 }

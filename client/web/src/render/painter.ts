@@ -11,6 +11,7 @@ import { MarchPane, MeshPane, Pane, Tools } from './panes';
 import { Presenter, Size } from './presenter';
 import { Programs } from './programs';
 import { Pose, View, ViewUniforms } from './view';
+import { WorldPrograms } from './world_programs';
 
 const STEP_BUDGET = 25, LEAST_BUDGET = 17; // ms of work that is given to the card in a frame, and that a pane is begun with
 
@@ -46,7 +47,8 @@ export class Painter {
   private readonly renderer: WebGLRenderer;
   private readonly presenter: Presenter;
   private world: World | undefined; // the newest
-  private drawing: { tools: Tools; heights: Heights } | undefined; // its programs, once they are compiled
+  private readonly neutral: Programs;
+  private drawing: { programs: WorldPrograms; heights: Heights } | undefined;
   private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false };
   private eye: { pose: Pose; verticalFov: number } | undefined;
   private size: Size = { width: 1, height: 1 };
@@ -54,7 +56,7 @@ export class Painter {
   private shownOf = ''; // the look and the pictures that are shown
   private scheduled = false;
   private marchIsNext = false; // in 'split'
-  private readonly told = { frames: 0, at: performance.now() };
+  private readonly told = { frames: 0, coarseness: 0, at: performance.now() };
   private readonly heard = { messages: 1, changes: 0 };
 
   /** Nothing where pictures cannot be drawn; the page is told. */
@@ -74,6 +76,8 @@ export class Painter {
     this.card = new Card(gl);
     this.renderer = rendererOn(canvas, gl);
     this.presenter = new Presenter(this.renderer);
+    this.neutral = new Programs('', this.uniforms);
+    void this.neutral.compile(['shade'], this.renderer); // before the world arrives
     canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver started anew, or memory ran out). Reload the page.', true));
     engine.onmessage = (event: MessageEvent<ToPainterFromEngine>) => this.hearEngine(event.data);
     tell({ kind: 'ready' });
@@ -120,24 +124,19 @@ export class Painter {
   }
 
   private async enter(next: World): Promise<void> {
-    const { world, renderer, uniforms, leaves, dots } = this;
+    const { world, renderer, uniforms } = this;
     if (world && world.source === next.source && world.seed === next.seed && world.horizon === next.horizon) return;
     this.world = next;
-    for (const source of next.source ? [next.source, ''] : ['']) {
-      const programs = await Programs.compile(source, uniforms, renderer);
-      if (this.world !== next) return typeof programs === 'string' ? undefined : programs.dispose(); // another one came meanwhile
-      if (typeof programs === 'string') {
-        this.problem(`This graphics driver does not compile the ${source ? `terrain's text (${programs}); it is drawn in neutral colours, without a ray march.` : `viewer's shaders: ${programs}`}`, !source);
-        continue;
-      }
-      this.drawing?.tools.programs.dispose();
-      this.mesh.dispose();
-      this.march.dispose();
-      const tools = { renderer, uniforms, programs, leaves, dots };
-      this.drawing = { tools, heights: new Heights(tools, next.horizon) };
-      uniforms.all.viewSeed.value = next.seed;
-      return this.schedule();
-    }
+    const complaint = await this.neutral.compile(['shade'], renderer);
+    if (complaint) return this.problem(`This graphics driver does not compile the viewer's shaders: ${complaint}`, true);
+    if (this.world !== next) return; // another one came meanwhile
+    this.drawing?.programs.dispose();
+    this.mesh.dispose();
+    this.march.dispose();
+    uniforms.all.viewSeed.value = next.seed;
+    const programs = new WorldPrograms(next.source, uniforms, this.neutral, renderer, { changed: () => this.schedule(), complain: (sentence) => this.problem(sentence, false) });
+    this.drawing = { programs, heights: new Heights(renderer, uniforms, programs, next.horizon) };
+    this.schedule();
   }
 
   // ---- frames ----
@@ -158,7 +157,8 @@ export class Painter {
       return;
     }
     this.lookAtHeights();
-    if (!this.eye) return;
+    this.compileMore();
+    if (!this.eye || (!this.leaves.areThere && !this.mesh.shown && !this.shows(this.march))) return;
     this.resize();
     const view: View = { ...this.eye, ...this.size, horizon: this.world.horizon };
     const now = performance.now();
@@ -171,12 +171,19 @@ export class Painter {
 
   private lookAtHeights(): void {
     const { heights } = this.drawing!, { ground } = this.wanted;
-    if (this.world!.source === '') return;
     if (ground) {
       this.wanted.ground = undefined;
       void heights.at(ground).then((metres) => this.tell({ kind: 'ground', metres }));
     }
     if (this.eye && this.shows(this.march) && heights.boundsAreDue(this.eye.pose)) void heights.findBounds(this.eye.pose).finally(() => this.schedule());
+  }
+
+  /** What can wait until there is a picture; a driver may draw nothing while it compiles. */
+  private compileMore(): void {
+    const { programs } = this.drawing!;
+    if (!this.mesh.shown) return;
+    void programs.wantColours();
+    if (this.look.mode !== 'mesh') void programs.wantMarch();
   }
 
   private resize(): void {
@@ -188,12 +195,21 @@ export class Painter {
     this.shownOf = '';
   }
 
+  private wants(pane: Pane): boolean {
+    const marches = this.look.mode !== 'mesh' && this.drawing!.programs.mayMarch;
+    return pane === this.march ? marches : !marches || this.look.mode !== 'march';
+  }
+  /** The mesh stands in for the ray march until that has a picture. */
   private shows(pane: Pane): boolean {
-    return pane === this.mesh ? this.look.mode !== 'march' : this.look.mode !== 'mesh' && this.world!.source !== '';
+    return pane === this.march ? this.wants(pane) && this.drawing!.programs.canMarch : this.wants(pane) || !this.march.shown;
+  }
+  private get tools(): Tools {
+    const { renderer, uniforms, leaves } = this;
+    return { renderer, uniforms, leaves, programs: this.drawing!.programs.current };
   }
 
   private drawPortions(view: View, now: number): { parts: Part[]; more: boolean } {
-    const { tools, heights } = this.drawing!, parts: Part[] = [];
+    const { tools } = this, { heights } = this.drawing!, parts: Part[] = [];
     let left = STEP_BUDGET, more = false;
     // The mesh's picture is finished once it is begun; the ray march, which may take long, gets a portion in between.
     this.marchIsNext = !this.marchIsNext && !this.mesh.busy;
@@ -213,11 +229,12 @@ export class Painter {
   }
 
   private present(): void {
-    const { mode, divider } = this.look, { width } = this.size;
-    const of = JSON.stringify([this.look, this.mesh.pictures, this.march.pictures]);
+    const { look, mesh, march, dots, size } = this;
+    const of = JSON.stringify([look, mesh.pictures, march.pictures, look.candidates && dots.version]);
     if (of === this.shownOf && !this.wanted.picture) return;
     this.shownOf = of;
-    this.presenter.present(this.mesh, this.march, mode === 'split' ? Math.round(divider * width) : this.shows(this.march) ? 0 : width, this.size);
+    const divider = !this.shows(march) || !march.shown ? size.width : look.mode === 'split' ? Math.round(look.divider * size.width) : 0;
+    this.presenter.present(mesh, march, divider, size, look.candidates ? dots : undefined);
     ++this.told.frames;
     if (!this.wanted.picture) return;
     this.wanted.picture = false;
@@ -225,18 +242,20 @@ export class Painter {
   }
 
   private tellFrames(view: View, more: boolean): void {
-    const since = performance.now() - this.told.at;
-    if (since < 500 && more) return;
-    const { coarseness, milliseconds } = this.look.mode === 'march' ? this.march : this.mesh;
+    const { told, tools } = this, since = performance.now() - told.at;
+    const { coarseness, milliseconds } = this.look.mode === 'march' && this.march.shown ? this.march : this.mesh;
+    if (!this.mesh.shown && !this.march.shown) return;
+    if (since < 500 && more && coarseness === told.coarseness) return;
     this.tell({
       kind: 'frames',
-      perSecond: since > 0 ? (this.told.frames * 1000) / since : 0,
+      perSecond: since > 0 ? (told.frames * 1000) / since : 0,
       coarseness,
       milliseconds,
-      finest: [this.mesh, this.march].every((pane) => !this.shows(pane) || pane.isFinest(view, pane.ofNow(this.drawing!.tools, this.look))),
+      finest: this.drawing!.programs.coloursAreFinal && [this.mesh, this.march].every((pane) => !this.wants(pane) || pane.isFinest(view, pane.ofNow(tools, this.look))),
       ...this.heard,
     });
     this.told.frames = 0;
+    this.told.coarseness = coarseness;
     this.told.at = performance.now();
   }
 }

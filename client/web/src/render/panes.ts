@@ -3,17 +3,17 @@
 
 import { FloatType, LinearFilter, NearestFilter, RGBAFormat, WebGLRenderTarget, WebGLRenderer } from 'three';
 import type { Look } from '../messages';
-import type { Dots } from './dots';
 import type { Rectangle } from './full_screen';
 import type { Leaves } from './leaves';
 import type { Programs } from './programs';
 import { Skyline } from './skyline';
 import { View, ViewUniforms, samePose } from './view';
 
-const COARSEST = 16; // pixels a sample, each way
+const COARSEST = 16, AT_REST = 4; // pixels a sample, each way: at most, and of the mesh while the camera rests
 const MOVING_BUDGET = 40; // ms a picture while the camera moves
 const REFINING_BUDGET = 120; // ms for the mesh's while only the mesh changes
 const STEP_BUDGET = 25; // ms of work that is given to the card at a time
+const MOVING = 100; // ms after the view changed
 const REST = 400; // ms without a change, then the mesh is drawn in full
 const TILES = [64, 32, 16]; // samples a side: the largest that the card does in good time
 
@@ -40,7 +40,6 @@ export interface Tools {
   uniforms: ViewUniforms;
   programs: Programs;
   leaves: Leaves;
-  dots: Dots;
 }
 
 const coarser = (view: View, n: number): View => ({ ...view, width: Math.max(1, Math.floor(view.width / n)), height: Math.max(1, Math.floor(view.height / n)) });
@@ -79,29 +78,38 @@ export abstract class Pane {
   pictures = 0; // that were shown
   coarseness = COARSEST; // of what is shown
   milliseconds = 0; // that it took
-  private shownView: View | undefined; // of the whole picture
+  shownView: View | undefined; // of the whole picture
   private shownOf = ''; // overlays and, of the mesh, version
   private job: Job | undefined;
   private spare: Layer | undefined;
-  protected readonly perSample = new Rate(5e-3); // pessimistic until it was measured
+  protected readonly perSample: Rate;
   protected changedAt = 0;
   private movedAt = 0;
   private lastView: View | undefined;
   private lastOf = '';
 
-  protected constructor(private readonly withDepth: boolean) {}
+  /** `each`: ms for a sample, pessimistic until it was measured. */
+  protected constructor(
+    private readonly withDepth: boolean,
+    each: number,
+  ) {
+    this.perSample = new Rate(each);
+  }
 
   /** What the picture depends on beside the view. */
   abstract ofNow(tools: Tools, look: Look): string;
   /** Work that comes before the samples of a picture: ms, about; its beginning; and a portion of it, nothing when it is done. */
   protected abstract costBefore(view: View): number;
+  /** What any picture costs, however coarse: ms. */
+  protected fixedCost(): number {
+    return 0;
+  }
   protected abstract beginBefore(view: View, tools: Tools): void;
   protected abstract before(job: Job, tools: Tools, look: Look): Portion | undefined;
   /** How many pixels a sample may stand for, each way, where the camera rests and this view is not shown yet, or is already. */
   protected abstract firstCoarseness(view: View, now: number): number;
   protected abstract nextCoarseness(now: number): number;
   protected abstract draw(job: Job, tools: Tools, look: Look, only: Rectangle): void;
-  protected finish(_job: Job, _tools: Tools, _look: Look): void {}
 
   /** Whether what is shown is the picture of this view, in full. */
   isFinest(view: View, of: string): boolean {
@@ -118,8 +126,8 @@ export abstract class Pane {
     if (of !== this.lastOf) this.changedAt = now;
     this.lastView = view;
     this.lastOf = of;
-    const moving = now - this.movedAt < 150;
-    if (this.job && !same(this.job.full, view) && this.estimate(this.job.view) > MOVING_BUDGET * 2) this.abandon();
+    const moving = now - this.movedAt < MOVING;
+    if (this.job && !same(this.job.full, view) && this.estimate(this.job.view) > 2 * this.estimate(coarser(view, this.fitting(view, MOVING_BUDGET)))) this.abandon();
     if (!this.job) {
       const coarseness = this.wanted(view, of, moving, now);
       if (coarseness === 0) return undefined;
@@ -145,9 +153,11 @@ export abstract class Pane {
   private estimate(view: View): number {
     return this.costBefore(view) + view.width * view.height * this.perSample.each;
   }
+  /** Where a picture costs much however coarse it is, its samples may cost as much again. */
   protected fitting(view: View, budget: number): number {
+    const most = Math.max(budget, 2 * this.fixedCost());
     let n = 1;
-    while (n < COARSEST && this.estimate(coarser(view, n)) > budget) n *= 2;
+    while (n < COARSEST && this.estimate(coarser(view, n)) > most) n *= 2;
     return Math.max(n, this.coarseness / 4); // no leaps on the word of one measurement
   }
   private abandon(): void {
@@ -159,7 +169,7 @@ export abstract class Pane {
   /** The coarseness of the picture that is to be drawn now; 0: none. */
   private wanted(view: View, of: string, moving: boolean, now: number): number {
     const current = this.shownView !== undefined && same(this.shownView, view) && this.shownOf === of;
-    if (!current) return moving ? (this.shown ? this.fitting(view, MOVING_BUDGET) : COARSEST) : this.firstCoarseness(view, now);
+    if (!current) return moving ? this.fitting(view, this.shown ? MOVING_BUDGET : REFINING_BUDGET) : this.firstCoarseness(view, now);
     return moving || this.coarseness === 1 ? 0 : this.nextCoarseness(now);
   }
 
@@ -192,13 +202,12 @@ export abstract class Pane {
     };
     this.draw(job, tools, look, only);
     job.tile += count;
-    if (job.tile >= job.tiles) this.complete(job, tools, look);
+    if (job.tile >= job.tiles) this.complete(job);
     const amount = only.width * only.height;
     return { rate: this.perSample, amount, estimate: Math.max(0.1, amount * this.perSample.each) };
   }
 
-  private complete(job: Job, tools: Tools, look: Look): void {
-    this.finish(job, tools, look);
+  private complete(job: Job): void {
     this.spare?.dispose();
     this.spare = this.shown;
     this.shown = job.layer;
@@ -222,12 +231,15 @@ export class MeshPane extends Pane {
   private readonly perMesh = new Rate(0); // whatever the size
   private drawn = false;
   constructor() {
-    super(true);
+    super(true, 5e-3);
   }
-  override ofNow({ leaves, dots }: Tools, { candidates, wireframe, nodes }: Look): string {
-    return `${leaves.version} ${candidates ? dots.version : -1} ${wireframe} ${nodes}`;
+  override ofNow({ leaves, programs }: Tools, { wireframe, nodes }: Look): string {
+    return `${leaves.version} ${programs.isNeutral} ${wireframe} ${nodes}`;
   }
   protected override costBefore(): number {
+    return this.perMesh.each;
+  }
+  protected override fixedCost(): number {
     return this.perMesh.each;
   }
   protected override beginBefore(): void {
@@ -243,16 +255,14 @@ export class MeshPane extends Pane {
     return now - this.changedAt < REST;
   }
   protected override firstCoarseness(view: View, now: number): number {
-    return this.fitting(view, this.changes(now) ? REFINING_BUDGET : 4 * REFINING_BUDGET);
+    return Math.min(AT_REST, this.fitting(view, this.changes(now) ? REFINING_BUDGET : 4 * REFINING_BUDGET));
   }
   protected override nextCoarseness(now: number): number {
-    return this.changes(now) ? 0 : 1;
+    if (this.changes(now)) return this.coarseness > AT_REST ? AT_REST : 0;
+    return Math.max(1, this.coarseness / 4);
   }
   protected override draw(job: Job, tools: Tools, look: Look, only: Rectangle): void {
     this.shade(job, tools, look.nodes, only);
-  }
-  protected override finish({ view, layer }: Job, { renderer, dots }: Tools, look: Look): void {
-    if (look.candidates) dots.draw(renderer, view, layer.surface, layer.picture);
   }
 }
 
@@ -261,7 +271,7 @@ export class MarchPane extends Pane {
   private readonly skyline = new Skyline();
   private readonly perSkyline = new Rate(5e-4); // for a column, and a line of the picture
   constructor() {
-    super(false);
+    super(false, 3e-2);
   }
   override ofNow(): string {
     return '';

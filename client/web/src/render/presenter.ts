@@ -1,6 +1,7 @@
 // Puts finished pictures into the window: side by side, each stretched over all of it and cut at the divider.
 
 import type { Texture, WebGLRenderer } from 'three';
+import type { Dots } from './dots';
 import { FullScreen } from './full_screen';
 import type { Pane } from './panes';
 import { PRESENT } from './shaders';
@@ -16,8 +17,8 @@ export class Presenter {
 
   constructor(private readonly renderer: WebGLRenderer) {}
 
-  /** The left pane up to the pixel `divider`, the right one from there on. */
-  present(left: Pane, right: Pane, divider: number, { width, height }: Size): void {
+  /** The left pane up to the pixel `divider`, with dots where there are some, the right one from there on. */
+  present(left: Pane, right: Pane, divider: number, { width, height }: Size, dots: Dots | undefined): void {
     this.own.windowSize.value = [width, height];
     this.renderer.setRenderTarget(null);
     this.renderer.setScissorTest(true);
@@ -29,6 +30,7 @@ export class Presenter {
       this.renderer.setScissor(from, 0, to - from, height);
       this.own.picture.value = pane.shown.picture.texture;
       this.program.run(this.renderer, null);
+      if (pane === left) dots?.draw(this.renderer, pane.shownView!, pane.shown.surface);
     }
     this.renderer.setScissorTest(false);
   }

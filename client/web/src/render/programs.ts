@@ -5,6 +5,8 @@ import { FullScreen } from './full_screen';
 import { terrainShaders } from './shaders';
 import type { Uniform, ViewUniforms } from './view';
 
+type Name = 'shade' | 'heights' | 'skyline' | 'march';
+
 export class Programs {
   readonly skyline: FullScreen;
   readonly march: FullScreen;
@@ -23,8 +25,13 @@ export class Programs {
     heightsSpacing: { value: 0 },
     heightsSide: { value: 1 },
   };
-  /** An empty source is a world whose text is private. */
+  private readonly compiled: Partial<Record<Name, Promise<string>>> = {};
+
+  readonly isNeutral: boolean;
+
+  /** An empty source: neutral colours, and no ground for a ray march. */
   constructor(source: string, view: ViewUniforms) {
+    this.isNeutral = source === '';
     const texts = terrainShaders(source), uniforms: Record<string, Uniform> = { ...view.all, ...this.own };
     this.skyline = new FullScreen(texts.skyline, uniforms);
     this.march = new FullScreen(texts.march, uniforms);
@@ -32,31 +39,32 @@ export class Programs {
     this.heights = new FullScreen(texts.heights, uniforms);
   }
 
-  /** With them compiled, or the driver's first complaint. */
-  static async compile(source: string, view: ViewUniforms, renderer: WebGLRenderer): Promise<Programs | string> {
-    const complaints: string[] = [];
-    renderer.debug.onShaderError = (gl, program, vertex, fragment) => {
-      complaints.push(gl.getShaderInfoLog(fragment) || gl.getShaderInfoLog(vertex) || gl.getProgramInfoLog(program) || 'no reason given');
-    };
-    const made = new Programs(source, view);
-    try {
-      // Errors show when a program is used.
-      const tiny = new WebGLRenderTarget(1, 1, { type: FloatType, format: RGBAFormat, depthBuffer: false });
-      for (const program of made.all) program.run(renderer, tiny);
-      await renderer.readRenderTargetPixelsAsync(tiny, 0, 0, 1, 1, new Float32Array(4)); // a driver may compile only now
-      tiny.dispose();
-    } catch (error) {
-      complaints.push(String(error));
-    }
-    if (complaints.length === 0) return made;
-    made.dispose();
-    return complaints[0]!.trim().slice(0, 300);
+  /** Compiles those that are not yet, each once; the driver's first complaint, or nothing. Drivers compile in turn, some only when a
+   *  program is used first: what is wanted soonest comes first, and the ray march only where it is wanted. */
+  async compile(names: readonly Name[], renderer: WebGLRenderer): Promise<string> {
+    let complaint = '';
+    for (const name of names) complaint ||= await (this.compiled[name] ??= compiled(this[name], renderer));
+    return complaint.trim().slice(0, 300);
   }
 
   dispose(): void {
-    for (const program of this.all) program.dispose();
+    for (const program of [this.shade, this.heights, this.skyline, this.march]) program.dispose();
   }
-  private get all(): FullScreen[] {
-    return [this.shade, this.heights, this.skyline, this.march];
+}
+
+async function compiled(program: FullScreen, renderer: WebGLRenderer): Promise<string> {
+  let complaint = '';
+  renderer.debug.onShaderError = (gl, program, vertex, fragment) => {
+    complaint ||= gl.getShaderInfoLog(fragment) || gl.getShaderInfoLog(vertex) || gl.getProgramInfoLog(program) || 'no reason given';
+  };
+  const tiny = new WebGLRenderTarget(1, 1, { type: FloatType, format: RGBAFormat, depthBuffer: false });
+  try {
+    program.run(renderer, tiny); // errors show when a program is used
+    await renderer.readRenderTargetPixelsAsync(tiny, 0, 0, 1, 1, new Float32Array(4));
+  } catch (error) {
+    complaint ||= String(error);
+  } finally {
+    tiny.dispose();
   }
+  return complaint;
 }

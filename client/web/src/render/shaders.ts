@@ -17,13 +17,13 @@ const HEAD = 'precision highp float;\nprecision highp int;\nprecision highp samp
 export const FULL_SCREEN = HEAD + fullScreen;
 export const DOT_VERTEX = HEAD + dotsVertex;
 export const DOT_FRAGMENT = HEAD + dots;
-export const MESH_VERTEX = `${HEAD}#define CORNERS\n${meshVertex}`;
+export const MESH_VERTEX = `${HEAD}#define BLOCKS\n${meshVertex}`;
 
 // The depth is logarithmic: it spreads 0.1 m to 200 km evenly.
 // w is 1 + the leaf's level + half of how much of this sample is an edge of a triangle.
 export const MESH_FRAGMENT = `${HEAD}
-uniform float leafLevel;
 uniform float edges;
+flat in float leafLevel;
 in vec3 offset;
 in vec3 corner;
 in float depth;

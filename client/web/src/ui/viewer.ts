@@ -12,10 +12,12 @@ import { Notices, element } from './notices';
 import { PainterLink } from './painter_link';
 import { Statistics } from './statistics';
 import { Toggle, Toolbar } from './toolbar';
+import { Welcome } from './welcome';
 import { Worlds } from './worlds';
 
 const VERTICAL_FOV = Math.PI / 3;
 const MAX_PIXELS = 2.5e6; // of the canvas; more are not worth their time
+const UNKNOWN_GROUND = 3000; // metres
 const GRAB = 14; // CSS pixels around the divider
 
 function pixels(): { width: number; height: number } {
@@ -33,12 +35,14 @@ export class Viewer {
   private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false };
   private readonly hands = new Hands(this.canvas);
   private readonly notices = new Notices();
+  private readonly welcome = new Welcome(this.notices);
   private readonly statistics = new Statistics();
   private readonly members = new Members(element('members'));
   private readonly toolbar: Toolbar;
   private readonly worlds: Worlds;
   private token: string;
   private groundWanted: boolean; // until the height at the start is known
+  private groundOfMesh = false; // it is told of the mesh, for the terrain's own is not to be had
   private mayConnect = false; // pictures can be drawn: no painter, no connection
   private makingSince = 0; // when a world was asked for that the server may have to compile; 0: none is waited for
   private readonly frames = { last: performance.now(), savedAt: 0 }; // the last frame; when the address was brought up to date
@@ -71,8 +75,10 @@ export class Viewer {
     if (this.groundWanted) this.wantGround();
     this.canvas.focus({ preventScroll: true });
     requestAnimationFrame((now) => this.frame(now));
-    setInterval(() => this.showStatistics(), 250);
-    setInterval(() => this.showWaiting(), 500);
+    setInterval(() => {
+      this.showStatistics();
+      this.showWaiting();
+    }, 250);
   }
 
   /** Whether the mesh, or the picture, is all that will come for this pose. */
@@ -155,6 +161,7 @@ export class Viewer {
   }
 
   private showWaiting(): void {
+    this.welcome.show(this.engine.figures?.decoded ?? 0, this.painter.frames !== undefined);
     const seconds = Math.floor((performance.now() - this.makingSince) / 1000);
     if (this.makingSince > 0 && seconds >= 2) this.notices.light('wait', `waiting for the server to prepare the terrain, ${seconds} s`);
   }
@@ -166,7 +173,7 @@ export class Viewer {
       case 'lost':
         return this.showLost(message);
       case 'ground':
-        if (this.engine.world && !this.engine.world.hasSource) this.beginAbove(message.metres);
+        if (this.groundOfMesh) this.beginAbove(message.metres);
         return;
       case 'members':
         return this.members.set(message.members);
@@ -208,7 +215,7 @@ export class Viewer {
       case 'problem':
         return message.fatal ? this.fail('No pictures', message.sentence) : this.notices.note(message.sentence, 12_000);
       case 'ground':
-        return this.beginAbove(message.metres);
+        return message.metres === undefined ? this.beginHigh() : this.beginAbove(message.metres);
       case 'picture':
         this.keep(message.png, 'png');
         return this.notices.note('The picture is kept in your downloads.');
@@ -314,7 +321,14 @@ export class Viewer {
 
   private wantGround(): void {
     this.groundWanted = true;
+    this.groundOfMesh = false;
     this.painter.send({ kind: 'ground', pose: { ...this.flying.pose, y: 0 } });
+  }
+  /** Looks from far above until the mesh says where the ground is. */
+  private beginHigh(): void {
+    if (!this.groundWanted) return;
+    this.groundOfMesh = true;
+    this.flying.pose = { ...this.flying.pose, y: UNKNOWN_GROUND };
   }
   /** The start is given above the ground, whose height was not known until now. */
   private beginAbove(metres: number): void {
@@ -330,7 +344,7 @@ export class Viewer {
     const seconds = Math.min(0.1, Math.max(0, (now - this.frames.last) / 1000));
     this.frames.last = now;
     const input = this.hands.take(seconds);
-    if (this.groundWanted) return;
+    if (this.groundWanted && !this.groundOfMesh) return;
     this.flying.step(input, seconds, this.engine.ground);
     const { pose } = this.flying, lens = { verticalFov: VERTICAL_FOV, ...pixels() };
     this.painter.look(pose, VERTICAL_FOV);
