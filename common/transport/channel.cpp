@@ -55,6 +55,13 @@ Outcome<std::shared_ptr<TlsContext>> loadTls(const std::filesystem::path& certif
   return context;
 }
 
+std::chrono::sys_seconds expiryOf(const TlsContext& context) {
+  const X509* const certificate = SSL_CTX_get0_certificate(const_cast<TlsContext&>(context).native_handle());
+  std::tm parts{};
+  if (!certificate || ASN1_TIME_to_tm(X509_get0_notAfter(certificate), &parts) != 1) return {};
+  return std::chrono::sys_seconds(std::chrono::seconds(timegm(&parts)));
+}
+
 struct Channel::Body : std::enable_shared_from_this<Channel::Body> {
   explicit Body(tcp::socket&& s) : socket(std::move(s)), deadline(socket.get_executor()) {}
 

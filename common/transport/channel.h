@@ -26,6 +26,7 @@ namespace ridgecast::transport {
 class TlsContext;  // a server's certificate and its key
 // Error: a file cannot be read, is no PEM, or the two do not belong together.
 Outcome<std::shared_ptr<TlsContext>> loadTls(const std::filesystem::path& certificate, const std::filesystem::path& key);
+std::chrono::sys_seconds expiryOf(const TlsContext& context);  // of its certificate
 
 class Channel {
  public:

@@ -91,13 +91,16 @@ Conversation::Refusal Conversation::take(const wire::Acknowledge& acknowledge) {
   const std::string iteration = "Iteration " + std::to_string(acknowledge.iteration);
   switch (replica_.acknowledge(acknowledge.iteration, acknowledge.meshHash)) {
     case replica::Verdict::kAgrees:
+      return {};
     case replica::Verdict::kRepairs:
+      ++mismatches_;
       return {};
     case replica::Verdict::kNeverSent:
       return ErrorMessage{ErrorCode::kInvalid, iteration + " was acknowledged but never sent."};
     case replica::Verdict::kOutOfOrder:
       return ErrorMessage{ErrorCode::kInvalid, iteration + " was acknowledged before; acknowledgements ascend."};
     case replica::Verdict::kHopeless:
+      ++mismatches_;
       break;
   }
   return ErrorMessage{ErrorCode::kInvalid, "The client's mesh differs even after everything was sent again " +

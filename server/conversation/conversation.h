@@ -92,6 +92,8 @@ class Conversation {
   const wire::Settings& granted() const { return granted_; }  // as of the last iteration
   const wire::PoseMessage& pose() const { return pose_; }     // of the last iteration
   std::optional<wire::PoseMessage> newestPose() const { return poses_.empty() ? std::nullopt : std::optional(poses_.back()); }
+  bool isLate() const { return !lockstep_ && !poses_.empty(); }  // a newer pose than the last iteration's has come
+  std::uint64_t mismatches() const { return mismatches_; }       // acknowledgements of another mesh than the one sent
   const replica::Replica& replica() const { return replica_; }
 
  private:
@@ -128,6 +130,7 @@ class Conversation {
   bool owesAnswer_ = false;                 // the current iteration is sent even if it changes nothing
   bool atRest_ = true;                      // nothing to do before another pose
   int unsent_ = 0;                          // iterations before the first one sent to a reconnecting client
+  std::uint64_t mismatches_ = 0;
   replica::Replica replica_;
   Pace pace_;
   Budget repairs_{kRepairBytesPerSecond};  // of leaves sent again

@@ -96,6 +96,16 @@ std::string page(const Request& request, const session::Directory& directory, st
 
 }  // namespace
 
+std::string routeOf(std::string_view path) {
+  for (const std::string_view known :
+       {"/", "/healthz", "/readyz", "/metrics", "/version", "/v1/stream", "/v1/sessions", "/v1/heights", "/v1/normals", "/v1/rays"})
+    if (path == known) return std::string(known);
+  constexpr std::string_view sessions = "/v1/sessions/";
+  for (const std::string_view snapshot : {"/snapshot.glb", "/snapshot.json"})
+    if (path.starts_with(sessions) && path.ends_with(snapshot)) return std::string(sessions) + "{session}" + std::string(snapshot);
+  return "other";
+}
+
 Outcome<std::vector<std::string>> queryParameters(std::string_view query, std::string_view name) {
   std::vector<std::string> values;
   while (!query.empty()) {

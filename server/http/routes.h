@@ -85,6 +85,9 @@ using Route = std::function<std::optional<Answer>(const Request& request)>;
 // `routes` are tried first, in order.
 Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
 
+// The route of a path, of a fixed set, for the metrics: such as /v1/heights, /v1/sessions/{session}/snapshot.glb or other.
+std::string routeOf(std::string_view path);
+
 // The values of a query parameter, percent-decoded. Error: an invalid escape.
 Outcome<std::vector<std::string>> queryParameters(std::string_view query, std::string_view name);
 // The first; empty if absent.

@@ -25,6 +25,10 @@ double processorSeconds() {
   return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
+const std::vector<double> kStageSeconds{0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5};
+const std::vector<double> kDeliveries{0.005, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1, 2, 5};
+const std::vector<double> kWork{0.001, 0.01, 0.1, 0.5, 1, 2, 5, 10, 20, 60, 120};
+
 constexpr std::array<std::string_view, 5> kStages{"select", "generate", "refine", "triangulate", "encode"};
 
 }  // namespace
@@ -65,22 +69,24 @@ std::string Registry::text() const {
 Figures::Figures()
     : iterations(registry.counter("ridgecast_iterations_total", "Iterations of all cameras.")),
       iterationsSent(registry.counter("ridgecast_iterations_sent_total", "Iterations that were sent to a client.")),
+      iterationsLate(registry.counter("ridgecast_iterations_late_total", "Iterations sent when a newer pose had come already.")),
       inserted(registry.counter("ridgecast_vertices_inserted_total", "Vertices inserted into meshes.")),
       removed(registry.counter("ridgecast_vertices_removed_total", "Vertices removed from meshes.")),
       heights(registry.counter("ridgecast_heights_total", "Heights evaluated by iterations.")),
+      delivery(registry.histogram("ridgecast_delivery_seconds", "From a pose's arrival until its first iteration has left.", kDeliveries)),
       triangles(registry.gauge("ridgecast_triangles", "Live triangles of all cameras' meshes.")),
+      withheld(registry.gauge("ridgecast_cameras_withheld", "Cameras from which a budget withholds detail.")),
+      resends(registry.counter("ridgecast_resend_requests_total", "Requests for leaves to be sent again.")),
+      mismatches(registry.counter("ridgecast_hash_mismatches_total", "Acknowledgements of a mesh other than the one sent.")),
       bytesSent(registry.counter("ridgecast_sent_bytes_total", "Bytes of messages and answers sent.")),
       bytesReceived(registry.counter("ridgecast_received_bytes_total", "Bytes of messages received.")),
       messagesReceived(registry.counter("ridgecast_received_messages_total", "Messages received.")),
       connections(registry.counter("ridgecast_connections_total", "Connections accepted.")),
       tlsHandshakes(registry.counter("ridgecast_tls_handshakes_total", "TLS handshakes that came to their end.")),
-      requests(registry.counter("ridgecast_http_requests_total", "HTTP requests answered.")),
       streams(registry.counter("ridgecast_streams_total", "Streams opened.")),
       streamsOpen(registry.gauge("ridgecast_streams", "Streams that are open.")) {
-  // From a tenth of a millisecond to some seconds.
-  const std::vector<double> bounds{0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5};
   for (std::size_t k = 0; k < stages.size(); ++k)
-    stages[k] = &registry.histogram("ridgecast_stage_seconds", "Seconds that each stage of an iteration took.", bounds,
+    stages[k] = &registry.histogram("ridgecast_stage_seconds", "Seconds that each stage of an iteration took.", kStageSeconds,
                                     {{"stage", std::string(kStages[k])}});
   for (std::size_t k = 0; k < refusals.size(); ++k)
     refusals[k] = &registry.counter("ridgecast_refusals_total", "Connections, requests and streams refused or sent away, by reason.",
@@ -89,6 +95,17 @@ Figures::Figures()
   registry.compute("process_cpu_seconds_total", "Processor time of this process.", processorSeconds, {}, true);
   registry.compute("process_start_time_seconds", "When this process began, seconds since 1970.",
                    [now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count()] { return now; });
+}
+
+void Figures::answered(const std::string& route, unsigned status) {
+  registry.counter("ridgecast_http_requests_total", "HTTP requests answered.", {{"route", route}, {"status", std::to_string(status)}})
+      .Increment();
+}
+
+Figures::Work Figures::work(const std::string& queue) {
+  return {
+      registry.histogram("ridgecast_queue_wait_seconds", "How long work for HTTP answers waited for a thread.", kWork, {{"queue", queue}}),
+      registry.histogram("ridgecast_work_seconds", "How long it then took.", kWork, {{"queue", queue}})};
 }
 
 void Figures::iterated(const settings::Figures& f) {

@@ -81,11 +81,21 @@ struct Figures {
   void iterated(const settings::Figures& figures);  // one iteration, its encoding included
 
   Registry registry;  // first: the others are its
-  Counter &iterations, &iterationsSent, &inserted, &removed, &heights;
+  Counter &iterations, &iterationsSent, &iterationsLate, &inserted, &removed, &heights;
+  Histogram& delivery;                 // from a pose's arrival to its first iteration's departure
   std::array<Histogram*, 5> stages{};  // select, generate, refine, triangulate, encode
   Gauge& triangles;                    // live, of all cameras
+  Gauge& withheld;                     // cameras whose threshold a budget raises
+  Counter &resends, &mismatches;       // requests for leaves again; acknowledgements of another mesh
   Counter &bytesSent, &bytesReceived, &messagesReceived;
-  Counter &connections, &tlsHandshakes, &requests, &streams;
+  Counter &connections, &tlsHandshakes, &streams;
+  // An HTTP answer. `route`: of a fixed set.
+  void answered(const std::string& route, unsigned status);
+  // Work for HTTP answers, by queue: answers, snapshots, worlds.
+  struct Work {
+    Histogram &wait, &seconds;
+  };
+  Work work(const std::string& queue);
   Gauge& streamsOpen;
   std::array<Counter*, kRefusalNames.size()> refusals{};
 };

@@ -29,6 +29,9 @@ namespace http = beast::http;
 using asio::ip::tcp;
 using beast::error_code;
 
+using Clock = std::chrono::steady_clock;
+double seconds(Clock::duration time) { return std::chrono::duration<double>(time).count(); }
+
 constexpr char kRetrySeconds[] = "5";                 // Retry-After of a busy answer
 constexpr std::chrono::seconds kTurnedTimeout{2};     // timeout for the request of a connection beyond a limit
 constexpr std::chrono::milliseconds kTellEvery{700};  // interval of progress messages
@@ -148,6 +151,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void setAside() {
     keepAlive_ = parser_->keep_alive() && shared_->ready && !hasBody() && ++answered_ < 1000;
     head_ = parser_->get().method() == http::verb::head;
+    route_ = routeOf(requestOf(parser_->get()).path());
   }
 
   // The admin port serves those who operate the server, under any name and without tokens.
@@ -197,7 +201,13 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void work(std::shared_ptr<const Later> later, const std::string& client) {
     if (later->patient && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy();
     asker_ = std::stop_source();
-    auto run = [self = shared_from_this(), later](std::stop_token stop) {
+    Jobs& jobs = later->makesWorld ? shared_->worldJobs : later->patient ? shared_->patientJobs : shared_->promptJobs;
+    const metrics::Figures::Work& figures = later->makesWorld ? shared_->worldFigures
+                                            : later->patient  ? shared_->patientFigures
+                                                              : shared_->promptFigures;
+    auto run = [self = shared_from_this(), later, &figures, posted = Clock::now()](std::stop_token stop) {
+      const Clock::time_point begun = Clock::now();
+      figures.wait.Observe(seconds(begun - posted));
       Answer a;
       try {
         a = later->work(stop);
@@ -205,10 +215,10 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
         logging::error(std::string("work for an answer failed: ") + e.what());
         a = plain(500, "The server failed at this; its log says why.");
       }
+      figures.seconds.Observe(seconds(Clock::now() - begun));
       self->shared_->answerBytes += a.body.size();
       asio::post(self->stream_.get_executor(), [self, a = std::move(a)]() mutable { self->worked(std::move(a)); });
     };
-    Jobs& jobs = later->makesWorld ? shared_->worldJobs : later->patient ? shared_->patientJobs : shared_->promptJobs;
     if (!jobs.post(asker_, std::move(run), client)) return jobs.hasShare(client) ? hasShare(client, jobs.share()) : busy();
     working_ = true;
     stream_.expires_never();
@@ -315,7 +325,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void sent(error_code ec) {
-    shared_->figures->requests.Increment();
+    shared_->figures->answered(route_, response_.result_int());
     if (const std::size_t bytes = std::exchange(answerBytes_, 0)) forget(bytes);
     serializer_.reset();
     response_ = {};
@@ -353,7 +363,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   // Of the current request.
   access::Grant grant_;
-  std::string sessionName_;  // the session's name as received, for the log
+  std::string route_ = "none";  // of the metrics: before a request is read
+  std::string sessionName_;     // the session's name as received, for the log
   bool keepAlive_ = false, head_ = false;
   std::string ifNoneMatch_;
   std::chrono::steady_clock::time_point timeoutEnds_;

@@ -1,6 +1,10 @@
 #include "server/net/operations.h"
 
+#include <algorithm>
+
+#include "common/version/version.h"
 #include "common/wire/wire.h"
+#include "server/memory/memory.h"
 
 namespace ridgecast::net {
 
@@ -17,6 +21,14 @@ std::optional<Answer> operations(const std::shared_ptr<Shared>& server, const Re
   return a;
 }
 
+double saturation(Shared& s) {
+  const session::Limits& limits = s.directory->resources().limits;
+  const auto share = [](double used, double limit) { return limit > 0 ? used / limit : 0; };
+  return std::min(1.0, std::max({share(s.directory->cameras(), limits.maxCameras), share(s.connections, s.settings.maxConnections),
+                                 share(static_cast<double>(s.directory->all().size()), limits.maxSessions),
+                                 share(static_cast<double>(s.directory->triangles()), static_cast<double>(limits.maxTotalTriangles))}));
+}
+
 }  // namespace
 
 void addOperations(const std::shared_ptr<Shared>& shared) {
@@ -28,8 +40,23 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
     };
   };
   metrics::Registry& registry = shared->figures->registry;
-  registry.compute("ridgecast_cameras", "Cameras of all sessions.", of([](Shared& s) -> double { return s.directory->cameras(); }));
-  registry.compute("ridgecast_open_connections", "Connections that are open.", of([](Shared& s) -> double { return s.connections; }));
+  const auto gauge = [&](const char* name, const char* help, double (*value)(Shared&)) { registry.compute(name, help, of(value)); };
+  gauge("ridgecast_cameras", "Cameras of all sessions.", [](Shared& s) -> double { return s.directory->cameras(); });
+  gauge("ridgecast_open_connections", "Connections that are open.", [](Shared& s) -> double { return s.connections; });
+  gauge("ridgecast_sessions", "Sessions.", [](Shared& s) { return static_cast<double>(s.directory->all().size()); });
+  gauge("ridgecast_granted_triangles", "Triangles set aside for the cameras.",
+        [](Shared& s) { return static_cast<double>(s.directory->triangles()); });
+  const session::Limits& limits = shared->directory->resources().limits;
+  for (const auto& [name, limit] : {std::pair<const char*, double>{"cameras", limits.maxCameras},
+                                    {"connections", shared->settings.maxConnections},
+                                    {"sessions", limits.maxSessions},
+                                    {"triangles", static_cast<double>(limits.maxTotalTriangles)}})
+    registry.compute("ridgecast_limit", "What each may come to; 0: unlimited.", [value = limit] { return value; }, {{"of", name}});
+  gauge("ridgecast_saturation", "How full the server is, 0 to 1: the fullest of cameras, connections, sessions and triangles.", saturation);
+  gauge("ridgecast_certificate_expiry_seconds", "When the certificate expires, seconds since 1970; 0: no TLS.",
+        [](Shared& s) -> double { return s.certificateExpiry; });
+  gauge("ridgecast_last_reload_successful", "1 if the last reload of certificate and tokens succeeded, or there was none.",
+        [](Shared& s) -> double { return s.reloaded ? 1 : 0; });
   registry.compute("ridgecast_queued_bytes", "Bytes that wait in the way out to clients.", of([](Shared& s) {
                      const std::lock_guard lock(s.mutex);
                      std::size_t bytes = 0;
@@ -45,9 +72,12 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
     registry.compute("ridgecast_queue_depth",
                      "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, snapshots, worlds that are made.",
                      of(depth), {{"queue", name}});
-  registry.compute("ridgecast_ready", "1 where new streams are taken.", of([](Shared& s) -> double { return s.ready ? 1 : 0; }));
-  registry.compute("ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
-                   {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}});
+  registry.compute("ridgecast_memory_limit_bytes", "What this process may use; 0: unknown.",
+                   [limit = static_cast<double>(memory::available())] { return limit; });
+  gauge("ridgecast_ready", "1 where new streams are taken.", [](Shared& s) -> double { return s.ready ? 1 : 0; });
+  registry.compute(
+      "ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
+      {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}, {"commit", std::string(version::commit())}});
 
   shared->routes.push_back([weak = std::weak_ptr(shared)](const Request& request) { return operations(weak.lock(), request); });
 }

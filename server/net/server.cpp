@@ -77,20 +77,9 @@ class ListeningServer final : public Server {
   std::string adminUrl() const override { return shared_->settings.adminPort != 0 ? "http://" + nameOf(adminListener_.endpoint()) : ""; }
 
   std::optional<Error> reload() override {
-    const Settings& settings = shared_->settings;
-    std::shared_ptr<TlsContext> tls;
-    if (!settings.tlsCertificate.empty()) {
-      auto loaded = loadTls(settings.tlsCertificate, settings.tlsKey);
-      if (!loaded) return loaded.error();
-      tls = std::move(*loaded);
-    }
-    if (auto error = shared_->filter.load()) return error;
-    {
-      const std::lock_guard lock(shared_->mutex);
-      shared_->tls = std::move(tls);
-    }
-    for (const auto& stream : openStreams()) stream->postJudge();
-    return {};
+    auto error = reloadAll();
+    shared_->reloaded = !error;
+    return error;
   }
 
   void drain() override {
@@ -118,6 +107,24 @@ class ListeningServer final : public Server {
   }
 
  private:
+  std::optional<Error> reloadAll() {
+    const Settings& settings = shared_->settings;
+    std::shared_ptr<TlsContext> tls;
+    if (!settings.tlsCertificate.empty()) {
+      auto loaded = loadTls(settings.tlsCertificate, settings.tlsKey);
+      if (!loaded) return loaded.error();
+      tls = std::move(*loaded);
+    }
+    if (auto error = shared_->filter.load()) return error;
+    if (tls) shared_->certificateExpiry = static_cast<double>(transport::expiryOf(*tls).time_since_epoch().count());
+    {
+      const std::lock_guard lock(shared_->mutex);
+      shared_->tls = std::move(tls);
+    }
+    for (const auto& stream : openStreams()) stream->postJudge();
+    return {};
+  }
+
   std::vector<std::shared_ptr<OpenStream>> openStreams() {
     std::vector<std::shared_ptr<OpenStream>> streams;
     const std::lock_guard lock(shared_->mutex);

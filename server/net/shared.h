@@ -32,6 +32,7 @@ using ridgecast::http::refused;
 using ridgecast::http::Request;
 using ridgecast::http::RequestFilter;
 using ridgecast::http::Route;
+using ridgecast::http::routeOf;
 using ridgecast::transport::Channel;
 using ridgecast::transport::loadTls;
 using ridgecast::transport::TlsContext;
@@ -59,7 +60,10 @@ struct Shared {
         connectionsByAddress(settings.maxConnectionsPerAddress),
         promptJobs(s.promptJobs),
         patientJobs(s.patientJobs),
-        worldJobs(s.worldJobs) {}
+        worldJobs(s.worldJobs),
+        promptFigures(figures->work("answers")),
+        patientFigures(figures->work("snapshots")),
+        worldFigures(figures->work("worlds")) {}
   const Settings settings;
   const std::shared_ptr<session::Directory> directory;
   std::vector<Route> routes;  // constant once connections are accepted
@@ -73,6 +77,9 @@ struct Shared {
   std::atomic<std::uint32_t> admins{0};     // connections of the admin port
   std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
   Jobs promptJobs, patientJobs, worldJobs;
+  const metrics::Figures::Work promptFigures, patientFigures, worldFigures;
+  std::atomic<bool> reloaded{true};          // the last reload succeeded
+  std::atomic<double> certificateExpiry{0};  // seconds since 1970; 0: no TLS
 
   std::mutex mutex;
   std::shared_ptr<TlsContext> tls;  // for new connections; null: no TLS

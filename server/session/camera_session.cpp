@@ -79,14 +79,20 @@ CameraSession::CameraSession(std::shared_ptr<Session> session, CameraPlace place
       id_(id),
       sender_(std::move(sender)),
       pool_(session_->resources().executor->makePool()),
-      conversation_(termsOf(*session_, place_)) {}
+      conversation_(termsOf(*session_, place_)),
+      figures_(session_->resources().figures, *session_->resources().timer) {}
 
 void CameraSession::receive(wire::ClientMessage message) {
   Refusal refusal;
   {
     const std::lock_guard lock(mutex_);
     if (conversation_.closed()) return;
+    metrics::Figures& all = *session_->resources().figures;
+    const std::uint64_t mismatches = conversation_.mismatches();
     refusal = conversation_.receive(message);
+    all.mismatches.Increment(static_cast<double>(conversation_.mismatches() - mismatches));
+    if (std::holds_alternative<wire::ResendLeaves>(message)) all.resends.Increment();
+    if (const auto* pose = std::get_if<wire::PoseMessage>(&message); pose && !refusal) figures_.arrived(pose->sequence);
     if (!refusal) refusal = std::visit([this](auto& m) { return attend(m); }, message);
     if (!refusal && !wake()) refusal = ErrorMessage{ErrorCode::kInternal, "The server is shutting down."};
   }
@@ -213,7 +219,7 @@ void CameraSession::run() {
     freed = std::move(mesh_);
     encoder = std::move(encoder_);
     disappointed.swap(copies_);
-    countTriangles(0);
+    figures_.holds(0, false);
   }
   for (const TakeCopy& done : disappointed) done(nullptr);
   if (freed || failed) giveMemoryBackSoon(session_->resources());
@@ -235,11 +241,6 @@ void CameraSession::work(const conversation::Greet&) {
   session_->live().add(id_, weak_from_this());
   sender_->send(worldOf(*session_, granted, id_));
   session_->presence().join(id_, hello, sender_, conversation_.newestPose());
-}
-
-void CameraSession::countTriangles(std::uint32_t now) {
-  session_->resources().figures->triangles.Increment(static_cast<std::int64_t>(now) - static_cast<std::int64_t>(counted_));
-  counted_ = now;
 }
 
 bool CameraSession::copy(TakeCopy done) {
@@ -299,7 +300,7 @@ void CameraSession::work(const conversation::Iterate& order) {
   if (order.insertions) mesh_->setInsertionLimit(*order.insertions);
   wire::Iteration iteration;
   iteration.figures = mesh_->iterate(order.pose.camera);
-  countTriangles(iteration.figures.triangles);
+  figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
   iteration.poseSequence = order.pose.sequence;
   iteration.settled = mesh_->settled();
   effectiveThreshold_ = iteration.figures.effectiveThreshold;
@@ -317,12 +318,14 @@ void CameraSession::work(const conversation::Iterate& order) {
   if (candidates > 0) iteration.candidates = mesh_->candidates(candidates);
   iteration.figures.encodeMs = millisecondsSince(start);
   figures.iterated(iteration.figures);
-  figures.iterationsSent.Increment();
+  bool late = false;
   {
     const std::lock_guard lock(mutex_);
     conversation_.sent(iteration, session_->resources().timer->now());
+    late = conversation_.isLate();
   }
-  sender_->send(std::move(iteration));
+  const std::uint64_t pose = iteration.poseSequence;
+  sender_->send(std::move(iteration), figures_.sent(pose, late));
 }
 
 }  // namespace ridgecast::session

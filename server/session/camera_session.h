@@ -12,6 +12,7 @@
 #include "common/wire/messages.h"
 #include "server/conversation/conversation.h"
 #include "server/encoding/encoder.h"
+#include "server/session/camera_figures.h"
 #include "server/session/grounds.h"
 #include "server/session/queries.h"
 #include "server/session/sender.h"
@@ -59,7 +60,6 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void work(const conversation::SendTiles& wanted);
   void work(const conversation::Iterate& order);
   void workOnCopy();
-  void countTriangles(std::uint32_t now);
 
   const std::shared_ptr<Session> session_;
   const CameraPlace place_;
@@ -71,6 +71,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   conversation::Conversation conversation_;
   bool scheduled_ = false;  // a task is queued or runs
   bool timerSet_ = false, watches_ = false;
+  CameraFigures figures_;
   std::vector<TakeCopy> copies_;      // requested
   std::shared_ptr<Queries> queries_;  // once one was sent
   std::shared_ptr<Grounds> grounds_;
@@ -78,7 +79,6 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;
   std::unique_ptr<encoding::Encoder> encoder_;
-  std::uint32_t counted_ = 0;  // triangles, in the figures
   double effectiveThreshold_ = 0;
   std::shared_ptr<MeshCopy> copy_;  // being made
 };

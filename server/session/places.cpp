@@ -43,6 +43,11 @@ std::uint32_t Places::Place::grant(std::uint32_t requested) {
   return granted;
 }
 
+std::uint64_t Places::triangles() const {
+  const std::lock_guard lock(mutex_);
+  return triangles_;
+}
+
 std::uint32_t Places::cameras() const {
   const std::lock_guard lock(mutex_);
   return cameras_;

@@ -35,6 +35,7 @@ class Places : public std::enable_shared_from_this<Places> {
   // Error: there are as many cameras as there may be, or no triangles are left for another.
   Outcome<std::shared_ptr<Place>> enter();
   std::uint32_t cameras() const;
+  std::uint64_t triangles() const;  // set aside for all
 
  private:
   const std::uint32_t maxCameras_;

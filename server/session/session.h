@@ -159,6 +159,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
 
   const Resources& resources() const { return *resources_; }
   std::uint32_t cameras() const { return places_->cameras(); }
+  std::uint64_t triangles() const { return places_->triangles(); }  // set aside for the cameras
   std::uint64_t nextCameraId() { return ++lastCameraId_; }
 
  private:
