@@ -1,16 +1,11 @@
 #include "server/scheduling/pool.h"
 
-#ifdef __linux__
-#include <sched.h>
-#include <sys/resource.h>
-#include <unistd.h>
-#endif
-
 #include <algorithm>
 #include <atomic>
 #include <cassert>
 #include <chrono>
 #include <condition_variable>
+#include <ctime>
 #include <deque>
 #include <mutex>
 #include <thread>
@@ -31,6 +26,15 @@ namespace ridgecast::scheduling {
 namespace {
 
 constexpr std::size_t kMaxPosted = 1024;
+// A pool's tasks are long while one of its last took more than kLong; a new pool's are until two were short.
+constexpr std::chrono::nanoseconds kLong = std::chrono::milliseconds(10), kUnknown = kLong * 3 / 2;
+
+std::chrono::nanoseconds threadCpuTime() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
+}
+
 // A thread that runs dry looks around this long before it sleeps: an iteration is a row of short loops, and waking a thread takes longer.
 constexpr std::chrono::microseconds kSpin{100};
 
@@ -81,7 +85,8 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
   unsigned inFlight = 0;
   bool queued = false;
   bool closed = false;
-  std::atomic<bool> takesMore{true};  // inFlight < limit and not queued; also read without the lock, as a hint
+  std::chrono::nanoseconds usual = kUnknown;  // of a task: the longest lately
+  std::atomic<bool> takesMore{true};          // inFlight < limit and not queued; also read without the lock, as a hint
 
   ~Impl();
   Region* regionThatWantsHelp() const {
@@ -99,6 +104,8 @@ struct Executor::State {
   std::condition_variable work;
   std::deque<std::shared_ptr<Pool::Impl>> ready;  // pools with work and room, served in turn
   std::atomic<std::size_t> waiting{0};            // ready.size()
+  std::deque<std::shared_ptr<Pool::Impl>> held;   // taken from `ready`: there are as many long tasks as there may be
+  unsigned longTasks = 0;                         // in flight
   std::unordered_set<Pool::Impl*> pools;
   unsigned idle = 0;
   bool roused = false;  // one is to wake without there being work yet
@@ -121,6 +128,7 @@ struct Executor::State {
   void summon(Pool::Impl& pool) {
     if (enqueue(pool) && idle > 0) work.notify_one();
   }
+  bool takesLong() const { return longTasks + 1 < std::max(2u, threads); }
   void serve();
   void help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept;
 };
@@ -171,9 +179,15 @@ void Executor::State::serve() {
     std::shared_ptr<Pool::Impl> pool = std::move(ready.front());
     ready.pop_front();
     waiting = ready.size();
+    Region* region = pool->regionThatWantsHelp();
+    const bool isLong = !region && !pool->posted.empty() && pool->usual > kLong;
+    if (isLong && !takesLong()) {
+      held.push_back(std::move(pool));
+      continue;
+    }
     pool->queued = false;
     ++pool->inFlight;
-    Region* region = pool->regionThatWantsHelp();
+    longTasks += isLong;
     std::function<void()> task;
     if (region) {
       ++region->helpers;
@@ -185,23 +199,23 @@ void Executor::State::serve() {
     summon(*pool);  // more work and more room: to the back of the row
     lock.unlock();
     last.reset();
+    const auto begin = threadCpuTime();
     help(*pool, region, std::move(task));
+    const auto took = threadCpuTime() - begin;
     lock.lock();
+    if (!region) pool->usual = std::max(took, pool->usual * 4 / 5);
+    longTasks -= isLong;
+    if (!held.empty() && takesLong()) {
+      ready.push_front(std::move(held.front()));
+      held.pop_front();
+      waiting = ready.size();
+    }
     if (region && --region->helpers == 0) region->helpersGone.notify_one();
     --pool->inFlight;
     pool->noteChange();
     enqueue(*pool);
     last = std::move(pool);
   }
-}
-
-void lowerPriority([[maybe_unused]] int by) {
-#ifdef __linux__
-  const auto thread = static_cast<id_t>(gettid());  // on Linux a thread has a nice value of its own
-  const sched_param none{};
-  if (by >= kIdle && sched_setscheduler(0, SCHED_IDLE, &none) == 0) return;
-  if (by > 0) setpriority(PRIO_PROCESS, thread, std::min(19, getpriority(PRIO_PROCESS, thread) + by));
-#endif
 }
 
 Executor::Executor(unsigned threads, int lowerPriorityBy, const Executor* first) : state_(std::make_shared<State>()) {
@@ -228,6 +242,7 @@ Executor::~Executor() {
     const std::lock_guard lock(state_->mutex);
     for (Pool::Impl* pool : state_->pools) dropped.push_back(std::exchange(pool->posted, {}));
     released.swap(state_->ready);
+    std::ranges::move(std::exchange(state_->held, {}), std::back_inserter(released));
   }
 }
 

@@ -240,6 +240,37 @@ TEST(Scheduling, ManyPoolsShareFairly) {
   EXPECT_GT(sum * sum / (kPools * squares), 0.9);  // Jain's index: 1 is perfectly fair
 }
 
+TEST(Scheduling, LongTasksLeaveAThreadToShortOnes) {
+  constexpr unsigned kThreads = 3;
+  std::vector<std::shared_ptr<Pool>> pools;
+  std::promise<void> gate;
+  const std::shared_future<void> open = gate.get_future().share();
+  std::atomic<unsigned> inFlight{0}, done{0};
+  Executor executor(kThreads);  // last, so that its tasks end before what they use
+  const auto honest = executor.makePool();
+  for (int k = 0; k < 50; ++k) runOn(*honest, [] {});  // known as short
+  for (int k = 0; k < 8; ++k) {
+    pools.push_back(executor.makePool());
+    ASSERT_TRUE(pools.back()->post([&, open] {
+      ++inFlight;
+      open.wait();
+      ++done;
+    }));
+  }
+  ASSERT_TRUE(testing_support::await([&] { return inFlight == kThreads - 1; }));
+  for (int k = 0; k < 50; ++k) {
+    const auto ran = std::make_shared<std::promise<void>>();
+    ASSERT_TRUE(honest->post([ran] { ran->set_value(); }));
+    const bool begins = ran->get_future().wait_for(testing_support::kTimeout) == std::future_status::ready;
+    EXPECT_TRUE(begins) << "it waits for a long task";
+    if (!begins) break;
+  }
+  EXPECT_EQ(inFlight, kThreads - 1);
+  pools.erase(pools.begin() + 2, pools.begin() + 5);  // gone while they wait: the others get their turns
+  gate.set_value();
+  EXPECT_TRUE(testing_support::await([&] { return done == pools.size(); }));
+}
+
 TEST(Scheduling, QueueOfPostedTasksIsBounded) {
   std::atomic<int> ran{0};
   std::promise<void> release, started;

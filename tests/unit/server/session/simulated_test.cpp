@@ -8,6 +8,7 @@
 #include <future>
 #include <vector>
 
+#include "common/wire/wire.h"
 #include "scripted.h"
 #include "server/session/presence.h"
 #include "tests/support/simulated_timer.h"
@@ -256,8 +257,8 @@ class SimulatedQueries : public testing::Test {
       answers += std::holds_alternative<wire::Answer>(message);
     }
     std::size_t queuedBytes() const override { return 0; }
-    void fail(wire::ErrorMessage error) override { ADD_FAILURE() << error.message; }
-    std::atomic<int> worlds{0}, answers{0};
+    void fail(wire::ErrorMessage) override { ++errors; }
+    std::atomic<int> worlds{0}, answers{0}, errors{0};
   };
   void SetUp() override {
     resources->executor = &executor;
@@ -268,7 +269,10 @@ class SimulatedQueries : public testing::Test {
     camera->receive(wire::Hello{});
     ASSERT_TRUE(testing_support::await([&] { return asker->worlds == 1; }));
   }
-  void TearDown() override { camera->close(); }
+  void TearDown() override {
+    camera->close();
+    EXPECT_EQ(asker->errors, refused);
+  }
   void askForLongRays(int queries) {
     wire::Query query;
     query.kind = wire::QueryKind::kRays;
@@ -283,7 +287,14 @@ class SimulatedQueries : public testing::Test {
   std::shared_ptr<Asker> asker = std::make_shared<Asker>();
   std::shared_ptr<Directory> directory;
   std::shared_ptr<CameraSession> camera;
+  int refused = 0;
 };
+
+TEST_F(SimulatedQueries, OnlySoManyAreOpen) {
+  refused = 1;
+  askForLongRays(static_cast<int>(wire::kMaxQueries) + 3);  // the time stands still, so at most two are answered
+  EXPECT_EQ(asker->errors, 1);
+}
 
 TEST_F(SimulatedQueries, WhatExceedsAMembersBudgetWaits) {
   askForLongRays(20);

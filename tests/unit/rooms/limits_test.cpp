@@ -1,0 +1,76 @@
+// Every row of the table *Limits* of server/README.md has a test. Each name stands in a test's source; a row that is not here, or a name that
+// is gone, fails.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <set>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace ridgecast {
+namespace {
+
+namespace fs = std::filesystem;
+
+// What a row begins with, and the tests of all that it names.
+const std::map<std::string, std::vector<std::string>> kTests{
+    {"`max-connections`, ", {"ConnectionsAndCamerasAreBounded", "ConnectionsOfOneAddressAndOfThoseBehindAProxy"}},
+    {"`max-header-bytes`", {"RefusesWhatIsNoHttp"}},
+    {"`max-cameras`, ", {"PlacesAreBoundedAndGivenBack", "ThereAreOnlySoManyAndIdleOnesEnd"}},
+    {"`max-total-triangles`", {"CamerasAreGrantedWhatIsLeftOfAllTriangles", "EverybodyFliesOnASmallServerAndTheNextIsRefused"}},
+    {"`max-triangles`", {"HelloIsAnsweredWithTheWorldAndWhatWasGranted"}},
+    {"memory runs out", {"WhatRunsOutEndsCamerasAndNotTheServer"}},
+    {"`max-sessions-per-client`", {"AreByTokenHolderOrAddress"}},
+    {"`max-message-bytes`", {"MessagesHaveASizeAndARate"}},
+    {"`max-messages-per-second`", {"MessagesHaveASizeAndARate"}},
+    {"bytes of messages", {"BytesOfMessagesHaveABudget"}},
+    {"`timeout`", {"SilentClientsAreClosed"}},
+    {"`idle`", {"SilentClientsAreClosed"}},
+    {"5 minutes without an acknowledgement", {"WhoNeverAcknowledgesIsToldSo"}},
+    {"30 s for a member", {"AMemberThatNeverSaysDoneIsPassedOverAndTold"}},
+    {"`session-idle`", {"SessionsEndWhenTheyWereEmptyForLongEnough", "SessionsInWhichNobodySaidHelloEndWithinSeconds"}},
+    {"height maps in use", {"TerrainsOfOneMapShareItsSamples"}},
+    {"leaves requested again", {"AHundredResendsSendAtMostThreeMeshes"}},
+    {"open at a time",
+     {"OnlySoManyAreOpen", "OnlySoManyAtATimeAndNoneAfterTheEnd", "waitForRoomAndAreBounded", "QueuedStepsAreBoundedAndGoWithTheirOwner",
+      "LockstepBoundsItsQueue"}},
+    {"queries: ", {"WhatExceedsAMembersBudgetWaits", "LongRaysLeaveOthersTheirTurns"}},
+    {"requests that wait", {"OneAskerLeavesPlacesToOthers", "OneClientHasHalfOfThePlaces"}},
+    {"`max-snapshot-triangles`, ", {"WhatCannotBeSaysWhy"}},
+    {"iterations of more than 10 ms", {"LongTasksLeaveAThreadToShortOnes"}},
+    {"grounds: ", {"FewerAreInWorkThanThereAreThreads", "AQuestionHasOneDeadline"}},
+};
+
+std::string read(const fs::path& file) {
+  std::ifstream in(file);
+  std::stringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+TEST(Limits, EachRowHasATest) {
+  const fs::path root(RIDGECAST_SOURCE);
+  std::string tests;
+  for (const auto& entry : fs::recursive_directory_iterator(root / "tests"))
+    if (entry.path().filename().string().ends_with("_test.cpp") && entry.path().filename() != "limits_test.cpp")
+      tests += read(entry.path());
+  std::istringstream lines(read(root / "server/README.md"));
+  std::set<std::string> seen;
+  bool isThere = false;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with("## ")) isThere = line == "## Limits";
+    if (!isThere || !line.starts_with("| ") || line.starts_with("| setting")) continue;
+    const auto row = std::ranges::find_if(kTests, [&](const auto& entry) { return line.starts_with("| " + entry.first); });
+    ASSERT_NE(row, kTests.end()) << "this row names no test: " << line;
+    seen.insert(row->first);
+    for (const std::string& name : row->second) EXPECT_NE(tests.find(", " + name + ")"), std::string::npos) << "there is no test " << name;
+  }
+  for (const auto& [row, names] : kTests) EXPECT_TRUE(seen.contains(row)) << "this row is gone: " << row;
+}
+
+}  // namespace
+}  // namespace ridgecast
