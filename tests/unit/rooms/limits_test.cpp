@@ -1,5 +1,4 @@
-// Every row of the table *Limits* of server/README.md has a test. Each name stands in a test's source; a row that is not here, or a name that
-// is gone, fails.
+// Every row of the table *Limits* of server/README.md has a test. A row that is not here, or a name that no test's source has, fails.
 #include <gtest/gtest.h>
 
 #include <algorithm>
