@@ -7,6 +7,7 @@
 
 #include "common/text/text.h"
 #include "common/wire/wire.h"
+#include "server/terrain/catalogue.h"
 
 namespace ridgecast::http {
 
@@ -191,6 +192,29 @@ Answer sessionsAnswer(const session::Directory& directory) {
   }
   const Json all{{"sessions", sessions}, {"max_sessions", directory.resources().limits.maxSessions}};
   return json(all.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+Route terrainsRoute(std::optional<std::filesystem::path> folder) {
+  const auto answer = [folder = std::move(folder)](std::stop_token) {
+    using Json = nlohmann::ordered_json;
+    Json terrains = Json::array();
+    const auto entries = folder ? user_terrain::list(*folder) : std::vector<user_terrain::Entry>();
+    if (!entries) return refused(503, metrics::Refusal::kRequest, entries.error().message);
+    for (const user_terrain::Entry& entry : *entries) {
+      if (!entry.problem.empty()) continue;
+      Json parameters = Json::array();
+      for (const user_terrain::Parameter& p : entry.parameters)
+        parameters.push_back(
+            {{"name", p.name}, {"default", p.value}, {"least", p.least}, {"most", p.most}, {"unit", p.unit}, {"summary", p.summary}});
+      terrains.push_back({{"name", entry.name}, {"summary", entry.summary}, {"parameters", parameters}});
+    }
+    return json(Json{{"terrains", terrains}}.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
+  };
+  return [answer](const Request& request) -> std::optional<Answer> {
+    if (request.path() != "/v1/terrains") return {};
+    if (!request.reads()) return wrongMethod();
+    return madeBy({.work = answer});
+  };
 }
 
 }  // namespace ridgecast::http

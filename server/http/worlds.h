@@ -1,5 +1,8 @@
 #pragma once
-// Sessions over HTTP: /v1/stream joins or creates one, /v1/sessions lists them.
+// Sessions over HTTP: /v1/stream joins or creates one, /v1/sessions lists them, /v1/terrains says of which terrains they can be created.
+
+#include <filesystem>
+#include <optional>
 
 #include "server/http/routes.h"
 
@@ -12,5 +15,9 @@ Answer streamAnswer(const Request& request, session::Directory& directory);
 
 // {"sessions": [...], "max_sessions": N}
 Answer sessionsAnswer(const session::Directory& directory);
+
+// GET /v1/terrains: {"terrains": [{"name", "summary", "parameters": [{"name", "default", "least", "most", "unit", "summary"}]}]}. The built-in
+// terrains and the readable files of `folder`, read on each request by work. No folder: sessions cannot be created here, the list is empty.
+Route terrainsRoute(std::optional<std::filesystem::path> folder);
 
 }  // namespace ridgecast::http

@@ -1,4 +1,5 @@
 #include "server/http/routes.h"
+#include "server/http/worlds.h"
 #include "tests/support/waiting.h"
 
 #include <gmock/gmock.h>
@@ -10,6 +11,7 @@
 namespace ridgecast::http {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
@@ -151,6 +153,24 @@ TEST_F(WorldsTest, WithoutAnUpgradeAWorldIsJudgedAndNotMade) {
   EXPECT_EQ(unknown.body, connect("/v1/stream?session=new&terrain=canyons").body);
   EXPECT_EQ(ask("/v1/stream?session=new&terrain=canyon").status, 426u);
   EXPECT_EQ(directory->find("new"), nullptr);
+}
+
+TEST_F(WorldsTest, ListsTheTerrainsWithTheirParameters) {
+  Request request;
+  request.method = "GET";
+  request.target = "/v1/terrains";
+  const auto listed = [&](std::optional<std::filesystem::path> folder) {
+    const Answer a = answer(request, *directory, "9.9", {terrainsRoute(std::move(folder))});
+    return a.later ? a.later->work({}) : a;
+  };
+  const Answer all = listed("");
+  EXPECT_EQ(all.status, 200u);
+  EXPECT_THAT(all.body,
+              AllOf(HasSubstr(R"("name":"canyon")"), HasSubstr(R"("name":"snowLine","default":1760.0,"least":500.0,"most":4000.0)")));
+  EXPECT_EQ(listed(std::nullopt).body, "{\"terrains\":[]}\n");
+  EXPECT_EQ(listed("/nowhere").status, 503u);
+  request.method = "POST";
+  EXPECT_EQ(listed("").status, 405u);
 }
 
 TEST_F(WorldsTest, AUrlMakesAWorldOrJoinsIt) {
