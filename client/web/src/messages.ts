@@ -9,9 +9,10 @@ import type { Pose } from './render/view';
 
 export type ToEngine =
   | { kind: 'painter'; port: MessagePort }
-  | { kind: 'start'; url: string; settings: Settings; token: string } // begins, or begins anew; what is held is resumed
+  | { kind: 'start'; url: string; settings: Settings; token: string; name: string } // begins, or begins anew; what is held is resumed
   | { kind: 'pose'; camera: Camera; number: number } // the page counts them, from 1
   | { kind: 'candidates'; wanted: boolean } // for vertices
+  | { kind: 'threshold'; pixels: number }
   | { kind: 'hurry' } // try to connect now
   | { kind: 'stop' };
 
@@ -51,6 +52,8 @@ export interface Figures {
 
 export type FromEngine =
   | { kind: 'world'; world: WorldTold }
+  | { kind: 'granted'; threshold: number }
+  | { kind: 'notice'; sentence: string } // of the session's clock, to this member
   | { kind: 'members'; members: MemberTold[] } // all the others
   | ({ kind: 'lost' } & Loss)
   | { kind: 'figures'; figures: Figures }

@@ -10,7 +10,7 @@ import { tmpdir } from 'node:os';
 import { extname, join } from 'node:path';
 import { test } from 'node:test';
 import { promisify } from 'node:util';
-import { errorColour } from '../../../client/web/src/render/error_colour';
+import { errorColour } from '../../../client/web/src/render/colours';
 import type { Report } from '../../../client/web/src/main';
 import { PATIENCE, Viewer, closeAll, launch, missing } from './browser';
 import { contrast, decodePng, ssim } from './picture';

@@ -62,6 +62,9 @@ export class Engine {
         return this.tellGround();
       case 'candidates':
         return this.wantCandidates(message.wanted);
+      case 'threshold':
+        this.settings = { ...this.settings, threshold: message.pixels };
+        return this.stream?.change(this.settings);
       case 'hurry':
         return this.stream?.hurry();
       case 'stop':
@@ -69,7 +72,7 @@ export class Engine {
     }
   }
 
-  private async start({ url, token, settings }: Start): Promise<void> {
+  private async start({ url, token, settings, name }: Start): Promise<void> {
     this.stream?.close();
     this.stream = undefined;
     const mine = ++this.starts;
@@ -85,7 +88,7 @@ export class Engine {
       {
         // A page cannot set headers of a WebSocket: a token travels as a subprotocol.
         open: () => new WebSocket(url, token ? ['ridgecast.v1', `bearer.${token}`] : []) as unknown as Socket,
-        clientName: 'ridgecast-web',
+        clientName: name,
         settings: this.settings,
         ...(new URL(url).searchParams.has('terrain') ? { timeout: MAKING_TIMEOUT } : {}),
         explain: () => explain(url, token),
@@ -96,6 +99,10 @@ export class Engine {
         onMembers: (members) => {
           this.members.know(members);
           this.tellMembers();
+        },
+        onGranted: (granted) => this.tell({ kind: 'granted', threshold: granted.threshold }),
+        onClock: (clock) => {
+          if (clock.notice.length > 0) this.tell({ kind: 'notice', sentence: text(clock.notice) });
         },
         onLost: (loss) => this.lost(loss),
       },

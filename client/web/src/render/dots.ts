@@ -3,7 +3,7 @@
 
 import { BufferAttribute, BufferGeometry, Camera, DataTexture, DynamicDrawUsage, GLSL3, NormalBlending, Points, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
 import type { Candidates } from '../messages';
-import { errorColour } from './error_colour';
+import { errorColour } from './colours';
 import { DOT_FRAGMENT, DOT_VERTEX } from './shaders';
 import { STEPS_PER_METRE, View, ViewUniforms } from './view';
 

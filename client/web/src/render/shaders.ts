@@ -1,6 +1,7 @@
 // The shaders: what they share with the desktop client (common/terrain, common/shaders) and what the page alone draws, as GLSL ES 3.00
 // around the terrain's own functions, which arrive with the world.
 
+import { COARSEST_LEVEL, LEVELS_IN_GLSL } from './colours';
 import prelude from '../../../../common/terrain/prelude.glsl?raw';
 import shading from '../../../../common/terrain/shading.glsl?raw';
 import dots from '../../../../common/shaders/dots.glsl?raw';
@@ -20,7 +21,7 @@ export const DOT_FRAGMENT = HEAD + dots;
 export const MESH_VERTEX = `${HEAD}#define BLOCKS\n${meshVertex}`;
 
 // The depth is logarithmic: it spreads 0.1 m to 200 km evenly.
-// w is 1 + the leaf's level + half of how much of this sample is an edge of a triangle.
+// w is 1 + the leaf's level + half of how much of this sample is an edge of a triangle; where triangles are small on the screen, edges fade.
 export const MESH_FRAGMENT = `${HEAD}
 uniform float edges;
 flat in float leafLevel;
@@ -30,8 +31,8 @@ in float depth;
 layout(location = 0) out vec4 surface;
 void main() {
   vec3 wide = fwidth(corner);
-  vec3 near = 1.0 - smoothstep(0.6 * wide, 1.3 * wide, corner);
-  float edge = max(near.x, max(near.y, near.z)) * (1.0 - smoothstep(0.25, 0.9, max(wide.x, max(wide.y, wide.z))));
+  vec3 near = 1.0 - smoothstep(0.4 * wide, 1.1 * wide, corner);
+  float edge = max(near.x, max(near.y, near.z)) * (1.0 - smoothstep(0.04, 0.3, max(wide.x, max(wide.y, wide.z))));
   surface = vec4(offset, 1.0 + leafLevel + 0.498 * edge * edges);
   gl_FragDepth = clamp(log2(max(depth, 0.1) * 10.0) / log2(2000000.0), 0.0, 1.0);
 }
@@ -43,8 +44,8 @@ const OVERLAY = `
 #define OVERLAID
 uniform float showNodes;
 vec3 levelColour(float level) {
-  vec3 ramp[6] = vec3[6](vec3(0.993, 0.906, 0.144), vec3(0.478, 0.821, 0.318), vec3(0.133, 0.659, 0.518), vec3(0.164, 0.471, 0.558), vec3(0.254, 0.265, 0.530), vec3(0.267, 0.005, 0.329));
-  float at = clamp(level / 10.0, 0.0, 1.0) * 5.0;
+  vec3 ramp[6] = ${LEVELS_IN_GLSL};
+  float at = clamp(level / ${COARSEST_LEVEL}.0, 0.0, 1.0) * 5.0;
   int k = min(int(at), 4);
   return mix(ramp[k], ramp[k + 1], at - float(k));
 }
@@ -60,7 +61,8 @@ vec3 overlaid(vec3 shown, vec4 s, float range) {
     float wide = viewFootprint(dot(s.xyz, viewForward)) / clamp(-s.y / max(range, 1e-3), 0.4, 1.0);
     shown = mix(shown, levelColour(level), mix(0.3, 0.95, 1.0 - smoothstep(0.5 * wide, 1.2 * wide, metres)));
   }
-  return mix(shown, vec3(0.02, 0.03, 0.05), 0.55 * min(1.0, fract(s.w) * 2.0));
+  float edge = min(1.0, fract(s.w) * 2.0) * mix(0.6, 0.12, smoothstep(0.0, 0.3, range / viewHorizon));
+  return mix(shown, vec3(0.02, 0.03, 0.05), edge);
 }
 `;
 

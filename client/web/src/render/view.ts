@@ -25,6 +25,9 @@ export interface View {
   horizon: number; // metres
 }
 
+/** Metres from a pose to a place given in steps, metres and steps. */
+export const distanceTo = (p: Pose, at: { x: number; y: number; z: number }): number => Math.hypot((at.x - p.x) / STEPS_PER_METRE, at.y - p.y, (at.z - p.z) / STEPS_PER_METRE);
+
 export const forwardOf = (p: Pose): Vec3 => [-Math.sin(p.yaw) * Math.cos(p.pitch), Math.sin(p.pitch), -Math.cos(p.yaw) * Math.cos(p.pitch)];
 export const rightOf = (p: Pose): Vec3 => [Math.cos(p.yaw), 0, -Math.sin(p.yaw)];
 export const upOf = (p: Pose): Vec3 => [Math.sin(p.yaw) * Math.sin(p.pitch), Math.cos(p.pitch), Math.cos(p.yaw) * Math.sin(p.pitch)];

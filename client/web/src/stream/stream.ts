@@ -2,7 +2,7 @@
 // Comes back by itself after a loss, waiting longer after each failure and by chance.
 
 import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
-import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, SettingsSchema, World } from '../generated/ridgecast/v1/stream_pb';
+import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Clock, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, Settings as WireSettings, SettingsSchema, StepDoneSchema, World } from '../generated/ridgecast/v1/stream_pb';
 import { LeafAddress, Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
@@ -51,6 +51,10 @@ export interface Listener {
   onLost(loss: Loss): void;
   /** Who else is in the session, and who came, moved and went since. */
   onMembers?(members: Members): void;
+  /** What the server granted of change(). */
+  onGranted?(granted: WireSettings): void;
+  /** Follows the session's clock: no step waits for more than the answer to it. */
+  onClock?(clock: Clock): void;
 }
 
 /** Why there is no connection. */
@@ -79,6 +83,7 @@ export class Stream {
   private world: World | undefined;
   private settings: Settings;
   private sequence = 0n;
+  private step = 0n; // the clock's newest
   private camera: Camera | undefined; // the newest, sent again to the next connection
   private wait = FIRST_WAIT;
   private timer: ReturnType<typeof setTimeout> | undefined;
@@ -175,6 +180,7 @@ export class Stream {
         pacing: lockstep ? Pacing.LOCKSTEP : Pacing.FREE,
         deltas: true,
         members: this.listener.onMembers !== undefined,
+        clock: this.listener.onClock !== undefined,
       }),
     });
   }
@@ -187,6 +193,8 @@ export class Stream {
       if (kind.case === 'world') this.begin(kind.value);
       else if (kind.case === 'iteration' && this.world) this.listener.onIteration(kind.value, data.byteLength);
       else if (kind.case === 'members' && this.world) this.listener.onMembers?.(kind.value);
+      else if (kind.case === 'granted' && this.world) this.listener.onGranted?.(kind.value);
+      else if (kind.case === 'clock' && this.world) this.follow(kind.value);
       else if (kind.case === 'error') {
         this.why = text(kind.value.message);
         this.final = kind.value.code === Error_Code.VERSION;
@@ -207,7 +215,7 @@ export class Stream {
     }
     clearTimeout(this.watchdog);
     this.world = world;
-    this.sequence = 0n;
+    this.sequence = this.step = 0n;
     const held = this.listener.onWorld(world);
     if (held.length <= MAX_RESUMED)
       for (let k = 0; k < held.length; k += RESUMED_AT_A_TIME) {
@@ -215,6 +223,12 @@ export class Stream {
         this.send({ case: 'resume', value: create(ResumeSchema, { leaves }) });
       }
     if (this.camera && !this.options.lockstep) this.pose(this.camera);
+  }
+
+  private follow(clock: Clock): void {
+    if (clock.step > this.step) this.send({ case: 'stepDone', value: create(StepDoneSchema, { step: clock.step }) });
+    this.step = clock.step;
+    this.listener.onClock?.(clock);
   }
 
   private forget(): void {

@@ -65,6 +65,9 @@ export class EngineLink {
       case 'figures':
         this.figures = message.figures;
         break;
+      case 'granted':
+        if (this.world) this.world.threshold = message.threshold;
+        break;
       case 'ground':
         this.ground = message.metres;
         break;

@@ -33,6 +33,18 @@ function moved(whole: number, remainder: number, metres: number): [number, numbe
   return [Math.min(FARTHEST, Math.max(-FARTHEST, whole + floor)), Math.min(steps - floor, 0.999999)];
 }
 
+const BESIDE = 60, ABOVE = 15; // metres
+
+/** Near somebody, on the side that one comes from, looking at them. */
+export function beside(from: Pose, at: { x: number; y: number; z: number }): Pose {
+  const x = (from.x - at.x) / STEPS_PER_METRE, z = (from.z - at.z) / STEPS_PER_METRE, level = Math.hypot(x, z);
+  const [dx, dz] = level > 1e-3 ? [x / level, z / level] : [0, 1];
+  const pose: Pose = { ...from, y: at.y + ABOVE, yaw: Math.atan2(dx, dz), pitch: -Math.atan2(ABOVE, BESIDE) };
+  [pose.x, pose.remainderX] = moved(at.x, 0, dx * BESIDE);
+  [pose.z, pose.remainderZ] = moved(at.z, 0, dz * BESIDE);
+  return pose;
+}
+
 export class Flying {
   pose: Pose;
   speed = 50; // metres a second

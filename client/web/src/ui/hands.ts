@@ -2,15 +2,15 @@
 
 import { Input, atRest } from './flying';
 
+const SPEED_KEYS: Record<string, number> = { '+': 2, '=': 2, '-': -2 }; // notches of the wheel
+const FASTER = 4; // notches that a tap on the buttons for speed is worth: twice as fast
 const LOOK_KEYS = 500; // pixels a second that an arrow key is worth
 
 export class Hands {
-  /** A pointer went down on the canvas: whether it was taken (the divider is dragged) and should not look around. */
-  onGrab: (x: number) => boolean = () => false;
-  onDrag: (x: number) => void = () => {};
-  onKey: (code: string) => void = () => {};
+  /** Whether the key did something. */
+  onKey: (code: string, repeated: boolean) => boolean = () => false;
   private readonly held = new Set<string>();
-  private readonly pointers = new Map<number, { x: number; y: number; drags: boolean }>();
+  private readonly pointers = new Map<number, { x: number; y: number }>();
   private turnX = 0;
   private turnY = 0;
   private wheel = 0;
@@ -22,7 +22,9 @@ export class Hands {
     window.addEventListener('keydown', (event) => {
       const typing = (event.target as HTMLElement).closest('input, select, textarea, dialog');
       if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
-      if (!event.repeat) this.onKey(event.code);
+      if (event.code === 'Space' && (event.target as HTMLElement).closest('button, a, summary')) return; // it presses that
+      if (this.onKey(event.code, event.repeat)) event.preventDefault(); // it is not typed into what it opened
+      if (event.key in SPEED_KEYS) this.wheel += SPEED_KEYS[event.key]!;
       this.held.add(event.code);
       if (event.code.startsWith('Arrow') || event.code === 'Space') event.preventDefault();
     });
@@ -32,7 +34,7 @@ export class Hands {
       canvas.focus({ preventScroll: true });
       canvas.setPointerCapture(event.pointerId);
       canvas.classList.add('held');
-      this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY, drags: this.onGrab(event.clientX) });
+      this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     });
     canvas.addEventListener('pointermove', (event) => this.move(event));
     for (const kind of ['pointerup', 'pointercancel'] as const)
@@ -53,7 +55,8 @@ export class Hands {
   }
 
   /** The stick and the buttons for thumbs. */
-  attachTouch(stick: HTMLElement, lift: HTMLElement): void {
+  attachTouch(stick: HTMLElement, lift: HTMLElement, pace: HTMLElement): void {
+    for (const button of pace.querySelectorAll<HTMLElement>('[data-faster]')) button.addEventListener('click', () => (this.wheel += FASTER * Number(button.dataset['faster'])));
     const knob = stick.firstElementChild as HTMLElement;
     const place = (event: PointerEvent | undefined): void => {
       const box = stick.getBoundingClientRect();
@@ -109,7 +112,6 @@ export class Hands {
     const dx = event.clientX - pointer.x, dy = event.clientY - pointer.y;
     pointer.x = event.clientX;
     pointer.y = event.clientY;
-    if (pointer.drags) return this.onDrag(event.clientX);
     if (this.pointers.size > 1) {
       this.pinch += this.spread() - before;
       return;

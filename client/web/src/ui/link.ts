@@ -15,6 +15,7 @@ export interface Place {
   threshold: number | undefined;
   mode: Mode;
   token: string;
+  name: string; // one's own, for the others
 }
 
 const degrees = 180 / Math.PI;
@@ -40,11 +41,19 @@ export function readPlace({ hash, search }: Pick<Location, 'hash' | 'search'>): 
     threshold: number('threshold', 0.05, 1000),
     mode: mode === 'march' || mode === 'split' ? mode : 'mesh',
     token: values.get('token') ?? '',
+    name: values.get('name') ?? '',
   };
 }
 
+/** A place that somebody types: x and z in metres, perhaps y, or a link. Nothing where it is neither. */
+export function placeOf(text: string): Pick<Location, 'hash' | 'search'> | undefined {
+  const numbers = text.trim().split(/[\s,;]+/).map(Number);
+  if (numbers.length >= 2 && numbers.length <= 3 && numbers.every(Number.isFinite)) return { search: '', hash: `#x=${numbers[0]}&z=${numbers[1]}${numbers.length > 2 ? `&y=${numbers[2]}` : ''}` };
+  return URL.canParse(text) && /[#?]./.test(text) ? new URL(text) : undefined;
+}
+
 /** Never with the token: links are for passing on. */
-export function writePlace(place: Omit<Place, 'altitude' | 'token'>): string {
+export function writePlace(place: Omit<Place, 'altitude' | 'token' | 'name'>): string {
   const { pose } = place;
   const parts: [string, string][] = [];
   const decimals = (v: number, n: number): string => String(Number(v.toFixed(n)));

@@ -1,7 +1,9 @@
 // The others in this session, as labels over the picture.
 
 import type { MemberTold } from '../messages';
+import { memberColour } from '../render/colours';
 import { View, forwardOf, rightOf, tangentsOf, upOf } from '../render/view';
+import { distanceText, nameOf } from './people';
 
 const MOST = 64; // labels; the nearest are shown
 
@@ -42,11 +44,11 @@ export class Members {
       if (!label) {
         label = document.createElement('div');
         label.className = 'member';
+        label.style.setProperty('--own', memberColour(m.camera));
         this.parent.append(label);
         this.labels.set(m.camera, label);
       }
-      const far = distance < 1000 ? `${Math.round(distance)} m` : `${(distance / 1000).toFixed(1)} km`;
-      const text = `${m.name || 'camera'} ${m.camera} · ${far}`;
+      const text = `${nameOf(m)} · ${distanceText(distance)}`;
       if (label.textContent !== text) label.textContent = text;
       label.hidden = false;
       const px = ((x / depth / tx + 1) / 2) * width, py = ((1 - y / depth / ty) / 2) * height;

@@ -1,12 +1,14 @@
-// Statistics for people, and which colour of a candidate is which error.
+// Statistics for people, and what the colours of leaves and candidates mean.
 
 import type { Figures, Look } from '../messages';
-import { ERROR_RANGE, errorColour } from '../render/error_colour';
+import { COARSEST_LEVEL, ERROR_RANGE, css, errorColour, levelColour } from '../render/colours';
 import type { Frames } from './painter_link';
 import type { Flying } from './flying';
 import { element } from './notices';
 
 const count = (v: number): string => (v >= 1e6 ? `${(v / 1e6).toFixed(2)} M` : v >= 1e4 ? `${(v / 1e3).toFixed(0)} k` : String(Math.round(v)));
+
+const side = (metres: number): string => (metres < 1000 ? `${metres} m` : `${Math.round(metres / 1024)} km`);
 
 export interface Shown {
   look: Look;
@@ -46,18 +48,25 @@ export class Statistics {
   }
 
   private showLegend({ look, figures }: Shown): void {
-    const box = element('legend');
-    box.hidden = !look.candidates || look.mode === 'march' || !figures;
-    if (box.hidden) return;
-    const unit = Math.max(figures!.effectiveThreshold, 1e-3), text = `${figures!.candidates} ${unit}`;
+    const box = element('legend'), entries: [string, string][] = [];
+    if (look.mode !== 'march' && look.nodes) entries.push(['', 'side of a leaf']);
+    if (look.mode !== 'march' && look.nodes) for (let level = 0; level <= COARSEST_LEVEL; level += 2) entries.push([css(levelColour(level)), side(32 * 2 ** level)]);
+    if (look.mode !== 'march' && look.candidates && figures) {
+      const unit = Math.max(figures.effectiveThreshold, 1e-3);
+      entries.push(['', `${figures.candidates} candidates, error in pixels`]);
+      for (const share of [1 / ERROR_RANGE, 0.5, 1, 2, ERROR_RANGE]) entries.push([css(errorColour(share, 1)), Number((share * unit).toPrecision(2)).toString()]);
+    }
+    box.hidden = entries.length === 0;
+    const text = entries.join();
     if (box.dataset['of'] === text) return;
     box.dataset['of'] = text;
-    box.replaceChildren(`${figures!.candidates} candidates, error in pixels`);
-    for (const share of [1 / ERROR_RANGE, 0.5, 1, 2, ERROR_RANGE]) {
-      const entry = document.createElement('span'), colour = document.createElement('i');
-      colour.style.background = `rgb(${errorColour(share, 1).map((c) => Math.round(255 * c)).join(' ')})`;
-      entry.append(colour, Number((share * unit).toPrecision(2)).toString());
-      box.append(entry);
-    }
+    box.replaceChildren(
+      ...entries.map(([colour, label]) => {
+        const entry = document.createElement('span'), dot = document.createElement('i');
+        dot.style.background = colour;
+        entry.append(...(colour ? [dot] : []), label);
+        return entry;
+      }),
+    );
   }
 }

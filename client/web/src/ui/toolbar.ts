@@ -13,6 +13,18 @@ export class Toolbar {
   constructor(on: { mode: (mode: Mode) => void; toggle: (name: Toggle) => void; threshold: (pixels: number) => void }) {
     for (const button of this.modes) button.addEventListener('click', () => on.mode(button.dataset['mode'] as Mode));
     for (const button of this.toggles) button.addEventListener('click', () => on.toggle(button.dataset['toggle'] as Toggle));
+    // On a narrow screen the tools open below the bar.
+    const bar = element('bar'), more = element('more');
+    const open = (is: boolean): void => {
+      bar.classList.toggle('open', is);
+      more.setAttribute('aria-expanded', String(is));
+    };
+    more.addEventListener('click', () => open(!bar.classList.contains('open')));
+    element('view').addEventListener('pointerdown', () => open(false));
+    // Who clicks goes on flying: Space then rises, and does not press the button again. Keys keep the focus where it is.
+    bar.addEventListener('click', (event) => {
+      if (event.detail > 0 && (event.target as HTMLElement).closest('[data-mode], [data-toggle]')) element('view').focus({ preventScroll: true });
+    });
     this.threshold.addEventListener('change', () => on.threshold(Number(this.threshold.value)));
   }
 
@@ -20,9 +32,6 @@ export class Toolbar {
     const on: Record<Toggle, boolean> = { wireframe: look.wireframe, nodes: look.nodes, candidates: look.candidates, figures };
     for (const button of this.modes) button.setAttribute('aria-pressed', String(button.dataset['mode'] === look.mode));
     for (const button of this.toggles) button.setAttribute('aria-pressed', String(on[button.dataset['toggle'] as Toggle]));
-    const divider = element('divider');
-    divider.hidden = look.mode !== 'split';
-    divider.style.left = `${look.divider * 100}%`;
   }
 
   allowMarch(allowed: boolean): void {

@@ -3,22 +3,23 @@
 
 import type { FromEngine, FromPainter, Look, Mode, WorldTold } from '../messages';
 import type { Pose } from '../render/view';
+import { Divider } from './divider';
 import { EngineLink } from './engine_link';
-import { Flying } from './flying';
+import { Flying, beside } from './flying';
 import { Hands } from './hands';
-import { readPlace, writePlace } from './link';
+import { Place, placeOf, readPlace, writePlace } from './link';
 import { Members } from './members';
 import { Notices, element } from './notices';
 import { PainterLink } from './painter_link';
+import { People } from './people';
 import { Statistics } from './statistics';
 import { Toggle, Toolbar } from './toolbar';
-import { Welcome } from './welcome';
-import { Worlds } from './worlds';
+import { Welcome, hasFingers } from './welcome';
+import { World, Worlds } from './worlds';
 
 const VERTICAL_FOV = Math.PI / 3;
 const MAX_PIXELS = 2.5e6; // of the canvas; more are not worth their time
 const UNKNOWN_GROUND = 3000; // metres
-const GRAB = 14; // CSS pixels around the divider
 
 function pixels(): { width: number; height: number } {
   const ratio = Math.min(devicePixelRatio || 1, Math.sqrt(MAX_PIXELS / Math.max(1, innerWidth * innerHeight)));
@@ -40,17 +41,21 @@ export class Viewer {
   private readonly members = new Members(element('members'));
   private readonly toolbar: Toolbar;
   private readonly worlds: Worlds;
+  private readonly people: People;
+  private readonly divider = new Divider((share) => {
+    this.look.divider = share;
+    this.setLook();
+  });
   private token: string;
-  private groundWanted: boolean; // until the height at the start is known
-  private groundOfMesh = false; // it is told of the mesh, for the terrain's own is not to be had
+  private ground: 'known' | 'wanted' | 'of the mesh'; // the height at the start: of the mesh where the terrain's own is not to be had
   private mayConnect = false; // pictures can be drawn: no painter, no connection
   private makingSince = 0; // when a world was asked for that the server may have to compile; 0: none is waited for
-  private readonly frames = { last: performance.now(), savedAt: 0 }; // the last frame; when the address was brought up to date
+  private readonly frames = { last: performance.now(), savedAt: 0, speed: 0 }; // the last; when the address was brought up to date; the speed shown
 
   constructor() {
     this.flying = new Flying(this.place.pose);
     this.token = this.place.token || sessionStorage.getItem('token') || '';
-    this.groundWanted = !Number.isFinite(this.place.pose.y);
+    this.ground = Number.isFinite(this.place.pose.y) ? 'known' : 'wanted';
     this.engine = new EngineLink(
       (message) => this.hearEngine(message),
       (sentence) => this.fail('The page failed', `${sentence || 'Its engine could not be loaded.'} Reload it.`),
@@ -60,7 +65,9 @@ export class Viewer {
       (sentence) => this.fail('No pictures', `${sentence || 'The part of the page that draws could not be loaded.'} Reload it.`),
     );
     this.toolbar = new Toolbar({ mode: (mode) => this.setMode(mode), toggle: (name) => this.toggle(name), threshold: (pixelsOfError) => this.setThreshold(pixelsOfError) });
-    this.worlds = new Worlds((session, terrain, seed) => this.goTo(session, terrain, seed));
+    this.worlds = new Worlds({ goTo: (world) => this.goTo(world), jump: (to) => this.jump(to) });
+    this.people = new People({ fly: (to) => (this.flying.pose = beside(this.flying.pose, to)), renamed: () => this.connect() });
+    this.people.take(this.place.name);
     this.listen();
   }
 
@@ -72,8 +79,7 @@ export class Viewer {
     this.painter.send({ kind: 'begin', canvas, engine: port2 }, [canvas, port2]);
     this.resize();
     this.setLook();
-    if (this.groundWanted) this.wantGround();
-    this.canvas.focus({ preventScroll: true });
+    if (this.ground === 'wanted') this.wantGround();
     requestAnimationFrame((now) => this.frame(now));
     setInterval(() => {
       this.showStatistics();
@@ -91,12 +97,7 @@ export class Viewer {
 
   private listen(): void {
     const { hands } = this;
-    hands.attachTouch(element('stick'), element('lift'));
-    hands.onGrab = (x) => this.look.mode === 'split' && Math.abs(x - this.look.divider * innerWidth) < GRAB;
-    hands.onDrag = (x) => {
-      this.look.divider = Math.min(0.98, Math.max(0.02, x / innerWidth));
-      this.setLook();
-    };
+    hands.attachTouch(element('stick'), element('lift'), element('pace'));
     const keys: Record<string, () => void> = {
       Digit1: () => this.setMode('mesh'),
       Digit2: () => this.setMode('march'),
@@ -109,10 +110,16 @@ export class Viewer {
       KeyG: () => void this.keepMesh(),
       KeyL: () => void this.copyLink(),
       KeyH: () => element<HTMLDialogElement>('help-text').showModal(),
+      KeyJ: () => void this.worlds.show(this.engine.world?.session, this.authorization()),
+      KeyM: () => this.people.show(this.flying.pose),
     };
-    hands.onKey = (code) => keys[code]?.();
-    for (const [id, code] of Object.entries({ picture: 'KeyP', gltf: 'KeyG', link: 'KeyL', help: 'KeyH' })) element(id).addEventListener('click', keys[code]!);
-    element('place').addEventListener('click', () => void this.worlds.show(this.engine.world?.session, this.authorization()));
+    const repeated: Record<string, () => void> = { Comma: () => this.divider.by(-1), Period: () => this.divider.by(1) };
+    hands.onKey = (code, again) => {
+      const act = repeated[code] ?? (again ? undefined : keys[code]);
+      act?.();
+      return act !== undefined;
+    };
+    for (const [id, code] of Object.entries({ picture: 'KeyP', gltf: 'KeyG', link: 'KeyL', help: 'KeyH', place: 'KeyJ', people: 'KeyM' })) element(id).addEventListener('click', keys[code]!);
     element('again').addEventListener('click', () => this.connect());
     element('token').addEventListener('submit', (event) => {
       event.preventDefault();
@@ -150,7 +157,7 @@ export class Viewer {
     if (!this.mayConnect) return;
     this.makingSince = this.place.terrain ? performance.now() : 0;
     this.notices.noProblem();
-    this.engine.send({ kind: 'start', url: this.streamUrl(), settings: { threshold: this.place.threshold ?? 0, candidates: 0 }, token: this.token });
+    this.engine.send({ kind: 'start', url: this.streamUrl(), settings: { threshold: this.place.threshold ?? 0, candidates: 0 }, token: this.token, name: this.people.ownName });
   }
 
   /** For good: a page that draws nothing is no member of a session. */
@@ -173,10 +180,15 @@ export class Viewer {
       case 'lost':
         return this.showLost(message);
       case 'ground':
-        if (this.groundOfMesh) this.beginAbove(message.metres);
+        if (this.ground === 'of the mesh') this.beginAbove(message.metres);
         return;
       case 'members':
+        this.people.set(message.members);
         return this.members.set(message.members);
+      case 'granted':
+        return this.toolbar.showThreshold(message.threshold);
+      case 'notice':
+        return this.notices.note(message.sentence, 12_000);
     }
   }
 
@@ -255,6 +267,7 @@ export class Viewer {
   private setLook(): void {
     this.painter.send({ kind: 'look', look: { ...this.look } });
     this.toolbar.show(this.look, this.statistics.wanted);
+    this.divider.show(this.look.mode === 'split', this.look.divider);
     this.showStatistics();
   }
 
@@ -274,8 +287,7 @@ export class Viewer {
 
   private setThreshold(threshold: number): void {
     this.place.threshold = threshold;
-    this.canvas.focus();
-    this.connect();
+    this.engine.send({ kind: 'threshold', pixels: threshold });
   }
 
   private showStatistics(): void {
@@ -301,39 +313,53 @@ export class Viewer {
 
   /** Goes where the page's address says. */
   private follow(): void {
-    const next = readPlace(location), { place } = this;
-    const elsewhere = next.session !== place.session || next.terrain !== place.terrain || next.threshold !== place.threshold;
+    this.goThere(readPlace(location));
+  }
+  private goThere(next: Place): void {
+    const { place } = this;
+    const elsewhere = next.session !== place.session || next.terrain !== place.terrain, finer = next.threshold !== place.threshold;
     Object.assign(place, next);
+    this.people.take(next.name);
     this.flying.pose = next.pose;
     if (next.token) this.token = next.token;
     this.look.mode = next.mode;
     this.setLook();
     if (!Number.isFinite(next.pose.y)) this.wantGround();
     if (elsewhere) this.connect();
+    else if (finer) this.engine.send({ kind: 'threshold', pixels: next.threshold ?? 0 }); // 0: the server's own
   }
 
-  private goTo(session: string, terrain: string, seed: string): void {
-    Object.assign(this.place, { session, terrain, seed, parameters: [] });
+  /** Where somebody types to go; false: that is no place. A place without a world is in this one. */
+  private jump(to: string): boolean {
+    const where = placeOf(to);
+    if (!where) return false;
+    const { session, terrain, seed, parameters, threshold } = this.place;
+    const next = readPlace(where), here = 'href' in where ? {} : { session, terrain, seed, parameters, threshold, mode: this.look.mode };
+    this.goThere({ ...next, ...here });
+    return true;
+  }
+
+  private goTo(world: World): void {
+    Object.assign(this.place, world);
     history.replaceState(null, '', this.address());
     this.notices.light('wait', 'connecting');
     this.connect();
   }
 
   private wantGround(): void {
-    this.groundWanted = true;
-    this.groundOfMesh = false;
+    this.ground = 'wanted';
     this.painter.send({ kind: 'ground', pose: { ...this.flying.pose, y: 0 } });
   }
   /** Looks from far above until the mesh says where the ground is. */
   private beginHigh(): void {
-    if (!this.groundWanted) return;
-    this.groundOfMesh = true;
+    if (this.ground !== 'wanted') return;
+    this.ground = 'of the mesh';
     this.flying.pose = { ...this.flying.pose, y: UNKNOWN_GROUND };
   }
   /** The start is given above the ground, whose height was not known until now. */
   private beginAbove(metres: number): void {
-    if (!this.groundWanted) return;
-    this.groundWanted = false;
+    if (this.ground === 'known') return;
+    this.ground = 'known';
     this.flying.pose = { ...this.flying.pose, y: metres + this.place.altitude };
   }
 
@@ -344,13 +370,23 @@ export class Viewer {
     const seconds = Math.min(0.1, Math.max(0, (now - this.frames.last) / 1000));
     this.frames.last = now;
     const input = this.hands.take(seconds);
-    if (this.groundWanted && !this.groundOfMesh) return;
+    if (this.ground === 'wanted') return;
     this.flying.step(input, seconds, this.engine.ground);
+    this.showSpeed();
     const { pose } = this.flying, lens = { verticalFov: VERTICAL_FOV, ...pixels() };
     this.painter.look(pose, VERTICAL_FOV);
     this.engine.look(pose, lens, now);
     this.saveAddress(pose, now);
     this.members.draw({ pose, ...lens }, innerWidth, innerHeight);
+    this.people.draw(pose);
+  }
+
+  private showSpeed(): void {
+    const { speed } = this.flying;
+    if (speed === this.frames.speed) return;
+    if (this.frames.speed > 0 && !hasFingers()) this.notices.note(`Speed ${Math.round(speed)} m/s`);
+    this.frames.speed = speed;
+    element('speed').textContent = `${Math.round(speed)} m/s`;
   }
 
   /** Every two seconds, where the camera stands. */
