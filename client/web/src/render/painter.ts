@@ -51,11 +51,8 @@ export class Painter {
   private drawing: { programs: WorldPrograms; heights: Heights } | undefined;
   private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false };
   private eye: { pose: Pose; verticalFov: number } | undefined;
-  private size: Size = { width: 1, height: 1 };
-  private readonly wanted = { resize: false, picture: false, ground: undefined as Pose | undefined };
-  private shownOf = ''; // the look and the pictures that are shown
-  private scheduled = false;
-  private marchIsNext = false; // in 'split'
+  private readonly wanted = { size: { width: 1, height: 1 } as Size, resize: false, picture: false, ground: undefined as Pose | undefined };
+  private readonly turn = { scheduled: false, marchIsNext: false, shownOf: '' }; // in 'split' panes take turns; the look and the pictures that are shown
   private readonly told = { frames: 0, coarseness: 0, at: performance.now() };
   private readonly heard = { messages: 1, changes: 0 };
 
@@ -88,7 +85,7 @@ export class Painter {
     ++this.heard.messages;
     switch (message.kind) {
       case 'size':
-        this.size = { width: message.width, height: message.height };
+        this.wanted.size = { width: message.width, height: message.height };
         this.wanted.resize = true;
         break;
       case 'pose':
@@ -142,17 +139,17 @@ export class Painter {
   // ---- frames ----
 
   private schedule(): void {
-    if (this.scheduled) return;
-    this.scheduled = true;
+    if (this.turn.scheduled) return;
+    this.turn.scheduled = true;
     requestAnimationFrame(() => this.frame());
   }
 
   private frame(): void {
-    this.scheduled = false;
+    this.turn.scheduled = false;
     if (!this.drawing || !this.world) return;
     if (!this.card.isDone()) {
       // Not in a frame of its own: it may be done long before the next.
-      this.scheduled = true;
+      this.turn.scheduled = true;
       setTimeout(() => this.frame(), 3);
       return;
     }
@@ -160,7 +157,7 @@ export class Painter {
     this.compileMore();
     if (!this.eye || (!this.leaves.areThere && !this.mesh.shown && !this.shows(this.march))) return;
     this.resize();
-    const view: View = { ...this.eye, ...this.size, horizon: this.world.horizon };
+    const view: View = { ...this.eye, ...this.wanted.size, horizon: this.world.horizon };
     const now = performance.now();
     const { parts, more } = this.drawPortions(view, now);
     this.present();
@@ -189,10 +186,10 @@ export class Painter {
   private resize(): void {
     if (!this.wanted.resize) return;
     this.wanted.resize = false;
-    this.canvas.width = this.size.width;
-    this.canvas.height = this.size.height;
-    this.renderer.setViewport(0, 0, this.size.width, this.size.height);
-    this.shownOf = '';
+    this.canvas.width = this.wanted.size.width;
+    this.canvas.height = this.wanted.size.height;
+    this.renderer.setViewport(0, 0, this.wanted.size.width, this.wanted.size.height);
+    this.turn.shownOf = '';
   }
 
   private wants(pane: Pane): boolean {
@@ -212,8 +209,8 @@ export class Painter {
     const { tools } = this, { heights } = this.drawing!, parts: Part[] = [];
     let left = STEP_BUDGET, more = false;
     // The mesh's picture is finished once it is begun; the ray march, which may take long, gets a portion in between.
-    this.marchIsNext = !this.marchIsNext && !this.mesh.busy;
-    for (const pane of this.marchIsNext ? [this.march, this.mesh] : [this.mesh, this.march]) {
+    this.turn.marchIsNext = !this.turn.marchIsNext && !this.mesh.busy;
+    for (const pane of this.turn.marchIsNext ? [this.march, this.mesh] : [this.mesh, this.march]) {
       if (left < LEAST_BUDGET) return { parts, more: true }; // one at a time, so that what it took is known to be its own
       if (!this.shows(pane) || (pane === this.march && !heights.boundsAreKnown)) continue;
       do {
@@ -229,10 +226,10 @@ export class Painter {
   }
 
   private present(): void {
-    const { look, mesh, march, dots, size } = this;
+    const { look, mesh, march, dots } = this, { size } = this.wanted;
     const of = JSON.stringify([look, mesh.pictures, march.pictures, look.candidates && dots.version]);
-    if (of === this.shownOf && !this.wanted.picture) return;
-    this.shownOf = of;
+    if (of === this.turn.shownOf && !this.wanted.picture) return;
+    this.turn.shownOf = of;
     const divider = !this.shows(march) || !march.shown ? size.width : look.mode === 'split' ? Math.round(look.divider * size.width) : 0;
     this.presenter.present(mesh, march, divider, size, look.candidates ? dots : undefined);
     ++this.told.frames;
