@@ -1,9 +1,9 @@
 #pragma once
 // The terrains a server can start with: built-in ones, a user's own files, and height maps (raster_terrain.h).
 //
-// A GLSL file is checked (check.h), translated (translate.h), compiled for this machine and cached (library.h), tried in a process of its
-// own (probe.h) and loaded. After that every batch of heights is checked: NaN becomes 0, absurd values are clamped, loops end after kMostSteps
-// steps, and the first such place is reported.
+// A GLSL file is checked (check.h), translated (translate.h), compiled for this machine and cached (library.h), tried in its own process
+// (probe.h) and loaded. After that every batch of heights is checked: NaN becomes 0, absurd values are clamped, loops end after
+// kMostSteps steps, and the first such place is reported.
 
 #include <cstdint>
 #include <filesystem>

@@ -1,6 +1,6 @@
 #pragma once
-// Tries a compiled terrain before the server loads it: in a process of its own under limits of time and memory (RLIMIT_AS, RLIMIT_STACK), at
-// points near the origin and out to the lattice's end: heights, and colours as a snapshot will compute them.
+// Tries a compiled terrain before the server loads it, in a process of its own under limits of time and memory (RLIMIT_AS, RLIMIT_STACK),
+// at points near the origin and out to the lattice's end: heights, and colours as a snapshot will compute them.
 
 #include <chrono>
 #include <cstdint>
