@@ -259,38 +259,6 @@ TEST_F(Hostile, MessagesOutOfPlace) {
   EXPECT_EQ(say({wire::Hello{}, wire::Acknowledge{77, 0}}).code, wire::ErrorCode::kInvalid);
 }
 
-// Memory is for a few large meshes: everybody flies, with a smaller budget, and the next is refused in one sentence.
-TEST(HostileToMemory, EverybodyFliesOnASmallServerAndTheNextIsRefused) {
-  constexpr std::uint32_t kCameras = 12, kTotal = 1'000'000;
-  ServerProcess server(RIDGECAST_SERVER, {"--max-cameras", std::to_string(kCameras), "--max-total-triangles", std::to_string(kTotal)});
-  wire::Settings greedy;
-  greedy.threshold = 0.05;
-  greedy.triangleBudget = 2'000'000;
-  std::vector<std::unique_ptr<Flier>> fliers;
-  std::uint64_t granted = 0;
-  for (std::uint32_t k = 0; k < kCameras; ++k) {
-    fliers.push_back(std::make_unique<Flier>(server.url(), greedy));
-    granted += fliers.back()->world().settings.triangleBudget;
-  }
-  EXPECT_LE(granted, kTotal);
-  for (const auto& flier : fliers) {
-    EXPECT_GE(flier->world().settings.triangleBudget, 10'000u);
-    camera::Camera camera;
-    camera.pose.y = 1500;
-    for (int step = 0; step < 4; ++step) {
-      camera.pose.x += 200;
-      EXPECT_GT(flier->step(camera).figures.triangles, 0u);
-    }
-  }
-  try {
-    Flier next(server.url(), greedy);
-    ADD_FAILURE() << "one more was let in";
-  } catch (const std::exception& e) {
-    EXPECT_THAT(e.what(), testing::HasSubstr("This server is full: it has 12 cameras; try again later."));
-  }
-  EXPECT_TRUE(server.healthy());
-}
-
 // Memory really runs out, under a limit of address space: cameras end, the server stays.
 TEST(HostileToMemory, WhatRunsOutEndsCamerasAndNotTheServer) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
