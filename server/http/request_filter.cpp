@@ -91,8 +91,10 @@ std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request)
   auto grant = tokens->judge(bearer, std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now()));
   if (!grant) return unauthorised(grant.error().message, R"(, error="invalid_token")");
   const auto forbidden = [&](std::string sentence) {
-    return refused(403, metrics::Refusal::kRight, std::move(sentence),
-                   {{"WWW-Authenticate", R"(Bearer realm="ridgecast", error="insufficient_scope")"}});
+    Answer a = refused(403, metrics::Refusal::kRight, std::move(sentence),
+                       {{"WWW-Authenticate", R"(Bearer realm="ridgecast", error="insufficient_scope")"}});
+    a.holder = grant->name;
+    return a;
   };
   if (!grant->rights.has(*need.right)) return forbidden("The token lacks the right '" + std::string(name(*need.right)) + "'.");
   if (need.everySession && !grant->session.empty()) return forbidden("The token is for session '" + grant->session + "' alone.");

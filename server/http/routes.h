@@ -56,6 +56,7 @@ struct Answer {
   std::string etag;                             // of a 200, without quotation marks; a client that has it gets 304
   std::shared_ptr<session::Session> upgradeTo;  // set: answer with the upgrade instead
   std::optional<metrics::Refusal> refusal;      // why this is a refusal, for the metrics
+  std::string holder;                           // of a good token that is refused all the same, for the log
   std::shared_ptr<const Later> later;           // set: work makes the answer, perhaps an upgrade; of this one only etag counts
 };
 

@@ -6,7 +6,9 @@
 #include <chrono>
 #include <cstdio>
 #include <ctime>
+#include <mutex>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 namespace ridgecast::logging {
 
@@ -77,7 +79,13 @@ std::string line(Format form, Level level, const About& about, std::string_view 
   if (about.camera != 0) fields["camera"] = about.camera;
   if (!about.peer.empty()) fields["peer"] = about.peer;
   if (!about.holder.empty()) fields["holder"] = about.holder;
+  if (about.repeated != 0) fields["repeated"] = about.repeated;
   if (form == Format::kJson) {
+    if (!about.event.empty()) fields["event"] = about.event;
+    if (!about.reason.empty()) fields["reason"] = about.reason;
+    if (!about.path.empty()) fields["path"] = about.path;
+    if (about.status != 0) fields["status"] = about.status;
+    if (about.stay) fields.update({{"seconds", about.stay->seconds}, {"bytes", about.stay->bytes}, {"iterations", about.stay->iterations}});
     char fraction[8];
     std::snprintf(fraction, sizeof fraction, ".%03dZ", static_cast<int>(milliseconds % 1000));
     Json all{{"time", timeText(milliseconds, "%Y-%m-%dT%H:%M:%S") + fraction}, {"level", nameOf(level)}, {"message", message}};
@@ -89,6 +97,24 @@ std::string line(Format form, Level level, const About& about, std::string_view 
   return out + " " + plain(message);
 }
 
+std::optional<std::uint64_t> Repeats::take(const About& about, std::string_view message, std::int64_t milliseconds) {
+  const auto isOver = [&](const auto& kind) { return milliseconds - kind.second.written >= kEvery; };
+  std::string key;
+  for (const std::string_view part : {about.reason, about.session, about.peer.substr(0, about.peer.rfind(':')), message})
+    key.append(part).push_back('\0');
+  if (!kinds_.contains(key) && kinds_.size() >= kMaxKinds) {
+    std::erase_if(kinds_, isOver);
+    if (kinds_.size() >= kMaxKinds) key.clear();  // whatever else
+  }
+  const auto [kind, isNew] = kinds_.try_emplace(std::move(key));
+  if (!isNew && !isOver(*kind)) {
+    ++kind->second.more;
+    return std::nullopt;
+  }
+  kind->second.written = milliseconds;
+  return std::exchange(kind->second.more, 0);
+}
+
 void setUp(Format form, Level level) {
   format = form;
   least = level;
@@ -97,7 +123,16 @@ void setUp(Format form, Level level) {
 void write(Level level, const About& about, std::string_view message) {
   if (level < least) return;
   const auto now = std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
-  std::string text = line(format, level, about, message, now);
+  About said = about;
+  if (!about.reason.empty() && !about.stay) {
+    static std::mutex mutex;
+    static Repeats repeats;
+    const std::lock_guard lock(mutex);
+    const auto more = repeats.take(about, message, now);
+    if (!more) return;
+    said.repeated = *more;
+  }
+  std::string text = line(format, level, said, message, now);
   text += '\n';
   // One call, so that lines of several threads do not mix. What cannot be written is lost: there is nowhere to say so.
   for (std::string_view rest = text; !rest.empty();) {

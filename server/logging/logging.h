@@ -5,11 +5,18 @@
 //     12:30:01 info session=default camera=3 peer=192.0.2.1:5004 says hello as 'ridgecast-client'
 //     {"time":"2026-11-21T12:30:01.123Z","level":"info","message":"says hello ...","session":"default","camera":3,"peer":"192.0.2.1:5004"}
 //
+// A JSON line also has the fields that only machines want, such as "event" and "reason".
+//
+// Of refusals (lines with a reason) that say the same of one client's address and one session, one a minute is written; the next one says how many more there
+// were ("repeated"). Bound: 1,024 such lines are told apart.
+//
 // Any thread. Lines of one message are written at once.
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 
 namespace ridgecast::logging {
 
@@ -22,6 +29,17 @@ struct About {
   std::uint64_t camera = 0;
   std::string_view peer{};
   std::string_view holder{};  // of the token
+  // For machines.
+  std::string_view event{};   // hello, refused, ended
+  std::string_view reason{};  // of a refusal or an end: the label of ridgecast_refusals_total, or left
+  std::string_view path{};    // of an HTTP request
+  unsigned status = 0;        // of its answer
+  struct Stay {
+    double seconds = 0;
+    std::uint64_t bytes = 0, iterations = 0;  // sent
+  };
+  std::optional<Stay> stay{};  // of a stream that ended
+  std::uint64_t repeated = 0;  // such lines that were not written
 };
 
 void setUp(Format format, Level level);
@@ -34,6 +52,22 @@ inline void error(const About& about, std::string_view message) { write(Level::k
 inline void info(std::string_view message) { write(Level::kInfo, {}, message); }
 inline void warning(std::string_view message) { write(Level::kWarning, {}, message); }
 inline void error(std::string_view message) { write(Level::kError, {}, message); }
+
+// Tells which lines repeat. Not thread-safe.
+class Repeats {
+ public:
+  static constexpr std::int64_t kEvery = 60'000;  // milliseconds
+  static constexpr std::size_t kMaxKinds = 1024;
+  // How many such lines were not written since the last; nothing: nor is this one.
+  std::optional<std::uint64_t> take(const About& about, std::string_view message, std::int64_t milliseconds);
+
+ private:
+  struct Kind {
+    std::int64_t written = 0;
+    std::uint64_t more = 0;
+  };
+  std::unordered_map<std::string, Kind> kinds_;
+};
 
 // One line, without its end; `milliseconds` since 1970. What write() writes.
 std::string line(Format format, Level level, const About& about, std::string_view message, std::int64_t milliseconds);

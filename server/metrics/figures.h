@@ -75,6 +75,8 @@ inline constexpr std::array<std::string_view, 22> kRefusalNames{
     "header",      "request", "tls",      "patience", "message_size", "message_rate", "malformed", "version",
     "invalid",     "limit",   "draining", "expired",  "busy",         "internal"};
 
+constexpr std::string_view name(Refusal reason) { return kRefusalNames[static_cast<std::size_t>(reason)]; }
+
 struct Figures {
   Figures();
   void refused(Refusal reason) { refusals[static_cast<std::size_t>(reason)]->Increment(); }

@@ -151,7 +151,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void setAside() {
     keepAlive_ = parser_->keep_alive() && shared_->ready && !hasBody() && ++answered_ < 1000;
     head_ = parser_->get().method() == http::verb::head;
-    route_ = routeOf(requestOf(parser_->get()).path());
+    path_ = requestOf(parser_->get()).path().substr(0, 100);
   }
 
   // The admin port serves those who operate the server, under any name and without tokens.
@@ -284,7 +284,13 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void send(Answer a) {
     if (a.refusal) {
       shared_->figures->refused(*a.refusal);
-      logging::info({sessionName_, 0, peerName_, grant_.name},
+      logging::info({.session = sessionName_,
+                     .peer = peerName_,
+                     .holder = grant_.name.empty() ? a.holder : grant_.name,
+                     .event = "refused",
+                     .reason = metrics::name(*a.refusal),
+                     .path = path_,
+                     .status = a.status},
                     "is refused with " + std::to_string(a.status) + ": " + a.body.substr(0, a.body.find('\n')));
     }
     const bool known = a.status == 200 && namesEtag(ifNoneMatch_, a.etag);
@@ -325,7 +331,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void sent(error_code ec) {
-    shared_->figures->answered(route_, response_.result_int());
+    shared_->figures->answered(routeOf(path_), response_.result_int());
     if (const std::size_t bytes = std::exchange(answerBytes_, 0)) forget(bytes);
     serializer_.reset();
     response_ = {};
@@ -363,8 +369,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   // Of the current request.
   access::Grant grant_;
-  std::string route_ = "none";  // of the metrics: before a request is read
-  std::string sessionName_;     // the session's name as received, for the log
+  std::string path_;         // for metrics and log, at most 100 bytes
+  std::string sessionName_;  // the session's name as received, for the log
   bool keepAlive_ = false, head_ = false;
   std::string ifNoneMatch_;
   std::chrono::steady_clock::time_point timeoutEnds_;

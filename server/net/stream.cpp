@@ -4,6 +4,8 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket.hpp>
+#include <chrono>
+#include <cstdio>
 #include <deque>
 #include <optional>
 #include <utility>
@@ -46,6 +48,12 @@ std::optional<access::Right> neededFor(const wire::ClientMessage& message) {
     return access::Right::kClock;
   return {};
 }
+
+// Of one stream, counted by whoever sends.
+struct Traffic {
+  std::atomic<std::size_t> queuedBytes{0};
+  std::atomic<std::uint64_t> iterations{0};
+};
 
 struct Outgoing {
   std::string bytes;
@@ -117,8 +125,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   void postJudge() override {
     asio::post(ws_.get_executor(), [self = shared_from_this()] { self->judge(); });
   }
-  std::size_t waitingBytes() const override { return *queuedBytes_; }
-  const std::shared_ptr<std::atomic<std::size_t>>& queuedBytes() const { return queuedBytes_; }
+  std::size_t waitingBytes() const override { return traffic_->queuedBytes; }
+  const std::shared_ptr<Traffic>& traffic() const { return traffic_; }
 
  private:
   void accepted(error_code ec);
@@ -142,6 +150,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
 
   void goAway() {
+    why_ = metrics::name(metrics::Refusal::kDraining);
     const wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server leaves; connect again.", shared_->settings.reconnectUrl};
     farewell(wire::encode(wire::ServerMessage(last)), {websocket::close_code::going_away, last.message});
   }
@@ -193,7 +202,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
       greeted_ = true;
       timer_.cancel();
       if (const auto* hello = std::get_if<wire::Hello>(&*message))
-        logging::info(about(), "says hello as '" + hello->clientName + "', protocol " + std::to_string(hello->protocolVersion));
+        logging::info(about("hello"), "says hello as '" + hello->clientName + "', protocol " + std::to_string(hello->protocolVersion));
     }
     camera_->receive(std::move(*message));
     readNext();
@@ -201,11 +210,11 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   void enqueue(Outgoing message) {
     if (stage_ != Stage::kOpen) {
-      *queuedBytes_ -= message.bytes.size();
+      traffic_->queuedBytes -= message.bytes.size();
       return;
     }
     if (out_.size() >= kMaxQueuedMessages) {
-      *queuedBytes_ -= message.bytes.size();
+      traffic_->queuedBytes -= message.bytes.size();
       return fail({wire::ErrorCode::kLimit, "Too much is queued for this client."});
     }
     out_.push_back(std::move(message));
@@ -216,10 +225,11 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     writing_ = true;
     ws_.async_write(asio::buffer(out_.front().bytes), [self = shared_from_this()](error_code ec, std::size_t bytes) {
       self->writing_ = false;
-      *self->queuedBytes_ -= self->out_.front().bytes.size();
+      self->traffic_->queuedBytes -= self->out_.front().bytes.size();
       self->out_.pop_front();
       if (ec) return self->end();
       self->shared_->figures->bytesSent.Increment(bytes);
+      self->sentBytes_ += bytes;
       if (!self->out_.empty()) return self->write();
       if (self->stage_ == Stage::kFarewell) self->sayClose();
     });
@@ -229,7 +239,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   void fail(metrics::Refusal reason, const wire::ErrorMessage& message, std::optional<websocket::close_code> code = {}) {
     if (stage_ != Stage::kOpen) return;
     shared_->figures->refused(reason);
-    logging::info(about(), "is sent away: " + message.message);
+    why_ = metrics::name(reason);
+    logging::info(about("refused", why_), "is sent away: " + message.message);
     farewell(wire::encode(wire::ServerMessage(message)),
              {code.value_or(meaningOf(message.code).first), message.message.substr(0, 120)});  // a control frame has 125 bytes
   }
@@ -250,12 +261,12 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     reason_ = std::move(reason);
     leave();
     while (out_.size() > (writing_ ? 1u : 0u)) {
-      *queuedBytes_ -= out_.back().bytes.size();
+      traffic_->queuedBytes -= out_.back().bytes.size();
       out_.pop_back();
     }
     after(timer_, kFarewellTimeout, [](Stream& self) { self.end(); });
     if (!last.empty()) {
-      *queuedBytes_ += last.size();
+      traffic_->queuedBytes += last.size();
       out_.push_back({std::move(last), {}});
     }
     if (writing_) return;
@@ -278,12 +289,23 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     timer_.cancel();
     expiry_.cancel();
     pause_.cancel();
-    if (camera_) logging::info(about(), "is gone");
     leave();
+    logEnd();
     beast::get_lowest_layer(ws_).close();
   }
 
-  logging::About about() const { return {session_->name(), camera_ ? camera_->id() : 0, peer_, grant_.name}; }
+  logging::About about(std::string_view event, std::string_view reason = {}) const {
+    return {.session = session_->name(), .camera = cameraId_, .peer = peer_, .holder = grant_.name, .event = event, .reason = reason};
+  }
+  void logEnd() const {
+    if (cameraId_ == 0) return;
+    logging::About ended = about("ended", why_);
+    ended.stay = {std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count(), sentBytes_, traffic_->iterations};
+    char text[120];
+    std::snprintf(text, sizeof text, "is gone after %.1f s, %llu iterations, %.1f MB", ended.stay->seconds,
+                  static_cast<unsigned long long>(ended.stay->iterations), static_cast<double>(sentBytes_) / 1e6);
+    logging::info(ended, text);
+  }
 
   enum class Stage { kAccepting, kOpen, kFarewell, kOver };
 
@@ -304,29 +326,34 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   std::deque<Outgoing> out_;  // at most kMaxQueuedMessages; the first is being written while writing_
   bool writing_ = false;
   websocket::close_reason reason_;
-  std::shared_ptr<std::atomic<std::size_t>> queuedBytes_ = std::make_shared<std::atomic<std::size_t>>(0);
+  std::shared_ptr<Traffic> traffic_ = std::make_shared<Traffic>();
+  // For the log.
+  const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+  std::uint64_t cameraId_ = 0, sentBytes_ = 0;
+  std::string_view why_ = "left";
 };
 
 // A camera session's way to its client. Messages are encoded on the sending thread, which belongs to a camera's pool.
 class StreamSender final : public session::Sender {
  public:
-  explicit StreamSender(const std::shared_ptr<Stream>& stream) : stream_(stream), queuedBytes_(stream->queuedBytes()) {}
+  explicit StreamSender(const std::shared_ptr<Stream>& stream) : stream_(stream), traffic_(stream->traffic()) {}
 
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override {
     const auto stream = stream_.lock();
     if (!stream) return;
     std::string bytes = wire::encode(message);
-    *queuedBytes_ += bytes.size();
+    traffic_->queuedBytes += bytes.size();
+    traffic_->iterations += std::holds_alternative<wire::Iteration>(message);
     stream->post({std::move(bytes), std::move(ticket)});
   }
-  std::size_t queuedBytes() const override { return *queuedBytes_; }
+  std::size_t queuedBytes() const override { return traffic_->queuedBytes; }
   void fail(wire::ErrorMessage message) override {
     if (const auto stream = stream_.lock()) stream->postFailure(std::move(message));
   }
 
  private:
   const std::weak_ptr<Stream> stream_;
-  const std::shared_ptr<std::atomic<std::size_t>> queuedBytes_;
+  const std::shared_ptr<Traffic> traffic_;
 };
 
 void Stream::accepted(error_code ec) {
@@ -337,6 +364,7 @@ void Stream::accepted(error_code ec) {
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
                                                      std::make_shared<StreamSender>(shared_from_this()));
+  cameraId_ = camera_->id();
   after(timer_, shared_->settings.timeout, [](Stream& self) {
     if (!self.greeted_)
       self.fail(metrics::Refusal::kTimeout,

@@ -43,9 +43,9 @@ void Queries::begin(PlaceQueue::Place place) {
 }
 
 void Queries::run() {
-  using Clock = std::chrono::steady_clock;
+  using Steady = std::chrono::steady_clock;
   try {
-    for (const auto until = Clock::now() + kTurn; Clock::now() < until;)
+    for (const auto until = Steady::now() + kTurn; Steady::now() < until;)
       if (!workOnFirst()) return;
   } catch (const std::exception& e) {
     return sender_->fail(failureOf(e));

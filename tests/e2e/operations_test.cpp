@@ -183,17 +183,30 @@ TEST(Operations, EveryLineOfTheLogIsJsonWhateverClientsSay) {
     output = server.output();
   }
   std::istringstream lines(output);
-  int count = 0, refused = 0, ofCamera = 0;
+  int count = 0, refused = 0, ofCamera = 0, ended = 0;
   for (std::string line; std::getline(lines, line); ++count) {
     const json object = json::parse(line, nullptr, false);
     ASSERT_TRUE(object.is_object()) << line;
     for (const char* key : {"time", "level", "message"}) EXPECT_TRUE(object.contains(key) && object[key].is_string()) << line;
     EXPECT_NE(object["level"], "error") << line;
     refused += object.contains("session") && object["message"].get<std::string>().starts_with("is refused");
+    if (object["message"].get<std::string>().starts_with("is refused")) {
+      EXPECT_EQ(object.value("event", ""), "refused") << line;
+      EXPECT_EQ(object.value("path", ""), object.value("reason", "") == "request" ? "" : "/v1/stream") << line;
+      EXPECT_GE(object.value("status", 0), 400) << line;
+    }
+    if (object.value("event", "") == "ended") {
+      ++ended;
+      EXPECT_GT(object.value("bytes", 0), 100) << line;
+      EXPECT_GE(object.value("seconds", -1.0), 0) << line;
+      EXPECT_GE(object.value("iterations", -1), 0) << line;
+      EXPECT_EQ(object.value("reason", ""), "draining") << line;
+    }
     ofCamera += object.contains("camera") && object["camera"].is_number_integer() && object["session"] == "default";
   }
   EXPECT_GT(refused, 6) << output;
   EXPECT_GT(ofCamera, 0) << output;
+  EXPECT_EQ(ended, 1) << output;
   EXPECT_GT(count, 12);
 }
 

@@ -27,6 +27,46 @@ TEST(Logging, SaysWhatItIsAbout) {
   EXPECT_EQ(line(Format::kText, Level::kError, {}, "x", kTime), "12:30:01 error x");
 }
 
+TEST(Logging, MachinesHaveFieldsForWhatHappened) {
+  const About refused{.session = "race",
+                      .peer = "192.0.2.1:5004",
+                      .holder = "lab",
+                      .event = "refused",
+                      .reason = "right",
+                      .path = "/v1/rays",
+                      .status = 403,
+                      .repeated = 7};
+  EXPECT_EQ(line(Format::kText, Level::kInfo, refused, "is refused", kTime),
+            "12:30:01 info session=race peer=192.0.2.1:5004 holder=lab repeated=7 is refused");
+  const json object = json::parse(line(Format::kJson, Level::kInfo, refused, "is refused", kTime));
+  EXPECT_EQ(object["event"], "refused");
+  EXPECT_EQ(object["reason"], "right");
+  EXPECT_EQ(object["path"], "/v1/rays");
+  EXPECT_EQ(object["status"], 403);
+  EXPECT_EQ(object["repeated"], 7);
+  const json ended = json::parse(
+      line(Format::kJson, Level::kInfo, {.event = "ended", .reason = "left", .stay = About::Stay{12.5, 3000, 140}}, "is gone", kTime));
+  EXPECT_EQ(ended["seconds"], 12.5);
+  EXPECT_EQ(ended["bytes"], 3000);
+  EXPECT_EQ(ended["iterations"], 140);
+}
+
+TEST(Logging, WhatRepeatsIsWrittenOnceAMinuteAndCounted) {
+  Repeats repeats;
+  const auto from = [](std::string_view peer) { return About{.peer = peer, .reason = "token"}; };
+  EXPECT_EQ(repeats.take(from("192.0.2.1:5004"), "no", 0), 0u);
+  for (int k = 1; k <= 100; ++k) EXPECT_EQ(repeats.take(from("192.0.2.1:" + std::to_string(k)), "no", k * 500), std::nullopt);
+  EXPECT_EQ(repeats.take(from("192.0.2.2:5004"), "no", 1000), 0u);   // another client
+  EXPECT_EQ(repeats.take(from("192.0.2.1:5004"), "why", 1000), 0u);  // another refusal
+  EXPECT_EQ(repeats.take(from("192.0.2.1:5004"), "no", Repeats::kEvery), 100u);
+  EXPECT_EQ(repeats.take(from("192.0.2.1:5004"), "no", Repeats::kEvery + 1), std::nullopt);
+  // Whoever varies his requests shares one line with all others that do, until the minute is over.
+  int written = 0;
+  for (int k = 0; k < 5000; ++k) written += repeats.take(from("192.0.2.3:1"), std::to_string(k), Repeats::kEvery + 2).has_value();
+  EXPECT_LE(written, static_cast<int>(Repeats::kMaxKinds));
+  EXPECT_EQ(repeats.take(from("192.0.2.4:1"), "no", 3 * Repeats::kEvery), 0u);
+}
+
 TEST(Logging, ALineIsOneLineAndJsonParses) {
   const std::string hostile[] = {"\n{\"level\":\"error\"}",
                                  "\"}",
