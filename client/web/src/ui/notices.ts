@@ -7,6 +7,7 @@ export function element<T extends HTMLElement>(id: string): T {
 export class Notices {
   private timer = 0;
   private isFatal = false;
+  private isAside = true; // what the note says
 
   /** Stays: nothing that is said later takes its place. */
   fatal(title: string, sentence: string): void {
@@ -31,7 +32,16 @@ export class Notices {
 
   /** For so long; 0: until the next one. */
   note(sentence: string, ms = 2500): void {
+    this.say(sentence, ms, false);
+  }
+  /** The same, of less weight: it takes the place of other asides alone. */
+  aside(sentence: string, ms: number): void {
+    if (this.isAside || element('note').hidden) this.say(sentence, ms, true);
+  }
+
+  private say(sentence: string, ms: number, isAside: boolean): void {
     if (this.isFatal) return;
+    this.isAside = isAside;
     const box = element('note');
     box.textContent = sentence;
     box.hidden = sentence === '';

@@ -12,10 +12,10 @@ export class Welcome {
 
   show(triangles: number, hasPicture: boolean): void {
     if (this.over || (!hasPicture && triangles === 0)) return;
-    if (!hasPicture) return this.notices.note(`${triangles.toLocaleString('en')} triangles have come`, 0);
+    if (!hasPicture) return this.notices.aside(`${triangles.toLocaleString('en')} triangles have come`, 0);
     this.over = true;
-    if (remembered('welcomed')) return this.notices.note('', 0);
+    if (remembered('welcomed')) return this.notices.aside('', 0);
     remember('welcomed', 'yes');
-    this.notices.note(hasFingers() ? 'Drag to look around; the stick flies.' : 'Drag to look around, W A S D to fly. H lists all keys.', 10_000);
+    this.notices.aside(hasFingers() ? 'Drag to look around; the stick flies.' : 'Drag to look around, W A S D to fly. H lists all keys.', 10_000);
   }
 }
