@@ -101,7 +101,7 @@ export interface Look {
 export type ToPainter =
   | { kind: 'begin'; canvas: OffscreenCanvas; engine: MessagePort }
   | { kind: 'size'; width: number; height: number } // pixels of the canvas
-  | { kind: 'pose'; pose: Pose; verticalFov: number }
+  | { kind: 'pose'; pose: Pose; verticalFov: number; rests: boolean } // rests: nobody moves it now
   | { kind: 'look'; look: Look }
   | { kind: 'ground'; pose: Pose } // asks for the terrain's height there
   | { kind: 'picture' }; // asks for a PNG of what is shown

@@ -50,7 +50,7 @@ export class Painter {
   private readonly neutral: Programs;
   private drawing: { programs: WorldPrograms; heights: Heights } | undefined;
   private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false };
-  private eye: { pose: Pose; verticalFov: number } | undefined;
+  private eye: Pick<View, 'pose' | 'verticalFov' | 'rests'> | undefined;
   private readonly wanted = { size: { width: 1, height: 1 } as Size, resize: false, picture: false, ground: undefined as Pose | undefined };
   private readonly turn = { scheduled: false, marchIsNext: false, shownOf: '' }; // in 'split' panes take turns; the look and the pictures that are shown
   private readonly told = { frames: 0, coarseness: 0, at: performance.now() };
@@ -89,7 +89,7 @@ export class Painter {
         this.wanted.resize = true;
         break;
       case 'pose':
-        this.eye = message;
+        this.eye = { pose: message.pose, verticalFov: message.verticalFov, rests: message.rests };
         break;
       case 'look':
         this.look = message.look;

@@ -46,11 +46,16 @@ const coarser = (view: View, n: number): View => ({ ...view, width: Math.max(1, 
 const same = (a: View, b: View): boolean =>
   a.width === b.width && a.height === b.height && a.verticalFov === b.verticalFov && a.horizon === b.horizon && samePose(a.pose, b.pose);
 
-/** Work of one kind: the milliseconds that the card takes for each unit, as far as that was measured. */
+/** Work of one kind: the milliseconds that the card takes for each unit, as far as that was measured. What any portion costs, however
+ *  small, would make units of less than `trusted` seem dear: these only make them cheaper. */
 class Rate {
-  constructor(public each: number) {}
+  constructor(
+    public each: number,
+    private readonly trusted = 0,
+  ) {}
   measured(amount: number, milliseconds: number): void {
-    this.each = 0.5 * this.each + (0.5 * milliseconds) / amount;
+    const each = milliseconds / amount;
+    if (amount >= this.trusted || each < this.each) this.each = 0.5 * this.each + 0.5 * each;
   }
 }
 
@@ -82,19 +87,15 @@ export abstract class Pane {
   private shownOf = ''; // overlays and, of the mesh, version
   private job: Job | undefined;
   private spare: Layer | undefined;
-  protected readonly perSample: Rate;
   protected changedAt = 0;
   private movedAt = 0;
   private lastView: View | undefined;
   private lastOf = '';
 
-  /** `each`: ms for a sample, pessimistic until it was measured. */
   protected constructor(
     private readonly withDepth: boolean,
-    each: number,
-  ) {
-    this.perSample = new Rate(each);
-  }
+    protected readonly perSample: Rate,
+  ) {}
 
   /** What the picture depends on beside the view. */
   abstract ofNow(tools: Tools, look: Look): string;
@@ -126,8 +127,8 @@ export abstract class Pane {
     if (of !== this.lastOf) this.changedAt = now;
     this.lastView = view;
     this.lastOf = of;
-    const moving = now - this.movedAt < MOVING;
-    if (this.job && !same(this.job.full, view) && this.estimate(this.job.view) > 2 * this.estimate(coarser(view, this.fitting(view, MOVING_BUDGET)))) this.abandon();
+    const moving = !view.rests && now - this.movedAt < MOVING;
+    if (this.job && !same(this.job.full, view) && (view.rests || this.estimate(this.job.view) > 2 * this.estimate(coarser(view, this.fitting(view, MOVING_BUDGET))))) this.abandon();
     if (!this.job) {
       const coarseness = this.wanted(view, of, moving, now);
       if (coarseness === 0) return undefined;
@@ -231,7 +232,7 @@ export class MeshPane extends Pane {
   private readonly perMesh = new Rate(0); // whatever the size
   private drawn = false;
   constructor() {
-    super(true, 5e-3);
+    super(true, new Rate(5e-3, 4096)); // pessimistic until it was measured
   }
   override ofNow({ leaves, programs }: Tools, { wireframe, nodes }: Look): string {
     return `${leaves.version} ${programs.isNeutral} ${wireframe} ${nodes}`;
@@ -258,8 +259,8 @@ export class MeshPane extends Pane {
     return Math.min(AT_REST, this.fitting(view, this.changes(now) ? REFINING_BUDGET : 4 * REFINING_BUDGET));
   }
   protected override nextCoarseness(now: number): number {
-    if (this.changes(now)) return this.coarseness > AT_REST ? AT_REST : 0;
-    return Math.max(1, this.coarseness / 4);
+    if (this.coarseness > AT_REST) return AT_REST;
+    return this.changes(now) ? 0 : 1;
   }
   protected override draw(job: Job, tools: Tools, look: Look, only: Rectangle): void {
     this.shade(job, tools, look.nodes, only);
@@ -271,7 +272,7 @@ export class MarchPane extends Pane {
   private readonly skyline = new Skyline();
   private readonly perSkyline = new Rate(5e-4); // for a column, and a line of the picture
   constructor() {
-    super(false, 3e-2);
+    super(false, new Rate(3e-2));
   }
   override ofNow(): string {
     return '';

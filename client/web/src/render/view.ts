@@ -23,6 +23,7 @@ export interface View {
   height: number;
   verticalFov: number; // radians
   horizon: number; // metres
+  rests?: boolean; // known to stay for a while; says nothing of what is seen
 }
 
 /** Metres from a pose to a place given in steps, metres and steps. */
