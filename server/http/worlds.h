@@ -16,8 +16,9 @@ Answer streamAnswer(const Request& request, session::Directory& directory);
 // {"sessions": [...], "max_sessions": N}
 Answer sessionsAnswer(const session::Directory& directory);
 
-// GET /v1/terrains: {"terrains": [{"name", "summary", "parameters": [{"name", "default", "least", "most", "unit", "summary"}]}]}. The built-in
-// terrains and the readable files of `folder`, read on each request by work. No folder: sessions cannot be created here, the list is empty.
+// GET /v1/terrains: {"terrains": [{"name", "summary", "parameters": [{"name", "default", "least", "most", "unit", "summary"}]}]}.
+// The built-in terrains and the readable files of `folder`, read on each request by work. No folder: sessions cannot be created here, the
+// list is empty.
 Route terrainsRoute(std::optional<std::filesystem::path> folder);
 
 }  // namespace ridgecast::http
