@@ -12,7 +12,7 @@ import { View, ViewUniforms, samePose } from './view';
 const COARSEST = 16, AT_REST = 4; // pixels a sample, each way: at most, and of the mesh while the camera rests
 const MOVING_BUDGET = 40; // ms a picture while the camera moves
 const REFINING_BUDGET = 120; // ms for the mesh's while only the mesh changes
-const STEP_BUDGET = 25; // ms of work that is given to the card at a time
+const STEP_BUDGET = 25, COARSE_BUDGET = 100; // ms of work that is given to the card at a time; of coarse pictures, which slow cards alone draw
 const MOVING = 100; // ms after the view changed
 const REST = 400; // ms without a change, then the mesh is drawn in full
 const TILES = [64, 32, 16]; // samples a side: the largest that the card does in good time
@@ -191,7 +191,8 @@ export abstract class Pane {
   private samples(job: Job, tools: Tools, look: Look): Portion {
     const { view, side } = job;
     const columns = Math.ceil(view.width / side), column = job.tile % columns;
-    let count = Math.max(1, Math.min(job.tiles - job.tile, Math.floor(STEP_BUDGET / (side * side * this.perSample.each))));
+    const budget = job.coarseness === 1 ? STEP_BUDGET : COARSE_BUDGET;
+    let count = Math.max(1, Math.min(job.tiles - job.tile, Math.floor(budget / (side * side * this.perSample.each))));
     if (column === 0 && count >= columns) count -= count % columns;
     else count = Math.min(count, columns - column);
     const x = column * side, y = Math.floor(job.tile / columns) * side;

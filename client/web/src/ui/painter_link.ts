@@ -4,7 +4,7 @@ import PainterWorker from '../painter.worker?worker';
 import type { FromPainter, ToPainter } from '../messages';
 import { Pose, samePose } from '../render/view';
 
-const REST = 3; // frames with one pose, then it rests
+const REST = 2; // frames with one pose, then it rests
 
 export type Frames = Extract<FromPainter, { kind: 'frames' }>;
 
