@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cassert>
 #include <chrono>
 #include <condition_variable>
 #include <ctime>
@@ -13,11 +12,9 @@
 #include <utility>
 
 #include "server/scheduling/loop.h"
+#include "server/scheduling/region.h"
 
 // One lock for the executor guards who works for whom; it is taken when a thread changes the pool it works for, not for every task.
-// A parallel loop (Region) lives on its caller's stack. Helpers join and leave it under the executor's lock, and the caller leaves only
-// when the last helper has left, so no helper ever sees a region that is gone. Each region has its own way of handing out work: an
-// atomic counter for forEach, a heap of ready tasks under a lock of its own for forEachOrdered.
 //
 // Nothing can deadlock: whoever calls a loop works on it, and waits only for tasks that a thread has already started.
 
@@ -34,44 +31,6 @@ std::chrono::nanoseconds threadCpuTime() {
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
   return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
 }
-
-// A thread that runs dry looks around this long before it sleeps: an iteration is a row of short loops, and waking a thread takes longer.
-constexpr std::chrono::microseconds kSpin{100};
-
-inline void pause() {
-#if defined(__x86_64__) || defined(__i386__)
-  __builtin_ia32_pause();
-#else
-  std::this_thread::yield();
-#endif
-}
-
-template <class Condition>
-bool spinUntil(const Condition& condition) {
-  const auto end = std::chrono::steady_clock::now() + kSpin;
-  do {
-    for (int k = 0; k < 16; ++k) {
-      if (condition()) return true;
-      pause();
-    }
-  } while (std::chrono::steady_clock::now() < end);
-  return false;
-}
-
-bool never() { return false; }
-
-class Region {
- public:
-  virtual bool wantsHelp() const = 0;
-  // Works until nothing is left to start, or until `leave()` after any task. Must not throw.
-  virtual void help(const std::function<bool()>& leave) noexcept = 0;
-
-  std::atomic<unsigned> helpers{0};  // changed under the executor's lock
-  std::condition_variable helpersGone;
-
- protected:
-  ~Region() = default;
-};
 
 }  // namespace
 
@@ -94,6 +53,8 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
       if ((*it)->wantsHelp()) return *it;
     return nullptr;
   }
+  bool isLong() const { return usual > kLong; }
+  bool hasShortTask() const { return !isLong() && !posted.empty() && !regionThatWantsHelp(); }
   void noteChange() { takesMore = inFlight < limit && !queued; }
   void run(Region& region, std::size_t helpersUseful, const std::function<void()>& work);
   const std::atomic<unsigned>* others() const;  // threads that work for the executor that goes first; null: none does
@@ -104,8 +65,8 @@ struct Executor::State {
   std::condition_variable work;
   std::deque<std::shared_ptr<Pool::Impl>> ready;  // pools with work and room, served in turn
   std::atomic<std::size_t> waiting{0};            // ready.size()
-  std::deque<std::shared_ptr<Pool::Impl>> held;   // taken from `ready`: there are as many long tasks as there may be
   unsigned longTasks = 0;                         // in flight
+  std::condition_variable shortWork;              // of the thread for short tasks
   std::unordered_set<Pool::Impl*> pools;
   unsigned idle = 0;
   bool roused = false;  // one is to wake without there being work yet
@@ -127,9 +88,22 @@ struct Executor::State {
   }
   void summon(Pool::Impl& pool) {
     if (enqueue(pool) && idle > 0) work.notify_one();
+    if (longTasks >= threads && pool.queued && pool.hasShortTask()) shortWork.notify_one();  // it may have been queued for a loop
   }
-  bool takesLong() const { return longTasks + 1 < std::max(2u, threads); }
+  // The next pool that waits, or the next with a short task while all threads are at long ones. Null: there is none.
+  std::shared_ptr<Pool::Impl> take(bool isForShortTasks) {
+    if (isForShortTasks && longTasks < threads) return nullptr;
+    const auto next = isForShortTasks ? std::ranges::find_if(ready, [](const auto& pool) { return pool->hasShortTask(); }) : ready.begin();
+    if (next == ready.end()) return nullptr;
+    std::shared_ptr<Pool::Impl> pool = std::move(*next);
+    ready.erase(next);
+    waiting = ready.size();
+    return pool;
+  }
   void serve();
+  void serveShortTasks();
+  // Under the lock, which is released meanwhile; `last` is let go of then, for it may be the last owner.
+  void workFor(const std::shared_ptr<Pool::Impl>& pool, std::unique_lock<std::mutex>& lock, std::shared_ptr<Pool::Impl>& last);
   void help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept;
 };
 
@@ -160,8 +134,39 @@ void Executor::State::help(Pool::Impl& pool, Region* region, std::function<void(
   working.fetch_sub(1, std::memory_order_relaxed);
 }
 
+void Executor::State::workFor(const std::shared_ptr<Pool::Impl>& pool, std::unique_lock<std::mutex>& lock,
+                              std::shared_ptr<Pool::Impl>& last) {
+  Region* const region = pool->regionThatWantsHelp();
+  const bool isLong = !region && !pool->posted.empty() && pool->isLong();
+  pool->queued = false;
+  ++pool->inFlight;
+  longTasks += isLong;
+  std::function<void()> task;
+  if (region) {
+    ++region->helpers;
+  } else if (!pool->posted.empty()) {
+    task = std::move(pool->posted.front());
+    pool->posted.pop_front();
+  }
+  pool->noteChange();
+  summon(*pool);  // more work and more room: to the back of the row
+  if (isLong && longTasks >= threads) shortWork.notify_one();
+  lock.unlock();
+  last.reset();
+  const auto begin = threadCpuTime();
+  help(*pool, region, std::move(task));
+  const auto took = threadCpuTime() - begin;
+  lock.lock();
+  if (!region) pool->usual = std::max(took, pool->usual * 4 / 5);
+  longTasks -= isLong;
+  if (region && --region->helpers == 0) region->helpersGone.notify_one();
+  --pool->inFlight;
+  pool->noteChange();
+  enqueue(*pool);
+}
+
 void Executor::State::serve() {
-  std::shared_ptr<Pool::Impl> last;  // let go of without the lock: it may be the last owner
+  std::shared_ptr<Pool::Impl> last;
   std::unique_lock lock(mutex);
   for (;;) {
     if (ready.empty() && !stop) {
@@ -175,53 +180,38 @@ void Executor::State::serve() {
       if (std::exchange(roused, false) && ready.empty() && !stop) continue;  // looks around again
     }
     if (stop) return;
-
-    std::shared_ptr<Pool::Impl> pool = std::move(ready.front());
-    ready.pop_front();
-    waiting = ready.size();
-    Region* region = pool->regionThatWantsHelp();
-    const bool isLong = !region && !pool->posted.empty() && pool->usual > kLong;
-    if (isLong && !takesLong()) {
-      held.push_back(std::move(pool));
-      continue;
-    }
-    pool->queued = false;
-    ++pool->inFlight;
-    longTasks += isLong;
-    std::function<void()> task;
-    if (region) {
-      ++region->helpers;
-    } else if (!pool->posted.empty()) {
-      task = std::move(pool->posted.front());
-      pool->posted.pop_front();
-    }
-    pool->noteChange();
-    summon(*pool);  // more work and more room: to the back of the row
-    lock.unlock();
-    last.reset();
-    const auto begin = threadCpuTime();
-    help(*pool, region, std::move(task));
-    const auto took = threadCpuTime() - begin;
-    lock.lock();
-    if (!region) pool->usual = std::max(took, pool->usual * 4 / 5);
-    longTasks -= isLong;
-    if (!held.empty() && takesLong()) {
-      ready.push_front(std::move(held.front()));
-      held.pop_front();
-      waiting = ready.size();
-    }
-    if (region && --region->helpers == 0) region->helpersGone.notify_one();
-    --pool->inFlight;
-    pool->noteChange();
-    enqueue(*pool);
+    std::shared_ptr<Pool::Impl> pool = take(false);
+    workFor(pool, lock, last);
     last = std::move(pool);
+  }
+}
+
+void Executor::State::serveShortTasks() {
+  std::shared_ptr<Pool::Impl> last;
+  std::unique_lock lock(mutex);
+  for (;;) {
+    if (stop) return;
+    if (std::shared_ptr<Pool::Impl> pool = take(true)) {
+      workFor(pool, lock, last);
+      last = std::move(pool);
+    } else if (last) {
+      lock.unlock();
+      last.reset();
+      lock.lock();
+    } else {
+      shortWork.wait(lock);
+    }
   }
 }
 
 Executor::Executor(unsigned threads, int lowerPriorityBy, const Executor* first) : state_(std::make_shared<State>()) {
   if (first) state_->first = first->state_;
   state_->threads = threads ? threads : std::max(1u, std::thread::hardware_concurrency());
-  state_->workers.reserve(state_->threads);
+  if (state_->threads > 1)
+    state_->workers.emplace_back([state = state_.get(), lowerPriorityBy] {
+      lowerPriority(lowerPriorityBy);
+      state->serveShortTasks();
+    });
   for (unsigned k = 0; k < state_->threads; ++k)
     state_->workers.emplace_back([state = state_.get(), lowerPriorityBy] {
       lowerPriority(lowerPriorityBy);
@@ -234,6 +224,7 @@ Executor::~Executor() {
     const std::lock_guard lock(state_->mutex);
     state_->stop = true;
     state_->work.notify_all();
+    state_->shortWork.notify_all();
   }
   for (auto& worker : state_->workers) worker.join();
   std::vector<std::deque<std::function<void()>>> dropped;
@@ -242,7 +233,6 @@ Executor::~Executor() {
     const std::lock_guard lock(state_->mutex);
     for (Pool::Impl* pool : state_->pools) dropped.push_back(std::exchange(pool->posted, {}));
     released.swap(state_->ready);
-    std::ranges::move(std::exchange(state_->held, {}), std::back_inserter(released));
   }
 }
 
@@ -326,36 +316,7 @@ void Pool::Impl::run(Region& region, std::size_t helpersUseful, const std::funct
   }
 }
 
-// ---- forEach ----
-
 namespace {
-
-class Range final : public Region {
- public:
-  Range(std::size_t count, std::size_t grain, const std::function<void(std::size_t)>& body) : count_(count), grain_(grain), body_(body) {}
-
-  bool wantsHelp() const override { return next_.load() < count_; }
-
-  void help(const std::function<bool()>& leave) noexcept override {
-    while (batch())
-      if (leave()) return;
-  }
-
-  bool batch() noexcept {
-    // Looked at before it is raised, so that late helpers cannot carry the counter around.
-    if (next_.load(std::memory_order_relaxed) >= count_) return false;
-    const std::size_t begin = next_.fetch_add(grain_);
-    if (begin >= count_) return false;
-    const std::size_t end = begin + std::min(grain_, count_ - begin);
-    for (std::size_t k = begin; k < end; ++k) body_(k);
-    return true;
-  }
-
- private:
-  const std::size_t count_, grain_;
-  const std::function<void(std::size_t)>& body_;
-  std::atomic<std::size_t> next_{0};
-};
 
 void runInline(std::size_t count, const std::function<void(std::size_t)>& body) noexcept {
   for (std::size_t k = 0; k < count; ++k) body(k);
@@ -375,110 +336,6 @@ void Pool::forEach(std::size_t count, std::size_t grain, const std::function<voi
   }
   loop.rethrow();
 }
-
-// ---- forEachOrdered ----
-
-namespace {
-
-class Ordered final : public Region {
- public:
-  Ordered(const Order& order, const std::function<void(std::size_t)>& body, std::function<void()> callHelp)
-      : count_(order.size()), body_(body), callHelp_(std::move(callHelp)), missing_(count_), first_(count_ + 1) {
-    for (std::size_t k = 0; k < count_; ++k) {
-      missing_[k] = static_cast<std::uint32_t>(order[k].size());
-      for (const std::uint32_t p : order[k]) {
-        assert(p < k && "a predecessor must be smaller");
-        ++first_[p + 1];
-      }
-    }
-    for (std::size_t k = 0; k < count_; ++k) first_[k + 1] += first_[k];
-    followers_.resize(first_[count_]);
-    std::vector<std::uint32_t> fill(first_.begin(), first_.end() - 1);
-    for (std::size_t k = 0; k < count_; ++k)
-      for (const std::uint32_t p : order[k]) followers_[fill[p]++] = static_cast<std::uint32_t>(k);
-    for (std::size_t k = 0; k < count_; ++k)
-      if (missing_[k] == 0) ready_.push_back(static_cast<std::uint32_t>(k));  // ascending is a heap already
-    readyCount_ = ready_.size();
-  }
-
-  bool wantsHelp() const override { return readyCount_.load() > 0; }
-
-  void help(const std::function<bool()>& leave) noexcept override { work(false, leave); }
-  void lead() noexcept { work(true, never); }
-
- private:
-  void work(bool caller, const std::function<bool()>& leave) noexcept {
-    std::unique_lock lock(mutex_);
-    for (;;) {
-      if (ready_.empty()) {
-        if (done_ == count_) return;
-        lock.unlock();
-        const bool more = spinUntil(
-            [&] { return readyCount_.load(std::memory_order_relaxed) > 0 || finished_.load(std::memory_order_relaxed) || leave(); });
-        lock.lock();
-        if (caller) {
-          callerWaits_ = true;
-          wake_.wait(lock, [&] { return !ready_.empty() || done_ == count_; });
-          callerWaits_ = false;
-        } else if (!more || leave()) {
-          return;
-        }
-        continue;
-      }
-      std::pop_heap(ready_.begin(), ready_.end(), std::greater<>());
-      const std::uint32_t task = ready_.back();
-      ready_.pop_back();
-      readyCount_ = ready_.size();
-      lock.unlock();
-      body_(task);
-      lock.lock();
-      finish(task);
-      if (done_ == count_) {
-        finished_ = true;
-        if (callerWaits_) wake_.notify_one();
-        return;
-      }
-      std::size_t spare = ready_.size();
-      const bool leaving = leave();
-      if (spare > 0 && !leaving) --spare;  // one for this thread
-      if (spare > 0 && callerWaits_) {
-        wake_.notify_one();
-        --spare;
-      }
-      if (spare > 0) {
-        lock.unlock();
-        callHelp_();
-        lock.lock();
-      }
-      if (leaving) return;
-    }
-  }
-
-  void finish(std::uint32_t task) {  // what waited for it may start
-    ++done_;
-    for (std::uint32_t f = first_[task]; f < first_[task + 1]; ++f) {
-      if (--missing_[followers_[f]] > 0) continue;
-      ready_.push_back(followers_[f]);
-      std::push_heap(ready_.begin(), ready_.end(), std::greater<>());
-    }
-    readyCount_ = ready_.size();
-  }
-
-  const std::size_t count_;
-  const std::function<void(std::size_t)>& body_;
-  const std::function<void()> callHelp_;
-  std::vector<std::uint32_t> missing_;  // predecessors that are not done
-  std::vector<std::uint32_t> first_, followers_;
-  std::mutex mutex_;
-  std::condition_variable wake_;      // the caller's
-  std::vector<std::uint32_t> ready_;  // a heap, least first
-  std::atomic<std::size_t> readyCount_{0};
-  std::atomic<bool> finished_{false};
-  std::size_t done_ = 0;
-  bool callerWaits_ = false;
-};
-
-}  // namespace
 
 void Pool::forEachOrdered(const Order& order, const std::function<void(std::size_t)>& task) {
   Loop loop(task, impl_->others());

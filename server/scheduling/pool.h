@@ -2,9 +2,9 @@
 // A logical worker pool for each camera over the threads of an executor.
 //
 // An Executor owns the threads. A Pool is one camera's share: its own queue, and at most `limit` of its tasks in flight at any time.
-// Pools that have work are served round robin, one batch each, so that a thousand cameras share the threads fairly. Of tasks that take long
-// (10 ms of one thread) one fewer than there are threads runs at a time, if there are two or more: the last thread helps their loops, and
-// begins the short tasks of others at once.
+// Pools that have work are served round robin, one batch each, so that a thousand cameras share the threads fairly. Of two or more threads
+// all may be at tasks that take long (10 ms of one thread): one thread more then begins the short tasks of others at once, and the system
+// shares the processors out.
 
 #include <cstddef>
 #include <cstdint>
