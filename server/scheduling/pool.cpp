@@ -23,8 +23,9 @@ namespace ridgecast::scheduling {
 namespace {
 
 constexpr std::size_t kMaxPosted = 1024;
-// A pool's tasks are long while one of its last took more than kLong; a new pool's are until two were short.
-constexpr std::chrono::nanoseconds kLong = std::chrono::milliseconds(10), kUnknown = kLong * 3 / 2;
+// A pool's tasks are long while one of its last took more than kLong, and short while none took more than kShort. The two lie apart: cameras
+// that are alike must not come to lie on both sides, for those that are served less fly farther meanwhile and take longer still.
+constexpr std::chrono::nanoseconds kLong = std::chrono::milliseconds(10), kShort = std::chrono::milliseconds(4), kUnknown = kLong * 3 / 2;
 
 std::chrono::nanoseconds threadCpuTime() {
   timespec t{};
@@ -54,7 +55,7 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
     return nullptr;
   }
   bool isLong() const { return usual > kLong; }
-  bool hasShortTask() const { return !isLong() && !posted.empty() && !regionThatWantsHelp(); }
+  bool hasShortTask() const { return usual <= kShort && !posted.empty() && !regionThatWantsHelp(); }
   void noteChange() { takesMore = inFlight < limit && !queued; }
   void run(Region& region, std::size_t helpersUseful, const std::function<void()>& work);
   const std::atomic<unsigned>* others() const;  // threads that work for the executor that goes first; null: none does

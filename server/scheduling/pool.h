@@ -3,8 +3,8 @@
 //
 // An Executor owns the threads. A Pool is one camera's share: its own queue, and at most `limit` of its tasks in flight at any time.
 // Pools that have work are served round robin, one batch each, so that a thousand cameras share the threads fairly. Of two or more threads
-// all may be at tasks that take long (10 ms of one thread): one thread more then begins the short tasks of others at once, and the system
-// shares the processors out.
+// all may be at tasks that take long (10 ms of one thread): one thread more then begins the short tasks (4 ms) of others at once, and the
+// system shares the processors out.
 
 #include <cstddef>
 #include <cstdint>
