@@ -16,6 +16,8 @@
 #include <exception>
 #include <fstream>
 #include <iostream>
+#include <optional>
+#include <sstream>
 #include <stop_token>
 #include <string>
 #include <string_view>
@@ -87,7 +89,11 @@ Outcome<std::shared_ptr<const http::Site>> loadSite(std::filesystem::path folder
   return http::Site::load(folder);
 }
 
-void warn(const std::string& complaint) { logging::warning(complaint); }
+// A complaint may have several lines.
+void warn(const std::string& complaint) {
+  std::istringstream lines(complaint);
+  for (std::string line; std::getline(lines, line);) logging::warning(line);
+}
 
 // Returns after SIGINT or SIGTERM.
 void untilEnded(net::Server& server, const sigset_t& signals) {

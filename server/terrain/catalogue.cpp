@@ -9,6 +9,7 @@
 #include "common/terrain/variants.h"
 #include "common/text/text.h"
 #include "server/terrain/check.h"
+#include "server/terrain/complaints.h"
 #include "server/terrain/library.h"
 #include "server/terrain/probe.h"
 #include "server/terrain/raster_terrain.h"
@@ -152,14 +153,16 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Co
   }
   auto source = find(request);
   if (!source) return source.error();
-  if (auto fine = checkText(source->file, source->text); !fine) return fine.error();
+  const auto wrong = [&](const Error& error) { return Error{explained(source->file, source->text, error.message)}; };
+  if (auto fine = checkText(source->file, source->text); !fine) return wrong(fine.error());
   auto declaration = readDeclaration(source->file, source->text);
-  if (!declaration) return declaration.error();
+  if (!declaration) return wrong(declaration.error());
   auto text = withParameters(source->file, source->text, *declaration, request.parameters);
   if (!text) return text.error();
   source->text = std::move(*text);
   auto library = built(*source, request, stop);
-  if (!library) return library.error();
+  if (!library) return wrong(library.error());
+  if (const std::string better = advice(source->file, source->text); complain && !better.empty()) complain(better);
   return std::shared_ptr<const terrain::Terrain>(
       std::make_shared<Compiled>(std::move(*source), request.seed, std::move(*library), std::move(complain)));
 }

@@ -10,6 +10,7 @@
 
 #include "common/terrain/terrain.h"
 #include "server/terrain/child.h"
+#include "server/terrain/complaints.h"
 #include "server/terrain/scratch.h"
 
 namespace ridgecast::user_terrain {
@@ -39,21 +40,6 @@ std::optional<std::size_t> notUtf8(std::string_view s) {
   return std::nullopt;
 }
 
-// The text with comments blanked out, line breaks kept.
-std::string withoutComments(std::string_view text) {
-  std::string out(text);
-  for (std::size_t i = 0; i + 1 < out.size(); ++i) {
-    if (out[i] != '/' || (out[i + 1] != '/' && out[i + 1] != '*')) continue;
-    const bool toEndOfLine = out[i + 1] == '/';
-    const std::size_t found = toEndOfLine ? out.find('\n', i) : out.find("*/", i + 2);
-    const std::size_t end = found == std::string::npos ? out.size() : toEndOfLine ? found : found + 2;
-    for (; i < end; ++i)
-      if (out[i] != '\n') out[i] = ' ';
-    --i;
-  }
-  return out;
-}
-
 // What is wrong with a line that begins with #.
 std::optional<std::string> wrongDirective(std::string_view line) {
   line.remove_prefix(std::min(line.find_first_not_of(" \t", 1), line.size()));
@@ -67,6 +53,10 @@ std::optional<std::string> wrongDirective(std::string_view line) {
   if (word == "version") return "leave #version out: the program puts its own before the file";
   return "#" + word + " is not available in a terrain file";
 }
+
+constexpr std::string_view kDesktop = "#version 330 core\n", kEs = "#version 300 es\nprecision highp float;\nprecision highp int;\n";
+constexpr std::array<std::pair<std::string_view, std::string_view>, 2> kDialects{
+    {{kDesktop, ""}, {kEs, "GLSL ES 3.00, which browsers speak"}}};
 
 struct Assembled {
   std::string_view version;  // version lines of the text
@@ -93,9 +83,11 @@ Outcome<ChildEnd> glslang(const Scratch& scratch, const std::filesystem::path& p
   return end;
 }
 
-// The first error: "ERROR: 1:12: 'x' : undeclared identifier" -> "file:12: 'x' : undeclared identifier".
-Error complaint(std::string_view file, std::string_view output, std::string_view dialect) {
+// The front end's errors: "ERROR: 1:12: 'x' : undeclared identifier" -> "file:12: 'x' : undeclared identifier".
+std::vector<std::string> complaintsOf(std::string_view file, std::string_view output, std::string_view dialect) {
   const std::string tail = dialect.empty() ? "" : " (as " + std::string(dialect) + ")";
+  std::vector<std::string> out;
+  std::string elsewhere;
   for (std::size_t begin = output.find("ERROR: "); begin != std::string_view::npos; begin = output.find("ERROR: ", begin + 1)) {
     std::string_view line = output.substr(begin + 7, output.find('\n', begin) - begin - 7);
     std::size_t source = 0, number = 0;
@@ -107,11 +99,37 @@ Error complaint(std::string_view file, std::string_view output, std::string_view
     what = trimmed(what);
     for (const std::string_view nothing : {"'' : ", "'' :"})
       if (what.starts_with(nothing)) what = trimmed(what.substr(nothing.size()));
-    const std::string text(what);
-    if (source == 1) return Error{at(file, number) + text + tail};
-    return Error{std::string(file) + ": does not go together with the program's own GLSL: " + text + tail};
+    if (what.starts_with("compilation terminated")) continue;
+    if (source == 1)
+      out.push_back(at(file, number) + std::string(what) + tail);
+    else if (elsewhere.empty())
+      elsewhere = std::string(file) + ": does not go together with the program's own GLSL: " + std::string(what) + tail;
   }
-  return Error{std::string(file) + ": the GLSL front end refuses it: " + std::string(trimmed(output.substr(0, 300))) + tail};
+  if (!out.empty()) return out;
+  if (elsewhere.empty())
+    elsewhere = std::string(file) + ": the GLSL front end refuses it: " + std::string(trimmed(output.substr(0, 300))) + tail;
+  return {elsewhere};
+}
+
+// Everything that is wrong with the text as GLSL 3.30 and, on other lines, as GLSL ES 3.00; empty: nothing. The front end goes on after an
+// error only at the risk of a crash; then its first one must do.
+Outcome<std::vector<std::string>> syntaxErrors(std::string_view file, std::string_view text, const Scratch& scratch,
+                                               const std::filesystem::path& program, const std::stop_token& stop) {
+  std::vector<std::string> out;
+  for (const auto& [version, dialect] : kDialects) {
+    auto end = glslang(scratch, program, {}, assembled({version}, text), stop);
+    if (!end) return end.error();
+    if (end->status == 0) continue;
+    if (const auto all = glslang(scratch, program, {"-C"}, assembled({version}, text), stop);
+        all && all->output.find("ERROR: 1:") != std::string::npos)
+      *end = *all;
+    const std::vector<std::string> before = out;
+    for (std::string& complaint : complaintsOf(file, end->output, dialect)) {
+      const std::string place = complaint.substr(0, complaint.find(' ') + 1);
+      if (std::ranges::none_of(before, [&](const std::string& b) { return b.starts_with(place); })) out.push_back(std::move(complaint));
+    }
+  }
+  return out;
 }
 
 Outcome<void> checkSignature(std::string_view file, const Checked& c, std::string_view name, std::string_view wanted,
@@ -136,7 +154,9 @@ Outcome<void> checkText(std::string_view file, std::string_view text) {
                  std::to_string(kMostText)};
   if (const auto wrong = notUtf8(text)) return Error{at(file, lineOf(text, *wrong)) + "this is not UTF-8 text; save the file as UTF-8"};
   const std::string code = withoutComments(text);
+  std::vector<std::string> wrong;
   std::size_t line = 0;
+  const auto refuse = [&](const std::string& what) { wrong.push_back(at(file, line) + what); };
   for (std::size_t begin = 0; begin < code.size();) {
     const std::size_t end = std::min(code.find('\n', begin), code.size());
     const std::string_view s = std::string_view(code).substr(begin, end - begin);
@@ -144,10 +164,11 @@ Outcome<void> checkText(std::string_view file, std::string_view text) {
     ++line;
     const std::size_t first = s.find_first_not_of(" \t");
     if (first == std::string_view::npos) continue;
+    const std::size_t before = wrong.size();
     if (s[first] == '#')
-      if (const auto wrong = wrongDirective(s.substr(first))) return Error{at(file, line) + *wrong};
+      if (const auto directive = wrongDirective(s.substr(first))) refuse(*directive);
     if (s.find('\\') != std::string_view::npos)
-      return Error{at(file, line) + "a backslash is not GLSL that every client understands; write the macro on one line, or a function"};
+      refuse("a backslash is not GLSL that every client understands; write the macro on one line, or a function");
     for (std::size_t i = 0; i < s.size();) {
       if (!isNameCharacter(s[i])) {
         ++i;
@@ -156,14 +177,14 @@ Outcome<void> checkText(std::string_view file, std::string_view text) {
       std::size_t stop = i;
       while (stop < s.size() && isNameCharacter(s[stop])) ++stop;
       const std::string_view word = s.substr(i, stop - i);
-      if (word == "asm" || word == "__asm__" || word == "__asm")
-        return Error{at(file, line) + "inline assembler is not available in a terrain file"};
+      if (word == "asm" || word == "__asm__" || word == "__asm") refuse("inline assembler is not available in a terrain file");
       if (word.find("__") != std::string_view::npos)
-        return Error{at(file, line) + std::string(word.substr(0, 64)) + ": GLSL keeps names with two underscores to itself"};
+        refuse(std::string(word.substr(0, 64)) + ": GLSL keeps names with two underscores to itself");
       i = stop;
     }
-    if (s.find_first_of("\"'") != std::string_view::npos) return Error{at(file, line) + "GLSL has no texts in quotes"};
+    if (wrong.size() == before && s.find_first_of("\"'") != std::string_view::npos) refuse("GLSL has no texts in quotes");
   }
+  if (!wrong.empty()) return joined(file, std::move(wrong));
   return {};
 }
 
@@ -173,13 +194,11 @@ Outcome<Checked> checkGlsl(std::string_view file, std::string_view text, const s
     return Error{"glslangValidator, which checks terrain files, is not installed; on Debian: apt-get install glslang-tools g++"};
   auto scratch = Scratch::create();
   if (!scratch) return scratch.error();
-  constexpr std::string_view kDesktop = "#version 330 core\n", kEs = "#version 300 es\nprecision highp float;\nprecision highp int;\n";
+  auto wrong = syntaxErrors(file, text, *scratch, *program, stop);
+  if (!wrong) return wrong.error();
+  if (!wrong->empty()) return joined(file, std::move(*wrong));
 
-  auto end = glslang(*scratch, *program, {}, assembled({kDesktop}, text), stop);
-  if (!end) return end.error();
-  if (end->status != 0) return complaint(file, end->output, "");
-
-  end = glslang(*scratch, *program, {"-E"}, std::string(kDesktop) + "#line 1 1\n" + std::string(text) + "\n", stop);
+  auto end = glslang(*scratch, *program, {"-E"}, std::string(kDesktop) + "#line 1 1\n" + std::string(text) + "\n", stop);
   if (!end) return end.error();
   const std::size_t marker = end->output.find("#line 1 1\n");
   // The child's output is cut at its limit. Longer output comes from macros.
@@ -193,12 +212,12 @@ Outcome<Checked> checkGlsl(std::string_view file, std::string_view text, const s
   if (!items) return items.error();
   out.items = std::move(*items);
   if (auto right = checkSignature(file, out, "terrainHeight", kHeight, "float terrainHeight(ivec2, vec2, float, uint)"); !right)
-    return right.error();
+    wrong->push_back(right.error().message);
   if (auto right = checkSignature(file, out, "terrainColor", kColour, "vec3 terrainColor(ivec2, vec2, float, vec3, float, uint)"); !right)
-    return right.error();
+    wrong->push_back(right.error().message);
+  if (!wrong->empty()) return joined(file, std::move(*wrong));
 
-  for (const auto& [version, dialect] :
-       {std::pair(kDesktop, std::string_view()), std::pair(kEs, std::string_view("GLSL ES 3.00, which browsers speak"))}) {
+  for (const auto& [version, dialect] : kDialects) {
     end = glslang(*scratch, *program, {"-l"}, assembled({version, true}, text), stop);
     if (!end) return end.error();
     if (end->status == 0) continue;
@@ -211,7 +230,7 @@ Outcome<Checked> checkGlsl(std::string_view file, std::string_view text, const s
                        " calls itself, perhaps through others; GLSL has no recursion"};
       return Error{std::string(file) + ": recursion: GLSL has none"};
     }
-    return complaint(file, end->output, dialect);
+    return joined(file, complaintsOf(file, end->output, dialect));
   }
   return out;
 }

@@ -1,6 +1,6 @@
 #pragma once
 // Checks that a user's text is a terrain file: size, encoding, forbidden content, GLSL as every client's compiler accepts it, and the two
-// functions with their signatures. Every error is one sentence that begins with "`file`:line: " if there is a line.
+// functions with their signatures. An error holds all that was found, one line each (complaints.h).
 
 #include <cstddef>
 #include <stop_token>

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 
+#include "server/terrain/complaints.h"
+
 namespace ridgecast::user_terrain {
 namespace {
 
@@ -86,17 +88,22 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
     while (i < tokens.size() && !is(i, ";")) i = after(i);
     return std::min(i + 1, tokens.size());
   };
+  std::vector<std::string> wrong;
   using enum TopLevel::What;
   for (std::size_t i = 0; i < tokens.size();) {
     const std::size_t begin = i, line = tokens[i].line;
-    const auto refuse = [&](const std::string& what) { return Error{at(file, line) + what}; };
+    const auto refuse = [&](const std::string& what) { wrong.push_back(at(file, line) + what); };
     if (is(i, ";") || is(i, "precision")) {
       i = statementEnd(i);
       continue;
     }
     if (is(i, "struct")) {
       const std::size_t close = is(i + 2, "{") ? closing(tokens, i + 2) : tokens.size();
-      if (!isName(i + 1) || !is(close + 1, ";")) return refuse("a struct is declared by itself, with a name and without variables");
+      if (!isName(i + 1) || !is(close + 1, ";")) {
+        refuse("a struct is declared by itself, with a name and without variables");
+        i = statementEnd(i);
+        continue;
+      }
       i = close + 2;
       out.push_back({kStruct, {tokens[begin + 1].text}, line, begin, i});
       continue;
@@ -119,10 +126,12 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
       out.push_back({defined ? kFunction : kPrototype, {tokens[open - 1].text}, line, begin, i, open, defined ? close + 1 : 0});
       continue;
     }
-    return refuse(
+    refuse(
         "at its top level a terrain file has functions, structs and constants only; for a value that people may set write: const float "
         "name = 1.0;  //! 0..2 m: what it is");
+    i = statementEnd(i);
   }
+  if (!wrong.empty()) return joined(file, std::move(wrong));
   return out;
 }
 

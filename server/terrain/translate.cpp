@@ -6,6 +6,8 @@
 #include <optional>
 #include <set>
 
+#include "server/terrain/complaints.h"
+
 namespace ridgecast::user_terrain {
 namespace {
 
@@ -68,8 +70,8 @@ class Translator {
       } else {
         emit(item.begin, item.end);
       }
-      if (error_) return *error_;
     }
+    if (!wrong_.empty()) return joined(file_, std::move(wrong_));
     if (emitted_ > 4 * kMostTokens) return Error{std::string(file_) + ": this is too much for one terrain: write it shorter"};
     out_.text += "\n";
     return std::move(out_);
@@ -117,9 +119,7 @@ class Translator {
     return sizes_[name] = size;
   }
 
-  void refuse(std::size_t i, const std::string& what) {
-    if (!error_) error_ = Error{at(file_, tokens_[std::min(i, tokens_.size() - 1)].line) + what};
-  }
+  void refuse(std::size_t i, const std::string& what) { wrong_.push_back(at(file_, tokens_[std::min(i, tokens_.size() - 1)].line) + what); }
 
   void put(std::size_t i, std::string_view text) {
     if (line_ != tokens_[i].line) {
@@ -290,7 +290,7 @@ class Translator {
   }
 
   void emit(std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end && !error_ && emitted_ <= 4 * kMostTokens; ++i) {
+    for (std::size_t i = begin; i < end && emitted_ <= 4 * kMostTokens; ++i) {
       const Token& t = tokens_[i];
       if (t.kind == Kind::kNumber) {
         const bool whole = t.text.find_first_of(".eE") == std::string::npos || t.text.starts_with("0x") || t.text.starts_with("0X");
@@ -363,7 +363,7 @@ class Translator {
   std::map<std::string, double> sizes_;
   Translation out_;
   std::size_t line_ = 0, emitted_ = 0;
-  std::optional<Error> error_;
+  std::vector<std::string> wrong_;
 };
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <map>
 #include <set>
+#include <sstream>
 
 #include "server/terrain/child.h"
 #include "server/terrain/scratch.h"
@@ -29,7 +30,20 @@ void expectOneMessage(const ChildEnd& end, const std::string& file, const std::s
   EXPECT_EQ(end.status, 2) << file << ": " << end.output;
   EXPECT_THAT(end.output, testing::StartsWith("ridgecast-server: ")) << file;
   EXPECT_THAT(end.output, testing::HasSubstr(part)) << file;
-  EXPECT_EQ(std::count(end.output.begin(), end.output.end(), '\n'), 1) << file << ": " << end.output;
+  // One line for each thing that is wrong; below it the file's line and a caret, if it has one.
+  std::istringstream lines(end.output);
+  std::size_t complaints = 0;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.find(file + ":") != std::string::npos || complaints == 0) {
+      ++complaints;
+      continue;
+    }
+    ASSERT_THAT(line, testing::StartsWith("  ")) << end.output;
+    ASSERT_TRUE(std::getline(lines, line)) << end.output;
+    EXPECT_EQ(line.find_first_not_of(" \t"), line.size() - 1) << end.output;
+    EXPECT_THAT(line, testing::EndsWith("^")) << end.output;
+  }
+  EXPECT_EQ(complaints, file == "empty.glsl" ? 2u : 1u) << file << ": " << end.output;  // which lacks both functions
 }
 
 TEST(BadTerrainFiles, eachGivesItsOneMessage) {

@@ -215,6 +215,57 @@ TEST_F(Files, nothingTraps) {
   EXPECT_EQ(at("int s = 40 + cell.x; int big = int(1e30 * float(1 + cell.x)); return float(1 << (s & 15)) + float(big - big);\n"), 256.0f);
 }
 
+TEST_F(Files, allErrorsAreToldAtOnceWithLineCaretAndRewrite) {
+  const auto t = made(
+      "  float b = 1, c = 2.0;\n"
+      "  height = 3.0;\n"
+      "\tfloat e = pow(b, 2) + c;\n"
+      "  return lost(e);\n");
+  ASSERT_FALSE(t);
+  const std::string& m = t.error().message;
+  const auto inOrder = [&](std::initializer_list<const char*> parts) {
+    std::size_t at = 0;
+    for (const char* part : parts) {
+      at = m.find(part, at);
+      if (at == std::string::npos) return false;
+      ++at;
+    }
+    return true;
+  };
+  EXPECT_TRUE(
+      inOrder({"1.glsl:2: '='", "write 1.0\n    float b = 1, c = 2.0;\n              ^\n", "1.glsl:3: 'height'",
+               "\n    height = 3.0;\n    ^\n", "1.glsl:4: 'pow'", "write 2.0\n  \tfloat e = pow(b, 2) + c;\n  \t                 ^\n",
+               "1.glsl:5: 'lost'", "\n    return lost(e);\n           ^"}))
+      << m;
+}
+
+TEST_F(Files, otherChecksTellAllErrorsToo) {
+  const auto refused = [&](const std::string& before, const std::string& body) {
+    const auto t = made(body, before);
+    return t ? "" : t.error().message;
+  };
+  EXPECT_THAT(refused("#pragma x\n#include <y>\n", "return 1.0;\n"), testing::AllOf(HasSubstr(":1: #pragma"), HasSubstr(":2: #include")));
+  EXPECT_THAT(refused("float a;\nuint b;\n", "return 1.0;\n"), testing::AllOf(HasSubstr(":1: at its top"), HasSubstr(":2: at its top")));
+  EXPECT_THAT(refused("", "vec2 v = fraction;\nv.xy = v.yx;\nv.yx = v.xy;\nreturn v.x;\n"),
+              testing::AllOf(HasSubstr(":3: heights cannot assign"), HasSubstr(":4: heights cannot assign")));
+  const std::string many = refused("", []() {
+    std::string lines;
+    for (int k = 0; k < 50; ++k) lines += "x" + std::to_string(k) + " = 1.0;\n";
+    return lines;
+  }());
+  EXPECT_THAT(many, testing::AllOf(HasSubstr(":20: 'x18'"), HasSubstr(" errors more"))) << many;
+  EXPECT_THAT(many, testing::Not(HasSubstr("'x21'")));
+}
+
+TEST_F(Files, aHashOfASineIsAdvisedAgainst) {
+  EXPECT_TRUE(made("return fract( sin(dot(fraction, vec2(12.9898, 78.233))) * 43758.5453);\n"));
+  ASSERT_EQ(complaints_.size(), 1u);
+  EXPECT_THAT(complaints_[0], testing::AllOf(HasSubstr("1.glsl:2: 'fract'"), HasSubstr("valueNoise("), testing::EndsWith("\n         ^")));
+  complaints_.clear();
+  EXPECT_TRUE(made("return fract(fraction.x) * sin(fraction.y); // fract(sin(x))\n"));
+  EXPECT_THAT(complaints_, testing::IsEmpty());
+}
+
 // A file that is fine wherever it was tried, and bad in one cell: heights go on, the first bad one is reported, once.
 TEST_F(Files, whatGoesWrongLaterIsReportedOnceAndNeverStops) {
   struct Case {
