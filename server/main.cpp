@@ -36,6 +36,7 @@
 #include "server/session/session.h"
 #include "server/terrain/probe.h"
 #include "server/terrain/raster_terrain.h"
+#include "server/watch.h"
 
 namespace {
 
@@ -157,18 +158,20 @@ int serve(const config::Config& config, const sigset_t& signals) {
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
   resources->limits = config.limits;
-  if (config.limits.maxSessions > 1)
-    resources->makeTerrain = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec,
-                                                                                               const std::stop_token& stop) {
-      user_terrain::Request made = request;
-      if (spec.terrain != own) {
-        made.terrain = spec.terrain;  // a name: paths are refused before
-        made.raster = {};
-      }
-      made.seed = spec.seed;
-      made.parameters = spec.parameters;
-      return user_terrain::load(made, warn, stop);
-    };
+  const auto requestOf = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec) {
+    user_terrain::Request made = request;
+    if (spec.terrain != own) {
+      made.terrain = spec.terrain;  // a name: paths are refused before
+      made.raster = {};
+    }
+    made.seed = spec.seed;
+    made.parameters = spec.parameters;
+    return made;
+  };
+  const auto makeTerrain = [requestOf](const session::WorldSpec& spec, const std::stop_token& stop) {
+    return user_terrain::load(requestOf(spec), warn, stop);
+  };
+  if (config.limits.maxSessions > 1) resources->makeTerrain = makeTerrain;
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
   routes.insert(routes.begin(), http::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &executor)));
   routes.push_back(http::queryRoute(directory));
@@ -183,9 +186,16 @@ int serve(const config::Config& config, const sigset_t& signals) {
   logging::info("listening on " + server->url() + " with " + std::to_string(executor.threads()) + " threads, terrain " +
                 std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 
+  std::optional<Watch> watch;
+  if (config.watch)
+    watch.emplace(
+        directory, [requestOf](const session::WorldSpec& spec) { return user_terrain::fileOf(requestOf(spec)); }, makeTerrain,
+        [&](const session::Session& session) { server->sendAway(session); });
+
   notify("READY=1\nSTATUS=Serving at " + server->url());
   untilEnded(*server, signals);
   letSignalsEndIt();
+  watch.reset();
   notify("STOPPING=1\nSTATUS=Waiting for clients to leave");
   server->shutdown();
   if (!config.portFile.empty()) {

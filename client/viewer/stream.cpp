@@ -83,9 +83,10 @@ void Stream::watchConnection() {
   const auto why = otherWorld_ ? std::nullopt : connection.error();
   if (otherWorld_) {
     state_.message =
-        "The server has another world now: enter it by F2, or start the viewer again.\nThe picture shows what had arrived. Esc quits.";
-    std::fprintf(stderr, "ridgecast-client: the server has another world now\n");
+        "The server has another world now; entering it. If that fails, L enters one by its name.\nThe picture shows what had arrived.";
+    std::fprintf(stderr, "ridgecast-client: the server has another world now; entering it\n");
     state_.changed = true;
+    if (!next_) next_.emplace(link_.url, link_.settings);
   } else if (why && !lost_) {
     state_.message =
         "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Esc quits.";

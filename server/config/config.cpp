@@ -82,6 +82,8 @@ void addTerrain(CLI::App& app, Written& w) {
           "type=unsigned|signed");
   app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl, each available as NAME")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");
+  app.add_flag("--watch", c.watch,
+               "Look after the terrain files in use: their sessions go on with what was saved, if it is without errors");
   app.add_flag("--private-terrain", w.isPrivate,
                "Never send the terrain's text or samples; send colours and normals with the vertices instead");
 }

@@ -21,6 +21,7 @@ struct Config {
   session::Limits limits;
   snapshot::Limits snapshots;
   user_terrain::Request terrain;    // of the default session, with its seed
+  bool watch = false;               // sessions follow their terrain files
   unsigned threads = 0;             // 0: as many as the hardware has
   std::filesystem::path portFile;   // empty: none
   std::filesystem::path webFolder;  // of the browser viewer; empty: the one beside the program, if any

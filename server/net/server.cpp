@@ -84,9 +84,14 @@ class ListeningServer final : public Server {
 
   void drain() override {
     shared_->ready = shared_->takesStreams = false;
-    sendAway();
+    for (const auto& stream : openStreams()) stream->postGoingAway();
   }
   void undrain() override { shared_->ready = shared_->takesStreams = true; }
+
+  void sendAway(const session::Session& session) override {
+    for (const auto& stream : openStreams())
+      if (&stream->session() == &session) stream->postGoingAway();
+  }
 
   void shutdown() override {
     if (threads_.empty()) return;
@@ -131,9 +136,6 @@ class ListeningServer final : public Server {
     for (const auto& [key, weak] : shared_->streams)
       if (auto stream = weak.lock()) streams.push_back(std::move(stream));
     return streams;
-  }
-  void sendAway() {
-    for (const auto& stream : openStreams()) stream->postGoingAway();
   }
 
   void serve() {

@@ -82,6 +82,8 @@ class Server {
   // Stops accepting streams: /readyz answers 503, open streams are told to reconnect. The port stays open.
   virtual void drain() = 0;
   virtual void undrain() = 0;
+  // Tells the streams of a session that has a successor (Directory::replace) to connect again.
+  virtual void sendAway(const session::Session& session) = 0;
   // Reloads certificate and tokens: the certificate for new connections, the tokens for open streams too. On an error, which is returned,
   // both stay as they were.
   virtual std::optional<Error> reload() = 0;

@@ -47,6 +47,7 @@ class OpenStream {
   virtual void postGoingAway() = 0;
   virtual void postJudge() = 0;  // ends the stream if its token is withdrawn
   virtual std::size_t waitingBytes() const = 0;
+  virtual const session::Session& session() const = 0;
 };
 
 // Shared by all connections. Outlives them.

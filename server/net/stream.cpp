@@ -126,6 +126,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     asio::post(ws_.get_executor(), [self = shared_from_this()] { self->judge(); });
   }
   std::size_t waitingBytes() const override { return traffic_->queuedBytes; }
+  const session::Session& session() const override { return *session_; }
   const std::shared_ptr<Traffic>& traffic() const { return traffic_; }
 
  private:
@@ -150,8 +151,12 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
 
   void goAway() {
+    wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server leaves; connect again.", shared_->settings.reconnectUrl};
     why_ = metrics::name(metrics::Refusal::kDraining);
-    const wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server leaves; connect again.", shared_->settings.reconnectUrl};
+    if (shared_->takesStreams) {
+      last = {wire::ErrorCode::kGoingAway, "The session has new ground; connect again.", {}};
+      why_ = "ground";
+    }
     farewell(wire::encode(wire::ServerMessage(last)), {websocket::close_code::going_away, last.message});
   }
 
@@ -359,7 +364,7 @@ class StreamSender final : public session::Sender {
 void Stream::accepted(error_code ec) {
   if (ec || stage_ != Stage::kAccepting) return end();
   stage_ = Stage::kOpen;
-  if (!shared_->takesStreams) return goAway();  // the server began to leave meanwhile
+  if (!shared_->takesStreams || session_->isRetired()) return goAway();  // since meanwhile
   auto place = session_->enter();
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),

@@ -78,6 +78,17 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_p
   return session;
 }
 
+bool Directory::replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain) {
+  auto successor = std::make_shared<Session>(session->name(), std::move(terrain), session->spec(), resources_, places_);
+  const std::lock_guard lock(mutex_);
+  const auto it = sessions_.find(session->name());
+  if (it == sessions_.end() || it->second.session != session) return false;
+  if (session->uses() > 0) successor->use();  // so that it waits for its members as long
+  it->second = Kept{std::move(successor), std::move(it->second.maker), 0, {}};
+  session->retire();
+  return true;
+}
+
 std::vector<std::shared_ptr<Session>> Directory::all() const {
   const std::lock_guard lock(mutex_);
   std::vector<std::shared_ptr<Session>> out;

@@ -1,7 +1,8 @@
 #pragma once
 // Named worlds and their members.
 //
-// A Session is a terrain with its seed and parameters, seen by several cameras; it never changes while it lives. The Directory holds the
+// A Session is a terrain with its seed and parameters, seen by several cameras; it never changes while it lives (a successor may
+// take its name: Directory::replace). The Directory holds the
 // sessions by name. `default` always exists; the others end after a while without members, and within seconds if nobody has said hello in
 // them. One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has its own mesh, replica and pool
 // (camera_session.h).
@@ -121,6 +122,9 @@ class Session {
   Outcome<CameraPlace> enter();
   // Ends it if it has no members; then nobody can enter.
   bool end();
+  // It has a successor: whoever enters now must connect again.
+  void retire() { isRetired_ = true; }
+  bool isRetired() const { return isRetired_; }
   // A member has said hello, or somebody without a place uses it: an idle session that is used does not end.
   void use() { ++uses_; }
   std::uint64_t uses() const { return uses_; }
@@ -130,6 +134,7 @@ class Session {
   std::string name_;
   WorldSpec spec_;
   std::atomic<std::uint64_t> uses_{0};
+  std::atomic<bool> isRetired_{false};
   std::shared_ptr<const terrain::Terrain> terrain_;
   std::uint64_t contentHash_;
   std::shared_ptr<const Resources> resources_;
@@ -149,6 +154,9 @@ class Directory : public std::enable_shared_from_this<Directory> {
   // `maker`: the client, as http::Request::client; empty: the operator, who has no share. Error: the name is taken or invalid, or full().
   Outcome<std::shared_ptr<Session>> add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
                                         std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {});
+  // A session of the same name, maker and spec with another ground takes the place of this one, which is retired: its members have their
+  // places until they leave. Returns false if it has ended already.
+  bool replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain);
   std::vector<std::shared_ptr<Session>> all() const;  // by name
   // Why this maker can add no other session now: the server has its limit, or the maker its share.
   struct Full {

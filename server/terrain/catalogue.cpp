@@ -81,6 +81,7 @@ std::vector<std::filesystem::path> filesOf(const std::filesystem::path& folder) 
   std::vector<std::filesystem::path> out;
   std::error_code failed;
   for (const auto& entry : std::filesystem::directory_iterator(folder, failed))
+  if (folder.empty()) return out;
     if (entry.path().extension() == ".glsl" && entry.is_regular_file(failed)) out.push_back(entry.path());
   std::ranges::sort(out);
   return out;
@@ -88,19 +89,13 @@ std::vector<std::filesystem::path> filesOf(const std::filesystem::path& folder) 
 
 Outcome<Source> find(const Request& request) {
   if (const auto* d = builtIn(request.terrain)) return Source{std::string(d->name), std::string(d->name) + ".glsl", std::string(d->source)};
-  std::filesystem::path file = request.terrain;
-  if (file.extension() != ".glsl") {
+  const std::filesystem::path file = fileOf(request);
+  if (file.empty()) {
     std::string names;
     for (const terrain::Description& d : terrain::builtIn()) names.append(names.empty() ? "" : ", ").append(d.name);
-    file.clear();
-    if (!request.folder.empty())
-      for (const auto& f : filesOf(request.folder)) {
-        names.append(", ").append(f.stem().string());
-        if (f.stem() == request.terrain) file = f;
-      }
-    if (file.empty())
-      return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
-                   "; or give a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .r16 or .raw"};
+    for (const auto& f : filesOf(request.folder)) names.append(", ").append(f.stem().string());
+    return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
+                 "; or give a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .r16 or .raw"};
   }
   auto text = readText(file);
   if (!text) return text.error();
@@ -188,6 +183,15 @@ Outcome<std::vector<Entry>> list(const std::filesystem::path& folder) {
       entry.problem = declaration.error().message;
     }
     out.push_back(std::move(entry));
+std::filesystem::path fileOf(const Request& request) {
+  std::filesystem::path file = request.terrain;
+  if (file.extension() == ".glsl" || isRasterName(request.terrain)) return file;
+  if (builtIn(request.terrain)) return {};
+  for (auto& f : filesOf(request.folder))
+    if (f.stem() == request.terrain) return f;
+  return {};
+}
+
   }
   return out;
 }

@@ -101,6 +101,27 @@ TEST_F(Window, OnAScreenOfSmallPixelsWindowAndTextAreAsLargeAsElsewhere) {
   EXPECT_NEAR(rows[1], 2 * rows[0], 0.1 * rows[1]);
 }
 
+TEST_F(Window, GoesOnWithATerrainFileThatWasSaved) {
+  ScratchFolder folder;
+  const auto save = [&](const char* height) {
+    std::ofstream(folder / "new") << "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return " << height
+                                  << "; }\nvec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, "
+                                     "uint seed) { return vec3(0.5, 0.2, 0.1); }\n";
+    std::filesystem::rename(folder / "new", folder / "mine.glsl");
+  };
+  save("10.0");
+  ServerProcess server(RIDGECAST_SERVER,
+                       {"--watch", "--terrain", (folder / "mine.glsl").string(), "--terrain-cache", (folder / "cache").string()});
+  open({"--threshold", "20", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"F3", "1"});
+  const render::Picture flat = rested();
+  save("10.0 + 900.0 * abs(valueNoise(finer5(widestPlace(cell, fraction)).cell, finer5(widestPlace(cell, fraction)).at, 3u).x)");
+  ASSERT_TRUE(says("entering it")) << viewer_->output() << server.process().output();
+  EXPECT_TRUE(await([&] { return compare(flat, shot()).moved > 0.1; })) << viewer_->output();
+  close();
+}
+
 TEST_F(Window, AnotherWorldIsEnteredByTypingItsNameAndIsTheOneThatEverybodySees) {
   ServerProcess server(RIDGECAST_SERVER);
   open({"--threshold", "20", "--reduced-motion"}, server.url());

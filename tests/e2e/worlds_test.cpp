@@ -215,5 +215,69 @@ TEST(WorldsLeft, TheServersEndStopsTheCompiler) {
   EXPECT_EQ(compiler.started().size(), 1u) << "also without colours";
 }
 
+// --watch: what is saved is flown over, once it has no errors.
+TEST(WorldsWatched, GoOnWithTheGroundThatWasSaved) {
+  ScratchFolder folder;
+  std::filesystem::create_directory(folder / "more");
+  const auto save = [&](const std::string& file, const std::string& height) {
+    // As editors do: a new file takes the place.
+    std::ofstream(folder / "new") << "const float extra = 0.0;  //! 0..100 m: more\n"
+                                     "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {\n"
+                                     "  return extra + " +
+                                         height +
+                                         ";\n}\nvec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, "
+                                         "uint seed) { return vec3(0.3); }\n";
+    std::filesystem::rename(folder / "new", folder / file);
+  };
+  save("mine.glsl", "40.0");
+  save("more/plain.glsl", "70.0");
+  ServerProcess server(RIDGECAST_SERVER, {"--watch", "--terrain", (folder / "mine.glsl").string(), "--terrain-dir",
+                                          (folder / "more").string(), "--terrain-cache", (folder / "cache").string()});
+  wire::Settings settings;
+  settings.threshold = 20;
+  camera::Camera camera;
+  camera.pose.y = 300;
+  const auto arrives = [&](const std::string& session) {
+    auto flier = std::make_unique<Flier>(server.url() + session, settings);
+    flier->settle(camera);
+    return flier;
+  };
+  const auto sentAway = [](Flier& flier) {
+    return await([&] { return !flier.take(std::chrono::milliseconds(10)) && flier.connection().error(); }, std::chrono::seconds(60));
+  };
+  auto own = arrives(""), other = arrives("?session=other&terrain=plain&seed=1&param=extra=5");
+  EXPECT_NEAR(*own->scene().height({0, 0}), 40, 0.1);
+  EXPECT_NEAR(*other->scene().height({0, 0}), 75, 0.1);
+
+  save("mine.glsl", "90.0");
+  ASSERT_TRUE(sentAway(*own)) << server.process().output();
+  EXPECT_THAT(own->connection().error()->message, HasSubstr("new ground"));
+  const std::uint64_t before = own->world().contentHash;
+  own = arrives("");
+  EXPECT_NEAR(*own->scene().height({0, 0}), 90, 0.1);
+  EXPECT_NE(own->world().contentHash, before);
+  EXPECT_NEAR(*other->scene().height({0, 0}), 75, 0.1);
+  EXPECT_FALSE(other->connection().error());  // another file's
+
+  save("more/plain.glsl", "20.0");
+  ASSERT_TRUE(sentAway(*other)) << server.process().output();
+  other = arrives("?session=other");
+  EXPECT_NEAR(*other->scene().height({0, 0}), 25, 0.1);  // with its parameter
+
+  // Errors: the old ground stays, the log says why.
+  save("mine.glsl", "heigth");
+  ASSERT_TRUE(await([&] { return server.process().output().find("'heigth'") != std::string::npos; }, std::chrono::seconds(60)));
+  EXPECT_THAT(server.process().output(),
+              testing::AllOf(HasSubstr("keeps its ground"), HasSubstr("mine.glsl:3: 'heigth' : undeclared identifier")));
+  camera.pose.x = 500;
+  own->settle(camera);
+  EXPECT_NEAR(*own->scene().height({0, 0}), 90, 0.1);
+  EXPECT_NEAR(*arrives("")->scene().height({0, 0}), 90, 0.1);
+
+  save("mine.glsl", "60.0");
+  ASSERT_TRUE(sentAway(*own));
+  EXPECT_NEAR(*arrives("")->scene().height({0, 0}), 60, 0.1);
+}
+
 }  // namespace
 }  // namespace ridgecast

@@ -608,6 +608,25 @@ TEST_F(SessionTest, DirectoryKnowsSessionsByName) {
   EXPECT_FALSE(directory->add("default", flatTerrain()));
 }
 
+TEST_F(SessionTest, ASuccessorTakesNameSpecAndMakersShare) {
+  Limits limits;
+  limits.maxSessionsPerClient = 1;
+  start(limits);
+  const auto old = directory->add("alps", flatTerrain(5), {{"tallest", 3}}, "client").value();
+  const auto member = old->enter();
+  EXPECT_TRUE(directory->replace(old, flatTerrain(6)));
+  const auto now = directory->find("alps");
+  EXPECT_NE(now, old);
+  EXPECT_EQ(now->spec(), old->spec());
+  EXPECT_NE(now->contentHash(), old->contentHash());
+  EXPECT_TRUE(old->isRetired());
+  EXPECT_FALSE(now->isRetired());
+  EXPECT_TRUE(directory->full("client"));
+  EXPECT_EQ(directory->cameras(), 2u);                    // with the fixture's
+  EXPECT_FALSE(directory->replace(old, flatTerrain(7)));  // is not there any more
+  EXPECT_EQ(directory->find("alps"), now);
+}
+
 // Everything at once, from several threads: nothing but the laws that the client checks by itself.
 TEST_F(SessionTest, StressOfMessagesFromSeveralThreads) {
   script->next = [](int n, const camera::Camera& c) {
