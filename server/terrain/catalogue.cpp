@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <utility>
 
@@ -80,8 +81,8 @@ const terrain::Description* builtIn(std::string_view name) {
 std::vector<std::filesystem::path> filesOf(const std::filesystem::path& folder) {
   std::vector<std::filesystem::path> out;
   std::error_code failed;
-  for (const auto& entry : std::filesystem::directory_iterator(folder, failed))
   if (folder.empty()) return out;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, failed))
     if (entry.path().extension() == ".glsl" && entry.is_regular_file(failed)) out.push_back(entry.path());
   std::ranges::sort(out);
   return out;
@@ -102,6 +103,27 @@ Outcome<Source> find(const Request& request) {
   if (builtIn(file.stem().string()))
     return Error{file.string() + ": " + file.stem().string() + " is the name of a built-in terrain; rename the file"};
   return Source{file.stem().string(), file.string(), std::move(*text)};
+}
+
+// The fault that probe() found, at the expression it comes from, or at least at terrainHeight.
+Error withPlace(const Error& fault, const Source& source, const Request& request, const std::stop_token& stop) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  if (fault.message.find(faultOf(kInfinity - kInfinity)) == std::string::npos &&
+      fault.message.find(faultOf(kInfinity)) == std::string::npos)
+    return fault;
+  const auto checked = checkGlsl(source.file, source.text, stop);
+  if (!checked) return fault;
+  const auto function = std::ranges::find_if(
+      checked->items, [](const TopLevel& item) { return item.what == TopLevel::What::kFunction && item.names[0] == "terrainHeight"; });
+  const Error atFunction{at(source.file, function->line) + fault.message.substr(source.file.size() + 2)};
+  auto translated = translate(source.file, checked->tokens, checked->items);
+  const auto scratch = Scratch::create();
+  if (!translated || !scratch) return atFunction;
+  const std::filesystem::path library = scratch->path() / "traced.so";
+  translated->traced = true;
+  if (!compile(source.file, *translated, "baseline", library, stop)) return atFunction;
+  const auto again = probe(source.file, library, request.seed, request.prober, stop);
+  return again || again.error().message == fault.message ? atFunction : again.error();
 }
 
 Outcome<std::shared_ptr<const Library>> built(const Source& source, const Request& request, const std::stop_token& stop) {
@@ -132,7 +154,8 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
   auto file = make(true);
   if (!file && !request.colours && !stop.stop_requested()) file = make(false);
   if (!file) return file.error();
-  if (auto fine = probe(source.file, *file, request.seed, request.prober, stop); !fine) return fine.error();
+  if (auto fine = probe(source.file, *file, request.seed, request.prober, stop); !fine)
+    return withPlace(fine.error(), source, request, stop);
   return Library::open(*file);
 }
 
@@ -162,6 +185,15 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Co
       std::make_shared<Compiled>(std::move(*source), request.seed, std::move(*library), std::move(complain)));
 }
 
+std::filesystem::path fileOf(const Request& request) {
+  std::filesystem::path file = request.terrain;
+  if (file.extension() == ".glsl" || isRasterName(request.terrain)) return file;
+  if (builtIn(request.terrain)) return {};
+  for (auto& f : filesOf(request.folder))
+    if (f.stem() == request.terrain) return f;
+  return {};
+}
+
 Outcome<std::vector<Entry>> list(const std::filesystem::path& folder) {
   std::vector<Entry> out;
   for (const terrain::Description& d : terrain::builtIn()) {
@@ -183,15 +215,6 @@ Outcome<std::vector<Entry>> list(const std::filesystem::path& folder) {
       entry.problem = declaration.error().message;
     }
     out.push_back(std::move(entry));
-std::filesystem::path fileOf(const Request& request) {
-  std::filesystem::path file = request.terrain;
-  if (file.extension() == ".glsl" || isRasterName(request.terrain)) return file;
-  if (builtIn(request.terrain)) return {};
-  for (auto& f : filesOf(request.folder))
-    if (f.stem() == request.terrain) return f;
-  return {};
-}
-
   }
   return out;
 }

@@ -22,7 +22,7 @@
 namespace ridgecast::user_terrain {
 namespace {
 
-constexpr const char *kEntry = "ridgecast_heights", *kColours = "ridgecast_colours";
+constexpr const char *kEntry = "ridgecast_heights", *kColours = "ridgecast_colours", *kTrace = "ridgecast_trace";
 
 // The flags of the built-in terrains (common/terrain/CMakeLists.txt); never with fused multiply-add. What is too large for the stack hits
 // its guard (-fstack-clash-protection) and never jumps over it.
@@ -60,6 +60,7 @@ std::string programText(const Translation& t) {
         .append("u;\n#define RIDGECAST_STEPS_LEFT stepsLeft__\n");
   }
   if (t.colours) out.append("#define RIDGECAST_COLOURS\n");
+  if (t.traced) out.append(embedded::glsl_trace).append("\n");
   out.append("namespace person__ {\n")
       .append(t.text)
       .append("}\n#line 1 \"batch.h\"\nnamespace program__ {\nusing person__::terrainHeight;\n");
@@ -74,6 +75,10 @@ std::string programText(const Translation& t) {
         .append(
             "(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, float footprint, float* out, "
             "__SIZE_TYPE__ count, uint seed) {\n  program__::colours(x, z, height, normal, footprint, out, count, seed);\n}\n");
+  if (t.traced)
+    out.append("extern \"C\" __attribute__((visibility(\"default\"))) Traced__ ")
+        .append(kTrace)
+        .append("(bool infinite) {\n  const Traced__ first = traced__[infinite];\n  traced__[0] = traced__[1] = {};\n  return first;\n}\n");
   return out;
 }
 
@@ -105,6 +110,7 @@ Outcome<std::shared_ptr<const Library>> Library::open(const std::filesystem::pat
   auto library = std::shared_ptr<Library>(new Library(handle));
   library->heights_ = reinterpret_cast<terrain::HeightsFunction>(dlsym(handle, kEntry));
   library->colours_ = reinterpret_cast<terrain::ColoursFunction>(dlsym(handle, kColours));
+  library->trace_ = reinterpret_cast<TraceFunction>(dlsym(handle, kTrace));
   if (!library->heights_) return Error{file.string() + " is no compiled terrain; remove it"};
   return std::shared_ptr<const Library>(std::move(library));
 }

@@ -13,6 +13,13 @@
 
 namespace ridgecast::user_terrain {
 
+// The line of the user's file where a height first became no number, or infinite, and the function's name, or /. Clears what it returns.
+struct Trace {
+  const char* name;  // null: no such place
+  int line;
+};
+using TraceFunction = Trace (*)(bool infinite);
+
 class Library {
  public:
   // Error: not a library that this program made.
@@ -22,12 +29,14 @@ class Library {
   Library& operator=(const Library&) = delete;
   terrain::HeightsFunction heights() const { return heights_; }
   terrain::ColoursFunction colours() const { return colours_; }  // null unless translated with colours
+  TraceFunction trace() const { return trace_; }                 // null unless traced; of the heights since the last call
 
  private:
   explicit Library(void* handle) : handle_(handle) {}
   void* handle_;
   terrain::HeightsFunction heights_ = nullptr;
   terrain::ColoursFunction colours_ = nullptr;
+  TraceFunction trace_ = nullptr;
 };
 
 // Compiled terrains by content. Trusts only a folder that belongs to this user and that nobody else can write.

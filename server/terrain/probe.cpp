@@ -14,6 +14,7 @@
 #include "common/text/text.h"
 #include "server/terrain/child.h"
 #include "server/terrain/library.h"
+#include "server/terrain/tokens.h"
 #include "server/terrain/translate.h"
 
 namespace ridgecast::user_terrain {
@@ -23,13 +24,33 @@ constexpr std::array<double, 10> kPlaces = {0, 5e3, 1e6, -1e6, 3e7, 1e8, -1e9, 1
 constexpr std::size_t kBatch = 256, kBatches = 16;                                                     // points a place: 4,096
 constexpr std::string_view kFlag = "--probe-terrain";
 
-// What the child says last is what it was at: "heights X Z", "colours X Z" (steps), "fault X Z BITS" (of a height), or "done".
+// What the child says last is what it was at: "heights X Z", "colours X Z" (steps), "fault X Z BITS" (of a height; with a traced
+// library also "LINE NAME"), or "done".
 void say(const std::string& text) {
   const std::string line = text + "\n";
   if (write(STDOUT_FILENO, line.data(), line.size()) < 0) _exit(1);  // nobody listens
 }
 std::string placed(std::string_view what, lattice::Step x, lattice::Step z) {
   return std::string(what) + " " + std::to_string(x) + " " + std::to_string(z);
+}
+
+std::string traced(const Library& library, lattice::Step x, lattice::Step z, float height, std::uint32_t seed) {
+  if (!library.trace() || std::isfinite(height)) return "";
+  library.trace()(false);
+  library.heights()(&x, &z, &height, 1, seed);
+  const Trace found = library.trace()(std::isinf(height));
+  return found.name ? " " + std::to_string(found.line) + " " + found.name : "";
+}
+
+// The rewrite for what is undefined.
+std::string rewrite(std::string_view name, float height) {
+  if (name == "/" || name == "mod") return "; keep the divisor above 0, such as max(b, 1e-6)";
+  if (name == "inversesqrt" || name.starts_with("log")) return "; it takes numbers above 0: write " + std::string(name) + "(max(a, 1e-6))";
+  if (std::isinf(height)) return "";
+  if (name == "pow") return "; a negative number has no power: write pow(abs(a), b) or pow(max(a, 0.0), b)";
+  if (name == "sqrt") return "; a negative number has no root: write sqrt(max(a, 0.0))";
+  if (name == "normalize") return "; the vector is 0 there: write v * inversesqrt(max(dot(v, v), 1e-12))";
+  return "";
 }
 
 void tryAll(const Library& library, std::uint32_t seed) {
@@ -52,7 +73,9 @@ void tryAll(const Library& library, std::uint32_t seed) {
       say(placed("heights", x[0], z[0]));
       library.heights()(x.data(), z.data(), out.data(), kBatch, seed);
       for (std::size_t i = 0; i < kBatch; ++i)
-        if (!faultOf(out[i]).empty()) return say(placed("fault", x[i], z[i]) + " " + std::to_string(std::bit_cast<std::uint32_t>(out[i])));
+        if (!faultOf(out[i]).empty())
+          return say(placed("fault", x[i], z[i]) + " " + std::to_string(std::bit_cast<std::uint32_t>(out[i])) +
+                     traced(library, x[i], z[i], out[i], seed));
       if (!library.colours()) continue;
       say(placed("colours", x[0], z[0]));
       library.colours()(x.data(), z.data(), out.data(), normals.data(), 0, colours.data(), kBatch, seed);
@@ -119,7 +142,9 @@ Outcome<void> probe(std::string_view file, const std::filesystem::path& library,
   std::string what;
   lattice::Step x = 0, z = 0;
   std::uint32_t bits = 0;
-  words >> what >> x >> z >> bits;
+  std::size_t line = 0;
+  std::string name;
+  words >> what >> x >> z >> bits >> line >> name;
   const std::string function = what == "colours" ? "terrainColor" : "terrainHeight", where = placeText(x, z);
   if (end->timedOut || end->signal == SIGXCPU)
     return error((what == "colours" ? "colours" : "heights") + std::string(" take too long: not done after ") +
@@ -130,7 +155,8 @@ Outcome<void> probe(std::string_view file, const std::filesystem::path& library,
   if (what == "fault") {
     const float height = std::bit_cast<float>(bits);
     const std::string number = std::isfinite(height) ? ", " + text::rounded(static_cast<double>(height), 6) + " m," : "";
-    return error("the height at " + where + number + " " + std::string(faultOf(height)));
+    const std::string fault = "the height at " + where + number + " " + std::string(faultOf(height));
+    return line ? Error{at(file, line) + "'" + name + "': " + fault + rewrite(name, height)} : error(fault);
   }
   if (what != "done") return error("the process that tried its heights ended early");
   return {};

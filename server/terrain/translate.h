@@ -19,6 +19,7 @@ struct Translation {
   std::string text;      // with #line directives that name kPersonsFile
   bool bounded = false;  // whether it has loops that count steps
   bool colours = false;  // terrainColor is there too
+  bool traced = false;   // compile so that Library::trace() can tell where a height went wrong; many times slower
 };
 
 inline constexpr std::string_view kPersonsFile = "terrain.glsl";

@@ -266,6 +266,25 @@ TEST_F(Files, aHashOfASineIsAdvisedAgainst) {
   EXPECT_THAT(complaints_, testing::IsEmpty());
 }
 
+TEST_F(Files, aHeightThatIsNoNumberNamesTheExpressionAndTheRewrite) {
+  const auto told = [&](const std::string& before, const std::string& body) {
+    const auto t = made(body, before);
+    return t ? "" : t.error().message;
+  };
+  // Line 2 of the helper; the root above is of a positive number.
+  EXPECT_THAT(told("float bent(vec2 v) {\n  float good = sqrt(v.x + 1.0); return good +\n    pow(v.x - 0.5, 1.5);\n}\n",
+                   "return bent(fraction);\n"),
+              testing::AllOf(HasSubstr(".glsl:3: 'pow': the height at x "), HasSubstr("is not a number"), HasSubstr("write pow(abs(a), b)"),
+                             testing::EndsWith("\n      pow(v.x - 0.5, 1.5);\n      ^")));
+  EXPECT_THAT(told("", "vec2 v = fraction - fraction;\nreturn normalize(v).x;\n"), HasSubstr(":3: 'normalize': the height at"));
+  EXPECT_THAT(told("", "float b = fraction.x - fraction.x;\nfloat h = 1.0;\nreturn h / b;\n"),
+              testing::AllOf(HasSubstr(":4: '/': the height at"), HasSubstr("is infinite; keep the divisor above 0")));
+  EXPECT_THAT(told("", "return log(fraction.x - 0.5);\n"), HasSubstr(":2: 'log': the height at"));
+  // Neither a function nor a division.
+  EXPECT_THAT(told("", "float big = 3e38 * (1.0 + fraction.x) * 9.0;\nreturn big - big;\n"),
+              testing::AllOf(HasSubstr(":1: the height at x"), HasSubstr("is not a number")));
+}
+
 // A file that is fine wherever it was tried, and bad in one cell: heights go on, the first bad one is reported, once.
 TEST_F(Files, whatGoesWrongLaterIsReportedOnceAndNeverStops) {
   struct Case {
