@@ -1,5 +1,6 @@
 #include "client/viewer/coordinates.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
@@ -12,6 +13,25 @@ namespace {
 constexpr std::int64_t kPerMetre = std::int64_t{1} << lattice::kStepBits;
 constexpr std::int64_t kMostMetres = lattice::kMaxPosition / kPerMetre;
 
+// "1.5e3" -> "1500."; others stay as they are.
+std::string withoutExponent(const std::string& text) {
+  const std::size_t e = text.find_first_of("eE");
+  if (e == std::string::npos) return text;
+  int shift = 0;
+  const auto [end, problem] = std::from_chars(text.data() + e + 1 + (text[e + 1] == '+'), text.data() + text.size(), shift);
+  if (problem != std::errc() || end != text.data() + text.size() || std::abs(shift) > 40) return text;
+  std::string digits = text.substr(0, e);
+  std::size_t point = digits.find('.');
+  if (point != std::string::npos) digits.erase(point, 1);
+  if (digits.empty()) return text;
+  point = std::min(point, digits.size());
+  if (shift < 0)
+    digits.insert(0, static_cast<std::size_t>(-shift), '0');
+  else
+    digits.append(static_cast<std::size_t>(shift), '0'), point += static_cast<std::size_t>(shift);
+  return digits.insert(point, 1, '.');
+}
+
 }  // namespace
 
 Outcome<lattice::Step> parseMetres(std::string_view text) {
@@ -23,6 +43,7 @@ Outcome<lattice::Step> parseMetres(std::string_view text) {
   if (digits.size() > 40) return wrong;
   const bool negative = !digits.empty() && digits.front() == '-';
   if (!digits.empty() && (digits.front() == '-' || digits.front() == '+')) digits.erase(0, 1);
+  digits = withoutExponent(digits);
   const std::size_t point = digits.find('.');
   const std::string whole = digits.substr(0, point), rest = point == std::string::npos ? "" : digits.substr(point + 1);
   if ((whole + rest).empty() || (whole + rest).find_first_not_of("0123456789") != std::string::npos) return wrong;

@@ -16,13 +16,13 @@ Devices& of(GLFWwindow* w) { return *static_cast<Devices*>(glfwGetWindowUserPoin
 Devices::Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::vector<Action> actions)
     : window_(window), state_(state), overlay_(overlay), actions_(std::move(actions)) {
   glfwSetWindowUserPointer(window, this);
-  glfwSetKeyCallback(window, [](GLFWwindow* w, int key, int, int action, int) {
-    if (action != GLFW_REPEAT) of(w).onKey(key, action == GLFW_PRESS);
+  glfwSetKeyCallback(window, [](GLFWwindow* w, int key, int, int action, int with) {
+    if (action != GLFW_REPEAT) of(w).onKey(key, action == GLFW_PRESS, (with & GLFW_MOD_CONTROL) != 0);
   });
   glfwSetCharCallback(window, [](GLFWwindow* w, unsigned c) { of(w).overlay_.hear({Event::Kind::kText, static_cast<int>(c)}); });
   glfwSetScrollCallback(window, [](GLFWwindow* w, double x, double notches) {
     of(w).state_.changed = true;
-    if (!of(w).onPanel()) of(w).input_.wheel += notches;
+    if (!of(w).onOverlay()) of(w).input_.wheel += notches;
     of(w).overlay_.hear({Event::Kind::kWheel, 0, false, x, notches});
   });
   glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) { of(w).onMove(x, y); });
@@ -46,17 +46,17 @@ void Devices::freeMouse(bool free) {
   lastCursor_.reset();
 }
 
-void Devices::onKey(int key, bool down) {
+void Devices::onKey(int key, bool down, bool control) {
   const bool typed = typing();  // according to the events seen so far
   overlay_.hear({Event::Kind::kKey, key, down});
   if (!down) return;
   state_.changed = true;
-  if (!typed) {
+  if (!typed && !control) {
     tapped_.insert(key);
     input_.wheel += 2 * ((key == GLFW_KEY_EQUAL || key == GLFW_KEY_KP_ADD) - (key == GLFW_KEY_MINUS || key == GLFW_KEY_KP_SUBTRACT));
   }
   for (const Action& action : actions_)
-    if (action.key == key && (!typed || action.whileTyping)) action.perform();
+    if (action.key == key && action.control == control && (!typed || action.whileTyping)) action.perform();
 }
 
 double Devices::width() const {
@@ -70,10 +70,10 @@ void Devices::moveDivider(double to) {
   state_.changed = true;
 }
 
-bool Devices::onPanel() const {
+bool Devices::onOverlay() const {
   double x = 0, y = 0;
   glfwGetCursorPos(window_, &x, &y);
-  return state_.panel.open && state_.mouseFree && overlay_.takesMouse(x, y);
+  return state_.mouseFree && overlay_.takesMouse(x, y);
 }
 
 void Devices::onMove(double x, double y) {
@@ -91,7 +91,7 @@ void Devices::onButton(int button, bool down) {
   state_.changed = true;
   if (button == GLFW_MOUSE_BUTTON_LEFT) {
     dragging_ = false;
-    if (down && state_.mouseFree && !onPanel()) {
+    if (down && state_.mouseFree && !onOverlay()) {
       double x = 0, y = 0;
       glfwGetCursorPos(window_, &x, &y);
       dragging_ = state_.mode == Mode::kSplit && std::abs(x - state_.divider * width()) < 10;
@@ -125,11 +125,10 @@ bool Devices::held(int key) const { return glfwGetKey(window_, key) == GLFW_PRES
 
 Input Devices::read(double seconds) {
   bool shift = false;
-  if (!typing()) {
+  if (!typing() && glfwGetKey(window_, GLFW_KEY_LEFT_CONTROL) != GLFW_PRESS && glfwGetKey(window_, GLFW_KEY_RIGHT_CONTROL) != GLFW_PRESS) {
     input_.forward += held(GLFW_KEY_W) - held(GLFW_KEY_S);
     input_.right += held(GLFW_KEY_D) - held(GLFW_KEY_A);
-    input_.up +=
-        (held(GLFW_KEY_E) || held(GLFW_KEY_SPACE)) - (held(GLFW_KEY_Q) || held(GLFW_KEY_LEFT_CONTROL) || held(GLFW_KEY_RIGHT_CONTROL));
+    input_.up += (held(GLFW_KEY_E) || held(GLFW_KEY_SPACE)) - held(GLFW_KEY_Q);
     input_.lookRight += held(GLFW_KEY_RIGHT) - held(GLFW_KEY_LEFT);
     input_.lookUp += held(GLFW_KEY_UP) - held(GLFW_KEY_DOWN);
     if (const int way = held(GLFW_KEY_PERIOD) - held(GLFW_KEY_COMMA)) moveDivider(state_.divider + way * 0.5 * seconds);

@@ -21,6 +21,7 @@ struct Action {
   std::function<void()> perform;
   bool whileTyping = false;  // also while the panel has the keys
   int button = kNone;
+  bool control = false;  // with Ctrl held; the others only without
 };
 
 class Devices {
@@ -36,12 +37,12 @@ class Devices {
   void freeMouse(bool free);
 
  private:
-  void onKey(int key, bool down);
+  void onKey(int key, bool down, bool control);
   void onMove(double x, double y);
   void onButton(int button, bool down);
   void readPad(double seconds);
   bool held(int key) const;
-  bool onPanel() const;                                                      // whether the mouse is there
+  bool onOverlay() const;                                                    // whether the mouse is on what scrolls or is clicked
   bool typing() const { return state_.panel.open && overlay_.takesKeys(); }  // keys go to the panel
   double width() const;                                                      // screen coordinates, as the mouse's
   void moveDivider(double to);

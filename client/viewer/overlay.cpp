@@ -21,25 +21,43 @@
 namespace ridgecast::viewer {
 namespace {
 
-constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
-                                    ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
+constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoTitleBar | ImGuiWindowFlags_NoResize | ImGuiWindowFlags_NoMove |
+                                    ImGuiWindowFlags_NoCollapse | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings |
+                                    ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoBringToFrontOnFocus | ImGuiWindowFlags_NoNav;
+constexpr float kMargin = 10;  // between a box and the window's sides
 
 ImU32 colourOf(const Colour& c) { return ImGui::ColorConvertFloat4ToU32(ImVec4(c[0], c[1], c[2], 1)); }
 
-constexpr float kPlotWidth = 27;  // in letter heights
+constexpr float kPlotWidth = 27;     // in letter heights
+constexpr float kLabelLines = 1.5f;  // of the window's lower edge, where the pictures are named
 
 void shadowed(ImDrawList* list, ImVec2 at, const char* text) {
   list->AddText(ImVec2(at.x + 1, at.y + 1), IM_COL32(0, 0, 0, 200), text);
   list->AddText(at, IM_COL32_WHITE, text);
 }
 
-// A window of text; `pivot`: which of its points lies at `at`, in shares of its size.
+// A window of wrapped text; `pivot`: which of its points lies at `at`, in shares of its size. Scrolls by the wheel and by PageUp and PageDown if `height` is less than
+// it needs. Returns what the mouse can scroll.
 template <class Fill>
-void box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, const Fill& fill) {
+Area box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, float height, const Fill& fill) {
+  const ImGuiStyle& style = ImGui::GetStyle();
+  const float width = std::max(ImGui::GetIO().DisplaySize.x - 2 * kMargin, 50.0f);
+  Area area;
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
+  ImGui::SetNextWindowSizeConstraints(ImVec2(0, 0), ImVec2(width, std::max(height, 40.0f)));
   ImGui::SetNextWindowBgAlpha(alpha);
-  if (ImGui::Begin(name, nullptr, kPlain)) fill();
+  if (ImGui::Begin(name, nullptr, kPlain)) {
+    ImGui::PushTextWrapPos(width - 2 * style.WindowPadding.x - style.ScrollbarSize);
+    fill();
+    ImGui::PopTextWrapPos();
+    const ImVec2 corner = ImGui::GetWindowPos(), size = ImGui::GetWindowSize();
+    const auto pressed = [](ImGuiKey key) { return ImGui::IsKeyPressed(ImGui::GetKeyIndex(key)); };
+    if (const int way = pressed(ImGuiKey_PageDown) - pressed(ImGuiKey_PageUp))
+      ImGui::SetScrollY(std::clamp(ImGui::GetScrollY() + static_cast<float>(way) * size.y * 0.8f, 0.0f, ImGui::GetScrollMaxY()));
+    if (ImGui::GetScrollMaxY() > 0) area = {corner.x, corner.y, corner.x + size.x, corner.y + size.y};
+  }
   ImGui::End();
+  return area;
 }
 
 void label(ImDrawList* list, float x, const char* text, bool alignRight) {
@@ -134,17 +152,20 @@ void drawFigures(const ViewerState& state) {
   const Statistics& s = state.statistics;
   const Motion& m = state.motion;
   ImGui::TextUnformatted(s.world.c_str());
-  ImGui::Text("%.0f frames/s   mesh %.1f ms", s.framesPerSecond, s.meshMs);
+  if (s.atRest)
+    ImGui::Text("at rest   mesh %.1f ms", s.meshMs);
+  else
+    ImGui::Text("%.0f frames/s   mesh %.1f ms", s.framesPerSecond, s.meshMs);
   if (s.coarseness > 1)
     ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.marchMs, s.coarseness, s.progress * 100);
   else
     ImGui::Text("ray march %.0f ms", s.marchMs);
   ImGui::Text("%llu triangles in %llu leaves", static_cast<unsigned long long>(s.triangles), static_cast<unsigned long long>(s.leaves));
-  ImGui::Text("iteration %llu, %.1f/s, latency %.0f ms", static_cast<unsigned long long>(s.iteration), s.iterationsPerSecond, s.latencyMs);
   if (s.settled)
-    ImGui::TextUnformatted("settled");
+    ImGui::Text("iteration %llu, settled", static_cast<unsigned long long>(s.iteration));
   else
-    ImGui::Text("building, %.0f %%", s.building.share() * 100);
+    ImGui::Text("iteration %llu, building, %.0f %%, %.1f/s, latency %.0f ms", static_cast<unsigned long long>(s.iteration),
+                s.building.share() * 100, s.iterationsPerSecond, s.latencyMs);
   ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
   ImGui::Text("x %s  y %.1f  z %s m, %.0f m above ground", m.x.c_str(), m.y, m.z.c_str(), m.aboveGround);
   if (const std::size_t others = state.outlines.others) ImGui::Text("%zu other%s in this session", others, others == 1 ? "" : "s");
@@ -213,7 +234,7 @@ void drawPlots(const Plots& plots) {
 void drawHelp(bool mouseFree) {
   ImGui::TextUnformatted(
       "W A S D      fly forward, left, back, right\n"
-      "E / Space    up          Q / Ctrl    down\n"
+      "E / Space    up          Q           down\n"
       "arrows       look around\n"
       "Shift        five times as fast: hold, or tap to keep\n"
       "+ / -        speed (or the mouse wheel)\n"
@@ -235,7 +256,7 @@ void drawHelp(bool mouseFree) {
       "F2 settings  F3 figures  F4 plots\n"
       "F11 full screen          F12 screenshot\n"
       "Letters are places on a US keyboard.");
-  ImGui::TextUnformatted(mouseFree ? "click        look around with the mouse\nEsc          close this, then quit"
+  ImGui::TextUnformatted(mouseFree ? "click        look around with the mouse\nEsc          close this; twice: end, as Ctrl+Q"
                                    : "mouse        look around\nEsc          free the mouse");
   ImGui::TextUnformatted(
       "gamepad      sticks fly and look, triggers down and up,\n"
@@ -244,7 +265,7 @@ void drawHelp(bool mouseFree) {
 
 void drawMessage(const std::string& message) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  box("message", ImVec2(size.x / 2, size.y / 2), ImVec2(0.5f, 0.5f), 0.8f, [&] {
+  box("message", ImVec2(size.x / 2, size.y / 2), ImVec2(0.5f, 0.5f), 0.8f, size.y - 2 * kMargin, [&] {
     ImGui::PushTextWrapPos(size.x * 0.6f);
     ImGui::TextUnformatted(message.c_str());
     ImGui::PopTextWrapPos();
@@ -252,8 +273,13 @@ void drawMessage(const std::string& message) {
 }
 
 void drawHint(const std::string& hint) {
-  const ImVec2 size = ImGui::GetIO().DisplaySize, text = ImGui::CalcTextSize(hint.c_str());
-  shadowed(ImGui::GetForegroundDrawList(), ImVec2((size.x - text.x) / 2, size.y - 3 * ImGui::GetTextLineHeight() - 10), hint.c_str());
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  const float bottom = size.y - kLabelLines * ImGui::GetTextLineHeight() - kMargin;
+  box("hint", ImVec2(size.x / 2, bottom), ImVec2(0.5f, 1), 0.85f, bottom - kMargin, [&] {
+    ImGui::PushTextWrapPos(size.x * 0.8f);
+    ImGui::TextUnformatted(hint.c_str());
+    ImGui::PopTextWrapPos();
+  });
 }
 
 // Whether Enter was pressed in the field.
@@ -308,7 +334,6 @@ Requests drawFields(Panel& p, bool& smooth) {
   return requests;
 }
 
-template <class Area>
 Requests drawPanel(ViewerState& s, Area& area) {
   Requests requests;
   Panel& p = s.panel;
@@ -368,9 +393,9 @@ Overlay::~Overlay() {
 }
 
 bool Overlay::takesKeys() const { return ImGui::GetIO().WantCaptureKeyboard || events_.holding() || !events_.empty(); }
-// What the panel requested follows from the mouse's place in the last frame.
 bool Overlay::takesMouse(double x, double y) const {
-  return ImGui::GetIO().WantCaptureMouse || (x >= panel_.left && x < panel_.right && y >= panel_.top && y < panel_.bottom);
+  return std::any_of(areas_.begin(), areas_.end(),
+                     [x, y](const Area& a) { return x >= a.left && x < a.right && y >= a.top && y < a.bottom; });
 }
 
 void Overlay::focus(bool focused) { ImGui_ImplGlfw_WindowFocusCallback(window_, focused); }
@@ -394,6 +419,24 @@ void Overlay::begin(bool panel) {
   ImGui::NewFrame();
 }
 
+// Help, plots and figures; what is opened later takes the place of what it would cover.
+void Overlay::drawBoxes(const ViewerState& state) {
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  const float height = size.y - kLabelLines * ImGui::GetTextLineHeight() - 2 * kMargin;
+  const float plots = ImGui::GetFontSize() * kPlotWidth + 2 * ImGui::GetStyle().WindowPadding.x;
+  if (state.help)
+    return areas_.push_back(
+        box("help", ImVec2(size.x - kMargin, kMargin), ImVec2(1, 0), 0.85f, height, [&] { drawHelp(state.mouseFree); }));
+  if (state.plots)
+    areas_.push_back(box("plots", ImVec2(size.x - kMargin, size.y - 3 * kMargin), ImVec2(1, 1), 0.65f, height,
+                         [&] { drawPlots(state.statistics.plots); }));
+  if (state.figures && !(state.plots && figuresWidth_ + plots + 3 * kMargin > size.x))
+    areas_.push_back(box("figures", ImVec2(kMargin, kMargin), ImVec2(0, 0), 0.55f, height, [&] {
+      drawFigures(state);
+      figuresWidth_ = ImGui::GetWindowWidth();
+    }));
+}
+
 Requests Overlay::draw(ViewerState& state) {
   ImGuiIO& io = ImGui::GetIO();
   io.ConfigFlags = state.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
@@ -402,16 +445,12 @@ Requests Overlay::draw(ViewerState& state) {
   drawLines(state);
   drawDivider(state);
   drawLegend(state);
-  const ImVec2 size = io.DisplaySize;
-  if (state.figures) box("figures", ImVec2(10, 10), ImVec2(0, 0), 0.55f, [&] { drawFigures(state); });
-  if (state.plots && !state.help)
-    box("plots", ImVec2(size.x - 10, size.y - 30), ImVec2(1, 1), 0.65f, [&] { drawPlots(state.statistics.plots); });
-  if (state.help) box("help", ImVec2(size.x - 10, 10), ImVec2(1, 0), 0.75f, [&] { drawHelp(state.mouseFree); });
+  areas_.clear();
+  drawBoxes(state);
   if (!state.message.empty()) drawMessage(state.message);
   if (!state.hint.empty()) drawHint(state.hint);
   Requests requests;
-  panel_ = {};
-  if (state.panel.open) requests = drawPanel(state, panel_);
+  if (state.panel.open) requests = drawPanel(state, areas_.emplace_back());
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
   return requests;

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <string>
+#include <vector>
 
 #include "client/viewer/event_queue.h"
 #include "client/viewer/viewer_state.h"
@@ -15,6 +16,10 @@ namespace ridgecast::viewer {
 // What the user requested in the panel since the last frame.
 struct Requests {
   bool settings = false, jump = false, world = false, vsync = false;
+};
+
+struct Area {
+  double left = 0, top = 0, right = 0, bottom = 0;  // screen coordinates
 };
 
 class Overlay {
@@ -30,21 +35,22 @@ class Overlay {
   void focus(bool focused);
   // The panel opens to be typed into, by a key that was just heard: later text is meant for it.
   void awaitTyping() { events_.holdFor(kFramesToFocus); }
-  // Whether keys, or clicks at this place (screen coordinates), go to the panel, if it is open.
+  // Whether keys go to the panel, if it is open.
   bool takesKeys() const;
+  // Whether clicks and the wheel at this place (screen coordinates) go to the panel or to a box that scrolls.
   bool takesMouse(double x, double y) const;
 
  private:
   static constexpr int kFramesToFocus = 2;  // until a field that requests keys gets them
   void begin(bool panel);
+  void drawBoxes(const ViewerState& state);
   GLFWwindow* const window_;
   float base_ = 1;
   EventQueue events_;
   std::array<bool, EventQueue::kButtons> buttons_{};
   double mouseX_ = 0, mouseY_ = 0;
-  struct Area {
-    double left = 0, top = 0, right = 0, bottom = 0;
-  } panel_;  // as last drawn
+  std::vector<Area> areas_;  // that take the mouse, as last drawn
+  float figuresWidth_ = 0;   // as last drawn
 };
 
 }  // namespace ridgecast::viewer

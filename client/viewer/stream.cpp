@@ -25,7 +25,7 @@ Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& setti
   wire::Hello hello;
   hello.clientName = "ridgecast-client view";
   hello.settings = settings;
-  hello.members = true;
+  hello.members = hello.clock = true;
   auto client = replica::Client::open(url, hello, {.waiting = waiting});
   if (!client) return client.error();
   return Link{url, settings, std::move(*client)};
@@ -72,6 +72,7 @@ void Stream::exchange(const camera::Camera& camera) {
     others_ = std::move(*others);
     state_.changed = true;
   }
+  followClock();
   if (client().connection()->granted() != shownSettings_) showSettings();
   state_.statistics.bytes = client().connection().bytesReceived();
   sendPose(camera);
@@ -83,13 +84,14 @@ void Stream::watchConnection() {
   const auto why = otherWorld_ ? std::nullopt : connection.error();
   if (otherWorld_) {
     state_.message =
-        "The server has another world now; entering it. If that fails, L enters one by its name.\nThe picture shows what had arrived.";
+        "The server has another world now; entering it. If that fails, F2 enters one by its name.\nThe picture shows what had arrived. "
+        "Ctrl+Q quits.";
     std::fprintf(stderr, "ridgecast-client: the server has another world now; entering it\n");
     state_.changed = true;
     if (!next_) next_.emplace(link_.url, link_.settings);
   } else if (why && !lost_) {
     state_.message =
-        "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Esc quits.";
+        "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Ctrl+Q quits.";
     std::fprintf(stderr, "ridgecast-client: %s; trying again\n", why->message.c_str());
     state_.changed = true;
   } else if (!why && lost_) {
@@ -98,9 +100,23 @@ void Stream::watchConnection() {
     state_.tell("connected again");
     showSettings();
     others_.reset();
-    othersSeen_ = 0;
+    othersSeen_ = clockSeen_ = step_ = 0;
   }
   lost_ = why.has_value();
+}
+
+// No step waits for more than the answer to it; what the server says about the clock is shown.
+void Stream::followClock() {
+  connection::Connection& connection = *client().connection();
+  if (!connection.waitForClock(clockSeen_, 0ms)) return;
+  const connection::SessionClock clock = connection.clock();
+  clockSeen_ = clock.version();
+  if (clock.said().step > step_) connection.stepDone({clock.said().step});
+  step_ = clock.said().step;
+  if (clock.notice().empty() || clock.notice() == notice_) return;
+  notice_ = clock.notice();
+  std::fprintf(stderr, "%s\n", notice_.c_str());
+  state_.tell(notice_, kNoticeTime);
 }
 
 void Stream::accept(const replica::Update& update) {

@@ -79,6 +79,7 @@ class Stream {
   void watchConnection();
   void accept(const replica::Update& update);
   void sendPose(const camera::Camera& camera);
+  void followClock();
   void showSettings();
 
   Link link_;
@@ -87,7 +88,8 @@ class Stream {
   bool lost_ = false, otherWorld_ = false;
   wire::Settings shownSettings_;
   std::optional<connection::Roster> others_;
-  std::uint64_t othersSeen_ = 0;
+  std::uint64_t othersSeen_ = 0, clockSeen_ = 0, step_ = 0;  // versions; the clock's newest step
+  std::string notice_;                                       // the last of the clock's
   LeafAges ages_;
   Candidates candidates_;
   std::optional<camera::Camera> sentCamera_;

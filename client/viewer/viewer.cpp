@@ -45,8 +45,9 @@ std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, 
     if (glfwWindowShouldClose(handle) || (options.seconds && Clock::now() - began > std::chrono::duration<double>(*options.seconds)))
       return std::nullopt;
     if (!overlay && arrival.seconds() > kMoment) {
-      glfwSetKeyCallback(handle, [](GLFWwindow* w, int key, int, int action, int) {
-        if (key == GLFW_KEY_ESCAPE && action == GLFW_PRESS) glfwSetWindowShouldClose(w, GLFW_TRUE);
+      glfwSetKeyCallback(handle, [](GLFWwindow* w, int key, int, int action, int with) {
+        if ((key == GLFW_KEY_ESCAPE || (key == GLFW_KEY_Q && (with & GLFW_MOD_CONTROL))) && action == GLFW_PRESS)
+          glfwSetWindowShouldClose(w, GLFW_TRUE);
       });
       window.show();
       overlay.emplace(handle, options.textScale);

@@ -21,6 +21,8 @@ inline double secondsSince(std::chrono::steady_clock::time_point began) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
 }
 
+inline constexpr std::chrono::milliseconds kHintTime{2000}, kNoticeTime{12'000};  // own hints; the server's sentences
+
 enum class Mode { kSplit, kMesh, kMarch, kDifference };
 enum class Borders { kNone, kLevel, kAge };
 enum class Focus { kNone, kJump, kWorld };  // of the panel, when it opens: the field to type in
@@ -122,6 +124,7 @@ struct Statistics {
   std::size_t candidates = 0;
   double candidateUnit = 1;  // pixels, see errorColour()
   bool settled = false, hashOk = true;
+  bool atRest = false;  // nothing is drawn, because nothing changes
   Building building;
   Plots plots;
 };
@@ -132,8 +135,8 @@ struct ViewerState {
   bool help = false, figures = true, plots = false, mouseFree = true, smooth = true, corrected = false;
   Lines lines;
   std::string message;  // empty: none; otherwise in the middle, until it changes
-  std::string hint;     // empty: none; otherwise at the bottom, for a moment: what a key has just done
-  std::chrono::steady_clock::time_point hintedAt{};
+  std::string hint;     // empty: none; otherwise at the bottom, until hintEnds: what a key has just done
+  std::chrono::steady_clock::time_point hintEnds{}, mayQuitUntil{};
   Motion motion;
   Statistics statistics;
   Outlines outlines;
@@ -143,9 +146,9 @@ struct ViewerState {
   double meshShare() const { return mode == Mode::kSplit ? divider : mode == Mode::kMesh ? 1 : 0; }  // of the width, from the left
 
   // Shows it as the hint.
-  void tell(std::string text) {
+  void tell(std::string text, std::chrono::milliseconds time = kHintTime) {
     hint = std::move(text);
-    hintedAt = std::chrono::steady_clock::now();
+    hintEnds = std::chrono::steady_clock::now() + time;
     changed = true;
   }
   // Forgets what belongs to one world.

@@ -15,7 +15,6 @@
 namespace ridgecast::viewer {
 namespace {
 
-constexpr double kHintSeconds = 2;
 constexpr double kMarkerReach = 25;    // metres: the length of the other members' pyramids
 constexpr double kFrozenReach = 2000;  // metres: of a frozen camera's
 
@@ -93,6 +92,7 @@ std::vector<Action> WorldWindow::actions() {
     return [&what, count] { what = static_cast<std::decay_t<decltype(what)>>((static_cast<int>(what) + 1) % count); };
   };
   return {{GLFW_KEY_ESCAPE, [this] { goBack(); }, kAlways},
+          {GLFW_KEY_Q, [this] { quit(); }, kAlways, Action::kNone, true},
           {GLFW_KEY_F1, toggle(s.help), kAlways, GLFW_GAMEPAD_BUTTON_START},
           {GLFW_KEY_F2, [this] { state_.panel.open ? void(state_.panel.open = false) : openPanel(Focus::kNone); }, kAlways},
           {GLFW_KEY_F3, toggle(s.figures), kAlways},
@@ -136,7 +136,7 @@ void WorldWindow::toggleVsync() {
   state_.tell(state_.panel.vsync ? "frames wait for the screen" : "frames do not wait for the screen");
 }
 
-// First ends what is waiting or open, then frees the mouse, then closes the window.
+// First ends what is waiting or open, then frees the mouse, then closes the window if pressed again.
 void WorldWindow::goBack() {
   if (stream_.entering())
     stream_.giveUpWorld();
@@ -146,9 +146,15 @@ void WorldWindow::goBack() {
     devices_.freeMouse(true);
   else if (state_.help)
     state_.help = false;
-  else
-    glfwSetWindowShouldClose(window_.handle(), GLFW_TRUE);
+  else if (Clock::now() < state_.mayQuitUntil)
+    quit();
+  else {
+    state_.mayQuitUntil = Clock::now() + kHintTime;
+    state_.tell("Esc again ends the program, as Ctrl+Q does");
+  }
 }
+
+void WorldWindow::quit() { glfwSetWindowShouldClose(window_.handle(), GLFW_TRUE); }
 
 void WorldWindow::toggleFrozen() {
   auto& frozen = state_.lines.frozen;
@@ -253,7 +259,7 @@ Outcome<void> WorldWindow::draw(bool last) {
   const camera::Camera seen = camera();
   if (recorder_) recorder_->add(nowInSeconds(), seen.pose);
   const bool newHeights = ground_.follow({seen.pose.x, seen.pose.z});
-  if (!state_.hint.empty() && secondsSince(state_.hintedAt) > kHintSeconds) {
+  if (!state_.hint.empty() && Clock::now() > state_.hintEnds) {
     state_.hint.clear();
     state_.changed = true;
   }
@@ -261,6 +267,7 @@ Outcome<void> WorldWindow::draw(bool last) {
   if (!updated) return updated.error();
   const bool drew = std::exchange(state_.changed, false) || *updated || state_.panel.open;
   idle_ = !drew && !pictures_.refining(state_.mode);
+  state_.statistics.atRest = idle_ && state_.statistics.settled;
   if (drew || last || secondsSince(presentedAt_) >= 0.5) present(seen, last);
   return {};
 }

@@ -32,6 +32,7 @@ class WorldWindow {
 
   std::vector<Action> actions();
   void goBack();
+  void quit();
   void toggleWalking();
   void toggleCorrected();
   void toggleVsync();

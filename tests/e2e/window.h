@@ -75,6 +75,7 @@ class WindowTest : public testing::Test {
       std::this_thread::sleep_for(100ms);
     }
   }
+  void quit() { press({"ctrl+q"}); }
   void hold(const std::string& key, std::chrono::milliseconds time) {
     runProgram({"xdotool", "keydown", key}, environment_);
     std::this_thread::sleep_for(time);

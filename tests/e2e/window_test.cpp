@@ -23,7 +23,7 @@ using namespace testing_support;
 class Window : public WindowTest {
  protected:
   void close(int code = 0) {
-    press({"Escape"});
+    quit();
     EXPECT_EQ(viewer_->wait(300s), code) << viewer_->output();
   }
 };

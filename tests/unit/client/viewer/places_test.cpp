@@ -22,9 +22,12 @@ TEST(Coordinates, TakesNumbersOfAnySizeWithinTheLattice) {
   EXPECT_EQ(steps(" -12.5 "), -3200);
   EXPECT_EQ(steps("+.25"), 64);
   EXPECT_EQ(steps("1_000_000_000_001"), 256'000'000'000'256);  // not to be had through a float
+  EXPECT_EQ(steps("1e12"), 256'000'000'000'000);
+  EXPECT_EQ(steps("-1.25E+1"), -3200);
+  EXPECT_EQ(steps("2500e-3"), 640);
   EXPECT_EQ(steps("4398046511104"), lattice::kMaxPosition);
   EXPECT_EQ(steps("-4398046511104"), -lattice::kMaxPosition);
-  for (const char* wrong : {"", "-", ".", "x", "1e3", "--1", "1.2.3", "4398046511105", "4398046511104.5", "99999999999999999999999", "nan",
+  for (const char* wrong : {"", "-", ".", "x", "1e99", "e3", "1e", "1e3e3", "1e13", "--1", "1.2.3", "4398046511105", "4398046511104.5", "99999999999999999999999", "nan",
                             "0x10", "1,5", "00000000000000000000000000000000000000000000000001"}) {
     const auto parsed = parseMetres(wrong);
     ASSERT_FALSE(parsed) << wrong;
