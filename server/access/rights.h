@@ -17,6 +17,7 @@ enum class Right : std::uint8_t {
   kQuery = 4,     // ask for heights, normals and rays
   kSnapshot = 8,  // take glTF snapshots
   kClock = 16,    // take, set and step a session's clock
+  kAdmin = 32,    // end sessions and send members away
 };
 
 std::string_view name(Right right);
@@ -25,7 +26,9 @@ class Rights {
  public:
   constexpr Rights() = default;
   constexpr Rights(Right right) : bits_(static_cast<std::uint8_t>(right)) {}
-  static constexpr Rights all() { return Rights(Right::kView) | Right::kCreate | Right::kQuery | Right::kSnapshot | Right::kClock; }
+  static constexpr Rights all() {
+    return Rights(Right::kView) | Right::kCreate | Right::kQuery | Right::kSnapshot | Right::kClock | Right::kAdmin;
+  }
   constexpr bool has(Right right) const { return (bits_ & static_cast<std::uint8_t>(right)) != 0; }
   constexpr bool empty() const { return bits_ == 0; }
   constexpr Rights operator|(Rights other) const {

@@ -18,14 +18,12 @@ std::string_view bearerOf(const Request& request) {
   return {};
 }
 
-// Of /v1/sessions/NAME/...
+// Of /v1/sessions/NAME and what lies below.
 std::optional<std::string_view> sessionOf(std::string_view path) {
   constexpr std::string_view prefix = "/v1/sessions/";
   if (!path.starts_with(prefix)) return std::nullopt;
   path.remove_prefix(prefix.size());
-  const auto slash = path.find('/');
-  if (slash == std::string_view::npos) return std::nullopt;
-  return path.substr(0, slash);
+  return path.substr(0, path.find('/'));
 }
 
 Answer unauthorised(std::string sentence, const std::string& error = {}) {
@@ -39,6 +37,7 @@ Needed needed(std::string_view method, std::string_view path) {
   if (path == "/metrics") return {Right::kView, true};
   if (!path.starts_with("/v1/")) return {};
   if (path == "/v1/sessions") return {method == "GET" || method == "HEAD" ? Right::kView : Right::kCreate, true};
+  if (sessionOf(path) && method == "DELETE") return {Right::kAdmin};
   if (sessionOf(path))
     return method == "OPTIONS" ? Needed{}
                                : Needed{path.substr(path.rfind('/')).starts_with("/snapshot.") ? Right::kSnapshot : Right::kView};

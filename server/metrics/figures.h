@@ -68,12 +68,13 @@ enum class Refusal {
   kDraining,
   kExpired,
   kBusy,
+  kRemoved,  // by an operator
   kInternal,
 };
-inline constexpr std::array<std::string_view, 22> kRefusalNames{
+inline constexpr std::array<std::string_view, 23> kRefusalNames{
     "connections", "address", "host",     "origin",   "token",        "right",        "session",   "full",
     "header",      "request", "tls",      "patience", "message_size", "message_rate", "malformed", "version",
-    "invalid",     "limit",   "draining", "expired",  "busy",         "internal"};
+    "invalid",     "limit",   "draining", "expired",  "busy",         "removed",      "internal"};
 
 constexpr std::string_view name(Refusal reason) { return kRefusalNames[static_cast<std::size_t>(reason)]; }
 

@@ -1,7 +1,9 @@
 #include "server/net/operations.h"
 
 #include <algorithm>
+#include <vector>
 
+#include "common/text/text.h"
 #include "common/version/version.h"
 #include "common/wire/wire.h"
 #include "server/memory/memory.h"
@@ -19,6 +21,33 @@ std::optional<Answer> operations(const std::shared_ptr<Shared>& server, const Re
   a.type = "text/plain; version=0.0.4; charset=utf-8";
   if (server) a.body = server->figures->registry.text();
   return a;
+}
+
+// DELETE /v1/sessions/NAME and /v1/sessions/NAME/members/ID
+std::optional<Answer> removal(const std::shared_ptr<Shared>& server, const Request& request) {
+  constexpr std::string_view prefix = "/v1/sessions/";
+  std::string_view rest = request.path();
+  if (request.method != "DELETE" || !server || !rest.starts_with(prefix)) return std::nullopt;
+  rest.remove_prefix(prefix.size());
+  const std::string name(text::takePart(rest, '/'));
+  std::shared_ptr<session::Session> session = server->directory->find(name);
+  std::optional<std::uint64_t> camera;
+  if (!session) return http::plain(404, "There is no session named '" + name.substr(0, 64) + "' here.");
+  if (!rest.empty()) {
+    if (text::takePart(rest, '/') != "members" || !(camera = text::number<std::uint64_t>(rest)))
+      return http::plain(404, "What can be ended is /v1/sessions/NAME and /v1/sessions/NAME/members/ID.");
+    if (!session->live().find(*camera)) return http::plain(404, "No member of session '" + name + "' has this number.");
+  } else if (session = server->directory->remove(name); !session) {
+    return http::plain(409, "The session '" + name + "' never ends; its members can be sent away one by one.");
+  }
+  std::vector<std::shared_ptr<OpenStream>> streams;
+  {
+    const std::lock_guard lock(server->mutex);
+    for (const auto& [key, weak] : server->streams)
+      if (auto stream = weak.lock(); stream && &stream->session() == session.get()) streams.push_back(std::move(stream));
+  }
+  for (const auto& stream : streams) stream->postRemove(camera);
+  return http::plain(200, camera ? "The member is sent away." : "The session has ended; its members are sent away.");
 }
 
 double saturation(Shared& s) {
@@ -79,6 +108,8 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
       "ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
       {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}, {"commit", std::string(version::commit())}});
 
+  shared->routes.insert(shared->routes.begin(),
+                        [weak = std::weak_ptr(shared)](const Request& request) { return removal(weak.lock(), request); });
   shared->routes.push_back([weak = std::weak_ptr(shared)](const Request& request) { return operations(weak.lock(), request); });
 }
 

@@ -46,6 +46,8 @@ class OpenStream {
   // Any thread.
   virtual void postGoingAway() = 0;
   virtual void postJudge() = 0;  // ends the stream if its token is withdrawn
+  // Ends the stream for the operator, if it is this camera's; nothing: whosoever it is.
+  virtual void postRemove(std::optional<std::uint64_t> camera) = 0;
   virtual std::size_t waitingBytes() const = 0;
   virtual const session::Session& session() const = 0;
 };

@@ -125,6 +125,12 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   void postJudge() override {
     asio::post(ws_.get_executor(), [self = shared_from_this()] { self->judge(); });
   }
+  void postRemove(std::optional<std::uint64_t> camera) override {
+    asio::post(ws_.get_executor(), [self = shared_from_this(), camera] {
+      if (!camera || *camera == self->cameraId_)
+        self->fail(metrics::Refusal::kRemoved, {wire::ErrorCode::kLimit, "The operator of this server has ended your stream."});
+    });
+  }
   std::size_t waitingBytes() const override { return traffic_->queuedBytes; }
   const session::Session& session() const override { return *session_; }
   const std::shared_ptr<Traffic>& traffic() const { return traffic_; }

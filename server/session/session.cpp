@@ -89,6 +89,16 @@ bool Directory::replace(const std::shared_ptr<Session>& session, std::shared_ptr
   return true;
 }
 
+std::shared_ptr<Session> Directory::remove(std::string_view name) {
+  const std::lock_guard lock(mutex_);
+  const auto it = sessions_.find(name);
+  if (it == sessions_.end() || name == kDefaultName) return nullptr;
+  std::shared_ptr<Session> session = std::move(it->second.session);
+  sessions_.erase(it);
+  session->retire();
+  return session;
+}
+
 std::vector<std::shared_ptr<Session>> Directory::all() const {
   const std::lock_guard lock(mutex_);
   std::vector<std::shared_ptr<Session>> out;

@@ -157,6 +157,9 @@ class Directory : public std::enable_shared_from_this<Directory> {
   // A session of the same name, maker and spec with another ground takes the place of this one, which is retired: its members have their
   // places until they leave. Returns false if it has ended already.
   bool replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain);
+  // Ends a session for the operator: its name is free, and whoever enters it now must connect again. The caller sends its members away.
+  // Null: there is none, or it is the default one.
+  std::shared_ptr<Session> remove(std::string_view name);
   std::vector<std::shared_ptr<Session>> all() const;  // by name
   // Why this maker can add no other session now: the server has its limit, or the maker its share.
   struct Full {

@@ -296,6 +296,39 @@ TEST(Operations, TheAdminPortTakesNeitherTokenNorTls) {
     EXPECT_EQ(figures.at(std::string("ridgecast_refusals_total{reason=\"") + reason + "\"}"), 0) << reason;
 }
 
+TEST(Operations, AnOperatorEndsSessionsAndSendsMembersAway) {
+  ServerProcess server(RIDGECAST_SERVER, {"--log-level", "info", "--log-format", "json"});
+  const std::string race = "/v1/sessions/race";
+  const auto remove = [&](const std::string& target) {
+    SocketClient client(server.port());
+    client.send("DELETE " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+    return std::stoi(client.answer().substr(std::string("HTTP/1.1 ").size()));
+  };
+  Flier first(server.url() + "?session=race&terrain=canyon", coarse()), second(server.url() + "?session=race", coarse()),
+      elsewhere(server.url(), coarse());
+  const PathCamera path(RIDGECAST_PATHS "/canyon.json", first.world()), alpine(RIDGECAST_PATHS "/alpine.json", elsewhere.world());
+  EXPECT_EQ(remove(race + "/members/99"), 404);
+  EXPECT_EQ(remove(race + "/members/" + std::to_string(elsewhere.world().camera)), 404);
+  EXPECT_EQ(remove(race + "/members/x"), 404);
+  EXPECT_EQ(remove("/v1/sessions/none"), 404);
+  EXPECT_EQ(remove("/v1/sessions/default"), 409);
+  EXPECT_EQ(remove(race + "/members/" + std::to_string(first.world().camera)), 200);
+  EXPECT_ANY_THROW({
+    for (int k = 0; k < 100; ++k) first.step(path.at(0.1 * k));
+  });
+  EXPECT_NO_THROW(second.step(path.at(0)));
+  EXPECT_EQ(remove(race), 200);
+  EXPECT_ANY_THROW({
+    for (int k = 1; k < 100; ++k) second.step(path.at(0.1 * k));
+  });
+  EXPECT_EQ(get(server.port(), "/v1/sessions").find("race"), std::string::npos);
+  EXPECT_NO_THROW(elsewhere.step(alpine.at(0)));
+  Flier again(server.url() + "?session=race&terrain=alpine", coarse());  // its name is free
+  EXPECT_NO_THROW(again.step(alpine.at(0)));
+  EXPECT_EQ(scrape(server.port())["ridgecast_refusals_total{reason=\"removed\"}"], 2);
+  EXPECT_THAT(server.process().output(), HasSubstr("\"reason\":\"removed\""));
+}
+
 TEST(Operations, HealthyAsksTheServerWithTheSameSettings) {
   ServerProcess server(RIDGECAST_SERVER);
   const std::string port = std::to_string(server.port());

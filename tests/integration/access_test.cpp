@@ -148,8 +148,10 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
                                      {"GET", "/v1/sessions/default/snapshot.glb", Right::kSnapshot, false},
                                      {"HEAD", "/v1/sessions/default/snapshot.json?session=elsewhere", Right::kSnapshot, false},
                                      {"GET", "/v1/sessions/default/whatever", Right::kView, false},
+                                     {"DELETE", "/v1/sessions/default", Right::kAdmin, false},
+                                     {"DELETE", "/v1/sessions/default/members/7", Right::kAdmin, false},
                                      {"GET", "/v1/whatever/comes/later", Right::kView, false}};
-  const std::vector<Right> rights{Right::kView, Right::kCreate, Right::kQuery, Right::kSnapshot, Right::kClock};
+  const std::vector<Right> rights{Right::kView, Right::kCreate, Right::kQuery, Right::kSnapshot, Right::kClock, Right::kAdmin};
   const auto bearer = [](const std::string& token) { return "Authorization: Bearer " + token + "\r\n"; };
   const std::string good = jwt(access::Rights::all());
   std::string tampered = good;

@@ -182,8 +182,8 @@ TEST(Jwt, GrantsWhatItSays) {
   EXPECT_EQ(grant->name, "lab");
   EXPECT_TRUE(grant->reaches("harbour"));
   EXPECT_FALSE(grant->reaches("default"));
-  const auto wide =
-      verifyJwt(signedToken(kHeader, R"({"exp":1e300,"rights":"view,create,query,snapshot,clock","sub":"evil \n name"})"), kSecret, kNow);
+  const auto wide = verifyJwt(
+      signedToken(kHeader, R"({"exp":1e300,"rights":"view,create,query,snapshot,clock,admin","sub":"evil \n name"})"), kSecret, kNow);
   ASSERT_TRUE(wide) << wide.error().message;
   EXPECT_EQ(wide->rights, Rights::all());
   EXPECT_TRUE(wide->reaches("anything"));
@@ -234,7 +234,7 @@ TEST(Jwt, RefusesClaimsThatAreNone) {
   for (const std::string claims :
        {"", "[]", "null", "{", R"({"rights":["view"]})", R"({"exp":"1800000060","rights":["view"]})",
         R"({"exp":1800000000,"rights":["view"]})", R"({"exp":-1,"rights":["view"]})", R"({"exp":null,"rights":["view"]})",
-        R"({"exp":1800000060})", R"({"exp":1800000060,"rights":[]})", R"({"exp":1800000060,"rights":"admin"})",
+        R"({"exp":1800000060})", R"({"exp":1800000060,"rights":[]})", R"({"exp":1800000060,"rights":"owner"})",
         R"({"exp":1800000060,"rights":["view",1]})", R"({"exp":1800000060,"rights":{"view":true}})",
         R"({"exp":1800000060,"rights":["view"],"nbf":1800000001})", R"({"exp":1800000060,"rights":["view"],"nbf":"x"})",
         R"({"exp":1800000060,"rights":["view"],"session":"a/b"})", R"({"exp":1800000060,"rights":["view"],"session":7})",

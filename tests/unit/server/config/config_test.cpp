@@ -211,7 +211,7 @@ TEST_F(ConfigTest, TokensAreIssuedWithoutSecretsOnTheCommandLine) {
   EXPECT_EQ(std::count(after.begin(), after.end(), '\n'), 3) << "a token that nobody got";
   for (const std::vector<std::string>& wrong :
        std::vector<std::vector<std::string>>{{"token"},
-                                             {"token", "--rights", "admin", "--token-file", tokens},
+                                             {"token", "--rights", "owner", "--token-file", tokens},
                                              {"token", "--expires", "soon", "--token-file", tokens},
                                              {"token", "--session", "a/b", "--token-file", tokens},
                                              {"token", "--holder", "a b", "--token-file", tokens},
