@@ -168,8 +168,13 @@ int serve(const config::Config& config, const sigset_t& signals) {
     made.parameters = spec.parameters;
     return made;
   };
-  const auto makeTerrain = [requestOf](const session::WorldSpec& spec, const std::stop_token& stop) {
-    return user_terrain::load(requestOf(spec), warn, stop);
+  const auto makeTerrain = [requestOf, tellsText = config.limits.sendsTerrain](const session::WorldSpec& spec,
+                                                                               const std::stop_token& stop) {
+    auto made = user_terrain::load(requestOf(spec), warn, stop);
+    if (made || tellsText || made.error().message.find('\n') == std::string::npos) return made;
+    warn(made.error().message);  // it quotes the file
+    made = Error{"the terrain file has errors; the server's log shows them"};
+    return made;
   };
   if (config.limits.maxSessions > 1) resources->makeTerrain = makeTerrain;
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);

@@ -1,6 +1,7 @@
 #pragma once
-// Sessions that follow their terrain files (--watch): a file that was saved is loaded again, and a session of it gets a successor of the same
-// name with the new ground; its members are told to connect again. A file that cannot be loaded changes nothing but the log.
+// Sessions that follow their terrain files (--watch): a file that was saved is loaded again, and a session of it gets a successor of the
+// same name with the new ground; its members are told to connect again. A file that cannot be loaded changes
+// nothing: the log and the members are told.
 
 #include <chrono>
 #include <filesystem>

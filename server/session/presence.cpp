@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/wire/wire.h"
+
 namespace ridgecast::session {
 
 namespace {
@@ -138,6 +140,13 @@ void Presence::receive(std::uint64_t camera, const wire::PassOver& pass) {
   if (passOver(pass.camera, "by the clock's owner")) return;
   sendClock(it->second, 0,
             "No step waits for member " + std::to_string(pass.camera) + ": it does not follow the clock or was passed over before.");
+}
+
+void Presence::tell(std::string sentence) {
+  sentence.resize(std::min<std::size_t>(sentence.size(), wire::kMaxErrorBytes));
+  const std::lock_guard lock(mutex_);
+  for (auto& [id, entry] : entries_)
+    if (entry.wantsMembers || entry.wantsClock) sendClock(entry, 0, sentence);
 }
 
 std::string Presence::whyNotYours() const {

@@ -49,6 +49,9 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void receive(std::uint64_t camera, const wire::StepDone& done);
   void receive(std::uint64_t camera, const wire::PassOver& pass);
 
+  // A sentence for the people at all members with `members` or `clock` in hello, as Clock.notice; cut to wire::kMaxErrorBytes.
+  void tell(std::string sentence);
+
   struct State {
     wire::Clock clock;
     std::string ownerName;

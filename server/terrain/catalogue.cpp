@@ -115,7 +115,7 @@ Error withPlace(const Error& fault, const Source& source, const Request& request
   if (!checked) return fault;
   const auto function = std::ranges::find_if(
       checked->items, [](const TopLevel& item) { return item.what == TopLevel::What::kFunction && item.names[0] == "terrainHeight"; });
-  const Error atFunction{at(source.file, function->line) + fault.message.substr(source.file.size() + 2)};
+  Error atFunction{at(source.file, function->line) + fault.message.substr(source.file.size() + 2)};
   auto translated = translate(source.file, checked->tokens, checked->items);
   const auto scratch = Scratch::create();
   if (!translated || !scratch) return atFunction;

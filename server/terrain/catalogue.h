@@ -32,8 +32,8 @@ struct Request {
   bool colours = false;  // require colours in C++: a private terrain's travel with its vertices. Otherwise optional
 };
 
-// Called with what compiles but is no good ground, by load(), and once a terrain if a height turns out to be bad, on the thread that computed
-// it.
+// Called with what compiles but is no good ground, by load(), and once a terrain if a height turns out to be bad, on the
+// thread that computed it.
 using Complain = std::function<void(const std::string&)>;
 
 // Any thread. `stop` ends its child processes within milliseconds. Error: one sentence for the

@@ -42,7 +42,8 @@ inline auto operator/(DividedAt__<A> a, B b) {
   return tracing__("/", a.line, divided(a.a, b));
 }
 
-#define over__ OverAt__{__LINE__}
+#define over__ \
+  OverAt__ { __LINE__ }
 #define sqrt(...) tracing__("sqrt", __LINE__, sqrt(__VA_ARGS__))
 #define inversesqrt(...) tracing__("inversesqrt", __LINE__, inversesqrt(__VA_ARGS__))
 #define pow(...) tracing__("pow", __LINE__, pow(__VA_ARGS__))

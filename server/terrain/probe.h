@@ -21,8 +21,8 @@ std::string_view faultOf(float height);
 // "x 1234.5 m, z -17 m"
 std::string placeText(lattice::Step x, lattice::Step z);
 
-// Starts `program`, whose main() calls asProbe first, to try `library`, which compile() made. Error: the first fault with its position (and line,
-// if the library is traced), a
+// Starts `program`, whose main() calls asProbe first, to try `library`, which compile() made. Error: the first fault with its position
+// (and line, if the library is traced), a
 // crash, more than `time`, or a stop.
 Outcome<void> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed, const std::filesystem::path& program,
                     const std::stop_token& stop = {}, std::chrono::milliseconds time = std::chrono::seconds(20));

@@ -43,7 +43,7 @@ class WindowTest : public testing::Test {
     environment_ = {{"DISPLAY", ":" + displayNumber()}, {"WAYLAND_DISPLAY", {}}};
   }
 
-  void open(std::vector<std::string> arguments, const std::string& url, const Environment& more = {}) {
+  void open(const std::vector<std::string>& arguments, const std::string& url, const Environment& more = {}) {
     std::string command = "cd '" + (folder_ / "").string() + "' && exec '" RIDGECAST_CLIENT "' view '" + url + "' --size " + size_ +
                           " --x 1400 --z 3600 --altitude 300 --pitch -14";
     for (const std::string& a : arguments) command += " " + a;

@@ -157,7 +157,8 @@ TEST_F(Window, AnotherWorldIsEnteredByTypingItsNameAndIsTheOneThatEverybodySees)
   EXPECT_TRUE(server.healthy());
 }
 
-// Metres from the window's camera, which looks 14 degrees down along -z through 60 degrees in height; and where that is in 320 x 180 pixels.
+// Metres from the window's camera, which looks 14 degrees down along -z through 60 degrees in height; and where that is in 320 x 180
+// pixels.
 struct Place {
   double right, up, ahead;  // level
   static constexpr double kPitch = 14 * std::numbers::pi / 180;

@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "client/replica/client.h"
 #include "tests/support/flier.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
@@ -264,11 +265,19 @@ TEST(WorldsWatched, GoOnWithTheGroundThatWasSaved) {
   other = arrives("?session=other");
   EXPECT_NEAR(*other->scene().height({0, 0}), 25, 0.1);  // with its parameter
 
-  // Errors: the old ground stays, the log says why.
+  // Errors: the old ground stays, the log and the members are told why.
+  wire::Hello hello;
+  hello.settings = settings;
+  hello.members = true;
+  const auto member = replica::Client::open(connection::parseUrl(server.url()).value(), hello).value();
   save("mine.glsl", "heigth");
   ASSERT_TRUE(await([&] { return server.process().output().find("'heigth'") != std::string::npos; }, std::chrono::seconds(60)));
   EXPECT_THAT(server.process().output(),
               testing::AllOf(HasSubstr("keeps its ground"), HasSubstr("mine.glsl:3: 'heigth' : undeclared identifier")));
+  EXPECT_TRUE(await([&] {
+    member->receive(std::chrono::milliseconds(10));
+    return member->connection()->clock().notice().find("3: 'heigth' : undeclared") != std::string::npos;
+  }));
   camera.pose.x = 500;
   own->settle(camera);
   EXPECT_NEAR(*own->scene().height({0, 0}), 90, 0.1);
