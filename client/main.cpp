@@ -124,10 +124,11 @@ Run viewCommand(CLI::App& command) {
   addNumber(command, "--pitch", view->pitch, -89.0, 89.0, "degrees, positive upwards");
   addNumber(command, "--seconds", view->seconds, 0.0, 86400.0, "close after this time, seconds");
   command.add_option("--screenshot", view->screenshot, "write a PNG of the window when it closes")->type_name("FILE.png");
-  command.add_option("--path", *path, "follow this camera path, as `fly` does; P stops and restarts it")->type_name("FILE.json");
+  command.add_option("--path", *path, "follow this camera path, as `fly` does; O stops and restarts it")->type_name("FILE.json");
   command.add_flag("!--no-vsync", view->vsync, "do not wait for the screen's refresh");
   command.add_flag("--invert-y", view->invertY, "invert vertical looking, of mouse and sticks");
   command.add_flag("--reduced-motion", view->reducedMotion, "show changes of the mesh at once, without morphing");
+  command.add_option("--name", view->name, "your name, as the others see it")->type_name("NAME");
   addNumber(command, "--text-scale", view->textScale, 0.5, 4.0, "text size, relative to the screen's own scale");
   return [=] {
     if (auto set = share(*shared, *view); !set) return fail(kBadInput, set.error());

@@ -4,7 +4,10 @@
 #include <GLFW/glfw3.h>
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
+
+#include "common/keys/keys.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -15,6 +18,10 @@ Devices& of(GLFWwindow* w) { return *static_cast<Devices*>(glfwGetWindowUserPoin
 
 Devices::Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::vector<Action> actions)
     : window_(window), state_(state), overlay_(overlay), actions_(std::move(actions)) {
+  for (const Action& action : actions_)
+    for (const keys::Row& row : keys::table())
+      if (row.action == action.name)
+        for (const std::string& stroke : keys::strokesOf(row)) strokes_.emplace_back(strokeNamed(stroke), &action);
   glfwSetWindowUserPointer(window, this);
   glfwSetKeyCallback(window, [](GLFWwindow* w, int key, int, int action, int with) {
     if (action != GLFW_REPEAT) of(w).onKey(key, action == GLFW_PRESS, (with & GLFW_MOD_CONTROL) != 0);
@@ -28,6 +35,15 @@ Devices::Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::
   glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) { of(w).onMove(x, y); });
   glfwSetMouseButtonCallback(window, [](GLFWwindow* w, int button, int action, int) { of(w).onButton(button, action == GLFW_PRESS); });
   glfwSetWindowFocusCallback(window, [](GLFWwindow* w, int focused) { of(w).overlay_.focus(focused == GLFW_TRUE); });
+}
+
+// "X", "F12", "Esc", "Ctrl+Q".
+Devices::Stroke Devices::strokeNamed(const std::string& name) {
+  if (name.starts_with("Ctrl+")) return {strokeNamed(name.substr(5)).key, true};
+  if (name == "Esc") return {GLFW_KEY_ESCAPE};
+  if (name.size() > 1 && name.front() == 'F') return {GLFW_KEY_F1 - 1 + std::stoi(name.substr(1))};
+  assert(name.size() == 1);
+  return {name.front()};  // GLFW's numbers of letters and digits are those of ASCII
 }
 
 Devices::~Devices() {
@@ -55,8 +71,8 @@ void Devices::onKey(int key, bool down, bool control) {
     tapped_.insert(key);
     input_.wheel += 2 * ((key == GLFW_KEY_EQUAL || key == GLFW_KEY_KP_ADD) - (key == GLFW_KEY_MINUS || key == GLFW_KEY_KP_SUBTRACT));
   }
-  for (const Action& action : actions_)
-    if (action.key == key && action.control == control && (!typed || action.whileTyping)) action.perform();
+  for (const auto& [stroke, action] : strokes_)
+    if (stroke.key == key && stroke.control == control && !(typed && stroke.types())) action->perform();
 }
 
 double Devices::width() const {
@@ -77,7 +93,7 @@ bool Devices::onOverlay() const {
 }
 
 void Devices::onMove(double x, double y) {
-  if (state_.mouseFree && state_.panel.open) state_.changed = true;
+  if (state_.mouseFree && state_.panel.open()) state_.changed = true;
   if (dragging_) moveDivider(x / width());
   if (!state_.mouseFree && lastCursor_) {
     input_.turnX += x - lastCursor_->first;
@@ -114,7 +130,7 @@ void Devices::readPad(double seconds) {
   for (const Action& action : actions_) {
     if (action.button < 0) continue;
     const bool was = std::exchange(padButtons_[static_cast<std::size_t>(action.button)], down(action.button));
-    if (!down(action.button) || was || (typing() && !action.whileTyping)) continue;
+    if (!down(action.button) || was) continue;
     state_.changed = true;
     action.perform();
   }

@@ -5,6 +5,7 @@
 #include <functional>
 #include <optional>
 #include <set>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -14,19 +15,16 @@
 
 namespace ridgecast::viewer {
 
-// What a key or a gamepad's button (GLFW's numbers) does.
 struct Action {
   static constexpr int kNone = -2;
-  int key;
+  std::string name;  // in common/keys, which has its keys; empty: of a gamepad alone
   std::function<void()> perform;
-  bool whileTyping = false;  // also while the panel has the keys
-  int button = kNone;
-  bool control = false;  // with Ctrl held; the others only without
+  int button = kNone;  // of a gamepad, GLFW's number
 };
 
 class Devices {
  public:
-  // Listens to the window as long as it lives. Passes every event on to the overlay. Performs actions at once, within glfwPollEvents() or
+  // Listens to the window as long as it lives. Passes every event on to the overlay. Performs actions at once, their keys are those of common/keys, within glfwPollEvents() or
   // read(). Drags the divider.
   Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::vector<Action> actions);
   ~Devices();
@@ -42,15 +40,22 @@ class Devices {
   void onButton(int button, bool down);
   void readPad(double seconds);
   bool held(int key) const;
-  bool onOverlay() const;                                                    // whether the mouse is on what scrolls or is clicked
-  bool typing() const { return state_.panel.open && overlay_.takesKeys(); }  // keys go to the panel
-  double width() const;                                                      // screen coordinates, as the mouse's
+  bool onOverlay() const;                                                      // whether the mouse is on what scrolls or is clicked
+  bool typing() const { return state_.panel.open() && overlay_.takesKeys(); }  // keys go to the panel
+  double width() const;                                                        // screen coordinates, as the mouse's
   void moveDivider(double to);
 
   GLFWwindow* const window_;
   ViewerState& state_;
   Overlay& overlay_;
+  struct Stroke {
+    int key = 0;  // GLFW's number
+    bool control = false;
+    bool types() const { return key < 256 && !control; }  // into the panel, if that has the keys
+  };
+  static Stroke strokeNamed(const std::string& name);
   const std::vector<Action> actions_;
+  std::vector<std::pair<Stroke, const Action*>> strokes_;
   Input input_;
   Sprint sprint_;
   std::optional<std::pair<double, double>> lastCursor_;

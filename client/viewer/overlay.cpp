@@ -15,6 +15,7 @@
 
 #include "client/render/difference_pass.h"
 #include "client/viewer/leaf_colours.h"
+#include "common/keys/keys.h"
 #include "common/settings/settings.h"
 #include "common/wire/messages.h"
 
@@ -23,7 +24,8 @@ namespace {
 
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoTitleBar | ImGuiWindowFlags_NoResize | ImGuiWindowFlags_NoMove |
                                     ImGuiWindowFlags_NoCollapse | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings |
-                                    ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoBringToFrontOnFocus | ImGuiWindowFlags_NoNav;
+                                    ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
+constexpr ImGuiWindowFlags kBehind = kPlain | ImGuiWindowFlags_NoBringToFrontOnFocus, kTold = kPlain | ImGuiWindowFlags_NoInputs;
 constexpr float kMargin = 10;  // between a box and the window's sides
 
 ImU32 colourOf(const Colour& c) { return ImGui::ColorConvertFloat4ToU32(ImVec4(c[0], c[1], c[2], 1)); }
@@ -39,14 +41,14 @@ void shadowed(ImDrawList* list, ImVec2 at, const char* text) {
 // A window of wrapped text; `pivot`: which of its points lies at `at`, in shares of its size. Scrolls by the wheel and by PageUp and PageDown if `height` is less than
 // it needs. Returns what the mouse can scroll.
 template <class Fill>
-Area box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, float height, const Fill& fill) {
+Area box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, float height, ImGuiWindowFlags flags, const Fill& fill) {
   const ImGuiStyle& style = ImGui::GetStyle();
   const float width = std::max(ImGui::GetIO().DisplaySize.x - 2 * kMargin, 50.0f);
   Area area;
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
   ImGui::SetNextWindowSizeConstraints(ImVec2(0, 0), ImVec2(width, std::max(height, 40.0f)));
   ImGui::SetNextWindowBgAlpha(alpha);
-  if (ImGui::Begin(name, nullptr, kPlain)) {
+  if (ImGui::Begin(name, nullptr, flags)) {
     ImGui::PushTextWrapPos(width - 2 * style.WindowPadding.x - style.ScrollbarSize);
     fill();
     ImGui::PopTextWrapPos();
@@ -100,35 +102,40 @@ void drawLegendRow(float bottom, const std::string& title, std::span<const Legen
   }
 }
 
-void drawLegend(const ViewerState& s) {
+// Returns how far it reaches up from the window's lower edge.
+float drawLegend(const ViewerState& s) {
   const float line = ImGui::GetTextLineHeight();
   float bottom = 3 * line + 10;
   std::vector<LegendEntry> entries;
   if (s.mode == Mode::kDifference) {  // instead of the window's own text
     static constexpr std::array<const char*, 5> kShares = {"0", "1/16", "1/8", "3/16", "1/4"};
     for (std::size_t k = 0; k < kShares.size(); ++k) entries.push_back({render::kDifferenceRamp[k], kShares[k]});
-    return drawLegendRow(line + 10, "difference of mesh and ray march, of the whole range:", entries);
+    drawLegendRow(line + 10, "difference of mesh and ray march, of the whole range:", entries);
+    return 2 * line + 18;
   }
-  if (s.mode == Mode::kMarch) return;
+  if (s.mode == Mode::kMarch) return bottom;
   if (s.lines.candidates) {
     for (const double share : {1 / kErrorRange, 0.5, 1.0, 2.0, kErrorRange}) {
       char text[20];
       std::snprintf(text, sizeof text, "%.2g", share * s.statistics.candidateUnit);
       entries.push_back({errorColour(share, 1), text});
     }
-    drawLegendRow(bottom, std::to_string(s.statistics.candidates) + " candidates: error in pixels", entries);
+    drawLegendRow(bottom, std::to_string(s.statistics.candidates) + " candidates, error in pixels", entries);
     bottom += 2 * line + 14;
   }
   if (s.lines.borders == Borders::kLevel) {
     static constexpr std::array<const char*, 6> kSides = {"32 m", "128 m", "512 m", "2 km", "8 km", "33 km"};
     entries.clear();
     for (std::size_t k = 0; k < kSides.size(); ++k) entries.push_back({levelColour(static_cast<int>(2 * k)), kSides[k]});
-    drawLegendRow(bottom, "leaves by level: side", entries);
+    drawLegendRow(bottom, "side of a leaf", entries);
+    bottom += 2 * line + 14;
   } else if (s.lines.borders == Borders::kAge) {
     const std::array<LegendEntry, 4> ages = {
         {{ageColour(0), "now"}, {ageColour(4), "4 s"}, {ageColour(16), "16 s"}, {ageColour(kOld), "1 min"}}};
-    drawLegendRow(bottom, "leaves by age: changed", ages);
+    drawLegendRow(bottom, "a leaf last changed", ages);
+    bottom += 2 * line + 14;
   }
+  return bottom - line;
 }
 
 void drawLines(const ViewerState& s) {
@@ -140,11 +147,13 @@ void drawLines(const ViewerState& s) {
     for (const Segment& line : s.outlines.frozen) list->AddLine(at(line.first), at(line.second), IM_COL32(255, 220, 70, 255), 2);
     list->PopClipRect();
   }
-  for (const Outlines::Member& marker : s.outlines.members) {
-    for (const Segment& line : marker.lines) list->AddLine(at(line.first), at(line.second), IM_COL32(80, 220, 255, 255), 2);
-    const ImVec2 spot = at(marker.at);
-    list->AddCircleFilled(spot, 4, IM_COL32(80, 220, 255, 255));
-    shadowed(list, ImVec2(spot.x + 8, spot.y - ImGui::GetTextLineHeight()), marker.name.c_str());
+  for (const Outlines::Member& member : s.outlines.members) {
+    if (!member.at) continue;
+    const ImU32 colour = colourOf(member.colour);
+    for (const Segment& line : member.lines) list->AddLine(at(line.first), at(line.second), colour, 2);
+    const ImVec2 spot = at(*member.at);
+    list->AddCircleFilled(spot, 4, colour);
+    shadowed(list, ImVec2(spot.x + 8, spot.y - ImGui::GetTextLineHeight()), member.text.c_str());
   }
 }
 
@@ -155,12 +164,13 @@ void drawFigures(const ViewerState& state) {
   if (s.atRest)
     ImGui::Text("at rest   mesh %.1f ms", s.meshMs);
   else
-    ImGui::Text("%.0f frames/s   mesh %.1f ms", s.framesPerSecond, s.meshMs);
+    ImGui::Text("%.0f pictures/s   mesh %.1f ms", s.framesPerSecond, s.meshMs);
   if (s.coarseness > 1)
     ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.marchMs, s.coarseness, s.progress * 100);
   else
     ImGui::Text("ray march %.0f ms", s.marchMs);
-  ImGui::Text("%llu triangles in %llu leaves", static_cast<unsigned long long>(s.triangles), static_cast<unsigned long long>(s.leaves));
+  ImGui::Text("%llu triangles in %llu leaves, error %.3g", static_cast<unsigned long long>(s.triangles),
+              static_cast<unsigned long long>(s.leaves), s.effectiveThreshold);
   if (s.settled)
     ImGui::Text("iteration %llu, settled", static_cast<unsigned long long>(s.iteration));
   else
@@ -168,13 +178,13 @@ void drawFigures(const ViewerState& state) {
                 s.building.share() * 100, s.iterationsPerSecond, s.latencyMs);
   ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
   ImGui::Text("x %s  y %.1f  z %s m, %.0f m above ground", m.x.c_str(), m.y, m.z.c_str(), m.aboveGround);
-  if (const std::size_t others = state.outlines.others) ImGui::Text("%zu other%s in this session", others, others == 1 ? "" : "s");
-  if (!state.smooth) ImGui::TextUnformatted("reduced motion: changes show at once (M)");
+  if (const std::size_t others = state.outlines.members.size()) ImGui::Text("%zu other%s here (M)", others, others == 1 ? "" : "s");
+  if (!state.smooth) ImGui::TextUnformatted("reduced motion: changes show at once");
   if (state.lines.frozen) ImGui::TextUnformatted("the server's camera is frozen (C)");
-  if (m.following) ImGui::TextUnformatted("following the path (P ends it)");
+  if (m.following) ImGui::TextUnformatted("following the path (O ends it)");
   if (m.keyframes) ImGui::Text("recording, %zu keyframes (R ends it)", *m.keyframes);
   if (s.knownReach > 0) ImGui::Text("height map held for %.1f km around", s.knownReach / 1000);
-  ImGui::Text("%s%.3g m/s%s   F1 help, F2 settings", m.walking ? "walking, " : "", m.speed, m.sprinting ? " x 5" : "");
+  ImGui::Text("%s%.3g m/s%s   H help, F2 settings", m.walking ? "walking, " : "", m.speed, m.sprinting ? " x 5" : "");
 }
 
 void drawPlot(const char* name, const char* unit, const History& history) {
@@ -231,41 +241,26 @@ void drawPlots(const Plots& plots) {
   drawPlot("latency", "ms", plots.latency);
 }
 
-void drawHelp(bool mouseFree) {
-  ImGui::TextUnformatted(
-      "W A S D      fly forward, left, back, right\n"
-      "E / Space    up          Q           down\n"
-      "arrows       look around\n"
-      "Shift        five times as fast: hold, or tap to keep\n"
-      "+ / -        speed (or the mouse wheel)\n"
-      "G            walk on the ground\n"
-      "1 / 2 / 3    mesh / ray march / both\n"
-      "4            their difference as a heat map\n"
-      ", / .        move the divider (or drag it)\n"
-      "F            edges of the triangles\n"
-      "B            leaves by level / by age / not at all\n"
-      "C            freeze the camera that the server sees\n"
-      "K            candidates for vertices, by their error\n"
-      "N            the others in the session\n"
-      "M            changes of the mesh: smooth or at once\n"
-      "T            the mesh corrected onto the true surface\n"
-      "J / L        jump to a place / enter another world\n"
-      "R            record a camera path, and end it\n"
-      "P            follow that path, or the one of --path\n"
-      "V            wait for the screen, or not\n"
-      "F2 settings  F3 figures  F4 plots\n"
-      "F11 full screen          F12 screenshot\n"
-      "Letters are places on a US keyboard.");
-  ImGui::TextUnformatted(mouseFree ? "click        look around with the mouse\nEsc          close this; twice: end, as Ctrl+Q"
-                                   : "mouse        look around\nEsc          free the mouse");
-  ImGui::TextUnformatted(
-      "gamepad      sticks fly and look, triggers down and up,\n"
-      "             shoulders speed, A sprint, B walk, X mode, Y edges");
+void drawHelp() {
+  const float column = ImGui::GetFontSize() * 7;
+  for (const keys::Row& row : keys::table()) {
+    if (row.where == "page") continue;
+    ImGui::TextUnformatted(row.keys.c_str());
+    ImGui::SameLine(column);
+    ImGui::TextUnformatted(row.words.c_str());
+  }
+  ImGui::TextUnformatted("click");
+  ImGui::SameLine(column);
+  ImGui::TextUnformatted("look around with the mouse; Esc frees it");
+  ImGui::TextUnformatted("gamepad");
+  ImGui::SameLine(column);
+  ImGui::TextUnformatted("sticks fly and look, triggers down and up, shoulders speed,\nA sprint, B walk, X mode, Y wireframe, Start this");
+  ImGui::TextUnformatted("Letters are places on a US keyboard.");
 }
 
 void drawMessage(const std::string& message) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  box("message", ImVec2(size.x / 2, size.y / 2), ImVec2(0.5f, 0.5f), 0.8f, size.y - 2 * kMargin, [&] {
+  box("message", ImVec2(size.x / 2, size.y / 2), ImVec2(0.5f, 0.5f), 0.9f, size.y - 2 * kMargin, kTold, [&] {
     ImGui::PushTextWrapPos(size.x * 0.6f);
     ImGui::TextUnformatted(message.c_str());
     ImGui::PopTextWrapPos();
@@ -275,7 +270,7 @@ void drawMessage(const std::string& message) {
 void drawHint(const std::string& hint) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   const float bottom = size.y - kLabelLines * ImGui::GetTextLineHeight() - kMargin;
-  box("hint", ImVec2(size.x / 2, bottom), ImVec2(0.5f, 1), 0.85f, bottom - kMargin, [&] {
+  box("hint", ImVec2(size.x / 2, bottom), ImVec2(0.5f, 1), 0.95f, bottom - kMargin, kTold, [&] {
     ImGui::PushTextWrapPos(size.x * 0.8f);
     ImGui::TextUnformatted(hint.c_str());
     ImGui::PopTextWrapPos();
@@ -303,15 +298,7 @@ bool drawDetail(Panel& p) {
   return changed;
 }
 
-Requests drawFields(Panel& p, bool& smooth) {
-  Requests requests;
-  ImGui::TextDisabled("Go to (metres)");
-  if (p.focus == Focus::kJump) ImGui::SetKeyboardFocusHere();
-  requests.jump = entered("x", p.x);
-  requests.jump |= entered("z", p.z);
-  requests.jump |= entered("above ground", p.altitude);
-  requests.jump |= ImGui::Button("Jump");
-  ImGui::Separator();
+void drawSettings(Panel& p, bool& smooth, Requests& requests) {
   ImGui::TextDisabled("Detail, for this window alone");
   if (p.live)
     requests.settings = drawDetail(p);
@@ -319,19 +306,46 @@ Requests drawFields(Panel& p, bool& smooth) {
     ImGui::TextUnformatted("This server changes no settings on the way.");
   ImGui::Text("granted: %s", p.granted.c_str());
   ImGui::Separator();
-  ImGui::TextDisabled("Another world (makes its session, or joins it)");
-  if (p.focus == Focus::kWorld) ImGui::SetKeyboardFocusHere();
-  requests.world = entered("terrain", p.terrain);
-  requests.world |= entered("seed", p.seed);
-  requests.world |= ImGui::Button("Enter");
-  ImGui::Separator();
   ImGui::TextDisabled("This window");
   ImGui::Checkbox("smooth changes (off: reduced motion)", &smooth);
   ImGui::Checkbox("invert looking up and down", &p.invertY);
   requests.vsync = ImGui::Checkbox("wait for the screen (vsync)", &p.vsync);
-  ImGui::Checkbox("the others in the session", &p.members);
   ImGui::SliderFloat("text", &p.textScale, 0.7f, 3.0f, "x %.1f");
-  return requests;
+}
+
+void drawWorlds(Panel& p, Requests& requests) {
+  ImGui::TextDisabled("Place (metres)");
+  if (p.typed) ImGui::SetKeyboardFocusHere();
+  requests.jump = entered("x", p.x);
+  requests.jump |= entered("z", p.z);
+  requests.jump |= entered("above ground", p.altitude);
+  requests.jump |= ImGui::Button("Go");
+  ImGui::Separator();
+  ImGui::TextDisabled("Another world (makes its session, or joins it)");
+  requests.world = entered("terrain", p.terrain);
+  requests.world |= entered("seed", p.seed);
+  requests.world |= ImGui::Button("Go there");
+}
+
+void drawPeople(Panel& p, const std::vector<Outlines::Member>& members, Requests& requests) {
+  if (members.empty()) ImGui::TextUnformatted("Nobody else. A link (L) brings somebody here.");
+  for (const Outlines::Member& member : members) {
+    ImGui::PushID(std::to_string(member.camera).c_str());
+    const ImVec2 at = ImGui::GetCursorScreenPos();
+    const float side = ImGui::GetFrameHeight();
+    ImGui::GetWindowDrawList()->AddCircleFilled(ImVec2(at.x + side / 2, at.y + side / 2), side / 4, colourOf(member.colour));
+    ImGui::Dummy(ImVec2(side, side));
+    ImGui::SameLine();
+    if (!member.away)
+      ImGui::TextUnformatted(member.text.c_str());
+    else if (ImGui::Button(member.text.c_str()))
+      requests.flyTo = member.camera;
+    ImGui::PopID();
+  }
+  ImGui::Separator();
+  ImGui::Checkbox("show them in the picture", &p.members);
+  ImGui::InputText("your name", p.name.data(), p.name.size());
+  ImGui::TextDisabled("Others see it from your next connection on.");
 }
 
 Requests drawPanel(ViewerState& s, Area& area) {
@@ -339,11 +353,18 @@ Requests drawPanel(ViewerState& s, Area& area) {
   Panel& p = s.panel;
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Appearing, ImVec2(0.5f, 0.5f));
-  if (p.focus != Focus::kNone) ImGui::SetNextWindowFocus();
-  if (ImGui::Begin("Settings", &p.open,
+  ImGui::SetNextWindowSizeConstraints(ImVec2(0, 0), ImVec2(size.x, size.y));
+  if (p.typed) ImGui::SetNextWindowFocus();
+  static constexpr std::array<const char*, 4> kTitles = {"", "Settings", "Worlds and places", "Who is here"};
+  bool open = true;
+  if (ImGui::Begin(kTitles[static_cast<std::size_t>(p.dialog)], &open,
                    ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoCollapse)) {
-    ImGui::PushItemWidth(ImGui::GetFontSize() * 16);
-    requests = drawFields(p, s.smooth);
+    ImGui::PushItemWidth(std::min(ImGui::GetFontSize() * 16, size.x * 0.45f));
+    ImGui::PushTextWrapPos(size.x - 4 * ImGui::GetFontSize());
+    if (p.dialog == Dialog::kSettings) drawSettings(p, s.smooth, requests);
+    if (p.dialog == Dialog::kWorlds) drawWorlds(p, requests);
+    if (p.dialog == Dialog::kPeople) drawPeople(p, s.outlines.members, requests);
+    ImGui::PopTextWrapPos();
     if (!p.problem.empty()) {
       ImGui::PushTextWrapPos(ImGui::GetFontSize() * 26);
       ImGui::TextColored(ImVec4(1, 0.75f, 0.3f, 1), "%s", p.problem.c_str());
@@ -353,7 +374,8 @@ Requests drawPanel(ViewerState& s, Area& area) {
     const ImVec2 at = ImGui::GetWindowPos(), whole = ImGui::GetWindowSize();
     area = {at.x, at.y, at.x + whole.x, at.y + whole.y};
   }
-  p.focus = Focus::kNone;
+  p.typed = false;
+  if (!open) p.dialog = Dialog::kNone;
   ImGui::End();
   return requests;
 }
@@ -420,18 +442,17 @@ void Overlay::begin(bool panel) {
 }
 
 // Help, plots and figures; what is opened later takes the place of what it would cover.
-void Overlay::drawBoxes(const ViewerState& state) {
+void Overlay::drawBoxes(const ViewerState& state, float legend) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const float height = size.y - kLabelLines * ImGui::GetTextLineHeight() - 2 * kMargin;
+  const float height = size.y - legend - 2 * kMargin;
   const float plots = ImGui::GetFontSize() * kPlotWidth + 2 * ImGui::GetStyle().WindowPadding.x;
   if (state.help)
-    return areas_.push_back(
-        box("help", ImVec2(size.x - kMargin, kMargin), ImVec2(1, 0), 0.85f, height, [&] { drawHelp(state.mouseFree); }));
+    return areas_.push_back(box("help", ImVec2(size.x - kMargin, kMargin), ImVec2(1, 0), 0.85f, height, kBehind, [] { drawHelp(); }));
   if (state.plots)
-    areas_.push_back(box("plots", ImVec2(size.x - kMargin, size.y - 3 * kMargin), ImVec2(1, 1), 0.65f, height,
+    areas_.push_back(box("plots", ImVec2(size.x - kMargin, size.y - 3 * kMargin), ImVec2(1, 1), 0.65f, height, kBehind,
                          [&] { drawPlots(state.statistics.plots); }));
   if (state.figures && !(state.plots && figuresWidth_ + plots + 3 * kMargin > size.x))
-    areas_.push_back(box("figures", ImVec2(kMargin, kMargin), ImVec2(0, 0), 0.55f, height, [&] {
+    areas_.push_back(box("figures", ImVec2(kMargin, kMargin), ImVec2(0, 0), 0.55f, height, kBehind, [&] {
       drawFigures(state);
       figuresWidth_ = ImGui::GetWindowWidth();
     }));
@@ -441,16 +462,16 @@ Requests Overlay::draw(ViewerState& state) {
   ImGuiIO& io = ImGui::GetIO();
   io.ConfigFlags = state.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
   io.FontGlobalScale = state.panel.textScale / base_;
-  begin(state.panel.open);
+  begin(state.panel.open());
   drawLines(state);
   drawDivider(state);
-  drawLegend(state);
+  const float legend = drawLegend(state);
   areas_.clear();
-  drawBoxes(state);
+  drawBoxes(state, legend);
   if (!state.message.empty()) drawMessage(state.message);
   if (!state.hint.empty()) drawHint(state.hint);
   Requests requests;
-  if (state.panel.open) requests = drawPanel(state, areas_.emplace_back());
+  if (state.panel.open()) requests = drawPanel(state, areas_.emplace_back());
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
   return requests;

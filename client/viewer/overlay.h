@@ -3,6 +3,8 @@
 // Uses Dear ImGui.
 
 #include <array>
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +18,7 @@ namespace ridgecast::viewer {
 // What the user requested in the panel since the last frame.
 struct Requests {
   bool settings = false, jump = false, world = false, vsync = false;
+  std::optional<std::uint64_t> flyTo;  // a member's camera
 };
 
 struct Area {
@@ -43,7 +46,7 @@ class Overlay {
  private:
   static constexpr int kFramesToFocus = 2;  // until a field that requests keys gets them
   void begin(bool panel);
-  void drawBoxes(const ViewerState& state);
+  void drawBoxes(const ViewerState& state, float legend);
   GLFWwindow* const window_;
   float base_ = 1;
   EventQueue events_;

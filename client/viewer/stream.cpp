@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "client/viewer/people.h"
 #include "common/settings/settings.h"
 
 #define GLFW_INCLUDE_NONE
@@ -21,9 +22,10 @@ using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
-Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting) {
+Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings, const std::string& name,
+                         const connection::Waiting& waiting) {
   wire::Hello hello;
-  hello.clientName = "ridgecast-client view";
+  hello.clientName = name;
   hello.settings = settings;
   hello.members = hello.clock = true;
   auto client = replica::Client::open(url, hello, {.waiting = waiting});
@@ -31,11 +33,11 @@ Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& setti
   return Link{url, settings, std::move(*client)};
 }
 
-Arrival::Arrival(const connection::Url& url, const wire::Settings& settings) : where_(url.host + ":" + url.port) {
+Arrival::Arrival(const connection::Url& url, const wire::Settings& settings, const std::string& name) : where_(url.host + ":" + url.port) {
   connection::Waiting waiting;
   waiting.preparing = [this] { prepares_ = true; };
   waiting.stop = stop_.get_token();
-  link_ = std::async(std::launch::async, [url, settings, waiting] { return Link::open(url, settings, waiting); });
+  link_ = std::async(std::launch::async, [url, settings, name, waiting] { return Link::open(url, settings, name, waiting); });
 }
 
 Arrival::~Arrival() { stop_.request_stop(); }
@@ -84,11 +86,11 @@ void Stream::watchConnection() {
   const auto why = otherWorld_ ? std::nullopt : connection.error();
   if (otherWorld_) {
     state_.message =
-        "The server has another world now; entering it. If that fails, F2 enters one by its name.\nThe picture shows what had arrived. "
+        "The server has another world now; entering it. If that fails, J enters one by its name.\nThe picture shows what had arrived. "
         "Ctrl+Q quits.";
     std::fprintf(stderr, "ridgecast-client: the server has another world now; entering it\n");
     state_.changed = true;
-    if (!next_) next_.emplace(link_.url, link_.settings);
+    if (!next_) next_.emplace(link_.url, link_.settings, ownName(state_.panel.name.data()));
   } else if (why && !lost_) {
     state_.message =
         "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Ctrl+Q quits.";
@@ -193,7 +195,7 @@ std::optional<Link> Stream::enteredWorld() {
   if (*next) return std::move(**next);
   state_.panel.problem = next->error().message;
   std::fprintf(stderr, "ridgecast-client: %s\n", state_.panel.problem.c_str());
-  if (!state_.panel.open) state_.tell(state_.panel.problem);
+  if (!state_.panel.open()) state_.tell(state_.panel.problem);
   return std::nullopt;
 }
 
@@ -249,7 +251,7 @@ void Stream::enterWorld() {
   url.session = terrain + "-" + std::to_string(number);
   url.world = "terrain=" + terrain + "&seed=" + std::to_string(number);
   state_.panel.problem = "entering ...";
-  next_.emplace(url, link_.settings);
+  next_.emplace(url, link_.settings, ownName(state_.panel.name.data()));
 }
 
 }  // namespace ridgecast::viewer

@@ -24,13 +24,15 @@ struct Link {
   wire::Settings settings;
   std::unique_ptr<replica::Client> client;
 
-  static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings, const connection::Waiting& waiting = {});
+  // `name`: what the others see.
+  static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings, const std::string& name,
+                            const connection::Waiting& waiting = {});
 };
 
 // A connection being opened while the window stays responsive: the server may first have to compile the terrain. Main thread only.
 class Arrival {
  public:
-  Arrival(const connection::Url& url, const wire::Settings& settings);
+  Arrival(const connection::Url& url, const wire::Settings& settings, const std::string& name);
   ~Arrival();  // gives up at once, except on the look-up of a host name
   Arrival(const Arrival&) = delete;
 
@@ -55,6 +57,7 @@ class Stream {
 
   Stream(Link link, ViewerState& state);
   replica::Client& client() const { return *link_.client; }
+  const connection::Url& url() const { return link_.url; }
   bool lost() const { return lost_; }
   std::uint64_t sceneVersion() const { return sceneVersion_; }  // tells scenes apart
   const LeafAges& ages() const { return ages_; }

@@ -14,6 +14,7 @@
 
 #include "client/exit/exit.h"
 #include "client/render/context.h"
+#include "client/viewer/people.h"
 #include "client/viewer/window.h"
 #include "client/viewer/world_window.h"
 
@@ -36,7 +37,7 @@ Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Poin
 // Opens the connection. Shows in the window what it waits for, if that takes more than a moment. Empty if the window was closed meanwhile
 // or the time is over.
 std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, Clock::time_point began) {
-  Arrival arrival(options.url, options.settings);
+  Arrival arrival(options.url, options.settings, ownName(options.name));
   std::optional<Overlay> overlay;
   int told = 0;
   GLFWwindow* const handle = window.handle();
@@ -86,13 +87,15 @@ int view(const ViewOptions& given) {
   state.panel.invertY = options.invertY;
   state.panel.vsync = options.vsync;
   state.panel.textScale = options.textScale;
+  std::snprintf(state.panel.name.data(), state.panel.name.size(), "%s", options.name.c_str());
   for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();
     auto drawing = render::drawingOf(world, options.remoteShaders);
     auto passes = render::createOrNeutral(world, drawing, Passes::create);
     if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
     if (!passes) return fail(kNoGraphics, passes.error());
-    std::fprintf(stderr, "viewing %s, seed %u, %s; F1 help\n", world.terrainName.c_str(), world.seed, render::contextDescription().c_str());
+    std::fprintf(stderr, "viewing %s, seed %u, %s; H lists the keys\n", world.terrainName.c_str(), world.seed,
+                 render::contextDescription().c_str());
     if (drawing.window)
       if (auto fetched = fetchGround(*link, *drawing.window, *options.at); !fetched) return fail(kRuntimeFailure, fetched.error());
     WorldWindow inside(options, **window, std::move(*link), drawing, std::move(*passes), state);

@@ -22,6 +22,7 @@ struct ViewOptions {
   bool vsync = true, invertY = false;
   bool reducedMotion = false;        // changes of the mesh show at once
   float textScale = 1;               // relative to the screen's own
+  std::string name;                  // the user's, for the others; empty: a guest's
   bool remoteShaders = true;         // draw with GLSL sent by the server; otherwise neutrally, see drawingOf
   std::optional<double> seconds;     // close after this time
   std::filesystem::path screenshot;  // a PNG of the window when it closes; empty: none

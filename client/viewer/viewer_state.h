@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/viewer/leaf_colours.h"
 #include "client/viewer/project.h"
 
 namespace ridgecast::viewer {
@@ -25,24 +26,26 @@ inline constexpr std::chrono::milliseconds kHintTime{2000}, kNoticeTime{12'000};
 
 enum class Mode { kSplit, kMesh, kMarch, kDifference };
 enum class Borders { kNone, kLevel, kAge };
-enum class Focus { kNone, kJump, kWorld };  // of the panel, when it opens: the field to type in
+enum class Dialog { kNone, kSettings, kWorlds, kPeople };
 
-// The settings panel: what it shows and the user changes there.
+// The open dialog: what it shows and the user changes there.
 struct Panel {
-  bool open = false;
-  Focus focus = Focus::kNone;  // it has just been opened to type there
-  int metric = 1;              // wire::Metric
-  float threshold = 0;         // of the metric
-  int triangles = 0;           // budget, thousands
-  int kilobytes = 0;           // a second; 0: unlimited
+  Dialog dialog = Dialog::kNone;
+  bool typed = false;   // it has just been opened to type into its first field
+  int metric = 1;       // wire::Metric
+  float threshold = 0;  // of the metric
+  int triangles = 0;    // budget, thousands
+  int kilobytes = 0;    // a second; 0: unlimited
   float textScale = 1;
   bool invertY = false, vsync = true, members = true;
   std::array<char, 32> x{}, z{}, altitude{};  // metres
   std::array<char, 130> terrain{};
   std::array<char, 16> seed{};
-  bool live = false;    // settings can be changed
-  std::string granted;  // the settings as the server granted them
-  std::string problem;  // what is wrong in the panel
+  std::array<char, 33> name{};  // the user's own, for the others
+  bool live = false;            // settings can be changed
+  std::string granted;          // the settings as the server granted them
+  std::string problem;          // what is wrong in the panel
+  bool open() const { return dialog != Dialog::kNone; }
 };
 
 // Lines, colours and dots over the mesh.
@@ -55,12 +58,14 @@ struct Lines {
 // Other members and the frozen camera, as they lie in the window.
 struct Outlines {
   struct Member {
-    std::string name;
-    Spot at;
+    std::uint64_t camera = 0;
+    std::string text;  // name and distance
+    Colour colour{};
+    std::optional<double> away;  // metres; null: nobody knows where it is
+    std::optional<Spot> at;      // in the window; null: not in sight
     std::vector<Segment> lines;
   };
-  std::size_t others = 0;  // in the session
-  std::vector<Member> members;
+  std::vector<Member> members;  // all in the session, the nearest first
   std::vector<Segment> frozen;
 };
 
@@ -156,7 +161,7 @@ struct ViewerState {
     message.clear();
     hint.clear();
     panel.problem.clear();
-    panel.open = false;
+    panel.dialog = Dialog::kNone;
     lines.frozen.reset();
     motion = {};
     statistics = {};

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "client/viewer/coordinates.h"
+#include "client/viewer/people.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -85,38 +86,35 @@ WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
 
 std::vector<Action> WorldWindow::actions() {
   ViewerState& s = state_;
-  constexpr bool kAlways = true, kUntyped = false;  // whether also while the panel is typed into
   const auto toggle = [](bool& what) { return [&what] { what = !what; }; };
   const auto show = [&s](Mode mode) { return [&s, mode] { s.mode = mode; }; };
   const auto cycle = [](auto& what, int count) {
     return [&what, count] { what = static_cast<std::decay_t<decltype(what)>>((static_cast<int>(what) + 1) % count); };
   };
-  return {{GLFW_KEY_ESCAPE, [this] { goBack(); }, kAlways},
-          {GLFW_KEY_Q, [this] { quit(); }, kAlways, Action::kNone, true},
-          {GLFW_KEY_F1, toggle(s.help), kAlways, GLFW_GAMEPAD_BUTTON_START},
-          {GLFW_KEY_F2, [this] { state_.panel.open ? void(state_.panel.open = false) : openPanel(Focus::kNone); }, kAlways},
-          {GLFW_KEY_F3, toggle(s.figures), kAlways},
-          {GLFW_KEY_F4, toggle(s.plots), kAlways},
-          {GLFW_KEY_F11, [this] { window_.toggleFullScreen(); }, kAlways},
-          {GLFW_KEY_F12, [this] { wantsScreenshot_ = true; }, kAlways},
-          {GLFW_KEY_1, show(Mode::kMesh)},
-          {GLFW_KEY_2, show(Mode::kMarch)},
-          {GLFW_KEY_3, show(Mode::kSplit)},
-          {GLFW_KEY_4, show(Mode::kDifference)},
-          {Action::kNone, cycle(s.mode, 4), kAlways, GLFW_GAMEPAD_BUTTON_X},
-          {GLFW_KEY_F, toggle(s.lines.wireframe), kUntyped, GLFW_GAMEPAD_BUTTON_Y},
-          {GLFW_KEY_B, cycle(s.lines.borders, 3), kUntyped, GLFW_GAMEPAD_BUTTON_BACK},
-          {GLFW_KEY_C, [this] { toggleFrozen(); }, kUntyped, GLFW_GAMEPAD_BUTTON_LEFT_THUMB},
-          {GLFW_KEY_K, [this] { stream_.requestCandidates(!state_.lines.candidates); }},
-          {GLFW_KEY_G, [this] { toggleWalking(); }, kUntyped, GLFW_GAMEPAD_BUTTON_B},
-          {GLFW_KEY_N, toggle(s.panel.members)},
-          {GLFW_KEY_M, toggle(s.smooth)},
-          {GLFW_KEY_T, [this] { toggleCorrected(); }},
-          {GLFW_KEY_J, [this] { openPanel(Focus::kJump); }},
-          {GLFW_KEY_L, [this] { openPanel(Focus::kWorld); }},
-          {GLFW_KEY_R, [this] { toggleRecord(); }},
-          {GLFW_KEY_P, [this] { togglePath(); }},
-          {GLFW_KEY_V, [this] { toggleVsync(); }}};
+  return {{"back", [this] { goBack(); }},
+          {"quit", [this] { quit(); }},
+          {"help", toggle(s.help), GLFW_GAMEPAD_BUTTON_START},
+          {"settings", [this] { openPanel(Dialog::kSettings); }},
+          {"worlds", [this] { openPanel(Dialog::kWorlds); }},
+          {"people", [this] { openPanel(Dialog::kPeople); }},
+          {"figures", toggle(s.figures)},
+          {"plots", toggle(s.plots)},
+          {"screen", [this] { window_.toggleFullScreen(); }},
+          {"picture", [this] { wantsScreenshot_ = true; }},
+          {"link", [this] { copyLink(); }},
+          {"mesh", show(Mode::kMesh)},
+          {"march", show(Mode::kMarch)},
+          {"split", show(Mode::kSplit)},
+          {"difference", show(Mode::kDifference)},
+          {"", cycle(s.mode, 4), GLFW_GAMEPAD_BUTTON_X},
+          {"wireframe", toggle(s.lines.wireframe), GLFW_GAMEPAD_BUTTON_Y},
+          {"leaves", cycle(s.lines.borders, 3), GLFW_GAMEPAD_BUTTON_BACK},
+          {"frozen", [this] { toggleFrozen(); }, GLFW_GAMEPAD_BUTTON_LEFT_THUMB},
+          {"candidates", [this] { stream_.requestCandidates(!state_.lines.candidates); }},
+          {"walk", [this] { toggleWalking(); }, GLFW_GAMEPAD_BUTTON_B},
+          {"corrected", [this] { toggleCorrected(); }},
+          {"record", [this] { toggleRecord(); }},
+          {"path", [this] { togglePath(); }}};
 }
 
 void WorldWindow::toggleWalking() {
@@ -131,17 +129,12 @@ void WorldWindow::toggleCorrected() {
                                      : "the mesh as it is");
 }
 
-void WorldWindow::toggleVsync() {
-  window_.setVsync(state_.panel.vsync = !state_.panel.vsync);
-  state_.tell(state_.panel.vsync ? "frames wait for the screen" : "frames do not wait for the screen");
-}
-
 // First ends what is waiting or open, then frees the mouse, then closes the window if pressed again.
 void WorldWindow::goBack() {
   if (stream_.entering())
     stream_.giveUpWorld();
-  else if (state_.panel.open)
-    state_.panel.open = false;
+  else if (state_.panel.open())
+    state_.panel.dialog = Dialog::kNone;
   else if (!state_.mouseFree)
     devices_.freeMouse(true);
   else if (state_.help)
@@ -175,19 +168,21 @@ void WorldWindow::toggleRecord() {
   }
   const std::filesystem::path file = freeName(".json");
   const auto written = recorder_->write(file);
-  const std::string said = written ? "the path flown is in " + file.string() + "; P follows it" : written.error().message;
+  const std::string said = written ? "the path flown is in " + file.string() + "; O follows it" : written.error().message;
   if (auto flown = camera::readPath(file); written && flown) path_ = std::move(*flown);
   std::fprintf(stderr, "%s\n", said.c_str());
   state_.tell(said);
   recorder_.reset();
 }
 
-void WorldWindow::openPanel(Focus focus) {
-  devices_.freeMouse(true);
+// Closes it if it is open.
+void WorldWindow::openPanel(Dialog dialog) {
   Panel& panel = state_.panel;
-  panel.open = true;
-  panel.focus = focus;
-  if (focus != Focus::kNone) overlay_.awaitTyping();
+  panel.dialog = panel.dialog == dialog ? Dialog::kNone : dialog;
+  if (!panel.open()) return;
+  devices_.freeMouse(true);
+  panel.typed = dialog == Dialog::kWorlds;
+  if (panel.typed) overlay_.awaitTyping();
   if (!stream_.entering()) panel.problem.clear();
   std::snprintf(panel.x.data(), panel.x.size(), "%s", formatMetres(controls_.pose().x).c_str());
   std::snprintf(panel.z.data(), panel.z.size(), "%s", formatMetres(controls_.pose().z).c_str());
@@ -199,6 +194,7 @@ void WorldWindow::grant(const Requests& requests) {
   if (requests.settings) stream_.requestSettings();
   if (requests.jump) jump();
   if (requests.world) stream_.enterWorld();
+  if (requests.flyTo) flyTo(*requests.flyTo);
 }
 
 void WorldWindow::jump() {
@@ -219,7 +215,33 @@ void WorldWindow::jump() {
   // While the ground is unknown, above all ground that there may be nearby; the true height arrives soon.
   pose.y = ground_.height({pose.x, pose.z}).value_or(std::max(0.0, pose.y)) + altitude;
   controls_.place(pose);
-  state_.motion.following = panel.open = false;
+  state_.motion.following = false;
+  panel.dialog = Dialog::kNone;
+}
+
+void WorldWindow::flyTo(std::uint64_t member) {
+  const connection::Roster* others = stream_.others();
+  const auto found = others ? others->others().find(member) : std::map<std::uint64_t, connection::Other>::const_iterator{};
+  if (!others || found == others->others().end() || !found->second.member.moved) return;
+  controls_.place(beside(controls_.pose(), found->second.member.moved->pose.camera.pose));
+  state_.motion.following = false;
+  state_.panel.dialog = Dialog::kNone;
+}
+
+// As the page writes it, without the token.
+void WorldWindow::copyLink() {
+  const connection::Url& url = stream_.url();
+  const camera::Pose& pose = controls_.pose();
+  const bool bracketed = url.host.find(':') != std::string::npos;
+  char place[160];
+  std::snprintf(place, sizeof place, "#x=%s&z=%s&y=%.3f&yaw=%.3f&pitch=%.3f", formatMetres(pose.x).c_str(), formatMetres(pose.z).c_str(),
+                pose.y, pose.yaw * 180 / std::numbers::pi, pose.pitch * 180 / std::numbers::pi);
+  std::string link = std::string(url.secure ? "https://" : "http://") + (bracketed ? "[" + url.host + "]" : url.host) + ":" + url.port +
+                     "/?session=" + url.session + (url.world.empty() ? "" : "&" + url.world) + place;
+  if (state_.mode != Mode::kMesh && state_.mode != Mode::kDifference) link += state_.mode == Mode::kSplit ? "&mode=split" : "&mode=march";
+  glfwSetClipboardString(window_.handle(), link.c_str());
+  std::fprintf(stderr, "%s\n", link.c_str());
+  state_.tell("The link to this place is copied.");
 }
 
 camera::Camera WorldWindow::camera() const {
@@ -265,7 +287,7 @@ Outcome<void> WorldWindow::draw(bool last) {
   }
   const auto updated = pictures_.update(ground_.view(seen), stream_, state_, newHeights);
   if (!updated) return updated.error();
-  const bool drew = std::exchange(state_.changed, false) || *updated || state_.panel.open;
+  const bool drew = std::exchange(state_.changed, false) || *updated || state_.panel.open();
   idle_ = !drew && !pictures_.refining(state_.mode);
   state_.statistics.atRest = idle_ && state_.statistics.settled;
   if (drew || last || secondsSince(presentedAt_) >= 0.5) present(seen, last);
@@ -282,7 +304,7 @@ void WorldWindow::present(const camera::Camera& camera, bool last) {
   if (std::exchange(wantsScreenshot_, false)) {
     const std::filesystem::path file = freeName(".png");
     screenshot(camera.projection, file);
-    state_.tell("screenshot: " + file.string());
+    state_.tell("The picture is kept in " + file.string() + ".");
   }
   glfwSwapBuffers(window_.handle());
   if (framesCounted_++ > 0) state_.statistics.plots.frame.add(secondsSince(presentedAt_) * 1e3);
@@ -319,20 +341,23 @@ void WorldWindow::outline(const camera::Camera& camera) {
   if (state_.lines.frozen) out.frozen = lines(*state_.lines.frozen, kFrozenReach);
   const connection::Roster* others = stream_.others();
   if (!others) return;
-  out.others = others->others().size();
-  if (!state_.panel.members) return;
   for (const auto& [id, other] : others->others()) {
-    if (!other.member.moved) continue;
-    const camera::Camera& seen = other.member.moved->pose.camera;
-    const camera::Vec3 at = between(camera.pose, seen.pose);
-    const double away = std::sqrt(at.x * at.x + at.y * at.y + at.z * at.z);
-    const auto spot = spotOf(camera, at);
-    if (!spot || away > 4 * stream_.client().world().horizon) continue;
-    char text[200];
-    std::snprintf(text, sizeof text, "%.128s, %.0f m%s", other.member.name.empty() ? "somebody" : other.member.name.c_str(), away,
-                  other.member.role == wire::Role::kSensor ? ", sensor" : "");
-    out.members.push_back({text, *spot, lines(seen, std::max(kMarkerReach, away / 20))});
+    Outlines::Member member;
+    member.camera = id;
+    member.text = nameOf(other.member);
+    member.colour = memberColour(id);
+    if (other.member.moved) {
+      const camera::Camera& seen = other.member.moved->pose.camera;
+      const camera::Vec3 at = between(camera.pose, seen.pose);
+      const double away = std::sqrt(at.x * at.x + at.y * at.y + at.z * at.z);
+      member.away = away;
+      member.text += ", " + distanceText(away);
+      if (state_.panel.members && away <= 4 * stream_.client().world().horizon) member.at = spotOf(camera, at);
+      if (member.at) member.lines = lines(seen, std::max(kMarkerReach, away / 20));
+    }
+    out.members.push_back(std::move(member));
   }
+  std::ranges::stable_sort(out.members, {}, [](const Outlines::Member& m) { return m.away.value_or(HUGE_VAL); });
 }
 
 void WorldWindow::screenshot(const camera::Projection& size, const std::filesystem::path& file) const {

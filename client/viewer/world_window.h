@@ -35,13 +35,14 @@ class WorldWindow {
   void quit();
   void toggleWalking();
   void toggleCorrected();
-  void toggleVsync();
   void toggleFrozen();
   void togglePath();
   void toggleRecord();
-  void openPanel(Focus focus);
+  void openPanel(Dialog dialog);
   void grant(const Requests& requests);
   void jump();
+  void flyTo(std::uint64_t member);
+  void copyLink();
 
   void fly(double seconds);
   void followPath(const Input& input);

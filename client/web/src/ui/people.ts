@@ -6,9 +6,9 @@ import { memberColour } from '../render/colours';
 import { element } from './notices';
 import { remember, remembered } from './memory';
 
-const UNNAMED = 'ridgecast-web';
+const UNNAMED = 'ridgecast-web', PROGRAM = 'ridgecast-'; // how names begin that nobody gave
 
-export const nameOf = ({ name, camera }: MemberTold): string => (name && name !== UNNAMED ? name : `Guest ${camera}`);
+export const nameOf = ({ name, camera }: MemberTold): string => (name && !name.startsWith(PROGRAM) ? name : `Guest ${camera}`);
 export const distanceText = (metres: number): string => (metres < 1000 ? `${Math.round(metres)} m` : `${(metres / 1000).toLocaleString('en', { maximumFractionDigits: 1 })} km`);
 
 export class People {

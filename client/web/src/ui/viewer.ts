@@ -7,6 +7,7 @@ import { Divider } from './divider';
 import { EngineLink } from './engine_link';
 import { Flying, beside } from './flying';
 import { Hands } from './hands';
+import { byCode, listKeys } from './keys';
 import { Place, placeOf, readPlace, writePlace } from './link';
 import { Members } from './members';
 import { Notices, element } from './notices';
@@ -98,28 +99,30 @@ export class Viewer {
   private listen(): void {
     const { hands } = this;
     hands.attachTouch(element('stick'), element('lift'), element('pace'));
-    const keys: Record<string, () => void> = {
-      Digit1: () => this.setMode('mesh'),
-      Digit2: () => this.setMode('march'),
-      Digit3: () => this.setMode('split'),
-      KeyX: () => this.toggle('wireframe'),
-      KeyN: () => this.toggle('nodes'),
-      KeyK: () => this.toggle('candidates'),
-      KeyF: () => this.toggle('figures'),
-      KeyP: () => this.painter.send({ kind: 'picture' }),
-      KeyG: () => void this.keepMesh(),
-      KeyL: () => void this.copyLink(),
-      KeyH: () => element<HTMLDialogElement>('help-text').showModal(),
-      KeyJ: () => void this.worlds.show(this.engine.world?.session, this.authorization()),
-      KeyM: () => this.people.show(this.flying.pose),
+    const actions: Record<string, () => void> = {
+      mesh: () => this.setMode('mesh'),
+      march: () => this.setMode('march'),
+      split: () => this.setMode('split'),
+      wireframe: () => this.toggle('wireframe'),
+      leaves: () => this.toggle('nodes'),
+      candidates: () => this.toggle('candidates'),
+      figures: () => this.toggle('figures'),
+      picture: () => this.painter.send({ kind: 'picture' }),
+      gltf: () => void this.keepMesh(),
+      link: () => void this.copyLink(),
+      help: () => element<HTMLDialogElement>('help-text').showModal(),
+      worlds: () => void this.worlds.show(this.engine.world?.session, this.authorization()),
+      people: () => this.people.show(this.flying.pose),
     };
+    const keys = byCode(actions);
+    listKeys(element('help-text').querySelector<HTMLElement>('.keys')!);
     const repeated: Record<string, () => void> = { Comma: () => this.divider.by(-1), Period: () => this.divider.by(1) };
     hands.onKey = (code, again) => {
       const act = repeated[code] ?? (again ? undefined : keys[code]);
       act?.();
       return act !== undefined;
     };
-    for (const [id, code] of Object.entries({ picture: 'KeyP', gltf: 'KeyG', link: 'KeyL', help: 'KeyH', place: 'KeyJ', people: 'KeyM' })) element(id).addEventListener('click', keys[code]!);
+    for (const [id, action] of Object.entries({ picture: 'picture', gltf: 'gltf', link: 'link', help: 'help', place: 'worlds', people: 'people' })) element(id).addEventListener('click', actions[action]!);
     element('again').addEventListener('click', () => this.connect());
     element('token').addEventListener('submit', (event) => {
       event.preventDefault();

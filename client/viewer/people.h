@@ -1,0 +1,23 @@
+#pragma once
+// How the others of a session are named and coloured, as on the page (client/web/src/ui/people.ts, render/colours.ts).
+
+#include <cstdint>
+#include <string>
+
+#include "client/viewer/leaf_colours.h"
+#include "common/camera/camera.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::viewer {
+
+// What is sent as the client's name: at most 32 bytes of `name` without control characters; a program's own name if that is empty.
+std::string ownName(const std::string& name);
+// "Guest 7" if a program's name is all that is known.
+std::string nameOf(const wire::Member& member);
+std::string distanceText(double metres);  // "120 m", "3.4 km"
+Colour memberColour(std::uint64_t camera);
+
+// 60 m from somebody and 15 m above, on the side that one comes from, looking at them.
+camera::Pose beside(const camera::Pose& from, const camera::Pose& other);
+
+}  // namespace ridgecast::viewer
