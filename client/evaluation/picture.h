@@ -23,8 +23,8 @@ struct PictureOptions {
   bool remoteShaders = true;  // as FlyOptions
 };
 
-// Returns an exit code (exit.h). A terrain that this client does not know is drawn as the mesh in neutral colours. Progress and errors go to
-// stderr.
+// Returns an exit code (exit.h). A terrain that this client does not know is drawn as the mesh in neutral colours. Progress and errors go
+// to stderr.
 int picture(const PictureOptions& options);
 
 }  // namespace ridgecast::evaluation

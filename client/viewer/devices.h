@@ -24,8 +24,8 @@ struct Action {
 
 class Devices {
  public:
-  // Listens to the window as long as it lives. Passes every event on to the overlay. Performs actions at once, their keys are those of common/keys, within glfwPollEvents() or
-  // read(). Drags the divider.
+  // Listens to the window as long as it lives. Passes every event on to the overlay. Performs actions, by the keys of
+  // common/keys, at once: within glfwPollEvents() or read(). Drags the divider.
   Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::vector<Action> actions);
   ~Devices();
   Devices(const Devices&) = delete;

@@ -38,8 +38,8 @@ void shadowed(ImDrawList* list, ImVec2 at, const char* text) {
   list->AddText(at, IM_COL32_WHITE, text);
 }
 
-// A window of wrapped text; `pivot`: which of its points lies at `at`, in shares of its size. Scrolls by the wheel and by PageUp and PageDown if `height` is less than
-// it needs. Returns what the mouse can scroll.
+// A window of wrapped text; `pivot`: which of its points lies at `at`, in shares of its size. Scrolls by the wheel
+// and by PageUp and PageDown if `height` is less than it needs. Returns what the mouse can scroll.
 template <class Fill>
 Area box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, float height, ImGuiWindowFlags flags, const Fill& fill) {
   const ImGuiStyle& style = ImGui::GetStyle();

@@ -7,8 +7,8 @@
 //
 // A JSON line also has the fields that only machines want, such as "event" and "reason".
 //
-// Of refusals (lines with a reason) that say the same of one client's address and one session, one a minute is written; the next one says how many more there
-// were ("repeated"). Bound: 1,024 such lines are told apart.
+// Of refusals (lines with a reason) that say the same of one client's address and one session, one a minute is written; the next one says
+// how many more there were ("repeated"). Bound: 1,024 such lines are told apart.
 //
 // Any thread. Lines of one message are written at once.
 

@@ -23,8 +23,8 @@ namespace ridgecast::scheduling {
 namespace {
 
 constexpr std::size_t kMaxPosted = 1024;
-// A pool's tasks are long while one of its last took more than kLong, and short while none took more than kShort. The two lie apart: cameras
-// that are alike must not come to lie on both sides, for those that are served less fly farther meanwhile and take longer still.
+// A pool's tasks are long while one of its last took more than kLong, and short while none took more than kShort. The two lie apart:
+// cameras that are alike must not come to lie on both sides, for those that are served less fly farther meanwhile and take longer still.
 constexpr std::chrono::nanoseconds kLong = std::chrono::milliseconds(10), kShort = std::chrono::milliseconds(4), kUnknown = kLong * 3 / 2;
 
 std::chrono::nanoseconds threadCpuTime() {

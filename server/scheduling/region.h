@@ -1,8 +1,8 @@
 #pragma once
 // Parallel loops as threads see them: each hands out its work in its own way. Private to the room.
 //
-// A region lives on its caller's stack. Helpers join and leave it under the executor's lock, and the caller leaves only when the last helper
-// has left, so no helper ever sees a region that is gone.
+// A region lives on its caller's stack. Helpers join and leave it under the executor's lock, and the caller leaves only when the last
+// helper has left, so no helper ever sees a region that is gone.
 
 #include <algorithm>
 #include <atomic>

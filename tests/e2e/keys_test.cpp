@@ -1,5 +1,5 @@
-// The window at an X server without a screen, with keys that are really pressed: modes change what is shown, places can be typed, and whatever
-// ends a viewer ends it soon and with an exit code that says so.
+// The window at an X server without a screen, with keys that are really pressed: modes change what is shown, places can be typed, and
+// whatever ends a viewer ends it soon and with an exit code that says so.
 
 #include <gtest/gtest.h>
 
