@@ -118,8 +118,8 @@ class WindowTest : public testing::Test {
   int shots_ = 0;
 };
 
-// Means of the differences of two pictures of a size, 0..255, over the columns from `left` to `right` (0..1); without the lowest rows, where
-// words are.
+// Means of the differences of two pictures of a size, 0..255, over the columns from `left` to `right` (0..1); without the lowest rows,
+// where words are.
 struct Difference {
   double mean = 0, darker = 0, moved = 0;  // shares of pixels that are darker, or differ, by more than 24
 };
