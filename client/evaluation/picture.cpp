@@ -1,8 +1,7 @@
 #include "client/evaluation/picture.h"
 
-#include <stdlib.h>
-
 #include <cstdio>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <system_error>

@@ -72,7 +72,8 @@ WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
       return ending;
     }
     if (ends) break;
-    if ((ending.next = stream_.enteredWorld())) break;
+    ending.next = stream_.enteredWorld();
+    if (ending.next) break;
   }
   ending.pose = controls_.pose();
   ending.aboveGround = aboveGround();

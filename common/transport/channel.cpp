@@ -168,7 +168,7 @@ void Channel::startTls(const std::string& host, const std::string& ca, std::func
   asio::ip::make_address(host, ec);
   if (ec) SSL_set_tlsext_host_name(native, host.c_str());
   tls.set_verify_callback(ssl::host_name_verification(host), ec);
-  tls.async_handshake(ssl::stream_base::client, [body = body_, native, host, ca, done](error_code failed) {
+  tls.async_handshake(ssl::stream_base::client, [body = body_, native, host, ca, done = std::move(done)](error_code failed) {
     if (!failed) return done(std::nullopt);
     if (failed == asio::error::operation_aborted) return;
     const long verdict = SSL_get_verify_result(native);

@@ -65,7 +65,8 @@ Outcome<Grant> verifyJwt(std::string_view token, std::span<const Key> keys, Time
 
   Grant grant;
   const auto exp = claims.find("exp");
-  if (exp == claims.end() || !(grant.expires = timeOf(*exp))) return Error{"The token does not say when it expires."};
+  if (exp != claims.end()) grant.expires = timeOf(*exp);
+  if (!grant.expires) return Error{"The token does not say when it expires."};
   if (now >= *grant.expires) return Error{"The token has expired."};
   if (const auto nbf = claims.find("nbf"); nbf != claims.end()) {
     const auto begins = timeOf(*nbf);

@@ -53,7 +53,7 @@ std::string dumped(const Json& value) {
 
 // The same for people: no quotation marks around it, and those within, and backslashes, as they are.
 std::string plain(const Json& value) {
-  const std::string text = dumped(value);
+  std::string text = dumped(value);
   if (!value.is_string()) return text;
   std::string out;
   for (std::size_t k = 1; k + 1 < text.size(); ++k) {

@@ -34,8 +34,8 @@ std::optional<Answer> removal(const std::shared_ptr<Shared>& server, const Reque
   std::optional<std::uint64_t> camera;
   if (!session) return http::plain(404, "There is no session named '" + name.substr(0, 64) + "' here.");
   if (!rest.empty()) {
-    if (text::takePart(rest, '/') != "members" || !(camera = text::number<std::uint64_t>(rest)))
-      return http::plain(404, "What can be ended is /v1/sessions/NAME and /v1/sessions/NAME/members/ID.");
+    if (text::takePart(rest, '/') == "members") camera = text::number<std::uint64_t>(rest);
+    if (!camera) return http::plain(404, "What can be ended is /v1/sessions/NAME and /v1/sessions/NAME/members/ID.");
     if (!session->live().find(*camera)) return http::plain(404, "No member of session '" + name + "' has this number.");
   } else if (session = server->directory->remove(name); !session) {
     return http::plain(409, "The session '" + name + "' never ends; its members can be sent away one by one.");

@@ -156,8 +156,9 @@ terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& 
   origin.edge = options.edge == Edge::kConstant ? text::rounded(options.constant, 9) : kEdges.at(static_cast<std::size_t>(options.edge));
   if (header.epsg != 0) origin.crs = "EPSG:" + std::to_string(header.epsg);
   if (header.easting) {
-    origin.easting = *header.easting + shape.width / 2 * shape.pitch * lattice::kMetresPerStep;
-    origin.northing = *header.northing - shape.height / 2 * shape.pitch * lattice::kMetresPerStep;
+    const double half = shape.pitch * lattice::kMetresPerStep / 2;
+    origin.easting = *header.easting + (shape.width - 1) * half;
+    origin.northing = *header.northing - (shape.height - 1) * half;
   }
   return origin;
 }

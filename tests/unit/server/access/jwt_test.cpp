@@ -74,7 +74,7 @@ const std::string kCurveToken =
 class KeyFiles : public testing::Test {
  protected:
   std::filesystem::path file(const std::string& content) {
-    const auto path = folder_ / ("keys" + std::to_string(++files_));
+    std::filesystem::path path = folder_ / ("keys" + std::to_string(++files_));
     std::ofstream(path, std::ios::binary) << content;
     return path;
   }

@@ -17,7 +17,7 @@ const Time kNow{std::chrono::seconds(1'800'000'000)};
 class TokensTest : public testing::Test {
  protected:
   std::filesystem::path file(const std::string& text) {
-    const auto path = folder / ("file" + std::to_string(++files));
+    std::filesystem::path path = folder / ("file" + std::to_string(++files));
     std::ofstream(path) << text;
     return path;
   }

@@ -167,7 +167,7 @@ TEST_F(RasterFiles, aGeoTiffInEveryFormGivesItsHeightsAtItsPlace) {
 TEST_F(RasterFiles, SaysWhatWasUnderstoodOfAMap) {
   tiff("map.tif", {.keys = {1024, 1, 3072, 32632}, .sample = [](int x, int z) { return 2.0 * x + z; }});
   EXPECT_EQ(describe(*load(file("map.tif"), {"edge=mirror"})->raster()),
-            "50 x 40 samples, 30 m apart (1470 x 1170 m), 0 to 137 m high, EPSG:32632, middle at easting 500765, northing 4599385, "
+            "50 x 40 samples, 30 m apart (1470 x 1170 m), 0 to 137 m high, EPSG:32632, middle at easting 500750, northing 4599400, "
             "edge mirror");
   tiff("bare.tif", {.geographic = false, .sample = [](int, int) { return 3.5; }});
   EXPECT_EQ(describe(*load(file("bare.tif"), {"edge=-12.5"})->raster()),
