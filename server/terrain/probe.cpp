@@ -120,8 +120,9 @@ std::optional<int> asProbe(int argc, char** argv) {
   const auto seed = text::number<std::uint32_t>(argv[3]);
   if (!library || !seed) return 1;
   const std::uint64_t used = addressSpace(), most = used + kRoom;
-  const rlimit stack{kStack, kStack}, space{most, most};
+  const rlimit stack{kStack, kStack}, space{most, most}, none{0, 0};
   setrlimit(RLIMIT_STACK, &stack);
+  setrlimit(RLIMIT_FSIZE, &none);  // not before this: a sanitizer writes a file as the process begins
   if (used) setrlimit(RLIMIT_AS, &space);
   for (const int signal : {SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT, SIGXCPU}) std::signal(signal, SIG_DFL);  // not a sanitizer's
   tryAll(**library, *seed);
@@ -131,8 +132,8 @@ std::optional<int> asProbe(int argc, char** argv) {
 Outcome<void> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed, const std::filesystem::path& program,
                     const std::stop_token& stop, std::chrono::milliseconds time) {
   const auto error = [&](const std::string& what) { return Error{std::string(file) + ": " + what}; };
-  const auto end = runChild(program, {std::string(kFlag), library.string(), std::to_string(seed)},
-                            {.time = time, .memory = ~std::uint64_t{0}, .fileSize = 0}, stop);
+  const auto end =
+      runChild(program, {std::string(kFlag), library.string(), std::to_string(seed)}, {.time = time, .memory = ~std::uint64_t{0}}, stop);
   if (stop.stop_requested()) return error("stopped while its heights were tried");
   if (!end) return error("its heights cannot be tried: " + end.error().message);
   std::string_view said = end->output;
