@@ -16,6 +16,7 @@
 
 #include "common/wire/wire.h"
 #include "tests/support/flier.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
@@ -261,9 +262,7 @@ TEST_F(Hostile, MessagesOutOfPlace) {
 
 // Memory really runs out, under a limit of address space: cameras end, the server stays.
 TEST(HostileToMemory, WhatRunsOutEndsCamerasAndNotTheServer) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "the sanitizers need all address space";
-#endif
+  if (kSanitized) GTEST_SKIP() << "the sanitizers need all address space";
   ScratchFolder folder;
   const std::string program = folder / "server";
   std::ofstream(program) << "#!/bin/sh\nulimit -v 1000000\nexec " RIDGECAST_SERVER " \"$@\"\n";

@@ -17,6 +17,7 @@
 #include "common/wire/wire.h"
 #include "tests/support/quick_turn.h"
 #include "tests/support/relay.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
@@ -165,10 +166,12 @@ TEST_F(Neighbours, ClientsThatStopOrReadAByteASecondCostAFixedBound) {
   }
   const double peak = residentMib(server_->process().id());
   expectServed(during, before);
-  EXPECT_LT(peak, memory + 6 * 60);
+  EXPECT_TRUE(kSanitized || peak < memory + 6 * 60) << memory << " MiB, then " << peak;
   clients.clear();
   relays.clear();
-  const auto comesBack = [&] { return fly(500ms), residentMib(server_->process().id()) < memory + 0.5 * (peak - memory) + 30; };
+  const auto comesBack = [&] { 
+    return fly(500ms), kSanitized || residentMib(server_->process().id()) < memory + 0.5 * (peak - memory) + 30;
+  };
   EXPECT_TRUE(await(comesBack)) << residentMib(server_->process().id());
   RecordProperty("rate_before", std::to_string(before));
   RecordProperty("rate_during", std::to_string(during));
@@ -221,7 +224,7 @@ TEST_F(Neighbours, ClientsKilledInMidMessageAreForgotten) {
     relay.breakAll();
     fly(300ms);
   }
-  EXPECT_TRUE(await([&] { return fly(500ms), residentMib(server_->process().id()) < memory + 40; }))
+  EXPECT_TRUE(await([&] { return fly(500ms), kSanitized || residentMib(server_->process().id()) < memory + 40; }))
       << residentMib(server_->process().id());
   RecordProperty("mib_before_after", std::to_string(memory) + " " + std::to_string(residentMib(server_->process().id())));
 }

@@ -21,6 +21,7 @@
 
 #include "common/wire/wire.h"
 #include "tests/support/flier.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
@@ -30,12 +31,6 @@ namespace {
 
 using namespace std::chrono_literals;
 using namespace testing_support;
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true;  // a sanitizer's memory is not the server's
-#else
-constexpr bool kSanitized = false;
-#endif
 
 std::uint32_t fromEnvironment(const char* name, std::uint32_t otherwise) {
   const char* given = std::getenv(name);

@@ -24,6 +24,7 @@
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast {
@@ -38,11 +39,7 @@ using testing_support::kTimeout;
 
 std::size_t places() {
   const char* given = std::getenv("RIDGECAST_QUERY_PLACES");
-#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
-  return given ? std::strtoull(given, nullptr, 10) : 50'000;
-#else
-  return given ? std::strtoull(given, nullptr, 10) : 1'000'000;
-#endif
+  return given ? std::strtoull(given, nullptr, 10) : testing_support::kSanitized ? 50'000 : 1'000'000;
 }
 
 // A built-in terrain that no client knows: its name is another.
