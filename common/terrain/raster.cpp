@@ -149,4 +149,15 @@ Outcome<Tile> decodeTile(std::span<const std::uint8_t> bytes) {
   return tile;
 }
 
+void Raster::samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const {
+  Tile held;
+  for (std::int64_t j = z >> kTileBits; j <= (z + rows - 1) >> kTileBits; ++j)
+    for (std::int64_t i = x >> kTileBits; i <= (x + columns - 1) >> kTileBits; ++i) {
+      tile({i, j}, held);
+      for (std::int64_t b = std::max(z, j << kTileBits); b < std::min(z + rows, (j + 1) << kTileBits); ++b)
+        for (std::int64_t a = std::max(x, i << kTileBits); a < std::min(x + columns, (i + 1) << kTileBits); ++a)
+          out[(b - z) * columns + a - x] = held[static_cast<std::size_t>((b - (j << kTileBits)) * kTileSide + a - (i << kTileBits))];
+    }
+}
+
 }  // namespace ridgecast::terrain

@@ -57,6 +57,8 @@ class Raster {
   virtual const RasterShape& shape() const = 0;
   virtual RasterOrigin origin() const { return {}; }
   virtual void tile(TileAddress address, Tile& out) const = 0;
+  // Samples [x, x + columns) x [z, z + rows), each at most kTileSide, along x first. Here by way of tiles.
+  virtual void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const;
 };
 
 // The sample before a coordinate, and the steps from it to the coordinate, 0..pitch - 1.

@@ -1,10 +1,11 @@
 #pragma once
 // The mesh of a box: covers it exactly and keeps a vertical error in metres, for any viewpoint.
 //
-// The box's sides are divided first, each as a line. Then points are inserted where triangles are worst (Garland and Heckbert 1995, in
-// batches) until no triangle's few candidates exceed the error. Then every triangle is sampled densely and what exceeds the error is
-// inserted, until nothing does. Vertices lie on the coarsest lattice that costs at most a sixteenth of the error. The result depends only
-// on terrain, box and error, not on threads.
+// Each height is asked for once, on a grid in memory (samples.h), and triangles are judged by it as often as they change (judge.h). The
+// box's sides are divided first, each as a line. Then the worst points are inserted (Garland and Heckbert 1995): one by one while triangles
+// are few, then in sweeps, region by region and side by side. At last every triangle is proven against all samples and what may lie between
+// them; what does not pass gets a vertex, or finer samples where those at hand cannot tell. Vertices' heights lie on the coarsest lattice
+// that costs at most a sixteenth of the error. The result depends only on terrain, box and error, not on threads.
 
 #include <chrono>
 #include <cstdint>
@@ -23,13 +24,15 @@ namespace ridgecast::box {
 struct Box {
   lattice::Point low, high;  // steps, low < high
   double error = 1;          // metres
-  bool rough = false;        // without the dense samples: shows only about how many triangles it takes
+  bool rough = false;        // without the proof: shows only about how many triangles it takes
 };
 
 struct BoxMesh {
   std::vector<mesh::LeafMesh> leaves;  // all of one level, canonical, none empty
   lattice::Point low, high;            // the covered area: the box, widened to the vertices' lattice (by at most a quarter of the error)
-  double error = 0;                    // metres: the largest found on `samples` points, at most the requested one
+  double error = 0;                    // metres, with what may lie between samples; at most the requested one
+  bool proven = false;  // by the posts of a height map; otherwise measured: samples bound what lies between them, by experience
+  double spacing = 0;   // metres between samples where they are farthest apart
   std::uint64_t samples = 0;
   std::uint32_t triangles = 0;
 };

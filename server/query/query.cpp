@@ -86,9 +86,9 @@ std::int64_t ceilTo(std::int64_t v, std::int64_t spacing) { return (v + spacing 
 
 }  // namespace
 
-float deviation(const terrain::Terrain& terrain, const mesh::LeafMesh& leaf, int fineness) {
+float deviation(const terrain::Terrain& terrain, const mesh::LeafMesh& leaf) {
   if (leaf.triangles.empty()) return 0;
-  const std::int64_t spacing = std::max<std::int64_t>(32, leaf.address.side() >> fineness);  // a power of two
+  const std::int64_t spacing = std::max<std::int64_t>(32, leaf.address.side() >> 6);  // a power of two
   const lattice::Step cornerX = leaf.address.x(), cornerZ = leaf.address.z();
   Comparison comparison(terrain);
   for (const mesh::LocalVertex& v : leaf.vertices) comparison.add(cornerX + v.x, cornerZ + v.z, v.y * lattice::kMetresPerStep, false);

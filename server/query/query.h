@@ -28,9 +28,9 @@ class Answering {
   wire::Answer answer_;
 };
 
-// The largest vertical distance in metres between the true terrain and the leaf's triangles. Sampled on a grid of 1/2^fineness of the
-// leaf's side (at least 1/8 m) over each triangle and at its centre and corners. Adds half the difference of neighbouring samples for what
+// The largest vertical distance in metres between the true terrain and the leaf's triangles. Sampled on a grid of 1/64 of the leaf's
+// side (at least 1/8 m) over each triangle and at its centre and corners. Adds half the difference of neighbouring samples for what
 // lies between them. 0 for an empty leaf.
-float deviation(const terrain::Terrain& terrain, const mesh::LeafMesh& leaf, int fineness = 6);
+float deviation(const terrain::Terrain& terrain, const mesh::LeafMesh& leaf);
 
 }  // namespace ridgecast::query

@@ -9,19 +9,15 @@
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/box/box_mesh.h"
-#include "server/query/query.h"
 
 namespace ridgecast::session {
 
 namespace {
 
-constexpr double kInside = 0.65;     // of the error: the mesher's share; the rest is for what its samples missed
-constexpr int kTries = 4;            // with smaller shares, where the check finds more
 constexpr double kMostError = 100;   // metres, of a question
 constexpr double kCoarser = 3;       // times what was reached: tried where that does not fit
 constexpr double kUnknown = 8;       // times the error: the same where nothing was reached
-constexpr double kTrial = 0.7;       // of the mesher's share: if it fits in a rough mesh, the whole error fits
-constexpr int kFineness = 8;         // of the check of the result: 1/256 of a leaf's side
+constexpr double kTrial = 0.6;       // of the error: if that fits in a rough mesh, the whole error fits in a proven one
 constexpr std::size_t kAtATime = 4;  // leaves between two looks at the clock: about ten milliseconds
 
 // Keeps the triangles whose bounding box touches the circle.
@@ -45,20 +41,13 @@ void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
 struct Grounds::Work {
   wire::AskGround ask;
   box::Watch watch;
-  double error = 0;        // metres: more than asked for in trials of what fits
-  double share = kInside;  // of the error, the mesher's
-  int tries = 1;
+  double error = 0;                       // metres: more than asked for in trials of what fits
   std::unique_ptr<box::Meshing> meshing;  // then there are leaves
   std::vector<mesh::LeafMesh> leaves;
-  std::size_t measured = 0, encoded = 0;  // of the leaves
-  wire::Ground ground;                    // its leaves stand beside `leaves`
+  std::size_t encoded = 0;  // of the leaves
+  wire::Ground ground;      // its leaves stand beside `leaves`
 
   bool isTrial() const { return error > ask.error; }
-  void restart() {
-    leaves.clear();
-    ground.leaves.clear();
-    measured = 0;
-  }
 };
 
 Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue,
@@ -126,18 +115,12 @@ std::optional<wire::Ground> Grounds::turn(Work& work) const {
                              " s, because the server is busy; ask again later, or for a larger error or a smaller radius.");
   if (work.leaves.empty()) return mesh(work, until);
   auto& leaves = work.ground.leaves;
-  if (!eachLeaf(work, work.measured, until, [&](std::size_t k) {
-        trim(work.leaves[k], work.ask.at, work.ask.radius * lattice::kStepsPerMetre);
-        leaves[k].error = query::deviation(*terrain_, work.leaves[k], kFineness);
-      }))
-    return {};
-  work.ground.error = static_cast<double>(std::ranges::max(leaves, {}, &wire::LeafWhole::error).error);
-  if (work.ground.error > work.ask.error) return again(work);
   if (!eachLeaf(work, work.encoded, until, [&](std::size_t k) {
-        const mesh::LeafMesh& leaf = work.leaves[k];
+        mesh::LeafMesh& leaf = work.leaves[k];
+        trim(leaf, work.ask.at, work.ask.radius * lattice::kStepsPerMetre);
         if (leaf.triangles.empty()) return;
         leaves[k] = {leaf.address, static_cast<std::uint32_t>(leaf.vertices.size()), static_cast<std::uint32_t>(leaf.triangles.size()),
-                     codec::encodeLeaf(leaf), leaves[k].error};
+                     codec::encodeLeaf(leaf), static_cast<float>(work.ground.error)};
       }))
     return {};
   std::erase_if(leaves, [](const wire::LeafWhole& leaf) { return leaf.triangles == 0; });
@@ -153,7 +136,7 @@ std::optional<wire::Ground> Grounds::mesh(Work& work, Clock::time_point until) c
     const lattice::Point at = work.ask.at;
     const box::Box box{{within(at.x - reach), within(at.z - reach)},
                        {within(at.x + reach), within(at.z + reach)},
-                       work.share * work.error,
+                       work.isTrial() ? kTrial * work.error : work.error,
                        work.isTrial()};
     work.meshing = std::make_unique<box::Meshing>(*terrain_, box, triangleBudget_, queue_->pool(), work.watch);
   }
@@ -164,26 +147,17 @@ std::optional<wire::Ground> Grounds::mesh(Work& work, Clock::time_point until) c
   if (*made) {
     work.leaves = std::move((*made)->leaves);
     work.ground.leaves.resize(work.leaves.size());
+    work.ground.error = (*made)->error;
   } else if (made->error().kind == box::Problem::Kind::kTooMuch) {
     return coarser(work, made->error().error);
   }
   return {};  // out of time: the next turn says so
 }
 
-// The check found more than the mesher did: a smaller share.
-std::optional<wire::Ground> Grounds::again(Work& work) const {
-  if (work.tries++ == kTries) return coarser(work, work.ground.error);
-  work.share *= std::clamp(0.9 * work.ask.error / work.ground.error, 0.25, 0.9);
-  work.restart();
-  return {};
-}
-
 // The error does not fit: looks for one that does.
 std::optional<wire::Ground> Grounds::coarser(Work& work, double reached) const {
   if (work.error >= kMostError) return unfit(work, "");
   work.error = std::min(kMostError, std::max(kCoarser * reached, (reached > 0 ? 1.5 : kUnknown) * work.error));
-  work.share = kTrial * kInside;
-  work.restart();
   return {};
 }
 

@@ -1,6 +1,6 @@
 #pragma once
 // The ground around points, independent of the member's camera: a mesh of the square around the circle (server/box/box_mesh.h), of which
-// the triangles over the circle are sent. Every leaf's error is measured; what is sent keeps the requested one. If no mesh does, the answer
+// the triangles over the circle are sent. Every leaf carries the error that the mesh keeps, at most the requested one. If no mesh does, the answer
 // names an error that fits by a rough trial. That depends on terrain and triangles alone: the same question gets the same answer, or on a
 // busy server none in time.
 //
@@ -46,7 +46,6 @@ class Grounds final : public PlaceQueue::Worker, public std::enable_shared_from_
   // Some milliseconds of work; returns the answer, if it is the last.
   std::optional<wire::Ground> turn(Work& work) const;
   std::optional<wire::Ground> mesh(Work& work, Clock::time_point until) const;
-  std::optional<wire::Ground> again(Work& work) const;
   // From the leaf `done` on. False: the turn is over and some are left.
   bool eachLeaf(const Work& work, std::size_t& done, Clock::time_point until, const std::function<void(std::size_t)>& body) const;
   std::optional<wire::Ground> coarser(Work& work, double reached) const;

@@ -146,7 +146,13 @@ Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limit
   out.origin = box->low;
   out.extras = {{"of", "box"},
                 {"box", {{"x0", metres(box->low.x)}, {"z0", metres(box->low.z)}, {"x1", metres(box->high.x)}, {"z1", metres(box->high.z)}}},
-                {"error", {{"unit", "metres"}, {"asked", of.error}, {"kept", box->error}, {"samples", box->samples}}}};
+                {"error",
+                 {{"unit", "metres"},
+                  {"asked", of.error},
+                  {"kept", box->error},
+                  {"known", box->proven ? "proven" : "measured"},
+                  {"spacing", box->spacing},
+                  {"samples", box->samples}}}};
   return out;
 }
 

@@ -51,32 +51,33 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
     for (std::size_t k = 0; k < out.size(); ++k) {
       const terrain::Between bx = terrain::between(x[k], shape_.originX, shape_.pitch),
                              bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
-      gather(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
+      samples(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
       out[k] = terrain::cubicHeight(around, bx.steps, bz.steps, shape_.pitch);
     }
   }
 
   void tile(terrain::TileAddress address, terrain::Tile& out) const override {
-    gather(address.i * kTileSide, address.j * kTileSide, kTileSide, kTileSide, out.data());
+    samples(address.i * kTileSide, address.j * kTileSide, kTileSide, kTileSide, out.data());
   }
-
- private:
-  // At most kTileSide columns.
-  void gather(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const {
+  void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const override {
+    const Samples& held = map_->samples;
+    if (x >= 0 && z >= 0 && x + columns <= std::int64_t{held.width()} && z + rows <= std::int64_t{held.height()}) {
+      for (std::int32_t j = 0; j < rows; ++j, out += columns)
+        std::copy_n(&held.at(static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(z + j)), columns, out);
+      return;
+    }
     std::array<std::optional<std::uint32_t>, kTileSide> column;
-    const Samples& samples = map_->samples;
-    const bool inside = x >= 0 && x + columns <= std::int64_t{samples.width()};
-    if (!inside)
-      for (std::int32_t k = 0; k < columns; ++k) column[static_cast<std::size_t>(k)] = folded(x + k, samples.width(), map_->edge);
+    for (std::int32_t k = 0; k < columns; ++k) column[static_cast<std::size_t>(k)] = folded(x + k, held.width(), map_->edge);
     for (std::int32_t j = 0; j < rows; ++j) {
-      const auto row = folded(z + j, samples.height(), map_->edge);
+      const auto row = folded(z + j, held.height(), map_->edge);
       for (std::int32_t k = 0; k < columns; ++k) {
-        const auto at = inside ? static_cast<std::uint32_t>(x + k) : column[static_cast<std::size_t>(k)];
-        *out++ = row && at ? samples.at(*at, *row) : map_->constant;
+        const auto at = column[static_cast<std::size_t>(k)];
+        *out++ = row && at ? held.at(*at, *row) : map_->constant;
       }
     }
   }
 
+ private:
   std::string name_, source_;
   std::uint32_t seed_;
   std::shared_ptr<const Map> map_;

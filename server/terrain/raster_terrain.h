@@ -32,7 +32,7 @@ class Samples {
   Samples(Samples&& other) noexcept;
   Samples& operator=(Samples&&) = delete;
   std::span<std::int32_t> row(std::uint32_t z) { return {data_ + std::size_t{width_} * z, width_}; }
-  std::int32_t at(std::uint32_t x, std::uint32_t z) const { return data_[std::size_t{width_} * z + x]; }
+  const std::int32_t& at(std::uint32_t x, std::uint32_t z) const { return data_[std::size_t{width_} * z + x]; }
   std::uint32_t width() const { return width_; }
   std::uint32_t height() const { return height_; }
   std::uint64_t bytes() const { return std::uint64_t{width_} * height_ * sizeof(std::int32_t); }

@@ -46,6 +46,7 @@ Report screening(const Options&);
 Report iteration(const Options&);
 Report threads(const Options&);
 Report greedy(const Options&);
+Report box(const Options&);
 Report error(const Options&);
 Report soak(const Options&);
 Report heights(const Options&);

@@ -32,6 +32,7 @@ const Entry kEntries[] = {
     {"iteration", "whole iterations of a moving and of a hovering camera", iteration},
     {"threads", "two threads against one on a moving camera", threads},
     {"greedy", "triangles against greedy insertion for the same error on a square", greedy},
+    {"box", "the mesh of a box against greedy insertion over a height map", box},
     {"error", "the error on screen, measured by rays, against what was asked for", error},
     {"cameras", "many cameras on one server, real sockets, this machine", cameras},
     {"snapshot", "iterations of cameras beside people who ask for snapshots", snapshot},

@@ -1,0 +1,49 @@
+#pragma once
+// How far a triangle is from the terrain, judged by samples in memory.
+//
+// In a cell the grid stands for a bilinear surface, off the terrain by at most `slack`. The difference between it and a triangle is greatest
+// at a sample inside, or where the triangle's edge crosses a line of the grid, so those are looked at, with slack: whoever passes keeps the
+// error everywhere. The sides of the box are looked at too, but hold no other points than those they were divided at, so that adjoining
+// boxes share them.
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "server/box/samples.h"
+#include "server/triangulation/triangulation.h"
+
+namespace ridgecast::box {
+
+struct Worst {               // without initialisers: most of an array of them is never touched
+  float error;               // metres, with slack
+  triangulation::Point2 at;  // where a vertex mends it
+  bool admissible;           // false: nowhere in the triangle
+};
+
+class Judge {
+ public:
+  // `error` in metres.
+  Judge(const Samples& samples, triangulation::Point2 low, triangulation::Point2 high, float error)
+      : samples_(samples), low_(low), high_(high), error_(error) {}
+
+  // Some hundred samples at most, spread evenly, without slack: where to insert first.
+  Worst glance(const std::array<triangulation::Vertex, 3>& corners) const;
+  // All samples and crossings. `tooCoarse` receives the blocks that must be refined before it holds: then ask about each.
+  Worst verdict(const std::array<triangulation::Vertex, 3>& corners, std::vector<Block>& tooCoarse) const;
+  Worst verdict(const std::array<triangulation::Vertex, 3>& corners, const Block& refined, std::vector<Block>& tooCoarse) const;
+
+ private:
+  struct Shape;
+  struct Search;
+  void look(std::size_t tile, const Shape& shape, Search& search) const;
+  void rows(const Tile& tile, const Shape& shape, int strideBits, Search& search) const;
+  void crossings(const Tile& tile, const Shape& shape, Search& search) const;
+  Worst finish(const Shape& shape, const Search& search) const;
+
+  const Samples& samples_;
+  const triangulation::Point2 low_, high_;  // of the box
+  const float error_;
+};
+
+}  // namespace ridgecast::box

@@ -1,0 +1,95 @@
+#pragma once
+// Heights over an area, each asked of the terrain once: square tiles of a grid, coarse at first, and finer where refine() is told so.
+//
+// Between its points the grid stands for the surface that is bilinear in each cell. `slack` bounds how far the terrain is from it: for a
+// height map by the second differences of its posts, which bound the curvature of the bicubic between them; for a formula by the second
+// differences of the samples around, with a margin, which is a measurement and no proof.
+//
+// Frame: units of 2^unitBits steps, relative to an anchor, as the mesh's points; heights in metres. One thread at a time, but for fill().
+
+#include <compare>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "common/terrain/terrain.h"
+#include "server/triangulation/predicates.h"
+
+namespace ridgecast::box {
+
+// The units of a mesh's points.
+struct Frame {
+  lattice::Point anchor;
+  int unitBits = 0;
+  lattice::Point global(triangulation::Point2 p) const {
+    return {anchor.x + (lattice::Step{p.x} << unitBits), anchor.z + (lattice::Step{p.z} << unitBits)};
+  }
+  triangulation::Point2 local(lattice::Point p) const {
+    return {static_cast<std::int32_t>((p.x - anchor.x) >> unitBits), static_cast<std::int32_t>((p.z - anchor.z) >> unitBits)};
+  }
+};
+
+// A square of samples. Where a block of 4 x 4 cells is refined, a tile of 8 x 8 covers it.
+struct Tile {
+  static constexpr int kBlockBits = 2;
+
+  triangulation::Point2 corner;
+  std::int32_t bits, cellBits;       // its samples are 2^bits units apart, and 2^cellBits + 1 along a side
+  std::vector<float> height, slack;  // metres, along x first
+  std::vector<std::int32_t> finer;   // by block: another tile, or negative; empty: no block is refined
+  std::int32_t cells() const { return 1 << cellBits; }
+  std::int32_t across() const { return cells() + 1; }
+  std::int32_t blocks() const { return cells() >> kBlockBits; }  // along a side
+  std::int32_t side() const { return cells() << bits; }          // units
+  std::size_t index(std::int32_t i, std::int32_t j) const { return static_cast<std::size_t>(j * across() + i); }
+  std::size_t block(std::int32_t i, std::int32_t j) const { return static_cast<std::size_t>(j * blocks() + i); }
+};
+struct Block {
+  std::size_t tile = 0, block = 0;
+  friend constexpr auto operator<=>(const Block&, const Block&) = default;
+};
+
+class Samples {
+ public:
+  static constexpr int kCellBits = 5;  // of the tiles at first
+
+  // Covers low..high with samples 2^bits units apart.
+  Samples(const terrain::Terrain& terrain, const Frame& frame, triangulation::Point2 low, triangulation::Point2 high, int bits);
+
+  std::size_t size() const { return tiles_.size(); }  // tiles
+  std::uint64_t count() const { return count_; }      // heights
+  const Tile& operator[](std::size_t k) const { return *tiles_[k]; }
+  lattice::Step spacing() const { return lattice::Step{1} << (bits_ + frame_.unitBits); }  // steps, at first
+  bool proves() const;                                                                     // slack is a proof everywhere
+  void fill(std::size_t tile);      // asks for its heights; different tiles at the same time
+  void refine(const Block& block);  // half the spacing, in a tile at the end, to be filled; bits > 0
+
+  // f(tile) for the first tiles that meet low..high.
+  template <class F>
+  void forEach(triangulation::Point2 low, triangulation::Point2 high, F&& f) const {
+    const int shift = bits_ + kCellBits;
+    const auto clamped = [](std::int32_t v, std::int32_t most) { return v < 0 ? 0 : v >= most ? most - 1 : v; };
+    const std::int32_t i1 = clamped((high.x - first_.x) >> shift, across_), j1 = clamped((high.z - first_.z) >> shift, down_);
+    for (std::int32_t j = clamped((low.z - first_.z - 1) >> shift, down_); j <= j1; ++j)
+      for (std::int32_t i = clamped((low.x - first_.x - 1) >> shift, across_); i <= i1; ++i)
+        f(static_cast<std::size_t>(j) * static_cast<std::size_t>(across_) + static_cast<std::size_t>(i));
+  }
+
+ private:
+  void add(triangulation::Point2 corner, int bits, int cellBits);
+  void measure(Tile& tile) const;  // slack
+  void prove(Tile& tile) const;
+
+  const terrain::Terrain& terrain_;
+  const terrain::Raster* const map_;
+  const Frame frame_;
+  triangulation::Point2 first_;
+  int bits_;
+  std::int32_t across_, down_;
+  std::vector<std::unique_ptr<Tile>> tiles_;
+  std::uint64_t count_ = 0;
+};
+
+}  // namespace ridgecast::box
