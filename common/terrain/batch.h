@@ -1,13 +1,13 @@
-// The loop over points around a terrain function. No include guard and no other header: included inside the terrain's namespace, after
-// prelude.glsl and the terrain, by the translation units of the built-in terrains and, as text, by those of a person's own file.
+// The loop over points around a terrain function. No include guard and no other header: included inside the terrain's namespace or struct,
+// after prelude.glsl and the terrain, by the translation units of the built-in terrains and, as text, by those of a person's own file.
 // RIDGECAST_STEPS_LEFT, when defined, is a counter that the terrain's loops run down (server/terrain/translate.h); it is wound up for
 // every point, and a point at which it ran out gets kOutOfSteps instead of a height.
 
-constexpr int kBlock = 256;  // points; the scratch arrays stay in the first-level cache
-constexpr int kLanes = 16;   // blocks are padded to whole vectors of the widest variant
-constexpr int kCellBits = 20;
-constexpr uint kInCell = (1u << kCellBits) - 1u;
-constexpr float kStepOfCell = 1.0f / (1 << kCellBits);
+static constexpr int kBlock = 256;  // points; the scratch arrays stay in the first-level cache
+static constexpr int kLanes = 16;   // blocks are padded to whole vectors of the widest variant
+static constexpr int kCellBits = 20;
+static constexpr uint kInCell = (1u << kCellBits) - 1u;
+static constexpr float kStepOfCell = 1.0f / (1 << kCellBits);
 
 // One block, as a structure of arrays. `flatten` inlines the whole terrain function, which is what lets the loop become vector code; a
 // function of its own with unaliased pointers and an int for a counter is what g++ 12 needs to see that it may.

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
+#include <utility>
 
 #include "common/terrain/embedded.h"
 #include "common/terrain/variants.h"
@@ -14,9 +16,9 @@ namespace {
 constexpr std::uint64_t kLatticeVersion = 1;
 
 const std::array<Description, kBuiltIns> kBuiltIn = {
-    {{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow", embedded::alpine},
-     {"canyon", "a plateau of layered rock, cut into mesas, terraces and gorges", embedded::canyon},
-     {"archipelago", "wooded islands with hills, dunes and beaches in a shallow sea", embedded::archipelago}}};
+    {{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow", embedded::alpine, 2},
+     {"canyon", "a plateau of layered rock, cut into mesas, terraces and gorges", embedded::canyon, 1},
+     {"archipelago", "wooded islands with hills, dunes and beaches in a shallow sea", embedded::archipelago, 1}}};
 
 std::vector<Variant> usableVariants() {
   std::vector<Variant> usable{baselineVariant()};
@@ -32,19 +34,30 @@ std::vector<Variant> usableVariants() {
 
 class BuiltIn final : public Terrain {
  public:
-  BuiltIn(std::size_t index, std::uint32_t seed) : index_(index), seed_(seed), heights_(variants().back().terrain[index].heights) {}
+  BuiltIn(std::size_t index, std::uint32_t seed, Parameters parameters)
+      : index_(index), seed_(seed), parameters_(std::move(parameters)), functions_(variants().back().terrain[index]) {
+    assert(parameters_.values.empty() || parameters_.values.size() == kBuiltIn[index].parameters);
+  }
   std::string_view name() const override { return kBuiltIn[index_].name; }
-  std::string_view source() const override { return kBuiltIn[index_].source; }
+  std::string_view source() const override { return parameters_.values.empty() ? kBuiltIn[index_].source : parameters_.source; }
   std::uint32_t seed() const override { return seed_; }
-  Colours colours() const override { return asColours(variants().back().terrain[index_].colours); }
+  Colours colours() const override {
+    return [f = functions_.colours, values = parameters_.values](const lattice::Step* x, const lattice::Step* z, const float* height,
+                                                                 const std::array<float, 3>* normal, float footprint,
+                                                                 std::array<float, 3>* out, std::size_t count, std::uint32_t seed) {
+      f(x, z, height, normal->data(), footprint, out->data(), count, seed, orNull(values));
+    };
+  }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
-    heights_(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}), seed_);
+    functions_.heights(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}), seed_, orNull(parameters_.values));
   }
 
  private:
+  static const float* orNull(const std::vector<float>& values) { return values.empty() ? nullptr : values.data(); }
   std::size_t index_;
   std::uint32_t seed_;
-  HeightsFunction heights_;
+  Parameters parameters_;
+  Functions functions_;
 };
 
 std::int32_t toSteps(float metres) {
@@ -80,9 +93,9 @@ double Terrain::height(lattice::Point p) const { return heightStep(p) * lattice:
 
 std::span<const Description> builtIn() { return kBuiltIn; }
 
-Outcome<std::shared_ptr<const Terrain>> create(std::string_view name, std::uint32_t seed) {
+Outcome<std::shared_ptr<const Terrain>> create(std::string_view name, std::uint32_t seed, Parameters parameters) {
   for (std::size_t i = 0; i < kBuiltIn.size(); ++i)
-    if (name == kBuiltIn[i].name) return std::shared_ptr<const Terrain>(std::make_shared<BuiltIn>(i, seed));
+    if (name == kBuiltIn[i].name) return std::shared_ptr<const Terrain>(std::make_shared<BuiltIn>(i, seed, std::move(parameters)));
   std::string names;
   for (const Description& d : kBuiltIn) names.append(names.empty() ? "" : ", ").append(d.name);
   return Error{"there is no terrain \"" + std::string(name.substr(0, 64)) + "\"; there is: " + names};

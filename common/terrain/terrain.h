@@ -53,11 +53,18 @@ struct Description {
   std::string_view name;
   std::string_view summary;  // one line for people
   std::string_view source;   // the GLSL text
+  std::size_t parameters;    // how many the text declares
 };
 std::span<const Description> builtIn();
 
+// Other values of a built-in terrain's parameters, in the order of the file, and its text with them. Empty: the file's own.
+struct Parameters {
+  std::vector<float> values;  // Description::parameters of them
+  std::string source;
+};
+
 // Error: unknown name; the message lists the names there are.
-Outcome<std::shared_ptr<const Terrain>> create(std::string_view name, std::uint32_t seed);
+Outcome<std::shared_ptr<const Terrain>> create(std::string_view name, std::uint32_t seed, Parameters parameters = {});
 
 // A hash of source text, seed and lattice version: equal for equal worlds.
 std::uint64_t contentHash(const Terrain& terrain);

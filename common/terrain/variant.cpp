@@ -14,21 +14,38 @@ namespace {
 #include "common/terrain/glsl_as_cpp.h"
 #include "common/terrain/prelude.glsl"
 
-namespace alpine {
+// A terrain is a struct: the file's constants are members with their defaults, its parameters among them, so that one code serves all
+// their values.
+struct Alpine {
 #include "common/terrain/alpine.glsl"
 #include "common/terrain/batch.h"
-}  // namespace alpine
-namespace canyon {
+};
+struct Canyon {
 #include "common/terrain/canyon.glsl"
 
 #include "common/terrain/batch.h"
-}  // namespace canyon
-namespace archipelago {
+};
+struct Archipelago {
 #include "common/terrain/archipelago.glsl"
 
 #include "common/terrain/batch.h"
-}  // namespace archipelago
-static_assert(alpine::kCellBits == lattice::kCellBits);
+};
+static_assert(Alpine::kCellBits == lattice::kCellBits);
+
+// In the order of the file; null: the file's own.
+Alpine alpine(const float* p) { return p ? Alpine{.snowLine = p[0], .treeLine = p[1]} : Alpine{}; }
+Canyon canyon(const float* p) { return p ? Canyon{.riverLevel = p[0]} : Canyon{}; }
+Archipelago archipelago(const float* p) { return p ? Archipelago{.heathLine = p[0]} : Archipelago{}; }
+
+template <auto kMake>
+void heights(const lattice::Step* x, const lattice::Step* z, float* out, std::size_t count, std::uint32_t seed, const float* parameters) {
+  kMake(parameters).heights(x, z, out, count, seed);
+}
+template <auto kMake>
+void colours(const lattice::Step* x, const lattice::Step* z, const float* height, const float* normal, float footprint, float* out,
+             std::size_t count, std::uint32_t seed, const float* parameters) {
+  kMake(parameters).colours(x, z, height, normal, footprint, out, count, seed);
+}
 
 }  // namespace
 }  // namespace RIDGECAST_VARIANT
@@ -41,7 +58,7 @@ static_assert(alpine::kCellBits == lattice::kCellBits);
 Variant RIDGECAST_JOIN(RIDGECAST_VARIANT, Variant)() {
   using namespace RIDGECAST_VARIANT;
   return {{RIDGECAST_TEXT(RIDGECAST_VARIANT), sizeof(RIDGECAST_TEXT(RIDGECAST_VARIANT)) - 1},
-          {{{&alpine::heights, &alpine::colours}, {&canyon::heights, &canyon::colours}, {&archipelago::heights, &archipelago::colours}}}};
+          {{{&heights<alpine>, &colours<alpine>}, {&heights<canyon>, &colours<canyon>}, {&heights<archipelago>, &colours<archipelago>}}}};
 }
 
 }  // namespace ridgecast::terrain

@@ -19,9 +19,12 @@ using HeightsFunction = void (*)(const lattice::Step* x, const lattice::Step* z,
 using ColoursFunction = void (*)(const lattice::Step* x, const lattice::Step* z, const float* height, const float* normal, float footprint,
                                  float* out, std::size_t count, std::uint32_t seed);
 
+// A built-in terrain: the same with its parameters' values, in the order of the file; null: the file's own.
 struct Functions {
-  HeightsFunction heights;
-  ColoursFunction colours;
+  void (*heights)(const lattice::Step* x, const lattice::Step* z, float* out, std::size_t count, std::uint32_t seed,
+                  const float* parameters);
+  void (*colours)(const lattice::Step* x, const lattice::Step* z, const float* height, const float* normal, float footprint, float* out,
+                  std::size_t count, std::uint32_t seed, const float* parameters);
 };
 
 inline constexpr std::size_t kBuiltIns = 3;

@@ -88,8 +88,20 @@ std::vector<std::filesystem::path> filesOf(const std::filesystem::path& folder) 
   return out;
 }
 
+Outcome<std::shared_ptr<const terrain::Terrain>> loadBuiltIn(const terrain::Description& d, const Request& request) {
+  if (request.parameters.empty()) return terrain::create(d.name, request.seed);
+  const std::string file = std::string(d.name) + ".glsl";
+  const auto declaration = readDeclaration(file, d.source);
+  if (!declaration) return declaration.error();
+  auto text = withParameters(file, d.source, *declaration, request.parameters);
+  if (!text) return text.error();
+  const auto changed = readDeclaration(file, *text);
+  if (!changed) return changed.error();
+  auto values = valuesOf(*text, *changed);
+  return terrain::create(d.name, request.seed, {std::move(values), std::move(*text)});
+}
+
 Outcome<Source> find(const Request& request) {
-  if (const auto* d = builtIn(request.terrain)) return Source{std::string(d->name), std::string(d->name) + ".glsl", std::string(d->source)};
   const std::filesystem::path file = fileOf(request);
   if (file.empty()) {
     std::string names;
@@ -164,7 +176,7 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
 Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain, const std::stop_token& stop) {
   if (request.raster != RasterOptions() && !isRasterName(request.terrain))
     return Error{"--raster sets options of height maps; terrain \"" + request.terrain.substr(0, 64) + "\" takes --param NAME=NUMBER"};
-  if (builtIn(request.terrain) && request.parameters.empty()) return terrain::create(request.terrain, request.seed);
+  if (const auto* d = builtIn(request.terrain)) return loadBuiltIn(*d, request);
   if (isRasterName(request.terrain)) {
     if (!request.parameters.empty()) return Error{"--param sets parameters of GLSL terrains; a height map takes --raster NAME=VALUE"};
     return loadRaster(request.terrain, request.raster, request.seed);

@@ -23,7 +23,7 @@ namespace ridgecast::user_terrain {
 struct Request {
   std::string terrain = "alpine";      // a built-in name, a name in `folder`, or a path that ends in .glsl, .tif, .png, .r16 or .raw
   std::filesystem::path folder;        // of terrain files, NAME.glsl each; empty: none
-  std::vector<Assignment> parameters;  // with parameters, a built-in terrain is compiled like a file
+  std::vector<Assignment> parameters;  // other values than the file's
   RasterOptions raster;                // of a height map
   std::filesystem::path cache;         // empty: the user's own, see Cache::open
   std::string variant;                 // "baseline", "avx2", "avx512"; empty: the best for this machine

@@ -129,6 +129,14 @@ Outcome<std::string> withParameters(std::string_view file, std::string_view text
   return {boost::system::in_place_value, std::move(out)};
 }
 
+std::vector<float> valuesOf(std::string_view text, const Declaration& declaration) {
+  std::vector<float> out;
+  for (const Parameter& p : declaration.parameters)
+    // From the text, as compilers read it: a double between would be rounded twice.
+    std::from_chars(text.data() + p.begin, text.data() + p.end, out.emplace_back());
+  return out;
+}
+
 std::string describe(const Parameter& p) {
   return p.name + " = " + shortNumber(p.value) + (p.unit.empty() ? "" : " " + p.unit) + " (" + shortNumber(p.least) + ".." +
          shortNumber(p.most) + "): " + p.summary;

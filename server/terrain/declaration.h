@@ -39,6 +39,9 @@ Outcome<Declaration> readDeclaration(std::string_view file, std::string_view tex
 Outcome<std::string> withParameters(std::string_view file, std::string_view text, const Declaration& declaration,
                                     const std::vector<Assignment>& assignments);
 
+// The values that a text gives its parameters: the literals as floats, in the file's order.
+std::vector<float> valuesOf(std::string_view text, const Declaration& declaration);
+
 // "snowLine = 1800 m (0..4000): height of the snow line"
 std::string describe(const Parameter& parameter);
 

@@ -42,7 +42,7 @@ Report heights(const Options& options) {
   const Points p = points();
   std::vector<float> out(kPoints);
   std::vector<double> outDouble(kPoints);
-  const auto batch = [&](terrain::HeightsFunction f) { f(p.x.data(), p.z.data(), out.data(), kPoints, 1); };
+  const auto batch = [&](const terrain::Functions& f) { f.heights(p.x.data(), p.z.data(), out.data(), kPoints, 1, nullptr); };
 
   Report report;
   auto scratch = user_terrain::Scratch::create();
@@ -59,7 +59,7 @@ Report heights(const Options& options) {
   std::vector<std::vector<double>> alpine(variants);
   for (int round = 0; round < (options.quick ? 9 : 101); ++round) {
     alpineDouble.push_back(nanoseconds([&] { alpineInDouble(p.x.data(), p.z.data(), outDouble.data(), kPoints, 1); }));
-    for (std::size_t v = 0; v < variants; ++v) alpine[v].push_back(nanoseconds([&] { batch(terrain::variants()[v].terrain[0].heights); }));
+    for (std::size_t v = 0; v < variants; ++v) alpine[v].push_back(nanoseconds([&] { batch(terrain::variants()[v].terrain[0]); }));
     if (!user) continue;
     tutorialDouble.push_back(nanoseconds([&] { tutorialInDouble(p.x.data(), p.z.data(), outDouble.data(), kPoints, 1); }));
     tutorial.push_back(nanoseconds([&] { (*user)->heights(p.x, p.z, out); }));

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "client/replica/client.h"
+#include "common/terrain/terrain.h"
 #include "tests/support/flier.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
@@ -95,6 +96,36 @@ TEST_F(Worlds, ParametersMakeAnotherGround) {
       EXPECT_EQ(session["members"], 3);
     }
   EXPECT_EQ(found, 1);
+}
+
+// In an image without a compiler. The same ground from a file that was compiled gives the same meshes.
+TEST(WorldsBuiltIn, ParametersNeedNoCompiler) {
+  if (!programExists("g++") || !programExists("glslangValidator")) GTEST_SKIP() << "needs g++ and glslangValidator";
+  ScratchFolder folder;
+  for (const auto& [name, parameter] : {std::pair{"alpine", "snowLine=1500.1"}, {"canyon", "riverLevel=480.3"}}) {
+    const auto text =
+        std::find_if(terrain::builtIn().begin(), terrain::builtIn().end(), [&](const auto& d) { return d.name == name; })->source;
+    const auto copy = folder / ("my-" + std::string(name) + ".glsl");
+    std::ofstream(copy) << text;
+    const std::string path = getenv("PATH");
+    ASSERT_EQ(setenv("PATH", (folder / "empty").c_str(), 1), 0);
+    ServerProcess bare(RIDGECAST_SERVER, {"--terrain", name, "--param", parameter, "--terrain-cache", (folder / "none").string()});
+    ASSERT_EQ(setenv("PATH", path.c_str(), 1), 0);
+    ServerProcess compiler(RIDGECAST_SERVER,
+                           {"--terrain", copy.string(), "--param", parameter, "--terrain-cache", (folder / "cache").string()});
+    wire::Settings settings;
+    settings.threshold = 5;
+    Flier own(bare.url(), settings), compiled(compiler.url(), settings);
+    EXPECT_EQ(own.world().contentHash, compiled.world().contentHash);
+    EXPECT_EQ(own.world().terrainSource, compiled.world().terrainSource);
+    camera::Camera camera;
+    camera.pose.y = 900;
+    camera.pose.pitch = -0.3;
+    own.settle(camera);
+    compiled.settle(camera);
+    EXPECT_EQ(own.step(camera).meshHash, compiled.step(camera).meshHash) << name;
+    EXPECT_GT(own.scene().triangles(), 3000u);
+  }
 }
 
 TEST_F(Worlds, ImpossibleParametersAreRefusedInOneSentence) {

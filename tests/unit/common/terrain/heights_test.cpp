@@ -28,7 +28,7 @@ INSTANTIATE_TEST_SUITE_P(Terrain, Filter, testing::Range(std::size_t{0}, kBuiltI
 
 std::vector<float> heightsOf(Functions f, const Points& p, std::uint32_t seed) {
   std::vector<float> out(p.x.size());
-  f.heights(p.x.data(), p.z.data(), out.data(), out.size(), seed);
+  f.heights(p.x.data(), p.z.data(), out.data(), out.size(), seed, nullptr);
   return out;
 }
 

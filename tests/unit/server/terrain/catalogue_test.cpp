@@ -146,6 +146,44 @@ TEST_F(Files, translationKeepsEveryBitOfTheBuiltInTerrains) {
   }
 }
 
+// Values of a built-in terrain's parameters are read by the code that is there; compiled into a copy of the file they give the same bits.
+TEST_F(Files, parametersOfBuiltInTerrainsNeedNoCompiler) {
+  for (const terrain::Description& d : terrain::builtIn()) {
+    const auto declaration = readDeclaration(d.name, d.source);
+    ASSERT_TRUE(declaration);
+    ASSERT_EQ(declaration->parameters.size(), d.parameters) << d.name;
+    EXPECT_EQ(valuesOf(d.source, *declaration).size(), d.parameters);
+    Request own = request(d.name), copied = request(write("copy-of-" + std::string(d.name) + ".glsl", std::string(d.source)));
+    own.seed = copied.seed = 5;
+    for (const Parameter& p : declaration->parameters) own.parameters.emplace_back(p.name, p.least + 0.37 * (p.most - p.least));
+    copied.parameters = own.parameters;
+    const auto a = load(own, nullptr);
+    EXPECT_EQ(exists(own.cache), d.name != terrain::builtIn()[0].name) << "nothing was compiled before the first copy";
+    const auto b = load(copied, nullptr);
+    ASSERT_TRUE(a && b);
+    EXPECT_EQ((*a)->source(), (*b)->source());
+    EXPECT_EQ(terrain::contentHash(**a), terrain::contentHash(**b));
+    const terrain::Points points = terrain::pointsAt(1e6, 20'000);
+    const std::size_t count = points.x.size();
+    std::vector<float> usual(count), ha(count), hb(count);
+    terrain::create(d.name, 5).value()->heights(points.x, points.z, usual);
+    (*a)->heights(points.x, points.z, ha);
+    (*b)->heights(points.x, points.z, hb);
+    EXPECT_EQ(ha, hb) << d.name;
+    EXPECT_EQ(ha == usual, d.name != std::string_view("canyon")) << "the others' parameters are of their colours";
+    const std::vector<std::array<float, 3>> up(count, {0, 1, 0});
+    std::vector<std::array<float, 3>> ca(count), cb(count), cu(count);
+    (*a)->colours()(points.x.data(), points.z.data(), ha.data(), up.data(), 2, ca.data(), count, 5);
+    (*b)->colours()(points.x.data(), points.z.data(), ha.data(), up.data(), 2, cb.data(), count, 5);
+    terrain::create(d.name, 5).value()->colours()(points.x.data(), points.z.data(), ha.data(), up.data(), 2, cu.data(), count, 5);
+    EXPECT_EQ(ca, cb) << d.name;
+    EXPECT_NE(ca, cu) << d.name;
+  }
+  Request wrong = request("alpine");
+  wrong.parameters = {{"snowline", 1}};
+  EXPECT_THAT(load(wrong, nullptr).error().message, HasSubstr("it has: snowLine, treeLine"));
+}
+
 TEST_F(Files, parametersReachHeightsTextAndHash) {
   const path file = write("flat.glsl",
                           "const float level = 5.0;  //! 0..50 m: how high\nfloat terrainHeight(ivec2 cell, vec2 fraction, float "
