@@ -174,7 +174,7 @@ const std::vector<Case> kCases{
        for (int k = 0; !o.isOver; ++k) {
          SocketClient client(o.port);
          const std::string name = std::to_string(o.number) + "-" + std::to_string(k);
-         client.send(get("/v1/stream?terrain=alpine&param=snowLine=" + std::to_string(1000 + 100 * o.number + k) + "&session=w" + name,
+         client.send(get("/v1/stream?terrain=dunes&param=tallest=" + std::to_string(100 + 50 * o.number + 0.01 * k) + "&session=w" + name,
                          "Prefer: progress\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
                          "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"));
          o.acts += !client.answer(false).empty();  // and away
@@ -258,7 +258,8 @@ class Fairness : public testing::TestWithParam<Case> {
  protected:
   static void SetUpTestSuite() {
     const OneCore pinned;
-    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--threads", "2"});
+    server_ = std::make_unique<ServerProcess>(
+        RIDGECAST_SERVER, std::vector<std::string>{"--threads", "2", "--terrain-dir", RIDGECAST_PATHS "/../../../common/terrain/tutorial"});
     ASSERT_EQ(clock_getcpuclockid(server_->process().id(), &clock_), 0);
     undisturbed_ = p99OfAFlight();
   }

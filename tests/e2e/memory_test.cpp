@@ -71,7 +71,8 @@ class Guests : public testing::Test {
     }
     out.close();
     server_ = std::make_unique<ServerProcess>(
-        RIDGECAST_SERVER, std::vector<std::string>{"--terrain", (folder_ / "map.r16").string(), "--terrain-cache",
+        RIDGECAST_SERVER, std::vector<std::string>{"--terrain", (folder_ / "map.r16").string(), "--terrain-dir",
+                                                   RIDGECAST_PATHS "/../../../common/terrain/tutorial", "--terrain-cache",
                                                    (folder_ / "cache").string(), "--session-idle", "1", "--timeout", "2"});
   }
   static std::string get(const std::string& target) {
@@ -120,8 +121,8 @@ class Guests : public testing::Test {
   void round(std::uint32_t k) {
     const std::string number = std::to_string(k);
     fly("?session=map" + number + "&terrain=map&seed=" + number);
-    fly("?session=river" + number + "&terrain=canyon&param=riverLevel=" + std::to_string(100 + 0.01 * k));
-    leaveTheCompiler("?session=left" + number + "&terrain=canyon&param=riverLevel=" + std::to_string(300 + 0.01 * k));
+    fly("?session=dunes" + number + "&terrain=dunes&param=tallest=" + std::to_string(100 + 0.01 * k));
+    leaveTheCompiler("?session=left" + number + "&terrain=dunes&param=tallest=" + std::to_string(300 + 0.01 * k));
     EXPECT_THAT(answer("/v1/sessions/default/snapshot.glb?x=" + number + "&z=0&altitude=300&yaw=30&pitch=-10&threshold=8"),
                 testing::StartsWith("HTTP/1.1 200"));
     SocketClient(server_->port())

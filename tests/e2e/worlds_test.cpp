@@ -215,14 +215,15 @@ class SlowCompiler {
   std::string before_ = std::getenv("PATH");
 };
 
+constexpr char kTutorial[] = RIDGECAST_PATHS "/../../../common/terrain/tutorial";
 constexpr char kCompiledWorld[] =
-    "GET /v1/stream?session=left&terrain=canyon&param=riverLevel=550 HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\n"
+    "GET /v1/stream?session=left&terrain=dunes&param=tallest=550 HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\n"
     "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n";
 
 TEST(WorldsLeft, HangingUpStopsTheCompilerAndMakesNoSession) {
   const SlowCompiler compiler;
   ScratchFolder folder;
-  ServerProcess server(RIDGECAST_SERVER, {"--terrain-cache", (folder / "cache").string()});
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain-dir", kTutorial, "--terrain-cache", (folder / "cache").string()});
   auto client = std::make_unique<SocketClient>(server.port());
   client->send(kCompiledWorld);
   ASSERT_TRUE(await([&] { return compiler.runs(); }));
@@ -237,7 +238,7 @@ TEST(WorldsLeft, HangingUpStopsTheCompilerAndMakesNoSession) {
 TEST(WorldsLeft, TheServersEndStopsTheCompiler) {
   const SlowCompiler compiler;
   ScratchFolder folder;
-  ServerProcess server(RIDGECAST_SERVER, {"--drain", "1", "--terrain-cache", (folder / "cache").string()});
+  ServerProcess server(RIDGECAST_SERVER, {"--drain", "1", "--terrain-dir", kTutorial, "--terrain-cache", (folder / "cache").string()});
   SocketClient client(server.port());
   client.send(kCompiledWorld);
   ASSERT_TRUE(await([&] { return compiler.runs(); }));
