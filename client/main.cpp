@@ -52,6 +52,9 @@ struct Shared {
   bool noRemoteShaders = false;
 };
 
+constexpr const char* kColourHelp =
+    "refine also where colours of vertices are off by more than this share of full red, green or blue, 0.01 to 1; default: ignore colour";
+
 // `draws`: the command refines and draws its own mesh.
 void addShared(CLI::App& command, Shared& shared, bool draws) {
   command.add_option("url", shared.url, "host:port, ws:// or wss:// (also http:// or https://), optional ?session=NAME")
@@ -67,6 +70,7 @@ void addShared(CLI::App& command, Shared& shared, bool draws) {
                     "error above which to refine: pixels, or the thesis's product; 0: the server's default")
         ->check(within(0.0, 1e9))
         ->type_name("NUMBER");
+    command.add_option("--colour-error", shared.settings.colourError, kColourHelp)->check(within(0.0, 1.0))->type_name("SHARE");
     command.add_option("--budget", shared.settings.triangleBudget, "triangle budget; 0: the server's default")->type_name("TRIANGLES");
   }
   command.add_option("--ca", shared.ca, "certificate authorities (PEM) to trust instead of the system's")->type_name("FILE");
@@ -267,6 +271,7 @@ Run snapshotCommand(CLI::App& command) {
   pose("--pitch", shot->pitch, "degrees, positive upwards");
   pose("--fov", shot->fov, "vertical field of view, degrees");
   pose("--threshold", shot->threshold, "error above which to refine, pixels");
+  command.add_option("--colour-error", shot->colourError, kColourHelp)->excludes(camera)->excludes(box)->check(within(0.0, 1.0));
   command.add_option("--size", shared->size, "picture that the pose is refined for, WIDTHxHEIGHT")
       ->excludes(camera)
       ->excludes(box)

@@ -77,6 +77,7 @@ std::string target(const SnapshotOptions& o) {
     add("width", std::to_string(o.width));
     add("height", std::to_string(o.height));
     add("threshold", number(o.threshold));
+    if (o.colourError > 0) add("colour_error", number(o.colourError));
   }
   if (o.draco) add("compression", "draco");
   if (!o.normals) add("normals", "0");

@@ -20,6 +20,7 @@ struct SnapshotOptions {
   double x = 0, z = 0, altitude = 120, yaw = 0, pitch = -10, fov = 60;  // metres, degrees
   std::uint32_t width = 1280, height = 720;                             // pixels
   double threshold = 0.6;                                               // pixels
+  double colourError = 0;                                               // as of settings::Settings
   bool draco = false, normals = true, colours = true, metadata = false;
   double timeout = 120;  // seconds
 };

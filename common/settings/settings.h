@@ -33,6 +33,8 @@ constexpr std::optional<Metric> metricNamed(std::string_view name) {
 
 inline constexpr std::uint32_t kDefaultBudget = 500'000, kLeastBudget = 10'000, kMostBudget = 2'000'000;  // triangles
 
+inline constexpr double kLeastColourError = 0.01, kMostColourError = 1;
+
 inline constexpr std::uint32_t kMaxCandidates = 20'000;  // of an iteration
 
 struct Settings {
@@ -41,6 +43,7 @@ struct Settings {
   std::uint32_t triangleBudget = 0;  // 0: the server's default
   std::uint64_t bytesPerSecond = 0;  // 0: unlimited
   std::uint32_t candidates = 0;      // at most this many of an iteration
+  double colourError = 0;            // share of full red, green or blue that vertex colours may be off; 0: refinement ignores colour
   friend bool operator==(const Settings&, const Settings&) = default;
 };
 

@@ -68,7 +68,8 @@ TABLE(TileAddress, FIELD(i, i, kTilePlace), FIELD(j, j, kTilePlace));
 TABLE(Settings,
     FIELD(metric, metric, OneOf{ENUM(Metric)}),
     FIELD(threshold, threshold, Range{0.0, kMaxThreshold}),
-    FIELD(triangle_budget, triangleBudget), FIELD(bytes_per_second, bytesPerSecond), FIELD(candidates, candidates));
+    FIELD(triangle_budget, triangleBudget), FIELD(bytes_per_second, bytesPerSecond), FIELD(candidates, candidates),
+    FIELD(colour_error, colourError, Range{0.0, settings::kMostColourError}));
 
 TABLE(Pose,
     FIELD(sequence, sequence, atLeast(std::uint64_t{1})),

@@ -25,8 +25,9 @@ constexpr int kAnchorBits = lattice::kFinestSideBits + quadtree::kRootLevel;  //
 constexpr Step kAnchorReach = Step{1} << 24;                                  // the camera stays this close to its anchor
 }  // namespace
 
-CameraMesh::CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric)
-    : mesh_(std::move(terrain), triangles, metric, *this) {}
+CameraMesh::CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric,
+                       double colourError)
+    : mesh_(std::move(terrain), triangles, metric, *this, colourError) {}
 
 Leaf* CameraMesh::leaf(LeafAddress address) const {
   const RegionId region = tree_.tag(address);

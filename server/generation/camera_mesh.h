@@ -38,7 +38,7 @@ struct Selection {
 
 class CameraMesh final : public triangulation::Partition {
  public:
-  CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric);
+  CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric, double colourError = 0);
 
   // Which leaves there are; `ground`: height of the ground below the camera in metres. Call generate() next.
   Selection select(const camera::Pose& pose, double ground);

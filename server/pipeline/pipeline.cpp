@@ -34,6 +34,9 @@ settings::Settings grant(const settings::Settings& asked, const Limits& limits) 
   if (granted.triangleBudget == 0) granted.triangleBudget = limits.defaultBudget;
   granted.triangleBudget = std::clamp(granted.triangleBudget, settings::kLeastBudget, limits.maxBudget);
   granted.candidates = std::min(granted.candidates, settings::kMaxCandidates);
+  if (granted.metric == settings::Metric::kThesis) granted.colourError = 0;
+  if (granted.colourError > 0)
+    granted.colourError = std::clamp(granted.colourError, settings::kLeastColourError, settings::kMostColourError);
   return granted;
 }
 
@@ -92,7 +95,7 @@ settings::Figures Pipeline::iterate(const camera::Camera& camera) {
 
 void Pipeline::change(const settings::Settings& granted) {
   State& s = *state_;
-  if (granted.metric != s.settings.metric || granted.triangleBudget > s.madeFor) {
+  if (granted.metric != s.settings.metric || granted.colourError != s.settings.colourError || granted.triangleBudget > s.madeFor) {
     auto fresh = std::make_unique<State>(s.terrain, granted, s.pool);
     fresh->versions = s.versions;
     fresh->insertionLimit = s.insertionLimit;

@@ -38,8 +38,8 @@ class IteratingMesh {
   // One iteration. `camera` must satisfy camera::isValid.
   virtual settings::Figures iterate(const camera::Camera& camera) = 0;
 
-  // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric
-  // or a larger budget begins anew, with versions that go on.
+  // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric,
+  // colour error or a larger budget begins anew, with versions that go on.
   virtual void change(const settings::Settings& granted) = 0;
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is

@@ -51,7 +51,7 @@ Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const set
       terrain(std::move(ground)),
       pool(std::move(workers)),
       horizon(terrain),
-      mesh(terrain, granted.triangleBudget, granted.metric),
+      mesh(terrain, granted.triangleBudget, granted.metric, granted.colourError),
       effective(granted.threshold) {}
 
 refinement::View Pipeline::State::view() const {

@@ -22,11 +22,12 @@ constexpr float kFixed = std::numeric_limits<float>::infinity();  // the loss of
 }  // namespace
 
 AdaptiveMesh::AdaptiveMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, Metric metric,
-                           const triangulation::Partition& partition)
+                           const triangulation::Partition& partition, double colourError)
     : mesh_(triangles, partition),
       partition_(partition),
       terrain_(std::move(terrain)),
       metric_(metric),
+      colour_(terrain_, colourError),
       candidates_(mesh_.triangleCapacity() / TrianglePages::kSlots),
       checks_(std::make_unique<NextCheck[]>(mesh_.triangleCapacity() / TrianglePages::kSlots)),
       screens_(std::make_unique<PageScreen[]>(mesh_.triangleCapacity() / TrianglePages::kSlots)),

@@ -18,6 +18,7 @@
 
 #include "common/mesh/leaf_mesh.h"
 #include "common/terrain/terrain.h"
+#include "server/refinement/colour_error.h"
 #include "server/refinement/records.h"
 #include "server/refinement/view.h"
 #include "server/triangulation/triangulation.h"
@@ -52,9 +53,9 @@ class AdaptiveMesh {
   // The level to which vertices outside all regions are snapped.
   static constexpr int kOutsideLevel = 8;
 
-  // `triangles`: room for so many. The partition answers relative to anchor().
+  // `triangles`: room for so many. The partition answers relative to anchor(). `colourError`: the bound of ColourError; 0: off.
   AdaptiveMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, Metric metric,
-               const triangulation::Partition& partition);
+               const triangulation::Partition& partition, double colourError = 0);
 
   // ---- the anchor: absolute steps ----
   lattice::Point anchor() const { return anchor_; }
@@ -162,6 +163,7 @@ class AdaptiveMesh {
   void tryPoints(std::size_t begin, std::size_t count, int bits, const View* closely, Scratch& scratch) const;
   void tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch) const;
   void judgeTrials(int level, const View* closely, Scratch& scratch);
+  void judgeColours(int level, Scratch& scratch);
   void storeCandidates(RegionId region, const View* view, Scratch& scratch);
   void beginScreen(std::uint32_t page, double travel);
   void setCandidate(TriangleId t, const Candidate& c);
@@ -181,11 +183,13 @@ class AdaptiveMesh {
   void checkLosses(std::uint32_t page, const View& view, double slope, std::vector<VertexId>& out);
   void foldLoss(const triangulation::Vertex& p, VertexId v, float loss, RegionId region, const View& view);
   float lossOf(VertexId v, const Measure& measure, triangulation::WriteSet& set) const;
+  double colourLoss(VertexId v, const Measure& measure, const triangulation::WriteSet& set) const;
 
   triangulation::Triangulation mesh_;
   const triangulation::Partition& partition_;
   std::shared_ptr<const terrain::Terrain> terrain_;
   Metric metric_;
+  ColourError colour_;
   lattice::Point anchor_;
 
   triangulation::Records<CandidatePage> candidates_;  // by page of triangles

@@ -169,6 +169,9 @@ struct AdaptiveMesh::Scratch {
   std::vector<std::int32_t> y;
   std::vector<Candidate> best;
   std::vector<float> most;  // what each is worth
+  std::vector<Point2> points;
+  std::vector<Tint> tints;
+  std::vector<float> smeared;  // of each trial, steps: what its colour counts for; empty: nothing
 };
 
 // Nothing is in the page yet that its bounds must hold for. What its former region left there is forgotten: which pages a region gets
@@ -317,7 +320,7 @@ void AdaptiveMesh::tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch
 
 // The worst of each triangle's points, by the terrain's heights there.
 inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& scratch) {
-  auto& [batch, fresh, trials, px, pz, py, best, most] = scratch;
+  auto& [batch, fresh, trials, px, pz, py, best, most, points, tints, smeared] = scratch;
   px.resize(trials.size());
   pz.resize(trials.size());
   py.resize(trials.size());
@@ -327,11 +330,14 @@ inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& s
   }
   terrain_->heightSteps(px, pz, py);
   heights_.fetch_add(trials.size(), std::memory_order_relaxed);
+  smeared.clear();  // the worker may have done another camera's mesh before
+  if (colour_.on()) judgeColours(level, scratch);
   best.assign(fresh.size(), {{0, 0}, 0, 0.0f});
   if (closely) most.assign(fresh.size(), 0.0f);
   for (std::size_t k = 0; k < trials.size(); ++k) {
     const auto& [slot, p, y] = trials[k];
-    const float error = std::abs(y - static_cast<float>(lattice::snapHeight(py[k], level)));
+    float error = std::abs(y - static_cast<float>(lattice::snapHeight(py[k], level)));
+    if (!smeared.empty()) error = std::max(error, smeared[k]);
     float& least = closely ? most[slot] : best[slot].error;
     const float worth = closely ? asSeen(*closely, p, py[k], y, error) : error;
     if (worth <= least) continue;
@@ -340,6 +346,27 @@ inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& s
   }
   if (const Measure measure(metric_); measure.byArea)
     for (std::size_t k = 0; k < fresh.size(); ++k) best[k].error *= static_cast<float>(measure.weight(areaOf(mesh_, fresh[k])));
+}
+
+// What the colours of the trials count for.
+void AdaptiveMesh::judgeColours(int level, Scratch& scratch) {
+  auto& points = scratch.points;
+  points.clear();
+  for (const TriangleId t : scratch.fresh)
+    for (const VertexId v : mesh_.triangle(t).v) points.push_back(mesh_.vertex(v).point());
+  for (const Trial& trial : scratch.trials) points.push_back(trial.point);
+  scratch.tints.resize(points.size());
+  colour_.tints(anchor_, points, level, scratch.tints);
+  scratch.smeared.resize(scratch.trials.size());
+  const Tint* const of = scratch.tints.data();
+  for (std::size_t k = 0; k < scratch.trials.size(); ++k) {
+    const Trial& trial = scratch.trials[k];
+    const auto& v = mesh_.triangle(scratch.fresh[trial.slot]).v;
+    const Tint* const corner = of + 3 * trial.slot;
+    scratch.smeared[k] =
+        static_cast<float>(colour_.at({{{mesh_.vertex(v[0]), corner[0]}, {mesh_.vertex(v[1]), corner[1]}, {mesh_.vertex(v[2]), corner[2]}}},
+                                      trial.point, of[3 * scratch.fresh.size() + k]));
+  }
 }
 
 inline void AdaptiveMesh::storeCandidates(RegionId region, const View* view, Scratch& scratch) {

@@ -152,7 +152,34 @@ float AdaptiveMesh::lossOf(VertexId v, const Measure& measure, triangulation::Wr
   judge(mesh_.vertex(v).point(), extras_[v].fineY);
   for (TriangleId t : set.star())
     if (const Candidate c = candidate(t); c.error != 0) judge(c.point, c.y);
+  if (colour_.on()) worst = std::max(worst, colourLoss(v, measure, set));
   return static_cast<float>(worst);
+}
+
+// The same of colours, kept to a part of their bound.
+double AdaptiveMesh::colourLoss(VertexId v, const Measure& measure, const triangulation::WriteSet& set) const {
+  std::vector<Point2> points{mesh_.vertex(v).point()};
+  for (TriangleId t : set.star())
+    if (const Candidate c = candidate(t); c.error != 0) points.push_back(c.point);
+  const std::size_t judged = points.size();
+  std::vector<std::array<VertexId, 3>> fill;
+  set.forEachFill([&](VertexId a, VertexId b, VertexId c) {
+    fill.push_back({a, b, c});
+    for (const VertexId corner : fill.back()) points.push_back(mesh_.vertex(corner).point());
+  });
+  std::vector<Tint> tints(points.size());
+  colour_.tints(anchor_, points, regions_[mesh_.regionOfVertex(v)].level, tints);
+  double worst = 0;
+  for (std::size_t k = 0; k < judged; ++k)
+    for (std::size_t f = 0; f < fill.size(); ++f) {
+      const Vertex &a = mesh_.vertex(fill[f][0]), &b = mesh_.vertex(fill[f][1]), &c = mesh_.vertex(fill[f][2]);
+      if (!triangulation::holds(a.point(), b.point(), c.point(), points[k])) continue;
+      const Tint* const corner = &tints[judged + 3 * f];
+      worst = std::max(worst, colour_.at({{{a, corner[0]}, {b, corner[1]}, {c, corner[2]}}}, points[k], tints[k], ColourError::kKept) *
+                                  (measure.byArea ? measure.weight(areaOf(a, b, c)) : 1));
+      break;
+    }
+  return worst;
 }
 
 void AdaptiveMesh::removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work) {

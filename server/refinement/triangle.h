@@ -7,14 +7,22 @@
 
 namespace ridgecast::refinement {
 
-// The height at a point of the plane through three vertices.
-inline double planeHeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c,
-                          triangulation::Point2 p) {
+// How much the second and the third of three vertices count at a point of their plane.
+struct Weights {
+  double b, c;
+};
+inline Weights weightsAt(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c,
+                         triangulation::Point2 p) {
   const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, px = double(p.x) - a.x,
                pz = double(p.z) - a.z;
   const double area = bz * cx - bx * cz;
-  const double wb = (pz * cx - px * cz) / area, wc = (bz * px - bx * pz) / area;
-  return a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y);
+  return {(pz * cx - px * cz) / area, (bz * px - bx * pz) / area};
+}
+// The height at a point of the plane through three vertices.
+inline double planeHeight(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c,
+                          triangulation::Point2 p) {
+  const Weights w = weightsAt(a, b, c, p);
+  return a.y + w.b * (double(b.y) - a.y) + w.c * (double(c.y) - a.y);
 }
 inline double heightOnTriangle(const triangulation::Triangulation& mesh, triangulation::TriangleId t, triangulation::Point2 p) {
   const auto& v = mesh.triangle(t).v;

@@ -30,8 +30,9 @@ void giveMemoryBackSoon(const Resources& resources) {
   });
 }
 
-wire::Settings grant(const wire::Settings& requested, const Limits& limits, Places::Place& place) {
+wire::Settings grant(const wire::Settings& requested, const Limits& limits, bool hasColours, Places::Place& place) {
   wire::Settings out = pipeline::grant(requested, limits.mesh);
+  if (!hasColours) out.colourError = 0;
   out.triangleBudget = place.grant(out.triangleBudget);
   const std::uint64_t most = limits.maxBytesPerSecond;
   if (out.bytesPerSecond == 0 || (most != 0 && out.bytesPerSecond > most)) out.bytesPerSecond = most;
@@ -41,7 +42,10 @@ wire::Settings grant(const wire::Settings& requested, const Limits& limits, Plac
 
 conversation::Terms termsOf(const Session& session, const CameraPlace& place) {
   const Limits& limits = session.resources().limits;
-  conversation::Terms terms{[limits, place = place.onServer](const wire::Settings& requested) { return grant(requested, limits, *place); },
+  const bool hasColours = static_cast<bool>(session.terrain()->colours());
+  conversation::Terms terms{[limits, hasColours, place = place.onServer](const wire::Settings& requested) {
+                              return grant(requested, limits, hasColours, *place);
+                            },
                             limits.window,
                             limits.maxQueuedBytes,
                             {}};

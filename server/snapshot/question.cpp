@@ -6,6 +6,7 @@
 #include <numbers>
 #include <optional>
 
+#include "common/settings/settings.h"
 #include "common/text/text.h"
 
 namespace ridgecast::snapshot {
@@ -84,10 +85,10 @@ class Parameters {
   }
   std::optional<Error> finish() {
     if (!error_ && !values_.empty())
-      refuse(
-          "The query says " + inQuotes(values_.begin()->first) +
-          ", which does not belong here. A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, or of "
-          "x0, z0, x1, z1, error; with compression, normals and colours.");
+      refuse("The query says " + inQuotes(values_.begin()->first) +
+             ", which does not belong here. A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, "
+             "colour_error, or of "
+             "x0, z0, x1, z1, error; with compression, normals and colours.");
     return error_;
   }
 
@@ -112,6 +113,7 @@ OfPose poseOf(Parameters& p, const Limits& limits) {
   out.camera.projection.width = static_cast<std::uint32_t>(p.whole("width", 16, 16'384, " pixels", 1280));
   out.camera.projection.height = static_cast<std::uint32_t>(p.whole("height", 16, 16'384, " pixels", 720));
   out.threshold = p.number("threshold", limits.leastThreshold, limits.mostThreshold, " pixels", 0.6);
+  if (p.has("colour_error")) out.colourError = p.number("colour_error", settings::kLeastColourError, settings::kMostColourError, "");
   return out;
 }
 
@@ -177,6 +179,7 @@ std::string canonical(const Question& q) {
     for (const double v : {p.y, p.yaw, p.pitch, pose->camera.projection.verticalFov, pose->threshold}) addExact(v);
     add(pose->camera.projection.width);
     add(pose->camera.projection.height);
+    if (pose->colourError > 0) addExact(pose->colourError);
   } else if (const auto* box = std::get_if<OfBox>(&q.of)) {
     out += " box";
     for (const lattice::Step v : {box->low.x, box->low.z, box->high.x, box->high.z}) add(v);

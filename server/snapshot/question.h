@@ -3,7 +3,8 @@
 // sentence that says which limit was exceeded and what would fit. Metres and degrees outside, steps and radians inside. Pure functions.
 //
 //   camera=ID                                                exactly the mesh that this camera's client holds
-//   x z altitude yaw pitch [fov width height threshold]      refined until it settles; y instead of altitude: absolute height
+//   x z altitude yaw pitch [fov width height threshold colour_error]
+//                                                            refined until it settles; y instead of altitude: absolute height
 //   x0 z0 x1 z1 error                                        covered exactly, at most `error` metres off vertically
 //   compression=draco|none, normals=0|1, colours=0|1         for all three; default none, 1 and 1
 // Any other parameter is an error, so that a misspelt one is not silently ignored.
@@ -37,6 +38,7 @@ struct OfPose {
   camera::Camera camera;  // pose.y is the altitude above the ground if aboveGround
   bool aboveGround = true;
   double threshold = 0.6;  // pixels
+  double colourError = 0;  // as of settings::Settings
 };
 using OfBox = box::Box;
 

@@ -115,6 +115,7 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
   settings::Settings requested;
   requested.metric = settings::Metric::kPixels;
   requested.threshold = of.threshold;
+  requested.colourError = of.colourError;
   pipeline::Pipeline pipeline(session.terrain(), pipeline::grant(requested, budget), pool);
   settings::Figures figures;
   do {

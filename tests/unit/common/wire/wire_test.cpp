@@ -17,7 +17,10 @@ using Random = std::mt19937_64;
 std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
 
 Hello anyHello() {
-  return {.clientName = "a simulator", .settings = {Metric::kThesis, 0.25, 123'456, 64'000}, .pacing = Pacing::kLockstep, .deltas = true};
+  return {.clientName = "a simulator",
+          .settings = {Metric::kThesis, 0.25, 123'456, 64'000, 0, 0.125},
+          .pacing = Pacing::kLockstep,
+          .deltas = true};
 }
 Resume anyResume() { return {{{{3, -5, 6}, 7}, {{0, 1, 2}, ~0ull}}}; }
 PoseMessage anyPose() {
@@ -85,6 +88,7 @@ void expectEqual(const Settings& a, const Settings& b) {
   EXPECT_EQ(a.threshold, b.threshold);
   EXPECT_EQ(a.triangleBudget, b.triangleBudget);
   EXPECT_EQ(a.bytesPerSecond, b.bytesPerSecond);
+  EXPECT_EQ(a.colourError, b.colourError);
 }
 
 TEST(Wire, HelloSurvives) {
@@ -260,6 +264,7 @@ TEST(WireRefuses, Hello) {
   with("Settings.metric", [](pb::Hello& m) { m.mutable_settings()->set_metric(static_cast<pb::Metric>(settings::kMetrics.size())); });
   with("Settings.threshold", [](pb::Hello& m) { m.mutable_settings()->set_threshold(-0.5); });
   for (double bad : kBad) with("Settings.threshold", [&](pb::Hello& m) { m.mutable_settings()->set_threshold(bad); });
+  for (double bad : {-0.1, 1.5}) with("Settings.colour_error", [&](pb::Hello& m) { m.mutable_settings()->set_colour_error(bad); });
 }
 
 TEST(WireRefuses, Pose) {

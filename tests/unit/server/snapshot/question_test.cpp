@@ -81,7 +81,8 @@ TEST(Question, TheSameQuestionHasOneText) {
   EXPECT_EQ(canonical(*parse(kPose, kLimits)),
             canonical(*parse("pitch=-10.0&yaw=3e1&altitude=%31%30%30&z=-2.000&x=1&fov=60&threshold=0.60", kLimits)));
   const std::string base = canonical(*parse(kPose, kLimits));
-  for (const char* more : {"&fov=61", "&width=1281", "&height=719", "&threshold=0.61", "&compression=draco", "&normals=0", "&colours=0"})
+  for (const char* more :
+       {"&fov=61", "&width=1281", "&height=719", "&threshold=0.61", "&colour_error=0.2", "&compression=draco", "&normals=0", "&colours=0"})
     EXPECT_NE(canonical(*parse(std::string(kPose) + more, kLimits)), base) << more;
 }
 
