@@ -96,6 +96,27 @@ std::string excerpt(std::string_view line, std::size_t at) {
   return out + below + "^";
 }
 
+// Whether a line takes a power of what noise or a wave returns, or of -a, as it is: products alone keep the sign.
+bool takesPowerOfNegative(std::string_view line) {
+  for (std::size_t at = line.find("pow("); at != std::string_view::npos; at = line.find("pow(", at + 1)) {
+    if (!isWord(line, at, 3)) continue;
+    std::string_view base = trimmed(line.substr(at + 4));
+    int depth = 0;
+    std::size_t end = 0;
+    bool isSum = false;
+    for (; end < base.size() && (depth > 0 || base[end] != ','); ++end) {
+      depth += base[end] == '(' ? 1 : base[end] == ')' ? -1 : 0;
+      isSum |= end > 0 && depth == 0 && (base[end] == '+' || base[end] == '-');
+    }
+    base = base.substr(0, end);
+    if (isSum) continue;
+    if (base.starts_with('-')) return true;
+    for (const std::string_view signs : {"valueNoise(", "gradientNoise(", "plainNoise(", "signedUnit(", "wave(", "sin(", "cos("})
+      if (base.starts_with(signs)) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 Error joined(std::string_view file, std::vector<std::string> complaints) {
@@ -147,7 +168,8 @@ std::string advice(std::string_view file, std::string_view text) {
   std::vector<std::string> complaints;
   std::size_t number = 0;
   for (std::string_view rest = code; !rest.empty();) {
-    std::string line(text::takePart(rest, '\n'));
+    const std::string_view whole = text::takePart(rest, '\n');
+    std::string line(whole);
     ++number;
     std::erase_if(line, [](char c) { return c == ' ' || c == '\t'; });
     // The usual hash's factor tells it where the sine has a line of its own.
@@ -156,6 +178,10 @@ std::string advice(std::string_view file, std::string_view text) {
       complaints.push_back(at(file, number) + (isOne ? "'fract'(sin(...))" : "'43758.5'") +
                            " is noise that differs between machines and loses its bits far out; write valueNoise(p.cell, p.at, "
                            "mixedSeed(seed)).x, or hash the square's integers");
+    if (takesPowerOfNegative(whole))
+      complaints.push_back(at(file, number) +
+                           "'pow' is not a number where its base is negative, as this one may be; write pow(abs(a), b) or "
+                           "pow(max(a, 0.0), b)");
   }
   return complaints.empty() ? "" : explained(file, text, joined(file, std::move(complaints)).message);
 }

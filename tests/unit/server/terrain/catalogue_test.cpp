@@ -302,6 +302,16 @@ TEST_F(Files, aHashOfASineIsAdvisedAgainst) {
   complaints_.clear();
   EXPECT_TRUE(made("return fract(fraction.x) * sin(fraction.y); // fract(sin(x))\n"));
   EXPECT_THAT(complaints_, testing::IsEmpty());
+  // A power of what is negative in places, also where heights do not meet it.
+  EXPECT_TRUE(made("return 1.0;\n", "float shine(vec2 v) {\n  return pow( sin(v.x * 9.0), 3.0);\n}\n"));
+  ASSERT_EQ(complaints_.size(), 1u);
+  EXPECT_THAT(complaints_[0],
+              testing::AllOf(HasSubstr(".glsl:2: 'pow'"), HasSubstr("write pow(abs(a), b)"), testing::EndsWith("\n           ^")));
+  complaints_.clear();
+  EXPECT_TRUE(
+      made("Place p = widestPlace(cell, fraction); float n = valueNoise(p.cell, p.at, seed).x;\n"
+           "return pow(abs(n), 2.0) + pow(0.5 + 0.5 * n, 2.0) + pow(1.0 - sin(n) * n, 2.0); // pow(-n, 2.0)\n"));
+  EXPECT_THAT(complaints_, testing::IsEmpty());
 }
 
 TEST_F(Files, aHeightThatIsNoNumberNamesTheExpressionAndTheRewrite) {
