@@ -39,16 +39,30 @@ std::string numberOf(const scene::Scene& scene) {
   return text;
 }
 
+// What the pictures of a world are drawn with.
+struct Drawer {
+  render::Drawing drawing;
+  render::Renderer renderer;
+  static Outcome<Drawer> create(const wire::World& world, bool remoteShaders) {
+    if (render::compilesForeignText(world, remoteShaders))
+      std::fprintf(stderr, "the graphics driver compiles terrain %s; a software driver may take a minute\n", world.terrainName.c_str());
+    auto drawing = render::drawingOf(world, remoteShaders);
+    auto renderer = render::createOrNeutral(world, drawing, render::Renderer::create);
+    if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
+    if (!renderer) return renderer.error();
+    return Drawer{std::move(drawing), std::move(*renderer)};
+  }
+};
+
 class Measurer final : flight::Observer {
  public:
-  Measurer(const FlyOptions& options, camera::Path path, replica::Client& client, render::Drawing drawing, render::Renderer renderer,
-           Recorder recorder)
+  Measurer(const FlyOptions& options, camera::Path path, replica::Client& client, Drawer drawer, Recorder recorder)
       : options_(options),
         client_(client),
         scene_(client.scene()),
-        terrain_(std::move(drawing.terrain)),
-        window_(std::move(drawing.window)),
-        renderer_(std::move(renderer)),
+        terrain_(std::move(drawer.drawing.terrain)),
+        window_(std::move(drawer.drawing.window)),
+        renderer_(std::move(drawer.renderer)),
         recorder_(std::move(recorder)),
         flight_(
             options, std::move(path), client, [this](lattice::Point p) { return ground(p); }, *this),
@@ -66,7 +80,11 @@ class Measurer final : flight::Observer {
     const auto began = Clock::now();
     resting_ = true;
     if (options_.measurePopping) states_.push_back(scene_.leaves());
-    const auto settled = flight_.settle();
+    auto settled = flight_.settle();
+    while (!settled && client_.connection().otherWorld()) {
+      if (auto entered = enterOtherWorld(); !entered) return entered;
+      settled = flight_.settle();
+    }
     if (!settled) return settled.error();
     FlightSummary& summary = recorder_.summary();
     summary.isSettled = *settled;
@@ -165,7 +183,28 @@ class Measurer final : flight::Observer {
                  static_cast<double>(client_.connection().bytesReceived()) / 1e6);
   }
 
+  // By the clock: the server has another world, such as the ground that its author has just saved.
+  Outcome<void> enterOtherWorld() {
+    std::fprintf(stderr, "ridgecast-client: the server has another world now; entering it\n");
+    earlierBytes_ += client_.connection().bytesReceived();
+    earlierReconnections_ += client_.connection().reconnections();
+    if (auto entered = client_.enterOtherWorld(); !entered) return entered;
+    terrain_.reset();  // before what it is drawn with
+    auto drawer = Drawer::create(client_.world(), options_.remoteShaders);
+    if (!drawer) return drawer.error();
+    terrain_ = std::move(drawer->drawing.terrain);
+    window_ = std::move(drawer->drawing.window);
+    renderer_ = std::move(drawer->renderer);
+    texture_.reset();
+    if (window_) texture_.emplace(window_->shape());
+    lastMarch_ = References{1};
+    states_.clear();
+    lost_ = false;
+    return {};
+  }
+
   Outcome<void> reached() override {
+    if (client_.connection().otherWorld() && options_.realtime) return enterOtherWorld();
     const auto why = client_.connection().error();
     if (std::exchange(lost_, why.has_value()) != why.has_value())
       std::fprintf(stderr, "ridgecast-client: %s\n", why ? (why->message + "; trying again").c_str() : "connected again");
@@ -235,8 +274,8 @@ class Measurer final : flight::Observer {
     FlightSummary& summary = recorder_.summary();
     summary.triangles = scene_.triangles();
     summary.leaves = scene_.leaves().size();
-    summary.reconnections = client_.connection().reconnections();
-    summary.bytesReceived = client_.connection().bytesReceived();
+    summary.reconnections = earlierReconnections_ + client_.connection().reconnections();
+    summary.bytesReceived = earlierBytes_ + client_.connection().bytesReceived();
     summary.settings = {std::string(settings::traits(world.settings.metric).name),
                         world.settings.threshold,
                         world.settings.triangleBudget,
@@ -268,8 +307,8 @@ class Measurer final : flight::Observer {
   const double pictureEvery_;
   double nextPicture_;
   bool exported_ = false, resting_ = false, lost_ = false;
-  std::uint64_t pictures_ = 0;
-  std::vector<render::Morph::Leaves> states_;  // of the standing camera, when popping is measured
+  std::uint64_t pictures_ = 0, earlierBytes_ = 0, earlierReconnections_ = 0;  // earlier: in worlds that were left
+  std::vector<render::Morph::Leaves> states_;                                 // of the standing camera, when popping is measured
   Clock::time_point nextProgress_ = Clock::now();
 };
 
@@ -290,17 +329,15 @@ int fly(const FlyOptions& options) {
   auto client = replica::Client::open(options.url, hello, {.reconnects = options.realtime});
   if (!client) return fail(kRuntimeFailure, client.error());
   const wire::World& world = (*client)->world();
-  auto drawing = render::drawingOf(world, options.remoteShaders);
-  auto renderer = render::createOrNeutral(world, drawing, render::Renderer::create);
-  if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
+  auto drawer = Drawer::create(world, options.remoteShaders);
   if (!path->terrain.empty() && (path->terrain != world.terrainName || path->seed != world.seed))
     std::fprintf(stderr, "warning: the path was made for terrain %s, seed %u; the server has %s, seed %u\n", path->terrain.c_str(),
                  path->seed, world.terrainName.c_str(), world.seed);
-  if (!renderer) return fail(kNoGraphics, renderer.error());
+  if (!drawer) return fail(kNoGraphics, drawer.error());
   std::fprintf(stderr, "flying %s over %s (seed %u, horizon %.0f m), %ux%u, %s\n", options.path.filename().c_str(),
                world.terrainName.c_str(), world.seed, world.horizon, options.width, options.height, render::contextDescription().c_str());
 
-  Measurer measurer(options, std::move(*path), **client, std::move(drawing), std::move(*renderer), std::move(*recorder));
+  Measurer measurer(options, std::move(*path), **client, std::move(*drawer), std::move(*recorder));
   if (auto measured = measurer.run(); !measured) return fail(kRuntimeFailure, measured.error());
   if (!options.atRest) std::fprintf(stderr, "results in %s\n", (options.out / "summary.json").c_str());
   return kSuccess;

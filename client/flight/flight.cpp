@@ -104,7 +104,7 @@ Outcome<bool> Flight::settle() {
   if (options_.realtime)
     if (auto sent = send(duration_); !sent) return sent.error();
   const auto rests = [&] { return sequence_ != 0 && settled_ == sequence_; };
-  while (!rests() && secondsSince(began) < options_.settleLimit)
+  while (!rests() && secondsSince(began) < options_.settleLimit && !client_.connection().otherWorld())
     if (auto flown = options_.realtime ? receiveFor(50ms) : step(t_); !flown) return flown.error();
   if (const auto lost = client_.connection().error()) return *lost;
   return rests();

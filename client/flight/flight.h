@@ -50,7 +50,8 @@ class Flight {
   // All of them return the observer's errors, the ground's, and in lock-step those of a server that is gone or does not answer.
   Outcome<void> place(double t);  // looks from there and sends nothing
   Outcome<void> fly();
-  // Repeats the last pose until the server refines nothing any more; false: the settle limit was reached before.
+  // Repeats the last pose until the server refines nothing any more; false: the settle limit was reached before. By the clock
+  // it is an error that the server has another world; whoever enters that may call this again.
   Outcome<bool> settle();
 
   const camera::Camera& camera() const { return camera_; }

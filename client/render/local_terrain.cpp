@@ -12,9 +12,22 @@ Drawing neutralDrawing(const wire::World& world, const std::string& why) {
   return {{{}, world.seed, true}, nullptr, nullptr, why + "; drawing the mesh's own shape in neutral colours, without a ray march"};
 }
 
+namespace {
+
+// This client's own terrain, if it is the server's; otherwise null.
+std::shared_ptr<const terrain::Terrain> builtInOf(const wire::World& world) {
+  auto own = terrain::create(world.terrainName, world.seed);
+  return own && terrain::contentHash(**own) == world.contentHash ? *own : nullptr;
+}
+
+}  // namespace
+
+bool compilesForeignText(const wire::World& world, bool remoteShaders) {
+  return remoteShaders && !world.terrainSource.empty() && !world.heightMap && !world.shadedVertices && !builtInOf(world);
+}
+
 Drawing drawingOf(const wire::World& world, bool remoteShaders) {
-  if (auto own = terrain::create(world.terrainName, world.seed); own && terrain::contentHash(**own) == world.contentHash)
-    return {{std::string((*own)->source()), world.seed, false}, *own, nullptr, {}};
+  if (auto own = builtInOf(world)) return {{std::string(own->source()), world.seed, false}, own, nullptr, {}};
   const auto neutral = [&](const std::string& why) { return neutralDrawing(world, why); };
   if (world.shadedVertices)
     return {{{}, world.seed, true, true},

@@ -23,6 +23,8 @@ struct Drawing {
 // from its shape and used if it equals the server's; its heights come as tiles. A private terrain's colours come with the vertices. Needs a
 // current context.
 Drawing drawingOf(const wire::World& world, bool remoteShaders);
+// Whether drawingOf() hands the driver text that it may never have seen. Compiling that may take seconds, on a software driver a minute.
+bool compilesForeignText(const wire::World& world, bool remoteShaders);
 // The fallback when the driver rejects the text in a later pass: `why` is its message.
 Drawing neutralDrawing(const wire::World& world, const std::string& why);
 

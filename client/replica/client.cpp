@@ -10,19 +10,27 @@ using Clock = std::chrono::steady_clock;
 using Prepared = scene::Scene::Prepared;
 
 Outcome<std::unique_ptr<Client>> Client::open(const connection::Url& url, const wire::Hello& hello, const Options& options) {
-  std::unique_ptr<Client> client(new Client);
+  std::unique_ptr<Client> client(new Client(url, hello, options));
+  if (auto connected = client->enterOtherWorld(); !connected) return connected.error();
+  return client;
+}
+
+Outcome<void> Client::enterOtherWorld() {
   auto opened = connection::ReconnectingConnection::open(
-      url, hello,
-      [client = client.get()] {
-        auto held = client->follower_.resume();
-        for (const wire::Resume& part : held) client->resumed_ += part.leaves.size();
+      url_, hello_,
+      [this] {
+        auto held = follower_.resume();
+        for (const wire::Resume& part : held) resumed_ += part.leaves.size();
         return held;
       },
-      options);
+      options_);
   if (!opened) return opened.error();
-  client->connection_ = std::move(*opened);
-  client->follower_.expectShades(client->world().shadedVertices);
-  return client;
+  decoding_.reset();  // reads the mesh held
+  follower_ = {};
+  connection_ = std::move(*opened);
+  tilesFrom_ = 0;
+  follower_.expectShades(world().shadedVertices);
+  return {};
 }
 
 std::uint64_t Client::send(const camera::Camera& camera) {

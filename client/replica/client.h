@@ -37,6 +37,10 @@ class Client {
   using Options = connection::ReconnectingConnection::Options;
   static Outcome<std::unique_ptr<Client>> open(const connection::Url& url, const wire::Hello& hello, const Options& options = {});
 
+  // Where connection().otherWorld(): enters that world with the same hello, in place of the one held. The mesh held is empty then;
+  // sequences go on. Blocks as open() does. Error: as open's; the client stays as it was.
+  Outcome<void> enterOtherWorld();
+
   const scene::Scene& scene() const { return follower_.scene(); }
   const wire::World& world() const { return connection_->world(); }  // good until receive(), poll() or await() is called
   connection::ReconnectingConnection& connection() { return *connection_; }
@@ -67,10 +71,13 @@ class Client {
     double milliseconds = 0;
     std::future<Outcome<scene::Scene::Prepared>> prepared{};
   };
-  Client() = default;
+  Client(const connection::Url& url, const wire::Hello& hello, const Options& options) : url_(url), hello_(hello), options_(options) {}
   Outcome<scene::Scene::Prepared> decode(Decoding& decoding) const;
   Update answer(Decoding&& decoding, Outcome<scene::Scene::Prepared> prepared);
 
+  const connection::Url url_;
+  const wire::Hello hello_;
+  const Options options_;
   Follower follower_;
   std::unique_ptr<connection::ReconnectingConnection> connection_;  // never null
   std::uint64_t sequence_ = 0, resumed_ = 0;

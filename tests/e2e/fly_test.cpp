@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -180,6 +181,35 @@ TEST_F(Fly, ByTheClockGoesOnWhenTheServerIsKilledAndComesBack) {
   EXPECT_EQ(s.at("hash_mismatches"), 0);
   EXPECT_EQ(s.at("settled"), true);
   EXPECT_TRUE(server->healthy());
+}
+
+// --watch: what the author saves is entered, on the way and at the end.
+TEST_F(Fly, ByTheClockEntersTheGroundThatWasSaved) {
+  if (!programExists("g++") || !programExists("glslangValidator")) GTEST_SKIP() << "needs g++ and glslangValidator";
+  const auto save = [](const std::string& height) {
+    std::ofstream(*folder_ / "new") << "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return " << height
+                                    << "; }\nvec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, "
+                                       "uint seed) { return vec3(0.3); }\n";
+    std::filesystem::rename(*folder_ / "new", *folder_ / "mine.glsl");
+  };
+  save("40.0");
+  const ServerProcess server(RIDGECAST_SERVER,
+                             {"--watch", "--terrain", *folder_ / "mine.glsl", "--terrain-cache", (*folder_ / "cache").string()});
+  const auto glb = *folder_ / "watched.glb";
+  Process flight({RIDGECAST_CLIENT, "fly", server.url(), "--path", RIDGECAST_PATHS "/alpine.json", "--out", (*folder_ / "watched").string(),
+                  "--size", "64x48", "--threshold", "3", "--seconds", "12", "--frames-every", "99", "--realtime", "--export",
+                  glb.string()});
+  const auto says = [&](const std::string& text) { return await([&] { return flight.output().find(text) != std::string::npos; }); };
+  EXPECT_TRUE(says("the graphics driver compiles terrain mine")) << flight.output();
+  ASSERT_TRUE(says("iteration ")) << flight.output();
+  save("90.0");
+  EXPECT_TRUE(says("another world now; entering it")) << flight.output();
+  ASSERT_EQ(flight.wait(kTimeout), 0) << flight.output();
+  const Json s = Json::parse(readText(*folder_ / "watched/summary.json"));
+  EXPECT_EQ(s.at("hash_mismatches"), 0);
+  EXPECT_EQ(s.at("settled"), true);
+  for (const mesh::LeafMesh& leaf : readGlb(readText(glb)).meshes())
+    for (const mesh::LocalVertex& v : leaf.vertices) ASSERT_NEAR(v.y, 90 * 256, 2048) << "the old ground";  // far ones are snapped
 }
 
 TEST_F(Fly, InLockStepALostServerIsTheEnd) {
