@@ -4,9 +4,11 @@
 #include <GLFW/glfw3.h>
 #include <epoxy/gl.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <list>
 #include <numbers>
 #include <string>
 #include <thread>
@@ -14,6 +16,7 @@
 
 #include "client/exit/exit.h"
 #include "client/render/context.h"
+#include "client/viewer/compiling.h"
 #include "client/viewer/people.h"
 #include "client/viewer/window.h"
 #include "client/viewer/world_window.h"
@@ -88,19 +91,27 @@ int view(const ViewOptions& given) {
   state.panel.vsync = options.vsync;
   state.panel.textScale = options.textScale;
   std::snprintf(state.panel.name.data(), state.panel.name.size(), "%s", options.name.c_str());
+  std::list<Compiling> compiled;  // also for worlds that were left: the driver cannot be stopped
   for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();
-    auto drawing = render::drawingOf(world, options.remoteShaders);
+    Compiling* const compiling = render::compilesForeignText(world, options.remoteShaders) ? &compiled.emplace_back(world) : nullptr;
+    auto drawing = compiling ? render::neutralDrawing(world, "the graphics driver compiles " + world.terrainName)
+                             : render::drawingOf(world, options.remoteShaders);
     auto passes = render::createOrNeutral(world, drawing, Passes::create);
-    if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
+    if (!drawing.why.empty()) std::fprintf(stderr, "%s%s\n", compiling ? "" : "warning: ", drawing.why.c_str());
     if (!passes) return fail(kNoGraphics, passes.error());
     std::fprintf(stderr, "viewing %s, seed %u, %s; H lists the keys\n", world.terrainName.c_str(), world.seed,
                  render::contextDescription().c_str());
     if (drawing.window)
       if (auto fetched = fetchGround(*link, *drawing.window, *options.at); !fetched) return fail(kRuntimeFailure, fetched.error());
-    WorldWindow inside(options, **window, std::move(*link), drawing, std::move(*passes), state);
-    WorldWindow::Ending ending = inside.run(began);
-    if (!ending.next) return ending.code;
+    WorldWindow::Ending ending = [&] {
+      WorldWindow inside(options, **window, std::move(*link), drawing, std::move(*passes), state, compiling);
+      return inside.run(began);
+    }();
+    if (!ending.next) {
+      if (!std::ranges::all_of(compiled, &Compiling::done)) Compiling::abandon(ending.code);
+      return ending.code;
+    }
     link = std::move(*ending.next);
     options.at = lattice::Point{ending.pose.x, ending.pose.z};
     options.altitude = std::max(2.0, ending.aboveGround);

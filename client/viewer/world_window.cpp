@@ -37,16 +37,20 @@ camera::Pose startPose(const ViewOptions& o, const Ground& ground) {
 }  // namespace
 
 WorldWindow::WorldWindow(const ViewOptions& options, Window& window, Link link, const render::Drawing& drawing, Passes passes,
-                         ViewerState& state)
+                         ViewerState& state, const Compiling* compiling)
     : options_(options),
       window_(window),
       state_(state),
       stream_(std::move(link), state),
       ground_(drawing, stream_.client()),
-      pictures_(std::move(passes)),
+      pictures_(std::in_place, std::move(passes)),
       overlay_(window.handle(), state.panel.textScale),
       devices_(window.handle(), state, overlay_, actions()),
       controls_(startPose(options, ground_)),
+      start_(controls_.pose()),
+      placed_(ground_.height(*options.at).has_value()),
+      compiling_(compiling),
+      modeBefore_(state.mode),
       path_(options.path) {
   state.motion.following = path_.has_value();
   if (!ground_.hasFunction()) state.mode = Mode::kMesh;
@@ -66,7 +70,9 @@ WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
     const double whole = secondsSince(std::exchange(last, Clock::now()));
     fly(std::min(whole, 0.25));
     stream_.exchange(state_.lines.frozen ? *state_.lines.frozen : camera());
-    if (auto drawn = draw(ends); !drawn) {
+    auto drawn = watchCompiling();
+    if (drawn) drawn = draw(ends);
+    if (!drawn) {
       std::fprintf(stderr, "ridgecast-client: %s\n", drawn.error().message.c_str());
       ending.code = 3;
       return ending;
@@ -259,7 +265,40 @@ double WorldWindow::aboveGround() const {
   return pose.y - ground_.height({pose.x, pose.z}).value_or(0);
 }
 
+// Unless it was moved.
+void WorldWindow::placeAtStart() {
+  if (controls_.pose() == start_) controls_.place(start_ = startPose(options_, ground_));
+}
+
+// Says so while the driver compiles the terrain; once it has, draws with it.
+Outcome<void> WorldWindow::watchCompiling() {
+  if (!compiling_) return {};
+  if (!compiling_->done()) {
+    const std::string now = compiling_->describe();
+    const bool isOurs = state_.hint.starts_with("compiling ");
+    if (state_.hint.empty() || (isOurs && state_.hint != now)) state_.tell(now);
+    return {};
+  }
+  compiling_ = nullptr;
+  const wire::World& world = stream_.client().world();
+  auto drawing = render::drawingOf(world, options_.remoteShaders);
+  auto passes = render::createOrNeutral(world, drawing, Passes::create);
+  if (!drawing.why.empty()) std::fprintf(stderr, "warning: %s\n", drawing.why.c_str());
+  if (!passes) return passes.error();
+  ground_.know(drawing);
+  pictures_.emplace(std::move(*passes));
+  if (ground_.hasFunction() && state_.mode == Mode::kMesh) state_.mode = modeBefore_;
+  placeAtStart();
+  state_.tell("drawn with " + world.terrainName + "'s own colours");
+  std::fprintf(stderr, "%s\n", state_.hint.c_str());
+  return {};
+}
+
 void WorldWindow::fly(double seconds) {
+  if (!placed_ && ground_.height(*options_.at)) {
+    placeAtStart();
+    placed_ = true;
+  }
   const Input input = devices_.read(seconds);
   controls_.setInvertY(state_.panel.invertY);
   if (state_.motion.following) followPath(input);
@@ -286,10 +325,10 @@ Outcome<void> WorldWindow::draw(bool last) {
     state_.hint.clear();
     state_.changed = true;
   }
-  const auto updated = pictures_.update(ground_.view(seen), stream_, state_, newHeights);
+  const auto updated = pictures_->update(ground_.view(seen), stream_, state_, newHeights);
   if (!updated) return updated.error();
   const bool drew = std::exchange(state_.changed, false) || *updated || state_.panel.open();
-  idle_ = !drew && !pictures_.refining(state_.mode);
+  idle_ = !drew && !pictures_->refining(state_.mode);
   state_.statistics.atRest = idle_ && state_.statistics.settled;
   if (drew || last || secondsSince(presentedAt_) >= 0.5) present(seen, last);
   return {};
@@ -298,7 +337,7 @@ Outcome<void> WorldWindow::draw(bool last) {
 void WorldWindow::present(const camera::Camera& camera, bool last) {
   measure();
   outline(camera);
-  pictures_.present(static_cast<int>(camera.projection.width), static_cast<int>(camera.projection.height), state_);
+  pictures_->present(static_cast<int>(camera.projection.width), static_cast<int>(camera.projection.height), state_);
   if (wantsScreenshot_) state_.hint.clear();
   const Requests requests = overlay_.draw(state_);
   if (last && !options_.screenshot.empty()) screenshot(camera.projection, options_.screenshot);
@@ -364,7 +403,7 @@ void WorldWindow::outline(const camera::Camera& camera) {
 void WorldWindow::screenshot(const camera::Projection& size, const std::filesystem::path& file) const {
   const auto written = saveWindow(static_cast<int>(size.width), static_cast<int>(size.height), file);
   std::fprintf(stderr, "%s\n",
-               written ? ("the picture is in " + file.string() + (pictures_.finished(state_) ? "" : ", and was still being built")).c_str()
+               written ? ("the picture is in " + file.string() + (pictures_->finished(state_) ? "" : ", and was still being built")).c_str()
                        : ("ridgecast-client: " + written.error().message).c_str());
 }
 

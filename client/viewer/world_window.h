@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "client/viewer/compiling.h"
 #include "client/viewer/devices.h"
 #include "client/viewer/ground.h"
 #include "client/viewer/path_recorder.h"
@@ -17,7 +18,9 @@ namespace ridgecast::viewer {
 
 class WorldWindow {
  public:
-  WorldWindow(const ViewOptions& options, Window& window, Link link, const render::Drawing& drawing, Passes passes, ViewerState& state);
+  // `compiling`: until it is done, `drawing` and `passes` are neutral ones; then the window draws with the terrain. Null: they are final.
+  WorldWindow(const ViewOptions& options, Window& window, Link link, const render::Drawing& drawing, Passes passes, ViewerState& state,
+              const Compiling* compiling);
 
   struct Ending {
     int code = 0;
@@ -44,6 +47,8 @@ class WorldWindow {
   void flyTo(std::uint64_t member);
   void copyLink();
 
+  void placeAtStart();
+  Outcome<void> watchCompiling();
   void fly(double seconds);
   void followPath(const Input& input);
   camera::Camera camera() const;
@@ -60,10 +65,14 @@ class WorldWindow {
   ViewerState& state_;
   Stream stream_;
   Ground ground_;
-  Pictures pictures_;
+  std::optional<Pictures> pictures_;  // never empty
   Overlay overlay_;
   Devices devices_;
   Controls controls_;
+  camera::Pose start_;  // where the camera was placed
+  bool placed_;         // above ground that is known
+  const Compiling* compiling_;
+  Mode modeBefore_;
   std::optional<PathRecorder> recorder_;
   std::optional<camera::Path> path_;
   Clock::time_point pathBegan_ = Clock::now(), presentedAt_{}, countedSince_ = Clock::now();
