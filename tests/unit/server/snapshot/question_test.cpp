@@ -10,6 +10,8 @@
 namespace ridgecast::snapshot {
 namespace {
 
+using namespace std::string_literals;
+
 using testing::HasSubstr;
 
 constexpr Limits kLimits;
@@ -88,7 +90,7 @@ TEST(Question, TheSameQuestionHasOneText) {
 
 TEST(Question, AnyBytesAreAnsweredInOneSentence) {
   std::mt19937 random(3);
-  const std::string letters = "xzy01=&%+-.einfa\n\0<>'\"";
+  const std::string letters = "xzy01=&%+-.einfa\n\0<>'\""s;
   for (int k = 0; k < 20'000; ++k) {
     std::string query(random() % 60, ' ');
     for (char& c : query) c = random() % 4 ? letters[random() % letters.size()] : static_cast<char>(random());
