@@ -1,8 +1,9 @@
 #pragma once
 // Moves the mesh's picture onto the true terrain: for each sample a few secant steps along its ray, from the mesh to the terrain function.
-// A rendering between mesh and ray march: it needs the terrain's function, costs one height a step (far from the ground up to 37 more) and
-// hides the mesh's errors. True ground that rises above the mesh, in front of sky or farther ground, is searched for above silhouettes, up
-// to 8 samples high (up to 38 heights for a sample just above one); anything farther is missing. Needs the context it was made in.
+// A rendering between mesh and ray march, shown by default (common/shaders/correct.glsl). It needs the terrain's function, costs one height
+// a step (far from the ground up to 37 more) and hides the mesh's errors. True ground that rises above the mesh, in front of sky or farther
+// ground, is searched for above silhouettes, up to 8 samples high (up to 38 heights for a sample just above one); anything farther is
+// missing. Needs the context it was made in.
 
 #include "client/render/gl_objects.h"
 #include "client/render/surface.h"

@@ -161,10 +161,11 @@ void drawFigures(const ViewerState& state) {
   const Statistics& s = state.statistics;
   const Motion& m = state.motion;
   ImGui::TextUnformatted(s.world.c_str());
+  const char* const mesh = s.corrected ? "corrected mesh" : "mesh";
   if (s.atRest)
-    ImGui::Text("at rest   mesh %.1f ms", s.meshMs);
+    ImGui::Text("at rest   %s %.1f ms", mesh, s.meshMs);
   else
-    ImGui::Text("%.0f pictures/s   mesh %.1f ms", s.framesPerSecond, s.meshMs);
+    ImGui::Text("%.0f pictures/s   %s %.1f ms", s.framesPerSecond, mesh, s.meshMs);
   if (s.coarseness > 1)
     ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.marchMs, s.coarseness, s.progress * 100);
   else

@@ -12,6 +12,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr std::uint32_t kCoarsest = 16;
+constexpr double kKeepsUp = 0.7;                 // of the budget: what was too late for the correction comes back within this
 constexpr std::chrono::milliseconds kRest{400};  // after this time without a change the mesh is drawn in full
 
 // The view with one sample for a square of n x n pixels, at least one.
@@ -65,6 +66,11 @@ Outcome<void> MeshPane::fitBefore() {
   return render::fit(second_, size.width(), size.height(), passes_.mesh.shaded());
 }
 
+bool MeshPane::correctsInTime(const render::View& samples, std::chrono::milliseconds budget) const {
+  const double milliseconds = samplesOf(samples) * (perSample_ + perCorrection_);
+  return milliseconds <= (corrected_ ? 1 : kKeepsUp) * static_cast<double>(budget.count());
+}
+
 Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving) {
   const double now = nowInSeconds();
   const bool wasActive = morph_.active();
@@ -73,14 +79,14 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
   sceneVersion_ = sceneVersion;
   if (sceneChanged) sceneChanged_ = Clock::now();
   const bool morphing = morph_.active() || wasActive || morph_.version() != shownVersion_;
-  const bool refining = morphing || Clock::now() - sceneChanged_ < kRest;
-  const std::uint32_t coarseness = moving     ? fitting(view, perSample_, kMeshBudget)
-                                   : refining ? fitting(view, perSample_, kRefiningBudget)
-                                              : 1;
+  const bool refining = morphing || Clock::now() - sceneChanged_ < kRest, rests = !moving && !refining;
+  const std::chrono::milliseconds budget = moving ? kMeshBudget : kRefiningBudget;
+  const std::uint32_t coarseness = rests ? 1 : fitting(view, perSample_, budget);
   const render::View samples = coarser(view, coarseness);
+  const bool corrects = mayCorrect_ && (rests || correctsInTime(samples, budget));
   const bool fits = layer_ && layer_->coarseness == coarseness && layer_->canvas.width() == samples.camera.projection.width &&
-                    layer_->canvas.height() == samples.camera.projection.height;
-  if (fits && !moving && !morphing && !restructured_) return refining && coarseness > 1;
+                    layer_->canvas.height() == samples.camera.projection.height && corrects == corrected_;
+  if (fits && !moving && !morphing && !restructured_) return refining && (coarseness > 1 || corrects != mayCorrect_);
   restructured_ = false;
   if (auto fitted = fit(layer_, samples, coarseness, passes_.mesh.shaded()); !fitted) return fitted.error();
   if (morph_.version() != shownVersion_) {
@@ -88,25 +94,38 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
     passes_.mesh.update(morph_.to());
     shownVersion_ = morph_.version();
   }
+  if (auto drawn = draw(samples, corrects, now); !drawn) return drawn.error();
+  return true;
+}
+
+// Into the layer; measures what a sample costs.
+Outcome<void> MeshPane::draw(const render::View& samples, bool corrects, double now) {
   const auto began = Clock::now();
+  if (morph_.active() || corrects)
+    if (auto fitted = fitBefore(); !fitted) return fitted;
   if (morph_.active()) {
-    if (auto fitted = fitBefore(); !fitted) return fitted.error();
     passes_.before.draw(samples, *first_);
     passes_.mesh.draw(samples, *second_);
     passes_.morph.blend(*first_, *second_, morph_.share(now), layer_->surface);
   } else {
     passes_.mesh.draw(samples, layer_->surface);
   }
-  if (corrected_) {
-    if (auto fitted = fitBefore(); !fitted) return fitted.error();
+  double correction = 0;
+  if (corrects) {
+    glFinish();
+    const auto drawn = Clock::now();
     passes_.correction.correct(samples, layer_->surface, *first_);
+    glFinish();
+    correction = 1e3 * secondsSince(drawn);
+    perCorrection_ = correction / samplesOf(samples);
   }
-  passes_.shade.shade(samples, corrected_ ? *first_ : layer_->surface, layer_->canvas);
+  passes_.shade.shade(samples, corrects ? *first_ : layer_->surface, layer_->canvas);
   passes_.structure.draw(samples, passes_.mesh, layer_->surface, layer_->canvas, structure_);
   glFinish();
+  corrected_ = corrects;
   milliseconds_ = 1e3 * secondsSince(began);
-  perSample_ = milliseconds_ / samplesOf(samples);
-  return true;
+  perSample_ = (milliseconds_ - correction) / samplesOf(samples);
+  return {};
 }
 
 Outcome<void> MarchPane::begin(const render::View& view, std::uint32_t coarseness) {

@@ -1,7 +1,8 @@
 #pragma once
 // The two pictures of the window. On a graphics card each is drawn whole every frame. In software, each pane measures the cost of a sample;
 // while the camera moves it draws as many as fit its budget, stretched, and once the camera rests it draws finer ones. An up-to-date pane
-// draws nothing.
+// draws nothing. The mesh is corrected onto the true surface (render/correction_pass.h) while a picture stays within its budget, and
+// always once the camera rests.
 
 #include <chrono>
 #include <cstdint>
@@ -41,11 +42,9 @@ class MeshPane {
   Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
   // Shows changes of the mesh over a fraction of a second (render/morph.h), or at once.
   void setSmooth(bool smooth) { smooth_ = smooth; }
-  // Moves every sample onto the true surface (render/correction_pass.h) if the terrain's function is known.
-  void setCorrected(bool corrected) {
-    corrected &= passes_.correction.canCorrect();
-    restructured_ |= std::exchange(corrected_, corrected) != corrected;
-  }
+  // Whether to correct the mesh, if the terrain's function is known.
+  void setCorrected(bool corrected) { mayCorrect_ = corrected && passes_.correction.canCorrect(); }
+  bool isCorrected() const { return corrected_; }  // what is shown
   // What to draw over the picture from the next update on; redraws.
   void setStructure(render::Structure structure) {
     structure_ = std::move(structure);
@@ -54,19 +53,21 @@ class MeshPane {
   const render::Canvas* canvas() const { return layer_ ? &layer_->canvas : nullptr; }
   double milliseconds() const { return milliseconds_; }
   // Drawn in full, and nothing moves.
-  bool isAtRest() const { return layer_ && layer_->coarseness == 1 && !morph_.active(); }
+  bool isAtRest() const { return layer_ && layer_->coarseness == 1 && corrected_ == mayCorrect_ && !morph_.active(); }
 
  private:
   Outcome<void> fitBefore();
+  bool correctsInTime(const render::View& samples, std::chrono::milliseconds budget) const;
+  Outcome<void> draw(const render::View& samples, bool corrects, double now);
   Passes& passes_;
   render::Morph morph_;
   render::Structure structure_;
-  bool smooth_ = true, restructured_ = false, corrected_ = false;
+  bool smooth_ = true, restructured_ = false, mayCorrect_ = false, corrected_ = false;
   std::optional<Layer> layer_;
   std::optional<render::Surface> first_, second_;  // of the layer's size, while the mesh morphs or is corrected
   std::uint64_t sceneVersion_ = ~std::uint64_t{0}, shownVersion_ = ~std::uint64_t{0};
   std::chrono::steady_clock::time_point sceneChanged_{};
-  double milliseconds_ = 0, perSample_ = 0;
+  double milliseconds_ = 0, perSample_ = 0, perCorrection_ = 0;  // the last two for a sample
 };
 
 class MarchPane {

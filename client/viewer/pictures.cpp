@@ -64,6 +64,7 @@ Outcome<bool> Pictures::update(const render::View& view, const Stream& stream, V
   marchStale_ = state.mode == Mode::kMesh && (moving || marchStale_);
   Statistics& s = state.statistics;
   s.meshMs = mesh_.milliseconds();
+  s.corrected = mesh_.isCorrected();
   s.marchMs = march_.milliseconds();
   s.coarseness = march_.coarseness();
   s.progress = march_.progress();

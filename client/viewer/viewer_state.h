@@ -129,7 +129,8 @@ struct Statistics {
   std::size_t candidates = 0;
   double candidateUnit = 1;  // pixels, see errorColour()
   bool settled = false, hashOk = true;
-  bool atRest = false;  // nothing is drawn, because nothing changes
+  bool corrected = false;  // the mesh that is shown
+  bool atRest = false;     // nothing is drawn, because nothing changes
   Building building;
   Plots plots;
 };
@@ -137,7 +138,7 @@ struct Statistics {
 struct ViewerState {
   Mode mode = Mode::kSplit;
   double divider = 0.5;  // share of the window's width
-  bool help = false, figures = true, plots = false, mouseFree = true, smooth = true, corrected = false;
+  bool help = false, figures = true, plots = false, mouseFree = true, smooth = true, corrected = true;
   Lines lines;
   std::string message;  // empty: none; otherwise in the middle, until it changes
   std::string hint;     // empty: none; otherwise at the bottom, until hintEnds: what a key has just done

@@ -49,6 +49,10 @@ TEST_F(Keys, ChangeWhatIsShown) {
   const Difference same = compare(mesh, march);
   EXPECT_GT(same.mean, 0.1);
   EXPECT_LT(same.mean, 20);
+  press({"1", "t"});  // the mesh as it is, instead of corrected onto the true surface
+  EXPECT_GT(compare(rested(), march).mean, 2 * same.mean);
+  press({"t"});
+  EXPECT_EQ(compare(mesh, rested()).mean, 0);
   press({"4"});
   const render::Picture difference = rested();
   EXPECT_GT(compare(mesh, difference).darker, 0.5);

@@ -21,7 +21,7 @@ export interface WorldTold {
   seed: number;
   session: string;
   camera: string; // its number, decimal
-  hasSource: boolean;
+  lacks: string; // why the page has no functions of the terrain; empty: it has them
   threshold: number; // granted
 }
 
@@ -96,6 +96,7 @@ export interface Look {
   wireframe: boolean;
   nodes: boolean;
   candidates: boolean;
+  corrected: boolean; // the mesh onto the true surface, where its function is known and a picture stays within its time
 }
 
 export type ToPainter =
@@ -111,5 +112,5 @@ export type FromPainter =
   | { kind: 'problem'; sentence: string; fatal: boolean } // fatal: no picture will be drawn any more
   | { kind: 'ground'; metres: number | undefined } // nothing: it has no functions of the terrain
   // `messages` of the page and `changes` of the engine were heard before.
-  | { kind: 'frames'; perSecond: number; coarseness: number; milliseconds: number; finest: boolean; messages: number; changes: number }
+  | { kind: 'frames'; perSecond: number; coarseness: number; corrected: boolean; milliseconds: number; finest: boolean; messages: number; changes: number }
   | { kind: 'picture'; png: Blob };

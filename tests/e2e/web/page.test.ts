@@ -36,13 +36,13 @@ test.after(async () => {
   await server.stop();
 });
 
-/** What the desktop client draws at the same pose, from its mesh or by its ray march. */
-async function desktopPicture(kind: 'mesh' | 'raymarch', size: string): Promise<Buffer> {
+/** What the desktop client draws at the same pose, from its mesh, as it is or corrected, or by its ray march. */
+async function desktopPicture(kind: 'mesh' | 'corrected' | 'raymarch', size: string): Promise<Buffer> {
   const folder = mkdtempSync(join(tmpdir(), 'ridgecast-desktop-'));
   try {
     const path = join(folder, 'path.json');
     writeFileSync(path, JSON.stringify({ terrain: 'alpine', seed: 1, keyframes: [{ t: 0, ...POSE }, { t: 0.1, ...POSE }] }));
-    await promisify(execFile)(needed('RIDGECAST_CLIENT'), ['fly', server.ws, '--path', path, '--out', join(folder, 'out'), '--size', size, '--frames-every', '100']);
+    await promisify(execFile)(needed('RIDGECAST_CLIENT'), ['fly', server.ws, '--path', path, '--out', join(folder, 'out'), '--size', size, '--frames-every', '100', '--corrected']);
     return readFileSync(join(folder, 'out', `settled-${kind}.png`));
   } finally {
     rmSync(folder, { recursive: true, force: true });
@@ -60,9 +60,15 @@ test('shows terrain, the same as the desktop client', async (t) => {
   const shown = decodePng(png);
   assert.deepEqual([shown.width, shown.height], [640, 360]);
   assert.ok(contrast(shown) > 25, `a flat picture: ${contrast(shown)}`);
-  const alike = ssim(shown, decodePng(await desktopPicture('mesh', '640x360')));
+  assert.ok(settled.frames!.corrected);
+  const alike = ssim(shown, decodePng(await desktopPicture('corrected', '640x360')));
   t.diagnostic(`SSIM with the desktop client ${alike.toFixed(4)}, ${settled.figures!.triangles} triangles`);
-  assert.ok(alike >= 0.9, `SSIM ${alike}`);
+  assert.ok(alike >= 0.95, `SSIM ${alike}`);
+  await viewer.page.keyboard.press('KeyT');
+  await viewer.until('drawn as it is', (r) => r.drawn && !r.frames!.corrected);
+  const plain = ssim(decodePng(await viewer.picture()), decodePng(await desktopPicture('mesh', '640x360')));
+  t.diagnostic(`as it is ${plain.toFixed(4)}`);
+  assert.ok(plain >= 0.9, `SSIM ${plain}`);
   assert.deepEqual(viewer.complaints, []);
   await viewer.close();
 });
@@ -129,6 +135,35 @@ test('when the camera rests, coarse pictures go finer in steps', async (t) => {
   await viewer.close();
 });
 
+test('the mesh is corrected while that keeps up with the flight, and always at rest', async () => {
+  const viewer = await Viewer.open(browser, 'about:blank', { width: 96, height: 54 });
+  // A card that takes `lag` longer than it does for all that it is given.
+  const slowsDown = `self.lag = 0;
+    const own = WebGL2RenderingContext.prototype, { fenceSync, clientWaitSync } = own, given = new WeakMap();
+    own.fenceSync = function (...of) { const sync = fenceSync.apply(this, of); given.set(sync, performance.now()); return sync; };
+    own.clientWaitSync = function (sync, ...of) { return performance.now() - given.get(sync) < self.lag ? this.TIMEOUT_EXPIRED : clientWaitSync.call(this, sync, ...of); };`;
+  await viewer.page.route('**/painter.worker*.js', async (route) => {
+    await route.fulfill({ contentType: 'text/javascript', body: `{ ${slowsDown} }\n${await (await route.fetch()).text()}` });
+  });
+  await viewer.page.goto(`${server.http}/${place('&threshold=50')}`);
+  const corrected = (r: Report): boolean => r.frames!.corrected;
+  const { messages } = (await viewer.until('corrected at rest', (r) => r.drawn && corrected(r))).frames!;
+  const painter = viewer.page.workers().find((worker) => worker.url().includes('painter'))!;
+  const slow = (by: number): Promise<unknown> => painter.evaluate((ms) => ((self as unknown as { lag: number }).lag = ms), by);
+  await viewer.page.keyboard.down('KeyW');
+  await viewer.until('flying, corrected', (r) => r.frames!.messages > messages + 1 && corrected(r));
+  await slow(150);
+  await viewer.until('flying, as it is', (r) => !corrected(r));
+  await slow(0);
+  await viewer.until('flying, corrected again', corrected);
+  await slow(150);
+  await viewer.until('flying, as it is again', (r) => !corrected(r));
+  await viewer.page.keyboard.up('KeyW');
+  await viewer.until('corrected at rest again', (r) => r.drawn && corrected(r));
+  assert.deepEqual(viewer.complaints, []);
+  await viewer.close();
+});
+
 test('two pages see each other', async () => {
   const one = await Viewer.open(browser, `${server.http}/${place()}`, { width: 320, height: 180 });
   await one.until('connected', (r) => r.connected);
@@ -145,18 +180,25 @@ test('two pages see each other', async () => {
   await one.close();
 });
 
-test('the ray march shows what the mesh shows, and overlays show', async (t) => {
+test('the ray march shows what the mesh shows, the corrected one most of all, and overlays show', async (t) => {
   const viewer = await Viewer.open(browser, `${server.http}/${place()}`, { width: 160, height: 90 });
   const finest = (): Promise<unknown> => viewer.until('drawn in full', (r) => r.drawn);
   await finest();
   const mesh = decodePng(await viewer.picture());
+  await viewer.page.keyboard.press('KeyT');
+  await finest();
+  const plain = decodePng(await viewer.picture());
+  await viewer.page.keyboard.press('KeyT');
+  await finest();
+  assert.deepEqual(decodePng(await viewer.picture()).rgb, mesh.rgb);
   await viewer.page.keyboard.press('Digit2');
   await finest();
   const march = decodePng(await viewer.picture());
   const alike = ssim(march, decodePng(await desktopPicture('raymarch', '160x90')));
-  t.diagnostic(`SSIM of the ray march with the desktop client's ${alike.toFixed(4)}, of mesh and ray march at 160x90 ${ssim(mesh, march).toFixed(4)}`);
+  t.diagnostic(`SSIM of the ray march with the desktop client's ${alike.toFixed(4)}, of mesh and ray march at 160x90 ${ssim(plain, march).toFixed(4)}, corrected ${ssim(mesh, march).toFixed(4)}`);
   assert.ok(alike >= 0.9, `SSIM ${alike}`);
-  assert.ok(ssim(mesh, march) > 0.7 && ssim(mesh, march) < 1, 'mesh and ray march show one place');
+  assert.ok(ssim(plain, march) > 0.7 && ssim(mesh, march) < 1, 'mesh and ray march show one place');
+  assert.ok(1 - ssim(plain, march) > 2 * (1 - ssim(mesh, march)), 'the corrected mesh is not clearly nearer to the ray march');
   await viewer.page.keyboard.press('Digit1');
   await viewer.page.keyboard.press('KeyX');
   await viewer.page.keyboard.press('KeyN');
@@ -297,6 +339,25 @@ test('says what is wrong', async (t) => {
     await painter.evaluate(() => (self as unknown as { taken: WebGL2RenderingContext }).taken.getExtension('WEBGL_lose_context')!.loseContext());
     await viewer.page.waitForFunction(() => /taken away/.test(document.getElementById('problem')!.innerText));
     await staysUnconnected(viewer, /Reload/);
+  });
+  await t.test('a terrain whose functions it does not have', async () => {
+    const folder = mkdtempSync(join(tmpdir(), 'ridgecast-map-')), map = join(folder, 'hills.r16');
+    writeFileSync(map, Uint8Array.from({ length: 2 * 64 * 64 }, (_, k) => (k % 2 === 0 ? 0 : 100 + 20 * Math.sin(k / 97))));
+    const own = await Server.start(['--terrain', map, '--raster', 'size=64x64', '--raster', 'pitch=25', '--terrain-cache', folder]);
+    try {
+      const viewer = await Viewer.open(browser, `${own.http}/#threshold=16`, { width: 160, height: 90 });
+      const { frames } = await viewer.until('drawn', (r) => r.drawn);
+      assert.equal(frames!.corrected, false);
+      for (const [key, said] of [['KeyT', /no samples of a height map: the mesh is drawn as it is/], ['Digit2', /no samples of a height map: there is no ray march/]] as const) {
+        await viewer.page.keyboard.press(key);
+        assert.match(await viewer.page.innerText('#note'), said);
+      }
+      assert.deepEqual(viewer.complaints, []);
+      await viewer.close();
+    } finally {
+      await own.stop();
+      rmSync(folder, { recursive: true });
+    }
   });
   await t.test('no JavaScript', async () => {
     const context = await browser.newContext({ javaScriptEnabled: false }), page = await context.newPage();

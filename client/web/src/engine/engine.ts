@@ -120,7 +120,7 @@ export class Engine {
     this.showNoCandidates();
     const held = this.replica!.resume(world, this.stream!);
     if (held.length === 0) this.painter.clear();
-    const source = text(world.terrainSource);
+    const source = world.heightMap ? '' : text(world.terrainSource); // which needs samples that the page does not ask for
     this.painter.send({ kind: 'world', source, seed: world.seed, horizon: world.horizon });
     this.tell({
       kind: 'world',
@@ -129,7 +129,7 @@ export class Engine {
         seed: world.seed,
         session: text(world.session),
         camera: String(world.camera),
-        hasSource: source !== '',
+        lacks: source ? '' : world.heightMap ? 'This page has no samples of a height map' : 'The server keeps the terrain to itself',
         threshold: world.settings?.threshold ?? 0,
       },
     });

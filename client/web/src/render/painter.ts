@@ -49,7 +49,7 @@ export class Painter {
   private world: World | undefined; // the newest
   private readonly neutral: Programs;
   private drawing: { programs: WorldPrograms; heights: Heights } | undefined;
-  private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false };
+  private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
   private eye: Pick<View, 'pose' | 'verticalFov' | 'rests'> | undefined;
   private readonly wanted = { size: { width: 1, height: 1 } as Size, resize: false, picture: false, ground: undefined as Pose | undefined };
   private readonly turn = { scheduled: false, marchIsNext: false, shownOf: '' }; // in 'split' panes take turns; the look and the pictures that are shown
@@ -181,6 +181,7 @@ export class Painter {
     if (!this.mesh.shown) return;
     void programs.wantColours();
     if (this.look.mode !== 'mesh') void programs.wantMarch();
+    if (this.wantsCorrection && this.mesh.coarseness === 1) void programs.wantCorrection(); // the last that a picture lacks
   }
 
   private resize(): void {
@@ -200,9 +201,12 @@ export class Painter {
   private shows(pane: Pane): boolean {
     return pane === this.march ? this.wants(pane) && this.drawing!.programs.canMarch : this.wants(pane) || !this.march.shown;
   }
+  private get wantsCorrection(): boolean {
+    return this.look.corrected && this.look.mode !== 'march' && this.drawing!.programs.mayCorrect;
+  }
   private get tools(): Tools {
-    const { renderer, uniforms, leaves } = this;
-    return { renderer, uniforms, leaves, programs: this.drawing!.programs.current };
+    const { renderer, uniforms, leaves } = this, { programs } = this.drawing!;
+    return { renderer, uniforms, leaves, programs: programs.current, canCorrect: this.wantsCorrection && programs.canCorrect };
   }
 
   private drawPortions(view: View, now: number): { parts: Part[]; more: boolean } {
@@ -220,7 +224,7 @@ export class Painter {
         parts.push({ pane, portion });
         left -= portion.estimate;
       } while (left > 0 && pane.busy);
-      more ||= !pane.isFinest(view, pane.ofNow(tools, this.look));
+      more ||= !pane.isFinest(view, tools, this.look);
     }
     return { parts, more };
   }
@@ -239,16 +243,17 @@ export class Painter {
   }
 
   private tellFrames(view: View, more: boolean): void {
-    const { told, tools } = this, since = performance.now() - told.at;
-    const { coarseness, milliseconds } = this.look.mode === 'march' && this.march.shown ? this.march : this.mesh;
+    const { told, tools, look } = this, { programs } = this.drawing!, since = performance.now() - told.at;
+    const { coarseness, corrected, milliseconds } = this.look.mode === 'march' && this.march.shown ? this.march : this.mesh;
     if (!this.mesh.shown && !this.march.shown) return;
     if (since < 500 && more && coarseness === told.coarseness) return;
     this.tell({
       kind: 'frames',
       perSecond: since > 0 ? (told.frames * 1000) / since : 0,
       coarseness,
+      corrected,
       milliseconds,
-      finest: this.drawing!.programs.coloursAreFinal && [this.mesh, this.march].every((pane) => !this.wants(pane) || pane.isFinest(view, pane.ofNow(tools, this.look))),
+      finest: programs.coloursAreFinal && this.wantsCorrection === tools.canCorrect && [this.mesh, this.march].every((pane) => !this.wants(pane) || pane.isFinest(view, tools, look)),
       ...this.heard,
     });
     this.told.frames = 0;

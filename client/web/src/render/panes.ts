@@ -1,5 +1,7 @@
 // The two pictures, each as up to date and as fine as the graphics card allows: what a sample costs is measured, and while the camera
 // moves as many are drawn as fit a frame, stretched; once it rests, the picture goes finer, a tile at a time. No call waits for the card.
+// The mesh is corrected onto the true surface (common/shaders/correct.glsl) where the picture still stays within its time, and last of all
+// where nothing changes any more.
 
 import { FloatType, LinearFilter, NearestFilter, RGBAFormat, WebGLRenderTarget, WebGLRenderer } from 'three';
 import type { Look } from '../messages';
@@ -14,8 +16,12 @@ const MOVING_BUDGET = 40; // ms a picture while the camera moves
 const REFINING_BUDGET = 120; // ms for the mesh's while only the mesh changes
 const STEP_BUDGET = 25, COARSE_BUDGET = 100; // ms of work that is given to the card at a time; of coarse pictures, which slow cards alone draw
 const MOVING = 100; // ms after the view changed
+const KEEPS_UP = 0.7; // of the time of a picture: what was too late for the correction comes back within this
 const REST = 400; // ms without a change, then the mesh is drawn in full
 const TILES = [64, 32, 16]; // samples a side: the largest that the card does in good time
+
+const surfaceOf = (width: number, height: number, withDepth: boolean): WebGLRenderTarget =>
+  new WebGLRenderTarget(width, height, { type: FloatType, format: RGBAFormat, minFilter: NearestFilter, magFilter: NearestFilter, depthBuffer: withDepth, generateMipmaps: false });
 
 class Layer {
   readonly surface: WebGLRenderTarget;
@@ -25,7 +31,7 @@ class Layer {
     readonly height: number,
     withDepth: boolean,
   ) {
-    this.surface = new WebGLRenderTarget(width, height, { type: FloatType, format: RGBAFormat, minFilter: NearestFilter, magFilter: NearestFilter, depthBuffer: withDepth, generateMipmaps: false });
+    this.surface = surfaceOf(width, height, withDepth);
     this.picture = new WebGLRenderTarget(width, height, { minFilter: LinearFilter, magFilter: LinearFilter, depthBuffer: false, generateMipmaps: false });
   }
   dispose(): void {
@@ -40,6 +46,7 @@ export interface Tools {
   uniforms: ViewUniforms;
   programs: Programs;
   leaves: Leaves;
+  canCorrect: boolean; // the mesh is to be corrected, and can be
 }
 
 const coarser = (view: View, n: number): View => ({ ...view, width: Math.max(1, Math.floor(view.width / n)), height: Math.max(1, Math.floor(view.height / n)) });
@@ -66,11 +73,15 @@ export interface Portion {
   estimate: number; // ms
 }
 
-interface Job {
+interface Wanted {
+  coarseness: number;
+  corrected: boolean;
+}
+
+interface Job extends Wanted {
   layer: Layer;
   view: View; // of the samples
   full: View; // of the whole picture
-  coarseness: number;
   side: number; // of a tile
   tile: number;
   tiles: number;
@@ -82,6 +93,7 @@ export abstract class Pane {
   shown: Layer | undefined;
   pictures = 0; // that were shown
   coarseness = COARSEST; // of what is shown
+  corrected = false; // what is shown
   milliseconds = 0; // that it took
   shownView: View | undefined; // of the whole picture
   private shownOf = ''; // overlays and, of the mesh, version
@@ -105,16 +117,22 @@ export abstract class Pane {
   protected fixedCost(): number {
     return 0;
   }
+  /** What the correction costs beside all else: ms; nothing where there is none. */
+  protected correctionCost(_view: View, _tools: Tools): number | undefined {
+    return undefined;
+  }
   protected abstract beginBefore(view: View, tools: Tools): void;
   protected abstract before(job: Job, tools: Tools, look: Look): Portion | undefined;
   /** How many pixels a sample may stand for, each way, where the camera rests and this view is not shown yet, or is already. */
   protected abstract firstCoarseness(view: View, now: number): number;
   protected abstract nextCoarseness(now: number): number;
+  /** ms a picture while the camera rests. */
+  protected abstract restingBudget(now: number): number;
   protected abstract draw(job: Job, tools: Tools, look: Look, only: Rectangle): void;
 
   /** Whether what is shown is the picture of this view, in full. */
-  isFinest(view: View, of: string): boolean {
-    return this.shownView !== undefined && this.coarseness === 1 && this.shownOf === of && same(this.shownView, view);
+  isFinest(view: View, tools: Tools, look: Look): boolean {
+    return this.isCurrent(view, this.ofNow(tools, look)) && this.coarseness === 1 && this.corrected === this.canCorrect(view, tools);
   }
   get busy(): boolean {
     return this.job !== undefined;
@@ -130,9 +148,9 @@ export abstract class Pane {
     const moving = !view.rests && now - this.movedAt < MOVING;
     if (this.job && !same(this.job.full, view) && (view.rests || this.estimate(this.job.view) > 2 * this.estimate(coarser(view, this.fitting(view, MOVING_BUDGET))))) this.abandon();
     if (!this.job) {
-      const coarseness = this.wanted(view, of, moving, now);
-      if (coarseness === 0) return undefined;
-      this.begin(view, of, coarseness, tools);
+      const wanted = this.wanted(view, of, moving, now, tools);
+      if (!wanted) return undefined;
+      this.begin(view, of, wanted, tools);
     }
     tools.uniforms.set(this.job!.view);
     return this.before(this.job!, tools, look) ?? this.samples(this.job!, tools, look);
@@ -167,22 +185,38 @@ export abstract class Pane {
     this.job = undefined;
   }
 
-  /** The coarseness of the picture that is to be drawn now; 0: none. */
-  private wanted(view: View, of: string, moving: boolean, now: number): number {
-    const current = this.shownView !== undefined && same(this.shownView, view) && this.shownOf === of;
-    if (!current) return moving ? this.fitting(view, this.shown ? MOVING_BUDGET : REFINING_BUDGET) : this.firstCoarseness(view, now);
-    return moving || this.coarseness === 1 ? 0 : this.nextCoarseness(now);
+  private isCurrent(view: View, of: string): boolean {
+    return this.shownView !== undefined && same(this.shownView, view) && this.shownOf === of;
+  }
+  private canCorrect(view: View, tools: Tools): boolean {
+    return this.correctionCost(view, tools) !== undefined;
+  }
+  private correctsInTime(view: View, budget: number, tools: Tools): boolean {
+    const more = this.correctionCost(view, tools);
+    return more !== undefined && this.estimate(view) + more <= (this.corrected ? 1 : KEEPS_UP) * budget;
   }
 
-  private begin(full: View, of: string, coarseness: number, tools: Tools): void {
-    const view = coarser(full, coarseness);
+  /** The picture that is to be drawn now, if any. */
+  private wanted(view: View, of: string, moving: boolean, now: number, tools: Tools): Wanted | undefined {
+    const current = this.isCurrent(view, of), canCorrect = this.canCorrect(view, tools);
+    if (current && (moving || (this.coarseness === 1 && this.corrected === canCorrect))) return undefined;
+    const budget = moving ? (this.shown ? MOVING_BUDGET : REFINING_BUDGET) : this.restingBudget(now);
+    const coarseness = current ? this.nextCoarseness(now) : moving ? this.fitting(view, budget) : this.firstCoarseness(view, now);
+    if (coarseness === 0) return undefined;
+    const last = current && this.coarseness === 1; // nothing is left but the correction, or to take it back
+    const soon = current ? budget : Math.min(budget, REFINING_BUDGET); // who stops wants a picture first
+    return { coarseness, corrected: last ? canCorrect : this.correctsInTime(coarser(view, coarseness), soon, tools) };
+  }
+
+  private begin(full: View, of: string, wanted: Wanted, tools: Tools): void {
+    const view = coarser(full, wanted.coarseness);
     if (!this.spare || this.spare.width !== view.width || this.spare.height !== view.height) {
       this.spare?.dispose();
       this.spare = new Layer(view.width, view.height, this.withDepth);
     }
     const side = TILES.find((t) => t * t * this.perSample.each < 2 * STEP_BUDGET) ?? TILES[TILES.length - 1]!;
     const tiles = Math.ceil(view.width / side) * Math.ceil(view.height / side);
-    this.job = { layer: this.spare, view, full, coarseness, side, tile: 0, tiles, of, spent: 0 };
+    this.job = { ...wanted, layer: this.spare, view, full, side, tile: 0, tiles, of, spent: 0 };
     this.spare = undefined;
     this.beginBefore(view, tools);
   }
@@ -217,6 +251,7 @@ export abstract class Pane {
     this.shownView = job.full;
     this.shownOf = job.of;
     this.coarseness = job.coarseness;
+    this.corrected = job.corrected;
     this.milliseconds = job.spent;
     this.job = undefined;
   }
@@ -228,10 +263,13 @@ export abstract class Pane {
   }
 }
 
-/** The streamed mesh: its triangles in one go, then its colours. */
+/** The streamed mesh: its triangles in one go, the correction some rows at a time, then its colours. */
 export class MeshPane extends Pane {
   private readonly perMesh = new Rate(0); // whatever the size
+  private readonly perCorrection = new Rate(5e-3, 4096); // of a sample
+  private uncorrected: WebGLRenderTarget | undefined; // the mesh that is being corrected
   private drawn = false;
+  private rows = 0; // that are corrected
   constructor() {
     super(true, new Rate(5e-3, 4096)); // pessimistic until it was measured
   }
@@ -244,20 +282,46 @@ export class MeshPane extends Pane {
   protected override fixedCost(): number {
     return this.perMesh.each;
   }
+  protected override correctionCost({ width, height }: View, { canCorrect }: Tools): number | undefined {
+    return canCorrect ? width * height * this.perCorrection.each : undefined;
+  }
   protected override beginBefore(): void {
     this.drawn = false;
+    this.rows = 0;
   }
-  protected override before({ view, layer }: Job, { renderer, leaves }: Tools, look: Look): Portion | undefined {
-    if (this.drawn) return undefined;
+  protected override before(job: Job, tools: Tools, look: Look): Portion | undefined {
+    const { view, layer } = job;
+    if (this.drawn) return job.corrected && this.rows < view.height ? this.correct(job, tools) : undefined;
     this.drawn = true;
-    leaves.draw(renderer, view, layer.surface, look.wireframe);
+    tools.leaves.draw(tools.renderer, view, job.corrected ? this.roomFor(view) : layer.surface, look.wireframe);
     return { rate: this.perMesh, amount: 1, estimate: Math.max(1, this.perMesh.each) };
+  }
+  private roomFor({ width, height }: View): WebGLRenderTarget {
+    this.uncorrected ??= surfaceOf(width, height, true);
+    this.uncorrected.setSize(width, height);
+    return this.uncorrected;
+  }
+  private correct({ view, layer, coarseness }: Job, { renderer, programs }: Tools): Portion {
+    const perRow = view.width * this.perCorrection.each;
+    const height = Math.min(view.height - this.rows, Math.max(1, Math.floor((coarseness === 1 ? STEP_BUDGET : COARSE_BUDGET) / perRow)));
+    programs.own.correctSurface.value = this.uncorrected!.texture;
+    programs.correct.run(renderer, layer.surface, { x: 0, y: this.rows, width: view.width, height });
+    this.rows += height;
+    return { rate: this.perCorrection, amount: view.width * height, estimate: Math.max(0.1, height * perRow) };
+  }
+  override dispose(): void {
+    super.dispose();
+    this.uncorrected?.dispose();
+    this.uncorrected = undefined;
   }
   private changes(now: number): boolean {
     return now - this.changedAt < REST;
   }
   protected override firstCoarseness(view: View, now: number): number {
-    return Math.min(AT_REST, this.fitting(view, this.changes(now) ? REFINING_BUDGET : 4 * REFINING_BUDGET));
+    return Math.min(AT_REST, this.fitting(view, this.restingBudget(now)));
+  }
+  protected override restingBudget(now: number): number {
+    return this.changes(now) ? REFINING_BUDGET : 4 * REFINING_BUDGET;
   }
   protected override nextCoarseness(now: number): number {
     if (this.coarseness > AT_REST) return AT_REST;
@@ -292,7 +356,10 @@ export class MarchPane extends Pane {
     return { rate: this.perSkyline, amount: columns * view.height, estimate: Math.max(0.1, columns * perColumn) };
   }
   protected override firstCoarseness(view: View): number {
-    return this.fitting(view, 4 * REFINING_BUDGET);
+    return this.fitting(view, this.restingBudget());
+  }
+  protected override restingBudget(): number {
+    return 4 * REFINING_BUDGET;
   }
   protected override nextCoarseness(): number {
     return Math.max(1, this.coarseness / 4);

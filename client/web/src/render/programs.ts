@@ -5,11 +5,14 @@ import { FullScreen } from './full_screen';
 import { terrainShaders } from './shaders';
 import type { Uniform, ViewUniforms } from './view';
 
-type Name = 'shade' | 'heights' | 'skyline' | 'march';
+type Name = 'shade' | 'heights' | 'correct' | 'skyline' | 'march';
+
+const CORRECTION_STEPS = 3; // as client/render/correction_pass.h
 
 export class Programs {
   readonly skyline: FullScreen;
   readonly march: FullScreen;
+  readonly correct: FullScreen;
   readonly shade: FullScreen;
   readonly heights: FullScreen;
   readonly own = {
@@ -20,6 +23,8 @@ export class Programs {
     marchLowest: { value: -131072 },
     marchHighest: { value: 131072 },
     marchFineness: { value: 1 },
+    correctSurface: { value: null as Texture | null },
+    correctSteps: { value: CORRECTION_STEPS },
     shadeSurface: { value: null as Texture | null },
     showNodes: { value: 0 },
     heightsSpacing: { value: 0 },
@@ -29,18 +34,19 @@ export class Programs {
 
   readonly isNeutral: boolean;
 
-  /** An empty source: neutral colours, and no ground for a ray march. */
+  /** An empty source: neutral colours, and no ground for ray march and correction. */
   constructor(source: string, view: ViewUniforms) {
     this.isNeutral = source === '';
     const texts = terrainShaders(source), uniforms: Record<string, Uniform> = { ...view.all, ...this.own };
     this.skyline = new FullScreen(texts.skyline, uniforms);
     this.march = new FullScreen(texts.march, uniforms);
+    this.correct = new FullScreen(texts.correct, uniforms);
     this.shade = new FullScreen(texts.shade, uniforms);
     this.heights = new FullScreen(texts.heights, uniforms);
   }
 
   /** Compiles those that are not yet, each once; the driver's first complaint, or nothing. Drivers compile in turn, some only when a
-   *  program is used first: what is wanted soonest comes first, and the ray march only where it is wanted. */
+   *  program is used first: what is wanted soonest comes first, and ray march and correction only where they are wanted. */
   async compile(names: readonly Name[], renderer: WebGLRenderer): Promise<string> {
     let complaint = '';
     for (const name of names) complaint ||= await (this.compiled[name] ??= compiled(this[name], renderer));
@@ -48,7 +54,7 @@ export class Programs {
   }
 
   dispose(): void {
-    for (const program of [this.shade, this.heights, this.skyline, this.march]) program.dispose();
+    for (const program of [this.shade, this.heights, this.correct, this.skyline, this.march]) program.dispose();
   }
 }
 

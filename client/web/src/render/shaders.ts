@@ -4,6 +4,7 @@
 import { COARSEST_LEVEL, LEVELS_IN_GLSL } from './colours';
 import prelude from '../../../../common/terrain/prelude.glsl?raw';
 import shading from '../../../../common/terrain/shading.glsl?raw';
+import correct from '../../../../common/shaders/correct.glsl?raw';
 import dots from '../../../../common/shaders/dots.glsl?raw';
 import dotsVertex from '../../../../common/shaders/dots_vertex.glsl?raw';
 import fullScreen from '../../../../common/shaders/full_screen.glsl?raw';
@@ -88,7 +89,7 @@ void main() { colour = vec4(texture(picture, gl_FragCoord.xy / windowSize).rgb, 
 `;
 
 /** The programs that hold the terrain's functions; an empty source is a world whose text is private. */
-export function terrainShaders(source: string): { skyline: string; march: string; shade: string; heights: string } {
+export function terrainShaders(source: string): { skyline: string; march: string; correct: string; shade: string; heights: string } {
   const around = (main: string): string => `${HEAD}${prelude}\n${source || neutralTerrain}\n${shading}\n${view}\n${main}`;
-  return { skyline: around(`#define SKYLINE\n${march}`), march: around(march), shade: around(`${OVERLAY}${source ? '' : '#define SHADE_NEUTRAL\n'}${shade}`), heights: around(HEIGHTS) };
+  return { skyline: around(`#define SKYLINE\n${march}`), march: around(march), correct: around(correct), shade: around(`${OVERLAY}${source ? '' : '#define SHADE_NEUTRAL\n'}${shade}`), heights: around(HEIGHTS) };
 }

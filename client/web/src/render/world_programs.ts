@@ -1,5 +1,5 @@
 // How far the programs of a world are. Its mesh is drawn at once, in neutral colours that need no terrain; the terrain's own follow when a
-// picture is shown, and the ray march when somebody wants it and the colours are there.
+// picture is shown, then the correction of the mesh and the ray march when somebody wants them: one after the other.
 
 import type { WebGLRenderer } from 'three';
 import { Programs } from './programs';
@@ -11,6 +11,7 @@ export class WorldPrograms {
   private readonly own: Programs | undefined;
   private colours: State = 'unasked';
   private march: State = 'unasked';
+  private correction: State = 'unasked';
 
   /** An empty source is a world whose text is private. `changed` is called when more can be drawn, `complain` when the driver refuses. */
   constructor(
@@ -40,6 +41,12 @@ export class WorldPrograms {
   get canMarch(): boolean {
     return this.march === 'ready';
   }
+  get mayCorrect(): boolean {
+    return this.own !== undefined && this.colours !== 'refused' && this.correction !== 'refused';
+  }
+  get canCorrect(): boolean {
+    return this.correction === 'ready';
+  }
 
   async wantColours(): Promise<void> {
     if (!this.own || this.colours !== 'unasked') return;
@@ -50,11 +57,20 @@ export class WorldPrograms {
     this.on.changed();
   }
   async wantMarch(): Promise<void> {
-    if (!this.own || this.colours !== 'ready' || this.march !== 'unasked') return;
+    if (!this.own || this.colours !== 'ready' || this.march !== 'unasked' || this.correction === 'compiling') return;
     this.march = 'compiling';
     const complaint = await this.own.compile(['heights', 'skyline', 'march'], this.renderer);
     this.march = complaint ? 'refused' : 'ready';
     if (complaint) this.on.complain(`This graphics driver does not compile the ray march (${complaint}).`);
+    this.on.changed();
+  }
+
+  async wantCorrection(): Promise<void> {
+    if (!this.own || this.colours !== 'ready' || this.correction !== 'unasked' || this.march === 'compiling') return;
+    this.correction = 'compiling';
+    const complaint = await this.own.compile(['correct'], this.renderer);
+    this.correction = complaint ? 'refused' : 'ready';
+    if (complaint) this.on.complain(`This graphics driver does not compile the correction (${complaint}); the mesh is drawn as it is.`);
     this.on.changed();
   }
 

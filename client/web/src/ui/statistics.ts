@@ -42,7 +42,7 @@ export class Statistics {
         `${count(figures.triangles)} triangles in ${figures.leaves} leaves, error ${figures.effectiveThreshold.toPrecision(3)} px`,
         `${(figures.bytes / 1e6).toFixed(2)} MB received  decoded in ${figures.decodeMs.toFixed(1)} ms  latency ${figures.latencyMs.toFixed(0)} ms`,
       );
-    if (frames) lines.push(`${frames.perSecond.toFixed(0)} pictures/s  ${frames.milliseconds.toFixed(0)} ms  ${frames.finest ? 'finest' : `1 sample for ${frames.coarseness}x${frames.coarseness} px`}`);
+    if (frames) lines.push(`${frames.perSecond.toFixed(0)} pictures/s  ${frames.milliseconds.toFixed(0)} ms  ${frames.finest ? 'finest' : `1 sample for ${frames.coarseness}x${frames.coarseness} px`}${frames.corrected ? ', corrected' : ''}`);
     if (others > 0) lines.push(`${others} other${others > 1 ? 's' : ''} here`);
     return lines;
   }

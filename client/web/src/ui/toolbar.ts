@@ -3,7 +3,7 @@
 import type { Look, Mode } from '../messages';
 import { element } from './notices';
 
-export type Toggle = 'wireframe' | 'nodes' | 'candidates' | 'figures';
+export type Toggle = 'corrected' | 'wireframe' | 'nodes' | 'candidates' | 'figures';
 
 export class Toolbar {
   private readonly modes = document.querySelectorAll<HTMLButtonElement>('[data-mode]');
@@ -29,13 +29,15 @@ export class Toolbar {
   }
 
   show(look: Look, figures: boolean): void {
-    const on: Record<Toggle, boolean> = { wireframe: look.wireframe, nodes: look.nodes, candidates: look.candidates, figures };
+    const on: Record<Toggle, boolean> = { ...look, figures };
     for (const button of this.modes) button.setAttribute('aria-pressed', String(button.dataset['mode'] === look.mode));
     for (const button of this.toggles) button.setAttribute('aria-pressed', String(on[button.dataset['toggle'] as Toggle]));
   }
 
-  allowMarch(allowed: boolean): void {
+  /** What needs the terrain's own functions. */
+  allowTerrain(allowed: boolean): void {
     for (const button of this.modes) button.disabled = !allowed && button.dataset['mode'] !== 'mesh';
+    for (const button of this.toggles) button.disabled = !allowed && button.dataset['toggle'] === 'corrected';
   }
 
   showThreshold(granted: number): void {

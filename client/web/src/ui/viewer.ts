@@ -34,7 +34,7 @@ export class Viewer {
   readonly painter: PainterLink;
   private readonly canvas = element<HTMLCanvasElement>('view');
   private readonly place = readPlace(location);
-  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false };
+  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
   private readonly hands = new Hands(this.canvas);
   private readonly notices = new Notices();
   private readonly welcome = new Welcome(this.notices);
@@ -103,6 +103,7 @@ export class Viewer {
       mesh: () => this.setMode('mesh'),
       march: () => this.setMode('march'),
       split: () => this.setMode('split'),
+      corrected: () => this.toggle('corrected'),
       wireframe: () => this.toggle('wireframe'),
       leaves: () => this.toggle('nodes'),
       candidates: () => this.toggle('candidates'),
@@ -195,14 +196,14 @@ export class Viewer {
     }
   }
 
-  private enter({ terrain, seed, session, hasSource, threshold }: WorldTold): void {
+  private enter({ terrain, seed, session, lacks, threshold }: WorldTold): void {
     this.makingSince = 0;
     this.notices.noProblem();
     this.notices.note('', 0);
     this.notices.light('on', `${terrain}, seed ${seed}${session === 'default' ? '' : ` · ${session}`}`);
     document.title = `${terrain} · Ridgecast`;
-    if (!hasSource && this.look.mode !== 'mesh') this.setMode('mesh');
-    this.toolbar.allowMarch(hasSource);
+    if (lacks && this.look.mode !== 'mesh') this.setMode('mesh');
+    this.toolbar.allowTerrain(!lacks);
     this.toolbar.showThreshold(threshold);
   }
 
@@ -275,16 +276,25 @@ export class Viewer {
   }
 
   private setMode(mode: Mode): void {
-    const { world } = this.engine;
-    if (mode !== 'mesh' && world && !world.hasSource) return this.notices.note('The server keeps the terrain to itself: there is no ray march.');
+    const lacks = this.engine.world?.lacks;
+    if (mode !== 'mesh' && lacks) return this.notices.note(`${lacks}: there is no ray march.`);
     this.look.mode = mode;
     this.setLook();
   }
 
   private toggle(name: Toggle): void {
+    if (name === 'corrected') return this.toggleCorrected();
     if (name === 'figures') this.statistics.wanted = !this.statistics.wanted;
     else this.look[name] = !this.look[name];
     if (name === 'candidates') this.engine.send({ kind: 'candidates', wanted: this.look.candidates });
+    this.setLook();
+  }
+
+  private toggleCorrected(): void {
+    const { look, notices } = this, lacks = this.engine.world?.lacks;
+    if (lacks) return notices.note(`${lacks}: the mesh is drawn as it is.`);
+    look.corrected = !look.corrected;
+    notices.note(look.corrected ? 'The mesh, corrected onto the true surface.' : 'The mesh as it is.');
     this.setLook();
   }
 
