@@ -56,25 +56,26 @@ Column marchTimeColumn(const char* title, const char* key) {
   return {title, [key](const Json& view, const Json&) { return cell("%.0f", marchTimeOf(view, key)); }};
 }
 
-Table likeness(const std::vector<Json>& views, const char* which, const char* title, const char* name) {
+Table likeness(const std::vector<Json>& views) {
   std::set<int> samples;
   for (const Json& view : views)
     for (const Json& mesh : view.at("meshes"))
       for (const Json& p : mesh.at("pictures")) samples.insert(p.at("samples").get<int>());
   std::vector<Column> columns;
   for (const bool filtered : {true, false})
-    for (const int n : samples) {
-      const std::string side = std::to_string(std::lround(std::sqrt(n)));
-      columns.push_back(
-          {(filtered ? "filtered, " : "unfiltered, ") + side + "x" + side, [filtered, n, which](const Json&, const Json& mesh) {
-             const Json* p = pictureOf(mesh, n, filtered);
-             const std::string terrain = cell("%.4f", ssim(p, which, "terrain"));
-             return cell("%.4f", ssim(p, which, "ssim")) + (terrain.empty() ? "" : " (" + terrain + ")");
-           }});
-    }
-  return tableOf(name, title,
-                 "SSIM of settled meshes against the converged ray march of the same camera; in brackets: windows that see terrain alone. "
-                 "Filtered: both are shaded by each sample's footprint.",
+    for (const int n : samples)
+      for (const char* which : {"mesh", "corrected"}) {
+        const std::string side = std::to_string(std::lround(std::sqrt(n)));
+        columns.push_back(
+            {(filtered ? "filtered, " : "unfiltered, ") + side + "x" + side + ": " + which, [=](const Json&, const Json& mesh) {
+               const Json* p = pictureOf(mesh, n, filtered);
+               const std::string terrain = cell("%.4f", ssim(p, which, "terrain"));
+               return cell("%.4f", ssim(p, which, "ssim")) + (terrain.empty() ? "" : " (" + terrain + ")");
+             }});
+      }
+  return tableOf("likeness", "Likeness of the settled mesh",
+                 "SSIM of settled meshes, as they are and corrected onto the true surface, against the converged ray march of the same "
+                 "camera; in brackets: windows that see terrain alone. Filtered: both are shaded by each sample's footprint.",
                  views, columns);
 }
 
@@ -89,7 +90,7 @@ Table corrected(const std::vector<Json>& views) {
   };
   return tableOf(
       "corrected", "The mesh corrected along each ray: likeness and cost",
-      "Three heights a sample move the mesh's samples onto the true surface (a separate mode: it hides the mesh's errors). "
+      "Three heights a sample move the mesh's samples onto the true surface (window and page show it so: it hides the mesh's errors). "
       "Filtered, one sample; drawn in turn in one run, medians.",
       views,
       {similarityColumn("SSIM mesh", "mesh"), similarityColumn("SSIM corrected", "corrected"), timeColumn("mesh ms", "mesh_ms"),
@@ -161,12 +162,7 @@ Outcome<std::vector<Json>> readViews(std::span<const std::filesystem::path> fold
 
 std::vector<Table> viewTables(const std::vector<Json>& views) {
   if (views.empty()) return {};
-  return {likeness(views, "mesh", "Likeness of the settled mesh", "likeness"),
-          missing(views),
-          speed(views),
-          corrected(views),
-          likeness(views, "corrected", "Likeness of the corrected mesh", "likeness-corrected"),
-          steps(views)};
+  return {likeness(views), missing(views), speed(views), corrected(views), steps(views)};
 }
 
 }  // namespace ridgecast::evaluation

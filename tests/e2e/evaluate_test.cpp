@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <csignal>
 #include <filesystem>
 #include <memory>
@@ -142,7 +143,6 @@ TEST_F(Evaluate, EveryTableIsThereWithItsFigures) {
                                                                                    {"missing", 6},
                                                                                    {"speed", 6},
                                                                                    {"corrected", 6},
-                                                                                   {"likeness-corrected", 6},
                                                                                    {"steps", 6},
                                                                                    {"flights", 3},
                                                                                    {"rates", 3},
@@ -164,6 +164,32 @@ TEST_F(Evaluate, EveryTableIsThereWithItsFigures) {
        {"Required and measured", "Likeness of the settled mesh", "Sources of error", "faster by", "The mesh corrected along each ray",
         "Along the flights", "Time of each stage", "The stream", "because of uploads", "Popping"})
     EXPECT_THAT(document, HasSubstr(title));
+}
+
+TEST_F(Evaluate, StatesTheMeshAsItIsAndCorrectedSideBySide) {
+  for (const auto& [name, columns] : std::vector<std::pair<std::string, std::vector<std::pair<std::string, std::string>>>>{
+           {"likeness",
+            {{"filtered, 1x1: mesh", "filtered, 1x1: corrected"},
+             {"filtered, 2x2: mesh", "filtered, 2x2: corrected"},
+             {"unfiltered, 1x1: mesh", "unfiltered, 1x1: corrected"},
+             {"unfiltered, 2x2: mesh", "unfiltered, 2x2: corrected"}}},
+           {"corrected", {{"SSIM mesh", "SSIM corrected"}}},
+           {"flights", {{"SSIM mean", "corrected"}, {"settled", "settled, corrected"}}}}) {
+    const auto cells = cellsOf(out() / (name + ".csv"));
+    for (const auto& [plain, corrected] : columns) {
+      const auto at = static_cast<std::size_t>(std::ranges::find(cells[0], plain) - cells[0].begin());
+      const auto beside = static_cast<std::size_t>(std::ranges::find(cells[0], corrected) - cells[0].begin());
+      ASSERT_LT(std::max(at, beside), cells[0].size()) << name << ": " << plain << ", " << corrected;
+      double gain = 0;
+      for (std::size_t row = 1; row < cells.size(); ++row) {
+        const double is = std::stod(cells[row][at]), becomes = std::stod(cells[row][beside]);
+        EXPECT_GT(is, 0.3) << name << ", " << plain;
+        EXPECT_GT(becomes, is - 0.01) << name << ", " << corrected;
+        gain += becomes - is;
+      }
+      EXPECT_GT(gain, 0) << name << ", " << corrected;
+    }
+  }
 }
 
 TEST_F(Evaluate, ViewsSayWhatTheyShould) {
