@@ -70,17 +70,15 @@ std::optional<Header> parse(std::string_view text) {
 
 class Download {
  public:
-  Download(const Url& url, const std::filesystem::path& file, std::chrono::milliseconds timeout,
-           const std::function<void(const Progress&)>& tell)
-      : url_(url), file_(file), unfinished_(file.string() + "." + std::to_string(getpid()) + ".part"), timeout_(timeout), tell_(tell) {}
-  ~Download() {
-    std::error_code ignored;
-    std::filesystem::remove(unfinished_, ignored);
-  }
+  // Takes the body's bytes; what is wrong with that, if anything.
+  using Take = std::function<std::optional<std::string>(std::string_view)>;
 
+  Download(const Url& url, std::chrono::milliseconds timeout, Take take, const std::function<void(const Progress&)>& tell,
+           std::stop_token stop)
+      : url_(url), timeout_(timeout), take_(std::move(take)), tell_(tell), stop_(std::move(stop)) {}
+
+  // The number of bytes.
   Outcome<std::uint64_t> run(const std::string& target) {
-    out_.open(unfinished_, std::ios::binary | std::ios::trunc);
-    if (!out_) return cannotWrite();
     request_ = "GET " + target + " HTTP/1.1\r\nHost: " + where_ +
                "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nPrefer: progress\r\nConnection: close\r\n" +
                (url_.token.empty() ? "" : "Authorization: Bearer " + url_.token + "\r\n") + "\r\n";
@@ -94,22 +92,16 @@ class Download {
       if (!ended_ && Clock::now() - lastWord_ > timeout_)
         end(header_ ? "the server sends nothing any more"
                     : "no answer from " + where_ + " within " + std::to_string(timeout_.count() / 1000) + " s");
+      if (!ended_ && stop_.stop_requested()) end("given up");
       if (context_.stopped()) context_.restart();
     }
     channel_.close();
     if (error_) return *error_;
-    out_.close();
-    if (!out_) return cannotWrite();
-    std::error_code failed;
-    std::filesystem::rename(unfinished_, file_, failed);
-    if (failed) return cannotWrite();
     report();
     return progress_.received;
   }
 
  private:
-  Error cannotWrite() const { return {"cannot write " + file_.string() + ": choose a folder that exists, may be written and has room"}; }
-
   void report() {
     told_ = Clock::now();
     progress_.waited = std::chrono::duration_cast<std::chrono::milliseconds>(told_ - begun_);
@@ -163,11 +155,10 @@ class Download {
       if (bytes.empty()) return;
     }
     progress_.received += bytes.size();
-    if (header_->status == 200)
-      out_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    else
+    if (header_->status != 200)
       text_ += bytes.substr(0, kMostSentence - std::min(kMostSentence, text_.size()));
-    if (!out_) return end(cannotWrite().message);
+    else if (auto wrong = take_(bytes))
+      return end(std::move(*wrong));
     if (header_->length && progress_.received >= *header_->length) complete();
   }
 
@@ -183,10 +174,10 @@ class Download {
 
   const Url& url_;
   const std::string where_ = whereOf(url_);
-  const std::filesystem::path file_, unfinished_;
   const std::chrono::milliseconds timeout_;
+  const Take take_;
   const std::function<void(const Progress&)>& tell_;
-  std::ofstream out_;
+  const std::stop_token stop_;
   asio::io_context context_;
   asio::ip::tcp::resolver resolver_{context_};
   transport::Channel channel_{asio::ip::tcp::socket(context_)};
@@ -201,11 +192,59 @@ class Download {
   std::optional<Error> error_;
 };
 
+// A file that is there whole or not at all.
+class WholeFile {
+ public:
+  explicit WholeFile(const std::filesystem::path& file)
+      : file_(file),
+        unfinished_(file.string() + "." + std::to_string(getpid()) + ".part"),
+        out_(unfinished_, std::ios::binary | std::ios::trunc) {}
+  ~WholeFile() {
+    std::error_code ignored;
+    std::filesystem::remove(unfinished_, ignored);
+  }
+  WholeFile(const WholeFile&) = delete;
+  bool good() const { return static_cast<bool>(out_); }
+  std::string problem() const { return "cannot write " + file_.string() + ": choose a folder that exists, may be written and has room"; }
+  void write(std::string_view bytes) { out_.write(bytes.data(), static_cast<std::streamsize>(bytes.size())); }
+  bool finish() {
+    out_.close();
+    std::error_code failed;
+    if (out_) std::filesystem::rename(unfinished_, file_, failed);
+    return out_ && !failed;
+  }
+
+ private:
+  const std::filesystem::path file_, unfinished_;
+  std::ofstream out_;
+};
+
 }  // namespace
 
 Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
                                 std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell) {
-  return Download(url, file, timeout, tell).run(target);
+  WholeFile out(file);
+  if (!out.good()) return Error{out.problem()};
+  const auto take = [&out](std::string_view bytes) {
+    out.write(bytes);
+    return out.good() ? std::nullopt : std::optional(out.problem());
+  };
+  auto bytes = Download(url, timeout, take, tell, {}).run(target);
+  if (bytes && !out.finish()) return Error{out.problem()};
+  return bytes;
+}
+
+Outcome<std::string> fetch(const Url& url, const std::string& target, std::size_t most, std::chrono::milliseconds timeout,
+                           std::stop_token stop) {
+  std::string text;
+  const auto take = [&](std::string_view bytes) -> std::optional<std::string> {
+    text += bytes.substr(0, most + 1 - text.size());
+    return text.size() > most ? std::optional("the server's answer to " + target + " is larger than " + std::to_string(most) + " bytes")
+                              : std::nullopt;
+  };
+  auto bytes = Download(url, timeout, take, {}, std::move(stop)).run(target);
+  if (!bytes) return bytes.error();
+  return Outcome<std::string>(boost::system::in_place_value, std::move(text));
 }
 
 }  // namespace ridgecast::connection

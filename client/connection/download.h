@@ -1,10 +1,12 @@
 #pragma once
-// One file from a server by HTTP, in the clear or under TLS as the URL says.
+// A file or a text from a server by HTTP, in the clear or under TLS as the URL says.
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <stop_token>
 #include <string>
 
 #include "client/connection/connection.h"
@@ -24,5 +26,9 @@ struct Progress {
 // one comes; the file cannot be written.
 Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
                                 std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell);
+
+// The same into memory, of at most `most` bytes; also gives up when `stop` asks it to.
+Outcome<std::string> fetch(const Url& url, const std::string& target, std::size_t most, std::chrono::milliseconds timeout,
+                           std::stop_token stop = {});
 
 }  // namespace ridgecast::connection
