@@ -110,6 +110,7 @@ Outcome<void> share(const Shared& shared, Options& options) {
     options.settings.metric = settings::metricNamed(shared.metric).value();
     options.remoteShaders = !shared.noRemoteShaders;
   }
+  if (shared.size.empty()) return {};
   return parseSize(shared.size, options);
 }
 
@@ -120,8 +121,10 @@ Run viewCommand(CLI::App& command) {
   const auto view = std::make_shared<viewer::ViewOptions>();
   const auto path = std::make_shared<std::string>();
   addShared(command, *shared, true);
-  command.add_option("--size", shared->size, "size of the window, WIDTHxHEIGHT")->capture_default_str();
-  addNumber(command, "--x", view->x, -4e12, 4e12, "start, metres");
+  shared->size.clear();
+  command.add_option("--size", shared->size, "size of the window, WIDTHxHEIGHT; default: as last time, at first 1280x720");
+  command.add_flag("--fresh", view->fresh, "neither use nor change what the window remembers: size, place, toggles, text size");
+  addNumber(command, "--x", view->x, -4e12, 4e12, "start, metres; default: where you last were in the session, at first 0");
   addNumber(command, "--z", view->z, -4e12, 4e12, "start, metres");
   addNumber(command, "--altitude", view->altitude, 1.0, 100000.0, "metres above the ground there");
   addNumber(command, "--yaw", view->yaw, -360.0, 360.0, "degrees, positive to the left");

@@ -10,7 +10,6 @@ namespace {
 constexpr double kTurn = 0.0025;    // radians a screen coordinate
 constexpr double kLowest = 2;       // metres above ground
 constexpr double kHighest = 30000;  // metres, absolute
-constexpr double kSlowest = 1, kFastest = 5000;
 
 void advance(lattice::Step& whole, double& remainder, double metres) {
   const double steps = remainder + metres * lattice::kStepsPerMetre, floor = std::floor(steps);

@@ -20,16 +20,18 @@ struct Input {
 };
 
 inline constexpr double kLook = 1.2;
-inline constexpr double kEyes = 1.7;       // metres above the ground, walking
-inline constexpr double kWalkShare = 0.1;  // of the flying speed
+inline constexpr double kEyes = 1.7;                    // metres above the ground, walking
+inline constexpr double kWalkShare = 0.1;               // of the flying speed
+inline constexpr double kSlowest = 1, kFastest = 5000;  // metres a second, flying
 
 class Controls {
  public:
   using Ground = std::function<std::optional<double>(lattice::Point)>;
 
-  explicit Controls(const camera::Pose& start) : pose_(start) {}
+  explicit Controls(const camera::Pose& start, double speed = 50) : pose_(start), speed_(speed) {}
   const camera::Pose& pose() const { return pose_; }
   double speed() const { return speed_ * (walking_ ? kWalkShare : 1); }  // metres a second
+  double flyingSpeed() const { return speed_; }
 
   // One step of `seconds`. The camera stays at least 2 m above `ground` and within the lattice. Walking, it stays kEyes above known ground,
   // and `up` has no effect.
@@ -43,7 +45,7 @@ class Controls {
  private:
   void moveBy(double x, double y, double z);  // metres
   camera::Pose pose_;
-  double speed_ = 50;
+  double speed_;
   bool walking_ = false, invertY_ = false;
 };
 

@@ -9,15 +9,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <span>
 #include <tuple>
 #include <utility>
 
 #include "client/render/difference_pass.h"
 #include "client/viewer/leaf_colours.h"
+#include "client/viewer/plots.h"
+#include "client/viewer/theme.h"
 #include "common/keys/keys.h"
-#include "common/settings/settings.h"
-#include "common/wire/messages.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -26,45 +25,63 @@ constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoTitleBar | ImGuiWindowFla
                                     ImGuiWindowFlags_NoCollapse | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings |
                                     ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
 constexpr ImGuiWindowFlags kBehind = kPlain | ImGuiWindowFlags_NoBringToFrontOnFocus, kTold = kPlain | ImGuiWindowFlags_NoInputs;
-constexpr float kMargin = 10;  // between a box and the window's sides
+constexpr float kMargin = 10;          // between a box and the window's sides
+constexpr float kLegendShare = 0.42f;  // of the window's height, at most
+constexpr theme::Shade kSolid{theme::kDialog.rgb, 0.95f};
 
 ImU32 colourOf(const Colour& c) { return ImGui::ColorConvertFloat4ToU32(ImVec4(c[0], c[1], c[2], 1)); }
 
-constexpr float kPlotWidth = 27;     // in letter heights
-constexpr float kLabelLines = 1.5f;  // of the window's lower edge, where the pictures are named
+constexpr float kPlotWidth = 30;  // in letter heights
+
+// Of the window's lower edge, where the pictures are named.
+float namesHeight() { return 1.2f * ImGui::GetTextLineHeight() + kMargin; }
 
 void shadowed(ImDrawList* list, ImVec2 at, const char* text) {
   list->AddText(ImVec2(at.x + 1, at.y + 1), IM_COL32(0, 0, 0, 200), text);
   list->AddText(at, IM_COL32_WHITE, text);
 }
 
-// A window of wrapped text; `pivot`: which of its points lies at `at`, in shares of its size. Scrolls by the wheel
-// and by PageUp and PageDown if `height` is less than it needs. Returns what the mouse can scroll.
-template <class Fill>
-Area box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, float height, ImGuiWindowFlags flags, const Fill& fill) {
+// The width of text in a box of a window's width.
+float mostWidth() {
   const ImGuiStyle& style = ImGui::GetStyle();
-  const float width = std::max(ImGui::GetIO().DisplaySize.x - 2 * kMargin, 50.0f);
+  return ImGui::GetIO().DisplaySize.x - 2 * kMargin - 2 * style.WindowPadding.x - style.ScrollbarSize;
+}
+
+// A window of wrapped text; `pivot`: which of its points lies at `at`, in shares of its size. Scrolls by the wheel
+// and by PageUp and PageDown if `height` is less than it needs. Returns where it lies; `scrolls`: whether the mouse can scroll it.
+struct Box {
   Area area;
+  bool scrolls = false;
+};
+template <class Fill>
+Box box(const char* name, ImVec2 at, ImVec2 pivot, const theme::Shade& ground, float height, ImGuiWindowFlags flags, const Fill& fill) {
+  const float width = std::max(ImGui::GetIO().DisplaySize.x - 2 * kMargin, 50.0f);
+  Box out;
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
   ImGui::SetNextWindowSizeConstraints(ImVec2(0, 0), ImVec2(width, std::max(height, 40.0f)));
-  ImGui::SetNextWindowBgAlpha(alpha);
+  ImGui::PushStyleColor(ImGuiCol_WindowBg, theme::packed(ground));
   if (ImGui::Begin(name, nullptr, flags)) {
-    ImGui::PushTextWrapPos(width - 2 * style.WindowPadding.x - style.ScrollbarSize);
+    ImGui::PushTextWrapPos(ImGui::GetStyle().WindowPadding.x + mostWidth());
     fill();
     ImGui::PopTextWrapPos();
     const ImVec2 corner = ImGui::GetWindowPos(), size = ImGui::GetWindowSize();
     const auto pressed = [](ImGuiKey key) { return ImGui::IsKeyPressed(ImGui::GetKeyIndex(key)); };
     if (const int way = pressed(ImGuiKey_PageDown) - pressed(ImGuiKey_PageUp))
       ImGui::SetScrollY(std::clamp(ImGui::GetScrollY() + static_cast<float>(way) * size.y * 0.8f, 0.0f, ImGui::GetScrollMaxY()));
-    if (ImGui::GetScrollMaxY() > 0) area = {corner.x, corner.y, corner.x + size.x, corner.y + size.y};
+    out = {{corner.x, corner.y, corner.x + size.x, corner.y + size.y}, ImGui::GetScrollMaxY() > 0};
   }
   ImGui::End();
-  return area;
+  ImGui::PopStyleColor();
+  return out;
 }
 
 void label(ImDrawList* list, float x, const char* text, bool alignRight) {
-  const ImVec2 size = ImGui::CalcTextSize(text);
-  shadowed(list, ImVec2(alignRight ? x - size.x - 10 : x + 10, ImGui::GetIO().DisplaySize.y - size.y - 10), text);
+  const ImVec2 size = ImGui::CalcTextSize(text), pad(size.y * 0.4f, size.y * 0.1f);
+  const ImVec2 at(alignRight ? x - size.x - pad.x - kMargin : x + pad.x + kMargin, ImGui::GetIO().DisplaySize.y - size.y - pad.y - kMargin);
+  const ImVec2 from(at.x - pad.x, at.y - pad.y), to(at.x + size.x + pad.x, at.y + size.y + pad.y);
+  list->AddRectFilled(from, to, theme::packed(theme::kGlass), size.y * 0.6f);
+  list->AddRect(from, to, theme::packed(theme::kEdge), size.y * 0.6f);
+  list->AddText(at, theme::packed(theme::kText), text);
 }
 
 void drawDivider(const ViewerState& s) {
@@ -80,62 +97,65 @@ void drawDivider(const ViewerState& s) {
   if (s.mode != Mode::kMesh) label(list, x, "ray march", false);
 }
 
-// A row of colours with their meanings below a title, at the lower left; `bottom` above the window's lower edge.
-struct LegendEntry {
-  Colour colour;
-  std::string text;
+// Colours with their meanings below a title.
+struct Legend {
+  struct Entry {
+    Colour colour;
+    std::string text;
+  };
+  std::string title;
+  std::vector<Entry> entries;
 };
-void drawLegendRow(float bottom, const std::string& title, std::span<const LegendEntry> entries) {
-  ImDrawList* list = ImGui::GetBackgroundDrawList();
-  const float line = ImGui::GetTextLineHeight(), y = ImGui::GetIO().DisplaySize.y - bottom;
-  float right = 10;
-  for (const LegendEntry& entry : entries) right += line + 16 + ImGui::CalcTextSize(entry.text.c_str()).x;
-  right = std::max(right, 14 + ImGui::CalcTextSize(title.c_str()).x);
-  list->AddRectFilled(ImVec2(4, y - line - 8), ImVec2(right + 4, y + line + 4), IM_COL32(0, 0, 0, 110), 3);
-  shadowed(list, ImVec2(10, y - line - 4), title.c_str());
-  float x = 10;
-  for (const LegendEntry& entry : entries) {
-    list->AddRectFilled(ImVec2(x, y), ImVec2(x + line, y + line), colourOf(entry.colour));
-    list->AddRect(ImVec2(x, y), ImVec2(x + line, y + line), IM_COL32(255, 255, 255, 160));
-    shadowed(list, ImVec2(x + line + 4, y), entry.text.c_str());
-    x += line + 16 + ImGui::CalcTextSize(entry.text.c_str()).x;
-  }
-}
 
-// Returns how far it reaches up from the window's lower edge.
-float drawLegend(const ViewerState& s) {
-  const float line = ImGui::GetTextLineHeight();
-  float bottom = 3 * line + 10;
-  std::vector<LegendEntry> entries;
-  if (s.mode == Mode::kDifference) {  // instead of the window's own text
+std::vector<Legend> legendsOf(const ViewerState& s) {
+  std::vector<Legend> out;
+  if (s.mode == Mode::kMarch) return out;
+  if (s.mode == Mode::kDifference) {
     static constexpr std::array<const char*, 5> kShares = {"0", "1/16", "1/8", "3/16", "1/4"};
-    for (std::size_t k = 0; k < kShares.size(); ++k) entries.push_back({render::kDifferenceRamp[k], kShares[k]});
-    drawLegendRow(line + 10, "difference of mesh and ray march, of the whole range:", entries);
-    return 2 * line + 18;
-  }
-  if (s.mode == Mode::kMarch) return bottom;
-  if (s.lines.candidates) {
-    for (const double share : {1 / kErrorRange, 0.5, 1.0, 2.0, kErrorRange}) {
-      char text[20];
-      std::snprintf(text, sizeof text, "%.2g", share * s.statistics.candidateUnit);
-      entries.push_back({errorColour(share, 1), text});
-    }
-    drawLegendRow(bottom, std::to_string(s.statistics.candidates) + " candidates, error in pixels", entries);
-    bottom += 2 * line + 14;
+    Legend& legend = out.emplace_back(Legend{"difference of mesh and ray march, of the whole range", {}});
+    for (std::size_t k = 0; k < kShares.size(); ++k) legend.entries.push_back({render::kDifferenceRamp[k], kShares[k]});
+    return out;
   }
   if (s.lines.borders == Borders::kLevel) {
     static constexpr std::array<const char*, 6> kSides = {"32 m", "128 m", "512 m", "2 km", "8 km", "33 km"};
-    entries.clear();
-    for (std::size_t k = 0; k < kSides.size(); ++k) entries.push_back({levelColour(static_cast<int>(2 * k)), kSides[k]});
-    drawLegendRow(bottom, "side of a leaf", entries);
-    bottom += 2 * line + 14;
+    Legend& legend = out.emplace_back(Legend{"side of a leaf", {}});
+    for (std::size_t k = 0; k < kSides.size(); ++k) legend.entries.push_back({levelColour(static_cast<int>(2 * k)), kSides[k]});
   } else if (s.lines.borders == Borders::kAge) {
-    const std::array<LegendEntry, 4> ages = {
-        {{ageColour(0), "now"}, {ageColour(4), "4 s"}, {ageColour(16), "16 s"}, {ageColour(kOld), "1 min"}}};
-    drawLegendRow(bottom, "a leaf last changed", ages);
-    bottom += 2 * line + 14;
+    out.push_back(
+        {"a leaf last changed", {{ageColour(0), "now"}, {ageColour(4), "4 s"}, {ageColour(16), "16 s"}, {ageColour(kOld), "1 min"}}});
   }
-  return bottom - line;
+  if (s.lines.candidates) {
+    Legend& legend = out.emplace_back(Legend{std::to_string(s.statistics.candidates) + " candidates, error in pixels", {}});
+    for (const double share : {1 / kErrorRange, 0.5, 1.0, 2.0, kErrorRange}) {
+      char text[20];
+      std::snprintf(text, sizeof text, "%.2g", share * s.statistics.candidateUnit);
+      legend.entries.push_back({errorColour(share, 1), text});
+    }
+  }
+  return out;
+}
+
+// As many entries in a line as there is room for.
+void drawLegend(const Legend& legend) {
+  ImGui::TextUnformatted(legend.title.c_str());
+  const float line = ImGui::GetTextLineHeight(), between = line, right = mostWidth();
+  float used = 0;
+  for (const Legend::Entry& entry : legend.entries) {
+    const float width = line * 1.3f + ImGui::CalcTextSize(entry.text.c_str()).x;
+    if (used > 0 && used + between + width <= right) {
+      ImGui::SameLine(0, between);
+      used += between + width;
+    } else {
+      used = width;
+    }
+    const ImVec2 at = ImGui::GetCursorScreenPos();
+    ImDrawList* list = ImGui::GetWindowDrawList();
+    list->AddRectFilled(at, ImVec2(at.x + line, at.y + line), colourOf(entry.colour), line / 4);
+    list->AddRect(at, ImVec2(at.x + line, at.y + line), theme::packed(theme::kText, 0.6f), line / 4);
+    ImGui::Dummy(ImVec2(line, line));
+    ImGui::SameLine(0, line * 0.3f);
+    ImGui::TextUnformatted(entry.text.c_str());
+  }
 }
 
 void drawLines(const ViewerState& s) {
@@ -188,60 +208,6 @@ void drawFigures(const ViewerState& state) {
   ImGui::Text("%s%.3g m/s%s   H help, F2 settings", m.walking ? "walking, " : "", m.speed, m.sprinting ? " x 5" : "");
 }
 
-void drawPlot(const char* name, const char* unit, const History& history) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%s %.4g %s", name, static_cast<double>(history.newest()), unit);
-  const auto value = [](void* data, int k) { return static_cast<const History*>(data)->at(static_cast<std::size_t>(k)); };
-  ImGui::PlotLines("##plot", value, const_cast<History*>(&history), static_cast<int>(history.size()), 0, text, 0,
-                   std::max(history.most() * 1.1f, 1e-3f), ImVec2(ImGui::GetFontSize() * kPlotWidth, ImGui::GetFontSize() * 3.2f));
-}
-
-// The stages of each iteration, stacked.
-void drawStages(const Plots& plots) {
-  static constexpr std::array<const char*, 5> kNames = {"select", "generate", "refine", "triangulate", "encode"};
-  const ImVec2 at = ImGui::GetCursorScreenPos(), size(ImGui::GetFontSize() * kPlotWidth, ImGui::GetFontSize() * 4.5f);
-  ImDrawList* list = ImGui::GetWindowDrawList();
-  list->AddRectFilled(at, ImVec2(at.x + size.x, at.y + size.y), ImGui::GetColorU32(ImGuiCol_FrameBg));
-  const std::size_t count = plots.stages.front().size();
-  float most = 1e-3f;
-  for (std::size_t k = 0; k < count; ++k) {
-    float sum = 0;
-    for (const History& stage : plots.stages) sum += stage.at(k);
-    most = std::max(most, sum);
-  }
-  const auto colour = [](std::size_t stage) { return colourOf(levelColour(static_cast<int>(8 - 2 * stage))); };
-  const float width = size.x / static_cast<float>(History::kLength);
-  for (std::size_t k = 0; k < count; ++k) {
-    float y = at.y + size.y;
-    const float x = at.x + width * static_cast<float>(k);
-    for (std::size_t stage = 0; stage < plots.stages.size(); ++stage) {
-      const float height = size.y * 0.95f * plots.stages[stage].at(k) / most;
-      list->AddRectFilled(ImVec2(x, y - height), ImVec2(x + width, y), colour(stage));
-      y -= height;
-    }
-  }
-  ImGui::Dummy(size);
-  ImGui::Text("iteration, up to %.1f ms", static_cast<double>(most));
-  for (std::size_t stage = 0; stage < kNames.size(); ++stage) {
-    if (stage > 0) ImGui::SameLine();
-    const ImVec2 square = ImGui::GetCursorScreenPos();
-    const float side = ImGui::GetTextLineHeight() * 0.7f, top = square.y + ImGui::GetTextLineHeight() * 0.15f;
-    list->AddRectFilled(ImVec2(square.x, top), ImVec2(square.x + side, top + side), colour(stage));
-    list->AddRect(ImVec2(square.x, top), ImVec2(square.x + side, top + side), IM_COL32(255, 255, 255, 160));
-    ImGui::Dummy(ImVec2(side, side));
-    ImGui::SameLine(0, 3);
-    ImGui::TextUnformatted(kNames[stage]);
-  }
-}
-
-void drawPlots(const Plots& plots) {
-  drawPlot("frame", "ms", plots.frame);
-  drawStages(plots);
-  drawPlot("triangles", "thousand", plots.triangles);
-  drawPlot("received", "kB/s", plots.bytes);
-  drawPlot("latency", "ms", plots.latency);
-}
-
 void drawHelp() {
   const float column = ImGui::GetFontSize() * 7;
   for (const keys::Row& row : keys::table()) {
@@ -261,7 +227,7 @@ void drawHelp() {
 
 void drawMessage(const std::string& message) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  box("message", ImVec2(size.x / 2, size.y / 2), ImVec2(0.5f, 0.5f), 0.9f, size.y - 2 * kMargin, kTold, [&] {
+  box("message", ImVec2(size.x / 2, size.y / 2), ImVec2(0.5f, 0.5f), kSolid, size.y - 2 * kMargin, kTold, [&] {
     ImGui::PushTextWrapPos(size.x * 0.6f);
     ImGui::TextUnformatted(message.c_str());
     ImGui::PopTextWrapPos();
@@ -270,115 +236,12 @@ void drawMessage(const std::string& message) {
 
 void drawHint(const std::string& hint) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const float bottom = size.y - kLabelLines * ImGui::GetTextLineHeight() - kMargin;
-  box("hint", ImVec2(size.x / 2, bottom), ImVec2(0.5f, 1), 0.95f, bottom - kMargin, kTold, [&] {
+  const float bottom = size.y - namesHeight() - kMargin;
+  box("hint", ImVec2(size.x / 2, bottom), ImVec2(0.5f, 1), kSolid, bottom - kMargin, kTold, [&] {
     ImGui::PushTextWrapPos(size.x * 0.8f);
     ImGui::TextUnformatted(hint.c_str());
     ImGui::PopTextWrapPos();
   });
-}
-
-// Whether Enter was pressed in the field.
-template <std::size_t n>
-bool entered(const char* name, std::array<char, n>& text) {
-  return ImGui::InputText(name, text.data(), n, ImGuiInputTextFlags_EnterReturnsTrue);
-}
-
-bool drawDetail(Panel& p) {
-  const auto name = [](void*, int k, const char** out) {
-    *out = k == 0 ? "the server's" : settings::kMetrics[static_cast<std::size_t>(k)].name.data();
-    return true;
-  };
-  bool changed = ImGui::Combo("metric", &p.metric, name, nullptr, static_cast<int>(settings::kMetrics.size()));
-  const bool thesis = p.metric == static_cast<int>(wire::Metric::kThesis);
-  const auto released = [&changed](bool) { changed |= ImGui::IsItemDeactivatedAfterEdit(); };
-  released(ImGui::SliderFloat("threshold", &p.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",
-                              ImGuiSliderFlags_Logarithmic));
-  released(ImGui::SliderInt("thousand triangles", &p.triangles, 10, 2000, "%d", ImGuiSliderFlags_Logarithmic));
-  released(ImGui::SliderInt("kB/s, 0: all", &p.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic));
-  return changed;
-}
-
-void drawSettings(Panel& p, bool& smooth, Requests& requests) {
-  ImGui::TextDisabled("Detail, for this window alone");
-  if (p.live)
-    requests.settings = drawDetail(p);
-  else
-    ImGui::TextUnformatted("This server changes no settings on the way.");
-  ImGui::Text("granted: %s", p.granted.c_str());
-  ImGui::Separator();
-  ImGui::TextDisabled("This window");
-  ImGui::Checkbox("smooth changes (off: reduced motion)", &smooth);
-  ImGui::Checkbox("invert looking up and down", &p.invertY);
-  requests.vsync = ImGui::Checkbox("wait for the screen (vsync)", &p.vsync);
-  ImGui::SliderFloat("text", &p.textScale, 0.7f, 3.0f, "x %.1f");
-}
-
-void drawWorlds(Panel& p, Requests& requests) {
-  ImGui::TextDisabled("Place (metres)");
-  if (p.typed) ImGui::SetKeyboardFocusHere();
-  requests.jump = entered("x", p.x);
-  requests.jump |= entered("z", p.z);
-  requests.jump |= entered("above ground", p.altitude);
-  requests.jump |= ImGui::Button("Go");
-  ImGui::Separator();
-  ImGui::TextDisabled("Another world (makes its session, or joins it)");
-  requests.world = entered("terrain", p.terrain);
-  requests.world |= entered("seed", p.seed);
-  requests.world |= ImGui::Button("Go there");
-}
-
-void drawPeople(Panel& p, const std::vector<Outlines::Member>& members, Requests& requests) {
-  if (members.empty()) ImGui::TextUnformatted("Nobody else. A link (L) brings somebody here.");
-  for (const Outlines::Member& member : members) {
-    ImGui::PushID(std::to_string(member.camera).c_str());
-    const ImVec2 at = ImGui::GetCursorScreenPos();
-    const float side = ImGui::GetFrameHeight();
-    ImGui::GetWindowDrawList()->AddCircleFilled(ImVec2(at.x + side / 2, at.y + side / 2), side / 4, colourOf(member.colour));
-    ImGui::Dummy(ImVec2(side, side));
-    ImGui::SameLine();
-    if (!member.away)
-      ImGui::TextUnformatted(member.text.c_str());
-    else if (ImGui::Button(member.text.c_str()))
-      requests.flyTo = member.camera;
-    ImGui::PopID();
-  }
-  ImGui::Separator();
-  ImGui::Checkbox("show them in the picture", &p.members);
-  ImGui::InputText("your name", p.name.data(), p.name.size());
-  ImGui::TextDisabled("Others see it from your next connection on.");
-}
-
-Requests drawPanel(ViewerState& s, Area& area) {
-  Requests requests;
-  Panel& p = s.panel;
-  const ImVec2 size = ImGui::GetIO().DisplaySize;
-  ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Appearing, ImVec2(0.5f, 0.5f));
-  ImGui::SetNextWindowSizeConstraints(ImVec2(0, 0), ImVec2(size.x, size.y));
-  if (p.typed) ImGui::SetNextWindowFocus();
-  static constexpr std::array<const char*, 4> kTitles = {"", "Settings", "Worlds and places", "Who is here"};
-  bool open = true;
-  if (ImGui::Begin(kTitles[static_cast<std::size_t>(p.dialog)], &open,
-                   ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoCollapse)) {
-    ImGui::PushItemWidth(std::min(ImGui::GetFontSize() * 16, size.x * 0.45f));
-    ImGui::PushTextWrapPos(size.x - 4 * ImGui::GetFontSize());
-    if (p.dialog == Dialog::kSettings) drawSettings(p, s.smooth, requests);
-    if (p.dialog == Dialog::kWorlds) drawWorlds(p, requests);
-    if (p.dialog == Dialog::kPeople) drawPeople(p, s.outlines.members, requests);
-    ImGui::PopTextWrapPos();
-    if (!p.problem.empty()) {
-      ImGui::PushTextWrapPos(ImGui::GetFontSize() * 26);
-      ImGui::TextColored(ImVec4(1, 0.75f, 0.3f, 1), "%s", p.problem.c_str());
-      ImGui::PopTextWrapPos();
-    }
-    ImGui::PopItemWidth();
-    const ImVec2 at = ImGui::GetWindowPos(), whole = ImGui::GetWindowSize();
-    area = {at.x, at.y, at.x + whole.x, at.y + whole.y};
-  }
-  p.typed = false;
-  if (!open) p.dialog = Dialog::kNone;
-  ImGui::End();
-  return requests;
 }
 
 }  // namespace
@@ -389,8 +252,7 @@ Overlay::Overlay(GLFWwindow* window, float textScale) : window_(window) {
   ImGuiIO& io = ImGui::GetIO();
   io.IniFilename = nullptr;
   io.ConfigFlags |= ImGuiConfigFlags_NavEnableKeyboard;
-  ImGui::StyleColorsDark();
-  // The font is drawn at the screen's scale, so that it stays sharp; the user's scale stretches it.
+  // Text is drawn at the screen's scale and the user's, so that it stays sharp.
   float x = 1, y = 1;
   glfwGetWindowContentScale(window, &x, &y);
   int width = 1, height = 1, pixels = 1, pixelsHigh = 1;
@@ -398,15 +260,19 @@ Overlay::Overlay(GLFWwindow* window, float textScale) : window_(window) {
   glfwGetFramebufferSize(window, &pixels, &pixelsHigh);
   // If a screen coordinate is more than a pixel, the backend scales by itself.
   const float own = static_cast<float>(pixels) / static_cast<float>(std::max(width, 1));
-  const float wanted = std::clamp(std::max(x, y) / std::max(own, 0.1f), 1.0f, 4.0f) * textScale;
-  ImFontConfig font;
-  font.SizePixels = std::round(13 * wanted);
-  io.Fonts->AddFontDefault(&font);
-  ImGui::GetStyle().ScaleAllSizes(wanted);
-  base_ = textScale;
+  screenScale_ = std::clamp(std::max(x, y) / std::max(own, 0.1f), 1.0f, 4.0f);
   ImGui_ImplGlfw_InitForOpenGL(window, false);
   glfwGetCursorPos(window, &mouseX_, &mouseY_);
   ImGui_ImplOpenGL3_Init("#version 330 core");
+  dress(textScale);
+}
+
+// Between frames.
+void Overlay::dress(float textScale) {
+  if (std::exchange(textScale_, textScale) == textScale) return;
+  ImGui_ImplOpenGL3_DestroyFontsTexture();
+  theme::apply(screenScale_ * textScale);
+  ImGui_ImplOpenGL3_CreateFontsTexture();
 }
 
 Overlay::~Overlay() {
@@ -442,33 +308,50 @@ void Overlay::begin(bool panel) {
   ImGui::NewFrame();
 }
 
-// Help, plots and figures; what is opened later takes the place of what it would cover.
-void Overlay::drawBoxes(const ViewerState& state, float legend) {
+// A box in a corner of the window: x, y are 0 (left, top) or 1 (right, bottom, above the pictures' names).
+template <class Fill>
+void Overlay::place(const char* name, Extent& extent, float x, float y, float height, const Fill& fill) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const float height = size.y - legend - 2 * kMargin;
-  const float plots = ImGui::GetFontSize() * kPlotWidth + 2 * ImGui::GetStyle().WindowPadding.x;
+  const float bottom = size.y - namesHeight() - kMargin;
+  const ImVec2 at(x > 0 ? size.x - kMargin : kMargin, y > 0 ? bottom : kMargin);
+  const Box drawn = box(name, at, ImVec2(x, y), theme::kGlass, height, kBehind, fill);
+  extent = {static_cast<float>(drawn.area.right - drawn.area.left), static_cast<float>(drawn.area.bottom - drawn.area.top)};
+  if (drawn.scrolls) areas_.push_back(drawn.area);
+}
+
+// Help or plots at the right, figures and legends at the left. What is at the right takes the place of what it would cover.
+void Overlay::drawBoxes(const ViewerState& state) {
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  const float height = size.y - namesHeight() - 2 * kMargin;
   if (state.help)
-    return areas_.push_back(box("help", ImVec2(size.x - kMargin, kMargin), ImVec2(1, 0), 0.85f, height, kBehind, [] { drawHelp(); }));
-  if (state.plots)
-    areas_.push_back(box("plots", ImVec2(size.x - kMargin, size.y - 3 * kMargin), ImVec2(1, 1), 0.65f, height, kBehind,
-                         [&] { drawPlots(state.statistics.plots); }));
-  if (state.figures && !(state.plots && figuresWidth_ + plots + 3 * kMargin > size.x))
-    areas_.push_back(box("figures", ImVec2(kMargin, kMargin), ImVec2(0, 0), 0.55f, height, kBehind, [&] {
-      drawFigures(state);
-      figuresWidth_ = ImGui::GetWindowWidth();
-    }));
+    place("help", right_, 1, 0, height, [] { drawHelp(); });
+  else if (state.plots)
+    place("plots", right_, 1, 0, height,
+          [&] { drawPlots(state.statistics.plots, std::min(ImGui::GetFontSize() * kPlotWidth, mostWidth())); });
+  else
+    right_ = {};
+  const auto fits = [&](const Extent& left) { return right_.width == 0 || left.width + right_.width + 3 * kMargin <= size.x; };
+  const auto legends = legendsOf(state);
+  const bool legend = !legends.empty() && fits(legend_);
+  if (legend)
+    place("legend", legend_, 0, 1, kLegendShare * size.y, [&] {
+      for (const Legend& one : legends) drawLegend(one);
+    });
+  const float taken = legend ? legend_.height + kMargin : 0;
+  if (state.figures && fits(figures_)) place("figures", figures_, 0, 0, height - taken, [&] { drawFigures(state); });
 }
 
 Requests Overlay::draw(ViewerState& state) {
   ImGuiIO& io = ImGui::GetIO();
   io.ConfigFlags = state.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
-  io.FontGlobalScale = state.panel.textScale / base_;
+  if (!ImGui::IsAnyItemActive()) dress(state.panel.textScale);  // once the slider is let go
   begin(state.panel.open());
   drawLines(state);
   drawDivider(state);
-  const float legend = drawLegend(state);
   areas_.clear();
-  drawBoxes(state, legend);
+  const Extent boxes[] = {figures_, legend_, right_};
+  drawBoxes(state);
+  state.changed |= !std::ranges::equal(boxes, std::array{figures_, legend_, right_});  // their places hang together
   if (!state.message.empty()) drawMessage(state.message);
   if (!state.hint.empty()) drawHint(state.hint);
   Requests requests;

@@ -3,31 +3,20 @@
 // Uses Dear ImGui.
 
 #include <array>
-#include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "client/viewer/event_queue.h"
+#include "client/viewer/panel.h"
 #include "client/viewer/viewer_state.h"
 
 struct GLFWwindow;
 
 namespace ridgecast::viewer {
 
-// What the user requested in the panel since the last frame.
-struct Requests {
-  bool settings = false, jump = false, world = false, vsync = false;
-  std::optional<std::uint64_t> flyTo;  // a member's camera
-};
-
-struct Area {
-  double left = 0, top = 0, right = 0, bottom = 0;  // screen coordinates
-};
-
 class Overlay {
  public:
-  Overlay(GLFWwindow* window, float textScale);  // the context must be current; textScale is relative to the window's own
+  Overlay(GLFWwindow* window, float textScale);  // the context must be current; textScale is relative to the screen's own
   ~Overlay();
   Overlay(const Overlay&) = delete;
   Requests draw(ViewerState& state);  // into the window's framebuffer
@@ -45,15 +34,23 @@ class Overlay {
 
  private:
   static constexpr int kFramesToFocus = 2;  // until a field that requests keys gets them
+  // A box's size as last drawn; it lies one frame behind.
+  struct Extent {
+    float width = 0, height = 0;
+    bool operator==(const Extent&) const = default;
+  };
+  void dress(float textScale);
   void begin(bool panel);
-  void drawBoxes(const ViewerState& state, float legend);
+  void drawBoxes(const ViewerState& state);
+  template <class Fill>
+  void place(const char* name, Extent& extent, float x, float y, float height, const Fill& fill);
   GLFWwindow* const window_;
-  float base_ = 1;
+  float screenScale_ = 1, textScale_ = 0;
   EventQueue events_;
   std::array<bool, EventQueue::kButtons> buttons_{};
   double mouseX_ = 0, mouseY_ = 0;
-  std::vector<Area> areas_;  // that take the mouse, as last drawn
-  float figuresWidth_ = 0;   // as last drawn
+  std::vector<Area> areas_;          // that take the mouse, as last drawn
+  Extent figures_, legend_, right_;  // right: help or plots
 };
 
 }  // namespace ridgecast::viewer

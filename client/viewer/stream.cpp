@@ -57,6 +57,7 @@ Stream::Stream(Link link, ViewerState& state) : link_(std::move(link)), state_(s
   state.statistics.world =
       world.terrainName + ", seed " + std::to_string(world.seed) + ", session " + world.session + ", from " + world.serverName;
   std::snprintf(state.panel.terrain.data(), state.panel.terrain.size(), "%s", world.terrainName.c_str());
+  state.panel.session = world.session;
   std::snprintf(state.panel.seed.data(), state.panel.seed.size(), "%u", world.seed);
   showSettings();
 }
@@ -75,6 +76,7 @@ void Stream::exchange(const camera::Camera& camera) {
     state_.changed = true;
   }
   followClock();
+  showWorlds();
   if (client().connection()->granted() != shownSettings_) showSettings();
   state_.statistics.bytes = client().connection().bytesReceived();
   sendPose(camera);
@@ -231,6 +233,30 @@ void Stream::requestSettings() {
   requested.triangleBudget = static_cast<std::uint32_t>(c.triangles) * 1000;
   requested.bytesPerSecond = static_cast<std::uint64_t>(c.kilobytes) * 1000;
   client().connection().change(requested);
+}
+
+void Stream::requestWorlds() {
+  if (question_) return;
+  state_.panel.worldsProblem = "asking the server ...";
+  question_.emplace(link_.url);
+}
+
+void Stream::showWorlds() {
+  auto answer = question_ ? question_->take() : std::nullopt;
+  if (!answer) return;
+  question_.reset();
+  state_.panel.worldsProblem = *answer ? "" : answer->error().message;
+  state_.panel.worlds = *answer ? std::move(**answer) : Worlds();
+  state_.changed = true;
+}
+
+void Stream::enterSession(const std::string& name) {
+  if (next_) return;
+  connection::Url url = link_.url;
+  url.session = name;
+  url.world.clear();
+  state_.panel.problem = "entering ...";
+  next_.emplace(url, link_.settings, ownName(state_.panel.name.data()));
 }
 
 void Stream::enterWorld() {

@@ -71,9 +71,11 @@ class Stream {
   void measure(double seconds);
   void requestCandidates(bool want);
   void requestSettings();  // the panel's
+  void requestWorlds();    // the server's sessions and terrains, for the panel
 
   // Opens the world whose name is in the panel, unless one is being opened.
   void enterWorld();
+  void enterSession(const std::string& name);  // one that the server has
   bool entering() const { return next_.has_value(); }
   void giveUpWorld();
   std::optional<Link> enteredWorld();  // once it is there
@@ -84,10 +86,12 @@ class Stream {
   void sendPose(const camera::Camera& camera);
   void followClock();
   void showSettings();
+  void showWorlds();
 
   Link link_;
   ViewerState& state_;
   std::optional<Arrival> next_;
+  std::optional<WorldsQuestion> question_;
   bool lost_ = false, otherWorld_ = false;
   wire::Settings shownSettings_;
   std::optional<connection::Roster> others_;

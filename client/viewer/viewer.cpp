@@ -9,15 +9,16 @@
 #include <cmath>
 #include <cstdio>
 #include <list>
-#include <numbers>
 #include <string>
 #include <thread>
+#include <tuple>
 #include <utility>
 
 #include "client/exit/exit.h"
 #include "client/render/context.h"
 #include "client/viewer/compiling.h"
 #include "client/viewer/people.h"
+#include "client/viewer/remembered.h"
 #include "client/viewer/window.h"
 #include "client/viewer/world_window.h"
 
@@ -39,8 +40,8 @@ Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Poin
 
 // Opens the connection. Shows in the window what it waits for, if that takes more than a moment. Empty if the window was closed meanwhile
 // or the time is over.
-std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, Clock::time_point began) {
-  Arrival arrival(options.url, options.settings, ownName(options.name));
+std::optional<Outcome<Link>> arrive(const ViewOptions& options, const ViewerState& state, Window& window, Clock::time_point began) {
+  Arrival arrival(options.url, options.settings, ownName(state.panel.name.data()));
   std::optional<Overlay> overlay;
   int told = 0;
   GLFWwindow* const handle = window.handle();
@@ -54,7 +55,7 @@ std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, 
           glfwSetWindowShouldClose(w, GLFW_TRUE);
       });
       window.show();
-      overlay.emplace(handle, options.textScale);
+      overlay.emplace(handle, state.panel.textScale);
     }
     if (overlay) {
       if (const int news = arrival.prepares() ? 2 : 1; std::exchange(told, news) != news)
@@ -62,7 +63,7 @@ std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, 
       int width = 0, height = 0;
       glfwGetFramebufferSize(handle, &width, &height);
       glViewport(0, 0, width, height);
-      glClearColor(0.09f, 0.11f, 0.14f, 1);
+      glClearColor(0x10 / 255.0f, 0x16 / 255.0f, 0x1d / 255.0f, 1);  // theme::kGround
       glClear(GL_COLOR_BUFFER_BIT);
       overlay->drawMessageAlone(arrival.describe() + "\nEsc gives up");
       glfwSwapBuffers(handle);
@@ -71,26 +72,93 @@ std::optional<Outcome<Link>> arrive(const ViewOptions& options, Window& window, 
   }
 }
 
+// What the command line says wins over what is remembered.
+Remembered recall(const ViewOptions& options, const std::optional<std::filesystem::path>& file) {
+  Remembered out;
+  if (file) {
+    auto read = readRemembered(*file);
+    if (read)
+      out = std::move(*read);
+    else
+      std::fprintf(stderr, "warning: %s\n", read.error().message.c_str());
+  }
+  if (options.width > 0) std::tie(out.width, out.height) = std::pair(options.width, options.height);
+  out.textScale = options.textScale.value_or(out.textScale);
+  if (!options.vsync) out.vsync = false;
+  if (options.invertY) out.invertY = true;
+  if (options.reducedMotion) out.smooth = false;
+  if (!options.name.empty()) out.name = options.name.substr(0, 32);
+  return out;
+}
+
+void show(const Remembered& remembered, ViewerState& state) {
+  state.mode = remembered.mode;
+  state.divider = remembered.divider;
+  state.figures = remembered.figures;
+  state.plots = remembered.plots;
+  state.smooth = remembered.smooth;
+  state.lines.wireframe = remembered.wireframe;
+  state.lines.borders = remembered.borders;
+  state.panel.invertY = remembered.invertY;
+  state.panel.vsync = remembered.vsync;
+  state.panel.members = remembered.members;
+  state.panel.textScale = static_cast<float>(remembered.textScale);
+  std::snprintf(state.panel.name.data(), state.panel.name.size(), "%s", remembered.name.c_str());
+}
+
+// What show() would show again, and the place left. `before`: of what a world without a ray march does not let one choose.
+Remembered toRemember(const Remembered& before, const ViewerState& state, const Window& window, const WorldWindow::Ending& ending,
+                      bool canMarch) {
+  Remembered out;
+  std::tie(out.width, out.height) = window.size();
+  out.speed = ending.place.speed;
+  out.mode = canMarch ? state.mode : before.mode;
+  out.divider = state.divider;
+  out.figures = state.figures;
+  out.plots = state.plots;
+  out.smooth = state.smooth;
+  out.wireframe = state.lines.wireframe;
+  out.borders = state.lines.borders;
+  out.invertY = state.panel.invertY;
+  out.vsync = state.panel.vsync;
+  out.members = state.panel.members;
+  out.textScale = static_cast<double>(state.panel.textScale) == static_cast<double>(static_cast<float>(before.textScale))
+                      ? before.textScale
+                      : std::round(static_cast<double>(state.panel.textScale) * 100) / 100;
+  out.name = state.panel.name.data();
+  out.visit({ending.where, ending.place.at, ending.place.altitude, ending.place.yaw, ending.place.pitch});
+  return out;
+}
+
+Start startOf(const ViewOptions& options, const Remembered& remembered) {
+  const bool given = options.x || options.z || options.altitude || options.yaw || options.pitch || options.path;
+  const Remembered::Place* const last = remembered.placeAt(options.url.host + ":" + options.url.port + "/" + options.url.session);
+  if (last && !given) return {last->at, last->altitude, last->yaw, last->pitch, remembered.speed};
+  const auto steps = [](const std::optional<double>& metres) { return std::llround(metres.value_or(0) * lattice::kStepsPerMetre); };
+  return {{steps(options.x), steps(options.z)},
+          options.altitude.value_or(150),
+          options.yaw.value_or(0),
+          options.pitch.value_or(-10),
+          remembered.speed};
+}
+
 }  // namespace
 
 int view(const ViewOptions& given) {
   ViewOptions options = given;
   const auto began = Clock::now();
-  if (!options.at)
-    options.at = lattice::Point{std::llround(options.x * lattice::kStepsPerMetre), std::llround(options.z * lattice::kStepsPerMetre)};
-  auto window = Window::open(options.width, options.height, options.vsync);
+  const auto file = options.fresh ? std::nullopt : rememberedFile();
+  const Remembered first = recall(options, file);
+  Start start = startOf(options, first);
+  ViewerState state;
+  show(first, state);
+  auto window = Window::open(first.width, first.height, first.vsync);
   if (!window) return fail(kNoGraphics, window.error());
-  auto arrived = arrive(options, **window, began);
+  auto arrived = arrive(options, state, **window, began);
   if (!arrived)
     return fail(kRuntimeFailure, {"closed before the server at " + options.url.host + ":" + options.url.port + " had answered"});
   auto link = std::move(*arrived);
   if (!link) return fail(kRuntimeFailure, link.error());
-  ViewerState state;
-  state.smooth = !options.reducedMotion;
-  state.panel.invertY = options.invertY;
-  state.panel.vsync = options.vsync;
-  state.panel.textScale = options.textScale;
-  std::snprintf(state.panel.name.data(), state.panel.name.size(), "%s", options.name.c_str());
   std::list<Compiling> compiled;  // also for worlds that were left: the driver cannot be stopped
   for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();
@@ -103,20 +171,21 @@ int view(const ViewOptions& given) {
     std::fprintf(stderr, "viewing %s, seed %u, %s; H lists the keys\n", world.terrainName.c_str(), world.seed,
                  render::contextDescription().c_str());
     if (drawing.window)
-      if (auto fetched = fetchGround(*link, *drawing.window, *options.at); !fetched) return fail(kRuntimeFailure, fetched.error());
+      if (auto fetched = fetchGround(*link, *drawing.window, start.at); !fetched) return fail(kRuntimeFailure, fetched.error());
     WorldWindow::Ending ending = [&] {
-      WorldWindow inside(options, **window, std::move(*link), drawing, std::move(*passes), state, compiling);
+      WorldWindow inside(options, start, **window, std::move(*link), drawing, std::move(*passes), state, compiling);
       return inside.run(began);
     }();
+    if (file) {
+      const auto kept = keepChanges(*file, first, toRemember(first, state, **window, ending, drawing.terrain != nullptr));
+      if (!kept) std::fprintf(stderr, "warning: %s\n", kept.error().message.c_str());
+    }
     if (!ending.next) {
       if (!std::ranges::all_of(compiled, &Compiling::done)) Compiling::abandon(ending.code);
       return ending.code;
     }
     link = std::move(*ending.next);
-    options.at = lattice::Point{ending.pose.x, ending.pose.z};
-    options.altitude = std::max(2.0, ending.aboveGround);
-    options.yaw = ending.pose.yaw * 180 / std::numbers::pi;
-    options.pitch = ending.pose.pitch * 180 / std::numbers::pi;
+    start = ending.place;
     options.path.reset();
   }
 }

@@ -14,18 +14,17 @@ namespace ridgecast::viewer {
 struct ViewOptions {
   connection::Url url;
   wire::Settings settings;
-  std::uint32_t width = 1280, height = 720;  // of the window at first, screen coordinates
-  double x = 0, z = 0, altitude = 150;       // metres; the start, above the ground there
-  double yaw = 0, pitch = -10;               // degrees
-  std::optional<lattice::Point> at;          // the start, instead of x and z: exact at any distance
-  std::optional<camera::Path> path;          // followed from the start
-  bool vsync = true, invertY = false;
-  bool reducedMotion = false;        // changes of the mesh show at once
-  float textScale = 1;               // relative to the screen's own
-  std::string name;                  // the user's, for the others; empty: a guest's
-  bool remoteShaders = true;         // draw with GLSL sent by the server; otherwise neutrally, see drawingOf
-  std::optional<double> seconds;     // close after this time
-  std::filesystem::path screenshot;  // a PNG of the window when it closes; empty: none
+  std::uint32_t width = 0, height = 0;               // of the window at first, screen coordinates; 0: as remembered
+  std::optional<double> x, z, altitude, yaw, pitch;  // the start, metres and degrees; all null: the last place in this session
+  std::optional<camera::Path> path;                  // followed from the start
+  bool vsync = true, invertY = false;                // unless remembered otherwise
+  bool reducedMotion = false;                        // changes of the mesh show at once
+  std::optional<double> textScale;                   // relative to the screen's own; null: as remembered
+  std::string name;                                  // the user's, for the others; empty: as remembered, at first a guest's
+  bool fresh = false;                                // neither uses nor changes what is remembered (remembered.h)
+  bool remoteShaders = true;                         // draw with GLSL sent by the server; otherwise neutrally, see drawingOf
+  std::optional<double> seconds;                     // close after this time
+  std::filesystem::path screenshot;                  // a PNG of the window when it closes; empty: none
 };
 
 // Returns the exit code: 0 closed by the user or after `seconds`; 1 no server, or closed without a connection; 3 no display or OpenGL, or

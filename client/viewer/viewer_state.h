@@ -13,6 +13,7 @@
 
 #include "client/viewer/leaf_colours.h"
 #include "client/viewer/project.h"
+#include "client/viewer/worlds.h"
 
 namespace ridgecast::viewer {
 
@@ -42,6 +43,9 @@ struct Panel {
   std::array<char, 130> terrain{};
   std::array<char, 16> seed{};
   std::array<char, 33> name{};  // the user's own, for the others
+  Worlds worlds;                // the server's
+  std::string worldsProblem;    // why they are not there
+  std::string session;          // the one that is shown
   bool live = false;            // settings can be changed
   std::string granted;          // the settings as the server granted them
   std::string problem;          // what is wrong in the panel

@@ -3,7 +3,9 @@
 #define GLFW_INCLUDE_NONE
 #include <GLFW/glfw3.h>
 
+#include <cmath>
 #include <string>
+#include <tuple>
 
 namespace ridgecast::viewer {
 namespace {
@@ -43,6 +45,18 @@ Window::~Window() {
 }
 
 void Window::show() { glfwShowWindow(handle_); }
+
+std::pair<std::uint32_t, std::uint32_t> Window::size() const {
+  int width = 0, height = 0, pixels = 0, ignored = 0;
+  glfwGetFramebufferSize(handle_, &pixels, &ignored);
+  glfwGetWindowSize(handle_, &width, &height);
+  float x = 1, y = 1;
+  // GLFW_SCALE_TO_MONITOR has made it larger only where a screen coordinate is a pixel.
+  if (pixels == width) glfwGetWindowContentScale(handle_, &x, &y);
+  if (glfwGetWindowMonitor(handle_)) std::tie(width, height) = std::pair(width_, height_);
+  return {static_cast<std::uint32_t>(std::lround(static_cast<float>(width) / x)),
+          static_cast<std::uint32_t>(std::lround(static_cast<float>(height) / y))};
+}
 
 void Window::setVsync(bool vsync) { glfwSwapInterval(vsync ? 1 : 0); }
 

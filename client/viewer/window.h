@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <utility>
 
 #include "common/outcome/outcome.h"
 
@@ -21,6 +22,8 @@ class Window {
 
   GLFWwindow* handle() const { return handle_; }
   void show();
+  // As open() takes it; while the screen is filled, the size to come back to.
+  std::pair<std::uint32_t, std::uint32_t> size() const;
   void setVsync(bool vsync);  // whether frames wait for the screen's refresh
   // Full screen, or a window again.
   void toggleFullScreen();

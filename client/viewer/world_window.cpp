@@ -28,16 +28,19 @@ std::filesystem::path freeName(const std::string& ending) {
   }
 }
 
-camera::Pose startPose(const ViewOptions& o, const Ground& ground) {
+camera::Pose startPose(const Start& start, const Ground& ground) {
   constexpr double kRadians = std::numbers::pi / 180;
-  return {
-      .x = o.at->x, .z = o.at->z, .y = ground.height(*o.at).value_or(0) + o.altitude, .yaw = o.yaw * kRadians, .pitch = o.pitch * kRadians};
+  return {.x = start.at.x,
+          .z = start.at.z,
+          .y = ground.height(start.at).value_or(0) + start.altitude,
+          .yaw = start.yaw * kRadians,
+          .pitch = start.pitch * kRadians};
 }
 
 }  // namespace
 
-WorldWindow::WorldWindow(const ViewOptions& options, Window& window, Link link, const render::Drawing& drawing, Passes passes,
-                         ViewerState& state, const Compiling* compiling)
+WorldWindow::WorldWindow(const ViewOptions& options, const Start& start, Window& window, Link link, const render::Drawing& drawing,
+                         Passes passes, ViewerState& state, const Compiling* compiling)
     : options_(options),
       window_(window),
       state_(state),
@@ -46,9 +49,9 @@ WorldWindow::WorldWindow(const ViewOptions& options, Window& window, Link link, 
       pictures_(std::in_place, std::move(passes)),
       overlay_(window.handle(), state.panel.textScale),
       devices_(window.handle(), state, overlay_, actions()),
-      controls_(startPose(options, ground_)),
-      start_(controls_.pose()),
-      placed_(ground_.height(*options.at).has_value()),
+      controls_(startPose(start, ground_), start.speed),
+      start_(start),
+      placed_(ground_.height(start.at) ? std::nullopt : std::optional(controls_.pose())),
       compiling_(compiling),
       modeBefore_(state.mode),
       path_(options.path) {
@@ -81,8 +84,8 @@ WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
     ending.next = stream_.enteredWorld();
     if (ending.next) break;
   }
-  ending.pose = controls_.pose();
-  ending.aboveGround = aboveGround();
+  ending.where = stream_.url().host + ":" + stream_.url().port + "/" + stream_.url().session;
+  ending.place = place();
   if (!ending.next && stream_.lost()) {
     std::fprintf(stderr, "ridgecast-client: closed without a connection to the server\n");
     ending.code = 1;
@@ -189,7 +192,10 @@ void WorldWindow::openPanel(Dialog dialog) {
   if (!panel.open()) return;
   devices_.freeMouse(true);
   panel.typed = dialog == Dialog::kWorlds;
-  if (panel.typed) overlay_.awaitTyping();
+  if (panel.typed) {
+    overlay_.awaitTyping();
+    stream_.requestWorlds();
+  }
   if (!stream_.entering()) panel.problem.clear();
   std::snprintf(panel.x.data(), panel.x.size(), "%s", formatMetres(controls_.pose().x).c_str());
   std::snprintf(panel.z.data(), panel.z.size(), "%s", formatMetres(controls_.pose().z).c_str());
@@ -201,6 +207,7 @@ void WorldWindow::grant(const Requests& requests) {
   if (requests.settings) stream_.requestSettings();
   if (requests.jump) jump();
   if (requests.world) stream_.enterWorld();
+  if (requests.session) stream_.enterSession(*requests.session);
   if (requests.flyTo) flyTo(*requests.flyTo);
 }
 
@@ -260,14 +267,22 @@ camera::Camera WorldWindow::camera() const {
   return out;
 }
 
+Start WorldWindow::place() const {
+  constexpr double kDegrees = 180 / std::numbers::pi;
+  const camera::Pose& pose = controls_.pose();
+  return {{pose.x, pose.z}, std::clamp(aboveGround(), 2.0, 100000.0), pose.yaw * kDegrees, pose.pitch * kDegrees, controls_.flyingSpeed()};
+}
+
 double WorldWindow::aboveGround() const {
   const camera::Pose& pose = controls_.pose();
   return pose.y - ground_.height({pose.x, pose.z}).value_or(0);
 }
 
-// Unless it was moved.
-void WorldWindow::placeAtStart() {
-  if (controls_.pose() == start_) controls_.place(start_ = startPose(options_, ground_));
+// Once its height is known, unless the camera was moved.
+void WorldWindow::placeAboveGround() {
+  if (!placed_ || !ground_.height(start_.at)) return;
+  if (controls_.pose() == *placed_) controls_.place(startPose(start_, ground_));
+  placed_.reset();
 }
 
 // Says so while the driver compiles the terrain; once it has, draws with it.
@@ -288,17 +303,13 @@ Outcome<void> WorldWindow::watchCompiling() {
   ground_.know(drawing);
   pictures_.emplace(std::move(*passes));
   if (ground_.hasFunction() && state_.mode == Mode::kMesh) state_.mode = modeBefore_;
-  placeAtStart();
   state_.tell("drawn with " + world.terrainName + "'s own colours");
   std::fprintf(stderr, "%s\n", state_.hint.c_str());
   return {};
 }
 
 void WorldWindow::fly(double seconds) {
-  if (!placed_ && ground_.height(*options_.at)) {
-    placeAtStart();
-    placed_ = true;
-  }
+  placeAboveGround();
   const Input input = devices_.read(seconds);
   controls_.setInvertY(state_.panel.invertY);
   if (state_.motion.following) followPath(input);

@@ -16,17 +16,24 @@
 
 namespace ridgecast::viewer {
 
+// Where one begins to fly, and how fast.
+struct Start {
+  lattice::Point at;
+  double altitude = 0, yaw = 0, pitch = 0;  // metres above the ground there; degrees
+  double speed = 0;                         // metres a second
+};
+
 class WorldWindow {
  public:
   // `compiling`: until it is done, `drawing` and `passes` are neutral ones; then the window draws with the terrain. Null: they are final.
-  WorldWindow(const ViewOptions& options, Window& window, Link link, const render::Drawing& drawing, Passes passes, ViewerState& state,
-              const Compiling* compiling);
+  WorldWindow(const ViewOptions& options, const Start& start, Window& window, Link link, const render::Drawing& drawing, Passes passes,
+              ViewerState& state, const Compiling* compiling);
 
   struct Ending {
     int code = 0;
     std::optional<Link> next;  // another world
-    camera::Pose pose;         // of the camera
-    double aboveGround = 0;
+    std::string where;         // the session left: "host:port/session"
+    Start place;               // where the camera was
   };
   Ending run(std::chrono::steady_clock::time_point began);
 
@@ -47,11 +54,12 @@ class WorldWindow {
   void flyTo(std::uint64_t member);
   void copyLink();
 
-  void placeAtStart();
+  void placeAboveGround();
   Outcome<void> watchCompiling();
   void fly(double seconds);
   void followPath(const Input& input);
   camera::Camera camera() const;
+  Start place() const;
   double aboveGround() const;
 
   Outcome<void> draw(bool last);
@@ -69,8 +77,8 @@ class WorldWindow {
   Overlay overlay_;
   Devices devices_;
   Controls controls_;
-  camera::Pose start_;  // where the camera was placed
-  bool placed_;         // above ground that is known
+  const Start start_;
+  std::optional<camera::Pose> placed_;  // there, while the height of the ground is not known
   const Compiling* compiling_;
   Mode modeBefore_;
   std::optional<PathRecorder> recorder_;

@@ -150,9 +150,10 @@ TEST(ClientErrors, NoOpenGl) {
 
 TEST(ClientErrors, NoDisplay) {
   ServerProcess running(RIDGECAST_SERVER);
-  const Environment none{{"DISPLAY", {}}, {"WAYLAND_DISPLAY", {}}};
+  const ScratchFolder folder;
+  const Environment none{{"DISPLAY", {}}, {"WAYLAND_DISPLAY", {}}, {"XDG_CONFIG_HOME", folder / "configuration"}};
   expectError(client({"view", running.url(), "--seconds", "1"}, none), kNoGraphics, {"ridgecast-client: ", "display", "fly"});
-  expectError(client({"view", running.url(), "--seconds", "1"}, {{"DISPLAY", ":4711"}, {"WAYLAND_DISPLAY", {}}}), kNoGraphics,
+  expectError(client({"view", running.url(), "--seconds", "1"}, {{"DISPLAY", ":4711"}, {"WAYLAND_DISPLAY", {}}, none.back()}), kNoGraphics,
               {"ridgecast-client: ", "display"});
   EXPECT_TRUE(running.healthy());
 }

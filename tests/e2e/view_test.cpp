@@ -38,7 +38,8 @@ TEST(View, OpensAWindowAndShowsALandscapeTwice) {
   double left = 0, right = 0;
   for (const char* seconds : {"3", "15", "60"}) {
     const Finished seen = runProgram({"xvfb-run", "-a", "-s", "-screen 0 1024x768x24", RIDGECAST_CLIENT, "view", server.url(), "--size",
-                                      "640x360", "--threshold", "4", "--seconds", seconds, "--screenshot", picture});
+                                      "640x360", "--threshold", "4", "--seconds", seconds, "--screenshot", picture},
+                                     {{"XDG_CONFIG_HOME", folder / "configuration"}});
     ASSERT_EQ(seen.code, 0) << seen.output;
     const auto window = render::readPng(picture);
     ASSERT_TRUE(window) << window.error().message;

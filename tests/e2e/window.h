@@ -43,11 +43,19 @@ class WindowTest : public testing::Test {
     environment_ = {{"DISPLAY", ":" + displayNumber()}, {"WAYLAND_DISPLAY", {}}};
   }
 
-  void open(const std::vector<std::string>& arguments, const std::string& url, const Environment& more = {}) {
-    std::string command = "cd '" + (folder_ / "").string() + "' && exec '" RIDGECAST_CLIENT "' view '" + url + "' --size " + size_ +
-                          " --x 1400 --z 3600 --altitude 300 --pitch -14";
+  // Where all windows begin, so that what another one remembers is nothing to them.
+  void open(std::vector<std::string> arguments, const std::string& url, const Environment& more = {}) {
+    for (const char* a : {"--x 1400 --z 3600 --altitude 300 --pitch -14", "--size"}) arguments.emplace_back(a);
+    arguments.push_back(size_);
+    openRemembering(arguments, url, "configuration-" + std::to_string(++opened_), more);
+  }
+  // With a folder in which it keeps what it remembers.
+  void openRemembering(const std::vector<std::string>& arguments, const std::string& url, const std::string& configuration,
+                       const Environment& more = {}) {
+    std::string command = "cd '" + (folder_ / "").string() + "' && exec '" RIDGECAST_CLIENT "' view '" + url + "'";
     for (const std::string& a : arguments) command += " " + a;
     Environment all = environment_;
+    all.emplace_back("XDG_CONFIG_HOME", folder_ / configuration);
     all.insert(all.end(), more.begin(), more.end());
     viewer_ = std::make_unique<Process>(std::vector<std::string>{"sh", "-c", command}, all);
   }
@@ -115,7 +123,7 @@ class WindowTest : public testing::Test {
   std::unique_ptr<Process> screen_, viewer_;
   Environment environment_;
   ScratchFolder folder_;
-  int shots_ = 0;
+  int shots_ = 0, opened_ = 0;
 };
 
 // Means of the differences of two pictures of a size, 0..255, over the columns from `left` to `right` (0..1); without the lowest rows,

@@ -1,0 +1,157 @@
+#include "client/viewer/panel.h"
+
+#include <imgui.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <string>
+
+#include "client/viewer/theme.h"
+#include "common/settings/settings.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::viewer {
+namespace {
+
+// Whether Enter was pressed in the field.
+template <std::size_t n>
+bool entered(const char* name, std::array<char, n>& text) {
+  return ImGui::InputText(name, text.data(), n, ImGuiInputTextFlags_EnterReturnsTrue);
+}
+
+// Also by Enter, when the keyboard is on it.
+bool button(const char* text) {
+  const bool clicked = ImGui::Button(text);
+  return clicked || (ImGui::IsItemFocused() && ImGui::IsKeyPressed(ImGui::GetKeyIndex(ImGuiKey_Enter)));
+}
+
+bool drawDetail(Panel& p) {
+  const auto name = [](void*, int k, const char** out) {
+    *out = k == 0 ? "the server's" : settings::kMetrics[static_cast<std::size_t>(k)].name.data();
+    return true;
+  };
+  bool changed = ImGui::Combo("metric", &p.metric, name, nullptr, static_cast<int>(settings::kMetrics.size()));
+  const bool thesis = p.metric == static_cast<int>(wire::Metric::kThesis);
+  const auto released = [&changed](bool) { changed |= ImGui::IsItemDeactivatedAfterEdit(); };
+  released(ImGui::SliderFloat("threshold", &p.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",
+                              ImGuiSliderFlags_Logarithmic));
+  released(ImGui::SliderInt("thousand triangles", &p.triangles, 10, 2000, "%d", ImGuiSliderFlags_Logarithmic));
+  released(ImGui::SliderInt("kB/s, 0: all", &p.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic));
+  return changed;
+}
+
+void drawSettings(Panel& p, bool& smooth, Requests& requests) {
+  ImGui::TextDisabled("Detail, for this window alone");
+  if (p.live)
+    requests.settings = drawDetail(p);
+  else
+    ImGui::TextUnformatted("This server changes no settings on the way.");
+  ImGui::Text("granted: %s", p.granted.c_str());
+  ImGui::Separator();
+  ImGui::TextDisabled("This window");
+  ImGui::Checkbox("smooth changes (off: reduced motion)", &smooth);
+  ImGui::Checkbox("invert looking up and down", &p.invertY);
+  requests.vsync = ImGui::Checkbox("wait for the screen (vsync)", &p.vsync);
+  ImGui::SliderFloat("text", &p.textScale, 0.7f, 3.0f, "x %.1f");
+}
+
+void drawSessions(Panel& p, Requests& requests) {
+  ImGui::TextDisabled("The server's sessions");
+  if (!p.worldsProblem.empty()) ImGui::TextUnformatted(p.worldsProblem.c_str());
+  for (const Worlds::Session& session : p.worlds.sessions) {
+    const std::string text =
+        session.name + ": " + session.terrain + ", seed " + std::to_string(session.seed) + ", " + std::to_string(session.members) + " here";
+    if (session.name == p.session)
+      ImGui::TextDisabled("%s; yours", text.c_str());
+    else if (button(text.c_str()))
+      requests.session = session.name;
+  }
+}
+
+void drawTerrains(Panel& p, Requests& requests) {
+  ImGui::TextDisabled("Another world (makes its session, or joins it)");
+  requests.world = entered("terrain", p.terrain);
+  requests.world |= entered("seed", p.seed);
+  requests.world |= button("Go there");
+  for (const Worlds::Terrain& terrain : p.worlds.terrains) {
+    if (button(terrain.name.c_str())) {
+      std::snprintf(p.terrain.data(), p.terrain.size(), "%s", terrain.name.c_str());
+      requests.world = true;
+    }
+    ImGui::SameLine();
+    ImGui::TextUnformatted(terrain.summary.c_str());
+  }
+}
+
+void drawWorlds(Panel& p, Requests& requests) {
+  ImGui::TextDisabled("Place (metres)");
+  if (p.typed) ImGui::SetKeyboardFocusHere();
+  requests.jump = entered("x", p.x);
+  requests.jump |= entered("z", p.z);
+  requests.jump |= entered("above ground", p.altitude);
+  requests.jump |= button("Go");
+  ImGui::Separator();
+  drawSessions(p, requests);
+  ImGui::Separator();
+  drawTerrains(p, requests);
+}
+
+void drawPeople(Panel& p, const std::vector<Outlines::Member>& members, Requests& requests) {
+  if (members.empty()) ImGui::TextUnformatted("Nobody else. A link (L) brings somebody here.");
+  for (const Outlines::Member& member : members) {
+    ImGui::PushID(std::to_string(member.camera).c_str());
+    const ImVec2 at = ImGui::GetCursorScreenPos();
+    const float side = ImGui::GetFrameHeight();
+    ImGui::GetWindowDrawList()->AddCircleFilled(
+        ImVec2(at.x + side / 2, at.y + side / 2), side / 4,
+        ImGui::ColorConvertFloat4ToU32(ImVec4(member.colour[0], member.colour[1], member.colour[2], 1)));
+    ImGui::Dummy(ImVec2(side, side));
+    ImGui::SameLine();
+    if (!member.away)
+      ImGui::TextUnformatted(member.text.c_str());
+    else if (button(member.text.c_str()))
+      requests.flyTo = member.camera;
+    ImGui::PopID();
+  }
+  ImGui::Separator();
+  ImGui::Checkbox("show them in the picture", &p.members);
+  ImGui::InputText("your name", p.name.data(), p.name.size());
+  ImGui::TextDisabled("Others see it from your next connection on.");
+}
+
+}  // namespace
+
+Requests drawPanel(ViewerState& s, Area& area) {
+  Requests requests;
+  Panel& p = s.panel;
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Appearing, ImVec2(0.5f, 0.5f));
+  ImGui::SetNextWindowSizeConstraints(ImVec2(0, 0), ImVec2(size.x, size.y));
+  if (p.typed) ImGui::SetNextWindowFocus();
+  static constexpr std::array<const char*, 4> kTitles = {"", "Settings", "Worlds and places", "Who is here"};
+  bool open = true;
+  if (ImGui::Begin(kTitles[static_cast<std::size_t>(p.dialog)], &open,
+                   ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoCollapse)) {
+    ImGui::PushItemWidth(std::min(ImGui::GetFontSize() * 16, size.x * 0.45f));
+    ImGui::PushTextWrapPos(size.x - 4 * ImGui::GetFontSize());
+    if (p.dialog == Dialog::kSettings) drawSettings(p, s.smooth, requests);
+    if (p.dialog == Dialog::kWorlds) drawWorlds(p, requests);
+    if (p.dialog == Dialog::kPeople) drawPeople(p, s.outlines.members, requests);
+    ImGui::PopTextWrapPos();
+    if (!p.problem.empty()) {
+      ImGui::PushTextWrapPos(ImGui::GetFontSize() * 26);
+      ImGui::TextColored(ImGui::ColorConvertU32ToFloat4(theme::packed(theme::kWarning)), "%s", p.problem.c_str());
+      ImGui::PopTextWrapPos();
+    }
+    ImGui::PopItemWidth();
+    const ImVec2 at = ImGui::GetWindowPos(), whole = ImGui::GetWindowSize();
+    area = {at.x, at.y, at.x + whole.x, at.y + whole.y};
+  }
+  p.typed = false;
+  if (!open) p.dialog = Dialog::kNone;
+  ImGui::End();
+  return requests;
+}
+
+}  // namespace ridgecast::viewer
