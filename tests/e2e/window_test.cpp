@@ -8,11 +8,13 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "client/connection/connection.h"
 #include "common/terrain/terrain.h"
 #include "tests/e2e/window.h"
 #include "tests/support/flier.h"
@@ -250,6 +252,133 @@ TEST_F(Window, AnotherMemberIsMarkedWhereItIs) {
   }
   press({"m"});
   EXPECT_TRUE(shows([&](const render::Picture& now) { return !placeOfAMember(now); })) << "though it has left";
+  close();
+}
+
+// The share of pixels that differ anywhere.
+double changed(const render::Picture& a, const render::Picture& b) { return compare(a, b).moved; }
+
+TEST_F(Window, HelpAndFiguresScroll) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({"--threshold", "50", "--reduced-motion", "--text-scale", "2"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"1"});
+  for (const char* const box : {"figures", "help"}) {
+    if (box == std::string("help")) press({"h"});
+    const render::Picture top = rested();
+    press({"Next"});
+    const render::Picture below = rested();
+    EXPECT_GT(changed(top, below), 0.02) << box << " do not scroll by PageDown";
+    press({"Prior"});
+    EXPECT_EQ(changed(top, rested()), 0) << box << " do not scroll back";
+  }
+  const render::Picture top = rested();
+  runProgram({"xdotool", "mousemove", "--window", windowNumber(), "160", "60"}, environment_);
+  shot();
+  runProgram({"xdotool", "click", "5"}, environment_);
+  EXPECT_TRUE(shows([&](const render::Picture& now) { return changed(top, now) > 0.02; })) << "no wheel";
+  close();
+}
+
+TEST_F(Window, WhatTheServerSaysAboutTheClockIsShown) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({"--threshold", "50", "--reduced-motion", "--screenshot", "last.png"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"f", "1"});
+  const render::Picture before = rested();  // pictures asked for by F12 are without such sentences
+  wire::Hello hello;
+  hello.clock = true;
+  auto owner = connection::Connection::open(connection::parseUrl(server.url()).value(), hello).value();
+  const auto heard = [&](const auto& wanted) {
+    return await([&] { return owner->waitForClock(owner->clock().version(), 100ms), wanted(owner->clock().said()); }, 300s);
+  };
+  owner->setClock({true, wire::ClockMode::kStepped, 0});
+  ASSERT_TRUE(heard([&](const wire::Clock& said) { return said.owner == owner->world().camera; }));
+  viewer_->signal(SIGSTOP);  // it answers no step
+  owner->step({1000, true});
+  ASSERT_TRUE(heard([](const wire::Clock& said) { return said.step == 1 && said.waitsFor.size() == 1; }));
+  owner->passOver(owner->clock().said().waitsFor.front());
+  ASSERT_TRUE(heard([](const wire::Clock& said) { return said.waitsFor.empty(); }));
+  viewer_->signal(SIGCONT);
+  EXPECT_TRUE(says("was passed over at step 1")) << viewer_->output();
+  close();
+  const auto last = render::readPng(folder_ / "last.png");
+  ASSERT_TRUE(last) << last.error().message;
+  EXPECT_GT(compare(before, *last, 0.2, 0.8).moved, 0.05) << "no panel with the sentence";
+}
+
+TEST_F(Window, ASessionOfTheListIsEnteredByKeyboard) {
+  ServerProcess server(RIDGECAST_SERVER);
+  Flier other(server.url() + "?session=race&terrain=canyon&seed=7", {.threshold = 50});
+  open({"--threshold", "50", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"1", "f"});
+  const render::Picture alone = rested();
+  bool entered = false;
+  for (int attempt = 0; attempt < 5 && !entered; ++attempt) {  // at first the list may not have come yet
+    press({"j"});
+    shot();
+    press({"Down", "Down", "Down", "Down", "Return"});  // z, above ground, Go, the other session
+    entered = says("viewing canyon, seed 7", 20s);
+    if (!entered) press({"Escape"});
+  }
+  ASSERT_TRUE(entered) << viewer_->output();
+  EXPECT_TRUE(shows([&](const render::Picture& now) { return changed(alone, now) > 0.1; }));
+  close();
+}
+
+TEST_F(Window, IsAsItWasWhenItClosed) {
+  ServerProcess server(RIDGECAST_SERVER);
+  const std::filesystem::path file = folder_ / "kept/ridgecast/window.json";
+  const std::vector<std::string> few = {"--threshold", "50", "--reduced-motion"};
+  const auto placeOf = [&] {
+    press({"l"});
+    EXPECT_TRUE(says("#x=")) << viewer_->output();
+    const std::string said = viewer_->output();
+    const std::size_t from = said.rfind("#x=");
+    return said.substr(from, said.find('&', said.find("&z=", from) + 1) - from);
+  };
+  std::vector<std::string> first = few;
+  for (const char* a : {"--size", "420x280", "--x", "1400", "--z", "3600", "--altitude", "300", "--text-scale", "2"}) first.emplace_back(a);
+  openRemembering(first, server.url(), "kept");
+  ASSERT_TRUE(opened()) << viewer_->output();
+  press({"f", "1"});
+  ASSERT_EQ(runProgram({"xdotool", "windowsize", windowNumber(), "400", "260"}, environment_).code, 0);
+  hold("w", 1500ms);
+  ASSERT_TRUE(shows([](const render::Picture& now) { return now.width == 400 && now.height == 260; }));
+  const std::string place = placeOf();
+  EXPECT_NE(place, "#x=1400&z=3600");
+  const render::Picture last = rested();
+  close();
+
+  openRemembering(few, server.url(), "kept");
+  ASSERT_TRUE(opened()) << viewer_->output();
+  const render::Picture again = rested();
+  EXPECT_EQ(again.width, 400u);
+  EXPECT_EQ(again.height, 260u);
+  EXPECT_LT(compare(last, again).moved, 0.2) << "another place or mode, or figures";
+  EXPECT_EQ(placeOf(), place);
+  close();
+  EXPECT_EQ(nlohmann::json::parse(readText(file))["text-scale"], 1) << "what the command line says is for once";
+
+  // The command line wins; --fresh begins and leaves everything as if there were nothing.
+  const std::string kept = readText(file);
+  for (const std::string how : {"--fresh", "--x 5"}) {
+    std::vector<std::string> given = few;
+    for (const char* a : {"--size", "320x180"}) given.emplace_back(a);
+    given.push_back(how);
+    openRemembering(given, server.url(), "kept");
+    ASSERT_TRUE(opened()) << viewer_->output();
+    EXPECT_EQ(placeOf(), how == "--fresh" ? "#x=0&z=0" : "#x=5&z=0");
+    EXPECT_EQ(shot().width, 320u);
+    close();
+    EXPECT_EQ(readText(file) == kept, how == "--fresh") << readText(file);
+  }
+
+  std::ofstream(file) << "{\"divider\": -1}";
+  openRemembering({"--size", "320x180"}, server.url(), "kept");
+  ASSERT_TRUE(opened()) << viewer_->output();
+  EXPECT_TRUE(says("window.json is ignored: 'divider' should be")) << viewer_->output();
   close();
 }
 
