@@ -58,11 +58,11 @@ void drawSettings(Panel& p, bool& smooth, Requests& requests) {
 
 void drawSessions(Panel& p, Requests& requests) {
   ImGui::TextDisabled("The server's sessions");
-  if (!p.worldsProblem.empty()) ImGui::TextUnformatted(p.worldsProblem.c_str());
-  for (const Worlds::Session& session : p.worlds.sessions) {
+  if (!p.offer.problem.empty()) ImGui::TextUnformatted(p.offer.problem.c_str());
+  for (const Worlds::Session& session : p.offer.worlds.sessions) {
     const std::string text =
         session.name + ": " + session.terrain + ", seed " + std::to_string(session.seed) + ", " + std::to_string(session.members) + " here";
-    if (session.name == p.session)
+    if (session.name == p.offer.here)
       ImGui::TextDisabled("%s; yours", text.c_str());
     else if (button(text.c_str()))
       requests.session = session.name;
@@ -74,7 +74,7 @@ void drawTerrains(Panel& p, Requests& requests) {
   requests.world = entered("terrain", p.terrain);
   requests.world |= entered("seed", p.seed);
   requests.world |= button("Go there");
-  for (const Worlds::Terrain& terrain : p.worlds.terrains) {
+  for (const Worlds::Terrain& terrain : p.offer.worlds.terrains) {
     if (button(terrain.name.c_str())) {
       std::snprintf(p.terrain.data(), p.terrain.size(), "%s", terrain.name.c_str());
       requests.world = true;
@@ -145,7 +145,10 @@ Requests drawPanel(ViewerState& s, Area& area) {
       ImGui::PopTextWrapPos();
     }
     ImGui::PopItemWidth();
-    const ImVec2 at = ImGui::GetWindowPos(), whole = ImGui::GetWindowSize();
+    const ImVec2 whole = ImGui::GetWindowSize(), old = ImGui::GetWindowPos();
+    // It grows when the server's list comes, and stays in sight.
+    const ImVec2 at(std::max(0.0f, std::min(old.x, size.x - whole.x)), std::max(0.0f, std::min(old.y, size.y - whole.y)));
+    ImGui::SetWindowPos(at);
     area = {at.x, at.y, at.x + whole.x, at.y + whole.y};
   }
   p.typed = false;

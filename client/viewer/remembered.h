@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "client/connection/connection.h"
 #include "client/viewer/viewer_state.h"
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
@@ -33,6 +34,8 @@ struct Remembered {
   const Place* placeAt(const std::string& where) const;  // null: never visited
   void visit(Place place);
 };
+
+std::string sessionAt(const connection::Url& url);  // a place's `where`
 
 // $XDG_CONFIG_HOME/ridgecast/window.json, or ~/.config/ridgecast/window.json; null without either variable (absolute).
 std::optional<std::filesystem::path> rememberedFile();

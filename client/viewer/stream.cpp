@@ -57,7 +57,7 @@ Stream::Stream(Link link, ViewerState& state) : link_(std::move(link)), state_(s
   state.statistics.world =
       world.terrainName + ", seed " + std::to_string(world.seed) + ", session " + world.session + ", from " + world.serverName;
   std::snprintf(state.panel.terrain.data(), state.panel.terrain.size(), "%s", world.terrainName.c_str());
-  state.panel.session = world.session;
+  state.panel.offer.here = world.session;
   std::snprintf(state.panel.seed.data(), state.panel.seed.size(), "%u", world.seed);
   showSettings();
 }
@@ -237,7 +237,7 @@ void Stream::requestSettings() {
 
 void Stream::requestWorlds() {
   if (question_) return;
-  state_.panel.worldsProblem = "asking the server ...";
+  state_.panel.offer.problem = "asking the server ...";
   question_.emplace(link_.url);
 }
 
@@ -245,8 +245,8 @@ void Stream::showWorlds() {
   auto answer = question_ ? question_->take() : std::nullopt;
   if (!answer) return;
   question_.reset();
-  state_.panel.worldsProblem = *answer ? "" : answer->error().message;
-  state_.panel.worlds = *answer ? std::move(**answer) : Worlds();
+  state_.panel.offer.problem = *answer ? "" : answer->error().message;
+  state_.panel.offer.worlds = *answer ? std::move(**answer) : Worlds();
   state_.changed = true;
 }
 

@@ -19,6 +19,7 @@
 #include "client/viewer/compiling.h"
 #include "client/viewer/people.h"
 #include "client/viewer/remembered.h"
+#include "client/viewer/theme.h"
 #include "client/viewer/window.h"
 #include "client/viewer/world_window.h"
 
@@ -63,7 +64,8 @@ std::optional<Outcome<Link>> arrive(const ViewOptions& options, const ViewerStat
       int width = 0, height = 0;
       glfwGetFramebufferSize(handle, &width, &height);
       glViewport(0, 0, width, height);
-      glClearColor(0x10 / 255.0f, 0x16 / 255.0f, 0x1d / 255.0f, 1);  // theme::kGround
+      const auto share = [](int shift) { return static_cast<float>(theme::kGround.rgb >> shift & 0xff) / 255; };
+      glClearColor(share(16), share(8), share(0), 1);
       glClear(GL_COLOR_BUFFER_BIT);
       overlay->drawMessageAlone(arrival.describe() + "\nEsc gives up");
       glfwSwapBuffers(handle);
@@ -132,7 +134,7 @@ Remembered toRemember(const Remembered& before, const ViewerState& state, const 
 
 Start startOf(const ViewOptions& options, const Remembered& remembered) {
   const bool given = options.x || options.z || options.altitude || options.yaw || options.pitch || options.path;
-  const Remembered::Place* const last = remembered.placeAt(options.url.host + ":" + options.url.port + "/" + options.url.session);
+  const Remembered::Place* const last = remembered.placeAt(sessionAt(options.url));
   if (last && !given) return {last->at, last->altitude, last->yaw, last->pitch, remembered.speed};
   const auto steps = [](const std::optional<double>& metres) { return std::llround(metres.value_or(0) * lattice::kStepsPerMetre); };
   return {{steps(options.x), steps(options.z)},

@@ -43,12 +43,14 @@ struct Panel {
   std::array<char, 130> terrain{};
   std::array<char, 16> seed{};
   std::array<char, 33> name{};  // the user's own, for the others
-  Worlds worlds;                // the server's
-  std::string worldsProblem;    // why they are not there
-  std::string session;          // the one that is shown
-  bool live = false;            // settings can be changed
-  std::string granted;          // the settings as the server granted them
-  std::string problem;          // what is wrong in the panel
+  struct Offer {
+    Worlds worlds;
+    std::string problem;  // why they are not there
+    std::string here;     // the session that is shown
+  } offer;                // of the server
+  bool live = false;      // settings can be changed
+  std::string granted;    // the settings as the server granted them
+  std::string problem;    // what is wrong in the panel
   bool open() const { return dialog != Dialog::kNone; }
 };
 

@@ -12,6 +12,7 @@
 
 #include "client/viewer/coordinates.h"
 #include "client/viewer/people.h"
+#include "client/viewer/remembered.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -84,7 +85,7 @@ WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
     ending.next = stream_.enteredWorld();
     if (ending.next) break;
   }
-  ending.where = stream_.url().host + ":" + stream_.url().port + "/" + stream_.url().session;
+  ending.where = sessionAt(stream_.url());
   ending.place = place();
   if (!ending.next && stream_.lost()) {
     std::fprintf(stderr, "ridgecast-client: closed without a connection to the server\n");
