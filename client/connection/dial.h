@@ -22,7 +22,7 @@ enum class Dialing { kResolving, kConnecting, kConnected };
 // Looks up, connects and, if the URL says so, speaks TLS. `done` gets nothing, or why it failed; `step` says how far it is. The other
 // arguments must outlive it.
 inline void dial(const Url& url, boost::asio::ip::tcp::resolver& resolver, transport::Channel& channel, Dialing& step,
-                 std::function<void(std::optional<std::string>)> done) {
+                 const std::function<void(std::optional<std::string>)>& done) {
   resolver.async_resolve(url.host, url.port, [&, done](boost::system::error_code e, const auto& found) {
     if (e) return done("the host '" + url.host + "' is not known (" + e.message() + "); check the server's address");
     step = Dialing::kConnecting;

@@ -133,7 +133,7 @@ Requests drawPanel(ViewerState& s, Area& area) {
   bool open = true;
   if (ImGui::Begin(kTitles[static_cast<std::size_t>(p.dialog)], &open,
                    ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoCollapse)) {
-    ImGui::PushItemWidth(std::min(ImGui::GetFontSize() * 16, size.x * 0.45f));
+    ImGui::PushItemWidth(std::min(ImGui::GetFontSize() * 16, size.x * 0.36f));
     ImGui::PushTextWrapPos(size.x - 4 * ImGui::GetFontSize());
     if (p.dialog == Dialog::kSettings) drawSettings(p, s.smooth, requests);
     if (p.dialog == Dialog::kWorlds) drawWorlds(p, requests);

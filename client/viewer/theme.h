@@ -1,6 +1,7 @@
 #pragma once
 // Colours, sizes and font of what is drawn over the pictures: one look with the page (client/web/src/style.css; a test compares them).
 
+#include <cmath>
 #include <cstdint>
 
 namespace ridgecast::viewer::theme {
@@ -13,8 +14,8 @@ inline constexpr Shade kGround{0x10161d}, kDialog{0x131c25}, kGlass{0x0d131a, 0.
 inline constexpr Shade kText{0xe9eff5}, kMuted{0xa9b6c2}, kAccent{0x8fc1e8}, kOnAccent{0x0d131a}, kWarning{0xd9a441};
 
 // As Dear ImGui packs colours.
-constexpr std::uint32_t packed(const Shade& s, float alpha = 1) {
-  const auto opacity = static_cast<std::uint32_t>(s.alpha * alpha * 255 + 0.5f);
+inline std::uint32_t packed(const Shade& s, float alpha = 1) {
+  const auto opacity = static_cast<std::uint32_t>(std::lround(s.alpha * alpha * 255));
   return opacity << 24 | (s.rgb & 0xff) << 16 | (s.rgb & 0xff00) | s.rgb >> 16;
 }
 

@@ -15,7 +15,6 @@ namespace ridgecast {
 namespace {
 
 using namespace testing_support;
-using testing::AllOf;
 using testing::AnyOf;
 using testing::HasSubstr;
 using testing::Not;
@@ -100,7 +99,7 @@ TEST(ClientErrors, PathFiles) {
   ServerProcess running(RIDGECAST_SERVER);
   ScratchFolder folder;
   const auto written = [&](const std::string& text) {
-    const std::string file = (folder / "path.json").string();
+    std::string file = (folder / "path.json").string();
     std::ofstream(file, std::ios::binary) << text;
     return file;
   };
@@ -111,7 +110,7 @@ TEST(ClientErrors, PathFiles) {
   expectRefused((folder / "none.json").string(), {"none.json"});
   expectRefused("/", {"/"});
   expectRefused(written(""), {"path.json"});
-  expectRefused(written("\x89PNG\r\n\x1a\n\0\0\0"), {"path.json"});
+  expectRefused(written(std::string("\x89PNG\r\n\x1a\n\0\0\0", 11)), {"path.json"});
   expectRefused(written("{\"keyframes\": []}"), {"keyframe"});
   expectRefused(written("{\"keyframes\": [{\"t\": 0, \"x\": 1e300, \"z\": 0, \"altitude\": 10, \"yaw\": 0, \"pitch\": 0}]}"), {"x"});
   expectRefused(written("{\"keyframes\": [{\"t\": 0, \"x\": 0, \"z\": 0, \"altitude\": 10, \"yaw\": 0, \"pith\": 0}]}"), {"pith"});

@@ -1,4 +1,4 @@
-// What the window remembers: it comes back as it was, a broken or hostile file is named and ignored, and two windows keep both their changes.
+// What the window remembers comes back as it was; a broken or hostile file is named and ignored; two windows keep both their changes.
 #include "client/viewer/remembered.h"
 
 #include <gmock/gmock.h>
