@@ -148,7 +148,7 @@ Requests drawPanel(ViewerState& s, Area& area) {
     const ImVec2 whole = ImGui::GetWindowSize(), old = ImGui::GetWindowPos();
     // It grows when the server's list comes, and stays in sight.
     const ImVec2 at(std::max(0.0f, std::min(old.x, size.x - whole.x)), std::max(0.0f, std::min(old.y, size.y - whole.y)));
-    ImGui::SetWindowPos(at);
+    if (at.x != old.x || at.y != old.y) ImGui::SetWindowPos(at);  // which ends the centring of a window just opened
     area = {at.x, at.y, at.x + whole.x, at.y + whole.y};
   }
   p.typed = false;
