@@ -34,10 +34,11 @@ constexpr double kSnapShare = 1.0 / 16;                   // of the error: what 
 constexpr double kSideShare = 0.7;                        // of the error: allowed for the box's sides, as lines
 constexpr float kFall = 0.75f;                            // what must be inserted falls by this from sweep to sweep
 constexpr double kLeastSpacing = 32, kMostSpacing = 512;  // steps between samples of a formula, at first; as far as the error, in between
-constexpr double kFirstSamples = 1 << 23;                 // at most as many, at first
-constexpr std::uint64_t kMostSamples = 50'000'000;        // 400 MB
-constexpr std::uint32_t kTrianglesARegion = 12;           // from which they work side by side
-constexpr std::size_t kInsertions = 64;                   // between two looks at the clock: some hundred microseconds at most
+// Samples for each triangle that there may be, and for all of them: at first, and in the end (400 MB).
+constexpr double kFirstATriangle = 64, kFirstSamples = 1 << 23;
+constexpr std::uint64_t kMostATriangle = 256, kMostSamples = 50'000'000;
+constexpr std::uint32_t kTrianglesARegion = 12;  // from which they work side by side
+constexpr std::size_t kInsertions = 64;          // between two looks at the clock: some hundred microseconds at most
 
 struct Wanted {
   float error;
@@ -58,10 +59,11 @@ struct Plan {
   int vertical = 0;          // spacing of vertices' heights, as a power of two in steps
   lattice::Point low, high;  // the box, widened
   Frame frame;
+  std::uint64_t samples;          // at most
   int bits = 0;                   // of the first samples, as a power of two in units
   std::array<Point2, 4> corners;  // of the box, counter-clockwise from the lowest
 
-  Plan(const Box& box, const terrain::Raster* map) {
+  Plan(const Box& box, const terrain::Raster* map, std::uint32_t most) : samples(std::min(kMostSamples, kMostATriangle * most)) {
     const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // at most half a spacing of heights
     while (std::ldexp(1.0, vertical) <= fits && vertical < 12) ++vertical;
     const int horizontal = vertical + 1;
@@ -72,7 +74,8 @@ struct Plan {
     frame.unitBits = std::clamp(std::ilogb(std::max(width, depth)) - 23, 0, horizontal);
     // What the error or the posts of a map ask for, or what is bearable.
     const double wanted = map ? map->shape().pitch : std::clamp(box.error * lattice::kStepsPerMetre, kLeastSpacing, kMostSpacing);
-    bits = std::max(0, std::ilogb(std::max(wanted, std::sqrt(width * depth / kFirstSamples))) - frame.unitBits);
+    bits = std::max(
+        0, std::ilogb(std::max(wanted, std::sqrt(width * depth / std::min(kFirstSamples, kFirstATriangle * most)))) - frame.unitBits);
     const int tile = bits + frame.unitBits + Samples::kCellBits;
     frame.anchor = {lattice::floorTo(low.x, tile), lattice::floorTo(low.z, tile)};
     const Point2 from = frame.local(low), to = frame.local(high);
@@ -88,10 +91,9 @@ class Meshing::Mesher {
       : terrain_(terrain),
         most_(most),
         error_(box.error),
-        rough_(box.rough),
         pool_(pool),
         watch_(std::move(watch)),
-        plan_(box, terrain.raster()),
+        plan_(box, terrain.raster(), most),
         samples_(terrain, plan_.frame, plan_.corners[0], plan_.corners[2], plan_.bits),
         judge_(samples_, plan_.corners[0], plan_.corners[2], static_cast<float>(error_)),
         regions_(plan_.corners[0], plan_.corners[2]),
@@ -141,9 +143,8 @@ class Meshing::Mesher {
           if (now_.limit == 0) {
             const float most = worst(true);
             if (most <= error_) {
-              now_.stage = rough_ ? Stage::kFiling : Stage::kVerdicts;
-              now_.next = 0;
-              if (!rough_) forgetVerdicts();
+              now_.stage = Stage::kVerdicts;
+              forgetVerdicts();
               break;
             }
             now_.reached = most;
@@ -155,7 +156,7 @@ class Meshing::Mesher {
         case Stage::kVerdicts:
           if (!judgeAll()) return {};
           if (refine()) {
-            if (samples_.count() > kMostSamples) return tooRough(error_, kMostSamples);
+            if (samples_.count() > plan_.samples) return tooRough(error_, plan_.samples);
             now_.stage = Stage::kSampling;
           } else if (worst(true) <= error_) {
             if (const float stuck = worst(false); stuck > error_) return tooSteep(stuck);
@@ -404,7 +405,7 @@ class Meshing::Mesher {
             .low = plan_.low,
             .high = plan_.high,
             .error = std::max(worst(true), worst(false)),
-            .proven = !rough_ && samples_.proves(),
+            .proven = samples_.proves(),
             .spacing = static_cast<double>(samples_.spacing()) * lattice::kMetresPerStep,
             .samples = samples_.count(),
             .triangles = mesh_.liveTriangles()};
@@ -438,7 +439,6 @@ class Meshing::Mesher {
   const terrain::Terrain& terrain_;
   const std::uint32_t most_;
   const double error_;  // metres
-  const bool rough_;
   scheduling::Pool& pool_;
   const Watch watch_;
   Time until_;  // the turn's end

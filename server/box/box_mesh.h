@@ -24,7 +24,6 @@ namespace ridgecast::box {
 struct Box {
   lattice::Point low, high;  // steps, low < high
   double error = 1;          // metres
-  bool rough = false;        // without the proof: shows only about how many triangles it takes
 };
 
 struct BoxMesh {

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 
 namespace ridgecast::box {
 
@@ -57,8 +58,8 @@ struct Judge::Search {
   std::vector<Block>* tooCoarse = nullptr;  // null: a glance
   std::vector<std::size_t> asked = {};      // blocks of the tiles in hand
   float worst = 0;
-  bool crossing = false;  // the worst is one; its z (or x) is not whole
-  double x = 0, z = 0;
+  Point2 at = {};  // where it is, or beside it
+  bool admissible = false;
   std::size_t first = 0;  // of asked, for the tile in hand
 
   // For finer samples in cells (i0, j0)..(i1, j1), as far as they lie in the tile.
@@ -76,38 +77,30 @@ Worst Judge::glance(const std::array<Vertex, 3>& corners) const {
   const auto cells = static_cast<std::uint64_t>(shape.twiceArea() / (2 * kGlance));
   Search search{.bits = static_cast<int>(std::bit_width(cells) + 1) / 2};
   samples_.forEach(shape.low, shape.high, [&](std::size_t tile) { look(tile, shape, search); });
-  return finish(shape, search);
+  return {search.worst, search.at, search.admissible};
 }
 
 Worst Judge::verdict(const std::array<Vertex, 3>& corners, std::vector<Block>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   samples_.forEach(shape.low, shape.high, [&](std::size_t tile) { look(tile, shape, search); });
-  return finish(shape, search);
+  return {search.worst, search.at, search.admissible};
 }
 
 Worst Judge::verdict(const std::array<Vertex, 3>& corners, const Block& block, std::vector<Block>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   look(static_cast<std::size_t>(samples_[block.tile].finer[block.block]), shape, search);
-  return finish(shape, search);
+  return {search.worst, search.at, search.admissible};
 }
 
-Worst Judge::finish(const Shape& shape, const Search& search) const {
-  Worst out{search.worst, {static_cast<std::int32_t>(std::floor(search.x)), static_cast<std::int32_t>(std::floor(search.z))}, true};
-  const auto admissible = [&](Point2 p) { return shape.holds(p) && p.x > low_.x && p.x < high_.x && p.z > low_.z && p.z < high_.z; };
-  if (!search.crossing) {
-    out.admissible = search.worst > 0 && admissible(out.at);
-    return out;
+// A point of the lattice beside a place on an edge that lies in the triangle, where a vertex may stand.
+std::optional<Point2> Judge::beside(const Shape& shape, double x, double z) const {
+  for (int k = 0; k < 4; ++k) {
+    const Point2 p{static_cast<std::int32_t>(std::floor(x)) + (k & 1), static_cast<std::int32_t>(std::floor(z)) + (k >> 1)};
+    if (shape.holds(p) && p.x > low_.x && p.x < high_.x && p.z > low_.z && p.z < high_.z) return p;
   }
-  // A whole point beside it that lies in the triangle; others lie in the neighbour, which finds them too.
-  out.admissible = false;
-  for (int k = 0; k < 4 && !out.admissible; ++k) {
-    const auto whole = [](double v, int up) { return static_cast<std::int32_t>(std::floor(v)) + up; };
-    out.at = {whole(search.x, k & 1), whole(search.z, k >> 1)};
-    out.admissible = admissible(out.at);
-  }
-  return out;
+  return {};
 }
 
 void Judge::look(std::size_t number, const Shape& shape, Search& search) const {
@@ -173,9 +166,8 @@ void Judge::rows(const Tile& tile, const Shape& shape, int strideBits, Search& s
       }
     }
     if (worst >= 0) {
-      search.crossing = false;
-      search.x = tile.corner.x + (worst << tile.bits);
-      search.z = static_cast<double>(z);
+      search.at = {tile.corner.x + (worst << tile.bits), static_cast<std::int32_t>(z)};
+      search.admissible = shape.holds(search.at);
     }
   }
 }
@@ -183,6 +175,9 @@ void Judge::rows(const Tile& tile, const Shape& shape, int strideBits, Search& s
 void Judge::crossings(const Tile& tile, const Shape& shape, Search& search) const {
   const int cells = tile.cells();
   const double unit = std::ldexp(1.0, -tile.bits);
+  // Along a side of the box there is no room for a vertex; the points on it keep the error by themselves.
+  const bool besideSide =
+      shape.high.x <= low_.x + 1 || shape.low.x >= high_.x - 1 || shape.high.z <= low_.z + 1 || shape.low.z >= high_.z - 1;
   for (std::size_t k = 0; k < 3; ++k) {
     const bool turned = triangulation::smaller(shape.corner[(k + 1) % 3], shape.corner[k]);  // both triangles of an edge say the same
     const Point2 p = shape.corner[turned ? (k + 1) % 3 : k], q = shape.corner[turned ? k : (k + 1) % 3];
@@ -247,12 +242,12 @@ void Judge::crossings(const Tile& tile, const Shape& shape, Search& search) cons
         }
         error += slack;
       }
-      if (error > search.worst) {
-        search.worst = error;
-        search.crossing = true;
-        search.x = tile.corner.x + (px + where * dx) / unit;
-        search.z = tile.corner.z + (pz + where * dz) / unit;
-      }
+      if (error <= search.worst) continue;
+      const auto mended = beside(shape, tile.corner.x + (px + where * dx) / unit, tile.corner.z + (pz + where * dz) / unit);
+      if (!mended && besideSide) continue;  // between points of the lattice there is no ground to be off
+      search.worst = error;
+      search.at = mended.value_or(p);
+      search.admissible = mended.has_value();
     }
   }
 }

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "server/box/samples.h"
@@ -39,7 +40,7 @@ class Judge {
   void look(std::size_t tile, const Shape& shape, Search& search) const;
   void rows(const Tile& tile, const Shape& shape, int strideBits, Search& search) const;
   void crossings(const Tile& tile, const Shape& shape, Search& search) const;
-  Worst finish(const Shape& shape, const Search& search) const;
+  std::optional<triangulation::Point2> beside(const Shape& shape, double x, double z) const;
 
   const Samples& samples_;
   const triangulation::Point2 low_, high_;  // of the box

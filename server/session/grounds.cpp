@@ -17,7 +17,6 @@ namespace {
 constexpr double kMostError = 100;   // metres, of a question
 constexpr double kCoarser = 3;       // times what was reached: tried where that does not fit
 constexpr double kUnknown = 8;       // times the error: the same where nothing was reached
-constexpr double kTrial = 0.6;       // of the error: if that fits in a rough mesh, the whole error fits in a proven one
 constexpr std::size_t kAtATime = 4;  // leaves between two looks at the clock: about ten milliseconds
 
 // Keeps the triangles whose bounding box touches the circle.
@@ -134,10 +133,7 @@ std::optional<wire::Ground> Grounds::mesh(Work& work, Clock::time_point until) c
     const auto reach = static_cast<lattice::Step>(std::ceil(work.ask.radius * lattice::kStepsPerMetre)) + 1;
     const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
     const lattice::Point at = work.ask.at;
-    const box::Box box{{within(at.x - reach), within(at.z - reach)},
-                       {within(at.x + reach), within(at.z + reach)},
-                       work.isTrial() ? kTrial * work.error : work.error,
-                       work.isTrial()};
+    const box::Box box{{within(at.x - reach), within(at.z - reach)}, {within(at.x + reach), within(at.z + reach)}, work.error};
     work.meshing = std::make_unique<box::Meshing>(*terrain_, box, triangleBudget_, queue_->pool(), work.watch);
   }
   auto made = work.meshing->work(until);

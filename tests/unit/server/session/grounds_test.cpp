@@ -71,6 +71,7 @@ TEST_F(GroundsTest, CoversTheCircleWithinTheErrorItStates) {
       ASSERT_TRUE(grounds->ask({7, at, radius, error}));
       const auto ground = listener->next();
       ASSERT_TRUE(ground);
+      EXPECT_EQ(ground->refusal, "");
       EXPECT_EQ(ground->id, 7u);
       EXPECT_LE(ground->error, error) << name;
       std::vector<std::pair<mesh::LeafMesh, double>> leaves;
@@ -179,13 +180,13 @@ TEST_F(GroundsTest, CliffsSayWhichErrorFitsAndItDoes) {
   terrain_ = std::make_shared<Fences>();
   const auto grounds = std::make_shared<Grounds>(terrain_, 200'000, queue, listener, testing_support::kTimeout);
   double error = 0.5;
-  ASSERT_TRUE(grounds->ask({1, {0, 0}, 100, error}));
+  ASSERT_TRUE(grounds->ask({1, {0, 0}, 25, error}));
   auto ground = listener->next();
   ASSERT_TRUE(ground);
   if (!ground->refusal.empty()) {
     error = fittingError(ground->refusal);
     ASSERT_GT(error, 0.5) << ground->refusal;
-    ASSERT_TRUE(grounds->ask({2, {0, 0}, 100, error}));
+    ASSERT_TRUE(grounds->ask({2, {0, 0}, 25, error}));
     ground = listener->next();
     ASSERT_TRUE(ground);
   }
