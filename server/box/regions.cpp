@@ -42,7 +42,7 @@ void Regions::around(std::size_t k, std::vector<RegionId>& out) const {
   out.clear();
   for (std::int32_t b = std::max(j - 1, 0); b <= std::min(j + 1, down_ - 1); ++b)
     for (std::int32_t a = std::max(i - 1, 0); a <= std::min(i + 1, across_ - 1); ++a)
-      out.push_back(ids_[static_cast<std::size_t>(b * across_ + a)]);
+      out.push_back(ids_[static_cast<std::size_t>(b) * static_cast<std::size_t>(across_) + static_cast<std::size_t>(a)]);
 }
 
 }  // namespace ridgecast::box

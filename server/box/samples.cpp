@@ -16,19 +16,17 @@ namespace {
 constexpr float kMargin = 4;  // of measured curvature, for what a finer grid would find
 
 // The greatest of a square of 3 x 3, in place.
-void spread(std::vector<float>& v, int across) {
+void spread(std::vector<float>& v, std::int32_t across) {
+  const auto index = [&](std::int32_t i, std::int32_t j) {
+    const auto inside = [&](std::int32_t k) { return static_cast<std::size_t>(std::clamp(k, 0, across - 1)); };
+    return inside(j) * static_cast<std::size_t>(across) + inside(i);
+  };
   thread_local std::vector<float> rows;
   rows.resize(v.size());
   for (int j = 0; j < across; ++j)
-    for (int i = 0; i < across; ++i) {
-      const auto at = [&](int k) { return v[static_cast<std::size_t>(j * across + std::clamp(k, 0, across - 1))]; };
-      rows[static_cast<std::size_t>(j * across + i)] = std::max({at(i - 1), at(i), at(i + 1)});
-    }
+    for (int i = 0; i < across; ++i) rows[index(i, j)] = std::max({v[index(i - 1, j)], v[index(i, j)], v[index(i + 1, j)]});
   for (int j = 0; j < across; ++j)
-    for (int i = 0; i < across; ++i) {
-      const auto at = [&](int k) { return rows[static_cast<std::size_t>(std::clamp(k, 0, across - 1) * across + i)]; };
-      v[static_cast<std::size_t>(j * across + i)] = std::max({at(j - 1), at(j), at(j + 1)});
-    }
+    for (int i = 0; i < across; ++i) v[index(i, j)] = std::max({rows[index(i, j - 1)], rows[index(i, j)], rows[index(i, j + 1)]});
 }
 
 }  // namespace
@@ -62,7 +60,7 @@ bool Samples::proves() const { return map_ && spacing() <= map_->shape().pitch; 
 void Samples::fill(std::size_t number) {
   Tile& tile = *tiles_[number];
   const int across = tile.across();
-  const auto size = static_cast<std::size_t>(across * across);
+  const std::size_t size = static_cast<std::size_t>(across) * static_cast<std::size_t>(across);
   thread_local std::vector<Step> x, z;
   x.resize(size);
   z.resize(size);

@@ -43,8 +43,12 @@ struct Tile {
   std::int32_t across() const { return cells() + 1; }
   std::int32_t blocks() const { return cells() >> kBlockBits; }  // along a side
   std::int32_t side() const { return cells() << bits; }          // units
-  std::size_t index(std::int32_t i, std::int32_t j) const { return static_cast<std::size_t>(j * across() + i); }
-  std::size_t block(std::int32_t i, std::int32_t j) const { return static_cast<std::size_t>(j * blocks() + i); }
+  std::size_t index(std::int32_t i, std::int32_t j) const {
+    return static_cast<std::size_t>(j) * static_cast<std::size_t>(across()) + static_cast<std::size_t>(i);
+  }
+  std::size_t block(std::int32_t i, std::int32_t j) const {
+    return static_cast<std::size_t>(j) * static_cast<std::size_t>(blocks()) + static_cast<std::size_t>(i);
+  }
 };
 struct Block {
   std::size_t tile = 0, block = 0;

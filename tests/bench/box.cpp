@@ -35,7 +35,9 @@ class Whole : public Partition {
 struct Posts {
   int n;  // intervals along a side
   std::vector<float> height;
-  float at(int i, int j) const { return height[static_cast<std::size_t>(j * (n + 1) + i)]; }
+  float at(int i, int j) const {
+    return height[static_cast<std::size_t>(j) * (static_cast<std::size_t>(n) + 1) + static_cast<std::size_t>(i)];
+  }
 };
 
 // f(i, j, error) for the posts in the triangle, row by row.
