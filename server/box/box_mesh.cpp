@@ -242,7 +242,7 @@ class Meshing::Mesher {
   template <class F>
   void forEachWanted(RegionId r, float limit, F&& f) const {
     mesh_.trianglePages().forEach(r, [&](TriangleId t) {
-      if (worst_[t].admissible && worst_[t].error > limit && !mesh_.trianglePages().fresh(t)) f(Wanted{worst_[t].error, worst_[t].at, t});
+      if (!mesh_.trianglePages().fresh(t) && worst_[t].admissible && worst_[t].error > limit) f(Wanted{worst_[t].error, worst_[t].at, t});
     });
   }
   void collect(float limit) {
