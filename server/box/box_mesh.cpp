@@ -37,8 +37,9 @@ constexpr double kLeastSpacing = 32, kMostSpacing = 512;  // steps between sampl
 // Samples for each triangle that there may be, and for all of them: at first, and in the end (400 MB).
 constexpr double kFirstATriangle = 64, kFirstSamples = 1 << 23;
 constexpr std::uint64_t kMostATriangle = 256, kMostSamples = 50'000'000;
-constexpr std::uint32_t kTrianglesARegion = 12;  // from which they work side by side
-constexpr std::size_t kInsertions = 64;          // between two looks at the clock: some hundred microseconds at most
+constexpr std::uint32_t kVerticesARegion = 6;  // from which they work side by side
+constexpr std::size_t kManyOnASide = 1000;
+constexpr std::size_t kInsertions = 64;  // between two looks at the clock: some hundred microseconds at most
 
 struct Wanted {
   float error;
@@ -74,8 +75,8 @@ struct Plan {
     frame.unitBits = std::clamp(std::ilogb(std::max(width, depth)) - 23, 0, horizontal);
     // What the error or the posts of a map ask for, or what is bearable.
     const double wanted = map ? map->shape().pitch : std::clamp(box.error * lattice::kStepsPerMetre, kLeastSpacing, kMostSpacing);
-    bits = std::max(
-        0, std::ilogb(std::max(wanted, std::sqrt(width * depth / std::min(kFirstSamples, kFirstATriangle * most)))) - frame.unitBits);
+    const double bearable = std::sqrt(width * depth / std::min(kFirstSamples, kFirstATriangle * most));
+    bits = std::max({0, std::ilogb(wanted) - frame.unitBits, static_cast<int>(std::ceil(std::log2(bearable))) - frame.unitBits});
     const int tile = bits + frame.unitBits + Samples::kCellBits;
     frame.anchor = {lattice::floorTo(low.x, tile), lattice::floorTo(low.z, tile)};
     const Point2 from = frame.local(low), to = frame.local(high);
@@ -112,6 +113,7 @@ class Meshing::Mesher {
 
   std::optional<Result<BoxMesh>> work(Time until) {
     until_ = until;
+    wentOn_ = false;
     auto made = advance();
     if (!made && watch_.over()) return watch_.problem();
     return made;
@@ -120,7 +122,8 @@ class Meshing::Mesher {
  private:
   enum class Stage { kSampling, kOutline, kFirst, kSweeps, kVerdicts, kMending, kFiling };
 
-  bool pauses() const { return watch_.over() || std::chrono::steady_clock::now() >= until_; }
+  // However short a turn is, something is done in it.
+  bool pauses() { return watch_.over() || (std::chrono::steady_clock::now() >= until_ && wentOn_.exchange(true)); }
 
   std::optional<Result<BoxMesh>> advance() {
     for (;;) switch (now_.stage) {
@@ -129,12 +132,15 @@ class Meshing::Mesher {
           now_.stage = now_.begun ? Stage::kVerdicts : Stage::kOutline;
           break;
         case Stage::kOutline:
-          if (!outline()) return {};
+          if (!outline() || !glanceAll()) return {};
+          if (now_.full) return tooManyTriangles(error_, most_, 0);
           now_.stage = Stage::kFirst;
+          now_.outline = vertices_;
           collect(static_cast<float>(error_));
           break;
         case Stage::kFirst:  // one by one, until there is room for many hands
-          if (!insertWorst(static_cast<float>(error_), kTrianglesARegion * static_cast<std::uint32_t>(regions_.size()))) return {};
+          if (!insertWorst(static_cast<float>(error_), now_.outline + kVerticesARegion * static_cast<std::uint32_t>(regions_.size())))
+            return {};
           if (now_.full) return tooManyTriangles(error_, most_, static_cast<double>(now_.reached) * 1.1);
           now_.heap.clear();
           now_.stage = Stage::kSweeps;
@@ -214,18 +220,41 @@ class Meshing::Mesher {
         now_.hint = change == Change::kDone ? mesh_.edgeOf(made) >> 2 : t;
         vertices_ += change == Change::kDone;
       }
+      now_.full = 2 * vertices_ > most_;
       now_.points.clear();
       now_.next = 0;
-      if (now_.side < plan_.corners.size())
+      if (now_.full || now_.side == plan_.corners.size())
+        now_.begun = true;
+      else
         now_.points =
             divided(terrain_, plan_.frame,
                     {plan_.corners[now_.side], plan_.corners[(now_.side + 1) % plan_.corners.size()], kSideShare * error_, plan_.vertical});
-      else
-        now_.begun = true;
+      // Many points along a side would see the other ones: a grid keeps their triangles short.
+      if (now_.side == 0 && now_.points.size() > kManyOnASide) {
+        const auto grid = regions_.corners(plan_.corners[0], plan_.corners[2]);
+        now_.points.insert(now_.points.begin(), grid.begin(), grid.end());
+      }
       ++now_.side;
     }
-    for (RegionId r : regions_) mesh_.trianglePages().forEach(r, [&](TriangleId t) { glance(t); });
     return true;
+  }
+
+  // At every fresh triangle. False: the turn is over.
+  bool glanceAll() {
+    std::atomic<bool> done{true};
+    pool_.forEach(regions_.size(), 1, [&](std::size_t k) {
+      thread_local std::vector<TriangleId> fresh;
+      fresh.clear();
+      mesh_.trianglePages().forEachFresh(regions_[k], [&](TriangleId t) { fresh.push_back(t); });
+      for (TriangleId t : fresh) {
+        if (pauses()) {
+          done = false;
+          return;
+        }
+        glance(t);
+      }
+    });
+    return done;
   }
 
   void glance(TriangleId t) {
@@ -233,7 +262,7 @@ class Meshing::Mesher {
     worst_[t] = judge_.glance(cornersOf(t));
   }
   bool stands(const Wanted& w) const {
-    return mesh_.trianglePages().alive(w.triangle) && !mesh_.trianglePages().fresh(w.triangle) && worst_[w.triangle].at == w.at &&
+    return mesh_.trianglePages().alive(w.triangle) && !mesh_.trianglePages().fresh(w.triangle) && worst_[w.triangle].at() == w.at &&
            worst_[w.triangle].error == w.error;
   }
   Change insert(const Wanted& w, triangulation::WriteSet& set, VertexId& made) {
@@ -242,7 +271,7 @@ class Meshing::Mesher {
   template <class F>
   void forEachWanted(RegionId r, float limit, F&& f) const {
     mesh_.trianglePages().forEach(r, [&](TriangleId t) {
-      if (!mesh_.trianglePages().fresh(t) && worst_[t].admissible && worst_[t].error > limit) f(Wanted{worst_[t].error, worst_[t].at, t});
+      if (!mesh_.trianglePages().fresh(t) && worst_[t].admissible && worst_[t].error > limit) f(Wanted{worst_[t].error, worst_[t].at(), t});
     });
   }
   void collect(float limit) {
@@ -250,9 +279,9 @@ class Meshing::Mesher {
     std::make_heap(now_.heap.begin(), now_.heap.end());
   }
 
-  // The worst of all first, until the heap is empty or there are so many triangles. False: the turn is over.
+  // The worst of all first, until the heap is empty or there are so many vertices. False: the turn is over.
   bool insertWorst(float limit, std::uint32_t enough, bool again = true) {
-    while (!now_.heap.empty() && 2 * vertices_ < enough) {
+    while (!now_.heap.empty() && vertices_ < enough) {
       if (++now_.next % kInsertions == 0 && pauses()) return false;
       const Wanted w = now_.heap.front();
       std::pop_heap(now_.heap.begin(), now_.heap.end());
@@ -269,7 +298,7 @@ class Meshing::Mesher {
         const TriangleId t = h >> 2;
         glance(t);
         if (!worst_[t].admissible || worst_[t].error <= limit) return;
-        now_.heap.push_back({worst_[t].error, worst_[t].at, t});
+        now_.heap.push_back({worst_[t].error, worst_[t].at(), t});
         std::push_heap(now_.heap.begin(), now_.heap.end());
       });
     }
@@ -289,8 +318,10 @@ class Meshing::Mesher {
           done = false;
           return;
         }
-        sweep(regions[k], again);
-        now_.swept[k] = 1;
+        if (sweep(regions[k], again))
+          now_.swept[k] = 1;
+        else
+          done = false;
       });
       if (!done) return false;
       now_.swept.clear();
@@ -313,7 +344,8 @@ class Meshing::Mesher {
     return true;
   }
 
-  void sweep(std::size_t home, bool again) {
+  // False: the turn is over; to be called again, for what is left.
+  bool sweep(std::size_t home, bool again) {
     thread_local triangulation::WriteSet set;
     thread_local std::vector<RegionId> around;
     thread_local std::vector<Wanted> heap;
@@ -322,7 +354,8 @@ class Meshing::Mesher {
     heap.clear();
     forEachWanted(regions_[home], now_.limit, [&](const Wanted& w) { heap.push_back(w); });
     std::make_heap(heap.begin(), heap.end());
-    while (!heap.empty()) {
+    for (std::size_t n = 1; !heap.empty(); ++n) {
+      if (n % kInsertions == 0 && pauses()) return false;
       const Wanted w = heap.front();
       std::pop_heap(heap.begin(), heap.end());
       heap.pop_back();
@@ -335,10 +368,11 @@ class Meshing::Mesher {
         const TriangleId t = h >> 2;
         glance(t);
         if (!worst_[t].admissible || worst_[t].error <= now_.limit || mesh_.regionOf(t) != regions_[home]) return;
-        heap.push_back({worst_[t].error, worst_[t].at, t});
+        heap.push_back({worst_[t].error, worst_[t].at(), t});
         std::push_heap(heap.begin(), heap.end());
       });
     }
+    return true;
   }
 
   void forgetVerdicts() {
@@ -432,6 +466,7 @@ class Meshing::Mesher {
     std::size_t colour = 0;           // of the sweep
     std::vector<std::uint8_t> swept;  // by region of the colour; bytes, for threads write them side by side
     float limit = 0;                  // of the sweep, metres; 0: there is none
+    std::uint32_t outline = 0;        // vertices of it
     float reached = 0;                // the worst error before it
     bool begun = false, full = false;
   };
@@ -441,7 +476,8 @@ class Meshing::Mesher {
   const double error_;  // metres
   scheduling::Pool& pool_;
   const Watch watch_;
-  Time until_;  // the turn's end
+  Time until_;                        // the turn's end
+  std::atomic<bool> wentOn_ = false;  // after it, once
   Position now_;
   const Plan plan_;
   Samples samples_;

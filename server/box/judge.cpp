@@ -77,21 +77,21 @@ Worst Judge::glance(const std::array<Vertex, 3>& corners) const {
   const auto cells = static_cast<std::uint64_t>(shape.twiceArea() / (2 * kGlance));
   Search search{.bits = static_cast<int>(std::bit_width(cells) + 1) / 2};
   samples_.forEach(shape.low, shape.high, [&](std::size_t tile) { look(tile, shape, search); });
-  return {search.worst, search.at, search.admissible};
+  return {search.worst, search.at.x, search.at.z, search.admissible};
 }
 
 Worst Judge::verdict(const std::array<Vertex, 3>& corners, std::vector<Block>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   samples_.forEach(shape.low, shape.high, [&](std::size_t tile) { look(tile, shape, search); });
-  return {search.worst, search.at, search.admissible};
+  return {search.worst, search.at.x, search.at.z, search.admissible};
 }
 
 Worst Judge::verdict(const std::array<Vertex, 3>& corners, const Block& block, std::vector<Block>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   look(static_cast<std::size_t>(samples_[block.tile].finer[block.block]), shape, search);
-  return {search.worst, search.at, search.admissible};
+  return {search.worst, search.at.x, search.at.z, search.admissible};
 }
 
 // A point of the lattice beside a place on an edge that lies in the triangle, where a vertex may stand.

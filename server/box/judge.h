@@ -8,7 +8,9 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
+#include <type_traits>
 #include <vector>
 
 #include "server/box/samples.h"
@@ -16,11 +18,13 @@
 
 namespace ridgecast::box {
 
-struct Worst {               // without initialisers: most of an array of them is never touched
-  float error;               // metres, with slack
-  triangulation::Point2 at;  // where a vertex mends it
-  bool admissible;           // false: nowhere in the triangle
+struct Worst {        // without initialisers: most of an array of them is never touched
+  float error;        // metres, with slack
+  std::int32_t x, z;  // where a vertex mends it
+  bool admissible;    // false: nowhere in the triangle
+  triangulation::Point2 at() const { return {x, z}; }
 };
+static_assert(std::is_trivially_default_constructible_v<Worst>);
 
 class Judge {
  public:

@@ -11,7 +11,7 @@ using triangulation::Point2;
 
 namespace {
 
-constexpr Step kSpacing = 32;  // steps between samples, at least; and at most 2^17 of them
+constexpr Step kSpacing = 32;  // steps between samples, at least; and at most 2^15 of them
 
 }  // namespace
 
@@ -20,7 +20,7 @@ std::vector<Point2> divided(const terrain::Terrain& terrain, const Frame& frame,
   const bool alongX = from.z == to.z;
   if (alongX ? from.x > to.x : from.z > to.z) std::swap(from, to);  // adjoining boxes divide a shared side alike
   const Step begin = alongX ? from.x : from.z, end = alongX ? to.x : to.z;
-  const Step spacing = std::max<Step>(kSpacing >> frame.unitBits, ((end - begin) >> 17) + 1);
+  const Step spacing = std::max<Step>(kSpacing >> frame.unitBits, ((end - begin) >> 15) + 1);
   std::vector<Step> x, z, at;
   for (Step s = begin; s < end; s += spacing) at.push_back(s);
   at.push_back(end);

@@ -20,8 +20,9 @@ Problem Watch::problem() const {
 
 Problem tooManyTriangles(double error, std::uint32_t most, double fits) {
   return {Problem::Kind::kTooMuch,
-          "This box at an error of " + text(error) + " m takes more than " + std::to_string(most) +
-              " triangles, the limit; with an error of " + text(fits) + " m, or in several smaller boxes, it fits.",
+          "This box at an error of " + text(error) + " m takes more than " + std::to_string(most) + " triangles, the limit; with " +
+              (fits > 0 ? "an error of " + text(fits) + " m" : std::string("a much larger error")) +
+              ", or in several smaller boxes, it fits.",
           fits};
 }
 

@@ -37,6 +37,15 @@ RegionId Regions::regionAt(Point2 p) const {
                                                       : ids_[static_cast<std::size_t>(std::int64_t{j} * across_ + i)];
 }
 
+std::vector<Point2> Regions::corners(Point2 low, Point2 high) const {
+  std::vector<Point2> out;
+  const std::int32_t side = 1 << bits_;
+  for (std::int32_t x = first_.x * side; x < high.x; x += side)
+    for (std::int32_t z = first_.z * side; z < high.z; z += side)
+      if (x > low.x && z > low.z) out.push_back({x, z});
+  return out;
+}
+
 void Regions::around(std::size_t k, std::vector<RegionId>& out) const {
   const auto i = static_cast<std::int32_t>(k) % across_, j = static_cast<std::int32_t>(k) / across_;
   out.clear();

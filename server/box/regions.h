@@ -23,6 +23,7 @@ class Regions final : public triangulation::Partition {
   // Those of one colour, by index: no two of them have a neighbour in common.
   static constexpr std::size_t kColours = 9;
   const std::vector<std::size_t>& colour(std::size_t k) const { return colours_[k]; }
+  std::vector<triangulation::Point2> corners(triangulation::Point2 low, triangulation::Point2 high) const;  // strictly inside
   // A region and its neighbours.
   void around(std::size_t k, std::vector<triangulation::RegionId>& out) const;
 

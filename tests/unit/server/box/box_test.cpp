@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <ctime>
 #include <memory>
 #include <random>
 
@@ -217,6 +218,22 @@ TEST(BoxMesh, TurnsChangeNothing) {
   EXPECT_EQ((*made)->leaves, whole->leaves);
   EXPECT_EQ((*made)->error, whole->error);
   EXPECT_EQ((*made)->samples, whole->samples);
+}
+
+// However much there is to do: many thousand points on the sides, millions of samples.
+TEST(BoxMesh, LargeBoxesTakeTurnsToo) {
+  const auto terrain = terrainOf("alpine");
+  for (const auto& [side, most] : {std::pair(9000.0, 20'000u), std::pair(20'000.0, 2'000'000u)}) {
+    scheduling::Executor executor(1);
+    const auto pool = executor.makePool();
+    Meshing meshing(*terrain, boxAt(0, 0, side, side, 0.02), most, *pool, patient());
+    int turns = 0;
+    std::optional<Result<BoxMesh>> made;
+    const auto cpu = [] { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; };
+    const double begin = cpu();
+    for (; !made && cpu() - begin < 4; ++turns) made = meshing.work(std::chrono::steady_clock::now() + std::chrono::milliseconds(2));
+    EXPECT_LT(cpu() - begin, 8) << "the last of " << turns << " turns was one of seconds";
+  }
 }
 
 TEST(BoxMesh, ASmallerErrorTakesMoreTriangles) {
