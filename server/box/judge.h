@@ -1,10 +1,10 @@
 #pragma once
 // How far a triangle is from the terrain, judged by samples in memory.
 //
-// In a cell the grid stands for a bilinear surface, off the terrain by at most `slack`. The difference between it and a triangle is greatest
-// at a sample inside, or where the triangle's edge crosses a line of the grid, so those are looked at, with slack: whoever passes keeps the
-// error everywhere. The sides of the box are looked at too, but hold no other points than those they were divided at, so that adjoining
-// boxes share them.
+// In a cell the grid stands for a bilinear surface, off the terrain by at most `slack`. The difference between it and a triangle is
+// greatest at a sample inside, or where the triangle's edge crosses a line of the grid, so those are looked at, with slack: whoever passes
+// keeps the error everywhere. The sides of the box are looked at too, but hold no other points than those they were divided at, so that
+// adjoining boxes share them.
 
 #include <array>
 #include <cstddef>

@@ -47,8 +47,8 @@ struct Watch {
   Problem problem() const;  // what to report when it is over
 };
 
-// Of a box, in metres: more than `most` triangles, where an error of about `fits` would do (0: unknown); more than `most` heights; a step in
-// the ground beyond the lattice.
+// Of a box, in metres: more than `most` triangles, where an error of about `fits` would do (0: unknown); more than `most` heights; a step
+// in the ground beyond the lattice.
 Problem tooManyTriangles(double error, std::uint32_t most, double fits);
 Problem tooRough(double error, std::uint64_t most);
 Problem tooSteep(double step);

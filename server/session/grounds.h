@@ -1,8 +1,8 @@
 #pragma once
 // The ground around points, independent of the member's camera: a mesh of the square around the circle (server/box/box_mesh.h), of which
-// the triangles over the circle are sent. Every leaf carries the error that the mesh keeps, at most the requested one. If no mesh does, the answer
-// names an error that fits, for it was tried. That depends on terrain and triangles alone: the same question gets the same answer, or on a
-// busy server none in time.
+// the triangles over the circle are sent. Every leaf carries the error that the mesh keeps, at most the requested one. If no mesh does,
+// the answer names an error that fits, for it was tried. That depends on terrain and triangles alone: the same question gets the same
+// answer, or on a busy server none in time.
 //
 // An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns of kTurn, as tasks of the pool
 // that the questions of all cameras share, once there is a place (Questions). Bounds: wire::kMaxGrounds requests that wait or whose answers

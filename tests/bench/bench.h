@@ -9,14 +9,14 @@
 namespace ridgecast::bench {
 
 struct Figure {
-  std::string name;      // as in --json
+  std::string name;  // as in --json
   double value;
-  std::string unit;      // for people
+  std::string unit;  // for people
 };
 
 struct Report {
   std::vector<Figure> figures;
-  std::vector<std::string> notes;      // for people: baseline, flags, input
+  std::vector<std::string> notes;  // for people: baseline, flags, input
   void add(std::string name, double value, std::string unit = "") { figures.push_back({std::move(name), value, std::move(unit)}); }
   void note(std::string text) { notes.push_back(std::move(text)); }
 };
