@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <bit>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -19,7 +18,6 @@
 
 namespace ridgecast::box {
 
-using lattice::Step;
 using triangulation::Change;
 using triangulation::HalfEdge;
 using triangulation::Point2;
@@ -39,7 +37,8 @@ constexpr double kFirstATriangle = 64, kFirstSamples = 1 << 23;
 constexpr std::uint64_t kMostATriangle = 256, kMostSamples = 50'000'000;
 constexpr std::uint32_t kVerticesARegion = 6;  // from which they work side by side
 constexpr std::size_t kManyOnASide = 1000;
-constexpr std::size_t kInsertions = 64;  // between two looks at the clock: some hundred microseconds at most
+// Between two looks at the clock: some hundred microseconds, or a few milliseconds.
+constexpr std::size_t kInsertions = 64, kSamplesATime = 8192;
 
 struct Wanted {
   float error;
@@ -57,6 +56,8 @@ struct Question {  // whether the triangle passes, by finer samples of a block
 
 // What follows from the question: the area, the units, the spacings.
 struct Plan {
+  double error;              // metres
+  std::uint32_t most;        // triangles
   int vertical = 0;          // spacing of vertices' heights, as a power of two in steps
   lattice::Point low, high;  // the box, widened
   Frame frame;
@@ -64,7 +65,8 @@ struct Plan {
   int bits = 0;                   // of the first samples, as a power of two in units
   std::array<Point2, 4> corners;  // of the box, counter-clockwise from the lowest
 
-  Plan(const Box& box, const terrain::Raster* map, std::uint32_t most) : samples(std::min(kMostSamples, kMostATriangle * most)) {
+  Plan(const Box& box, const terrain::Raster* map, std::uint32_t mostTriangles)
+      : error(box.error), most(mostTriangles), samples(std::min(kMostSamples, kMostATriangle * most)) {
     const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // at most half a spacing of heights
     while (std::ldexp(1.0, vertical) <= fits && vertical < 12) ++vertical;
     const int horizontal = vertical + 1;
@@ -90,13 +92,11 @@ class Meshing::Mesher {
  public:
   Mesher(const terrain::Terrain& terrain, const Box& box, std::uint32_t most, scheduling::Pool& pool, Watch watch)
       : terrain_(terrain),
-        most_(most),
-        error_(box.error),
         pool_(pool),
         watch_(std::move(watch)),
         plan_(box, terrain.raster(), most),
         samples_(terrain, plan_.frame, plan_.corners[0], plan_.corners[2], plan_.bits),
-        judge_(samples_, plan_.corners[0], plan_.corners[2], static_cast<float>(error_)),
+        judge_(samples_, plan_.corners[0], plan_.corners[2], error()),
         regions_(plan_.corners[0], plan_.corners[2]),
         mesh_(most + 64, regions_) {
     all_.allowAll();
@@ -133,49 +133,48 @@ class Meshing::Mesher {
           break;
         case Stage::kOutline:
           if (!outline() || !glanceAll()) return {};
-          if (now_.full) return tooManyTriangles(error_, most_, 0);
+          if (now_.full) return tooManyTriangles(plan_.error, plan_.most, 0);
           now_.stage = Stage::kFirst;
           now_.outline = vertices_;
-          collect(static_cast<float>(error_));
+          collect(error());
           break;
         case Stage::kFirst:  // one by one, until there is room for many hands
-          if (!insertWorst(static_cast<float>(error_), now_.outline + kVerticesARegion * static_cast<std::uint32_t>(regions_.size())))
-            return {};
-          if (now_.full) return tooManyTriangles(error_, most_, static_cast<double>(now_.reached) * 1.1);
+          if (!insertWorst(error(), now_.outline + kVerticesARegion * static_cast<std::uint32_t>(regions_.size()))) return {};
+          if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
           now_.heap.clear();
           now_.stage = Stage::kSweeps;
           break;
         case Stage::kSweeps:
           if (now_.limit == 0) {
             const float most = worst(true);
-            if (most <= error_) {
+            if (most <= plan_.error) {
               now_.stage = Stage::kVerdicts;
               forgetVerdicts();
               break;
             }
             now_.reached = most;
-            now_.limit = std::max(static_cast<float>(error_), kFall * most);
+            now_.limit = std::max(error(), kFall * most);
           }
           if (!sweep(true)) return {};
-          if (now_.full) return tooManyTriangles(error_, most_, static_cast<double>(now_.reached) * 1.1);
+          if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
           break;
         case Stage::kVerdicts:
           if (!judgeAll()) return {};
           if (refine()) {
-            if (samples_.count() > plan_.samples) return tooRough(error_, plan_.samples);
+            if (samples_.count() > plan_.samples) return tooRough(plan_.error, plan_.samples);
             now_.stage = Stage::kSampling;
-          } else if (worst(true) <= error_) {
-            if (const float stuck = worst(false); stuck > error_) return tooSteep(stuck);
+          } else if (worst(true) <= plan_.error) {
+            if (const float stuck = worst(false); stuck > plan_.error) return tooSteep(stuck);
             now_.stage = Stage::kFiling;
             now_.next = 0;
           } else {
-            now_.limit = static_cast<float>(error_);
+            now_.limit = error();
             now_.stage = Stage::kMending;
           }
           break;
         case Stage::kMending:
           if (!sweep(false)) return {};
-          if (now_.full) return tooManyTriangles(error_, most_, static_cast<double>(now_.reached) * 1.1);
+          if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
           now_.stage = Stage::kVerdicts;
           break;
         case Stage::kFiling:
@@ -184,28 +183,29 @@ class Meshing::Mesher {
       }
   }
 
+  float error() const { return static_cast<float>(plan_.error); }
   std::int32_t heightAt(Point2 p) const {
     return static_cast<std::int32_t>(lattice::roundTo(terrain_.heightStep(plan_.frame.global(p)), plan_.vertical));
   }
-  std::array<Vertex, 3> cornersOf(TriangleId t) const {
-    const auto& v = mesh_.triangle(t).v;
-    return {mesh_.vertex(v[0]), mesh_.vertex(v[1]), mesh_.vertex(v[2])};
+  Corners cornersOf(TriangleId t) const {
+    Corners corners;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vertex& v = mesh_.vertex(mesh_.triangle(t).v[k]);
+      corners[k] = {v.point(), v.y};
+    }
+    return corners;
   }
 
   // False: the turn is over.
   bool sample() {
-    std::atomic<bool> done{true};
-    filled_.resize(samples_.size());
-    pool_.forEach(samples_.size(), 4, [&](std::size_t k) {
-      if (filled_[k]) return;
-      if (pauses()) {
-        done = false;
-        return;
-      }
-      samples_.fill(k);
-      filled_[k] = 1;
-    });
-    return done;
+    while (now_.sampled < samples_.size()) {
+      if (pauses()) return false;
+      const std::size_t first = now_.sampled;
+      for (std::size_t heights = 0; now_.sampled < samples_.size() && heights < kSamplesATime; ++now_.sampled)
+        heights += samples_[now_.sampled].count();
+      pool_.forEach(now_.sampled - first, 1, [&](std::size_t k) { samples_.fill(first + k); });
+    }
+    return true;
   }
 
   // The last corner and the sides' points. False: the turn is over.
@@ -220,15 +220,15 @@ class Meshing::Mesher {
         now_.hint = change == Change::kDone ? mesh_.edgeOf(made) >> 2 : t;
         vertices_ += change == Change::kDone;
       }
-      now_.full = 2 * vertices_ > most_;
+      now_.full = 2 * vertices_ > plan_.most;
       now_.points.clear();
       now_.next = 0;
       if (now_.full || now_.side == plan_.corners.size())
         now_.begun = true;
       else
-        now_.points =
-            divided(terrain_, plan_.frame,
-                    {plan_.corners[now_.side], plan_.corners[(now_.side + 1) % plan_.corners.size()], kSideShare * error_, plan_.vertical});
+        now_.points = divided(
+            terrain_, plan_.frame,
+            {plan_.corners[now_.side], plan_.corners[(now_.side + 1) % plan_.corners.size()], kSideShare * plan_.error, plan_.vertical});
       // Many points along a side would see the other ones: a grid keeps their triangles short.
       if (now_.side == 0 && now_.points.size() > kManyOnASide) {
         const auto grid = regions_.corners(plan_.corners[0], plan_.corners[2]);
@@ -239,22 +239,30 @@ class Meshing::Mesher {
     return true;
   }
 
-  // At every fresh triangle. False: the turn is over.
-  bool glanceAll() {
+  // f(k) for all k < n at the same time. False: one returned false, for the turn is over.
+  template <class F>
+  bool all(std::size_t n, F&& f) {
     std::atomic<bool> done{true};
-    pool_.forEach(regions_.size(), 1, [&](std::size_t k) {
-      thread_local std::vector<TriangleId> fresh;
-      fresh.clear();
-      mesh_.trianglePages().forEachFresh(regions_[k], [&](TriangleId t) { fresh.push_back(t); });
-      for (TriangleId t : fresh) {
-        if (pauses()) {
-          done = false;
-          return;
-        }
-        glance(t);
-      }
+    pool_.forEach(n, 1, [&](std::size_t k) {
+      if (!f(k)) done = false;
     });
     return done;
+  }
+  // f(t) for the fresh triangles of a region, which are judged by it. False: the turn is over.
+  template <class F>
+  bool forEachFresh(std::size_t k, F&& f) {
+    thread_local std::vector<TriangleId> fresh;
+    fresh.clear();
+    mesh_.trianglePages().forEachFresh(regions_[k], [&](TriangleId t) { fresh.push_back(t); });
+    for (TriangleId t : fresh) {
+      if (pauses()) return false;
+      f(t);
+    }
+    return true;
+  }
+  // At every fresh triangle. False: the turn is over.
+  bool glanceAll() {
+    return all(regions_.size(), [&](std::size_t k) { return forEachFresh(k, [&](TriangleId t) { glance(t); }); });
   }
 
   void glance(TriangleId t) {
@@ -279,28 +287,37 @@ class Meshing::Mesher {
     std::make_heap(now_.heap.begin(), now_.heap.end());
   }
 
+  static Wanted take(std::vector<Wanted>& heap) {
+    std::pop_heap(heap.begin(), heap.end());
+    const Wanted w = heap.back();
+    heap.pop_back();
+    return w;
+  }
+  // Onto the heap goes what is worse than the limit, if mine(t).
+  template <class F>
+  void glanceAround(VertexId v, float limit, std::vector<Wanted>& heap, F&& mine) {
+    mesh_.forEachAround(v, [&](HalfEdge h) {
+      const TriangleId t = h >> 2;
+      glance(t);
+      if (!worst_[t].admissible || worst_[t].error <= limit || !mine(t)) return;
+      heap.push_back({worst_[t].error, worst_[t].at(), t});
+      std::push_heap(heap.begin(), heap.end());
+    });
+  }
+
   // The worst of all first, until the heap is empty or there are so many vertices. False: the turn is over.
   bool insertWorst(float limit, std::uint32_t enough, bool again = true) {
     while (!now_.heap.empty() && vertices_ < enough) {
       if (++now_.next % kInsertions == 0 && pauses()) return false;
-      const Wanted w = now_.heap.front();
-      std::pop_heap(now_.heap.begin(), now_.heap.end());
-      now_.heap.pop_back();
+      const Wanted w = take(now_.heap);
       if (!stands(w)) continue;
       now_.reached = w.error;
       VertexId made;
-      if (insert(w, all_, made) != Change::kDone || 2 * ++vertices_ > most_) {
+      if (insert(w, all_, made) != Change::kDone || 2 * ++vertices_ > plan_.most) {
         now_.full = true;
         return true;
       }
-      if (!again) continue;
-      mesh_.forEachAround(made, [&](HalfEdge h) {
-        const TriangleId t = h >> 2;
-        glance(t);
-        if (!worst_[t].admissible || worst_[t].error <= limit) return;
-        now_.heap.push_back({worst_[t].error, worst_[t].at(), t});
-        std::push_heap(now_.heap.begin(), now_.heap.end());
-      });
+      if (again) glanceAround(made, limit, now_.heap, [](TriangleId) { return true; });
     }
     return true;
   }
@@ -311,22 +328,14 @@ class Meshing::Mesher {
     for (; now_.colour < Regions::kColours; ++now_.colour) {
       const auto& regions = regions_.colour(now_.colour);
       now_.swept.resize(regions.size());
-      std::atomic<bool> done{true};
-      pool_.forEach(regions.size(), 1, [&](std::size_t k) {
-        if (now_.swept[k]) return;
-        if (pauses()) {
-          done = false;
-          return;
-        }
-        if (sweep(regions[k], again))
-          now_.swept[k] = 1;
-        else
-          done = false;
-      });
-      if (!done) return false;
+      const auto once = [&](std::size_t k) {
+        if (!now_.swept[k]) now_.swept[k] = !pauses() && sweep(regions[k], again);
+        return now_.swept[k] != 0;
+      };
+      if (!all(regions.size(), once)) return false;
       now_.swept.clear();
       vertices_ = mesh_.liveVertices();
-      if (2 * vertices_ > most_) {
+      if (2 * vertices_ > plan_.most) {
         now_.full = true;
         return true;
       }
@@ -356,21 +365,13 @@ class Meshing::Mesher {
     std::make_heap(heap.begin(), heap.end());
     for (std::size_t n = 1; !heap.empty(); ++n) {
       if (n % kInsertions == 0 && pauses()) return false;
-      const Wanted w = heap.front();
-      std::pop_heap(heap.begin(), heap.end());
-      heap.pop_back();
+      const Wanted w = take(heap);
       if (!stands(w)) continue;
       VertexId made;
       const Change change = insert(w, set, made);
       if (change == Change::kDeferred) later_[home].push_back(w);
-      if (change != Change::kDone || !again) continue;
-      mesh_.forEachAround(made, [&](HalfEdge h) {
-        const TriangleId t = h >> 2;
-        glance(t);
-        if (!worst_[t].admissible || worst_[t].error <= now_.limit || mesh_.regionOf(t) != regions_[home]) return;
-        heap.push_back({worst_[t].error, worst_[t].at(), t});
-        std::push_heap(heap.begin(), heap.end());
-      });
+      if (change == Change::kDone && again)
+        glanceAround(made, now_.limit, heap, [&](TriangleId t) { return mesh_.regionOf(t) == regions_[home]; });
     }
     return true;
   }
@@ -380,37 +381,25 @@ class Meshing::Mesher {
   }
   // Every fresh triangle, and every open question whose block is refined by now. False: the turn is over.
   bool judgeAll() {
-    std::atomic<bool> done{true};
-    pool_.forEach(regions_.size(), 1, [&](std::size_t k) {
-      thread_local std::vector<TriangleId> fresh;
+    return all(regions_.size(), [&](std::size_t k) {
       thread_local std::vector<Block> tooCoarse;
       const auto ask = [&](TriangleId t) {
         for (const Block& block : tooCoarse) asked_[k].push_back({t, block});
         tooCoarse.clear();
       };
       for (; !answered_[k].empty(); answered_[k].pop_back()) {
-        if (pauses()) {
-          done = false;
-          return;
-        }
+        if (pauses()) return false;
         const auto& [t, block] = answered_[k].back();
         const Worst found = judge_.verdict(cornersOf(t), block, tooCoarse);
         if (found.error > worst_[t].error) worst_[t] = found;
         ask(t);
       }
-      fresh.clear();
-      mesh_.trianglePages().forEachFresh(regions_[k], [&](TriangleId t) { fresh.push_back(t); });
-      for (TriangleId t : fresh) {
-        if (pauses()) {
-          done = false;
-          return;
-        }
+      return forEachFresh(k, [&](TriangleId t) {
         worst_[t] = judge_.verdict(cornersOf(t), tooCoarse);
         mesh_.trianglePages().clearFresh(t);
         ask(t);
-      }
+      });
     });
-    return done;
   }
   // Whether there were blocks that must be finer.
   bool refine() {
@@ -459,6 +448,7 @@ class Meshing::Mesher {
   // Where the work goes on after a pause.
   struct Position {
     Stage stage = Stage::kSampling;
+    std::size_t sampled = 0;  // tiles
     std::size_t side = 0, next = 0;
     std::vector<Point2> points;       // of the outline, to be inserted
     TriangleId hint = 0;              // near the last of them
@@ -472,8 +462,6 @@ class Meshing::Mesher {
   };
 
   const terrain::Terrain& terrain_;
-  const std::uint32_t most_;
-  const double error_;  // metres
   scheduling::Pool& pool_;
   const Watch watch_;
   Time until_;                        // the turn's end
@@ -481,7 +469,6 @@ class Meshing::Mesher {
   Position now_;
   const Plan plan_;
   Samples samples_;
-  std::vector<std::uint8_t> filled_;  // by tile
   const Judge judge_;
   Regions regions_;
   std::vector<std::vector<Wanted>> later_;               // by region

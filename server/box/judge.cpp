@@ -9,11 +9,10 @@
 namespace ridgecast::box {
 
 using triangulation::Point2;
-using triangulation::Vertex;
 
 namespace {
-constexpr float kTrust = 0.1f;  // of the error: more slack than this asks for finer samples, less counts as error
 
+constexpr float kTrust = 0.1f;         // of the error: more slack than this asks for finer samples, less counts as error
 constexpr std::int64_t kGlance = 400;  // samples, about, at most
 
 }  // namespace
@@ -27,12 +26,12 @@ struct Judge::Shape {
   std::array<double, 3> run;     // of the edges, along x for a unit along z; none where dz is 0
   double gx, gz;                 // the plane: metres a unit
 
-  explicit Shape(const std::array<Vertex, 3>& v) {
+  explicit Shape(const Corners& v) {
     std::size_t first = 0;
     for (std::size_t k = 1; k < 3; ++k)
-      if (triangulation::smaller(v[k].point(), v[first].point())) first = k;
+      if (triangulation::smaller(v[k].at, v[first].at)) first = k;
     for (std::size_t k = 0; k < 3; ++k) {
-      corner[k] = v[(first + k) % 3].point();
+      corner[k] = v[(first + k) % 3].at;
       height[k] = v[(first + k) % 3].y * lattice::kMetresPerStep;
     }
     for (std::size_t k = 0; k < 3; ++k) {
@@ -72,7 +71,7 @@ struct Judge::Search {
   }
 };
 
-Worst Judge::glance(const std::array<Vertex, 3>& corners) const {
+Worst Judge::glance(const Corners& corners) const {
   const Shape shape(corners);
   const auto cells = static_cast<std::uint64_t>(shape.twiceArea() / (2 * kGlance));
   Search search{.bits = static_cast<int>(std::bit_width(cells) + 1) / 2};
@@ -80,14 +79,14 @@ Worst Judge::glance(const std::array<Vertex, 3>& corners) const {
   return {search.worst, search.at.x, search.at.z, search.admissible};
 }
 
-Worst Judge::verdict(const std::array<Vertex, 3>& corners, std::vector<Block>& tooCoarse) const {
+Worst Judge::verdict(const Corners& corners, std::vector<Block>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   samples_.forEach(shape.low, shape.high, [&](std::size_t tile) { look(tile, shape, search); });
   return {search.worst, search.at.x, search.at.z, search.admissible};
 }
 
-Worst Judge::verdict(const std::array<Vertex, 3>& corners, const Block& block, std::vector<Block>& tooCoarse) const {
+Worst Judge::verdict(const Corners& corners, const Block& block, std::vector<Block>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   look(static_cast<std::size_t>(samples_[block.tile].finer[block.block]), shape, search);
@@ -129,7 +128,7 @@ void Judge::rows(const Tile& tile, const Shape& shape, int strideBits, Search& s
   const auto first = [&](std::int32_t from) { return (from + (1 << bits) - 1) >> bits << strideBits; };
   const std::int32_t z0 = std::max({shape.low.z, low_.z + 1, tile.corner.z}) - tile.corner.z,
                      z1 = std::min({shape.high.z, high_.z - 1, tile.corner.z + last}) - tile.corner.z;
-  float slope = static_cast<float>(std::ldexp(shape.gx, bits));
+  const float slope = static_cast<float>(std::ldexp(shape.gx, bits));
   for (int j = first(z0); (j << tile.bits) <= z1; j += stride) {
     const std::int64_t z = tile.corner.z + (std::int64_t{j} << tile.bits);
     double from = std::max({shape.low.x, low_.x + 1, tile.corner.x}), to = std::min({shape.high.x, high_.x - 1, tile.corner.x + last});

@@ -26,6 +26,12 @@ struct Worst {        // without initialisers: most of an array of them is never
 };
 static_assert(std::is_trivially_default_constructible_v<Worst>);
 
+struct Corner {
+  triangulation::Point2 at;
+  std::int32_t y;  // steps
+};
+using Corners = std::array<Corner, 3>;  // counter-clockwise
+
 class Judge {
  public:
   // `error` in metres.
@@ -33,10 +39,10 @@ class Judge {
       : samples_(samples), low_(low), high_(high), error_(error) {}
 
   // Some hundred samples at most, spread evenly, without slack: where to insert first.
-  Worst glance(const std::array<triangulation::Vertex, 3>& corners) const;
+  Worst glance(const Corners& corners) const;
   // All samples and crossings. `tooCoarse` receives the blocks that must be refined before it holds: then ask about each.
-  Worst verdict(const std::array<triangulation::Vertex, 3>& corners, std::vector<Block>& tooCoarse) const;
-  Worst verdict(const std::array<triangulation::Vertex, 3>& corners, const Block& refined, std::vector<Block>& tooCoarse) const;
+  Worst verdict(const Corners& corners, std::vector<Block>& tooCoarse) const;
+  Worst verdict(const Corners& corners, const Block& refined, std::vector<Block>& tooCoarse) const;
 
  private:
   struct Shape;

@@ -43,7 +43,7 @@ Samples::Samples(const terrain::Terrain& terrain, const Frame& frame, Point2 low
 
 void Samples::add(Point2 corner, int bits, int cellBits) {
   tiles_.push_back(std::make_unique<Tile>(Tile{corner, bits, cellBits, {}, {}, {}}));
-  count_ += static_cast<std::uint64_t>(tiles_.back()->across()) * static_cast<std::uint64_t>(tiles_.back()->across());
+  count_ += tiles_.back()->count();
 }
 
 void Samples::refine(const Block& at) {
@@ -60,7 +60,7 @@ bool Samples::proves() const { return map_ && spacing() <= map_->shape().pitch; 
 void Samples::fill(std::size_t number) {
   Tile& tile = *tiles_[number];
   const int across = tile.across();
-  const std::size_t size = static_cast<std::size_t>(across) * static_cast<std::size_t>(across);
+  const std::size_t size = tile.count();
   thread_local std::vector<Step> x, z;
   x.resize(size);
   z.resize(size);

@@ -41,8 +41,9 @@ struct Tile {
   std::vector<std::int32_t> finer;   // by block: another tile, or negative; empty: no block is refined
   std::int32_t cells() const { return 1 << cellBits; }
   std::int32_t across() const { return cells() + 1; }
-  std::int32_t blocks() const { return cells() >> kBlockBits; }  // along a side
-  std::int32_t side() const { return cells() << bits; }          // units
+  std::size_t count() const { return static_cast<std::size_t>(across()) * static_cast<std::size_t>(across()); }  // heights
+  std::int32_t blocks() const { return cells() >> kBlockBits; }                                                  // along a side
+  std::int32_t side() const { return cells() << bits; }                                                          // units
   std::size_t index(std::int32_t i, std::int32_t j) const {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(across()) + static_cast<std::size_t>(i);
   }

@@ -47,7 +47,7 @@ inline constexpr HalfEdge kNoEdge = 0xffffffffu;
 struct Vertex {
   std::int32_t x, z;  // steps relative to the anchor, |.| < 2^26
   std::int32_t y;     // carried along, never judged
-  HalfEdge edge;      // some half-edge that starts here
+  HalfEdge edge;      // some half-edge that starts here; read by edgeOf(), for inserting beside it may write it meanwhile
   Point2 point() const { return {x, z}; }
 };
 
