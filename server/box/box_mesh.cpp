@@ -398,6 +398,7 @@ class Meshing::Mesher {
         worst_[t] = judge_.verdict(cornersOf(t), tooCoarse);
         mesh_.trianglePages().clearFresh(t);
         ask(t);
+        watch_.checks(1);
       });
     });
   }

@@ -33,15 +33,23 @@ struct Problem {
 template <class T>
 using Result = boost::system::result<T, Problem>;
 
+// How far the work is. Written while it goes on; any thread may read it meanwhile.
+struct Progress {
+  std::atomic<std::uint32_t> triangles{0}, checked{0};  // so far; of the box's own check
+};
+
 // Whether the work should continue. Any thread.
 struct Watch {
   std::stop_token stop;
   std::chrono::steady_clock::time_point deadline;
-  double seconds = 0;                               // the time limit, for messages
-  std::atomic<std::uint32_t>* triangles = nullptr;  // receives the number of triangles so far; may be null
+  double seconds = 0;            // the time limit, for messages
+  Progress* progress = nullptr;  // may be null
 
-  void has(std::uint32_t count) const {
-    if (triangles) triangles->store(count, std::memory_order_relaxed);
+  void has(std::uint32_t triangles) const {
+    if (progress) progress->triangles.store(triangles, std::memory_order_relaxed);
+  }
+  void checks(std::uint32_t triangles) const {
+    if (progress) progress->checked.fetch_add(triangles, std::memory_order_relaxed);
   }
   bool over() const { return stop.stop_requested() || std::chrono::steady_clock::now() >= deadline; }
   Problem problem() const;  // what to report when it is over

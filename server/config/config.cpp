@@ -12,7 +12,6 @@
 #include "server/config/layers.h"
 #include "server/config/token_command.h"
 #include "server/memory/memory.h"
-#include "server/scheduling/pool.h"
 
 namespace ridgecast::config {
 
@@ -41,6 +40,7 @@ struct Written {
   Config config;
   bool isPrivate = false, quiet = false;
   std::vector<std::string> parameters, raster, trustedProxies, allowedHosts, secretFiles, keyFiles;
+  double snapshotShare = 10;  // percent
   std::string logFormat = "text", logLevel = "info";
 };
 
@@ -143,8 +143,7 @@ void addLimits(CLI::App& app, Written& w) {
             "Triangle budgets of all cameras together; 0: half of the memory that the process may use", 0, 1'000'000'000'000);
   addNumber(app, "--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles", 10'000, 20'000'000);
   addNumber(app, "--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1, 600);
-  addNumber(app, "--snapshot-niceness", c.snapshots.lowerPriorityBy,
-            "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only", 0, scheduling::kIdle);
+  addNumber(app, "--snapshot-share", w.snapshotShare, "Percent of all cores that snapshots get while cameras work", 1, 100);
   addNumber(app, "--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1, wire::kMaxWindow);
   app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();
@@ -195,7 +194,7 @@ Outcome<Config> finish(Written&& w) {
   if (c.limits.maxTotalTriangles == 0) c.limits.maxTotalTriangles = memory::available() / 2 / session::kBytesPerTriangle;
   if (c.limits.maxTotalTriangles != 0)
     c.limits.maxTotalTriangles = std::max<std::uint64_t>(c.limits.maxTotalTriangles, settings::kLeastBudget);
-  c.net.patientJobs.lowerPriorityBy = c.snapshots.lowerPriorityBy;
+  c.snapshots.share = w.snapshotShare / 100;
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
   const std::map<std::string, logging::Level> levels{{"debug", logging::Level::kDebug},

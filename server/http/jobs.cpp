@@ -1,6 +1,7 @@
 #include "server/http/jobs.h"
 
 #include <algorithm>
+#include <cmath>
 #include <exception>
 #include <utility>
 
@@ -43,6 +44,18 @@ bool Jobs::hasShare(std::string_view client) const {
   return hasShareNow(client);
 }
 
+std::size_t Jobs::ahead(const std::stop_source& job) const {
+  const std::lock_guard lock(mutex_);
+  const auto at = std::ranges::find_if(waiting_, [&](const Job& other) { return other.stop == job; });
+  return at == waiting_.end() ? 0 : static_cast<std::size_t>(at - waiting_.begin()) + 1;
+}
+
+unsigned Jobs::secondsToWait() const {
+  const std::lock_guard lock(mutex_);
+  const double seconds = usual_ * static_cast<double>(waiting_.size() + 1) / static_cast<double>(running_.size());
+  return static_cast<unsigned>(std::clamp(std::ceil(seconds), 1.0, 600.0));
+}
+
 std::size_t Jobs::waiting() const {
   const std::lock_guard lock(mutex_);
   return waiting_.size();
@@ -82,13 +95,16 @@ void Jobs::work(std::size_t thread) {
     running_[thread] = {job.stop, {}, job.client};
     --idle_;
     lock.unlock();
+    const auto begin = std::chrono::steady_clock::now();
     try {
       if (!job.stop.stop_requested()) job.run(job.stop.get_token());
     } catch (const std::exception& e) {
       logging::error(std::string("a request's work failed: ") + e.what());
     }
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
     job = {};
     lock.lock();
+    usual_ = usual_ == 0 ? took.count() : 0.7 * usual_ + 0.3 * took.count();
     running_[thread] = {};
     ++idle_;
     ended_.notify_all();

@@ -38,6 +38,10 @@ class Jobs {
   // Half of all places, at least one.
   std::size_t share() const { return std::max<std::size_t>(1, (limits_.threads + limits_.waiting) / 2); }
   bool hasShare(std::string_view client) const;  // whether that many jobs of this client wait or run
+  // How many jobs must begin or end before the one with this stop source begins; 0: it has begun. Any thread.
+  std::size_t ahead(const std::stop_source& job) const;
+  // In how many seconds what waits now will have begun, judged by how long jobs took lately: 1 to 600. Any thread.
+  unsigned secondsToWait() const;
   // Jobs that wait; up to `threads` more run. Any thread.
   std::size_t waiting() const;
   // Accepts no more. Lets running and waiting jobs end until the given time, then calls stop(). Any thread except a job's.
@@ -60,6 +64,7 @@ class Jobs {
   std::deque<Job> waiting_;
   std::vector<Job> running_;  // by thread; without `run`
   std::size_t idle_ = 0;      // threads without a job
+  double usual_ = 0;          // seconds that a job takes
   bool closed_ = false, stopped_ = false;
   std::vector<std::thread> threads_;
 };

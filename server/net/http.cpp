@@ -32,7 +32,6 @@ using beast::error_code;
 using Clock = std::chrono::steady_clock;
 double seconds(Clock::duration time) { return std::chrono::duration<double>(time).count(); }
 
-constexpr char kRetrySeconds[] = "5";                 // Retry-After of a busy answer
 constexpr std::chrono::seconds kTurnedTimeout{2};     // timeout for the request of a connection beyond a limit
 constexpr std::chrono::milliseconds kTellEvery{700};  // interval of progress messages
 constexpr std::size_t kSlowest = 65'536;              // bytes a second that a client must read of a long answer
@@ -184,27 +183,27 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     send(std::move(a));
   }
 
-  void busy() {
-    send(refused(503, metrics::Refusal::kBusy,
-                 "This server is busy with other work; try again in " + std::string(kRetrySeconds) + " seconds.",
-                 {{"Retry-After", kRetrySeconds}}));
+  void busy(const Jobs& jobs) {
+    const std::string seconds = std::to_string(jobs.secondsToWait());
+    send(refused(503, metrics::Refusal::kBusy, "This server is busy with other work; try again in " + seconds + " seconds.",
+                 {{"Retry-After", seconds}}));
   }
 
-  void hasShare(const std::string& client, std::size_t share) {
+  void hasShare(const Jobs& jobs, const std::string& client) {
     send(refused(429, metrics::Refusal::kBusy,
-                 "The " + client + " waits for " + std::to_string(share) +
+                 "The " + client + " waits for " + std::to_string(jobs.share()) +
                      " answers of this kind, the most one client may; try again when one has come.",
-                 {{"Retry-After", kRetrySeconds}}));
+                 {{"Retry-After", std::to_string(jobs.secondsToWait())}}));
   }
 
   // Does the work for an answer and watches meanwhile whether the client is still there.
   void work(std::shared_ptr<const Later> later, const std::string& client) {
-    if (later->patient && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy();
     asker_ = std::stop_source();
     Jobs& jobs = later->makesWorld ? shared_->worldJobs : later->patient ? shared_->patientJobs : shared_->promptJobs;
     const metrics::Figures::Work& figures = later->makesWorld ? shared_->worldFigures
                                             : later->patient  ? shared_->patientFigures
                                                               : shared_->promptFigures;
+    if (later->patient && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy(jobs);
     auto run = [self = shared_from_this(), later, &figures, posted = Clock::now()](std::stop_token stop) {
       const Clock::time_point begun = Clock::now();
       figures.wait.Observe(seconds(begun - posted));
@@ -219,26 +218,29 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       self->shared_->answerBytes += a.body.size();
       asio::post(self->stream_.get_executor(), [self, a = std::move(a)]() mutable { self->worked(std::move(a)); });
     };
-    if (!jobs.post(asker_, std::move(run), client)) return jobs.hasShare(client) ? hasShare(client, jobs.share()) : busy();
+    if (!jobs.post(asker_, std::move(run), client)) return jobs.hasShare(client) ? hasShare(jobs, client) : busy(jobs);
     working_ = true;
     stream_.expires_never();
     watch();
-    if (wantsProgress_ && later->progress) tick(std::move(later));
+    if (wantsProgress_ && later->progress) tick(jobs, std::move(later));
   }
 
   // Reports progress at intervals. The reports fit into the socket's buffer, so they never wait for the client.
-  void tick(std::shared_ptr<const Later> later) {
+  void tick(const Jobs& jobs, std::shared_ptr<const Later> later) {
     ticking_.expires_after(kTellEvery);
-    ticking_.async_wait([self = shared_from_this(), later = std::move(later)](error_code ec) mutable {
+    ticking_.async_wait([self = shared_from_this(), &jobs, later = std::move(later)](error_code ec) mutable {
       if (ec || !self->working_ || self->made_) return;
-      self->word_ = "HTTP/1.1 102 Processing\r\nProgress: " + later->progress() + "\r\n\r\n";
+      const std::size_t ahead = jobs.ahead(self->asker_);
+      self->word_ =
+          "HTTP/1.1 102 Processing\r\nProgress: " + (ahead > 0 ? "number " + std::to_string(ahead) + " in the queue" : later->progress()) +
+          "\r\n\r\n";
       self->telling_ = true;
       asio::async_write(self->stream_, asio::buffer(self->word_),
-                        [self, later = std::move(later)](error_code failed, std::size_t bytes) mutable {
+                        [self, &jobs, later = std::move(later)](error_code failed, std::size_t bytes) mutable {
                           self->telling_ = false;
                           self->shared_->figures->bytesSent.Increment(bytes);
                           if (self->made_) return self->worked(std::move(*std::exchange(self->made_, {})));
-                          if (!failed && self->working_) self->tick(std::move(later));
+                          if (!failed && self->working_) self->tick(jobs, std::move(later));
                         });
     });
   }

@@ -61,9 +61,9 @@ struct Settings : http::Access {                 // host: the address to listen 
   std::uint32_t maxMessagesPerSecond = 4000;  // 0: unlimited
   std::chrono::milliseconds timeout{10'000};
   std::chrono::milliseconds idle{60'000};
-  http::Jobs::Limits promptJobs{2, 64, 0};   // answers that take milliseconds
-  http::Jobs::Limits patientJobs{1, 4, 15};  // answers that take seconds; nice value from --snapshot-niceness
-  http::Jobs::Limits worldJobs{1, 8, 10};    // compilation of worlds
+  http::Jobs::Limits promptJobs{2, 64};    // answers that take milliseconds
+  http::Jobs::Limits patientJobs{1, 4};    // answers that take seconds
+  http::Jobs::Limits worldJobs{1, 8, 10};  // compilation of worlds
   std::size_t maxAnswerBytes = std::size_t{1} << 30;
   std::chrono::milliseconds drainDelay{0};  // between /readyz's 503 and the drain at shutdown: balancers lag
   std::chrono::milliseconds drain{5'000};

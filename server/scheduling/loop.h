@@ -6,34 +6,45 @@
 #include <atomic>
 #include <chrono>
 #include <cstddef>
+#include <ctime>
 #include <exception>
 #include <functional>
 #include <thread>
 
 namespace ridgecast::scheduling {
 
-// Of loops whose executor gives way to another: how much work comes before a rest, and the longest rest.
-inline constexpr std::chrono::microseconds kWorkAtATime{500}, kLongestRest{50'000};
-inline constexpr int kRests = 9;  // times what was worked: others then lose a tenth at most
-inline thread_local std::chrono::steady_clock::time_point rested{};
-
-// Rests kRests times as long as was worked since the last time.
-inline void rest(const std::atomic<unsigned>& others) {
-  const auto now = std::chrono::steady_clock::now();
-  if (now - rested < kWorkAtATime) return;
-  if (others.load(std::memory_order_relaxed) > 0)
-    std::this_thread::sleep_for(std::min<std::chrono::steady_clock::duration>(kRests * (now - rested), kLongestRest));
-  rested = std::chrono::steady_clock::now();
+inline std::chrono::nanoseconds threadCpuTime() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
 }
+
+// What loops give way to.
+struct Courtesy {
+  const std::atomic<unsigned>* others = nullptr;  // threads that work for the executor that goes first; null: there is none
+  double rests = 0;                               // as long as was worked, times this, while there are others
+
+  // Of the calling thread's work, in or between loops, since it was last here.
+  void rest() const {
+    constexpr std::chrono::microseconds kWorkAtATime{500}, kLongest{250'000};
+    thread_local std::chrono::steady_clock::time_point looked{};
+    thread_local std::chrono::nanoseconds rested{};
+    if (!others || std::chrono::steady_clock::now() - looked < kWorkAtATime) return;
+    const auto worked = threadCpuTime() - rested;  // its own time: on a busy machine it has waited long enough
+    if (worked >= kWorkAtATime && others->load(std::memory_order_relaxed) > 0)
+      std::this_thread::sleep_for(std::min<std::chrono::duration<double>>(rests * worked, kLongest));
+    rested = threadCpuTime();
+    looked = std::chrono::steady_clock::now();
+  }
+};
 
 class Loop {
  public:
-  // `others`: threads that work for the executor that goes first; null: none does.
-  Loop(const std::function<void(std::size_t)>& task, const std::atomic<unsigned>* others) : task_(task), others_(others) {}
+  Loop(const std::function<void(std::size_t)>& task, const Courtesy& courtesy) : task_(task), courtesy_(courtesy) {}
 
   // After a failure, what has not begun is passed over.
   void operator()(std::size_t k) noexcept {
-    if (others_) rest(*others_);
+    courtesy_.rest();
     if (failed_.load(std::memory_order_relaxed)) return;
     try {
       task_(k);
@@ -49,7 +60,7 @@ class Loop {
 
  private:
   const std::function<void(std::size_t)>& task_;
-  const std::atomic<unsigned>* const others_;
+  const Courtesy& courtesy_;
   std::atomic<bool> failed_{false};
   std::exception_ptr failure_;
 };

@@ -4,7 +4,6 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
-#include <ctime>
 #include <deque>
 #include <mutex>
 #include <thread>
@@ -26,12 +25,6 @@ constexpr std::size_t kMaxPosted = 1024;
 // A pool's tasks are long while one of its last took more than kLong, and short while none took more than kShort. The two lie apart:
 // cameras that are alike must not come to lie on both sides, for those that are served less fly farther meanwhile and take longer still.
 constexpr std::chrono::nanoseconds kLong = std::chrono::milliseconds(10), kShort = std::chrono::milliseconds(4), kUnknown = kLong * 3 / 2;
-
-std::chrono::nanoseconds threadCpuTime() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
-}
 
 }  // namespace
 
@@ -58,7 +51,6 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
   bool hasShortTask() const { return usual <= kShort && !posted.empty() && !regionThatWantsHelp(); }
   void noteChange() { takesMore = inFlight < limit && !queued; }
   void run(Region& region, std::size_t helpersUseful, const std::function<void()>& work);
-  const std::atomic<unsigned>* others() const;  // threads that work for the executor that goes first; null: none does
 };
 
 struct Executor::State {
@@ -76,6 +68,7 @@ struct Executor::State {
   std::vector<std::thread> workers;
   std::atomic<unsigned> working{0};    // threads that run a task; a hint
   std::shared_ptr<const State> first;  // the executor that goes before this one, or none
+  Courtesy courtesy;                   // towards it
 
   // All under the lock.
   bool enqueue(Pool::Impl& pool) {
@@ -205,19 +198,15 @@ void Executor::State::serveShortTasks() {
   }
 }
 
-Executor::Executor(unsigned threads, int lowerPriorityBy, const Executor* first) : state_(std::make_shared<State>()) {
-  if (first) state_->first = first->state_;
-  state_->threads = threads ? threads : std::max(1u, std::thread::hardware_concurrency());
-  if (state_->threads > 1)
-    state_->workers.emplace_back([state = state_.get(), lowerPriorityBy] {
-      lowerPriority(lowerPriorityBy);
-      state->serveShortTasks();
-    });
-  for (unsigned k = 0; k < state_->threads; ++k)
-    state_->workers.emplace_back([state = state_.get(), lowerPriorityBy] {
-      lowerPriority(lowerPriorityBy);
-      state->serve();
-    });
+Executor::Executor(unsigned threads, const Executor* first, double share) : state_(std::make_shared<State>()) {
+  const unsigned cores = std::max(1u, std::thread::hardware_concurrency());
+  state_->threads = threads ? threads : cores;
+  if (first) {
+    state_->first = first->state_;
+    state_->courtesy = {&first->state_->working, std::max(0.0, state_->threads / (share * cores) - 1)};
+  }
+  if (state_->threads > 1) state_->workers.emplace_back([state = state_.get()] { state->serveShortTasks(); });
+  for (unsigned k = 0; k < state_->threads; ++k) state_->workers.emplace_back([state = state_.get()] { state->serve(); });
 }
 
 Executor::~Executor() {
@@ -256,8 +245,6 @@ std::shared_ptr<Pool> Executor::makePool(unsigned limit) {
   }
   return std::shared_ptr<Pool>(new Pool(std::move(impl)));
 }
-
-const std::atomic<unsigned>* Pool::Impl::others() const { return executor->first ? &executor->first->working : nullptr; }
 
 Pool::Pool(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
 
@@ -326,7 +313,7 @@ void runInline(std::size_t count, const std::function<void(std::size_t)>& body) 
 }  // namespace
 
 void Pool::forEach(std::size_t count, std::size_t grain, const std::function<void(std::size_t)>& task) {
-  Loop loop(task, impl_->others());
+  Loop loop(task, impl_->executor->courtesy);
   const std::function<void(std::size_t)> body = std::ref(loop);
   grain = std::max<std::size_t>(grain, 1);
   if (count <= grain || impl_->limit == 1) {
@@ -339,7 +326,7 @@ void Pool::forEach(std::size_t count, std::size_t grain, const std::function<voi
 }
 
 void Pool::forEachOrdered(const Order& order, const std::function<void(std::size_t)>& task) {
-  Loop loop(task, impl_->others());
+  Loop loop(task, impl_->executor->courtesy);
   const std::function<void(std::size_t)> body = std::ref(loop);
   // Predecessors are smaller, so ascending order is always right when one thread does it all.
   if (order.size() <= 1 || impl_->limit == 1) {

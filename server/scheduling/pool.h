@@ -16,17 +16,16 @@ namespace ridgecast::scheduling {
 
 class Pool;
 
-// Lowers the calling thread's priority, for good: adds 0..19 to its nice value. kIdle: it runs only while no other thread wants the core
-// (Linux: SCHED_IDLE). A nice value alone still leaves a time slice in turn, which an iteration of two milliseconds notices. Does nothing
-// where the system has no priorities of threads.
-inline constexpr int kIdle = 20;
+// Lowers the calling thread's priority, for good: adds 0..19 to its nice value, also for processes that it starts. Does nothing where the
+// system has no priorities of threads.
 void lowerPriority(int by);
 
 class Executor {
  public:
-  // threads 0: as many as the hardware has. lowerPriorityBy: of all of them. `first`: while that executor works, loops of this one rest
-  // between their tasks, nine times as long as they worked: even on a core of its own, what works takes cache and memory from the others.
-  explicit Executor(unsigned threads, int lowerPriorityBy = 0, const Executor* first = nullptr);
+  // threads 0: as many as the hardware has. `first`: while that executor works, loops of this one rest between their tasks, so that they
+  // take `share` of all cores, 0 < share <= 1, whatever else runs: no less, as a low priority would, and no more even if a core is free,
+  // for what works takes cache and memory from the others.
+  explicit Executor(unsigned threads, const Executor* first = nullptr, double share = 1);
   ~Executor();  // waits for the tasks in flight; tasks still queued are dropped
   Executor(const Executor&) = delete;
   Executor& operator=(const Executor&) = delete;

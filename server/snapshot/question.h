@@ -24,7 +24,7 @@ namespace ridgecast::snapshot {
 struct Limits {
   std::uint32_t triangles = 2'000'000;
   double seconds = 60;
-  int lowerPriorityBy = 15;  // nice value of the snapshot threads; with 20 they may starve beside other programs
+  double share = 0.1;  // of all cores, while cameras work
   double boxSide = 32'768;   // metres, the longest
   double leastError = 0.02;  // metres, of a box
   double mostError = 1'000;

@@ -160,12 +160,11 @@ Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limit
 }  // namespace
 
 std::string Progress::text() const {
-  const std::string count = std::to_string(triangles.load(std::memory_order_relaxed)) + " triangles";
+  const std::uint32_t all = triangles, done = checked;
+  const std::string count = std::to_string(all) + " triangles";
   switch (stage.load()) {
-    case Stage::kWaiting:
-      return "waits for its turn";
     case Stage::kMeshing:
-      return "meshing, " + count;
+      return done == 0 ? "meshing, " + count : "checking, " + std::to_string(std::min(99ul, 100ul * done / std::max(1u, all))) + " %";
     case Stage::kColouring:
       return "normals and colours, " + count;
     case Stage::kWriting:
@@ -175,19 +174,17 @@ std::string Progress::text() const {
 }
 
 Snapshots::Snapshots(const Limits& limits, unsigned threads, const scheduling::Executor* cameras)
-    : limits_(limits),
-      executor_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), limits.lowerPriorityBy, cameras) {}
+    : limits_(limits), executor_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), cameras, limits.share) {}
 
 Result<Snapshot> Snapshots::take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop,
                                  Progress* progress) {
   const auto start = std::chrono::steady_clock::now();
   const Watch watch{stop,
                     start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(limits_.seconds)),
-                    limits_.seconds, progress ? &progress->triangles : nullptr};
+                    limits_.seconds, progress};
   const auto reaches = [progress](Progress::Stage stage) {
     if (progress) progress->stage = stage;
   };
-  reaches(Progress::Stage::kMeshing);
   const auto pool = executor_.makePool(executor_.threads());
   Result<Made> made = Problem{};
   if (const auto* camera = std::get_if<OfCamera>(&question.of))

@@ -1,5 +1,5 @@
 #pragma once
-// A mesh as a file: of a live camera, a pose or a box (question.h). Works on its own threads, at lower priority than all cameras. Each
+// A mesh as a file: of a live camera, a pose or a box (question.h). Works on its own threads, with a share of the cores while cameras work. Each
 // calling thread makes one snapshot at a time.
 //
 // asset.extras, which are also the metadata:
@@ -32,12 +32,10 @@ struct Snapshot {
   std::string name;      // of a file, without its ending
 };
 
-// Progress of a snapshot. Written while it is made; any thread may read it meanwhile.
-struct Progress {
-  enum class Stage { kWaiting, kMeshing, kColouring, kWriting };
-  std::atomic<Stage> stage{Stage::kWaiting};
-  std::atomic<std::uint32_t> triangles{0};  // so far
-  std::string text() const;                 // a few words for people
+struct Progress : box::Progress {
+  enum class Stage { kMeshing, kColouring, kWriting };
+  std::atomic<Stage> stage{Stage::kMeshing};
+  std::string text() const;  // a few words for people
 };
 
 class Snapshots {

@@ -1,7 +1,7 @@
 // Whether snapshots slow the cameras of others: iterations a second of cameras that fly as fast as they are answered, with and without
 // people who ask for one snapshot after the other, turn by turn on one server. Real sockets, all on this machine.
 //
-//   ridgecast-bench snapshot [--count N] [--askers N] [--seconds S] [--rounds N] [--budget TRIANGLES] [--niceness N]
+//   ridgecast-bench snapshot [--count N] [--askers N] [--seconds S] [--rounds N] [--budget TRIANGLES] [--share PERCENT]
 //
 // Each camera circles; as soon as a pose is answered it sends the next, 5 m on (50 m/s at ten iterations a second), so that all time the
 // server takes from it is seen. The askers give way to everything: their machine would be another.
@@ -21,7 +21,6 @@
 #include <thread>
 
 #include "common/terrain/terrain.h"
-#include "server/scheduling/pool.h"
 #include "server/snapshot/question.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/line.h"
@@ -33,7 +32,7 @@ namespace {
 
 struct Plan {
   std::vector<int> counts{1, 4};
-  int askers = 2, rounds = 6, lowerPriorityBy = snapshot::Limits{}.lowerPriorityBy;
+  int askers = 2, rounds = 6, share = 10;
   double seconds = 3;
   std::uint32_t budget = 100'000;
 };
@@ -43,7 +42,6 @@ class Asker {
  public:
   Asker(std::uint16_t port, int index, std::atomic<int>& answered)
       : thread_([this, port, index, &answered] {
-          scheduling::lowerPriority(scheduling::kIdle);
           for (int k = index; !leaves_; ++k) answered += ask(port, k);
         }) {}
   ~Asker() {
@@ -136,8 +134,8 @@ Report snapshot(const Options& options) {
       plan.seconds = std::max(0.2, value);
     else if (name == "--rounds")
       plan.rounds = std::clamp(static_cast<int>(value), 1, 100);
-    else if (name == "--niceness")
-      plan.lowerPriorityBy = std::clamp(static_cast<int>(value), 0, scheduling::kIdle);
+    else if (name == "--share")
+      plan.share = std::clamp(static_cast<int>(value), 1, 100);
     else if (name == "--budget")
       plan.budget = static_cast<std::uint32_t>(std::max(10'000.0, value));
     else
@@ -149,8 +147,7 @@ Report snapshot(const Options& options) {
   Report report;
   double worst = 0;
   for (const int count : plan.counts) {
-    testing_support::ServerProcess server(options.programFolder + "/ridgecast-server",
-                                          {"--snapshot-niceness", std::to_string(plan.lowerPriorityBy)});
+    testing_support::ServerProcess server(options.programFolder + "/ridgecast-server", {"--snapshot-share", std::to_string(plan.share)});
     Flight flight(server.port(), count, plan.budget, **terrain);
     flight.fly(options.quick ? 1 : 4);
     std::atomic<int> answered{0};

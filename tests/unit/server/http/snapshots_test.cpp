@@ -18,7 +18,7 @@ class SnapshotRouteTest : public testing::Test {
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
-    route = snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000, .lowerPriorityBy = 0}, 1));
+    route = snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000}, 1));
   }
   std::optional<Answer> ask(std::string_view target, std::string_view method = "GET") {
     Request request;

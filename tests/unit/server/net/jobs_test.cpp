@@ -52,6 +52,31 @@ TEST(Jobs, RunWhatTheyTakeAndRefuseTheRest) {
   EXPECT_TRUE(soon([&] { return done == taken + 1; }));
 }
 
+TEST(Jobs, KnowWhoIsNextAndHowLongItTakes) {
+  Jobs jobs({.threads = 1, .waiting = 3});
+  const auto take = [&](std::shared_future<void> open) {
+    std::stop_source source;
+    EXPECT_TRUE(jobs.post(source, [open = std::move(open)](std::stop_token) { open.wait(); }));
+    return source;
+  };
+  EXPECT_EQ(jobs.secondsToWait(), 1);
+  std::promise<void> slow, gate;
+  const auto slowOpen = slow.get_future().share(), open = gate.get_future().share();
+  const std::stop_source first = take(slowOpen);
+  ASSERT_TRUE(soon([&] { return jobs.waiting() == 0; }));
+  const std::stop_source second = take(open), third = take(open);
+  EXPECT_EQ(jobs.ahead(first), 0);
+  EXPECT_EQ(jobs.ahead(second), 1);
+  EXPECT_EQ(jobs.ahead(third), 2);
+  std::this_thread::sleep_for(1200ms);
+  slow.set_value();
+  ASSERT_TRUE(soon([&] { return jobs.ahead(second) == 0; }));
+  EXPECT_EQ(jobs.ahead(third), 1);
+  EXPECT_GE(jobs.secondsToWait(), 3);  // two of more than a second
+  EXPECT_LE(jobs.secondsToWait(), 600);
+  gate.set_value();
+}
+
 TEST(Jobs, WhatIsAbandonedMakesRoomAndNeverBegins) {
   Jobs jobs({.threads = 1, .waiting = 1});
   std::promise<void> gate, began;

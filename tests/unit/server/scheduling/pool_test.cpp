@@ -352,9 +352,37 @@ TEST(SchedulingDeathTest, ATaskThatThrowsEndsTheProcess) {
       "");
 }
 
+// A tenth of all cores and no more, while the other one works, even where a core is free.
+TEST(Executors, WhoRestsKeepsToItsShare) {
+  Executor first(1), second(2, &first, 0.1);
+  std::atomic<bool> over{false};
+  const auto busy = first.makePool();
+  busy->post([&] {
+    while (!over) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  });
+  const auto pool = second.makePool(2);
+  const auto cpu = [] {
+    timespec t{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
+  };
+  std::atomic<double> worked{0};
+  const auto begin = std::chrono::steady_clock::now();
+  pool->forEach(100, 1, [&](std::size_t) {
+    const double from = cpu();
+    double now = from;
+    while (now < from + 0.002) now = cpu();
+    worked += now - from;
+  });
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+  over = true;
+  EXPECT_GE(worked, 0.2);
+  EXPECT_LE(worked / took.count(), 1.2 * 0.1 * std::thread::hardware_concurrency());
+}
+
 // However busy the executor that goes first is: everything is done once, in an order that is right, and never without end.
 TEST(Executors, WhoRestsWhileAnotherWorksComesToItsEnd) {
-  Executor first(1), second(2, kIdle - 1, &first);
+  Executor first(1), second(2, &first, 0.5);
   std::atomic<bool> over{false};
   const auto busy = first.makePool();
   busy->post([&] {

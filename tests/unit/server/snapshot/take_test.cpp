@@ -31,7 +31,7 @@ class TakeTest : public testing::Test {
   }
 
   scheduling::Executor executor{1};
-  Snapshots snapshots{{.lowerPriorityBy = 0}, 2};
+  Snapshots snapshots{{}, 2};
   std::shared_ptr<session::Directory> directory;
   std::shared_ptr<session::Session> session;
 };
