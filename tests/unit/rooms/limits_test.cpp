@@ -39,6 +39,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
       "LockstepBoundsItsQueue"}},
     {"queries: ", {"WhatExceedsAMembersBudgetWaits", "LongRaysLeaveOthersTheirTurns"}},
     {"requests that wait", {"OneAskerLeavesPlacesToOthers", "OneClientHasHalfOfThePlaces"}},
+    {"`snapshot-share`", {"WhoRestsKeepsToItsShare", "MakesSnapshotsToo"}},
     {"`max-snapshot-triangles`, ", {"WhatCannotBeSaysWhy"}},
     {"iterations of more than 10 ms", {"LongTasksLeaveAThreadToShortOnes"}},
     {"grounds: ", {"FewerAreInWorkThanThereAreThreads", "AQuestionHasOneDeadline"}},
