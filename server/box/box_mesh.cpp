@@ -8,12 +8,13 @@
 #include <optional>
 #include <utility>
 
-#include "common/terrain/raster.h"
 #include "server/box/filing.h"
 #include "server/box/judge.h"
 #include "server/box/outline.h"
+#include "server/box/plan.h"
 #include "server/box/regions.h"
 #include "server/box/samples.h"
+#include "server/box/thinning.h"
 #include "server/triangulation/triangulation.h"
 
 namespace ridgecast::box {
@@ -28,13 +29,9 @@ using triangulation::VertexId;
 
 namespace {
 
-constexpr double kSnapShare = 1.0 / 16;                   // of the error: what snapping a height may cost
-constexpr double kSideShare = 0.7;                        // of the error: allowed for the box's sides, as lines
-constexpr float kFall = 0.75f;                            // what must be inserted falls by this from sweep to sweep
-constexpr double kLeastSpacing = 32, kMostSpacing = 512;  // steps between samples of a formula, at first; as far as the error, in between
-// Samples for each triangle that there may be, and for all of them: at first, and in the end (400 MB).
-constexpr double kFirstATriangle = 64, kFirstSamples = 1 << 23;
-constexpr std::uint64_t kMostATriangle = 256, kMostSamples = 50'000'000;
+constexpr double kSideShare = 0.7;             // of the error: allowed for the box's sides, as lines
+constexpr float kFall = 0.75f;                 // what must be inserted falls by this from sweep to sweep
+constexpr int kThinnings = 2;                  // the second takes another hundredth, a third next to nothing
 constexpr std::uint32_t kVerticesARegion = 6;  // from which they work side by side
 constexpr std::size_t kManyOnASide = 1000;
 // Between two looks at the clock: some hundred microseconds, or a few milliseconds.
@@ -52,38 +49,6 @@ struct Wanted {
 struct Question {  // whether the triangle passes, by finer samples of a block
   TriangleId triangle;
   Block block;
-};
-
-// What follows from the question: the area, the units, the spacings.
-struct Plan {
-  double error;              // metres
-  std::uint32_t most;        // triangles
-  int vertical = 0;          // spacing of vertices' heights, as a power of two in steps
-  lattice::Point low, high;  // the box, widened
-  Frame frame;
-  std::uint64_t samples;          // at most
-  int bits = 0;                   // of the first samples, as a power of two in units
-  std::array<Point2, 4> corners;  // of the box, counter-clockwise from the lowest
-
-  Plan(const Box& box, const terrain::Raster* map, std::uint32_t mostTriangles)
-      : error(box.error), most(mostTriangles), samples(std::min(kMostSamples, kMostATriangle * most)) {
-    const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // at most half a spacing of heights
-    while (std::ldexp(1.0, vertical) <= fits && vertical < 12) ++vertical;
-    const int horizontal = vertical + 1;
-    low = {lattice::floorTo(box.low.x, horizontal), lattice::floorTo(box.low.z, horizontal)};
-    high = {-lattice::floorTo(-box.high.x, horizontal), -lattice::floorTo(-box.high.z, horizontal)};
-    const auto width = static_cast<double>(high.x - low.x), depth = static_cast<double>(high.z - low.z);
-    // Points lie within 2^25 units of the anchor.
-    frame.unitBits = std::clamp(std::ilogb(std::max(width, depth)) - 23, 0, horizontal);
-    // What the error or the posts of a map ask for, or what is bearable.
-    const double wanted = map ? map->shape().pitch : std::clamp(box.error * lattice::kStepsPerMetre, kLeastSpacing, kMostSpacing);
-    const double bearable = std::sqrt(width * depth / std::min(kFirstSamples, kFirstATriangle * most));
-    bits = std::max({0, std::ilogb(wanted) - frame.unitBits, static_cast<int>(std::ceil(std::log2(bearable))) - frame.unitBits});
-    const int tile = bits + frame.unitBits + Samples::kCellBits;
-    frame.anchor = {lattice::floorTo(low.x, tile), lattice::floorTo(low.z, tile)};
-    const Point2 from = frame.local(low), to = frame.local(high);
-    corners = {from, {from.x, to.z}, to, {to.x, from.z}};
-  }
 };
 
 }  // namespace
@@ -120,7 +85,7 @@ class Meshing::Mesher {
   }
 
  private:
-  enum class Stage { kSampling, kOutline, kFirst, kSweeps, kVerdicts, kMending, kFiling };
+  enum class Stage { kSampling, kOutline, kFirst, kSweeps, kVerdicts, kMending, kThinning, kFiling };
 
   // However short a turn is, something is done in it.
   bool pauses() { return watch_.over() || (std::chrono::steady_clock::now() >= until_ && wentOn_.exchange(true)); }
@@ -165,8 +130,7 @@ class Meshing::Mesher {
             now_.stage = Stage::kSampling;
           } else if (worst(true) <= plan_.error) {
             if (const float stuck = worst(false); stuck > plan_.error) return tooSteep(stuck);
-            now_.stage = Stage::kFiling;
-            now_.next = 0;
+            now_.stage = Stage::kThinning;
           } else {
             now_.limit = error();
             now_.stage = Stage::kMending;
@@ -176,6 +140,13 @@ class Meshing::Mesher {
           if (!sweep(false)) return {};
           if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
           now_.stage = Stage::kVerdicts;
+          break;
+        case Stage::kThinning:
+          if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, error(), worst_.get()), true; })) return {};
+          now_.colour = 0;
+          if (++now_.thinned < kThinnings) break;
+          now_.stage = Stage::kFiling;
+          now_.next = 0;
           break;
         case Stage::kFiling:
           if (!file()) return {};
@@ -188,12 +159,8 @@ class Meshing::Mesher {
     return static_cast<std::int32_t>(lattice::roundTo(terrain_.heightStep(plan_.frame.global(p)), plan_.vertical));
   }
   Corners cornersOf(TriangleId t) const {
-    Corners corners;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const Vertex& v = mesh_.vertex(mesh_.triangle(t).v[k]);
-      corners[k] = {v.point(), v.y};
-    }
-    return corners;
+    const auto& v = mesh_.triangle(t).v;
+    return {cornerOf(mesh_, v[0]), cornerOf(mesh_, v[1]), cornerOf(mesh_, v[2])};
   }
 
   // False: the turn is over.
@@ -322,24 +289,29 @@ class Meshing::Mesher {
     return true;
   }
 
-  // Inserts what is worse than the limit, region by region, those of one colour at the same time. `again`: what comes anew is glanced at
-  // and may follow; otherwise it stays fresh. False: the turn is over.
-  bool sweep(bool again) {
-    for (; now_.colour < Regions::kColours; ++now_.colour) {
+  // f(region) for all, those of one colour at the same time, from the colour in hand on. False: one returned false, for the turn is over.
+  template <class F>
+  bool byColour(F&& f) {
+    for (; now_.colour < Regions::kColours && !now_.full; ++now_.colour) {
       const auto& regions = regions_.colour(now_.colour);
       now_.swept.resize(regions.size());
       const auto once = [&](std::size_t k) {
-        if (!now_.swept[k]) now_.swept[k] = !pauses() && sweep(regions[k], again);
+        if (!now_.swept[k]) now_.swept[k] = !pauses() && f(regions[k]);
         return now_.swept[k] != 0;
       };
       if (!all(regions.size(), once)) return false;
       now_.swept.clear();
       vertices_ = mesh_.liveVertices();
-      if (2 * vertices_ > plan_.most) {
-        now_.full = true;
-        return true;
-      }
+      now_.full = 2 * vertices_ > plan_.most;
     }
+    return true;
+  }
+
+  // Inserts what is worse than the limit, region by region, those of one colour at the same time. `again`: what comes anew is glanced at
+  // and may follow; otherwise it stays fresh. False: the turn is over.
+  bool sweep(bool again) {
+    if (!byColour([&](std::size_t home) { return sweep(home, again); })) return false;
+    if (now_.full) return true;
     // What reaches beyond nine regions.
     for (auto& later : later_) {
       now_.heap.insert(now_.heap.end(), later.begin(), later.end());
@@ -459,6 +431,7 @@ class Meshing::Mesher {
     float limit = 0;                  // of the sweep, metres; 0: there is none
     std::uint32_t outline = 0;        // vertices of it
     float reached = 0;                // the worst error before it
+    int thinned = 0;                  // times
     bool begun = false, full = false;
   };
 

@@ -12,7 +12,7 @@ using triangulation::Point2;
 
 namespace {
 
-constexpr float kTrust = 0.1f;         // of the error: more slack than this asks for finer samples, less counts as error
+constexpr float kTrust = 0.05f;        // of the error: more slack than this asks for finer samples, less counts as error
 constexpr std::int64_t kGlance = 400;  // samples, about, at most
 
 }  // namespace
@@ -23,7 +23,6 @@ struct Judge::Shape {
   std::array<std::int64_t, 3> dx, dz;  // of the edges, from corner k to the next
   Point2 low, high;
   std::array<double, 3> height;  // of the corners, metres
-  std::array<double, 3> run;     // of the edges, along x for a unit along z; none where dz is 0
   double gx, gz;                 // the plane: metres a unit
 
   explicit Shape(const Corners& v) {
@@ -37,7 +36,6 @@ struct Judge::Shape {
     for (std::size_t k = 0; k < 3; ++k) {
       dx[k] = std::int64_t{corner[(k + 1) % 3].x} - corner[k].x;
       dz[k] = std::int64_t{corner[(k + 1) % 3].z} - corner[k].z;
-      run[k] = dz[k] == 0 ? 0 : static_cast<double>(dx[k]) / static_cast<double>(dz[k]);
     }
     low = {std::min({corner[0].x, corner[1].x, corner[2].x}), std::min({corner[0].z, corner[1].z, corner[2].z})};
     high = {std::max({corner[0].x, corner[1].x, corner[2].x}), std::max({corner[0].z, corner[1].z, corner[2].z})};
@@ -102,6 +100,33 @@ std::optional<Point2> Judge::beside(const Shape& shape, double x, double z) cons
   return {};
 }
 
+namespace {
+
+// Where an edge crosses the lines of a grid, one after the other, exactly.
+struct Line {
+  std::int64_t at = 0, rest = 0, by = 0, restBy = 0, over = 1;  // at + rest / over; a line on, by + restBy / over more
+  Line() = default;
+  Line(std::int64_t top, std::int64_t step, std::int64_t bottom)
+      : at(top / bottom), rest(top % bottom), by(step / bottom), restBy(step % bottom), over(bottom) {
+    if (rest < 0) rest += over, --at;
+    if (restBy < 0) restBy += over, --by;
+  }
+  void next() {
+    at += by;
+    rest += restBy;
+    if (rest >= over) rest -= over, ++at;
+  }
+};
+
+// The greatest distance of `count` heights from a line.
+float farthest(const float* height, std::int32_t count, int stride, float base, float slope) {
+  float most = 0;
+  for (std::int32_t n = 0; n < count; ++n) most = std::max(most, std::abs(height[n * stride] - (base + static_cast<float>(n) * slope)));
+  return most;
+}
+
+}  // namespace
+
 void Judge::look(std::size_t number, const Shape& shape, Search& search) const {
   const Tile& tile = samples_[number];
   if (shape.high.x < tile.corner.x || shape.high.z < tile.corner.z || shape.low.x > tile.corner.x + tile.side() ||
@@ -125,39 +150,49 @@ void Judge::rows(const Tile& tile, const Shape& shape, int strideBits, Search& s
   const int bits = tile.bits + strideBits, stride = 1 << strideBits;
   // With strides the last line is the next tile's first.
   const std::int32_t last = strideBits == 0 ? tile.side() : tile.side() - 1;
-  const auto first = [&](std::int32_t from) { return (from + (1 << bits) - 1) >> bits << strideBits; };
-  const std::int32_t z0 = std::max({shape.low.z, low_.z + 1, tile.corner.z}) - tile.corner.z,
-                     z1 = std::min({shape.high.z, high_.z - 1, tile.corner.z + last}) - tile.corner.z;
+  const auto first = [&](std::int32_t from, std::int32_t corner) { return from <= corner ? 0 : (from - corner + (1 << bits) - 1) >> bits; };
+  // In strides.
+  const std::int32_t j0 = first(std::max(shape.low.z, low_.z + 1), tile.corner.z),
+                     j1 = (std::min({shape.high.z, high_.z - 1, tile.corner.z + last}) - tile.corner.z) >> bits,
+                     left = first(std::max(shape.low.x, low_.x + 1), tile.corner.x),
+                     right = (std::min({shape.high.x, high_.x - 1, tile.corner.x + last}) - tile.corner.x) >> bits;
+  if (j0 > j1 || left > right) return;
+  // The first point inside on each line, of edges that rise, and the last, of those that fall.
+  std::array<Line, 3> edge;
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (shape.dz[k] == 0) continue;
+    const std::int64_t sign = shape.dz[k] > 0 ? 1 : -1, down = sign * shape.dz[k], along = sign * shape.dx[k], bottom = down << bits;
+    const std::int64_t top = (std::int64_t{shape.corner[k].x} - tile.corner.x) * down +
+                             along * (std::int64_t{tile.corner.z} + (std::int64_t{j0} << bits) - shape.corner[k].z);
+    edge[k] = {sign > 0 ? top + bottom - 1 : top, along << bits, bottom};
+  }
   const float slope = static_cast<float>(std::ldexp(shape.gx, bits));
-  for (int j = first(z0); (j << tile.bits) <= z1; j += stride) {
-    const std::int64_t z = tile.corner.z + (std::int64_t{j} << tile.bits);
-    double from = std::max({shape.low.x, low_.x + 1, tile.corner.x}), to = std::min({shape.high.x, high_.x - 1, tile.corner.x + last});
+  for (std::int32_t j = j0; j <= j1; ++j) {
+    std::int64_t from = left, to = right;
     for (std::size_t k = 0; k < 3; ++k) {
-      if (shape.dz[k] == 0) continue;
-      double at = shape.corner[k].x + shape.run[k] * static_cast<double>(z - shape.corner[k].z);
-      if (std::abs(at - std::round(at)) < 1e-5)  // on a point, or all but: exactly, then
-        at = shape.corner[k].x + static_cast<double>(shape.dx[k] * (z - shape.corner[k].z)) / static_cast<double>(shape.dz[k]);
       if (shape.dz[k] > 0)
-        from = std::max(from, at);
-      else
-        to = std::min(to, at);
+        from = std::max(from, edge[k].at);
+      else if (shape.dz[k] < 0)
+        to = std::min(to, edge[k].at);
+      edge[k].next();
     }
     if (from > to) continue;
-    const int i0 = first(static_cast<std::int32_t>(std::ceil(from)) - tile.corner.x),
-              i1 = (static_cast<std::int32_t>(std::floor(to)) - tile.corner.x) >> tile.bits;
-    if (i0 > i1) continue;
-    float plane = static_cast<float>(shape.at(tile.corner.x + (i0 << tile.bits), static_cast<double>(z)));
-    const float *height = &tile.height[tile.index(0, j)], *slack = &tile.slack[tile.index(0, j)];
+    const auto i0 = static_cast<std::int32_t>(from) << strideBits, i1 = static_cast<std::int32_t>(to) << strideBits;
+    const std::int32_t z = tile.corner.z + (j << bits);
+    const auto base = static_cast<float>(shape.at(tile.corner.x + (i0 << tile.bits), z));
+    const std::int32_t row = j << strideBits;
+    const float* const height = &tile.height[tile.index(0, row)];
+    const float most = farthest(height + i0, static_cast<std::int32_t>(to - from) + 1, stride, base, slope);
+    if (most <= search.worst && (!search.tooCoarse || most + tile.most <= error_)) continue;
     int worst = -1;
-    const float base = plane;
-    for (int i = i0, n = 0; i <= i1; i += stride, ++n) {
-      plane = base + static_cast<float>(n) * slope;
-      float off = std::abs(height[i] - plane);
-      if (search.tooCoarse && off <= error_ && off + slack[i] > error_) {
-        if (slack[i] <= kTrust * error_ || tile.bits == 0)
-          off += slack[i];
-        else
-          search.ask(tile, i - 1, j - 1, i, j);
+    for (std::int32_t i = i0, n = 0; i <= i1; i += stride, ++n) {
+      float off = std::abs(height[i] - (base + static_cast<float>(n) * slope));
+      if (search.tooCoarse && off <= error_ && off + tile.most > error_) {
+        const float slack = tile.slackAround(i, row);
+        if (slack <= kTrust * error_ || tile.bits == 0)
+          off += slack;
+        else if (off + slack > error_)
+          search.ask(tile, i - 1, row - 1, i, row);
       }
       if (off > search.worst) {
         search.worst = off;
@@ -165,7 +200,7 @@ void Judge::rows(const Tile& tile, const Shape& shape, int strideBits, Search& s
       }
     }
     if (worst >= 0) {
-      search.at = {tile.corner.x + (worst << tile.bits), static_cast<std::int32_t>(z)};
+      search.at = {tile.corner.x + (worst << tile.bits), z};
       search.admissible = shape.holds(search.at);
     }
   }
@@ -233,7 +268,7 @@ void Judge::crossings(const Tile& tile, const Shape& shape, Search& search) cons
       t = to;
       one = three;
       auto error = static_cast<float>(most);
-      const float slack = std::min({tile.slack[at], tile.slack[at + 1], tile.slack[under], tile.slack[under + 1]});
+      const float slack = tile.slackOf(i, j);
       if (error + slack > error_) {
         if (slack > kTrust * error_ && tile.bits > 0) {
           search.ask(tile, i, j, i, j);

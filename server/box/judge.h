@@ -31,6 +31,9 @@ struct Corner {
   std::int32_t y;  // steps
 };
 using Corners = std::array<Corner, 3>;  // counter-clockwise
+inline Corner cornerOf(const triangulation::Triangulation& mesh, triangulation::VertexId v) {
+  return {mesh.vertex(v).point(), mesh.vertex(v).y};
+}
 
 class Judge {
  public:

@@ -13,21 +13,8 @@ using triangulation::Point2;
 
 namespace {
 
-constexpr float kMargin = 4;  // of measured curvature, for what a finer grid would find
-
-// The greatest of a square of 3 x 3, in place.
-void spread(std::vector<float>& v, std::int32_t across) {
-  const auto index = [&](std::int32_t i, std::int32_t j) {
-    const auto inside = [&](std::int32_t k) { return static_cast<std::size_t>(std::clamp(k, 0, across - 1)); };
-    return inside(j) * static_cast<std::size_t>(across) + inside(i);
-  };
-  thread_local std::vector<float> rows;
-  rows.resize(v.size());
-  for (int j = 0; j < across; ++j)
-    for (int i = 0; i < across; ++i) rows[index(i, j)] = std::max({v[index(i - 1, j)], v[index(i, j)], v[index(i + 1, j)]});
-  for (int j = 0; j < across; ++j)
-    for (int i = 0; i < across; ++i) v[index(i, j)] = std::max({rows[index(i, j - 1)], rows[index(i, j)], rows[index(i, j + 1)]});
-}
+constexpr float kMargin = 3;    // of measured curvature, for what a finer grid would find
+constexpr int kPostsACell = 4;  // of a map, along a side: more take too long to look at
 
 }  // namespace
 
@@ -42,7 +29,7 @@ Samples::Samples(const terrain::Terrain& terrain, const Frame& frame, Point2 low
 }
 
 void Samples::add(Point2 corner, int bits, int cellBits) {
-  tiles_.push_back(std::make_unique<Tile>(Tile{corner, bits, cellBits, {}, {}, {}}));
+  tiles_.push_back(std::make_unique<Tile>(Tile{.corner = corner, .bits = bits, .cellBits = cellBits}));
   count_ += tiles_.back()->count();
 }
 
@@ -55,7 +42,7 @@ void Samples::refine(const Block& at) {
   add({tile.corner.x + (i << shift), tile.corner.z + (j << shift)}, tile.bits - 1, Tile::kBlockBits + 1);
 }
 
-bool Samples::proves() const { return map_ && spacing() <= map_->shape().pitch; }
+bool Samples::proves() const { return map_ && spacing() <= kPostsACell * map_->shape().pitch; }
 
 void Samples::fill(std::size_t number) {
   Tile& tile = *tiles_[number];
@@ -65,7 +52,7 @@ void Samples::fill(std::size_t number) {
   x.resize(size);
   z.resize(size);
   tile.height.resize(size);
-  tile.slack.resize(size);
+  tile.slack.assign(static_cast<std::size_t>(tile.blocks()) * static_cast<std::size_t>(tile.blocks()), 0.0f);
   const lattice::Point corner = frame_.global(tile.corner);
   const int shift = tile.bits + frame_.unitBits;
   for (int j = 0; j < across; ++j)
@@ -74,26 +61,31 @@ void Samples::fill(std::size_t number) {
       z[tile.index(i, j)] = corner.z + (Step{j} << shift);
     }
   terrain_.heights(x, z, tile.height);
-  if (shift == 0) {  // every point of the lattice
-    std::ranges::fill(tile.slack, 0.0f);
-    return;
-  }
+  if (shift == 0) return;  // every point of the lattice
   if (proves())
     prove(tile);
   else
     measure(tile);
+  tile.most = *std::ranges::max_element(tile.slack);
 }
 
 void Samples::measure(Tile& tile) const {
-  const int across = tile.across(), cells = tile.cells();
+  const int across = tile.across(), cells = tile.cells(), side = 1 << Tile::kBlockBits;
+  thread_local std::vector<float> bend;
+  bend.resize(tile.count());
   for (int j = 0; j < across; ++j)
     for (int i = 0; i < across; ++i) {
       const int a = std::clamp(i, 1, cells - 1), b = std::clamp(j, 1, cells - 1);
       const auto h = [&](int p, int q) { return tile.height[tile.index(a + p, b + q)]; };
-      tile.slack[tile.index(i, j)] =
-          kMargin / 8 * (std::abs(h(-1, 0) - 2 * h(0, 0) + h(1, 0)) + std::abs(h(0, -1) - 2 * h(0, 0) + h(0, 1)));
+      bend[tile.index(i, j)] = std::abs(h(-1, 0) - 2 * h(0, 0) + h(1, 0)) + std::abs(h(0, -1) - 2 * h(0, 0) + h(0, 1));
     }
-  spread(tile.slack, across);
+  for (int j = 0; j < tile.blocks(); ++j)
+    for (int i = 0; i < tile.blocks(); ++i) {
+      float most = 0;
+      for (int row = j * side; row <= (j + 1) * side; ++row)
+        for (int column = i * side; column <= (i + 1) * side; ++column) most = std::max(most, bend[tile.index(column, row)]);
+      tile.slack[tile.block(i, j)] = kMargin / 8 * most;
+    }
 }
 
 // Along a row of posts a, b, c, d the bicubic (Catmull-Rom) is a cubic between b and c whose second derivative runs straight from
@@ -104,7 +96,7 @@ void Samples::prove(Tile& tile) const {
   const terrain::RasterShape& shape = map_->shape();
   const Step side = Step{1} << (tile.bits + frame_.unitBits);
   const lattice::Point corner = frame_.global(tile.corner);
-  const auto cells = static_cast<std::size_t>(tile.cells()) + 2;  // with those around the tile
+  const auto cells = static_cast<std::size_t>(tile.cells());
   // The posts around a cell along one axis, and where in their interval it lies.
   struct Span {
     std::size_t first, last;  // intervals
@@ -112,10 +104,10 @@ void Samples::prove(Tile& tile) const {
   };
   thread_local std::vector<Span> spanX, spanZ;
   const auto place = [&](Step at, Step origin, std::int64_t& zero, std::vector<Span>& spans) {
-    zero = terrain::between(at - side, origin, shape.pitch).sample - 1;
+    zero = terrain::between(at, origin, shape.pitch).sample - 1;
     spans.resize(cells);
     for (std::size_t k = 0; k < cells; ++k) {
-      const Step begin = at + (static_cast<Step>(k) - 1) * side;
+      const Step begin = at + static_cast<Step>(k) * side;
       const terrain::Between from = terrain::between(begin, origin, shape.pitch),
                              to = terrain::between(begin + side - 1, origin, shape.pitch);
       const auto share = [&](std::int32_t steps) { return static_cast<float>(steps) / static_cast<float>(shape.pitch); };
@@ -149,10 +141,9 @@ void Samples::prove(Tile& tile) const {
     return most * scale;
   };
   // By line of posts and cell.
-  thread_local std::vector<float> alongX, alongZ, bound;
+  thread_local std::vector<float> alongX, alongZ;
   alongX.resize(rows * cells);
   alongZ.resize(columns * cells);
-  bound.resize(cells * cells);
   for (std::size_t j = 0; j < rows; ++j)
     for (std::size_t k = 0; k < cells; ++k) alongX[j * cells + k] = bend(spanX[k], j * columns, 1);
   for (std::size_t i = 0; i < columns; ++i)
@@ -167,12 +158,9 @@ void Samples::prove(Tile& tile) const {
     return 1.125f * middle + 0.125f * outer;
   };
   for (std::size_t j = 0; j < cells; ++j)
-    for (std::size_t i = 0; i < cells; ++i) bound[j * cells + i] = blended(alongX, spanZ[j], i) + blended(alongZ, spanX[i], j);
-  // Of the cells around a sample.
-  for (std::int32_t j = 0; j < tile.across(); ++j)
-    for (std::int32_t i = 0; i < tile.across(); ++i) {
-      const float* const cell = &bound[static_cast<std::size_t>(j) * cells + static_cast<std::size_t>(i)];
-      tile.slack[tile.index(i, j)] = std::max({cell[0], cell[1], cell[cells], cell[cells + 1]});
+    for (std::size_t i = 0; i < cells; ++i) {
+      float& slack = tile.slack[tile.block(static_cast<int>(i) >> Tile::kBlockBits, static_cast<int>(j) >> Tile::kBlockBits)];
+      slack = std::max(slack, blended(alongX, spanZ[j], i) + blended(alongZ, spanX[i], j));
     }
 }
 

@@ -1,12 +1,13 @@
 #pragma once
 // Heights over an area, each asked of the terrain once: square tiles of a grid, coarse at first, and finer where refine() is told so.
 //
-// Between its points the grid stands for the surface that is bilinear in each cell. `slack` bounds how far the terrain is from it: for a
-// height map by the second differences of its posts, which bound the curvature of the bicubic between them; for a formula by the second
-// differences of the samples around, with a margin, which is a measurement and no proof.
+// Between its points the grid stands for the surface that is bilinear in each cell. `slack` bounds, block by block, how far the terrain is
+// from it: for a height map by the second differences of its posts, which bound the curvature of the bicubic between them; for a formula
+// by the second differences of the samples, with a margin, which is a measurement and no proof.
 //
 // Frame: units of 2^unitBits steps, relative to an anchor, as the mesh's points; heights in metres. One thread at a time, but for fill().
 
+#include <algorithm>
 #include <compare>
 #include <cstddef>
 #include <cstdint>
@@ -36,9 +37,11 @@ struct Tile {
   static constexpr int kBlockBits = 2;
 
   triangulation::Point2 corner;
-  std::int32_t bits, cellBits;       // its samples are 2^bits units apart, and 2^cellBits + 1 along a side
-  std::vector<float> height, slack;  // metres, along x first
-  std::vector<std::int32_t> finer;   // by block: another tile, or negative; empty: no block is refined
+  std::int32_t bits, cellBits;      // its samples are 2^bits units apart, and 2^cellBits + 1 along a side
+  std::vector<float> height;        // metres, along x first
+  std::vector<float> slack;         // metres, by block
+  float most = 0;                   // slack of the tile
+  std::vector<std::int32_t> finer;  // by block: another tile, or negative; empty: no block is refined
   std::int32_t cells() const { return 1 << cellBits; }
   std::int32_t across() const { return cells() + 1; }
   std::size_t count() const { return static_cast<std::size_t>(across()) * static_cast<std::size_t>(across()); }  // heights
@@ -49,6 +52,12 @@ struct Tile {
   }
   std::size_t block(std::int32_t i, std::int32_t j) const {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(blocks()) + static_cast<std::size_t>(i);
+  }
+  float slackOf(std::int32_t i, std::int32_t j) const { return slack[block(i >> kBlockBits, j >> kBlockBits)]; }  // of a cell
+  // Of the cells around a sample.
+  float slackAround(std::int32_t i, std::int32_t j) const {
+    const std::int32_t left = i > 0 ? i - 1 : 0, up = j > 0 ? j - 1 : 0, right = i < cells() ? i : i - 1, down = j < cells() ? j : j - 1;
+    return std::max(std::max(slackOf(left, up), slackOf(right, up)), std::max(slackOf(left, down), slackOf(right, down)));
   }
 };
 struct Block {
@@ -84,7 +93,7 @@ class Samples {
 
  private:
   void add(triangulation::Point2 corner, int bits, int cellBits);
-  void measure(Tile& tile) const;  // slack
+  void measure(Tile& tile) const;
   void prove(Tile& tile) const;
 
   const terrain::Terrain& terrain_;

@@ -90,6 +90,11 @@ class WriteSet {
   void forEachFill(F&& f) const {
     for (const Fill& t : fill_) f(boundary_[t.a].from, boundary_[t.b].from, boundary_[t.c].from);
   }
+  // The triangles that filled it when it was applied, in the same order.
+  template <class F>
+  void forEachFilled(F&& f) const {
+    for (const Fill& t : fill_) f(t.id);
+  }
 
  private:
   friend class Triangulation;

@@ -193,7 +193,7 @@ TEST(BoxMesh, KeepsItsErrorInRandomBoxes) {
 
 TEST(BoxMesh, DependsOnTheQuestionAlone) {
   const auto terrain = terrainOf("alpine");
-  const Box box = boxAt(0, 0, 200, 150, 1);
+  const Box box = boxAt(0, 0, 400, 300, 0.5);
   const auto one = make(*terrain, box, 1);
   for (const unsigned threads : {2u, 8u}) {
     const auto other = make(*terrain, box, threads);

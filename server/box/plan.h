@@ -1,0 +1,29 @@
+#pragma once
+// What follows from a box before any height is known: area, units, spacings.
+
+#include <array>
+#include <cstdint>
+
+#include "common/lattice/lattice.h"
+#include "common/terrain/terrain.h"
+#include "server/box/box_mesh.h"
+#include "server/box/samples.h"
+#include "server/triangulation/predicates.h"
+
+namespace ridgecast::box {
+
+struct Plan {
+  double error;              // metres
+  std::uint32_t most;        // triangles
+  int vertical = 0;          // spacing of vertices' heights, as a power of two in steps
+  lattice::Point low, high;  // the box, widened
+  Frame frame;
+  std::uint64_t samples;                         // at most
+  int bits = 0;                                  // of the first samples, as a power of two in units
+  std::array<triangulation::Point2, 4> corners;  // of the box, counter-clockwise from the lowest
+
+  // `map`: of the terrain, if it is one.
+  Plan(const Box& box, const terrain::Raster* map, std::uint32_t mostTriangles);
+};
+
+}  // namespace ridgecast::box
