@@ -371,6 +371,8 @@ void Stream::accepted(error_code ec) {
   if (ec || stage_ != Stage::kAccepting) return end();
   stage_ = Stage::kOpen;
   if (!shared_->takesStreams || session_->isRetired()) return goAway();  // since meanwhile
+  judge();                                                               // tokens may have been reloaded meanwhile
+  if (stage_ != Stage::kOpen) return;
   auto place = session_->enter();
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
@@ -381,7 +383,6 @@ void Stream::accepted(error_code ec) {
       self.fail(metrics::Refusal::kTimeout,
                 {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self.shared_->settings.timeout.count()) + " ms."});
   });
-  expireInTime();
   read();
 }
 

@@ -5,6 +5,8 @@
 
 #include <chrono>
 #include <fstream>
+#include <future>
+#include <latch>
 #include <memory>
 #include <string>
 #include <thread>
@@ -317,6 +319,34 @@ TEST_F(AccessTest, ReloadingEndsTheStreamsOfWithdrawnTokens) {
   pose.sequence = 1;
   (*kept)->send(pose);
   EXPECT_TRUE((*kept)->receive(testing_support::kTimeout));
+}
+
+// Its world is being made while the tokens are reloaded: the stream does not exist yet when all others are judged again.
+TEST_F(AccessTest, ReloadingEndsAStreamThatIsStillBeingOpened) {
+  const access::NewToken goes = access::makeToken({"b", access::Rights::all(), "", {}}),
+                         stays = access::makeToken({"a", access::Rights::all(), "", {}});
+  settings.tokens.tokens = file("tokens", stays.line + "\n" + goes.line);
+  settings.worldJobs.threads = 2;
+  start();
+  std::latch begun(2), reloaded(1);
+  resources->makeTerrain = [&](const session::WorldSpec& spec, const std::stop_token&) {
+    begun.count_down();
+    reloaded.wait();
+    return terrain::create("alpine", spec.seed);
+  };
+  const auto open = [&](const std::string& token, const std::string& name) {
+    return std::async(std::launch::async, [=, this] { return connect(server->url() + "/?session=" + name + "&terrain=slow", "", token); });
+  };
+  auto lost = open(goes.token, "lost"), kept = open(stays.token, "kept");
+  begun.wait();
+  file("tokens", stays.line);
+  EXPECT_FALSE(server->reload());
+  reloaded.count_down();
+  const auto refused = lost.get(), flying = kept.get();
+  ASSERT_FALSE(refused) << "it flies with a withdrawn token";
+  EXPECT_THAT(refused.error().message, HasSubstr("The token was withdrawn."));
+  ASSERT_TRUE(flying) << flying.error().message;
+  EXPECT_EQ(refusals(metrics::Refusal::kToken), 1u);
 }
 
 TEST_F(AccessTest, TlsIsVerifiedByTheClientAndReloaded) {
