@@ -153,7 +153,7 @@ bool Conversation::hasWork(std::size_t queuedBytes) const {
 std::optional<Conversation::Time> Conversation::due(std::size_t queuedBytes) const {
   if (!hasWork(queuedBytes)) return {};
   if (!runs()) return Time::min();
-  return std::max(pace_.limits() ? pace_.free() : Time::min(), replica_.owes() ? repairs_.free() : Time::min());
+  return std::max(pace_.limits() ? pace_.free() : Time::min(), replica_.owes() ? terms_.repairs->free() : Time::min());
 }
 
 Work Conversation::next(std::size_t queuedBytes) {
@@ -200,7 +200,7 @@ std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::Lea
 void Conversation::sent(const wire::Iteration& iteration, Time now) {
   pace_.sent(now, 200 + 12 * iteration.gone.size() + payloadBytes(iteration.whole, 24) + payloadBytes(iteration.changed, 16),
              iteration.figures.inserted);
-  if (repairing_) repairs_.spend(now, payloadBytes(iteration.whole, 24));
+  if (repairing_) terms_.repairs->spend(now, payloadBytes(iteration.whole, 24));
   if (iteration.candidates) pace_.sent(now, kBytesACandidate * iteration.candidates->size(), 0);
 }
 

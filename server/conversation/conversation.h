@@ -6,7 +6,7 @@
 //
 // receive() takes a message in. due() says when there is work and next() takes it out. The caller reports its result by greeted(),
 // iterated() and sent(). No lock, thread, clock or socket: the time, and the bytes queued for the client, are arguments. The same calls
-// give the same answers.
+// give the same answers, except that they may wait for what the client's other connections repair (Terms::repairs).
 //
 // Free pacing: the newest pose wins. Iterations continue while the client has room and the pose is new or the mesh is not at rest. The
 // first iteration for a pose is always sent, later ones only if they change something; that the mesh is at rest is sent once.
@@ -24,6 +24,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <span>
 #include <variant>
@@ -49,6 +50,8 @@ struct Terms {
   std::uint32_t window = replica::kDefaultWindow;
   std::size_t maxQueuedBytes = 8u << 20;
   std::optional<terrain::RasterShape> heightMap;  // its tiles may be requested
+  // Of leaves sent again, on all connections of this client.
+  std::shared_ptr<SharedBudget> repairs = std::make_shared<SharedBudget>(kRepairBytesPerSecond);
 };
 
 // What to do next.
@@ -133,8 +136,7 @@ class Conversation {
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;
   Pace pace_;
-  Budget repairs_{kRepairBytesPerSecond};  // of leaves sent again
-  bool repairing_ = false;                 // the current iteration sends leaves again
+  bool repairing_ = false;  // the current iteration sends leaves again
 };
 
 }  // namespace ridgecast::conversation

@@ -1,9 +1,11 @@
 #pragma once
-// Budgets: so much a second. One expense may overdraw a budget; the next waits until that is paid back. Not thread-safe.
+// Budgets: so much a second. One expense may overdraw a budget; the next waits until that is paid back. Not thread-safe but for
+// SharedBudget.
 
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
+#include <mutex>
 
 namespace ridgecast::conversation {
 
@@ -30,6 +32,24 @@ class Budget {
 
   std::uint64_t rate_;
   Clock::time_point free_{};
+};
+
+// Spent by all connections of a client. Any thread.
+class SharedBudget {
+ public:
+  explicit SharedBudget(std::uint64_t perSecond) : budget_(perSecond) {}
+  Budget::Clock::time_point free() const {
+    const std::lock_guard lock(mutex_);
+    return budget_.free();
+  }
+  void spend(Budget::Clock::time_point now, std::uint64_t amount) {
+    const std::lock_guard lock(mutex_);
+    budget_.spend(now, amount);
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  Budget budget_;
 };
 
 // Limits how fast one client's iterations leave, by their bytes. Detail is what a slow connection postpones: an iteration may insert as

@@ -127,8 +127,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     }
     auto judged = shared_->filter.judge(request);
     const auto* grant = std::get_if<access::Grant>(&judged);
-    const std::string who =
-        grant && !grant->name.empty() ? "token of " + grant->name : "address " + access::toText(access::household(client));
+    const std::string who = counted_.client(grant ? *grant : access::Grant());
     request.client = who;
     if (grant) request.rights = grant->rights;
     Answer a = grant ? answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes) : std::get<Answer>(std::move(judged));

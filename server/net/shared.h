@@ -107,6 +107,10 @@ class Counted {
     if (shared_) --number();
   }
   Kind kind() const { return kind_; }
+  // Whose connection it is, of those that are served: the token's holder, without a token the household of the address.
+  std::string client(const access::Grant& grant) const {
+    return grant.name.empty() ? "address " + access::toText(place_->who()) : "token of " + grant.name;
+  }
   // Counts the connection for this client from now on. False: the client has too many.
   bool belongsTo(const access::Address& client) {
     if (place_ && place_->who() == access::household(client)) return true;

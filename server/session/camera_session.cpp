@@ -48,7 +48,8 @@ conversation::Terms termsOf(const Session& session, const CameraPlace& place) {
                             },
                             limits.window,
                             limits.maxQueuedBytes,
-                            {}};
+                            {},
+                            {place.budgets, &place.budgets->repairs}};
   if (const terrain::Raster* raster = session.terrain()->raster(); raster && limits.sendsTerrain) terms.heightMap = raster->shape();
   return terms;
 }
@@ -119,7 +120,7 @@ CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
 }
 
 CameraSession::Refusal CameraSession::attend(wire::Query& query) {
-  if (!queries_) queries_ = std::make_shared<Queries>(session_, sender_);
+  if (!queries_) queries_ = std::make_shared<Queries>(session_, sender_, place_.budgets);
   if (queries_->ask(std::move(query))) return {};
   return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
                                              " queries wait for their answers: send the next when one has arrived."};

@@ -1,16 +1,31 @@
 #pragma once
-// Places for a server's cameras, and the triangles set aside for each.
+// Places for a server's cameras, the triangles set aside for each, and what all cameras of one client share.
 //
 // A camera has at least settings::kLeastBudget. Beyond that it is granted what is left once as much is kept for every camera that may still
 // come; at most half of all is kept for those. What a camera was once granted stays set aside until it ends: its mesh keeps its memory.
 
+#include <algorithm>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <mutex>
+#include <string>
 
 #include "common/outcome/outcome.h"
+#include "server/conversation/conversation.h"
 
 namespace ridgecast::session {
+
+// Heights of the terrain that one client's answers take: a fifth of a thread, or a thousand of the farthest rays.
+inline constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
+// The threads of the sockets decode messages, 128 KiB in about a millisecond at worst.
+inline constexpr std::uint64_t kMessageBytesPerSecond = 4u << 20;
+
+// What one client spends on all its connections together. Any thread.
+struct Budgets {
+  conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond}, messages{kMessageBytesPerSecond};
+  conversation::Budget::Clock::time_point free() const { return std::max({queries.free(), repairs.free(), messages.free()}); }
+};
 
 // Any thread.
 class Places : public std::enable_shared_from_this<Places> {
@@ -34,6 +49,9 @@ class Places : public std::enable_shared_from_this<Places> {
   };
   // Error: there are as many cameras as there may be, or no triangles are left for another.
   Outcome<std::shared_ptr<Place>> enter();
+  // `client`: as http::Request::client; empty: nobody, who shares with nobody. They outlive the client's connections until they are paid
+  // back; `now` is a time of the session's timer.
+  std::shared_ptr<Budgets> budgetsOf(const std::string& client, conversation::Budget::Clock::time_point now);
   std::uint32_t cameras() const;
   std::uint64_t triangles() const;  // set aside for all
 
@@ -43,6 +61,7 @@ class Places : public std::enable_shared_from_this<Places> {
   mutable std::mutex mutex_;
   std::uint32_t cameras_ = 0;
   std::uint64_t triangles_ = 0;  // set aside
+  std::map<std::string, std::shared_ptr<Budgets>> budgets_;
 };
 
 }  // namespace ridgecast::session

@@ -7,8 +7,11 @@
 
 namespace ridgecast::session {
 
-Queries::Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender> sender)
-    : session_(std::move(session)), sender_(std::move(sender)), queue_(session_->resources().questions().queries) {}
+Queries::Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender> sender, std::shared_ptr<Budgets> budgets)
+    : session_(std::move(session)),
+      sender_(std::move(sender)),
+      queue_(session_->resources().questions().queries),
+      budgets_(std::move(budgets)) {}
 
 bool Queries::ask(wire::Query query) {
   {
@@ -29,9 +32,7 @@ void Queries::close() {
 
 void Queries::waitForTurn() {
   const Timer& timer = *session_->resources().timer;
-  std::unique_lock lock(mutex_);
-  const auto free = budget_.free();
-  lock.unlock();
+  const auto free = budgets_->queries.free();
   if (free <= timer.now()) return queue_->enter(weak_from_this());
   timer.at(free, [weak = weak_from_this()] {
     if (const auto self = weak.lock()) self->queue_->enter(weak);
@@ -63,8 +64,7 @@ bool Queries::workOnFirst() {
   }
   if (!first->isDone()) {
     const std::uint64_t heights = first->work();
-    const std::lock_guard lock(mutex_);
-    budget_.spend(session_->resources().timer->now(), heights);
+    budgets_->queries.spend(session_->resources().timer->now(), heights);
     return true;
   }
   sender_->send(first->take(), ticketOf(open_));

@@ -2,8 +2,8 @@
 // One member's queries of the true terrain, answered one after another.
 //
 // An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns of kTurn in the pool that the
-// questions of all cameras share; each turn waits for a place of its own behind everybody else's (Questions). It costs a budget of
-// kHeightsPerSecond; what exceeds it waits. Bound: wire::kMaxQueries that wait or whose answers have not left.
+// questions of all cameras share; each turn waits for a place of its own behind everybody else's (Questions). It costs the client's
+// Budgets::queries; what exceeds it waits. Bound: wire::kMaxQueries that wait or whose answers have not left.
 
 #include <atomic>
 #include <chrono>
@@ -12,7 +12,6 @@
 #include <mutex>
 
 #include "common/wire/messages.h"
-#include "server/conversation/pace.h"
 #include "server/query/query.h"
 #include "server/session/place_queue.h"
 #include "server/session/sender.h"
@@ -23,10 +22,8 @@ namespace ridgecast::session {
 class Queries final : public PlaceQueue::Worker, public std::enable_shared_from_this<Queries> {
  public:
   static constexpr std::chrono::milliseconds kTurn{2};
-  // Heights of the terrain that one member's answers take: a fifth of a thread, or a thousand of the farthest rays.
-  static constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
 
-  Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender> sender);
+  Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender> sender, std::shared_ptr<Budgets> budgets);
   bool ask(wire::Query query);  // false: too many are open
   void close();                 // sends nothing more and abandons the work; any thread
 
@@ -39,8 +36,8 @@ class Queries final : public PlaceQueue::Worker, public std::enable_shared_from_
   const std::shared_ptr<const Session> session_;
   const std::shared_ptr<Sender> sender_;
   const std::shared_ptr<PlaceQueue> queue_;
+  const std::shared_ptr<Budgets> budgets_;
   std::mutex mutex_;
-  conversation::Budget budget_{kHeightsPerSecond};
   std::deque<std::unique_ptr<query::Answering>> pending_;                                           // the first is in work while `runs_`
   std::shared_ptr<std::atomic<std::size_t>> open_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
   bool runs_ = false, closed_ = false;

@@ -34,7 +34,7 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       places_(std::move(places)),
       presence_(std::make_shared<Presence>(*resources_->timer)) {}
 
-Outcome<CameraPlace> Session::enter() {
+Outcome<CameraPlace> Session::enter(const std::string& client) {
   const Limits& limits = resources_->limits;
   auto onServer = places_->enter();
   if (!onServer) return onServer.error();
@@ -42,7 +42,8 @@ Outcome<CameraPlace> Session::enter() {
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
-  return CameraPlace{std::move(*onServer), Place(nullptr, [members = members_](const void*) { --*members; })};
+  return CameraPlace{std::move(*onServer), Place(nullptr, [members = members_](const void*) { --*members; }),
+                     places_->budgetsOf(client, resources_->timer->now())};
 }
 
 bool Session::end() {

@@ -101,6 +101,7 @@ inline constexpr std::uint64_t kBytesPerTriangle = 160;  // of a camera's mesh, 
 struct CameraPlace {
   std::shared_ptr<Places::Place> onServer;
   Place inSession;
+  std::shared_ptr<Budgets> budgets;
 };
 
 // Immutable except for its members and their clock; any thread.
@@ -118,8 +119,8 @@ class Session {
   Presence& presence() const { return *presence_; }
   LiveCameras& live() const { return *live_; }
 
-  // Error: the session or the server is full, or the session has just ended.
-  Outcome<CameraPlace> enter();
+  // `client`: whose budgets the camera shares (Places::budgetsOf). Error: the session or the server is full, or the session has just ended.
+  Outcome<CameraPlace> enter(const std::string& client = {});
   // Ends it if it has no members; then nobody can enter.
   bool end();
   // It has a successor: whoever enters now must connect again.

@@ -248,6 +248,44 @@ TEST(Simulated, SessionsInWhichNobodySaidHelloEndWithinSeconds) {
   EXPECT_FALSE(directory->full("address 192.0.2.1"));
 }
 
+TEST(Simulated, RepairsOnManyConnectionsOfOneClientHaveOneBudget) {
+  scheduling::Executor executor(2);
+  auto resources = std::make_shared<Resources>();
+  SimulatedTimer& timer = simulateTime(*resources);
+  resources->executor = &executor;
+  const auto script = std::make_shared<Script>();
+  Script::State large{{}, true};  // more bytes than a quarter of a second's
+  for (int k = 0; k < 10'000; ++k) large.leaves[{0, k % 100, k / 100}] = 1 + k;
+  script->next = [&](int, const camera::Camera&) { return large; };
+  resources->makeMesh = scriptedMeshes(script);
+  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  const auto session = directory->find(kDefaultName);
+  struct Connection {
+    std::shared_ptr<Client> client = std::make_shared<Client>();
+    std::shared_ptr<CameraSession> camera;
+  };
+  const auto enter = [&](const std::string& holder) {
+    Connection c;
+    c.camera = std::make_shared<CameraSession>(session, session->enter(holder).value(), directory->nextCameraId(), c.client);
+    c.camera->receive(wire::Hello{});
+    c.camera->receive(wire::PoseMessage{1, {}});
+    const auto first = c.client->iteration();
+    if (first) c.camera->receive(wire::Acknowledge{first->number, first->meshHash});
+    return c;
+  };
+  const Connection one = enter("token of lab"), two = enter("token of lab"), other = enter("token of else");
+  one.camera->receive(wire::ResendLeaves{});
+  ASSERT_TRUE(one.client->iteration()) << "the first repair comes at once";
+  two.camera->receive(wire::ResendLeaves{});
+  other.camera->receive(wire::ResendLeaves{});
+  EXPECT_TRUE(other.client->iteration()) << "another client's";
+  ASSERT_TRUE(testing_support::await([&] { return timer.pending() == 1 || two.client->sent() > 1; }));
+  EXPECT_EQ(two.client->sent(), 1u) << "it has a budget of its own";
+  timer.advance(10s);
+  EXPECT_TRUE(two.client->iteration());
+  for (const Connection& c : {one, two, other}) c.camera->close();
+}
+
 // A member who asks for 256 rays at a time, none of which meets the ground within 100 km: nearly a quarter of a second of the budget.
 class SimulatedQueries : public testing::Test {
  protected:
@@ -273,11 +311,14 @@ class SimulatedQueries : public testing::Test {
     camera->close();
     EXPECT_EQ(asker->errors, refused);
   }
-  void askForLongRays(int queries) {
+  static wire::Query longRays() {
     wire::Query query;
     query.kind = wire::QueryKind::kRays;
     query.rays.assign(256, {.y = 5000, .directionX = 1, .directionY = 1, .reach = 1e5});
-    for (int k = 0; k < queries; ++k) camera->receive(query);
+    return query;
+  }
+  void askForLongRays(int queries) {
+    for (int k = 0; k < queries; ++k) camera->receive(longRays());
   }
 
   scheduling::Executor executor{1};
@@ -309,6 +350,35 @@ TEST_F(SimulatedQueries, WhatExceedsAMembersBudgetWaits) {
     testing_support::await([&] { return timer.pending() == 1 || asker->answers == 20; });
   }
   EXPECT_EQ(asker->answers, 20);
+}
+
+TEST_F(SimulatedQueries, ManyConnectionsOfOneClientHaveOneBudget) {
+  const auto session = directory->find(kDefaultName);
+  const auto all = std::make_shared<Asker>(), other = std::make_shared<Asker>();
+  std::vector<std::shared_ptr<CameraSession>> cameras;
+  const auto enter = [&](const std::string& client, const std::shared_ptr<Asker>& sender) {
+    const int worlds = sender->worlds + 1;
+    cameras.push_back(std::make_shared<CameraSession>(session, session->enter(client).value(), 2 + cameras.size(), sender));
+    cameras.back()->receive(wire::Hello{});
+    ASSERT_TRUE(testing_support::await([&] { return sender->worlds == worlds; }));
+    for (int k = 0; k < 3; ++k) cameras.back()->receive(longRays());
+  };
+  constexpr int kConnections = 8;
+  for (int k = 0; k < kConnections; ++k) enter("token of lab", all);
+  ASSERT_TRUE(testing_support::await([&] { return timer.pending() == kConnections; }));
+  EXPECT_LE(all->answers, 2) << "each has a budget of its own";
+  enter("address 192.0.2.1", other);
+  ASSERT_TRUE(testing_support::await([&] { return timer.pending() == kConnections + 1; })) << "it pays for the others";
+  EXPECT_GE(other->answers, 1);
+  const int before = all->answers;
+  for (const auto& one : cameras) one->close();
+  cameras.clear();
+  enter("token of lab", all);
+  ASSERT_TRUE(testing_support::await([&] { return timer.pending() == kConnections + 3; })) << "and memory is given back";
+  EXPECT_EQ(all->answers, before) << "who connects again owes nothing";
+  timer.advance(10s);
+  EXPECT_TRUE(testing_support::await([&] { return all->answers > before; }));
+  cameras.back()->close();
 }
 
 TEST_F(SimulatedQueries, LongRaysLeaveOthersTheirTurns) {
