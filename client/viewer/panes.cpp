@@ -11,26 +11,7 @@ namespace ridgecast::viewer {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-constexpr std::uint32_t kCoarsest = 16;
-constexpr double kKeepsUp = 0.7;                 // of the budget: what was too late for the correction comes back within this
 constexpr std::chrono::milliseconds kRest{400};  // after this time without a change the mesh is drawn in full
-
-// The view with one sample for a square of n x n pixels, at least one.
-render::View coarser(const render::View& view, std::uint32_t n) {
-  render::View out = view;
-  out.camera.projection.width = std::max(1u, view.camera.projection.width / n);
-  out.camera.projection.height = std::max(1u, view.camera.projection.height / n);
-  return out;
-}
-
-double samplesOf(const render::View& view) { return static_cast<double>(view.camera.projection.width) * view.camera.projection.height; }
-
-// The finest power of two that fits the budget, by the cost of a sample so far.
-std::uint32_t fitting(const render::View& view, double perSample, std::chrono::milliseconds budget) {
-  std::uint32_t n = 1;
-  while (n < kCoarsest && samplesOf(coarser(view, n)) * perSample > static_cast<double>(budget.count())) n *= 2;
-  return n;
-}
 
 // Keeps `layer` if it already has that size.
 Outcome<void> fit(std::optional<Layer>& layer, const render::View& view, std::uint32_t coarseness, bool carried = false) {
@@ -66,11 +47,6 @@ Outcome<void> MeshPane::fitBefore() {
   return render::fit(second_, size.width(), size.height(), passes_.mesh.shaded());
 }
 
-bool MeshPane::correctsInTime(const render::View& samples, std::chrono::milliseconds budget) const {
-  const double milliseconds = samplesOf(samples) * (perSample_ + perCorrection_);
-  return milliseconds <= (corrected_ ? 1 : kKeepsUp) * static_cast<double>(budget.count());
-}
-
 Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving) {
   const double now = nowInSeconds();
   const bool wasActive = morph_.active();
@@ -81,9 +57,9 @@ Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& sce
   const bool morphing = morph_.active() || wasActive || morph_.version() != shownVersion_;
   const bool refining = morphing || Clock::now() - sceneChanged_ < kRest, rests = !moving && !refining;
   const std::chrono::milliseconds budget = moving ? kMeshBudget : kRefiningBudget;
-  const std::uint32_t coarseness = rests ? 1 : fitting(view, perSample_, budget);
+  const std::uint32_t coarseness = rests ? 1 : cost_.coarseness(view, budget);
   const render::View samples = coarser(view, coarseness);
-  const bool corrects = mayCorrect_ && (rests || correctsInTime(samples, budget));
+  const bool corrects = mayCorrect_ && (rests || cost_.correctsInTime(samples, budget));
   const bool fits = layer_ && layer_->coarseness == coarseness && layer_->canvas.width() == samples.camera.projection.width &&
                     layer_->canvas.height() == samples.camera.projection.height && corrects == corrected_;
   if (fits && !moving && !morphing && !restructured_) return refining && (coarseness > 1 || corrects != mayCorrect_);
@@ -117,14 +93,13 @@ Outcome<void> MeshPane::draw(const render::View& samples, bool corrects, double 
     passes_.correction.correct(samples, layer_->surface, *first_);
     glFinish();
     correction = 1e3 * secondsSince(drawn);
-    perCorrection_ = correction / samplesOf(samples);
   }
   passes_.shade.shade(samples, corrects ? *first_ : layer_->surface, layer_->canvas);
   passes_.structure.draw(samples, passes_.mesh, layer_->surface, layer_->canvas, structure_);
   glFinish();
   corrected_ = corrects;
   milliseconds_ = 1e3 * secondsSince(began);
-  perSample_ = (milliseconds_ - correction) / samplesOf(samples);
+  cost_.drew(samples, milliseconds_, correction);
   return {};
 }
 

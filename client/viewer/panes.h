@@ -14,6 +14,7 @@
 #include "client/render/renderer.h"
 #include "client/render/structure_pass.h"
 #include "client/render/surface.h"
+#include "client/viewer/mesh_cost.h"
 
 namespace ridgecast::viewer {
 
@@ -57,7 +58,6 @@ class MeshPane {
 
  private:
   Outcome<void> fitBefore();
-  bool correctsInTime(const render::View& samples, std::chrono::milliseconds budget) const;
   Outcome<void> draw(const render::View& samples, bool corrects, double now);
   Passes& passes_;
   render::Morph morph_;
@@ -67,7 +67,8 @@ class MeshPane {
   std::optional<render::Surface> first_, second_;  // of the layer's size, while the mesh morphs or is corrected
   std::uint64_t sceneVersion_ = ~std::uint64_t{0}, shownVersion_ = ~std::uint64_t{0};
   std::chrono::steady_clock::time_point sceneChanged_{};
-  double milliseconds_ = 0, perSample_ = 0, perCorrection_ = 0;  // the last two for a sample
+  double milliseconds_ = 0;
+  MeshCost cost_;
 };
 
 class MarchPane {
