@@ -187,7 +187,8 @@ TEST(Memory, EverybodyFliesOnASmallServerAndTheNextIsRefused) {
   EXPECT_LE(granted, triangles);
   for (const auto& flier : fliers) {
     camera::Camera camera;
-    camera.pose.y = 1500;
+    camera.pose.y = 2500;
+    camera.pose.pitch = -0.4;
     std::uint64_t held = 0;
     for (std::uint32_t step = 1; step <= steps && held < flier->world().settings.triangleBudget * 0.95; ++step) {
       if (step <= 4) camera.pose.x += 200;
