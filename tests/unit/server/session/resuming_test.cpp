@@ -10,7 +10,6 @@ namespace ridgecast::session {
 namespace {
 
 using namespace std::chrono_literals;
-using testing::HasSubstr;
 using wire::ErrorCode;
 
 TEST_F(SessionTest, ABudgetOfBytesSpacesIterations) {
