@@ -20,10 +20,14 @@ std::shared_ptr<const terrain::Terrain> builtInOf(const wire::World& world) {
   return own && terrain::contentHash(**own) == world.contentHash ? *own : nullptr;
 }
 
+// Whether the text is one that this client makes of a height map's shape.
+bool isRasterText(const wire::World& world) { return world.heightMap && world.terrainSource == terrain::rasterSource(*world.heightMap); }
+
 }  // namespace
 
 bool compilesForeignText(const wire::World& world, bool remoteShaders) {
-  return remoteShaders && !world.terrainSource.empty() && !world.heightMap && !world.shadedVertices && !builtInOf(world);
+  if (world.terrainSource.empty() || world.shadedVertices || builtInOf(world)) return false;
+  return remoteShaders || isRasterText(world);
 }
 
 Drawing drawingOf(const wire::World& world, bool remoteShaders) {
@@ -35,8 +39,7 @@ Drawing drawingOf(const wire::World& world, bool remoteShaders) {
             nullptr,
             "the server keeps its terrain's text to itself; drawing the colours and normals that come with the mesh, without a ray march"};
   if (world.terrainSource.empty()) return neutral("the server keeps its terrain's text to itself");
-  const bool own = world.heightMap && world.terrainSource == terrain::rasterSource(*world.heightMap);
-  if (!own && !remoteShaders) return neutral("the terrain's text came from the server and --no-remote-shaders refuses it");
+  if (!isRasterText(world) && !remoteShaders) return neutral("the terrain's text came from the server and --no-remote-shaders refuses it");
   const TerrainText text{world.terrainSource, world.seed, false, false, world.heightMap.has_value()};
   if (world.heightMap) {
     if (auto shade = ShadePass::create(text); !shade) return neutral(shade.error().message);

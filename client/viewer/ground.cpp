@@ -5,8 +5,11 @@
 
 namespace ridgecast::viewer {
 
-Ground::Ground(const render::Drawing& drawing, replica::Client& client)
-    : client_(client), terrain_(drawing.terrain), tiles_(drawing.window) {
+Ground::Ground(const render::Drawing& drawing, replica::Client& client) : client_(client) { know(drawing); }
+
+void Ground::know(const render::Drawing& drawing) {
+  terrain_ = drawing.terrain;
+  tiles_ = drawing.window;
   if (tiles_) texture_.emplace(tiles_->shape());
 }
 

@@ -13,8 +13,8 @@ namespace ridgecast::viewer {
 class Ground {
  public:
   Ground(const render::Drawing& drawing, replica::Client& client);
-  // The terrain, which was not known so far; no height map.
-  void know(const render::Drawing& drawing) { terrain_ = drawing.terrain; }
+  // The terrain, which was not known so far. A height map's tiles are then fetched by follow().
+  void know(const render::Drawing& drawing);
   bool hasFunction() const { return terrain_ != nullptr; }
   // Metres, of the mesh where the terrain is not known; empty if neither is.
   std::optional<double> height(lattice::Point p) const;

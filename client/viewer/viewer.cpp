@@ -10,7 +10,6 @@
 #include <cstdio>
 #include <list>
 #include <string>
-#include <thread>
 #include <tuple>
 #include <utility>
 
@@ -28,16 +27,6 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr double kMoment = 0.7;  // seconds: shorter waits are not reported
-
-// Fetches the heights around the start. Gives up after five seconds; they arrive later then.
-Outcome<void> fetchGround(Link& link, scene::HeightWindow& window, lattice::Point at) {
-  window.moveTo(at);
-  for (const auto began = Clock::now(); !window.complete() && Clock::now() - began < std::chrono::seconds(5);) {
-    if (auto exchanged = link.client->exchangeTiles(window); !exchanged) return exchanged.error();
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  }
-  return {};
-}
 
 // Opens the connection. Shows in the window what it waits for, if that takes more than a moment. Empty if the window was closed meanwhile
 // or the time is over.
@@ -172,8 +161,6 @@ int view(const ViewOptions& given) {
     if (!passes) return fail(kNoGraphics, passes.error());
     std::fprintf(stderr, "viewing %s, seed %u, %s; H lists the keys\n", world.terrainName.c_str(), world.seed,
                  render::contextDescription().c_str());
-    if (drawing.window)
-      if (auto fetched = fetchGround(*link, *drawing.window, start.at); !fetched) return fail(kRuntimeFailure, fetched.error());
     WorldWindow::Ending ending = [&] {
       WorldWindow inside(options, start, **window, std::move(*link), drawing, std::move(*passes), state, compiling);
       return inside.run(began);

@@ -456,6 +456,23 @@ TEST_F(Window, AWorldThatTheServerHasToCompileIsWaitedForAndEscGivesUp) {
   EXPECT_NE(viewer_->output().find("went away while it prepared the terrain"), std::string::npos) << viewer_->output();
 }
 
+TEST_F(Window, AHeightMapIsCompiledBesideTheWindow) {
+  std::ofstream map(folder_ / "hills.r16", std::ios::binary);
+  for (int k = 0; k < 200 * 200; ++k) map.put(static_cast<char>(k % 200)).put(static_cast<char>(k / 200 % 40));
+  map.close();
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain", (folder_ / "hills.r16").string(), "--raster", "size=200x200", "--raster", "pitch=25",
+                                          "--raster", "scale=0.05", "--raster", "edge=mirror"});
+  open({"--threshold", "20", "--reduced-motion"}, server.url());
+  ASSERT_TRUE(opened()) << viewer_->output();
+  EXPECT_TRUE(says("the graphics driver compiles hills")) << viewer_->output();
+  ASSERT_TRUE(says("drawn with hills's own colours")) << viewer_->output();
+  press({"f", "1"});
+  const render::Picture mesh = rested();
+  press({"2"});
+  EXPECT_LT(compare(mesh, rested()).moved, 0.2) << "the ray march has the heights, too";
+  close();
+}
+
 // A terrain that takes the driver seconds: the window is there before, can be closed meanwhile, and then gets the terrain's colours.
 TEST_F(Window, WhileTheDriverCompilesTheMeshIsThereAndTheWindowCloses) {
   std::string text = readText(RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl");
