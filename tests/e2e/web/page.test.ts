@@ -130,6 +130,7 @@ test('when the camera rests, coarse pictures go finer in steps', async (t) => {
   // The last picture before the finest has blocks of at most 4 x 4 pixels; MEASURE=1 asks for it in half a second.
   const rested = steps.filter(([at]) => at > 0), fine = rested.find(([, n]) => n <= 4);
   assert.ok((steps.at(-2)?.[1] ?? 1) <= 4, 'from coarse blocks to the finest picture at once');
+  rested.forEach(([, n], k) => assert.ok(k === 0 || n >= 4 || rested[k - 1]![1] <= 4, `from ${rested[k - 1]?.[1]} to ${n}: large blocks stay longer`));
   if (process.env['MEASURE']) assert.ok(!fine || fine[0] <= 500, `${fine?.[0]} ms`);
   assert.deepEqual(viewer.complaints, []);
   await viewer.close();

@@ -362,7 +362,7 @@ export class MarchPane extends Pane {
     return 4 * REFINING_BUDGET;
   }
   protected override nextCoarseness(): number {
-    return Math.max(1, this.coarseness / 4);
+    return this.coarseness > AT_REST ? AT_REST : Math.max(1, this.coarseness / 4); // 8 to 2 would keep large blocks four times as long
   }
   protected override draw(job: Job, tools: Tools, _look: Look, only: Rectangle): void {
     tools.programs.march.run(tools.renderer, job.layer.surface, only);
