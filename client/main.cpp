@@ -3,7 +3,9 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <charconv>
+#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <functional>
@@ -19,6 +21,7 @@
 #include "client/viewer/viewer.h"
 #include "common/camera/path.h"
 #include "common/settings/settings.h"
+#include "common/text/text.h"
 #include "common/version/version.h"
 
 namespace {
@@ -251,17 +254,71 @@ Run evaluateCommand(CLI::App& command) {
   };
 }
 
+struct SnapshotWords {
+  std::string box;
+  snapshot::Offline offline;
+  bool project = false;
+};
+
+// "all", or x0,z0,x1,z1.
+Outcome<void> parseBox(std::string_view text, snapshot::SnapshotOptions& out) {
+  if (text.empty()) return {};
+  out.wholeMap = text == "all";
+  if (out.wholeMap) return {};
+  std::array<double, 4> corners{};
+  std::string_view rest = text;
+  for (double& corner : corners) {
+    const auto number = text::number<double>(text::takePart(rest, ','));
+    if (!number || std::abs(*number) > 1e15) return Error{"--box: '" + std::string(text) + "' is not X0,Z0,X1,Z1 in metres, or all"};
+    corner = *number;
+  }
+  if (!rest.empty()) return Error{"--box: '" + std::string(text) + "' has more than the four numbers X0,Z0,X1,Z1"};
+  out.box = corners;
+  return {};
+}
+
+// A terrain of one's own instead of a server's.
+void addOffline(CLI::App& command, SnapshotWords& words) {
+  snapshot::Offline& offline = words.offline;
+  auto* const terrain =
+      command
+          .add_option("--terrain", offline.terrain,
+                      "without a server: of this terrain, a name, NAME.glsl, or a height map (.tif, .png, .asc, .hgt, .r16)")
+          ->type_name("NAME|FILE")
+          ->excludes(command.get_option("url"))
+          ->excludes(command.get_option("--camera"));
+  command.add_option("--seed", offline.seed, "seed of that terrain")->needs(terrain)->capture_default_str();
+  command.add_option("--param", offline.parameters, "a parameter of that terrain; repeatable")
+      ->needs(terrain)
+      ->allow_extra_args(false)
+      ->type_name("NAME=NUMBER");
+  command.add_option("--raster", offline.raster, "how to read a height map, as of ridgecast-server; repeatable")
+      ->needs(terrain)
+      ->allow_extra_args(false)
+      ->type_name("NAME=VALUE");
+  command.add_flag("--project", words.project, "lay a height map in degrees on the tangent plane at its middle: --raster project=local")
+      ->needs(terrain);
+  command.add_option("--terrain-dir", offline.folder, "folder of terrain files")->needs(terrain)->type_name("DIR");
+  command.add_option("--max-triangles", offline.triangles, "largest file, in triangles")
+      ->needs(terrain)
+      ->check(within(10'000, 20'000'000))
+      ->capture_default_str();
+  command.add_option("--server", offline.program, "server program; default: ridgecast-server beside this one")
+      ->needs(terrain)
+      ->type_name("FILE");
+}
+
 // The server checks the limits. Here: only what could not be sent as a number.
 Run snapshotCommand(CLI::App& command) {
   const auto shared = std::make_shared<Shared>();
+  const auto words = std::make_shared<SnapshotWords>();
   const auto shot = std::make_shared<snapshot::SnapshotOptions>();
   addShared(command, *shared, false);
   const auto any = within(-1e15, 1e15);
-  command.add_option("--out", shot->out, "the file to write")->required()->type_name("FILE.glb");
+  command.add_option("--out", shot->out, "the file to write: .glb, .ply or .obj")->required()->type_name("FILE");
   auto* camera = command.add_option("--camera", shot->camera, "snapshot of what this camera's client holds")->type_name("ID");
-  auto* box = command.add_option("--box", shot->box, "snapshot of this box, in metres: X0 Z0 X1 Z1")
-                  ->delimiter(',')
-                  ->type_name("X0,Z0,X1,Z1")
+  auto* box = command.add_option("--box", words->box, "snapshot of this box, in metres; all: of a whole height map")
+                  ->type_name("X0,Z0,X1,Z1|all")
                   ->excludes(camera);
   command.add_option("--error", shot->error, "largest vertical error of a box, metres")->needs(box)->check(any)->capture_default_str();
   const auto pose = [&](const char* name, double& value, const char* help) {
@@ -279,14 +336,26 @@ Run snapshotCommand(CLI::App& command) {
       ->excludes(camera)
       ->excludes(box)
       ->capture_default_str();
+  command.add_option("--origin", shot->origin, "where the file's coordinates begin: cell, centre (of the box, or the camera) or world")
+      ->check(CLI::IsMember({"cell", "centre", "world"}).description(""))
+      ->capture_default_str();
+  command
+      .add_option("--texture", shot->texture,
+                  "colours as a picture of so many pixels along the box's longer side, in a .glb; default: of vertices")
+      ->needs(box)
+      ->type_name("PIXELS");
   command.add_flag("--draco", shot->draco, "compress with Draco");
   command.add_flag("!--no-normals", shot->normals, "omit normals");
   command.add_flag("!--no-colours", shot->colours, "omit vertex colours");
   command.add_flag("--metadata", shot->metadata, "write only the metadata, as JSON");
   addNumber(command, "--timeout", shot->timeout, 1, 3600, "timeout for the server, seconds");
   addNumber(command, "--patience", shot->timeout, 1, 3600, "its old name")->group("");
+  addOffline(command, *words);
   return [=] {
     if (auto set = share(*shared, *shot); !set) return fail(kBadInput, set.error());
+    if (auto set = parseBox(words->box, *shot); !set) return fail(kBadInput, set.error());
+    if (words->project) words->offline.raster.emplace_back("project=local");
+    if (!words->offline.terrain.empty()) shot->offline = words->offline;
     return snapshot::snapshot(*shot);
   };
 }
@@ -308,7 +377,7 @@ int main(int argc, char** argv) {
   add(app, run, "fly", "Without a window: fly a path, draw both renderings, compare and measure", flyCommand);
   add(app, run, "picture", "Without a window: a PNG of the settled mesh from one pose", pictureCommand);
   add(app, run, "evaluate", "Fly over all terrains with its own servers: tables, plots and one HTML report", evaluateCommand);
-  add(app, run, "snapshot", "A glTF file of a pose, a live camera or a box, made by the server", snapshotCommand);
+  add(app, run, "snapshot", "A glTF, PLY or OBJ file of a pose, a live camera or a box, by a server or of a terrain", snapshotCommand);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -54,15 +54,16 @@ class Teller {
 
 }  // namespace
 
-std::string target(const SnapshotOptions& o) {
-  std::string out = "/v1/sessions/" + o.url.session + (o.metadata ? "/snapshot.json" : "/snapshot.glb");
-  char next = '?';
+std::string query(const SnapshotOptions& o) {
+  std::string out;
   const auto add = [&](const char* name, const std::string& value) {
-    out.append(1, next).append(name).append("=").append(value);
-    next = '&';
+    out.append(out.empty() ? "" : "&").append(name).append("=").append(value);
   };
   if (o.camera) {
     add("camera", std::to_string(*o.camera));
+  } else if (o.wholeMap) {
+    add("box", "all");
+    add("error", number(o.error));
   } else if (o.box) {
     const char* names[4] = {"x0", "z0", "x1", "z1"};
     for (std::size_t k = 0; k < 4; ++k) add(names[k], number((*o.box)[k]));
@@ -82,10 +83,50 @@ std::string target(const SnapshotOptions& o) {
   if (o.draco) add("compression", "draco");
   if (!o.normals) add("normals", "0");
   if (!o.colours) add("colours", "0");
+  if (o.origin != "cell") add("origin", o.origin);
+  if (o.texture > 0) add("texture", std::to_string(o.texture));
   return out;
 }
 
+std::string target(const SnapshotOptions& o) {
+  const std::string ending = o.metadata ? ".json" : o.out.extension() == ".ply" || o.out.extension() == ".obj" ? o.out.extension() : ".glb";
+  return "/v1/sessions/" + o.url.session + "/snapshot" + ending + "?" + query(o);
+}
+
+namespace {
+
+// Becomes the server's program, which says the rest. Returns only if that fails.
+int becomeServer(const SnapshotOptions& options) {
+  const Offline& offline = *options.offline;
+  if (options.metadata && options.out.extension() != ".json") return fail(kBadInput, {"--metadata writes JSON: let --out end in .json"});
+  std::error_code failed;
+  const std::filesystem::path program = offline.program.empty()
+                                            ? std::filesystem::read_symlink("/proc/self/exe", failed).parent_path() / "ridgecast-server"
+                                            : offline.program;
+  std::vector<std::string> words{program.string(),
+                                 "snapshot",
+                                 options.out.string(),
+                                 query(options),
+                                 "--terrain",
+                                 offline.terrain,
+                                 "--seed",
+                                 std::to_string(offline.seed),
+                                 "--max-snapshot-triangles",
+                                 std::to_string(offline.triangles)};
+  for (const std::string& parameter : offline.parameters) words.insert(words.end(), {"--param", parameter});
+  for (const std::string& option : offline.raster) words.insert(words.end(), {"--raster", option});
+  if (!offline.folder.empty()) words.insert(words.end(), {"--terrain-dir", offline.folder.string()});
+  std::vector<char*> arguments;
+  for (std::string& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  execv(program.c_str(), arguments.data());
+  return fail(kBadInput, {"cannot start " + program.string() + ": build ridgecast-server, or name it with --server"});
+}
+
+}  // namespace
+
 int snapshot(const SnapshotOptions& options) {
+  if (options.offline) return becomeServer(options);
   Teller teller;
   const auto made = connection::download(options.url, target(options), options.out,
                                          std::chrono::milliseconds(static_cast<std::int64_t>(options.timeout * 1000)), std::ref(teller));

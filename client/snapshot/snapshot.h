@@ -1,32 +1,49 @@
 #pragma once
-// `ridgecast-client snapshot`: a glTF file of a pose, a live camera or a box, made by the server.
+// `ridgecast-client snapshot`: a file of a pose, a live camera or a box, made by a server; or, without a live camera, by the server's program
+// alone, started for this one file, when a terrain is named (Offline).
 
 #include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "client/connection/connection.h"
 
 namespace ridgecast::snapshot {
 
+// Settings of `ridgecast-server snapshot`.
+struct Offline {
+  std::string terrain;                          // a name, a terrain file or a height map
+  std::vector<std::string> parameters, raster;  // NAME=VALUE
+  std::filesystem::path folder;                 // of terrain files; empty: none
+  std::uint32_t seed = 1;
+  std::uint32_t triangles = 20'000'000;  // at most
+  std::filesystem::path program;         // empty: ridgecast-server beside this one
+};
+
 struct SnapshotOptions {
   connection::Url url;
+  std::optional<Offline> offline;
   std::filesystem::path out;
   std::optional<std::uint64_t> camera;                                  // a live one; otherwise...
-  std::optional<std::array<double, 4>> box;                             // x0, z0, x1, z1 in metres; otherwise the pose
+  std::optional<std::array<double, 4>> box;                             // x0, z0, x1, z1 in metres
+  bool wholeMap = false;                                                // the box of all of a height map; otherwise the pose
   double error = 1;                                                     // metres, of a box
   double x = 0, z = 0, altitude = 120, yaw = 0, pitch = -10, fov = 60;  // metres, degrees
   std::uint32_t width = 1280, height = 720;                             // pixels
   double threshold = 0.6;                                               // pixels
   double colourError = 0;                                               // as of settings::Settings
   bool draco = false, normals = true, colours = true, metadata = false;
-  double timeout = 120;  // seconds
+  std::string origin = "cell";  // as of server/snapshot/question.h
+  std::uint32_t texture = 0;    // pixels; 0: none
+  double timeout = 120;         // seconds
 };
 
 // Path and query of the request.
 std::string target(const SnapshotOptions& options);
+std::string query(const SnapshotOptions& options);
 
 // Reports progress on stderr and what was written on stdout. Exit code: 0 done, 1 failed, with one sentence on stderr.
 int snapshot(const SnapshotOptions& options);

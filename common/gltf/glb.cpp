@@ -56,7 +56,7 @@ class Writer {
  public:
   Writer(const Document& document, Compression compression) : document_(document), compression_(compression) {
     stores_[kPositions].stride = stores_[kNormals].stride = 12;
-    stores_[kColours].stride = 8;
+    stores_[kColours].stride = stores_[kPlaces].stride = 8;
     model_.asset.version = "2.0";
     model_.asset.generator = "Ridgecast";
     scene_.name = "terrain";
@@ -88,7 +88,7 @@ class Writer {
   }
 
  private:
-  enum { kPositions, kNormals, kColours, kShort, kLong, kStores };
+  enum { kPositions, kNormals, kColours, kPlaces, kShort, kLong, kStores };
 
   Outcome<void> add(std::size_t k) {
     const Leaf& leaf = document_.leaves[k];
@@ -175,6 +175,9 @@ class Writer {
       colours.normalized = true;
       primitive.attributes["COLOR_0"] = addAccessor(std::move(colours));
     }
+    if (document_.texture)
+      primitive.attributes["TEXCOORD_0"] =
+          addAccessor(stored(kPlaces, placesOn(*document_.texture, *leaf.mesh), TINYGLTF_TYPE_VEC2, TINYGLTF_COMPONENT_TYPE_FLOAT));
     const int type = indexType(leaf.mesh->vertices.size());
     std::vector<std::array<std::uint16_t, 3>> narrow;
     if (type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT)
@@ -184,6 +187,17 @@ class Writer {
                                                 : stored(kShort, narrow, TINYGLTF_TYPE_SCALAR, type);
     indices.count *= 3;
     primitive.indices = addAccessor(std::move(indices));
+  }
+
+  static std::vector<std::array<float, 2>> placesOn(const Texture& texture, const mesh::LeafMesh& leaf) {
+    std::vector<std::array<float, 2>> places;
+    const auto share = [](lattice::Step at, lattice::Step low, lattice::Step high) {
+      return static_cast<float>(static_cast<double>(at - low) / static_cast<double>(high - low));
+    };
+    for (const mesh::LocalVertex& v : leaf.vertices)
+      places.push_back(
+          {share(leaf.address.x() + v.x, texture.low.x, texture.high.x), share(leaf.address.z() + v.z, texture.low.z, texture.high.z)});
+    return places;
   }
 
   static tinygltf::Accessor described(int type, int component, std::size_t count) {
@@ -248,6 +262,15 @@ class Writer {
       s.view = static_cast<int>(model_.bufferViews.size());
       model_.bufferViews.push_back(std::move(view));
     }
+    if (document_.texture) {
+      tinygltf::BufferView view;
+      view.buffer = 0;
+      view.byteOffset = data.size();
+      view.byteLength = document_.texture->png.size();
+      data.insert(data.end(), document_.texture->png.begin(), document_.texture->png.end());
+      data.resize((data.size() + 3) / 4 * 4);
+      model_.bufferViews.push_back(std::move(view));  // the last
+    }
     for (tinygltf::Accessor& a : model_.accessors)
       if (a.bufferView <= -2) a.bufferView = stores_[static_cast<std::size_t>(-2 - a.bufferView)].view;
     if (!model_.meshes.empty()) {  // glTF does not allow empty buffers, meshes or materials
@@ -255,7 +278,8 @@ class Writer {
       model_.buffers[0].data = std::move(data);
       tinygltf::Material material;
       material.name = "terrain";
-      const bool coloured = std::ranges::any_of(document_.leaves, [](const Leaf& leaf) { return !leaf.colours.empty(); });
+      const bool coloured =
+          document_.texture || std::ranges::any_of(document_.leaves, [](const Leaf& leaf) { return !leaf.colours.empty(); });
       const double grey = coloured ? 1.0 : 0.5;  // rock, unless the file has colours
       material.pbrMetallicRoughness.baseColorFactor = {grey, grey, grey, 1.0};
       material.pbrMetallicRoughness.metallicFactor = 0;
@@ -281,8 +305,11 @@ class Writer {
     std::memcpy(&length, &glb[12], sizeof length);
     nlohmann::json json = nlohmann::json::parse(glb.substr(kText, length));
     nlohmann::json& extras = json["asset"]["extras"] = nlohmann::json::parse(document_.extras);
-    extras["cellX"] = lattice::cellOf(corner_.x);
-    extras["cellZ"] = lattice::cellOf(corner_.z);
+    extras["origin"] = {{"x", metres(corner_.x)}, {"z", metres(corner_.z)}};
+    if (!document_.atOrigin) {
+      extras["cellX"] = lattice::cellOf(corner_.x);
+      extras["cellZ"] = lattice::cellOf(corner_.z);
+    }
     extras["latticeStep"] = lattice::kMetresPerStep;
     for (std::size_t k = 0; k < document_.leaves.size(); ++k) {
       const lattice::LeafAddress& a = document_.leaves[k].mesh->address;
@@ -291,6 +318,12 @@ class Writer {
     thin(json);
     if (json.contains("meshes"))
       for (auto& mesh : json["meshes"]) mesh["primitives"][0].erase("mode");  // triangles
+    if (document_.texture && json.contains("materials")) {                    // tinygltf would pack the picture again
+      json["images"][0] = {{"bufferView", json["bufferViews"].size() - 1}, {"mimeType", "image/png"}};
+      json["samplers"][0] = {{"wrapS", TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE}, {"wrapT", TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE}};
+      json["textures"][0] = {{"source", 0}, {"sampler", 0}};
+      json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", 0}};
+    }
     std::string text = json.dump();
     text.resize((text.size() + 3) / 4 * 4, ' ');
     std::string out;
@@ -303,8 +336,7 @@ class Writer {
 
   const Document& document_;
   const Compression compression_;
-  const lattice::Point corner_{lattice::floorTo(document_.origin.x, lattice::kCellBits),
-                               lattice::floorTo(document_.origin.z, lattice::kCellBits)};
+  const lattice::Point corner_ = originOf(document_);
   tinygltf::Model model_;
   tinygltf::Scene scene_;
   std::array<Store, kStores> stores_;
@@ -313,6 +345,11 @@ class Writer {
 };
 
 }  // namespace
+
+lattice::Point originOf(const Document& document) {
+  if (document.atOrigin) return document.origin;
+  return {lattice::floorTo(document.origin.x, lattice::kCellBits), lattice::floorTo(document.origin.z, lattice::kCellBits)};
+}
 
 Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop, const ForEach& forEach) {
   return Writer(document, compression).write(stop, forEach);

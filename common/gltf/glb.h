@@ -3,11 +3,13 @@
 //
 // One glTF node a leaf, empty ones included (those have no mesh):
 //   node.extras        {level, i, j, side}: the leaf's address, side in metres
-//   node.translation   the leaf's corner (least x and z, y 0) in metres relative to the corner of the file's 4,096 m cell
+//   node.translation   the leaf's corner (least x and z, y 0) in metres relative to the file's origin
 //   POSITION           metres relative to that corner; all are multiples of 1/256 m and exact in a float, compressed or not
 //   NORMAL             unit; compressed: within half a degree
 //   COLOR_0            linear, 16 bits; compressed: 8 bits (see kColourBits)
-//   asset.extras       cellX, cellZ (the cell, integers: metres / 4,096), latticeStep (metres) and what the caller adds
+//   TEXCOORD_0         with a texture alone: 0, 0 at its least x and z
+//   asset.extras       origin {x, z} (metres to add to a coordinate of the file), latticeStep (metres), what the caller adds, and
+//                      cellX, cellZ if the origin is the corner of a 4,096 m cell (integers: metres / 4,096)
 // Triangles are counter-clockwise seen from above. A camera is the only node of the second scene, so that the first scene's nodes have
 // translations alone; its rotation is yaw, then pitch. Equal documents give equal bytes. Pure functions; any thread.
 //
@@ -45,12 +47,22 @@ struct Leaf {
   std::vector<std::array<std::uint16_t, 3>> colours;  // linear, 65535 is 1; of every vertex, or empty
 };
 
+// A picture laid upon the mesh from above, instead of colours.
+struct Texture {
+  std::string png;
+  lattice::Point low, high;  // steps: what it covers; its first row lies at the least z
+};
+
 struct Document {
-  lattice::Point origin;  // the file's cell is the one that contains it
+  lattice::Point origin;  // the file's origin is the corner of the 4,096 m cell that contains it...
+  bool atOrigin = false;  // ...or this point itself
   std::vector<Leaf> leaves;
+  std::optional<Texture> texture;  // of a plain file
   std::optional<camera::Camera> camera;
   std::string extras = "{}";  // JSON object, added to asset.extras
 };
+
+lattice::Point originOf(const Document& document);  // where the file's coordinates begin
 
 // Calls its body for every index below the count, in any order, on any number of threads; returns when all are done.
 using ForEach = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;

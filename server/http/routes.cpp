@@ -101,7 +101,7 @@ std::string routeOf(std::string_view path) {
        {"/", "/healthz", "/readyz", "/metrics", "/version", "/v1/stream", "/v1/sessions", "/v1/heights", "/v1/normals", "/v1/rays"})
     if (path == known) return std::string(known);
   constexpr std::string_view sessions = "/v1/sessions/";
-  for (const std::string_view snapshot : {"/snapshot.glb", "/snapshot.json"})
+  for (const std::string_view snapshot : {"/snapshot.glb", "/snapshot.json", "/snapshot.ply", "/snapshot.obj"})
     if (path.starts_with(sessions) && path.ends_with(snapshot)) return std::string(sessions) + "{session}" + std::string(snapshot);
   return "other";
 }

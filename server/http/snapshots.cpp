@@ -52,6 +52,12 @@ Answer answerOf(const Problem& problem) {
   return refusal(500, problem.message);
 }
 
+std::string typeOf(snapshot::Format format) {
+  return format == snapshot::Format::kGlb   ? "model/gltf-binary"
+         : format == snapshot::Format::kObj ? "model/obj"
+                                            : "application/octet-stream";
+}
+
 Answer taken(const std::shared_ptr<Snapshots>& snapshots, std::shared_ptr<session::Session> session, snapshot::Question question,
              bool metadataOnly) {
   const std::string etag = Snapshots::etag(*session, question, metadataOnly);
@@ -63,10 +69,10 @@ Answer taken(const std::shared_ptr<Snapshots>& snapshots, std::shared_ptr<sessio
     if (!made) return answerOf(made.error());
     Answer done;
     open(done);
-    done.type = metadataOnly ? "application/json" : "model/gltf-binary";
-    done.body = metadataOnly ? std::move(made->metadata) : std::move(made->glb);
+    done.type = metadataOnly ? "application/json" : typeOf(question.format);
+    done.body = metadataOnly ? std::move(made->metadata) : std::move(made->file);
     done.etag = etag.empty() ? access::hex(access::sha256(done.body)) : etag;
-    if (!metadataOnly) done.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + made->name + ".glb\"");
+    if (!metadataOnly) done.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + made->name + "\"");
     return done;
   };
   Answer a = madeBy(std::move(later));
@@ -85,8 +91,9 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     const auto slash = path.find('/');
     if (slash == std::string_view::npos) return std::nullopt;
     const std::string_view name = path.substr(0, slash), file = path.substr(slash + 1);
-    if (file != "snapshot.glb" && file != "snapshot.json") return std::nullopt;
     const bool metadataOnly = file == "snapshot.json";
+    const auto format = metadataOnly ? snapshot::Format::kGlb : snapshot::formatOf(file);
+    if (!file.starts_with("snapshot.") || file.rfind('.') != 8 || !format) return std::nullopt;
 
     if (request.method == "OPTIONS") return preflight();
     if (!request.reads()) {
@@ -100,8 +107,9 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     auto session = directory->find(name);
     if (!session) return refusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
     session->use();
-    auto question = snapshot::parse(request.query(), snapshots->limits());
+    auto question = snapshot::parse(request.query(), snapshots->limits(), session->terrain()->raster());
     if (!question) return refusal(400, question.error().message);
+    question->format = *format;
 
     return taken(snapshots, std::move(session), std::move(*question), metadataOnly);
   };

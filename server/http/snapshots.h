@@ -2,6 +2,7 @@
 // Snapshots over HTTP.
 //
 //   GET /v1/sessions/NAME/snapshot.glb?...     the file; parameters: server/snapshot/question.h
+//   GET /v1/sessions/NAME/snapshot.ply?...     the same mesh as PLY or, snapshot.obj, as OBJ (server/snapshot/polygon_file.h)
 //   GET /v1/sessions/NAME/snapshot.json?...    only its metadata
 // HEAD returns the same header. Answers carry an ETag (for a live camera only once made), and pages of any origin may read them. Clients
 // that send `Prefer: progress` get progress about once a second: HTTP 102 with a header `Progress`.

@@ -1,5 +1,7 @@
 #include "server/snapshot/question.h"
 
+#include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <map>
@@ -14,6 +16,7 @@ namespace {
 
 constexpr std::size_t kMostParameters = 32;
 constexpr double kMostMetres = 4e12;
+constexpr std::array<std::string_view, 3> kOrigins{"cell", "centre", "world"};
 constexpr double kRadians = std::numbers::pi / 180;
 
 std::string text(double v) { return text::rounded(v, 12); }
@@ -88,7 +91,7 @@ class Parameters {
       refuse("The query says " + inQuotes(values_.begin()->first) +
              ", which does not belong here. A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, "
              "colour_error, or of "
-             "x0, z0, x1, z1, error; with compression, normals and colours.");
+             "x0, z0, x1, z1, error, texture (or box=all in place of the corners); with compression, normals, colours and origin.");
     return error_;
   }
 
@@ -97,6 +100,7 @@ class Parameters {
   std::optional<Error> error_;
 };
 
+double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre)); }
 
 OfPose poseOf(Parameters& p, const Limits& limits) {
@@ -117,11 +121,28 @@ OfPose poseOf(Parameters& p, const Limits& limits) {
   return out;
 }
 
-OfBox boxOf(Parameters& p, const Limits& limits) {
+// From the first to the last sample.
+OfBox wholeOf(const terrain::RasterShape& s) {
+  OfBox out;
+  out.low = {s.originX, s.originZ};
+  out.high = {s.originX + lattice::Step{s.width - 1} * s.pitch, s.originZ + lattice::Step{s.height - 1} * s.pitch};
+  return out;
+}
+
+OfBox boxOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
   OfBox out;
   double corner[4];
   const char* names[4] = {"x0", "z0", "x1", "z1"};
-  for (int k = 0; k < 4; ++k) corner[k] = p.number(names[k], -kMostMetres, kMostMetres, " m");
+  if (const auto all = p.take("box")) {
+    if (*all != "all" || !map)
+      p.refuse(*all == "all" ? "box=all is the whole of a height map, and this terrain never ends: say x0, z0, x1 and z1."
+                             : "'box' is " + inQuotes(*all) + "; it must be all, or say x0, z0, x1 and z1.");
+    if (map) out = wholeOf(map->shape());
+    const double at[4] = {metres(out.low.x), metres(out.low.z), metres(out.high.x), metres(out.high.z)};
+    std::ranges::copy(at, corner);
+  } else {
+    for (int k = 0; k < 4; ++k) corner[k] = p.number(names[k], -kMostMetres, kMostMetres, " m");
+  }
   out.error = p.number("error", limits.leastError, limits.mostError, " m");
   for (int k = 0; k < 2; ++k) {
     const double side = corner[k + 2] - corner[k];
@@ -136,7 +157,7 @@ OfBox boxOf(Parameters& p, const Limits& limits) {
 
 }  // namespace
 
-Outcome<Question> parse(std::string_view query, const Limits& limits) {
+Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map) {
   Parameters p;
   if (auto read = p.read(query); !read) return read.error();
   Question out;
@@ -146,22 +167,44 @@ Outcome<Question> parse(std::string_view query, const Limits& limits) {
     else if (*value != "none")
       p.refuse("'compression' is " + inQuotes(*value) + "; it must be draco or none.");
   }
+  if (const auto value = p.take("origin")) {
+    const auto known = std::ranges::find(kOrigins, *value);
+    if (known == kOrigins.end())
+      p.refuse("'origin' is " + inQuotes(*value) + "; it must be cell, centre or world.");
+    else
+      out.origin = static_cast<Origin>(known - kOrigins.begin());
+  }
   out.normals = p.flag("normals");
   out.colours = p.flag("colours");
   if (p.has("camera"))
     out.of = OfCamera{p.whole("camera", 1, ~std::uint64_t{0}, "")};
-  else if (p.has("x0") || p.has("z0") || p.has("x1") || p.has("z1"))
-    out.of = boxOf(p, limits);
+  else if (p.has("x0") || p.has("z0") || p.has("x1") || p.has("z1") || p.has("box"))
+    out.of = boxOf(p, limits, map);
   else
     out.of = poseOf(p, limits);
+  if (std::holds_alternative<OfBox>(out.of) && p.has("texture")) {
+    out.texture = static_cast<std::uint32_t>(p.whole("texture", limits.leastTexture, limits.mostTexture, " pixels"));
+    if (out.compression == gltf::Compression::kDraco) p.refuse("A texture goes with compression=none; leave one of them out.");
+    out.colours = false;
+  }
   if (auto error = p.finish()) return *error;
   return out;
+}
+
+std::optional<Format> formatOf(std::string_view file) {
+  if (file.ends_with(".glb")) return Format::kGlb;
+  if (file.ends_with(".ply")) return Format::kPly;
+  if (file.ends_with(".obj")) return Format::kObj;
+  return std::nullopt;
 }
 
 std::string canonical(const Question& q) {
   std::string out = q.compression == gltf::Compression::kDraco ? "draco" : "none";
   out += q.normals ? " normals" : "";
   out += q.colours ? " colours" : "";
+  if (q.format != Format::kGlb) out += q.format == Format::kPly ? " ply" : " obj";
+  if (q.origin != Origin::kCell) out += q.origin == Origin::kCentre ? " centre" : " world";
+  if (q.texture) out += " texture " + std::to_string(q.texture);
   const auto add = [&](auto v) { out += ' ' + std::to_string(v); };
   const auto addExact = [&](double v) {  // every double has one shortest spelling
     char buffer[32];

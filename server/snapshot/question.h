@@ -6,10 +6,17 @@
 //   x z altitude yaw pitch [fov width height threshold colour_error]
 //                                                            refined until it settles; y instead of altitude: absolute height
 //   x0 z0 x1 z1 error                                        covered exactly, at most `error` metres off vertically
+//   box=all error                                            the same for the whole height map
+//   texture=SIZE                                             of a box in a .glb, instead of colours of vertices: a picture of the terrain's
+//                                                            colours with so many pixels along the longer side; sharp shores and rivers
 //   compression=draco|none, normals=0|1, colours=0|1         for all three; default none, 1 and 1
+//   origin=cell|centre|world                                 where the file's coordinates begin: the corner of the 4,096 m cell of the
+//                                                            camera or of the box's first corner (default), the camera or the middle of
+//                                                            the box, or the world's own origin
 // Any other parameter is an error, so that a misspelt one is not silently ignored.
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -17,6 +24,7 @@
 #include "common/camera/camera.h"
 #include "common/gltf/glb.h"
 #include "common/outcome/outcome.h"
+#include "common/terrain/raster.h"
 #include "server/box/box_mesh.h"
 
 namespace ridgecast::snapshot {
@@ -26,9 +34,11 @@ struct Limits {
   double seconds = 60;
   double share = 0.1;  // of all cores, while cameras work
   double boxSide = 32'768;   // metres, the longest
+  int partBits = 12;         // larger boxes of a height map are meshed in parts, lattice squares of at most 2^12 samples a side
   double leastError = 0.02;  // metres, of a box
   double mostError = 1'000;
-  double leastThreshold = 0.05, mostThreshold = 1'000;  // pixels
+  std::uint32_t leastTexture = 16, mostTexture = 4'096;  // pixels
+  double leastThreshold = 0.05, mostThreshold = 1'000;   // pixels
 };
 
 struct OfCamera {
@@ -42,14 +52,23 @@ struct OfPose {
 };
 using OfBox = box::Box;
 
+enum class Origin { kCell, kCentre, kWorld };
+enum class Format { kGlb, kPly, kObj };
+
 struct Question {
   std::variant<OfCamera, OfPose, OfBox> of;
+  Format format = Format::kGlb;  // by the name of the file, not by a parameter
+  Origin origin = Origin::kCell;
+  std::uint32_t texture = 0;  // pixels; 0: none
   gltf::Compression compression = gltf::Compression::kNone;
   bool normals = true, colours = true;
 };
 
-// `query` is the part of a URL after the ?, still percent-encoded.
-Outcome<Question> parse(std::string_view query, const Limits& limits);
+// `query` is the part of a URL after the ?, still percent-encoded; `map`: the terrain's, if it is a height map.
+Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map = nullptr);
+
+// By its ending: .glb, .ply or .obj.
+std::optional<Format> formatOf(std::string_view file);
 
 // Equal questions give equal text, however they were spelt. For an ETag.
 std::string canonical(const Question& question);

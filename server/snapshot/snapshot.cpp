@@ -1,8 +1,10 @@
 #include "server/snapshot/snapshot.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <condition_variable>
+#include <iterator>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -10,11 +12,15 @@
 #include <utility>
 
 #include "common/settings/settings.h"
+#include "common/terrain/raster.h"
 #include "common/text/text.h"
 #include "server/box/box_mesh.h"
+#include "server/map/picture.h"
+#include "server/map/sheet.h"
 #include "server/pipeline/pipeline.h"
 #include "server/session/camera_session.h"
 #include "server/snapshot/attributes.h"
+#include "server/snapshot/polygon_file.h"
 #include "server/terrain/declaration.h"
 
 namespace ridgecast::snapshot {
@@ -27,7 +33,7 @@ using Json = nlohmann::json;
 namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;
-constexpr int kVersion = 2;  // part of the ETag: change it when the same question gives another file
+constexpr int kVersion = 3;  // part of the ETag: change it when the same question gives another file
 
 double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 
@@ -60,6 +66,7 @@ struct Made {
   std::vector<mesh::LeafMesh> own;
   std::shared_ptr<const session::MeshCopy> held;  // or these
   lattice::Point origin;
+  lattice::Point low, high;  // of a box
   std::optional<camera::Camera> camera;
   Json extras;
   const std::vector<mesh::LeafMesh>& leaves() const { return held ? held->leaves : own; }
@@ -138,13 +145,53 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
   return out;
 }
 
+// A large map's box by squares of the lattice. Boxes share their common sides bit for bit.
+std::vector<OfBox> partsOf(const terrain::Raster& map, const OfBox& box, int partBits) {
+  const int bits = std::ilogb(map.shape().pitch) + partBits;
+  const auto width = static_cast<double>(box.high.x - box.low.x), depth = static_cast<double>(box.high.z - box.low.z);
+  if (width * depth <= std::ldexp(1.0, 2 * bits)) return {box};
+  std::vector<OfBox> parts;
+  const lattice::Step side = lattice::Step{1} << bits;
+  for (lattice::Step z = lattice::floorTo(box.low.z, bits); z < box.high.z; z += side)
+    for (lattice::Step x = lattice::floorTo(box.low.x, bits); x < box.high.x; x += side)
+      parts.push_back(
+          {{std::max(x, box.low.x), std::max(z, box.low.z)}, {std::min(x + side, box.high.x), std::min(z + side, box.high.z)}, box.error});
+  return parts;
+}
+
+Result<box::BoxMesh> meshParts(const terrain::Terrain& terrain, const OfBox& of, const Limits& limits, scheduling::Pool& pool,
+                               const Watch& watch, Progress* progress) {
+  const auto parts = terrain.raster() ? partsOf(*terrain.raster(), of, limits.partBits) : std::vector{of};
+  box::BoxMesh all;
+  all.low = of.low;
+  all.high = of.high;
+  all.proven = true;
+  if (progress) progress->parts = static_cast<std::uint32_t>(parts.size());
+  for (const OfBox& part : parts) {
+    auto made = meshBox(terrain, part, limits.triangles - all.triangles, pool, watch);
+    if (!made) return made.error();
+    std::ranges::move(made->leaves, std::back_inserter(all.leaves));
+    all.low = {std::min(all.low.x, made->low.x), std::min(all.low.z, made->low.z)};
+    all.high = {std::max(all.high.x, made->high.x), std::max(all.high.z, made->high.z)};
+    all.error = std::max(all.error, made->error);
+    all.proven = all.proven && made->proven;
+    all.spacing = std::max(all.spacing, made->spacing);
+    all.samples += made->samples;
+    all.triangles += made->triangles;
+    if (progress) ++progress->part;
+  }
+  return all;
+}
+
 Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
-                   const Watch& watch) {
-  auto box = meshBox(*session.terrain(), of, limits.triangles, *pool, watch);
+                   const Watch& watch, Progress* progress) {
+  auto box = meshParts(*session.terrain(), of, limits, *pool, watch, progress);
   if (!box) return box.error();
   Made out;
   out.own = std::move(box->leaves);
   out.origin = box->low;
+  out.low = box->low;
+  out.high = box->high;
   out.extras = {{"of", "box"},
                 {"box", {{"x0", metres(box->low.x)}, {"z0", metres(box->low.z)}, {"x1", metres(box->high.x)}, {"z1", metres(box->high.z)}}},
                 {"error",
@@ -157,6 +204,50 @@ Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limit
   return out;
 }
 
+void place(gltf::Document& document, const Made& made, Origin origin) {
+  document.origin = made.origin;
+  document.atOrigin = origin != Origin::kCell;
+  if (origin == Origin::kWorld) document.origin = {};
+  if (origin == Origin::kCentre && made.high.x > made.low.x)
+    document.origin = {(made.low.x + made.high.x) / 2, (made.low.z + made.high.z) / 2};
+}
+
+// Of the file's origin; null: the terrain does not say where it lies.
+Json georeference(const terrain::Raster& map, lattice::Point at) {
+  const terrain::RasterShape& shape = map.shape();
+  const terrain::RasterOrigin origin = map.origin();
+  if (!origin.easting || !origin.northing) return {};
+  const auto middle = [&](lattice::Step first, std::uint32_t samples) {
+    return metres(first) + (samples - 1) * (shape.pitch * lattice::kMetresPerStep / 2);
+  };
+  Json out{{"easting", *origin.easting + metres(at.x) - middle(shape.originX, shape.width)},
+           {"northing", *origin.northing - metres(at.z) + middle(shape.originZ, shape.height)}};
+  if (!origin.crs.empty()) out["crs"] = origin.crs;
+  return out;
+}
+
+gltf::Texture paint(const terrain::Terrain& terrain, const Made& made, std::uint32_t pixels, const Watch& watch) {
+  const auto width = static_cast<double>(made.high.x - made.low.x), depth = static_cast<double>(made.high.z - made.low.z);
+  const auto count = [&](double side) {
+    return std::max(1u, static_cast<std::uint32_t>(std::ceil(pixels * side / std::max(width, depth))));
+  };
+  map::Sheet sheet{.columns = count(width), .rows = count(depth)};
+  sheet.pitchX = width / sheet.columns;
+  sheet.pitchZ = depth / sheet.rows;
+  sheet.x = static_cast<double>(made.low.x) + sheet.pitchX / 2;
+  sheet.z = static_cast<double>(made.low.z) + sheet.pitchZ / 2;
+  const auto rgb = map::colours(terrain, sheet, watch.stop);
+  return {rgb.empty() ? std::string() : map::png(rgb, sheet.columns, sheet.rows), made.low, made.high};
+}
+
+Outcome<std::string> write(const gltf::Document& document, const Question& question, const std::stop_token& stop, scheduling::Pool& pool) {
+  if (question.format == Format::kPly) return writePly(document, stop);
+  if (question.format == Format::kObj) return writeObj(document, stop);
+  return gltf::writeGlb(document, question.compression, stop, [&](std::size_t count, const auto& body) { pool.forEach(count, 8, body); });
+}
+
+constexpr std::array<const char*, 3> kEndings{".glb", ".ply", ".obj"};
+
 }  // namespace
 
 std::string Progress::text() const {
@@ -164,9 +255,13 @@ std::string Progress::text() const {
   const std::string count = std::to_string(all) + " triangles";
   switch (stage.load()) {
     case Stage::kMeshing:
+      if (parts > 1)
+        return "meshing part " + std::to_string(std::min(part + 1, parts.load())) + " of " + std::to_string(parts) + ", " + count;
       return done == 0 ? "meshing, " + count : "checking, " + std::to_string(std::min(99ul, 100ul * done / std::max(1u, all))) + " %";
     case Stage::kColouring:
       return "normals and colours, " + count;
+    case Stage::kPainting:
+      return "painting the texture, " + count;
     case Stage::kWriting:
       break;
   }
@@ -192,7 +287,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   else if (const auto* pose = std::get_if<OfPose>(&question.of))
     made = ofPose(session, *pose, limits_, pool, watch);
   else
-    made = ofBox(session, std::get<OfBox>(question.of), limits_, pool, watch);
+    made = ofBox(session, std::get<OfBox>(question.of), limits_, pool, watch, progress);
   if (!made) return made.error();
 
   const terrain::Terrain& terrain = *session.terrain();
@@ -215,29 +310,40 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   extras["leaves"] = document.leaves.size();
   extras["triangles"] = triangles;
   extras["vertices"] = vertices;
-  Snapshot out;
-  out.name = "ridgecast-" + std::string(terrain.name()) + "-" + extras["of"].get<std::string>();
-  if (metadataOnly) {
-    extras["cellX"] = made->origin.x >> lattice::kCellBits;
-    extras["cellZ"] = made->origin.z >> lattice::kCellBits;
-    extras["latticeStep"] = lattice::kMetresPerStep;
-    out.metadata = extras.dump(2) + "\n";
-    return out;
+  place(document, *made, question.origin);
+  const lattice::Point origin = gltf::originOf(document);
+  if (const terrain::Raster* map = terrain.raster(); map && session.resources().limits.sendsTerrain)
+    if (Json reference = georeference(*map, origin); !reference.is_null()) extras["georeference"] = std::move(reference);
+  Json all = extras;  // with what writeGlb adds
+  all["origin"] = {{"x", metres(origin.x)}, {"z", metres(origin.z)}};
+  if (!document.atOrigin) {
+    all["cellX"] = origin.x >> lattice::kCellBits;
+    all["cellZ"] = origin.z >> lattice::kCellBits;
   }
+  all["latticeStep"] = lattice::kMetresPerStep;
+  Snapshot out;
+  out.name = "ridgecast-" + std::string(terrain.name()) + "-" + extras["of"].get<std::string>() +
+             kEndings.at(static_cast<std::size_t>(question.format));
+  out.metadata = all.dump(2) + "\n";
+  if (metadataOnly) return out;
   watch.has(static_cast<std::uint32_t>(triangles));
   reaches(Progress::Stage::kColouring);
   if (!addAttributes(terrain, question.normals, question.colours, document.leaves, *pool, watch)) return watch.problem();
-  document.origin = made->origin;
-  document.camera = made->camera;
-  document.extras = extras.dump();
-  reaches(Progress::Stage::kWriting);
-  auto glb =
-      gltf::writeGlb(document, question.compression, stop, [&](std::size_t count, const auto& body) { pool->forEach(count, 8, body); });
-  if (!glb) {
+  if (question.texture) {
+    reaches(Progress::Stage::kPainting);
+    document.texture = paint(terrain, *made, question.texture, watch);
     if (watch.over()) return watch.problem();
-    return Problem{Problem::Kind::kTooMuch, "This snapshot cannot be a .glb: " + glb.error().message + "."};
+    if (document.texture->png.empty()) document.texture.reset();  // a terrain without colours
   }
-  out.glb = std::move(*glb);
+  document.camera = made->camera;
+  document.extras = question.format == Format::kGlb ? extras.dump() : all.dump();
+  reaches(Progress::Stage::kWriting);
+  auto file = write(document, question, stop, *pool);
+  if (!file) {
+    if (watch.over()) return watch.problem();
+    return Problem{Problem::Kind::kTooMuch, "This snapshot cannot be such a file: " + file.error().message + "."};
+  }
+  out.file = std::move(*file);
   return out;
 }
 

@@ -10,7 +10,10 @@
 //   box           x0, z0, x1, z1 (metres; the covered area, at most a quarter of the error wider than requested)
 //   error         unit ("metres" for a box, otherwise the metric: "pixels", "area" or "thesis"), asked, kept; for a box also
 //                 samples: kept is the largest error found on that many points
-//   leaves, triangles, vertices (of all leaves, shared ones each time), cellX, cellZ, latticeStep
+//   origin        x, z (metres): what to add to a coordinate of the file
+//   georeference  crs (as the map's file names it; absent if unknown), easting, northing (metres): of the file's origin, so that a vertex has
+//                 easting + x, northing - z; only of a height map that says where it lies
+//   leaves, triangles, vertices (of all leaves, shared ones each time), latticeStep; cellX, cellZ with origin=cell
 
 #include <atomic>
 #include <cstdint>
@@ -27,15 +30,16 @@ using box::Problem;
 using box::Result;
 
 struct Snapshot {
-  std::string glb;       // empty if only the metadata were requested
+  std::string file;      // empty if only the metadata were requested
   std::string metadata;  // JSON
-  std::string name;      // of a file, without its ending
+  std::string name;      // of a file, with its ending
 };
 
 struct Progress : box::Progress {
-  enum class Stage { kMeshing, kColouring, kWriting };
+  enum class Stage { kMeshing, kColouring, kPainting, kWriting };
   std::atomic<Stage> stage{Stage::kMeshing};
-  std::string text() const;  // a few words for people
+  std::atomic<std::uint32_t> part{0}, parts{1};  // of a large map: those that are meshed, and all
+  std::string text() const;                      // a few words for people
 };
 
 class Snapshots {

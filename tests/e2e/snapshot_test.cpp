@@ -404,5 +404,46 @@ TEST(BusyServer, MakesSnapshotsToo) {
   over = true;
 }
 
+// The same code as the server's: the same bytes.
+TEST_F(Snapshot, ATerrainNeedsNoServer) {
+  ScratchFolder folder;
+  const std::string file = folder / "a.glb", map = folder / "map.r16";
+  const auto shoot = [&](std::vector<std::string> more) {
+    std::vector<std::string> command{RIDGECAST_CLIENT, "snapshot"};
+    command.insert(command.end(), more.begin(), more.end());
+    return runProgram(command);
+  };
+  Finished done = shoot({"--terrain", "alpine", "--box", "-60.5,100,340,420", "--error", "0.8", "--out", file});
+  EXPECT_EQ(done.code, 0) << done.output;
+  EXPECT_THAT(done.output, testing::AllOf(HasSubstr("meshing"), HasSubstr(file)));
+  EXPECT_EQ(readText(file), ask(glb(kBox)).body);
+  for (const std::string ending : {"ply", "obj"}) {
+    const std::string other = folder / ("a." + ending);
+    done = shoot({"--terrain", "alpine", "--box", "-60.5,100,340,420", "--error", "0.8", "--out", other});
+    EXPECT_EQ(done.code, 0) << done.output;
+    EXPECT_EQ(readText(other), ask("/v1/sessions/default/snapshot." + ending + "?" + kBox).body);
+  }
+  std::string samples;
+  for (int k = 0; k < 64 * 64; ++k) samples.append({static_cast<char>(k % 64 * 3), '\0'});
+  std::ofstream(map, std::ios::binary) << samples;
+  done = shoot({"--terrain", map, "--raster", "pitch=10", "--box", "all", "--error", "0.5", "--origin", "centre", "--out", file});
+  EXPECT_EQ(done.code, 0) << done.output;
+  const auto extras = readGlb(readText(file)).json["asset"]["extras"];
+  EXPECT_EQ(extras["box"], (nlohmann::json{{"x0", -320.0}, {"z0", -320.0}, {"x1", 310.0}, {"z1", 310.0}}));
+  EXPECT_EQ(extras["origin"], (nlohmann::json{{"x", -5.0}, {"z", -5.0}}));
+
+  for (const auto& [wrong, sentence] : std::vector<std::pair<std::vector<std::string>, std::string>>{
+           {{"--terrain", "alpine", "--box", "all", "--out", file}, "never ends"},
+           {{"--terrain", "none.tif", "--box", "all", "--out", file}, "there is no file none.tif"},
+           {{"--terrain", "alpine", "--box", "1,2,3", "--out", file}, "is not X0,Z0,X1,Z1"},
+           {{"--terrain", "alpine", "--box", "0,0,9,9", "--out", folder / "a.stl"}, "must end in .glb, .ply, .obj or .json"},
+           {{"--terrain", "alpine", "--box", "0,0,9,9", "--metadata", "--out", file}, "let --out end in .json"},
+           {{"--terrain", "alpine", "--box", "0,0,9,9", "--server", "/no/program", "--out", file}, "cannot start /no/program"}}) {
+    done = shoot(wrong);
+    EXPECT_EQ(done.code, 2) << done.output;
+    EXPECT_THAT(done.output, HasSubstr(sentence));
+  }
+}
+
 }  // namespace
 }  // namespace ridgecast

@@ -130,7 +130,9 @@ GlbFile readGlb(std::string_view bytes) {
   if (20 + length < bytes.size()) bin = bytes.substr(28 + length, u32(20 + length));
   const Reader reader{out.json, bin};
   const Json& extras = out.json.at("asset").at("extras");
-  const auto cellX = extras.at("cellX").get<double>(), cellZ = extras.at("cellZ").get<double>();
+  const auto originX = extras.at("origin").at("x").get<double>() * 256, originZ = extras.at("origin").at("z").get<double>() * 256;
+  if (extras.contains("cellX"))
+    demand(extras.at("cellX").get<double>() * (1 << 20) == originX && extras.at("cellZ").get<double>() * (1 << 20) == originZ, "its cell");
   for (const Json& index : out.json.at("scenes").at(0).at("nodes")) {
     const Json& node = out.json.at("nodes").at(index.get<std::size_t>());
     GlbLeaf leaf;
@@ -140,8 +142,8 @@ GlbFile readGlb(std::string_view bytes) {
     leaf.translation = node.value("translation", std::array<double, 3>{});
     demand(!node.contains("rotation") && !node.contains("matrix") && !node.contains("scale"), "a leaf that is not only moved");
     demand(e.at("side").get<double>() * 256 == static_cast<double>(leaf.mesh.address.side()), "a leaf's side");
-    demand(leaf.translation[0] * 256 + cellX * (1 << 20) == static_cast<double>(leaf.mesh.address.x()) &&
-               leaf.translation[2] * 256 + cellZ * (1 << 20) == static_cast<double>(leaf.mesh.address.z()),
+    demand(leaf.translation[0] * 256 + originX == static_cast<double>(leaf.mesh.address.x()) &&
+               leaf.translation[2] * 256 + originZ == static_cast<double>(leaf.mesh.address.z()),
            "a leaf that does not lie at its address");
     if (node.contains("mesh")) {
       const Json& primitives = out.json.at("meshes").at(node.at("mesh").get<std::size_t>()).at("primitives");

@@ -40,7 +40,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"queries: ", {"WhatExceedsAMembersBudgetWaits", "ManyConnectionsOfOneClientHaveOneBudget", "LongRaysLeaveOthersTheirTurns"}},
     {"requests that wait", {"OneAskerLeavesPlacesToOthers", "OneClientHasHalfOfThePlaces"}},
     {"`snapshot-share`", {"WhoRestsKeepsToItsShare", "MakesSnapshotsToo"}},
-    {"`max-snapshot-triangles`, ", {"WhatCannotBeSaysWhy"}},
+    {"`max-snapshot-triangles`, ", {"WhatCannotBeSaysWhy", "OriginAndTexture"}},
     {"iterations of more than 10 ms", {"LongTasksLeaveAThreadToShortOnes"}},
     {"grounds: ", {"FewerAreInWorkThanThereAreThreads", "AQuestionHasOneDeadline"}},
 };

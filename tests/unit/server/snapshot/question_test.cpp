@@ -53,6 +53,25 @@ TEST(Question, CamerasAndBoxes) {
   EXPECT_EQ(box.error, 0.5);
 }
 
+TEST(Question, OriginAndTexture) {
+  EXPECT_EQ(parse(kPose, kLimits)->origin, Origin::kCell);
+  EXPECT_EQ(parse(std::string(kPose) + "&origin=centre", kLimits)->origin, Origin::kCentre);
+  EXPECT_THAT(refusal(std::string(kPose) + "&origin=middle"), HasSubstr("must be cell, centre or world"));
+  const std::string box = "x0=0&z0=0&x1=20&z1=30&error=0.5";
+  EXPECT_EQ(parse(box, kLimits)->texture, 0u);
+  const auto painted = parse(box + "&texture=1024", kLimits);
+  EXPECT_EQ(painted->texture, 1024u);
+  EXPECT_FALSE(painted->colours) << "of vertices";
+  for (const char* wrong : {"8", "4097", "x"}) EXPECT_THAT(refusal(box + "&texture=" + wrong), HasSubstr("from 16 to 4096 pixels"));
+  EXPECT_THAT(refusal(box + "&texture=64&compression=draco"), HasSubstr("compression=none"));
+  EXPECT_THAT(refusal(std::string(kPose) + "&texture=64"), HasSubstr("'texture', which does not belong here"));
+  EXPECT_EQ(canonical(*parse(box + "&origin=cell", kLimits)), canonical(*parse(box, kLimits)));
+  EXPECT_NE(canonical(*parse(box + "&origin=world", kLimits)), canonical(*parse(box, kLimits)));
+  EXPECT_NE(canonical(*painted), canonical(*parse(box + "&texture=512", kLimits)));
+  EXPECT_EQ(formatOf("a.ply"), Format::kPly);
+  EXPECT_EQ(formatOf("a.gltf"), std::nullopt);
+}
+
 TEST(Question, RefusalsSayWhichLimitAndWhatWouldFit) {
   EXPECT_THAT(refusal(""), HasSubstr("lacks 'x'"));
   EXPECT_THAT(refusal("x=nan&z=0&altitude=1&yaw=0&pitch=0"), HasSubstr("'x' is 'nan'; it must be a number from"));

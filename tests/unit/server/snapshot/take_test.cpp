@@ -1,7 +1,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <map>
+#include <set>
+#include <sstream>
 #include <thread>
+#include <tuple>
 
 #include "server/snapshot/snapshot.h"
 #include "tests/support/glb_file.h"
@@ -41,8 +46,8 @@ constexpr char kPose[] = "x=1000000000000&z=-5&altitude=80&yaw=45&pitch=-5&width
 TEST_F(TakeTest, APoseIsAWholeSoundMeshWithItsMetadata) {
   const auto made = take(kPose);
   ASSERT_TRUE(made) << made.error().message;
-  EXPECT_EQ(made->name, "ridgecast-alpine-pose");
-  const auto file = testing_support::readGlb(made->glb);
+  EXPECT_EQ(made->name, "ridgecast-alpine-pose.glb");
+  const auto file = testing_support::readGlb(made->file);
   const auto report = testing_support::checkMesh(file.meshes());
   EXPECT_TRUE(report.clean()) << report.text();
   const auto& extras = file.json["asset"]["extras"];
@@ -55,7 +60,7 @@ TEST_F(TakeTest, APoseIsAWholeSoundMeshWithItsMetadata) {
   EXPECT_EQ(extras["triangles"], file.triangles());
   EXPECT_EQ(extras["parameters"]["snowLine"], 1760.0);
   EXPECT_EQ(file.json["cameras"].size(), 1u);
-  EXPECT_EQ(take(kPose)->glb, made->glb);
+  EXPECT_EQ(take(kPose)->file, made->file);
 }
 
 TEST_F(TakeTest, AnOwnTerrainsParametersStayPrivate) {
@@ -73,9 +78,9 @@ TEST_F(TakeTest, CompressedFilesHoldTheSameMeshInAQuarterOfTheBytes) {
   const std::string box = "x0=-100&z0=0&x1=200&z1=250&error=0.5";
   const auto plain = take(box), draco = take(box + "&compression=draco");
   ASSERT_TRUE(plain && draco);
-  const auto a = testing_support::readGlb(plain->glb), b = testing_support::readGlb(draco->glb);
+  const auto a = testing_support::readGlb(plain->file), b = testing_support::readGlb(draco->file);
   EXPECT_EQ(a.meshes(), b.meshes());
-  EXPECT_LE(draco->glb.size(), plain->glb.size() / 4);
+  EXPECT_LE(draco->file.size(), plain->file.size() / 4);
   EXPECT_TRUE(testing_support::checkMesh(a.meshes()).clean());
 }
 
@@ -83,7 +88,7 @@ TEST_F(TakeTest, CompressedFilesHoldTheSameMeshInAQuarterOfTheBytes) {
 TEST_F(TakeTest, NormalsAndColoursHaveNoSeams) {
   const auto made = take("x0=-100&z0=0&x1=200&z1=250&error=0.5");
   ASSERT_TRUE(made);
-  const auto file = testing_support::readGlb(made->glb);
+  const auto file = testing_support::readGlb(made->file);
   std::map<lattice::Point, std::pair<std::array<float, 3>, std::array<float, 3>>> seen;
   std::size_t shared = 0;
   for (const auto& leaf : file.leaves) {
@@ -101,8 +106,83 @@ TEST_F(TakeTest, NormalsAndColoursHaveNoSeams) {
     }
   }
   EXPECT_GT(shared, 20u);
-  EXPECT_FALSE(testing_support::readGlb(take("x0=0&z0=0&x1=50&z1=50&error=1&normals=0&colours=0")->glb).json.dump().find("NORMAL") !=
+  EXPECT_FALSE(testing_support::readGlb(take("x0=0&z0=0&x1=50&z1=50&error=1&normals=0&colours=0")->file).json.dump().find("NORMAL") !=
                std::string::npos);
+}
+
+// A vertex of the file and what the metadata say to add give the same place whatever the origin.
+TEST_F(TakeTest, CoordinatesBeginWhereTheQuestionSays) {
+  const std::string box = "x0=-100&z0=4000&x1=200&z1=4250&error=2";
+  const auto cell = testing_support::readGlb(take(box)->file);  // checks every leaf's place by the origin
+  EXPECT_EQ(cell.json["asset"]["extras"]["cellX"], -1);
+  for (const auto& [origin, x, z] : {std::tuple("centre", 50.0, 4125.0), {"world", 0.0, 0.0}}) {
+    const auto made = take(box + "&origin=" + origin);
+    ASSERT_TRUE(made);
+    const auto file = testing_support::readGlb(made->file);
+    EXPECT_EQ(file.meshes(), cell.meshes());
+    const auto& extras = file.json["asset"]["extras"];
+    EXPECT_EQ(extras, nlohmann::json::parse(made->metadata));
+    EXPECT_EQ(extras["origin"], (nlohmann::json{{"x", x}, {"z", z}}));
+    EXPECT_FALSE(extras.contains("cellX"));
+    EXPECT_FALSE(extras.contains("georeference"));
+  }
+  const auto pose = testing_support::readGlb(take(std::string(kPose) + "&origin=centre")->file);
+  EXPECT_EQ(pose.json["asset"]["extras"]["origin"]["x"], 1e12);
+}
+
+TEST_F(TakeTest, ATextureHoldsTheColoursInPlaceOfVertices) {
+  const auto made = take("x0=0&z0=0&x1=200&z1=100&error=1&texture=64");
+  ASSERT_TRUE(made);
+  const auto file = testing_support::readGlb(made->file);
+  EXPECT_EQ(file.meshes(), testing_support::readGlb(take("x0=0&z0=0&x1=200&z1=100&error=1")->file).meshes());
+  EXPECT_TRUE(file.leaves[0].colours.empty());
+  const auto& json = file.json;
+  const auto& view = json["bufferViews"][json["images"][0]["bufferView"].get<std::size_t>()];
+  const std::size_t at = made->file.find("\x89PNG");
+  ASSERT_NE(at, std::string::npos);
+  EXPECT_EQ(made->file.substr(at + 16, 8), std::string("\0\0\0\x40\0\0\0\x20", 8)) << "64 x 32 pixels";
+  EXPECT_EQ(made->file.substr(at + view["byteLength"].get<std::size_t>() - 8, 4), "IEND");
+  EXPECT_EQ(json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["index"], 0);
+  EXPECT_EQ(json["accessors"][json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"].get<std::size_t>()]["type"], "VEC2");
+}
+
+// PLY and OBJ hold the triangles of the .glb, each vertex once.
+TEST_F(TakeTest, OtherFilesHoldTheSameTriangles) {
+  const std::string box = "x0=-100&z0=0&x1=200&z1=250&error=0.5&origin=centre";
+  const auto glb = testing_support::readGlb(take(box)->file);
+  std::set<lattice::Point> places;
+  for (const auto& leaf : glb.leaves)
+    for (const auto& v : leaf.mesh.vertices) places.insert({leaf.mesh.address.x() + v.x, leaf.mesh.address.z() + v.z});
+  auto asked = question(box);
+  asked.format = Format::kObj;
+  const auto obj = snapshots.take(*session, asked, false, {});
+  ASSERT_TRUE(obj);
+  EXPECT_EQ(obj->name, "ridgecast-alpine-box.obj");
+  std::istringstream lines(obj->file);
+  std::set<lattice::Point> written;
+  std::size_t vertices = 0, faces = 0, normals = 0;
+  for (std::string line, word; std::getline(lines, line);) {
+    std::istringstream words(line);
+    double x = 0, y = 0, z = 0;
+    words >> word;
+    if (word == "v" && words >> x >> y >> z) {
+      ++vertices;
+      written.insert({std::llround((x + 50) * 256), std::llround((z + 125) * 256)});
+    }
+    faces += word == "f";
+    normals += word == "vn";
+  }
+  EXPECT_EQ(vertices, places.size());
+  EXPECT_EQ(written, places);
+  EXPECT_EQ(normals, vertices);
+  EXPECT_EQ(faces, glb.triangles());
+  asked.format = Format::kPly;
+  const auto ply = snapshots.take(*session, asked, false, {});
+  ASSERT_TRUE(ply);
+  const auto end = ply->file.find("end_header\n") + 11;
+  EXPECT_THAT(ply->file.substr(0, end), testing::AllOf(HasSubstr("element vertex " + std::to_string(vertices) + "\n"),
+                                                       HasSubstr("property float x\n"), HasSubstr("\"origin\":{\"x\":50.0")));
+  EXPECT_EQ(ply->file.size() - end, vertices * (24 + 3) + faces * 13);
 }
 
 TEST_F(TakeTest, WhatCannotBeSaysWhy) {
@@ -136,6 +216,65 @@ TEST_F(TakeTest, ETagsTellQuestionsAndWorldsApart) {
   session::Directory other(resources, terrain::create("alpine", 4).value());
   EXPECT_NE(tag, Snapshots::etag(*other.find("default"), question(kPose), false));
   EXPECT_EQ(Snapshots::etag(*session, question("camera=1"), false), "");
+}
+
+// A map of bumps, 200 x 100 samples 10 m apart, its middle at easting 500,000 and northing 4,600,000.
+class Bumps final : public terrain::Terrain, public terrain::Raster {
+ public:
+  std::string_view name() const override { return "bumps"; }
+  std::string_view source() const override { return source_; }
+  std::uint32_t seed() const override { return 1; }
+  const terrain::Raster* raster() const override { return this; }
+  const terrain::RasterShape& shape() const override { return shape_; }
+  terrain::RasterOrigin origin() const override { return {"clamp", "EPSG:32632", 500'000.0, 4'600'000.0}; }
+  void tile(terrain::TileAddress at, terrain::Tile& out) const override {
+    for (std::size_t k = 0; k < out.size(); ++k)
+      out[k] = sample(at.i * terrain::kTileSide + static_cast<std::int64_t>(k) % terrain::kTileSide,
+                      at.j * terrain::kTileSide + static_cast<std::int64_t>(k) / terrain::kTileSide);
+  }
+  void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
+    std::array<std::int32_t, 16> around{};
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      const auto bx = terrain::between(x[k], shape_.originX, shape_.pitch), bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
+      for (std::int64_t j = 0; j < 4; ++j)
+        for (std::int64_t i = 0; i < 4; ++i) around[static_cast<std::size_t>(4 * j + i)] = sample(bx.sample - 1 + i, bz.sample - 1 + j);
+      out[k] = terrain::cubicHeight(around, bx.steps, bz.steps, shape_.pitch);
+    }
+  }
+
+ private:
+  static std::int32_t sample(std::int64_t x, std::int64_t z) {
+    return static_cast<std::int32_t>(std::lround(3000 * std::sin(static_cast<double>(x) * 0.3) * std::cos(static_cast<double>(z) * 0.2)));
+  }
+  terrain::RasterShape shape_{2560, -256'000, -128'000, 200, 100, -3000, 3000, 77};
+  std::string source_ = terrain::rasterSource(shape_);
+};
+
+TEST_F(TakeTest, AWholeMapInPartsHasNoCracksAndSaysWhereItLies) {
+  const auto map = std::make_shared<Bumps>();
+  auto resources = std::make_shared<session::Resources>();
+  resources->executor = &executor;
+  directory = std::make_shared<session::Directory>(resources, map);
+  session = directory->find("default");
+  Snapshots inParts({.lowerPriorityBy = 0, .partBits = 5}, 2);
+  const auto question = parse("box=all&error=0.5&origin=world", inParts.limits(), map.get());
+  ASSERT_TRUE(question);
+  Progress progress;
+  const auto made = inParts.take(*session, *question, false, {}, &progress);
+  ASSERT_TRUE(made) << made.error().message;
+  EXPECT_GT(progress.parts, 10u);
+  EXPECT_EQ(progress.part, progress.parts);
+  const auto file = testing_support::readGlb(made->file);
+  const auto report = testing_support::checkMesh(file.meshes());
+  EXPECT_EQ(report.heights + report.clockwise + report.overused + report.misfiled + report.cracks, 0u) << report.text();
+  const auto& extras = file.json["asset"]["extras"];
+  EXPECT_EQ(extras["box"]["x0"], -1000.0);
+  EXPECT_EQ(extras["box"]["x1"], 990.0) << "the last sample";
+  EXPECT_EQ(extras["error"]["known"], "proven");
+  EXPECT_LE(extras["error"]["kept"], 0.5);
+  // The middle of the samples lies at x -5, z -5.
+  EXPECT_EQ(extras["georeference"], (nlohmann::json{{"crs", "EPSG:32632"}, {"easting", 500'005.0}, {"northing", 4'599'995.0}}));
+  EXPECT_THAT(parse("box=all&error=1", {}).error().message, HasSubstr("never ends"));
 }
 
 }  // namespace

@@ -1,0 +1,38 @@
+#pragma once
+// Tiles of web maps over a world that has no longitude: where on Earth its origin lies is the viewer's choice.
+//
+// A place of the world is laid on the Web Mercator plane (EPSG:3857; sphere of radius R = 6,378,137 m) by one scale, that of the origin:
+//
+//   X = X0 + x / cos(latitude0),  Y = Y0 - z / cos(latitude0)      X0, Y0: Mercator metres of the origin; x east, -z north
+//   X = R longitude,  Y = R ln tan(pi / 4 + latitude / 2)
+//
+// So a tile is a square of the world, and a metre of the world is a metre of Earth along the origin's parallel; a viewer shows it
+// cos(latitude) / cos(latitude0) times as long on others (at 47 degrees 1.6 % a degree). Level z divides Earth into 2^z x 2^z tiles, x from
+// longitude -180, y from latitude 85.05 southwards: a higher level is finer here, unlike a leaf's.
+
+#include <cstdint>
+
+#include "server/map/sheet.h"
+
+namespace ridgecast::map {
+
+inline constexpr int kFinestTileLevel = 24;  // pixels of 1 cm
+inline constexpr std::uint32_t kTilePixels = 256;
+inline constexpr double kMostLatitude = 85;  // degrees, of an origin
+
+struct Place {
+  double longitude = 0, latitude = 0;  // degrees
+};
+
+struct TileAddress {
+  int level = 0;               // 0..kFinestTileLevel
+  std::uint32_t x = 0, y = 0;  // below 2^level
+};
+
+// The pixels of a tile. `origin`: where the world's x 0, z 0 lies.
+Sheet sheetOf(const TileAddress& tile, const Place& origin);
+
+// Terrarium: height = red * 256 + green + blue / 256 - 32,768 metres. Rounded to the nearest 1/256 m; clamped to what the encoding holds.
+void terrarium(float height, std::uint8_t* rgb);
+
+}  // namespace ridgecast::map
