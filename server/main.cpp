@@ -25,6 +25,7 @@
 #include <vector>
 
 #include "server/config/config.h"
+#include "server/http/map_tiles.h"
 #include "server/http/queries.h"
 #include "server/http/site.h"
 #include "server/http/snapshots.h"
@@ -181,6 +182,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
   routes.insert(routes.begin(), http::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &executor)));
   routes.push_back(http::queryRoute(directory));
+  routes.push_back(http::mapTileRoute(directory));
   routes.push_back(http::terrainsRoute(resources->makeTerrain ? std::optional(config.terrain.folder) : std::nullopt));
   auto listening = net::Server::listen(config.net, directory, std::move(routes));
   if (!listening) return refuse(listening.error().message);

@@ -8,6 +8,8 @@ namespace ridgecast::http {
 
 namespace {
 
+constexpr std::string_view kSessions = "/v1/sessions/";
+
 // The token among the offered subprotocols; empty: none.
 std::string_view bearerOf(const Request& request) {
   constexpr std::string_view scheme = "Bearer ", prefix = "bearer.";
@@ -20,9 +22,8 @@ std::string_view bearerOf(const Request& request) {
 
 // Of /v1/sessions/NAME and what lies below.
 std::optional<std::string_view> sessionOf(std::string_view path) {
-  constexpr std::string_view prefix = "/v1/sessions/";
-  if (!path.starts_with(prefix)) return std::nullopt;
-  path.remove_prefix(prefix.size());
+  if (!path.starts_with(kSessions)) return std::nullopt;
+  path.remove_prefix(kSessions.size());
   return path.substr(0, path.find('/'));
 }
 
@@ -38,9 +39,12 @@ Needed needed(std::string_view method, std::string_view path) {
   if (!path.starts_with("/v1/")) return {};
   if (path == "/v1/sessions") return {method == "GET" || method == "HEAD" ? Right::kView : Right::kCreate, true};
   if (sessionOf(path) && method == "DELETE") return {Right::kAdmin};
-  if (sessionOf(path))
-    return method == "OPTIONS" ? Needed{}
-                               : Needed{path.substr(path.rfind('/')).starts_with("/snapshot.") ? Right::kSnapshot : Right::kView};
+  if (const auto session = sessionOf(path)) {
+    if (method == "OPTIONS") return {};
+    const std::string_view file = path.substr(kSessions.size() + session->size());
+    const bool isTile = file.starts_with("/heights/") || file.starts_with("/colours/");
+    return {isTile ? Right::kQuery : path.substr(path.rfind('/')).starts_with("/snapshot.") ? Right::kSnapshot : Right::kView};
+  }
   for (const std::string_view query : {"/v1/heights", "/v1/normals", "/v1/rays", "/v1/query"})
     if (path.starts_with(query)) return {Right::kQuery};
   return {Right::kView};

@@ -103,6 +103,12 @@ std::string routeOf(std::string_view path) {
   constexpr std::string_view sessions = "/v1/sessions/";
   for (const std::string_view snapshot : {"/snapshot.glb", "/snapshot.json", "/snapshot.ply", "/snapshot.obj"})
     if (path.starts_with(sessions) && path.ends_with(snapshot)) return std::string(sessions) + "{session}" + std::string(snapshot);
+  if (path.starts_with(sessions)) {  // tiles (map_tiles.h)
+    path.remove_prefix(sessions.size());
+    text::takePart(path, '/');
+    for (const std::string_view tiles : {"heights/", "colours/"})
+      if (path.starts_with(tiles)) return std::string(sessions) + "{session}/" + std::string(tiles) + "{z}/{x}/{y}";
+  }
   return "other";
 }
 

@@ -9,6 +9,7 @@
 //   GET /v1/stream?session=NAME     upgrades to a WebSocket; &terrain=NAME&seed=N&param=NAME=NUMBER creates a missing session
 //   GET /v1/sessions                the sessions, their worlds, members and clocks, as JSON
 //   GET /v1/terrains                the terrains that sessions can be created of, with their parameters, as JSON (worlds.h)
+// Files with headers of their own: snapshots.h, queries.h, map_tiles.h.
 // HEAD is answered wherever GET is. Everything else is refused in one sentence.
 
 #include <algorithm>

@@ -5,6 +5,7 @@
 
 #include "common/wire/wire.h"
 #include "server/access/crypto.h"
+#include "server/http/any_origin.h"
 
 namespace ridgecast::http {
 
@@ -15,41 +16,20 @@ using snapshot::Snapshots;
 
 constexpr std::string_view kPrefix = "/v1/sessions/";
 
-void open(Answer& a) {  // to pages of any origin: nothing here uses cookies
-  a.headers.emplace_back("Access-Control-Allow-Origin", "*");
-  a.headers.emplace_back("Access-Control-Expose-Headers", "Content-Disposition, Content-Length, ETag, Retry-After");
-}
-
-Answer refusal(unsigned status, std::string sentence, Headers headers = {}) {
-  Answer a = plain(status, std::move(sentence), std::move(headers));
-  open(a);
-  return a;
-}
-
-Answer preflight() {  // of a page, before it may send its token
-  Answer a;
-  a.status = 204;
-  open(a);
-  a.headers.emplace_back("Access-Control-Allow-Methods", "GET, HEAD");
-  a.headers.emplace_back("Access-Control-Allow-Headers", "Authorization, If-None-Match");
-  a.headers.emplace_back("Access-Control-Max-Age", "86400");
-  return a;
-}
-
 Answer answerOf(const Problem& problem) {
   switch (problem.kind) {
     case Problem::Kind::kNotThere:
-      return refusal(404, problem.message);
+      return openRefusal(404, problem.message);
     case Problem::Kind::kTooMuch:
-      return refusal(422, problem.message);
+      return openRefusal(422, problem.message);
     case Problem::Kind::kTooSlow:
-      return refusal(503, problem.message, {{"Retry-After", "30"}});
+      return openRefusal(503, problem.message, {{"Retry-After", "30"}});
     case Problem::Kind::kStopped:
-      return refusal(503, problem.message);
+      return openRefusal(503, problem.message);
     case Problem::Kind::kFailed:
       break;
   }
-  return refusal(500, problem.message);
+  return openRefusal(500, problem.message);
 }
 
 std::string typeOf(snapshot::Format format) {
@@ -96,19 +76,15 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     if (!file.starts_with("snapshot.") || file.rfind('.') != 8 || !format) return std::nullopt;
 
     if (request.method == "OPTIONS") return preflight();
-    if (!request.reads()) {
-      Answer a = wrongMethod("GET, HEAD, OPTIONS");
-      open(a);
-      return a;
-    }
+    if (!request.reads()) return openWrongMethod();
     if (!wire::sessionNameIsValid(std::string(name)))
-      return refusal(
+      return openRefusal(
           400, "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
     auto session = directory->find(name);
-    if (!session) return refusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
+    if (!session) return openRefusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
     session->use();
     auto question = snapshot::parse(request.query(), snapshots->limits(), session->terrain()->raster());
-    if (!question) return refusal(400, question.error().message);
+    if (!question) return openRefusal(400, question.error().message);
     question->format = *format;
 
     return taken(snapshots, std::move(session), std::move(*question), metadataOnly);

@@ -55,6 +55,8 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
                                      {"GET", "/v1/rays", Right::kQuery, false},
                                      {"POST", "/v1/query", Right::kQuery, false},
                                      {"GET", "/v1/sessions/default/snapshot.glb", Right::kSnapshot, false},
+                                     {"GET", "/v1/sessions/default/heights/3/1/2.png?at=0,0", Right::kQuery, false},
+                                     {"GET", "/v1/sessions/default/colours/3/1/2.jpg?at=0,0", Right::kQuery, false},
                                      {"HEAD", "/v1/sessions/default/snapshot.json?session=elsewhere", Right::kSnapshot, false},
                                      {"GET", "/v1/sessions/default/whatever", Right::kView, false},
                                      {"DELETE", "/v1/sessions/default", Right::kAdmin, false},

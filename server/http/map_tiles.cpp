@@ -1,0 +1,122 @@
+#include "server/http/map_tiles.h"
+
+#include <cmath>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/text/text.h"
+#include "server/access/crypto.h"
+#include "server/http/any_origin.h"
+#include "server/map/mercator.h"
+#include "server/map/picture.h"
+#include "server/map/sheet.h"
+
+namespace ridgecast::http {
+
+namespace {
+
+constexpr std::string_view kPrefix = "/v1/sessions/";
+constexpr int kVersion = 1;  // part of the ETag: change it when the same question gives another file
+
+struct Wanted {
+  std::string_view session;
+  bool colours = false;
+  std::optional<map::TileAddress> tile;  // empty: there is no such tile
+};
+
+// Empty: the path is not of a tile.
+std::optional<Wanted> readPath(std::string_view path) {
+  if (!path.starts_with(kPrefix)) return std::nullopt;
+  path.remove_prefix(kPrefix.size());
+  Wanted out;
+  out.session = text::takePart(path, '/');
+  const std::string_view kind = text::takePart(path, '/');
+  if (kind != "heights" && kind != "colours") return std::nullopt;
+  out.colours = kind == "colours";
+  const auto level = text::number<int>(text::takePart(path, '/'));
+  const auto x = text::number<std::uint32_t>(text::takePart(path, '/'));
+  const std::string_view ending = out.colours ? ".jpg" : ".png";
+  if (!path.ends_with(ending)) return out;
+  path.remove_suffix(ending.size());
+  const auto y = text::number<std::uint32_t>(path);
+  if (!level || !x || !y || *level < 0 || *level > map::kFinestTileLevel || (*x >> *level) != 0 || (*y >> *level) != 0) return out;
+  out.tile = map::TileAddress{*level, *x, *y};
+  return out;
+}
+
+Outcome<map::Place> readPlace(std::string_view query) {
+  const auto at = queryParameter(query, "at");
+  if (!at) return at.error();
+  std::string_view rest = *at;
+  const auto longitude = text::number<double>(text::takePart(rest, ',')), latitude = text::number<double>(rest);
+  if (!longitude || !latitude || !(std::abs(*longitude) <= 180) || !(std::abs(*latitude) <= map::kMostLatitude))
+    return Error{"Say at=LON,LAT, where the world's origin lies, in degrees: longitude within 180, latitude within 85."};
+  return map::Place{*longitude, *latitude};
+}
+
+Answer heightsOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const std::stop_token& stop) {
+  const std::vector<float> heights = map::heights(terrain, sheet, stop);
+  if (heights.empty()) return openRefusal(503, "This tile was not made: its client left.");
+  std::vector<std::uint8_t> rgb(3 * heights.size());
+  for (std::size_t k = 0; k < heights.size(); ++k) map::terrarium(heights[k], &rgb[3 * k]);
+  Answer a;
+  a.type = "image/png";
+  a.body = map::png(rgb, sheet.columns, sheet.rows);
+  return a;
+}
+
+Answer coloursOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const std::stop_token& stop) {
+  const auto rgb = map::colours(terrain, sheet, stop);
+  if (stop.stop_requested()) return openRefusal(503, "This tile was not made: its client left.");
+  if (rgb.empty()) return openRefusal(422, "This terrain's colours exist in GLSL alone; its heights have tiles.");
+  Answer a;
+  a.type = "image/jpeg";
+  a.body = map::jpeg(rgb, sheet.columns, sheet.rows);
+  return a;
+}
+
+std::string etagOf(const session::Session& session, const Wanted& wanted, const map::Place& at) {
+  std::string text = text::hexadecimal(session.contentHash()) + (wanted.colours ? " colours" : " heights");
+  for (const std::uint64_t v : {std::uint64_t{kVersion}, static_cast<std::uint64_t>(wanted.tile->level), std::uint64_t{wanted.tile->x},
+                                std::uint64_t{wanted.tile->y}})
+    text += " " + std::to_string(v);
+  text += " " + text::rounded(at.longitude, 17) + " " + text::rounded(at.latitude, 17);
+  return access::hex(access::sha256(text)).substr(0, 32);
+}
+
+std::optional<Answer> respond(const Request& request, const session::Directory& directory) {
+  const auto wanted = readPath(request.path());
+  if (!wanted) return std::nullopt;
+  if (request.method == "OPTIONS") return preflight();
+  if (!request.reads()) return openWrongMethod();
+  const auto session = directory.find(wanted->session);
+  if (!session) return openRefusal(404, "There is no session of that name here; /v1/sessions lists the sessions.");
+  if (!wanted->tile)
+    return openRefusal(404, "There is no such tile: heights/Z/X/Y.png or colours/Z/X/Y.jpg, Z from 0 to " +
+                                std::to_string(map::kFinestTileLevel) + ", X and Y below 2^Z.");
+  const auto at = readPlace(request.query());
+  if (!at) return openRefusal(400, at.error().message);
+  session->use();
+  const std::string etag = etagOf(*session, *wanted, *at);
+  Answer a = madeBy({.work = [terrain = session->terrain(), sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours,
+                              etag](const std::stop_token& stop) {
+    Answer made = colours ? coloursOf(*terrain, sheet, stop) : heightsOf(*terrain, sheet, stop);
+    if (made.status != 200) return made;
+    open(made);
+    made.etag = etag;
+    return made;
+  }});
+  open(a);
+  a.etag = etag;
+  return a;
+}
+
+}  // namespace
+
+Route mapTileRoute(std::shared_ptr<session::Directory> directory) {
+  return [directory = std::move(directory)](const Request& request) { return respond(request, *directory); };
+}
+
+}  // namespace ridgecast::http

@@ -1,0 +1,131 @@
+#include "server/http/map_tiles.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <png.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+#include <sstream>
+
+#include "server/http/queries.h"
+#include "server/http/request_filter.h"
+
+namespace ridgecast::http {
+namespace {
+
+using testing::HasSubstr;
+
+class MapTilesTest : public testing::Test {
+ protected:
+  MapTilesTest() {
+    auto resources = std::make_shared<session::Resources>();
+    resources->executor = &executor;
+    resources->makeMesh = session::pipelineMeshes();
+    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+    tiles = mapTileRoute(directory);
+    queries = queryRoute(directory);
+  }
+  static std::optional<Answer> ask(const Route& route, std::string_view target, std::string_view method = "GET") {
+    Request request;
+    request.method = method;
+    request.target = target;
+    return route(request);
+  }
+  std::optional<Answer> ask(std::string_view target, std::string_view method = "GET") const { return ask(tiles, target, method); }
+  scheduling::Executor executor{1};
+  std::shared_ptr<session::Directory> directory;
+  Route tiles, queries;
+};
+
+constexpr char kTile[] = "/v1/sessions/default/heights/14/8715/5741.png?at=11.5,47.25";
+constexpr char kColours[] = "/v1/sessions/default/colours/14/8715/5741.jpg?at=11.5,47.25";
+
+// Through the library, and by the viewers' formulas; the heights by /v1/heights.
+TEST_F(MapTilesTest, HeightsAreThoseOfTheQueriesWithinHalfAUnit) {
+  constexpr double kRadians = std::numbers::pi / 180, kLongitude = 11.5, kLatitude = 47.25;
+  const auto mercator = [](double latitude) { return std::log(std::tan(std::numbers::pi / 4 + latitude * kRadians / 2)); };
+  std::mt19937 random(5);
+  for (int level = 6; level <= 20; level += 2) {
+    const double n = std::ldexp(1.0, level);
+    const auto x = static_cast<std::uint32_t>((kLongitude + 180) / 360 * n),
+               y = static_cast<std::uint32_t>((1 - mercator(kLatitude) / std::numbers::pi) / 2 * n);
+    const auto answer = ask("/v1/sessions/default/heights/" + std::to_string(level) + "/" + std::to_string(x) + "/" + std::to_string(y) +
+                            ".png?at=11.5,47.25");
+    ASSERT_TRUE(answer && answer->later);
+    const Answer made = answer->later->work({});
+    ASSERT_EQ(made.status, 200u);
+    EXPECT_EQ(made.type, "image/png");
+    png_image image{};
+    image.version = PNG_IMAGE_VERSION;
+    ASSERT_TRUE(png_image_begin_read_from_memory(&image, made.body.data(), made.body.size()));
+    image.format = PNG_FORMAT_RGB;
+    std::vector<std::uint8_t> rgb(PNG_IMAGE_SIZE(image));
+    ASSERT_TRUE(png_image_finish_read(&image, nullptr, rgb.data(), 0, nullptr));
+    ASSERT_EQ(rgb.size(), 3u * 256 * 256);
+    for (int k = 0; k < 20; ++k) {
+      const auto column = random() % 256, row = random() % 256;
+      const double longitude = (x + (column + 0.5) / 256) / n * 360 - 180, north = std::numbers::pi * (1 - 2 * (y + (row + 0.5) / 256) / n);
+      const double scale = 6'378'137 * std::cos(kLatitude * kRadians);
+      std::ostringstream query;
+      query.precision(17);
+      query << "/v1/heights?at=" << (longitude - kLongitude) * kRadians * scale << "," << -(north - mercator(kLatitude)) * scale;
+      const std::string said = ask(queries, query.str())->later->work({}).body;
+      const double height = std::stof(said.substr(said.find('[') + 1));  // nine digits are one float
+      const std::uint8_t* pixel = &rgb[3 * (256 * row + column)];
+      EXPECT_LE(std::abs(pixel[0] * 256.0 + pixel[1] + pixel[2] / 256.0 - 32'768 - height), 0.5 / 256) << query.str() << " at " << level;
+    }
+  }
+}
+
+TEST_F(MapTilesTest, AnswersMayBeKeptAndReadByAnyPage) {
+  const auto a = ask(kTile), colours = ask(kColours);
+  ASSERT_TRUE(a && a->later && colours && colours->later);
+  EXPECT_FALSE(a->later->patient) << "a query, not a snapshot";
+  EXPECT_EQ(a->etag.size(), 32u);
+  EXPECT_EQ(a->etag, ask(kTile, "HEAD")->etag);
+  for (const char* other : {kColours, "/v1/sessions/default/heights/14/8715/5741.png?at=11.5,47.26",
+                            "/v1/sessions/default/heights/14/8715/5742.png?at=11.5,47.25"})
+    EXPECT_NE(a->etag, ask(other)->etag) << other;
+  EXPECT_EQ(directory->find("default")->uses(), 6u);
+  const Answer made = a->later->work({}), picture = colours->later->work({});
+  EXPECT_EQ(made.etag, a->etag);
+  EXPECT_THAT(made.headers, testing::Contains(std::pair<std::string, std::string>("Access-Control-Allow-Origin", "*")));
+  EXPECT_EQ(picture.type, "image/jpeg");
+  EXPECT_EQ(picture.body.substr(0, 3), "\xff\xd8\xff");
+  EXPECT_EQ(ask(kTile, "OPTIONS")->status, 204u);
+  std::stop_source stopped;
+  stopped.request_stop();
+  for (const auto& one : {a, colours}) EXPECT_EQ(one->later->work(stopped.get_token()).status, 503u);
+}
+
+TEST_F(MapTilesTest, RefusesTheRestInPlainWords) {
+  const std::string base = "/v1/sessions/default/heights/";
+  EXPECT_EQ(ask("/v1/sessions/none/heights/1/0/0.png?at=0,0")->status, 404u);
+  for (const char* path : {"25/0/0.png", "-1/0/0.png", "3/8/0.png", "3/0/8.png", "3/0/0.jpg", "3/0/x.png", "3/0", "a/0/0.png",
+                           "3/0/0.png/1.png", "3/4294967296/0.png", ""}) {
+    const auto a = ask(base + path + "?at=0,0");
+    ASSERT_TRUE(a);
+    EXPECT_EQ(a->status, 404u) << path;
+    EXPECT_THAT(a->body, HasSubstr("X and Y below 2^Z"));
+  }
+  for (const char* at : {"", "?at=", "?at=1", "?at=181,0", "?at=0,86", "?at=nan,0", "?at=1,2,3", "?at=%zz"})
+    EXPECT_EQ(ask(base + "3/0/0.png" + at)->status, 400u) << at;
+  EXPECT_EQ(ask(kTile, "POST")->status, 405u);
+  for (const char* other : {"/v1/heights", "/v1/sessions/default", "/v1/sessions/default/snapshot.glb", "/v1/sessions/heights"})
+    EXPECT_FALSE(ask(other)) << other;
+}
+
+TEST_F(MapTilesTest, NeedTheRightOfQueries) {
+  for (const char* path : {"/v1/sessions/a/heights/1/0/0.png", "/v1/sessions/a/colours/1/0/0.jpg", "/v1/sessions/a/heights/snapshot.glb"}) {
+    EXPECT_EQ(needed("GET", path).right, access::Right::kQuery);
+    EXPECT_FALSE(needed("GET", path).everySession);
+    EXPECT_FALSE(needed("OPTIONS", path).right);
+  }
+  EXPECT_EQ(routeOf("/v1/sessions/a/heights/1/0/0.png"), "/v1/sessions/{session}/heights/{z}/{x}/{y}");
+  EXPECT_EQ(routeOf("/v1/sessions/heights/colours/1/0/0.jpg"), "/v1/sessions/{session}/colours/{z}/{x}/{y}");
+}
+
+}  // namespace
+}  // namespace ridgecast::http
