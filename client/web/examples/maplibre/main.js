@@ -1,0 +1,35 @@
+// A session's world as the terrain of a MapLibre map: ?session=NAME&at=LON,LAT, where the world's origin lies on Earth.
+import maplibregl from 'maplibre-gl';
+import 'maplibre-gl/dist/maplibre-gl.css';
+
+const wanted = new URLSearchParams(location.search);
+const at = (wanted.get('at') ?? '11.39,47.27').split(',').map(Number);
+const tiles = (kind, ending) => [`${location.origin}/v1/sessions/${wanted.get('session') ?? 'default'}/${kind}/{z}/{x}/{y}.${ending}?at=${at}`];
+const heights = { type: 'raster-dem', encoding: 'terrarium', tiles: tiles('heights', 'png'), tileSize: 256, maxzoom: 18 };
+
+const map = new maplibregl.Map({
+  container: 'map',
+  center: at,
+  zoom: 12.5,
+  pitch: 70,
+  bearing: 20,
+  maxPitch: 85,
+  hash: true,
+  canvasContextAttributes: { preserveDrawingBuffer: wanted.has('picture') },
+  style: {
+    version: 8,
+    sources: {
+      ground: heights,
+      relief: heights, // hillshade wants a source of its own
+      colours: { type: 'raster', tiles: tiles('colours', 'jpg'), tileSize: 256, maxzoom: 20 },
+    },
+    layers: [
+      { id: 'colours', type: 'raster', source: 'colours' },
+      { id: 'relief', type: 'hillshade', source: 'relief', paint: { 'hillshade-exaggeration': 0.4 } },
+    ],
+    terrain: { source: 'ground', exaggeration: 1 },
+    sky: { 'sky-color': '#7fa8d6', 'horizon-color': '#dfe8f2', 'fog-color': '#dfe8f2', 'fog-ground-blend': 0.8 },
+  },
+});
+map.addControl(new maplibregl.NavigationControl({ visualizePitch: true }));
+globalThis.map = map; // for the console, and for tests
