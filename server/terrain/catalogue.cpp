@@ -108,7 +108,7 @@ Outcome<Source> find(const Request& request) {
     for (const terrain::Description& d : terrain::builtIn()) names.append(names.empty() ? "" : ", ").append(d.name);
     for (const auto& f : filesOf(request.folder)) names.append(", ").append(f.stem().string());
     return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
-                 "; or give a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .r16 or .raw"};
+                 "; or give a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .asc, .hgt, .r16 or .raw"};
   }
   auto text = readText(file);
   if (!text) return text.error();

@@ -1,5 +1,6 @@
 #pragma once
-// Height maps as files: GeoTIFF and TIFF (tiff_file.cpp, by libtiff), PNG (png_file.cpp, by libpng), rows of 16-bit numbers (raw_file.cpp).
+// Height maps as files: GeoTIFF and TIFF (tiff_file.cpp, by libtiff), PNG (png_file.cpp, by libpng), rows of 16-bit numbers, among them those
+// of SRTM (raw_file.cpp), ESRI's ASCII grids (asc_file.cpp).
 // Files are read by row or by row of tiles, never whole into memory. Their claims are compared with their length before anything is
 // allocated.
 //
@@ -14,6 +15,7 @@
 #include <string>
 
 #include "common/outcome/outcome.h"
+#include "server/terrain/degrees.h"
 #include "server/terrain/raster_options.h"
 
 namespace ridgecast::user_terrain {
@@ -30,6 +32,7 @@ struct RasterHeader {
   std::optional<double> pitch;              // metres, if the file states it in a unit that is known
   std::optional<double> easting, northing;  // of the first sample, metres
   std::uint16_t epsg = 0;                   // of the projected coordinate system; 0: unknown
+  std::optional<DegreeGrid> degrees;        // instead of the pitch and the place, if the file is in degrees
 };
 
 class RasterFile {
@@ -44,10 +47,15 @@ class RasterFile {
 // more than one band, truncated, too large, ...
 Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options);
 
-// One of the three formats, chosen by openRaster. `size` is the file's length in bytes.
+// One of the formats, chosen by openRaster. `size` is the file's length in bytes.
 Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
 Outcome<std::unique_ptr<RasterFile>> openPng(const std::filesystem::path& file, std::uint64_t size);
 Outcome<std::unique_ptr<RasterFile>> openRaw(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
+// A square of big-endian signed numbers, -32,768 where there is none; the name says where its south-west corner lies: N47E011.hgt.
+Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
+// Text: ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize, nodata_value, then the rows. A cell of less than 0.0625 within
+// the degrees of Earth is in degrees, otherwise in metres.
+Outcome<std::unique_ptr<RasterFile>> openAsc(const std::filesystem::path& file, std::uint64_t size);
 
 // Whether this many samples of this many bytes fit into a file of this length and into the limits; `packed` files are shorter.
 Outcome<void> checkClaim(const std::string& file, std::uint64_t width, std::uint64_t height, std::uint64_t sampleBytes, std::uint64_t size,

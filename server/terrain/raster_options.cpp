@@ -46,8 +46,12 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
       return wrong("beyond the map's edge goes on clamp, mirror, repeat, or a height in metres");
   } else if (name == "nodata") {
     const auto v = text::number<double>(value);
-    if (!v || !isHeight(*v)) return wrong("nodata is a height in metres for samples that are none");
-    o.noData = *v;
+    if (value != "fill" && (!v || !isHeight(*v)))
+      return wrong("nodata is a height in metres for samples that are none, or fill: from their neighbours");
+    o.fill = value == "fill";
+    o.noData = v;
+  } else if (name == "project" && value == "local") {
+    o.project = true;
   } else if (name == "size") {
     const auto w = count(text::takePart(value, 'x')), h = count(value);
     if (!w || !h) return wrong("size is COLUMNSxROWS of a raw file, at least 2x2");
@@ -61,7 +65,7 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
     o.geographic = value == "geo";
   } else {
     return wrong(
-        "there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, nodata=METRES, "
+        "there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, nodata=METRES|fill, project=local, "
         "place=centre|geo, and for raw files size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
   }
   return {};
@@ -70,7 +74,8 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
 bool isRasterName(std::string_view name) {
   std::string lower(name);
   std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return std::ranges::any_of(std::array{".tif", ".tiff", ".png", ".r16", ".raw"}, [&](const char* end) { return lower.ends_with(end); });
+  return std::ranges::any_of(std::array{".tif", ".tiff", ".png", ".asc", ".hgt", ".r16", ".raw"},
+                             [&](const char* end) { return lower.ends_with(end); });
 }
 
 }  // namespace ridgecast::user_terrain

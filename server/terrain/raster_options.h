@@ -18,6 +18,8 @@ struct RasterOptions {
   Edge edge = Edge::kClamp;             // edge=clamp|mirror|repeat|METRES
   double constant = 0;                  // metres, beyond the edge
   std::optional<double> noData;         // nodata=METRES for missing samples; default: such a map is refused
+  bool fill = false;                    // nodata=fill: from their neighbours (samples.h)
+  bool project = false;                 // project=local: a map in degrees is laid on the plane that touches its middle (degrees.h)
   std::uint32_t width = 0, height = 0;  // size=WxH, of a raw file; default 0: a square, by its length
   bool bigEndian = false;               // order=little|big, of a raw file
   bool isSigned = false;                // type=unsigned|signed, of a raw file
@@ -28,7 +30,7 @@ struct RasterOptions {
 // Adds one assignment. Error: an unknown name or an invalid value; says what would be right.
 Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& options);
 
-// Whether a file's name denotes a height map: .tif, .tiff, .png, .r16 or .raw, in any case.
+// Whether a file's name denotes a height map: .tif, .tiff, .png, .asc, .hgt, .r16 or .raw, in any case.
 bool isRasterName(std::string_view name);
 
 }  // namespace ridgecast::user_terrain

@@ -1,20 +1,17 @@
 #include "server/terrain/raster_terrain.h"
 
-#include <fcntl.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <mutex>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "common/text/text.h"
+#include "server/terrain/degrees.h"
 #include "server/terrain/raster_file.h"
 
 namespace ridgecast::user_terrain {
@@ -84,45 +81,64 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   const terrain::RasterShape& shape_;
 };
 
-// The results of one pass over the file.
-struct Found {
-  std::int32_t lowest = terrain::kMaxSample, highest = -terrain::kMaxSample;
-  std::uint64_t hash = 0, missing = 0;
-  std::uint32_t missingX = 0, missingZ = 0;
+// Missing samples become kMissing. Error: the file's, or a height beyond the limits.
+struct Missing {
+  std::uint64_t count = 0;
+  std::uint32_t x = 0, z = 0;  // the first
 };
-
-Outcome<Found> fill(const std::string& name, RasterFile& file, const RasterOptions& options, Samples& samples) {
+Outcome<Missing> readSamples(const std::string& name, RasterFile& file, const RasterOptions& options, Samples& samples) {
   const RasterHeader& header = file.header();
-  Found found;
+  Missing missing;
   std::vector<double> values(header.width);
-  std::int32_t instead = 0;
-  if (options.noData) instead = static_cast<std::int32_t>(std::llround(*options.noData * lattice::kStepsPerMetre));
   for (std::uint32_t z = 0; z < header.height; ++z) {
     if (auto read = file.row(values); !read) return read.error();
     const std::span<std::int32_t> row = samples.row(z);
     for (std::uint32_t x = 0; x < header.width; ++x) {
       const double v = values[x];
       if (std::isnan(v) || (header.noData && v == *header.noData)) {
-        if (found.missing++ == 0) found.missingX = x, found.missingZ = z;
-        row[x] = instead;
-      } else {
-        const double steps = std::floor((v * options.scale + options.offset) * lattice::kStepsPerMetre + 0.5);
-        if (!(std::abs(steps) <= terrain::kMaxSample))
-          return Error{name + ": the sample at column " + std::to_string(x) + ", row " + std::to_string(z) + " is " +
-                       text::rounded(v * options.scale + options.offset, 6) +
-                       " m high; heights lie within 32,768 m of 0: correct --raster scale=, offset= or nodata="};
-        row[x] = static_cast<std::int32_t>(steps);
+        if (missing.count++ == 0) missing.x = x, missing.z = z;
+        row[x] = kMissing;
+        continue;
       }
-      found.lowest = std::min(found.lowest, row[x]);
-      found.highest = std::max(found.highest, row[x]);
-      found.hash = (found.hash ^ static_cast<std::uint32_t>(row[x])) * 0x9e3779b97f4a7c15ull;
-      found.hash ^= found.hash >> 32;
+      const double steps = std::floor((v * options.scale + options.offset) * lattice::kStepsPerMetre + 0.5);
+      if (!(std::abs(steps) <= terrain::kMaxSample))
+        return Error{name + ": the sample at column " + std::to_string(x) + ", row " + std::to_string(z) + " is " +
+                     text::rounded(v * options.scale + options.offset, 6) +
+                     " m high; heights lie within 32,768 m of 0: correct --raster scale=, offset= or nodata="};
+      row[x] = static_cast<std::int32_t>(steps);
     }
   }
-  if (found.missing && !options.noData)
-    return Error{name + ": " + std::to_string(found.missing) + " samples are none (NoData), the first at column " +
-                 std::to_string(found.missingX) + ", row " + std::to_string(found.missingZ) +
-                 ": say what stands there with --raster nodata=METRES, or fill them (gdal_fillnodata.py)"};
+  return missing;
+}
+
+Outcome<void> replace(const std::string& name, const Missing& missing, const RasterOptions& options, Samples& samples) {
+  if (missing.count == 0) return {};
+  if (options.fill) {
+    if (fillMissing(samples)) return {};
+    return Error{name + ": all its samples are none (NoData), so there is nothing to fill them from"};
+  }
+  if (!options.noData)
+    return Error{name + ": " + std::to_string(missing.count) + " samples are none (NoData), the first at column " +
+                 std::to_string(missing.x) + ", row " + std::to_string(missing.z) +
+                 ": say what stands there with --raster nodata=METRES, or fill them from their neighbours with nodata=fill"};
+  const auto instead = static_cast<std::int32_t>(std::llround(*options.noData * lattice::kStepsPerMetre));
+  for (std::uint32_t z = missing.z; z < samples.height(); ++z) std::ranges::replace(samples.row(z), kMissing, instead);
+  return {};
+}
+
+struct Found {
+  std::int32_t lowest = terrain::kMaxSample, highest = -terrain::kMaxSample;
+  std::uint64_t hash = 0;
+};
+Found measure(Samples& samples) {
+  Found found;
+  for (std::uint32_t z = 0; z < samples.height(); ++z)
+    for (const std::int32_t v : samples.row(z)) {
+      found.lowest = std::min(found.lowest, v);
+      found.highest = std::max(found.highest, v);
+      found.hash = (found.hash ^ static_cast<std::uint32_t>(v)) * 0x9e3779b97f4a7c15ull;
+      found.hash ^= found.hash >> 32;
+    }
   return found;
 }
 
@@ -131,6 +147,10 @@ Outcome<terrain::RasterShape> shapeOf(const std::string& name, const RasterHeade
   terrain::RasterShape shape;
   shape.width = header.width;
   shape.height = header.height;
+  if (header.degrees && !options.pitch && !options.project) return inDegrees(name, *header.degrees, header.width, header.height);
+  if (header.degrees && options.geographic)
+    return Error{name +
+                 ": it lies in degrees, so it has no easting and northing: leave --raster place=geo out, or project it (gdalwarp -t_srs)"};
   const double pitch = std::round(options.pitch.value_or(header.pitch.value_or(1.0)) * lattice::kStepsPerMetre);
   if (!(pitch >= terrain::kMinPitch && pitch <= terrain::kMaxPitch))
     return Error{name + ": its samples are " + std::to_string(pitch * lattice::kMetresPerStep) +
@@ -164,35 +184,53 @@ terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& 
   return origin;
 }
 
+std::shared_ptr<const Map> finished(Samples samples, terrain::RasterShape shape, const RasterOptions& options,
+                                    terrain::RasterOrigin origin) {
+  const Found found = measure(samples);
+  const auto constant = static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre));
+  const bool isConstant = options.edge == Edge::kConstant;
+  shape.lowest = isConstant ? std::min(found.lowest, constant) : found.lowest;
+  shape.highest = isConstant ? std::max(found.highest, constant) : found.highest;
+  shape.content =
+      lattice::mix(found.hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
+  return std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin)});
+}
+
 // `used`: bytes of the other maps in use.
 Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits,
                                          std::uint64_t used) {
   auto file = openRaster(path, options);
   if (!file) return file.error();
-  const RasterHeader header = (*file)->header();
+  RasterHeader header = (*file)->header();
   const std::string name = path.string();
-  auto shaped = shapeOf(name, header, options);
-  if (!shaped) return shaped.error();
-  terrain::RasterShape shape = *shaped;
+  if (options.project && !header.degrees)
+    return Error{name + ": --raster project=local is for maps in degrees, and this one does not say that it is: leave it out"};
+  auto shape = shapeOf(name, header, options);
+  if (!shape) return shape.error();
   const std::uint64_t bytes = std::uint64_t{header.width} * header.height * sizeof(std::int32_t);
   if (used + bytes > limits.total)
     return Error{name + ": the height map takes " + inMegabytes(bytes) + "; with it the height maps in use would take more than " +
                  inMegabytes(limits.total) + ", the most"};
   auto samples = Samples::create(header.width, header.height, limits.inMemory - std::min(used, limits.inMemory));
   if (!samples) return Error{name + ": " + samples.error().message};
-  const auto found = fill(name, **file, options, *samples);
-  if (!found) return found.error();
-  shape.lowest = found->lowest;
-  shape.highest = found->highest;
-  const auto constant = static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre));
-  if (options.edge == Edge::kConstant) {
-    shape.lowest = std::min(shape.lowest, constant);
-    shape.highest = std::max(shape.highest, constant);
-  }
-  shape.content =
-      lattice::mix(found->hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
-  return std::shared_ptr<const Map>(
-      std::make_shared<Map>(Map{std::move(*samples), shape, options.edge, constant, originOf(header, options, shape)}));
+  const auto missing = readSamples(name, **file, options, *samples);
+  if (!missing) return missing.error();
+  if (auto replaced = replace(name, *missing, options, *samples); !replaced) return replaced.error();
+  if (!options.project)
+    return std::shared_ptr<const Map>(finished(std::move(*samples), *shape, options, originOf(header, options, *shape)));
+
+  const std::uint64_t taken = used + bytes;
+  const auto pitch = options.pitch ? std::optional(shape->pitch) : std::nullopt;
+  auto made = onPlane(name, *samples, *header.degrees, pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
+  if (!made) return made.error();
+  header = RasterHeader{made->samples.width(), made->samples.height(), {}, made->pitch * lattice::kMetresPerStep, {}, {}, 0, {}};
+  header.easting = -*header.pitch * (header.width - 1) / 2;  // the plane's middle is its origin
+  header.northing = *header.pitch * (header.height - 1) / 2;
+  shape = shapeOf(name, header, options);
+  if (!shape) return shape.error();
+  terrain::RasterOrigin origin = originOf(header, options, *shape);
+  origin.crs = made->crs;
+  return std::shared_ptr<const Map>(finished(std::move(made->samples), *shape, options, std::move(origin)));
 }
 
 // The maps in use, by file and options.
@@ -257,35 +295,6 @@ Maps& maps() {
 }
 
 }  // namespace
-
-Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory) {
-  const std::uint64_t bytes = std::uint64_t{width} * height * sizeof(std::int32_t);
-  void* data = MAP_FAILED;
-  if (bytes <= inMemory) {
-    data = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (data == MAP_FAILED) return Error{"the height map takes " + inMegabytes(bytes) + " of memory, more than is available"};
-  } else {
-    std::error_code failed;
-    const std::filesystem::path folder = std::filesystem::temp_directory_path(failed);
-    std::string file = (folder / "ridgecast-XXXXXX").string();
-    const int descriptor = failed ? -1 : mkostemp(file.data(), O_CLOEXEC);
-    if (descriptor >= 0) unlink(file.c_str());
-    // Allocate the space now: a full disk would kill the process later.
-    if (descriptor >= 0 && posix_fallocate(descriptor, 0, static_cast<off_t>(bytes)) == 0)
-      data = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
-    if (descriptor >= 0) ::close(descriptor);
-    if (data == MAP_FAILED)
-      return Error{"the height map takes " + inMegabytes(bytes) + " in " + folder.string() +
-                   ", where there is not so much room: set TMPDIR to a folder that has it"};
-  }
-  return Samples(static_cast<std::int32_t*>(data), width, height);
-}
-
-Samples::~Samples() {
-  if (data_) munmap(data_, bytes());
-}
-
-Samples::Samples(Samples&& other) noexcept : data_(std::exchange(other.data_, nullptr)), width_(other.width_), height_(other.height_) {}
 
 std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge) {
   const auto size = static_cast<std::int64_t>(n);

@@ -14,6 +14,7 @@
 #include "common/terrain/raster.h"
 #include "common/terrain/terrain.h"
 #include "server/terrain/raster_options.h"
+#include "server/terrain/samples.h"
 
 namespace ridgecast::user_terrain {
 
@@ -21,26 +22,6 @@ namespace ridgecast::user_terrain {
 struct MapLimits {
   std::uint64_t inMemory = std::uint64_t{1} << 30;
   std::uint64_t total = std::uint64_t{1} << 34;  // the largest map alone: kMostSamples
-};
-
-// width x height steps, row after row. Owns its pages.
-class Samples {
- public:
-  // Error: no memory, or no space for the file; says how much is needed and where. Above `inMemory` bytes a file is used.
-  static Outcome<Samples> create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory);
-  ~Samples();
-  Samples(Samples&& other) noexcept;
-  Samples& operator=(Samples&&) = delete;
-  std::span<std::int32_t> row(std::uint32_t z) { return {data_ + std::size_t{width_} * z, width_}; }
-  const std::int32_t& at(std::uint32_t x, std::uint32_t z) const { return data_[std::size_t{width_} * z + x]; }
-  std::uint32_t width() const { return width_; }
-  std::uint32_t height() const { return height_; }
-  std::uint64_t bytes() const { return std::uint64_t{width_} * height_ * sizeof(std::int32_t); }
-
- private:
-  Samples(std::int32_t* data, std::uint32_t width, std::uint32_t height) : data_(data), width_(width), height_(height) {}
-  std::int32_t* data_;
-  std::uint32_t width_, height_;
 };
 
 // Maps an index on the endless axis to a map of n samples, n >= 2; empty: beyond the edge, with a constant there.

@@ -2,9 +2,11 @@
 
 #include <cmath>
 #include <fstream>
+#include <string_view>
 #include <vector>
 
 #include "common/terrain/raster.h"
+#include "common/text/text.h"
 #include "server/terrain/raster_file.h"
 
 namespace ridgecast::user_terrain {
@@ -55,7 +57,9 @@ Outcome<void> checkClaim(const std::string& file, std::uint64_t width, std::uint
 }
 
 Outcome<std::unique_ptr<RasterFile>> openRaw(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
-  RasterHeader header{options.width, options.height, {}, {}, {}, {}};
+  RasterHeader header;
+  header.width = options.width;
+  header.height = options.height;
   if (!header.width) {
     const auto side = static_cast<std::uint64_t>(std::llround(std::sqrt(static_cast<double>(size / 2))));
     if (size % 2 != 0 || side * side * 2 != size || side > 65536)
@@ -72,6 +76,32 @@ Outcome<std::unique_ptr<RasterFile>> openRaw(const std::filesystem::path& file, 
   return std::unique_ptr<RasterFile>(std::make_unique<RawFile>(file.string(), std::move(in), header, options.bigEndian, options.isSigned));
 }
 
+Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
+  const auto side = static_cast<std::uint64_t>(std::llround(std::sqrt(static_cast<double>(size / 2))));
+  if (size % 2 != 0 || side * side * 2 != size || side > 65536)
+    return Error{file.string() + ": " + std::to_string(size) + " bytes are no square of 16-bit samples; it is cut off or broken"};
+  if (auto fine = checkClaim(file.string(), side, side, 2, size, false); !fine) return fine.error();
+  RasterHeader header;
+  header.width = header.height = static_cast<std::uint32_t>(side);
+  header.noData = -32'768;
+  const std::string name = file.stem().string();
+  const auto sign = [&](std::size_t at, char plus, char minus) { return name[at] == plus ? 1 : name[at] == minus ? -1 : 0; };
+  if (name.size() >= 7) {
+    const auto south = text::number<int>(std::string_view(name).substr(1, 2)),
+               west = text::number<int>(std::string_view(name).substr(4, 3));
+    const int north = sign(0, 'N', 'S'), east = sign(3, 'E', 'W');
+    const double step = 1.0 / static_cast<double>(side - 1);
+    if (south && west && north && east && *south <= 90 && *west <= 180)
+      header.degrees = DegreeGrid{static_cast<double>(east * *west), static_cast<double>(north * *south + 1), step, step};
+  }
+  if (!header.degrees && !options.pitch)
+    return Error{file.string() +
+                 ": an .hgt file is named after its south-west corner, such as N47E011.hgt: rename it, or say --raster pitch=METRES"};
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return Error{"cannot read " + file.string()};
+  return std::unique_ptr<RasterFile>(std::make_unique<RawFile>(file.string(), std::move(in), header, true, true));
+}
+
 Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options) {
   std::error_code failed;
   if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
@@ -80,6 +110,8 @@ Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& fil
   const std::string name = file.filename().string();
   const std::string ending = name.substr(name.rfind('.') + 1);
   if (ending[0] == 't' || ending[0] == 'T') return openTiff(file, size, options);
+  if (ending[0] == 'a' || ending[0] == 'A') return openAsc(file, size);
+  if (ending[0] == 'h' || ending[0] == 'H') return openHgt(file, size, options);
   if (ending[0] == 'p' || ending[0] == 'P') return openPng(file, size);
   return openRaw(file, size, options);
 }

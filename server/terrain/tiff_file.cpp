@@ -23,7 +23,7 @@ namespace {
 
 constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kTransformation = 34264, kGeoKeys = 34735, kGeoDoubles = 34736,
                         kNoData = 42113;
-constexpr std::uint16_t kMetre = 9001, kFoot = 9002, kSurveyFoot = 9003;  // EPSG's numbers of units
+constexpr std::uint16_t kMetre = 9001, kFoot = 9002, kSurveyFoot = 9003, kDegree = 9102;  // EPSG's numbers of units
 
 thread_local std::string complaint;  // libtiff's first error since it was last cleared
 
@@ -199,7 +199,7 @@ class TiffFile final : public RasterFile {
 
   // The values of the keys that matter here; as OGC 19-008r4 names them.
   struct Keys {
-    std::uint16_t modelType = 0, rasterType = 1, projection = 0, linearUnit = kMetre, heightUnit = kMetre;
+    std::uint16_t modelType = 0, rasterType = 1, projection = 0, angularUnit = kDegree, linearUnit = kMetre, heightUnit = kMetre;
     double linearUnitSize = 0;  // metres, of a unit of the file's own
   };
   Keys readKeys() const {
@@ -212,6 +212,7 @@ class TiffFile final : public RasterFile {
       if (where != 0) continue;
       if (keys[k] == 1024) out.modelType = value;
       if (keys[k] == 1025) out.rasterType = value;
+      if (keys[k] == 2054) out.angularUnit = value;
       if (keys[k] == 3072) out.projection = value;
       if (keys[k] == 3076) out.linearUnit = value;
       if (keys[k] == 4099) out.heightUnit = value;
@@ -274,12 +275,17 @@ class TiffFile final : public RasterFile {
     if (!*grid) return {};
     const std::optional<double> unit = metresIn(keys);
     if (keys.modelType == 2) {  // geographic
-      if (!options.pitch)
-        return Error{name_ + ": its samples are degrees apart, not metres: project it (gdalwarp -t_srs), or say --raster pitch=METRES"};
-      if (options.geographic)
-        return Error{
-            name_ +
-            ": it lies in degrees, so it has no easting and northing: leave --raster place=geo out, or project it (gdalwarp -t_srs)"};
+      if (keys.angularUnit != kDegree && !options.pitch)
+        return Error{name_ + ": its angles are in unit " + std::to_string(keys.angularUnit) +
+                     " of the EPSG list, and degrees are read: project it to metres (gdalwarp -t_srs)"};
+      const Grid& g = **grid;
+      const double half = keys.rasterType == 2 ? 0.0 : 0.5;
+      if (g.isPlaced && std::abs(g.x) <= 360 && std::abs(g.y) <= 90.5 && g.across > 0 && g.down > 0)
+        header_.degrees = DegreeGrid{g.x + half * g.across, g.y - half * g.down, g.across, g.down};
+      if (!header_.degrees && (!options.pitch || options.geographic))
+        return Error{name_ +
+                     ": its samples are degrees apart, not metres, and it does not say where on Earth: project it (gdalwarp -t_srs), or say "
+                     "--raster pitch=METRES"};
       return {};
     }
     if (!unit) {

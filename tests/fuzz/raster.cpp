@@ -14,8 +14,9 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace ridgecast;
   if (size < 1) return 0;
-  static constexpr const char* kEndings[] = {".tif", ".png", ".r16", ".raw"};
-  const std::string file = "/dev/shm/fuzz-raster-" + std::to_string(getpid()) + kEndings[data[0] % 4];
+  static constexpr const char* kEndings[] = {".tif", ".png", ".r16", ".raw", ".asc", ".hgt"};
+  const std::string file =
+      "/dev/shm/N47E011-fuzz-raster-" + std::to_string(getpid()) + kEndings[data[0] & 32 ? 4 + data[0] % 2 : data[0] % 4];
   std::ofstream(file, std::ios::binary).write(reinterpret_cast<const char*>(data + 1), static_cast<std::streamsize>(size - 1));
   user_terrain::RasterOptions options;
   options.bigEndian = data[0] & 4;

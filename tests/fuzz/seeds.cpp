@@ -155,6 +155,9 @@ void rasterSeeds() {
   const std::string raw(reinterpret_cast<const char*>(samples.data()), sizeof samples);
   write("raster", '\3' + raw.substr(0, 2 * 17 * 17));
   write("raster", '\23' + raw.substr(0, 12));
+  write("raster", " ncols 3\nnrows 2\nxllcorner 500\nyllcorner 7000\ncellsize 10\nnodata_value -1\n1.5 2 3\n4 -1 6e0\n");
+  write("raster", " NCOLS 2\nNROWS 2\nXLLCENTER 11\nYLLCENTER 47\nCELLSIZE 0.000833\n1 2 3 4");
+  write("raster", '!' + raw.substr(0, 2 * 11 * 11));  // .hgt
   const std::string file = (root / "made").string();
   for (const bool tiled : {false, true})
     for (const std::uint16_t compression : {COMPRESSION_NONE, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_LZW}) {

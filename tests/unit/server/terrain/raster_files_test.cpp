@@ -377,17 +377,18 @@ TEST_F(RasterFiles, brokenFilesGiveAMessage) {
 
 TEST(RasterOptions, areCheckedOneByOne) {
   RasterOptions o;
-  for (const std::string right :
-       {"pitch=30", "scale=-0.1", "offset=5", "edge=mirror", "edge=0", "nodata=-5", "size=2x300", "order=big", "type=signed", "place=geo"})
+  for (const std::string right : {"pitch=30", "scale=-0.1", "offset=5", "edge=mirror", "edge=0", "nodata=-5", "size=2x300", "order=big",
+                                  "type=signed", "place=geo", "nodata=fill", "project=local"})
     EXPECT_TRUE(addRasterOption(right, o)) << right;
-  for (const std::string wrong :
-       {"",         "pitch",    "pitch=", "pitch=0",  "pitch=nan", "pitch=1e9", "pitch=3m",     "scale=0",    "scale=inf",  "edge=fold",
-        "edge=1e9", "nodata=x", "size=5", "size=1x5", "size=5x",   "size=-5x5", "order=middle", "type=float", "place=here", "colour=red"}) {
+  for (const std::string wrong : {"",        "pitch",     "pitch=",       "pitch=0",    "pitch=nan",  "pitch=1e9",  "pitch=3m",
+                                  "scale=0", "scale=inf", "edge=fold",    "edge=1e9",   "nodata=x",   "size=5",     "size=1x5",
+                                  "size=5x", "size=-5x5", "order=middle", "type=float", "place=here", "colour=red", "project=utm"}) {
     const auto added = addRasterOption(wrong, o);
     ASSERT_FALSE(added) << wrong;
     EXPECT_THAT(added.error().message, HasSubstr("--raster")) << wrong;
   }
-  EXPECT_TRUE(isRasterName("a/b.TIF") && isRasterName("x.tiff") && isRasterName("x.Png") && isRasterName("x.raw") && isRasterName("x.r16"));
+  EXPECT_TRUE(isRasterName("a/b.TIF") && isRasterName("x.tiff") && isRasterName("x.Png") && isRasterName("x.raw") &&
+              isRasterName("x.r16") && isRasterName("x.asc") && isRasterName("N47E011.HGT"));
   EXPECT_FALSE(isRasterName("png") || isRasterName("x.glsl") || isRasterName("x.tif.glsl"));
 }
 
