@@ -1,6 +1,6 @@
 #pragma once
-// ridgecast-server snapshot FILE QUERY [settings]: a snapshot without a server, of the terrain that the settings name. It listens nowhere and
-// ends when the file is written. ridgecast-client snapshot --terrain starts it.
+// ridgecast-server snapshot FILE QUERY [settings]: a snapshot without a server, of the terrain that the settings name. It listens nowhere
+// and ends when the file is written. ridgecast-client snapshot --terrain becomes it.
 //
 // FILE ends in .glb, .ply, .obj, or .json (only the metadata). QUERY is what stands behind the ? of a snapshot's URL
 // (server/snapshot/question.h), without camera=. Boxes may be 1,000 km wide and take a day; triangles have the server's limit.

@@ -1,6 +1,6 @@
 #pragma once
-// `ridgecast-client snapshot`: a file of a pose, a live camera or a box, made by a server; or, without a live camera, by the server's program
-// alone, started for this one file, when a terrain is named (Offline).
+// `ridgecast-client snapshot`: a file of a pose, a live camera or a box, made by a server. Where a terrain is named (Offline), the server's
+// program makes that one file and serves nothing.
 
 #include <array>
 #include <cstdint>

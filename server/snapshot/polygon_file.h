@@ -1,9 +1,9 @@
 #pragma once
-// A document of leaves as one polygon file, for programs that read no glTF. Axes, units and origin are those of the .glb (common/gltf/glb.h).
-// A vertex that leaves share is written once. Equal documents give equal bytes. Pure functions; any thread.
+// A document of leaves as one polygon file, for programs that read no glTF. Axes, units and origin are those of the .glb
+// (common/gltf/glb.h). A vertex that leaves share is written once. Equal documents give equal bytes. Pure functions; any thread.
 //
-//   PLY   binary, little-endian; positions are floats where those are exact (within 65 km of the file's origin), otherwise doubles; nx ny nz;
-//         red green blue, sRGB
+//   PLY   binary, little-endian; positions are floats where those are exact (within 65 km of the file's origin), otherwise doubles;
+//         nx ny nz; red green blue, sRGB
 //   OBJ   text: v x y z, with sRGB red green blue in 0..1 behind; vn
 // The metadata stand in comments, a line each.
 

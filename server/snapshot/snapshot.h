@@ -11,8 +11,8 @@
 //   error         unit ("metres" for a box, otherwise the metric: "pixels", "area" or "thesis"), asked, kept; for a box also
 //                 samples: kept is the largest error found on that many points
 //   origin        x, z (metres): what to add to a coordinate of the file
-//   georeference  crs (as the map's file names it; absent if unknown), easting, northing (metres): of the file's origin, so that a vertex has
-//                 easting + x, northing - z; only of a height map that says where it lies
+//   georeference  crs (as the map's file names it; absent if unknown), easting, northing (metres): of the file's origin, so that a vertex
+//                 has easting + x, northing - z; only of a height map that says where it lies
 //   leaves, triangles, vertices (of all leaves, shared ones each time), latticeStep; cellX, cellZ with origin=cell
 
 #include <atomic>

@@ -21,7 +21,7 @@
 namespace ridgecast::user_terrain {
 
 struct Request {
-  std::string terrain = "alpine";      // a built-in name, a name in `folder`, or a path that ends in .glsl, .tif, .png, .asc, .hgt, .r16 or .raw
+  std::string terrain = "alpine";      // a built-in name, a name in `folder`, or a path: .glsl, or a height map (isRasterName)
   std::filesystem::path folder;        // of terrain files, NAME.glsl each; empty: none
   std::vector<Assignment> parameters;  // other values than the file's
   RasterOptions raster;                // of a height map

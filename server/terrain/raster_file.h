@@ -1,6 +1,6 @@
 #pragma once
-// Height maps as files: GeoTIFF and TIFF (tiff_file.cpp, by libtiff), PNG (png_file.cpp, by libpng), rows of 16-bit numbers, among them those
-// of SRTM (raw_file.cpp), ESRI's ASCII grids (asc_file.cpp).
+// Height maps as files: GeoTIFF and TIFF (tiff_file.cpp, by libtiff), PNG (png_file.cpp, by libpng), rows of 16-bit numbers, among them
+// those of SRTM (raw_file.cpp), ESRI's ASCII grids (asc_file.cpp).
 // Files are read by row or by row of tiles, never whole into memory. Their claims are compared with their length before anything is
 // allocated.
 //
@@ -53,8 +53,8 @@ Outcome<std::unique_ptr<RasterFile>> openPng(const std::filesystem::path& file, 
 Outcome<std::unique_ptr<RasterFile>> openRaw(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
 // A square of big-endian signed numbers, -32,768 where there is none; the name says where its south-west corner lies: N47E011.hgt.
 Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
-// Text: ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize, nodata_value, then the rows. A cell of less than 0.0625 within
-// the degrees of Earth is in degrees, otherwise in metres.
+// Text: ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize, nodata_value, then the rows. A cell of less than 0.0625
+// within the degrees of Earth is in degrees, otherwise in metres.
 Outcome<std::unique_ptr<RasterFile>> openAsc(const std::filesystem::path& file, std::uint64_t size);
 
 // Whether this many samples of this many bytes fit into a file of this length and into the limits; `packed` files are shorter.

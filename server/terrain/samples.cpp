@@ -24,7 +24,7 @@ struct Column {
   std::int32_t heightAbove = 0, heightBelow = 0;
 };
 
-// From the first row down. Heights that were filled count as known only where `chained`.
+// From the first row down. What this pass fills is not known to it.
 class Filling {
  public:
   explicit Filling(Samples& samples) : samples_(samples), columns_(samples.width()), row_(samples.width()) {}

@@ -30,8 +30,8 @@ class Samples {
   std::uint32_t width_, height_;
 };
 
-// Fills the samples that are kMissing: each becomes the mean of the nearest known ones to the west, east, north and south, weighted by one over
-// their distance; where none lies in these directions, of those that were filled before. False: all are missing.
+// Fills the samples that are kMissing: each becomes the mean of the nearest known ones to the west, east, north and south, weighted by
+// one over their distance; where none lies in these directions, of those that were filled before. False: all are missing.
 inline constexpr std::int32_t kMissing = std::numeric_limits<std::int32_t>::min();
 bool fillMissing(Samples& samples);
 
