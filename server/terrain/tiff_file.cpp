@@ -284,8 +284,8 @@ class TiffFile final : public RasterFile {
         header_.degrees = DegreeGrid{g.x + half * g.across, g.y - half * g.down, g.across, g.down};
       if (!header_.degrees && (!options.pitch || options.geographic))
         return Error{name_ +
-                     ": its samples are degrees apart, not metres, and it does not say where on Earth: "
-                     "project it (gdalwarp -t_srs), or say --raster pitch=METRES"};
+                     ": its samples are degrees apart, not metres, and it does not say where on Earth: project it, or say --raster "
+                     "pitch=METRES"};
       return {};
     }
     if (!unit) {
