@@ -260,19 +260,15 @@ struct SnapshotWords {
   bool project = false;
 };
 
-// "all", or x0,z0,x1,z1.
-Outcome<void> parseBox(std::string_view text, snapshot::SnapshotOptions& out) {
-  if (text.empty()) return {};
+// "all", or x0,z0,x1,z1, which the server judges.
+Outcome<void> parseBox(const std::string& text, snapshot::SnapshotOptions& out) {
   out.wholeMap = text == "all";
-  if (out.wholeMap) return {};
-  std::array<double, 4> corners{};
+  if (text.empty() || out.wholeMap) return {};
   std::string_view rest = text;
-  for (double& corner : corners) {
-    const auto number = text::number<double>(text::takePart(rest, ','));
-    if (!number || std::abs(*number) > 1e15) return Error{"--box: '" + std::string(text) + "' is not X0,Z0,X1,Z1 in metres, or all"};
-    corner = *number;
-  }
-  if (!rest.empty()) return Error{"--box: '" + std::string(text) + "' has more than the four numbers X0,Z0,X1,Z1"};
+  std::array<double, 4> corners{};
+  const bool numbers = std::ranges::all_of(
+      corners, [&](double& corner) { return CLI::detail::lexical_cast(std::string(text::takePart(rest, ',')), corner); });
+  if (!numbers || !rest.empty()) return Error{"--box: '" + text + "' is not X0,Z0,X1,Z1 in metres, or all"};
   out.box = corners;
   return {};
 }

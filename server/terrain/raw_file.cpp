@@ -61,7 +61,7 @@ Outcome<std::unique_ptr<RasterFile>> openRaw(const std::filesystem::path& file, 
   header.width = options.width;
   header.height = options.height;
   if (!header.width) {
-    const auto side = static_cast<std::uint64_t>(std::llround(std::sqrt(static_cast<double>(size / 2))));
+    const auto side = static_cast<std::uint64_t>(std::llround(std::sqrt(static_cast<double>(size) / 2)));
     if (size % 2 != 0 || side * side * 2 != size || side > 65536)
       return Error{file.string() + ": " + std::to_string(size) + " bytes are no square of 16-bit samples: say --raster size=COLUMNSxROWS"};
     header.width = header.height = static_cast<std::uint32_t>(side);
@@ -77,7 +77,7 @@ Outcome<std::unique_ptr<RasterFile>> openRaw(const std::filesystem::path& file, 
 }
 
 Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
-  const auto side = static_cast<std::uint64_t>(std::llround(std::sqrt(static_cast<double>(size / 2))));
+  const auto side = static_cast<std::uint64_t>(std::llround(std::sqrt(static_cast<double>(size) / 2)));
   if (size % 2 != 0 || side * side * 2 != size || side > 65536)
     return Error{file.string() + ": " + std::to_string(size) + " bytes are no square of 16-bit samples; it is cut off or broken"};
   if (auto fine = checkClaim(file.string(), side, side, 2, size, false); !fine) return fine.error();

@@ -21,7 +21,7 @@ using testing::HasSubstr;
 class DegreesTest : public testing::Test {
  protected:
   std::filesystem::path write(const std::string& name, const std::string& bytes) const {
-    const auto path = scratch_->path() / name;
+    auto path = scratch_->path() / name;
     std::ofstream(path, std::ios::binary) << bytes;
     return path;
   }
@@ -182,7 +182,8 @@ TEST(Filling, KeepsAPlane) {
     return hole ? kMissing : plane(x, z);
   });
   for (int z = 0; z < 30; ++z)
-    for (int x = 0; x < 40; ++x) EXPECT_EQ(all[static_cast<std::size_t>(40 * z + x)], plane(x, z)) << x << " " << z;
+    for (int x = 0; x < 40; ++x)
+      EXPECT_EQ(all[40 * static_cast<std::size_t>(z) + static_cast<std::size_t>(x)], plane(x, z)) << x << " " << z;
 }
 
 TEST(Filling, ReachesCornersAndStaysWithinItsNeighbours) {
@@ -193,7 +194,7 @@ TEST(Filling, ReachesCornersAndStaysWithinItsNeighbours) {
     for (int k = 0; k < known; ++k) samples[random() % samples.size()] = static_cast<std::int32_t>(random() % 1000);
     bool fine = false;
     const auto all = filled(
-        12, 9, [&](int x, int z) { return samples[static_cast<std::size_t>(12 * z + x)]; }, &fine);
+        12, 9, [&](int x, int z) { return samples[12 * static_cast<std::size_t>(z) + static_cast<std::size_t>(x)]; }, &fine);
     EXPECT_EQ(fine, known > 0);
     if (!fine) continue;
     for (std::size_t k = 0; k < all.size(); ++k) {
