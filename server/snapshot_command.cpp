@@ -69,9 +69,8 @@ int take(const config::Config& config, const std::filesystem::path& file, const 
   limits.seconds = 86'400;
   limits.boxSide = 1e6;
   limits.lowerPriorityBy = 0;
-  auto question = snapshot::parse(query, limits, (*terrain)->raster());
+  auto question = snapshot::parse(query, limits, (*terrain)->raster(), *format);
   if (!question) return refuse(2, question.error().message);
-  question->format = *format;
 
   scheduling::Executor executor(1);  // of cameras, of which there are none
   auto resources = std::make_shared<session::Resources>();

@@ -83,9 +83,8 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_p
     auto session = directory->find(name);
     if (!session) return openRefusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
     session->use();
-    auto question = snapshot::parse(request.query(), snapshots->limits(), session->terrain()->raster());
+    auto question = snapshot::parse(request.query(), snapshots->limits(), session->terrain()->raster(), *format);
     if (!question) return openRefusal(400, question.error().message);
-    question->format = *format;
 
     return taken(snapshots, std::move(session), std::move(*question), metadataOnly);
   };

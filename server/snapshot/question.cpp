@@ -157,10 +157,13 @@ OfBox boxOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
 
 }  // namespace
 
-Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map) {
+Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map, Format format) {
   Parameters p;
   if (auto read = p.read(query); !read) return read.error();
   Question out;
+  out.format = format;
+  if (format != Format::kGlb && (p.has("compression") || p.has("texture")))
+    p.refuse("A PLY or OBJ file has neither compression nor a texture; leave them out, or ask for a .glb.");
   if (const auto value = p.take("compression")) {
     if (*value == "draco")
       out.compression = gltf::Compression::kDraco;

@@ -65,7 +65,7 @@ struct Question {
 };
 
 // `query` is the part of a URL after the ?, still percent-encoded; `map`: the terrain's, if it is a height map.
-Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map = nullptr);
+Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map = nullptr, Format format = Format::kGlb);
 
 // By its ending: .glb, .ply or .obj.
 std::optional<Format> formatOf(std::string_view file);

@@ -226,6 +226,31 @@ Json georeference(const terrain::Raster& map, lattice::Point at) {
   return out;
 }
 
+// The session's and its terrain's part of the metadata. What is private stays so: parameters stand in the terrain's text.
+void describe(const session::Session& session, lattice::Point origin, Json& extras) {
+  const terrain::Terrain& terrain = *session.terrain();
+  extras["session"] = session.name();
+  extras["terrain"] = terrain.name();
+  extras["seed"] = terrain.seed();
+  extras["contentHash"] = text::hexadecimal(session.contentHash());
+  if (!session.resources().limits.sendsTerrain) return;
+  extras["parameters"] = parametersOf(terrain);
+  if (const terrain::Raster* map = terrain.raster())
+    if (Json reference = georeference(*map, origin); !reference.is_null()) extras["georeference"] = std::move(reference);
+}
+
+// With what writeGlb adds.
+Json withOrigin(const gltf::Document& document, Json extras) {
+  const lattice::Point origin = gltf::originOf(document);
+  extras["origin"] = {{"x", metres(origin.x)}, {"z", metres(origin.z)}};
+  if (!document.atOrigin) {
+    extras["cellX"] = origin.x >> lattice::kCellBits;
+    extras["cellZ"] = origin.z >> lattice::kCellBits;
+  }
+  extras["latticeStep"] = lattice::kMetresPerStep;
+  return extras;
+}
+
 gltf::Texture paint(const terrain::Terrain& terrain, const Made& made, std::uint32_t pixels, const Watch& watch) {
   const auto width = static_cast<double>(made.high.x - made.low.x), depth = static_cast<double>(made.high.z - made.low.z);
   const auto count = [&](double side) {
@@ -301,28 +326,14 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   if (triangles > limits_.triangles)
     return Problem{Problem::Kind::kTooMuch, "This camera holds " + std::to_string(triangles) + " triangles; a snapshot may have at most " +
                                                 std::to_string(limits_.triangles) + "."};
-  Json& extras = made->extras;
-  extras["session"] = session.name();
-  extras["terrain"] = terrain.name();
-  extras["seed"] = terrain.seed();
-  if (session.resources().limits.sendsTerrain) extras["parameters"] = parametersOf(terrain);  // they stand in its text
-  extras["contentHash"] = text::hexadecimal(session.contentHash());
-  extras["leaves"] = document.leaves.size();
-  extras["triangles"] = triangles;
-  extras["vertices"] = vertices;
   place(document, *made, question.origin);
-  const lattice::Point origin = gltf::originOf(document);
-  if (const terrain::Raster* map = terrain.raster(); map && session.resources().limits.sendsTerrain)
-    if (Json reference = georeference(*map, origin); !reference.is_null()) extras["georeference"] = std::move(reference);
-  Json all = extras;  // with what writeGlb adds
-  all["origin"] = {{"x", metres(origin.x)}, {"z", metres(origin.z)}};
-  if (!document.atOrigin) {
-    all["cellX"] = origin.x >> lattice::kCellBits;
-    all["cellZ"] = origin.z >> lattice::kCellBits;
-  }
-  all["latticeStep"] = lattice::kMetresPerStep;
+  made->extras["leaves"] = document.leaves.size();
+  made->extras["triangles"] = triangles;
+  made->extras["vertices"] = vertices;
+  describe(session, gltf::originOf(document), made->extras);
+  const Json all = withOrigin(document, made->extras);
   Snapshot out;
-  out.name = "ridgecast-" + std::string(terrain.name()) + "-" + extras["of"].get<std::string>() +
+  out.name = "ridgecast-" + std::string(terrain.name()) + "-" + all["of"].get<std::string>() +
              kEndings.at(static_cast<std::size_t>(question.format));
   out.metadata = all.dump(2) + "\n";
   if (metadataOnly) return out;
@@ -336,7 +347,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
     if (document.texture->png.empty()) document.texture.reset();  // a terrain without colours
   }
   document.camera = made->camera;
-  document.extras = question.format == Format::kGlb ? extras.dump() : all.dump();
+  document.extras = question.format == Format::kGlb ? made->extras.dump() : all.dump();
   reaches(Progress::Stage::kWriting);
   auto file = write(document, question, stop, *pool);
   if (!file) {

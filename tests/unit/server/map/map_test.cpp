@@ -80,7 +80,7 @@ TEST(Sheets, HoldTheTerrainsHeights) {
                z = static_cast<lattice::Step>(std::llround(sheet.z + row * sheet.pitchZ));
     float height = 0;
     terrain->heights({&x, 1}, {&z, 1}, {&height, 1});
-    EXPECT_EQ(all[static_cast<std::size_t>(30 * row + column)], height);
+    EXPECT_EQ(all[30 * static_cast<std::size_t>(row) + static_cast<std::size_t>(column)], height);
   }
   std::stop_source stopped;
   stopped.request_stop();

@@ -68,6 +68,9 @@ TEST(Question, OriginAndTexture) {
   EXPECT_EQ(canonical(*parse(box + "&origin=cell", kLimits)), canonical(*parse(box, kLimits)));
   EXPECT_NE(canonical(*parse(box + "&origin=world", kLimits)), canonical(*parse(box, kLimits)));
   EXPECT_NE(canonical(*painted), canonical(*parse(box + "&texture=512", kLimits)));
+  EXPECT_EQ(parse(box, kLimits, nullptr, Format::kObj)->format, Format::kObj);
+  for (const char* more : {"&texture=64", "&compression=draco"})
+    EXPECT_THAT(parse(box + more, kLimits, nullptr, Format::kPly).error().message, HasSubstr("neither compression nor a texture"));
   EXPECT_EQ(formatOf("a.ply"), Format::kPly);
   EXPECT_EQ(formatOf("a.gltf"), std::nullopt);
 }
