@@ -30,7 +30,7 @@ struct Row {
 std::uint8_t srgb(float linear) {
   const float v = std::clamp(linear, 0.0f, 1.0f);  // NaN stays, and becomes 0 below
   const float s = v <= 0.0031308f ? 12.92f * v : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f;
-  return s > 0 ? static_cast<std::uint8_t>(s * 255 + 0.5f) : std::uint8_t{0};
+  return s > 0 ? static_cast<std::uint8_t>(std::lround(s * 255)) : std::uint8_t{0};
 }
 
 Float3 normalOf(float west, float east, float north, float south, float spanX, float spanZ) {

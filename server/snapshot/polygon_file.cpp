@@ -111,7 +111,7 @@ Outcome<std::string> writePly(const gltf::Document& document, const std::stop_to
     if (welded->normals)
       for (const float n : leaf.normals[v.index]) put(out, n);
     if (welded->colours)
-      for (const std::uint16_t c : leaf.colours[v.index]) put(out, static_cast<std::uint8_t>(srgb(c) * 255 + 0.5));
+      for (const std::uint16_t c : leaf.colours[v.index]) put(out, static_cast<std::uint8_t>(std::lround(srgb(c) * 255)));
   }
   for (std::size_t l = 0; l < document.leaves.size(); ++l)
     for (const mesh::Triangle& t : document.leaves[l].mesh->triangles) {
