@@ -145,6 +145,7 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1, 600);
   addNumber(app, "--snapshot-niceness", c.snapshots.lowerPriorityBy,
             "Nice value of snapshots, 0..19: how far they yield to cameras; 20: idle time only", 0, scheduling::kIdle);
+  addNumber(app, "--cache-memory", c.cacheMemory, "MiB of snapshots and tiles that are kept for those who ask again", 0, 65536);
   addNumber(app, "--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1, wire::kMaxWindow);
   app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();
@@ -195,7 +196,7 @@ Outcome<Config> finish(Written&& w) {
   if (c.limits.maxTotalTriangles == 0) c.limits.maxTotalTriangles = memory::available() / 2 / session::kBytesPerTriangle;
   if (c.limits.maxTotalTriangles != 0)
     c.limits.maxTotalTriangles = std::max<std::uint64_t>(c.limits.maxTotalTriangles, settings::kLeastBudget);
-  c.net.patientJobs.lowerPriorityBy = c.snapshots.lowerPriorityBy;
+  c.net.patientJobs.lowerPriorityBy = c.net.tileJobs.lowerPriorityBy = c.snapshots.lowerPriorityBy;
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
   const std::map<std::string, logging::Level> levels{{"debug", logging::Level::kDebug},

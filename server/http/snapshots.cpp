@@ -1,110 +1,17 @@
 #include "server/http/snapshots.h"
 
-#include <optional>
-#include <string>
-
-#include "common/wire/wire.h"
-#include "server/access/crypto.h"
+#include <utility>
 
 namespace ridgecast::http {
 
-namespace {
-
-using snapshot::Problem;
-using snapshot::Snapshots;
-
-constexpr std::string_view kPrefix = "/v1/sessions/";
-
-void open(Answer& a) {  // to pages of any origin: nothing here uses cookies
-  a.headers.emplace_back("Access-Control-Allow-Origin", "*");
-  a.headers.emplace_back("Access-Control-Expose-Headers", "Content-Disposition, Content-Length, ETag, Retry-After");
-}
-
-Answer refusal(unsigned status, std::string sentence, Headers headers = {}) {
-  Answer a = plain(status, std::move(sentence), std::move(headers));
-  open(a);
-  return a;
-}
-
-Answer preflight() {  // of a page, before it may send its token
-  Answer a;
-  a.status = 204;
-  open(a);
-  a.headers.emplace_back("Access-Control-Allow-Methods", "GET, HEAD");
-  a.headers.emplace_back("Access-Control-Allow-Headers", "Authorization, If-None-Match");
-  a.headers.emplace_back("Access-Control-Max-Age", "86400");
-  return a;
-}
-
-Answer answerOf(const Problem& problem) {
-  switch (problem.kind) {
-    case Problem::Kind::kNotThere:
-      return refusal(404, problem.message);
-    case Problem::Kind::kTooMuch:
-      return refusal(422, problem.message);
-    case Problem::Kind::kTooSlow:
-      return refusal(503, problem.message, {{"Retry-After", "30"}});
-    case Problem::Kind::kStopped:
-      return refusal(503, problem.message);
-    case Problem::Kind::kFailed:
-      break;
-  }
-  return refusal(500, problem.message);
-}
-
-Answer taken(const std::shared_ptr<Snapshots>& snapshots, std::shared_ptr<session::Session> session, snapshot::Question question,
-             bool metadataOnly) {
-  const std::string etag = Snapshots::etag(*session, question, metadataOnly);
-  const auto progress = std::make_shared<snapshot::Progress>();
-  Later later{.patient = true, .progress = [progress] { return progress->text(); }};
-  later.work = [snapshots, progress, session = std::move(session), question = std::move(question), metadataOnly,
-                etag](std::stop_token stop) {
-    auto made = snapshots->take(*session, question, metadataOnly, stop, progress.get());
-    if (!made) return answerOf(made.error());
-    Answer done;
-    open(done);
-    done.type = metadataOnly ? "application/json" : "model/gltf-binary";
-    done.body = metadataOnly ? std::move(made->metadata) : std::move(made->glb);
-    done.etag = etag.empty() ? access::hex(access::sha256(done.body)) : etag;
-    if (!metadataOnly) done.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + made->name + ".glb\"");
-    return done;
-  };
-  Answer a = madeBy(std::move(later));
-  open(a);
-  a.etag = etag;
-  return a;
-}
-
-}  // namespace
-
-Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_ptr<Snapshots> snapshots) {
-  return [directory = std::move(directory), snapshots = std::move(snapshots)](const Request& request) -> std::optional<Answer> {
-    std::string_view path = request.path();
-    if (!path.starts_with(kPrefix)) return std::nullopt;
-    path.remove_prefix(kPrefix.size());
-    const auto slash = path.find('/');
-    if (slash == std::string_view::npos) return std::nullopt;
-    const std::string_view name = path.substr(0, slash), file = path.substr(slash + 1);
-    if (file != "snapshot.glb" && file != "snapshot.json") return std::nullopt;
-    const bool metadataOnly = file == "snapshot.json";
-
-    if (request.method == "OPTIONS") return preflight();
-    if (!request.reads()) {
-      Answer a = wrongMethod("GET, HEAD, OPTIONS");
-      open(a);
-      return a;
-    }
-    if (!wire::sessionNameIsValid(std::string(name)))
-      return refusal(
-          400, "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
-    auto session = directory->find(name);
-    if (!session) return refusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
-    session->use();
-    auto question = snapshot::parse(request.query(), snapshots->limits());
-    if (!question) return refusal(400, question.error().message);
-
-    return taken(snapshots, std::move(session), std::move(*question), metadataOnly);
-  };
+Route snapshotRoute(std::shared_ptr<session::Directory> directory, Maker maker) {
+  return sessionFileRoute(
+      std::move(directory), [](std::string_view file) { return file == "snapshot.glb" || file == "snapshot.json"; },
+      [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) {
+        auto question = snapshot::parse(request.query(), maker.snapshots->limits());
+        if (!question) return openRefusal(400, question.error().message);
+        return fileOf(maker, std::move(session), std::move(*question), file == "snapshot.json");
+      });
 }
 
 }  // namespace ridgecast::http

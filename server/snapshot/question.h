@@ -41,15 +41,21 @@ struct OfPose {
   double colourError = 0;  // as of settings::Settings
 };
 using OfBox = box::Box;
+using OfTile = lattice::LeafAddress;  // of 3D Tiles: tileset::isTile() holds
+
+class Parameters;
 
 struct Question {
-  std::variant<OfCamera, OfPose, OfBox> of;
+  std::variant<OfCamera, OfPose, OfBox, OfTile> of;
   gltf::Compression compression = gltf::Compression::kNone;
   bool normals = true, colours = true;
 };
 
 // `query` is the part of a URL after the ?, still percent-encoded.
 Outcome<Question> parse(std::string_view query, const Limits& limits);
+
+// Takes compression, normals and colours.
+void readForm(Parameters& parameters, Question& out);
 
 // Equal questions give equal text, however they were spelt. For an ETag.
 std::string canonical(const Question& question);

@@ -40,6 +40,9 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"queries: ", {"WhatExceedsAMembersBudgetWaits", "LongRaysLeaveOthersTheirTurns"}},
     {"requests that wait", {"OneAskerLeavesPlacesToOthers", "OneClientHasHalfOfThePlaces"}},
     {"`max-snapshot-triangles`, ", {"WhatCannotBeSaysWhy"}},
+    {"`cache-memory`", {"HoldsSoManyBytesAndTheLastWanted"}},
+    {"tilesets: ", {"RefusesTheRestInPlainWords"}},
+    {"a token in the URL", {"ATokenInTheUrlOfATilesetExpiresSoon"}},
     {"iterations of more than 10 ms", {"LongTasksLeaveAThreadToShortOnes"}},
     {"grounds: ", {"FewerAreInWorkThanThereAreThreads", "AQuestionHasOneDeadline"}},
 };
