@@ -183,7 +183,7 @@ TEST(Tiles, ATokenOfTheUrlIsHandedOnAndNotLogged) {
     return made.output.substr(0, made.output.find('\n'));
   };
   const std::string good = token("snapshot"), weak = token("view");
-  ServerProcess server(RIDGECAST_SERVER, {"--jwt-secret-file", secret, "--log-format", "json"});
+  ServerProcess server(RIDGECAST_SERVER, {"--jwt-secret-file", secret, "--log-level", "info", "--log-format", "json"});
   std::mt19937_64 random(3);
   std::string uri;
   Walk{server, random}.tileFrom("reach=500&token=" + good, uri);
