@@ -2,8 +2,9 @@
 // A tile of 3D Tiles: the mesh of one square of the lattice at the error of its level, and the skirt below its sides.
 //
 // Tiles are the squares of levels 0 (32 m) to kCoarsest (131 km): as the leaves of a camera's mesh, but coarser ones too. A level's error is
-// 1/128 of the side, which takes 100 to 4,000 triangles of the built-in terrains; so it doubles from level to level. The mesher keeps it
-// (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level share their side bit for bit.
+// 1/80 of the side, which takes up to 3,000 triangles of the built-in terrains and some 50 ms; so it doubles from level to level. The
+// mesher keeps it (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level share their side bit for
+// bit.
 
 #include <cmath>
 #include <cstdint>
@@ -18,10 +19,10 @@ namespace ridgecast::tileset {
 inline constexpr int kCoarsest = 12;
 
 // Metres: the greatest vertical distance between a tile of this level and the ground.
-inline double errorOf(int level) { return std::ldexp(0.25, level); }
-// Metres: how far a skirt hangs below its side. Between two sides of levels n and m the gap is at most the sum of their errors, so this
-// covers gaps between tiles that are up to three levels apart.
-inline double skirtOf(int level) { return 9 * errorOf(level); }
+inline double errorOf(int level) { return std::ldexp(0.4, level); }
+// Metres: how far a skirt hangs below its side. Between two sides of levels n and m the gap is at most the sum of their errors, so ten
+// errors cover the gaps between tiles that are up to three levels apart.
+inline double skirtOf(int level) { return std::ldexp(4, level); }
 
 // Whether it is a tile's square and lies on the lattice as a whole.
 bool isTile(lattice::LeafAddress square);
