@@ -87,7 +87,7 @@ async function open(path: string, more: Record<string, string> = {}): Promise<Pa
   return page;
 }
 
-/** Looks, waits until all is there, and counts background pixels 3 degrees and more below the horizontal, where there is only ground. */
+/** Looks, waits until all is there (`settled` draws first, or it would judge the last view), and counts background pixels 3 degrees and more below the horizontal, where there is only ground. */
 async function background(page: Page, view: View, settled: string, drawn: string): Promise<number> {
   await page.evaluate(`ridgecast.look(${view.east}, ${view.north}, ${view.up}, ${view.heading}, ${view.pitch})`);
   for (let calm = 0; calm < 3; await sleep(100)) calm = (await page.evaluate(settled)) ? calm + 1 : 0;
@@ -119,7 +119,7 @@ async function fly(page: Page, settled: string, drawn: string): Promise<void> {
 test('three.js shows ground wherever there is ground', { timeout: 1000 * PATIENCE }, async () => {
   const page = await open('/three/');
   const drawn = `(ridgecast.draw(), { gl: ridgecast.renderer.getContext(), tangent: Math.tan(Math.PI / 6), up: ridgecast.camera.matrixWorld.elements[5], forward: -ridgecast.camera.matrixWorld.elements[9] })`;
-  await fly(page, '(({ downloading, parsing, visible }) => visible > 0 && downloading + parsing === 0)(ridgecast.tiles.stats)', drawn);
+  await fly(page, 'ridgecast.draw(), (({ downloading, parsing, visible }) => visible > 0 && downloading + parsing === 0)(ridgecast.tiles.stats)', drawn);
   // The glaring background is found where it is.
   await page.evaluate('ridgecast.tiles.group.visible = false');
   assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, 'true', drawn)) > 1000);
@@ -134,7 +134,7 @@ test('CesiumJS shows ground wherever there is ground, at its height', { timeout:
     const gl = scene.canvas.getContext('webgl2');
     return { gl, tangent: Math.tan(camera.frustum.fovy / 2), up: along(camera.upWC), forward: along(camera.directionWC) };
   })()`;
-  await fly(page, 'ridgecast.tileset.tilesLoaded', drawn);
+  await fly(page, 'ridgecast.scene.render(), ridgecast.tileset.tilesLoaded', drawn);
   const places: [number, number][] = Array.from({ length: 5 }, () => [random(-300, 300), random(-300, 300)]);
   const found = (await page.evaluate(`(async () => {
     const { Cesium, frame, scene } = ridgecast;

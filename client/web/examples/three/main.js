@@ -15,7 +15,7 @@ const sun = new DirectionalLight('white', 3);
 sun.position.set(-1, 1.2, 0.4);
 scene.add(sun, new AmbientLight('#b0c8e8', 1));
 
-const camera = new PerspectiveCamera(60, 1, 1, 1e6);
+const camera = new PerspectiveCamera(60, 1, 0.1, 1e6);
 const controls = new MapControls(camera, renderer.domElement);
 
 /** Looks from a place, metres east, north and up of three's origin, by heading and pitch in degrees. */
