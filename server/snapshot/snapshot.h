@@ -1,6 +1,6 @@
 #pragma once
-// A mesh as a file: of a live camera, a pose, a box or a tile of 3D Tiles (question.h). Works on its own threads, at lower priority than all cameras. Each
-// calling thread makes one snapshot at a time.
+// A mesh as a file: of a live camera, a pose, a box or a tile of 3D Tiles (question.h). Works on its own threads, at lower priority than
+// all cameras. Each calling thread makes one snapshot at a time.
 //
 // asset.extras, which are also the metadata:
 //   of            "camera", "pose", "box" or "tile"

@@ -1,10 +1,9 @@
 #pragma once
 // A tile of 3D Tiles: the mesh of one square of the lattice at the error of its level, and the skirt below its sides.
 //
-// Tiles are the squares of levels 0 (32 m) to kCoarsest (131 km): as the leaves of a camera's mesh, but coarser ones too. A level's error is
-// 1/80 of the side, which takes up to 3,000 triangles of the built-in terrains and some 50 ms; so it doubles from level to level. The
-// mesher keeps it (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level share their side bit for
-// bit.
+// Tiles are the squares of levels 0 (32 m) to kCoarsest (131 km), as the leaves of a camera's mesh and coarser. A level's error is 1/80 of
+// the side, so it doubles from level to level; this takes up to 3,000 triangles of the built-in terrains and some 50 ms. The mesher keeps
+// it (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level share their side bit for bit.
 
 #include <cmath>
 #include <cstdint>

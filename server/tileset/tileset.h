@@ -8,9 +8,10 @@
 //
 // Axes: 3D Tiles has z up; viewers turn glTF's (x, y, z) to (x, -z, y). So here x is east, y is north (-z of the lattice), z is up.
 //
-// Boxes hold a tile with its skirt. Heights are known by 33 x 33 samples for each square of the tileset's last level, with the bound of what
-// lies between samples (box::Samples: four times the second differences that were measured; as the mesher's, which a proof for the posts of
-// a height map replaces), the greatest of the square for all of it. Over a height map never beyond the map's own range.
+// Boxes hold a tile with its skirt. They do not wait for the tile's mesh: each square of the tileset's last level has 33 x 33 samples, and
+// its heights are theirs, widened by the largest bound in the square of what lies between samples. box::Samples says how that is known: by
+// measured second differences with a margin of four, and by proof where the samples are as close as the posts of a height map. Over a map
+// the box keeps to the map's own range.
 //
 // Pure functions; any thread.
 
