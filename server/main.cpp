@@ -29,6 +29,7 @@
 #include "server/http/queries.h"
 #include "server/http/site.h"
 #include "server/http/snapshots.h"
+#include "server/http/tilesets.h"
 #include "server/http/worlds.h"
 #include "server/logging/logging.h"
 #include "server/net/health.h"
@@ -180,7 +181,9 @@ int serve(const config::Config& config, const sigset_t& signals) {
   };
   if (config.limits.maxSessions > 1) resources->makeTerrain = makeTerrain;
   auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
-  routes.insert(routes.begin(), http::snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &executor)));
+  const http::Maker maker{std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &executor),
+                          std::make_shared<http::AnswerCache>(std::size_t{config.cacheMemory} << 20)};
+  routes.insert(routes.begin(), {http::snapshotRoute(directory, maker), http::tilesetRoute(directory, maker)});
   routes.push_back(http::queryRoute(directory));
   routes.push_back(http::mapTileRoute(directory));
   routes.push_back(http::terrainsRoute(resources->makeTerrain ? std::optional(config.terrain.folder) : std::nullopt));

@@ -68,7 +68,6 @@ int take(const config::Config& config, const std::filesystem::path& file, const 
   snapshot::Limits limits = config.snapshots;
   limits.seconds = 86'400;
   limits.boxSide = 1e6;
-  limits.lowerPriorityBy = 0;
   auto question = snapshot::parse(query, limits, (*terrain)->raster(), *format);
   if (!question) return refuse(2, question.error().message);
 

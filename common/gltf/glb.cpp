@@ -29,10 +29,8 @@ double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice
 
 // Every coordinate of a leaf, in steps, must be an exact float.
 bool isExact(const mesh::LeafMesh& leaf) {
-  constexpr std::int32_t kExact = 1 << 24;
-  return std::ranges::all_of(leaf.vertices, [](const mesh::LocalVertex& v) {
-    return std::abs(v.x) <= kExact && std::abs(v.z) <= kExact && std::abs(v.y) <= kExact;
-  });
+  const auto exact = [](std::int32_t v) { return static_cast<double>(static_cast<float>(v)) == v; };
+  return std::ranges::all_of(leaf.vertices, [&](const mesh::LocalVertex& v) { return exact(v.x) && exact(v.z) && exact(v.y); });
 }
 
 // Integers without ".0", and without glTF's defaults: tinygltf writes both, and a file may have thousands of leaves.
@@ -95,9 +93,11 @@ class Writer {
     if (!isExact(*leaf.mesh))
       return Error{"a leaf of the mesh reaches further than 65,536 m from its corner, which a .glb cannot hold exactly"};
     tinygltf::Node node;
+    node.name = leaf.name;
     node.translation = {metres(leaf.mesh->address.x() - corner_.x), 0.0, metres(leaf.mesh->address.z() - corner_.z)};
     if (!leaf.mesh->triangles.empty()) {
       tinygltf::Mesh mesh;
+      mesh.name = leaf.name;
       mesh.primitives.push_back(primitiveOf(leaf, packed_.empty() ? std::nullopt : std::exchange(packed_[k], {})));
       model_.meshes.push_back(std::move(mesh));
       node.mesh = static_cast<int>(model_.meshes.size() - 1);

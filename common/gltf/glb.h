@@ -3,6 +3,7 @@
 //
 // One glTF node a leaf, empty ones included (those have no mesh):
 //   node.extras        {level, i, j, side}: the leaf's address, side in metres
+//   node.name          of leaves that have a name; also of its mesh
 //   node.translation   the leaf's corner (least x and z, y 0) in metres relative to the file's origin
 //   POSITION           metres relative to that corner; all are multiples of 1/256 m and exact in a float, compressed or not
 //   NORMAL             unit; compressed: within half a degree
@@ -42,9 +43,10 @@ inline constexpr int kColourBits = 8;  // of a channel compressed by Draco
 enum class Compression { kNone, kDraco };
 
 struct Leaf {
-  const mesh::LeafMesh* mesh = nullptr;               // canonical; lives as long as the document
+  const mesh::LeafMesh* mesh = nullptr;               // lives as long as the document
   std::vector<std::array<float, 3>> normals;          // of every vertex, or empty
   std::vector<std::array<std::uint16_t, 3>> colours;  // linear, 65535 is 1; of every vertex, or empty
+  std::string name = {};
 };
 
 // A picture laid upon the mesh from above, instead of colours.
@@ -68,7 +70,7 @@ lattice::Point originOf(const Document& document);  // where the file's coordina
 using ForEach = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;
 
 // `forEach` compresses the leaves; without it, one after another. The bytes are equal either way. Errors: the mesh is too large for a .glb
-// (4 GiB), a leaf's coordinates are not exact in a float (they reach 65 km), or `stop` was requested.
+// (4 GiB), a leaf's coordinates are not exact in a float (odd numbers of steps reach 65 km), or `stop` was requested.
 Outcome<std::string> writeGlb(const Document& document, Compression compression, std::stop_token stop = {}, const ForEach& forEach = {});
 
 }  // namespace ridgecast::gltf

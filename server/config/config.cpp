@@ -146,6 +146,7 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles", 10'000, 20'000'000);
   addNumber(app, "--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1, 600);
   addNumber(app, "--snapshot-share", w.snapshotShare, "Percent of all cores that snapshots get while cameras work", 1, 100);
+  addNumber(app, "--cache-memory", c.cacheMemory, "MiB of snapshots and tiles that are kept for those who ask again", 0, 65536);
   addNumber(app, "--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1, wire::kMaxWindow);
   app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();

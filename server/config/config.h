@@ -20,6 +20,7 @@ struct Config {
   net::Settings net;
   session::Limits limits;
   snapshot::Limits snapshots;
+  std::uint32_t cacheMemory = 64;   // MiB of made snapshots and tiles
   user_terrain::Request terrain;    // of the default session, with its seed
   bool watch = false;               // sessions follow their terrain files
   unsigned threads = 0;             // 0: as many as the hardware has

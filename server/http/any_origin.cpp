@@ -4,31 +4,25 @@
 
 namespace ridgecast::http {
 
-void open(Answer& a) {
+Answer opened(Answer a) {
   a.headers.emplace_back("Access-Control-Allow-Origin", "*");
   a.headers.emplace_back("Access-Control-Expose-Headers", "Content-Disposition, Content-Length, ETag, Retry-After");
+  return a;
 }
 
 Answer openRefusal(unsigned status, std::string sentence, Headers headers) {
-  Answer a = plain(status, std::move(sentence), std::move(headers));
-  open(a);
-  return a;
+  return opened(plain(status, std::move(sentence), std::move(headers)));
 }
 
-Answer openWrongMethod() {
-  Answer a = wrongMethod("GET, HEAD, OPTIONS");
-  open(a);
-  return a;
-}
+Answer openWrongMethod() { return opened(wrongMethod("GET, HEAD, OPTIONS")); }
 
 Answer preflight() {
   Answer a;
   a.status = 204;
-  open(a);
-  a.headers.emplace_back("Access-Control-Allow-Methods", "GET, HEAD");
-  a.headers.emplace_back("Access-Control-Allow-Headers", "Authorization, If-None-Match");
-  a.headers.emplace_back("Access-Control-Max-Age", "86400");
-  return a;
+  a.headers = {{"Access-Control-Allow-Methods", "GET, HEAD"},
+               {"Access-Control-Allow-Headers", "Authorization, If-None-Match"},
+               {"Access-Control-Max-Age", "86400"}};
+  return opened(std::move(a));
 }
 
 }  // namespace ridgecast::http

@@ -7,7 +7,7 @@
 
 namespace ridgecast::http {
 
-void open(Answer& answer);
+Answer opened(Answer answer);
 Answer openRefusal(unsigned status, std::string sentence, Headers headers = {});
 Answer openWrongMethod();
 Answer preflight();  // of a page, before it may send its token

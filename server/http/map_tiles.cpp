@@ -100,15 +100,14 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
   if (!at) return openRefusal(400, at.error().message);
   session->use();
   const std::string etag = etagOf(*session, *wanted, *at);
-  Answer a = madeBy({.work = [terrain = session->terrain(), sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours,
-                              etag](const std::stop_token& stop) {
+  Answer a = opened(madeBy({.work = [terrain = session->terrain(), sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours,
+                                     etag](const std::stop_token& stop) {
     Answer made = colours ? coloursOf(*terrain, sheet, stop) : heightsOf(*terrain, sheet, stop);
     if (made.status != 200) return made;
-    open(made);
+    made = opened(std::move(made));
     made.etag = etag;
     return made;
-  }});
-  open(a);
+  }}));
   a.etag = etag;
   return a;
 }

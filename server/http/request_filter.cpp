@@ -27,6 +27,11 @@ std::optional<std::string_view> sessionOf(std::string_view path) {
   return path.substr(0, path.find('/'));
 }
 
+bool isOfTileset(std::string_view path) {
+  const auto session = sessionOf(path);
+  return session && std::string_view(session->data() + session->size(), path.data() + path.size()).starts_with("/3dtiles/");
+}
+
 Answer unauthorised(std::string sentence, const std::string& error = {}) {
   return refused(401, metrics::Refusal::kToken, std::move(sentence), {{"WWW-Authenticate", R"(Bearer realm="ridgecast")" + error}});
 }
@@ -43,7 +48,9 @@ Needed needed(std::string_view method, std::string_view path) {
     if (method == "OPTIONS") return {};
     const std::string_view file = path.substr(kSessions.size() + session->size());
     const bool isTile = file.starts_with("/heights/") || file.starts_with("/colours/");
-    return {isTile ? Right::kQuery : path.substr(path.rfind('/')).starts_with("/snapshot.") ? Right::kSnapshot : Right::kView};
+    return {isTile                                                                        ? Right::kQuery
+            : path.substr(path.rfind('/')).starts_with("/snapshot.") || isOfTileset(path) ? Right::kSnapshot
+                                                                                          : Right::kView};
   }
   for (const std::string_view query : {"/v1/heights", "/v1/normals", "/v1/rays", "/v1/query"})
     if (path.starts_with(query)) return {Right::kQuery};
@@ -84,15 +91,22 @@ std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request)
   if (!requiresTokens()) return access::Grant{{}, access::Rights::all(), {}, {}};
   if (!need.right) return access::Grant{};
 
-  const std::string_view bearer = bearerOf(request);
+  std::string bearer(bearerOf(request));
+  const bool fromUrl = bearer.empty() && isOfTileset(path);
+  if (fromUrl)
+    if (auto token = queryParameter(request.query(), "token")) bearer = std::move(*token);
   if (bearer.empty()) return unauthorised("This needs a token: Authorization: Bearer TOKEN.");
+  const auto now = std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now());
   std::shared_ptr<const access::Tokens> tokens;
   {
     const std::lock_guard lock(mutex_);
     tokens = tokens_;
   }
-  auto grant = tokens->judge(bearer, std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now()));
+  auto grant = tokens->judge(bearer, now);
   if (!grant) return unauthorised(grant.error().message, R"(, error="invalid_token")");
+  if (fromUrl && (!grant->expires || *grant->expires - now > kLongestInUrl))
+    return unauthorised("A token in a URL must expire within a day; 'ridgecast-server token --expires 1h' makes one.",
+                        R"(, error="invalid_token")");
   const auto forbidden = [&](std::string sentence) {
     Answer a = refused(403, metrics::Refusal::kRight, std::move(sentence),
                        {{"WWW-Authenticate", R"(Bearer realm="ridgecast", error="insufficient_scope")"}});

@@ -3,8 +3,10 @@
 // route alike; only /healthz and /readyz answer under any name.
 //
 // A token comes as `Authorization: Bearer TOKEN`. Pages cannot set headers of a WebSocket; they offer two subprotocols instead,
-// `ridgecast.v1` and `bearer.TOKEN`, and the server selects the first.
+// `ridgecast.v1` and `bearer.TOKEN`, and the server selects the first. Viewers of 3D Tiles cannot set headers either: for tilesets a token
+// that expires within kLongestInUrl may stand in the query, as token=TOKEN. The header counts before it.
 
+#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <mutex>
@@ -21,6 +23,7 @@
 namespace ridgecast::http {
 
 inline constexpr std::string_view kSubprotocol = "ridgecast.v1";
+inline constexpr std::chrono::hours kLongestInUrl{24};  // a URL stands in histories and in the logs of proxies
 
 struct Access {
   std::string host = "127.0.0.1";           // an address or a name of this machine

@@ -101,6 +101,10 @@ std::string routeOf(std::string_view path) {
        {"/", "/healthz", "/readyz", "/metrics", "/version", "/v1/stream", "/v1/sessions", "/v1/heights", "/v1/normals", "/v1/rays"})
     if (path == known) return std::string(known);
   constexpr std::string_view sessions = "/v1/sessions/";
+  for (const auto& [ending, tile] :
+       {std::pair{"/tileset.json", "/tileset.json"}, {".json", "/{level}/{i}/{j}.json"}, {".glb", "/{level}/{i}/{j}.glb"}})
+    if (path.starts_with(sessions) && path.find("/3dtiles/") != std::string_view::npos && path.ends_with(ending))
+      return std::string(sessions) + "{session}/3dtiles" + tile;
   for (const std::string_view snapshot : {"/snapshot.glb", "/snapshot.json", "/snapshot.ply", "/snapshot.obj"})
     if (path.starts_with(sessions) && path.ends_with(snapshot)) return std::string(sessions) + "{session}" + std::string(snapshot);
   if (path.starts_with(sessions)) {  // tiles (map_tiles.h)

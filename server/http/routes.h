@@ -71,9 +71,9 @@ Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 
 // Work that makes the answer on its own thread (jobs.h). `stop` is requested when the client leaves or the server shuts down: return soon;
 // the result is not read. `patient` work may take seconds and yields to everything else. Making a world also takes seconds, but must not
-// wait behind snapshots that take a minute, so it has its own queue.
+// wait behind snapshots that take a minute, so it has its own queue. So have tiles, of which viewers request many at a time.
 struct Later {
-  bool patient = false, makesWorld = false;
+  bool patient = false, makesWorld = false, isTile = false;
   std::function<Answer(std::stop_token stop)> work{};
   // Progress in a few words without line breaks. Sent about once a second, as HTTP 102 with a header `Progress`, to clients that request it
   // by `Prefer: progress`. Any thread, while the work waits or runs.

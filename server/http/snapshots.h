@@ -12,11 +12,11 @@
 #include <memory>
 
 #include "server/http/routes.h"
+#include "server/http/session_files.h"
 #include "server/session/session.h"
-#include "server/snapshot/snapshot.h"
 
 namespace ridgecast::http {
 
-Route snapshotRoute(std::shared_ptr<session::Directory> directory, std::shared_ptr<snapshot::Snapshots> snapshots);
+Route snapshotRoute(std::shared_ptr<session::Directory> directory, Maker maker);
 
 }  // namespace ridgecast::http

@@ -198,12 +198,12 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   // Does the work for an answer and watches meanwhile whether the client is still there.
   void work(std::shared_ptr<const Later> later, const std::string& client) {
     asker_ = std::stop_source();
-    Jobs& jobs = later->makesWorld ? shared_->worldJobs : later->patient ? shared_->patientJobs : shared_->promptJobs;
-    const metrics::Figures::Work& figures = later->makesWorld ? shared_->worldFigures
-                                            : later->patient  ? shared_->patientFigures
-                                                              : shared_->promptFigures;
-    if (later->patient && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy(jobs);
-    auto run = [self = shared_from_this(), later, &figures, posted = Clock::now()](std::stop_token stop) {
+    auto& [jobs, figures] = later->makesWorld ? shared_->worlds
+                            : later->patient  ? shared_->patient
+                            : later->isTile   ? shared_->tiles
+                                              : shared_->prompt;
+    if ((later->patient || later->isTile) && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy(jobs);
+    auto run = [self = shared_from_this(), later, &figures = figures, posted = Clock::now()](std::stop_token stop) {
       const Clock::time_point begun = Clock::now();
       figures.wait.Observe(seconds(begun - posted));
       Answer a;

@@ -94,12 +94,13 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
                    }));
   const std::pair<const char*, double (*)(Shared&)> queues[] = {
       {"iterations", [](Shared& s) -> double { return s.directory->resources().executor->queued(); }},
-      {"answers", [](Shared& s) -> double { return s.promptJobs.waiting(); }},
-      {"snapshots", [](Shared& s) -> double { return s.patientJobs.waiting(); }},
-      {"worlds", [](Shared& s) -> double { return s.worldJobs.waiting(); }}};
+      {"answers", [](Shared& s) -> double { return s.prompt.jobs.waiting(); }},
+      {"tiles", [](Shared& s) -> double { return s.tiles.jobs.waiting(); }},
+      {"snapshots", [](Shared& s) -> double { return s.patient.jobs.waiting(); }},
+      {"worlds", [](Shared& s) -> double { return s.worlds.jobs.waiting(); }}};
   for (const auto& [name, depth] : queues)
     registry.compute("ridgecast_queue_depth",
-                     "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, snapshots, worlds that are made.",
+                     "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, tiles, snapshots, worlds that are made.",
                      of(depth), {{"queue", name}});
   registry.compute("ridgecast_memory_limit_bytes", "What this process may use; 0: unknown.",
                    [limit = static_cast<double>(memory::available())] { return limit; });

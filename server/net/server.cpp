@@ -99,9 +99,7 @@ class ListeningServer final : public Server {
     std::this_thread::sleep_for(shared_->settings.drainDelay);
     const auto until = std::chrono::steady_clock::now() + shared_->settings.drain;
     drain();
-    shared_->promptJobs.finish(until);
-    shared_->patientJobs.finish(until);
-    shared_->worldJobs.finish(until);
+    for (Work* work : {&shared_->prompt, &shared_->tiles, &shared_->patient, &shared_->worlds}) work->jobs.finish(until);
     {
       std::unique_lock lock(shared_->mutex);
       shared_->fewer.wait_until(lock, until, [this] { return shared_->streams.empty() && shared_->answerBytes == 0; });

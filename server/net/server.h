@@ -18,7 +18,7 @@
 //   token                  its expiry, or a reload    Error, close 1008
 //   queued messages        kMaxQueuedMessages         closed (does not happen: a session keeps to its window)
 //   silence                idle, ping at half         closed
-//   work for answers       prompt-, patient-, worldJobs   HTTP 503 with Retry-After; ends if the client hangs up or half-closes
+//   work for answers       prompt-, tile-, patient-, worldJobs   HTTP 503 with Retry-After; ends if the client hangs up or half-closes
 //   of one client          Jobs::share               HTTP 429 with Retry-After
 //   unsent answers         maxAnswerBytes             HTTP 503 for patient work
 //   slow readers           timeout, then 64 KiB/s    closed
@@ -61,6 +61,7 @@ struct Settings : http::Access {                 // host: the address to listen 
   std::chrono::milliseconds timeout{10'000};
   std::chrono::milliseconds idle{60'000};
   http::Jobs::Limits promptJobs{2, 64};    // answers that take milliseconds
+  http::Jobs::Limits tileJobs{1, 128};     // of 3D Tiles: some 50 ms each, many at a time
   http::Jobs::Limits patientJobs{1, 4};    // answers that take seconds
   http::Jobs::Limits worldJobs{1, 8, 10};  // compilation of worlds
   std::size_t maxAnswerBytes = std::size_t{1} << 30;

@@ -52,6 +52,13 @@ class OpenStream {
   virtual const session::Session& session() const = 0;
 };
 
+// A queue of work for answers.
+struct Work {
+  Work(const Jobs::Limits& limits, const metrics::Figures::Work& f) : jobs(limits), figures(f) {}
+  Jobs jobs;
+  const metrics::Figures::Work figures;
+};
+
 // Shared by all connections. Outlives them.
 struct Shared {
   Shared(const Settings& s, std::shared_ptr<session::Directory> d, std::vector<Route> r)
@@ -61,12 +68,10 @@ struct Shared {
         figures(directory->resources().figures),
         filter(settings),
         connectionsByAddress(settings.maxConnectionsPerAddress),
-        promptJobs(s.promptJobs),
-        patientJobs(s.patientJobs),
-        worldJobs(s.worldJobs),
-        promptFigures(figures->work("answers")),
-        patientFigures(figures->work("snapshots")),
-        worldFigures(figures->work("worlds")) {}
+        prompt(s.promptJobs, figures->work("answers")),
+        tiles(s.tileJobs, figures->work("tiles")),
+        patient(s.patientJobs, figures->work("snapshots")),
+        worlds(s.worldJobs, figures->work("worlds")) {}
   const Settings settings;
   const std::shared_ptr<session::Directory> directory;
   std::vector<Route> routes;  // constant once connections are accepted
@@ -79,8 +84,7 @@ struct Shared {
   std::atomic<std::uint32_t> connections{0};
   std::atomic<std::uint32_t> admins{0};     // connections of the admin port
   std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
-  Jobs promptJobs, patientJobs, worldJobs;
-  const metrics::Figures::Work promptFigures, patientFigures, worldFigures;
+  Work prompt, tiles, patient, worlds;
   std::atomic<bool> reloaded{true};          // the last reload succeeded
   std::atomic<double> certificateExpiry{0};  // seconds since 1970; 0: no TLS
 

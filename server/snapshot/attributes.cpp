@@ -15,7 +15,7 @@ constexpr std::size_t kBatch = 1024;
 // A vertex, in every leaf that holds it.
 struct Shared {
   Step x = 0, z = 0;
-  std::int32_t y = 0;  // steps
+  std::int32_t y = 0;  // steps; the highest, for below the sides of a tile its skirt hangs
   std::int8_t width = kFinest;
   double area = 0;  // of its triangles, square steps, twice
 };
@@ -37,8 +37,9 @@ std::vector<Shared> gather(const std::vector<gltf::Leaf>& leaves, std::vector<st
   std::sort(corners.begin(), corners.end(), [](const Corner& a, const Corner& b) { return a.x != b.x ? a.x < b.x : a.z < b.z; });
   std::vector<Shared> out;
   for (const Corner& c : corners) {
-    if (out.empty() || out.back().x != c.x || out.back().z != c.z)
-      out.push_back({c.x, c.z, leaves[c.leaf].mesh->vertices[c.vertex].y, kFinest, 0});
+    const std::int32_t y = leaves[c.leaf].mesh->vertices[c.vertex].y;
+    if (out.empty() || out.back().x != c.x || out.back().z != c.z) out.push_back({c.x, c.z, y, kFinest, 0});
+    out.back().y = std::max(out.back().y, y);
     indices[c.leaf][c.vertex] = static_cast<std::uint32_t>(out.size() - 1);
   }
   for (std::uint32_t l = 0; l < leaves.size(); ++l) {

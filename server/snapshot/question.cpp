@@ -4,101 +4,20 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <map>
 #include <numbers>
-#include <optional>
 
 #include "common/settings/settings.h"
 #include "common/text/text.h"
+#include "server/snapshot/parameters.h"
 
 namespace ridgecast::snapshot {
 namespace {
 
-constexpr std::size_t kMostParameters = 32;
 constexpr double kMostMetres = 4e12;
 constexpr std::array<std::string_view, 3> kOrigins{"cell", "centre", "world"};
 constexpr double kRadians = std::numbers::pi / 180;
 
 std::string text(double v) { return text::rounded(v, 12); }
-
-// A URL may contain anything: repeats only harmless text.
-std::string inQuotes(std::string_view text) {
-  std::string out = "'";
-  for (const char c : text.substr(0, 40)) out += c >= ' ' && c <= '~' && c != '\'' && c != '\\' ? c : '?';
-  return out + (text.size() > 40 ? "...'" : "'");
-}
-
-class Parameters {
- public:
-  Outcome<void> read(std::string_view query) {
-    while (!query.empty()) {
-      std::string_view part = text::takePart(query, '&');
-      if (part.empty()) continue;
-      const auto name = text::percentDecoded(text::takePart(part, '=')), value = text::percentDecoded(part);
-      if (!name || !value) return Error{"The query has a % without two hexadecimal digits after it."};
-      if (values_.size() >= kMostParameters)
-        return Error{"The query has more than " + std::to_string(kMostParameters) + " parameters, the limit."};
-      if (!values_.emplace(*name, *value).second) return Error{"The query has " + inQuotes(*name) + " twice; give it once."};
-    }
-    return {};
-  }
-
-  bool has(const char* name) const { return values_.contains(name); }
-
-  std::optional<std::string> take(const char* name) {
-    const auto it = values_.find(name);
-    if (it == values_.end()) return std::nullopt;
-    std::string value = std::move(it->second);
-    values_.erase(it);
-    return value;
-  }
-
-  // A number within its range. If missing: `otherwise`, or an error without it. After the first error all calls fail.
-  double number(const char* name, double low, double high, const char* unit, std::optional<double> otherwise = {}) {
-    const auto value = take(name);
-    if (!value) {
-      if (!otherwise) refuse("The query lacks '" + std::string(name) + "', a number from " + text(low) + " to " + text(high) + unit + ".");
-      return otherwise.value_or(low);
-    }
-    if (const auto v = text::number<double>(*value); v && *v >= low && *v <= high) return *v;
-    refuse("'" + std::string(name) + "' is " + inQuotes(*value) + "; it must be a number from " + text(low) + " to " + text(high) + unit +
-           ".");
-    return low;
-  }
-
-  std::uint64_t whole(const char* name, std::uint64_t low, std::uint64_t high, const char* unit,
-                      std::optional<std::uint64_t> otherwise = {}) {
-    const auto value = take(name);
-    if (!value && otherwise) return *otherwise;
-    if (const auto v = text::number<std::uint64_t>(value.value_or("")); v && *v >= low && *v <= high) return *v;
-    refuse("'" + std::string(name) + "' is " + inQuotes(value.value_or("")) + "; it must be a whole number from " + std::to_string(low) +
-           " to " + std::to_string(high) + unit + ".");
-    return low;
-  }
-
-  bool flag(const char* name) {
-    const auto value = take(name);
-    if (!value || *value == "1") return true;
-    if (*value != "0") refuse("'" + std::string(name) + "' is " + inQuotes(*value) + "; it must be 0 or 1.");
-    return false;
-  }
-
-  void refuse(std::string sentence) {
-    if (!error_) error_ = Error{std::move(sentence)};
-  }
-  std::optional<Error> finish() {
-    if (!error_ && !values_.empty())
-      refuse("The query says " + inQuotes(values_.begin()->first) +
-             ", which does not belong here. A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, "
-             "colour_error, or of "
-             "x0, z0, x1, z1, error, texture (or box=all in place of the corners); with compression, normals, colours and origin.");
-    return error_;
-  }
-
- private:
-  std::map<std::string, std::string> values_;
-  std::optional<Error> error_;
-};
 
 double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre)); }
@@ -157,6 +76,17 @@ OfBox boxOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
 
 }  // namespace
 
+void readForm(Parameters& p, Question& out) {
+  if (const auto value = p.take("compression")) {
+    if (*value == "draco")
+      out.compression = gltf::Compression::kDraco;
+    else if (*value != "none")
+      p.refuse("'compression' is " + inQuotes(*value) + "; it must be draco or none.");
+  }
+  out.normals = p.flag("normals");
+  out.colours = p.flag("colours");
+}
+
 Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map, Format format) {
   Parameters p;
   if (auto read = p.read(query); !read) return read.error();
@@ -164,12 +94,7 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
   out.format = format;
   if (format != Format::kGlb && (p.has("compression") || p.has("texture")))
     p.refuse("A PLY or OBJ file has neither compression nor a texture; leave them out, or ask for a .glb.");
-  if (const auto value = p.take("compression")) {
-    if (*value == "draco")
-      out.compression = gltf::Compression::kDraco;
-    else if (*value != "none")
-      p.refuse("'compression' is " + inQuotes(*value) + "; it must be draco or none.");
-  }
+  readForm(p, out);
   if (const auto value = p.take("origin")) {
     const auto known = std::ranges::find(kOrigins, *value);
     if (known == kOrigins.end())
@@ -177,8 +102,6 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
     else
       out.origin = static_cast<Origin>(known - kOrigins.begin());
   }
-  out.normals = p.flag("normals");
-  out.colours = p.flag("colours");
   if (p.has("camera"))
     out.of = OfCamera{p.whole("camera", 1, ~std::uint64_t{0}, "")};
   else if (p.has("x0") || p.has("z0") || p.has("x1") || p.has("z1") || p.has("box"))
@@ -190,7 +113,10 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
     if (out.compression == gltf::Compression::kDraco) p.refuse("A texture goes with compression=none; leave one of them out.");
     out.colours = false;
   }
-  if (auto error = p.finish()) return *error;
+  if (auto error = p.finish("A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, colour_error, or of "
+                            "x0, z0, x1, z1, error, texture (or box=all in place of the corners); with compression, normals, colours and "
+                            "origin."))
+    return *error;
   return out;
 }
 
@@ -230,6 +156,11 @@ std::string canonical(const Question& q) {
     out += " box";
     for (const lattice::Step v : {box->low.x, box->low.z, box->high.x, box->high.z}) add(v);
     addExact(box->error);
+  } else if (const auto* tile = std::get_if<OfTile>(&q.of)) {
+    out += " tile";
+    add(tile->level);
+    add(tile->i);
+    add(tile->j);
   }
   return out;
 }

@@ -32,7 +32,7 @@ namespace ridgecast::snapshot {
 struct Limits {
   std::uint32_t triangles = 2'000'000;
   double seconds = 60;
-  double share = 0.1;  // of all cores, while cameras work
+  double share = 0.1;        // of all cores, while cameras work
   double boxSide = 32'768;   // metres, the longest
   int partBits = 12;         // larger boxes of a height map are meshed in parts, lattice squares of at most 2^12 samples a side
   double leastError = 0.02;  // metres, of a box
@@ -51,12 +51,15 @@ struct OfPose {
   double colourError = 0;  // as of settings::Settings
 };
 using OfBox = box::Box;
+using OfTile = lattice::LeafAddress;  // of 3D Tiles: tileset::isTile() holds
+
+class Parameters;
 
 enum class Origin { kCell, kCentre, kWorld };
 enum class Format { kGlb, kPly, kObj };
 
 struct Question {
-  std::variant<OfCamera, OfPose, OfBox> of;
+  std::variant<OfCamera, OfPose, OfBox, OfTile> of;
   Format format = Format::kGlb;  // by the name of the file, not by a parameter
   Origin origin = Origin::kCell;
   std::uint32_t texture = 0;  // pixels; 0: none
@@ -69,6 +72,9 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
 
 // By its ending: .glb, .ply or .obj.
 std::optional<Format> formatOf(std::string_view file);
+
+// Takes compression, normals and colours.
+void readForm(Parameters& parameters, Question& out);
 
 // Equal questions give equal text, however they were spelt. For an ETag.
 std::string canonical(const Question& question);

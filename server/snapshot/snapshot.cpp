@@ -22,6 +22,7 @@
 #include "server/snapshot/attributes.h"
 #include "server/snapshot/polygon_file.h"
 #include "server/terrain/declaration.h"
+#include "server/tileset/tile.h"
 
 namespace ridgecast::snapshot {
 
@@ -61,6 +62,16 @@ Json parametersOf(const terrain::Terrain& terrain) {
   return out;
 }
 
+Json describe(lattice::Point low, lattice::Point high) {
+  return {{"x0", metres(low.x)}, {"z0", metres(low.z)}, {"x1", metres(high.x)}, {"z1", metres(high.z)}};
+}
+
+// Of a box's or a tile's mesh.
+Json errorOf(const auto& mesh, double asked) {
+  return {{"unit", "metres"},        {"asked", asked},         {"kept", mesh.error}, {"known", mesh.proven ? "proven" : "measured"},
+          {"spacing", mesh.spacing}, {"samples", mesh.samples}};
+}
+
 // The common result of all kinds of snapshots.
 struct Made {
   std::vector<mesh::LeafMesh> own;
@@ -69,6 +80,7 @@ struct Made {
   lattice::Point low, high;  // of a box
   std::optional<camera::Camera> camera;
   Json extras;
+  std::vector<std::string> names;  // of the leaves; empty: they have none
   const std::vector<mesh::LeafMesh>& leaves() const { return held ? held->leaves : own; }
 };
 
@@ -192,15 +204,22 @@ Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limit
   out.origin = box->low;
   out.low = box->low;
   out.high = box->high;
-  out.extras = {{"of", "box"},
-                {"box", {{"x0", metres(box->low.x)}, {"z0", metres(box->low.z)}, {"x1", metres(box->high.x)}, {"z1", metres(box->high.z)}}},
-                {"error",
-                 {{"unit", "metres"},
-                  {"asked", of.error},
-                  {"kept", box->error},
-                  {"known", box->proven ? "proven" : "measured"},
-                  {"spacing", box->spacing},
-                  {"samples", box->samples}}}};
+  out.extras = {{"of", "box"}, {"box", describe(box->low, box->high)}, {"error", errorOf(*box, of.error)}};
+  return out;
+}
+
+Result<Made> ofTile(const session::Session& session, const OfTile& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+                    const Watch& watch) {
+  auto tile = tileset::meshTile(*session.terrain(), of, limits.triangles, *pool, watch);
+  if (!tile) return tile.error();
+  Made out;
+  out.origin = tileset::frameOf(of);
+  out.extras = {{"of", "tile"},
+                {"box", describe({of.x(), of.z()}, {of.x() + of.side(), of.z() + of.side()})},
+                {"error", errorOf(*tile, tileset::errorOf(of.level))}};
+  out.own.push_back(std::move(tile->surface));
+  out.own.push_back(std::move(tile->skirt));
+  out.names = {"surface", "skirt"};
   return out;
 }
 
@@ -311,8 +330,10 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
     made = ofCamera(session, *camera, watch);
   else if (const auto* pose = std::get_if<OfPose>(&question.of))
     made = ofPose(session, *pose, limits_, pool, watch);
+  else if (const auto* box = std::get_if<OfBox>(&question.of))
+    made = ofBox(session, *box, limits_, pool, watch, progress);
   else
-    made = ofBox(session, std::get<OfBox>(question.of), limits_, pool, watch, progress);
+    made = ofTile(session, std::get<OfTile>(question.of), limits_, pool, watch);
   if (!made) return made.error();
 
   const terrain::Terrain& terrain = *session.terrain();
@@ -321,8 +342,9 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   for (const mesh::LeafMesh& leaf : made->leaves()) {
     triangles += leaf.triangles.size();
     vertices += leaf.vertices.size();
-    document.leaves.push_back({&leaf, {}, {}});
+    document.leaves.push_back({&leaf, {}, {}, {}});
   }
+  for (std::size_t k = 0; k < made->names.size(); ++k) document.leaves[k].name = made->names[k];
   if (triangles > limits_.triangles)
     return Problem{Problem::Kind::kTooMuch, "This camera holds " + std::to_string(triangles) + " triangles; a snapshot may have at most " +
                                                 std::to_string(limits_.triangles) + "."};

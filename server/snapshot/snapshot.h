@@ -1,18 +1,19 @@
 #pragma once
-// A mesh as a file: of a live camera, a pose or a box (question.h). Works on its own threads, with a share of the cores while cameras work. Each
-// calling thread makes one snapshot at a time.
+// A mesh as a file: of a live camera, a pose, a box or a tile of 3D Tiles (question.h). Works on its own threads, with a share of the cores
+// while cameras work. Each calling thread makes one snapshot at a time.
 //
 // asset.extras, which are also the metadata:
-//   of            "camera", "pose" or "box"
+//   of            "camera", "pose", "box" or "tile"
 //   session, terrain, seed, parameters {name: value}, contentHash (16 hexadecimal digits)
 //   pose          x, z, y (metres, absolute), altitude, yaw, pitch, fov (degrees, as in path files), width, height; of camera and pose
 //   camera        id, iteration, meshHash (as acknowledged by its client); of a live camera
 //   box           x0, z0, x1, z1 (metres; the covered area, at most a quarter of the error wider than requested)
-//   error         unit ("metres" for a box, otherwise the metric: "pixels", "area" or "thesis"), asked, kept; for a box also
+//   error         unit ("metres" for a box or tile, otherwise the metric: "pixels", "area" or "thesis"), asked, kept; for a box or tile also
 //                 samples: kept is the largest error found on that many points
 //   origin        x, z (metres): what to add to a coordinate of the file
 //   georeference  crs (as the map's file names it; absent if unknown), easting, northing (metres): of the file's origin, so that a vertex
 //                 has easting + x, northing - z; only of a height map that says where it lies
+// A tile has two nodes, "surface" and "skirt" (server/tileset/tile.h).
 //   leaves, triangles, vertices (of all leaves, shared ones each time), latticeStep; cellX, cellZ with origin=cell
 
 #include <atomic>

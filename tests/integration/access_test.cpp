@@ -58,6 +58,8 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
                                      {"GET", "/v1/sessions/default/heights/3/1/2.png?at=0,0", Right::kQuery, false},
                                      {"GET", "/v1/sessions/default/colours/3/1/2.jpg?at=0,0", Right::kQuery, false},
                                      {"HEAD", "/v1/sessions/default/snapshot.json?session=elsewhere", Right::kSnapshot, false},
+                                     {"GET", "/v1/sessions/default/3dtiles/tileset.json", Right::kSnapshot, false},
+                                     {"HEAD", "/v1/sessions/default/3dtiles/1/2/3.glb?x=1", Right::kSnapshot, false},
                                      {"GET", "/v1/sessions/default/whatever", Right::kView, false},
                                      {"DELETE", "/v1/sessions/default", Right::kAdmin, false},
                                      {"DELETE", "/v1/sessions/default/members/7", Right::kAdmin, false},
@@ -123,6 +125,29 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
   EXPECT_EQ(status("/v1/stream?session=default&session=new", bearer(jwt(Right::kView, "new"))), 403);
   EXPECT_GT(refusals(metrics::Refusal::kToken), 100u);
   EXPECT_GT(refusals(metrics::Refusal::kRight), 20u);
+}
+
+// Viewers of 3D Tiles cannot set headers.
+TEST_F(AccessTest, ATokenInTheUrlOfATilesetExpiresSoon) {
+  using access::Right;
+  const access::NewToken endless = access::makeToken({"lab", access::Rights::all(), "", {}});
+  const access::NewToken brief = access::makeToken({"guest", Right::kSnapshot, "", now() + 1h});
+  settings.tokens.tokens = file("tokens", endless.line + "\n" + brief.line + "\n");
+  settings.tokens.secrets = {file("secret", kSecret + "\n")};
+  start();
+  const std::string tile = "/v1/sessions/default/3dtiles/1/2/3.glb?compression=draco&token=";
+  EXPECT_EQ(status(tile + brief.token, ""), 404);  // judged and let through; no route is here
+  EXPECT_EQ(status(tile + jwt(Right::kSnapshot, "default", 23h), ""), 404);
+  EXPECT_EQ(status(tile + jwt(Right::kSnapshot, "", 25h), ""), 401);
+  EXPECT_EQ(status(tile + endless.token, ""), 401);
+  EXPECT_THAT(get(tile + endless.token), HasSubstr("must expire within a day"));
+  EXPECT_EQ(status(tile + jwt(Right::kSnapshot, "", -1s), ""), 401);
+  EXPECT_EQ(status(tile + jwt(Right::kView), ""), 403);
+  EXPECT_EQ(status(tile + jwt(Right::kSnapshot, "elsewhere"), ""), 403);
+  EXPECT_EQ(status(tile + "nonsense", "Authorization: Bearer " + endless.token + "\r\n"), 404);  // the header counts
+  for (const char* other : {"/v1/sessions/default/snapshot.glb?token=", "/v1/sessions?x=/3dtiles/&token=", "/v1/sessions/3dtiles/x?token=",
+                            "/v1/heights?at=0,0&token=", "/metrics?token="})
+    EXPECT_EQ(status(other + jwt(access::Rights::all()), ""), 401) << other;
 }
 
 TEST_F(AccessTest, AStreamEndsWithItsTokenAndAsksNothingWithoutTheRight) {

@@ -41,6 +41,9 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"requests that wait", {"OneAskerLeavesPlacesToOthers", "OneClientHasHalfOfThePlaces"}},
     {"`snapshot-share`", {"WhoRestsKeepsToItsShare", "MakesSnapshotsToo"}},
     {"`max-snapshot-triangles`, ", {"WhatCannotBeSaysWhy", "OriginAndTexture"}},
+    {"`cache-memory`", {"HoldsSoManyBytesAndTheLastWanted"}},
+    {"tilesets: ", {"RefusesTheRestInPlainWords"}},
+    {"a token in the URL", {"ATokenInTheUrlOfATilesetExpiresSoon"}},
     {"iterations of more than 10 ms", {"LongTasksLeaveAThreadToShortOnes"}},
     {"grounds: ", {"FewerAreInWorkThanThereAreThreads", "AQuestionHasOneDeadline"}},
 };

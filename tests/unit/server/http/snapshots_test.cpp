@@ -18,7 +18,8 @@ class SnapshotRouteTest : public testing::Test {
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
-    route = snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000}, 1));
+    route = snapshotRoute(directory, {std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000}, 1),
+                                      std::make_shared<AnswerCache>(1 << 20)});
   }
   std::optional<Answer> ask(std::string_view target, std::string_view method = "GET") {
     Request request;
@@ -62,6 +63,7 @@ TEST_F(SnapshotRouteTest, AGoodQuestionIsWorkWithAnETag) {
   ASSERT_TRUE(a && a->later);
   EXPECT_TRUE(a->later->patient);
   EXPECT_EQ(a->etag.size(), 32u);
+  EXPECT_TRUE(ask(kBox, "HEAD")->later);
   const Answer made = a->later->work({});
   EXPECT_EQ(made.status, 200u);
   EXPECT_EQ(made.type, "model/gltf-binary");
@@ -69,7 +71,8 @@ TEST_F(SnapshotRouteTest, AGoodQuestionIsWorkWithAnETag) {
   EXPECT_EQ(made.body.substr(0, 4), "glTF");
   EXPECT_EQ(header(made, "Content-Disposition"), "attachment; filename=\"ridgecast-alpine-box.glb\"");
   EXPECT_EQ(header(made, "Access-Control-Allow-Origin"), "*");
-  EXPECT_TRUE(ask(kBox, "HEAD")->later);
+  EXPECT_FALSE(ask(kBox, "HEAD")->later);  // from now on it is there
+  EXPECT_EQ(ask(kBox, "HEAD")->body, made.body);
 }
 
 TEST_F(SnapshotRouteTest, RefusesTheRestInPlainWords) {

@@ -172,10 +172,12 @@ class LaterTest : public testing::Test {
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
-    server = Server::listen(settings, directory,
-                            {[this](const Request& r) { return route(r); },
-                             snapshotRoute(directory, std::make_shared<snapshot::Snapshots>(snapshots, 1, &executor))})
-                 .value();
+    server =
+        Server::listen(
+            settings, directory,
+            {[this](const Request& r) { return route(r); },
+             snapshotRoute(directory, {std::make_shared<snapshot::Snapshots>(snapshots, 1, &executor), std::make_shared<AnswerCache>(0)})})
+            .value();
   }
   void TearDown() override { server->shutdown(); }
   std::optional<Answer> route(const Request& request) {
@@ -213,6 +215,13 @@ class LaterTest : public testing::Test {
         made.body = "a world\n";
         return made;
       };
+    } else if (request.target == "/tile") {
+      later->isTile = true;
+      later->work = [](std::stop_token) {
+        Answer made;
+        made.body = "a tile\n";
+        return made;
+      };
     } else if (request.target == "/throws") {
       later->work = [](std::stop_token) -> Answer { throw std::runtime_error("on purpose"); };
     } else {
@@ -238,12 +247,13 @@ class LaterTest : public testing::Test {
   std::atomic<int> worked{0}, asked{0}, began{0}, ended{0};
 };
 
-TEST_F(LaterTest, WorldsDoNotWaitForSnapshots) {
+TEST_F(LaterTest, WorldsAndTilesDoNotWaitForSnapshots) {
   SocketClient long1(server->port()), long2(server->port());
   long1.send(get("/endless"));
   long2.send(get("/endless"));
   EXPECT_TRUE(soon([&] { return began == 1 && asked == 2; }));
   EXPECT_THAT(ask(get("/world")), HasSubstr("a world\n"));
+  EXPECT_THAT(ask(get("/tile")), HasSubstr("a tile\n"));
   EXPECT_EQ(ended, 0);
 }
 

@@ -256,7 +256,7 @@ TEST_F(TakeTest, AWholeMapInPartsHasNoCracksAndSaysWhereItLies) {
   resources->executor = &executor;
   directory = std::make_shared<session::Directory>(resources, map);
   session = directory->find("default");
-  Snapshots inParts({.lowerPriorityBy = 0, .partBits = 5}, 2);
+  Snapshots inParts({.partBits = 5}, 2);
   const auto question = parse("box=all&error=0.5&origin=world", inParts.limits(), map.get());
   ASSERT_TRUE(question);
   Progress progress;

@@ -1,0 +1,55 @@
+// Flies over a session's ground with three.js: drag to move, right button to turn, wheel for height.
+//   ?session=NAME&x=METRES&z=METRES   which world, and the place of it that lies at three's origin
+import { TilesRenderer } from '3d-tiles-renderer';
+import { AmbientLight, Color, DirectionalLight, Euler, MathUtils, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from 'three';
+import { MapControls } from 'three/addons/controls/MapControls.js';
+
+const asked = new URLSearchParams(location.search);
+const where = new URLSearchParams({ x: asked.get('x') ?? 0, z: asked.get('z') ?? 0 });
+
+const renderer = new WebGLRenderer({ antialias: true, logarithmicDepthBuffer: true }); // it sees from metres to 200 km
+document.querySelector('#view').append(renderer.domElement);
+const scene = new Scene();
+scene.background = new Color(asked.get('background') ?? '#a9c4de');
+const sun = new DirectionalLight('white', 3);
+sun.position.set(-1, 1.2, 0.4);
+scene.add(sun, new AmbientLight('#b0c8e8', 1));
+
+const camera = new PerspectiveCamera(60, 1, 0.1, 1e6);
+const controls = new MapControls(camera, renderer.domElement);
+
+/** Looks from a place, metres east, north and up of three's origin, by heading and pitch in degrees. */
+function look(east, north, up, heading, pitch) {
+  camera.position.set(east, up, -north);
+  const ahead = new Vector3(0, 0, -1000).applyEuler(new Euler(pitch * MathUtils.DEG2RAD, -heading * MathUtils.DEG2RAD, 0, 'YXZ'));
+  controls.target.copy(camera.position).add(ahead);
+}
+look(0, -6000, 4000, 0, -20);
+
+const tiles = new TilesRenderer(`/v1/sessions/${asked.get('session') ?? 'default'}/3dtiles/tileset.json?${where}`);
+tiles.errorTarget = Number(asked.get('error') ?? 8); // pixels
+tiles.group.rotation.x = -Math.PI / 2; // 3D Tiles have z up, three.js has y
+tiles.setCamera(camera);
+scene.add(tiles.group);
+const failed = [];
+tiles.addEventListener('load-error', ({ url, error }) => failed.push(`${url}: ${error.message}`));
+
+function fit() {
+  renderer.setSize(innerWidth, innerHeight);
+  camera.aspect = innerWidth / innerHeight;
+  camera.updateProjectionMatrix();
+  tiles.setResolutionFromRenderer(camera, renderer);
+}
+addEventListener('resize', fit);
+fit();
+
+function draw() {
+  controls.update();
+  camera.updateMatrixWorld();
+  tiles.update();
+  renderer.render(scene, camera);
+}
+renderer.setAnimationLoop(draw);
+
+// For tests and the console.
+globalThis.ridgecast = { camera, draw, failed, look, renderer, scene, tiles };

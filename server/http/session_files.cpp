@@ -1,0 +1,98 @@
+#include "server/http/session_files.h"
+
+#include <optional>
+#include <utility>
+
+#include "common/wire/wire.h"
+#include "server/access/crypto.h"
+#include "server/http/any_origin.h"
+
+namespace ridgecast::http {
+
+namespace {
+
+using snapshot::Problem;
+using snapshot::Snapshots;
+
+constexpr std::string_view kPrefix = "/v1/sessions/";
+
+Answer answerOf(const Problem& problem) {
+  switch (problem.kind) {
+    case Problem::Kind::kNotThere:
+      return openRefusal(404, problem.message);
+    case Problem::Kind::kTooMuch:
+      return openRefusal(422, problem.message);
+    case Problem::Kind::kTooSlow:
+      return openRefusal(503, problem.message, {{"Retry-After", "30"}});
+    case Problem::Kind::kStopped:
+      return openRefusal(503, problem.message);
+    case Problem::Kind::kFailed:
+      break;
+  }
+  return openRefusal(500, problem.message);
+}
+
+std::string typeOf(snapshot::Format format) {
+  return format == snapshot::Format::kGlb   ? "model/gltf-binary"
+         : format == snapshot::Format::kObj ? "model/obj"
+                                            : "application/octet-stream";
+}
+
+Answer with(Answer a, const Headers& headers) {
+  a.headers.insert(a.headers.end(), headers.begin(), headers.end());
+  return a;
+}
+
+}  // namespace
+
+Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, snapshot::Question question, bool metadataOnly,
+              const Headers& headers) {
+  const std::string etag = Snapshots::etag(*session, question, metadataOnly);
+  if (auto known = maker.cache->find(etag)) return with(std::move(*known), headers);
+  const auto progress = std::make_shared<snapshot::Progress>();
+  Later later{.progress = [progress] { return progress->text(); }};
+  (std::holds_alternative<snapshot::OfTile>(question.of) ? later.isTile : later.patient) = true;
+  later.work = [maker, progress, session = std::move(session), question = std::move(question), metadataOnly, etag,
+                headers](std::stop_token stop) {
+    if (auto known = maker.cache->find(etag)) return with(std::move(*known), headers);  // made meanwhile
+    auto made = maker.snapshots->take(*session, question, metadataOnly, stop, progress.get());
+    if (!made) return answerOf(made.error());
+    Answer done;
+    done.type = metadataOnly ? "application/json" : typeOf(question.format);
+    done.body = metadataOnly ? std::move(made->metadata) : std::move(made->file);
+    done.etag = etag.empty() ? access::hex(access::sha256(done.body)) : etag;
+    if (!metadataOnly) done.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + made->name + "\"");
+    done = opened(std::move(done));
+    if (!etag.empty()) maker.cache->keep(done);
+    return with(std::move(done), headers);
+  };
+  Answer a = with(opened(madeBy(std::move(later))), headers);
+  a.etag = etag;
+  return a;
+}
+
+Route sessionFileRoute(
+    std::shared_ptr<session::Directory> directory, bool (*isThere)(std::string_view file),
+    std::function<Answer(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer) {
+  return [directory = std::move(directory), isThere, answer = std::move(answer)](const Request& request) -> std::optional<Answer> {
+    std::string_view path = request.path();
+    if (!path.starts_with(kPrefix)) return std::nullopt;
+    path.remove_prefix(kPrefix.size());
+    const auto slash = path.find('/');
+    if (slash == std::string_view::npos) return std::nullopt;
+    const std::string_view name = path.substr(0, slash), file = path.substr(slash + 1);
+    if (!isThere(file)) return std::nullopt;
+
+    if (request.method == "OPTIONS") return preflight();
+    if (!request.reads()) return openWrongMethod();
+    if (!wire::sessionNameIsValid(std::string(name)))
+      return openRefusal(
+          400, "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
+    auto session = directory->find(name);
+    if (!session) return openRefusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
+    session->use();
+    return answer(request, std::move(session), file);
+  };
+}
+
+}  // namespace ridgecast::http

@@ -1,0 +1,32 @@
+#pragma once
+// What the files of a session have in common: /v1/sessions/NAME/FILE. GET and HEAD; pages of any origin may read them. Answers carry an
+// ETag, and those that took long to make are cached.
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "server/http/answer_cache.h"
+#include "server/http/routes.h"
+#include "server/session/session.h"
+#include "server/snapshot/snapshot.h"
+
+namespace ridgecast::http {
+
+// Answers GET and HEAD for those files of sessions that there are, and refuses other methods and unknown sessions. Counts as use of the
+// session. `isThere`: of what follows the session's name and a slash.
+Route sessionFileRoute(
+    std::shared_ptr<session::Directory> directory, bool (*isThere)(std::string_view file),
+    std::function<Answer(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer);
+
+// Makes files, or has made them.
+struct Maker {
+  std::shared_ptr<snapshot::Snapshots> snapshots;
+  std::shared_ptr<AnswerCache> cache;
+};
+// `headers` are added to the file's.
+Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, snapshot::Question question, bool metadataOnly,
+              const Headers& headers = {});
+
+}  // namespace ridgecast::http

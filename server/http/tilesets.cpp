@@ -1,0 +1,151 @@
+#include "server/http/tilesets.h"
+
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "common/gltf/glb.h"
+#include "common/lattice/lattice.h"
+#include "common/text/text.h"
+#include "server/access/crypto.h"
+#include "server/http/any_origin.h"
+#include "server/snapshot/parameters.h"
+#include "server/tileset/tile.h"
+#include "server/tileset/tileset.h"
+
+namespace ridgecast::http {
+
+namespace {
+
+constexpr std::string_view kFolder = "3dtiles/", kRoot = "3dtiles/tileset.json";
+constexpr double kMostMetres = 4e12, kRadians = std::numbers::pi / 180;
+constexpr int kVersion = 1;  // part of the ETag: change it when the same question gives another tileset
+
+bool isThere(std::string_view file) { return file.starts_with(kFolder) && (file.ends_with(".json") || file.ends_with(".glb")); }
+
+struct Asked {
+  tileset::Question where;
+  snapshot::Question form;
+  std::string token, content;
+};
+
+std::optional<tileset::Place> placeOf(std::string_view text) {
+  std::array<double, 3> n{};
+  for (std::size_t k = 0; k < n.size() && (k < 2 || !text.empty()); ++k) {
+    const auto read = text::number<double>(text::takePart(text, ','));
+    if (!read) return std::nullopt;
+    n[k] = *read;
+  }
+  if (!text.empty() || std::abs(n[0]) > 360 || std::abs(n[1]) > 90 || std::abs(n[2]) > 1e7) return std::nullopt;
+  return tileset::Place{n[0] * kRadians, n[1] * kRadians, n[2]};
+}
+
+Outcome<Asked> parse(std::string_view query) {
+  snapshot::Parameters p;
+  if (auto read = p.read(query); !read) return read.error();
+  Asked out;
+  if (const auto at = p.take("at")) {
+    out.where.at = placeOf(*at);
+    if (!out.where.at)
+      p.refuse("'at' is " + snapshot::inQuotes(*at) +
+               "; it must be LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, and metres within 10,000,000.");
+  }
+  for (const auto& [name, step] : {std::pair{"x", &out.where.middle.x}, {"z", &out.where.middle.z}})
+    *step = static_cast<lattice::Step>(std::floor(p.number(name, -kMostMetres, kMostMetres, " m", 0) * lattice::kStepsPerMetre));
+  out.where.reach = p.number("reach", tileset::kLeastReach, tileset::kMostReach, " m", tileset::kUsualReach);
+  snapshot::readForm(p, out.form);
+  out.token = p.take("token").value_or("");
+  out.content = p.take("content").value_or("");
+  if (!text::hasOnly(out.token, "-_.")) p.refuse("'token' has other characters than a token has.");
+  if (auto error = p.finish("A tileset has at, x, z, reach, compression, normals, colours and token.")) return *error;
+  return out;
+}
+
+// LEVEL/I/J, as a tileset spells it.
+std::optional<lattice::LeafAddress> squareOf(std::string_view path) {
+  const std::string_view whole = path;
+  const auto level = text::number<std::int32_t>(text::takePart(path, '/'));
+  const auto i = text::number<std::int64_t>(text::takePart(path, '/')), j = text::number<std::int64_t>(path);
+  if (!level || !i || !j) return std::nullopt;
+  const lattice::LeafAddress square{*level, *i, *j};
+  if (!tileset::isTile(square) || std::to_string(*level) + "/" + std::to_string(*i) + "/" + std::to_string(*j) != whole)
+    return std::nullopt;
+  return square;
+}
+
+// What each URI inside a tileset ends with, but for the token: a cached tileset has none.
+std::string handedOn(const Asked& asked, const std::string& content) {
+  std::string out = "content=" + content;
+  if (asked.form.compression == gltf::Compression::kDraco) out += "&compression=draco";
+  if (!asked.form.normals) out += "&normals=0";
+  if (!asked.form.colours) out += "&colours=0";
+  return out;
+}
+
+Answer withToken(Answer a, const std::string& token) {
+  if (token.empty()) return a;
+  const std::string before = "?content=", after = "?token=" + token + "&content=";
+  std::string body;
+  std::size_t from = 0;
+  for (std::size_t at; (at = a.body.find(before, from)) != std::string::npos; from = at + before.size())
+    body.append(a.body, from, at - from).append(after);
+  a.body = body.append(a.body, from);
+  return a;
+}
+
+Answer tilesetAnswer(const Maker& maker, const session::Session& session, const Asked& asked, std::optional<lattice::LeafAddress> square,
+                     const std::string& content, const Headers& headers) {
+  const std::string query = handedOn(asked, content);
+  std::string key = "tileset " + std::to_string(kVersion) + " " + query;
+  if (square)
+    key += " " + std::to_string(square->level) + " " + std::to_string(square->i) + " " + std::to_string(square->j);
+  else
+    key += " root " + std::to_string(asked.where.middle.x) + " " + std::to_string(asked.where.middle.z) + " " +
+           text::rounded(asked.where.reach, 17);
+  if (!square && asked.where.at)
+    for (const double v : {asked.where.at->longitude, asked.where.at->latitude, asked.where.at->height}) key += " " + text::rounded(v, 17);
+  const std::string etag = access::hex(access::sha256(key)).substr(0, 32);
+  const auto finished = [headers, token = asked.token](Answer a) {
+    a.headers.insert(a.headers.end(), headers.begin(), headers.end());
+    return withToken(std::move(a), token);
+  };
+  if (auto known = maker.cache->find(etag)) return finished(std::move(*known));
+  Answer a = finished(opened(madeBy({.work = [finished, etag, square, query, where = asked.where, terrain = session.terrain(),
+                                              cache = maker.cache](const std::stop_token&) {
+    Answer made = opened(json(square ? tileset::tilesetOf(*terrain, *square, query) : tileset::rootTileset(*terrain, where, query)));
+    made.etag = etag;
+    cache->keep(made);
+    return finished(std::move(made));
+  }})));
+  a.etag = etag;
+  return a;
+}
+
+Answer respond(const Maker& maker, const Request& request, std::shared_ptr<session::Session> session, std::string_view file) {
+  auto asked = parse(request.query());
+  if (!asked) return openRefusal(400, asked.error().message);
+  const bool isRoot = file == kRoot, isTileset = file.ends_with(".json");
+  const auto square = squareOf(file.substr(kFolder.size(), file.rfind('.') - kFolder.size()));
+  if (!isRoot && !square)
+    return openRefusal(404, "There is no such tile: tiles are LEVEL/I/J with LEVEL 0 to " + std::to_string(tileset::kCoarsest) +
+                                "; tileset.json names those there are.");
+  const std::string content = text::hexadecimal(session->contentHash());
+  Headers headers;
+  if (!isRoot && asked->content == content) headers.emplace_back("Cache-Control", "private, max-age=86400, immutable");
+  if (isTileset) return tilesetAnswer(maker, *session, *asked, isRoot ? std::nullopt : square, content, headers);
+  asked->form.of = *square;
+  return fileOf(maker, std::move(session), std::move(asked->form), false, headers);
+}
+
+}  // namespace
+
+Route tilesetRoute(std::shared_ptr<session::Directory> directory, Maker maker) {
+  return sessionFileRoute(std::move(directory), isThere,
+                          [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session,
+                                                     std::string_view file) { return respond(maker, request, std::move(session), file); });
+}
+
+}  // namespace ridgecast::http

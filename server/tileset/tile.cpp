@@ -1,0 +1,93 @@
+#include "server/tileset/tile.h"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+#include <vector>
+
+namespace ridgecast::tileset {
+
+using lattice::LeafAddress;
+using mesh::LeafMesh;
+using mesh::LocalVertex;
+
+namespace {
+
+// The mesher begins with a grid of up to 64 samples for each triangle that there may be, refined where that proves too little. With so few
+// they are 256 along a side: half the time of twice as many, for alpine and canyon. Tiles that need more triangles are meshed again.
+constexpr std::uint32_t kUsualTriangles = 4095;
+
+// The vertices of the square's sides, counter-clockwise seen from above.
+std::vector<std::uint32_t> ringOf(const LeafMesh& surface) {
+  const auto side = static_cast<std::int32_t>(surface.address.side());
+  const auto& vertices = surface.vertices;
+  std::array<std::vector<std::uint32_t>, 4> sides;  // each without its last vertex, the next one's first
+  for (std::uint32_t v = 0; v < vertices.size(); ++v) {
+    const auto [x, z, y] = vertices[v];
+    if (x == 0 && z != side) sides[0].push_back(v);
+    if (z == side && x != side) sides[1].push_back(v);
+    if (x == side && z != 0) sides[2].push_back(v);
+    if (z == 0 && x != 0) sides[3].push_back(v);
+  }
+  std::vector<std::uint32_t> ring;
+  for (std::size_t k = 0; k < 4; ++k) {  // canonical vertices ascend by x, then z
+    if (k >= 2) std::ranges::reverse(sides[k]);
+    ring.insert(ring.end(), sides[k].begin(), sides[k].end());
+  }
+  return ring;
+}
+
+LeafMesh skirtBelow(const LeafMesh& surface) {
+  const auto depth = static_cast<std::int32_t>(skirtOf(surface.address.level) * lattice::kStepsPerMetre);
+  LeafMesh skirt{.address = surface.address, .vertices = {}, .triangles = {}};
+  const std::vector<std::uint32_t> ring = ringOf(surface);
+  for (const std::uint32_t v : ring) {
+    const LocalVertex& top = surface.vertices[v];
+    skirt.vertices.push_back(top);
+    skirt.vertices.push_back({top.x, top.z, top.y - depth});
+  }
+  const auto count = static_cast<std::uint32_t>(skirt.vertices.size());
+  for (std::uint32_t top = 0; top < count; top += 2) {
+    const std::uint32_t next = (top + 2) % count;
+    skirt.triangles.push_back({top, top + 1, next + 1});
+    skirt.triangles.push_back({top, next + 1, next});
+  }
+  return skirt;
+}
+
+}  // namespace
+
+bool isTile(LeafAddress square) {
+  if (square.level < 0 || square.level > kCoarsest) return false;
+  const std::int64_t limit = lattice::kMaxPosition >> square.sideBits();
+  return square.i >= -limit && square.i < limit && square.j >= -limit && square.j < limit;
+}
+
+lattice::Point frameOf(LeafAddress square) {
+  const lattice::Step half = square.side() / 2;
+  return {lattice::floorTo(square.x() + half, lattice::kCellBits), lattice::floorTo(square.z() + half, lattice::kCellBits)};
+}
+
+box::Result<Tile> meshTile(const terrain::Terrain& terrain, LeafAddress square, std::uint32_t mostTriangles, scheduling::Pool& pool,
+                           const box::Watch& watch) {
+  const box::Box box{{square.x(), square.z()}, {square.x() + square.side(), square.z() + square.side()}, errorOf(square.level)};
+  std::uint32_t most = std::min(kUsualTriangles, mostTriangles);
+  auto made = box::meshBox(terrain, box, most, pool, watch);
+  while (!made && made.error().kind == box::Problem::Kind::kTooMuch && most < mostTriangles) {
+    most = mostTriangles / 4 > most ? 4 * most : mostTriangles;
+    made = box::meshBox(terrain, box, most, pool, watch);
+  }
+  if (!made) return made.error();
+  std::vector<const LeafMesh*> leaves;
+  for (const LeafMesh& leaf : made->leaves) leaves.push_back(&leaf);
+  Tile out{.surface = mesh::gather(square, leaves),
+           .skirt = {},
+           .error = made->error,
+           .proven = made->proven,
+           .spacing = made->spacing,
+           .samples = made->samples};
+  out.skirt = skirtBelow(out.surface);
+  return out;
+}
+
+}  // namespace ridgecast::tileset

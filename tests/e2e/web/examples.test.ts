@@ -1,0 +1,146 @@
+// The example pages with the real server: no tile fails, and in random views no background shines through below the horizon. VIEWS is their
+// number in each page; a release is judged with 1,000.
+
+import assert from 'node:assert/strict';
+import { ChildProcess, spawn } from 'node:child_process';
+import { existsSync, writeSync } from 'node:fs';
+import { createServer } from 'node:net';
+import { join } from 'node:path';
+import { test } from 'node:test';
+import type { Page } from 'playwright-core';
+import { PATIENCE, closeAll, launch, missing } from './browser';
+import { Server, needed, sleep } from './server';
+
+const HERE = join(needed('RIDGECAST_SOURCE'), 'client/web/examples');
+const VITE = join(HERE, 'node_modules/vite/bin/vite.js');
+const why = existsSync(VITE) ? missing() : 'the packages of client/web/examples are not installed; npm ci does that there';
+if (why) {
+  writeSync(1, `SKIPPED: ${why}\n`);
+  process.exit(0);
+}
+
+const VIEWS = Number(process.env['VIEWS'] ?? 3);
+const SIZE = { width: 320, height: 200 };
+const GLARING = { background: '#ff00ff', error: '16' };
+
+interface View {
+  east: number;
+  north: number;
+  up: number;
+  heading: number;
+  pitch: number;
+}
+
+async function freePort(): Promise<number> {
+  return new Promise((done) => {
+    const socket = createServer().listen(0, '127.0.0.1', () => {
+      const { port } = socket.address() as { port: number };
+      socket.close(() => done(port));
+    });
+  });
+}
+
+async function pages(server: Server): Promise<{ url: string; child: ChildProcess }> {
+  const port = await freePort(), url = `http://127.0.0.1:${port}`;
+  const child = spawn(process.execPath, [VITE, '--host', '127.0.0.1', '--port', String(port), '--strictPort'], { cwd: HERE, stdio: ['ignore', 'ignore', 'inherit'], env: { ...process.env, RIDGECAST: server.http } });
+  for (const end = Date.now() + PATIENCE; Date.now() < end && child.exitCode === null; await sleep(100))
+    if (await fetch(url).then((r) => r.ok, () => false)) return { url, child };
+  throw new Error('vite did not start');
+}
+
+const browser = await launch();
+const server = await Server.start(['--terrain', 'alpine', '--seed', '1']);
+const { url, child } = await pages(server);
+test.afterEach(async () => {
+  for (const context of browser.contexts()) await context.close();
+});
+test.after(async () => {
+  child.kill();
+  await closeAll();
+  await server.stop();
+});
+
+async function heights(places: [number, number][]): Promise<number[]> {
+  const answer = await fetch(`${server.http}/v1/heights?${places.map(([x, z]) => `at=${x},${z}`).join('&')}`);
+  return ((await answer.json()) as { heights: number[] }).heights;
+}
+
+// The same numbers in every run.
+let seed = 17;
+const random = (low: number, high: number): number => {
+  seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0;
+  return low + ((high - low) * seed) / 2 ** 32;
+};
+
+/** A view from 3 m to 3 km above the ground, up to 20 km from the middle. */
+async function randomView(): Promise<View> {
+  const east = random(-20_000, 20_000), north = random(-20_000, 20_000);
+  const [ground] = await heights([[east, -north]]);
+  return { east, north, up: ground! + 3 * 1000 ** random(0, 1), heading: random(0, 360), pitch: random(-60, 0) };
+}
+
+async function open(path: string, more: Record<string, string> = {}): Promise<Page> {
+  const page = await (await browser.newContext({ viewport: SIZE })).newPage();
+  page.setDefaultTimeout(10 * PATIENCE);
+  await page.goto(`${url}${path}?${new URLSearchParams({ ...GLARING, ...more }).toString()}`);
+  await page.waitForFunction(() => 'ridgecast' in globalThis);
+  return page;
+}
+
+/** Looks, waits until all is there (`settled` draws first, or it would judge the last view), and counts background pixels 3 degrees and more below the horizontal, where there is only ground. */
+async function background(page: Page, view: View, settled: string, drawn: string): Promise<number> {
+  await page.evaluate(`ridgecast.look(${view.east}, ${view.north}, ${view.up}, ${view.heading}, ${view.pitch})`);
+  for (let calm = 0; calm < 3; await sleep(100)) calm = (await page.evaluate(settled)) ? calm + 1 : 0;
+  // Pixels from below, 4 bytes each, and the upright, right and forward axes' vertical parts, of a view 60 degrees high (or wide).
+  return page.evaluate(`(() => {
+    const { gl, up, forward, tangent } = ${drawn};
+    const { drawingBufferWidth: width, drawingBufferHeight: height } = gl, pixels = new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    let count = 0;
+    for (let y = 0; y < height; ++y)
+      for (let x = 0; x < width; ++x) {
+        const a = ((2 * x + 1) / width - 1) * tangent * width / height, b = ((2 * y + 1) / height - 1) * tangent;
+        const below = (forward + b * up) / Math.hypot(1, a, b) < -Math.sin(3 * Math.PI / 180);
+        const k = 4 * (y * width + x);
+        if (below && pixels[k] > 200 && pixels[k + 1] < 60 && pixels[k + 2] > 200) ++count;
+      }
+    return count;
+  })()`);
+}
+
+async function fly(page: Page, settled: string, drawn: string): Promise<void> {
+  for (let k = 0; k < VIEWS; ++k) {
+    const view = await randomView();
+    assert.equal(await background(page, view, settled, drawn), 0, JSON.stringify(view));
+    assert.deepEqual(await page.evaluate('ridgecast.failed'), []);
+  }
+}
+
+test('three.js shows ground wherever there is ground', { timeout: 1000 * PATIENCE }, async () => {
+  const page = await open('/three/');
+  const drawn = `(ridgecast.draw(), { gl: ridgecast.renderer.getContext(), tangent: Math.tan(Math.PI / 6), up: ridgecast.camera.matrixWorld.elements[5], forward: -ridgecast.camera.matrixWorld.elements[9] })`;
+  await fly(page, 'ridgecast.draw(), (({ downloading, parsing, visible }) => visible > 0 && downloading + parsing === 0)(ridgecast.tiles.stats)', drawn);
+  // The glaring background is found where it is.
+  await page.evaluate('ridgecast.tiles.group.visible = false');
+  assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, 'true', drawn)) > 1000);
+});
+
+test('CesiumJS shows ground wherever there is ground, at its height', { timeout: 1000 * PATIENCE }, async () => {
+  const page = await open('/cesium/');
+  const drawn = `(() => {
+    const { scene, frame, Cesium } = ridgecast, camera = scene.camera;
+    scene.render();
+    const up = new Cesium.Cartesian3(frame[8], frame[9], frame[10]), along = (v) => Cesium.Cartesian3.dot(v, up);
+    const gl = scene.canvas.getContext('webgl2');
+    return { gl, tangent: Math.tan(camera.frustum.fovy / 2), up: along(camera.upWC), forward: along(camera.directionWC) };
+  })()`;
+  await fly(page, 'ridgecast.scene.render(), ridgecast.tileset.tilesLoaded', drawn);
+  const places: [number, number][] = Array.from({ length: 5 }, () => [random(-300, 300), random(-300, 300)]);
+  const found = (await page.evaluate(`(async () => {
+    const { Cesium, frame, scene } = ridgecast;
+    const places = ${JSON.stringify(places)}.map(([x, z]) => Cesium.Cartographic.fromCartesian(Cesium.Matrix4.multiplyByPoint(frame, new Cesium.Cartesian3(x, -z, 0), new Cesium.Cartesian3())));
+    return (await scene.sampleHeightMostDetailed(places)).map((place) => place.height);
+  })()`)) as number[];
+  const truth = await heights(places);
+  found.forEach((height, k) => assert.ok(Math.abs(height - truth[k]!) <= 0.4 + 0.3, `${height} instead of ${truth[k]}`)); // Cesium's depth has its own error
+});

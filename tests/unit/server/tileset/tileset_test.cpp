@@ -1,0 +1,263 @@
+// The laws of a tileset, over all built-in terrains and far from the origin.
+#include "server/tileset/tileset.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <random>
+#include <set>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "server/tileset/tile.h"
+
+namespace ridgecast::tileset {
+namespace {
+
+using lattice::LeafAddress;
+using Json = nlohmann::json;
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+// An axis-parallel box of a tile in the root's axes: metres, x east, y north, z up.
+struct Box {
+  double low[3], high[3];
+  bool contains(const Box& other, double tolerance = 1e-6) const {
+    for (int k = 0; k < 3; ++k)
+      if (other.low[k] < low[k] - tolerance || other.high[k] > high[k] + tolerance) return false;
+    return true;
+  }
+  double area() const { return (high[0] - low[0]) * (high[1] - low[1]); }
+};
+
+struct Place3 {
+  double x = 0, y = 0, z = 0;
+};
+
+Place3 moved(const Json& tile, Place3 by) {
+  if (const auto t = tile.find("transform"); t != tile.end()) return {by.x + (*t)[12].get<double>(), by.y + (*t)[13].get<double>(), by.z};
+  return by;
+}
+
+Box boxOf(const Json& tile, Place3 by) {
+  const auto b = tile["boundingVolume"]["box"].get<std::vector<double>>();
+  EXPECT_EQ(b.size(), 12u);
+  for (int k = 3; k < 12; ++k) EXPECT_TRUE(k % 4 == 3 || b[static_cast<std::size_t>(k)] == 0);
+  const double c[3] = {b[0] + by.x, b[1] + by.y, b[2] + by.z}, half[3] = {b[3], b[7], b[11]};
+  Box out;
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_GT(half[k], 0);
+    out.low[k] = c[k] - half[k];
+    out.high[k] = c[k] + half[k];
+  }
+  return out;
+}
+
+LeafAddress squareOf(const std::string& uri) {
+  std::string path = uri.substr(0, uri.find('?'));
+  while (path.starts_with("../")) path.erase(0, 3);
+  std::istringstream in(path);
+  LeafAddress out;
+  char slash;
+  in >> out.level >> slash >> out.i >> slash >> out.j;
+  return out;
+}
+
+// A tile and what is below it in this tileset.
+void check(const Json& tile, const Json* parent, const Box* around, Place3 by, const std::string& query, std::vector<LeafAddress>& refers,
+           std::set<LeafAddress>& squares) {
+  by = moved(tile, by);
+  const Box box = boxOf(tile, by);
+  if (parent) {
+    EXPECT_LT(tile["geometricError"].get<double>(), (*parent)["geometricError"].get<double>());
+    EXPECT_TRUE(around->contains(box)) << tile["content"];
+  }
+  if (tile.contains("content")) {
+    const std::string uri = tile["content"]["uri"];
+    EXPECT_EQ(uri.substr(uri.find('?') + 1), query);
+    const LeafAddress square = squareOf(uri);
+    EXPECT_TRUE(isTile(square)) << uri;
+    EXPECT_EQ(tile["geometricError"], errorOf(square.level));
+    EXPECT_TRUE(squares.insert(square).second) << uri;
+    if (uri.find(".json") != std::string::npos) {
+      refers.push_back(square);
+      EXPECT_FALSE(tile.contains("children"));
+    }
+  }
+  if (!tile.contains("children")) return;
+  double area = 0;
+  for (const Json& child : tile["children"]) {
+    check(child, &tile, &box, by, query, refers, squares);
+    area += boxOf(child, moved(child, by)).area();
+  }
+  EXPECT_NEAR(area / box.area(), 1, 1e-9);  // inside, and no two the same: they cover it
+}
+
+std::shared_ptr<const terrain::Terrain> alpine() { return terrain::create("alpine", 3).value(); }
+
+TEST(Tileset, KeepsTheLawsDownToTheFinestTiles) {
+  std::mt19937 random(1);
+  for (const terrain::Description& description : terrain::builtIn()) {
+    const auto terrain = terrain::create(description.name, 7).value();
+    for (const lattice::Step far : {lattice::Step{0}, lattice::Step{256'000'000'000}, lattice::Step{-1'024'000'000'000'001}}) {
+      Question question;
+      question.middle = {far, -far / 3};
+      Json set = Json::parse(rootTileset(*terrain, question, "q=1"));
+      std::vector<LeafAddress> refers;
+      std::set<LeafAddress> squares;
+      EXPECT_EQ(set["asset"]["version"], "1.1");
+      check(set["root"], nullptr, nullptr, {}, "q=1", refers, squares);
+      const Box all = boxOf(set["root"], {});
+      for (int k = 0; k < 2; ++k) {
+        EXPECT_LE(all.low[k], -200'000);
+        EXPECT_GE(all.high[k], 200'000);
+      }
+      const Json* tile = nullptr;
+      while (!refers.empty()) {
+        const LeafAddress next = refers[random() % refers.size()];
+        std::vector<const Json*> open{&set["root"]};
+        for (tile = nullptr; !open.empty() && !tile;) {
+          const Json* at = open.back();
+          open.pop_back();
+          if (at->contains("content") && squareOf((*at)["content"]["uri"]) == next) tile = at;
+          if (at->contains("children"))
+            for (const Json& child : (*at)["children"]) open.push_back(&child);
+        }
+        ASSERT_TRUE(tile);
+        Json below = Json::parse(tilesetOf(*terrain, next, "q=1"));
+        EXPECT_TRUE(boxOf(*tile, {}).contains(boxOf(below["root"], {})))
+            << description.name << " " << next.level << (*tile).dump() << below["root"]["boundingVolume"];
+        EXPECT_EQ(below["root"]["geometricError"], (*tile)["geometricError"]);
+        EXPECT_EQ(below["root"]["refine"], "REPLACE");
+        refers.clear();
+        squares.clear();
+        check(below["root"], nullptr, nullptr, {}, "q=1", refers, squares);
+        set = std::move(below);
+      }
+      EXPECT_EQ(squares.begin()->level, 0);
+    }
+  }
+}
+
+// Each tile lies in its box, keeps its error, has its frame's place, and shares sides with its neighbour.
+TEST(Tileset, TilesLieInTheirBoxesAndShareTheirSides) {
+  scheduling::Executor executor(2);
+  const auto pool = executor.makePool(2);
+  std::mt19937_64 random(5);
+  for (const terrain::Description& description : terrain::builtIn()) {
+    const auto terrain = terrain::create(description.name, 7).value();
+    for (int level = 0; level <= kCoarsest; ++level) {
+      const auto reach = (lattice::Step{256'000'000'000} >> (lattice::kFinestSideBits + level)) + 1;  // 10^9 m
+      const LeafAddress here{level, reach, -static_cast<std::int64_t>(random() % 1000)}, east{level, here.i + 1, here.j};
+      const box::Watch watch{{}, std::chrono::steady_clock::now() + std::chrono::minutes(5), 300};
+      const auto a = meshTile(*terrain, here, 2'000'000, *pool, watch), b = meshTile(*terrain, east, 2'000'000, *pool, watch);
+      ASSERT_TRUE(a && b) << description.name << " " << level << ": " << (a ? b : a).error().message;
+      EXPECT_LE(a->error, errorOf(level));
+      const Json set = Json::parse(tilesetOf(*terrain, here, ""));
+      const Box box = boxOf(set["root"], {});
+      const lattice::Point frame = frameOf(here);
+      std::map<lattice::Step, std::int32_t> sideOfA, sideOfB;
+      const auto side = static_cast<std::int32_t>(here.side());
+      for (const mesh::LeafMesh* mesh : {&a->surface, &a->skirt})
+        for (const mesh::LocalVertex& v : mesh->vertices) {
+          const double x = static_cast<double>(here.x() + v.x - frame.x) / 256, y = -static_cast<double>(here.z() + v.z - frame.z) / 256;
+          const Box point{{x, y, v.y / 256.0}, {x, y, v.y / 256.0}};
+          EXPECT_TRUE(box.contains(point)) << description.name << " " << level;
+          if (mesh == &a->surface && v.x == side) sideOfA[v.z] = v.y;
+        }
+      for (const mesh::LocalVertex& v : b->surface.vertices)
+        if (v.x == 0) sideOfB[v.z] = v.y;
+      EXPECT_EQ(sideOfA, sideOfB);
+      EXPECT_GE(sideOfA.size(), 2u);
+    }
+  }
+}
+
+TEST(Tileset, SkirtsHangBelowEverySide) {
+  scheduling::Executor executor(1);
+  const auto pool = executor.makePool(1);
+  const LeafAddress square{3, -5, 2};
+  const auto tile = meshTile(*alpine(), square, 100'000, *pool, {{}, std::chrono::steady_clock::now() + std::chrono::minutes(5), 300});
+  ASSERT_TRUE(tile);
+  const auto side = static_cast<std::int32_t>(square.side());
+  const auto& v = tile->skirt.vertices;
+  std::size_t border = 0;
+  for (const mesh::LocalVertex& p : tile->surface.vertices) border += p.x == 0 || p.z == 0 || p.x == side || p.z == side;
+  ASSERT_EQ(v.size(), 2 * border);
+  ASSERT_EQ(tile->skirt.triangles.size(), 2 * border);
+  double length = 0;
+  for (std::size_t k = 0; k < v.size(); k += 2) {
+    EXPECT_EQ(v[k].y - v[k + 1].y, static_cast<std::int32_t>(skirtOf(3) * 256));
+    const mesh::LocalVertex& next = v[(k + 2) % v.size()];
+    length += std::abs(next.x - v[k].x) + std::abs(next.z - v[k].z);
+  }
+  EXPECT_EQ(length, 4.0 * side);
+  for (const mesh::Triangle& t : tile->skirt.triangles) {  // they face outwards
+    const auto &a = v[t[0]], &b = v[t[1]], &c = v[t[2]];
+    const double nx = double(b.y - a.y) * (c.z - a.z) - double(b.z - a.z) * (c.y - a.y);
+    const double nz = double(b.x - a.x) * (c.y - a.y) - double(b.y - a.y) * (c.x - a.x);
+    EXPECT_GT(nx * (a.x + b.x + c.x - 1.5 * side) + nz * (a.z + b.z + c.z - 1.5 * side), 0);
+  }
+}
+
+// The reference: EPSG Guidance Note 7-2, 53°48'33.82"N 2°07'46.38"E, 73 m is (3771793.968, 140253.342, 5124304.349).
+TEST(Tileset, TheTangentPlaneLiesOnTheEllipsoid) {
+  const Place place{2.1295500 * kDegree, 53.8093944 * kDegree, 73};
+  const auto m = eastNorthUp(place);
+  EXPECT_NEAR(m[12], 3771793.968, 0.01);
+  EXPECT_NEAR(m[13], 140253.342, 0.01);
+  EXPECT_NEAR(m[14], 5124304.349, 0.01);
+  for (std::size_t a = 0; a < 3; ++a)
+    for (std::size_t b = 0; b < 3; ++b) {
+      double dot = 0;
+      for (std::size_t k = 0; k < 3; ++k) dot += m[4 * a + k] * m[4 * b + k];
+      EXPECT_NEAR(dot, a == b, 1e-15);
+    }
+  // Ten metres up, north and east of it are where the formula says.
+  const auto higher = eastNorthUp({place.longitude, place.latitude, 83});
+  const auto norther = eastNorthUp({place.longitude, place.latitude + 1e-6, 73}),
+             easter = eastNorthUp({place.longitude + 1e-6, place.latitude, 73});
+  for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(higher[12 + k] - m[12 + k], 10 * m[8 + k], 1e-8);
+  const auto along = [&](const std::array<double, 16>& other, std::size_t axis) {
+    double dot = 0;
+    for (std::size_t k = 0; k < 3; ++k) dot += (other[12 + k] - m[12 + k]) * m[4 * axis + k];
+    return dot;
+  };
+  EXPECT_GT(along(norther, 1), 6);
+  EXPECT_NEAR(along(norther, 0), 0, 1e-3);
+  EXPECT_GT(along(easter, 0), 3);
+  EXPECT_NEAR(along(easter, 1), 0, 1e-3);
+}
+
+TEST(Tileset, ReachDecidesWhatIsCovered) {
+  for (const double reach : {kLeastReach, 3'000.0, kUsualReach, kMostReach}) {
+    Question question{.middle = {12'345, -67'890}, .at = Place{}, .reach = reach};
+    const Json set = Json::parse(rootTileset(*alpine(), question, ""));
+    const Box box = boxOf(set["root"], {});
+    for (int k = 0; k < 2; ++k) {
+      EXPECT_LE(box.low[k], -reach);
+      EXPECT_GE(box.high[k], reach);
+      EXPECT_LE(box.high[k] - box.low[k], 4 * reach);
+    }
+    EXPECT_EQ(set["root"]["transform"], Json(eastNorthUp({})));
+    EXPECT_LE(set["root"]["children"].size(), 300u);
+  }
+}
+
+TEST(Tileset, TilesAreOnTheLatticeAlone) {
+  EXPECT_TRUE(isTile({0, 0, 0}));
+  EXPECT_TRUE(isTile({kCoarsest, -(std::int64_t{1} << 25), 0}));
+  EXPECT_FALSE(isTile({kCoarsest, -(std::int64_t{1} << 25) - 1, 0}));
+  EXPECT_FALSE(isTile({kCoarsest, 0, std::int64_t{1} << 25}));
+  EXPECT_FALSE(isTile({-1, 0, 0}));
+  EXPECT_FALSE(isTile({kCoarsest + 1, 0, 0}));
+}
+
+}  // namespace
+}  // namespace ridgecast::tileset
