@@ -173,9 +173,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   // Once the last message is paid for.
   void readNext() {
-    const auto free = budgets_->messages.free();
-    if (free <= conversation::Budget::Clock::now()) return read();
-    pause_.expires_at(free);
+    if (messageBytes_.free() <= conversation::Budget::Clock::now()) return read();
+    pause_.expires_at(messageBytes_.free());
     pause_.async_wait([self = shared_from_this()](error_code ec) {
       if (!ec) self->read();
     });
@@ -203,7 +202,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
                   {wire::ErrorCode::kMalformed, "A text message came; messages are binary, one protobuf ClientMessage each."},
                   websocket::close_code::unknown_data);
     const auto bytes = buffer_.cdata();
-    budgets_->messages.spend(access::Rate::Clock::now(), bytes.size());
+    messageBytes_.spend(access::Rate::Clock::now(), bytes.size());
     auto message = wire::decodeClient({static_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
     buffer_.clear();
     if (!message) return fail({wire::ErrorCode::kMalformed, message.error().message});
@@ -329,7 +328,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   const std::string peer_;
   access::Grant grant_;
   access::Rate rate_;
-  std::shared_ptr<session::Budgets> budgets_;  // once it is open
+  conversation::Budget messageBytes_{kMessageBytesPerSecond};
   http::request<http::empty_body> request_;
   Stage stage_ = Stage::kAccepting;
   std::shared_ptr<session::CameraSession> camera_;
@@ -376,7 +375,6 @@ void Stream::accepted(error_code ec) {
   if (stage_ != Stage::kOpen) return;
   auto place = session_->enter(counted_.client(grant_));
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
-  budgets_ = place->budgets;
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
                                                      std::make_shared<StreamSender>(shared_from_this()));
   cameraId_ = camera_->id();

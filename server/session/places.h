@@ -18,13 +18,11 @@ namespace ridgecast::session {
 
 // Heights of the terrain that one client's answers take: a fifth of a thread, or a thousand of the farthest rays.
 inline constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
-// The threads of the sockets decode messages, 128 KiB in about a millisecond at worst.
-inline constexpr std::uint64_t kMessageBytesPerSecond = 4u << 20;
 
 // What one client spends on all its connections together. Any thread.
 struct Budgets {
-  conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond}, messages{kMessageBytesPerSecond};
-  conversation::Budget::Clock::time_point free() const { return std::max({queries.free(), repairs.free(), messages.free()}); }
+  conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond};
+  conversation::Budget::Clock::time_point free() const { return std::max(queries.free(), repairs.free()); }
 };
 
 // Any thread.
