@@ -97,7 +97,8 @@ void coloursOf(const terrain::Terrain& terrain, const terrain::Colours& colours,
             terrain.seed());
     for (std::size_t k = 0; k < which.size(); ++k)
       for (std::size_t c = 0; c < 3; ++c)
-        out[which[k]][c] = made[k][c] > 0 ? static_cast<std::uint16_t>(std::min(made[k][c], 1.0f) * 65535.0f + 0.5f) : std::uint16_t{0};
+        out[which[k]][c] =
+            made[k][c] > 0 ? static_cast<std::uint16_t>(std::lround(std::min(made[k][c], 1.0f) * 65535.0f)) : std::uint16_t{0};
   }
 }
 
