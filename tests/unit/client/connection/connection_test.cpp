@@ -230,7 +230,7 @@ TEST(Connection, ServerThatSendsMoreThanTheWindow) {
 
 TEST(Connection, ServerThatSendsMoreBytesThanWaitingIterationsMayHave) {
   wire::Iteration large;
-  large.whole = {{.vertices = 3 << 20, .triangles = 1 << 20, .payload = std::vector<std::uint8_t>(24 << 20)}};
+  large.whole = {{.address = {}, .vertices = 3 << 20, .triangles = 1 << 20, .payload = std::vector<std::uint8_t>(24 << 20)}};
   Greeted g(
       [&](RawConnection& peer) {
         for (large.number = 1; large.number <= 12; ++large.number) peer.sendFrame(wire::encode(wire::ServerMessage(large)));
