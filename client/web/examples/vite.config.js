@@ -3,7 +3,7 @@ import { defineConfig } from 'vite';
 
 const file = (name) => fileURLToPath(new URL(name, import.meta.url));
 
-// Both pages ask the address that they come from, so that neither needs --allow-origin.
+// All pages ask the address that they come from, so that none needs --allow-origin.
 const proxy = { '/v1': process.env.RIDGECAST ?? 'http://127.0.0.1:7070' };
 
 export default defineConfig({
@@ -16,6 +16,6 @@ export default defineConfig({
     emptyOutDir: true,
     target: 'es2022',
     chunkSizeWarningLimit: 2000,
-    rollupOptions: { input: [file('index.html'), file('three/index.html'), file('cesium/index.html')] },
+    rollupOptions: { input: [file('index.html'), file('three/index.html'), file('cesium/index.html'), file('maplibre/index.html')] },
   },
 });

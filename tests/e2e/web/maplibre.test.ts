@@ -12,9 +12,9 @@ import { PATIENCE, closeAll, launch } from './browser';
 import { contrast, decodePng } from './picture';
 import { Server, needed, sleep } from './server';
 
-const example = join(needed('RIDGECAST_WEB'), 'examples/maplibre');
+const examples = join(needed('RIDGECAST_WEB'), 'examples'), example = join(examples, 'maplibre');
 const browser = process.env['CHROMIUM'] ?? '/usr/bin/chromium';
-const missing = !existsSync(join(example, 'node_modules/maplibre-gl')) ? 'npm ci in client/web/examples/maplibre' : !existsSync(browser) ? `no ${browser}` : '';
+const missing = !existsSync(join(examples, 'node_modules/maplibre-gl')) ? 'npm ci in client/web/examples' : !existsSync(browser) ? `no ${browser}` : '';
 if (missing) console.log(`SKIPPED: ${missing}`);
 const AT = [11.39, 47.27] as const;
 
