@@ -36,7 +36,10 @@ struct SteadyTimer::State {
   }
 };
 
-SteadyTimer::SteadyTimer() : state_(std::make_shared<State>()) {}
+// At once: later there may be no memory for a thread.
+SteadyTimer::SteadyTimer() : state_(std::make_shared<State>()) {
+  state_->thread = std::thread([state = state_] { state->run(); });
+}
 
 SteadyTimer::~SteadyTimer() {
   std::thread thread;
@@ -46,7 +49,6 @@ SteadyTimer::~SteadyTimer() {
     thread = std::move(state_->thread);
   }
   state_->changed.notify_all();
-  if (!thread.joinable()) return;
   // A call may drop the last owner of the resources, and with them this timer.
   if (thread.get_id() == std::this_thread::get_id())
     thread.detach();
@@ -58,7 +60,6 @@ void SteadyTimer::at(Time when, std::function<void()> call) const {
   const std::lock_guard lock(state_->mutex);
   if (state_->ends) return;
   state_->calls.emplace(when, std::move(call));
-  if (!state_->thread.joinable()) state_->thread = std::thread([state = state_] { state->run(); });
   state_->changed.notify_all();
 }
 

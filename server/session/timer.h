@@ -18,7 +18,7 @@ class Timer {
   virtual void at(Time when, std::function<void()> call) const = 0;
 };
 
-// Real time. One thread for all calls, started by the first.
+// Real time. One thread for all calls.
 class SteadyTimer final : public Timer {
  public:
   SteadyTimer();

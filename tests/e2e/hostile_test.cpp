@@ -282,7 +282,7 @@ TEST(HostileToMemory, WhatRunsOutEndsCamerasAndNotTheServer) {
       end = e.what();
     }
   EXPECT_THAT(end, testing::HasSubstr("The server ran out of memory at this camera's work; connect again with a smaller triangle budget."));
-  EXPECT_TRUE(server.healthy());
+  EXPECT_TRUE(server.healthy()) << server.process().output();
   fliers.clear();
   EXPECT_TRUE(await([&] {
     try {
