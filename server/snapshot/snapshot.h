@@ -8,13 +8,13 @@
 //   pose          x, z, y (metres, absolute), altitude, yaw, pitch, fov (degrees, as in path files), width, height; of camera and pose
 //   camera        id, iteration, meshHash (as acknowledged by its client); of a live camera
 //   box           x0, z0, x1, z1 (metres; the covered area, at most a quarter of the error wider than requested)
-//   error         unit ("metres" for a box or tile, otherwise the metric: "pixels", "area" or "thesis"), asked, kept; for a box or tile also
-//                 samples: kept is the largest error found on that many points
+//   error         unit ("metres" for a box or tile, otherwise the metric: "pixels", "area" or "thesis"), asked, kept; for a box or tile
+//                 also known ("proven" by a height map's posts or "measured"), spacing (metres) and number of samples
 //   origin        x, z (metres): what to add to a coordinate of the file
 //   georeference  crs (as the map's file names it; absent if unknown), easting, northing (metres): of the file's origin, so that a vertex
 //                 has easting + x, northing - z; only of a height map that says where it lies
-// A tile has two nodes, "surface" and "skirt" (server/tileset/tile.h).
 //   leaves, triangles, vertices (of all leaves, shared ones each time), latticeStep; cellX, cellZ with origin=cell
+// A tile has two nodes, "surface" and "skirt" (server/tileset/tile.h).
 
 #include <atomic>
 #include <cstdint>
