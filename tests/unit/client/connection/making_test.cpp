@@ -70,8 +70,8 @@ TEST(Connection, AServerWithoutAWordOfTheWorldHasOnlyTheTimeOfItsKind) {
   const auto drain = [](RawConnection& peer) { peer.drain(); };
   {
     RawServer server(drain);
-    expectContains(errorOf(making(server.port()), 10ms, {.unheard = 300ms, .heard = kTimeout}),
-                   "did not answer like a Ridgecast server within 300 ms");
+    expectContains(errorOf(making(server.port()), 1s, {.unheard = 1500ms, .heard = kTimeout}),
+                   "did not answer like a Ridgecast server within 1500 ms");
   }
   RawServer server(drain);  // there is nothing to be made
   expectContains(errorOf(at(server.port()), 200ms, {.unheard = kTimeout, .heard = kTimeout}), "within 200 ms");
