@@ -9,6 +9,7 @@
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/still_mesh.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast::net {
@@ -18,21 +19,7 @@ using namespace std::chrono_literals;
 using testing::HasSubstr;
 using testing::StartsWith;
 using testing_support::SocketClient;
-
-// A mesh of one empty leaf that is at rest: the sockets are what is tested.
-class StillMesh final : public session::IteratingMesh {
- public:
-  wire::Figures iterate(const camera::Camera&) override { return {}; }
-  void setInsertionLimit(std::uint32_t) override {}
-  void change(const wire::Settings&) override {}
-  bool settled() const override { return true; }
-  const std::vector<mesh::LeafState>& leaves() const override { return leaves_; }
-  mesh::LeafMesh extract(lattice::LeafAddress address) const override { return {address, {}, {}}; }
-  std::vector<wire::Candidate> candidates(std::uint32_t) const override { return {}; }
-
- private:
-  std::vector<mesh::LeafState> leaves_{{{0, 1, 2}, 1, 0, 0}};
-};
+using testing_support::StillMesh;
 
 class NetTest : public testing::Test {
  protected:
