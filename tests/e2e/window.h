@@ -84,6 +84,10 @@ class WindowTest : public testing::Test {
     }
   }
   void quit() { press({"ctrl+q"}); }
+  void close(int code = 0) {
+    quit();
+    EXPECT_EQ(viewer_->wait(300s), code) << viewer_->output();
+  }
   void hold(const std::string& key, std::chrono::milliseconds time) {
     runProgram({"xdotool", "keydown", key}, environment_);
     std::this_thread::sleep_for(time);
