@@ -46,7 +46,7 @@ std::vector<char*> pointersTo(std::vector<std::string>& words) {
   limit(RLIMIT_AS, limits.memory);
   limit(RLIMIT_FSIZE, limits.fileSize);
   limit(RLIMIT_CORE, 0);
-  limit(RLIMIT_CPU, static_cast<std::uint64_t>(limits.time.count() / 1000 + 1));
+  limit(RLIMIT_CPU, static_cast<std::uint64_t>(limits.time.count()));
   sigset_t none;
   sigemptyset(&none);
   sigprocmask(SIG_SETMASK, &none, nullptr);
@@ -120,7 +120,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   close(ends[1]);
 
   ChildEnd out;
-  const auto until = Clock::now() + limits.time;
+  const auto until = Clock::now() + kMostWaiting * limits.time;
   bool isOver = !readAll(ends[0], until, stop, out.output);
   close(ends[0]);
   // The output may end before the child does. Wait without reaping, so that nobody else gets its group's number.
@@ -135,9 +135,9 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   int status = 0;
   waitpid(child, &status, 0);
   if (stop.stop_requested()) return stopped();
-  out.timedOut = isOver;
   if (WIFEXITED(status)) out.status = WEXITSTATUS(status);
   if (WIFSIGNALED(status)) out.signal = WTERMSIG(status);
+  out.timedOut = isOver || out.signal == SIGXCPU;
   if (out.status == 127 && out.output.empty()) return Error{"cannot start " + program.string()};
   return out;
 }

@@ -7,7 +7,9 @@
 
 #include <algorithm>
 #include <charconv>
+#include <csignal>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <string>
 #include <utility>
@@ -191,7 +193,8 @@ Outcome<void> compile(std::string_view file, const Translation& translation, std
   if (!end || end->timedOut || end->status != 0) {
     std::filesystem::remove(made, failed);
     if (!end) return end.error();
-    if (end->timedOut) return Error{std::string(file) + ": compiling it took more than 60 s; it calls too much: write it shorter"};
+    if (end->timedOut || end->output.find(sigdescr_np(SIGXCPU)) != std::string::npos)  // of the compiler that the driver started
+      return Error{std::string(file) + ": compiling it took more than 60 s of a processor; it calls too much: write it shorter"};
     if (end->output.find("out of memory") != std::string::npos || end->output.find("virtual memory exhausted") != std::string::npos ||
         end->status < 0)
       return Error{std::string(file) + ": compiling it needs too much memory; it calls too much: write it shorter"};

@@ -74,7 +74,8 @@ class Guests : public testing::Test {
     server_ = std::make_unique<ServerProcess>(
         RIDGECAST_SERVER, std::vector<std::string>{"--terrain", (folder_ / "map.r16").string(), "--terrain-dir",
                                                    RIDGECAST_PATHS "/../../../common/terrain/tutorial", "--terrain-cache",
-                                                   (folder_ / "cache").string(), "--session-idle", "1", "--timeout", "2"});
+                                                   (folder_ / "cache").string(), "--session-idle", "1", "--timeout", "2", "--cache-memory",
+                                                   "1"});  // full, and no longer growing, at the first look
   }
   static std::string get(const std::string& target) {
     return "GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
