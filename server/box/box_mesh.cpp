@@ -131,6 +131,7 @@ class Meshing::Mesher {
           } else if (worst(true) <= plan_.error) {
             if (const float stuck = worst(false); stuck > plan_.error) return tooSteep(stuck);
             now_.stage = Stage::kThinning;
+            needed_.assign(mesh_.vertexCapacity(), 0);
           } else {
             now_.limit = error();
             now_.stage = Stage::kMending;
@@ -142,7 +143,8 @@ class Meshing::Mesher {
           now_.stage = Stage::kVerdicts;
           break;
         case Stage::kThinning:
-          if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, error(), worst_.get()), true; })) return {};
+          if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, error(), worst_.get(), needed_.data()), true; }))
+            return {};
           now_.colour = 0;
           if (++now_.thinned < kThinnings) break;
           now_.stage = Stage::kFiling;
@@ -154,7 +156,11 @@ class Meshing::Mesher {
       }
   }
 
-  float error() const { return static_cast<float>(plan_.error); }
+  // The greatest number that is not above it, so that every comparison says the same.
+  float error() const {
+    const auto nearest = static_cast<float>(plan_.error);
+    return nearest > plan_.error ? std::nextafter(nearest, 0.0f) : nearest;
+  }
   std::int32_t heightAt(Point2 p) const {
     return static_cast<std::int32_t>(lattice::roundTo(terrain_.heightStep(plan_.frame.global(p)), plan_.vertical));
   }
@@ -449,7 +455,8 @@ class Meshing::Mesher {
   std::vector<std::vector<Question>> asked_, answered_;  // by region
   triangulation::Triangulation mesh_;
   triangulation::WriteSet all_;
-  std::unique_ptr<Worst[]> worst_;  // by triangle; valid for those that are not fresh
+  std::unique_ptr<Worst[]> worst_;    // by triangle; valid for those that are not fresh
+  std::vector<std::uint8_t> needed_;  // by vertex (thinning.h)
   std::uint32_t vertices_ = 3;
   std::optional<Filing> filing_;
 };

@@ -54,10 +54,12 @@ struct Judge::Search {
   int bits = 0;                             // units between samples, as a power of two, at least
   std::vector<Block>* tooCoarse = nullptr;  // null: a glance
   std::vector<std::size_t> asked = {};      // blocks of the tiles in hand
-  float worst = 0;
-  Point2 at = {};  // where it is, or beside it
+  float worst = 0, passed = 0;              // metres; with slack, what lies between samples that pass
+  Point2 at = {};                           // where the worst is, or beside it
   bool admissible = false;
   std::size_t first = 0;  // of asked, for the tile in hand
+
+  Worst found() const { return {std::max(worst, passed), at.x, at.z, admissible}; }
 
   // For finer samples in cells (i0, j0)..(i1, j1), as far as they lie in the tile.
   void ask(const Tile& tile, std::int32_t i0, std::int32_t j0, std::int32_t i1, std::int32_t j1) {
@@ -74,21 +76,21 @@ Worst Judge::glance(const Corners& corners) const {
   const auto cells = static_cast<std::uint64_t>(shape.twiceArea() / (2 * kGlance));
   Search search{.bits = static_cast<int>(std::bit_width(cells) + 1) / 2};
   samples_.forEach(shape.low, shape.high, [&](std::size_t tile) { look(tile, shape, search); });
-  return {search.worst, search.at.x, search.at.z, search.admissible};
+  return search.found();
 }
 
 Worst Judge::verdict(const Corners& corners, std::vector<Block>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   samples_.forEach(shape.low, shape.high, [&](std::size_t tile) { look(tile, shape, search); });
-  return {search.worst, search.at.x, search.at.z, search.admissible};
+  return search.found();
 }
 
 Worst Judge::verdict(const Corners& corners, const Block& block, std::vector<Block>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   look(static_cast<std::size_t>(samples_[block.tile].finer[block.block]), shape, search);
-  return {search.worst, search.at.x, search.at.z, search.admissible};
+  return search.found();
 }
 
 // A point of the lattice beside a place on an edge that lies in the triangle, where a vertex may stand.
@@ -183,15 +185,19 @@ void Judge::rows(const Tile& tile, const Shape& shape, int strideBits, Search& s
     const std::int32_t row = j << strideBits;
     const float* const height = &tile.height[tile.index(0, row)];
     const float most = farthest(height + i0, static_cast<std::int32_t>(to - from) + 1, stride, base, slope);
-    if (most <= search.worst && (!search.tooCoarse || most + tile.most <= error_)) continue;
+    const bool passes = search.tooCoarse && most + tile.most <= error_;
+    if (passes) search.passed = std::max(search.passed, most + tile.most);
+    if (most <= search.worst && (!search.tooCoarse || passes)) continue;
     int worst = -1;
     for (std::int32_t i = i0, n = 0; i <= i1; i += stride, ++n) {
       float off = std::abs(height[i] - (base + static_cast<float>(n) * slope));
-      if (search.tooCoarse && off <= error_ && off + tile.most > error_) {
+      if (search.tooCoarse && !passes && off <= error_) {
         const float slack = tile.slackAround(i, row);
-        if (slack <= kTrust * error_ || tile.bits == 0)
+        if (off + slack <= error_)
+          search.passed = std::max(search.passed, off + slack);
+        else if (slack <= kTrust * error_ || tile.bits == 0)
           off += slack;
-        else if (off + slack > error_)
+        else
           search.ask(tile, i - 1, row - 1, i, row);
       }
       if (off > search.worst) {
@@ -275,6 +281,8 @@ void Judge::crossings(const Tile& tile, const Shape& shape, Search& search) cons
           continue;  // the finer tile judges
         }
         error += slack;
+      } else {
+        search.passed = std::max(search.passed, error + slack);
       }
       if (error <= search.worst) continue;
       const auto mended = beside(shape, tile.corner.x + (px + where * dx) / unit, tile.corner.z + (pz + where * dz) / unit);
