@@ -54,6 +54,7 @@ struct Figures {
   std::uint32_t triangles = 0, inserted = 0, removed = 0, deferred = 0;
   std::uint64_t heights = 0;
   double effectiveThreshold = 0;
+  std::uint32_t insertionLimit = 0;
 };
 
 }  // namespace ridgecast::settings

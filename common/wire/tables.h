@@ -219,7 +219,7 @@ TABLE(Figures,
     FIELD(valid_leaves, leaves), FIELD(leaves, leaves),  // one number; the second is what is read
     FIELD(visible_leaves, visibleLeaves), FIELD(generated_leaves, generatedLeaves), FIELD(dropped_leaves, droppedLeaves),
     FIELD(triangles, triangles), FIELD(inserted, inserted), FIELD(removed, removed), FIELD(deferred, deferred), FIELD(heights, heights),
-    FIELD(effective_threshold, effectiveThreshold, Range{0.0, 1e15}));
+    FIELD(effective_threshold, effectiveThreshold, Range{0.0, 1e15}), FIELD(insertion_limit, insertionLimit));
 
 // Points are counted from (x, z). Those of a camera lie within twice the horizon of each other, far below kMaxCandidateReach.
 inline bool pointsAreValid(const pb::Candidates& p) {

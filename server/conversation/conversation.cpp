@@ -44,8 +44,9 @@ std::size_t payloadBytes(const Leaves& leaves, std::size_t overhead) {
 
 }  // namespace
 
-Conversation::Refusal Conversation::receive(const wire::ClientMessage& message) {
+Conversation::Refusal Conversation::receive(const wire::ClientMessage& message, Time now) {
   if (auto refusal = outOfPlace(message)) return refusal;
+  if (const auto* pose = std::get_if<wire::PoseMessage>(&message)) return take(*pose, now);
   return std::visit([this](const auto& m) { return take(m); }, message);
 }
 
@@ -74,7 +75,7 @@ Conversation::Refusal Conversation::take(const wire::Hello& hello) {
   return {};
 }
 
-Conversation::Refusal Conversation::take(const wire::PoseMessage& pose) {
+Conversation::Refusal Conversation::take(const wire::PoseMessage& pose, Time now) {
   if (pose.sequence <= lastSequence_)
     return ErrorMessage{ErrorCode::kInvalid, "Pose " + std::to_string(pose.sequence) + " came after pose " + std::to_string(lastSequence_) +
                                                  ": sequences start at 1 and ascend."};
@@ -84,6 +85,7 @@ Conversation::Refusal Conversation::take(const wire::PoseMessage& pose) {
   lastSequence_ = pose.sequence;
   if (!lockstep_) poses_.clear();
   poses_.push_back(pose);
+  tempo_.pose(now);
   return {};
 }
 
@@ -176,7 +178,12 @@ Work Conversation::next(std::size_t queuedBytes) {
     work.granted = granted_ = changes_.front().granted;
   owesAnswer_ = owesAnswer_ || granted_.candidates > candidates;
   if (work.granted) pace_.setRate(granted_.bytesPerSecond);
-  if (work.granted || pace_.limits()) work.insertions = pace_.insertions();
+  if (lockstep_) {
+    if (work.granted || pace_.limits()) work.insertions = pace_.insertions();
+  } else {
+    tempo_.begin();
+    work.insertions = std::min(pace_.insertions(), tempo_.insertions());
+  }
   return work;
 }
 
@@ -200,6 +207,7 @@ std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::Lea
 void Conversation::sent(const wire::Iteration& iteration, Time now) {
   pace_.sent(now, 200 + 12 * iteration.gone.size() + payloadBytes(iteration.whole, 24) + payloadBytes(iteration.changed, 16),
              iteration.figures.inserted);
+  tempo_.sent(now, iteration.figures.inserted);
   if (repairing_) terms_.repairs->spend(now, payloadBytes(iteration.whole, 24));
   if (iteration.candidates) pace_.sent(now, kBytesACandidate * iteration.candidates->size(), 0);
 }

@@ -76,7 +76,7 @@ class Conversation {
 
   // Refused: the connection must end with this error. Queries, and messages about other members, are only checked for their place; the
   // caller answers them.
-  Refusal receive(const wire::ClientMessage& message);
+  Refusal receive(const wire::ClientMessage& message, Time now);
   void close();
 
   // When next() has work. Nothing: not before another event. A past time: now.
@@ -107,7 +107,7 @@ class Conversation {
   };
 
   Refusal take(const wire::Hello& hello);
-  Refusal take(const wire::PoseMessage& pose);
+  Refusal take(const wire::PoseMessage& pose, Time now);
   Refusal take(const wire::Acknowledge& acknowledge);
   Refusal take(const wire::ResendLeaves& resend) {
     replica_.resend(resend.leaves);
@@ -136,6 +136,7 @@ class Conversation {
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;
   Pace pace_;
+  Tempo tempo_;             // free pacing alone: lock-step repeats
   bool repairing_ = false;  // the current iteration sends leaves again
 };
 

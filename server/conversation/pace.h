@@ -1,11 +1,13 @@
 #pragma once
-// Budgets: so much a second. One expense may overdraw a budget; the next waits until that is paid back. Not thread-safe but for
-// SharedBudget.
+// How fast iterations leave, and how much they may hold. Budgets: so much a second; one expense may overdraw a budget, and the next waits
+// until that is paid back. Not thread-safe but for SharedBudget.
 
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <mutex>
+#include <optional>
+#include <utility>
 
 namespace ridgecast::conversation {
 
@@ -75,6 +77,47 @@ class Pace : public Budget {
   static constexpr double kShare = 0.25;  // seconds
 
   double bytesAnInsertion_ = 12;
+};
+
+// How many vertices an iteration may insert so that iterations keep up with the poses, whoever else wants the machine: an eighth more while
+// they do, and where one is late, as many as would have been in time, at most half (after Chiu and Jain 1989). Fewer vertices also touch
+// fewer leaves, which then need no extracting and coding; without this, who is late has flown farther, has more to do and is later still.
+// A late iteration that inserted at most kLeast changes nothing, for then it is not detail that takes the time.
+class Tempo {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+  static constexpr std::uint32_t kLeast = 16, kMost = 1u << 20;
+
+  std::uint32_t insertions() const { return insertions_; }
+
+  // A pose has come.
+  void pose(Time now) {
+    const double gap = std::clamp(std::chrono::duration<double>(now - last_).count(), 0.0, kSlowest);
+    interval_ += (gap - interval_) / 8;
+    last_ = now;
+    if (!waitsSince_) waitsSince_ = now;
+  }
+  // An iteration for the newest pose begins.
+  void begin() { answers_ = std::exchange(waitsSince_, std::nullopt); }
+  // It has left.
+  void sent(Time now, std::uint32_t inserted) {
+    const double took = answers_ ? std::chrono::duration<double>(now - *answers_).count() : 0,
+                 time = kShare * std::clamp(interval_, kFastest, kSlowest);
+    if (took <= time)
+      insertions_ = std::min(kMost, insertions_ + std::max(insertions_ / 8, 2u));
+    else if (inserted > kLeast)
+      insertions_ = std::max(kLeast, static_cast<std::uint32_t>(std::min(insertions_, inserted) * std::clamp(time / took, 0.0625, 0.5)));
+  }
+
+ private:
+  static constexpr double kShare = 0.5;                     // of the time between poses
+  static constexpr double kFastest = 0.05, kSlowest = 0.3;  // seconds between poses that count
+
+  std::uint32_t insertions_ = kMost;
+  double interval_ = 0.1;
+  Time last_{};
+  std::optional<Time> waitsSince_;  // the first pose since the last iteration began
+  std::optional<Time> answers_;     // the one that the current iteration answers
 };
 
 }  // namespace ridgecast::conversation

@@ -75,7 +75,7 @@ Figures::Figures()
       heights(registry.counter("ridgecast_heights_total", "Heights evaluated by iterations.")),
       delivery(registry.histogram("ridgecast_delivery_seconds", "From a pose's arrival until its first iteration has left.", kDeliveries)),
       triangles(registry.gauge("ridgecast_triangles", "Live triangles of all cameras' meshes.")),
-      withheld(registry.gauge("ridgecast_cameras_withheld", "Cameras from which a budget withholds detail.")),
+      withheld(registry.gauge("ridgecast_cameras_withheld", "Cameras from which a budget or a busy machine withholds detail.")),
       resends(registry.counter("ridgecast_resend_requests_total", "Requests for leaves to be sent again.")),
       mismatches(registry.counter("ridgecast_hash_mismatches_total", "Acknowledgements of a mesh other than the one sent.")),
       bytesSent(registry.counter("ridgecast_sent_bytes_total", "Bytes of messages and answers sent.")),

@@ -88,7 +88,7 @@ struct Figures {
   Histogram& delivery;                 // from a pose's arrival to its first iteration's departure
   std::array<Histogram*, 5> stages{};  // select, generate, refine, triangulate, encode
   Gauge& triangles;                    // live, of all cameras
-  Gauge& withheld;                     // cameras whose threshold a budget raises
+  Gauge& withheld;                     // cameras from which a budget or a busy machine withholds detail
   Counter &resends, &mismatches;       // requests for leaves again; acknowledgements of another mesh
   Counter &bytesSent, &bytesReceived, &messagesReceived;
   Counter &connections, &tlsHandshakes, &streams;

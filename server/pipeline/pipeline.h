@@ -43,7 +43,7 @@ class IteratingMesh {
   virtual void change(const settings::Settings& granted) = 0;
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
-  // narrow: what is postponed is detail.
+  // narrow, or on a busy machine: what is postponed is detail, and Figures::effectiveThreshold says how much.
   virtual void setInsertionLimit(std::uint32_t most) = 0;
 
   // Whether the last iteration changed nothing and another one with the same camera would change nothing: the mesh then keeps

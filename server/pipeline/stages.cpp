@@ -105,7 +105,8 @@ void Pipeline::State::limitInsertions(const refinement::View& view) {
   for (const Leaf* leaf : mesh.leaves()) wanted += leaf->work.pending.size();
   const std::size_t budgeted = settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0,
                     room = std::min(insertionLimit, budgeted);
-  const bool forNow = budgeted >= insertionLimit || isThesis();  // what is postponed comes next
+  // What one iteration cannot hold comes next, and is not withheld.
+  const bool forNow = isThesis() || (budgeted >= insertionLimit && insertionLimit == kMostInsertions);
   if (wanted <= room) return;
   std::vector<Pending> all;
   all.reserve(wanted);
@@ -215,6 +216,7 @@ settings::Figures Pipeline::State::describe(settings::Figures figures) const {
   }
   figures.triangles = live;
   figures.effectiveThreshold = std::max(effective, left);
+  figures.insertionLimit = static_cast<std::uint32_t>(insertionLimit);
   return figures;
 }
 

@@ -63,7 +63,7 @@ struct Pipeline::State {
   std::size_t insertionLimit = kMostInsertions;
   double effective;        // threshold; above the granted one while the budget binds
   double fill = 0;         // of the budget
-  double left = 0;         // the greatest error, as seen, of what the budget kept out
+  double left = 0;         // the greatest error, as seen, of what the budget, or a limit to insertions, kept out
   std::uint32_t live = 0;  // triangles owned by leaves
   // A camera at rest for which nothing is left to do looks closely, once, and at whatever changes after that. Only then is the mesh
   // settled.

@@ -21,7 +21,7 @@ class CameraFigures {
   ~CameraFigures() { holds(0, false); }
 
   void arrived(std::uint64_t pose);
-  // The mesh's triangles now, and whether a budget withholds detail.
+  // The mesh's triangles now, and whether detail is withheld.
   void holds(std::uint32_t triangles, bool withheld);
   // An iteration for this pose is sent; the message's ticket (sender.h) tells when it has left. Late: a newer pose has come.
   std::shared_ptr<const void> sent(std::uint64_t pose, bool late);

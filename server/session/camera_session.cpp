@@ -94,7 +94,7 @@ void CameraSession::receive(wire::ClientMessage message) {
     if (conversation_.closed()) return;
     metrics::Figures& all = *session_->resources().figures;
     const std::uint64_t mismatches = conversation_.mismatches();
-    refusal = conversation_.receive(message);
+    refusal = conversation_.receive(message, session_->resources().timer->now());
     all.mismatches.Increment(static_cast<double>(conversation_.mismatches() - mismatches));
     if (std::holds_alternative<wire::ResendLeaves>(message)) all.resends.Increment();
     if (const auto* pose = std::get_if<wire::PoseMessage>(&message); pose && !refusal) figures_.arrived(pose->sequence);

@@ -66,7 +66,8 @@ Iteration anyIteration() {
                 .removed = 13,
                 .deferred = 14,
                 .heights = 1ull << 50,
-                .effectiveThreshold = 0.75};
+                .effectiveThreshold = 0.75,
+                .insertionLimit = 17};
   return it;
 }
 
@@ -184,8 +185,10 @@ TEST(Wire, IterationSurvives) {
   const Figures &a = in.figures, &b = out.figures;
   EXPECT_EQ(std::tie(a.selectMs, a.generateMs, a.refineMs, a.triangulateMs, a.encodeMs, a.heights, a.effectiveThreshold),
             std::tie(b.selectMs, b.generateMs, b.refineMs, b.triangulateMs, b.encodeMs, b.heights, b.effectiveThreshold));
-  EXPECT_EQ(std::tie(a.leaves, a.visibleLeaves, a.generatedLeaves, a.droppedLeaves, a.triangles, a.inserted, a.removed, a.deferred),
-            std::tie(b.leaves, b.visibleLeaves, b.generatedLeaves, b.droppedLeaves, b.triangles, b.inserted, b.removed, b.deferred));
+  EXPECT_EQ(std::tie(a.leaves, a.visibleLeaves, a.generatedLeaves, a.droppedLeaves, a.triangles, a.inserted, a.removed, a.deferred,
+                     a.insertionLimit),
+            std::tie(b.leaves, b.visibleLeaves, b.generatedLeaves, b.droppedLeaves, b.triangles, b.inserted, b.removed, b.deferred,
+                     b.insertionLimit));
 }
 
 TEST(Wire, ErrorSurvivesAndIsCut) {

@@ -40,7 +40,7 @@ Terms terms() {
 // A conversation past its hello and its world.
 Conversation running(const wire::Hello& h = hello(), Terms t = terms()) {
   Conversation c(std::move(t));
-  EXPECT_FALSE(c.receive(h));
+  EXPECT_FALSE(c.receive(h, Time{}));
   EXPECT_TRUE(std::holds_alternative<Greet>(c.next(0)));
   c.greeted();
   return c;
@@ -55,25 +55,25 @@ TEST(Conversation, EveryMessageHasItsPlace) {
                                              wire::PassOver{}};
   for (const wire::ClientMessage& message : all) {
     Conversation fresh(terms());
-    const auto refusal = fresh.receive(message);
+    const auto refusal = fresh.receive(message, Time{});
     ASSERT_TRUE(refusal) << message.index();
     EXPECT_EQ(refusal->code, wire::ErrorCode::kMalformed);
     EXPECT_THAT(refusal->message, HasSubstr("The first message must be a hello"));
   }
   for (const wire::ClientMessage& message : {all[4], all[5], all[6], all[7], all[8], all[9], all[11], all[12]}) {
     Conversation greeting(terms());
-    ASSERT_FALSE(greeting.receive(hello()));
-    const auto refusal = greeting.receive(message);
+    ASSERT_FALSE(greeting.receive(hello(), Time{}));
+    const auto refusal = greeting.receive(message, Time{});
     ASSERT_TRUE(refusal) << message.index();
     EXPECT_THAT(refusal->message, HasSubstr("wait for the world"));
     Conversation later = running();
-    EXPECT_FALSE(later.receive(message)) << message.index();
+    EXPECT_FALSE(later.receive(message, Time{})) << message.index();
   }
 }
 
 TEST(Conversation, ClosedThereIsNoWork) {
   Conversation c = running();
-  ASSERT_FALSE(c.receive(pose(1)));
+  ASSERT_FALSE(c.receive(pose(1), Time{}));
   ASSERT_TRUE(c.due(0));
   c.close();
   EXPECT_FALSE(c.due(0));
@@ -100,6 +100,88 @@ TEST(Pace, PaysBackWhatWasSentAndSavesLittleUp) {
   EXPECT_NEAR(pace.insertions(), 16'000.0 / 40, 10);
 }
 
+// Cameras that share a core, each with ten poses a second; who has waited longer has flown farther and wants more.
+struct Shared {
+  struct Flier {
+    Tempo tempo;
+    double wants = 0;  // vertices
+    Tempo::Time last{}, nextPose{};
+  };
+  std::vector<Flier> fliers;
+  Tempo::Time now{1h};
+  static constexpr double kFixed = 0.0015, kAVertex = 5e-5, kWantedASecond = 3000;  // seconds; without a limit 6 cameras fill the core
+
+  // One camera after the other for so long. Iterations of each a second, and the share of what was wanted that came.
+  std::pair<double, double> run(std::size_t count, double seconds, bool limited) {
+    for (std::size_t k = fliers.size(); k < count; ++k) fliers.push_back({{}, 0, now, now + std::chrono::milliseconds(37 * k % 100)});
+    double iterations = 0, wanted = 0, came = 0;
+    for (const auto end = now + std::chrono::duration_cast<Tempo::Time::duration>(std::chrono::duration<double>(seconds)); now < end;) {
+      const auto before = now;
+      for (Flier& f : fliers) {
+        if (now < f.nextPose) continue;
+        const double more = std::min(1.0, std::chrono::duration<double>(now - f.last).count()) * kWantedASecond;
+        wanted += more;
+        f.wants += more;
+        for (; f.nextPose <= now; f.nextPose += 100ms) f.tempo.pose(f.nextPose);
+        f.tempo.begin();
+        const double inserted = limited ? std::min<double>(f.wants, f.tempo.insertions()) : f.wants;
+        f.wants = std::max(0.0, f.wants * 0.8 - inserted);  // what is left behind is no longer wanted
+        f.last = now;
+        now += std::chrono::duration_cast<Tempo::Time::duration>(std::chrono::duration<double>(kFixed + kAVertex * inserted));
+        f.tempo.sent(now, static_cast<std::uint32_t>(inserted));
+        came += inserted;
+        ++iterations;
+      }
+      if (now == before) now += 1ms;
+    }
+    return {iterations / seconds / static_cast<double>(count), came / wanted};
+  }
+};
+
+TEST(Tempo, KeepsThePaceOnAMachineThatIsTooSmallForAllDetail) {
+  EXPECT_LT(Shared().run(40, 20, false).first, 1.5) << "what happens without it";
+  Shared machine;
+  machine.run(40, 10, true);
+  const auto [pace, share] = machine.run(40, 20, true);
+  EXPECT_GT(pace, 9);
+  EXPECT_GT(share, 0.05) << "detail comes as far as there is time";
+  machine.fliers.resize(5);
+  machine.run(5, 5, true);
+  const auto [alone, all] = machine.run(5, 5, true);
+  EXPECT_GT(alone, 9);
+  EXPECT_GT(all, 0.95) << "it comes back by itself";
+}
+
+TEST(Tempo, IsNotSlowedByWhatDetailDoesNotCost) {
+  Tempo tempo;
+  for (Tempo::Time now{1h}; now < Tempo::Time{1h + 10s}; now += 100ms) {
+    tempo.pose(now);
+    tempo.begin();
+    tempo.sent(now + 500ms, Tempo::kLeast);  // late, but not for so few vertices
+  }
+  EXPECT_EQ(tempo.insertions(), Tempo::kMost);
+}
+
+TEST(Conversation, InLockstepDetailDoesNotDependOnTheClock) {
+  for (const wire::Pacing pacing : {wire::Pacing::kFree, wire::Pacing::kLockstep}) {
+    Conversation c = running(hello(pacing));
+    Time now{1h};
+    for (std::uint64_t k = 1; k <= 8; ++k, now += 1s) {
+      ASSERT_FALSE(c.receive(pose(k), now));
+      const Work work = c.next(0);
+      const auto& iterate = std::get<Iterate>(work);
+      if (pacing == wire::Pacing::kLockstep) EXPECT_FALSE(iterate.insertions);
+      if (pacing == wire::Pacing::kFree && k > 1) EXPECT_LE(iterate.insertions.value(), 750u);
+      const auto changes = c.iterated(Leaves{leaf(0, k)}, false);
+      ASSERT_TRUE(changes);
+      wire::Iteration iteration;
+      iteration.figures.inserted = 1000;
+      c.sent(iteration, now + 1s);
+      ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}, now));
+    }
+  }
+}
+
 // Ten bytes ask for a whole mesh again: not for as many of them as messages fit into a second.
 TEST(Conversation, AHundredResendsSendAtMostThreeMeshes) {
   constexpr std::size_t kMesh = 1'400'000;
@@ -107,7 +189,7 @@ TEST(Conversation, AHundredResendsSendAtMostThreeMeshes) {
   Time now{1h};
   std::size_t meshes = 0;
   for (std::uint64_t k = 1; k <= 100; ++k, now += 20ms) {
-    ASSERT_FALSE(c.receive(pose(k)));  // a camera that moves has iterations anyway
+    ASSERT_FALSE(c.receive(pose(k), now));  // a camera that moves has iterations anyway
     for (int turn = 0; turn < 2; ++turn) {
       const auto due = c.due(0);
       if (!due || *due > now) continue;
@@ -120,8 +202,8 @@ TEST(Conversation, AHundredResendsSendAtMostThreeMeshes) {
         iteration.whole.push_back({{3, 0, 0}, 3, 1, std::vector<std::uint8_t>(kMesh), 0, {}});
       }
       c.sent(iteration, now);
-      ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}));
-      ASSERT_FALSE(c.receive(wire::ResendLeaves{}));
+      ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}, now));
+      ASSERT_FALSE(c.receive(wire::ResendLeaves{}, now));
     }
   }
   EXPECT_GE(meshes, 2u) << "the first, and a repair at once";
@@ -134,8 +216,8 @@ TEST(Conversation, AHundredResendsSendAtMostThreeMeshes) {
 TEST(Conversation, ABudgetOfBytesIsKeptToTheByteInSimulatedTime) {
   constexpr std::uint64_t kRate = 10'000;
   Conversation c = running(hello(wire::Pacing::kFree, kRate));
-  ASSERT_FALSE(c.receive(pose(1)));
   Time now{1h};
+  ASSERT_FALSE(c.receive(pose(1), now));
   const Time start = now;
   std::size_t bytes = 0;
   for (std::uint64_t n = 1; n <= 500; ++n) {
@@ -149,7 +231,7 @@ TEST(Conversation, ABudgetOfBytesIsKeptToTheByteInSimulatedTime) {
     iteration.whole.push_back({{3, 0, 0}, 3, 1, std::vector<std::uint8_t>(500 + 7 * n), 0, {}});
     bytes += 200 + 24 + 500 + 7 * n;
     c.sent(iteration, now);
-    ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}));
+    ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}, now));
   }
   const double seconds = std::chrono::duration<double>(*c.due(0) - start).count();
   EXPECT_NEAR(static_cast<double>(bytes) / seconds, kRate, 0.01 * kRate);
@@ -203,7 +285,7 @@ std::vector<std::uint64_t> simulate(unsigned seed, bool lockstep) {
     if (step < 3900 && s.chance(3) && (!lockstep || posed < answered + kMaxQueuedPoses)) s.later(pose(++posed));
     while (!s.toServer.empty() && s.toServer.begin()->first <= s.now) {
       if (std::holds_alternative<wire::Acknowledge>(s.toServer.begin()->second)) --unacknowledged;
-      const auto refusal = c.receive(s.toServer.begin()->second);
+      const auto refusal = c.receive(s.toServer.begin()->second, s.now);
       EXPECT_FALSE(refusal) << refusal->message;
       s.toServer.erase(s.toServer.begin());
     }
