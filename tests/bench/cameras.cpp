@@ -138,7 +138,7 @@ Report measure(const Plan& plan, const Options& options) {
   ::close(poll);
 
   Report report;
-  std::vector<double> rates, latencies, bytes, coarse;
+  std::vector<double> rates, latencies, thresholds, bytes, coarse;
   double sum = 0, squares = 0, encode = 0, total = 0, settled = 0;
   for (const auto& line : lines) {
     const double rate = static_cast<double>(line->iterations) / seconds;
@@ -146,6 +146,7 @@ Report measure(const Plan& plan, const Options& options) {
     sum += rate;
     squares += rate * rate;
     latencies.insert(latencies.end(), line->latencies.begin(), line->latencies.end());
+    thresholds.insert(thresholds.end(), line->thresholds.begin(), line->thresholds.end());
     bytes.push_back(static_cast<double>(line->bytes) / seconds);
     coarse.push_back(line->coarseMs);
     encode += line->encodeMs;
@@ -157,6 +158,8 @@ Report measure(const Plan& plan, const Options& options) {
   report.add("median_iterations_per_second", median(rates));
   report.add("p50_ms", percentile(latencies, 0.5), "ms");
   report.add("p99_ms", percentile(latencies, 0.99), "ms");
+  report.add("threshold_p50_px", percentile(thresholds, 0.5), "px");
+  report.add("threshold_p99_px", percentile(thresholds, 0.99), "px");
   report.add("fairness", squares > 0 ? sum * sum / (static_cast<double>(rates.size()) * squares) : 1);
   report.add("server_rss_mib", use.mib, "MiB");
   report.add("server_cores", (use.cpuSeconds - serverCpu) / seconds);
@@ -178,8 +181,8 @@ Report curve(const Plan& plan, const Options& options) {
   std::vector<double> counts;
   std::map<std::string, std::vector<double>> figures;
   std::printf(
-      "| cameras | iterations/s slowest | median | p50 ms | p99 ms | fairness | B/s each | encoding | server MiB | server cores "
-      "|\n|---|---|---|---|---|---|---|---|---|---|\n");
+      "| cameras | iterations/s slowest | median | p50 ms | p99 ms | error px p50 | p99 | fairness | B/s each | encoding | server MiB | "
+      "server cores |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n");
   for (int count = 1; count <= plan.count; count *= 2) {
     Plan one = plan;
     one.count = count;
@@ -187,9 +190,10 @@ Report curve(const Plan& plan, const Options& options) {
     counts.push_back(count);
     for (const Figure& f : last.figures) figures[f.name].push_back(f.value);
     const auto of = [&](const char* name) { return figures.at(name).back(); };
-    std::printf("| %d | %.1f | %.1f | %.0f | %.0f | %.3f | %.0f | %.0f %% | %.0f | %.2f |\n", count, of("iterations_per_second"),
-                of("median_iterations_per_second"), of("p50_ms"), of("p99_ms"), of("fairness"), of("bytes_per_second"),
-                100 * of("encode_share"), of("server_rss_mib"), of("server_cores"));
+    std::printf("| %d | %.1f | %.1f | %.0f | %.0f | %.2f | %.1f | %.3f | %.0f | %.0f %% | %.0f | %.2f |\n", count,
+                of("iterations_per_second"), of("median_iterations_per_second"), of("p50_ms"), of("p99_ms"), of("threshold_p50_px"),
+                of("threshold_p99_px"), of("fairness"), of("bytes_per_second"), 100 * of("encode_share"), of("server_rss_mib"),
+                of("server_cores"));
     std::fflush(stdout);
   }
   if (plan.plot.empty()) return last;

@@ -98,6 +98,7 @@ void Line::restart() {
   iterations = 0;
   bytes = 0;
   latencies.clear();
+  thresholds.clear();
   encodeMs = totalMs = 0;
 }
 
@@ -113,6 +114,7 @@ void Line::take(std::span<const std::uint8_t> payload) {
   const settings::Figures& f = it->figures;
   encodeMs += f.encodeMs;
   totalMs += f.selectMs + f.generateMs + f.refineMs + f.triangulateMs + f.encodeMs;
+  thresholds.push_back(f.effectiveThreshold);
   settled = it->settled;
   while (!waiting_.empty() && waiting_.front().first <= it->poseSequence) {
     latencies.push_back(since(waiting_.front().second) * 1e3);

@@ -36,6 +36,7 @@ class Line {
   std::uint64_t iterations = 0, bytes = 0;
   double encodeMs = 0, totalMs = 0, coarseMs = 0;  // coarse: from the connection to the first iteration
   std::vector<double> latencies;                   // ms, from a pose to the first iteration for it
+  std::vector<double> thresholds;                  // pixels, that each iteration's mesh kept
   bool settled = false;
 
  private:
