@@ -1,10 +1,10 @@
 // Many cameras on one server: real sockets to a real server process, all on this machine, load generator included.
 //
-//   ridgecast-bench cameras [--count N] [--seconds S] [--budget TRIANGLES] [--rest] [--threads N] [--bytes-per-second N] [--table] [--plot
+//   ridgecast-bench cameras [--count N] [--leave N] [--seconds S] [--budget TRIANGLES] [--rest] [--threads N] [--bytes-per-second N] [--table] [--plot
 //                           FILE.svg]
 //
 // Each camera flies straight on at 50 m/s, 120 m above the ground, on a line of its own, and sends ten poses a second; --rest: it stands
-// still. The generator is one thread that parses what comes and acknowledges with the hash it was told; tests elsewhere hold the mesh.
+// still. --leave: afterwards so many hang up and the others stop, until all are settled. The generator is one thread that parses what comes and acknowledges with the hash it was told; tests elsewhere hold the mesh.
 #include <sys/epoll.h>
 #include <unistd.h>
 
@@ -35,7 +35,7 @@ using Time = std::chrono::steady_clock;
 double since(Time::time_point t) { return std::chrono::duration<double>(Time::now() - t).count(); }
 
 struct Plan {
-  int count = 32;
+  int count = 32, leave = 0;
   double seconds = 20, warmUp = 8;
   std::uint32_t budget = 100'000;
   std::uint64_t bytesPerSecond = 0;
@@ -135,8 +135,6 @@ Report measure(const Plan& plan, const Options& options) {
   }
   const double seconds = since(began) - measuredFrom;
   const Use use = useOf(pid);
-  ::close(poll);
-
   Report report;
   std::vector<double> rates, latencies, thresholds, bytes, coarse;
   double sum = 0, squares = 0, encode = 0, total = 0, settled = 0;
@@ -168,6 +166,20 @@ Report measure(const Plan& plan, const Options& options) {
   report.add("encode_share", total > 0 ? encode / total : 0);
   report.add("first_view_ms", median(coarse), "ms");
   if (plan.rest) report.add("at_rest", settled);
+  if (plan.leave > 0) {
+    lines.resize(static_cast<std::size_t>(std::max(1, plan.count - plan.leave)));
+    const double left = since(began);
+    for (std::size_t k = 0; k < lines.size(); ++k) fly(*lines[k], static_cast<int>(k), plan, **terrain);
+    const auto isSettled = [](const auto& line) { return line->answered() && line->settled; };
+    while (!std::ranges::all_of(lines, isSettled) && since(began) < left + 60) {
+      epoll_event events[64];
+      const int n = ::epoll_wait(poll, events, 64, 1);
+      for (int k = 0; k < n; ++k)
+        if (events[k].data.u32 < lines.size()) lines[events[k].data.u32]->receive();
+    }
+    report.add("settled_after_s", since(began) - left, "s");
+  }
+  ::close(poll);
   report.note(std::to_string(plan.count) + (plan.rest ? " cameras at rest" : " cameras at 50 m/s, ten poses a second each") + ", budget " +
               std::to_string(plan.budget) + " triangles, " + std::to_string(static_cast<int>(seconds + 0.5)) + " s, after " +
               std::to_string(static_cast<int>(warm + 0.5)) + " s; " + std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) +
@@ -225,6 +237,8 @@ Report cameras(const Options& options) {
     };
     if (name == "--count")
       plan.count = std::max(1, std::atoi(value().c_str()));
+    else if (name == "--leave")
+      plan.leave = std::max(0, std::atoi(value().c_str()));
     else if (name == "--seconds")
       plan.seconds = std::max(0.1, std::atof(value().c_str())), seconds = true;
     else if (name == "--budget")

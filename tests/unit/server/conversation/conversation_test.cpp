@@ -152,6 +152,22 @@ TEST(Tempo, KeepsThePaceOnAMachineThatIsTooSmallForAllDetail) {
   EXPECT_GT(all, 0.95) << "it comes back by itself";
 }
 
+TEST(Tempo, HurriesNobodyWhoRests) {
+  Tempo tempo;
+  Tempo::Time now{1h};
+  for (int k = 0; k < 20; ++k, now += 1s) {  // late, again and again
+    tempo.pose(now);
+    tempo.begin();
+    tempo.sent(now + 900ms, tempo.insertions());
+  }
+  ASSERT_LE(tempo.insertions(), 2 * Tempo::kLeast);
+  for (int k = 0; k < 16; ++k, now += 200ms) {
+    tempo.begin();
+    tempo.sent(now + 190ms, tempo.insertions());
+  }
+  EXPECT_EQ(tempo.insertions(), Tempo::kMost);
+}
+
 TEST(Tempo, IsNotSlowedByWhatDetailDoesNotCost) {
   Tempo tempo;
   for (Tempo::Time now{1h}; now < Tempo::Time{1h + 10s}; now += 100ms) {
