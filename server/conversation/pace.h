@@ -80,9 +80,10 @@ class Pace : public Budget {
 };
 
 // How many vertices an iteration may insert so that iterations keep up with the poses, whoever else wants the machine: an eighth more while
-// they do, and where one is late, as many as would have been in time, at most half (after Chiu and Jain 1989). While no poses come, twice as many from iteration to iteration. Fewer vertices also touch
-// fewer leaves, which then need no extracting and coding; without this, who is late has flown farther, has more to do and is later still.
-// A late iteration that inserted at most kLeast changes nothing, for then it is not detail that takes the time.
+// they do, and where one is late, as many as would have been in time, at most half (after Chiu and Jain 1989); while no poses come, twice as
+// many from iteration to iteration. The first pose, or one after a rest, is not hurried: seen from one pose, a new mesh comes out the same
+// each time. Fewer vertices also touch fewer leaves, which then need no extracting and coding; without this, who is late has flown farther,
+// has more to do and is later still. A late iteration that inserted at most kLeast changes nothing: it is not detail that takes the time.
 class Tempo {
  public:
   using Time = std::chrono::steady_clock::time_point;
@@ -92,9 +93,10 @@ class Tempo {
 
   // A pose has come.
   void pose(Time now) {
-    const double gap = std::clamp(std::chrono::duration<double>(now - last_).count(), 0.0, kSlowest);
-    interval_ += (gap - interval_) / 8;
+    const double gap = std::max(0.0, std::chrono::duration<double>(now - last_).count());
     last_ = now;
+    if (gap > kSlowest) return;
+    interval_ += (gap - interval_) / 8;
     if (!waitsSince_) waitsSince_ = now;
   }
   // An iteration for the newest pose begins.
@@ -102,7 +104,7 @@ class Tempo {
   // It has left.
   void sent(Time now, std::uint32_t inserted) {
     const double took = answers_ ? std::chrono::duration<double>(now - *answers_).count() : 0,
-                 time = kShare * std::clamp(interval_, kFastest, kSlowest);
+                 time = kShare * std::max(interval_, kFastest);
     const bool rests = !answers_ && std::chrono::duration<double>(now - last_).count() > kSlowest;
     if (took <= time)
       insertions_ = std::min(kMost, insertions_ + (rests ? insertions_ : std::max(insertions_ / 8, 2u)));
@@ -112,12 +114,12 @@ class Tempo {
 
  private:
   static constexpr double kShare = 0.5;                     // of the time between poses
-  static constexpr double kFastest = 0.05, kSlowest = 0.3;  // seconds between poses that count
+  static constexpr double kFastest = 0.05, kSlowest = 0.3;  // seconds between poses; those farther apart do not count
 
   std::uint32_t insertions_ = kMost;
   double interval_ = 0.1;
   Time last_{};
-  std::optional<Time> waitsSince_;  // the first pose since the last iteration began
+  std::optional<Time> waitsSince_;  // the first pose since the last iteration began, but for one after a rest
   std::optional<Time> answers_;     // the one that the current iteration answers
 };
 
