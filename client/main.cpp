@@ -303,6 +303,19 @@ void addOffline(CLI::App& command, SnapshotWords& words) {
       ->type_name("FILE");
 }
 
+// A folder instead of a file.
+void addTiles(CLI::App& command, snapshot::SnapshotOptions& shot, CLI::Option* file) {
+  auto* const tiles = command.add_option("--tiles", shot.tiles, "a new folder of 3D Tiles, of which the finest keep the error")
+                          ->needs(command.get_option("--terrain"))
+                          ->needs(command.get_option("--box"))
+                          ->excludes(file)
+                          ->excludes(command.get_option("--metadata"))
+                          ->type_name("DIR");
+  command.add_option("--at", shot.at, "where on Earth the middle of the tiles' box lies, degrees and metres")
+      ->needs(tiles)
+      ->type_name("LON,LAT[,HEIGHT]");
+}
+
 // The server checks the limits. Here: only what could not be sent as a number.
 Run snapshotCommand(CLI::App& command) {
   const auto shared = std::make_shared<Shared>();
@@ -310,7 +323,7 @@ Run snapshotCommand(CLI::App& command) {
   const auto shot = std::make_shared<snapshot::SnapshotOptions>();
   addShared(command, *shared, false);
   const auto any = within(-1e15, 1e15);
-  command.add_option("--out", shot->out, "the file to write: .glb, .ply or .obj")->required()->type_name("FILE");
+  auto* const file = command.add_option("--out", shot->out, "the file to write: .glb, .ply or .obj")->type_name("FILE");
   auto* camera = command.add_option("--camera", shot->camera, "snapshot of what this camera's client holds")->type_name("ID");
   auto* box = command.add_option("--box", words->box, "snapshot of this box, in metres; all: of a whole height map")
                   ->type_name("X0,Z0,X1,Z1|all")
@@ -346,7 +359,9 @@ Run snapshotCommand(CLI::App& command) {
   addNumber(command, "--timeout", shot->timeout, 1, 3600, "timeout for the server, seconds");
   addNumber(command, "--patience", shot->timeout, 1, 3600, "its old name")->group("");
   addOffline(command, *words);
+  addTiles(command, *shot, file);
   return [=] {
+    if (shot->out.empty() && shot->tiles.empty()) return fail(kBadInput, {"say --out FILE, or --tiles DIR with --terrain"});
     if (auto set = share(*shared, *shot); !set) return fail(kBadInput, set.error());
     if (auto set = parseBox(words->box, *shot); !set) return fail(kBadInput, set.error());
     if (words->project) words->offline.raster.emplace_back("project=local");

@@ -2,44 +2,58 @@
 
 #include <unistd.h>
 
+#include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <future>
 #include <iostream>
+#include <memory>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <vector>
 
 #include "server/config/config.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 #include "server/snapshot/snapshot.h"
+#include "server/snapshot/tiles.h"
 #include "server/terrain/catalogue.h"
 
 namespace ridgecast {
 namespace {
 
-using Result = snapshot::Result<snapshot::Snapshot>;
+struct Taking {
+  snapshot::Limits limits;
+  unsigned threads;
+  std::shared_ptr<session::Session> session = {};
+};
 
 int refuse(int status, const std::string& sentence) {
   std::cerr << "ridgecast-server snapshot: " << sentence << "\n";
   return status;
 }
 
-// Waits for the result and tells meanwhile what is done.
-Result follow(std::future<Result> result, const snapshot::Progress& progress) {
+// Waits for the result and tells meanwhile what is done: on a terminal in one line, elsewhere in a line a stage, and every ten seconds.
+template <class Result>
+Result follow(std::future<Result> result, const std::function<std::string()>& progress) {
   const auto start = std::chrono::steady_clock::now();
   const bool terminal = isatty(STDERR_FILENO);
   std::string told;
+  double due = 0;
   while (result.wait_for(std::chrono::milliseconds(terminal ? 250 : 100)) != std::future_status::ready) {
-    const std::string text = progress.text(), stage = text.substr(0, text.rfind(','));
+    const std::string text = progress(), stage = text.substr(0, text.rfind(','));
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    if (terminal)
+    if (terminal) {
       std::fprintf(stderr, "\r%.0f s: %-60s", seconds, text.c_str());
-    else if (stage != told)
+    } else if (stage != told || seconds >= due) {
       std::fprintf(stderr, "After %.1f s: %s\n", seconds, text.c_str());
+      due = seconds + 10;
+    }
     told = stage;
   }
   if (terminal && !told.empty()) std::fprintf(stderr, "\n");
@@ -59,16 +73,55 @@ bool write(const std::filesystem::path& file, std::string_view bytes) {
   return !failed;
 }
 
-int take(const config::Config& config, const std::filesystem::path& file, const std::string& query) {
+int takeFile(const Taking& of, snapshot::Question question, const std::filesystem::path& file) {
   const bool metadataOnly = file.extension() == ".json";
-  const auto format = metadataOnly ? snapshot::Format::kGlb : snapshot::formatOf(file.string());
-  if (!format) return refuse(2, "'" + file.string() + "' must end in .glb, .ply, .obj or .json.");
+  snapshot::Snapshots snapshots(of.limits, of.threads);
+  snapshot::Progress progress;
+  const auto made = follow(
+      std::async(std::launch::async, [&] { return snapshots.take(*of.session, question, metadataOnly, std::stop_token(), &progress); }),
+      [&] { return progress.text(); });
+  if (!made) return refuse(1, made.error().message);
+  const std::string& bytes = metadataOnly ? made->metadata : made->file;
+  if (!write(file, bytes)) return refuse(1, "Cannot write '" + file.string() + "'.");
+  std::cout << file.string() << ": " << bytes.size() << " bytes\n";
+  return 0;
+}
+
+int takeTiles(const Taking& of, const snapshot::Question& question, const std::filesystem::path& folder) {
+  std::error_code failed;
+  std::filesystem::create_directories(folder, failed);
+  if (failed) return refuse(2, "Cannot make the folder '" + folder.string() + "': " + failed.message() + ".");
+  if (!std::filesystem::is_empty(folder, failed) || failed)
+    return refuse(2, "'" + folder.string() + "' is not empty; name a new folder for tiles, or remove what is there.");
+  snapshot::Snapshots snapshots(of.limits, 1);  // each thread below makes a tile
+  snapshot::TilesProgress progress;
+  std::atomic<std::uint64_t> bytes{0};
+  const auto put = [&](const std::string& name, std::string_view content) {
+    std::error_code ignored;
+    std::filesystem::create_directories((folder / name).parent_path(), ignored);
+    bytes += content.size();
+    return write(folder / name, content);
+  };
+  const auto made = follow(
+      std::async(std::launch::async,
+                 [&] { return snapshot::makeTiles(snapshots, *of.session, question, of.threads, put, std::stop_token(), &progress); }),
+      [&] { return progress.text(); });
+  if (!made) return refuse(1, made.error().message);
+  std::cout << (folder / "tileset.json").string() << ": " << *made << " tiles, " << bytes << " bytes\n";
+  return 0;
+}
+
+int take(const config::Config& config, const std::string& out, const std::string& query) {
+  const auto format = out.ends_with("/")       ? snapshot::Format::kTiles
+                      : out.ends_with(".json") ? snapshot::Format::kGlb
+                                               : snapshot::formatOf(out);
+  if (!format) return refuse(2, "'" + out + "' must end in .glb, .ply, .obj or .json, or in / for a folder of tiles.");
   auto terrain = user_terrain::load(config.terrain, [](const std::string& complaint) { std::cerr << complaint << "\n"; });
   if (!terrain) return refuse(2, terrain.error().message);
-  snapshot::Limits limits = config.snapshots;
-  limits.seconds = 86'400;
-  limits.boxSide = 1e6;
-  auto question = snapshot::parse(query, limits, (*terrain)->raster(), *format);
+  Taking of{.limits = config.snapshots, .threads = config.threads ? config.threads : std::max(1u, std::thread::hardware_concurrency())};
+  of.limits.seconds = 86'400;
+  of.limits.boxSide = 1e6;
+  auto question = snapshot::parse(query, of.limits, (*terrain)->raster(), *format);
   if (!question) return refuse(2, question.error().message);
 
   scheduling::Executor executor(1);  // of cameras, of which there are none
@@ -77,24 +130,15 @@ int take(const config::Config& config, const std::filesystem::path& file, const 
   resources->makeMesh = session::pipelineMeshes();
   resources->limits = config.limits;
   const auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
-  const auto session = directory->find(session::kDefaultName);
-  snapshot::Snapshots snapshots(limits, config.threads ? config.threads : std::max(1u, std::thread::hardware_concurrency()));
-  snapshot::Progress progress;
-  const auto made = follow(
-      std::async(std::launch::async, [&] { return snapshots.take(*session, *question, metadataOnly, std::stop_token(), &progress); }),
-      progress);
-  if (!made) return refuse(1, made.error().message);
-  const std::string& bytes = metadataOnly ? made->metadata : made->file;
-  if (!write(file, bytes)) return refuse(1, "Cannot write '" + file.string() + "'.");
-  std::cout << file.string() << ": " << bytes.size() << " bytes\n";
-  return 0;
+  of.session = directory->find(session::kDefaultName);
+  return *format == snapshot::Format::kTiles ? takeTiles(of, *question, out) : takeFile(of, *question, out);
 }
 
 }  // namespace
 
 int runSnapshotCommand(int argc, const char* const* argv, const char* const* environment) {
   if (argc < 3 || std::string_view(argv[1]).starts_with("-"))
-    return refuse(2, "Say FILE and QUERY, then settings: ridgecast-server snapshot out.glb 'box=all&error=1' --terrain dem.tif.");
+    return refuse(2, "Say FILE or FOLDER/, QUERY, then settings: ridgecast-server snapshot out.glb 'box=all&error=1' --terrain dem.tif.");
   std::vector<const char*> settings{argv[0]};
   settings.insert(settings.end(), argv + 3, argv + argc);
   const config::Parsed parsed = config::parse(static_cast<int>(settings.size()), settings.data(), environment);

@@ -85,6 +85,7 @@ std::string query(const SnapshotOptions& o) {
   if (!o.colours) add("colours", "0");
   if (o.origin != "cell") add("origin", o.origin);
   if (o.texture > 0) add("texture", std::to_string(o.texture));
+  if (!o.at.empty()) add("at", o.at);
   return out;
 }
 
@@ -105,7 +106,7 @@ int becomeServer(const SnapshotOptions& options) {
                                             : offline.program;
   std::vector<std::string> words{program.string(),
                                  "snapshot",
-                                 options.out.string(),
+                                 options.tiles.empty() ? options.out.string() : (options.tiles / "").string(),
                                  query(options),
                                  "--terrain",
                                  offline.terrain,

@@ -1,6 +1,6 @@
 #pragma once
 // `ridgecast-client snapshot`: a file of a pose, a live camera or a box, made by a server. Where a terrain is named (Offline), the server's
-// program makes that one file and serves nothing.
+// program makes that one file, or a folder of tiles, and serves nothing.
 
 #include <array>
 #include <cstdint>
@@ -26,7 +26,9 @@ struct Offline {
 struct SnapshotOptions {
   connection::Url url;
   std::optional<Offline> offline;
-  std::filesystem::path out;
+  std::filesystem::path out;                                            // a file; of Offline...
+  std::filesystem::path tiles;                                          // ...or a folder of 3D Tiles
+  std::string at;                                                       // LON,LAT[,HEIGHT] of the middle of tiles; empty: none
   std::optional<std::uint64_t> camera;                                  // a live one; otherwise...
   std::optional<std::array<double, 4>> box;                             // x0, z0, x1, z1 in metres
   bool wholeMap = false;                                                // the box of all of a height map; otherwise the pose

@@ -1,8 +1,6 @@
 #include "server/http/tilesets.h"
 
-#include <array>
 #include <cmath>
-#include <numbers>
 #include <optional>
 #include <string>
 #include <utility>
@@ -21,7 +19,7 @@ namespace ridgecast::http {
 namespace {
 
 constexpr std::string_view kFolder = "3dtiles/", kRoot = "3dtiles/tileset.json";
-constexpr double kMostMetres = 4e12, kRadians = std::numbers::pi / 180;
+constexpr double kMostMetres = 4e12;
 constexpr int kVersion = 1;  // part of the ETag: change it when the same question gives another tileset
 
 bool isThere(std::string_view file) { return file.starts_with(kFolder) && (file.ends_with(".json") || file.ends_with(".glb")); }
@@ -32,27 +30,11 @@ struct Asked {
   std::string token, content;
 };
 
-std::optional<tileset::Place> placeOf(std::string_view text) {
-  std::array<double, 3> n{};
-  for (std::size_t k = 0; k < n.size() && (k < 2 || !text.empty()); ++k) {
-    const auto read = text::number<double>(text::takePart(text, ','));
-    if (!read) return std::nullopt;
-    n[k] = *read;
-  }
-  if (!text.empty() || std::abs(n[0]) > 360 || std::abs(n[1]) > 90 || std::abs(n[2]) > 1e7) return std::nullopt;
-  return tileset::Place{n[0] * kRadians, n[1] * kRadians, n[2]};
-}
-
 Outcome<Asked> parse(std::string_view query) {
   snapshot::Parameters p;
   if (auto read = p.read(query); !read) return read.error();
   Asked out;
-  if (const auto at = p.take("at")) {
-    out.where.at = placeOf(*at);
-    if (!out.where.at)
-      p.refuse("'at' is " + snapshot::inQuotes(*at) +
-               "; it must be LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, and metres within 10,000,000.");
-  }
+  out.where.at = snapshot::readPlace(p);
   for (const auto& [name, step] : {std::pair{"x", &out.where.middle.x}, {"z", &out.where.middle.z}})
     *step = static_cast<lattice::Step>(std::floor(p.number(name, -kMostMetres, kMostMetres, " m", 0) * lattice::kStepsPerMetre));
   out.where.reach = p.number("reach", tileset::kLeastReach, tileset::kMostReach, " m", tileset::kUsualReach);
@@ -136,7 +118,7 @@ Answer respond(const Maker& maker, const Request& request, std::shared_ptr<sessi
   Headers headers;
   if (!isRoot && asked->content == content) headers.emplace_back("Cache-Control", "private, max-age=86400, immutable");
   if (isTileset) return tilesetAnswer(maker, *session, *asked, isRoot ? std::nullopt : square, content, headers);
-  asked->form.of = *square;
+  asked->form.of = tileset::whole(*square);
   return fileOf(maker, std::move(session), std::move(asked->form), false, headers);
 }
 

@@ -87,14 +87,28 @@ void readForm(Parameters& p, Question& out) {
   out.colours = p.flag("colours");
 }
 
+std::optional<tileset::Place> readPlace(Parameters& p) {
+  const auto value = p.take("at");
+  if (!value) return std::nullopt;
+  const auto place = tileset::placeOf(*value);
+  if (!place)
+    p.refuse("'at' is " + inQuotes(*value) +
+             "; it must be LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, and metres within 10,000,000.");
+  return place;
+}
+
 Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map, Format format) {
   Parameters p;
   if (auto read = p.read(query); !read) return read.error();
   Question out;
   out.format = format;
-  if (format != Format::kGlb && (p.has("compression") || p.has("texture")))
+  if ((format == Format::kPly || format == Format::kObj) && (p.has("compression") || p.has("texture")))
     p.refuse("A PLY or OBJ file has neither compression nor a texture; leave them out, or ask for a .glb.");
+  const bool inTiles = format == Format::kTiles;
+  if (inTiles && (p.has("texture") || p.has("origin")))
+    p.refuse("Tiles have neither a texture nor an origin of their own; leave them out, or ask for a .glb.");
   readForm(p, out);
+  if (inTiles) out.at = readPlace(p);
   if (const auto value = p.take("origin")) {
     const auto known = std::ranges::find(kOrigins, *value);
     if (known == kOrigins.end())
@@ -102,10 +116,12 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
     else
       out.origin = static_cast<Origin>(known - kOrigins.begin());
   }
-  if (p.has("camera"))
+  if (p.has("camera") && !inTiles)
     out.of = OfCamera{p.whole("camera", 1, ~std::uint64_t{0}, "")};
   else if (p.has("x0") || p.has("z0") || p.has("x1") || p.has("z1") || p.has("box"))
     out.of = boxOf(p, limits, map);
+  else if (inTiles)
+    p.refuse("Tiles are of a box: say x0, z0, x1, z1 and error, or box=all of a height map.");
   else
     out.of = poseOf(p, limits);
   if (std::holds_alternative<OfBox>(out.of) && p.has("texture")) {
@@ -140,6 +156,10 @@ std::string canonical(const Question& q) {
     const auto end = std::to_chars(buffer, buffer + sizeof buffer, v).ptr;
     out.append(" ").append(buffer, end);
   };
+  const auto addBox = [&](const OfBox& box) {
+    for (const lattice::Step v : {box.low.x, box.low.z, box.high.x, box.high.z}) add(v);
+    addExact(box.error);
+  };
   if (const auto* camera = std::get_if<OfCamera>(&q.of)) {
     out += " camera";
     add(camera->id);
@@ -154,13 +174,11 @@ std::string canonical(const Question& q) {
     if (pose->colourError > 0) addExact(pose->colourError);
   } else if (const auto* box = std::get_if<OfBox>(&q.of)) {
     out += " box";
-    for (const lattice::Step v : {box->low.x, box->low.z, box->high.x, box->high.z}) add(v);
-    addExact(box->error);
+    addBox(*box);
   } else if (const auto* tile = std::get_if<OfTile>(&q.of)) {
     out += " tile";
-    add(tile->level);
-    add(tile->i);
-    add(tile->j);
+    add(tile->square.level);
+    addBox(tile->box);
   }
   return out;
 }

@@ -9,7 +9,8 @@
 //   box=all error                                            the same for the whole height map
 //   texture=SIZE                                             of a box in a .glb, instead of colours of vertices: a picture of the terrain's
 //                                                            colours with so many pixels along the longer side; sharp shores and rivers
-//   compression=draco|none, normals=0|1, colours=0|1         for all three; default none, 1 and 1
+//   at=LON,LAT[,HEIGHT]                                      of a box in tiles: where on WGS84 its middle lies, degrees and metres
+//   compression=draco|none, normals=0|1, colours=0|1         for all; default none, 1 and 1
 //   origin=cell|centre|world                                 where the file's coordinates begin: the corner of the 4,096 m cell of the
 //                                                            camera or of the box's first corner (default), the camera or the middle of
 //                                                            the box, or the world's own origin
@@ -26,6 +27,8 @@
 #include "common/outcome/outcome.h"
 #include "common/terrain/raster.h"
 #include "server/box/box_mesh.h"
+#include "server/tileset/tile.h"
+#include "server/tileset/tileset.h"
 
 namespace ridgecast::snapshot {
 
@@ -51,16 +54,17 @@ struct OfPose {
   double colourError = 0;  // as of settings::Settings
 };
 using OfBox = box::Box;
-using OfTile = lattice::LeafAddress;  // of 3D Tiles: tileset::isTile() holds
+using OfTile = tileset::Wanted;
 
 class Parameters;
 
 enum class Origin { kCell, kCentre, kWorld };
-enum class Format { kGlb, kPly, kObj };
+enum class Format { kGlb, kPly, kObj, kTiles };
 
 struct Question {
   std::variant<OfCamera, OfPose, OfBox, OfTile> of;
-  Format format = Format::kGlb;  // by the name of the file, not by a parameter
+  Format format = Format::kGlb;      // by the name of the file, not by a parameter
+  std::optional<tileset::Place> at;  // of kTiles
   Origin origin = Origin::kCell;
   std::uint32_t texture = 0;  // pixels; 0: none
   gltf::Compression compression = gltf::Compression::kNone;
@@ -70,11 +74,13 @@ struct Question {
 // `query` is the part of a URL after the ?, still percent-encoded; `map`: the terrain's, if it is a height map.
 Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map = nullptr, Format format = Format::kGlb);
 
-// By its ending: .glb, .ply or .obj.
+// By its ending: .glb, .ply or .obj. Tiles are no file.
 std::optional<Format> formatOf(std::string_view file);
 
 // Takes compression, normals and colours.
 void readForm(Parameters& parameters, Question& out);
+// Takes at.
+std::optional<tileset::Place> readPlace(Parameters& parameters);
 
 // Equal questions give equal text, however they were spelt. For an ETag.
 std::string canonical(const Question& question);

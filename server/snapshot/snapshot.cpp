@@ -20,8 +20,8 @@
 #include "server/pipeline/pipeline.h"
 #include "server/session/camera_session.h"
 #include "server/snapshot/attributes.h"
+#include "server/snapshot/description.h"
 #include "server/snapshot/polygon_file.h"
-#include "server/terrain/declaration.h"
 #include "server/tileset/tile.h"
 
 namespace ridgecast::snapshot {
@@ -55,17 +55,6 @@ Json describe(const camera::Camera& c, const terrain::Terrain& terrain) {
           {"height", c.projection.height}};
 }
 
-Json parametersOf(const terrain::Terrain& terrain) {
-  Json out = Json::object();
-  if (const auto declaration = user_terrain::readDeclaration(terrain.name(), terrain.source()))
-    for (const user_terrain::Parameter& p : declaration->parameters) out[p.name] = p.value;
-  return out;
-}
-
-Json describe(lattice::Point low, lattice::Point high) {
-  return {{"x0", metres(low.x)}, {"z0", metres(low.z)}, {"x1", metres(high.x)}, {"z1", metres(high.z)}};
-}
-
 // Of a box's or a tile's mesh.
 Json errorOf(const auto& mesh, double asked) {
   return {{"unit", "metres"},        {"asked", asked},         {"kept", mesh.error}, {"known", mesh.proven ? "proven" : "measured"},
@@ -77,10 +66,11 @@ struct Made {
   std::vector<mesh::LeafMesh> own;
   std::shared_ptr<const session::MeshCopy> held;  // or these
   lattice::Point origin;
-  lattice::Point low, high;  // of a box
+  lattice::Point low, high;  // of a box or a tile
   std::optional<camera::Camera> camera;
   Json extras;
   std::vector<std::string> names;  // of the leaves; empty: they have none
+  std::optional<tileset::Known> tile;
   const std::vector<mesh::LeafMesh>& leaves() const { return held ? held->leaves : own; }
 };
 
@@ -204,8 +194,18 @@ Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limit
   out.origin = box->low;
   out.low = box->low;
   out.high = box->high;
-  out.extras = {{"of", "box"}, {"box", describe(box->low, box->high)}, {"error", errorOf(*box, of.error)}};
+  out.extras = {{"of", "box"}, {"box", describeBox(box->low, box->high)}, {"error", errorOf(*box, of.error)}};
   return out;
+}
+
+tileset::Known knownOf(const tileset::Tile& tile, const OfTile& of) {
+  std::int32_t lowest = lattice::kMaxHeight, highest = -lowest;
+  for (const mesh::LeafMesh* mesh : {&tile.surface, &tile.skirt})
+    for (const mesh::LocalVertex& v : mesh->vertices) {
+      lowest = std::min(lowest, v.y);
+      highest = std::max(highest, v.y);
+    }
+  return {tile.low, tile.high, metres(lowest), metres(highest), std::max(tile.error, of.box.error)};
 }
 
 Result<Made> ofTile(const session::Session& session, const OfTile& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
@@ -213,10 +213,11 @@ Result<Made> ofTile(const session::Session& session, const OfTile& of, const Lim
   auto tile = tileset::meshTile(*session.terrain(), of, limits.triangles, *pool, watch);
   if (!tile) return tile.error();
   Made out;
-  out.origin = tileset::frameOf(of);
-  out.extras = {{"of", "tile"},
-                {"box", describe({of.x(), of.z()}, {of.x() + of.side(), of.z() + of.side()})},
-                {"error", errorOf(*tile, tileset::errorOf(of.level))}};
+  out.origin = tileset::frameOf(of.square);
+  out.low = tile->low;
+  out.high = tile->high;
+  out.extras = {{"of", "tile"}, {"box", describeBox(tile->low, tile->high)}, {"error", errorOf(*tile, of.box.error)}};
+  out.tile = knownOf(*tile, of);
   out.own.push_back(std::move(tile->surface));
   out.own.push_back(std::move(tile->skirt));
   out.names = {"surface", "skirt"};
@@ -229,33 +230,6 @@ void place(gltf::Document& document, const Made& made, Origin origin) {
   if (origin == Origin::kWorld) document.origin = {};
   if (origin == Origin::kCentre && made.high.x > made.low.x)
     document.origin = {(made.low.x + made.high.x) / 2, (made.low.z + made.high.z) / 2};
-}
-
-// Of the file's origin; null: the terrain does not say where it lies.
-Json georeference(const terrain::Raster& map, lattice::Point at) {
-  const terrain::RasterShape& shape = map.shape();
-  const terrain::RasterOrigin origin = map.origin();
-  if (!origin.easting || !origin.northing) return {};
-  const auto middle = [&](lattice::Step first, std::uint32_t samples) {
-    return metres(first) + (samples - 1) * (shape.pitch * lattice::kMetresPerStep / 2);
-  };
-  Json out{{"easting", *origin.easting + metres(at.x) - middle(shape.originX, shape.width)},
-           {"northing", *origin.northing - metres(at.z) + middle(shape.originZ, shape.height)}};
-  if (!origin.crs.empty()) out["crs"] = origin.crs;
-  return out;
-}
-
-// The session's and its terrain's part of the metadata. What is private stays so: parameters stand in the terrain's text.
-void describe(const session::Session& session, lattice::Point origin, Json& extras) {
-  const terrain::Terrain& terrain = *session.terrain();
-  extras["session"] = session.name();
-  extras["terrain"] = terrain.name();
-  extras["seed"] = terrain.seed();
-  extras["contentHash"] = text::hexadecimal(session.contentHash());
-  if (!session.resources().limits.sendsTerrain) return;
-  extras["parameters"] = parametersOf(terrain);
-  if (const terrain::Raster* map = terrain.raster())
-    if (Json reference = georeference(*map, origin); !reference.is_null()) extras["georeference"] = std::move(reference);
 }
 
 // With what writeGlb adds.
@@ -290,7 +264,7 @@ Outcome<std::string> write(const gltf::Document& document, const Question& quest
   return gltf::writeGlb(document, question.compression, stop, [&](std::size_t count, const auto& body) { pool.forEach(count, 8, body); });
 }
 
-constexpr std::array<const char*, 3> kEndings{".glb", ".ply", ".obj"};
+constexpr std::array<const char*, 3> kEndings{".glb", ".ply", ".obj"};  // by Format
 
 }  // namespace
 
@@ -352,12 +326,13 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   made->extras["leaves"] = document.leaves.size();
   made->extras["triangles"] = triangles;
   made->extras["vertices"] = vertices;
-  describe(session, gltf::originOf(document), made->extras);
+  describeWorld(session, gltf::originOf(document), made->extras);
   const Json all = withOrigin(document, made->extras);
   Snapshot out;
   out.name = "ridgecast-" + std::string(terrain.name()) + "-" + all["of"].get<std::string>() +
              kEndings.at(static_cast<std::size_t>(question.format));
   out.metadata = all.dump(2) + "\n";
+  out.tile = made->tile;
   if (metadataOnly) return out;
   watch.has(static_cast<std::uint32_t>(triangles));
   reaches(Progress::Stage::kColouring);

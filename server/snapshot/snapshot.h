@@ -18,12 +18,14 @@
 
 #include <atomic>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "server/box/problem.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 #include "server/snapshot/question.h"
+#include "server/tileset/tileset.h"
 
 namespace ridgecast::snapshot {
 
@@ -31,9 +33,10 @@ using box::Problem;
 using box::Result;
 
 struct Snapshot {
-  std::string file;      // empty if only the metadata were requested
-  std::string metadata;  // JSON
-  std::string name;      // of a file, with its ending
+  std::string file;                         // empty if only the metadata were requested
+  std::string metadata;                     // JSON
+  std::string name;                         // of a file, with its ending
+  std::optional<tileset::Known> tile = {};  // of a tile
 };
 
 struct Progress : box::Progress {

@@ -17,17 +17,19 @@ namespace {
 // they are 256 along a side: half the time of twice as many, for alpine and canyon. Tiles that need more triangles are meshed again.
 constexpr std::uint32_t kUsualTriangles = 4095;
 
-// The vertices of the square's sides, counter-clockwise seen from above.
-std::vector<std::uint32_t> ringOf(const LeafMesh& surface) {
-  const auto side = static_cast<std::int32_t>(surface.address.side());
-  const auto& vertices = surface.vertices;
+// The vertices of the sides, counter-clockwise seen from above.
+std::vector<std::uint32_t> ringOf(const Tile& tile) {
+  const lattice::Step west = tile.surface.address.x(), north = tile.surface.address.z();
+  const auto x0 = static_cast<std::int32_t>(tile.low.x - west), x1 = static_cast<std::int32_t>(tile.high.x - west);
+  const auto z0 = static_cast<std::int32_t>(tile.low.z - north), z1 = static_cast<std::int32_t>(tile.high.z - north);
+  const auto& vertices = tile.surface.vertices;
   std::array<std::vector<std::uint32_t>, 4> sides;  // each without its last vertex, the next one's first
   for (std::uint32_t v = 0; v < vertices.size(); ++v) {
     const auto [x, z, y] = vertices[v];
-    if (x == 0 && z != side) sides[0].push_back(v);
-    if (z == side && x != side) sides[1].push_back(v);
-    if (x == side && z != 0) sides[2].push_back(v);
-    if (z == 0 && x != 0) sides[3].push_back(v);
+    if (x == x0 && z != z1) sides[0].push_back(v);
+    if (z == z1 && x != x1) sides[1].push_back(v);
+    if (x == x1 && z != z0) sides[2].push_back(v);
+    if (z == z0 && x != x0) sides[3].push_back(v);
   }
   std::vector<std::uint32_t> ring;
   for (std::size_t k = 0; k < 4; ++k) {  // canonical vertices ascend by x, then z
@@ -37,12 +39,11 @@ std::vector<std::uint32_t> ringOf(const LeafMesh& surface) {
   return ring;
 }
 
-LeafMesh skirtBelow(const LeafMesh& surface) {
-  const auto depth = static_cast<std::int32_t>(skirtOf(surface.address.level) * lattice::kStepsPerMetre);
-  LeafMesh skirt{.address = surface.address, .vertices = {}, .triangles = {}};
-  const std::vector<std::uint32_t> ring = ringOf(surface);
-  for (const std::uint32_t v : ring) {
-    const LocalVertex& top = surface.vertices[v];
+LeafMesh skirtBelow(const Tile& tile, double error) {
+  const auto depth = static_cast<std::int32_t>(skirtOf(error) * lattice::kStepsPerMetre);
+  LeafMesh skirt{.address = tile.surface.address, .vertices = {}, .triangles = {}};
+  for (const std::uint32_t v : ringOf(tile)) {
+    const LocalVertex& top = tile.surface.vertices[v];
     skirt.vertices.push_back(top);
     skirt.vertices.push_back({top.x, top.z, top.y - depth});
   }
@@ -68,25 +69,26 @@ lattice::Point frameOf(LeafAddress square) {
   return {lattice::floorTo(square.x() + half, lattice::kCellBits), lattice::floorTo(square.z() + half, lattice::kCellBits)};
 }
 
-box::Result<Tile> meshTile(const terrain::Terrain& terrain, LeafAddress square, std::uint32_t mostTriangles, scheduling::Pool& pool,
+box::Result<Tile> meshTile(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
                            const box::Watch& watch) {
-  const box::Box box{{square.x(), square.z()}, {square.x() + square.side(), square.z() + square.side()}, errorOf(square.level)};
   std::uint32_t most = std::min(kUsualTriangles, mostTriangles);
-  auto made = box::meshBox(terrain, box, most, pool, watch);
+  auto made = box::meshBox(terrain, wanted.box, most, pool, watch);
   while (!made && made.error().kind == box::Problem::Kind::kTooMuch && most < mostTriangles) {
     most = mostTriangles / 4 > most ? 4 * most : mostTriangles;
-    made = box::meshBox(terrain, box, most, pool, watch);
+    made = box::meshBox(terrain, wanted.box, most, pool, watch);
   }
   if (!made) return made.error();
   std::vector<const LeafMesh*> leaves;
   for (const LeafMesh& leaf : made->leaves) leaves.push_back(&leaf);
-  Tile out{.surface = mesh::gather(square, leaves),
+  Tile out{.surface = mesh::gather(wanted.square, leaves),
            .skirt = {},
+           .low = made->low,
+           .high = made->high,
            .error = made->error,
            .proven = made->proven,
            .spacing = made->spacing,
            .samples = made->samples};
-  out.skirt = skirtBelow(out.surface);
+  out.skirt = skirtBelow(out, wanted.box.error);
   return out;
 }
 

@@ -1,9 +1,10 @@
 #pragma once
 // A tile of 3D Tiles: the mesh of one square of the lattice at the error of its level, and the skirt below its sides.
 //
-// Tiles are the squares of levels 0 (32 m) to kCoarsest (131 km), as the leaves of a camera's mesh and coarser. A level's error is 1/80 of
-// the side, so it doubles from level to level; this takes up to 3,000 triangles of the built-in terrains and some 50 ms. The mesher keeps
-// it (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level share their side bit for bit.
+// Tiles are the squares of levels 0 (32 m) to kCoarsest (131 km), as the leaves of a camera's mesh and coarser. Usually a level's error is
+// 1/80 of the side, so it doubles from level to level; this takes up to 3,000 triangles of the built-in terrains and some 50 ms. The mesher
+// keeps it (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level and error share their side bit
+// for bit, also where both are cut off at the border of what is covered.
 
 #include <cmath>
 #include <cstdint>
@@ -19,9 +20,9 @@ inline constexpr int kCoarsest = 12;
 
 // Metres: the greatest vertical distance between a tile of this level and the ground.
 inline double errorOf(int level) { return std::ldexp(0.4, level); }
-// Metres: how far a skirt hangs below its side. Between two sides of levels n and m the gap is at most the sum of their errors, so ten
-// errors cover the gaps between tiles that are up to three levels apart.
-inline double skirtOf(int level) { return std::ldexp(4, level); }
+// Metres: how far the skirt of a tile with this error hangs below its sides. Between two sides the gap is at most the sum of their errors,
+// so ten errors cover the gaps between tiles that are up to three levels apart.
+inline double skirtOf(double error) { return 10 * error; }
 
 // Whether it is a tile's square and lies on the lattice as a whole.
 bool isTile(lattice::LeafAddress square);
@@ -30,17 +31,26 @@ bool isTile(lattice::LeafAddress square);
 // 8 upwards. The same as of the file that common/gltf writes of it.
 lattice::Point frameOf(lattice::LeafAddress square);
 
+struct Wanted {
+  lattice::LeafAddress square;
+  box::Box box;  // what of the square is covered, and the error
+};
+inline Wanted whole(lattice::LeafAddress square) {
+  return {square, {{square.x(), square.z()}, {square.x() + square.side(), square.z() + square.side()}, errorOf(square.level)}};
+}
+
 struct Tile {
-  mesh::LeafMesh surface;  // canonical
-  mesh::LeafMesh skirt;    // not canonical: each vertex of the sides is there twice, as it is and `skirtOf` lower; it faces outwards
-  double error = 0;        // metres; at most errorOf(level)
-  bool proven = false;     // as in box::BoxMesh
+  mesh::LeafMesh surface;    // canonical
+  mesh::LeafMesh skirt;      // not canonical: each vertex of the sides is there twice, as it is and `skirtOf` lower; it faces outwards
+  lattice::Point low, high;  // as in box::BoxMesh, like all that follows
+  double error = 0;
+  bool proven = false;
   double spacing = 0;
   std::uint64_t samples = 0;
 };
 
 // Problems: as box::Meshing's.
-box::Result<Tile> meshTile(const terrain::Terrain& terrain, lattice::LeafAddress square, std::uint32_t mostTriangles,
-                           scheduling::Pool& pool, const box::Watch& watch);
+box::Result<Tile> meshTile(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
+                           const box::Watch& watch);
 
 }  // namespace ridgecast::tileset

@@ -4,9 +4,12 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <unordered_map>
+#include <utility>
 
 #include "common/terrain/raster.h"
+#include "common/text/text.h"
 #include "server/box/samples.h"
 #include "server/tileset/tile.h"
 
@@ -18,7 +21,7 @@ using Json = nlohmann::json;
 
 namespace {
 
-constexpr int kLevels = 3;  // of tiles in a tileset; it refers to those of the next
+constexpr double kRadians = std::numbers::pi / 180;
 
 double metres(Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 
@@ -62,40 +65,57 @@ class Heights {
   std::unordered_map<LeafAddress, Range, lattice::LeafAddressHash> ranges_;
 };
 
-Json boxOf(double x, double y, double halfX, double halfY, const Range& z) {
-  return {{"box", {x, y, (z.low + z.high) / 2, halfX, 0, 0, 0, halfY, 0, 0, 0, (z.high - z.low) / 2}}};
+Json boxOf(const Known& tile, lattice::Point origin) {
+  const double west = metres(tile.low.x - origin.x), east = metres(tile.high.x - origin.x);
+  const double north = -metres(tile.low.z - origin.z), south = -metres(tile.high.z - origin.z);
+  return {{"box",
+           {(west + east) / 2, (north + south) / 2, (tile.lowest + tile.highest) / 2, (east - west) / 2, 0, 0, 0, (north - south) / 2, 0, 0,
+            0, (tile.highest - tile.lowest) / 2}}};
 }
 
 // The tile without content and children, in the parent's frame.
-Json tileOf(LeafAddress square, const Range& heights, lattice::Point parent) {
+Json tileOf(LeafAddress square, const Known& known, lattice::Point parent) {
   const lattice::Point frame = frameOf(square);
-  const double half = metres(square.side()) / 2, error = errorOf(square.level);
-  const Range all{heights.low - error - skirtOf(square.level), heights.high + error};
-  Json out{{"boundingVolume", boxOf(metres(square.x() - frame.x) + half, -(metres(square.z() - frame.z) + half), half, half, all)},
-           {"geometricError", error}};
+  Json out{{"boundingVolume", boxOf(known, frame)}, {"geometricError", known.error}};
   if (frame != parent)
     out["transform"] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, metres(frame.x - parent.x), -metres(frame.z - parent.z), 0, 1};
   return out;
 }
 
-Json contentOf(LeafAddress square, const char* folder, const char* ending, std::string_view query) {
-  return {{"uri", folder + std::to_string(square.level) + "/" + std::to_string(square.i) + "/" + std::to_string(square.j) + ending + "?" +
-                      std::string(query)}};
+Json contentOf(LeafAddress square, const char* folder, const char* ending, const std::string& query) {
+  return {{"uri", folder + std::to_string(square.level) + "/" + std::to_string(square.i) + "/" + std::to_string(square.j) + ending +
+                      (query.empty() ? "" : "?" + query)}};
 }
 
-Json tree(const Heights& heights, LeafAddress square, int last, lattice::Point parent, std::string_view query) {
-  Json out = tileOf(square, heights[square], parent);
-  const bool refers = square.level < last && square.level > 0;
-  out["content"] = contentOf(square, "../../", refers ? ".json" : ".glb", query);
-  if (refers || square.level == 0) return out;
+// Null: there is no such tile.
+Json tree(const Pyramid& pyramid, LeafAddress square, int last, lattice::Point parent) {
+  const auto known = pyramid.tile(square);
+  if (!known) return nullptr;
+  Json out = tileOf(square, *known, parent);
+  const bool refers = square.level < last && square.level > pyramid.finest;
+  out["content"] = contentOf(square, "../../", refers ? ".json" : ".glb", pyramid.query);
+  if (refers || square.level == pyramid.finest) return out;
   for (int quadrant = 0; quadrant < 4; ++quadrant)
-    out["children"].push_back(tree(heights, square.child(quadrant), last, frameOf(square), query));
+    if (Json child = tree(pyramid, square.child(quadrant), last, frameOf(square)); !child.is_null())
+      out["children"].push_back(std::move(child));
   return out;
 }
 
-std::string written(Json root, double error) {
+// Of a square of the terrain.
+Known knownBy(LeafAddress square, const Range& heights) {
+  const double error = errorOf(square.level);
+  return {{square.x(), square.z()},
+          {square.x() + square.side(), square.z() + square.side()},
+          heights.low - error - skirtOf(error),
+          heights.high + error,
+          error};
+}
+
+std::string written(Json root, double error, Json asset = Json::object()) {
   root["refine"] = "REPLACE";
-  return Json{{"asset", {{"version", "1.1"}, {"generator", "Ridgecast"}}}, {"geometricError", error}, {"root", std::move(root)}}.dump();
+  asset["version"] = "1.1";
+  asset["generator"] = "Ridgecast";
+  return Json{{"asset", std::move(asset)}, {"geometricError", error}, {"root", std::move(root)}}.dump();
 }
 
 }  // namespace
@@ -123,38 +143,68 @@ std::array<double, 16> eastNorthUp(const Place& place) {
           1};
 }
 
+std::optional<Place> placeOf(std::string_view text) {
+  std::array<double, 3> n{};
+  for (std::size_t k = 0; k < n.size() && (k < 2 || !text.empty()); ++k) {
+    const auto read = text::number<double>(text::takePart(text, ','));
+    if (!read) return std::nullopt;
+    n[k] = *read;
+  }
+  if (!text.empty() || std::abs(n[0]) > 360 || std::abs(n[1]) > 90 || std::abs(n[2]) > 1e7) return std::nullopt;
+  return Place{n[0] * kRadians, n[1] * kRadians, n[2]};
+}
+
+void Known::include(const Known& other) {
+  low = {std::min(low.x, other.low.x), std::min(low.z, other.low.z)};
+  high = {std::max(high.x, other.high.x), std::max(high.z, other.high.z)};
+  lowest = std::min(lowest, other.lowest);
+  highest = std::max(highest, other.highest);
+  error = std::max(error, other.error);
+}
+
+std::string rootTileset(const Pyramid& pyramid, const Root& root) {
+  Json children = Json::array();
+  std::optional<Known> all;
+  for (const LeafAddress square : root.squares) {
+    const auto known = pyramid.tile(square);
+    if (!known) continue;
+    children.push_back(tileOf(square, *known, root.origin));
+    children.back()["content"] = contentOf(square, "", square.level == pyramid.finest ? ".glb" : ".json", pyramid.query);
+    if (!all) all = known;
+    all->include(*known);
+  }
+  Json out{
+      {"boundingVolume", boxOf(all.value_or(Known()), root.origin)}, {"geometricError", root.error}, {"children", std::move(children)}};
+  if (root.transform) out["transform"] = *root.transform;
+  Json asset = Json::object();
+  if (!root.extras.empty()) asset["extras"] = Json::parse(root.extras);
+  return written(std::move(out), root.error, std::move(asset));
+}
+
+std::string tilesetOf(const Pyramid& pyramid, LeafAddress square) {
+  const int last = std::max(pyramid.finest, square.level - kLevels + 1);
+  Json root = tree(pyramid, square, last, frameOf(square));
+  const double error = root["geometricError"];
+  return written(std::move(root), 2 * error);
+}
+
 std::string rootTileset(const terrain::Terrain& terrain, const Question& question, std::string_view query) {
   int level = 0;
   while (level < kCoarsest && metres(LeafAddress{level + 1, 0, 0}.side()) <= question.reach) ++level;
   const auto reach = static_cast<Step>(std::ceil(question.reach * lattice::kStepsPerMetre));
   const auto [x, z] = question.middle;
   const LeafAddress low = lattice::leafAt({x - reach, z - reach}, level), high = lattice::leafAt({x + reach - 1, z + reach - 1}, level);
-  Json children = Json::array();
-  Range all;
+  Root root{.squares = {}, .origin = question.middle, .transform = {}, .error = 2 * question.reach};
   for (LeafAddress at = low; at.i <= high.i; ++at.i)
-    for (at.j = low.j; at.j <= high.j; ++at.j) {
-      if (!isTile(at)) continue;
-      const Range range = Heights(terrain, at, level)[at];
-      children.push_back(tileOf(at, range, question.middle));
-      children.back()["content"] = contentOf(at, "", level == 0 ? ".glb" : ".json", query);
-      all.include({range.low - errorOf(level) - skirtOf(level), range.high + errorOf(level)});
-    }
-  const double west = metres(low.x() - x), east = metres(high.x() + high.side() - x);
-  const double north = metres(low.z() - z), south = metres(high.z() + high.side() - z);
-  // The root itself shows nothing: it is always refined while any of it is larger than a few pixels.
-  const double error = 2 * question.reach;
-  Json root{{"boundingVolume", boxOf((west + east) / 2, -(north + south) / 2, (east - west) / 2, (south - north) / 2, all)},
-            {"geometricError", error},
-            {"children", std::move(children)}};
-  if (question.at) root["transform"] = eastNorthUp(*question.at);
-  return written(std::move(root), error);
+    for (at.j = low.j; at.j <= high.j; ++at.j)
+      if (isTile(at)) root.squares.push_back(at);
+  if (question.at) root.transform = eastNorthUp(*question.at);
+  return rootTileset({[&](LeafAddress at) { return knownBy(at, Heights(terrain, at, level)[at]); }, 0, std::string(query)}, root);
 }
 
 std::string tilesetOf(const terrain::Terrain& terrain, LeafAddress square, std::string_view query) {
-  const int last = std::max(0, square.level - kLevels + 1);
-  const Heights heights(terrain, square, std::max(0, last - 1));
-  Json root = tree(heights, square, last, frameOf(square), query);
-  return written(std::move(root), 2 * errorOf(square.level));
+  const Heights heights(terrain, square, std::max(0, square.level - kLevels));
+  return tilesetOf({[&](LeafAddress at) { return knownBy(at, heights[at]); }, 0, std::string(query)}, square);
 }
 
 }  // namespace ridgecast::tileset

@@ -2,13 +2,13 @@
 // Tilesets of 3D Tiles 1.1 (OGC 22-025r4) over the lattice's quadtree, as JSON.
 //
 // The root tileset covers what is asked for with squares of one level; each is a tileset of its own, which has three levels of tiles and
-// refers to the tilesets of the fourth, down to level 0. All are explicit, and refine by replacing. A tile's geometricError is the error
-// that it keeps (tile.h). Every tile has its own frame (frameOf) and a `transform` into its parent's, in doubles, so that nothing is far
+// refers to the tilesets of the fourth, down to the finest level. All are explicit, and refine by replacing. A tile's geometricError is the
+// error that it keeps (tile.h). Every tile has its own frame (frameOf) and a `transform` into its parent's, in doubles, so that nothing is far
 // from anything.
 //
 // Axes: 3D Tiles has z up; viewers turn glTF's (x, y, z) to (x, -z, y). So here x is east, y is north (-z of the lattice), z is up.
 //
-// Boxes hold a tile with its skirt. They do not wait for the tile's mesh: each square of the tileset's last level has 33 x 33 samples, and
+// Boxes hold a tile with its skirt. Those of a terrain do not wait for the tile's mesh: each square of the tileset's last level has 33 x 33 samples, and
 // its heights are theirs, widened by the largest bound in the square of what lies between samples. box::Samples says how that is known: by
 // measured second differences with a margin of four, and by proof where the samples are as close as the posts of a height map. Over a map
 // the box keeps to the map's own range.
@@ -16,15 +16,18 @@
 // Pure functions; any thread.
 
 #include <array>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
 
 namespace ridgecast::tileset {
 
+inline constexpr int kLevels = 3;                                                          // of tiles in a tileset
 inline constexpr double kUsualReach = 200'000, kLeastReach = 100, kMostReach = 1'000'000;  // metres
 
 // A place on the ellipsoid WGS84: radians, metres above it.
@@ -39,6 +42,8 @@ struct Place {
 //   up    = (cos lat cos lon, cos lat sin lon, sin lat)
 //   place = ((N + h) cos lat cos lon, (N + h) cos lat sin lon, (N (1 - e^2) + h) sin lat)
 std::array<double, 16> eastNorthUp(const Place& place);
+// LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, metres within 10,000,000. Empty: anything else.
+std::optional<Place> placeOf(std::string_view text);
 
 struct Question {
   lattice::Point middle;       // lies at the place, with height 0 at the place's height
@@ -46,9 +51,36 @@ struct Question {
   double reach = kUsualReach;  // metres: covered in all four directions, at least
 };
 
-// The tileset that covers a question. `query` is appended to each URI, which is relative to the tileset's folder: LEVEL/I/J.json?QUERY
+// What a tileset says of a tile.
+struct Known {
+  lattice::Point low, high;        // steps: what it covers
+  double lowest = 0, highest = 0;  // metres, with the skirt
+  double error = 0;                // metres
+  void include(const Known& other);
+};
+
+// Tiles down to a level, wherever their heights are known from.
+struct Pyramid {
+  std::function<std::optional<Known>(lattice::LeafAddress)> tile;  // empty: there is none
+  int finest = 0;
+  std::string query;  // behind each URI's name
+};
+
+struct Root {
+  std::vector<lattice::LeafAddress> squares;        // of one level
+  lattice::Point origin;                            // of the root's axes: x east, y north, z up
+  std::optional<std::array<double, 16>> transform;  // of the root, by columns; empty: none
+  double error = 0;         // metres: the root shows nothing, so it is refined while any of it is larger than a few pixels
+  std::string extras = {};  // JSON object, of the asset
+};
+
+// JSON. URIs of the root are relative to the tilesets' folder: LEVEL/I/J.json?QUERY, or .glb at the finest level. The tileset of a tile lies
+// at LEVEL/I/J.json below that folder; its URIs: ../../LEVEL/I/J.glb?QUERY or .json?QUERY
+std::string rootTileset(const Pyramid& pyramid, const Root& root);
+std::string tilesetOf(const Pyramid& pyramid, lattice::LeafAddress square);
+
+// The same of a terrain, down to level 0.
 std::string rootTileset(const terrain::Terrain& terrain, const Question& question, std::string_view query);
-// The tileset of a tile, which lies at LEVEL/I/J.json below that folder. URIs: ../../LEVEL/I/J.glb?QUERY or .json?QUERY
 std::string tilesetOf(const terrain::Terrain& terrain, lattice::LeafAddress square, std::string_view query);
 
 }  // namespace ridgecast::tileset

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <nlohmann/json.hpp>
@@ -140,6 +141,42 @@ void writeMap(const std::string& file) {
     }
 }
 
+// A GeoTIFF in UTM zone 32 with samples of 16 bits, 10 m apart, in one strip.
+void writeGeoTiff(const std::string& file, std::uint16_t width, std::uint16_t height) {
+  std::string tags, after;
+  const auto put = [](std::string& to, auto value) { to.append(reinterpret_cast<const char*>(&value), sizeof value); };
+  const std::uint32_t count = 10, behind = 8 + 2 + count * 12 + 4, doubles = behind, keys = doubles + 9 * 8, strip = keys + 8 * 2;
+  const auto tag = [&](std::uint16_t code, std::uint16_t type, std::uint32_t n, std::uint32_t value) {
+    put(tags, code), put(tags, type), put(tags, n), put(tags, value);
+  };
+  constexpr std::uint16_t kShort = 3, kLong = 4, kDouble = 12;
+  tag(256, kShort, 1, width);
+  tag(257, kShort, 1, height);
+  tag(258, kShort, 1, 16);
+  tag(259, kShort, 1, 1);  // not compressed
+  tag(273, kLong, 1, strip);
+  tag(277, kShort, 1, 1);
+  tag(279, kLong, 1, 2u * width * height);
+  tag(33550, kDouble, 3, doubles);          // pixels' size
+  tag(33922, kDouble, 6, doubles + 3 * 8);  // the first one's place
+  tag(34735, kShort, 8, keys);
+  for (const double v : {10.0, 10.0, 0.0, 0.0, 0.0, 0.0, 680'000.0, 5'240'000.0, 0.0}) put(after, v);
+  for (const std::uint16_t v : {1, 1, 0, 1, 3072, 0, 1, 32632}) put(after, v);
+  for (int z = 0; z < height; ++z)
+    for (int x = 0; x < width; ++x) put(after, static_cast<std::uint16_t>(1500 + 200 * std::sin(x * 0.11) * std::cos(z * 0.07)));
+  std::ofstream out(file, std::ios::binary);
+  std::string head = "II*";
+  head += '\0';
+  put(head, std::uint32_t{8});
+  put(head, static_cast<std::uint16_t>(count));
+  out << head << tags << std::string(4, '\0') << after;
+}
+
+std::string readFile(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
 int wanted(int usual) {
   const char* set = std::getenv("TILES");
   return set ? std::atoi(set) : usual;
@@ -221,22 +258,62 @@ TEST(Tiles, ATokenOfTheUrlIsHandedOnAndNotLogged) {
   for (const std::string& one : {good, weak}) EXPECT_EQ(log.find(one.substr(one.rfind('.'))), std::string::npos);
 }
 
+// Khronos' validator, where it is.
+void validate(const std::vector<std::string>& files) {
+  if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node"))
+    GTEST_SKIP() << "no node, or TESTS_NODE_TOOLS names no folder with gltf-validator (./run test installs it where there is npm): "
+                    "it judged no tile";
+  std::vector<std::string> command{"node", RIDGECAST_TOOLS "/validate-gltf.mjs"};
+  command.insert(command.end(), files.begin(), files.end());
+  const Finished validated = runProgram(command);
+  EXPECT_EQ(validated.code, 0) << validated.output;
+}
+
+TEST(Tiles, FillAFolderWithoutAServer) {
+  ScratchFolder folder;
+  const std::string map = folder / "map.tif";
+  writeGeoTiff(map, 150, 100);
+  const auto shoot = [&](std::vector<std::string> more) {
+    std::vector<std::string> command{RIDGECAST_CLIENT, "snapshot", "--terrain"};
+    command.insert(command.end(), more.begin(), more.end());
+    return runProgram(command);
+  };
+  const std::filesystem::path tiles = folder / "of/map", alpine = folder / "alpine";
+  Finished done = shoot({map, "--box", "all", "--error", "0.5", "--tiles", tiles, "--at", "11.37,47.29"});
+  EXPECT_EQ(done.code, 0) << done.output;
+  EXPECT_THAT(done.output, testing::AllOf(testing::HasSubstr("meshing, tile "), testing::HasSubstr("tileset.json: ")));
+  const Json set = Json::parse(readFile(tiles / "tileset.json"));
+  EXPECT_EQ(set["asset"]["extras"]["georeference"]["crs"], "EPSG:32632");
+  EXPECT_TRUE(set["root"].contains("transform"));
+  done = shoot({map, "--box", "all", "--tiles", tiles});
+  EXPECT_EQ(done.code, 2) << done.output;
+  EXPECT_THAT(done.output, testing::HasSubstr("is not empty; name a new folder"));
+
+  done = shoot({"alpine", "--box", "0,0,600,600", "--error", "3.2", "--draco", "--tiles", alpine});
+  EXPECT_EQ(done.code, 0) << done.output;
+  ServerProcess server(RIDGECAST_SERVER);
+  for (const std::string tile : {"3/1/0.glb", "4/0/0.glb"})
+    EXPECT_EQ(readFile(alpine / tile), ask(server, kFolder + tile + "?compression=draco").body);
+
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder / ""))
+    if (entry.path().extension() == ".glb") files.push_back(entry.path());
+  EXPECT_GT(files.size(), 10u);
+  validate(files);
+}
+
 TEST(Tiles, OtherProgramsFindNoFault) {
   ServerProcess server(RIDGECAST_SERVER);
   ScratchFolder folder;
-  std::vector<std::string> command{"node", RIDGECAST_TOOLS "/validate-gltf.mjs"};
+  std::vector<std::string> files;
   for (const char* tile : {"12/0/0", "8/-3/2", "5/4000000/-7", "0/1/1"})
     for (const char* form : {"?compression=draco", "?compression=none", "?normals=0&colours=0"}) {
       const Response r = ask(server, kFolder + std::string(tile) + ".glb" + form);
       ASSERT_THAT(r.head, StartsWith("HTTP/1.1 200")) << r.body;
-      command.push_back(folder / (std::to_string(command.size()) + ".glb"));
-      std::ofstream(command.back(), std::ios::binary) << r.body;
+      files.push_back(folder / (std::to_string(files.size()) + ".glb"));
+      std::ofstream(files.back(), std::ios::binary) << r.body;
     }
-  if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node"))
-    GTEST_SKIP() << "no node, or TESTS_NODE_TOOLS names no folder with gltf-validator (./run test installs it where there is npm): "
-                    "it judged no tile";
-  const Finished validated = runProgram(command);
-  EXPECT_EQ(validated.code, 0) << validated.output;
+  validate(files);
 }
 
 }  // namespace

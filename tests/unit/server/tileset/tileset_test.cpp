@@ -156,7 +156,7 @@ TEST(Tileset, TilesLieInTheirBoxesAndShareTheirSides) {
       const auto reach = (lattice::Step{256'000'000'000} >> (lattice::kFinestSideBits + level)) + 1;  // 10^9 m
       const LeafAddress here{level, reach, -static_cast<std::int64_t>(random() % 1000)}, east{level, here.i + 1, here.j};
       const box::Watch watch{{}, std::chrono::steady_clock::now() + std::chrono::minutes(5), 300};
-      const auto a = meshTile(*terrain, here, 2'000'000, *pool, watch), b = meshTile(*terrain, east, 2'000'000, *pool, watch);
+      const auto a = meshTile(*terrain, whole(here), 2'000'000, *pool, watch), b = meshTile(*terrain, whole(east), 2'000'000, *pool, watch);
       ASSERT_TRUE(a && b) << description.name << " " << level << ": " << (a ? b : a).error().message;
       EXPECT_LE(a->error, errorOf(level));
       const Json set = Json::parse(tilesetOf(*terrain, here, ""));
@@ -183,7 +183,8 @@ TEST(Tileset, SkirtsHangBelowEverySide) {
   scheduling::Executor executor(1);
   const auto pool = executor.makePool(1);
   const LeafAddress square{3, -5, 2};
-  const auto tile = meshTile(*alpine(), square, 100'000, *pool, {{}, std::chrono::steady_clock::now() + std::chrono::minutes(5), 300});
+  const auto tile =
+      meshTile(*alpine(), whole(square), 100'000, *pool, {{}, std::chrono::steady_clock::now() + std::chrono::minutes(5), 300});
   ASSERT_TRUE(tile);
   const auto side = static_cast<std::int32_t>(square.side());
   const auto& v = tile->skirt.vertices;
@@ -193,7 +194,7 @@ TEST(Tileset, SkirtsHangBelowEverySide) {
   ASSERT_EQ(tile->skirt.triangles.size(), 2 * border);
   double length = 0;
   for (std::size_t k = 0; k < v.size(); k += 2) {
-    EXPECT_EQ(v[k].y - v[k + 1].y, static_cast<std::int32_t>(skirtOf(3) * 256));
+    EXPECT_EQ(v[k].y - v[k + 1].y, static_cast<std::int32_t>(skirtOf(errorOf(3)) * 256));
     const mesh::LocalVertex& next = v[(k + 2) % v.size()];
     length += std::abs(next.x - v[k].x) + std::abs(next.z - v[k].z);
   }
