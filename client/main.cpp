@@ -311,7 +311,9 @@ void addTiles(CLI::App& command, snapshot::SnapshotOptions& shot, CLI::Option* f
                           ->excludes(file)
                           ->excludes(command.get_option("--metadata"))
                           ->type_name("DIR");
-  command.add_option("--at", shot.at, "where on Earth the middle of the tiles' box lies, degrees and metres")
+  command
+      .add_option("--at", shot.at,
+                  "where on Earth the middle of the tiles' box lies, degrees and metres; default: by the map's CRS, if it is UTM")
       ->needs(tiles)
       ->type_name("LON,LAT[,HEIGHT]");
 }

@@ -148,7 +148,11 @@ class Making {
                           {"tiles", known_.size()}};
     describeWorld(session_, root.origin, extras);
     root.extras = extras.dump();
-    if (question_.at) root.transform = tileset::eastNorthUp(*question_.at);
+    const auto known = extras.find("georeference");
+    if (question_.at)
+      root.transform = tileset::eastNorthUp(*question_.at);
+    else if (known != extras.end())
+      root.transform = tileset::onEarth(known->value("crs", ""), (*known)["easting"], (*known)["northing"]);
     return tileset::rootTileset(pyramid, root);
   }
 

@@ -1,8 +1,8 @@
 #pragma once
 // A box as 3D Tiles 1.1, for any file server: tileset.json, LEVEL/I/J.glb and LEVEL/I/J.json (server/tileset/tileset.h).
 //
-// The finest tiles keep the box's error, and each level above twice that of the one below. A finest tile is at least 80 errors wide, as on a
-// server, and over a height map at least 64 samples, so that a flat map does not fall into a million files. Tiles that the box's border
+// The finest tiles keep the box's error, and each level above twice that of the one below. A finest tile is at least 80 errors wide, as on
+// a server, and over a height map at least 64 samples, so that a flat map does not fall into a million files. Tiles that the box's border
 // crosses end there. Where an error is that of a server's level, the others have the server's bytes. Boxes in the tilesets are those of the
 // meshes.
 //

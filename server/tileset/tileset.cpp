@@ -4,12 +4,10 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <unordered_map>
 #include <utility>
 
 #include "common/terrain/raster.h"
-#include "common/text/text.h"
 #include "server/box/samples.h"
 #include "server/tileset/tile.h"
 
@@ -20,8 +18,6 @@ using lattice::Step;
 using Json = nlohmann::json;
 
 namespace {
-
-constexpr double kRadians = std::numbers::pi / 180;
 
 double metres(Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 
@@ -119,40 +115,6 @@ std::string written(Json root, double error, Json asset = Json::object()) {
 }
 
 }  // namespace
-
-std::array<double, 16> eastNorthUp(const Place& place) {
-  constexpr double kRadius = 6'378'137, kFlattening = 1 / 298.257223563, kEccentricity2 = kFlattening * (2 - kFlattening);
-  const double sinLon = std::sin(place.longitude), cosLon = std::cos(place.longitude);
-  const double sinLat = std::sin(place.latitude), cosLat = std::cos(place.latitude);
-  const double normal = kRadius / std::sqrt(1 - kEccentricity2 * sinLat * sinLat), out = (normal + place.height) * cosLat;
-  return {-sinLon,
-          cosLon,
-          0,
-          0,
-          -sinLat * cosLon,
-          -sinLat * sinLon,
-          cosLat,
-          0,
-          cosLat * cosLon,
-          cosLat * sinLon,
-          sinLat,
-          0,
-          out * cosLon,
-          out * sinLon,
-          (normal * (1 - kEccentricity2) + place.height) * sinLat,
-          1};
-}
-
-std::optional<Place> placeOf(std::string_view text) {
-  std::array<double, 3> n{};
-  for (std::size_t k = 0; k < n.size() && (k < 2 || !text.empty()); ++k) {
-    const auto read = text::number<double>(text::takePart(text, ','));
-    if (!read) return std::nullopt;
-    n[k] = *read;
-  }
-  if (!text.empty() || std::abs(n[0]) > 360 || std::abs(n[1]) > 90 || std::abs(n[2]) > 1e7) return std::nullopt;
-  return Place{n[0] * kRadians, n[1] * kRadians, n[2]};
-}
 
 void Known::include(const Known& other) {
   low = {std::min(low.x, other.low.x), std::min(low.z, other.low.z)};

@@ -2,20 +2,19 @@
 // Tilesets of 3D Tiles 1.1 (OGC 22-025r4) over the lattice's quadtree, as JSON.
 //
 // The root tileset covers what is asked for with squares of one level; each is a tileset of its own, which has three levels of tiles and
-// refers to the tilesets of the fourth, down to the finest level. All are explicit, and refine by replacing. A tile's geometricError is the
-// error that it keeps (tile.h). Every tile has its own frame (frameOf) and a `transform` into its parent's, in doubles, so that nothing is far
-// from anything.
+// refers to the tilesets of the fourth, down to the finest level. All are explicit, and refine by replacing. A tile's geometricError is
+// the error that it keeps (tile.h). Every tile has its own frame (frameOf) and a `transform` into its parent's, in doubles, so that nothing
+// is far from anything.
 //
 // Axes: 3D Tiles has z up; viewers turn glTF's (x, y, z) to (x, -z, y). So here x is east, y is north (-z of the lattice), z is up.
 //
-// Boxes hold a tile with its skirt. Those of a terrain do not wait for the tile's mesh: each square of the tileset's last level has 33 x 33 samples, and
-// its heights are theirs, widened by the largest bound in the square of what lies between samples. box::Samples says how that is known: by
-// measured second differences with a margin of four, and by proof where the samples are as close as the posts of a height map. Over a map
-// the box keeps to the map's own range.
+// Boxes hold a tile with its skirt. Those of a terrain do not wait for the tile's mesh: each square of the tileset's last level has
+// 33 x 33 samples, and its heights are theirs, widened by the largest bound in the square of what lies between samples. box::Samples says
+// how that is known: by measured second differences with a margin of four, and by proof where the samples are as close as the posts of a
+// height map. Over a map the box keeps to the map's own range.
 //
 // Pure functions; any thread.
 
-#include <array>
 #include <functional>
 #include <optional>
 #include <string>
@@ -24,26 +23,12 @@
 
 #include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
+#include "server/tileset/earth.h"
 
 namespace ridgecast::tileset {
 
 inline constexpr int kLevels = 3;                                                          // of tiles in a tileset
 inline constexpr double kUsualReach = 200'000, kLeastReach = 100, kMostReach = 1'000'000;  // metres
-
-// A place on the ellipsoid WGS84: radians, metres above it.
-struct Place {
-  double longitude = 0, latitude = 0, height = 0;
-};
-
-// From the tangent plane at a place (x east, y north, z up, metres) to the Earth's axes (EPSG:4978), by columns. With a = 6,378,137 m,
-// e^2 = f (2 - f), f = 1 / 298.257223563, N = a / sqrt(1 - e^2 sin^2 lat):
-//   east  = (-sin lon, cos lon, 0)
-//   north = (-sin lat cos lon, -sin lat sin lon, cos lat)
-//   up    = (cos lat cos lon, cos lat sin lon, sin lat)
-//   place = ((N + h) cos lat cos lon, (N + h) cos lat sin lon, (N (1 - e^2) + h) sin lat)
-std::array<double, 16> eastNorthUp(const Place& place);
-// LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, metres within 10,000,000. Empty: anything else.
-std::optional<Place> placeOf(std::string_view text);
 
 struct Question {
   lattice::Point middle;       // lies at the place, with height 0 at the place's height
@@ -67,15 +52,15 @@ struct Pyramid {
 };
 
 struct Root {
-  std::vector<lattice::LeafAddress> squares;        // of one level
-  lattice::Point origin;                            // of the root's axes: x east, y north, z up
-  std::optional<std::array<double, 16>> transform;  // of the root, by columns; empty: none
+  std::vector<lattice::LeafAddress> squares;  // of one level
+  lattice::Point origin;                      // of the root's axes: x east, y north, z up
+  std::optional<Matrix> transform;            // of the root; empty: none
   double error = 0;         // metres: the root shows nothing, so it is refined while any of it is larger than a few pixels
   std::string extras = {};  // JSON object, of the asset
 };
 
-// JSON. URIs of the root are relative to the tilesets' folder: LEVEL/I/J.json?QUERY, or .glb at the finest level. The tileset of a tile lies
-// at LEVEL/I/J.json below that folder; its URIs: ../../LEVEL/I/J.glb?QUERY or .json?QUERY
+// JSON. URIs of the root are relative to the tilesets' folder: LEVEL/I/J.json?QUERY, or .glb at the finest level. The tileset of a tile
+// lies at LEVEL/I/J.json below that folder; its URIs: ../../LEVEL/I/J.glb?QUERY or .json?QUERY
 std::string rootTileset(const Pyramid& pyramid, const Root& root);
 std::string tilesetOf(const Pyramid& pyramid, lattice::LeafAddress square);
 

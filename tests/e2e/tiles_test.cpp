@@ -279,7 +279,7 @@ TEST(Tiles, FillAFolderWithoutAServer) {
     return runProgram(command);
   };
   const std::filesystem::path tiles = folder / "of/map", alpine = folder / "alpine";
-  Finished done = shoot({map, "--box", "all", "--error", "0.5", "--tiles", tiles, "--at", "11.37,47.29"});
+  Finished done = shoot({map, "--box", "all", "--error", "0.5", "--tiles", tiles});
   EXPECT_EQ(done.code, 0) << done.output;
   EXPECT_THAT(done.output, testing::AllOf(testing::HasSubstr("meshing, tile "), testing::HasSubstr("tileset.json: ")));
   const Json set = Json::parse(readFile(tiles / "tileset.json"));

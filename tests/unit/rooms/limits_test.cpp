@@ -43,6 +43,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"`max-snapshot-triangles`, ", {"WhatCannotBeSaysWhy", "OriginAndTexture"}},
     {"`cache-memory`", {"HoldsSoManyBytesAndTheLastWanted"}},
     {"tilesets: ", {"RefusesTheRestInPlainWords"}},
+    {"`snapshot --tiles`", {"TooManyNameTheErrorThatFits"}},
     {"a token in the URL", {"ATokenInTheUrlOfATilesetExpiresSoon"}},
     {"iterations of more than 10 ms", {"LongTasksLeaveAThreadToShortOnes"}},
     {"grounds: ", {"FewerAreInWorkThanThereAreThreads", "AQuestionHasOneDeadline"}},

@@ -1,0 +1,36 @@
+#pragma once
+// Places on the ellipsoid WGS84, and planes laid on it.
+//
+// Matrices are 4 x 4, by columns, from metres of a plane (x east, y north, z up) to the Earth's axes (EPSG:4978).
+
+#include <array>
+#include <optional>
+#include <string_view>
+
+namespace ridgecast::tileset {
+
+using Matrix = std::array<double, 16>;
+
+struct Place {
+  double longitude = 0, latitude = 0, height = 0;  // radians, metres above the ellipsoid
+};
+
+// LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, metres within 10,000,000. Empty: anything else.
+std::optional<Place> placeOf(std::string_view text);
+
+// The plane that touches the ellipsoid at a place. With a = 6,378,137 m, e^2 = f (2 - f), f = 1 / 298.257223563,
+// N = a / sqrt(1 - e^2 sin^2 lat):
+//   east  = (-sin lon, cos lon, 0)
+//   north = (-sin lat cos lon, -sin lat sin lon, cos lat)
+//   up    = (cos lat cos lon, cos lat sin lon, sin lat)
+//   place = ((N + h) cos lat cos lon, (N + h) cos lat sin lon, (N (1 - e^2) + h) sin lat)
+Matrix eastNorthUp(const Place& place);
+
+// The plane of a map around one of its places, by its CRS as terrain::RasterOrigin has it; empty: not one of these.
+//   EPSG:326ZZ, EPSG:327ZZ, EPSG:258ZZ   UTM on WGS84, north and south, and on ETRS89 (less than a metre beside WGS84): the plane that
+//                                        touches there, turned and scaled as the grid is
+//   +proj=ortho +lat_0=LAT +lon_0=LON    the map's own plane (server/terrain/degrees.h)
+// The map's heights count from the ellipsoid, whatever they are: those above the sea lie up to 100 m too low or too high.
+std::optional<Matrix> onEarth(std::string_view crs, double easting, double northing);
+
+}  // namespace ridgecast::tileset

@@ -1,0 +1,88 @@
+#include "server/tileset/earth.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+namespace ridgecast::tileset {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+// The reference: EPSG Guidance Note 7-2, 53°48'33.82"N 2°07'46.38"E, 73 m is (3771793.968, 140253.342, 5124304.349).
+TEST(Earth, TheTangentPlaneLiesOnTheEllipsoid) {
+  const Place place{2.1295500 * kDegree, 53.8093944 * kDegree, 73};
+  const auto m = eastNorthUp(place);
+  EXPECT_NEAR(m[12], 3771793.968, 0.01);
+  EXPECT_NEAR(m[13], 140253.342, 0.01);
+  EXPECT_NEAR(m[14], 5124304.349, 0.01);
+  for (std::size_t a = 0; a < 3; ++a)
+    for (std::size_t b = 0; b < 3; ++b) {
+      double dot = 0;
+      for (std::size_t k = 0; k < 3; ++k) dot += m[4 * a + k] * m[4 * b + k];
+      EXPECT_NEAR(dot, a == b, 1e-15);
+    }
+  // Ten metres up, north and east of it are where the formula says.
+  const auto higher = eastNorthUp({place.longitude, place.latitude, 83});
+  const auto norther = eastNorthUp({place.longitude, place.latitude + 1e-6, 73}),
+             easter = eastNorthUp({place.longitude + 1e-6, place.latitude, 73});
+  for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(higher[12 + k] - m[12 + k], 10 * m[8 + k], 1e-8);
+  const auto along = [&](const std::array<double, 16>& other, std::size_t axis) {
+    double dot = 0;
+    for (std::size_t k = 0; k < 3; ++k) dot += (other[12 + k] - m[12 + k]) * m[4 * axis + k];
+    return dot;
+  };
+  EXPECT_GT(along(norther, 1), 6);
+  EXPECT_NEAR(along(norther, 0), 0, 1e-3);
+  EXPECT_GT(along(easter, 0), 3);
+  EXPECT_NEAR(along(easter, 1), 0, 1e-3);
+}
+
+// The reference: proj4js 2.
+TEST(Earth, AMapInUtmLiesWhereItsCoordinatesSay) {
+  struct Case {
+    const char* crs;
+    double easting, northing;
+    double here[3], there[3];  // EPSG:4978 of the place, and of one 5 km east and 3 km north on the grid
+  };
+  for (const Case& c :
+       {Case{"EPSG:32632", 680'000, 5'240'000, {4248938.9355, 855234.1397, 4663597.9439}, {4245882.9510, 859810.3319, 4665526.3590}},
+        Case{"EPSG:32633", 250'000, 8'800'000, {1214672.2951, 66679.6294, 6240058.6434}, {1210568.1072, 70750.6208, 6240806.2900}},
+        Case{"EPSG:32756", 334'786, 6'252'080, {-4646810.7768, 2553125.0359, -3533438.8136}, {-4650663.8119, 2549478.0346, -3531018.3790}},
+        Case{"EPSG:32701",
+             800'000,
+             1'200'000,
+             {-1172814.8845, -361776.3355, -6237948.9717},
+             {-1175450.9784, -366912.1642, -6237158.1027}}}) {
+    const auto m = onEarth(c.crs, c.easting, c.northing);
+    ASSERT_TRUE(m) << c.crs;
+    double up = 0, off = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      EXPECT_NEAR((*m)[12 + k], c.here[k], 0.001) << c.crs;
+      const double d = (*m)[12 + k] + 5000 * (*m)[k] + 3000 * (*m)[4 + k] - c.there[k];
+      up += d * (*m)[8 + k];
+      off += d * d;
+    }
+    EXPECT_NEAR(up, 5831.0 * 5831 / 2 / 6.38e6, 0.1) << c.crs << ": the Earth falls away below the plane";
+    EXPECT_LT(std::sqrt(std::max(0.0, off - up * up)), 0.3) << c.crs;
+  }
+  EXPECT_EQ(onEarth("EPSG:25832", 680'000, 5'240'000), onEarth("EPSG:32632", 680'000, 5'240'000));
+}
+
+TEST(Earth, AMapInDegreesLiesOnItsOwnPlane) {
+  const auto middle = onEarth("+proj=ortho +lat_0=47.5 +lon_0=11.25 +datum=WGS84 +units=m", 0, 0);
+  ASSERT_TRUE(middle);
+  EXPECT_EQ(*middle, eastNorthUp({11.25 * kDegree, 47.5 * kDegree}));
+  const auto beside = onEarth("+proj=ortho +lat_0=47.5 +lon_0=11.25 +datum=WGS84 +units=m", 300, -40);
+  for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR((*beside)[12 + k], (*middle)[12 + k] + 300 * (*middle)[k] - 40 * (*middle)[4 + k], 1e-8);
+}
+
+TEST(Earth, OtherMapsArePlacedByHand) {
+  for (const char* crs : {"", "EPSG:31287", "EPSG:3857", "EPSG:32600", "EPSG:32661", "EPSG:", "EPSG:x", "+proj=ortho +lat_0=1",
+                          "+proj=ortho +lat_0=a +lon_0=b"})
+    EXPECT_FALSE(onEarth(crs, 0, 0)) << crs;
+}
+
+}  // namespace
+}  // namespace ridgecast::tileset
