@@ -205,7 +205,7 @@ tileset::Known knownOf(const tileset::Tile& tile, const OfTile& of) {
       lowest = std::min(lowest, v.y);
       highest = std::max(highest, v.y);
     }
-  return {tile.low, tile.high, metres(lowest), metres(highest), std::max(tile.error, of.box.error)};
+  return {tile.low, tile.high, metres(lowest), metres(highest), of.box.error};
 }
 
 Result<Made> ofTile(const session::Session& session, const OfTile& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
@@ -217,6 +217,7 @@ Result<Made> ofTile(const session::Session& session, const OfTile& of, const Lim
   out.low = tile->low;
   out.high = tile->high;
   out.extras = {{"of", "tile"}, {"box", describeBox(tile->low, tile->high)}, {"error", errorOf(*tile, of.box.error)}};
+  if (tile->ramp > 0) out.extras["error"]["ramp"] = tile->ramp;
   out.tile = knownOf(*tile, of);
   out.own.push_back(std::move(tile->surface));
   out.own.push_back(std::move(tile->skirt));

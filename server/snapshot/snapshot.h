@@ -9,7 +9,8 @@
 //   camera        id, iteration, meshHash (as acknowledged by its client); of a live camera
 //   box           x0, z0, x1, z1 (metres; the covered area, at most a quarter of the error wider than requested)
 //   error         unit ("metres" for a box or tile, otherwise the metric: "pixels", "area" or "thesis"), asked, kept; for a box or tile
-//                 also known ("proven" by a height map's posts or "measured"), spacing (metres) and number of samples
+//                 also known ("proven" by a height map's posts or "measured"), spacing (metres) and number of samples; of a tile with
+//                 ramps (server/tileset/tile.h) ramp (metres)
 //   origin        x, z (metres): what to add to a coordinate of the file
 //   georeference  crs (as the map's file names it; absent if unknown), easting, northing (metres): of the file's origin, so that a vertex
 //                 has easting + x, northing - z; only of a height map that says where it lies

@@ -5,6 +5,8 @@
 #include <utility>
 #include <vector>
 
+#include "server/tileset/ramps.h"
+
 namespace ridgecast::tileset {
 
 using lattice::LeafAddress;
@@ -16,6 +18,9 @@ namespace {
 // The mesher begins with a grid of up to 64 samples for each triangle that there may be, refined where that proves too little. With so few
 // they are 256 along a side: half the time of twice as many, for alpine and canyon. Tiles that need more triangles are meshed again.
 constexpr std::uint32_t kUsualTriangles = 4095;
+// A formula that needs more has a step; a height map has none, but may be rough.
+constexpr std::uint32_t kMostOfFormula = 4 * kUsualTriangles, kMost = 64 * kUsualTriangles;
+constexpr double kRampShare = 0.1;  // of the error: for what ramps miss where there is no step
 
 // The vertices of the sides, counter-clockwise seen from above.
 std::vector<std::uint32_t> ringOf(const Tile& tile) {
@@ -40,12 +45,16 @@ std::vector<std::uint32_t> ringOf(const Tile& tile) {
 }
 
 LeafMesh skirtBelow(const Tile& tile, double error) {
-  const auto depth = static_cast<std::int32_t>(skirtOf(error) * lattice::kStepsPerMetre);
+  const auto steps = [](double metres) { return static_cast<std::int32_t>(metres * lattice::kStepsPerMetre); };
+  const std::int32_t depth = steps(skirtOf(std::max(error, tile.error)));
+  std::int32_t lowest = lattice::kMaxHeight;
+  for (const LocalVertex& v : tile.surface.vertices) lowest = std::min(lowest, v.y);
+  lowest -= steps(skirtOf(error));
   LeafMesh skirt{.address = tile.surface.address, .vertices = {}, .triangles = {}};
   for (const std::uint32_t v : ringOf(tile)) {
     const LocalVertex& top = tile.surface.vertices[v];
     skirt.vertices.push_back(top);
-    skirt.vertices.push_back({top.x, top.z, top.y - depth});
+    skirt.vertices.push_back({top.x, top.z, std::max(top.y - depth, lowest)});
   }
   const auto count = static_cast<std::uint32_t>(skirt.vertices.size());
   for (std::uint32_t top = 0; top < count; top += 2) {
@@ -54,6 +63,18 @@ LeafMesh skirtBelow(const Tile& tile, double error) {
     skirt.triangles.push_back({top, next + 1, next});
   }
   return skirt;
+}
+
+// With few triangles, and with more where those do not do.
+box::Result<box::BoxMesh> meshed(const terrain::Terrain& terrain, const box::Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool,
+                                 const box::Watch& watch) {
+  std::uint32_t most = std::min(kUsualTriangles, mostTriangles);
+  auto made = box::meshBox(terrain, box, most, pool, watch);
+  while (!made && made.error().kind == box::Problem::Kind::kTooMuch && most < mostTriangles) {
+    most = mostTriangles / 4 > most ? 4 * most : mostTriangles;
+    made = box::meshBox(terrain, box, most, pool, watch);
+  }
+  return made;
 }
 
 }  // namespace
@@ -71,23 +92,30 @@ lattice::Point frameOf(LeafAddress square) {
 
 box::Result<Tile> meshTile(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
                            const box::Watch& watch) {
-  std::uint32_t most = std::min(kUsualTriangles, mostTriangles);
-  auto made = box::meshBox(terrain, wanted.box, most, pool, watch);
-  while (!made && made.error().kind == box::Problem::Kind::kTooMuch && most < mostTriangles) {
-    most = mostTriangles / 4 > most ? 4 * most : mostTriangles;
-    made = box::meshBox(terrain, wanted.box, most, pool, watch);
+  auto made = meshed(terrain, wanted.box, std::min(terrain.raster() ? kMost : kMostOfFormula, mostTriangles), pool, watch);
+  Tile out;
+  if (!made && made.error().kind == box::Problem::Kind::kTooMuch) {
+    Ramps ramps(terrain, wanted.square);
+    box::Box beside = wanted.box;
+    beside.error *= 1 - kRampShare;
+    do made = meshed(ramps, beside, std::min(kMost, mostTriangles), pool, watch);
+    while (!made && made.error().kind == box::Problem::Kind::kTooMuch && ramps.widen());
+    if (made) {
+      out.ramp = ramps.width();
+      made->error += ramps.apartFrom(made->low, made->high, kRampShare * wanted.box.error);
+      made->proven = false;
+    }
   }
   if (!made) return made.error();
   std::vector<const LeafMesh*> leaves;
   for (const LeafMesh& leaf : made->leaves) leaves.push_back(&leaf);
-  Tile out{.surface = mesh::gather(wanted.square, leaves),
-           .skirt = {},
-           .low = made->low,
-           .high = made->high,
-           .error = made->error,
-           .proven = made->proven,
-           .spacing = made->spacing,
-           .samples = made->samples};
+  out.surface = mesh::gather(wanted.square, leaves);
+  out.low = made->low;
+  out.high = made->high;
+  out.error = made->error;
+  out.proven = made->proven;
+  out.spacing = made->spacing;
+  out.samples = made->samples;
   out.skirt = skirtBelow(out, wanted.box.error);
   return out;
 }

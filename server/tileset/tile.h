@@ -5,6 +5,12 @@
 // 1/80 of the side, so it doubles from level to level; this takes up to 3,000 triangles of the built-in terrains and some 50 ms. The mesher
 // keeps it (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level and error share their side bit
 // for bit, also where both are cut off at the border of what is covered.
+//
+// Where no mesh keeps the error, at a step of the ground such as a cliff, or with more triangles than a tile may have, a tile comes all the
+// same: a viewer draws nothing at all in place of a tile that fails, and neither a parent that stays nor a tile as coarse as the cliff is
+// high would show the ground beside it. Steps become ramps (ramps.h), `ramp` wide, and beside them the error is kept. There `error` counts
+// the step, too; a tileset's geometricError does not: by a cliff's height viewers would load the finest tiles for miles around it. Skirts
+// of such tiles hang down to the ground below.
 
 #include <cmath>
 #include <cstdint>
@@ -42,6 +48,7 @@ inline Wanted whole(lattice::LeafAddress square) {
 struct Tile {
   mesh::LeafMesh surface;    // canonical
   mesh::LeafMesh skirt;      // not canonical: each vertex of the sides is there twice, as it is and `skirtOf` lower; it faces outwards
+  double ramp = 0;           // metres; 0: there is none
   lattice::Point low, high;  // as in box::BoxMesh, like all that follows
   double error = 0;
   bool proven = false;
@@ -49,7 +56,7 @@ struct Tile {
   std::uint64_t samples = 0;
 };
 
-// Problems: as box::Meshing's.
+// At most `mostTriangles`, and 262,080; without ramps a formula's has 16,380. Problems: the watch is over.
 box::Result<Tile> meshTile(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
                            const box::Watch& watch);
 

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -13,6 +14,7 @@
 #include <set>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "server/tileset/tile.h"
@@ -204,6 +206,86 @@ TEST(Tileset, SkirtsHangBelowEverySide) {
     const double nx = double(b.y - a.y) * (c.z - a.z) - double(b.z - a.z) * (c.y - a.y);
     const double nz = double(b.x - a.x) * (c.y - a.y) - double(b.y - a.y) * (c.x - a.x);
     EXPECT_GT(nx * (a.x + b.x + c.x - 1.5 * side) + nz * (a.z + b.z + c.z - 1.5 * side), 0);
+  }
+}
+
+// Ground with steps that no mesh follows.
+class Cliffs final : public terrain::Terrain {
+ public:
+  enum Kind { kWall, kTerraces, kTowers };
+  explicit Cliffs(Kind kind) : kind_(kind) {}
+  std::string_view name() const override { return "cliffs"; }
+  std::string_view source() const override { return ""; }
+  std::uint32_t seed() const override { return 1; }
+  // Its level parts, and gentle hills.
+  std::pair<double, double> partsOf(double x, double z) const {
+    const double hills = 8 * std::sin(x / 150) * std::cos(z / 170);
+    if (kind_ == kWall) return {std::llround(std::floor((x + 1.3 * z) / 311)) % 2 == 0 ? 35 : 0, hills};
+    if (kind_ == kTowers) return {std::hypot(std::remainder(x, 1000), std::remainder(z, 1000)) < 137 ? 900 : 0, hills};
+    return {20 * std::floor(15 * std::sin(x / 997) * std::cos(z / 1203) + 3 * std::sin(x / 91 + z / 133)), hills};
+  }
+  void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      const auto [level, hills] = partsOf(static_cast<double>(x[k]) / 256, static_cast<double>(z[k]) / 256);
+      out[k] = static_cast<float>(level + hills);
+    }
+  }
+
+ private:
+  Kind kind_;
+};
+
+// The surface above a place of the square, metres.
+double heightOf(const mesh::LeafMesh& mesh, double x, double z) {
+  for (const mesh::Triangle& t : mesh.triangles) {
+    const auto &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
+    const double twice = (double(b.z) - a.z) * (double(c.x) - a.x) - (double(b.x) - a.x) * (double(c.z) - a.z);
+    const double wb = ((z - a.z) * (double(c.x) - a.x) - (x - a.x) * (double(c.z) - a.z)) / twice;
+    const double wc = ((x - a.x) * (double(b.z) - a.z) - (z - a.z) * (double(b.x) - a.x)) / twice;
+    if (wb >= 0 && wc >= 0 && wb + wc <= 1) return (a.y + wb * (double(b.y) - a.y) + wc * (double(c.y) - a.y)) / 256;
+  }
+  return std::numeric_limits<double>::quiet_NaN();
+}
+
+TEST(Tileset, CliffsBecomeRampsAndTheGroundBesideThemKeepsItsError) {
+  scheduling::Executor executor(2);
+  const auto pool = executor.makePool(2);
+  std::mt19937_64 random(4);
+  const box::Watch watch{{}, std::chrono::steady_clock::now() + std::chrono::minutes(20), 1200};
+  for (const Cliffs::Kind kind : {Cliffs::kWall, Cliffs::kTerraces, Cliffs::kTowers}) {
+    const Cliffs terrain(kind);
+    int ramps = 0;
+    for (const int level : {0, 1, 2, 4, 6}) {
+      const LeafAddress square = lattice::leafAt({136 * 256, 30 * 256}, level);
+      const auto tile = meshTile(terrain, whole(square), 2'000'000, *pool, watch);
+      ASSERT_TRUE(tile) << kind << " " << level << ": " << tile.error().message;
+      ramps += tile->ramp > 0;
+      EXPECT_EQ(tile->error > errorOf(level), tile->ramp > 0);
+      const auto side = static_cast<std::uint64_t>(square.side());
+      int beside = 0;
+      for (int k = 0; k < 300; ++k) {
+        const lattice::Point at{square.x() + static_cast<lattice::Step>(random() % side),
+                                square.z() + static_cast<lattice::Step>(random() % side)};
+        const double x = static_cast<double>(at.x) / 256, z = static_cast<double>(at.z) / 256;
+        const double off = std::abs(
+            heightOf(tile->surface, static_cast<double>(at.x - square.x()), static_cast<double>(at.z - square.z())) - terrain.height(at));
+        EXPECT_LE(off, std::max(tile->error, errorOf(level))) << kind << " " << level << " at " << x << ", " << z;
+        bool isLevel = true;
+        for (int i = -4; i <= 4; ++i)
+          for (int j = -4; j <= 4; ++j)
+            isLevel = isLevel && terrain.partsOf(x + i * tile->ramp / 4, z + j * tile->ramp / 4).first == terrain.partsOf(x, z).first;
+        if (!isLevel) continue;
+        EXPECT_LE(off, errorOf(level)) << kind << " " << level << " at " << x << ", " << z << ", beside the step";
+        ++beside;
+      }
+      EXPECT_GT(beside, 20) << kind << " " << level;
+      const Box box = boxOf(Json::parse(tilesetOf(terrain, square, ""))["root"], {});
+      for (const mesh::LocalVertex& v : tile->skirt.vertices) {
+        EXPECT_GE(v.y / 256.0, box.low[2]) << kind << " " << level;
+        EXPECT_LE(v.y / 256.0, box.high[2]) << kind << " " << level;
+      }
+    }
+    EXPECT_GE(ramps, 3) << kind;
   }
 }
 
