@@ -10,6 +10,7 @@
 namespace ridgecast::tileset {
 
 using lattice::LeafAddress;
+using lattice::Step;
 using mesh::LeafMesh;
 using mesh::LocalVertex;
 
@@ -65,6 +66,30 @@ LeafMesh skirtBelow(const Tile& tile, double error) {
   return skirt;
 }
 
+// The terrain with lengths divided by a power of two, heights too.
+class Shrunk final : public terrain::Terrain {
+ public:
+  Shrunk(const terrain::Terrain& terrain, int bits) : terrain_(terrain), bits_(bits) {}
+  std::string_view name() const override { return terrain_.name(); }
+  std::string_view source() const override { return terrain_.source(); }
+  std::uint32_t seed() const override { return terrain_.seed(); }
+  void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override {
+    thread_local std::vector<Step> places;
+    places.resize(2 * out.size());
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      places[k] = x[k] << bits_;
+      places[out.size() + k] = z[k] << bits_;
+    }
+    terrain_.heights(std::span(places).first(out.size()), std::span(places).last(out.size()), out);
+    const float share = std::ldexp(1.0f, -bits_);
+    for (float& height : out) height *= share;
+  }
+
+ private:
+  const terrain::Terrain& terrain_;
+  const int bits_;
+};
+
 // With few triangles, and with more where those do not do.
 box::Result<box::BoxMesh> meshed(const terrain::Terrain& terrain, const box::Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool,
                                  const box::Watch& watch) {
@@ -75,6 +100,37 @@ box::Result<box::BoxMesh> meshed(const terrain::Terrain& terrain, const box::Box
     made = box::meshBox(terrain, box, most, pool, watch);
   }
   return made;
+}
+
+// The vertices of a large tile need not lie between millimetres: a formula is meshed as if its tile were small, by steps of a hundredth of
+// the error. Draco then takes a tenth of the time, and 13 bits.
+box::Result<Tile> meshed(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
+                         const box::Watch& watch) {
+  const int bits = terrain.raster() ? 0 : std::clamp(std::ilogb(4 * wanted.box.error), 0, wanted.square.level);
+  const auto up = [bits](Step v) { return -(-v >> bits); };
+  const box::Box small{{wanted.box.low.x >> bits, wanted.box.low.z >> bits},
+                       {up(wanted.box.high.x), up(wanted.box.high.z)},
+                       std::ldexp(wanted.box.error, -bits)};
+  const auto made =
+      bits == 0 ? meshed(terrain, small, mostTriangles, pool, watch) : meshed(Shrunk(terrain, bits), small, mostTriangles, pool, watch);
+  if (!made) return made.error();
+  std::vector<const LeafMesh*> leaves;
+  for (const LeafMesh& leaf : made->leaves) leaves.push_back(&leaf);
+  Tile out{.surface = mesh::gather({wanted.square.level - bits, wanted.square.i, wanted.square.j}, leaves),
+           .skirt = {},
+           .low = {made->low.x << bits, made->low.z << bits},
+           .high = {made->high.x << bits, made->high.z << bits},
+           .error = std::ldexp(made->error, bits),
+           .proven = made->proven,
+           .spacing = std::ldexp(made->spacing, bits),
+           .samples = made->samples};
+  out.surface.address = wanted.square;
+  for (auto& [x, z, y] : out.surface.vertices) {
+    x <<= bits;
+    z <<= bits;
+    y <<= bits;
+  }
+  return out;
 }
 
 }  // namespace
@@ -92,32 +148,20 @@ lattice::Point frameOf(LeafAddress square) {
 
 box::Result<Tile> meshTile(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
                            const box::Watch& watch) {
-  auto made = meshed(terrain, wanted.box, std::min(terrain.raster() ? kMost : kMostOfFormula, mostTriangles), pool, watch);
-  Tile out;
+  auto made = meshed(terrain, wanted, std::min(terrain.raster() ? kMost : kMostOfFormula, mostTriangles), pool, watch);
   if (!made && made.error().kind == box::Problem::Kind::kTooMuch) {
     Ramps ramps(terrain, wanted.square);
-    box::Box beside = wanted.box;
-    beside.error *= 1 - kRampShare;
+    Wanted beside = wanted;
+    beside.box.error *= 1 - kRampShare;
     do made = meshed(ramps, beside, std::min(kMost, mostTriangles), pool, watch);
     while (!made && made.error().kind == box::Problem::Kind::kTooMuch && ramps.widen());
     if (made) {
-      out.ramp = ramps.width();
+      made->ramp = ramps.width();
       made->error += ramps.apartFrom(made->low, made->high, kRampShare * wanted.box.error);
-      made->proven = false;
     }
   }
-  if (!made) return made.error();
-  std::vector<const LeafMesh*> leaves;
-  for (const LeafMesh& leaf : made->leaves) leaves.push_back(&leaf);
-  out.surface = mesh::gather(wanted.square, leaves);
-  out.low = made->low;
-  out.high = made->high;
-  out.error = made->error;
-  out.proven = made->proven;
-  out.spacing = made->spacing;
-  out.samples = made->samples;
-  out.skirt = skirtBelow(out, wanted.box.error);
-  return out;
+  if (made) made->skirt = skirtBelow(*made, wanted.box.error);
+  return made;
 }
 
 }  // namespace ridgecast::tileset
