@@ -1,15 +1,17 @@
 // The example pages with the real server: no tile fails, and in random views no background shines through below the horizon. VIEWS is their
-// number in each page; a release is judged with 1,000.
+// number in each page, TERRAIN another world, such as a GeoTIFF; a release is judged with 1,000 views of alpine and of a map.
 
 import assert from 'node:assert/strict';
-import { ChildProcess, spawn } from 'node:child_process';
-import { existsSync, writeSync } from 'node:fs';
-import { createServer } from 'node:net';
-import { join } from 'node:path';
+import { ChildProcess, execFileSync, spawn } from 'node:child_process';
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeSync } from 'node:fs';
+import { createServer as createFileServer } from 'node:http';
+import { AddressInfo, createServer } from 'node:net';
+import { tmpdir } from 'node:os';
+import { join, normalize } from 'node:path';
 import { test } from 'node:test';
 import type { Page } from 'playwright-core';
 import { PATIENCE, closeAll, launch, missing } from './browser';
-import { Server, needed, sleep } from './server';
+import { Server, environment, needed, sleep } from './server';
 
 const HERE = join(needed('RIDGECAST_SOURCE'), 'client/web/examples');
 const VITE = join(HERE, 'node_modules/vite/bin/vite.js');
@@ -49,7 +51,7 @@ async function pages(server: Server): Promise<{ url: string; child: ChildProcess
 }
 
 const browser = await launch();
-const server = await Server.start(['--terrain', 'alpine', '--seed', '1']);
+const server = await Server.start(['--terrain', process.env['TERRAIN'] ?? 'alpine', '--seed', '1']);
 const { url, child } = await pages(server);
 test.afterEach(async () => {
   for (const context of browser.contexts()) await context.close();
@@ -116,13 +118,38 @@ async function fly(page: Page, settled: string, drawn: string): Promise<void> {
   }
 }
 
+// In three.js.
+const SETTLED = 'ridgecast.draw(), (({ downloading, parsing, visible }) => visible > 0 && downloading + parsing === 0)(ridgecast.tiles.stats)';
+const DRAWN = `(ridgecast.draw(), { gl: ridgecast.renderer.getContext(), tangent: Math.tan(Math.PI / 6), up: ridgecast.camera.matrixWorld.elements[5], forward: -ridgecast.camera.matrixWorld.elements[9] })`;
+
 test('three.js shows ground wherever there is ground', { timeout: 1000 * PATIENCE }, async () => {
   const page = await open('/three/');
-  const drawn = `(ridgecast.draw(), { gl: ridgecast.renderer.getContext(), tangent: Math.tan(Math.PI / 6), up: ridgecast.camera.matrixWorld.elements[5], forward: -ridgecast.camera.matrixWorld.elements[9] })`;
-  await fly(page, 'ridgecast.draw(), (({ downloading, parsing, visible }) => visible > 0 && downloading + parsing === 0)(ridgecast.tiles.stats)', drawn);
+  await fly(page, SETTLED, DRAWN);
   // The glaring background is found where it is.
   await page.evaluate('ridgecast.tiles.group.visible = false');
-  assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, 'true', drawn)) > 1000);
+  assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, 'true', DRAWN)) > 1000);
+});
+
+test('three.js shows a folder of tiles from any file server', { timeout: 10 * PATIENCE }, async () => {
+  const folder = mkdtempSync(join(tmpdir(), 'ridgecast-tiles-'));
+  execFileSync(needed('RIDGECAST_CLIENT'), ['snapshot', '--terrain', process.env['TERRAIN'] ?? 'alpine', '--box', '-2000,-2000,2000,2000', '--error', '6', '--tiles', join(folder, 'tiles')], { env: environment() });
+  const files = createFileServer((request, response) => {
+    const file = join(folder, normalize(request.url ?? '/'));
+    response.writeHead(existsSync(file) ? 200 : 404, { 'Access-Control-Allow-Origin': '*' });
+    response.end(existsSync(file) ? readFileSync(file) : '');
+  }).listen(0, '127.0.0.1');
+  await new Promise((done) => files.once('listening', done));
+  const page = await open('/three/', { tileset: `http://127.0.0.1:${(files.address() as AddressInfo).port}/tiles/tileset.json` });
+  for (let k = 0; k < VIEWS; ++k) {
+    const east = random(-700, 700), north = random(-700, 700);
+    const [ground] = await heights([[east, -north]]);
+    const view = { east, north, up: ground! + random(200, 700), heading: random(0, 360), pitch: random(-90, -75) };
+    assert.equal(await background(page, view, SETTLED, DRAWN), 0, JSON.stringify(view));
+    assert.deepEqual(await page.evaluate('ridgecast.failed'), []);
+  }
+  assert.ok((await background(page, { east: 9000, north: 0, up: 3000, heading: 0, pitch: -90 }, 'true', DRAWN)) > 1000, 'there is nothing beyond the box');
+  files.close();
+  rmSync(folder, { recursive: true });
 });
 
 test('CesiumJS shows ground wherever there is ground, at its height', { timeout: 1000 * PATIENCE }, async () => {

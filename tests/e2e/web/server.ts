@@ -17,6 +17,9 @@ export function needed(name: string): string {
   return value;
 }
 
+/** Without what would be a server's settings. */
+export const environment = (): NodeJS.ProcessEnv => Object.fromEntries(Object.entries(process.env).filter(([name]) => !name.startsWith('RIDGECAST_')));
+
 export class Server {
   private constructor(
     private readonly child: ChildProcess,
@@ -30,7 +33,7 @@ export class Server {
     const file = join(folder, 'port');
     const child = spawn(needed('RIDGECAST_SERVER'), ['--port', String(port), '--port-file', file, '--quiet', ...args], {
       stdio: ['ignore', 'inherit', 'inherit'],
-      env: Object.fromEntries(Object.entries(process.env).filter(([name]) => !name.startsWith('RIDGECAST_'))), // a server's settings begin so
+      env: environment(),
     });
     for (let k = 0; k < 2400 && child.exitCode === null; ++k) {
       if (existsSync(file)) return new Server(child, folder, Number(readFileSync(file, 'utf8')));

@@ -1,5 +1,6 @@
 // Flies over a session's ground with three.js: drag to move, right button to turn, wheel for height.
 //   ?session=NAME&x=METRES&z=METRES   which world, and the place of it that lies at three's origin
+//   ?tileset=URL                      instead: a tileset anywhere, such as of `ridgecast-client snapshot --tiles`, on its own axes
 import { TilesRenderer } from '3d-tiles-renderer';
 import { AmbientLight, Color, DirectionalLight, Euler, MathUtils, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from 'three';
 import { MapControls } from 'three/addons/controls/MapControls.js';
@@ -26,7 +27,7 @@ function look(east, north, up, heading, pitch) {
 }
 look(0, -6000, 4000, 0, -20);
 
-const tiles = new TilesRenderer(`/v1/sessions/${asked.get('session') ?? 'default'}/3dtiles/tileset.json?${where}`);
+const tiles = new TilesRenderer(asked.get('tileset') ?? `/v1/sessions/${asked.get('session') ?? 'default'}/3dtiles/tileset.json?${where}`);
 tiles.errorTarget = Number(asked.get('error') ?? 8); // pixels
 tiles.group.rotation.x = -Math.PI / 2; // 3D Tiles have z up, three.js has y
 tiles.setCamera(camera);
