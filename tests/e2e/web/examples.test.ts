@@ -1,5 +1,6 @@
 // The example pages with the real server: no tile fails, and in random views no background shines through below the horizon. VIEWS is their
-// number in each page, TERRAIN another world, such as a GeoTIFF; a release is judged with 1,000 views of alpine and of a map.
+// number in each page, FLIGHT the seconds that it then flies, TERRAIN another world, such as a GeoTIFF; a release is judged with
+// 1,000 views and 300 seconds, of alpine and of a map.
 
 import assert from 'node:assert/strict';
 import { ChildProcess, execFileSync, spawn } from 'node:child_process';
@@ -22,6 +23,7 @@ if (why) {
 }
 
 const VIEWS = Number(process.env['VIEWS'] ?? 3);
+const FLIGHT = Number(process.env['FLIGHT'] ?? 5);
 const SIZE = { width: 320, height: 200 };
 const GLARING = { background: '#ff00ff', error: '16' };
 
@@ -118,6 +120,19 @@ async function fly(page: Page, settled: string, drawn: string): Promise<void> {
   }
 }
 
+/** Flies on and on in bends, 60 m at a time, without waiting for tiles. */
+async function cruise(page: Page, settled: string, drawn: string): Promise<void> {
+  let view = { ...(await randomView()), pitch: -15 }, steps = 0;
+  for (const end = Date.now() + 1000 * FLIGHT; Date.now() < end; ++steps) {
+    const heading = view.heading + 2 * Math.sin(steps / 40), east = view.east + 60 * Math.sin((heading * Math.PI) / 180), north = view.north + 60 * Math.cos((heading * Math.PI) / 180);
+    const [ground] = await heights([[east, -north]]);
+    view = { ...view, east, north, heading, up: ground! + 300 };
+    await page.evaluate(`ridgecast.look(${view.east}, ${view.north}, ${view.up}, ${view.heading}, ${view.pitch}); void (${settled})`);
+  }
+  assert.equal(await background(page, view, settled, drawn), 0, JSON.stringify(view));
+  assert.deepEqual(await page.evaluate('ridgecast.failed'), [], `of ${steps} steps`);
+}
+
 // In three.js.
 const SETTLED = 'ridgecast.draw(), (({ downloading, parsing, visible }) => visible > 0 && downloading + parsing === 0)(ridgecast.tiles.stats)';
 const DRAWN = `(ridgecast.draw(), { gl: ridgecast.renderer.getContext(), tangent: Math.tan(Math.PI / 6), up: ridgecast.camera.matrixWorld.elements[5], forward: -ridgecast.camera.matrixWorld.elements[9] })`;
@@ -125,6 +140,7 @@ const DRAWN = `(ridgecast.draw(), { gl: ridgecast.renderer.getContext(), tangent
 test('three.js shows ground wherever there is ground', { timeout: 1000 * PATIENCE }, async () => {
   const page = await open('/three/');
   await fly(page, SETTLED, DRAWN);
+  await cruise(page, SETTLED, DRAWN);
   // The glaring background is found where it is.
   await page.evaluate('ridgecast.tiles.group.visible = false');
   assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, 'true', DRAWN)) > 1000);
@@ -141,9 +157,9 @@ test('three.js shows a folder of tiles from any file server', { timeout: 10 * PA
   await new Promise((done) => files.once('listening', done));
   const page = await open('/three/', { tileset: `http://127.0.0.1:${(files.address() as AddressInfo).port}/tiles/tileset.json` });
   for (let k = 0; k < VIEWS; ++k) {
-    const east = random(-700, 700), north = random(-700, 700);
+    const east = random(-300, 300), north = random(-300, 300); // so that the box fills the view
     const [ground] = await heights([[east, -north]]);
-    const view = { east, north, up: ground! + random(200, 700), heading: random(0, 360), pitch: random(-90, -75) };
+    const view = { east, north, up: ground! + random(50, 300), heading: random(0, 360), pitch: random(-90, -85) };
     assert.equal(await background(page, view, SETTLED, DRAWN), 0, JSON.stringify(view));
     assert.deepEqual(await page.evaluate('ridgecast.failed'), []);
   }
@@ -161,7 +177,9 @@ test('CesiumJS shows ground wherever there is ground, at its height', { timeout:
     const gl = scene.canvas.getContext('webgl2');
     return { gl, tangent: Math.tan(camera.frustum.fovy / 2), up: along(camera.upWC), forward: along(camera.directionWC) };
   })()`;
-  await fly(page, 'ridgecast.scene.render(), ridgecast.tileset.tilesLoaded', drawn);
+  const settled = 'ridgecast.scene.render(), ridgecast.tileset.tilesLoaded';
+  await fly(page, settled, drawn);
+  await cruise(page, settled, drawn);
   const places: [number, number][] = Array.from({ length: 5 }, () => [random(-300, 300), random(-300, 300)]);
   const found = (await page.evaluate(`(async () => {
     const { Cesium, frame, scene } = ridgecast;
