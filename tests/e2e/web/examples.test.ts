@@ -146,14 +146,18 @@ test('three.js shows ground wherever there is ground', { timeout: 1000 * PATIENC
   assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, 'true', DRAWN)) > 1000);
 });
 
-test('three.js shows a folder of tiles from any file server', { timeout: 10 * PATIENCE }, async () => {
+test('three.js shows a folder of tiles from any file server', { timeout: 10 * PATIENCE, skip: 'TERRAIN' in process.env && 'a map in UTM lies on Earth, far from the origin' }, async (t) => {
   const folder = mkdtempSync(join(tmpdir(), 'ridgecast-tiles-'));
-  execFileSync(needed('RIDGECAST_CLIENT'), ['snapshot', '--terrain', process.env['TERRAIN'] ?? 'alpine', '--box', '-2000,-2000,2000,2000', '--error', '6', '--tiles', join(folder, 'tiles')], { env: environment() });
+  execFileSync(needed('RIDGECAST_CLIENT'), ['snapshot', '--terrain', 'alpine', '--box', '-2000,-2000,2000,2000', '--error', '6', '--tiles', join(folder, 'tiles')], { env: environment() });
   const files = createFileServer((request, response) => {
     const file = join(folder, normalize(request.url ?? '/'));
     response.writeHead(existsSync(file) ? 200 : 404, { 'Access-Control-Allow-Origin': '*' });
     response.end(existsSync(file) ? readFileSync(file) : '');
   }).listen(0, '127.0.0.1');
+  t.after(() => {
+    files.close();
+    rmSync(folder, { recursive: true });
+  });
   await new Promise((done) => files.once('listening', done));
   const page = await open('/three/', { tileset: `http://127.0.0.1:${(files.address() as AddressInfo).port}/tiles/tileset.json` });
   for (let k = 0; k < VIEWS; ++k) {
@@ -164,8 +168,6 @@ test('three.js shows a folder of tiles from any file server', { timeout: 10 * PA
     assert.deepEqual(await page.evaluate('ridgecast.failed'), []);
   }
   assert.ok((await background(page, { east: 9000, north: 0, up: 3000, heading: 0, pitch: -90 }, 'true', DRAWN)) > 1000, 'there is nothing beyond the box');
-  files.close();
-  rmSync(folder, { recursive: true });
 });
 
 test('CesiumJS shows ground wherever there is ground, at its height', { timeout: 1000 * PATIENCE }, async () => {
