@@ -143,7 +143,7 @@ class Making {
     root.error = metres(std::max(box_.high.x - box_.low.x, box_.high.z - box_.low.z));
     nlohmann::json extras{{"of", "tiles"},
                           {"box", describeBox(box_.low, box_.high)},
-                          {"error", {{"unit", "metres"}, {"asked", box_.error}, {"kept", kept()}}},
+                          {"error", {{"unit", "metres"}, {"asked", box_.error}}},
                           {"origin", {{"x", metres(root.origin.x)}, {"z", metres(root.origin.z)}}},
                           {"tiles", known_.size()}};
     describeWorld(session_, root.origin, extras);
@@ -154,13 +154,6 @@ class Making {
     else if (known != extras.end())
       root.transform = tileset::onEarth(known->value("crs", ""), (*known)["easting"], (*known)["northing"]);
     return tileset::rootTileset(pyramid, root);
-  }
-
-  // By the finest tiles.
-  double kept() const {
-    double most = 0;
-    Squares(box_, levels_.finest).forEach([&](LeafAddress square) { most = std::max(most, known_.at(square).error); });
-    return most;
   }
 
   bool put(const std::string& name, std::string_view bytes) {

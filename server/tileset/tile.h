@@ -4,7 +4,7 @@
 // Tiles are the squares of levels 0 (32 m) to kCoarsest (131 km), as the leaves of a camera's mesh and coarser. Usually a level's error is
 // 1/80 of the side, so it doubles from level to level; this takes up to 3,000 triangles of the built-in terrains and some 50 ms. The mesher
 // keeps it (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level and error share their side bit
-// for bit, also where both are cut off at the border of what is covered.
+// for bit, also where both are cut off at the border of what is covered, but for tiles with ramps.
 //
 // Where no mesh keeps the error, at a step of the ground such as a cliff, or with more triangles than a tile may have, a tile comes all the
 // same: a viewer draws nothing at all in place of a tile that fails, and neither a parent that stays nor a tile as coarse as the cliff is
