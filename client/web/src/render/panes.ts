@@ -11,7 +11,7 @@ import type { Programs } from './programs';
 import { Skyline } from './skyline';
 import { View, ViewUniforms, samePose } from './view';
 
-const COARSEST = 16, AT_REST = 4; // pixels a sample, each way: at most, and of the mesh while the camera rests
+const COARSEST = 16, AT_REST = 4; // pixels a sample, each way: at most, and at most while the camera rests
 const MOVING_BUDGET = 40; // ms a picture while the camera moves
 const REFINING_BUDGET = 120; // ms for the mesh's while only the mesh changes
 const STEP_BUDGET = 25, COARSE_BUDGET = 100; // ms of work that is given to the card at a time; of coarse pictures, which slow cards alone draw
@@ -123,8 +123,7 @@ export abstract class Pane {
   }
   protected abstract beginBefore(view: View, tools: Tools): void;
   protected abstract before(job: Job, tools: Tools, look: Look): Portion | undefined;
-  /** How many pixels a sample may stand for, each way, where the camera rests and this view is not shown yet, or is already. */
-  protected abstract firstCoarseness(view: View, now: number): number;
+  /** How many pixels a sample may stand for, each way, where the camera rests and this view is already shown; 0: nothing is to be drawn. */
   protected abstract nextCoarseness(now: number): number;
   /** ms a picture while the camera rests. */
   protected abstract restingBudget(now: number): number;
@@ -146,7 +145,7 @@ export abstract class Pane {
     this.lastView = view;
     this.lastOf = of;
     const moving = !view.rests && now - this.movedAt < MOVING;
-    if (this.job && !same(this.job.full, view) && (view.rests || this.estimate(this.job.view) > 2 * this.estimate(coarser(view, this.fitting(view, MOVING_BUDGET))))) this.abandon();
+    if (this.job && !this.isWorthwhile(this.job, view)) this.abandon();
     if (!this.job) {
       const wanted = this.wanted(view, of, moving, now, tools);
       if (!wanted) return undefined;
@@ -179,6 +178,11 @@ export abstract class Pane {
     while (n < COARSEST && this.estimate(coarser(view, n)) > most) n *= 2;
     return Math.max(n, this.coarseness / 4); // no leaps on the word of one measurement
   }
+  /** Whether what is being drawn is to be finished now that this is the view. Before a stop is known, a coarse picture of it may have begun. */
+  private isWorthwhile(job: Job, view: View): boolean {
+    if (view.rests) return same(job.full, view) && job.coarseness <= AT_REST;
+    return same(job.full, view) || this.estimate(job.view) <= 2 * this.estimate(coarser(view, this.fitting(view, MOVING_BUDGET)));
+  }
   private abandon(): void {
     this.spare?.dispose();
     this.spare = this.job?.layer;
@@ -201,7 +205,7 @@ export abstract class Pane {
     const current = this.isCurrent(view, of), canCorrect = this.canCorrect(view, tools);
     if (current && (moving || (this.coarseness === 1 && this.corrected === canCorrect))) return undefined;
     const budget = moving ? (this.shown ? MOVING_BUDGET : REFINING_BUDGET) : this.restingBudget(now);
-    const coarseness = current ? this.nextCoarseness(now) : moving ? this.fitting(view, budget) : this.firstCoarseness(view, now);
+    const coarseness = current ? this.nextCoarseness(now) : Math.min(moving ? COARSEST : AT_REST, this.fitting(view, budget));
     if (coarseness === 0) return undefined;
     const last = current && this.coarseness === 1; // nothing is left but the correction, or to take it back
     const soon = current ? budget : Math.min(budget, REFINING_BUDGET); // who stops wants a picture first
@@ -317,9 +321,6 @@ export class MeshPane extends Pane {
   private changes(now: number): boolean {
     return now - this.changedAt < REST;
   }
-  protected override firstCoarseness(view: View, now: number): number {
-    return Math.min(AT_REST, this.fitting(view, this.restingBudget(now)));
-  }
   protected override restingBudget(now: number): number {
     return this.changes(now) ? REFINING_BUDGET : 4 * REFINING_BUDGET;
   }
@@ -354,9 +355,6 @@ export class MarchPane extends Pane {
     if (columns === 0) return undefined;
     this.skyline.draw(programs, renderer, columns);
     return { rate: this.perSkyline, amount: columns * view.height, estimate: Math.max(0.1, columns * perColumn) };
-  }
-  protected override firstCoarseness(view: View): number {
-    return this.fitting(view, this.restingBudget());
   }
   protected override restingBudget(): number {
     return 4 * REFINING_BUDGET;
