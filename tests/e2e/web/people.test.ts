@@ -72,6 +72,7 @@ for (const [size, name, more, least] of [
       await viewer.page.waitForSelector(`${dialog}[open]`);
       if (dialog === '#worlds') await viewer.page.waitForFunction(() => document.querySelectorAll('#sessions button').length > 0 && document.querySelectorAll('#make option').length >= 3);
       if (dialog === '#worlds') await press('#worlds summary');
+      assert.equal(await viewer.page.locator(dialog).evaluate((e) => e.scrollTop), 0, `${dialog} opens at its beginning`);
       await hasNoFaults(viewer, dialog);
       assert.deepEqual(await misfits(viewer, least), [], dialog);
       await press(`${dialog} form[method=dialog] button`);

@@ -8,7 +8,7 @@ import { element } from './notices';
 
 const count = (v: number): string => (v >= 1e6 ? `${(v / 1e6).toFixed(2)} M` : v >= 1e4 ? `${(v / 1e3).toFixed(0)} k` : String(Math.round(v)));
 
-const side = (metres: number): string => (metres < 1000 ? `${metres} m` : `${Math.round(metres / 1024)} km`);
+const side = (metres: number): string => (metres < 1000 ? `${metres} m` : `${Math.round(metres / 1000)} km`);
 
 export interface Shown {
   look: Look;
@@ -42,7 +42,10 @@ export class Statistics {
         `${count(figures.triangles)} triangles in ${figures.leaves} leaves, error ${figures.effectiveThreshold.toPrecision(3)} px`,
         `${(figures.bytes / 1e6).toFixed(2)} MB received  decoded in ${figures.decodeMs.toFixed(1)} ms  latency ${figures.latencyMs.toFixed(0)} ms`,
       );
-    if (frames) lines.push(`${frames.perSecond.toFixed(0)} pictures/s  ${frames.milliseconds.toFixed(0)} ms  ${frames.finest ? 'finest' : `1 sample for ${frames.coarseness}x${frames.coarseness} px`}${frames.corrected ? ', corrected' : ''}`);
+    if (frames) {
+      const fineness = frames.finest ? 'finest picture' : `${frames.perSecond.toFixed(0)} pictures/s, 1 sample for ${frames.coarseness}x${frames.coarseness} px`;
+      lines.push(`${fineness}${frames.corrected ? ', corrected' : ''}, drawn in ${frames.milliseconds.toFixed(0)} ms`);
+    }
     if (others > 0) lines.push(`${others} other${others > 1 ? 's' : ''} here`);
     return lines;
   }
