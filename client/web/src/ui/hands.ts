@@ -20,7 +20,7 @@ export class Hands {
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     window.addEventListener('keydown', (event) => {
-      const typing = (event.target as HTMLElement).closest('input, select, textarea, dialog');
+      const typing = (event.target as HTMLElement).closest('input, select, textarea, dialog[open]');
       if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
       if (event.code === 'Space' && (event.target as HTMLElement).closest('button, a, summary')) return; // it presses that
       if (this.onKey(event.code, event.repeat)) event.preventDefault(); // it is not typed into what it opened
