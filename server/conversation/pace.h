@@ -113,7 +113,7 @@ class Tempo {
   }
 
  private:
-  static constexpr double kShare = 0.5;                     // of the time between poses
+  static constexpr double kShare = 0.75;                    // of the time between poses
   static constexpr double kFastest = 0.05, kSlowest = 0.3;  // seconds between poses; those farther apart do not count
 
   std::uint32_t insertions_ = kMost;
