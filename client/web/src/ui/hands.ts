@@ -20,9 +20,10 @@ export class Hands {
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     window.addEventListener('keydown', (event) => {
-      const typing = (event.target as HTMLElement).closest('input, select, textarea, dialog[open]');
+      const target = event.target as HTMLElement;
+      const typing = target.closest('input, select, textarea, dialog') && !target.closest('dialog:not([open])'); // a closed one may keep the focus
       if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
-      if (event.code === 'Space' && (event.target as HTMLElement).closest('button, a, summary')) return; // it presses that
+      if (event.code === 'Space' && target.closest('button, a, summary')) return; // it presses that
       if (this.onKey(event.code, event.repeat)) event.preventDefault(); // it is not typed into what it opened
       if (event.key in SPEED_KEYS) this.wheel += SPEED_KEYS[event.key]!;
       this.held.add(event.code);
