@@ -33,7 +33,8 @@ class Sender {
   // see whether the message is still queued, and need not send another of its kind.
   virtual void send(wire::ServerMessage message, std::shared_ptr<const void> ticket = {}) = 0;
   virtual std::size_t queuedBytes() const = 0;        // not yet handed to the operating system
-  virtual void fail(wire::ErrorMessage message) = 0;  // sends the message, then ends the connection
+  // Sends the message, then ends the connection. What work that had begun sends after it is dropped.
+  virtual void fail(wire::ErrorMessage message) = 0;
 };
 
 }  // namespace ridgecast::session

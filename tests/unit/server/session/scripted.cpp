@@ -99,6 +99,7 @@ std::vector<wire::Settings> Client::granted() const {
 
 void Client::send(wire::ServerMessage message, std::shared_ptr<const void>) {
   const std::lock_guard lock(mutex_);
+  if (error_) return;
   if (auto* world = std::get_if<wire::World>(&message)) {
     if (world_) complaint_ = "a second world";
     world_ = std::move(*world);
@@ -106,7 +107,6 @@ void Client::send(wire::ServerMessage message, std::shared_ptr<const void>) {
     granted_.push_back(granted->settings);
   } else if (auto* iteration = std::get_if<wire::Iteration>(&message)) {
     if (!world_) complaint_ = "an iteration before the world";
-    if (error_) complaint_ = "an iteration after an error";
     apply(*iteration);
     iterations_.push_back(std::move(*iteration));
   }
