@@ -80,10 +80,11 @@ class Pace : public Budget {
 };
 
 // How many vertices an iteration may insert so that iterations keep up with the poses, whoever else wants the machine: an eighth more while
-// they do, and where one is late, as many as would have been in time, at most half (after Chiu and Jain 1989); while no poses come, twice as
-// many from iteration to iteration. The first pose, or one after a rest, is not hurried: seen from one pose, a new mesh comes out the same
-// each time. Fewer vertices also touch fewer leaves, which then need no extracting and coding; without this, who is late has flown farther,
-// has more to do and is later still. A late iteration that inserted at most kLeast changes nothing: it is not detail that takes the time.
+// they do, and where one is late, as many as would have been in time, at most half (after Chiu and Jain 1989); while no poses come, twice
+// as many from iteration to iteration. The first pose, or one after a rest, is not hurried: seen from one pose, a new mesh comes out the
+// same each time. Fewer vertices also touch fewer leaves, which then need no extracting and coding; without this, who is late has flown
+// farther, has more to do and is later still. A late iteration that inserted at most kLeast changes nothing: it is not detail that takes
+// the time.
 class Tempo {
  public:
   using Time = std::chrono::steady_clock::time_point;

@@ -1,10 +1,11 @@
 // Many cameras on one server: real sockets to a real server process, all on this machine, load generator included.
 //
-//   ridgecast-bench cameras [--count N] [--leave N] [--seconds S] [--budget TRIANGLES] [--rest] [--threads N] [--bytes-per-second N] [--table] [--plot
-//                           FILE.svg]
+//   ridgecast-bench cameras [--count N] [--leave N] [--seconds S] [--budget TRIANGLES] [--rest] [--threads N] [--bytes-per-second N]
+//                           [--table] [--plot FILE.svg]
 //
 // Each camera flies straight on at 50 m/s, 120 m above the ground, on a line of its own, and sends ten poses a second; --rest: it stands
-// still. --leave: afterwards so many hang up and the others stop, until all are settled. The generator is one thread that parses what comes and acknowledges with the hash it was told; tests elsewhere hold the mesh.
+// still. --leave: afterwards so many hang up and the others stop, until all are settled. The generator is one thread that parses what comes
+// and acknowledges with the hash it was told; tests elsewhere hold the mesh.
 #include <sys/epoll.h>
 #include <unistd.h>
 
