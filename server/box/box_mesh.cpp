@@ -131,7 +131,6 @@ class Meshing::Mesher {
           } else if (worst(true) <= plan_.error) {
             if (const float stuck = worst(false); stuck > plan_.error) return tooSteep(stuck);
             now_.stage = Stage::kThinning;
-            needed_.assign(mesh_.vertexCapacity(), 0);
           } else {
             now_.limit = error();
             now_.stage = Stage::kMending;
@@ -143,8 +142,7 @@ class Meshing::Mesher {
           now_.stage = Stage::kVerdicts;
           break;
         case Stage::kThinning:
-          if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, error(), worst_.get(), needed_.data()), true; }))
-            return {};
+          if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, error(), worst_.get()), true; })) return {};
           now_.colour = 0;
           if (++now_.thinned < kThinnings) break;
           now_.stage = Stage::kFiling;
@@ -455,8 +453,7 @@ class Meshing::Mesher {
   std::vector<std::vector<Question>> asked_, answered_;  // by region
   triangulation::Triangulation mesh_;
   triangulation::WriteSet all_;
-  std::unique_ptr<Worst[]> worst_;    // by triangle; valid for those that are not fresh
-  std::vector<std::uint8_t> needed_;  // by vertex (thinning.h)
+  std::unique_ptr<Worst[]> worst_;  // by triangle; valid for those that are not fresh
   std::uint32_t vertices_ = 3;
   std::optional<Filing> filing_;
 };

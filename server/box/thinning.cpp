@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <vector>
 
@@ -65,8 +64,7 @@ bool fit(const Triangulation& mesh, const WriteSet& set, const Judge& judge, flo
 
 }  // namespace
 
-void thin(Triangulation& mesh, const Regions& regions, std::size_t home, const Judge& judge, float error, Worst* worst,
-          std::uint8_t* needed) {
+void thin(Triangulation& mesh, const Regions& regions, std::size_t home, const Judge& judge, float error, Worst* worst) {
   thread_local WriteSet set;
   thread_local std::vector<RegionId> around;
   thread_local std::vector<Spare> spare;
@@ -79,16 +77,11 @@ void thin(Triangulation& mesh, const Regions& regions, std::size_t home, const J
   });
   std::sort(spare.begin(), spare.end());
   for (const Spare& s : spare) {
-    if (needed[s.vertex] || missed(mesh, s.vertex, set) > error) continue;
-    if (!fit(mesh, set, judge, error, verdicts)) {
-      needed[s.vertex] = 1;
-      continue;
-    }
+    if (missed(mesh, s.vertex, set) > error || !fit(mesh, set, judge, error, verdicts)) continue;
     mesh.apply(s.vertex, set);
     set.forEachFilled([&, k = std::size_t{0}](TriangleId t) mutable {
       worst[t] = verdicts[k++];
       mesh.trianglePages().clearFresh(t);
-      for (VertexId v : mesh.triangle(t).v) needed[v] = 0;
     });
   }
 }

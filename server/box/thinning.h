@@ -3,7 +3,6 @@
 // that were inserted side by side may do without one another.
 
 #include <cstddef>
-#include <cstdint>
 
 #include "server/box/judge.h"
 #include "server/box/regions.h"
@@ -12,9 +11,7 @@
 namespace ridgecast::box {
 
 // Those of one region, the ones that the surface misses least first; vertices of the hull stay. `worst` holds the verdict of each triangle,
-// also of those that come in their place; `needed`, by vertex, whether it was tried in vain and nothing around it has changed since.
-// `error` in metres. Writes the region and its neighbours; any thread.
-void thin(triangulation::Triangulation& mesh, const Regions& regions, std::size_t home, const Judge& judge, float error, Worst* worst,
-          std::uint8_t* needed);
+// also of those that come in their place. `error` in metres. Writes the region and its neighbours; any thread.
+void thin(triangulation::Triangulation& mesh, const Regions& regions, std::size_t home, const Judge& judge, float error, Worst* worst);
 
 }  // namespace ridgecast::box
