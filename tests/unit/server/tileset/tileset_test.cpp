@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "server/tileset/tile.h"
+#include "tests/support/sanitized.h"
 
 namespace ridgecast::tileset {
 namespace {
@@ -252,10 +253,11 @@ TEST(Tileset, CliffsBecomeRampsAndTheGroundBesideThemKeepsItsError) {
   const auto pool = executor.makePool(2);
   std::mt19937_64 random(4);
   const box::Watch watch{{}, std::chrono::steady_clock::now() + std::chrono::minutes(20), 1200};
+  const std::vector<int> levels = testing_support::kSanitized ? std::vector{2, 6} : std::vector{0, 1, 2, 4, 6};
   for (const Cliffs::Kind kind : {Cliffs::kWall, Cliffs::kTerraces, Cliffs::kTowers}) {
     const Cliffs terrain(kind);
     int ramps = 0;
-    for (const int level : {0, 1, 2, 4, 6}) {
+    for (const int level : levels) {
       const LeafAddress square = lattice::leafAt({136 * 256, 30 * 256}, level);
       const auto tile = meshTile(terrain, whole(square), 2'000'000, *pool, watch);
       ASSERT_TRUE(tile) << kind << " " << level << ": " << tile.error().message;
@@ -285,7 +287,7 @@ TEST(Tileset, CliffsBecomeRampsAndTheGroundBesideThemKeepsItsError) {
         EXPECT_LE(v.y / 256.0, box.high[2]) << kind << " " << level;
       }
     }
-    EXPECT_GE(ramps, 3) << kind;
+    EXPECT_GE(ramps, testing_support::kSanitized ? 1 : 3) << kind;
   }
 }
 
