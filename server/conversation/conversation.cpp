@@ -46,8 +46,14 @@ std::size_t payloadBytes(const Leaves& leaves, std::size_t overhead) {
 
 Conversation::Refusal Conversation::receive(const wire::ClientMessage& message, Time now) {
   if (auto refusal = outOfPlace(message)) return refusal;
-  if (const auto* pose = std::get_if<wire::PoseMessage>(&message)) return take(*pose, now);
-  return std::visit([this](const auto& m) { return take(m); }, message);
+  return std::visit(
+      [&](const auto& m) {
+        if constexpr (requires { this->take(m, now); })
+          return take(m, now);
+        else
+          return take(m);
+      },
+      message);
 }
 
 Conversation::Refusal Conversation::outOfPlace(const wire::ClientMessage& message) const {

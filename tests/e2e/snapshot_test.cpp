@@ -19,6 +19,7 @@
 
 #include "client/evaluation/ssim.h"
 #include "client/render/picture.h"
+#include "tests/e2e/gltf_validator.h"
 #include "tests/support/flier.h"
 #include "tests/support/glb_file.h"
 #include "tests/support/mesh_check.h"
@@ -179,13 +180,7 @@ TEST_F(Snapshot, OtherProgramsFindNoFault) {
       const MeshReport report = checkMesh(readGlb(r.body).meshes());
       EXPECT_TRUE(report.clean()) << all.back() << ": " << report.text();
     }
-  if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node"))
-    GTEST_SKIP() << "no node, or TESTS_NODE_TOOLS names no folder with gltf-validator (./run test installs it where there is npm): "
-                    "it judged no file";
-  std::vector<std::string> command{"node", RIDGECAST_TOOLS "/validate-gltf.mjs"};
-  command.insert(command.end(), all.begin(), all.end());
-  const Finished validated = runProgram(command);
-  EXPECT_EQ(validated.code, 0) << validated.output;
+  validateGltf(all);
 }
 
 // What a viewer makes of a plain and of a compressed file looks the same, through the file's own camera.

@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/e2e/gltf_validator.h"
 #include "tests/support/glb_file.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
@@ -258,17 +259,6 @@ TEST(Tiles, ATokenOfTheUrlIsHandedOnAndNotLogged) {
   for (const std::string& one : {good, weak}) EXPECT_EQ(log.find(one.substr(one.rfind('.'))), std::string::npos);
 }
 
-// Khronos' validator, where it is.
-void validate(const std::vector<std::string>& files) {
-  if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node"))
-    GTEST_SKIP() << "no node, or TESTS_NODE_TOOLS names no folder with gltf-validator (./run test installs it where there is npm): "
-                    "it judged no tile";
-  std::vector<std::string> command{"node", RIDGECAST_TOOLS "/validate-gltf.mjs"};
-  command.insert(command.end(), files.begin(), files.end());
-  const Finished validated = runProgram(command);
-  EXPECT_EQ(validated.code, 0) << validated.output;
-}
-
 TEST(Tiles, FillAFolderWithoutAServer) {
   ScratchFolder folder;
   const std::string map = folder / "map.tif";
@@ -299,7 +289,7 @@ TEST(Tiles, FillAFolderWithoutAServer) {
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder / ""))
     if (entry.path().extension() == ".glb") files.push_back(entry.path());
   EXPECT_GT(files.size(), 10u);
-  validate(files);
+  validateGltf(files);
 }
 
 TEST(Tiles, OtherProgramsFindNoFault) {
@@ -313,7 +303,7 @@ TEST(Tiles, OtherProgramsFindNoFault) {
       files.push_back(folder / (std::to_string(files.size()) + ".glb"));
       std::ofstream(files.back(), std::ios::binary) << r.body;
     }
-  validate(files);
+  validateGltf(files);
 }
 
 }  // namespace
