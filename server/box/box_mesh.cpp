@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "common/triangulation/triangulation.h"
 #include "server/box/filing.h"
 #include "server/box/judge.h"
 #include "server/box/outline.h"
@@ -15,7 +16,6 @@
 #include "server/box/regions.h"
 #include "server/box/samples.h"
 #include "server/box/thinning.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::box {
 

@@ -8,9 +8,9 @@
 
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
+#include "common/triangulation/triangulation.h"
 #include "server/box/samples.h"
 #include "server/scheduling/pool.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::box {
 

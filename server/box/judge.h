@@ -13,8 +13,8 @@
 #include <type_traits>
 #include <vector>
 
+#include "common/triangulation/triangulation.h"
 #include "server/box/samples.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::box {
 

@@ -6,9 +6,9 @@
 
 #include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
+#include "common/triangulation/predicates.h"
 #include "server/box/box_mesh.h"
 #include "server/box/samples.h"
-#include "server/triangulation/predicates.h"
 
 namespace ridgecast::box {
 

@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 namespace ridgecast::box {
 

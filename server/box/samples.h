@@ -16,7 +16,7 @@
 
 #include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
-#include "server/triangulation/predicates.h"
+#include "common/triangulation/predicates.h"
 
 namespace ridgecast::box {
 

@@ -4,9 +4,9 @@
 
 #include <cstddef>
 
+#include "common/triangulation/triangulation.h"
 #include "server/box/judge.h"
 #include "server/box/regions.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::box {
 

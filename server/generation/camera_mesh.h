@@ -14,10 +14,10 @@
 #include "common/camera/camera.h"
 #include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
+#include "common/triangulation/triangulation.h"
 #include "server/quadtree/quadtree.h"
 #include "server/refinement/adaptive_mesh.h"
 #include "server/scheduling/pool.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::generation {
 

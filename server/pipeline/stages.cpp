@@ -2,9 +2,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "common/triangulation/triangulation.h"
 #include "server/pipeline/state.h"
 #include "server/scheduling/colouring.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::pipeline {
 

@@ -18,10 +18,10 @@
 
 #include "common/mesh/leaf_mesh.h"
 #include "common/terrain/terrain.h"
+#include "common/triangulation/triangulation.h"
 #include "server/refinement/colour_error.h"
 #include "server/refinement/records.h"
 #include "server/refinement/view.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
 

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "common/terrain/terrain.h"
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
 

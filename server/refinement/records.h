@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
 

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
 

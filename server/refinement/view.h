@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "common/camera/camera.h"
+#include "common/triangulation/triangulation.h"
 #include "server/refinement/horizon.h"
 #include "server/refinement/metric.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
 

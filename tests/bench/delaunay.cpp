@@ -9,7 +9,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/delaunay_input.h"
 

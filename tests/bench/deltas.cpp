@@ -11,9 +11,9 @@
 #include "common/codec/delta.h"
 #include "common/mesh/leaf_mesh.h"
 #include "common/terrain/terrain.h"
+#include "common/triangulation/triangulation.h"
 #include "server/pipeline/pipeline.h"
 #include "server/scheduling/pool.h"
-#include "server/triangulation/triangulation.h"
 #include "tests/bench/bench.h"
 
 namespace ridgecast::bench {

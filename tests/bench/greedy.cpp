@@ -8,9 +8,9 @@
 #include <stdexcept>
 
 #include "common/terrain/terrain.h"
+#include "common/triangulation/triangulation.h"
 #include "server/refinement/adaptive_mesh.h"
 #include "server/refinement/triangle.h"
-#include "server/triangulation/triangulation.h"
 #include "tests/bench/bench.h"
 
 namespace ridgecast::bench {

@@ -4,8 +4,8 @@
 
 #include <string>
 
+#include "common/triangulation/triangulation.h"
 #include "server/generation/camera_mesh.h"
-#include "server/triangulation/triangulation.h"
 
 namespace ridgecast::testing_support {
 

@@ -1,5 +1,5 @@
 // Storage of the mesh, location, and insertion by the cavity of Bowyer and Watson.
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 #include <bit>
 #include <cassert>

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cassert>
 
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 namespace ridgecast::triangulation {
 

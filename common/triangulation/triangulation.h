@@ -32,8 +32,8 @@
 #include <span>
 #include <vector>
 
-#include "server/triangulation/predicates.h"
-#include "server/triangulation/storage.h"
+#include "common/triangulation/predicates.h"
+#include "common/triangulation/storage.h"
 
 namespace ridgecast::triangulation {
 

@@ -1,4 +1,4 @@
-#include "server/triangulation/storage.h"
+#include "common/triangulation/storage.h"
 
 #include <sys/mman.h>
 

@@ -1,5 +1,5 @@
 // Laws of the Delaunay library against a brute-force oracle and against itself in any order.
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 #include <gtest/gtest.h>
 

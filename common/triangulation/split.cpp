@@ -5,7 +5,7 @@
 #include <memory>
 #include <set>
 
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 namespace ridgecast::triangulation {
 

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "server/triangulation/triangulation.h"
+#include "common/triangulation/triangulation.h"
 
 namespace ridgecast::triangulation {
 
