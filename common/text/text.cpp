@@ -1,6 +1,7 @@
 #include "common/text/text.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <fstream>
 
@@ -53,10 +54,10 @@ std::optional<std::string> percentDecoded(std::string_view text) {
 
 std::optional<std::string> readFile(const std::filesystem::path& file, std::size_t most) {
   std::ifstream in(file, std::ios::binary);
-  std::string bytes(most + 1, '\0');
-  in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  std::string bytes;
+  for (std::array<char, 16 << 10> part; in && bytes.size() <= most; bytes.append(part.data(), static_cast<std::size_t>(in.gcount())))
+    in.read(part.data(), static_cast<std::streamsize>(std::min(part.size(), most + 1 - bytes.size())));
   if (!in.is_open() || in.bad()) return std::nullopt;
-  bytes.resize(static_cast<std::size_t>(in.gcount()));
   return bytes;
 }
 
