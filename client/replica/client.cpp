@@ -10,7 +10,9 @@ using Clock = std::chrono::steady_clock;
 using Prepared = scene::Scene::Prepared;
 
 Outcome<std::unique_ptr<Client>> Client::open(const connection::Url& url, const wire::Hello& hello, const Options& options) {
-  std::unique_ptr<Client> client(new Client(url, hello, options));
+  wire::Hello follows = hello;
+  follows.points = true;
+  std::unique_ptr<Client> client(new Client(url, std::move(follows), options));
   if (auto connected = client->enterOtherWorld(); !connected) return connected.error();
   return client;
 }
@@ -29,7 +31,7 @@ Outcome<void> Client::enterOtherWorld() {
   follower_ = {};
   connection_ = std::move(*opened);
   tilesFrom_ = 0;
-  follower_.expectShades(world().shadedVertices);
+  follower_.follow({hello_.points, world().shadedVertices, world().settings.triangleBudget});
   return {};
 }
 
@@ -84,7 +86,7 @@ std::optional<Update> Client::poll(std::chrono::milliseconds soon, const std::fu
   return answer(std::move(*decoding), std::move(prepared));
 }
 
-Outcome<Prepared> Client::decode(Decoding& decoding) const {
+Outcome<Prepared> Client::decode(Decoding& decoding) {
   const auto began = Clock::now();
   auto prepared = follower_.prepare(decoding.received.iteration);
   decoding.milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - began).count();

@@ -13,6 +13,7 @@
 #include <future>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "client/connection/reconnecting.h"
 #include "client/replica/follower.h"
@@ -71,8 +72,8 @@ class Client {
     double milliseconds = 0;
     std::future<Outcome<scene::Scene::Prepared>> prepared{};
   };
-  Client(const connection::Url& url, const wire::Hello& hello, const Options& options) : url_(url), hello_(hello), options_(options) {}
-  Outcome<scene::Scene::Prepared> decode(Decoding& decoding) const;
+  Client(const connection::Url& url, wire::Hello hello, const Options& options) : url_(url), hello_(std::move(hello)), options_(options) {}
+  Outcome<scene::Scene::Prepared> decode(Decoding& decoding);
   Update answer(Decoding&& decoding, Outcome<scene::Scene::Prepared> prepared);
 
   const connection::Url url_;

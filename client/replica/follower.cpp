@@ -14,15 +14,15 @@ Follower::Answer Follower::take(const wire::Iteration& iteration, Outcome<scene:
   if (!prepared || scene_.hash() != iteration.meshHash)
     answer.wrong = Error{"the mesh held after iteration " + std::to_string(iteration.number) + " is not the server's (" +
                          (prepared ? "its hash differs" : prepared.error().message) + ")"};
-  const bool known = scene_.damaged();
-  std::vector<lattice::LeafAddress> damaged = scene_.takeDamaged();
-  if (known ? !damaged.empty() : answer.wrong.has_value()) answer.resend = wire::ResendLeaves{std::move(damaged)};
+  const bool asked = std::exchange(asked_, answer.wrong.has_value());
+  if (answer.wrong && (!asked || !prepared)) answer.resend.emplace();
   answer.acknowledge = {iteration.number, scene_.hash()};
   return answer;
 }
 
 std::vector<wire::Resume> Follower::resume() {
   scene_.reconnect();
+  asked_ = false;
   const std::vector<wire::HeldLeaf> held = scene_.held();
   std::vector<wire::Resume> out;
   for (auto at = held.begin(); at != held.end();) {

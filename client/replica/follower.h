@@ -3,7 +3,8 @@
 // socket, thread or clock.
 //
 // The law: whatever is damaged, lost or resumed on the way, the mesh becomes the server's again. Each iteration is applied all or nothing
-// and its hash compared. Where they differ, leaves are requested again: those known to be wrong by name, once; otherwise all.
+// and its hash compared. Where they differ, all leaves are requested again: once,
+// until they agree or nothing is held any more.
 //
 // Not thread-safe; one owner.
 
@@ -25,15 +26,15 @@ class Follower {
     std::optional<Error> wrong;  // why the mesh held is not the server's; nothing: it is
   };
 
-  // Before the first iteration: whether shades travel with the vertices (World.shaded_vertices).
-  void expectShades(bool expect) { scene_.expectShades(expect); }
+  // Before the first iteration.
+  void follow(const scene::Scene::Following& what) { scene_.follow(what); }
 
   // Iterations in the order of the connection.
   Answer apply(const wire::Iteration& iteration) { return take(iteration, prepare(iteration)); }
 
   // The same in two: prepare() decodes and may run on another thread while scene() is only read; take() is a matter of microseconds.
   // Nothing may be applied in between.
-  Outcome<scene::Scene::Prepared> prepare(const wire::Iteration& iteration) const { return scene_.prepare(iteration); }
+  Outcome<scene::Scene::Prepared> prepare(const wire::Iteration& iteration) { return scene_.prepare(iteration); }
   Answer take(const wire::Iteration& iteration, Outcome<scene::Scene::Prepared> prepared);
 
   // Another connection to the same world begins: what to say before its first pose, so that only what is missing comes.
@@ -43,6 +44,7 @@ class Follower {
 
  private:
   scene::Scene scene_;
+  bool asked_ = false;  // for all leaves, and they have not come yet
 };
 
 }  // namespace ridgecast::replica

@@ -8,12 +8,10 @@
 #include <span>
 #include <string>
 #include <thread>
-#include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "common/codec/codec.h"
-#include "common/codec/delta.h"
 #include "common/mesh/leaf_mesh.h"
 #include "common/wire/wire.h"
 
@@ -37,26 +35,6 @@ HeldLeaf hold(mesh::LeafMesh&& mesh, std::uint64_t hash, float error) {
   return leaf;
 }
 
-// Which of the leaves that are gone cover a leaf or lie in it.
-class Families {
- public:
-  explicit Families(const std::set<lattice::LeafAddress>& gone) : gone_(gone) {
-    for (const lattice::LeafAddress& address : gone)
-      for (lattice::LeafAddress up = address; up.level < lattice::kMaxLevel;) below_[up = up.parent()].push_back(address);
-  }
-  std::vector<lattice::LeafAddress> of(const lattice::LeafAddress& address) const {
-    std::vector<lattice::LeafAddress> out;
-    if (const auto it = below_.find(address); it != below_.end()) out = it->second;
-    for (lattice::LeafAddress up = address; up.level < lattice::kMaxLevel;)
-      if (gone_.contains(up = up.parent())) out.push_back(up);
-    return out;
-  }
-
- private:
-  const std::set<lattice::LeafAddress>& gone_;
-  std::unordered_map<lattice::LeafAddress, std::vector<lattice::LeafAddress>, lattice::LeafAddressHash> below_;
-};
-
 using Shades = std::vector<terrain::Shade>;
 
 terrain::Shade shadeAt(std::span<const std::uint8_t> bytes, std::size_t k) {
@@ -64,35 +42,13 @@ terrain::Shade shadeAt(std::span<const std::uint8_t> bytes, std::size_t k) {
   return {static_cast<std::int8_t>(b[0]), static_cast<std::int8_t>(b[1]), b[2], b[3], b[4]};
 }
 
-// What vertices of the leaves that a delta starts from look like, by whole position.
-using KnownShades = std::map<lattice::Vertex, terrain::Shade>;
-void collect(const HeldLeaf& leaf, KnownShades& known) {
-  if (!leaf.shades) return;
-  for (std::size_t k = 0; k < leaf.shades->size(); ++k) {
-    const mesh::LocalVertex& v = leaf.mesh->vertices[k];
-    known.emplace(lattice::Vertex{leaf.mesh->address.x() + v.x, leaf.mesh->address.z() + v.z, v.y}, (*leaf.shades)[k]);
-  }
-}
-
-// Shades of a leaf's vertices: those of the base by position, the others in order from the bytes. Null: the bytes are too few or too many.
-std::shared_ptr<const Shades> shadesOf(const mesh::LeafMesh& leaf, const mesh::LeafMesh* base, const KnownShades& known,
-                                       std::span<const std::uint8_t> bytes) {
+// Shades of a leaf's vertices, in order. Null: the bytes are too few or too many.
+std::shared_ptr<const Shades> shadesOf(const mesh::LeafMesh& leaf, std::span<const std::uint8_t> bytes) {
+  if (bytes.size() != leaf.vertices.size() * terrain::kShadeBytes) return nullptr;
   auto out = std::make_shared<Shades>();
   out->reserve(leaf.vertices.size());
-  std::size_t taken = 0;
-  auto old = base ? base->vertices.begin() : leaf.vertices.end();
-  const auto end = base ? base->vertices.end() : leaf.vertices.end();
-  for (const mesh::LocalVertex& v : leaf.vertices) {
-    while (old != end && (old->x < v.x || (old->x == v.x && old->z < v.z))) ++old;
-    if (old != end && *old == v) {
-      const auto it = known.find({leaf.address.x() + v.x, leaf.address.z() + v.z, v.y});
-      out->push_back(it == known.end() ? terrain::Shade{} : it->second);
-    } else {
-      if ((taken + 1) * terrain::kShadeBytes > bytes.size()) return nullptr;
-      out->push_back(shadeAt(bytes, taken++));
-    }
-  }
-  return taken * terrain::kShadeBytes == bytes.size() ? out : nullptr;
+  for (std::size_t k = 0; k < leaf.vertices.size(); ++k) out->push_back(shadeAt(bytes, k));
+  return out;
 }
 
 // Does `work` for each k below `count`: on a few threads of its own when there is much to do, as the bytes of all of it say.
@@ -110,166 +66,162 @@ void spread(std::size_t count, std::size_t bytes, const Work& work) {
   for (auto& other : others) other.get();
 }
 
-// One iteration on its way into a scene, in four steps: what goes, what each changed leaf starts from, whether the whole has room, and the
-// leaves themselves. The scene is only read.
+// One iteration on its way into a scene, in four steps: what goes, whether the whole has room, leaves that came whole, and those that
+// points make. The scene is only read.
 class Preparation {
  public:
-  Preparation(const wire::Iteration& iteration, const Leaves& held, std::uint64_t hash, std::uint64_t triangles, bool shaded)
+  Preparation(const wire::Iteration& iteration, const Scene& scene, PointMesh* points, bool shaded)
       : iteration_(iteration),
-        held_(held),
+        scene_(scene),
+        points_(points),
         shaded_(shaded),
-        name_("iteration " + std::to_string(iteration.number) + ": "),
-        out_{iteration.number, hash, triangles, {}, {}, {}},
-        count_(held.size()) {}
+        name_("iteration " + std::to_string(iteration.number) + ": ") {
+    out_.number = iteration.number;
+    out_.hash = scene.hash();
+    out_.triangles = scene.triangles();
+    out_.lost = scene.lost();
+  }
 
   Outcome<Scene::Prepared> run() {
-    for (const auto step : {&Preparation::drop, &Preparation::findBases, &Preparation::judgeSize, &Preparation::decode})
+    for (const auto step : {&Preparation::drop, &Preparation::expect, &Preparation::decode, &Preparation::follow})
       if (const auto done = (this->*step)(); !done) return done.error();
     return std::move(out_);
   }
 
  private:
-  // What a delta starts from: the leaf that is held, or the triangles of leaves that are gone.
-  struct Base {
-    std::shared_ptr<const mesh::LeafMesh> mesh;
-    std::uint64_t hash = 0;
-    std::vector<const HeldLeaf*> leaves;  // that it consists of
-  };
   struct Decoded {
     HeldLeaf leaf;
     std::optional<Error> error;
-    bool damaged = false;
   };
 
   Error wrong(const lattice::LeafAddress& address, const std::string& why) const { return Error{name_ + nameOf(address) + why}; }
+  Error tooMuch(std::uint64_t would, const std::string& what, std::uint64_t most) const {
+    return Error{name_ + "the mesh would have " + std::to_string(would) + " " + what + ", at most " + std::to_string(most) + " are held"};
+  }
 
   void subtract(const lattice::LeafAddress& address, const HeldLeaf& leaf) {
     out_.hash -= mesh::hashTerm(address, leaf.hash);
     out_.triangles -= leaf.mesh->triangles.size();
-    --count_;
+  }
+  void put(HeldLeaf&& leaf) {
+    const lattice::LeafAddress address = leaf.mesh->address;
+    out_.hash += mesh::hashTerm(address, leaf.hash);
+    out_.triangles += leaf.mesh->triangles.size();
+    out_.fresh[address] = std::move(leaf);
+  }
+  // The leaf that is held and stays; null: there is none.
+  const HeldLeaf* held(const lattice::LeafAddress& address) const {
+    const auto it = scene_.leaves().find(address);
+    return it == scene_.leaves().end() || out_.gone.contains(address) ? nullptr : &it->second;
   }
 
   Outcome<void> drop() {
     for (const lattice::LeafAddress& address : iteration_.gone) {
-      const auto held = held_.find(address);
-      if (held == held_.end()) return wrong(address, " is gone but was not held");
+      const auto leaf = scene_.leaves().find(address);
+      if (leaf == scene_.leaves().end() && scene_.lost()) continue;
+      if (leaf == scene_.leaves().end()) return wrong(address, " is gone but was not held");
       if (!out_.gone.insert(address).second) return wrong(address, " is gone twice");
-      subtract(address, held->second);
-    }
-    announced_ = out_.triangles;
-    return {};
-  }
-
-  // Notes a leaf that comes; the one that is held in its place, if any.
-  Outcome<const HeldLeaf*> expect(const lattice::LeafAddress& address) {
-    if (!lattice::addressIsValid(address)) return wrong(address, " lies beyond the lattice");
-    if (!out_.fresh.emplace(address, HeldLeaf{}).second) return wrong(address, " is there twice");
-    const auto held = held_.find(address);
-    if (held == held_.end() || out_.gone.contains(address)) return static_cast<const HeldLeaf*>(nullptr);
-    subtract(address, held->second);
-    announced_ -= held->second.mesh->triangles.size();
-    return &held->second;
-  }
-
-  Outcome<void> findBases() {
-    for (const wire::LeafWhole& whole : iteration_.whole) {
-      announced_ += whole.triangles;
-      if (auto held = expect(whole.address); !held) return held.error();
-    }
-    bases_.reserve(iteration_.changed.size());
-    Families families(out_.gone);
-    for (const wire::LeafDelta& delta : iteration_.changed) {
-      const auto held = expect(delta.address);
-      if (!held) return held.error();
-      auto base = *held ? Base{(*held)->mesh, (*held)->hash, {*held}} : gather(delta.address, families);
-      if (!base) return base.error();
-      announced_ += base->mesh->triangles.size();
-      if (const auto counts = codec::deltaCounts(delta.payload, base->mesh->triangles.size()))
-        announced_ = announced_ + counts->added - counts->removed;
-      bases_.push_back(std::move(*base));
-      if (announced_ > kMaxTriangles) break;
+      subtract(address, leaf->second);
     }
     return {};
   }
 
-  Outcome<Base> gather(const lattice::LeafAddress& address, Families& families) {
-    Base base;
-    std::vector<const mesh::LeafMesh*> sources;
-    for (const lattice::LeafAddress& source : families.of(address)) {
-      base.leaves.push_back(&held_.at(source));
-      sources.push_back(base.leaves.back()->mesh.get());
-      searched_ += sources.back()->triangles.size();
-    }
-    if (searched_ > kMaxGathered) return Error{name_ + "too much would have to be gathered from leaves that are gone"};
-    mesh::LeafMesh gathered = mesh::gather(address, sources);
-    if (!mesh::isCanonical(gathered)) return wrong(address, " begins with leaves that overlap");
-    base.hash = mesh::hashLeaf(gathered);
-    base.mesh = std::make_shared<const mesh::LeafMesh>(std::move(gathered));
-    return base;
-  }
-
-  Outcome<void> judgeSize() {
-    const auto tooMuch = [&](std::uint64_t would, const std::string& what, std::uint64_t most) {
-      return Error{name_ + "the mesh would have " + std::to_string(would) + " " + what + ", at most " + std::to_string(most) + " are held"};
+  // What comes has its place, and there is room for it.
+  Outcome<void> expect() {
+    std::uint64_t announced = out_.triangles;
+    std::size_t count = scene_.leaves().size() - out_.gone.size();
+    const auto claim = [&](const lattice::LeafAddress& address) -> Outcome<void> {
+      if (!lattice::addressIsValid(address)) return wrong(address, " lies beyond the lattice");
+      if (!out_.fresh.emplace(address, HeldLeaf{}).second) return wrong(address, " is there twice");
+      return {};
     };
-    count_ += out_.fresh.size();
-    if (announced_ > kMaxTriangles) return tooMuch(announced_, "triangles", kMaxTriangles);
-    if (count_ > kMaxLeaves) return tooMuch(count_, "leaves", kMaxLeaves);
+    for (const wire::LeafWhole& whole : iteration_.whole) {
+      if (auto claimed = claim(whole.address); !claimed) return claimed;
+      announced += whole.triangles;
+      if (const HeldLeaf* before = held(whole.address)) {
+        announced -= before->mesh->triangles.size();
+        subtract(whole.address, *before);
+      } else {
+        ++count;
+      }
+    }
+    for (const lattice::LeafAddress& address : iteration_.come) {
+      if (held(address)) return wrong(address, " comes but was held");
+      if (auto claimed = claim(address); !claimed) return claimed;
+      ++count;
+    }
+    if (announced > kMaxTriangles) return tooMuch(announced, "triangles", kMaxTriangles);
+    if (count > kMaxLeaves) return tooMuch(count, "leaves", kMaxLeaves);
     return {};
   }
 
   Outcome<void> decode() {
     std::size_t bytes = 0;
     for (const wire::LeafWhole& whole : iteration_.whole) bytes += whole.payload.size();
-    for (const wire::LeafDelta& delta : iteration_.changed) bytes += delta.payload.size();
-    const std::size_t wholes = iteration_.whole.size();
-    std::vector<Decoded> decoded(wholes + iteration_.changed.size());
-    spread(decoded.size(), bytes, [&](std::size_t k) {
-      decoded[k] = k < wholes ? decodeWhole(iteration_.whole[k]) : decodeDelta(iteration_.changed[k - wholes], bases_[k - wholes]);
-    });
-    for (std::size_t k = 0; k < decoded.size(); ++k) {
-      if (decoded[k].error) return *decoded[k].error;
-      HeldLeaf& leaf = decoded[k].leaf;
-      const lattice::LeafAddress& address = leaf.mesh->address;
-      if (decoded[k].damaged) out_.damaged.insert(address);
-      out_.hash += mesh::hashTerm(address, leaf.hash);
-      out_.triangles += leaf.mesh->triangles.size();
-      out_.fresh[address] = std::move(leaf);
+    std::vector<Decoded> decoded(iteration_.whole.size());
+    spread(decoded.size(), bytes, [&](std::size_t k) { decoded[k] = decode(iteration_.whole[k]); });
+    for (Decoded& d : decoded) {
+      if (d.error) return *d.error;
+      put(std::move(d.leaf));
     }
+    for (const lattice::LeafAddress& address : iteration_.come) put(hold(mesh::LeafMesh{address, {}, {}}, 0, 0));
     return {};
   }
 
-  Decoded decodeWhole(const wire::LeafWhole& whole) const {
+  Decoded decode(const wire::LeafWhole& whole) const {
     Outcome<mesh::LeafMesh> mesh = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
     if (!mesh) return {{}, wrong(whole.address, ": " + mesh.error().message)};
     const std::uint64_t hash = mesh::hashLeaf(*mesh);
     HeldLeaf leaf = hold(std::move(*mesh), hash, whole.error);
-    if (shaded_ && !(leaf.shades = shadesOf(*leaf.mesh, nullptr, {}, whole.shades)))
-      return {{}, wrong(whole.address, ": its shades are not those of its vertices")};
+    if (shaded_) leaf.shades = shadesOf(*leaf.mesh, whole.shades);
+    if (shaded_ && !leaf.shades) return {{}, wrong(whole.address, ": its shades are not those of its vertices")};
     return {std::move(leaf), {}};
   }
 
-  Decoded decodeDelta(const wire::LeafDelta& delta, const Base& base) const {
-    auto changed = codec::decodeDelta(delta.payload, *base.mesh, base.hash);
-    HeldLeaf leaf = changed ? hold(std::move(changed->leaf), changed->hash, delta.error) : hold(mesh::LeafMesh(*base.mesh), base.hash, 0);
-    if (shaded_) {
-      KnownShades known;
-      for (const HeldLeaf* source : base.leaves) collect(*source, known);
-      const std::span<const std::uint8_t> bytes = changed ? std::span<const std::uint8_t>(delta.shades) : std::span<const std::uint8_t>();
-      if (!(leaf.shades = shadesOf(*leaf.mesh, base.mesh.get(), known, bytes)))
-        return {{}, wrong(delta.address, ": its shades are not those of its vertices")};
+  // Points that do not fit leave the mesh as it is, to be requested again.
+  Outcome<void> follow() {
+    if (!points_) return {};
+    const bool anew = iteration_.number == 1 || !iteration_.whole.empty();
+    if (anew) out_.lost = !begin();
+    if (out_.lost) return {};
+    const std::vector<lattice::LeafAddress> none;
+    out_.lost = !points_->follow({anew ? none : iteration_.gone, iteration_.come, iteration_.points, iteration_.shades});
+    if (out_.lost) return {};
+    auto error = iteration_.errors.begin();
+    for (const auto& [address, hash] : points_->takeChanged()) {
+      const auto come = out_.fresh.find(address);
+      const bool isWhole = come != out_.fresh.end() && !come->second.mesh->triangles.empty();
+      if (isWhole) continue;
+      const HeldLeaf* const before = come != out_.fresh.end() ? &come->second : held(address);
+      if (!before || (hash == before->hash && come == out_.fresh.end())) continue;
+      PointMesh::Leaf made = points_->extract(address);
+      HeldLeaf leaf = hold(std::move(made.mesh), hash, error == iteration_.errors.end() ? 0 : *error++);
+      if (shaded_) leaf.shades = std::make_shared<const Shades>(std::move(made.shades));
+      subtract(address, *before);
+      put(std::move(leaf));
     }
-    return {std::move(leaf), {}, !changed};
+    if (out_.triangles > kMaxTriangles) return tooMuch(out_.triangles, "triangles", kMaxTriangles);
+    return {};
+  }
+
+  // The points are those of the leaves that are held before others come by points.
+  bool begin() {
+    std::vector<PointMesh::Held> leaves;
+    for (const auto& [address, leaf] : scene_.leaves())
+      if (!out_.gone.contains(address) && !out_.fresh.contains(address)) leaves.push_back({leaf.mesh.get(), leaf.shades.get()});
+    for (const wire::LeafWhole& whole : iteration_.whole) {
+      const HeldLeaf& leaf = out_.fresh.at(whole.address);
+      leaves.push_back({leaf.mesh.get(), leaf.shades.get()});
+    }
+    return points_->begin(leaves);
   }
 
   const wire::Iteration& iteration_;
-  const Leaves& held_;
+  const Scene& scene_;
+  PointMesh* const points_;  // null: this client does not follow points
   const bool shaded_;
   const std::string name_;
   Scene::Prepared out_;
-  std::size_t count_;                           // of leaves, afterwards
-  std::uint64_t announced_ = 0, searched_ = 0;  // triangles: afterwards, as the messages say; of leaves that are gone
-  std::vector<Base> bases_;                     // of the changed leaves
 };
 
 // Twice the area of (a, b, p), positive when p lies to the left of a -> b seen from above. Coordinates below 2^29: exact.
@@ -286,10 +238,11 @@ Outcome<void> Scene::apply(const wire::Iteration& iteration) {
   return {};
 }
 
-Outcome<Scene::Prepared> Scene::prepare(const wire::Iteration& iteration) const {
+Outcome<Scene::Prepared> Scene::prepare(const wire::Iteration& iteration) {
   if (iteration.number == 0 || (iteration_ != 0 && iteration.number != iteration_ + 1))
     return Error{"iteration " + std::to_string(iteration.number) + ": out of order, " + std::to_string(iteration_ + 1) + " was expected"};
-  return Preparation(iteration, leaves_, hash_, triangles_, shaded_).run();
+  if (following_.points && !points_) points_ = std::make_unique<PointMesh>(following_.shades, following_.triangles);
+  return Preparation(iteration, *this, points_.get(), following_.shades).run();
 }
 
 void Scene::take(Prepared&& prepared) {
@@ -298,24 +251,16 @@ void Scene::take(Prepared&& prepared) {
   for (auto& [address, leaf] : prepared.fresh) {
     leaf.version = version_;
     leaves_[address] = std::move(leaf);
-    if (prepared.damaged.contains(address) ? damaged_.insert(address).second : (damaged_.erase(address), false)) untold_.insert(address);
   }
-  std::erase_if(damaged_, [&](const lattice::LeafAddress& address) { return !leaves_.contains(address); });
   hash_ = prepared.hash;
   triangles_ = prepared.triangles;
   iteration_ = prepared.number;
+  lost_ = prepared.lost;
 }
 
-std::vector<lattice::LeafAddress> Scene::takeDamaged() {
-  std::vector<lattice::LeafAddress> out(untold_.begin(), untold_.end());
-  untold_.clear();
-  return out;
-}
-
-void Scene::reconnect() {
-  iteration_ = 0;
-  damaged_.clear();
-  untold_.clear();
+void Scene::follow(const Following& what) {
+  following_ = what;
+  points_.reset();
 }
 
 std::vector<wire::HeldLeaf> Scene::held() const {
@@ -328,9 +273,8 @@ std::vector<wire::HeldLeaf> Scene::held() const {
 
 void Scene::clear() {
   leaves_.clear();
-  damaged_.clear();
-  untold_.clear();
   hash_ = triangles_ = iteration_ = 0;
+  lost_ = true;
 }
 
 std::optional<Scene::Place> Scene::locate(lattice::Point at) const {

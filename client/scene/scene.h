@@ -10,6 +10,7 @@
 #include <set>
 #include <vector>
 
+#include "client/scene/point_mesh.h"
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
 #include "common/outcome/outcome.h"
@@ -21,11 +22,9 @@ namespace ridgecast::scene {
 // Most that is held, whatever a server sends.
 inline constexpr std::uint64_t kMaxTriangles = 8'000'000;
 inline constexpr std::size_t kMaxLeaves = 65'536;
-// Triangles of leaves that are gone, each as often as one iteration starts a leaf from them.
-inline constexpr std::uint64_t kMaxGathered = 4 * kMaxTriangles;
 
 struct HeldLeaf {
-  std::shared_ptr<const mesh::LeafMesh> mesh;                 // never null; may be empty
+  std::shared_ptr<const mesh::LeafMesh> mesh;                 // never null; may be empty; in any order
   mesh::LocalVertex low, high;                                // bounds of its vertices, in their frame; both zero when it is empty
   std::uint64_t hash = 0;                                     // mesh::hashLeaf
   std::uint64_t version = 0;                                  // of this scene: grows whenever this leaf is replaced
@@ -37,36 +36,37 @@ using Leaves = std::map<lattice::LeafAddress, HeldLeaf>;
 
 class Scene {
  public:
+  // What travels besides leaves: points (Hello.points), and shades with the vertices (World.shaded_vertices); the triangles granted. Before
+  // the first iteration.
+  struct Following {
+    bool points = false, shades = false;
+    std::uint32_t triangles = 0;
+  };
+  void follow(const Following& what);
+
   // Decodes and applies an iteration: everything in it, or on an error nothing. Errors: undecodable payload, a leaf gone that is not held,
   // a leaf named twice, limits, a number that does not follow the last one's, shades that are not those of its vertices. The first
   // iteration after the beginning, clear() or reconnect() may have any number. The hash is not judged here: compare hash() with
   // iteration.meshHash.
-  //
-  // One thing is forgiven: a delta that does not make the intended leaf, because that leaf was damaged here. It stays as it is, and
-  // takeDamaged() names it, to be requested again.
   Outcome<void> apply(const wire::Iteration& iteration);
 
-  // The same in two steps. prepare() decodes, if there is much on up to four threads, and may run on another thread while this scene is
-  // only read. take() puts the result in place, in microseconds; nothing else may have changed the scene in between.
+  // The same in two steps. prepare() decodes, if there is much on up to four threads, and may run on another thread while the leaves are
+  // only read. take() puts the result in place, in microseconds; nothing else may have been prepared or changed in between.
   struct Prepared {
     std::uint64_t number = 0, hash = 0, triangles = 0;  // of the iteration; after it
-    std::set<lattice::LeafAddress> gone, damaged;
+    std::set<lattice::LeafAddress> gone;
     Leaves fresh;
+    bool lost = false;
   };
-  Outcome<Prepared> prepare(const wire::Iteration& iteration) const;
+  Outcome<Prepared> prepare(const wire::Iteration& iteration);
   void take(Prepared&& prepared);
   void clear();
 
-  // From the first iteration on: whether shades travel with the vertices (World.shaded_vertices).
-  void expectShades(bool expect) { shaded_ = expect; }
+  // Points came that do not fit those held: leaves that points make stay as they are, or empty, until all come whole.
+  bool lost() const { return lost_; }
 
-  // Leaves that are not what the server thinks, each told once; the server must hear of them (ResendLeaves) before it hears the hash.
-  std::vector<lattice::LeafAddress> takeDamaged();
-  bool damaged() const { return !damaged_.empty(); }
-
-  // The connection was lost, and what is held stays: the next iteration is the first of another one. The server hears by held() what is
-  // damaged.
-  void reconnect();
+  // The connection was lost, and what is held stays: the next iteration is the first of another one.
+  void reconnect() { iteration_ = 0; }
   // What is held, to be named to a server; empty when it is more than a server takes.
   std::vector<wire::HeldLeaf> held() const;
 
@@ -88,8 +88,9 @@ class Scene {
  private:
   Leaves leaves_;
   std::uint64_t hash_ = 0, triangles_ = 0, iteration_ = 0, version_ = 0;
-  std::set<lattice::LeafAddress> damaged_, untold_;
-  bool shaded_ = false;
+  Following following_;
+  bool lost_ = false;
+  std::unique_ptr<PointMesh> points_;  // made for the first iteration, where points are followed
 };
 
 }  // namespace ridgecast::scene

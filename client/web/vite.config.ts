@@ -39,6 +39,10 @@ function licences(): Plugin {
         const file = join(folder, 'LICENSE');
         return `${name} ${version}: ${license}\n\n${existsSync(file) ? readFileSync(file, 'utf8') : 'See https://www.apache.org/licenses/LICENSE-2.0\n'}`;
       });
+      for (const name of ['libc++-14-dev-wasm32', 'wasi-libc']) {
+        const file = `/usr/share/doc/${name}/copyright`;
+        if (existsSync(file)) text.push(`${name}:\n\n${readFileSync(file, 'utf8')}`);
+      }
       this.emitFile({ type: 'asset', fileName: 'licences.txt', source: text.join('\n\n') });
     },
   };

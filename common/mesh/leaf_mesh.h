@@ -45,6 +45,7 @@ struct LeafState {
   std::uint64_t version = 0;  // grows whenever the leaf's triangles change; never reused for other content
   std::uint64_t hash = 0;     // hashLeaf of its content
   std::uint32_t triangles = 0;
+  std::uint64_t points = 0;  // version of the vertices that lie in its square
 };
 
 // Twice the area of (a, b, c), positive if counter-clockwise seen from above. Exact for vertices within 2^28 steps of their corner.

@@ -1,6 +1,8 @@
 #include "common/triangulation/storage.h"
 
+#ifdef __linux__
 #include <sys/mman.h>
+#endif
 
 #include <cassert>
 #include <utility>
@@ -95,7 +97,7 @@ void Pages<N>::addPages(RegionId id, std::size_t count) {
   Region& region = *regions_[id];
   const std::size_t before = region.pages.size();
   {
-    std::lock_guard lock(mutex_);
+    Lock lock(mutex_);
     for (; count > 0 && !pool_.empty(); --count) {
       region.pages.push_back(pool_.back());
       pool_.pop_back();
@@ -156,7 +158,7 @@ void Pages<N>::release(std::uint32_t slot) {
 
 template <std::uint32_t N>
 void Pages<N>::giveBack(std::span<const std::uint32_t> pages) {
-  const std::lock_guard lock(mutex_);
+  const Lock lock(mutex_);
   pool_.insert(pool_.end(), pages.begin(), pages.end());
   freePages_.fetch_add(static_cast<std::uint32_t>(pages.size()), std::memory_order_relaxed);
 }

@@ -25,6 +25,16 @@ using RegionId = std::uint32_t;
 inline constexpr RegionId kOutside = 0;
 inline constexpr std::uint32_t kNoSlot = 0xffffffffu;
 
+#ifdef __wasi__  // has no threads
+struct Mutex {};
+struct Lock {
+  explicit Lock(Mutex&) {}
+};
+#else
+using Mutex = std::mutex;
+using Lock = std::lock_guard<std::mutex>;
+#endif
+
 // Room for records that are written before they are read: nothing of it is resident until it is touched. Large arrays ask for huge pages,
 // which spare a tenth of an insertion's time in address translation and page faults, at up to 2 MiB more resident memory each.
 void* reserve(std::size_t bytes);  // at a line of the cache; throws std::bad_alloc; to be given to std::free
@@ -162,7 +172,7 @@ class Pages {
   std::vector<std::unique_ptr<Region>> regions_;  // null: unused id
   std::vector<std::uint8_t> changed_;             // by region: so many are asked at once that they lie together
   std::vector<RegionId> unusedRegions_;
-  std::mutex mutex_;
+  Mutex mutex_;
   std::vector<std::uint32_t> pool_;  // released pages, last in first out
   std::uint32_t untouched_ = 0;      // pages from here on were never used
   std::atomic<std::uint32_t> freePages_;

@@ -63,9 +63,10 @@ void Triangulation::removeRegion(RegionId region) {
 }
 
 bool Triangulation::takeChanged(RegionId region) {
-  const bool changed = triangles_.changed(region);
+  const bool is = changed(region);
   triangles_.clearChanged(region);
-  return changed;
+  vertices_.clearChanged(region);
+  return is;
 }
 
 std::uint32_t Triangulation::liveTriangles() const {
@@ -320,6 +321,7 @@ void Triangulation::refile(RegionId region, const Moves& moves) {
     if (home == region) continue;
     const VertexId to = vertices_.allocate(home);
     if (to == kNoSlot) throw std::bad_alloc();
+    if (!vertices_.fresh(v)) vertices_.clearFresh(to);
     moveVertex(v, to);
     vertices_.release(v);
     if (moves.vertices) moves.vertices({{Move{v, to}}});

@@ -26,7 +26,6 @@
 //
 // Sources    Bowyer (1981), Watson (1981) for the cavity; Devillers (1999) and CGAL's documentation for removal by filling the star.
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -165,7 +164,9 @@ class Triangulation {
   void compact(RegionId region, const Moves& moves = {});
   std::uint32_t triangleCount(RegionId region) const { return triangles_.count(region); }
   std::uint32_t vertexCount(RegionId region) const { return vertices_.count(region); }
-  bool takeChanged(RegionId region);  // whether triangles of the region changed since the last call
+  // Whether triangles or vertices of the region changed since the last takeChanged().
+  bool changed(RegionId region) const { return triangles_.changed(region) || vertices_.changed(region); }
+  bool takeChanged(RegionId region);
   void markChanged(RegionId region) { triangles_.markChanged(region); }
 
   // ---- points ----
@@ -200,7 +201,11 @@ class Triangulation {
   TriangleId locate(Point2 p, TriangleId from, const WriteSet& set) const;
   TriangleId anyTriangle() const;
 
-  void setHeight(VertexId v, std::int32_t y) { vertexRecords_[v].y = y; }
+  // The triangles around it are the caller's to mark.
+  void setHeight(VertexId v, std::int32_t y) {
+    vertexRecords_[v].y = y;
+    vertices_.markChanged(vertices_.regionOf(v));
+  }
   // Moves the anchor: every coordinate changes by the same amount.
   void translate(std::int32_t dx, std::int32_t dz);
 
@@ -231,9 +236,7 @@ class Triangulation {
   }
   RegionId regionOf(TriangleId t) const { return triangles_.regionOf(t); }
   RegionId regionOfVertex(VertexId v) const { return vertices_.regionOf(v); }
-  HalfEdge edgeOf(VertexId v) const {
-    return std::atomic_ref<HalfEdge>(const_cast<HalfEdge&>(vertexRecords_[v].edge)).load(std::memory_order_relaxed);
-  }
+  HalfEdge edgeOf(VertexId v) const { return __atomic_load_n(&vertexRecords_[v].edge, __ATOMIC_RELAXED); }
   std::uint32_t liveTriangles() const;                                 // without ghosts
   std::uint32_t liveVertices() const { return vertices_.live() - 1; }  // without infinity
   std::uint32_t triangleCapacity() const { return triangles_.capacity(); }
@@ -243,9 +246,10 @@ class Triangulation {
   const TrianglePages& trianglePages() const { return triangles_; }
   TrianglePages& trianglePages() { return triangles_; }
   const VertexPages& vertexPages() const { return vertices_; }
+  VertexPages& vertexPages() { return vertices_; }
 
  private:
-  void setEdge(VertexId v, HalfEdge h) { std::atomic_ref<HalfEdge>(vertexRecords_[v].edge).store(h, std::memory_order_relaxed); }
+  void setEdge(VertexId v, HalfEdge h) { __atomic_store_n(&vertexRecords_[v].edge, h, __ATOMIC_RELAXED); }
   bool conflicts(const Triangle& t, const Point2& p) const;  // the triangle's circle holds p
   bool ghostContains(const Triangle& t, const Point2& p) const;
   // The region of a triangle; `guess` is looked at first.

@@ -34,7 +34,7 @@ struct Hello {
   std::string clientName;
   Settings settings;
   Pacing pacing = Pacing::kFree;
-  bool deltas = true;  // the client applies Iteration::changed
+  bool points = false;  // the client follows Iteration::points
   Role role = Role::kViewer;
   bool members = false;  // wants Members
   bool clock = false;    // wants Clock, and answers steps that wait
@@ -147,20 +147,15 @@ struct LeafWhole {
   std::vector<std::uint8_t> shades{};  // terrain::Shade of every vertex, where World::shadedVertices; else empty
 };
 
-// Made from the leaf that is held, or, where leaves split or merged, from those that are gone (mesh::gather).
-struct LeafDelta {
-  lattice::LeafAddress address;
-  std::vector<std::uint8_t> payload;   // empty: the triangles stay as they are
-  float error = 0;                     // as LeafWhole's
-  std::vector<std::uint8_t> shades{};  // of the vertices that the base does not have
-};
-
 struct Iteration {
   std::uint64_t number = 0;
   std::uint64_t poseSequence = 0;
   std::vector<lattice::LeafAddress> gone;
   std::vector<LeafWhole> whole;
-  std::vector<LeafDelta> changed;
+  std::vector<lattice::LeafAddress> come;  // held from now on, made by points
+  std::vector<std::uint8_t> points;        // common/points; empty for clients that do not follow them
+  std::vector<float> errors;               // LeafWhole::error of the leaves, in canonical order, that points made or made others
+  std::vector<std::uint8_t> shades;        // terrain::Shade of the points that came or were raised, where World::shadedVertices
   std::uint64_t meshHash = 0;
   bool settled = false;
   Figures figures;

@@ -111,7 +111,7 @@ TABLE(Hello,
     kOtherVersion,
     FIELD(settings, settings),
     FIELD(pacing, pacing, OneOf{ENUM(Pacing)}),
-    FIELD(deltas, deltas),
+    FIELD(points, points),
     FIELD(role, role, OneOfOrFirst{ENUM(Role)}),
     FIELD(members, members), FIELD(clock, clock), FIELD(errors, errors));
 
@@ -204,12 +204,6 @@ TABLE(World,
     FIELD(window, window, Range{1u, kMaxWindow}),
     FIELD(camera, camera), FIELD(revision, revision), FIELD(height_map, heightMap), FIELD(shaded_vertices, shadedVertices));
 
-TABLE(LeafDelta,
-    FIELD(address, address, kLeaf),
-    FIELD(payload, payload, Bytes{kMaxPayloadBytes}),
-    FIELD(error, error, kLeafError),
-    FIELD(shades, shades, Bytes{kMaxShadeBytes}));
-
 TABLE(Figures,
     FIELD(select_ms, selectMs, kMs),
     FIELD(generate_ms, generateMs, kMs),
@@ -265,7 +259,10 @@ TABLE(Iteration,
     FIELD(pose_sequence, poseSequence),
     FIELD(gone, gone, Entries{kMaxIterationLeaves, kLeaf}),
     FIELD(whole, whole, Entries{kMaxIterationLeaves}),
-    FIELD(changed, changed, Entries{kMaxIterationLeaves}),
+    FIELD(come, come, Entries{kMaxIterationLeaves, kLeaf}),
+    FIELD(points, points, Bytes{kMaxPayloadBytes}),
+    FIELD(errors, errors, Entries{kMaxIterationLeaves, kLeafError}),
+    FIELD(shades, shades, Bytes{kMaxShadeBytes}),
     FIELD(mesh_hash, meshHash), FIELD(settled, settled), FIELD(figures, figures),
     FIELD(candidates, candidates, Encoded{&kMaxCandidatesBytes}));
 

@@ -74,7 +74,7 @@ Conversation::Refusal Conversation::take(const wire::Hello& hello) {
   if (stage_ != Stage::kExpectsHello) return ErrorMessage{ErrorCode::kMalformed, "A second hello came; a connection has exactly one."};
   granted_ = terms_.grant(hello.settings);
   pace_.setRate(granted_.bytesPerSecond);
-  replica_.setDeltas(hello.deltas);
+  replica_.setFollowsPoints(hello.points);
   lockstep_ = hello.pacing == wire::Pacing::kLockstep;
   hello_ = hello;
   stage_ = Stage::kExpectsWorld;
@@ -211,7 +211,9 @@ std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::Lea
 }
 
 void Conversation::sent(const wire::Iteration& iteration, Time now) {
-  pace_.sent(now, 200 + 12 * iteration.gone.size() + payloadBytes(iteration.whole, 24) + payloadBytes(iteration.changed, 16),
+  pace_.sent(now,
+             200 + 12 * (iteration.gone.size() + iteration.come.size()) + payloadBytes(iteration.whole, 24) + iteration.points.size() +
+                 iteration.shades.size() + 4 * iteration.errors.size(),
              iteration.figures.inserted);
   tempo_.sent(now, iteration.figures.inserted);
   if (repairing_) terms_.repairs->spend(now, payloadBytes(iteration.whole, 24));

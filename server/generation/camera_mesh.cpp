@@ -34,12 +34,12 @@ Leaf* CameraMesh::leaf(LeafAddress address) const {
   return region == kOutside ? nullptr : leaves_[region].get();
 }
 
-std::vector<std::size_t> CameraMesh::takeChanged() {
-  std::vector<std::size_t> changed;
+std::vector<CameraMesh::Changed> CameraMesh::takeChanged() {
+  std::vector<Changed> changed;
   forEachChanged([&](std::size_t k) {
+    changed.push_back({k, mesh_.triangulation().vertexPages().changed(regions_[k])});
     mesh_.takeChanged(regions_[k]);
     if (mesh_.triangulation().sparse(regions_[k])) sparse_.push_back(regions_[k]);
-    changed.push_back(k);
   });
   return changed;
 }

@@ -27,7 +27,7 @@ struct alignas(64) Leaf {  // every iteration looks at the first two lines of al
   bool visible = false;                           // in the current iteration, it may be
   refinement::Work work{};                        // of the current iteration
   std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
-  std::uint64_t version = 0, hash = 0;
+  std::uint64_t version = 0, points = 0, hash = 0;
 };
 
 struct Selection {
@@ -48,14 +48,18 @@ class CameraMesh final : public triangulation::Partition {
 
   const std::vector<Leaf*>& leaves() const { return ordered_; }  // canonical order of address
   Leaf* leaf(lattice::LeafAddress address) const;                // null: not a leaf
-  // f(k) for the leaves in leaves() whose triangles changed since the last takeChanged().
+  // f(k) for the leaves in leaves() whose triangles or vertices changed since the last takeChanged().
   template <class F>
   void forEachChanged(F&& f) const {
-    const auto& pages = mesh_.triangulation().trianglePages();
     for (std::size_t k = 0; k < regions_.size(); ++k)
-      if (pages.changed(regions_[k])) f(k);
+      if (mesh_.triangulation().changed(regions_[k])) f(k);
   }
-  std::vector<std::size_t> takeChanged();
+  struct Changed {
+    std::size_t leaf;  // in leaves()
+    bool points;       // its vertices did, too
+  };
+  std::vector<Changed> takeChanged();
+  bool takeChangedOutside() { return mesh_.takeChanged(triangulation::kOutside); }  // the same, of what lies outside all leaves
 
   refinement::AdaptiveMesh& mesh() { return mesh_; }
   const refinement::AdaptiveMesh& mesh() const { return mesh_; }

@@ -97,7 +97,7 @@ void Pipeline::change(const settings::Settings& granted) {
   State& s = *state_;
   if (granted.metric != s.settings.metric || granted.colourError != s.settings.colourError || granted.triangleBudget > s.madeFor) {
     auto fresh = std::make_unique<State>(s.terrain, granted, s.pool);
-    fresh->versions = s.versions;
+    fresh->versions = fresh->outside = s.versions;
     fresh->insertionLimit = s.insertionLimit;
     state_ = std::move(fresh);
     return;
@@ -144,6 +144,13 @@ mesh::LeafMesh Pipeline::extract(lattice::LeafAddress address) const {
   nothing.address = address;
   return nothing;
 }
+
+IteratingMesh::Surface Pipeline::surface() const {
+  const refinement::AdaptiveMesh& m = state_->mesh.mesh();
+  return {&m.triangulation(), m.anchor(), state_->outside};
+}
+
+std::uint32_t Pipeline::region(lattice::LeafAddress address) const { return state_->mesh.leaf(address)->region; }
 
 std::size_t Pipeline::memoryBytes() const { return state_->mesh.memoryBytes(); }
 

@@ -18,6 +18,9 @@
 namespace ridgecast::generation {
 class CameraMesh;
 }
+namespace ridgecast::triangulation {
+class Triangulation;
+}
 
 namespace ridgecast::pipeline {
 
@@ -57,6 +60,16 @@ class IteratingMesh {
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
 
+  // The triangulation that the leaves are cut from, and where its origin lies. Good until the next iterate() or change().
+  struct Surface {
+    const triangulation::Triangulation* mesh = nullptr;  // null: leaves are all there is
+    lattice::Point anchor;                               // absolute steps
+    std::uint64_t outside = 0;                           // version of what is filed outside all leaves
+  };
+  virtual Surface surface() const { return {}; }
+  // Where a leaf of leaves() is filed.
+  virtual std::uint32_t region(lattice::LeafAddress) const { return 0; }
+
   // The candidates that the camera of the last iteration may see, the worst first, at most so many: where the mesh would grow next. A pass
   // over all triangles in view; spreads over the pool. The same for any number of threads.
   virtual std::vector<lattice::Candidate> candidates(std::uint32_t most) const = 0;
@@ -75,6 +88,8 @@ class Pipeline final : public IteratingMesh {
   bool settled() const override;
   const std::vector<mesh::LeafState>& leaves() const override;
   mesh::LeafMesh extract(lattice::LeafAddress address) const override;
+  Surface surface() const override;
+  std::uint32_t region(lattice::LeafAddress address) const override;
   std::vector<lattice::Candidate> candidates(std::uint32_t most) const override;
 
   // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.

@@ -181,19 +181,23 @@ void Pipeline::State::publish(bool otherLeaves) {
   const auto& leafs = mesh.leaves();
   const auto& t = mesh.mesh().triangulation();
   const auto state = [&](const Leaf& leaf) {
-    return ridgecast::mesh::LeafState{leaf.address, leaf.version, leaf.hash, t.triangleCount(leaf.region)};
+    return ridgecast::mesh::LeafState{leaf.address, leaf.version, leaf.hash, t.triangleCount(leaf.region), leaf.points};
   };
-  const std::vector<std::size_t> changed = mesh.takeChanged();
-  for (std::size_t k : changed) leafs[k]->version = ++versions;
+  const std::vector<generation::CameraMesh::Changed> changed = mesh.takeChanged();
+  for (const auto& [k, points] : changed) {
+    leafs[k]->version = ++versions;
+    if (points) leafs[k]->points = versions;
+  }
+  if (mesh.takeChangedOutside()) outside = ++versions;
   pool->forEach(changed.size(), 16, [&](std::size_t n) {
-    Leaf& leaf = *leafs[changed[n]];
+    Leaf& leaf = *leafs[changed[n].leaf];
     leaf.hash = mesh.mesh().hash(leaf.region);
   });
   if (otherLeaves) {
     leaves.clear();
     for (const Leaf* leaf : leafs) leaves.push_back(state(*leaf));
   } else {
-    for (std::size_t k : changed) leaves[k] = state(*leafs[k]);
+    for (const auto& [k, points] : changed) leaves[k] = state(*leafs[k]);
   }
   live = 0;
   for (const ridgecast::mesh::LeafState& leaf : leaves) live += leaf.triangles;

@@ -70,7 +70,7 @@ struct Pipeline::State {
   bool closely = false;
   bool settled = false;
   Motion motion;
-  std::uint64_t versions = 0;
+  std::uint64_t versions = 0, outside = 0;  // the last that was given away; of what is filed outside all leaves
   std::vector<ridgecast::mesh::LeafState> leaves;
 };
 

@@ -8,13 +8,13 @@
 
 namespace ridgecast::replica {
 
-Replica::Replica(std::uint32_t window, bool deltas) : window_(std::max(window, 1u)), deltas_(deltas) {}
+Replica::Replica(std::uint32_t window, bool followsPoints) : window_(std::max(window, 1u)), followsPoints_(followsPoints) {}
 
 bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
   assert(lastSent_ == 0);
   if (held_.size() + leaves.size() > wire::kMaxResumed) return false;
   scratch_ = held_;
-  for (const wire::HeldLeaf& leaf : leaves) scratch_.push_back({leaf.address, 0, leaf.hash, false});
+  for (const wire::HeldLeaf& leaf : leaves) scratch_.push_back({leaf.address, 0, 0, leaf.hash, false});
   std::ranges::sort(scratch_, {}, &Held::address);
   if (std::ranges::adjacent_find(scratch_, {}, &Held::address) != scratch_.end()) return false;
   held_.swap(scratch_);
@@ -36,14 +36,13 @@ bool Replica::resumes(std::span<const mesh::LeafState> leaves) const {
 Changes Replica::send(std::span<const mesh::LeafState> leaves) {
   assert(hasRoom());
   Changes changes;
-  std::vector<Arrival> arrivals;              // leaves not held before
-  std::vector<lattice::LeafAddress> sources;  // leaves that are gone and were not lost
+  changes.anew = lastSent_ == 0 || repairs(leaves);
+  const bool whole = !followsPoints_ || (changes.anew && !held_.empty());
   scratch_.clear();
   scratch_.reserve(leaves.size());
   auto held = held_.cbegin();
   const auto drop = [&] {
     changes.gone.push_back(held->address);
-    if (deltas_ && !held->again) sources.push_back(held->address);
     meshHash_ -= mesh::hashTerm(held->address, held->hash);
     ++held;
   };
@@ -53,22 +52,19 @@ Changes Replica::send(std::span<const mesh::LeafState> leaves) {
     const bool known = held != held_.cend() && held->address == leaf.address;
     if (!known) {
       meshHash_ += mesh::hashTerm(leaf.address, leaf.hash);
-      arrivals.push_back({leaf.address, leaf.hash});
+      (whole ? changes.whole : changes.come).push_back(leaf.address);
+      if (!whole) changes.other.push_back(leaf.address);
     } else {
       const bool differs = held->hash != leaf.hash;
       if (differs) meshHash_ += mesh::hashTerm(leaf.address, leaf.hash) - mesh::hashTerm(held->address, held->hash);
-      if (held->again || (differs && !deltas_)) {
-        changes.whole.push_back(leaf.address);
-      } else if (differs) {
-        changes.changed.push_back({leaf.address, leaf.hash, static_cast<std::uint32_t>(changes.sources.size()), 1});
-        changes.sources.push_back(leaf.address);
-      }
+      if (whole && (differs || held->again)) changes.whole.push_back(leaf.address);
+      if (!whole && held->points != leaf.points) changes.touched.push_back(leaf.address);
+      if (!whole && differs) changes.other.push_back(leaf.address);
       ++held;
     }
-    scratch_.push_back({leaf.address, leaf.version, leaf.hash, false});
+    scratch_.push_back({leaf.address, leaf.version, leaf.points, leaf.hash, false});
   }
   while (held != held_.cend()) drop();
-  derive(changes, arrivals, sources);
   held_.swap(scratch_);
   owes_ = false;
 
@@ -78,39 +74,10 @@ Changes Replica::send(std::span<const mesh::LeafState> leaves) {
   return changes;
 }
 
-// Finds the leaves from which each arrival can be made. An arrival without any is sent whole.
-void Replica::derive(Changes& changes, std::span<const Arrival> arrivals, std::span<const lattice::LeafAddress> sources) const {
-  struct Pair {
-    std::uint32_t arrival;
-    lattice::LeafAddress source;
-    auto operator<=>(const Pair&) const = default;
-  };
-  std::vector<Pair> pairs;
-  for (const lattice::LeafAddress& source : sources)  // merges: the source lies in the arrival
-    for (lattice::LeafAddress up = source; up.level < lattice::kMaxLevel;) {
-      up = up.parent();
-      const auto it = std::ranges::lower_bound(arrivals, up, {}, &Arrival::address);
-      if (it != arrivals.end() && it->address == up) pairs.push_back({static_cast<std::uint32_t>(it - arrivals.begin()), source});
-    }
-  if (!sources.empty())
-    for (std::uint32_t k = 0; k < arrivals.size(); ++k)  // splits: the arrival lies in the source
-      for (lattice::LeafAddress up = arrivals[k].address; up.level < lattice::kMaxLevel;) {
-        up = up.parent();
-        if (std::binary_search(sources.begin(), sources.end(), up)) pairs.push_back({k, up});
-      }
-  std::sort(pairs.begin(), pairs.end());
-  auto pair = pairs.cbegin();
-  for (std::uint32_t k = 0; k < arrivals.size(); ++k) {
-    const auto first = static_cast<std::uint32_t>(changes.sources.size());
-    for (; pair != pairs.cend() && pair->arrival == k; ++pair) changes.sources.push_back(pair->source);
-    const auto count = static_cast<std::uint32_t>(changes.sources.size()) - first;
-    if (count > 0)
-      changes.changed.push_back({arrivals[k].address, arrivals[k].hash, first, count});
-    else
-      changes.whole.push_back(arrivals[k].address);
-  }
-  std::sort(changes.whole.begin(), changes.whole.end());
-  std::ranges::sort(changes.changed, {}, &Derived::address);
+bool Replica::repairs(std::span<const mesh::LeafState> leaves) const {
+  return owes_ && std::ranges::any_of(held_, [&](const Held& held) {
+           return held.again && std::ranges::binary_search(leaves, held.address, {}, &mesh::LeafState::address);
+         });
 }
 
 bool Replica::differs(std::span<const mesh::LeafState> leaves) const {

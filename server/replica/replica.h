@@ -1,17 +1,17 @@
 #pragma once
 // What one client holds after applying everything sent: each leaf and its version. Decides what the next iteration must carry and checks
-// acknowledgements. Knows only addresses, versions and hashes: no socket, thread or mesh (bases.h keeps the meshes that deltas start from).
+// acknowledgements. Knows only addresses, versions and hashes: no socket, thread or mesh (encoding keeps the points that the client holds).
 //
 // The stream is ordered and lossless, so what was sent is what will be held. Acknowledgements bound what is under way and prove, by the
 // mesh's hash, that both sides agree.
 //
 // States of a leaf, and the lists of Changes that move it:
 //
-//               whole, changed (from leaves that are gone)        changed, whole
-//     not held ------------------------------------------> held ---------------+
-//        ^                                                 |  ^                |
-//        +-------------------------------------------------+  +----------------+
-//                              gone
+//               come, whole           touched, whole
+//     not held -------------> held -----------------+
+//        ^                    |  ^                  |
+//        +--------------------+  +------------------+
+//               gone
 //
 // Not thread-safe. Memory: about 48 bytes a leaf; a number and a hash for each unacknowledged iteration (at most `window`).
 
@@ -30,20 +30,16 @@ inline constexpr std::uint32_t kDefaultWindow = 4;  // iterations
 // Repairs in a row, without a matching hash in between, before the client is given up.
 inline constexpr int kMaxRepairs = 3;
 
-// A leaf that the client can make from what it holds before the iteration.
-struct Derived {
-  lattice::LeafAddress address;
-  std::uint64_t hash = 0;              // of the leaf
-  std::uint32_t first = 0, count = 0;  // in Changes::sources: the leaf itself, or leaves that are gone and cover or lie in it
-};
-
 // What the next iteration must carry. Addresses in canonical order; no leaf is in two lists.
 struct Changes {
   std::uint64_t number = 0;                 // of the iteration, ascending by 1 from 1
   std::vector<lattice::LeafAddress> gone;   // held, and no longer part of the mesh
-  std::vector<lattice::LeafAddress> whole;  // new or requested again; leaves without triangles are held too, as empty
-  std::vector<Derived> changed;
-  std::vector<lattice::LeafAddress> sources;  // of `changed`
+  std::vector<lattice::LeafAddress> whole;  // new, changed or requested again; leaves without triangles are held too, as empty
+  // For clients that follow points, which otherwise have nothing whole.
+  std::vector<lattice::LeafAddress> come;
+  std::vector<lattice::LeafAddress> touched;  // held before: their points may be others
+  std::vector<lattice::LeafAddress> other;    // of both: whose triangles are others than before
+  bool anew = false;                          // the client's points are those of the leaves that it holds then, before others come and go
   std::uint64_t meshHash = 0;                 // of what the client holds afterwards
 };
 
@@ -57,13 +53,13 @@ enum class Verdict {
 
 class Replica {
  public:
-  // window >= 1. Without deltas, `changed` stays empty and everything is sent whole.
-  explicit Replica(std::uint32_t window = kDefaultWindow, bool deltas = false);
+  // window >= 1. Clients that do not follow points get everything whole.
+  explicit Replica(std::uint32_t window = kDefaultWindow, bool followsPoints = false);
 
   // The client still holds these from an earlier connection. Only before the first send(); may come in parts. False, with nothing changed:
   // a leaf is listed twice, or there are more than wire::kMaxResumed in all.
   bool resume(std::span<const wire::HeldLeaf> leaves);
-  void setDeltas(bool deltas) { deltas_ = deltas; }
+  void setFollowsPoints(bool follows) { followsPoints_ = follows; }
   // Before the first send(): whether the client resumed at least half of these leaves, with any content. `leaves` as in send().
   bool resumes(std::span<const mesh::LeafState> leaves) const;
 
@@ -96,7 +92,7 @@ class Replica {
  private:
   struct Held {
     lattice::LeafAddress address;
-    std::uint64_t version = 0;
+    std::uint64_t version = 0, points = 0;
     std::uint64_t hash = 0;
     bool again = false;  // requested again
   };
@@ -104,15 +100,10 @@ class Replica {
     std::uint64_t number = 0;
     std::uint64_t meshHash = 0;
   };
-  struct Arrival {
-    lattice::LeafAddress address;
-    std::uint64_t hash = 0;
-  };
-
-  void derive(Changes& changes, std::span<const Arrival> arrivals, std::span<const lattice::LeafAddress> sources) const;
+  bool repairs(std::span<const mesh::LeafState> leaves) const;  // one of these leaves was requested again
 
   std::uint32_t window_;
-  bool deltas_;
+  bool followsPoints_;
   std::vector<Held> held_;     // in canonical order
   std::vector<Held> scratch_;  // the next held_, kept for its memory
   std::deque<Sent> unacknowledged_;

@@ -236,8 +236,7 @@ void CameraSession::work(const conversation::Greet&) {
   const wire::Settings& granted = conversation_.granted();
   const bool shades = !session_->resources().limits.sendsTerrain && terrain->colours();
   mesh_ = session_->resources().makeMesh(terrain, granted, pool_);
-  encoder_ =
-      std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.deltas, hello.errors, shades}, granted.triangleBudget);
+  encoder_ = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
   // Under the lock: once it has received the world, a client may send anything.
   const std::lock_guard lock(mutex_);
   conversation_.greeted();
@@ -299,7 +298,6 @@ void CameraSession::work(const conversation::Iterate& order) {
   metrics::Figures& figures = *session_->resources().figures;
   if (order.granted) {
     mesh_->change(*order.granted);
-    encoder_->setTriangleBudget(order.granted->triangleBudget);
     sender_->send(wire::Granted{*order.granted});
   }
   if (order.insertions) mesh_->setInsertionLimit(*order.insertions);
@@ -318,8 +316,7 @@ void CameraSession::work(const conversation::Iterate& order) {
   }
   if (!changes) return figures.iterated(iteration.figures);
   const auto start = std::chrono::steady_clock::now();
-  encoder_->encode(
-      std::move(*changes), [this](lattice::LeafAddress address) { return mesh_->extract(address); }, iteration);
+  encoder_->encode(std::move(*changes), *mesh_, iteration);
   if (candidates > 0) iteration.candidates = mesh_->candidates(candidates);
   iteration.figures.encodeMs = millisecondsSince(start);
   figures.iterated(iteration.figures);

@@ -2,6 +2,7 @@
 #include <png.h>
 #include <tiffio.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <filesystem>
@@ -11,8 +12,8 @@
 #include <vector>
 
 #include "common/codec/codec.h"
-#include "common/codec/delta.h"
 #include "common/mesh/leaf_mesh.h"
+#include "common/points/points.h"
 #include "common/terrain/raster.h"
 #include "common/wire/wire.h"
 #include "server/access/jwt.h"
@@ -49,8 +50,21 @@ wire::LeafWhole wholeOf(const mesh::LeafMesh& leaf) {
           codec::encodeLeaf(leaf)};
 }
 
-wire::LeafDelta deltaOf(const mesh::LeafMesh& base, const mesh::LeafMesh& target) {
-  return {target.address, codec::encodeDelta(base, target, mesh::hashLeaf(target)).value()};
+// Points that raise one vertex of a leaf, remove another and insert three.
+std::vector<std::uint8_t> pointsOver(const mesh::LeafMesh& leaf) {
+  const auto isInside = [&](const mesh::LocalVertex& v) { return leaf.address.contains({leaf.address.x() + v.x, leaf.address.z() + v.z}); };
+  const auto count = static_cast<std::uint32_t>(std::ranges::count_if(leaf.vertices, isInside));
+  const int unit = 1 << lattice::horizontalBits(leaf.address.level);
+  std::vector<points::Change> changes{{leaf.address, {}, {}, {{unit, unit}, {unit, 5 * unit}, {9 * unit, 2 * unit}}}};
+  if (count > 2) changes[0].removed = {0}, changes[0].raised = {1};
+  std::vector<std::uint8_t> payload;
+  points::Writer writer(payload);
+  writer.changes(
+      {{&leaf.address, 1}, {}, {}}, [&](const lattice::LeafAddress&) { return count; }, changes);
+  if (count > 2) writer.raised(leaf.address.level, 0, 300);
+  for (int k = 0; k < 3; ++k) writer.inserted(leaf.address.level, 0, true, 256 * k);
+  writer.finish();
+  return payload;
 }
 
 void clientSeeds() {
@@ -100,16 +114,15 @@ void serverSeeds() {
     first.address = parent;
     const mesh::LeafMesh* source = &first;
     first = mesh::gather(parent, {&source, 1});
-    const mesh::LeafMesh second = support::torn(random, first, 0.3);
     wire::Iteration a, b, c, d;
     a.number = 1, b.number = 2, c.number = 3, d.number = 4;
     a.whole = {wholeOf(first), wholeOf({.address = {0, 0, 0}, .vertices = {}, .triangles = {}})};
-    b.changed = {deltaOf(first, second)};
+    a.points = c.points = d.points = {0x30};
+    b.points = pointsOver(first);
     c.gone = {parent};
-    source = &second;
-    for (int q = 0; q < 4; ++q) c.changed.push_back({parent.child(q), {}});
-    d.gone = {parent.child(0), parent.child(1), parent.child(2), parent.child(3)};
-    d.changed = {deltaOf(second, first)};
+    for (int q = 0; q < 4; ++q) c.come.push_back(parent.child(q));
+    d.gone = c.come;
+    d.come = {parent};
     write("server", framed<M>({a}));
     b.candidates = {{{{1 << 20, -5, 300}, 2.5f}, {{1 << 20, 700, -300}, 0.25f}}};
     write("server", framed<M>({a, b}));
@@ -130,16 +143,10 @@ void payloadSeeds() {
     if (leaf.vertices.size() < 256 && leaf.triangles.size() < 256)
       write("payload", std::string{0, static_cast<char>(leaf.vertices.size()), static_cast<char>(leaf.triangles.size())} +
                            std::string(whole.begin(), whole.end()));
-    for (double share : {0.05, 0.5}) {
-      mesh::LeafMesh target = share < 0.1 ? support::torn(random, leaf, share) : support::randomTin(random, 20);
-      target.address = leaf.address;
-      for (mesh::LocalVertex& v : target.vertices) v.x %= 1 << 26, v.z %= 1 << 26;
-      mesh::canonicalize(target);
-      if (!mesh::isCanonical(target)) continue;
-      const auto delta = codec::encodeDelta(leaf, target, mesh::hashLeaf(target));
-      if (delta && !delta->empty())
-        write("payload", std::string{static_cast<char>(2 * k + 1), 0, 0} + std::string(delta->begin(), delta->end()));
-    }
+    const auto points = pointsOver(leaf);
+    for (const char how : {0, 5, 9})
+      write("payload",
+            std::string{static_cast<char>(2 * k + 1), how, static_cast<char>(points.size())} + std::string(points.begin(), points.end()));
   }
 }
 

@@ -18,7 +18,9 @@ void require(bool ok) {
 void check(const scene::Scene& scene) {
   std::uint64_t hash = 0, triangles = 0;
   for (const auto& [address, leaf] : scene.leaves()) {
-    require(leaf.mesh->address == address && mesh::isCanonical(*leaf.mesh) && mesh::hashLeaf(*leaf.mesh) == leaf.hash);
+    mesh::LeafMesh ordered = *leaf.mesh;
+    mesh::canonicalize(ordered);
+    require(ordered.address == address && mesh::isCanonical(ordered) && mesh::hashLeaf(ordered) == leaf.hash);
     hash += mesh::hashTerm(address, leaf.hash);
     triangles += leaf.mesh->triangles.size();
   }
@@ -29,6 +31,7 @@ void check(const scene::Scene& scene) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   scene::Scene scene;
+  scene.follow({.points = true});
   while (size >= 2) {
     const std::size_t length = std::min<std::size_t>(data[0] | std::size_t{data[1]} << 8, size - 2);
     const std::vector<std::uint8_t> bytes(data + 2, data + 2 + length);  // a fresh allocation

@@ -49,7 +49,8 @@ std::uint64_t digestOf(const wire::Iteration& iteration) {
   d.add(iteration.poseSequence);
   for (const auto& leaf : iteration.gone) d.add(leaf);
   for (const auto& leaf : iteration.whole) d.add(leaf.address), d.add(leaf.vertices), d.add(leaf.triangles), d.add(leaf.payload);
-  for (const auto& leaf : iteration.changed) d.add(leaf.address), d.add(leaf.payload);
+  for (const auto& leaf : iteration.come) d.add(leaf);
+  d.add(iteration.points);
   d.add(iteration.settled);
   for (const std::uint64_t figure : {iteration.figures.leaves, iteration.figures.visibleLeaves, iteration.figures.triangles,
                                      iteration.figures.inserted, iteration.figures.removed})

@@ -3,17 +3,22 @@
 import dracoFactory from 'draco3d/draco_decoder_nodejs.js';
 import dracoUrl from 'draco3d/draco_decoder.wasm?url';
 import { DracoFactory, loadDraco } from './codec/draco';
-import type { DracoDecode } from './codec/leaf';
-import { Engine } from './engine/engine';
+import { Engine, Parts } from './engine/engine';
+import pointsUrl from './generated/point_mesh.wasm?url';
 import type { FromEngine, ToEngine } from './messages';
 
 const page = self as unknown as { postMessage(message: FromEngine): void; onmessage: ((event: MessageEvent<ToEngine>) => void) | null };
 
-async function loadDecoder(): Promise<DracoDecode> {
-  const wasm = await fetch(dracoUrl);
-  if (!wasm.ok) throw new Error(`the decoder cannot be loaded (${wasm.status})`);
-  return loadDraco(dracoFactory as unknown as DracoFactory, await wasm.arrayBuffer());
+async function loadBytes(url: string): Promise<ArrayBuffer> {
+  const answer = await fetch(url);
+  if (!answer.ok) throw new Error(`the decoder cannot be loaded (${answer.status})`);
+  return answer.arrayBuffer();
 }
 
-const engine = new Engine((message) => page.postMessage(message), loadDecoder);
+async function loadParts(): Promise<Parts> {
+  const [draco, points] = await Promise.all([dracoUrl, pointsUrl].map(loadBytes));
+  return { draco: await loadDraco(dracoFactory as unknown as DracoFactory, draco!), points: await WebAssembly.compile(points!) };
+}
+
+const engine = new Engine((message) => page.postMessage(message), loadParts);
 page.onmessage = ({ data }) => engine.hear(data);

@@ -1,6 +1,4 @@
-// A leaf's mesh and what follows from its positions alone: canonical order, hash, gathering. PROTOCOL.md: Leaves, Canonical order, Hash.
-
-import { Sum, hashTriangle, hashVertex, mix, mixAdded, out } from './hash';
+// A leaf's mesh and its canonical order. PROTOCOL.md: Leaves, Canonical order.
 
 export const MAX_LEVEL = 10;
 export const MAX_OFFSET = 1 << 27; // steps from the leaf's corner, x and z
@@ -13,11 +11,11 @@ export interface LeafAddress {
   readonly j: number;
 }
 
-/** In canonical order. */
+/** In any order. */
 export interface LeafMesh {
   readonly address: LeafAddress;
   readonly vertices: Int32Array; // x, z, y of each, steps, x and z from the corner
-  readonly triangles: Uint32Array; // three indices each, counter-clockwise from above, the smallest first
+  readonly triangles: Uint32Array; // three indices each, counter-clockwise from above
 }
 
 /** What a server sent that cannot be; the sentence is for a person. */
@@ -28,7 +26,6 @@ export const cornerX = (a: LeafAddress): number => a.i * sideOf(a);
 export const cornerZ = (a: LeafAddress): number => a.j * sideOf(a);
 export const keyOf = (a: LeafAddress): string => `${a.level}/${a.i}/${a.j}`;
 export const nameOf = (a: LeafAddress): string => `leaf (level ${a.level}, ${a.i}, ${a.j})`;
-export const parentOf = (a: LeafAddress): LeafAddress => ({ level: a.level + 1, i: Math.floor(a.i / 2), j: Math.floor(a.j / 2) });
 
 export function addressIsValid(a: LeafAddress): boolean {
   const limit = 2 ** 50 / sideOf(a);
@@ -45,42 +42,8 @@ export function orientation(v: Int32Array, a: number, b: number, c: number): num
   return Number(BigInt(bz) * BigInt(cx) - BigInt(bx) * BigInt(cz));
 }
 
-/** Hashes of all vertices of a leaf, two halves each. */
-export function vertexHashes(address: LeafAddress, vertices: Int32Array): Int32Array {
-  const x0 = cornerX(address), z0 = cornerZ(address);
-  const hashes = new Int32Array((vertices.length / 3) * 2);
-  for (let v = 0, h = 0; v < vertices.length; v += 3, h += 2) {
-    hashVertex(x0 + vertices[v]!, z0 + vertices[v + 1]!, vertices[v + 2]!);
-    hashes[h] = out[0]!;
-    hashes[h + 1] = out[1]!;
-  }
-  return hashes;
-}
-
-export function hashLeaf(leaf: LeafMesh): bigint {
-  const hashes = vertexHashes(leaf.address, leaf.vertices);
-  const sum = new Sum();
-  const t = leaf.triangles;
-  for (let k = 0; k < t.length; k += 3) {
-    hashTriangle(hashes, t[k]!, t[k + 1]!, t[k + 2]!); // the smallest index is the smallest by x, then z
-    sum.add(out[0]!, out[1]!);
-  }
-  return sum.value;
-}
-
-/** One leaf's term of the mesh's hash, which is the sum of these. */
-export function hashTerm(address: LeafAddress, leafHash: bigint): bigint {
-  const leaf = Sum.of(leafHash);
-  mix(Math.floor(address.j / 2 ** 32) | 0, address.j | 0);
-  mixAdded(address.i);
-  mixAdded(address.level);
-  leaf.add(out[0]!, out[1]!);
-  mix(leaf.hi, leaf.lo);
-  return new Sum(out[0]!, out[1]!).value;
-}
-
 /** Writes a triangle at `at` of `to`, rotated so that its smallest index comes first. */
-export function putRotated(to: Uint32Array, at: number, a: number, b: number, c: number): void {
+function putRotated(to: Uint32Array, at: number, a: number, b: number, c: number): void {
   if (b < a && b < c) {
     to[at] = b, to[at + 1] = c, to[at + 2] = a;
   } else if (c < a && c < b) {
@@ -91,7 +54,7 @@ export function putRotated(to: Uint32Array, at: number, a: number, b: number, c:
 }
 
 /** Triangles ascending by first, second, third index, all below `count`: two counting sorts; the second index settles it in a mesh. */
-export function sortedTriangles(triangles: Uint32Array, count: number): Uint32Array {
+function sortedTriangles(triangles: Uint32Array, count: number): Uint32Array {
   let from = triangles;
   for (const corner of [2, 1, 0]) {
     const start = new Uint32Array(count + 1);
@@ -140,40 +103,10 @@ export function canonical(address: LeafAddress, points: Int32Array, triangles: U
 }
 
 /** Throws unless all triangles are counter-clockwise and none is there twice. */
-export function checkTriangles(leaf: LeafMesh): void {
+function checkTriangles(leaf: LeafMesh): void {
   const t = leaf.triangles;
   for (let k = 0; k < t.length; k += 3) {
     if (orientation(leaf.vertices, t[k]!, t[k + 1]!, t[k + 2]!) <= 0) throw new Refusal('a triangle is not counter-clockwise');
     if (k > 0 && t[k] === t[k - 3] && t[k + 1] === t[k - 2] && t[k + 2] === t[k - 1]) throw new Refusal('two triangles are the same');
   }
-}
-
-/** What a leaf begins with when leaves split or merge: the triangles of `sources` whose centroid lies in its square. */
-export function gather(address: LeafAddress, sources: readonly LeafMesh[]): LeafMesh {
-  const reach = 3 * sideOf(address);
-  const points: number[] = [], triangles: number[] = [];
-  for (const source of sources) {
-    const dx = cornerX(source.address) - cornerX(address), dz = cornerZ(source.address) - cornerZ(address);
-    const v = source.vertices, t = source.triangles;
-    const place = new Uint32Array(v.length / 3); // 1 + number
-    for (let k = 0; k < t.length; k += 3) {
-      let x = 3 * dx, z = 3 * dz, near = true;
-      for (let c = 0; c < 3; ++c) {
-        const at = 3 * t[k + c]!;
-        x += v[at]!;
-        z += v[at + 1]!;
-        near = near && Math.abs(v[at]! + dx) <= MAX_OFFSET && Math.abs(v[at + 1]! + dz) <= MAX_OFFSET;
-      }
-      if (!near || x < 0 || x >= reach || z < 0 || z >= reach) continue;
-      for (let c = 0; c < 3; ++c) {
-        const from = t[k + c]!;
-        if (place[from] === 0) {
-          points.push(v[3 * from]! + dx, v[3 * from + 1]! + dz, v[3 * from + 2]!);
-          place[from] = points.length / 3;
-        }
-        triangles.push(place[from]! - 1);
-      }
-    }
-  }
-  return canonical(address, Int32Array.from(points), Uint32Array.from(triangles));
 }

@@ -22,9 +22,6 @@ export class Reader {
     const v = this.varint();
     return v % 2 === 0 ? v / 2 : -(v + 1) / 2;
   }
-  word(): number {
-    return (this.byte() | (this.byte() << 8) | (this.byte() << 16) | (this.byte() << 24)) >>> 0;
-  }
   rest(): Uint8Array {
     return this.bytes.subarray(this.at);
   }

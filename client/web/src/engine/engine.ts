@@ -29,11 +29,16 @@ async function explain(url: string, token: string): Promise<Loss | undefined> {
   }
 }
 
+export interface Parts {
+  readonly draco: DracoDecode;
+  readonly points: WebAssembly.Module; // of scene/point_mesh.ts
+}
+
 export class Engine {
   private readonly painter = new PainterPort();
   private readonly poses = new Poses();
   private readonly members = new MemberList();
-  private decoder: Promise<DracoDecode> | undefined; // loads from the first message on
+  private parts: Promise<Parts> | undefined; // load from the first message on
   private replica: Replica | undefined;
   private stream: Stream | undefined;
   private starts = 0;
@@ -44,7 +49,7 @@ export class Engine {
 
   constructor(
     private readonly tell: (message: FromEngine) => void,
-    private readonly loadDecoder: () => Promise<DracoDecode>,
+    private readonly loadParts: () => Promise<Parts>,
   ) {}
 
   /** What the page says. */
@@ -77,9 +82,10 @@ export class Engine {
     this.stream = undefined;
     const mine = ++this.starts;
     try {
-      this.replica ??= new Replica(await this.load());
+      const { draco, points } = await this.load();
+      this.replica ??= new Replica(draco, points);
     } catch (error) {
-      this.decoder = undefined;
+      this.parts = undefined;
       return this.lost({ sentence: `The page could not load its parts: ${error instanceof Error ? error.message : error}. Reload it.`, final: true, wantsToken: false });
     }
     if (mine !== this.starts) return; // started again meanwhile
@@ -110,8 +116,8 @@ export class Engine {
     if (this.poses.newest) this.stream.pose(this.poses.newest);
   }
 
-  private load(): Promise<DracoDecode> {
-    return (this.decoder ??= this.loadDecoder());
+  private load(): Promise<Parts> {
+    return (this.parts ??= this.loadParts());
   }
 
   private enter(world: World): Held[] {

@@ -1,9 +1,11 @@
-// The client's half of the stream, twin of server/replica: iterations change what is held, its hash is compared with the server's, what
-// differs is asked for again, what was taken is acknowledged, and a later connection resumes. No sockets: a Stream carries what is said.
+// The client's half of the stream, twin of server/replica: iterations change what is held, its hash is compared with the server's, where
+// they differ everything is asked for again, what was taken is acknowledged, and a later connection resumes. No sockets: a Stream carries
+// what is said.
 
 import type { DracoDecode } from '../codec/leaf';
 import { Refusal } from '../codec/mesh';
 import type { Iteration, World } from '../generated/ridgecast/v1/stream_pb';
+import { PointMesh } from '../scene/point_mesh';
 import { Change, Scene } from '../scene/scene';
 import type { Held, Stream } from '../stream/stream';
 
@@ -18,12 +20,14 @@ export interface Applied extends Change {
 
 export class Replica {
   readonly scene: Scene;
-  readonly totals = { decoded: 0, hashes: 0, mismatches: 0 }; // triangles that came; iterations compared, and those that differed unexpectedly
+  readonly totals = { decoded: 0, hashes: 0, mismatches: 0 }; // triangles, as in Change; iterations compared, and those after which leaves were asked for again
   private contentHash: bigint | undefined;
   private connection: { answers: Answers } | undefined;
 
-  constructor(draco: DracoDecode) {
-    this.scene = new Scene(draco);
+  private asked = false; // for all leaves, and they have not come yet
+
+  constructor(draco: DracoDecode, points: WebAssembly.Module) {
+    this.scene = new Scene(draco, new PointMesh(points));
   }
 
   /** A connection has begun. Returns what is held of its world, for the server to compare; nothing when it is another world. */
@@ -32,10 +36,11 @@ export class Replica {
     this.contentHash = world.contentHash;
     this.scene.reconnect();
     this.connection = { answers };
+    this.asked = false;
     return [...this.scene.leaves.values()].map(({ mesh, hash }) => ({ address: mesh.address, hash }));
   }
 
-  /** Applies all of it and asks again for what is not the server's. A Refusal that is thrown ends the connection; then nothing is held. */
+  /** Applies all of it; asks for everything again, once, where that is not what the server holds. A Refusal that is thrown ends the connection; then nothing is held. */
   apply(iteration: Iteration): Applied {
     const { scene, connection } = this, { answers } = connection!;
     let change: Change;
@@ -48,13 +53,11 @@ export class Replica {
     const { hash } = scene, agrees = hash === iteration.meshHash;
     this.totals.decoded += change.decoded;
     ++this.totals.hashes;
-    if (scene.damaged) {
-      const damaged = scene.takeDamaged();
-      if (damaged.length > 0) answers.resend(damaged);
-    } else if (!agrees) {
+    if (!agrees && !this.asked) {
       ++this.totals.mismatches;
-      answers.resend([]);
+      answers.resend();
     }
+    this.asked = !agrees;
     const acknowledge = (): void => {
       if (connection === this.connection) answers.acknowledge(iteration.number, hash);
     };

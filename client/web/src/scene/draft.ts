@@ -1,14 +1,13 @@
 // What an iteration makes of the leaves that are held, on the side: everything in it that can fail is tried here.
 
-import { decodeDelta, readHead } from '../codec/delta';
 import { DracoDecode, decodeLeaf } from '../codec/leaf';
-import { LeafAddress, LeafMesh, MAX_LEVEL, Refusal, addressIsValid, gather, hashLeaf, hashTerm, keyOf, nameOf, parentOf } from '../codec/mesh';
-import type { Iteration, LeafDelta, LeafWhole, LeafAddress as WireAddress } from '../generated/ridgecast/v1/stream_pb';
+import { LeafAddress, LeafMesh, Refusal, addressIsValid, keyOf, nameOf } from '../codec/mesh';
+import type { Iteration, LeafWhole, LeafAddress as WireAddress } from '../generated/ridgecast/v1/stream_pb';
+import type { PointMesh } from './point_mesh';
 
 // Most that is held, whatever a server sends.
 const MAX_TRIANGLES = 8_000_000;
 const MAX_LEAVES = 65_536;
-const MAX_GATHERED = 32_000_000;
 
 export interface HeldLeaf {
   readonly mesh: LeafMesh;
@@ -37,135 +36,122 @@ function addressOf(wire: WireAddress | undefined): LeafAddress {
   return address;
 }
 
-interface Base {
-  mesh: LeafMesh;
-  hash: bigint;
+/** What is held; a Draft leaves it as it is. */
+export interface Before {
+  readonly leaves: ReadonlyMap<string, HeldLeaf>;
+  readonly hash: bigint;
+  readonly triangles: number;
+  readonly lost: boolean;
 }
 
 export class Draft {
   readonly gone = new Map<string, LeafAddress>();
   readonly fresh = new Map<string, HeldLeaf>(); // new, or in the place of what was held
-  readonly damaged = new Set<string>(); // of `fresh`: a delta did not make the leaf that was meant, so the base stays
-  decoded = 0; // triangles that came
+  hash: bigint; // of what the leaves become, as the next two
+  triangles: number;
+  lost: boolean;
+  decoded = 0; // triangles of leaves that came, and those by which others grew
+  private readonly named = new Set<string>(); // keys that come or are whole
   private count: number; // of leaves
-  private readonly below = new Map<string, HeldLeaf[]>(); // by ancestor: the leaves in `gone` that lie in it
-  private readonly named = new Set<string>(); // keys that are whole or changed
-  private announced = 0; // triangles
-  private searched = 0;
 
-  /** `hash` and `triangles` are those of `leaves`, which stay as they are; afterwards those of what they become. */
   constructor(
-    private readonly leaves: ReadonlyMap<string, HeldLeaf>,
-    public hash: bigint,
-    public triangles: number,
+    private readonly before: Before,
+    private readonly points: PointMesh,
   ) {
-    this.count = leaves.size;
+    this.hash = before.hash;
+    this.triangles = before.triangles;
+    this.lost = before.lost;
+    this.count = before.leaves.size;
   }
 
   /** Throws Refusal. */
-  fill({ gone, whole, changed }: Iteration, draco: DracoDecode): void {
-    for (const wire of gone) this.remove(addressOf(wire));
-    const wholes = whole.map((leaf) => {
-      const address = addressOf(leaf.address);
-      this.replaced(address);
-      this.announced += leaf.triangles;
+  fill(iteration: Iteration, draco: DracoDecode): void {
+    for (const wire of iteration.gone) this.remove(addressOf(wire));
+    let announced = this.triangles;
+    const wholes = iteration.whole.map((leaf) => {
+      const address = addressOf(leaf.address), held = this.claim(address);
+      announced += leaf.triangles - (held ? held.mesh.triangles.length / 3 : 0);
       return address;
     });
-    const bases = changed.map((delta) => this.baseOf(delta));
-    const triangles = this.triangles + this.announced, leaves = this.count + this.named.size;
-    if (triangles > MAX_TRIANGLES) throw new Refusal(`the mesh would have ${triangles} triangles, at most ${MAX_TRIANGLES} are held`);
-    if (leaves > MAX_LEAVES) throw new Refusal(`the mesh would have ${leaves} leaves, at most ${MAX_LEAVES} are held`);
-    whole.forEach((leaf, k) => this.decodeWhole(leaf, wholes[k]!, draco));
-    changed.forEach((delta, k) => this.decodeChanged(delta, bases[k]!));
+    const come = iteration.come.map((wire) => {
+      const address = addressOf(wire);
+      if (this.claim(address)) throw new Refusal(`${nameOf(address)} comes but was held`);
+      return address;
+    });
+    this.judge(announced);
+    if (this.count > MAX_LEAVES) throw new Refusal(`the mesh would have ${this.count} leaves, at most ${MAX_LEAVES} are held`);
+    iteration.whole.forEach((leaf, k) => this.decode(leaf, wholes[k]!, draco));
+    const isAnew = iteration.number === 1n || wholes.length > 0;
+    if (isAnew) this.lost = !this.points.begin(this.heldOrWhole());
+    this.follow(isAnew ? [] : [...this.gone.values()], come, iteration.points);
   }
 
   private subtract({ mesh, hash }: HeldLeaf): void {
-    this.hash -= hashTerm(mesh.address, hash);
+    this.hash -= this.points.hashTerm(mesh.address, hash);
     this.triangles -= mesh.triangles.length / 3;
-    --this.count;
   }
-
-  private keep(mesh: LeafMesh, hash: bigint): void {
-    this.hash += hashTerm(mesh.address, hash);
-    this.triangles += mesh.triangles.length / 3;
+  private keep(mesh: LeafMesh, hash: bigint, had = 0): void {
+    const triangles = mesh.triangles.length / 3;
+    this.hash += this.points.hashTerm(mesh.address, hash);
+    this.triangles += triangles;
+    this.decoded += Math.max(0, triangles - had);
     this.fresh.set(keyOf(mesh.address), hold(mesh, hash));
+  }
+  /** The leaf that is held and stays. */
+  private held(key: string): HeldLeaf | undefined {
+    return this.gone.has(key) ? undefined : this.before.leaves.get(key);
   }
 
   private remove(address: LeafAddress): void {
-    const key = keyOf(address), held = this.leaves.get(key);
+    const key = keyOf(address), held = this.before.leaves.get(key);
+    if (!held && this.lost) return;
     if (!held) throw new Refusal(`${nameOf(address)} is gone but was not held`);
     if (this.gone.has(key)) throw new Refusal(`${nameOf(address)} is gone twice`);
     this.gone.set(key, address);
     this.subtract(held);
-    for (let up = address; up.level < MAX_LEVEL; ) {
-      up = parentOf(up);
-      const list = this.below.get(keyOf(up));
-      if (list) list.push(held);
-      else this.below.set(keyOf(up), [held]);
-    }
+    --this.count;
   }
 
-  /** The leaf that is held there and makes room for another. */
-  private replaced(address: LeafAddress): HeldLeaf | undefined {
-    const key = keyOf(address);
+  /** The leaf that is held in the place of one that is to be there. */
+  private claim(address: LeafAddress): HeldLeaf | undefined {
+    const key = keyOf(address), held = this.held(key);
     if (this.named.has(key)) throw new Refusal(`${nameOf(address)} is there twice`);
     this.named.add(key);
-    const held = this.gone.has(key) ? undefined : this.leaves.get(key);
-    if (held) this.subtract(held);
+    if (!held) ++this.count;
     return held;
   }
 
-  /** What is gone below a leaf or above it. */
-  private family(address: LeafAddress): LeafMesh[] {
-    const out = [...(this.below.get(keyOf(address)) ?? [])];
-    for (let up = address; up.level < MAX_LEVEL; ) {
-      up = parentOf(up);
-      if (this.gone.has(keyOf(up))) out.push(this.leaves.get(keyOf(up))!);
-    }
-    return out.map((leaf) => leaf.mesh);
-  }
-
-  private baseOf({ address: wire, payload }: LeafDelta): Base {
-    const address = addressOf(wire);
-    let base: Base | undefined = this.replaced(address);
-    if (!base) {
-      const sources = this.family(address);
-      for (const source of sources) this.searched += source.triangles.length / 3;
-      if (this.searched > MAX_GATHERED) throw new Refusal('too much would have to be gathered from leaves that are gone');
-      const mesh = gather(address, sources);
-      base = { mesh, hash: hashLeaf(mesh) };
-    }
-    const triangles = base.mesh.triangles.length / 3;
-    this.announced += triangles;
-    if (payload.length === 0) return base;
+  private decode({ payload, vertices, triangles }: LeafWhole, address: LeafAddress, draco: DracoDecode): void {
     try {
-      const { added, removed } = readHead(payload, triangles);
-      this.announced += added - removed;
-      this.decoded += added;
-    } catch {
-      // It fails again when it is decoded, where that is forgiven.
-    }
-    return base;
-  }
-
-  private decodeWhole({ payload, vertices, triangles }: LeafWhole, address: LeafAddress, draco: DracoDecode): void {
-    try {
-      const mesh = decodeLeaf(payload, address, vertices, triangles, draco);
-      this.decoded += triangles;
-      this.keep(mesh, hashLeaf(mesh));
+      const mesh = decodeLeaf(payload, address, vertices, triangles, draco), held = this.held(keyOf(address));
+      if (held) this.subtract(held);
+      this.keep(mesh, this.points.hashLeaf(mesh));
     } catch (error) {
       throw error instanceof Refusal ? new Refusal(`${nameOf(address)}: ${error.message}`) : error;
     }
   }
 
-  private decodeChanged({ payload }: LeafDelta, { mesh, hash }: Base): void {
-    let changed = { leaf: mesh, hash };
-    try {
-      changed = decodeDelta(payload, mesh, hash);
-    } catch (error) {
-      if (!(error instanceof Refusal)) throw error;
-      this.damaged.add(keyOf(mesh.address));
+  /** The leaves that the points begin with, before others come. */
+  private *heldOrWhole(): Generator<LeafMesh> {
+    for (const [key, { mesh }] of this.before.leaves) if (!this.gone.has(key) && !this.fresh.has(key)) yield mesh;
+    for (const { mesh } of this.fresh.values()) yield mesh;
+  }
+
+  private judge(triangles: number): void {
+    if (triangles > MAX_TRIANGLES) throw new Refusal(`the mesh would have ${triangles} triangles, at most ${MAX_TRIANGLES} are held`);
+  }
+
+  // Points that do not fit leave the mesh as it is, to be requested again.
+  private follow(gone: LeafAddress[], come: LeafAddress[], payload: Uint8Array): void {
+    for (const address of come) this.keep({ address, vertices: new Int32Array(0), triangles: new Uint32Array(0) }, 0n);
+    this.lost ||= !this.points.follow(gone, come, payload);
+    if (this.lost) return;
+    for (const { address, hash, extract } of this.points.takeChanged()) {
+      const key = keyOf(address), before = this.fresh.get(key) ?? this.held(key);
+      if (!before || before.hash === hash) continue;
+      this.subtract(before);
+      this.keep(extract(), hash, before.mesh.triangles.length / 3);
     }
-    this.keep(changed.leaf, changed.hash);
+    this.judge(this.triangles);
   }
 }

@@ -4,28 +4,28 @@ import type { DracoDecode } from '../codec/leaf';
 import { LeafAddress, Refusal, cornerX, cornerZ } from '../codec/mesh';
 import type { Iteration } from '../generated/ridgecast/v1/stream_pb';
 import { Draft, HeldLeaf } from './draft';
-
-const MASK = (1n << 64n) - 1n;
+import type { PointMesh } from './point_mesh';
 
 /** What an iteration did to the leaves held, for whoever draws them. */
 export interface Change {
   readonly gone: readonly LeafAddress[];
   readonly fresh: readonly HeldLeaf[]; // new, or in the place of what was held
-  readonly decoded: number; // triangles that came, in deltas and whole
+  readonly decoded: number; // triangles of leaves that came, and those by which others grew
 }
 
 export class Scene {
   readonly leaves = new Map<string, HeldLeaf>();
   hash = 0n;
   triangles = 0;
+  lost = false; // points came that do not fit those held: the leaves that they make stay as they are until all come whole
   private last = 0n; // number of the last iteration, 0 before any
-  private damagedKeys = new Set<string>();
-  private untold: LeafAddress[] = [];
 
-  constructor(private readonly draco: DracoDecode) {}
+  constructor(
+    private readonly draco: DracoDecode,
+    private readonly points: PointMesh,
+  ) {}
 
-  /** Either everything in it is applied, or a Refusal is thrown and nothing is. A delta that does not make the leaf that was meant is
-   *  forgiven: its base stays, and takeDamaged() names it. */
+  /** Either everything in it is applied, or a Refusal is thrown and nothing is; then clear() must follow. */
   apply(iteration: Iteration): Change {
     const name = `iteration ${iteration.number}: `;
     try {
@@ -37,26 +37,15 @@ export class Scene {
 
   clear(): void {
     this.leaves.clear();
-    this.damagedKeys.clear();
-    this.untold = [];
     this.hash = 0n;
     this.triangles = 0;
     this.last = 0n;
+    this.lost = true;
   }
 
   /** The connection was lost and what is held stays: the next iteration is the first of another one. */
   reconnect(): void {
     this.last = 0n;
-  }
-
-  get damaged(): boolean {
-    return this.damagedKeys.size > 0;
-  }
-  /** Leaves that are not what the server thinks, each told once; to be named to it before the hash is. */
-  takeDamaged(): LeafAddress[] {
-    const out = this.untold;
-    this.untold = [];
-    return out;
   }
 
   /** Height in metres of the mesh at a point given in steps; nothing where no triangle lies. */
@@ -78,19 +67,15 @@ export class Scene {
   // First everything that can fail, on the side; then what cannot.
   private applied(iteration: Iteration): Change {
     if (iteration.number === 0n || (this.last !== 0n && iteration.number !== this.last + 1n)) throw new Refusal(`out of order, ${this.last + 1n} was expected`);
-    const draft = new Draft(this.leaves, this.hash, this.triangles);
+    const draft = new Draft(this, this.points);
     draft.fill(iteration, this.draco);
-    const { gone, fresh, damaged } = draft;
+    const { gone, fresh, decoded } = draft;
     for (const key of gone.keys()) this.leaves.delete(key);
-    for (const [key, leaf] of fresh) {
-      this.leaves.set(key, leaf);
-      if (!damaged.has(key)) this.damagedKeys.delete(key);
-      else if (!this.damagedKeys.has(key)) this.damagedKeys.add(key), this.untold.push(leaf.mesh.address);
-    }
-    for (const key of this.damagedKeys) if (!this.leaves.has(key)) this.damagedKeys.delete(key);
-    this.hash = draft.hash & MASK;
+    for (const [key, leaf] of fresh) this.leaves.set(key, leaf);
+    this.hash = BigInt.asUintN(64, draft.hash);
     this.triangles = draft.triangles;
+    this.lost = draft.lost;
     this.last = iteration.number;
-    return { gone: [...gone.values()], fresh: [...fresh.values()], decoded: draft.decoded };
+    return { gone: [...gone.values()], fresh: [...fresh.values()], decoded };
   }
 }

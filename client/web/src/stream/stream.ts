@@ -9,7 +9,7 @@ export const PROTOCOL_VERSION = 1;
 const FIRST_WAIT = 50, LONGEST_WAIT = 2000; // ms
 const TIMEOUT = 15_000; // ms from the attempt to the world, unless told otherwise
 const MAX_MESSAGE = 256 * 2 ** 20;
-const MAX_RESENT = 4096, RESUMED_AT_A_TIME = 2048, MAX_RESUMED = 65_536;
+const RESUMED_AT_A_TIME = 2048, MAX_RESUMED = 65_536;
 
 /** A camera in protocol units: steps, metres, radians, pixels. */
 export interface Camera {
@@ -138,9 +138,9 @@ export class Stream {
     if (this.world && this.world.revision >= 2) this.send({ case: 'changeSettings', value: create(SettingsSchema, { metric: Metric.PIXELS, ...this.settings }) });
   }
 
-  /** None named: all. */
-  resend(leaves: readonly LeafAddress[]): void {
-    this.send({ case: 'resendLeaves', value: create(ResendLeavesSchema, { leaves: leaves.length > MAX_RESENT ? [] : leaves.map(wireAddress) }) });
+  /** All leaves. */
+  resend(): void {
+    this.send({ case: 'resendLeaves', value: create(ResendLeavesSchema) });
   }
 
   private send(kind: ClientMessage['kind']): void {
@@ -178,7 +178,7 @@ export class Stream {
         clientName: new TextEncoder().encode(this.options.clientName),
         settings: create(SettingsSchema, { metric: Metric.PIXELS, ...this.settings }),
         pacing: lockstep ? Pacing.LOCKSTEP : Pacing.FREE,
-        deltas: true,
+        points: true,
         members: this.listener.onMembers !== undefined,
         clock: this.listener.onClock !== undefined,
       }),

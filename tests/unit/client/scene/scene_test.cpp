@@ -7,7 +7,6 @@
 #include <future>
 
 #include "common/codec/codec.h"
-#include "common/codec/delta.h"
 #include "common/mesh/leaf_mesh.h"
 #include "tests/support/leaf_meshes.h"
 
@@ -58,13 +57,19 @@ void expectHolds(const Scene& scene, const Replica& replica, std::uint64_t itera
   EXPECT_EQ(scene.iteration(), iteration);
 }
 
+wire::Iteration iterationOf(std::uint64_t number) {
+  wire::Iteration it;
+  it.number = number;
+  return it;
+}
+
 struct Fixture {
   Random random{7};
   Scene scene;
   Replica replica;
   std::uint64_t number = 0;
 
-  wire::Iteration next() { return {.number = ++number, .gone = {}, .whole = {}, .changed = {}, .figures = {}}; }
+  wire::Iteration next() { return iterationOf(++number); }
   void set(wire::Iteration& it, lattice::LeafAddress address, int n) {
     mesh::LeafMesh leaf = leafAt(random, address, n);
     it.whole.push_back(wholeOf(leaf));
@@ -100,101 +105,6 @@ TEST(Scene, HoldsWhatItWasSent) {
     }
     expectHolds(f.scene, f.replica, f.number);
   }
-}
-
-wire::LeafDelta deltaOf(const mesh::LeafMesh& base, const mesh::LeafMesh& target) {
-  return {target.address, codec::encodeDelta(base, target, mesh::hashLeaf(target)).value()};
-}
-
-// A leaf all of whose triangles have their centroids in its square.
-mesh::LeafMesh ownLeaf(Random& random, lattice::LeafAddress address, int n) {
-  const mesh::LeafMesh leaf = leafAt(random, address, n);
-  const mesh::LeafMesh* source = &leaf;
-  return mesh::gather(address, {&source, 1});
-}
-
-TEST(Scene, AppliesDeltasSplitsAndMerges) {
-  Fixture f;
-  const lattice::LeafAddress parent{1, 3, -2};
-  for (int round = 0; round < 40; ++round) {
-    f.scene.clear();
-    f.replica.clear();
-    wire::Iteration it = f.next();
-    const mesh::LeafMesh first = ownLeaf(f.random, parent, 8);
-    it.whole.push_back(wholeOf(first));
-    f.replica[parent] = first;
-    ASSERT_TRUE(f.scene.apply(it));
-    // A change inside.
-    it = f.next();
-    const mesh::LeafMesh second = support::torn(f.random, first, 0.1);
-    it.changed.push_back(deltaOf(first, second));
-    f.replica[parent] = second;
-    ASSERT_TRUE(f.scene.apply(it));
-    expectHolds(f.scene, f.replica, f.number);
-    // A split: two children are what they were cut from, one is changed, one is sent whole.
-    it = f.next();
-    it.gone = {parent};
-    f.replica.clear();
-    const mesh::LeafMesh* source = &second;
-    for (int q = 0; q < 4; ++q) {
-      mesh::LeafMesh child = mesh::gather(parent.child(q), {&source, 1});
-      if (q < 2) {
-        it.changed.push_back({child.address, {}});
-      } else if (q == 2) {
-        const mesh::LeafMesh changed = support::torn(f.random, child, 0.2);
-        it.changed.push_back(deltaOf(child, changed));
-        child = changed;
-      } else {
-        it.whole.push_back(wholeOf(child));
-      }
-      f.replica[child.address] = child;
-    }
-    const auto split = f.scene.apply(it);
-    ASSERT_TRUE(split) << split.error().message;
-    expectHolds(f.scene, f.replica, f.number);
-    // And a merge.
-    it = f.next();
-    std::vector<const mesh::LeafMesh*> children;
-    for (const auto& [address, leaf] : f.replica) {
-      it.gone.push_back(address);
-      children.push_back(&leaf);
-    }
-    const mesh::LeafMesh gathered = mesh::gather(parent, children), merged = support::torn(f.random, gathered, 0.1);
-    it.changed.push_back(deltaOf(gathered, merged));
-    f.replica = {{parent, merged}};
-    const auto applied = f.scene.apply(it);
-    ASSERT_TRUE(applied) << applied.error().message;
-    expectHolds(f.scene, f.replica, f.number);
-    EXPECT_FALSE(f.scene.damaged());
-  }
-}
-
-TEST(Scene, NamesTheLeafThatADeltaDoesNotFit) {
-  Fixture f;
-  wire::Iteration it = f.next();
-  const mesh::LeafMesh held = leafAt(f.random, {0, 0, 0}, 5), thought = leafAt(f.random, {0, 0, 0}, 5),
-                       next = support::torn(f.random, thought, 0.2);
-  it.whole = {wholeOf(held), wholeOf(leafAt(f.random, {0, 1, 0}, 3))};
-  ASSERT_TRUE(f.scene.apply(it));
-  // The server thinks that another leaf is held: the rest of the iteration is applied, and the leaf stays.
-  it = f.next();
-  it.changed = {deltaOf(thought, next)};
-  const mesh::LeafMesh other = leafAt(f.random, {0, 1, 0}, 4);
-  it.whole = {wholeOf(other)};
-  ASSERT_TRUE(f.scene.apply(it));
-  expectHolds(f.scene, {{{0, 0, 0}, held}, {{0, 1, 0}, other}}, 2);
-  EXPECT_EQ(f.scene.takeDamaged(), std::vector<lattice::LeafAddress>{held.address});
-  // Told once.
-  it = f.next();
-  it.changed = {deltaOf(next, thought)};
-  ASSERT_TRUE(f.scene.apply(it));
-  EXPECT_TRUE(f.scene.takeDamaged().empty());
-  EXPECT_TRUE(f.scene.damaged());
-  it = f.next();
-  it.whole = {wholeOf(thought)};
-  ASSERT_TRUE(f.scene.apply(it));
-  EXPECT_FALSE(f.scene.damaged());
-  expectHolds(f.scene, {{{0, 0, 0}, thought}, {{0, 1, 0}, other}}, 4);
 }
 
 TEST(Scene, KeepsWhatItHoldsForAnotherConnection) {
@@ -239,7 +149,8 @@ TEST(Scene, AppliesNothingOfAWrongIteration) {
   ASSERT_TRUE(f.scene.apply(first));
   expectHolds(f.scene, f.replica, 1);
 
-  wire::Iteration good{.number = 2, .gone = {{0, 0, 0}}, .whole = {}, .changed = {}, .figures = {}};
+  wire::Iteration good = iterationOf(2);
+  good.gone = {{0, 0, 0}};
   for (int k = 3; k < 8; ++k) good.whole.push_back(wholeOf(leafAt(f.random, {0, k, 0}, 4)));
   const auto refuses = [&](const char* what, auto change) {
     wire::Iteration bad = good;
@@ -275,7 +186,7 @@ TEST(Scene, AppliesNothingOfAWrongIteration) {
 TEST(Scene, HeightIsThatOfTheTriangleUnderThePoint) {
   // A tilted plane y = 3 x - 2 z + 1000 over two leaves: every covered point has the plane's height.
   Scene scene;
-  wire::Iteration it{.number = 1, .gone = {}, .whole = {}, .changed = {}, .figures = {}};
+  wire::Iteration it = iterationOf(1);
   const lattice::LeafAddress left{0, -1, 3}, right{0, 0, 3};
   for (const lattice::LeafAddress& address : {left, right}) {
     mesh::LeafMesh leaf{.address = address, .vertices = {}, .triangles = {}};

@@ -4,16 +4,15 @@ import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { test } from 'node:test';
-import { decodeDelta } from '../../../../client/web/src/codec/delta';
-import { Sum, hashVertex, mix, out } from '../../../../client/web/src/codec/hash';
 import { decodeLeaf } from '../../../../client/web/src/codec/leaf';
-import { LeafMesh, Refusal, canonical, gather, hashLeaf, hashTerm, orientation } from '../../../../client/web/src/codec/mesh';
+import { LeafMesh, Refusal, orientation } from '../../../../client/web/src/codec/mesh';
+import { PointMesh } from '../../../../client/web/src/scene/point_mesh';
+import { hashLeaf, hashTerm, hashVertex, mix, pointsModule } from '../../../support/web';
 
 const page = readFileSync(join(process.env['RIDGECAST_SOURCE']!, 'proto/PROTOCOL.md'), 'utf8');
 const noDraco = (): never => {
   throw new Refusal('no Draco here');
 };
-const last = (): bigint => new Sum(out[0]!, out[1]!).value;
 
 /** The hexadecimal number that the page gives for something. */
 function given(name: string): bigint {
@@ -30,37 +29,18 @@ function bytesBelow(sentence: string): Uint8Array {
 const leafOf = (level: number, i: number, j: number, vertices: number[], triangles: number[]): LeafMesh => ({ address: { level, i, j }, vertices: Int32Array.from(vertices), triangles: Uint32Array.from(triangles) });
 
 test('hashes are those of the page', () => {
-  mix(0, 0);
-  assert.equal(last(), given('mix\\(0\\)'));
-  hashVertex(-8192, 16384, -1);
-  assert.equal(last(), given('vertex\\(-8192, 16384,  -1\\)'));
-  hashVertex(-7936, 16384, 300);
-  assert.equal(last(), given('vertex\\(-7936, 16384, 300\\)'));
-  const leaf = leafOf(0, -1, 2, [0, 0, -1, 0, 256, 512, 256, 0, 300], [0, 1, 2]);
-  const hash = hashLeaf(leaf);
+  assert.equal(mix(0n), given('mix\\(0\\)'));
+  assert.equal(hashVertex(-8192, 16384, -1), given('vertex\\(-8192, 16384,  -1\\)'));
+  assert.equal(hashVertex(-7936, 16384, 300), given('vertex\\(-7936, 16384, 300\\)'));
+  const leaf = leafOf(0, -1, 2, [0, 0, -1, 0, 256, 512, 256, 0, 300], [0, 1, 2]), points = new PointMesh(pointsModule());
+  const hash = points.hashLeaf(leaf);
   assert.equal(hash, given('vertex\\(-7936, 16384, 300\\)\\s+[0-9a-f]+\\s+leaf'));
-  assert.equal(hashTerm(leaf.address, hash), given('\\s{20,}mesh'));
-});
+  assert.equal(points.hashTerm(leaf.address, hash), given('\\s{20,}mesh'));
 
-test('mix agrees with arithmetic in whole numbers', () => {
-  const mask = (1n << 64n) - 1n;
-  const slow = (v: bigint): bigint => {
-    v = (v + 0x9e3779b97f4a7c15n) & mask;
-    v = ((v ^ (v >> 30n)) * 0xbf58476d1ce4e5b9n) & mask;
-    v = ((v ^ (v >> 27n)) * 0x94d049bb133111ebn) & mask;
-    return v ^ (v >> 31n);
-  };
-  let v = 1n;
-  for (let k = 0; k < 5000; ++k) {
-    mix(Number(BigInt.asIntN(32, v >> 32n)), Number(BigInt.asIntN(32, v)));
-    assert.equal(last(), slow(v));
-    v = (slow(v) + BigInt(k)) & mask;
-  }
   // Far out, where positions fill 51 bits.
-  const x = -(2 ** 50) + 12_345, z = 2 ** 50 - 1, y = -(2 ** 25);
-  hashVertex(x, z, y);
-  const wide = (n: number): bigint => BigInt(n) & mask;
-  assert.equal(last(), slow((wide(x) + slow((wide(z) + slow(wide(y))) & mask)) & mask));
+  const far = leafOf(10, -(2 ** 27), 2 ** 27 - 1, [5, 7, -(2 ** 25), 90, 99, 2 ** 25, 91, 12, 0, 92, 80, 3], [1, 2, 0, 2, 1, 3]);
+  assert.equal(points.hashLeaf(far), hashLeaf(far));
+  assert.equal(points.hashTerm(far.address, 2n ** 64n - 1n), hashTerm(far.address, 2n ** 64n - 1n));
 });
 
 test('orientation is exact', () => {
@@ -76,48 +56,21 @@ test('the plain form is that of the page', () => {
   assert.deepEqual([...leaf.triangles], [0, 1, 2]);
 });
 
-const square = leafOf(0, 0, 0, [0, 0, 0, 0, 512, 0, 512, 0, 0, 512, 512, 0], [0, 1, 2, 1, 3, 2]);
-
-test('the delta is that of the page', () => {
-  const { leaf, hash } = decodeDelta(bytesBelow('which makes four:'), square, hashLeaf(square));
-  assert.deepEqual([...leaf.vertices], [0, 0, 0, 0, 512, 0, 256, 256, 100, 512, 0, 0, 512, 512, 0]);
-  assert.equal(leaf.triangles.length, 12);
-  assert.equal(hashLeaf(leaf), hash);
-  assert.deepEqual(canonical(leaf.address, leaf.vertices, leaf.triangles), leaf);
-  assert.equal(decodeDelta(new Uint8Array(0), square, 7n).leaf, square);
-});
-
 test('what is no payload is refused in a sentence, and soon', () => {
-  const whole = bytesBelow('Example, the triangle'), delta = bytesBelow('which makes four:');
+  const whole = bytesBelow('Example, the triangle');
   let random = 12345;
   const next = (n: number): number => (random = (Math.imul(random, 1103515245) + 12345) >>> 0) % n;
   const attempt = (bytes: Uint8Array): void => {
-    for (const decode of [
-      () => decodeLeaf(bytes, { level: next(11), i: next(5) - 2, j: 0 }, 3 + next(3), 1 + next(4), noDraco),
-      () => decodeDelta(bytes, square, 0n),
-    ])
-      try {
-        decode();
-      } catch (error) {
-        assert.ok(error instanceof Refusal, String(error));
-      }
-  };
-  for (const good of [whole, delta]) {
-    for (let n = 0; n < good.length; ++n) attempt(good.slice(0, n));
-    for (let k = 0; k < 20_000; ++k) {
-      const bytes = Uint8Array.from([...good, ...Array.from({ length: next(20) }, () => next(256))]);
-      for (let flips = 1 + next(6); flips > 0; --flips) bytes[next(bytes.length)] = next(256);
-      attempt(bytes);
+    try {
+      decodeLeaf(bytes, { level: next(11), i: next(5) - 2, j: 0 }, 3 + next(3), 1 + next(4), noDraco);
+    } catch (error) {
+      assert.ok(error instanceof Refusal, String(error));
     }
+  };
+  for (let n = 0; n < whole.length; ++n) attempt(whole.slice(0, n));
+  for (let k = 0; k < 20_000; ++k) {
+    const bytes = Uint8Array.from([...whole, ...Array.from({ length: next(20) }, () => next(256))]);
+    for (let flips = 1 + next(6); flips > 0; --flips) bytes[next(bytes.length)] = next(256);
+    attempt(bytes);
   }
-});
-
-test('gathering takes what lies in the square, by its centroid', () => {
-  // Two level 0 leaves into their parent, which begins where the left one does.
-  const left = leafOf(0, 2, 4, [0, 0, 5, 0, 8192, 5, 8192, 0, 5], [0, 1, 2]);
-  const right = leafOf(0, 3, 4, [0, 0, 5, 0, 8192, 6, 8192, 0, 7], [0, 1, 2]);
-  const parent = gather({ level: 1, i: 1, j: 2 }, [left, right]);
-  assert.deepEqual([...parent.vertices], [0, 0, 5, 0, 8192, 5, 8192, 0, 5, 8192, 8192, 6, 16384, 0, 7]);
-  assert.equal(parent.triangles.length, 6);
-  assert.deepEqual([...gather(right.address, [leafOf(1, 1, 2, [8192, 0, 5, 8192, 8192, 6, 16384, 0, 7], [0, 1, 2])]).vertices], [...right.vertices]);
 });

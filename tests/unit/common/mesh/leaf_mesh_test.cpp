@@ -158,5 +158,31 @@ TEST(Hash, WorkedExampleOfTheProtocol) {
   EXPECT_EQ(term, 0x831e8a487e12cd14ull);
 }
 
+TEST(Gather, ChildrenShareOutTheirParentAndMakeItAgain) {
+  Random random(8);
+  for (int k = 0; k < 30; ++k) {
+    mesh::LeafMesh parent = support::terrainLike(random, 9, 3);
+    // Only what lies inside belongs to it.
+    std::erase_if(parent.triangles, [&](const mesh::Triangle& t) {
+      std::int64_t x = 3 * parent.address.x(), z = 3 * parent.address.z();
+      for (std::uint32_t v : t) x += parent.vertices[v].x, z += parent.vertices[v].z;
+      return !parent.address.containsCentroid(x, z);
+    });
+    mesh::canonicalize(parent);
+    std::vector<mesh::LeafMesh> children;
+    std::size_t triangles = 0;
+    const mesh::LeafMesh* source = &parent;
+    for (int q = 0; q < 4; ++q) {
+      children.push_back(mesh::gather(parent.address.child(q), {&source, 1}));
+      EXPECT_TRUE(mesh::isCanonical(children.back()));
+      triangles += children.back().triangles.size();
+    }
+    EXPECT_EQ(triangles, parent.triangles.size());
+    std::vector<const mesh::LeafMesh*> all;
+    for (const auto& c : children) all.push_back(&c);
+    EXPECT_TRUE(mesh::gather(parent.address, all) == parent);
+  }
+}
+
 }  // namespace
 }  // namespace ridgecast

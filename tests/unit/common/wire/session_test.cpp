@@ -180,8 +180,8 @@ TEST(WireSession, GroundsAndErrorsOfLeavesSurvive) {
   EXPECT_EQ(out.leaves[0].error, 0.125f);
   Iteration it;
   it.number = 1;
-  it.changed = {{{0, 1, 2}, {7}, 2.5f}};
-  EXPECT_EQ(throughClient(it).changed[0].error, 2.5f);
+  it.errors = {2.5f};
+  EXPECT_EQ(throughClient(it).errors, it.errors);
 }
 
 std::string whyServer(const std::function<void(pb::ClientMessage&)>& fill) {

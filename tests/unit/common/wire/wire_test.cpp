@@ -20,7 +20,7 @@ Hello anyHello() {
   return {.clientName = "a simulator",
           .settings = {Metric::kThesis, 0.25, 123'456, 64'000, 0, 0.125},
           .pacing = Pacing::kLockstep,
-          .deltas = true};
+          .points = true};
 }
 Resume anyResume() { return {{{{3, -5, 6}, 7}, {{0, 1, 2}, ~0ull}}}; }
 PoseMessage anyPose() {
@@ -49,7 +49,10 @@ Iteration anyIteration() {
   it.gone = {{0, -1, 2}, {10, 4, -4}};
   it.whole = {{.address = {3, 5, 6}, .vertices = 4, .triangles = 2, .payload = {0, 255, 7, 0, 1}},
               {.address = {4, -5, 6}, .vertices = 0, .triangles = 0, .payload = {}}};
-  it.changed = {{.address = {0, 9, -9}, .payload = {0x20, 0, 255}}, {.address = {1, 7, 7}, .payload = {}}};
+  it.come = {{0, 9, -9}, {1, 7, 7}};
+  it.points = {0x30, 0, 255};
+  it.errors = {0.5f, 0};
+  it.shades = {1, 2, 3, 4, 5};
   it.meshHash = ~0ull;
   it.settled = true;
   it.figures = {.selectMs = 1.5,
@@ -144,9 +147,9 @@ TEST(Wire, ResumeSurvives) {
   EXPECT_EQ(decoded.error().message.find("Resume.leaves must be at most 2,048"), 0u) << decoded.error().message;
 }
 
-TEST(Wire, DeltasInHelloSurvive) {
-  EXPECT_TRUE(roundTrip(Hello{}).deltas);
-  EXPECT_FALSE(roundTrip(Hello{.clientName = "", .settings = {}, .pacing = Pacing::kFree, .deltas = false}).deltas);
+TEST(Wire, PointsInHelloSurvive) {
+  EXPECT_FALSE(roundTrip(Hello{}).points);
+  EXPECT_TRUE(roundTrip(Hello{.clientName = "", .settings = {}, .pacing = Pacing::kFree, .points = true}).points);
 }
 
 TEST(Wire, WorldSurvives) {
@@ -175,11 +178,10 @@ TEST(Wire, IterationSurvives) {
     EXPECT_EQ(out.whole[k].triangles, in.whole[k].triangles);
     EXPECT_EQ(out.whole[k].payload, in.whole[k].payload);
   }
-  ASSERT_EQ(out.changed.size(), in.changed.size());
-  for (std::size_t k = 0; k < in.changed.size(); ++k) {
-    EXPECT_EQ(out.changed[k].address, in.changed[k].address);
-    EXPECT_EQ(out.changed[k].payload, in.changed[k].payload);
-  }
+  EXPECT_EQ(out.come, in.come);
+  EXPECT_EQ(out.points, in.points);
+  EXPECT_EQ(out.errors, in.errors);
+  EXPECT_EQ(out.shades, in.shades);
   EXPECT_EQ(out.meshHash, in.meshHash);
   EXPECT_EQ(out.settled, in.settled);
   const Figures &a = in.figures, &b = out.figures;
@@ -306,9 +308,9 @@ TEST(WireRefuses, Addresses) {
     pb::ServerMessage whole = server(anyIteration());
     *whole.mutable_iteration()->mutable_whole(0)->mutable_address() = resend.resend_leaves().leaves(0);
     expectRefused(whole, "LeafWhole.address");
-    pb::ServerMessage changed = server(anyIteration());
-    *changed.mutable_iteration()->mutable_changed(0)->mutable_address() = resend.resend_leaves().leaves(0);
-    expectRefused(changed, "LeafDelta.address");
+    pb::ServerMessage come = server(anyIteration());
+    *come.mutable_iteration()->mutable_come(0) = resend.resend_leaves().leaves(0);
+    expectRefused(come, "Iteration.come");
     pb::ClientMessage resume = client(anyResume());
     *resume.mutable_resume()->mutable_leaves(1)->mutable_address() = resend.resend_leaves().leaves(0);
     expectRefused(resume, "HeldLeaf.address");
@@ -345,6 +347,7 @@ TEST(WireRefuses, Iteration) {
   with("LeafWhole.vertices", [](pb::Iteration& m) { m.mutable_whole(1)->set_vertices(3); });
   with("LeafWhole.payload", [](pb::Iteration& m) { m.mutable_whole(0)->clear_payload(); });
   with("LeafWhole.payload", [](pb::Iteration& m) { m.mutable_whole(1)->set_payload("x"); });
+  for (double bad : kBad) with("Iteration.errors", [&](pb::Iteration& m) { m.set_errors(0, static_cast<float>(bad)); });
   for (double bad : kBad) with("Figures.refine_ms", [&](pb::Iteration& m) { m.mutable_figures()->set_refine_ms(bad); });
   with("Figures.effective_threshold", [](pb::Iteration& m) { m.mutable_figures()->set_effective_threshold(-1); });
 }
@@ -404,7 +407,7 @@ TEST(WireRefuses, TooManyEntriesBeforeTheyAreBuilt) {
   for (const auto& [name, bytes] :
        std::vector<std::pair<std::string, std::string>>{{"Iteration.gone", nested("\x12", list("\x1a", kMaxIterationLeaves))},
                                                         {"Iteration.whole", nested("\x12", list("\x22", kMaxIterationLeaves))},
-                                                        {"Iteration.changed", nested("\x12", list("\x42", kMaxIterationLeaves))},
+                                                        {"Iteration.come", nested("\x12", list("\x52", kMaxIterationLeaves))},
                                                         {"Members.joined", nested("\x22", list("\x0a", kMaxMembers))},
                                                         {"Members.moved", nested("\x22", list("\x12", kMaxMembers))},
                                                         {"Ground.leaves", nested("\x3a", list("\x1a", kMaxIterationLeaves))},

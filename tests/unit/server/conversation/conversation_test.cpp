@@ -26,6 +26,7 @@ wire::PoseMessage pose(std::uint64_t sequence) {
 
 wire::Hello hello(wire::Pacing pacing = wire::Pacing::kFree, std::uint64_t bytesPerSecond = 0) {
   wire::Hello h;
+  h.points = true;
   h.pacing = pacing;
   h.settings.bytesPerSecond = bytesPerSecond;
   return h;
@@ -286,7 +287,8 @@ struct Simulation {
       held[a] = it->hash;
     };
     for (const auto& a : changes.whole) take(a);
-    for (const auto& d : changes.changed) take(d.address);
+    for (const auto& a : changes.come) take(a);
+    for (const auto& a : changes.other) take(a);
   }
 };
 

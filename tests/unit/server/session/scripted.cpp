@@ -1,7 +1,6 @@
 #include "scripted.h"
 
 #include "common/codec/codec.h"
-#include "common/codec/delta.h"
 #include "common/mesh/leaf_mesh.h"
 #include "tests/support/waiting.h"
 
@@ -122,7 +121,6 @@ void Client::fail(wire::ErrorMessage message) {
 
 void Client::apply(const wire::Iteration& iteration) {
   if (iteration.number != iterations_.size() + 1) complaint_ = "numbers do not ascend by 1";
-  const auto before = held_;
   for (const auto& address : iteration.gone)
     if (held_.erase(address) == 0) complaint_ = "a leaf is gone that is not held";
   for (const auto& whole : iteration.whole) {
@@ -136,23 +134,6 @@ void Client::apply(const wire::Iteration& iteration) {
       complaint_ = leaf.error().message;
     } else {
       held_[whole.address] = *leaf;
-    }
-  }
-  for (const auto& delta : iteration.changed) {
-    mesh::LeafMesh base{delta.address, {}, {}};
-    if (const auto it = before.find(delta.address); it != before.end()) {
-      base = it->second;
-    } else {
-      std::vector<const mesh::LeafMesh*> sources;
-      for (const auto& address : iteration.gone)
-        if (address.isAncestorOf(delta.address) || delta.address.isAncestorOf(address)) sources.push_back(&before.at(address));
-      base = mesh::gather(delta.address, sources);
-    }
-    const auto changed = codec::decodeDelta(delta.payload, base, mesh::hashLeaf(base));
-    if (!changed) {
-      complaint_ = changed.error().message;
-    } else {
-      held_[delta.address] = changed->leaf;
     }
   }
   meshHash_ = 0;

@@ -234,24 +234,6 @@ TEST_F(SessionTest, AClientThatNeverAgreesIsSentAway) {
 
 // ---- a budget of bytes ----
 
-TEST_F(SessionTest, ClientsWithoutDeltasGetWholeLeaves) {
-  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}, {kB, 1}}, false}; };
-  for (const bool deltas : {false, true}) {
-    client = std::make_shared<Client>();
-    start();
-    wire::Hello h = hello();
-    h.deltas = deltas;
-    camera->receive(h);
-    camera->receive(pose(1));
-    for (int k = 0; k < 5; ++k) {
-      const auto i = client->iteration();
-      ASSERT_TRUE(i);
-      EXPECT_TRUE(deltas || i->changed.empty());
-      acknowledge(*i);
-    }
-  }
-}
-
 // Everything at once, from several threads: nothing but the laws that the client checks by itself.
 TEST_F(SessionTest, StressOfMessagesFromSeveralThreads) {
   script->next = [](int n, const camera::Camera& c) {

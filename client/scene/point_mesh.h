@@ -1,0 +1,118 @@
+#pragma once
+// The triangulation that a client holds, which follows the points that a server sends (common/points): what is inserted and removed there
+// is inserted and removed here, and the triangles are the same. Knows no messages, sockets or threads.
+//
+// Not thread-safe; one owner. Memory: about 100 bytes a triangle.
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <unordered_map>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "common/mesh/leaf_mesh.h"
+#include "common/points/points.h"
+#include "common/terrain/shade.h"
+#include "common/triangulation/triangulation.h"
+
+namespace ridgecast::scene {
+
+class PointMesh final : public triangulation::Partition {
+ public:
+  // `shaded`: shades travel with vertices. `triangles`: room for so many from the start; there will be more where more come.
+  explicit PointMesh(bool shaded, std::uint32_t triangles = 0);
+
+  // What an iteration says of points. Leaves in any order.
+  struct Step {
+    std::span<const lattice::LeafAddress> gone, come;
+    std::span<const std::uint8_t> payload;
+    std::span<const std::uint8_t> shades;  // of points raised and inserted, where shades travel with vertices; else empty
+  };
+  struct Leaf {
+    mesh::LeafMesh mesh;                 // in any order
+    std::vector<terrain::Shade> shades;  // of its vertices, where they travel with them
+  };
+
+  // The points are the corners of these leaves' triangles. False: they contradict each other, and nothing is held.
+  struct Held {
+    const mesh::LeafMesh* mesh;
+    const std::vector<terrain::Shade>* shades;  // may be null
+  };
+  bool begin(std::span<const Held> leaves);
+  // False: the step does not fit what is held, which can only be cleared then.
+  bool follow(const Step& step);
+  // The leaves, in canonical order, whose triangles may have changed since the last call, and their hashes.
+  struct Changed {
+    lattice::LeafAddress leaf;
+    std::uint64_t hash;
+  };
+  std::vector<Changed> takeChanged();
+  Leaf extract(lattice::LeafAddress leaf);
+  void clear();
+
+  triangulation::RegionId regionAt(triangulation::Point2 p) const override;
+
+ private:
+  using VertexId = triangulation::VertexId;
+  using RegionId = triangulation::RegionId;
+  static constexpr std::uint32_t kLeastTriangles = 1 << 16, kMostTriangles = 8'000'000;  // made room for at first
+  static constexpr lattice::Step kReach = lattice::Step{1} << 26;                        // of vertices from the anchor
+
+  // A square's change, by vertex.
+  struct Resolved {
+    std::vector<VertexId> removed, raised, inserted;
+  };
+
+  lattice::Point absolute(triangulation::Point2 p) const { return {anchor_.x + p.x, anchor_.z + p.z}; }
+  static constexpr VertexId kNoVertex = triangulation::kInfinite;
+
+  template <class F>
+  void forEachVertex(F&& f) const {
+    for (RegionId region = 0; region < mesh_->regionLimit(); ++region)
+      if (mesh_->vertexPages().hasRegion(region))
+        mesh_->vertexPages().forEach(region, [&](VertexId v) {
+          if (v != triangulation::kInfinite) f(v);
+        });
+  }
+  triangulation::Moves moves();
+  void make(std::uint32_t triangles);
+  void empty();
+  void reserve(std::size_t points);
+  void addRegion(lattice::LeafAddress leaf);
+  void listRegions();
+  bool centre();
+  bool replaceLeaves(const Step& step);
+  std::uint32_t count(lattice::LeafAddress square);
+  const std::vector<VertexId>& list(lattice::LeafAddress square);
+  bool start(std::span<const triangulation::Vertex> vertices);
+  VertexId insert(const triangulation::Vertex& v, triangulation::TriangleId& hint);
+  triangulation::TriangleId hintFor(lattice::LeafAddress square, triangulation::Point2 p, triangulation::TriangleId otherwise) const;
+  bool change(std::span<const points::Change> changes, std::vector<Resolved>& resolved);
+  bool readHeights(std::span<const points::Change> changes, std::span<const Resolved> resolved, points::Reader& reader,
+                   std::span<const std::uint8_t> shades);
+  bool setHeight(VertexId v, std::int32_t y);
+  std::uint64_t termOf(triangulation::TriangleId t) const;
+  std::uint64_t hashOf(RegionId region);
+
+  std::unique_ptr<triangulation::Triangulation> mesh_;
+  std::uint32_t capacity_ = 0;  // triangles
+  lattice::Point anchor_;
+  std::unordered_map<lattice::LeafAddress, RegionId, lattice::LeafAddressHash> regions_;
+  std::vector<lattice::LeafAddress> held_;    // the leaves, in canonical order
+  std::vector<RegionId> heldRegions_;         // theirs
+  std::vector<lattice::LeafAddress> active_;  // squares that the last payload changed, in canonical order
+  std::vector<terrain::Shade> shades_;        // by vertex
+  const bool shaded_;
+  triangulation::WriteSet everything_;
+  mutable int likelyLevel_ = 0;  // of the leaf that was asked for last
+  unsigned levels_ = 0;          // of leaves that there may be, a bit each
+  std::vector<VertexId> list_;
+  std::vector<std::pair<std::uint64_t, VertexId>> sorted_;
+  triangulation::Records<std::uint64_t> terms_;  // by triangle that is not fresh: of its leaf's hash
+  std::vector<std::uint32_t> index_;             // by vertex: 1 + its place in the leaf that is extracted
+  std::vector<VertexId> extracted_;
+};
+
+}  // namespace ridgecast::scene

@@ -1,0 +1,207 @@
+#include "server/encoding/held_points.h"
+
+#include <algorithm>
+#include <iterator>
+#include <set>
+#include <utility>
+
+#include "common/points/guess.h"
+
+namespace ridgecast::encoding {
+
+using lattice::LeafAddress;
+using triangulation::kInfinite;
+using triangulation::kOutside;
+using triangulation::VertexId;
+
+namespace {
+
+lattice::Vertex absolute(const triangulation::Vertex& v, lattice::Point anchor) { return {anchor.x + v.x, anchor.z + v.z, v.y}; }
+
+// Vertices whose height the client does not know yet. One for each thread, empty between uses.
+std::vector<bool>& unknownVertices(std::size_t capacity) {
+  thread_local std::vector<bool> unknown;
+  if (unknown.size() < capacity) unknown.resize(capacity);
+  return unknown;
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> HeldPoints::update(const replica::Changes& changes, const pipeline::IteratingMesh& mesh, News& news) {
+  changed_.clear();
+  sizes_.clear();
+  if (changes.anew) {
+    beginAnew(changes, mesh);
+    for (const mesh::LeafState& leaf : mesh.leaves()) compareLeaf(leaf.address, mesh);
+  } else {
+    replaceLeaves(changes);
+    std::vector<LeafAddress> all;
+    std::ranges::merge(changes.touched, changes.come, std::back_inserter(all));
+    for (const LeafAddress& leaf : all) compareLeaf(leaf, mesh);
+  }
+  const Surface surface = mesh.surface();
+  if (changes.anew || surface.outside != outside_) compareOpen(surface);
+  outside_ = surface.outside;
+  return write(changes, mesh, news);
+}
+
+// What the client has of the leaves alone: all corners of their triangles.
+void HeldPoints::beginAnew(const replica::Changes& changes, const pipeline::IteratingMesh& mesh) {
+  leaves_.clear();
+  open_.clear();
+  active_.clear();
+  for (const mesh::LeafState& leaf : mesh.leaves()) leaves_[leaf.address];
+  if (!changes.come.empty()) return;  // it held none
+  const Surface surface = mesh.surface();
+  const auto take = [&](triangulation::RegionId region) {
+    surface.mesh->vertexPages().forEach(region, [&](VertexId v) {
+      bool isCorner = false;
+      if (v != kInfinite)
+        surface.mesh->forEachAround(v, [&](triangulation::HalfEdge h) { isCorner |= surface.mesh->regionOf(h >> 2) != kOutside; });
+      if (isCorner) file(absolute(surface.mesh->vertex(v), surface.anchor));
+    });
+  };
+  for (const mesh::LeafState& leaf : mesh.leaves()) take(mesh.region(leaf.address));
+  take(kOutside);
+  for (auto& [leaf, points] : leaves_) std::ranges::sort(points, {}, &Point::place);
+  for (auto& [square, points] : open_) std::ranges::sort(points, {}, &Point::place);
+}
+
+// What lay in squares that are gone lies in others now.
+void HeldPoints::replaceLeaves(const replica::Changes& changes) {
+  std::vector<std::pair<LeafAddress, Points>> homeless;
+  for (const LeafAddress& leaf : changes.gone)
+    if (auto node = leaves_.extract(leaf)) homeless.emplace_back(leaf, std::move(node.mapped()));
+  if (leaves_.empty()) {  // somewhere else altogether
+    homeless.clear();
+    open_.clear();
+  }
+  for (const LeafAddress& leaf : changes.come) leaves_[leaf];
+  std::erase_if(open_, [&](auto& square) {
+    const auto isHeir = [&](const LeafAddress& leaf) { return square.first.isAncestorOf(leaf) || leaf.isAncestorOf(square.first); };
+    if (std::ranges::none_of(changes.come, isHeir)) return false;
+    homeless.emplace_back(square.first, std::move(square.second));
+    return true;
+  });
+  std::set<Points*> filled;
+  for (const auto& [square, points] : homeless)
+    for (const Point& p : points) filled.insert(&file({square.x() + p.x, square.z() + p.z, p.y}));
+  for (Points* points : filled) std::ranges::sort(*points, {}, &Point::place);
+}
+
+HeldPoints::Points& HeldPoints::file(const lattice::Vertex& v) {
+  LeafAddress square;
+  Points* points = nullptr;
+  for (int level = 0; level <= lattice::kMaxLevel && !points; ++level) {
+    square = lattice::leafAt({v.x, v.z}, level);
+    if (const auto leaf = leaves_.find(square); leaf != leaves_.end()) points = &leaf->second;
+  }
+  if (!points) {
+    square = lattice::leafAt({v.x, v.z}, points::kOpenLevel);
+    points = &open_[square];
+  }
+  points->push_back(inside(square, v));
+  return *points;
+}
+
+void HeldPoints::compareLeaf(LeafAddress leaf, const pipeline::IteratingMesh& mesh) {
+  const Surface surface = mesh.surface();
+  list_.clear();
+  surface.mesh->vertexPages().forEach(
+      mesh.region(leaf), [&](VertexId v) { list_.push_back(listed(inside(leaf, absolute(surface.mesh->vertex(v), surface.anchor)), v)); });
+  compare(leaf, leaves_.at(leaf), list_);
+}
+
+void HeldPoints::compareOpen(const Surface& surface) {
+  std::map<LeafAddress, List> lists;
+  for (const auto& [square, points] : open_) lists[square];
+  surface.mesh->vertexPages().forEach(kOutside, [&](VertexId v) {
+    if (v == kInfinite) return;
+    const lattice::Vertex at = absolute(surface.mesh->vertex(v), surface.anchor);
+    const LeafAddress square = lattice::leafAt({at.x, at.z}, points::kOpenLevel);
+    lists[square].push_back(listed(inside(square, at), v));
+  });
+  for (auto& [square, list] : lists) {
+    Points& held = open_[square];
+    compare(square, held, list);
+    if (held.empty()) open_.erase(square);
+  }
+}
+
+// `held` becomes `now`; what that changes is noted.
+void HeldPoints::compare(LeafAddress square, Points& held, List& now) {
+  std::sort(now.begin(), now.end(), [](const Listed& l, const Listed& r) { return l.place < r.place; });
+  Changed c;
+  c.change.square = square;
+  auto before = held.cbegin();
+  std::uint32_t place = 0, stays = 0;
+  const auto remove = [&] {
+    c.change.removed.push_back(place++);
+    ++before;
+  };
+  for (const Listed& listed : now) {
+    while (before != held.cend() && before->place() < listed.place) remove();
+    if (before == held.cend() || listed.place < before->place()) {
+      c.change.inserted.push_back({listed.x(), listed.z()});
+      c.inserted.push_back(listed.vertex);
+      continue;
+    }
+    if (before->y != listed.y) {
+      c.change.raised.push_back(stays);
+      c.before.push_back(before->y);
+      c.raised.push_back(listed.vertex);
+    }
+    ++stays;
+    ++place;
+    ++before;
+  }
+  while (before != held.cend()) remove();
+  if (c.change.empty()) return;
+  sizes_.push_back(static_cast<std::uint32_t>(held.size()));
+  held.clear();
+  for (const Listed& listed : now) held.push_back({listed.x(), listed.z(), listed.y});
+  changed_.push_back(std::move(c));
+}
+
+std::vector<std::uint8_t> HeldPoints::write(const replica::Changes& changes, const pipeline::IteratingMesh& mesh, News& news) {
+  const Surface surface = mesh.surface();
+  const triangulation::Triangulation& t = *surface.mesh;
+  std::vector<std::uint8_t> payload;
+  points::Writer writer(payload);
+  std::vector<LeafAddress> held;
+  for (const mesh::LeafState& leaf : mesh.leaves()) held.push_back(leaf.address);
+  std::vector<points::Change> list;
+  for (Changed& c : changed_) list.push_back(std::move(c.change));
+  auto size = sizes_.cbegin();
+  writer.changes(
+      {held, changes.come, active_}, [&](const LeafAddress&) { return *size++; }, list);
+  const auto tell = [&](VertexId v, int level) {
+    news.points.push_back(absolute(t.vertex(v), surface.anchor));
+    news.levels.push_back(level);
+  };
+  std::vector<bool>& unknown = unknownVertices(t.vertexCapacity());
+  for (std::size_t k = 0; k < list.size(); ++k) {
+    const int level = list[k].square.level;
+    for (VertexId v : changed_[k].inserted) unknown[v] = true;
+    for (std::size_t n = 0; n < changed_[k].raised.size(); ++n) {
+      const VertexId v = changed_[k].raised[n];
+      writer.raised(level, changed_[k].before[n], t.vertex(v).y);
+      tell(v, level);
+    }
+  }
+  points::Guesser guesser;
+  for (std::size_t k = 0; k < list.size(); ++k)
+    for (VertexId v : changed_[k].inserted) {
+      const points::Guess guess = guesser.guess(t, v, [&](VertexId u) { return !unknown[u]; });
+      writer.inserted(list[k].square.level, guess.y, guess.isSure, t.vertex(v).y);
+      unknown[v] = false;
+      tell(v, list[k].square.level);
+    }
+  writer.finish();
+  active_.clear();
+  for (const points::Change& change : list) active_.push_back(change.square);
+  std::ranges::sort(active_);
+  return payload;
+}
+
+}  // namespace ridgecast::encoding

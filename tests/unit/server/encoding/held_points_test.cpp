@@ -1,0 +1,137 @@
+// The law of points: a client that follows them holds, after every iteration, exactly the server's leaves, with their errors and shades.
+#include "server/encoding/held_points.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <memory>
+
+#include "client/scene/scene.h"
+#include "common/terrain/shades.h"
+#include "common/terrain/terrain.h"
+#include "server/encoding/encoder.h"
+#include "server/pipeline/pipeline.h"
+#include "server/query/query.h"
+#include "server/scheduling/pool.h"
+#include "tests/support/flight.h"
+#include "tests/support/sanitized.h"
+
+namespace ridgecast::encoding {
+namespace {
+
+struct Flight {
+  explicit Flight(const char* name, Form form = {}) : terrain(*terrain::create(name, 1)), encoder(terrain, executor.makePool(), form) {
+    settings::Settings asked;
+    asked.threshold = 2;
+    asked.triangleBudget = 60'000;
+    mesh = std::make_unique<pipeline::Pipeline>(terrain, pipeline::grant(asked, {}), executor.makePool());
+    scene.follow({form.points, form.shades});
+  }
+
+  wire::Iteration iterate(const camera::Camera& camera) {
+    mesh->iterate(camera);
+    wire::Iteration iteration;
+    encoder.encode(replica.send(mesh->leaves()), *mesh, iteration);
+    return iteration;
+  }
+  void apply(const wire::Iteration& iteration) {
+    const auto applied = scene.apply(iteration);
+    ASSERT_TRUE(applied) << applied.error().message;
+    ASSERT_FALSE(scene.lost()) << iteration.number;
+    ASSERT_EQ(scene.hash(), iteration.meshHash) << iteration.number;
+    replica.acknowledge(iteration.number, scene.hash());
+  }
+  void expectSameLeaves() const {
+    ASSERT_EQ(scene.leaves().size(), mesh->leaves().size());
+    for (const mesh::LeafState& leaf : mesh->leaves()) {
+      mesh::LeafMesh held = *scene.leaves().at(leaf.address).mesh;
+      mesh::canonicalize(held);
+      EXPECT_TRUE(held == mesh->extract(leaf.address));
+    }
+  }
+
+  std::shared_ptr<const terrain::Terrain> terrain;
+  scheduling::Executor executor{2};
+  std::unique_ptr<pipeline::Pipeline> mesh;
+  replica::Replica replica{1, true};
+  Encoder encoder;
+  scene::Scene scene;
+};
+
+// Of an hour's flight; ITERATIONS=36000 flies it ten a second.
+int frames() {
+  const char* const asked = std::getenv("ITERATIONS");
+  return asked ? std::atoi(asked) : testing_support::kSanitized ? 40 : 200;
+}
+
+TEST(HeldPoints, MakeTheServersMeshOverFlightsDivesAndJumps) {
+  for (const char* name : {"alpine", "canyon", "archipelago"}) {
+    Flight f(name);
+    std::size_t bytes = 0, leaves = 0;
+    for (int k = 0; k < frames(); ++k) {
+      const wire::Iteration iteration = f.iterate(testing_support::hour(*f.terrain, k * 3600.0 / frames()));
+      EXPECT_TRUE(iteration.whole.empty());
+      bytes += iteration.points.size();
+      leaves += iteration.come.size();
+      f.apply(iteration);
+      ASSERT_FALSE(testing::Test::HasFatalFailure()) << name << ", " << k;
+      if (k % (frames() < 1000 ? 20 : 100) == 0) f.expectSameLeaves();
+    }
+    f.expectSameLeaves();
+    EXPECT_GT(bytes, 10'000u);
+    EXPECT_GT(leaves, 2'000u);
+  }
+}
+
+TEST(HeldPoints, FollowAMeshThatBeginsAnewWithOtherSettings) {
+  Flight f("canyon");
+  for (int k = 0; k < 30; ++k) {
+    f.apply(f.iterate(testing_support::straight(*f.terrain, 0.1 * k)));
+    settings::Settings asked;
+    asked.threshold = k % 2 == 0 ? 3 : 1;
+    asked.metric = k % 10 < 5 ? settings::Metric::kPixels : settings::Metric::kArea;
+    asked.triangleBudget = 60'000;
+    if (k % 5 == 3) f.mesh->change(pipeline::grant(asked, {}));
+  }
+  f.expectSameLeaves();
+}
+
+TEST(HeldPoints, CarryErrorsAndShadesOfWhatTheyChange) {
+  Flight f("alpine", {true, true, true});
+  for (int k = 0; k < 12; ++k) f.apply(f.iterate(testing_support::straight(*f.terrain, 0.5 * k)));
+  std::size_t equal = 0, all = 0;
+  for (const auto& [address, leaf] : f.scene.leaves()) {
+    EXPECT_FLOAT_EQ(leaf.error, query::deviation(*f.terrain, f.mesh->extract(address)));
+    ASSERT_EQ(leaf.shades->size(), leaf.mesh->vertices.size());
+    std::vector<lattice::Step> x, z;
+    for (const mesh::LocalVertex& v : leaf.mesh->vertices) {
+      x.push_back(address.x() + v.x);
+      z.push_back(address.z() + v.z);
+    }
+    std::vector<terrain::Shade> shades(x.size());
+    terrain::shadesAt(*f.terrain, x, z, address.level, shades);
+    for (std::size_t k = 0; k < shades.size(); ++k) equal += shades[k] == (*leaf.shades)[k];
+    all += shades.size();
+  }
+  // A vertex has the shade of the level at which it came; where leaves split or merged since, and along borders, that is another one.
+  EXPECT_GT(equal, all * 3 / 4);
+}
+
+TEST(HeldPoints, AreThoseOfTheLeavesAfterARepairAndForWhoResumes) {
+  Flight f("alpine");
+  for (int k = 0; k < 60; ++k) {
+    if (k % 20 == 10) f.replica.resend({});
+    if (k % 20 == 19) {
+      f.scene.reconnect();
+      f.replica = replica::Replica(1, true);
+      ASSERT_TRUE(f.replica.resume(f.scene.held()));
+    }
+    const wire::Iteration iteration = f.iterate(testing_support::straight(*f.terrain, 2.0 * k));
+    EXPECT_EQ(iteration.whole.empty(), k % 20 != 10 && (k == 0 || k % 20 != 19)) << k;
+    f.apply(iteration);
+  }
+  f.expectSameLeaves();
+}
+
+}  // namespace
+}  // namespace ridgecast::encoding
