@@ -79,6 +79,8 @@ void PointMesh::reserve(std::size_t points) {
   for (const LeafAddress& leaf : held_) collect(regions_.at(leaf));
   collect(kOutside);
   make(static_cast<std::uint32_t>(std::max<std::size_t>(2 * std::size_t{capacity_}, wanted)));
+  open_.clear();
+  allow(std::size_t{1} << 40);  // it was paid for
   if (vertices.empty()) return;
   start(vertices);
   TriangleId hint = mesh_->anyTriangle();
@@ -185,20 +187,29 @@ bool PointMesh::replaceLeaves(const Step& step) {
 
 std::uint32_t PointMesh::count(LeafAddress square) {
   const auto region = regions_.find(square);
-  return region == regions_.end() ? static_cast<std::uint32_t>(list(square).size()) : mesh_->vertexCount(region->second);
+  return region == regions_.end() ? static_cast<std::uint32_t>(openPoints(square).size()) : mesh_->vertexCount(region->second);
+}
+
+const std::vector<triangulation::VertexId>& PointMesh::openPoints(LeafAddress square) {
+  if (open_.empty())
+    mesh_->vertexPages().forEach(kOutside, [&](VertexId v) {
+      if (v != kInfinite) open_[lattice::leafAt(absolute(mesh_->vertex(v).point()), points::kOpenLevel)].push_back(v);
+    });
+  return open_[square];
 }
 
 // The points of a square, in order.
 const std::vector<triangulation::VertexId>& PointMesh::list(LeafAddress square) {
-  const auto region = regions_.find(square);
-  const bool isOpen = region == regions_.end();
   constexpr std::int32_t kOffset = std::int32_t{1} << 30;  // no coordinate is negative with it
   sorted_.clear();
-  mesh_->vertexPages().forEach(isOpen ? kOutside : region->second, [&](VertexId v) {
+  const auto add = [&](VertexId v) {
     const Vertex& p = mesh_->vertex(v);
-    if (v != kInfinite && (!isOpen || square.contains(absolute(p.point()))))
-      sorted_.emplace_back(static_cast<std::uint64_t>(p.x + kOffset) << 32 | static_cast<std::uint32_t>(p.z + kOffset), v);
-  });
+    sorted_.emplace_back(static_cast<std::uint64_t>(p.x + kOffset) << 32 | static_cast<std::uint32_t>(p.z + kOffset), v);
+  };
+  if (const auto region = regions_.find(square); region != regions_.end())
+    mesh_->vertexPages().forEach(region->second, add);
+  else
+    for (VertexId v : openPoints(square)) add(v);
   std::sort(sorted_.begin(), sorted_.end());
   list_.clear();
   for (const auto& [place, v] : sorted_) list_.push_back(v);
@@ -222,7 +233,8 @@ triangulation::VertexId PointMesh::insert(const Vertex& p, TriangleId& hint) {
   switch (mesh_->insert(p, hint, everything_, &made)) {
     case Change::kDone:
       hint = mesh_->edgeOf(made) >> 2;
-      return made;
+      effort_ += everything_.star().size();
+      return effort_ > mostEffort_ ? kNoVertex : made;
     case Change::kDuplicate:
       for (VertexId v : mesh_->triangle(hint).v)
         if (v != kInfinite && mesh_->vertex(v).point() == p.point()) return v;
@@ -267,7 +279,9 @@ bool PointMesh::begin(std::span<const Held> leaves) {
       if (shaded_) shades.push_back(leaf.shades ? (*leaf.shades)[k] : terrain::Shade{});
     }
   }
+  if (vertices.size() > 3 * points::kMaxPoints) return false;
   reserve(vertices.size());
+  allow(vertices.size());
   if (vertices.empty()) return true;
   if (!start(vertices)) return false;
   TriangleId hint = mesh_->anyTriangle();
@@ -282,21 +296,41 @@ bool PointMesh::begin(std::span<const Held> leaves) {
 
 bool PointMesh::follow(const Step& step) {
   if (!replaceLeaves(step)) return false;
+  open_.clear();
   points::Reader reader(step.payload);
   std::vector<points::Change> changes;
   std::vector<LeafAddress> fresh(step.come.begin(), step.come.end());
   std::sort(fresh.begin(), fresh.end());
   const auto countOf = [this](const LeafAddress& square) { return count(square); };
   if (!reader.changes({held_, fresh, active_}, countOf, changes)) return false;
-  std::size_t inserted = 0;
-  for (const points::Change& change : changes) inserted += change.inserted.size();
+  std::size_t inserted = 0, removed = 0;
+  for (const points::Change& change : changes) {
+    inserted += change.inserted.size();
+    removed += change.removed.size();
+  }
+  if (mesh_->liveVertices() + inserted > points::kMaxPoints) return false;
   reserve(inserted);
+  allow(inserted + removed);
   std::vector<Resolved> resolved;
   if (!change(changes, resolved) || !readHeights(changes, resolved, reader, step.shades)) return false;
   active_.clear();
   for (const points::Change& change : changes) active_.push_back(change.square);
   std::sort(active_.begin(), active_.end());
   return true;
+}
+
+// Filling a star takes the square of its triangles.
+bool PointMesh::isCheap(VertexId v) {
+  std::size_t degree = 0;
+  mesh_->forEachAround(v, [&](triangulation::HalfEdge) { ++degree; });
+  effort_ += degree * degree;
+  return effort_ <= mostEffort_;
+}
+
+// What so many changes may cost: a usual one costs 4 to 40, so that only who means harm comes near.
+void PointMesh::allow(std::size_t changes) {
+  effort_ = 0;
+  mostEffort_ = (std::size_t{1} << 20) + 256 * changes;
 }
 
 bool PointMesh::change(std::span<const points::Change> changes, std::vector<Resolved>& resolved) {
@@ -336,7 +370,7 @@ bool PointMesh::change(std::span<const points::Change> changes, std::vector<Reso
   }
   for (const Resolved& r : resolved)
     for (VertexId v : r.removed)
-      if (mesh_->remove(v, everything_) != Change::kDone) return false;
+      if (!isCheap(v) || mesh_->remove(v, everything_) != Change::kDone) return false;
   return true;
 }
 

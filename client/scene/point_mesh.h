@@ -5,6 +5,7 @@
 // Not thread-safe; one owner. Memory: about 100 bytes a triangle.
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -85,6 +86,7 @@ class PointMesh final : public triangulation::Partition {
   bool centre();
   bool replaceLeaves(const Step& step);
   std::uint32_t count(lattice::LeafAddress square);
+  const std::vector<VertexId>& openPoints(lattice::LeafAddress square);
   const std::vector<VertexId>& list(lattice::LeafAddress square);
   bool start(std::span<const triangulation::Vertex> vertices);
   VertexId insert(const triangulation::Vertex& v, triangulation::TriangleId& hint);
@@ -93,6 +95,8 @@ class PointMesh final : public triangulation::Partition {
   bool readHeights(std::span<const points::Change> changes, std::span<const Resolved> resolved, points::Reader& reader,
                    std::span<const std::uint8_t> shades);
   bool setHeight(VertexId v, std::int32_t y);
+  void allow(std::size_t changes);
+  bool isCheap(VertexId v);
   std::uint64_t termOf(triangulation::TriangleId t) const;
   std::uint64_t hashOf(RegionId region);
 
@@ -106,8 +110,11 @@ class PointMesh final : public triangulation::Partition {
   std::vector<terrain::Shade> shades_;        // by vertex
   const bool shaded_;
   triangulation::WriteSet everything_;
-  mutable int likelyLevel_ = 0;  // of the leaf that was asked for last
-  unsigned levels_ = 0;          // of leaves that there may be, a bit each
+  std::map<lattice::LeafAddress, std::vector<VertexId>>
+      open_;                                 // of follow(): what lies outside all leaves, by square, once it was looked at
+  std::size_t effort_ = 0, mostEffort_ = 0;  // of begin() and follow()
+  mutable int likelyLevel_ = 0;              // of the leaf that was asked for last
+  unsigned levels_ = 0;                      // of leaves that there may be, a bit each
   std::vector<VertexId> list_;
   std::vector<std::pair<std::uint64_t, VertexId>> sorted_;
   triangulation::Records<std::uint64_t> terms_;  // by triangle that is not fresh: of its leaf's hash

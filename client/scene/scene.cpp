@@ -178,9 +178,9 @@ class Preparation {
     return {std::move(leaf), {}};
   }
 
-  // Points that do not fit leave the mesh as it is, to be requested again.
+  // Points that do not fit leave the mesh as it is, to be requested again. A server that does not know them sends none.
   Outcome<void> follow() {
-    if (!points_) return {};
+    if (!points_ || iteration_.points.empty()) return {};
     const bool anew = iteration_.number == 1 || !iteration_.whole.empty();
     if (anew) out_.lost = !begin();
     if (out_.lost) return {};

@@ -24,7 +24,7 @@
 namespace ridgecast::points {
 
 inline constexpr int kOpenLevel = 8;                  // of the quadtree's roots
-inline constexpr std::size_t kMaxPoints = 4'000'000;  // that one payload inserts
+inline constexpr std::size_t kMaxPoints = 4'000'000;  // that a client holds
 
 // Steps from the square's least corner: at least 0 and less than its side.
 struct Place {

@@ -30,7 +30,7 @@ class NetTest : public testing::Test {
   }
   void TearDown() override {
     if (server) {
-      EXPECT_TRUE(alive());
+      EXPECT_TRUE(testing_support::await([this] { return alive(); }));  // once those that left are gone
       server->shutdown();
     }
     executor.reset();
