@@ -28,11 +28,19 @@ float seen(float tolerance) {  // 0: hidden; fades out towards the horizon
 }
 )";
 
-// Edges fade out with the size of a leaf's triangles on screen; otherwise tiny triangles would leave nothing but edges.
+// Edges fade out with the size of a leaf's triangles on screen, foreshortened as the surface there; otherwise tiny triangles would leave
+// nothing but edges.
 constexpr std::string_view kEdges = R"(
 uniform float pixels;  // that the side of one of the leaf's triangles covers at a depth of one metre
+float facing() {  // the cosine between the surface's normal and the line of sight
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec3 s = texelFetch(structureSurface, at, 0).xyz;
+  vec3 normal = cross(texelFetch(structureSurface, at + ivec2(1, 0), 0).xyz - s, texelFetch(structureSurface, at + ivec2(0, 1), 0).xyz - s);
+  return abs(dot(normal, s)) / max(length(normal) * length(s), 1e-9);
+}
 void main() {
-  float alpha = 0.6 * seen(0.01) * smoothstep(1.5, 7.0, pixels / depth);
+  float alpha = 0.6 * seen(0.01);
+  if (alpha > 0.0) alpha *= smoothstep(1.5, 7.0, pixels / depth * facing());
   if (alpha == 0.0) discard;
   colour = vec4(0.02, 0.02, 0.06, alpha);
 }
