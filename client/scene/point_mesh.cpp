@@ -80,7 +80,7 @@ void PointMesh::reserve(std::size_t points) {
   collect(kOutside);
   make(static_cast<std::uint32_t>(std::max<std::size_t>(2 * std::size_t{capacity_}, wanted)));
   open_.clear();
-  allow(std::size_t{1} << 40);  // it was paid for
+  mostEffort_ = std::numeric_limits<std::size_t>::max();  // it was paid for
   if (vertices.empty()) return;
   start(vertices);
   TriangleId hint = mesh_->anyTriangle();

@@ -1,8 +1,7 @@
 // What an iteration's changes cost, as points and as leaves sent whole: bytes on the wire, the server's time and the client's, along the
 // flights of the evaluation. Every mesh is compared by its hash.
-#include <time.h>
-
 #include <algorithm>
+#include <ctime>
 #include <memory>
 #include <stdexcept>
 
@@ -75,7 +74,7 @@ Flown fly(const std::string& file, double most) {
   if (!path) throw std::runtime_error(path.error().message + " (--path FILE)");
   const auto made = terrain::create(path->terrain.empty() ? "alpine" : path->terrain, path->seed);
   if (!made) throw std::runtime_error(made.error().message);
-  const std::shared_ptr<const terrain::Terrain> terrain = *made;
+  const std::shared_ptr<const terrain::Terrain>& terrain = *made;
   scheduling::Executor executor(1);
   pipeline::Pipeline pipeline(terrain, pipeline::grant({}, {}), executor.makePool());
   Stream points(terrain, executor.makePool(), true), whole(terrain, executor.makePool(), false);

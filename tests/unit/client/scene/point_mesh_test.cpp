@@ -16,8 +16,8 @@ using support::between;
 using support::Random;
 
 // A payload that changes one square of many points, all at height 0.
-std::vector<std::uint8_t> payloadOf(std::vector<LeafAddress> held, std::vector<LeafAddress> come, points::Change change,
-                                    std::uint32_t before) {
+std::vector<std::uint8_t> payloadOf(const std::vector<LeafAddress>& held, const std::vector<LeafAddress>& come,
+                                    const points::Change& change, std::uint32_t before) {
   std::vector<std::uint8_t> payload;
   points::Writer writer(payload);
   std::vector<points::Change> changes{change};

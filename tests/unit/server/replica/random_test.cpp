@@ -1,5 +1,5 @@
-// A million random steps of server, line and client, against a model that knows nothing of the replica's code: worlds that refine, split and
-// merge, iterations under way, leaves that the client loses, lines that break and are taken up again.
+// A million random steps of server, line and client, against a model that knows nothing of the replica's code: worlds that refine, split
+// and merge, iterations under way, leaves that the client loses, lines that break and are taken up again.
 #include <gtest/gtest.h>
 
 #include <algorithm>
