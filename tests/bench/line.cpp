@@ -66,6 +66,7 @@ void Line::receive() {
     in_.erase(0, end + 4);
     open_ = true;
     wire::Hello hello;
+    hello.points = true;
     hello.clientName = "bench";
     hello.settings.triangleBudget = triangleBudget_;
     hello.settings.bytesPerSecond = bytesPerSecond_;
