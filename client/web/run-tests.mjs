@@ -1,6 +1,6 @@
 // Bundles TypeScript tests and runs them with node's own runner: node run-tests.mjs OUT FILE...    Exit code 77: they cannot run here.
 import { spawnSync } from 'node:child_process';
-import { mkdirSync } from 'node:fs';
+import { existsSync, mkdirSync } from 'node:fs';
 import { basename, join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 
@@ -11,6 +11,10 @@ try {
   ({ build } = await import('esbuild'));
 } catch {
   console.log('SKIPPED: the packages of client/web are not installed; ./run build does that with npm');
+  process.exit(77);
+}
+if (!existsSync(join(here, 'src/generated/point_mesh.wasm'))) {
+  console.log('SKIPPED: the page is not built; ./run build does that');
   process.exit(77);
 }
 mkdirSync(outdir, { recursive: true });
