@@ -69,15 +69,10 @@ void PointMesh::reserve(std::size_t points) {
   if (wanted <= capacity_) return;
   std::vector<Vertex> vertices;
   std::vector<terrain::Shade> shades;
-  const auto collect = [&](RegionId region) {
-    mesh_->vertexPages().forEach(region, [&](VertexId v) {
-      if (v == kInfinite) return;
-      vertices.push_back(mesh_->vertex(v));
-      if (shaded_) shades.push_back(shades_[v]);
-    });
-  };
-  for (const LeafAddress& leaf : held_) collect(regions_.at(leaf));
-  collect(kOutside);
+  forEachVertex([&](VertexId v) {
+    vertices.push_back(mesh_->vertex(v));
+    if (shaded_) shades.push_back(shades_[v]);
+  });
   make(static_cast<std::uint32_t>(std::max<std::size_t>(2 * std::size_t{capacity_}, wanted)));
   open_.clear();
   mostEffort_ = std::numeric_limits<std::size_t>::max();  // it was paid for
@@ -123,8 +118,10 @@ triangulation::RegionId PointMesh::regionAt(triangulation::Point2 p) const {
 
 void PointMesh::addRegion(LeafAddress leaf) {
   levels_ |= 1u << leaf.level;
-  regions_[leaf] = mesh_->addRegion({static_cast<std::int32_t>(leaf.x() - anchor_.x), static_cast<std::int32_t>(leaf.z() - anchor_.z),
-                                     static_cast<std::int32_t>(leaf.side())});
+  const RegionId region = mesh_->addRegion({static_cast<std::int32_t>(leaf.x() - anchor_.x),
+                                            static_cast<std::int32_t>(leaf.z() - anchor_.z), static_cast<std::int32_t>(leaf.side())});
+  mesh_->markChanged(region);  // it is told of even when it stays empty: Iteration.errors has one for each leaf that comes
+  regions_[leaf] = region;
 }
 
 // Puts the anchor near the middle of the leaves. False: they, or the points held, reach too far.

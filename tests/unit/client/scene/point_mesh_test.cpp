@@ -77,6 +77,20 @@ TEST(PointMesh, TrianglesHaveNoPointInTheirCircleWhateverIsTakenBack) {
   }
 }
 
+TEST(PointMesh, TellsOfEachLeafThatComesAlsoOfAnEmptyOne) {
+  PointMesh mesh(false);
+  ASSERT_TRUE(follows(mesh, {{0, 0}, {0, 1024}, {1024, 0}}));
+  EXPECT_EQ(mesh.takeChanged().size(), 1u);
+  const std::vector<LeafAddress> come{{4, 3, 3}}, held{kLeaf, come.front()};
+  ASSERT_TRUE(mesh.follow({{}, come, payloadOf(held, come, {kLeaf, {}, {}, {{512, 512}}}, 3), {}}));
+  const auto changed = mesh.takeChanged();
+  ASSERT_EQ(changed.size(), 2u);
+  EXPECT_NE(changed[0].hash, 0u);
+  EXPECT_EQ(changed[1].leaf, come.front());
+  EXPECT_EQ(changed[1].hash, 0u);
+  EXPECT_TRUE(mesh.takeChanged().empty());
+}
+
 TEST(PointMesh, RefusesWhatIsNotThereOrThereAlready) {
   PointMesh mesh(false);
   const std::vector<points::Place> corners{{0, 0}, {0, 1024}, {1024, 0}};
