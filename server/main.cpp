@@ -24,6 +24,8 @@
 #include <system_error>
 #include <vector>
 
+#include "common/user_terrain/probe.h"
+#include "common/user_terrain/raster_terrain.h"
 #include "server/config/config.h"
 #include "server/http/map_tiles.h"
 #include "server/http/queries.h"
@@ -37,8 +39,6 @@
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 #include "server/snapshot_command.h"
-#include "server/terrain/probe.h"
-#include "server/terrain/raster_terrain.h"
 #include "server/watch.h"
 
 namespace {

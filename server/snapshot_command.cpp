@@ -17,12 +17,12 @@
 #include <thread>
 #include <vector>
 
+#include "common/user_terrain/catalogue.h"
 #include "server/config/config.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 #include "server/snapshot/snapshot.h"
 #include "server/snapshot/tiles.h"
-#include "server/terrain/catalogue.h"
 
 namespace ridgecast {
 namespace {

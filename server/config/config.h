@@ -7,11 +7,11 @@
 #include <vector>
 
 #include "common/outcome/outcome.h"
+#include "common/user_terrain/catalogue.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 #include "server/snapshot/question.h"
-#include "server/terrain/catalogue.h"
 
 namespace ridgecast::config {
 

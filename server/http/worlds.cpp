@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "common/text/text.h"
+#include "common/user_terrain/catalogue.h"
 #include "common/wire/wire.h"
-#include "server/terrain/catalogue.h"
 
 namespace ridgecast::http {
 

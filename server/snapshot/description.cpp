@@ -5,7 +5,7 @@
 
 #include "common/terrain/raster.h"
 #include "common/text/text.h"
-#include "server/terrain/declaration.h"
+#include "common/user_terrain/declaration.h"
 
 namespace ridgecast::snapshot {
 

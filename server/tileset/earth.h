@@ -29,7 +29,7 @@ Matrix eastNorthUp(const Place& place);
 // The plane of a map around one of its places, by its CRS as terrain::RasterOrigin has it; empty: not one of these.
 //   EPSG:326ZZ, EPSG:327ZZ, EPSG:258ZZ   UTM on WGS84, north and south, and on ETRS89 (less than a metre beside WGS84): the plane that
 //                                        touches there, turned and scaled as the grid is
-//   +proj=ortho +lat_0=LAT +lon_0=LON    the map's own plane (server/terrain/degrees.h)
+//   +proj=ortho +lat_0=LAT +lon_0=LON    the map's own plane (common/user_terrain/degrees.h)
 // The map's heights count from the ellipsoid, whatever they are: those above the sea lie up to 100 m too low or too high.
 std::optional<Matrix> onEarth(std::string_view crs, double easting, double northing);
 

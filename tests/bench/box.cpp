@@ -14,9 +14,9 @@
 #include "common/terrain/terrain.h"
 #include "common/text/text.h"
 #include "common/triangulation/triangulation.h"
+#include "common/user_terrain/raster_terrain.h"
 #include "server/box/box_mesh.h"
 #include "server/scheduling/pool.h"
-#include "server/terrain/raster_terrain.h"
 #include "tests/bench/bench.h"
 
 namespace ridgecast::bench {

@@ -5,8 +5,8 @@
 #include <random>
 
 #include "common/terrain/variants.h"
-#include "server/terrain/catalogue.h"
-#include "server/terrain/scratch.h"
+#include "common/user_terrain/catalogue.h"
+#include "common/user_terrain/scratch.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/heights_double.h"
 

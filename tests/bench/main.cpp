@@ -6,7 +6,7 @@
 #include <exception>
 #include <filesystem>
 
-#include "server/terrain/probe.h"
+#include "common/user_terrain/probe.h"
 #include "tests/bench/bench.h"
 
 namespace ridgecast::bench {

@@ -14,9 +14,9 @@
 #include <thread>
 
 #include "common/terrain/raster.h"
+#include "common/user_terrain/catalogue.h"
+#include "common/user_terrain/scratch.h"
 #include "server/pipeline/pipeline.h"
-#include "server/terrain/catalogue.h"
-#include "server/terrain/scratch.h"
 #include "tests/support/flight.h"
 #include "tests/support/rays.h"
 

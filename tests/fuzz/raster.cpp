@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "server/terrain/raster_file.h"
+#include "common/user_terrain/raster_file.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace ridgecast;

@@ -1,0 +1,152 @@
+#include "common/user_terrain/degrees.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "common/terrain/raster.h"
+#include "common/text/text.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+constexpr double kAxis = 6'378'137, kFlattening = 1 / 298.257223563, kSquare = kFlattening * (2 - kFlattening);
+constexpr double kRadians = std::numbers::pi / 180;
+constexpr double kWidest = 10;  // degrees
+
+struct Place {
+  double longitude, latitude;  // degrees
+};
+struct Local {
+  double east, north;  // metres
+};
+
+double acrossAt(double sine) { return kAxis / std::sqrt(1 - kSquare * sine * sine); }  // the header's N
+
+class Plane {
+ public:
+  explicit Plane(const Place& middle)
+      : longitude_(middle.longitude),
+        sine_(std::sin(middle.latitude * kRadians)),
+        cosine_(std::cos(middle.latitude * kRadians)),
+        across_(acrossAt(sine_)) {}
+
+  Local onto(const Place& p) const {
+    const double sine = std::sin(p.latitude * kRadians), cosine = std::cos(p.latitude * kRadians), across = acrossAt(sine);
+    const double turn = (p.longitude - longitude_) * kRadians;
+    return {across * cosine * std::sin(turn),
+            across * (1 - kSquare) * sine * cosine_ + kSquare * across_ * sine_ * cosine_ - across * cosine * sine_ * std::cos(turn)};
+  }
+
+  // The inverse: where the plane's normal there meets the ellipsoid. Exact: a quadratic equation.
+  Place from(const Local& p) const {
+    // In axes turned to the middle's meridian: the point is base + up * normal. The ellipsoid: x2 + y2 + z2 / (1 - e2) = a2.
+    const double x = across_ * cosine_ - p.north * sine_, z = across_ * (1 - kSquare) * sine_ + p.north * cosine_;
+    constexpr double k = 1 / (1 - kSquare);
+    const double a = cosine_ * cosine_ + k * sine_ * sine_, b = x * cosine_ + k * z * sine_,
+                 c = x * x + p.east * p.east + k * z * z - kAxis * kAxis;
+    const double up = (std::sqrt(std::max(0.0, b * b - a * c)) - b) / a;
+    const double px = x + up * cosine_, pz = z + up * sine_;
+    return {longitude_ + std::atan2(p.east, px) / kRadians, std::atan2(pz, (1 - kSquare) * std::hypot(px, p.east)) / kRadians};
+  }
+
+  // Metres a degree at the middle.
+  double perLongitude() const { return across_ * cosine_ * kRadians; }
+  double perLatitude() const { return across_ * (1 - kSquare) / (1 - kSquare * sine_ * sine_) * kRadians; }
+
+ private:
+  double longitude_, sine_, cosine_, across_;
+};
+
+// Catmull-Rom, at share t between the second and the third.
+std::array<double, 4> weights(double t) {
+  return {((2 - t) * t - 1) * t / 2, ((3 * t - 5) * t * t + 2) / 2, ((4 - 3 * t) * t + 1) * t / 2, (t - 1) * t * t / 2};
+}
+
+class Source {
+ public:
+  Source(const Samples& samples, const DegreeGrid& grid) : samples_(samples), grid_(grid) {}
+  std::int32_t at(const Place& p) const {
+    const double u = std::clamp((p.longitude - grid_.west) / grid_.stepX, 0.0, samples_.width() - 1.0),
+                 v = std::clamp((grid_.north - p.latitude) / grid_.stepY, 0.0, samples_.height() - 1.0);
+    const auto column = static_cast<std::int64_t>(u), row = static_cast<std::int64_t>(v);
+    const auto wu = weights(u - static_cast<double>(column)), wv = weights(v - static_cast<double>(row));
+    double sum = 0;
+    for (std::int64_t j = 0; j < 4; ++j) {
+      const auto z = static_cast<std::uint32_t>(std::clamp<std::int64_t>(row + j - 1, 0, samples_.height() - 1));
+      double along = 0;
+      for (std::int64_t i = 0; i < 4; ++i)
+        along += wu[static_cast<std::size_t>(i)] *
+                 samples_.at(static_cast<std::uint32_t>(std::clamp<std::int64_t>(column + i - 1, 0, samples_.width() - 1)), z);
+      sum += wv[static_cast<std::size_t>(j)] * along;
+    }
+    const double most = terrain::kMaxSample;
+    return static_cast<std::int32_t>(std::llround(std::clamp(sum, -most, most)));
+  }
+
+ private:
+  const Samples& samples_;
+  const DegreeGrid& grid_;
+};
+
+Place middleOf(const DegreeGrid& g, std::uint32_t width, std::uint32_t height) {
+  return {g.west + (width - 1) * g.stepX / 2, g.north - (height - 1) * g.stepY / 2};
+}
+
+// From the middle to the sides of the largest rectangle that the map covers.
+Local halves(const Plane& plane, const Place& middle, const DegreeGrid& g, std::uint32_t width, std::uint32_t height) {
+  const double south = g.north - (height - 1) * g.stepY, east = g.west + (width - 1) * g.stepX;
+  const double narrow = std::min(plane.onto({east, g.north}).east, plane.onto({east, south}).east);  // a meridian is widest at its middle
+  const double high = std::min(plane.onto({east, g.north}).north, plane.onto({middle.longitude, g.north}).north),
+               low = std::min(-plane.onto({east, south}).north, -plane.onto({middle.longitude, south}).north);
+  return {narrow, std::min(high, low)};
+}
+
+}  // namespace
+
+Error inDegrees(const std::string& name, const DegreeGrid& grid, std::uint32_t width, std::uint32_t height) {
+  const Place middle = middleOf(grid, width, height);
+  const int zone = std::clamp(static_cast<int>(std::floor((middle.longitude + 180) / 6)) + 1, 1, 60);
+  const bool isNorth = middle.latitude >= 0;
+  const int epsg = middle.latitude > 84 ? 32661 : middle.latitude < -80 ? 32761 : (isNorth ? 32600 : 32700) + zone;
+  const std::string called =
+      epsg == 32661 || epsg == 32761 ? "the polar zone" : "UTM zone " + std::to_string(zone) + (isNorth ? " north" : " south");
+  return {name + ": its samples are degrees apart, not metres: project it to " + called + " (gdalwarp -t_srs EPSG:" + std::to_string(epsg) +
+          "), say --raster project=local to lay it on the plane that touches its middle, or say --raster pitch=METRES"};
+}
+
+Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const DegreeGrid& grid, std::optional<std::uint32_t> pitch,
+                         std::uint64_t inMemory, std::uint64_t most) {
+  const Place middle = middleOf(grid, source.width(), source.height());
+  if (!((source.width() - 1) * grid.stepX <= kWidest && (source.height() - 1) * grid.stepY <= kWidest &&
+        std::abs(middle.latitude) + (source.height() - 1) * grid.stepY / 2 < 90))
+    return Error{name + ": a map of more than 10 degrees, or one that reaches a pole, is too curved for one plane: cut it (gdalwarp -te)"};
+  const Plane plane(middle);
+  const double finest = std::min(grid.stepX * plane.perLongitude(), grid.stepY * plane.perLatitude()) * lattice::kStepsPerMetre;
+  const double step = pitch ? *pitch : std::round(finest);
+  if (!(step >= terrain::kMinPitch && step <= terrain::kMaxPitch))
+    return Error{name + ": its samples are " + text::rounded(step * lattice::kMetresPerStep, 6) +
+                 " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
+  const Local half = halves(plane, middle, grid, source.width(), source.height());
+  const double metres = step * lattice::kMetresPerStep;
+  const auto toSide = [metres](double length) { return static_cast<std::uint64_t>(std::max(0.0, std::floor(length / metres))); };
+  const std::uint64_t across = toSide(half.east), down = toSide(half.north), width = 2 * across + 1, height = 2 * down + 1;
+  if (width < 3 || height < 3) return Error{name + ": it is too small to be laid on a plane: say a smaller --raster pitch=METRES"};
+  if (width * height * sizeof(std::int32_t) > most)
+    return Error{name + ": on the plane it has " + std::to_string(width) + " x " + std::to_string(height) +
+                 " samples, more than there is room for: say a larger --raster pitch=METRES"};
+  auto made = Samples::create(static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height), inMemory);
+  if (!made) return Error{name + ": " + made.error().message};
+  const Source from(source, grid);
+  for (std::uint32_t j = 0; j < made->height(); ++j) {
+    const double north = (static_cast<double>(down) - j) * metres;
+    const auto row = made->row(j);
+    for (std::uint32_t i = 0; i < made->width(); ++i) row[i] = from.at(plane.from({(i - static_cast<double>(across)) * metres, north}));
+  }
+  return OnPlane{std::move(*made), static_cast<std::uint32_t>(step),
+                 "+proj=ortho +lat_0=" + text::rounded(middle.latitude, 12) + " +lon_0=" + text::rounded(middle.longitude, 12) +
+                     " +datum=WGS84 +units=m"};
+}
+
+}  // namespace ridgecast::user_terrain

@@ -1,0 +1,64 @@
+#pragma once
+// Height maps as files: GeoTIFF and TIFF (tiff_file.cpp, by libtiff), PNG (png_file.cpp, by libpng), rows of 16-bit numbers, among them
+// those of SRTM (raw_file.cpp), ESRI's ASCII grids (asc_file.cpp).
+// Files are read by row or by row of tiles, never whole into memory. Their claims are compared with their length before anything is
+// allocated.
+//
+// Why libtiff and not GDAL: Debian 12's libgdal-dev conflicts with libboost1.81-dev, which the server needs, and brings 39 packages and 90
+// MB at run time where libtiff brings one. Beyond libtiff, a height map needs only a few tags, read here.
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "common/outcome/outcome.h"
+#include "common/user_terrain/degrees.h"
+#include "common/user_terrain/raster_options.h"
+
+namespace ridgecast::user_terrain {
+
+// The most samples of a map, and the most memory for one of its rows, tiles or rows of tiles while reading.
+inline constexpr std::uint64_t kMostSamples = std::uint64_t{1} << 32;
+inline constexpr std::uint64_t kMostRowBytes = std::uint64_t{256} << 20;
+// Packed data unpacks to at most this many times its length; a file that claims more is broken or malicious. (Deflate reaches 1,032.)
+inline constexpr std::uint64_t kMostUnpacked = 2000;
+
+struct RasterHeader {
+  std::uint32_t width = 0, height = 0;      // samples
+  std::optional<double> noData;             // the value of missing samples
+  std::optional<double> pitch;              // metres, if the file states it in a unit that is known
+  std::optional<double> easting, northing;  // of the first sample, metres
+  std::uint16_t epsg = 0;                   // of the projected coordinate system; 0: unknown
+  std::optional<DegreeGrid> degrees;        // instead of the pitch and the place, if the file is in degrees
+};
+
+class RasterFile {
+ public:
+  virtual ~RasterFile() = default;
+  virtual const RasterHeader& header() const = 0;
+  // The next row, from the north, as stored: `out` has header().width values. Error: the file is truncated or broken.
+  virtual Outcome<void> row(std::span<double> out) = 0;
+};
+
+// Chooses by the name's ending. Errors are one sentence that begins with the file's name: no such file, content does not match the name,
+// more than one band, truncated, too large, ...
+Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options);
+
+// One of the formats, chosen by openRaster. `size` is the file's length in bytes.
+Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
+Outcome<std::unique_ptr<RasterFile>> openPng(const std::filesystem::path& file, std::uint64_t size);
+Outcome<std::unique_ptr<RasterFile>> openRaw(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
+// A square of big-endian signed numbers, -32,768 where there is none; the name says where its south-west corner lies: N47E011.hgt.
+Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
+// Text: ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize, nodata_value, then the rows. A cell of less than 0.0625
+// within the degrees of Earth is in degrees, otherwise in metres.
+Outcome<std::unique_ptr<RasterFile>> openAsc(const std::filesystem::path& file, std::uint64_t size);
+
+// Whether this many samples of this many bytes fit into a file of this length and into the limits; `packed` files are shorter.
+Outcome<void> checkClaim(const std::string& file, std::uint64_t width, std::uint64_t height, std::uint64_t sampleBytes, std::uint64_t size,
+                         bool packed);
+
+}  // namespace ridgecast::user_terrain

@@ -1,0 +1,81 @@
+#include "common/user_terrain/raster_options.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+
+#include "common/terrain/raster.h"
+#include "common/text/text.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+std::optional<std::uint32_t> count(std::string_view text) {
+  const auto v = text::number<std::uint32_t>(text);
+  return v && *v >= 2 ? v : std::nullopt;
+}
+
+bool isHeight(double v) { return std::abs(v) <= terrain::kMaxSample * lattice::kMetresPerStep; }
+
+}  // namespace
+
+Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
+  std::string_view value = assignment;
+  const std::string_view name = text::takePart(value, '=');
+  const auto wrong = [&](const std::string& right) { return Error{"--raster " + std::string(assignment.substr(0, 64)) + ": " + right}; };
+  if (name == "pitch") {
+    constexpr double kLeast = terrain::kMinPitch * lattice::kMetresPerStep, kMost = terrain::kMaxPitch * lattice::kMetresPerStep;
+    const auto v = text::number<double>(value);
+    if (!v || *v < kLeast || *v > kMost) return wrong("pitch is the distance between samples, 0.0625 to 1024 metres");
+    o.pitch = *v;
+  } else if (name == "scale" || name == "offset") {
+    const auto v = text::number<double>(value);
+    if (!v || std::abs(*v) > 1e9 || (name == "scale" && *v == 0)) return wrong("a finite number is wanted, and no scale of 0");
+    (name == "scale" ? o.scale : o.offset) = *v;
+  } else if (name == "edge") {
+    if (value == "clamp")
+      o.edge = Edge::kClamp;
+    else if (value == "mirror")
+      o.edge = Edge::kMirror;
+    else if (value == "repeat")
+      o.edge = Edge::kRepeat;
+    else if (const auto v = text::number<double>(value); v && isHeight(*v))
+      o.edge = Edge::kConstant, o.constant = *v;
+    else
+      return wrong("beyond the map's edge goes on clamp, mirror, repeat, or a height in metres");
+  } else if (name == "nodata") {
+    const auto v = text::number<double>(value);
+    if (value != "fill" && (!v || !isHeight(*v)))
+      return wrong("nodata is a height in metres for samples that are none, or fill: from their neighbours");
+    o.fill = value == "fill";
+    o.noData = v;
+  } else if (name == "project" && value == "local") {
+    o.project = true;
+  } else if (name == "size") {
+    const auto w = count(text::takePart(value, 'x')), h = count(value);
+    if (!w || !h) return wrong("size is COLUMNSxROWS of a raw file, at least 2x2");
+    o.width = *w;
+    o.height = *h;
+  } else if (name == "order" && (value == "little" || value == "big")) {
+    o.bigEndian = value == "big";
+  } else if (name == "type" && (value == "unsigned" || value == "signed")) {
+    o.isSigned = value == "signed";
+  } else if (name == "place" && (value == "centre" || value == "geo")) {
+    o.geographic = value == "geo";
+  } else {
+    return wrong(
+        "there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, nodata=METRES|fill, project=local, "
+        "place=centre|geo, and for raw files size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
+  }
+  return {};
+}
+
+bool isRasterName(std::string_view name) {
+  std::string lower(name);
+  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return std::ranges::any_of(std::array{".tif", ".tiff", ".png", ".asc", ".hgt", ".r16", ".raw"},
+                             [&](const char* end) { return lower.ends_with(end); });
+}
+
+}  // namespace ridgecast::user_terrain

@@ -1,0 +1,341 @@
+#include "common/user_terrain/raster_terrain.h"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <mutex>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "common/text/text.h"
+#include "common/user_terrain/degrees.h"
+#include "common/user_terrain/raster_file.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+using lattice::Step;
+using terrain::kTileSide;
+
+std::string inMegabytes(std::uint64_t bytes) { return std::to_string((bytes + 999'999) / 1'000'000) + " MB"; }
+
+// What terrains of one file with the same options share.
+struct Map {
+  Samples samples;
+  terrain::RasterShape shape;
+  Edge edge;
+  std::int32_t constant;
+  terrain::RasterOrigin origin;
+};
+
+class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
+ public:
+  RasterTerrain(std::string name, std::uint32_t seed, std::shared_ptr<const Map> map)
+      : name_(std::move(name)), source_(terrain::rasterSource(map->shape)), seed_(seed), map_(std::move(map)), shape_(map_->shape) {}
+  std::string_view name() const override { return name_; }
+  std::string_view source() const override { return source_; }
+  std::uint32_t seed() const override { return seed_; }
+  const terrain::Raster* raster() const override { return this; }
+  terrain::Colours colours() const override { return terrain::rasterColours(shape_); }
+  const terrain::RasterShape& shape() const override { return shape_; }
+  terrain::RasterOrigin origin() const override { return map_->origin; }
+
+  void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override {
+    std::array<std::int32_t, 16> around;
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      const terrain::Between bx = terrain::between(x[k], shape_.originX, shape_.pitch),
+                             bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
+      samples(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
+      out[k] = terrain::cubicHeight(around, bx.steps, bz.steps, shape_.pitch);
+    }
+  }
+
+  void tile(terrain::TileAddress address, terrain::Tile& out) const override {
+    samples(address.i * kTileSide, address.j * kTileSide, kTileSide, kTileSide, out.data());
+  }
+  void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const override {
+    const Samples& held = map_->samples;
+    if (x >= 0 && z >= 0 && x + columns <= std::int64_t{held.width()} && z + rows <= std::int64_t{held.height()}) {
+      for (std::int32_t j = 0; j < rows; ++j, out += columns)
+        std::copy_n(&held.at(static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(z + j)), columns, out);
+      return;
+    }
+    std::array<std::optional<std::uint32_t>, kTileSide> column;
+    for (std::int32_t k = 0; k < columns; ++k) column[static_cast<std::size_t>(k)] = folded(x + k, held.width(), map_->edge);
+    for (std::int32_t j = 0; j < rows; ++j) {
+      const auto row = folded(z + j, held.height(), map_->edge);
+      for (std::int32_t k = 0; k < columns; ++k) {
+        const auto at = column[static_cast<std::size_t>(k)];
+        *out++ = row && at ? held.at(*at, *row) : map_->constant;
+      }
+    }
+  }
+
+ private:
+  std::string name_, source_;
+  std::uint32_t seed_;
+  std::shared_ptr<const Map> map_;
+  const terrain::RasterShape& shape_;
+};
+
+// Missing samples become kMissing. Error: the file's, or a height beyond the limits.
+struct Missing {
+  std::uint64_t count = 0;
+  std::uint32_t x = 0, z = 0;  // the first
+};
+Outcome<Missing> readSamples(const std::string& name, RasterFile& file, const RasterOptions& options, Samples& samples) {
+  const RasterHeader& header = file.header();
+  Missing missing;
+  std::vector<double> values(header.width);
+  for (std::uint32_t z = 0; z < header.height; ++z) {
+    if (auto read = file.row(values); !read) return read.error();
+    const std::span<std::int32_t> row = samples.row(z);
+    for (std::uint32_t x = 0; x < header.width; ++x) {
+      const double v = values[x];
+      if (std::isnan(v) || (header.noData && v == *header.noData)) {
+        if (missing.count++ == 0) missing.x = x, missing.z = z;
+        row[x] = kMissing;
+        continue;
+      }
+      const double steps = std::floor((v * options.scale + options.offset) * lattice::kStepsPerMetre + 0.5);
+      if (!(std::abs(steps) <= terrain::kMaxSample))
+        return Error{name + ": the sample at column " + std::to_string(x) + ", row " + std::to_string(z) + " is " +
+                     text::rounded(v * options.scale + options.offset, 6) +
+                     " m high; heights lie within 32,768 m of 0: correct --raster scale=, offset= or nodata="};
+      row[x] = static_cast<std::int32_t>(steps);
+    }
+  }
+  return missing;
+}
+
+Outcome<void> replace(const std::string& name, const Missing& missing, const RasterOptions& options, Samples& samples) {
+  if (missing.count == 0) return {};
+  if (options.fill) {
+    if (fillMissing(samples)) return {};
+    return Error{name + ": all its samples are none (NoData), so there is nothing to fill them from"};
+  }
+  if (!options.noData)
+    return Error{name + ": " + std::to_string(missing.count) + " samples are none (NoData), the first at column " +
+                 std::to_string(missing.x) + ", row " + std::to_string(missing.z) +
+                 ": say what stands there with --raster nodata=METRES, or fill them from their neighbours with nodata=fill"};
+  const auto instead = static_cast<std::int32_t>(std::llround(*options.noData * lattice::kStepsPerMetre));
+  for (std::uint32_t z = missing.z; z < samples.height(); ++z) std::ranges::replace(samples.row(z), kMissing, instead);
+  return {};
+}
+
+struct Found {
+  std::int32_t lowest = terrain::kMaxSample, highest = -terrain::kMaxSample;
+  std::uint64_t hash = 0;
+};
+Found measure(Samples& samples) {
+  Found found;
+  for (std::uint32_t z = 0; z < samples.height(); ++z)
+    for (const std::int32_t v : samples.row(z)) {
+      found.lowest = std::min(found.lowest, v);
+      found.highest = std::max(found.highest, v);
+      found.hash = (found.hash ^ static_cast<std::uint32_t>(v)) * 0x9e3779b97f4a7c15ull;
+      found.hash ^= found.hash >> 32;
+    }
+  return found;
+}
+
+// Everything but the samples' range and content.
+Outcome<terrain::RasterShape> shapeOf(const std::string& name, const RasterHeader& header, const RasterOptions& options) {
+  terrain::RasterShape shape;
+  shape.width = header.width;
+  shape.height = header.height;
+  if (header.degrees && !options.pitch && !options.project) return inDegrees(name, *header.degrees, header.width, header.height);
+  if (header.degrees && options.geographic)
+    return Error{name +
+                 ": it lies in degrees, so it has no easting and northing: leave --raster place=geo out, or project it (gdalwarp -t_srs)"};
+  const double pitch = std::round(options.pitch.value_or(header.pitch.value_or(1.0)) * lattice::kStepsPerMetre);
+  if (!(pitch >= terrain::kMinPitch && pitch <= terrain::kMaxPitch))
+    return Error{name + ": its samples are " + std::to_string(pitch * lattice::kMetresPerStep) +
+                 " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
+  shape.pitch = static_cast<std::uint32_t>(pitch);
+  if (options.geographic) {
+    if (!header.easting) return Error{name + ": it does not say where it lies: leave --raster place=geo out"};
+    const double x = std::round(*header.easting * lattice::kStepsPerMetre), z = std::round(-*header.northing * lattice::kStepsPerMetre);
+    constexpr double kMost = static_cast<double>(lattice::kMaxPosition);
+    if (!(std::abs(x) <= kMost && std::abs(z) <= kMost))
+      return Error{name + ": it says that it lies beyond 4.39e12 m: leave --raster place=geo out"};
+    shape.originX = static_cast<Step>(x);
+    shape.originZ = static_cast<Step>(z);
+  } else {
+    shape.originX = -static_cast<Step>(header.width / 2) * shape.pitch;
+    shape.originZ = -static_cast<Step>(header.height / 2) * shape.pitch;
+  }
+  return shape;
+}
+
+terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& options, const terrain::RasterShape& shape) {
+  static constexpr std::array<const char*, 3> kEdges{"clamp", "mirror", "repeat"};
+  terrain::RasterOrigin origin;
+  origin.edge = options.edge == Edge::kConstant ? text::rounded(options.constant, 9) : kEdges.at(static_cast<std::size_t>(options.edge));
+  if (header.epsg != 0) origin.crs = "EPSG:" + std::to_string(header.epsg);
+  if (header.easting) {
+    const double half = shape.pitch * lattice::kMetresPerStep / 2;
+    origin.easting = *header.easting + (shape.width - 1) * half;
+    origin.northing = *header.northing - (shape.height - 1) * half;
+  }
+  return origin;
+}
+
+std::shared_ptr<const Map> finished(Samples samples, terrain::RasterShape shape, const RasterOptions& options,
+                                    terrain::RasterOrigin origin) {
+  const Found found = measure(samples);
+  const auto constant = static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre));
+  const bool isConstant = options.edge == Edge::kConstant;
+  shape.lowest = isConstant ? std::min(found.lowest, constant) : found.lowest;
+  shape.highest = isConstant ? std::max(found.highest, constant) : found.highest;
+  shape.content =
+      lattice::mix(found.hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
+  return std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin)});
+}
+
+// `used`: bytes of the other maps in use.
+Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits,
+                                         std::uint64_t used) {
+  auto file = openRaster(path, options);
+  if (!file) return file.error();
+  RasterHeader header = (*file)->header();
+  const std::string name = path.string();
+  if (options.project && !header.degrees)
+    return Error{name + ": --raster project=local is for maps in degrees, and this one does not say that it is: leave it out"};
+  auto shape = shapeOf(name, header, options);
+  if (!shape) return shape.error();
+  const std::uint64_t bytes = std::uint64_t{header.width} * header.height * sizeof(std::int32_t);
+  if (used + bytes > limits.total)
+    return Error{name + ": the height map takes " + inMegabytes(bytes) + "; with it the height maps in use would take more than " +
+                 inMegabytes(limits.total) + ", the most"};
+  auto samples = Samples::create(header.width, header.height, limits.inMemory - std::min(used, limits.inMemory));
+  if (!samples) return Error{name + ": " + samples.error().message};
+  const auto missing = readSamples(name, **file, options, *samples);
+  if (!missing) return missing.error();
+  if (auto replaced = replace(name, *missing, options, *samples); !replaced) return replaced.error();
+  if (!options.project)
+    return std::shared_ptr<const Map>(finished(std::move(*samples), *shape, options, originOf(header, options, *shape)));
+
+  const std::uint64_t taken = used + bytes;
+  const auto pitch = options.pitch ? std::optional(shape->pitch) : std::nullopt;
+  auto made = onPlane(name, *samples, *header.degrees, pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
+  if (!made) return made.error();
+  header = RasterHeader{made->samples.width(), made->samples.height(), {}, made->pitch * lattice::kMetresPerStep, {}, {}, 0, {}};
+  header.easting = -*header.pitch * (header.width - 1) / 2;  // the plane's middle is its origin
+  header.northing = *header.pitch * (header.height - 1) / 2;
+  shape = shapeOf(name, header, options);
+  if (!shape) return shape.error();
+  terrain::RasterOrigin origin = originOf(header, options, *shape);
+  origin.crs = made->crs;
+  return std::shared_ptr<const Map>(finished(std::move(made->samples), *shape, options, std::move(origin)));
+}
+
+// The maps in use, by file and options.
+class Maps {
+ public:
+  Outcome<std::shared_ptr<const Map>> open(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits) {
+    const Key key{path, options, versionOf(path)};
+    const std::lock_guard lock(mutex_);
+    std::uint64_t used = 0;
+    for (const Entry& entry : inUse()) {
+      auto map = entry.map.lock();
+      if (!map) continue;
+      if (entry.key == key) return map;
+      used += map->samples.bytes();
+    }
+    auto made = read(path, options, limits, used);
+    if (made) entries_.push_back({key, *made});
+    return made;
+  }
+  std::uint64_t bytes() {
+    const std::lock_guard lock(mutex_);
+    std::uint64_t sum = 0;
+    for (const Entry& entry : inUse())
+      if (const auto map = entry.map.lock()) sum += map->samples.bytes();
+    return sum;
+  }
+
+ private:
+  using Version = std::array<std::int64_t, 6>;  // of the file: another if it was replaced or written
+  struct Key {
+    std::filesystem::path path;
+    RasterOptions options;
+    Version version;
+    friend bool operator==(const Key&, const Key&) = default;
+  };
+  struct Entry {
+    Key key;
+    std::weak_ptr<const Map> map;
+  };
+  static Version versionOf(const std::filesystem::path& path) {
+    struct stat s {};
+    if (stat(path.c_str(), &s) != 0) return {};  // opening it says why
+    return {static_cast<std::int64_t>(s.st_dev),
+            static_cast<std::int64_t>(s.st_ino),
+            s.st_size,
+            s.st_mtim.tv_sec,
+            s.st_mtim.tv_nsec,
+            s.st_ctim.tv_nsec};
+  }
+  const std::vector<Entry>& inUse() {
+    std::erase_if(entries_, [](const Entry& entry) { return entry.map.expired(); });
+    return entries_;
+  }
+
+  std::mutex mutex_;
+  std::vector<Entry> entries_;
+};
+
+Maps& maps() {
+  static Maps all;
+  return all;
+}
+
+}  // namespace
+
+std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge) {
+  const auto size = static_cast<std::int64_t>(n);
+  if (k >= 0 && k < size) return static_cast<std::uint32_t>(k);
+  const auto modulo = [k](std::int64_t period) { return ((k % period) + period) % period; };
+  switch (edge) {
+    case Edge::kClamp:
+      return k < 0 ? 0u : n - 1;
+    case Edge::kRepeat:
+      return static_cast<std::uint32_t>(modulo(size));
+    case Edge::kMirror: {
+      const std::int64_t m = modulo(2 * (size - 1));
+      return static_cast<std::uint32_t>(std::min(m, 2 * (size - 1) - m));
+    }
+    case Edge::kConstant:
+      break;
+  }
+  return std::nullopt;
+}
+
+Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& path, const RasterOptions& options,
+                                                            std::uint32_t seed, const MapLimits& limits) {
+  auto map = maps().open(path, options, limits);
+  if (!map) return map.error();
+  return std::shared_ptr<const terrain::Terrain>(std::make_shared<RasterTerrain>(path.stem().string(), seed, std::move(*map)));
+}
+
+std::string describe(const terrain::Raster& map) {
+  const terrain::RasterShape& shape = map.shape();
+  const terrain::RasterOrigin origin = map.origin();
+  const auto metres = [](double steps) { return text::rounded(steps * lattice::kMetresPerStep, 9); };
+  const auto side = [&](std::uint32_t samples) { return metres(static_cast<double>(samples - 1) * shape.pitch); };
+  std::string out = std::to_string(shape.width) + " x " + std::to_string(shape.height) + " samples, " + metres(shape.pitch) + " m apart (" +
+                    side(shape.width) + " x " + side(shape.height) + " m), " + metres(shape.lowest) + " to " + metres(shape.highest) +
+                    " m high";
+  if (!origin.crs.empty()) out += ", " + origin.crs;
+  if (origin.easting)
+    out += ", middle at easting " + text::rounded(*origin.easting, 12) + ", northing " + text::rounded(*origin.northing, 12);
+  return out + ", edge " + origin.edge;
+}
+
+std::uint64_t bytesOfMaps() { return maps().bytes(); }
+
+}  // namespace ridgecast::user_terrain

@@ -1,0 +1,119 @@
+// RAW16: rows of 16-bit numbers and nothing else, as terrain tools exchange them. Also the code that all formats share.
+
+#include <cmath>
+#include <fstream>
+#include <string_view>
+#include <vector>
+
+#include "common/terrain/raster.h"
+#include "common/text/text.h"
+#include "common/user_terrain/raster_file.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+class RawFile final : public RasterFile {
+ public:
+  RawFile(std::string name, std::ifstream in, RasterHeader header, bool bigEndian, bool isSigned)
+      : name_(std::move(name)),
+        in_(std::move(in)),
+        header_(header),
+        bigEndian_(bigEndian),
+        isSigned_(isSigned),
+        bytes_(2 * std::size_t{header.width}) {}
+  const RasterHeader& header() const override { return header_; }
+  Outcome<void> row(std::span<double> out) override {
+    in_.read(reinterpret_cast<char*>(bytes_.data()), static_cast<std::streamsize>(bytes_.size()));
+    if (!in_) return Error{name_ + ": the file is cut off"};
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      const auto v = static_cast<std::uint16_t>(bytes_[2 * k + (bigEndian_ ? 1 : 0)] | bytes_[2 * k + (bigEndian_ ? 0 : 1)] << 8);
+      out[k] = isSigned_ ? static_cast<double>(static_cast<std::int16_t>(v)) : static_cast<double>(v);
+    }
+    return {};
+  }
+
+ private:
+  std::string name_;
+  std::ifstream in_;
+  RasterHeader header_;
+  bool bigEndian_, isSigned_;
+  std::vector<unsigned char> bytes_;
+};
+
+}  // namespace
+
+Outcome<void> checkClaim(const std::string& file, std::uint64_t width, std::uint64_t height, std::uint64_t sampleBytes, std::uint64_t size,
+                         bool packed) {
+  const std::string claim = std::to_string(width) + " x " + std::to_string(height) + " samples";
+  if (width < 2 || height < 2) return Error{file + ": it has " + claim + "; a height map has at least 2 x 2"};
+  if (width > 0xffffffffu || height > 0xffffffffu || width > kMostSamples / height)
+    return Error{file + ": it claims " + claim + "; a height map has at most 2^32 samples"};
+  const std::uint64_t bytes = width * height * sampleBytes;
+  if (bytes / (packed ? kMostUnpacked : 1) > size)
+    return Error{file + ": it claims " + claim + ", " + std::to_string(bytes) + " bytes, but the file has only " + std::to_string(size) +
+                 "; it is cut off or broken"};
+  if (width * sampleBytes > kMostRowBytes) return Error{file + ": a row of " + std::to_string(width) + " samples is too long to read"};
+  return {};
+}
+
+Outcome<std::unique_ptr<RasterFile>> openRaw(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
+  RasterHeader header;
+  header.width = options.width;
+  header.height = options.height;
+  if (!header.width) {
+    const auto side = static_cast<std::uint64_t>(std::llround(std::sqrt(static_cast<double>(size) / 2)));
+    if (size % 2 != 0 || side * side * 2 != size || side > 65536)
+      return Error{file.string() + ": " + std::to_string(size) + " bytes are no square of 16-bit samples: say --raster size=COLUMNSxROWS"};
+    header.width = header.height = static_cast<std::uint32_t>(side);
+  }
+  if (auto fine = checkClaim(file.string(), header.width, header.height, 2, size, false); !fine) return fine.error();
+  if (std::uint64_t{header.width} * header.height * 2 != size)
+    return Error{file.string() + ": it has " + std::to_string(size) + " bytes, " + std::to_string(header.width) + " x " +
+                 std::to_string(header.height) + " 16-bit samples take " + std::to_string(std::uint64_t{header.width} * header.height * 2) +
+                 ": correct --raster size=COLUMNSxROWS"};
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return Error{"cannot read " + file.string()};
+  return std::unique_ptr<RasterFile>(std::make_unique<RawFile>(file.string(), std::move(in), header, options.bigEndian, options.isSigned));
+}
+
+Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
+  const auto side = static_cast<std::uint64_t>(std::llround(std::sqrt(static_cast<double>(size) / 2)));
+  if (size % 2 != 0 || side * side * 2 != size || side > 65536)
+    return Error{file.string() + ": " + std::to_string(size) + " bytes are no square of 16-bit samples; it is cut off or broken"};
+  if (auto fine = checkClaim(file.string(), side, side, 2, size, false); !fine) return fine.error();
+  RasterHeader header;
+  header.width = header.height = static_cast<std::uint32_t>(side);
+  header.noData = -32'768;
+  const std::string name = file.stem().string();
+  const auto sign = [&](std::size_t at, char plus, char minus) { return name[at] == plus ? 1 : name[at] == minus ? -1 : 0; };
+  if (name.size() >= 7) {
+    const auto south = text::number<int>(std::string_view(name).substr(1, 2)),
+               west = text::number<int>(std::string_view(name).substr(4, 3));
+    const int north = sign(0, 'N', 'S'), east = sign(3, 'E', 'W');
+    const double step = 1.0 / static_cast<double>(side - 1);
+    if (south && west && north && east && *south <= 90 && *west <= 180)
+      header.degrees = DegreeGrid{static_cast<double>(east * *west), static_cast<double>(north * *south + 1), step, step};
+  }
+  if (!header.degrees && !options.pitch)
+    return Error{file.string() +
+                 ": an .hgt file is named after its south-west corner, such as N47E011.hgt: rename it, or say --raster pitch=METRES"};
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return Error{"cannot read " + file.string()};
+  return std::unique_ptr<RasterFile>(std::make_unique<RawFile>(file.string(), std::move(in), header, true, true));
+}
+
+Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options) {
+  std::error_code failed;
+  if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
+  const std::uint64_t size = std::filesystem::file_size(file, failed);
+  if (failed || !std::ifstream(file)) return Error{"cannot read " + file.string()};
+  const std::string name = file.filename().string();
+  const std::string ending = name.substr(name.rfind('.') + 1);
+  if (ending[0] == 't' || ending[0] == 'T') return openTiff(file, size, options);
+  if (ending[0] == 'a' || ending[0] == 'A') return openAsc(file, size);
+  if (ending[0] == 'h' || ending[0] == 'H') return openHgt(file, size, options);
+  if (ending[0] == 'p' || ending[0] == 'P') return openPng(file, size);
+  return openRaw(file, size, options);
+}
+
+}  // namespace ridgecast::user_terrain

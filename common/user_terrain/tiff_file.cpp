@@ -1,0 +1,326 @@
+// The only includer of libtiff: TIFF and BigTIFF in strips or tiles, any packing that libtiff supports, one band of integers or floats; and
+// the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, transformation 34264, keys 34735 with their doubles 34736) and
+// of GDAL (NoData 42113).
+
+#include <tiffio.h>
+
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <iterator>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/user_terrain/raster_file.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kTransformation = 34264, kGeoKeys = 34735, kGeoDoubles = 34736,
+                        kNoData = 42113;
+constexpr std::uint16_t kMetre = 9001, kFoot = 9002, kSurveyFoot = 9003, kDegree = 9102;  // EPSG's numbers of units
+
+thread_local std::string complaint;  // libtiff's first error since it was last cleared
+
+void keepComplaint(const char*, const char* format, std::va_list arguments) {
+  if (!complaint.empty()) return;
+  char text[200];
+  std::vsnprintf(text, sizeof text, format, arguments);
+  complaint = text;
+}
+
+// libtiff only warns about unreadable tags and omits them; the map would then have another place or size.
+thread_local std::string warning;
+void keepWarning(const char*, const char* format, std::va_list arguments) {
+  char text[200];
+  std::vsnprintf(text, sizeof text, format, arguments);
+  const std::string said = text;
+  const bool lost =
+      std::strstr(text, "error") || std::strstr(text, "ignored") || std::strstr(text, "ncorrect") || std::strstr(text, "ailed");
+  if (warning.empty() && lost) warning = said;
+}
+
+// libtiff must know the tags' types; otherwise a hostile file chooses them.
+void addTags(TIFF* tiff) {
+  static char scale[] = "ModelPixelScale", tie[] = "ModelTiepoint", turn[] = "ModelTransformation", keys[] = "GeoKeyDirectory",
+              doubles[] = "GeoDoubleParams", none[] = "GDALNoData";
+  static const TIFFFieldInfo fields[] = {
+      {kPixelScale, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, scale},    {kTiePoint, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, tie},
+      {kTransformation, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, turn}, {kGeoDoubles, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, doubles},
+      {kGeoKeys, -1, -1, TIFF_SHORT, FIELD_CUSTOM, 1, 1, keys},         {kNoData, -1, -1, TIFF_ASCII, FIELD_CUSTOM, 1, 0, none},
+  };
+  TIFFMergeFieldInfo(tiff, fields, std::size(fields));
+}
+
+void setUpLibrary() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    TIFFSetErrorHandler(&keepComplaint);
+    TIFFSetWarningHandler(&keepWarning);
+    TIFFSetTagExtender(&addTags);
+  });
+}
+
+class TiffFile final : public RasterFile {
+ public:
+  explicit TiffFile(std::string name) : name_(std::move(name)) {}
+  ~TiffFile() override {
+    if (tiff_) TIFFClose(tiff_);
+  }
+  const RasterHeader& header() const override { return header_; }
+
+  Outcome<void> open(std::uint64_t size, const RasterOptions& options) {
+    setUpLibrary();
+    complaint.clear();
+    warning.clear();
+    tiff_ = TIFFOpen(name_.c_str(), "rm");  // not mapped: a file that shrinks must not kill the server
+    if (!tiff_) return broken("this is no TIFF, or a broken one");
+    if (!warning.empty())
+      return Error{name_ + ": a part of what it says about itself cannot be read (" + warning + "); it is cut off or broken"};
+    std::uint16_t bands = 1, bits = 1, format = SAMPLEFORMAT_UINT, packing = COMPRESSION_NONE;
+    TIFFGetField(tiff_, TIFFTAG_IMAGEWIDTH, &header_.width);
+    TIFFGetField(tiff_, TIFFTAG_IMAGELENGTH, &header_.height);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLESPERPIXEL, &bands);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_BITSPERSAMPLE, &bits);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLEFORMAT, &format);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_COMPRESSION, &packing);
+    if (bands != 1)
+      return Error{name_ + ": it has " + std::to_string(bands) + " bands; a height map has one (gdal_translate -b 1 takes the first)"};
+    const bool isFloat = format == SAMPLEFORMAT_IEEEFP && (bits == 32 || bits == 64);
+    const bool isInteger = (format == SAMPLEFORMAT_UINT || format == SAMPLEFORMAT_INT || format == SAMPLEFORMAT_VOID) &&
+                           (bits == 8 || bits == 16 || bits == 32);
+    if (!isFloat && !isInteger)
+      return Error{name_ + ": its samples have " + std::to_string(bits) +
+                   " bits of a kind that heights are not read from; integers of 8, 16 or 32 bits are, and floats of 32 or 64"};
+    kind_ = isFloat ? Kind::kFloat : format == SAMPLEFORMAT_INT ? Kind::kSigned : Kind::kUnsigned;
+    bytes_ = bits / 8u;
+    if (auto fine = checkClaim(name_, header_.width, header_.height, bytes_, size, packing != COMPRESSION_NONE); !fine) return fine;
+    if (auto fine = checkPieces(size); !fine) return fine;
+    if (!TIFFIsCODECConfigured(packing)) return Error{name_ + ": it is packed in a way that the installed libtiff does not unpack"};
+    readNoData();
+    return readPlace(options);
+  }
+
+  Outcome<void> row(std::span<double> out) override {
+    complaint.clear();
+    const unsigned char* from = nullptr;
+    if (tileWidth_) {
+      if (next_ % tileHeight_ == 0)
+        if (auto read = readTiles(); !read) return read;
+      from = &buffer_[next_ % tileHeight_ * rowBytes_];
+    } else {
+      if (TIFFReadScanline(tiff_, buffer_.data(), next_) != 1) return broken("row " + std::to_string(next_) + " cannot be read");
+      from = buffer_.data();
+    }
+    ++next_;
+    for (std::size_t k = 0; k < out.size(); ++k) out[k] = value(from + k * bytes_);
+    return {};
+  }
+
+ private:
+  enum class Kind { kUnsigned, kSigned, kFloat };
+
+  Error broken(const std::string& what) const {
+    return {name_ + ": " + what + (complaint.empty() ? "" : " (" + complaint + ")") + "; it is cut off or broken"};
+  }
+
+  // Strips and tiles must lie within the file and fit into the memory reserved for them.
+  Outcome<void> checkPieces(std::uint64_t size) {
+    if (TIFFIsTiled(tiff_)) {
+      TIFFGetField(tiff_, TIFFTAG_TILEWIDTH, &tileWidth_);
+      TIFFGetField(tiff_, TIFFTAG_TILELENGTH, &tileHeight_);
+      const std::uint64_t across = tileWidth_ ? (std::uint64_t{header_.width} + tileWidth_ - 1) / tileWidth_ : 0;
+      if (!tileWidth_ || !tileHeight_ || tileWidth_ > 65536 || tileHeight_ > 65536 ||
+          across * tileWidth_ * tileHeight_ * bytes_ > kMostRowBytes)
+        return Error{name_ + ": its tiles of " + std::to_string(tileWidth_) + " x " + std::to_string(tileHeight_) +
+                     " are too large to read"};
+      rowBytes_ = across * tileWidth_ * bytes_;
+    } else {
+      rowBytes_ = static_cast<std::size_t>(TIFFScanlineSize64(tiff_));
+      if (rowBytes_ < std::uint64_t{header_.width} * bytes_ || rowBytes_ > kMostRowBytes)
+        return broken("its rows have a length that cannot be");
+    }
+    const std::uint32_t pieces = tileWidth_ ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_);
+    for (std::uint32_t k = 0; k < pieces; ++k) {
+      const std::uint64_t at = TIFFGetStrileOffset(tiff_, k), length = TIFFGetStrileByteCount(tiff_, k);
+      if (at == 0 && length == 0)
+        return Error{name_ + ": parts of it were never written (a sparse file): write them, with NoData where there is none"};
+      if (length > size || at > size - length)
+        return broken("part " + std::to_string(k + 1) + " of " + std::to_string(pieces) + " lies beyond the end of the file");
+    }
+    buffer_.resize(rowBytes_ * (tileWidth_ ? tileHeight_ : 1));
+    if (tileWidth_) tile_.resize(static_cast<std::size_t>(TIFFTileSize64(tiff_)));
+    if (tileWidth_ && tile_.size() < std::size_t{tileWidth_} * tileHeight_ * bytes_)
+      return broken("its tiles have a length that cannot be");
+    return {};
+  }
+
+  Outcome<void> readTiles() {
+    const std::size_t line = std::size_t{tileWidth_} * bytes_;
+    for (std::uint32_t x = 0, k = 0; x < header_.width; x += tileWidth_, ++k) {
+      if (TIFFReadTile(tiff_, tile_.data(), x, next_, 0, 0) < 0)
+        return broken("the tile at column " + std::to_string(x) + ", row " + std::to_string(next_) + " cannot be read");
+      for (std::uint32_t y = 0; y < tileHeight_; ++y) std::memcpy(&buffer_[y * rowBytes_ + k * line], &tile_[y * line], line);
+      if (header_.width - x <= tileWidth_) break;
+    }
+    return {};
+  }
+
+  double value(const unsigned char* p) const {
+    const auto as = [p](auto v) {
+      std::memcpy(&v, p, sizeof v);
+      return static_cast<double>(v);
+    };
+    if (kind_ == Kind::kFloat) return bytes_ == 4 ? as(0.0f) : as(0.0);
+    if (kind_ == Kind::kSigned) return bytes_ == 1 ? as(std::int8_t{}) : bytes_ == 2 ? as(std::int16_t{}) : as(std::int32_t{});
+    return bytes_ == 1 ? as(std::uint8_t{}) : bytes_ == 2 ? as(std::uint16_t{}) : as(std::uint32_t{});
+  }
+
+  void readNoData() {
+    const char* text = nullptr;
+    if (TIFFGetField(tiff_, kNoData, &text) != 1 || !text) return;
+    char* end = nullptr;
+    const double v = std::strtod(text, &end);
+    if (end != text) header_.noData = kind_ == Kind::kFloat && bytes_ == 4 ? static_cast<double>(static_cast<float>(v)) : v;
+  }
+
+  template <class T>
+  std::span<const T> tag(std::uint32_t number) const {
+    std::uint16_t count = 0;
+    const T* values = nullptr;
+    if (TIFFGetField(tiff_, number, &count, &values) != 1 || !values) return {};
+    return {values, count};
+  }
+
+  // The values of the keys that matter here; as OGC 19-008r4 names them.
+  struct Keys {
+    std::uint16_t modelType = 0, rasterType = 1, projection = 0, angularUnit = kDegree, linearUnit = kMetre, heightUnit = kMetre;
+    double linearUnitSize = 0;  // metres, of a unit of the file's own
+  };
+  Keys readKeys() const {
+    Keys out;
+    const auto keys = tag<std::uint16_t>(kGeoKeys);
+    const auto doubles = tag<double>(kGeoDoubles);
+    for (std::size_t k = 4; k + 3 < keys.size(); k += 4) {
+      const std::uint16_t where = keys[k + 1], value = keys[k + 3];
+      if (where == kGeoDoubles && keys[k] == 3077 && value < doubles.size()) out.linearUnitSize = doubles[value];
+      if (where != 0) continue;
+      if (keys[k] == 1024) out.modelType = value;
+      if (keys[k] == 1025) out.rasterType = value;
+      if (keys[k] == 2054) out.angularUnit = value;
+      if (keys[k] == 3072) out.projection = value;
+      if (keys[k] == 3076) out.linearUnit = value;
+      if (keys[k] == 4099) out.heightUnit = value;
+    }
+    return out;
+  }
+
+  // Metres in the file's unit; empty: unknown.
+  static std::optional<double> metresIn(const Keys& keys) {
+    switch (keys.linearUnit) {
+      case kMetre:
+        return 1.0;
+      case kFoot:
+        return 0.3048;
+      case kSurveyFoot:
+        return 12 / 39.37;
+      case 9036:
+        return 1000.0;
+      case 32767:  // defined by the file
+        if (keys.linearUnitSize > 0) return keys.linearUnitSize;
+    }
+    return std::nullopt;
+  }
+
+  // Pixels to the file's unit: x east, y north. (0, 0) is the first pixel's corner, or its middle where pixels are points.
+  struct Grid {
+    double x = 0, y = 0;          // of (0, 0)
+    double across = 0, down = 0;  // from one pixel to the next
+    bool isPlaced = false;
+  };
+  Outcome<std::optional<Grid>> readGrid(const RasterOptions& options) const {
+    const auto scale = tag<double>(kPixelScale), tie = tag<double>(kTiePoint), matrix = tag<double>(kTransformation);
+    if (scale.size() >= 2) {
+      Grid grid{.across = scale[0], .down = scale[1]};
+      if (tie.size() >= 6) grid = {tie[3] - tie[0] * scale[0], tie[4] + tie[1] * scale[1], scale[0], scale[1], true};
+      return std::optional(grid);
+    }
+    if (matrix.size() >= 16) {
+      if (matrix[1] != 0 || matrix[4] != 0 || !(matrix[0] > 0) || !(matrix[5] < 0))
+        return Error{name_ + ": its rows do not run east and its columns south: turn it (gdalwarp)"};
+      return std::optional(Grid{matrix[3], matrix[7], matrix[0], -matrix[5], true});
+    }
+    if (!tie.empty() && !options.pitch)
+      return Error{name_ +
+                   ": it says where points of it lie, but not how far apart its samples are: warp it (gdalwarp), or say --raster "
+                   "pitch=METRES"};
+    return std::optional<Grid>();
+  }
+
+  Outcome<void> readPlace(const RasterOptions& options) {
+    const Keys keys = readKeys();
+    constexpr std::uint16_t kOwn = 32767;  // defined by the file
+    if (keys.projection != kOwn) header_.epsg = keys.projection;
+    if (keys.heightUnit == kFoot || keys.heightUnit == kSurveyFoot)
+      if (options.scale == 1)
+        return Error{name_ +
+                     ": its heights are in feet, not metres: say --raster scale=" + (keys.heightUnit == kFoot ? "0.3048" : "0.3048006")};
+    const auto grid = readGrid(options);
+    if (!grid) return grid.error();
+    if (!*grid) return {};
+    const std::optional<double> unit = metresIn(keys);
+    if (keys.modelType == 2) {  // geographic
+      if (keys.angularUnit != kDegree && !options.pitch)
+        return Error{name_ + ": its angles are in unit " + std::to_string(keys.angularUnit) +
+                     " of the EPSG list, and degrees are read: project it to metres (gdalwarp -t_srs)"};
+      const Grid& g = **grid;
+      const double half = keys.rasterType == 2 ? 0.0 : 0.5;
+      if (g.isPlaced && std::abs(g.x) <= 360 && std::abs(g.y) <= 90.5 && g.across > 0 && g.down > 0)
+        header_.degrees = DegreeGrid{g.x + half * g.across, g.y - half * g.down, g.across, g.down};
+      if (!header_.degrees && (!options.pitch || options.geographic))
+        return Error{name_ +
+                     ": its samples are degrees apart, not metres, and it does not say where on Earth: project it, or say --raster "
+                     "pitch=METRES"};
+      return {};
+    }
+    if (!unit) {
+      if (options.pitch && !options.geographic) return {};
+      return Error{name_ + ": its lengths are in unit " + std::to_string(keys.linearUnit) +
+                   " of the EPSG list, and metres, feet and kilometres are read: project it to metres (gdalwarp -t_srs), or say --raster "
+                   "pitch=METRES without place=geo"};
+    }
+    const double x = (*grid)->across * *unit, y = (*grid)->down * *unit;
+    if (!options.pitch && !(std::abs(x - y) <= 1e-3 * std::abs(x)))
+      return Error{name_ + ": its samples are " + std::to_string(x) + " m apart one way and " + std::to_string(y) +
+                   " m the other: say --raster pitch=METRES"};
+    header_.pitch = x;
+    if (!(*grid)->isPlaced) return {};
+    const double half = keys.rasterType == 2 ? 0.0 : 0.5;  // to the middle of the pixel; 2: pixels are points
+    header_.easting = (*grid)->x * *unit + half * x;
+    header_.northing = (*grid)->y * *unit - half * y;
+    return {};
+  }
+
+  std::string name_;
+  TIFF* tiff_ = nullptr;
+  RasterHeader header_;
+  Kind kind_ = Kind::kUnsigned;
+  std::size_t bytes_ = 1, rowBytes_ = 0;
+  std::uint32_t tileWidth_ = 0, tileHeight_ = 0, next_ = 0;
+  std::vector<unsigned char> buffer_, tile_;
+};
+
+}  // namespace
+
+Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
+  auto tiff = std::make_unique<TiffFile>(file.string());
+  if (auto opened = tiff->open(size, options); !opened) return opened.error();
+  return std::unique_ptr<RasterFile>(std::move(tiff));
+}
+
+}  // namespace ridgecast::user_terrain
