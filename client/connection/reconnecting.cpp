@@ -63,7 +63,7 @@ void ReconnectingConnection::noteLoss() {
 
 void ReconnectingConnection::lookAfter() {
   if (!lost_) noteLoss();
-  if (!lost_ || !reconnects_ || otherWorld_) return;
+  if (!lost_ || !comesBack()) return;
   if (!attempt_.valid()) {
     if (Clock::now() < next_) return;
     attempt_ = std::async(std::launch::async, [url = target_, hello = hello_, stop = stop_.get_token()] {
@@ -101,7 +101,7 @@ std::optional<Received> ReconnectingConnection::receive(std::chrono::millisecond
     if (!lost_)
       if (auto received = connection_->receive(left())) return received;
     lookAfter();
-    if (Clock::now() >= until || (lost_ && (!reconnects_ || otherWorld_))) return std::nullopt;
+    if (Clock::now() >= until || (lost_ && !comesBack())) return std::nullopt;
     if (lost_) std::this_thread::sleep_for(std::min(left(), 5ms));
   }
 }

@@ -49,6 +49,7 @@ class ReconnectingConnection {
   std::optional<Error> error() const { return lost_; }  // why there is no connection at the moment
   // The server came back with another world: what is held is of no use there, and no further attempt is made.
   bool otherWorld() const { return otherWorld_; }
+  bool comesBack() const { return reconnects_ && !otherWorld_; }  // where it is lost, another attempt is made
   std::uint64_t bytesReceived() const { return bytesBefore_ + connection_->bytesReceived(); }
   std::uint64_t reconnections() const { return reconnections_; }
 

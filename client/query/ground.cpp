@@ -4,6 +4,7 @@
 #include <cmath>
 #include <deque>
 
+#include "common/user_terrain/declaration.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::query {
@@ -29,7 +30,16 @@ Outcome<void> checkPlaces(std::size_t x, std::size_t z, std::size_t each, std::s
 }
 
 std::shared_ptr<const terrain::Terrain> builtInOf(const wire::World& world) {
-  auto terrain = terrain::create(world.terrainName, world.seed);
+  const auto all = terrain::builtIn();
+  const auto here = std::ranges::find(all, world.terrainName, &terrain::Description::name);
+  if (here == all.end()) return nullptr;
+  terrain::Parameters parameters;
+  if (world.terrainSource != here->source) {
+    const auto declared = user_terrain::readDeclaration(world.terrainName, world.terrainSource);
+    if (!declared || declared->parameters.size() != here->parameters) return nullptr;
+    parameters = {user_terrain::valuesOf(world.terrainSource, *declared), world.terrainSource};
+  }
+  auto terrain = terrain::create(world.terrainName, world.seed, std::move(parameters));
   if (!terrain || terrain::contentHash(**terrain) != world.contentHash) return nullptr;
   return *terrain;
 }
@@ -47,7 +57,7 @@ auto placesOf(wire::QueryKind kind, std::span<const lattice::Step> x, std::span<
   };
 }
 
-constexpr std::size_t kBatch = 1000;   // places a query
+constexpr std::size_t kBatch = 4000;   // places a query
 constexpr std::size_t kInFlight = 16;  // queries
 
 }  // namespace
@@ -58,7 +68,7 @@ Ground::Ground(const wire::World& world, Ask ask, std::chrono::milliseconds time
 // `count` items in batches of `each`; each item's answer has `numbers` numbers.
 template <class Number, class Make, class Take>
 Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
-                          const Take& take) {
+                          const Take& take) const {
   const auto until = std::chrono::steady_clock::now() + timeout_;
   std::deque<std::future<Outcome<wire::Answer>>> open;
   std::size_t requested = 0, taken = 0;
@@ -82,7 +92,7 @@ Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number>
   return {};
 }
 
-Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) {
+Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
   if (auto fits = checkPlaces(x.size(), z.size(), 1, out.size()); !fits) return fits;
   if (!local_)
     return ask(out.size(), kBatch, out, 1, placesOf(wire::QueryKind::kHeights, x, z),
@@ -92,7 +102,7 @@ Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const 
 }
 
 Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
-                              std::uint32_t spacing) {
+                              std::uint32_t spacing) const {
   if (auto fits = checkPlaces(x.size(), z.size(), 3, out.size()); !fits) return fits;
   if (!local_)
     return ask(x.size(), kBatch, out, 3, placesOf(wire::QueryKind::kNormals, x, z, spacing),
@@ -101,7 +111,7 @@ Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const 
   return {};
 }
 
-Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> out) {
+Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> out) const {
   if (auto fits = checkRoom(rays.size(), "rays", 1, out.size()); !fits) return fits;
   if (local_) {
     for (const ground::Ray& ray : rays)
@@ -120,7 +130,34 @@ Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> 
       [](const wire::Answer& a) -> const std::vector<double>& { return a.distances; });
 }
 
-Outcome<double> Ground::height(double x, double z) {
+Outcome<void> Ground::hits(std::span<const ground::Ray> rays, std::span<Hit> out) const {
+  if (auto fits = checkRoom(rays.size(), "rays", 1, out.size()); !fits) return fits;
+  std::vector<double> distances(rays.size());
+  if (auto known = cast(rays, distances); !known) return known;
+  std::vector<std::size_t> met;
+  std::vector<lattice::Step> x, z;
+  for (std::size_t k = 0; k < rays.size(); ++k) {
+    out[k] = {};
+    if (distances[k] == ground::kNoHit) continue;
+    const ground::Ray& ray = rays[k];
+    const double share = distances[k] / std::hypot(ray.directionX, ray.directionY, ray.directionZ);
+    const auto moved = [&](lattice::Step from, double direction) {
+      return std::clamp(from + static_cast<lattice::Step>(std::floor(direction * share * lattice::kStepsPerMetre + 0.5)),
+                        -lattice::kMaxPosition, lattice::kMaxPosition);
+    };
+    out[k] = {
+        .distance = distances[k], .at = {moved(ray.x, ray.directionX), moved(ray.z, ray.directionZ)}, .y = ray.y + ray.directionY * share};
+    met.push_back(k);
+    x.push_back(out[k].at.x);
+    z.push_back(out[k].at.z);
+  }
+  std::vector<float> found(3 * met.size());
+  if (auto known = normals(x, z, found); !known) return known;
+  for (std::size_t k = 0; k < met.size(); ++k) std::copy_n(&found[3 * k], 3, out[met[k]].normal.begin());
+  return {};
+}
+
+Outcome<double> Ground::height(double x, double z) const {
   const auto atX = toSteps(x), atZ = toSteps(z);
   if (!atX || !atZ) return (atX ? atZ : atX).error();
   float out = 0;

@@ -1,12 +1,14 @@
 #pragma once
 // The true terrain of a session's world, for simulations: heights, normals, rays.
 //
-// If a built-in terrain here has the world's content hash, answers are computed locally, at once. Otherwise the server is asked, in
-// batches, and each call waits for its answers. Both give the same bits. (For the mesh held by the client: mesh_ground.h.)
+// If a built-in terrain here, with the world's parameters, has the world's content hash, answers are computed locally, at once. Otherwise
+// the server is asked, in batches, and each call waits for its answers. Both give the same bits. (For the mesh held by the client:
+// mesh_ground.h.)
 //
 // Places are steps of the lattice (1/256 m); toSteps() converts metres. Local answers: any thread. Answers from the server: not
 // thread-safe, but several grounds may share a connection.
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -26,6 +28,14 @@ namespace ridgecast::query {
 // The nearest step. Error: no number, or beyond the lattice, which ends 4.398e12 m from the origin.
 Outcome<lattice::Step> toSteps(double metres);
 
+// Where a ray meets the ground.
+struct Hit {
+  double distance = ground::kNoHit;  // metres along the ray; kNoHit: nowhere, and nothing else is set
+  lattice::Point at;                 // the nearest step
+  double y = 0;                      // metres, of the ray there
+  std::array<float, 3> normal{};     // of the ground at that step, as normals() says
+};
+
 class Ground {
  public:
   enum class Source { kLocal, kServer };
@@ -36,26 +46,32 @@ class Ground {
       : Ground(
             connection.world(), [&connection](wire::Query query) { return connection.ask(std::move(query)); }, timeout) {}
 
+  // Of a terrain held here.
+  explicit Ground(std::shared_ptr<const terrain::Terrain> terrain) : timeout_(0), local_(std::move(terrain)) {}
+
   Source source() const { return local_ ? Source::kLocal : Source::kServer; }
 
   // Heights in metres, as the terrain function returns them. x, z and out have the same size. Errors, here and below: sizes that do not
   // match; the server is gone or did not answer in time: `out` is then undefined.
-  Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out);
+  Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const;
   // Unit normals, three numbers each, over `spacing` steps to each side (common/ground/ground.h).
   Outcome<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
-                        std::uint32_t spacing = ground::kDefaultSpacing);
+                        std::uint32_t spacing = ground::kDefaultSpacing) const;
   // Metres along each ray to the ground; ground::kNoHit if it meets none. A ray out of PROTOCOL.md's ranges is an error that names the
   // field, the same from both sources; the connection lives.
-  Outcome<void> cast(std::span<const ground::Ray> rays, std::span<double> out);
+  Outcome<void> cast(std::span<const ground::Ray> rays, std::span<double> out) const;
+  // The same, with place and normal.
+  Outcome<void> hits(std::span<const ground::Ray> rays, std::span<Hit> out) const;
 
   // The height of a single place; metres.
-  Outcome<double> height(double x, double z);
+  Outcome<double> height(double x, double z) const;
 
  private:
   using Ask = std::function<std::future<Outcome<wire::Answer>>(wire::Query)>;
   Ground(const wire::World& world, Ask ask, std::chrono::milliseconds timeout);
   template <class Number, class Make, class Take>
-  Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make, const Take& take);
+  Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
+                    const Take& take) const;
 
   const Ask ask_;
   const std::chrono::milliseconds timeout_;

@@ -4,6 +4,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <string>
+
+#include "common/wire/wire.h"
 
 namespace ridgecast::query {
 
@@ -79,7 +82,9 @@ std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray) {
 
 Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
                             std::chrono::milliseconds timeout) {
-  auto answer = connection.askGround({0, at, radius, error});
+  const wire::AskGround question{0, at, radius, error};
+  if (std::string refusal = wire::refusalOf(question); !refusal.empty()) return Error{std::move(refusal)};
+  auto answer = connection.askGround(question);
   if (answer.wait_for(timeout) != std::future_status::ready)
     return Error{"the server did not answer a question for the ground within " + std::to_string(timeout.count()) + " ms"};
   auto ground = answer.get();

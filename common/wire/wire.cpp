@@ -43,14 +43,20 @@ bool sessionNameIsValid(std::string_view name) {
   return !name.empty() && name.size() <= kMaxSessionBytes && std::all_of(name.begin(), name.end(), allowed);
 }
 
-std::string refusalOf(const Ray& ray) {
-  pb::Ray in;
-  write(ray, in);
-  Ray out;
+namespace {
+template <class Sent, class Message>
+std::string refusalBy(const Message& message) {
+  Sent in;
+  write(message, in);
+  Message out;
   Refusal refusal;
   read(out, in, refusal);
   return refusal;
 }
+}  // namespace
+
+std::string refusalOf(const Ray& ray) { return refusalBy<pb::Ray>(ray); }
+std::string refusalOf(const AskGround& ask) { return refusalBy<pb::AskGround>(ask); }
 
 std::string encode(const ClientMessage& message) { return encodeAs<pb::ClientMessage>(message); }
 std::string encode(const ServerMessage& message) { return encodeAs<pb::ServerMessage>(message); }

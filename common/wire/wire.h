@@ -54,8 +54,9 @@ bool sessionNameIsValid(std::string_view name);
 std::string encode(const ClientMessage& message);
 std::string encode(const ServerMessage& message);
 
-// Which field of the ray is out of range, in the sentence of decodeClient; empty: none.
+// Which field is out of range, in the sentence of decodeClient; empty: none.
 std::string refusalOf(const Ray& ray);
+std::string refusalOf(const AskGround& ask);
 
 // A query whose rays are out of range is no error: its `refusal` says so, and the connection lives.
 // A hello of another protocol version is no error: it is returned with its version and name alone, so that it can be answered.

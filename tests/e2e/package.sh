@@ -21,13 +21,21 @@ else
   prefix=$scratch/root
 fi
 
-# The example knows nothing but the prefix.
+# The examples know nothing but the prefix, and have a header with the name of one of ours; a plugin links the library too.
 cp -r "$source/client/example" "$scratch/example"
+mkdir -p "$scratch/example/common/camera"
+echo '#error "the library includes a header of the program"' >"$scratch/example/common/camera/camera.h"
+cat >>"$scratch/example/CMakeLists.txt" <<'TEXT'
+include_directories(BEFORE ${CMAKE_CURRENT_SOURCE_DIR})
+add_library(plugin MODULE example.cpp)
+target_link_libraries(plugin PRIVATE Ridgecast::client -Wl,--no-undefined)
+TEXT
 cmake -S "$scratch/example" -B "$scratch/out" -DCMAKE_PREFIX_PATH="$prefix" -DCMAKE_CXX_FLAGS="$flags" >"$scratch/configure.log" 2>&1 ||
   { cat "$scratch/configure.log" >&2; exit 1; }
 cmake --build "$scratch/out" 2>&1 | tail -n 40
 ! ldd "$scratch/out/example" | grep -E 'libGL|libEGL|libglfw|libepoxy' || { echo "the example needs OpenGL" >&2; exit 1; }
 
+[[ $(LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libridgecast.so.1)") "$scratch/out/heights" | grep -c ' m$') -eq 3 ]]
 for program in ridgecast-server ridgecast-client; do
   said=$("$prefix/bin/$program" --version)
   echo "$said"

@@ -1,0 +1,152 @@
+#include <vector>
+
+#include "client/c/boundary.h"
+#include "common/ground/ground.h"
+#include "common/user_terrain/catalogue.h"
+#include "common/user_terrain/child.h"
+
+namespace ridgecast::c {
+
+namespace {
+
+constexpr std::size_t kPart = 4096;  // places at a time, where they are computed here: their steps stay in the cache
+
+rc_status beyond(std::size_t place) {
+  return fail(RC_INVALID, "place " + std::to_string(place) + " is no pair of numbers within 4.398e12 m of the origin");
+}
+
+// Calls body(x, z, first) for parts of the places; first: how many were before.
+template <class Body>
+rc_status eachPart(const rc_terrain& terrain, const double* places, std::size_t count, const Body& body) {
+  if (count > 0 && !places) return fail(RC_INVALID, "there are no places");
+  const std::size_t part = terrain.world ? count : std::min(count, kPart);
+  std::vector<lattice::Step> x(part), z(part);
+  for (std::size_t first = 0; first < count; first += part) {
+    const std::size_t n = std::min(part, count - first);
+    for (std::size_t k = 0; k < n; ++k) {
+      const double* place = places + 2 * (first + k);
+      const double atX = std::floor(place[0] * lattice::kStepsPerMetre + 0.5), atZ = std::floor(place[1] * lattice::kStepsPerMetre + 0.5);
+      constexpr double kMost = lattice::kMaxPosition;
+      if (!(std::abs(atX) <= kMost && std::abs(atZ) <= kMost)) return beyond(first + k);
+      x[k] = static_cast<lattice::Step>(atX);
+      z[k] = static_cast<lattice::Step>(atZ);
+    }
+    if (const rc_status status = body(std::span(x).first(n), std::span(z).first(n), first); status != RC_OK) return status;
+  }
+  return RC_OK;
+}
+
+// By the terrain itself, or by its world, whose calls take turns.
+template <class Here, class There>
+rc_status answer(const rc_terrain& terrain, const Here& here, const There& there) {
+  if (!terrain.world) {
+    const Outcome<void> known = here(terrain.ground);
+    return known ? RC_OK : fail(RC_INVALID, known.error().message);
+  }
+  const std::lock_guard lock(terrain.world->mutex);
+  const world::Result<void> known = there(*terrain.world->world);
+  return known ? RC_OK : fail(known.error());
+}
+
+Outcome<user_terrain::Request> requestOf(const char* name, const rc_terrain_options& options) {
+  user_terrain::Request request;
+  request.terrain = name;
+  if (options.seed) request.seed = options.seed;
+  for (std::uint32_t k = 0; k < options.parameter_count; ++k) {
+    if (!options.parameters || !options.parameters[k].name) return Error{"a parameter needs a name"};
+    request.parameters.emplace_back(options.parameters[k].name, options.parameters[k].value);
+  }
+  const std::string raster = options.raster ? options.raster : "";
+  for (std::size_t at = 0; at < raster.size();) {
+    const std::size_t end = std::min(raster.find(' ', at), raster.size());
+    if (end > at)
+      if (auto added = user_terrain::addRasterOption(std::string_view(raster).substr(at, end - at), request.raster); !added)
+        return added.error();
+    at = end + 1;
+  }
+  if (options.program)
+    request.prober = options.program;
+  else if (request.terrain.ends_with(".glsl")) {
+    const auto found = user_terrain::findProgram("ridgecast-server");
+    if (!found) return Error{"a terrain file is tried by ridgecast-server first, which is not in PATH: say where it is"};
+    request.prober = *found;
+  }
+  return request;
+}
+
+}  // namespace
+
+}  // namespace ridgecast::c
+
+using namespace ridgecast;
+using namespace ridgecast::c;
+
+rc_status rc_terrain_open(const char* name, const rc_terrain_options* options, rc_terrain** out) {
+  return guarded([&] {
+    if (!name || !out) return fail(RC_INVALID, "a terrain needs a name, and a place for its handle");
+    if (options && !hasSize(options)) return noSize("rc_terrain_options");
+    const auto request = requestOf(name, read(options));
+    if (!request) return fail(RC_INVALID, request.error().message);
+    auto terrain = user_terrain::load(*request, [](const std::string&) {});
+    if (!terrain) return fail(RC_REFUSED, terrain.error().message);
+    const std::uint64_t hash = terrain::contentHash(**terrain);
+    *out = new rc_terrain{query::Ground(std::move(*terrain)), hash};
+    return RC_OK;
+  });
+}
+
+void rc_terrain_close(rc_terrain* terrain) {
+  if (terrain && !terrain->world) delete terrain;
+}
+
+uint64_t rc_terrain_hash(const rc_terrain* terrain) { return terrain ? terrain->hash : 0; }
+
+rc_status rc_terrain_heights(rc_terrain* terrain, const double* places, size_t count, float* heights) {
+  return guarded([&] {
+    if (!terrain || (count > 0 && !heights)) return fail(RC_INVALID, "heights need a terrain, and room");
+    return eachPart(*terrain, places, count, [&](auto x, auto z, std::size_t first) {
+      const std::span out(heights + first, x.size());
+      return answer(
+          *terrain, [&](auto& ground) { return ground.heights(x, z, out); }, [&](auto& world) { return world.heights(x, z, out); });
+    });
+  });
+}
+
+rc_status rc_terrain_normals(rc_terrain* terrain, const double* places, size_t count, double spacing, float* normals) {
+  return guarded([&] {
+    if (!terrain || (count > 0 && !normals)) return fail(RC_INVALID, "normals need a terrain, and room");
+    if (!(spacing == 0 || (spacing >= lattice::kMetresPerStep && spacing <= 256)))
+      return fail(RC_INVALID, "a normal's spacing is 1/256 to 256 metres, or 0 for 1/16");
+    const std::uint32_t steps =
+        spacing == 0 ? ground::kDefaultSpacing : static_cast<std::uint32_t>(spacing * lattice::kStepsPerMetre + 0.5);
+    return eachPart(*terrain, places, count, [&](auto x, auto z, std::size_t first) {
+      const std::span out(normals + 3 * first, 3 * x.size());
+      return answer(
+          *terrain, [&](auto& ground) { return ground.normals(x, z, out, steps); },
+          [&](auto& world) { return world.normals(x, z, out, steps); });
+    });
+  });
+}
+
+rc_status rc_terrain_rays(rc_terrain* terrain, const rc_ray* rays, size_t count, rc_hit* hits) {
+  return guarded([&] {
+    if (!terrain || (count > 0 && (!rays || !hits))) return fail(RC_INVALID, "rays need a terrain, and room for their hits");
+    std::vector<ground::Ray> asked(count);
+    for (std::size_t k = 0; k < count; ++k) {
+      const rc_ray& ray = rays[k];
+      const auto x = query::toSteps(ray.origin[0]), z = query::toSteps(ray.origin[2]);
+      if (!x || !z) return fail(RC_INVALID, "ray " + std::to_string(k) + " does not begin within 4.398e12 m of the origin");
+      asked[k] = {*x, *z, ray.origin[1], ray.direction[0], ray.direction[1], ray.direction[2], ray.reach};
+    }
+    std::vector<query::Hit> found(count);
+    const rc_status status = answer(
+        *terrain, [&](auto& ground) { return ground.hits(asked, found); }, [&](auto& world) { return world.hits(asked, found); });
+    if (status != RC_OK) return status;
+    const auto metres = [](lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; };
+    for (std::size_t k = 0; k < count; ++k) {
+      const query::Hit& hit = found[k];
+      hits[k] = {hit.distance, {metres(hit.at.x), hit.y, metres(hit.at.z)}, {hit.normal[0], hit.normal[1], hit.normal[2]}};
+    }
+    return RC_OK;
+  });
+}

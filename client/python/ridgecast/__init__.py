@@ -1,0 +1,26 @@
+"""Endless terrain for simulations: true heights anywhere, shared sessions, the ground as triangles.
+
+    >>> import numpy as np, ridgecast as rc
+    >>> alpine = rc.Terrain("alpine", seed=7)
+    >>> alpine.heights(np.array([[10.0, 20.0], [11.0, 20.0]])).shape
+    (2,)
+
+Everywhere: metres, float64 in; +Y is up, x and z lie on the horizontal plane. Places are arrays of shape (..., 2): x, z. Points are of
+shape (..., 3): x, y, z. Places are rounded to 2^-8 m, and a float64 holds each of them exactly, 4.398e12 m far. Angles are radians, times
+seconds. Heights have the same bits on every machine, here and from a server.
+
+Calls let other threads run, and Ctrl-C ends those that wait. Terrains and meshes may be used by any thread; calls on one world take turns.
+"""
+
+from ._errors import Error, Invalid, Lost, Refused, Timeout
+from ._library import version as __version__
+from .glb import read_glb
+from .mesh import Mesh
+from .server import Server, server
+from .terrain import Hits, Terrain
+from .world import Clock, Iteration, Leaf, Member, World, join
+
+__all__ = [
+    "Clock", "Error", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Server", "Terrain", "Timeout", "World",
+    "join", "read_glb", "server",
+]

@@ -1,0 +1,44 @@
+"""Triangles of the ground."""
+
+from dataclasses import dataclass
+from typing import Any, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._library import ffi, lib
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles, counter-clockwise from above.
+
+    positions: float32 (n, 3), metres: x and z from `origin`, y absolute; exact within 65 km of the origin
+    triangles: uint32 (m, 3), rows of `positions`
+    origin: x, z of the origin, metres
+    error: metres that the true ground is at most above or below; inf: not known
+    """
+
+    positions: NDArray[np.float32]
+    triangles: NDArray[np.uint32]
+    origin: Tuple[float, float]
+    error: float
+
+
+def take(handle: Any) -> Mesh:
+    """Of a `const rc_mesh*`, whose arrays are used without a copy: they live as long as an array over them."""
+    owner = ffi.gc(handle, lib.rc_mesh_close)
+
+    def array(pointer: Any, count: int, kind: Any) -> Any:
+        if count == 0:
+            return np.empty((0, 3), kind)
+        out = np.frombuffer(_Memory(owner, pointer, 12 * count), kind).reshape(count, 3)
+        out.flags.writeable = False
+        return out
+
+    return Mesh(array(owner.positions, owner.vertex_count, np.float32), array(owner.triangles, owner.triangle_count, np.uint32),
+                (owner.origin[0], owner.origin[1]), owner.error)
+
+
+def _Memory(owner: Any, pointer: Any, size: int) -> Any:
+    return ffi.buffer(ffi.gc(ffi.cast("char*", pointer), lambda _: owner), size)

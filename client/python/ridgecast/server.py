@@ -1,0 +1,76 @@
+"""A server of one's own."""
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, List, Optional
+
+from ._errors import Refused
+
+
+def program(required: bool = True) -> Optional[str]:
+    """ridgecast-server: of RIDGECAST_SERVER, of this package, or in PATH."""
+    beside = Path(__file__).parent / "ridgecast-server"
+    found = os.environ.get("RIDGECAST_SERVER") or (str(beside) if beside.exists() else shutil.which("ridgecast-server"))
+    if found is None and required:
+        raise Refused("there is no ridgecast-server in PATH; install it, or name it in RIDGECAST_SERVER")
+    return found
+
+
+class Server:
+    """A server that runs until `close`; a context manager. `url` is for `join`, `http` for a browser and curl."""
+
+    def __init__(self, arguments: List[str], timeout: float) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="ridgecast-")
+        port, log = Path(self._folder.name) / "port", Path(self._folder.name) / "log"
+        with open(log, "wb") as out:
+            self._process = subprocess.Popen([str(program()), "--port-file", str(port), *arguments], stdin=subprocess.DEVNULL, stdout=out,
+                                             stderr=subprocess.STDOUT)
+        try:
+            until = time.monotonic() + timeout
+            while not (port.exists() and port.read_text().strip()):
+                if self._process.poll() is not None or time.monotonic() > until:
+                    raise Refused(f"the server did not start: {log.read_text(errors='replace').strip()[-500:]}")
+                time.sleep(0.01)
+        except BaseException:
+            self.close()
+            raise
+        self.port = int(port.read_text())
+        self.url = f"ws://127.0.0.1:{self.port}"
+        self.http = f"http://127.0.0.1:{self.port}"
+
+    def close(self) -> None:
+        """Ends the server, politely first."""
+        self._process.terminate()
+        try:
+            self._process.wait(10)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._folder.cleanup()
+
+    def __enter__(self) -> "Server":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def server(terrain: str = "alpine", *, seed: int = 1, port: int = 0, timeout: float = 60.0, **options: Any) -> Server:
+    """Runs a server on this machine: `with rc.server("canyon", seed=7) as s: rc.join(s.url)`.
+
+    port 0: any free one. Other options are those of `ridgecast-server --help`, with _ for -: max_cameras=8, raster=["pitch=30"],
+    verbose=True.
+    """
+    arguments = ["--terrain", str(terrain), "--seed", str(seed), "--port", str(port)]
+    for key, value in options.items():
+        flag = "--" + key.replace("_", "-")
+        for one in value if isinstance(value, (list, tuple)) else [value]:
+            if one is True:
+                arguments.append(flag)
+            elif one is not False and one is not None:
+                arguments += [flag, str(one)]
+    return Server(arguments, timeout)

@@ -1,0 +1,267 @@
+"""A session of a server, entered as a member."""
+
+import math
+import time as _time
+from dataclasses import dataclass
+from typing import Any, Callable, List, Mapping, Optional, Tuple
+from urllib.parse import quote
+
+from ._errors import Invalid, Timeout
+from ._library import SLICE, check, ffi, interruptible, lib, struct, text
+from .mesh import Mesh, take
+from .terrain import Questions
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """What the server made of a pose: the mesh held is the one with this hash."""
+
+    number: int
+    pose: int  #: that it was made for, from 1 on
+    hash: int
+    triangles: int
+    threshold: float  #: pixels that were reached
+    settled: bool  #: nothing is left to refine at this pose
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A square of the mesh held; its corner of least x and z lies at (i, j) * side."""
+
+    level: int
+    i: int
+    j: int
+    side: float  #: metres
+    version: int  #: grows whenever its triangles change
+    triangles: int
+
+
+@dataclass(frozen=True)
+class Member:
+    """Somebody else in the session."""
+
+    number: int
+    name: str
+    sensor: bool
+    position: Optional[Tuple[float, float, float]]  #: x, y, z, metres; None: no pose yet
+    yaw: float
+    pitch: float
+    time: float  #: of the pose, session seconds
+
+
+class Clock:
+    """The session's clock: seconds since its beginning. One member owns it; the first to set or step it."""
+
+    MODES = ("real-time", "scaled", "stepped")
+
+    def __init__(self, world: "World") -> None:
+        self._world = world
+
+    def _state(self) -> Any:
+        out = struct("rc_clock")
+        check(lib.rc_world_clock(self._world._handle, out))
+        return out
+
+    @property
+    def time(self) -> float:
+        """Seconds now; exact while the clock is stepped."""
+        return float(self._state().time) * 1e-6
+
+    @property
+    def uncertainty(self) -> float:
+        """Seconds that `time` may be off."""
+        return float(self._state().uncertainty) * 1e-6
+
+    @property
+    def mode(self) -> str:
+        return self.MODES[self._state().mode]
+
+    @property
+    def owner(self) -> Optional[int]:
+        """The member whose clock it is."""
+        return int(self._state().owner) or None
+
+    def set(self, mode: str, rate: float = 1.0, timeout: float = 10.0) -> None:
+        """Takes the clock, where nobody has it, and sets it: "real-time", "scaled" by `rate`, or "stepped"."""
+        if mode not in self.MODES:
+            raise Invalid(f"a clock is one of {', '.join(self.MODES)}, not {mode!r}")
+        interruptible(lambda: lib.rc_world_set_clock(self._world._handle, self.MODES.index(mode), rate, timeout))
+
+    def step(self, seconds: float, timeout: float = 10.0) -> None:
+        """Takes the clock, where nobody has it, moves it, and waits until all who follow it have done the step.
+
+        Raises Timeout, which names who has not; the step goes on then, and step(0) waits for it again.
+        """
+        step = round(seconds * 1e6)
+
+        def once(slice: float) -> None:
+            nonlocal step
+            now, step = step, 0
+            check(lib.rc_world_step(self._world._handle, now, slice))
+
+        _in_slices(once, timeout)
+
+    def next(self, timeout: float = 10.0) -> float:
+        """Follows the clock: says that the step returned last is done, waits for the next one, and returns the session's time."""
+        out = ffi.new("int64_t*")
+        _in_slices(lambda slice: check(lib.rc_world_next_step(self._world._handle, slice, out)), timeout)
+        return float(out[0]) * 1e-6
+
+    def pass_over(self, member: int) -> None:
+        """As the owner: no step waits for this member until it has caught up."""
+        check(lib.rc_world_pass_over(self._world._handle, member))
+
+
+class World(Questions):
+    """A session's world, as one of its members. Made by `join`; a context manager, which leaves at its end."""
+
+    def __init__(self, handle: Any) -> None:
+        self._handle = handle
+        self._terrain = lib.rc_world_terrain(handle)
+        info = self._info()
+        self.session: str = ffi.string(info.session).decode()
+        self.terrain: str = ffi.string(info.terrain).decode()
+        self.seed: int = info.seed
+        self.hash: int = info.hash  #: of its ground; equal for equal grounds, everywhere
+        self.horizon: float = info.horizon  #: metres
+        self.is_local: bool = bool(info.is_local)  #: heights are computed here; else the server is asked
+        self.clock = Clock(self)
+        self._call = (lambda call: check(call())) if self.is_local else interruptible
+
+    def _info(self) -> Any:
+        out = struct("rc_world_info")
+        check(lib.rc_world_get_info(self._handle, out))
+        return out
+
+    @property
+    def member(self) -> int:
+        """This member's number; another one after a reconnection."""
+        return int(self._info().member)
+
+    @property
+    def reconnections(self) -> int:
+        return int(self._info().reconnections)
+
+    @property
+    def members(self) -> List[Member]:
+        """The others."""
+        def member(m: Any) -> Member:
+            return Member(m.member, ffi.string(m.name).decode(errors="replace"), bool(m.sensor), (m.x, m.y, m.z) if m.has_pose else None,
+                          m.yaw, m.pitch, m.time * 1e-6)
+
+        return [member(m) for m in self._all("rc_member", lib.rc_world_members)]
+
+    def ground(self, center: Tuple[float, float], radius: float, error: float, timeout: float = 40.0) -> Mesh:
+        """The ground over a circle as triangles, at most `error` metres off; the mesh's origin is the center (x, z).
+
+        Raises Refused where that takes too many triangles; the message says which error fits.
+        """
+        x, z = map(float, center)
+        out = ffi.new("const rc_mesh**")
+        interruptible(lambda: lib.rc_world_ground(self._handle, x, z, radius, error, timeout, out))
+        return take(out[0])
+
+    def camera(self, x: float, y: float, z: float, yaw: float = 0.0, pitch: float = 0.0, *, fov: float = math.radians(60),
+               width: int = 1280, height: int = 720, timeout: float = 10.0) -> Iteration:
+        """Puts this member's camera there, and waits until the mesh held is the server's for that pose.
+
+        yaw 0 looks along -Z and grows to the left; pitch is upwards; fov is vertical.
+        """
+        pose = struct("rc_camera", x=x, y=y, z=z, yaw=yaw, pitch=pitch, vertical_fov=fov, width=width, height=height)
+        out = struct("rc_iteration")
+        check(lib.rc_world_fly(self._handle, pose, 0, out))
+        number = int(out.pose)
+
+        def wait(slice: float) -> None:
+            check(lib.rc_world_receive(self._handle, slice, out))
+            while out.pose < number:
+                check(lib.rc_world_receive(self._handle, slice, out))
+
+        _in_slices(wait, timeout)
+        return self._iteration(out)
+
+    def receive(self, timeout: float = 10.0) -> Iteration:
+        """The next iteration for the pose given last: its mesh grows finer until it is settled."""
+        out = struct("rc_iteration")
+        _in_slices(lambda slice: check(lib.rc_world_receive(self._handle, slice, out)), timeout)
+        return self._iteration(out)
+
+    @staticmethod
+    def _iteration(out: Any) -> Iteration:
+        return Iteration(out.number, out.pose, out.hash, out.triangles, out.threshold, bool(out.settled))
+
+    def mesh(self, origin: Tuple[float, float] = (0.0, 0.0)) -> Mesh:
+        """The whole mesh held."""
+        out = ffi.new("const rc_mesh**")
+        check(lib.rc_world_mesh(self._handle, origin[0], origin[1], out))
+        return take(out[0])
+
+    @property
+    def leaves(self) -> List[Leaf]:
+        """The squares of the mesh held. To take again only what changed, compare versions."""
+        return [Leaf(l.level, l.i, l.j, l.side, l.version, l.triangles) for l in self._all("rc_leaf", lib.rc_world_leaves)]
+
+    def leaf(self, leaf: Leaf) -> Mesh:
+        """The mesh of one of `leaves`; its origin is its corner."""
+        out = ffi.new("const rc_mesh**")
+        check(lib.rc_world_leaf(self._handle, leaf.level, leaf.i, leaf.j, out))
+        return take(out[0])
+
+    def _all(self, name: str, list_all: Callable[..., Any]) -> List[Any]:
+        count, room = ffi.new("size_t*"), 256
+        while True:
+            out = ffi.new(f"{name}[]", room)
+            out[0].size = ffi.sizeof(name)
+            check(list_all(self._handle, out, room, count))
+            if count[0] <= room:
+                return [out[k] for k in range(count[0])]
+            room = 2 * count[0]
+
+    def close(self) -> None:
+        """Leaves the session; the world cannot be used any more."""
+        ffi.release(self._handle)
+
+    def __enter__(self) -> "World":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<ridgecast.World {self.session}: {self.terrain}, seed {self.seed}>"
+
+
+def join(url: str = "ws://127.0.0.1:7070", *, session: str = "default", terrain: Optional[str] = None, seed: Optional[int] = None,
+         parameters: Optional[Mapping[str, float]] = None, name: str = "", sensor: bool = False, lockstep: bool = False,
+         triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True,
+         timeout: float = 10.0) -> World:
+    """Enters a session; if there is none and a terrain is named, the server makes it.
+
+    sensor: a member without a picture. lockstep: one iteration for each pose, the same meshes for the same poses. triangles, threshold: of
+    the mesh, at most, and in pixels. reconnect: a lost connection comes back by itself, and calls wait for it within their timeout.
+    """
+    query = [f"session={quote(session, safe='')}"]
+    if terrain is not None:
+        query.append(f"terrain={quote(terrain, safe='')}")
+    if seed is not None:
+        query.append(f"seed={int(seed)}")
+    query += [f"param={quote(key, safe='')}={value!r}" for key, value in (parameters or {}).items()]
+    spelt = text(f"{url}{'&' if '?' in url else '?'}{'&'.join(query)}")
+    words = text(name), text(token), text(ca)
+    options = struct("rc_join_options", name=words[0], token=words[1], ca=words[2], sensor=sensor, lockstep=lockstep,
+                     stays_lost=not reconnect, triangles=triangles, threshold=threshold, timeout=timeout)
+    out = ffi.new("rc_world**")
+    interruptible(lambda: lib.rc_join(spelt, options, out))
+    return World(ffi.gc(out[0], lib.rc_world_close))
+
+
+def _in_slices(call: Callable[[float], None], timeout: float) -> None:
+    """A call that may be repeated while it times out, so that Ctrl-C is heard between."""
+    until = _time.monotonic() + timeout
+    while True:
+        left = until - _time.monotonic()
+        try:
+            return call(min(SLICE, max(left, 0.001)))
+        except Timeout:
+            if left <= SLICE:
+                raise

@@ -1,0 +1,226 @@
+#include "client/world/world.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "client/query/mesh_ground.h"
+#include "common/wire/wire.h"
+
+namespace ridgecast::world {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+namespace {
+
+constexpr auto kLook = 20ms;  // between two looks at whether the connection is back
+
+std::chrono::milliseconds left(Clock::time_point until) {
+  return std::max(std::chrono::ceil<std::chrono::milliseconds>(until - Clock::now()), 0ms);
+}
+
+}  // namespace
+
+World::World(std::unique_ptr<replica::Client> client, Milliseconds timeout)
+    : client_(std::move(client)), info_(client_->world()), timeout_(timeout), ground_(client_->connection(), timeout) {}
+
+Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& options) {
+  auto parsed = connection::parseUrl(url);
+  if (!parsed) return Failure{Fault::kInvalid, parsed.error().message};
+  parsed->ca = options.ca;
+  parsed->token = options.token;
+  const wire::Hello hello{.clientName = options.name,
+                          .settings = options.settings,
+                          .pacing = options.pacing,
+                          .role = options.camera ? wire::Role::kViewer : wire::Role::kSensor,
+                          .members = true,
+                          .clock = true,
+                          .errors = true};
+  auto client = replica::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
+  if (!client) return Failure{Fault::kRefused, client.error().message};
+  return std::unique_ptr<World>(new World(std::move(*client), options.timeout));
+}
+
+// Why a call failed that had until then.
+Failure World::failure(const Error& error, Instant until) const {
+  const bool lost = client_->connection()->error().has_value();
+  return {lost ? Fault::kLost : Clock::now() >= until ? Fault::kTimeout : Fault::kRefused, error.message};
+}
+
+Result<void> World::connected(Instant until) {
+  const connection::ReconnectingConnection& connection = client_->connection();
+  while (const auto why = connection->error()) {
+    client_->receive(std::min(left(until), kLook));  // looks after the connection
+    if (!connection->error()) break;
+    if (connection.otherWorld()) return Failure{Fault::kLost, "the server came back with another world: join again"};
+    if (Clock::now() >= until || !connection.comesBack())
+      return Failure{Fault::kLost, "the connection is lost: " + connection.error().value_or(*why).message};
+  }
+  return {};
+}
+
+template <class Ask>
+Result<void> World::query(const Ask& ask) {
+  const auto until = Clock::now() + timeout_;
+  for (;;) {
+    if (!isLocal())
+      if (auto there = connected(until); !there) return there;
+    const auto answered = ask();
+    if (answered) return {};
+    if (isLocal()) return Failure{Fault::kInvalid, answered.error().message};
+    const Failure why = failure(answered.error(), until);
+    if (why.fault != Fault::kLost || Clock::now() >= until) return why;
+  }
+}
+
+Result<void> World::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) {
+  return query([&] { return ground_.heights(x, z, out); });
+}
+
+Result<void> World::normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
+                            std::uint32_t spacing) {
+  return query([&] { return ground_.normals(x, z, out, spacing); });
+}
+
+Result<void> World::hits(std::span<const ground::Ray> rays, std::span<query::Hit> out) {
+  for (const ground::Ray& ray : rays)
+    if (auto refusal = wire::refusalOf(ray); !refusal.empty()) return Failure{Fault::kInvalid, std::move(refusal)};
+  return query([&] { return ground_.hits(rays, out); });
+}
+
+Result<Mesh> World::ground(lattice::Point at, double radius, double error, Milliseconds timeout) {
+  if (std::string refusal = wire::refusalOf(wire::AskGround{0, at, radius, error}); !refusal.empty())
+    return Failure{Fault::kInvalid, std::move(refusal)};
+  for (const auto until = Clock::now() + timeout;;) {
+    if (auto there = connected(until); !there) return there.error();
+    const auto patch = query::groundAround(*client_->connection(), at, radius, error, left(until));
+    if (patch) {
+      Mesh mesh = meshOf(patch->scene.leaves(), at);
+      mesh.error = patch->error;
+      return mesh;
+    }
+    Failure why = failure(patch.error(), until);
+    if (why.fault != Fault::kLost || Clock::now() >= until) return why;
+  }
+}
+
+connection::SessionClock World::clock() {
+  client_->receive(0ms);
+  return client_->connection()->clock();
+}
+
+// Waits until the clock heard satisfies `done`.
+template <class Done>
+Result<void> World::clockUntil(Instant until, const Done& done) {
+  for (;;) {
+    const auto& connection = *client_->connection();
+    const auto clock = connection.clock();
+    if (done(clock)) return {};
+    if (const auto why = connection.error())
+      return Failure{Fault::kLost,
+                     "the connection was lost while a step was under way: read the clock before the next one (" + why->message + ")"};
+    if (Clock::now() >= until) return Failure{Fault::kTimeout, "the server did not answer in time"};
+    connection.waitForClock(clock.version(), left(until));
+  }
+}
+
+Result<void> World::setClock(wire::ClockMode mode, double rate, Milliseconds timeout) {
+  const auto until = Clock::now() + timeout;
+  if (auto there = connected(until); !there) return there;
+  const std::uint64_t before = client_->connection()->clock().version();
+  client_->connection()->setClock({.own = true, .mode = mode, .rate = rate});
+  bool refused = false;
+  auto set = clockUntil(until, [&](const connection::SessionClock& clock) {
+    const wire::Clock& said = clock.said();
+    refused = clock.version() > before && said.owner != 0 && said.owner != camera();
+    return refused || (said.owner == camera() && said.mode == mode && (mode != wire::ClockMode::kScaled || said.rate == rate));
+  });
+  if (set && refused)
+    return Failure{Fault::kRefused, "member " + std::to_string(client_->connection()->clock().said().owner) + " owns the clock"};
+  return set;
+}
+
+Result<void> World::step(Microseconds time, Milliseconds timeout) {
+  if (time < 0us || time > 1h) return Failure{Fault::kInvalid, "a step is 1 microsecond to 1 hour"};
+  const auto until = Clock::now() + timeout;
+  if (auto there = connected(until); !there) return there;
+  const wire::Clock before = client_->connection()->clock().said();
+  if (time > 0us && (before.owner != camera() || before.mode != wire::ClockMode::kStepped))
+    if (auto mine = setClock(wire::ClockMode::kStepped, 0, left(until)); !mine) return mine;
+  const std::uint64_t number = client_->connection()->clock().said().step + (time > 0us ? 1 : 0);
+  if (time > 0us) client_->connection()->step({static_cast<std::uint64_t>(time.count()), true});
+  auto stepped = clockUntil(
+      until, [&](const connection::SessionClock& clock) { return clock.said().step >= number && clock.said().waitsFor.empty(); });
+  if (!stepped && stepped.error().fault == Fault::kTimeout) return waitedFor();
+  return stepped;
+}
+
+Failure World::waitedFor() const {
+  const auto said = client_->connection()->clock().said();
+  const auto roster = client_->connection()->others();
+  std::string who;
+  for (const std::uint64_t member : said.waitsFor) {
+    who.append(who.empty() ? "" : ", ").append("member ").append(std::to_string(member));
+    if (!roster) continue;
+    if (const auto other = roster->others().find(member); other != roster->others().end() && !other->second.member.name.empty())
+      who.append(" (").append(other->second.member.name).append(")");
+  }
+  if (who.empty()) return {Fault::kTimeout, "the server did not answer in time"};
+  return {Fault::kTimeout, "step " + std::to_string(said.step) + " is not done by " + who};
+}
+
+Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
+  for (const auto until = Clock::now() + timeout;;) {
+    if (auto there = connected(until); !there) return there.error();
+    if (auto heard = clockUntil(until, [](const connection::SessionClock& clock) { return clock.version() > 0; }); !heard)
+      return heard.error();
+    const auto clock = client_->connection()->clock();
+    if (!following_ || stepOf_ != reconnections()) {
+      stepOf_ = reconnections();
+      step_ = clock.said().step - (clock.waitsFor(camera()) ? 1 : 0);
+      following_ = true;
+    } else if (clock.waitsFor(camera()) && clock.said().step == step_) {
+      client_->connection()->stepDone({step_});
+    }
+    auto next = clockUntil(until, [&](const connection::SessionClock& c) { return c.said().step > step_; });
+    if (!next && next.error().fault == Fault::kLost && Clock::now() < until) continue;  // the next step of a server that is back
+    if (!next && next.error().fault == Fault::kTimeout) return Failure{Fault::kTimeout, "no step began in time"};
+    if (!next) return next.error();
+    const wire::Clock said = client_->connection()->clock().said();
+    step_ = said.step;
+    return said.time;
+  }
+}
+
+std::vector<connection::Other> World::others() {
+  client_->receive(0ms);
+  std::vector<connection::Other> all;
+  if (const auto roster = client_->connection()->others())
+    for (const auto& [camera, other] : roster->others()) all.push_back(other);
+  return all;
+}
+
+Result<std::uint64_t> World::send(const camera::Camera& camera) {
+  if (!camera::isValid(camera))
+    return Failure{Fault::kInvalid,
+                   "a pose has finite numbers, a pitch within a quarter turn, and a field of view between 0 and half a turn"};
+  return client_->send(camera);
+}
+
+Result<replica::Update> World::receive(Milliseconds timeout) {
+  const auto until = Clock::now() + timeout;
+  if (auto update = client_->receive(timeout)) return std::move(*update);
+  if (auto there = connected(until); !there) return there.error();
+  return Failure{Fault::kTimeout, "no iteration came in time: the server is busy, or nothing changed"};
+}
+
+Result<replica::Update> World::fly(const camera::Camera& camera, Milliseconds timeout) {
+  const auto sent = send(camera);
+  if (!sent) return sent.error();
+  for (const auto until = Clock::now() + timeout;;) {
+    auto update = receive(left(until));
+    if (!update || update->iteration.poseSequence >= *sent) return update;
+  }
+}
+
+}  // namespace ridgecast::world

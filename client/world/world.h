@@ -1,0 +1,131 @@
+#pragma once
+// A session's world as one of its members has it: the true terrain, the ground as triangles, the clock, the other members, and the mesh
+// that a camera sees, over a connection that comes back by itself.
+//
+//     const auto rover = world::World::join("ws://127.0.0.1:7070?session=race&terrain=canyon", {.name = "rover"}).value();
+//     rover->heights(x, z, out).value();
+//     rover->step(20ms, 10s).value();  // all who follow the clock have done it, or the error names who has not
+//
+// | functions                       | thread                    | wait                                                           |
+// |---------------------------------|---------------------------|----------------------------------------------------------------|
+// | heights, normals, hits          | any, where isLocal()      | for the server, where not isLocal()                            |
+// | terrain, info, isLocal          | any                       | never                                                          |
+// | all others                      | one at a time (the owner) | join, ground, setClock, step, nextStep, fly: at most `timeout` |
+//
+// While the connection is away, a call waits for it within its timeout and then goes on.
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <boost/system/result.hpp>
+#include <stdexcept>
+
+#include "client/connection/roster.h"
+#include "client/connection/session_clock.h"
+#include "client/query/ground.h"
+#include "client/replica/client.h"
+#include "client/world/mesh.h"
+#include "common/camera/camera.h"
+#include "common/ground/ground.h"
+#include "common/settings/settings.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::world {
+
+// Why a call failed, for programs; `message` says it for people.
+enum class Fault {
+  kInvalid,  // the call itself: out of range, sizes that do not match
+  kRefused,  // the server says no
+  kLost,     // there is no connection, or the server came back with another world
+  kTimeout,  // the server or a member did not answer in time
+};
+struct Failure {
+  Fault fault = Fault::kInvalid;
+  std::string message;
+};
+[[noreturn]] inline void throw_exception_from_error(const Failure& f, const boost::source_location&) {
+  throw std::runtime_error(f.message);
+}
+template <class T>
+using Result = boost::system::result<T, Failure>;
+
+struct Options {
+  std::string name = {};                      // shown to the others
+  bool camera = true;                         // false: a sensor, which sees no mesh but what it asks for with ground()
+  settings::Settings settings = {};           // of the mesh
+  wire::Pacing pacing = wire::Pacing::kFree;  // of the mesh
+  std::string ca = {}, token = {};            // connection::Url
+  std::chrono::milliseconds timeout{10'000};  // of join(), and of queries
+  bool reconnects = true;
+};
+
+class World {
+ public:
+  using Milliseconds = std::chrono::milliseconds;
+  using Microseconds = std::chrono::microseconds;
+
+  // `url`: connection::parseUrl. The session is made if there is none and the URL names a terrain.
+  static Result<std::unique_ptr<World>> join(std::string_view url, const Options& options);
+
+  const wire::World& info() const { return info_; }
+  std::uint64_t camera() const { return client_->world().camera; }  // this member's number; another one after a reconnection
+  bool isLocal() const { return ground_.source() == query::Ground::Source::kLocal; }
+
+  // The true terrain: query/ground.h. (terrain(): without waiting for a lost connection.)
+  const query::Ground& terrain() const { return ground_; }
+  Result<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out);
+  Result<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out, std::uint32_t spacing);
+  Result<void> hits(std::span<const ground::Ray> rays, std::span<query::Hit> out);
+
+  // All triangles over the circle, in metres from `at`, at most `error` metres off.
+  Result<Mesh> ground(lattice::Point at, double radius, double error, Milliseconds timeout);
+
+  // The clock as last heard; exact while it is stepped.
+  connection::SessionClock clock();
+  // Takes the clock, where nobody has it, and sets it.
+  Result<void> setClock(wire::ClockMode mode, double rate, Milliseconds timeout);
+  // Moves a clock that is stepped, or nobody's, by `time`, and waits until every member that follows it has done the step. A time of 0
+  // waits for the newest step, where that took too long before.
+  Result<void> step(Microseconds time, Milliseconds timeout);
+  // For those who follow: says that the step returned last is done, waits for the next one and returns the session's time.
+  Result<std::uint64_t> nextStep(Milliseconds timeout);
+  // As the owner: no step waits for this member until it has caught up.
+  void passOver(std::uint64_t member) { client_->connection()->passOver(member); }
+
+  std::vector<connection::Other> others();
+
+  // Sends a pose and returns its iteration, or a later one: then the mesh held is the server's.
+  Result<replica::Update> fly(const camera::Camera& camera, Milliseconds timeout);
+  // The two halves: send() never waits. receive(): kTimeout: no iteration came.
+  Result<std::uint64_t> send(const camera::Camera& camera);  // the pose's sequence
+  Result<replica::Update> receive(Milliseconds timeout);
+  const scene::Scene& scene() const { return client_->scene(); }
+  std::uint64_t reconnections() const { return client_->connection().reconnections(); }
+
+ private:
+  using Instant = std::chrono::steady_clock::time_point;
+  World(std::unique_ptr<replica::Client> client, Milliseconds timeout);
+  Result<void> connected(Instant until);
+  Failure failure(const Error& error, Instant until) const;
+  template <class Ask>
+  Result<void> query(const Ask& ask);
+  template <class Done>
+  Result<void> clockUntil(Instant until, const Done& done);
+  Failure waitedFor() const;
+
+  const std::unique_ptr<replica::Client> client_;
+  const wire::World info_;
+  const Milliseconds timeout_;
+  query::Ground ground_;
+  std::uint64_t sent_ = 0;               // pose
+  bool following_ = false;               // nextStep() was called
+  std::uint64_t step_ = 0, stepOf_ = 0;  // returned last; reconnections() then
+};
+
+}  // namespace ridgecast::world

@@ -1,0 +1,253 @@
+"""The package as it is installed, against a real server. RIDGECAST_SERVER names another one than the wheel's."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import unittest
+import urllib.request
+
+import numpy as np
+
+import ridgecast as rc
+
+
+def places(count: int, seed: int = 3) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    return random.uniform(-1, 1, (count, 2)) * 10 ** random.uniform(1, 12.6, (count, 1))
+
+
+class TerrainTest(unittest.TestCase):
+    def test_shapes_follow_the_places(self) -> None:
+        alpine = rc.Terrain("alpine")
+        for shape in ((), (0,), (1,), (7,), (3, 4), (2, 0, 5)):
+            xz = np.zeros(shape + (2,))
+            self.assertEqual(alpine.heights(xz).shape, shape)
+            self.assertEqual(alpine.heights(xz).dtype, np.float32)
+            self.assertEqual(alpine.normals(xz).shape, shape + (3,))
+            hits = alpine.rays(np.zeros(shape + (3,)) + (0, 9000, 0), (0, -1, 0))
+            self.assertEqual((hits.distance.shape, hits.at.shape, hits.normal.shape), (shape, shape + (3,), shape + (3,)))
+
+    def test_places_of_any_layout_are_the_same(self) -> None:
+        alpine, at = rc.Terrain("alpine", seed=9), np.round(places(1000) % 1e4)
+        expected = alpine.heights(at)
+        for other in (np.asfortranarray(at), at.astype(np.int64), at.astype(np.float32), at.tolist(), np.repeat(at, 2, axis=0)[::2],
+                      at[::-1][::-1], at.astype(">f8")):
+            np.testing.assert_array_equal(alpine.heights(other), expected)
+
+    def test_a_place_is_rounded_to_its_step(self) -> None:
+        alpine = rc.Terrain("alpine")
+        at = places(2000)
+        np.testing.assert_array_equal(alpine.heights(at), alpine.heights(np.floor(at * 256 + 0.5) / 256))
+
+    def test_what_is_wrong_is_said(self) -> None:
+        alpine = rc.Terrain("alpine")
+        for bad in ([1.0, 2.0, 3.0], 5.0, [[1.0, np.nan]], [[1e13, 0.0]], [[np.inf, 0.0]]):
+            with self.assertRaises(rc.Invalid):
+                alpine.heights(bad)
+        with self.assertRaisesRegex(rc.Refused, "canyon"):
+            rc.Terrain("alpin")
+        with self.assertRaises(rc.Refused):
+            rc.Terrain("alpine", parameters={"nothing": 1})
+        with self.assertRaises(ValueError):
+            rc.Terrain("alpine", seed=0)
+        with self.assertRaises(ValueError):
+            alpine.rays([0, 0, 0], [0, 0, 0])
+        with self.assertRaises((TypeError, ValueError)):
+            alpine.heights("here")
+
+    def test_rays_end_on_the_ground(self) -> None:
+        canyon = rc.Terrain("canyon")
+        random = np.random.default_rng(1)
+        origins = np.column_stack([random.uniform(-5e3, 5e3, 300), np.full(300, 4000.0), random.uniform(-5e3, 5e3, 300)])
+        directions = np.column_stack([random.normal(size=300), -np.ones(300), random.normal(size=300)])
+        hits = canyon.rays(origins, directions)
+        self.assertTrue(np.isfinite(hits.distance).all())
+        unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        np.testing.assert_allclose(hits.at, origins + unit * hits.distance[:, None], atol=1 / 256)
+        np.testing.assert_allclose(canyon.heights(hits.at[:, [0, 2]]), hits.at[:, 1], atol=0.5)  # walls are steep
+        self.assertEqual(canyon.rays([0, 4000, 0], [0, 1, 0]).distance, np.inf)
+
+    def test_threads_share_a_terrain(self) -> None:
+        alpine, at = rc.Terrain("alpine"), places(50_000)
+        expected, wrong = alpine.heights(at), []
+
+        def run() -> None:
+            if not np.array_equal(alpine.heights(at), expected):
+                wrong.append(1)
+
+        threads = [threading.Thread(target=run) for _ in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertFalse(wrong)
+
+    def test_it_lets_other_threads_run(self) -> None:
+        alpine, at, turns, done = rc.Terrain("alpine"), places(1_000_000), [], threading.Event()
+
+        def other() -> None:
+            while not done.is_set():
+                turns.append(1)
+                time.sleep(0)
+
+        thread = threading.Thread(target=other)
+        thread.start()
+        while not turns:
+            time.sleep(0)
+        before = len(turns)
+        for _ in range(5):
+            alpine.heights(at)
+        after = len(turns)
+        done.set()
+        thread.join()
+        self.assertGreater(after - before, 50)  # without the lock given back: one or two at most a call
+
+
+class WorldTest(unittest.TestCase):
+    server: rc.Server
+
+    @classmethod
+    def setUpClass(cls) -> None:
+        cls.server = rc.server("alpine", seed=5)
+
+    @classmethod
+    def tearDownClass(cls) -> None:
+        cls.server.close()
+
+    def test_heights_here_there_and_over_http_have_the_same_bits(self) -> None:
+        at = np.round(places(40) * 256) / 256
+        with rc.join(self.server.url, sensor=True) as world:
+            here = world.heights(at)
+            self.assertTrue(world.is_local)
+        np.testing.assert_array_equal(rc.Terrain("alpine", seed=5).heights(at), here)
+        import json
+        with urllib.request.urlopen(self.server.http + "/v1/heights?" + "&".join(f"at={float(x)!r},{float(z)!r}" for x, z in at)) as answer:
+            np.testing.assert_array_equal(np.array(json.load(answer)["heights"], np.float32), here)
+
+    def test_sessions_are_made_and_joined(self) -> None:
+        with rc.join(self.server.url, session="race", terrain="archipelago", seed=3, parameters={"heathLine": 640}, name="Ada") as ada:
+            self.assertTrue(ada.is_local)
+            self.assertEqual((ada.session, ada.terrain, ada.seed), ("race", "archipelago", 3))
+            self.assertEqual(ada.hash, rc.Terrain("archipelago", seed=3, parameters={"heathLine": 640}).hash)
+            with rc.join(self.server.url, session="race", name="Bob", sensor=True) as bob:
+                until = time.monotonic() + 60
+                while not bob.members and time.monotonic() < until:
+                    time.sleep(0.01)
+                self.assertEqual([m.name for m in bob.members], ["Ada"])
+            with self.assertRaises(rc.Refused):
+                rc.join(self.server.url, session="race", terrain="canyon")
+
+    def test_ground_is_a_mesh_that_outlives_its_world(self) -> None:
+        with rc.join(self.server.url, sensor=True) as world:
+            mesh = world.ground((1e9, -200.5), 100, 0.5)
+        positions, triangles = mesh.positions, mesh.triangles
+        del mesh
+        self.assertFalse(positions.flags.writeable)
+        self.assertLess(triangles.max(), len(positions))
+        heights = rc.Terrain("alpine", seed=5).heights(positions[:, [0, 2]].astype(np.float64) + (1e9, -200.5))
+        np.testing.assert_allclose(positions[:, 1], heights, atol=0.5)
+        a, b, c = (positions[triangles[:, k]] for k in range(3))
+        self.assertTrue((np.cross(b - a, c - a)[:, 1] > 0).all(), "counter-clockwise from above")
+
+    def test_a_camera_holds_the_servers_mesh(self) -> None:
+        with rc.join(self.server.url, threshold=2) as world:
+            world.camera(0, 1500, 0)
+            versions = {(l.level, l.i, l.j): l.version for l in world.leaves}
+            seen = world.camera(1000, 1200, 0)
+            while not seen.settled:
+                seen = world.receive()
+            self.assertEqual(sum(l.triangles for l in world.leaves), seen.triangles)
+            self.assertEqual(len(world.mesh().triangles), seen.triangles)
+            self.assertTrue({(l.level, l.i, l.j) for l in world.leaves} & versions.keys())
+            changed = [l for l in world.leaves if versions.get((l.level, l.i, l.j)) != l.version]
+            self.assertTrue(changed)
+            self.assertEqual(len(world.leaf(changed[0]).triangles), changed[0].triangles)
+
+    def test_lock_step_flights_repeat(self) -> None:
+        def fly() -> list:
+            with rc.join(self.server.url, lockstep=True, threshold=4) as world:
+                return [world.camera(40.0 * t, 1500, 5.0 * t).hash for t in range(10)]
+
+        self.assertEqual(fly(), fly())
+
+    def test_steps_wait_for_those_who_follow(self) -> None:
+        with rc.join(self.server.url, session="steps", terrain="alpine", sensor=True) as owner, \
+                rc.join(self.server.url, session="steps", name="late", sensor=True) as late:
+            owner.clock.set("stepped")
+            begin = owner.clock.time
+            with self.assertRaisesRegex(TimeoutError, "late|step"):
+                owner.clock.step(0.5, timeout=0.5)
+            self.assertAlmostEqual(late.clock.next(), begin + 0.5)
+            times = []
+            thread = threading.Thread(target=lambda: [times.append(late.clock.next()) for _ in range(20)])
+            thread.start()
+            owner.clock.step(0)
+            for _ in range(19):
+                owner.clock.step(0.02)
+            self.assertRaises(rc.Timeout, owner.clock.step, 0.02, timeout=0.2)
+            thread.join()
+            np.testing.assert_allclose(times, begin + 0.5 + 0.02 * np.arange(1, 21))
+            self.assertRaises(rc.Refused, late.clock.set, "real-time")
+
+    def test_a_killed_server_is_told_and_waited_for(self) -> None:
+        with rc.server("alpine", seed=5) as first:
+            world = rc.join(first.url, timeout=20)
+            world.camera(0, 1500, 0)
+            port = first.port
+        with self.assertRaises(rc.Lost):
+            world.ground((0, 0), 50, 1, timeout=0.5)
+        self.assertEqual(len(world.heights([[0, 0]])), 1, "computed here")
+        with rc.server("alpine", seed=5, port=port):
+            self.assertGreater(len(world.ground((0, 0), 50, 1).triangles), 0)
+            world.camera(0, 1500, 0)
+            self.assertEqual(world.reconnections, 1)
+            world.close()
+
+    def test_ctrl_c_ends_what_waits(self) -> None:
+        program = ("import ridgecast as rc, sys\n"
+                   "w = rc.join(sys.argv[1], sensor=True); w.clock.set('stepped'); print('waits', flush=True)\n"
+                   "try: rc.join(sys.argv[1], sensor=True).clock.next(timeout=600)\n"
+                   "except KeyboardInterrupt: print('interrupted')")
+        process = subprocess.Popen([sys.executable, "-c", program, self.server.url + "?session=interrupted&terrain=alpine"],
+                                   stdout=subprocess.PIPE, text=True)
+        assert process.stdout
+        self.assertEqual(process.stdout.readline(), "waits\n")
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        self.assertEqual(process.communicate(timeout=60)[0], "interrupted\n")
+
+    def test_a_snapshot_is_read(self) -> None:
+        url = self.server.http + "/v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=200&z1=200&error=0.5&origin=centre"
+        with urllib.request.urlopen(url) as answer:
+            data = answer.read()
+        mesh = rc.read_glb(data)
+        heights = rc.Terrain("alpine", seed=5).heights(mesh.positions[:, [0, 2]].astype(np.float64) + (100, 100))
+        np.testing.assert_allclose(mesh.positions[:, 1], heights, atol=0.5)
+        for end in (0, 3, 11, 19, 20, 60, len(data) // 2, len(data) - 1):
+            with self.assertRaises(rc.Invalid):
+                rc.read_glb(data[:end])
+        with urllib.request.urlopen(url + "&compression=draco") as answer:
+            with self.assertRaisesRegex(rc.Invalid, "compression"):
+                rc.read_glb(answer.read())
+
+    def test_what_is_wrong_is_said(self) -> None:
+        with self.assertRaisesRegex(rc.Refused, "start one with"):
+            rc.join("ws://127.0.0.1:1")
+        with self.assertRaises(rc.Invalid):
+            rc.join("ftp://nowhere")
+        with rc.join(self.server.url) as world:
+            with self.assertRaises(rc.Invalid):
+                world.camera(0, 0, 0, pitch=9)
+            with self.assertRaises(rc.Invalid):
+                world.ground((0, 0), 1e6, 1)
+            with self.assertRaises(ValueError):
+                world.clock.set("backwards")
+        with self.assertRaisesRegex(rc.Refused, "terrain"):
+            rc.server("nothing")
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)

@@ -1,0 +1,415 @@
+// The C interface, and with it the C++ library behind it, over a real server: terrains opened here, members of one session, their clock,
+// the ground, the mesh, and a server that is killed.
+#include <gtest/gtest.h>
+
+#include <csignal>
+
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <memory>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "client/c/ridgecast.h"
+#include "common/terrain/terrain.h"
+#include "tests/support/process.h"
+#include "tests/support/server_process.h"
+
+namespace ridgecast {
+namespace {
+
+using testing_support::ServerProcess;
+
+struct CloseTerrain {
+  void operator()(rc_terrain* t) const { rc_terrain_close(t); }
+};
+struct CloseWorld {
+  void operator()(rc_world* w) const { rc_world_close(w); }
+};
+struct CloseMesh {
+  void operator()(const rc_mesh* m) const { rc_mesh_close(m); }
+};
+using Terrain = std::unique_ptr<rc_terrain, CloseTerrain>;
+using World = std::unique_ptr<rc_world, CloseWorld>;
+using Mesh = std::unique_ptr<const rc_mesh, CloseMesh>;
+
+constexpr double kWait = 60;  // seconds
+
+Terrain open(const std::string& name, const rc_terrain_options* options = nullptr) {
+  rc_terrain* out = nullptr;
+  EXPECT_EQ(rc_terrain_open(name.c_str(), options, &out), RC_OK) << rc_message();
+  return Terrain(out);
+}
+
+World join(const std::string& url, rc_join_options options = {}) {
+  options.size = sizeof options;
+  options.timeout = kWait;
+  rc_world* out = nullptr;
+  EXPECT_EQ(rc_join(url.c_str(), &options, &out), RC_OK) << rc_message();
+  return World(out);
+}
+
+rc_world_info infoOf(const World& world) {
+  rc_world_info out{};
+  out.size = sizeof out;
+  EXPECT_EQ(rc_world_get_info(world.get(), &out), RC_OK) << rc_message();
+  return out;
+}
+
+rc_clock clockOf(const World& world) {
+  rc_clock out{};
+  out.size = sizeof out;
+  EXPECT_EQ(rc_world_clock(world.get(), &out), RC_OK) << rc_message();
+  return out;
+}
+
+std::vector<float> heightsOf(rc_terrain* terrain, const std::vector<double>& places) {
+  std::vector<float> out(places.size() / 2);
+  EXPECT_EQ(rc_terrain_heights(terrain, places.data(), out.size(), out.data()), RC_OK) << rc_message();
+  return out;
+}
+
+// Near the origin and out to the lattice's end.
+std::vector<double> randomPlaces(std::size_t count) {
+  std::mt19937_64 random(17);
+  std::vector<double> places(2 * count);
+  for (double& at : places) {
+    const double reach = std::pow(10.0, std::uniform_real_distribution(1.0, 12.6)(random));
+    at = std::uniform_real_distribution(-reach, reach)(random);
+  }
+  return places;
+}
+
+double metresOf(std::int32_t steps) { return steps / 256.0; }
+
+// Whether every place on a grid over the circle lies in a triangle that is at most `error` off.
+void expectWithin(const rc_mesh& mesh, rc_terrain* terrain, double x, double z, double radius, double error) {
+  std::size_t inside = 0, wanted = 0;
+  for (double atX = -radius; atX <= radius; atX += radius / 20)
+    for (double atZ = -radius; atZ <= radius; atZ += radius / 20) {
+      if (std::hypot(atX, atZ) >= radius) continue;
+      ++wanted;
+      const double place[2] = {x + atX, z + atZ};
+      const double px = place[0] - mesh.origin[0], pz = place[1] - mesh.origin[1];
+      float height = 0;
+      ASSERT_EQ(rc_terrain_heights(terrain, place, 1, &height), RC_OK) << rc_message();
+      for (std::size_t t = 0; t < mesh.triangle_count; ++t) {
+        std::array<const float*, 3> v{};
+        for (std::size_t k = 0; k < 3; ++k) v[k] = mesh.positions + 3 * mesh.triangles[3 * t + k];
+        const auto area = [&](const float* a, const float* b) { return (b[2] - pz) * (a[0] - px) - (b[0] - px) * (a[2] - pz); };
+        const double u = area(v[1], v[2]), w = area(v[2], v[0]), s = area(v[0], v[1]), all = u + w + s;
+        if (!(all < 0 ? u <= 0 && w <= 0 && s <= 0 : u >= 0 && w >= 0 && s >= 0)) continue;
+        ++inside;
+        EXPECT_LE(std::abs((u * v[0][1] + w * v[1][1] + s * v[2][1]) / all - height), error + metresOf(2)) << place[0] << " " << place[1];
+        break;
+      }
+    }
+  EXPECT_EQ(inside, wanted);
+}
+
+TEST(CTerrain, HasTheBitsOfTheTerrainFarOutToo) {
+  rc_terrain_options options{};
+  options.size = sizeof options;
+  options.seed = 7;
+  const Terrain canyon = open("canyon", &options);
+  const auto expected = terrain::create("canyon", 7).value();
+  EXPECT_EQ(rc_terrain_hash(canyon.get()), terrain::contentHash(*expected));
+  const std::vector<double> places = randomPlaces(20'000);
+  std::vector<lattice::Step> x, z;
+  for (std::size_t k = 0; k < places.size(); k += 2) {
+    x.push_back(std::llround(std::floor(places[k] * 256 + 0.5)));
+    z.push_back(std::llround(std::floor(places[k + 1] * 256 + 0.5)));
+  }
+  std::vector<float> same(x.size());
+  expected->heights(x, z, same);
+  EXPECT_EQ(heightsOf(canyon.get(), places), same);
+}
+
+TEST(CTerrain, SaysWhichPlaceIsWrong) {
+  const Terrain alpine = open("alpine");
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(), 5e12, -1e300}) {
+    std::vector<double> places(2 * 9000, 1.0);
+    places[2 * 8000 + 1] = bad;
+    std::vector<float> out(9000);
+    EXPECT_EQ(rc_terrain_heights(alpine.get(), places.data(), 9000, out.data()), RC_INVALID);
+    EXPECT_NE(std::string(rc_message()).find("place 8000 "), std::string::npos) << rc_message();
+  }
+  EXPECT_EQ(rc_terrain_heights(alpine.get(), nullptr, 1, nullptr), RC_INVALID);
+  EXPECT_EQ(rc_terrain_heights(alpine.get(), nullptr, 0, nullptr), RC_OK);
+  EXPECT_EQ(rc_terrain_heights(nullptr, nullptr, 0, nullptr), RC_INVALID);
+}
+
+TEST(CTerrain, RefusesWhatItCannotOpen) {
+  rc_terrain* out = nullptr;
+  EXPECT_EQ(rc_terrain_open("alpin", nullptr, &out), RC_REFUSED);
+  EXPECT_NE(std::string(rc_message()).find("alpine"), std::string::npos) << rc_message();
+  EXPECT_EQ(rc_terrain_open("/nowhere.tif", nullptr, &out), RC_REFUSED);
+  EXPECT_EQ(rc_terrain_open(nullptr, nullptr, &out), RC_INVALID);
+  rc_terrain_options options{};
+  EXPECT_EQ(rc_terrain_open("alpine", &options, &out), RC_INVALID) << "without a size";
+  options.size = sizeof options;
+  options.raster = "pitch=";
+  EXPECT_EQ(rc_terrain_open("alpine", &options, &out), RC_INVALID);
+  EXPECT_EQ(out, nullptr);
+  EXPECT_EQ(rc_terrain_hash(nullptr), 0u);
+  rc_terrain_close(nullptr);
+}
+
+// An older program's struct ends before our last fields, a newer one's goes on behind them.
+TEST(CTerrain, ReadsStructsOfOlderAndNewerPrograms) {
+  struct {
+    rc_terrain_options options;
+    char more[64];
+  } newer{};
+  std::memset(newer.more, 0x5a, sizeof newer.more);
+  newer.options.size = sizeof newer;
+  newer.options.seed = 5;
+  EXPECT_EQ(rc_terrain_hash(open("alpine", &newer.options).get()), terrain::contentHash(*terrain::create("alpine", 5).value()));
+  rc_terrain_options older{};
+  std::memset(&older, 0x5a, sizeof older);
+  older.size = offsetof(rc_terrain_options, parameter_count);
+  older.seed = 5;
+  EXPECT_EQ(rc_terrain_hash(open("alpine", &older).get()), terrain::contentHash(*terrain::create("alpine", 5).value()));
+}
+
+TEST(CTerrain, RaysHitTheGroundWithItsNormal) {
+  const Terrain alpine = open("alpine");
+  const std::vector<rc_ray> rays{{{100, 5000, 200}, {0, -2, 0}, 1e5}, {{100, 5000, 200}, {0, 1, 0}, 1e5}};
+  std::array<rc_hit, 2> hits{};
+  ASSERT_EQ(rc_terrain_rays(alpine.get(), rays.data(), 2, hits.data()), RC_OK) << rc_message();
+  const double place[2] = {100, 200};
+  float height = 0, normal[3];
+  ASSERT_EQ(rc_terrain_heights(alpine.get(), place, 1, &height), RC_OK);
+  ASSERT_EQ(rc_terrain_normals(alpine.get(), place, 1, 0, normal), RC_OK);
+  EXPECT_NEAR(hits[0].at[1], height, 1e-3);
+  EXPECT_NEAR(hits[0].distance, 5000 - height, 1e-3);
+  for (std::size_t k = 0; k < 3; ++k) EXPECT_EQ(hits[0].normal[k], normal[k]);
+  EXPECT_EQ(hits[1].distance, -1);
+  rc_ray bad = rays[0];
+  bad.direction[1] = 0;
+  EXPECT_EQ(rc_terrain_rays(alpine.get(), &bad, 1, hits.data()), RC_INVALID);
+  EXPECT_EQ(rc_terrain_normals(alpine.get(), place, 1, -1, normal), RC_INVALID);
+}
+
+class WorldTest : public testing::Test {
+ protected:
+  ServerProcess server{RIDGECAST_SERVER};
+  World enter(const std::string& query, rc_join_options options = {}) { return join(server.url() + query, options); }
+};
+
+TEST_F(WorldTest, ComputesParametersOfABuiltInTerrainHere) {
+  const World world = enter("?session=flat&terrain=archipelago&seed=3&param=heathLine=640");
+  if (!world) return;
+  const rc_world_info info = infoOf(world);
+  EXPECT_TRUE(info.is_local);
+  EXPECT_STREQ(info.session, "flat");
+  rc_terrain_options options{};
+  const rc_parameter parameter{"heathLine", 640};
+  options.size = sizeof options;
+  options.seed = 3;
+  options.parameters = &parameter;
+  options.parameter_count = 1;
+  const Terrain here = open("archipelago", &options);
+  EXPECT_EQ(info.hash, rc_terrain_hash(here.get()));
+  const auto places = randomPlaces(5000);
+  EXPECT_EQ(heightsOf(rc_world_terrain(world.get()), places), heightsOf(here.get(), places));
+}
+
+TEST_F(WorldTest, AsksTheServerForAHeightMap) {
+  const testing_support::ScratchFolder folder;
+  const std::string file = (folder / "hill.asc").string();
+  std::ofstream out(file);
+  out << "ncols 40\nnrows 40\nxllcorner 0\nyllcorner 0\ncellsize 10\n";
+  for (int k = 0; k < 1600; ++k) out << (k * 7919) % 97 << (k % 40 == 39 ? '\n' : ' ');
+  out.close();
+  const Terrain here = open(file);
+  ServerProcess mapped(RIDGECAST_SERVER, {"--terrain", file});
+  const World world = join(mapped.url());
+  EXPECT_FALSE(infoOf(world).is_local);
+  std::vector<double> places = randomPlaces(20'000);
+  for (double& at : places) at = std::fmod(at, 500);
+  rc_terrain* there = rc_world_terrain(world.get());
+  EXPECT_EQ(heightsOf(there, places), heightsOf(here.get(), places));
+  std::vector<float> normals(6), same(6);
+  ASSERT_EQ(rc_terrain_normals(there, places.data(), 2, 0.5, normals.data()), RC_OK) << rc_message();
+  ASSERT_EQ(rc_terrain_normals(here.get(), places.data(), 2, 0.5, same.data()), RC_OK) << rc_message();
+  EXPECT_EQ(normals, same);
+  const rc_ray ray{{100, 500, 100}, {0.2, -1, 0}, 1e4};
+  rc_hit hit{}, sameHit{};
+  ASSERT_EQ(rc_terrain_rays(there, &ray, 1, &hit), RC_OK) << rc_message();
+  ASSERT_EQ(rc_terrain_rays(here.get(), &ray, 1, &sameHit), RC_OK) << rc_message();
+  EXPECT_EQ(hit.distance, sameHit.distance);
+  rc_ray bad = ray;
+  bad.reach = -1;
+  EXPECT_EQ(rc_terrain_rays(there, &bad, 1, &hit), RC_INVALID);
+}
+
+TEST_F(WorldTest, GroundKeepsItsError) {
+  const World world = enter("");
+  for (const double x : {250.0, 1e9}) {
+    const rc_mesh* made = nullptr;
+    ASSERT_EQ(rc_world_ground(world.get(), x, -400, 64, 0.25, kWait, &made), RC_OK) << rc_message();
+    const Mesh mesh(made);
+    EXPECT_LE(mesh->error, 0.25);
+    EXPECT_EQ(mesh->origin[0], x);
+    expectWithin(*mesh, rc_world_terrain(world.get()), x, -400, 64, mesh->error);
+  }
+  const rc_mesh* made = nullptr;
+  EXPECT_EQ(rc_world_ground(world.get(), 0, 0, 4000, 0.005, kWait, &made), RC_INVALID);
+  EXPECT_EQ(rc_world_ground(world.get(), 0, 0, 4000, 0.02, kWait, &made), RC_REFUSED) << "too many triangles";
+  EXPECT_EQ(rc_world_ground(world.get(), std::nan(""), 0, 64, 1, kWait, &made), RC_INVALID);
+  EXPECT_EQ(rc_world_ground(world.get(), 0, 0, 64, 1, -1, &made), RC_INVALID);
+  EXPECT_EQ(made, nullptr);
+}
+
+TEST_F(WorldTest, TheWholeMeshIsItsLeaves) {
+  const World world = enter("");
+  rc_camera camera{};
+  camera.size = sizeof camera;
+  camera.y = 1500;
+  rc_iteration iteration{};
+  iteration.size = sizeof iteration;
+  ASSERT_EQ(rc_world_fly(world.get(), &camera, kWait, &iteration), RC_OK) << rc_message();
+  while (!iteration.settled) ASSERT_EQ(rc_world_receive(world.get(), kWait, &iteration), RC_OK) << rc_message();
+  std::size_t count = 0;
+  ASSERT_EQ(rc_world_leaves(world.get(), nullptr, 0, &count), RC_OK);
+  std::vector<rc_leaf> leaves(count);
+  leaves[0].size = sizeof leaves[0];
+  ASSERT_EQ(rc_world_leaves(world.get(), leaves.data(), count, &count), RC_OK);
+  std::size_t triangles = 0;
+  for (const rc_leaf& leaf : leaves) {
+    const rc_mesh* part = nullptr;
+    ASSERT_EQ(rc_world_leaf(world.get(), leaf.level, leaf.i, leaf.j, &part), RC_OK) << rc_message();
+    const Mesh mesh(part);
+    EXPECT_EQ(mesh->triangle_count, leaf.triangles);
+    EXPECT_EQ(mesh->origin[0], static_cast<double>(leaf.i) * leaf.side);
+    triangles += mesh->triangle_count;
+  }
+  const rc_mesh* whole = nullptr;
+  ASSERT_EQ(rc_world_mesh(world.get(), 0, 0, &whole), RC_OK);
+  const Mesh mesh(whole);
+  EXPECT_EQ(mesh->triangle_count, triangles);
+  EXPECT_EQ(triangles, iteration.triangles);
+  EXPECT_LT(mesh->vertex_count, triangles * 3 / 5 + 100) << "vertices of neighbouring leaves stand once";
+  EXPECT_TRUE(std::isfinite(mesh->error));
+  camera.pitch = 7;
+  EXPECT_EQ(rc_world_fly(world.get(), &camera, kWait, &iteration), RC_INVALID);
+  const rc_mesh* none = nullptr;
+  EXPECT_EQ(rc_world_leaf(world.get(), -1, 0, 0, &none), RC_INVALID);
+}
+
+TEST_F(WorldTest, AThousandStepsAreDoneByAllBeforeTheNext) {
+  rc_join_options sensor{};
+  sensor.sensor = 1;
+  sensor.name = "owner";
+  const World owner = enter("", sensor);
+  constexpr int kSteps = 1000, kFollowers = 3;
+  std::array<std::atomic<std::int64_t>, kFollowers> done{};
+  std::vector<World> worlds;
+  for (int k = 0; k < kFollowers; ++k) worlds.push_back(enter("", sensor));
+  ASSERT_EQ(rc_world_set_clock(owner.get(), RC_STEPPED, 0, kWait), RC_OK) << rc_message();
+  const std::int64_t begin = clockOf(owner).time;
+  std::vector<std::thread> followers;
+  for (int k = 0; k < kFollowers; ++k)
+    followers.emplace_back([&, k] {
+      rc_world* world = worlds[static_cast<std::size_t>(k)].get();
+      for (int step = 0; step < kSteps; ++step) {
+        std::int64_t time = 0;
+        ASSERT_EQ(rc_world_next_step(world, kWait, &time), RC_OK) << rc_message();
+        ASSERT_EQ(time, begin + 20'000 * (step + 1));
+        done[static_cast<std::size_t>(k)] = time;
+      }
+      EXPECT_EQ(rc_world_next_step(world, 0.2, nullptr), RC_TIMEOUT);  // says that the last one is done
+    });
+  for (int step = 0; step < kSteps; ++step) {
+    ASSERT_EQ(rc_world_step(owner.get(), 20'000, kWait), RC_OK) << rc_message();
+    for (const auto& time : done) ASSERT_EQ(time, begin + 20'000 * (step + 1)) << "a follower was not waited for";
+  }
+  for (std::thread& thread : followers) thread.join();
+  EXPECT_EQ(rc_world_set_clock(worlds[0].get(), RC_REAL_TIME, 1, kWait), RC_REFUSED);
+  EXPECT_NE(std::string(rc_message()).find("member "), std::string::npos) << rc_message();
+}
+
+TEST_F(WorldTest, AStepThatIsNotDoneSaysByWhom) {
+  const World owner = enter("");
+  rc_join_options options{};
+  options.name = "sleeper";
+  const World sleeper = enter("", options);
+  ASSERT_EQ(rc_world_set_clock(owner.get(), RC_STEPPED, 0, kWait), RC_OK) << rc_message();
+  std::size_t others = 0;
+  while (others == 0) ASSERT_EQ(rc_world_members(owner.get(), nullptr, 0, &others), RC_OK);
+  EXPECT_EQ(rc_world_step(owner.get(), 1000, 0.2), RC_TIMEOUT);
+  EXPECT_NE(std::string(rc_message()).find("(sleeper)"), std::string::npos) << rc_message();
+  EXPECT_EQ(rc_world_step(owner.get(), 0, 0.1), RC_TIMEOUT) << "still";
+  ASSERT_EQ(rc_world_next_step(sleeper.get(), kWait, nullptr), RC_OK) << rc_message();
+  rc_world_next_step(sleeper.get(), 0.05, nullptr);
+  EXPECT_EQ(rc_world_step(owner.get(), 0, kWait), RC_OK) << rc_message();
+  EXPECT_EQ(rc_world_step(owner.get(), -5, kWait), RC_INVALID);
+}
+
+TEST_F(WorldTest, SeesTheOthers) {
+  rc_join_options options{};
+  options.name = "rover";
+  const World rover = enter("", options), other = enter("");
+  rc_camera camera{};
+  camera.size = sizeof camera;
+  camera.x = 4e9, camera.y = 3000, camera.z = -12.5, camera.yaw = 1;
+  ASSERT_EQ(rc_world_fly(rover.get(), &camera, kWait, nullptr), RC_OK) << rc_message();
+  rc_member seen{};
+  seen.size = sizeof seen;
+  std::size_t count = 0;
+  while (!seen.has_pose) ASSERT_EQ(rc_world_members(other.get(), &seen, 1, &count), RC_OK) << rc_message();
+  EXPECT_EQ(count, 1u);
+  EXPECT_STREQ(seen.name, "rover");
+  EXPECT_EQ(seen.member, infoOf(rover).member);
+  EXPECT_EQ(seen.x, 4e9);
+  EXPECT_EQ(seen.z, -12.5);
+}
+
+TEST(KilledServer, ACallSaysSoOrWaitsForItsReturn) {
+  const std::uint16_t port = testing_support::freePort();
+  auto server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
+  const World world = join(server->url());
+  rc_camera camera{};
+  camera.size = sizeof camera;
+  camera.y = 1500;
+  ASSERT_EQ(rc_world_fly(world.get(), &camera, kWait, nullptr), RC_OK) << rc_message();
+  server->process().signal(SIGKILL);
+  server.reset();
+  rc_status status = RC_OK;
+  while (status == RC_OK) status = rc_world_fly(world.get(), &camera, 0.3, nullptr);  // until the loss is noticed
+  EXPECT_EQ(status, RC_LOST) << rc_message();
+  const rc_mesh* mesh = nullptr;
+  EXPECT_EQ(rc_world_ground(world.get(), 0, 0, 50, 1, 0.2, &mesh), RC_LOST) << rc_message();
+  EXPECT_EQ(rc_world_step(world.get(), 1000, 0.2), RC_LOST) << rc_message();
+  std::thread asks([&] { EXPECT_EQ(rc_world_ground(world.get(), 0, 0, 50, 1, kWait, &mesh), RC_OK) << rc_message(); });
+  server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
+  asks.join();
+  rc_mesh_close(mesh);
+  EXPECT_EQ(rc_world_fly(world.get(), &camera, kWait, nullptr), RC_OK) << rc_message();
+  EXPECT_EQ(rc_world_step(world.get(), 1000, kWait), RC_OK) << rc_message();
+  EXPECT_EQ(infoOf(world).reconnections, 1u);
+}
+
+TEST(KilledServer, WhoIsNotToComeBackIsToldAtOnce) {
+  auto server = std::make_unique<ServerProcess>(RIDGECAST_SERVER);
+  rc_join_options options{};
+  options.stays_lost = 1;
+  const World world = join(server->url(), options);
+  server.reset();
+  rc_camera camera{};
+  camera.size = sizeof camera;
+  EXPECT_EQ(rc_world_fly(world.get(), &camera, kWait, nullptr), RC_LOST) << rc_message();
+  rc_world* none = nullptr;
+  EXPECT_EQ(rc_join("ws://127.0.0.1:1", nullptr, &none), RC_REFUSED);
+  EXPECT_EQ(rc_join("ftp://x", nullptr, &none), RC_INVALID);
+}
+
+}  // namespace
+}  // namespace ridgecast
