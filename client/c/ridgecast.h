@@ -91,6 +91,42 @@ typedef struct rc_hit {
 /* The first contact with the ground. Obstacles thinner than a quarter of a metre, or 1/1024 of the distance, may be missed. */
 rc_status rc_terrain_rays(rc_terrain* terrain, const rc_ray* rays, size_t count, rc_hit* hits);
 
+/* ---- ground under bodies: tiles of heights around each, kept while they move, for physics engines ---- */
+
+typedef struct rc_standing rc_standing;
+
+typedef struct rc_standing_options {
+  size_t size;
+  double spacing; /* metres between heights, a multiple of 1/64 up to 4096; default: 1 */
+  double radius;  /* metres of ground around each body; default: 32 times the spacing */
+  size_t memory;  /* bytes of tiles at most; default: 50,000,000 */
+} rc_standing_options;
+
+/* `terrain` must outlive it. One thread at a time. */
+rc_status rc_standing_open(rc_terrain* terrain, const rc_standing_options* options, rc_standing** out);
+void rc_standing_close(rc_standing* standing); /* null: nothing */
+/* Where all bodies are, once a step: pairs x, z, in the same order each time. Never waits: a thread makes the ground ahead of them, the
+   nearest first. */
+rc_status rc_standing_move(rc_standing* standing, const double* places, size_t count);
+/* Until the ground around all bodies is there: at the beginning, and after one was put elsewhere. */
+rc_status rc_standing_wait(rc_standing* standing, double timeout);
+
+/* A square of ground; neighbours share their border's heights. */
+typedef struct rc_tile {
+  size_t size;
+  int64_t i, j;         /* its corner of least x and z lies at i, j times its side, which is 32 times the spacing */
+  uint64_t version;     /* grows with each tile that is made */
+  const float* heights; /* metres, 33 a row of ascending x, 33 rows of ascending z; the terrain's, bit for bit */
+  double x, z;          /* of that corner */
+  double spacing;
+  double error; /* metres: the true ground is at most so far above or below the squares, split along either diagonal (measured) */
+  float lowest, highest;
+  int32_t gone; /* 1: it went; 0: it came */
+} rc_tile;
+/* The next `room` tiles that went or came, and how many there are in all; call again while that is more than `room`. Heights of a tile may
+   be used until the call after the one that says that it is gone. */
+rc_status rc_standing_changes(rc_standing* standing, rc_tile* out, size_t room, size_t* count);
+
 /* ---- meshes ---- */
 
 /* Triangles, counter-clockwise from above. Positions are metres from `origin` (x, z), y absolute: exact within 65 km of it. */

@@ -1,0 +1,202 @@
+#include "client/standing/standing_ground.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace ridgecast::standing {
+
+using namespace std::chrono_literals;
+
+namespace {
+
+constexpr std::size_t kSide = kCells + 1;
+constexpr std::int64_t kFiner = 4;  // samples along a square's side that judge it
+constexpr auto kPause = 100ms;      // after heights failed
+
+std::int64_t floorDivide(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0 ? 1 : 0); }
+
+// How far the samples over a tile, kFiner a square's side, are from its squares split along either diagonal; and half of how much that
+// differs between neighbours, for what lies between.
+float deviation(const std::vector<float>& heights, const std::vector<float>& samples) {
+  constexpr std::size_t kRow = kCells * kFiner + 1;
+  std::vector<float> below(kRow), row(kRow);
+  float most = 0, step = 0;
+  for (std::size_t b = 0; b < kRow; ++b) {
+    const std::size_t j = std::min<std::size_t>(b / kFiner, kCells - 1);
+    const float v = static_cast<float>(b - j * kFiner) / kFiner;
+    for (std::size_t a = 0; a < kRow; ++a) {
+      const std::size_t i = std::min<std::size_t>(a / kFiner, kCells - 1);
+      const float u = static_cast<float>(a - i * kFiner) / kFiner;
+      const float* h = &heights[j * kSide + i];
+      const float h00 = h[0], h10 = h[1], h01 = h[kSide], h11 = h[kSide + 1];
+      const float rising = u >= v ? h00 + u * (h10 - h00) + v * (h11 - h10) : h00 + v * (h01 - h00) + u * (h11 - h01);
+      const float falling = u + v <= 1 ? h00 + u * (h10 - h00) + v * (h01 - h00) : h11 + (1 - u) * (h01 - h11) + (1 - v) * (h10 - h11);
+      const float sample = samples[b * kRow + a];
+      row[a] = std::max(std::abs(sample - rising), std::abs(sample - falling));
+      most = std::max(most, row[a]);
+      if (a > 0) step = std::max(step, std::abs(row[a] - row[a - 1]));
+      if (b > 0) step = std::max(step, std::abs(row[a] - below[a]));
+    }
+    std::swap(below, row);
+  }
+  return most + step / 2;
+}
+
+}  // namespace
+
+Outcome<std::unique_ptr<StandingGround>> StandingGround::open(Heights heights, const Options& options) {
+  if (options.spacing < kFiner || options.spacing > 1 << 20 || options.spacing % kFiner != 0)
+    return Error{"heights are 1/64 to 4096 metres apart, in steps of 1/64 m"};
+  if (options.radius < 0 || options.radius > 64 * kCells * options.spacing)
+    return Error{"the radius of ground around a body is at most 2048 times the heights' spacing"};
+  return std::unique_ptr<StandingGround>(new StandingGround(std::move(heights), options));
+}
+
+StandingGround::StandingGround(Heights heights, const Options& options)
+    : heights_(std::move(heights)),
+      options_(options),
+      most_(std::max<std::size_t>(1, options.memory / (sizeof(Tile) + kSide * kSide * sizeof(float)))),
+      thread_([this] { run(); }) {}
+
+StandingGround::~StandingGround() {
+  {
+    const std::lock_guard lock(mutex_);
+    ends_ = true;
+  }
+  work_.notify_one();
+  thread_.join();
+}
+
+StandingGround::Window StandingGround::around(lattice::Point body, lattice::Step radius) const {
+  const lattice::Step side = kCells * options_.spacing;
+  return {floorDivide(body.x - radius, side), floorDivide(body.z - radius, side), floorDivide(body.x + radius, side),
+          floorDivide(body.z + radius, side)};
+}
+
+Outcome<void> StandingGround::move(std::span<const lattice::Point> bodies) {
+  if (bodies.size() > kMostBodies) return Error{"there is ground for at most " + std::to_string(kMostBodies) + " bodies"};
+  // A tile and a quarter on: what is made ahead, and what is kept behind.
+  const lattice::Step ahead = kCells * options_.spacing / 4, kept = 2 * ahead;
+  const lattice::Step end = lattice::kMaxPosition - options_.radius - kept - kCells * options_.spacing;
+  for (std::size_t k = 0; k < bodies.size(); ++k)
+    if (std::max(std::abs(bodies[k].x), std::abs(bodies[k].z)) > end)
+      return Error{"body " + std::to_string(k) + " is beyond the lattice, which ends 4.398e12 m from the origin"};
+  const std::lock_guard lock(mutex_);
+  for (std::size_t k = bodies.size(); k < windows_.size(); ++k) remove(windows_[k]);
+  windows_.resize(bodies.size());
+  for (std::size_t k = 0; k < bodies.size(); ++k) {
+    Window& window = windows_[k];
+    if (window.holds(around(bodies[k], options_.radius)) && around(bodies[k], options_.radius + kept).holds(window)) continue;
+    const Window before = std::exchange(window, around(bodies[k], options_.radius + ahead));
+    add(window, bodies[k]);
+    remove(before);
+  }
+  work_.notify_one();
+  return {};
+}
+
+void StandingGround::add(const Window& window, lattice::Point body) {
+  const double side = static_cast<double>(kCells * options_.spacing);
+  for (std::int64_t i = window.i0; i <= window.i1; ++i)
+    for (std::int64_t j = window.j0; j <= window.j1; ++j) {
+      Place& place = places_[{i, j}];
+      if (place.bodies++ > 0) continue;
+      const double x = (static_cast<double>(i) + 0.5) * side - static_cast<double>(body.x);
+      const double z = (static_cast<double>(j) + 0.5) * side - static_cast<double>(body.z);
+      place.distance = std::hypot(x, z);
+      wanted_.insert({place.distance, {i, j}});
+    }
+}
+
+void StandingGround::remove(const Window& window) {
+  for (std::int64_t i = window.i0; i <= window.i1; ++i)
+    for (std::int64_t j = window.j0; j <= window.j1; ++j) {
+      const auto at = places_.find({i, j});
+      if (--at->second.bodies > 0) continue;
+      wanted_.erase({at->second.distance, at->first});
+      if (at->second.tile) {
+        if (at->second.told)
+          gone_.push_back(at->second.tile);
+        else
+          came_.erase(at->first);
+        --made_;
+      }
+      places_.erase(at);
+      failed_.reset();
+    }
+}
+
+Changes StandingGround::changes() {
+  const std::lock_guard lock(mutex_);
+  Changes changes{std::exchange(gone_, {}), {}};
+  for (const Key& key : came_) {
+    Place& place = places_.at(key);
+    place.told = true;
+    changes.came.push_back(place.tile);
+  }
+  came_.clear();
+  return changes;
+}
+
+std::size_t StandingGround::bytes() const {
+  const std::lock_guard lock(mutex_);
+  return made_ * (sizeof(Tile) + kSide * kSide * sizeof(float));
+}
+
+Outcome<void> StandingGround::wait(std::chrono::milliseconds timeout) {
+  std::unique_lock lock(mutex_);
+  done_.wait_for(lock, timeout, [&] { return wanted_.empty() || made_ >= most_; });
+  if (wanted_.empty()) return {};
+  if (made_ >= most_)
+    return Error{"the ground around the bodies takes more memory than it may: a wider spacing, or a smaller radius, fits"};
+  return failed_ ? *failed_ : Error{"the ground around the bodies was not made in time"};
+}
+
+void StandingGround::run() {
+  std::unique_lock lock(mutex_);
+  for (;;) {
+    work_.wait(lock, [&] { return ends_ || (!wanted_.empty() && made_ < most_); });
+    if (ends_) return;
+    const auto [distance, key] = *wanted_.begin();
+    lock.unlock();
+    auto made = make(key);
+    lock.lock();
+    const auto at = places_.find(key);
+    if (!made) {
+      failed_ = made.error();
+      work_.wait_for(lock, kPause, [&] { return ends_; });
+    } else if (at != places_.end() && !at->second.tile) {  // still wanted
+      wanted_.erase({at->second.distance, key});
+      failed_.reset();
+      at->second.tile = std::move(*made);
+      ++made_;
+      came_.insert(key);
+    }
+    if (wanted_.empty() || made_ >= most_) done_.notify_all();
+  }
+}
+
+Outcome<std::shared_ptr<const Tile>> StandingGround::make(Key key) {
+  Tile tile{.i = key.first, .j = key.second, .spacing = options_.spacing, .version = ++version_};
+  constexpr std::int64_t side = kCells * kFiner + 1;
+  const lattice::Step apart = options_.spacing / kFiner;
+  std::vector<lattice::Step> x, z;
+  for (std::int64_t b = 0; b < side; ++b)
+    for (std::int64_t a = 0; a < side; ++a) {
+      x.push_back(tile.x() + a * apart);
+      z.push_back(tile.z() + b * apart);
+    }
+  std::vector<float> samples(x.size());
+  if (auto known = heights_(x, z, samples); !known) return known.error();
+  tile.heights.reserve(kSide * kSide);
+  for (std::int64_t b = 0; b < side; b += kFiner)
+    for (std::int64_t a = 0; a < side; a += kFiner) tile.heights.push_back(samples[static_cast<std::size_t>(b * side + a)]);
+  const auto [low, high] = std::ranges::minmax(tile.heights);
+  tile.lowest = low;
+  tile.highest = high;
+  tile.error = deviation(tile.heights, samples);
+  return std::make_shared<const Tile>(std::move(tile));
+}
+
+}  // namespace ridgecast::standing
