@@ -15,7 +15,7 @@ using Milliseconds = std::chrono::milliseconds;
 template <class Body>
 rc_status alone(rc_world* world, const Body& body) {
   return guarded([&] {
-    if (!world) return fail(RC_INVALID, "there is no world");
+    if (!world) return fail(RC_INVALID, "there is no world, or it was closed");
     const std::lock_guard lock(world->mutex);
     return body(*world->world);
   });

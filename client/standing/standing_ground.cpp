@@ -80,8 +80,8 @@ Outcome<void> StandingGround::move(std::span<const lattice::Point> bodies) {
   const lattice::Step ahead = kCells * options_.spacing / 4, kept = 2 * ahead;
   const lattice::Step end = lattice::kMaxPosition - options_.radius - kept - kCells * options_.spacing;
   for (std::size_t k = 0; k < bodies.size(); ++k)
-    if (std::max(std::abs(bodies[k].x), std::abs(bodies[k].z)) > end)
-      return Error{"body " + std::to_string(k) + " is beyond the lattice, which ends 4.398e12 m from the origin"};
+    if (std::min(bodies[k].x, bodies[k].z) < -end || std::max(bodies[k].x, bodies[k].z) > end)
+      return Error{"body " + std::to_string(k) + " is beyond the lattice, or too near its end, 4.398e12 m from the origin"};
   const std::lock_guard lock(mutex_);
   for (std::size_t k = bodies.size(); k < windows_.size(); ++k) remove(windows_[k]);
   windows_.resize(bodies.size());

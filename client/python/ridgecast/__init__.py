@@ -17,10 +17,11 @@ from ._library import version as __version__
 from .glb import read_glb
 from .mesh import Mesh
 from .server import Server, server
+from .standing import Standing, Tile
 from .terrain import Hits, Terrain
 from .world import Clock, Iteration, Leaf, Member, World, join
 
 __all__ = [
-    "Clock", "Error", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Server", "Terrain", "Timeout", "World",
-    "join", "read_glb", "server",
+    "Clock", "Error", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Server", "Standing", "Terrain", "Tile",
+    "Timeout", "World", "join", "read_glb", "server",
 ]

@@ -1,5 +1,6 @@
 """The true ground: heights, normals, rays."""
 
+import weakref
 from os import PathLike
 from typing import Any, Callable, Mapping, NamedTuple, Optional, Union
 
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._errors import Invalid
 from ._library import check, doubles, ffi, interruptible, lib, places, struct, text
 from .server import program
+from .standing import Standing
 
 
 class Hits(NamedTuple):
@@ -24,6 +26,8 @@ class Questions:
 
     _terrain: Any
     _call: Callable[[Callable[[], Any]], None]
+    _handle: Any = None  # of a world, which holds its terrain
+    _standings: "weakref.WeakSet[Standing]"
 
     def heights(self, xz: ArrayLike) -> NDArray[np.float32]:
         """Heights in metres, float32 (...), at places (..., 2)."""
@@ -59,6 +63,13 @@ class Questions:
         out[nowhere, 0] = np.inf
         return Hits(out[:, 0].reshape(shape), out[:, 1:4].reshape(shape + (3,)), out[:, 4:].reshape(shape + (3,)))
 
+    def standing(self, spacing: float = 1.0, radius: Optional[float] = None, memory: int = 50_000_000) -> Standing:
+        """Ground under bodies: heights `spacing` metres apart (a multiple of 1/64), `radius` metres around each (default: 32 times the
+        spacing), of at most `memory` bytes."""
+        made = Standing((self._terrain, self._handle), spacing, 32 * spacing if radius is None else radius, memory)
+        self._standings.add(made)
+        return made
+
 
 class Terrain(Questions):
     """A terrain, without any server.
@@ -83,6 +94,7 @@ class Terrain(Questions):
         interruptible(lambda: lib.rc_terrain_open(spelt, options, out))
         self._terrain = ffi.gc(out[0], lib.rc_terrain_close)
         self._call = lambda call: check(call())
+        self._standings = weakref.WeakSet()
         self.name = str(name)
 
     @property

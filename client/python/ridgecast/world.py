@@ -2,6 +2,7 @@
 
 import math
 import time as _time
+import weakref
 from dataclasses import dataclass
 from typing import Any, Callable, List, Mapping, Optional, Tuple
 from urllib.parse import quote
@@ -126,6 +127,7 @@ class World(Questions):
         self.horizon: float = info.horizon  #: metres
         self.is_local: bool = bool(info.is_local)  #: heights are computed here; else the server is asked
         self.clock = Clock(self)
+        self._standings = weakref.WeakSet()
         self._call = (lambda call: check(call())) if self.is_local else interruptible
 
     def _info(self) -> Any:
@@ -218,8 +220,12 @@ class World(Questions):
             room = 2 * count[0]
 
     def close(self) -> None:
-        """Leaves the session; the world cannot be used any more."""
-        ffi.release(self._handle)
+        """Leaves the session. Nothing of the world can be used any more, but for meshes and tiles that were taken."""
+        for standing in list(self._standings):
+            standing.close()
+        handle, self._handle, self._terrain = self._handle, ffi.NULL, ffi.NULL
+        if handle != ffi.NULL:
+            ffi.release(handle)
 
     def __enter__(self) -> "World":
         return self

@@ -105,6 +105,35 @@ class TerrainTest(unittest.TestCase):
         thread.join()
         self.assertGreater(after - before, 50)  # without the lock given back: one or two at most a call
 
+    def test_ground_goes_with_bodies(self) -> None:
+        alpine = rc.Terrain("alpine")
+        ground = alpine.standing(spacing=0.5, radius=20)
+        random = np.random.default_rng(4)
+        at = random.uniform(-1e6, 1e6, (300, 2))
+        for _ in range(20):
+            at += random.uniform(-3, 3, at.shape)
+            ground.move(at)
+            ground.wait(60)
+            ground.changes()
+            for x, z in at:
+                for dx, dz in ((-20, 0), (20, 0), (0, -20), (0, 20), (0, 0)):
+                    self.assertIn((int(np.floor((x + dx) / 16)), int(np.floor((z + dz) / 16))), ground.tiles)
+        for tile in list(ground.tiles.values())[:50]:
+            across = np.arange(33) * tile.spacing
+            x, z = np.meshgrid(tile.x + across, tile.z + across)
+            np.testing.assert_array_equal(tile.heights, alpine.heights(np.stack([x, z], axis=-1)))
+        first = next(iter(ground.tiles.values()))
+        ground.move(np.zeros((0, 2)))
+        gone, came = ground.changes()
+        self.assertEqual((came, ground.tiles), ([], {}))
+        self.assertIn(first, gone)
+        self.assertEqual(first.heights.shape, (33, 33), "kept by who holds it")
+        for bad in (dict(spacing=0.3), dict(spacing=-1), dict(radius=-1), dict(memory=0)):
+            with self.assertRaises(rc.Invalid):
+                alpine.standing(**bad)
+        with self.assertRaisesRegex(rc.Invalid, "body 1 "):
+            ground.move([[0, 0], [np.nan, 0]])
+
 
 class WorldTest(unittest.TestCase):
     server: rc.Server
@@ -126,6 +155,20 @@ class WorldTest(unittest.TestCase):
         import json
         with urllib.request.urlopen(self.server.http + "/v1/heights?" + "&".join(f"at={float(x)!r},{float(z)!r}" for x, z in at)) as answer:
             np.testing.assert_array_equal(np.array(json.load(answer)["heights"], np.float32), here)
+
+    def test_ground_under_bodies_comes_from_a_server_too(self) -> None:
+        with rc.join(self.server.url, session="bodies", terrain="canyon", seed=2, sensor=True) as world:
+            ground = world.standing()
+            ground.move([[100, 100]])
+            ground.wait(60)
+            ground.changes()
+            tile = ground.tiles[3, 3]
+            self.assertEqual(tile.heights[4, 4], world.height(100, 100))
+            clock = world.clock
+        for use in (lambda: world.height(0, 0), lambda: world.members, lambda: ground.move([[0, 0]]), lambda: clock.time, world.receive,
+                    world.standing):
+            self.assertRaises(rc.Invalid, use)
+        world.close()
 
     def test_sessions_are_made_and_joined(self) -> None:
         with rc.join(self.server.url, session="race", terrain="archipelago", seed=3, parameters={"heathLine": 640}, name="Ada") as ada:

@@ -1,0 +1,81 @@
+"""Ground under bodies that move."""
+
+from dataclasses import dataclass
+from typing import Any, Dict, List, Tuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._errors import Invalid, Timeout
+from ._library import SLICE, check, doubles, ffi, lib, places, struct
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A square of ground; neighbours share their border's heights."""
+
+    i: int  #: its corner of least x and z lies at (i, j) times its side, 32 * spacing
+    j: int
+    version: int  #: grows with each tile that is made
+    x: float  #: of that corner, metres
+    z: float
+    spacing: float  #: metres
+    error: float  #: metres: the true ground is at most so far from the squares, split along either diagonal (measured)
+    heights: NDArray[np.float32]  #: (33, 33), metres; rows of ascending z, in each ascending x
+
+
+class Standing:
+    """Tiles of heights around bodies, kept while they move; made by `standing` of a terrain or world. One thread at a time.
+
+    A thread of its own makes the ground ahead of the bodies, the nearest first, so that no step waits.
+    """
+
+    def __init__(self, owner: Any, spacing: float, radius: float, memory: int) -> None:
+        if not spacing > 0 or memory < 1:
+            raise Invalid("a spacing and a memory are above 0")
+        out = ffi.new("rc_standing**")
+        check(lib.rc_standing_open(owner[0], struct("rc_standing_options", spacing=spacing, radius=radius, memory=memory), out))
+        self._standing = ffi.gc(out[0], lambda standing: lib.rc_standing_close(standing) if owner else None)  # the owner lives longer
+        self.tiles: Dict[Tuple[int, int], Tile] = {}  #: by (i, j), as of the last `changes`
+
+    def close(self) -> None:
+        """Makes no more ground; tiles that were taken stay."""
+        standing, self._standing = self._standing, ffi.NULL
+        if standing != ffi.NULL:
+            ffi.release(standing)
+
+    def move(self, xz: ArrayLike) -> None:
+        """Where all bodies are, (n, 2), once a step, in the same order each time. Never waits."""
+        at = places(xz, 2, "places").reshape(-1, 2)
+        check(lib.rc_standing_move(self._standing, doubles(at), len(at)))
+
+    def wait(self, timeout: float = 10.0) -> None:
+        """Until the ground around all bodies is there: at the beginning, and after one was put elsewhere."""
+        left = timeout
+        while True:
+            try:
+                return check(lib.rc_standing_wait(self._standing, min(left, SLICE)))
+            except Timeout:
+                left -= SLICE
+                if left <= 0:
+                    raise
+
+    def changes(self) -> Tuple[List[Tile], List[Tile]]:
+        """The tiles that went, and those that came, since the last call."""
+        gone: List[Tile] = []
+        came: List[Tile] = []
+        count, room = ffi.new("size_t*"), 256
+        out = ffi.new("rc_tile[]", room)
+        out[0].size = ffi.sizeof("rc_tile")
+        while True:
+            check(lib.rc_standing_changes(self._standing, out, room, count))
+            for tile in (out[k] for k in range(min(room, count[0]))):
+                if tile.gone:
+                    gone.append(self.tiles.pop((tile.i, tile.j)))
+                    continue
+                heights = np.frombuffer(ffi.buffer(tile.heights, 33 * 33 * 4), np.float32).reshape(33, 33).copy()
+                heights.flags.writeable = False
+                came.append(Tile(tile.i, tile.j, tile.version, tile.x, tile.z, tile.spacing, tile.error, heights))
+                self.tiles[tile.i, tile.j] = came[-1]
+            if count[0] <= room:
+                return gone, came
