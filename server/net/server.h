@@ -44,7 +44,7 @@ namespace ridgecast::net {
 
 inline constexpr std::size_t kMaxQueuedMessages = 128;
 // Of one connection. The threads of the room decode them, 128 KiB in about a millisecond at worst.
-inline constexpr std::uint64_t kMessageBytesPerSecond = 4u << 20;
+inline constexpr std::uint64_t kMessageBytesPerSecond = 12u << 20;
 
 struct Settings : http::Access {                 // host: the address to listen on
   std::uint16_t port = 7070;                     // 0: any free one

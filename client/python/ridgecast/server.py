@@ -1,6 +1,5 @@
 """A server of one's own."""
 
-import os
 import shutil
 import subprocess
 import tempfile
@@ -12,11 +11,11 @@ from ._errors import Refused
 
 
 def program(required: bool = True) -> Optional[str]:
-    """ridgecast-server: of RIDGECAST_SERVER, of this package, or in PATH."""
+    """ridgecast-server: of this package, or in PATH."""
     beside = Path(__file__).parent / "ridgecast-server"
-    found = os.environ.get("RIDGECAST_SERVER") or (str(beside) if beside.exists() else shutil.which("ridgecast-server"))
+    found = str(beside) if beside.exists() else shutil.which("ridgecast-server")
     if found is None and required:
-        raise Refused("there is no ridgecast-server in PATH; install it, or name it in RIDGECAST_SERVER")
+        raise Refused("there is no ridgecast-server in PATH: install it, or this package by its wheel")
     return found
 
 

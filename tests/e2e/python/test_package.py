@@ -1,6 +1,5 @@
-"""The package as it is installed, against a real server. RIDGECAST_SERVER names another one than the wheel's."""
+"""The package as it is installed, against the wheel's own server."""
 
-import os
 import signal
 import subprocess
 import sys
