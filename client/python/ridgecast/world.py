@@ -237,7 +237,7 @@ class World(Questions):
         return f"<ridgecast.World {self.session}: {self.terrain}, seed {self.seed}>"
 
 
-def join(url: str = "ws://127.0.0.1:7070", *, session: str = "default", terrain: Optional[str] = None, seed: Optional[int] = None,
+def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Optional[str] = None, seed: Optional[int] = None,
          parameters: Optional[Mapping[str, float]] = None, name: str = "", sensor: bool = False, lockstep: bool = False,
          triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True,
          timeout: float = 10.0) -> World:
@@ -246,13 +246,15 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: str = "default", terrain:
     sensor: a member without a picture. lockstep: one iteration for each pose, the same meshes for the same poses. triangles, threshold: of
     the mesh, at most, and in pixels. reconnect: a lost connection comes back by itself, and calls wait for it within their timeout.
     """
-    query = [f"session={quote(session, safe='')}"]
+    query: List[str] = []
+    if session is not None:
+        query.append(f"session={quote(session, safe='')}")
     if terrain is not None:
         query.append(f"terrain={quote(terrain, safe='')}")
     if seed is not None:
         query.append(f"seed={int(seed)}")
     query += [f"param={quote(key, safe='')}={value!r}" for key, value in (parameters or {}).items()]
-    spelt = text(f"{url}{'&' if '?' in url else '?'}{'&'.join(query)}")
+    spelt = text(url + ("&" if "?" in url else "?") * bool(query) + "&".join(query))
     words = text(name), text(token), text(ca)
     options = struct("rc_join_options", name=words[0], token=words[1], ca=words[2], sensor=sensor, lockstep=lockstep,
                      stays_lost=not reconnect, triangles=triangles, threshold=threshold, timeout=timeout)

@@ -13,6 +13,7 @@ trap 'rm -rf "$scratch"' EXIT
 "$scratch/venv/bin/pip" install --quiet --no-index "$scratch"/wheel/*.whl
 cd "$scratch"
 PYTHONWARNINGS=error venv/bin/python "$source/tests/e2e/python/test_package.py"
+venv/bin/python "$source/tests/e2e/python/test_members.py" "$build/bin/python_member"
 if "$python" -c 'import matplotlib' 2>/dev/null; then
   mkdir pictures
   venv/bin/python "$source/tests/e2e/python/run_notebook.py" "$source/client/python/notebook.md" pictures
