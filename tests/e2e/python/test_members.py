@@ -36,8 +36,8 @@ def follow(url: str) -> None:
 
 
 def main() -> None:
-    with rc.server("alpine", seed=8) as server:
-        url = server.url + "?session=race&terrain=canyon&seed=3"
+    with rc.server("canyon", seed=8) as server:
+        url = server.url + "?session=race&terrain=alpine&seed=3"
         with rc.join(url, name="owner", sensor=True) as owner:
             owner.clock.set("stepped")
             members = [subprocess.Popen([sys.argv[1], url, str(STEPS)], stdout=subprocess.PIPE, text=True),
