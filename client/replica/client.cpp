@@ -35,8 +35,8 @@ Outcome<void> Client::enterOtherWorld() {
   return {};
 }
 
-std::uint64_t Client::send(const camera::Camera& camera) {
-  connection_->send({++sequence_, camera});
+std::uint64_t Client::send(const camera::Camera& camera, std::vector<std::uint8_t> state) {
+  connection_->send({++sequence_, camera, std::move(state)});
   return sequence_;
 }
 

@@ -14,6 +14,7 @@
 #include <memory>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "client/connection/reconnecting.h"
 #include "client/replica/follower.h"
@@ -48,8 +49,9 @@ class Client {
   const connection::ReconnectingConnection& connection() const { return *connection_; }
   std::uint64_t resumed() const { return resumed_; }  // leaves that were named to later connections
 
-  // Never blocks. Returns the pose's sequence, ascending from 1.
-  std::uint64_t send(const camera::Camera& camera);
+  // Never blocks. Returns the pose's sequence, ascending from 1. `state`: what the other members hear of this one, at most
+  // wire::kMaxStateBytes.
+  std::uint64_t send(const camera::Camera& camera, std::vector<std::uint8_t> state = {});
 
   // The next iteration; nothing when none came within `timeout`. Why, connection().error() knows.
   std::optional<Update> receive(std::chrono::milliseconds timeout);

@@ -44,6 +44,7 @@ struct Hello {
 struct PoseMessage {
   std::uint64_t sequence = 0;
   camera::Camera camera;
+  std::vector<std::uint8_t> state{};  // what the member tells the others of itself; at most kMaxStateBytes
 };
 
 struct Acknowledge {

@@ -80,7 +80,8 @@ TABLE(Pose,
     FIELD(pitch, camera.pose.pitch, Range{-std::numbers::pi / 2 - 1e-9, std::numbers::pi / 2 + 1e-9, "radians", "within +-pi/2"}),
     FIELD(vertical_fov, camera.projection.verticalFov, Range{0.01, 3.0, "radians"}),
     FIELD(width, camera.projection.width, kPixels),
-    FIELD(height, camera.projection.height, kPixels));
+    FIELD(height, camera.projection.height, kPixels),
+    FIELD(state, state, Bytes{kMaxStateBytes}));
 
 TABLE(LeafWhole,
     FIELD(address, address, kLeaf),

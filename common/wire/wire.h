@@ -19,6 +19,7 @@ inline constexpr std::size_t kMaxClientMessageBytes = std::size_t{128} << 10;
 inline constexpr std::size_t kMaxServerMessageBytes = std::size_t{256} << 20;
 inline constexpr std::size_t kMaxNameBytes = 128;    // client, server and terrain names; no control characters
 inline constexpr std::size_t kMaxSessionBytes = 64;  // letters, digits, '.', '_', '-'
+inline constexpr std::size_t kMaxStateBytes = 256;   // of a pose
 inline constexpr std::size_t kMaxTerrainSourceBytes = std::size_t{1} << 20;
 inline constexpr std::size_t kMaxErrorBytes = 4096;
 inline constexpr std::size_t kMaxResendLeaves = 4096;                 // more: name none, which asks for all

@@ -217,13 +217,13 @@ void Conversation::sent(const wire::Iteration& iteration, Time now) {
              iteration.figures.inserted);
   tempo_.sent(now, iteration.figures.inserted);
   if (repairing_) terms_.repairs->spend(now, payloadBytes(iteration.whole, 24));
-  if (iteration.candidates) pace_.sent(now, kBytesACandidate * iteration.candidates->size(), 0);
+  if (iteration.candidates) sent(kBytesACandidate * iteration.candidates->size(), now);
 }
 
 void Conversation::sent(const wire::HeightTiles& tiles, Time now) {
   std::size_t bytes = 0;
   for (const wire::HeightTile& tile : tiles.tiles) bytes += tile.samples.size() + 16;
-  pace_.sent(now, bytes, 0);
+  sent(bytes, now);
 }
 
 }  // namespace ridgecast::conversation

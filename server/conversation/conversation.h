@@ -88,6 +88,7 @@ class Conversation {
   std::optional<replica::Changes> iterated(std::span<const mesh::LeafState> leaves, bool settled);
   void sent(const wire::Iteration& iteration, Time now);
   void sent(const wire::HeightTiles& tiles, Time now);
+  void sent(std::size_t bytes, Time now) { pace_.sent(now, bytes, 0); }  // of other messages
 
   bool runs() const { return stage_ == Stage::kRuns; }
   bool closed() const { return stage_ == Stage::kClosed; }

@@ -245,6 +245,7 @@ void CameraSession::work(const conversation::Greet&) {
   session_->live().add(id_, weak_from_this());
   sender_->send(worldOf(*session_, granted, id_));
   session_->presence().join(id_, hello, sender_, conversation_.newestPose());
+  session_->presence().setBudget(id_, granted.bytesPerSecond);
 }
 
 bool CameraSession::copy(TakeCopy done) {
@@ -298,6 +299,7 @@ void CameraSession::work(const conversation::Iterate& order) {
   metrics::Figures& figures = *session_->resources().figures;
   if (order.granted) {
     mesh_->change(*order.granted);
+    session_->presence().setBudget(id_, order.granted->bytesPerSecond);
     sender_->send(wire::Granted{*order.granted});
   }
   if (order.insertions) mesh_->setInsertionLimit(*order.insertions);
@@ -323,7 +325,9 @@ void CameraSession::work(const conversation::Iterate& order) {
   bool late = false;
   {
     const std::lock_guard lock(mutex_);
-    conversation_.sent(iteration, session_->resources().timer->now());
+    const auto now = session_->resources().timer->now();
+    conversation_.sent(iteration, now);
+    conversation_.sent(session_->presence().takeBytes(id_), now);
     late = conversation_.isLate();
   }
   const std::uint64_t pose = iteration.poseSequence;

@@ -11,6 +11,16 @@ namespace {
 
 std::shared_ptr<const void> ticket() { return std::make_shared<char>(); }
 
+std::size_t bytesOf(const wire::Moved& moved) { return 80 + moved.pose.state.size(); }
+
+// Approximately.
+std::size_t bytesOf(const wire::Members& news) {
+  std::size_t bytes = 8 + 4 * news.left.size();
+  for (const wire::Member& member : news.joined) bytes += 8 + member.name.size() + (member.moved ? bytesOf(*member.moved) : 0);
+  for (const wire::Moved& moved : news.moved) bytes += bytesOf(moved);
+  return bytes;
+}
+
 }  // namespace
 
 Presence::Presence(const Timer& timer) : timer_(timer), clock_(timer.now()) {}
@@ -59,6 +69,17 @@ void Presence::leave(std::uint64_t camera) {
 
 // ---- members ----
 
+void Presence::setBudget(std::uint64_t camera, std::uint64_t bytesPerSecond) {
+  const std::lock_guard lock(mutex_);
+  if (const auto it = entries_.find(camera); it != entries_.end()) it->second.budget.setRate(bytesPerSecond / 4);
+}
+
+std::size_t Presence::takeBytes(std::uint64_t camera) {
+  const std::lock_guard lock(mutex_);
+  const auto it = entries_.find(camera);
+  return it == entries_.end() ? 0 : std::exchange(it->second.bytes, 0);
+}
+
 void Presence::membersChanged() {
   if (membersDue_) return;
   if (std::none_of(entries_.begin(), entries_.end(), [](const auto& e) { return e.second.wantsMembers; })) return;
@@ -82,7 +103,7 @@ void Presence::notifyMembers() {
 
 bool Presence::notify(Entry& entry) {
   if (entry.notified == version_) return true;
-  if (!entry.waiting.expired()) return false;
+  if (!entry.waiting.expired() || entry.budget.free() > timer_.now()) return false;
   wire::Members news;
   for (const auto& [id, other] : entries_) {
     if (&other == &entry) continue;
@@ -95,6 +116,9 @@ bool Presence::notify(Entry& entry) {
   const bool first = entry.notified == 0;  // the first is sent even if nobody else is there
   entry.notified = version_;
   if (!first && news.joined.empty() && news.moved.empty() && news.left.empty()) return true;
+  const std::size_t bytes = bytesOf(news);
+  entry.budget.spend(timer_.now(), bytes);
+  entry.bytes += bytes;
   const auto held = ticket();
   entry.waiting = held;
   entry.sender->send(std::move(news), held);

@@ -2,8 +2,9 @@
 // Who is in a session and where, and its clock; notifies the members of both.
 //
 // A member that requested members is sent all changes since its last notification in one message: at most every kLeastPause (20 times a
-// second), and not while the previous one is still queued, so for a slow member changes merge. A member that follows the clock is sent the
-// current state once its previous message has left. A step that waits for a member always reaches it.
+// second), and not while the previous one is still queued, so for a slow member changes merge. Of its budget of bytes, if any, these
+// messages take at most a quarter. A member that follows the clock is sent the current state once its previous message has left. A step
+// that waits for a member always reaches it.
 //
 // A member that is not done with a step kStepTimeout after it began is passed over, as is one that the clock's owner names. That member and
 // the owner get one sentence about it, as does a member whose message to the clock has no effect.
@@ -21,6 +22,7 @@
 #include <vector>
 
 #include "common/wire/messages.h"
+#include "server/conversation/pace.h"
 #include "server/session/clock.h"
 #include "server/session/sender.h"
 #include "server/session/timer.h"
@@ -41,6 +43,9 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose);
   void receive(std::uint64_t camera, const wire::PoseMessage& pose);  // unknown cameras are ignored, here and below
   void leave(std::uint64_t camera);
+  void setBudget(std::uint64_t camera, std::uint64_t bytesPerSecond);  // 0: none
+  // About the bytes of the member's notifications since the last call.
+  std::size_t takeBytes(std::uint64_t camera);
 
   void receive(std::uint64_t camera, const wire::AskClock& ask);
   // Answers with the resulting clock, changed or not.
@@ -69,6 +74,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
     std::uint64_t notified = 0;         // version
     std::vector<std::uint64_t> left;    // still to be sent
     std::weak_ptr<const void> waiting;  // the last Members, until it has left
+    conversation::Budget budget;        // of Members
+    std::size_t bytes = 0;              // not yet taken
     bool clockStale = false;
     std::weak_ptr<const void> clockWaiting;
   };

@@ -75,6 +75,7 @@ void clientSeeds() {
   pose.camera.pose = {.x = -5, .z = 1 << 20, .remainderX = 0, .remainderZ = 0, .y = 100, .yaw = 1, .pitch = -0.2};
   wire::PoseMessage second = pose;
   second.sequence = 2;
+  second.state = {7, 0, 255};
   using M = wire::ClientMessage;
   const wire::Resume resume{{{{0, 1, 2}, 3}, {{1, 2, -2}, 9}}};
   for (const M& m :
@@ -103,7 +104,7 @@ void serverSeeds() {
   world.window = 4;
   write("server", framed<M>({world}));
   write("server", framed<M>({wire::ErrorMessage{wire::ErrorCode::kLimit, "too much"}}));
-  const wire::Moved moved{7, {1, {}}, 5};
+  const wire::Moved moved{7, {1, {}, {1, 2}}, 5};
   write("server", framed<M>({wire::Members{{{7, wire::Role::kSensor, "seed", moved}, {8, wire::Role::kViewer, "", {}}}, {moved}, {9}}}));
   write("server", framed<M>({wire::Clock{wire::ClockMode::kStepped, 0, 5, 7, 1, {7, 8}, 2, "seed"}}));
   write("server", framed<M>({wire::Answer{1, {1.5f}, {0, 1, 0}, {-1, 2}}}));

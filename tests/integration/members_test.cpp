@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "client/connection/connection.h"
+#include "common/wire/wire.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
@@ -233,6 +234,31 @@ TEST_F(MembersTest, WhoLeavesIsNotWaitedForAndAnotherTakesTheClock) {
   next->setClock({true, wire::ClockMode::kScaled, 3});
   while (next->clock().said().owner != next->world().camera) ASSERT_TRUE(next->waitForClock(next->clock().version(), kTimeout));
   EXPECT_EQ(next->clock().said().rate, 3);
+}
+
+TEST_F(MembersTest, TheStateOfAMemberComesWithItsPose) {
+  auto car = join(helloOf("car")), watcher = join(helloOf("watcher"));
+  const auto seen = [&](Connection& of) {
+    const auto others = of.others();
+    if (!others || others->others().size() != 1) return std::vector<std::uint8_t>{0xee};
+    const auto& moved = others->others().begin()->second.member.moved;
+    return moved ? moved->pose.state : std::vector<std::uint8_t>{0xdd};
+  };
+  wire::PoseMessage pose = poseAt(1);
+  pose.state = {0, 1, 0xff};
+  car->send(pose);
+  EXPECT_TRUE(testing_support::await([&] { return seen(*watcher) == pose.state; }));
+  auto late = join(helloOf("late"));
+  watcher.reset();
+  EXPECT_TRUE(testing_support::await([&] { return seen(*late) == pose.state; })) << "who joins later hears of it, too";
+  pose = poseAt(2);
+  car->send(pose);
+  EXPECT_TRUE(testing_support::await([&] { return seen(*late).empty(); })) << "the newest pose has none";
+  pose.sequence = 3;
+  pose.state.resize(wire::kMaxStateBytes + 1);
+  car->send(pose);
+  ASSERT_TRUE(testing_support::await([&] { return car->error().has_value(); }));
+  EXPECT_NE(car->error()->message.find("Pose.state must be at most 256 bytes"), std::string::npos) << car->error()->message;
 }
 
 TEST_F(MembersTest, AnOldClientIsSentNothingNew) {

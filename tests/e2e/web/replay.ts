@@ -8,7 +8,7 @@ import { Server as HttpServer, createServer } from 'node:http';
 import type { AddressInfo } from 'node:net';
 import { extname, join } from 'node:path';
 import type { Duplex } from 'node:stream';
-import { ClientMessageSchema, Pacing, ServerMessageSchema } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
+import { ClientMessageSchema, Pacing, PoseSchema, ServerMessageSchema } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
 import type { Camera } from '../../../client/web/src/stream/stream';
 import { NodeSocket } from './node_socket';
 
@@ -28,7 +28,7 @@ export async function record(url: string, cameras: Camera[], threshold: number):
       messages.push(bytes);
       if (kind.case === 'iteration') send({ case: 'acknowledge', value: { $typeName: 'ridgecast.v1.Acknowledge', iteration: kind.value.number, meshHash: kind.value.meshHash } });
       const camera = cameras[messages.length - 1];
-      if (camera) return send({ case: 'pose', value: { $typeName: 'ridgecast.v1.Pose', ...camera, sequence: BigInt(messages.length), x: BigInt(camera.x), z: BigInt(camera.z) } });
+      if (camera) return send({ case: 'pose', value: create(PoseSchema, { ...camera, sequence: BigInt(messages.length), x: BigInt(camera.x), z: BigInt(camera.z) }) });
       socket.onclose = null;
       socket.close();
       resolve(messages);

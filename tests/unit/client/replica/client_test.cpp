@@ -112,13 +112,15 @@ TEST(Client, NamesWhatItHoldsToTheNextConnectionAndSendsItsPoseAgain) {
         const auto held = std::get<wire::Resume>(read(peer)).leaves;
         ASSERT_EQ(held.size(), 1u);
         EXPECT_EQ(held[0].hash, mesh::hashLeaf(leaf));
-        EXPECT_EQ(std::get<wire::PoseMessage>(read(peer)).sequence, 1u);
+        const auto pose = std::get<wire::PoseMessage>(read(peer));
+        EXPECT_EQ(pose.sequence, 1u);
+        EXPECT_EQ(pose.state, (std::vector<std::uint8_t>{1, 2}));
         sendIteration(peer, 1, 1, leaf);
         read(peer);
       },
       2);
   const auto client = Client::open(at(server), {}).value();
-  ASSERT_TRUE(client->await(client->send({}), kTimeout));
+  ASSERT_TRUE(client->await(client->send({}, {1, 2}), kTimeout));
   const auto again = client->receive(kTimeout);
   ASSERT_TRUE(again);
   EXPECT_FALSE(again->wrong);

@@ -30,6 +30,7 @@ Message throughClient(const Message& message) {  // from a server
 Moved moved(std::uint64_t camera, std::uint64_t sequence) {
   Moved m{camera, {sequence, {}}, 5'000'000};
   m.pose.camera.pose = {.x = -lattice::kMaxPosition, .z = 77, .remainderX = 0, .remainderZ = 0, .y = 5.5, .yaw = -1, .pitch = 0.5};
+  m.pose.state.assign(kMaxStateBytes, 0xff);
   return m;
 }
 
@@ -107,6 +108,8 @@ TEST(WireSession, MembersSurvive) {
   ASSERT_EQ(out.moved.size(), 1u);
   EXPECT_EQ(out.moved[0].pose.sequence, 1ull << 40);
   EXPECT_EQ(out.moved[0].time, 5'000'000u);
+  EXPECT_EQ(out.joined[0].moved->pose.state, in.joined[0].moved->pose.state);
+  EXPECT_EQ(out.moved[0].pose.state, in.moved[0].pose.state);
   EXPECT_EQ(out.left, in.left);
   EXPECT_TRUE(throughClient(Members{}).joined.empty());
 }

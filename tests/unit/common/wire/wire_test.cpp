@@ -28,6 +28,7 @@ PoseMessage anyPose() {
   pose.camera.pose = {
       .x = -lattice::kMaxPosition, .z = lattice::kMaxPosition, .remainderX = 0, .remainderZ = 0, .y = -12.75, .yaw = 100.5, .pitch = -1.5};
   pose.camera.projection = {.verticalFov = 0.5, .width = 32768, .height = 1};
+  pose.state = {0, 255, '\n'};
   return pose;
 }
 World anyWorld() {
@@ -115,6 +116,8 @@ TEST(Wire, PoseSurvives) {
   EXPECT_EQ(out.camera.projection.verticalFov, in.camera.projection.verticalFov);
   EXPECT_EQ(out.camera.projection.width, in.camera.projection.width);
   EXPECT_EQ(out.camera.projection.height, in.camera.projection.height);
+  EXPECT_EQ(out.state, in.state);
+  EXPECT_TRUE(roundTrip(PoseMessage{1, in.camera}).state.empty());
 }
 
 TEST(Wire, AcknowledgeAndResendSurvive) {
@@ -287,6 +290,7 @@ TEST(WireRefuses, Pose) {
   with("Pose.vertical_fov", [](pb::Pose& m) { m.set_vertical_fov(0); });
   with("Pose.width", [](pb::Pose& m) { m.set_width(0); });
   with("Pose.height", [](pb::Pose& m) { m.set_height(40'000); });
+  with("Pose.state", [](pb::Pose& m) { m.set_state(std::string(kMaxStateBytes + 1, 0)); });
   for (double bad : kBad) {
     with("Pose.y", [&](pb::Pose& m) { m.set_y(bad); });
     with("Pose.yaw", [&](pb::Pose& m) { m.set_yaw(bad); });

@@ -133,7 +133,11 @@ TEST_F(PresenceTest, ForASlowMemberChangesMerge) {
   slow->reads = false;
   const auto other = join(2);
   ASSERT_TRUE(slow->wait([](Listener& l) { return l.times.size() == 2; }));
-  for (std::uint64_t k = 1; k <= 100; ++k) presence->receive(2, pose(k));
+  for (std::uint64_t k = 1; k <= 100; ++k) {
+    wire::PoseMessage next = pose(k);
+    next.state = {static_cast<std::uint8_t>(k)};
+    presence->receive(2, next);
+  }
   join(3);
   join(4);
   presence->leave(3);
@@ -142,6 +146,7 @@ TEST_F(PresenceTest, ForASlowMemberChangesMerge) {
   slow->readOn();
   ASSERT_TRUE(slow->wait([](Listener& l) { return l.times.size() == 3; }));
   EXPECT_EQ(slow->table[2].moved->pose.sequence, 100u);
+  EXPECT_EQ(slow->table[2].moved->pose.state, std::vector<std::uint8_t>{100});
   EXPECT_TRUE(slow->table.contains(4));
   EXPECT_FALSE(slow->table.contains(3)) << "it came and went in between: nobody needs to hear of it";
   EXPECT_EQ(slow->complaint, "");

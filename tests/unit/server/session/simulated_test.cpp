@@ -25,6 +25,7 @@ struct Watcher final : Sender {
   void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     if (const auto* members = std::get_if<wire::Members>(&message)) {
       times.push_back(timer.now());
+      bytes += wire::encode(message).size();
       for (const wire::Moved& moved : members->moved) last = moved.pose.sequence;
     }
     if (const auto* clock = std::get_if<wire::Clock>(&message)) clocks.push_back(*clock);
@@ -36,6 +37,7 @@ struct Watcher final : Sender {
   std::vector<Timer::Time> times;
   std::vector<wire::Clock> clocks;
   std::uint64_t last = 0;
+  std::size_t bytes = 0;  // of Members
 };
 
 // Gives resources a timer that the test moves; they own it.
@@ -68,6 +70,41 @@ TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
   EXPECT_EQ(watcher->last, kPoses);
   EXPECT_TRUE(other->times.empty());
   EXPECT_EQ(timer.pending(), 0u) << "nothing runs while nothing changes";
+}
+
+TEST(Simulated, NewsOfMembersTakeAQuarterOfABudgetOfBytes) {
+  SimulatedTimer timer;
+  const auto presence = std::make_shared<Presence>(timer);
+  wire::Hello hello;
+  hello.members = true;
+  const auto watcher = std::make_shared<Watcher>(timer), other = std::make_shared<Watcher>(timer);
+  presence->join(1, hello, watcher, {});
+  presence->setBudget(1, kLeastBytesPerSecond);
+  presence->join(2, {}, other, {});
+  for (std::uint64_t k = 1; k <= 1'000; ++k) {
+    presence->receive(2, {k, {}, std::vector<std::uint8_t>(wire::kMaxStateBytes)});
+    timer.advance(10ms);
+  }
+  EXPECT_GT(watcher->bytes, 8 * kLeastBytesPerSecond / 4);
+  EXPECT_LT(watcher->bytes, 11 * kLeastBytesPerSecond / 4);
+  timer.advance(1s);
+  EXPECT_EQ(watcher->last, 1'000u);
+  const std::size_t taken = presence->takeBytes(1);
+  EXPECT_GE(taken, watcher->bytes);
+  EXPECT_LT(taken, watcher->bytes * 3 / 2);
+  EXPECT_EQ(presence->takeBytes(1), 0u);
+  EXPECT_EQ(timer.pending(), 0u);
+}
+
+TEST(Simulated, AllMembersFitIntoOneMessage) {
+  wire::PoseMessage pose{~0ull, {}, std::vector<std::uint8_t>(wire::kMaxStateBytes)};
+  pose.camera.pose = {
+      .x = -lattice::kMaxPosition, .z = -lattice::kMaxPosition, .remainderX = 0, .remainderZ = 0, .y = 1, .yaw = 1, .pitch = 1};
+  pose.camera.projection = {.verticalFov = 1, .width = 32'768, .height = 32'768};
+  wire::Members all;
+  all.joined.assign(kMostMembers,
+                    {~0ull, wire::Role::kSensor, std::string(wire::kMaxNameBytes, 'n'), wire::Moved{0, pose, wire::kMaxTime}});
+  EXPECT_LE(wire::encode(wire::ServerMessage(std::move(all))).size(), wire::kMaxSmallMessageBytes);
 }
 
 TEST(Simulated, TheClockIsTheTimers) {
