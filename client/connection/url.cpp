@@ -71,8 +71,10 @@ const char* parseQuery(std::string_view query, Url& url) {
     if (parameter.starts_with("session=")) {
       url.session = parameter.substr(8);
       if (!wire::sessionNameIsValid(url.session)) return "a session's name has 1 to 64 letters, digits, '.', '_' or '-'";
-    } else if (parameter.starts_with("terrain=") || parameter.starts_with("seed=") || parameter.starts_with("param=")) {
-      if (!consistsOf(parameter, kAlphanumeric, "._-+%=")) return "terrain, seed and param have letters, digits and . _ - + % = alone";
+    } else if (parameter.starts_with("terrain=") || parameter.starts_with("seed=") || parameter.starts_with("param=") ||
+               parameter.starts_with("clock=")) {
+      if (!consistsOf(parameter, kAlphanumeric, "._-+%="))
+        return "terrain, seed, param and clock have letters, digits and . _ - + % = alone";
       url.world.append(url.world.empty() ? "" : "&").append(parameter);
     }
   }

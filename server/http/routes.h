@@ -6,7 +6,7 @@
 //   GET /readyz                     "ready", or 503 while the server drains
 //   GET /metrics                    metrics for Prometheus
 //   GET /version                    {"name": ..., "version": ..., "protocol": ...}
-//   GET /v1/stream?session=NAME     upgrades to a WebSocket; &terrain=NAME&seed=N&param=NAME=NUMBER creates a missing session
+//   GET /v1/stream?session=NAME     upgrades to a WebSocket; &terrain=NAME&seed=N&param=NAME=NUMBER&clock=stepped creates a missing session
 //   GET /v1/sessions                the sessions, their worlds, members and clocks, as JSON
 //   GET /v1/terrains                the terrains that sessions can be created of, with their parameters, as JSON (worlds.h)
 // Files with headers of their own: snapshots.h, queries.h, map_tiles.h.

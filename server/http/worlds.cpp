@@ -30,11 +30,15 @@ Answer upgrade(std::shared_ptr<session::Session> session) {
   return a;
 }
 
+constexpr const char* kModes[] = {"real-time", "scaled", "stepped"};  // by wire::ClockMode
+const char* nameOf(wire::ClockMode mode) { return kModes[static_cast<int>(mode)]; }
+
 // The URL's world. It may omit the terrain only for an existing session.
 struct Wish {
   std::string terrain;
   std::optional<std::uint32_t> seed;
   std::vector<std::pair<std::string, double>> parameters;
+  std::optional<wire::ClockMode> clock;
 
   bool isMetBy(const WorldSpec& spec) const {
     if (!terrain.empty() && terrain != spec.terrain) return false;
@@ -58,6 +62,11 @@ Outcome<Wish> readWish(std::string_view query) {
   if (!seed) return seed.error();
   wish.seed = text::number<std::uint32_t>(*seed);
   if (!seed->empty() && !wish.seed) return Error{"A seed is a whole number from 0 to 4294967295."};
+  const auto clock = queryParameter(query, "clock");
+  if (!clock) return clock.error();
+  for (const auto mode : {wire::ClockMode::kRealTime, wire::ClockMode::kStepped})
+    if (*clock == nameOf(mode)) wish.clock = mode;
+  if (!clock->empty() && !wish.clock) return Error{"A session's clock begins as clock=real-time, the default, or clock=stepped."};
   const auto assignments = queryParameters(query, "param");
   if (!assignments) return assignments.error();
   for (const std::string& assignment : *assignments) {
@@ -83,9 +92,14 @@ std::string describe(const WorldSpec& spec) {
 
 // Joins, if the session has the requested world.
 Answer join(std::shared_ptr<session::Session> session, const Wish& wish, bool upgrades) {
-  if (wish.isMetBy(session->spec())) return upgrades ? upgrade(std::move(session)) : upgradeRequired();
+  const WorldSpec& spec = session->spec();
+  if (wish.clock.value_or(spec.clock) != spec.clock)
+    return refused(409, metrics::Refusal::kSession,
+                   "Session '" + session->name() + "' began with clock=" + nameOf(spec.clock) + "; leave clock=" + nameOf(*wish.clock) +
+                       " out to join it, or choose another name.");
+  if (wish.isMetBy(spec)) return upgrades ? upgrade(std::move(session)) : upgradeRequired();
   return refused(409, metrics::Refusal::kSession,
-                 "Session '" + session->name() + "' is another world (" + describe(session->spec()) +
+                 "Session '" + session->name() + "' is another world (" + describe(spec) +
                      ") and does not change while it lives; leave the terrain out to join it, or choose another name.");
 }
 
@@ -94,12 +108,12 @@ Answer refusedFor(const session::Directory::Full& full) { return refused(full.is
 // The answer to a client that has left is not read: then nothing is made. Without an upgrade the terrain is tried but no session is made.
 Answer make(const std::string& name, const Wish& wish, const std::string& client, session::Directory& directory, bool upgrades,
             const std::stop_token& stop) {
-  const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters};
+  const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters, wish.clock.value_or(wire::ClockMode::kRealTime)};
   auto terrain = directory.resources().makeTerrain(spec, stop);
   if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
   if (stop.stop_requested()) return refused(503, metrics::Refusal::kSession, "Session '" + name + "' was not created: its client left.");
   if (!upgrades) return upgradeRequired();
-  const auto added = directory.add(name, std::move(*terrain), spec.parameters, client);
+  const auto added = directory.add(name, std::move(*terrain), spec.parameters, client, spec.clock);
   if (added) return upgrade(*added);
   // Another request may have been faster.
   if (auto session = directory.find(name)) return join(std::move(session), wish, upgrades);
@@ -164,7 +178,6 @@ Json heightMap(const terrain::Raster& map) {
 }  // namespace
 
 Answer sessionsAnswer(const session::Directory& directory) {
-  static constexpr const char* kModes[] = {"real-time", "scaled", "stepped"};
   Json sessions = Json::array();
   for (const auto& session : directory.all()) {
     const session::Presence::State state = session->presence().state();
@@ -181,7 +194,7 @@ Answer sessionsAnswer(const session::Directory& directory) {
                         {"sensors", std::ranges::count(state.members, wire::Role::kSensor, &wire::Member::role)},
                         {"max_members", directory.resources().limits.maxMembers},
                         {"clock",
-                         {{"mode", kModes[static_cast<int>(clock.mode)]},
+                         {{"mode", nameOf(clock.mode)},
                           {"rate", clock.rate},
                           {"seconds", static_cast<double>(clock.time) / 1e6},
                           {"step", clock.step},

@@ -2,8 +2,8 @@
 // A session's clock: real time, scaled, or stepped by its owner. Its time depends only on the calls made and on the time of day passed in;
 // it neither waits nor sends. Not thread-safe.
 //
-// It starts in real time, at 0, without an owner. The first member to set it becomes its owner; only the owner sets or steps it. When the
-// owner leaves, the clock continues as it is (a stepped one stands still) until another member takes it.
+// It starts at 0, in real time or stepped, without an owner. The first member to set it becomes its owner; only the owner sets or steps it.
+// When the owner leaves, the clock continues as it is (a stepped one stands still) until another member takes it.
 //
 // A step may wait: the next one starts only when every member that followed the clock at its start has done it, left or been passed over.
 // Meanwhile further steps queue up, at most kMaxQueuedSteps. Owner or mode changes drop them.
@@ -22,7 +22,8 @@ class Clock {
   using Instant = std::chrono::steady_clock::time_point;
   static constexpr std::size_t kMaxQueuedSteps = 64;
 
-  explicit Clock(Instant now) : since_(now) {}
+  explicit Clock(Instant now, wire::ClockMode mode = wire::ClockMode::kRealTime)
+      : since_(now), mode_(mode), rate_(mode == wire::ClockMode::kStepped ? 0 : 1) {}
 
   wire::Clock state(Instant now) const;
   std::uint64_t time(Instant now) const;  // microseconds
@@ -48,8 +49,8 @@ class Clock {
 
   Instant since_;           // the instant at which the clock showed time_
   std::uint64_t time_ = 0;  // microseconds
-  wire::ClockMode mode_ = wire::ClockMode::kRealTime;
-  double rate_ = 1;
+  wire::ClockMode mode_;
+  double rate_;
   std::uint64_t owner_ = 0, step_ = 0;
   std::set<std::uint64_t> followers_, waitsFor_, passedOver_;  // each member is in one of the first and last at most
   std::deque<wire::ClockStep> queued_;

@@ -23,7 +23,7 @@ std::size_t bytesOf(const wire::Members& news) {
 
 }  // namespace
 
-Presence::Presence(const Timer& timer) : timer_(timer), clock_(timer.now()) {}
+Presence::Presence(const Timer& timer, wire::ClockMode clock) : timer_(timer), clock_(timer.now(), clock) {}
 
 void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender,
                     const std::optional<wire::PoseMessage>& pose) {

@@ -36,8 +36,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
 
   static constexpr std::chrono::seconds kStepTimeout{30};
 
-  // `timer` must outlive this.
-  explicit Presence(const Timer& timer);
+  // `timer` must outlive this. `clock`: how the clock begins, in real time or stepped.
+  explicit Presence(const Timer& timer, wire::ClockMode clock = wire::ClockMode::kRealTime);
 
   // `hello` has its name, role and requests; `pose` is its newest. The world must have been sent.
   void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose);

@@ -32,7 +32,7 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       resources_(std::move(resources)),
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
       places_(std::move(places)),
-      presence_(std::make_shared<Presence>(*resources_->timer)) {}
+      presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock)) {}
 
 Outcome<CameraPlace> Session::enter(const std::string& client) {
   const Limits& limits = resources_->limits;
@@ -65,11 +65,12 @@ std::shared_ptr<Session> Directory::find(std::string_view name) const {
 }
 
 Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
-                                                 std::vector<std::pair<std::string, double>> parameters, std::string maker) {
+                                                 std::vector<std::pair<std::string, double>> parameters, std::string maker,
+                                                 wire::ClockMode clock) {
   if (!wire::sessionNameIsValid(name))
     return Error{"A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens."};
   std::sort(parameters.begin(), parameters.end());
-  WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters)};
+  WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
   auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, places_);
   const std::lock_guard lock(mutex_);
   if (sessions_.contains(name)) return Error{"There is a session named '" + name + "' already; choose another name."};

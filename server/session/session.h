@@ -60,6 +60,7 @@ struct WorldSpec {
   std::string terrain;
   std::uint32_t seed = 1;
   std::vector<std::pair<std::string, double>> parameters;  // those that differ from the terrain's defaults; ascending by name
+  wire::ClockMode clock = wire::ClockMode::kRealTime;      // how its clock begins: in real time or stepped, standing at 0
   friend bool operator==(const WorldSpec&, const WorldSpec&) = default;
 };
 // May take seconds if a terrain must be compiled; a requested stop ends that within milliseconds. Any thread. Error: one sentence for the
@@ -155,7 +156,8 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::shared_ptr<Session> find(std::string_view name) const;  // none: nullptr
   // `maker`: the client, as http::Request::client; empty: the operator, who has no share. Error: the name is taken or invalid, or full().
   Outcome<std::shared_ptr<Session>> add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
-                                        std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {});
+                                        std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
+                                        wire::ClockMode clock = wire::ClockMode::kRealTime);
   // A session of the same name, maker and spec with another ground takes the place of this one, which is retired: its members have their
   // places until they leave. Returns false if it has ended already.
   bool replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain);

@@ -13,6 +13,8 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <stdexcept>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
@@ -67,6 +69,9 @@ class MembersTest : public testing::Test {
     resources->executor = executor.get();
     resources->makeMesh = session::pipelineMeshes();
     resources->serverName = "integration";
+    resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
+      return terrain::create(spec.terrain, spec.seed);
+    };
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
     net::Settings settings;
     settings.port = 0;
@@ -79,8 +84,9 @@ class MembersTest : public testing::Test {
     executor.reset();
     server.reset();
   }
-  std::unique_ptr<Connection> join(const wire::Hello& hello) {
-    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello, kTimeout);
+  std::unique_ptr<Connection> join(const wire::Hello& hello, const std::string& session = "default") {
+    const std::string url = "127.0.0.1:" + std::to_string(server->port()) + "?session=" + session;
+    auto opened = Connection::open(connection::parseUrl(url).value(), hello, kTimeout);
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
   }
@@ -214,6 +220,24 @@ TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
   for (const auto& d : done) EXPECT_EQ(d, kSteps);
   EXPECT_FALSE(ranAhead);
   EXPECT_FALSE(owner->error());
+}
+
+TEST_F(MembersTest, NoRealTimePassesInASessionThatBeginsStepped) {
+  const std::string lab = "lab&terrain=canyon&clock=stepped";
+  auto first = join(helloOf("first"), lab);
+  std::this_thread::sleep_for(50ms);
+  auto second = join(helloOf("second"), lab);
+  for (const auto* member : {first.get(), second.get()}) {
+    ASSERT_TRUE(member->waitForClock(0, kTimeout));
+    EXPECT_EQ(member->clock().said().mode, wire::ClockMode::kStepped);
+    EXPECT_EQ(member->clock().said().time, 0u);
+    EXPECT_EQ(member->clock().said().owner, 0u);
+  }
+  second->setClock({true, wire::ClockMode::kStepped, 0});
+  second->step({20'000, false});
+  while (first->clock().said().step != 1) ASSERT_TRUE(first->waitForClock(first->clock().version(), kTimeout));
+  EXPECT_EQ(first->clock().said().time, 20'000u);
+  EXPECT_THROW(join(helloOf("third"), "lab&clock=real-time"), std::runtime_error);
 }
 
 TEST_F(MembersTest, WhoLeavesIsNotWaitedForAndAnotherTakesTheClock) {

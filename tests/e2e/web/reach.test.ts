@@ -104,13 +104,13 @@ test('a link leads others to the same place, world and look, and never tells the
 });
 
 test('an address in the form of the other clients leads to the same world', async () => {
-  const viewer = await Viewer.open(browser, `${server.http}/?session=race&terrain=canyon&seed=7&token=secret#threshold=1`, SMALL);
+  const viewer = await Viewer.open(browser, `${server.http}/?session=race&terrain=canyon&seed=7&clock=stepped&token=secret#threshold=1`, SMALL);
   const here = await viewer.until('connected', (r) => r.connected && r.figures !== undefined);
   assert.deepEqual([here.world!.session, here.world!.terrain, here.world!.seed, here.world!.threshold], ['race', 'canyon', 7, 1]);
   // From then on its address is a link to this place.
   await viewer.page.waitForFunction(() => location.search === '');
   const link = await viewer.page.evaluate(() => location.hash);
-  for (const part of ['session=race', 'terrain=canyon', 'seed=7', 'threshold=1']) assert.ok(link.includes(part), link);
+  for (const part of ['session=race', 'terrain=canyon', 'seed=7', 'clock=stepped', 'threshold=1']) assert.ok(link.includes(part), link);
   assert.ok(!link.includes('secret'), link);
 });
 

@@ -1,5 +1,5 @@
 // A link to a place: what the page shows, as the fragment of its address. Metres and degrees, as in path files. The form of the server's
-// other clients, ?session=NAME&terrain=NAME&seed=N, is read as well; where both name something, the fragment counts.
+// other clients, ?session=NAME&terrain=NAME&seed=N&clock=stepped, is read as well; where both name something, the fragment counts.
 
 import type { Mode } from '../messages';
 import { Pose, STEPS_PER_METRE } from '../render/view';
@@ -12,6 +12,7 @@ export interface Place {
   terrain: string; // of a session that is to be made where there is none; else empty
   seed: string;
   parameters: string[]; // of such a session's terrain, each NAME=NUMBER
+  clock: string; // with which such a session begins, empty for the server's default
   threshold: number | undefined;
   mode: Mode;
   token: string;
@@ -38,6 +39,7 @@ export function readPlace({ hash, search }: Pick<Location, 'hash' | 'search'>): 
     terrain: values.get('terrain') ?? '',
     seed: values.get('seed') ?? '',
     parameters: values.getAll('param').slice(0, 32),
+    clock: values.get('clock') ?? '',
     threshold: number('threshold', 0.05, 1000),
     mode: mode === 'march' || mode === 'split' ? mode : 'mesh',
     token: values.get('token') ?? '',
@@ -69,6 +71,7 @@ export function writePlace(place: Omit<Place, 'altitude' | 'token' | 'name'>): s
   if (place.terrain) parts.push(['terrain', place.terrain]);
   if (place.terrain && place.seed) parts.push(['seed', place.seed]);
   if (place.terrain) for (const parameter of place.parameters) parts.push(['param', parameter]);
+  if (place.terrain && place.clock) parts.push(['clock', place.clock]);
   if (place.threshold !== undefined) parts.push(['threshold', String(place.threshold)]);
   if (place.mode !== 'mesh') parts.push(['mode', place.mode]);
   return '#' + parts.map(([name, value]) => `${name}=${encodeURIComponent(value)}`).join('&');

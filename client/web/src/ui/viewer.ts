@@ -143,7 +143,7 @@ export class Viewer {
   // ---- the server ----
 
   private streamUrl(): string {
-    const { session, terrain, seed, parameters } = this.place;
+    const { session, terrain, seed, parameters, clock } = this.place;
     const url = new URL('./v1/stream', location.href);
     url.protocol = url.protocol === 'https:' ? 'wss:' : 'ws:';
     url.hash = '';
@@ -153,6 +153,7 @@ export class Viewer {
     url.searchParams.set('terrain', terrain);
     if (seed) url.searchParams.set('seed', seed);
     for (const parameter of parameters) url.searchParams.append('param', parameter);
+    if (clock) url.searchParams.set('clock', clock);
     return url.href;
   }
 
@@ -346,8 +347,8 @@ export class Viewer {
   private jump(to: string): boolean {
     const where = placeOf(to);
     if (!where) return false;
-    const { session, terrain, seed, parameters, threshold } = this.place;
-    const next = readPlace(where), here = 'href' in where ? {} : { session, terrain, seed, parameters, threshold, mode: this.look.mode };
+    const { session, terrain, seed, parameters, clock, threshold } = this.place;
+    const next = readPlace(where), here = 'href' in where ? {} : { session, terrain, seed, parameters, clock, threshold, mode: this.look.mode };
     this.goThere({ ...next, ...here });
     return true;
   }

@@ -8,6 +8,7 @@ export interface World {
   terrain: string;
   seed: string;
   parameters: string[]; // NAME=NUMBER
+  clock: string;
 }
 
 interface Terrain {
@@ -58,7 +59,7 @@ export class Worlds {
           const item = document.createElement('li'), button = document.createElement('button');
           button.textContent = `${s.name}: ${s.terrain}, seed ${s.seed} · ${s.members} here`;
           button.disabled = s.name === current;
-          button.addEventListener('click', () => this.leave({ session: s.name, terrain: '', seed: '', parameters: [] }));
+          button.addEventListener('click', () => this.leave({ session: s.name, terrain: '', seed: '', parameters: [], clock: '' }));
           item.append(button);
           return item;
         }),
@@ -95,7 +96,7 @@ export class Worlds {
   private make(form: FormData): void {
     const value = (name: string): string => String(form.get(name));
     const parameters = [...form.keys()].filter((name) => name.startsWith('param ') && value(name) !== '').map((name) => `${name.slice(6)}=${value(name)}`);
-    this.leave({ session: value('session'), terrain: value('terrain'), seed: value('seed'), parameters });
+    this.leave({ session: value('session'), terrain: value('terrain'), seed: value('seed'), parameters, clock: '' });
   }
 
   private leave(world: World): void {

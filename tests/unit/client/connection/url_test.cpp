@@ -35,9 +35,11 @@ TEST(Url, Table) {
 }
 
 TEST(Url, KeepsWhatItSaysAboutTheWorld) {
-  EXPECT_EQ(parseUrl("h?session=s&terrain=canyon&token=x&seed=7&param=depth=3.5")->world, "terrain=canyon&seed=7&param=depth=3.5");
+  EXPECT_EQ(parseUrl("h?session=s&terrain=canyon&token=x&seed=7&param=depth=3.5&clock=stepped")->world,
+            "terrain=canyon&seed=7&param=depth=3.5&clock=stepped");
   EXPECT_EQ(parseUrl("h?session=s")->world, "");
   EXPECT_FALSE(parseUrl("h?terrain=a b"));
+  EXPECT_FALSE(parseUrl("h?clock=a b"));
   EXPECT_FALSE(parseUrl("h?terrain=a\r\nX-Header:"));
 }
 

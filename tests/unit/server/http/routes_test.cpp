@@ -111,6 +111,12 @@ TEST(QueryParameter, FirstOfItsNameDecoded) {
   EXPECT_TRUE(queryParameter("a=%&b=1", "b"));
 }
 
+struct NoSender final : session::Sender {
+  void send(wire::ServerMessage, std::shared_ptr<const void>) override {}
+  std::size_t queuedBytes() const override { return 0; }
+  void fail(wire::ErrorMessage) override {}
+};
+
 class WorldsTest : public testing::Test {
  protected:
   explicit WorldsTest(std::uint32_t maxSessions = 4, bool makes = true, std::uint32_t perClient = 16) {
@@ -192,11 +198,35 @@ TEST_F(WorldsTest, AUrlMakesAWorldOrJoinsIt) {
   EXPECT_EQ(connect("/v1/stream?session=nowhere&seed=1").status, 404u);
 }
 
+TEST_F(WorldsTest, AUrlSaysHowTheClockBegins) {
+  const Answer made = connect("/v1/stream?session=lab&terrain=canyon&clock=stepped");
+  ASSERT_EQ(made.status, 101u);
+  const wire::Clock clock = made.upgradeTo->presence().state().clock;
+  EXPECT_EQ(clock.mode, wire::ClockMode::kStepped);
+  EXPECT_EQ(clock.time, 0u);
+  for (const char* same : {"/v1/stream?session=lab", "/v1/stream?session=lab&clock=stepped", "/v1/stream?session=lab&clock="})
+    EXPECT_EQ(connect(same).upgradeTo, made.upgradeTo) << same;
+  const Answer other = connect("/v1/stream?session=lab&clock=real-time");
+  EXPECT_EQ(other.status, 409u);
+  EXPECT_EQ(other.body, "Session 'lab' began with clock=stepped; leave clock=real-time out to join it, or choose another name.\n");
+  EXPECT_EQ(connect("/v1/stream?clock=stepped").status, 409u) << "the default session's runs";
+  EXPECT_EQ(connect("/v1/stream?clock=real-time").status, 101u);
+  EXPECT_EQ(connect("/v1/stream?session=usual&terrain=canyon&clock=real-time").upgradeTo->presence().state().clock.mode,
+            wire::ClockMode::kRealTime);
+  EXPECT_EQ(connect("/v1/stream?session=none&clock=stepped").status, 404u) << "a clock makes no world";
+  // What its members do with it later is no reason to keep out who comes again.
+  made.upgradeTo->presence().join(1, {}, std::make_shared<NoSender>(), {});
+  made.upgradeTo->presence().receive(1, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
+  EXPECT_EQ(connect("/v1/stream?session=lab&clock=stepped").upgradeTo, made.upgradeTo);
+  ASSERT_TRUE(directory->replace(made.upgradeTo, made.upgradeTo->terrain()));
+  EXPECT_EQ(directory->find("lab")->presence().state().clock.mode, wire::ClockMode::kStepped) << "a successor begins in the same way";
+}
+
 TEST_F(WorldsTest, WhatIsNoWorldIsSaidInASentence) {
-  for (const char* wrong :
-       {"terrain=../../etc/passwd", "terrain=a.glsl", "terrain=%00", "terrain=%zz", "terrain=alpine&seed=-1",
-        "terrain=alpine&seed=4294967296", "terrain=alpine&seed=1x", "terrain=alpine&param=depth", "terrain=alpine&param=a=nan",
-        "terrain=alpine&param=a=1&param=b=2&param=a=1", "terrain=alpine&param=a=1e999", "terrain=atlantis"}) {
+  for (const char* wrong : {"terrain=../../etc/passwd", "terrain=a.glsl", "terrain=%00", "terrain=%zz", "terrain=alpine&seed=-1",
+                            "terrain=alpine&seed=4294967296", "terrain=alpine&seed=1x", "terrain=alpine&param=depth",
+                            "terrain=alpine&param=a=nan", "terrain=alpine&param=a=1&param=b=2&param=a=1", "terrain=alpine&param=a=1e999",
+                            "terrain=atlantis", "terrain=alpine&clock=scaled", "terrain=alpine&clock=%"}) {
     const Answer a = connect("/v1/stream?session=new&" + std::string(wrong));
     EXPECT_EQ(a.status, 400u) << wrong;
     EXPECT_TRUE(a.body.ends_with(".\n") || a.body.find("there is:") != std::string::npos) << a.body;

@@ -26,6 +26,21 @@ TEST(Clock, RunsInRealTimeUntilSomebodySetsIt) {
   EXPECT_EQ(later.owner, 0u);
 }
 
+TEST(Clock, StandsAtZeroFromItsBeginningWhereItIsStepped) {
+  Clock clock(kStart, ClockMode::kStepped);
+  const wire::Clock begun = clock.state(kStart + 1h);
+  EXPECT_EQ(begun.time, 0u);
+  EXPECT_EQ(begun.mode, ClockMode::kStepped);
+  EXPECT_EQ(begun.rate, 0);
+  EXPECT_EQ(begun.owner, 0u);
+  EXPECT_EQ(clock.step(7, {20'000, false}), Stepped::kNotYours) << "it has no owner yet";
+  EXPECT_TRUE(clock.set(7, {true, ClockMode::kStepped, 0}, kStart + 2h));
+  EXPECT_EQ(clock.step(7, {20'000, false}), Stepped::kBegins);
+  EXPECT_EQ(clock.state(kStart + 3h).time, 20'000u);
+  EXPECT_TRUE(clock.set(7, {true, ClockMode::kRealTime, 1}, kStart + 4h));
+  EXPECT_EQ(clock.state(kStart + 4h + 1s).time, 1'020'000u);
+}
+
 TEST(Clock, HasOneOwnerAtATime) {
   Clock clock(kStart);
   EXPECT_TRUE(clock.set(7, {true, ClockMode::kScaled, 10}, kStart + 1s));
