@@ -17,7 +17,7 @@ Jobs::Jobs(const Limits& limits) : limits_(limits), running_(std::max(1u, limits
 
 Jobs::~Jobs() { stop(); }
 
-bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run, std::string client) {
+bool Jobs::post(std::stop_source stop, std::function<Again(std::stop_token)> run, std::string client) {
   std::vector<Job> dropped;  // destroyed after unlocking
   {
     const std::lock_guard lock(mutex_);
@@ -27,7 +27,7 @@ bool Jobs::post(std::stop_source stop, std::function<void(std::stop_token)> run,
     std::move(abandoned, waiting_.end(), std::back_inserter(dropped));
     waiting_.erase(abandoned, waiting_.end());
     if (waiting_.size() >= limits_.waiting + idle_ || hasShareNow(client)) return false;
-    waiting_.push_back({std::move(stop), std::move(run), std::move(client)});
+    waiting_.push_back({std::move(stop), std::move(run), std::move(client), {}});
   }
   changed_.notify_one();
   return true;
@@ -61,7 +61,7 @@ std::size_t Jobs::waiting() const {
   return waiting_.size();
 }
 
-void Jobs::finish(std::chrono::steady_clock::time_point until) {
+void Jobs::finish(Clock::time_point until) {
   {
     std::unique_lock lock(mutex_);
     closed_ = true;
@@ -84,29 +84,48 @@ void Jobs::stop() {
   for (std::thread& thread : threads) thread.join();
 }
 
+Jobs::Job Jobs::next(std::unique_lock<std::mutex>& lock) {
+  for (;;) {
+    if (stopped_) return {};
+    const auto now = Clock::now();
+    const auto due = std::ranges::find_if(waiting_, [&](const Job& job) { return job.notBefore <= now; });
+    if (due != waiting_.end()) {
+      Job job = std::move(*due);
+      waiting_.erase(due);
+      return job;
+    }
+    if (waiting_.empty())
+      changed_.wait(lock);
+    else
+      changed_.wait_until(lock, std::ranges::min(waiting_, {}, &Job::notBefore).notBefore);
+  }
+}
+
 void Jobs::work(std::size_t thread) {
   scheduling::lowerPriority(limits_.lowerPriorityBy);
   std::unique_lock lock(mutex_);
-  for (;;) {
-    changed_.wait(lock, [this] { return stopped_ || !waiting_.empty(); });
-    if (stopped_) return;
-    Job job = std::move(waiting_.front());
-    waiting_.pop_front();
-    running_[thread] = {job.stop, {}, job.client};
+  for (Job job = next(lock); job.run; job = next(lock)) {
+    running_[thread] = {job.stop, {}, job.client, {}};
     --idle_;
     lock.unlock();
-    const auto begin = std::chrono::steady_clock::now();
+    const auto begin = Clock::now();
+    Again again;
     try {
-      if (!job.stop.stop_requested()) job.run(job.stop.get_token());
+      if (!job.stop.stop_requested()) again = job.run(job.stop.get_token());
     } catch (const std::exception& e) {
       logging::error(std::string("a request's work failed: ") + e.what());
     }
-    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
-    job = {};
+    const std::chrono::duration<double> took = Clock::now() - begin;
+    if (!again) job = {};
     lock.lock();
     usual_ = usual_ == 0 ? took.count() : 0.7 * usual_ + 0.3 * took.count();
     running_[thread] = {};
     ++idle_;
+    if (again && !stopped_) {
+      job.notBefore = *again;
+      waiting_.push_back(std::move(job));
+      changed_.notify_one();
+    }
     ended_.notify_all();
   }
 }

@@ -3,7 +3,8 @@
 //
 // A job checks its std::stop_token every few milliseconds: it is stopped when its client leaves and when the server shuts down. Bounds:
 // `threads` jobs run and `waiting` wait, of one client share() in all; beyond that post() refuses. A job that is stopped before it starts
-// never starts. Any thread may post. An exception counts as the job's failure and ends as `failed`.
+// never starts. A job may run in turns, between which those that wait have theirs. Any thread may post. An exception counts as the job's
+// failure and ends as `failed`.
 
 #include <algorithm>
 #include <chrono>
@@ -12,6 +13,7 @@
 #include <deque>
 #include <functional>
 #include <mutex>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <string_view>
@@ -22,6 +24,9 @@ namespace ridgecast::http {
 
 class Jobs {
  public:
+  using Clock = std::chrono::steady_clock;
+  using Again = std::optional<Clock::time_point>;
+
   struct Limits {
     unsigned threads = 1;
     std::size_t waiting = 4;
@@ -33,8 +38,9 @@ class Jobs {
   Jobs& operator=(const Jobs&) = delete;
 
   // `client`: as http::Request::client; empty: nobody, who has no share. False: full, or stopped, or the client has its share. Calls `run`
-  // once, on one of these threads, unless `stop` is requested before.
-  bool post(std::stop_source stop, std::function<void(std::stop_token)> run, std::string client = {});
+  // on one of these threads until it returns nothing, each time behind those that wait and not before the time it has returned, unless
+  // `stop` is requested before.
+  bool post(std::stop_source stop, std::function<Again(std::stop_token)> run, std::string client = {});
   // Half of all places, at least one.
   std::size_t share() const { return std::max<std::size_t>(1, (limits_.threads + limits_.waiting) / 2); }
   bool hasShare(std::string_view client) const;  // whether that many jobs of this client wait or run
@@ -45,17 +51,19 @@ class Jobs {
   // Jobs that wait; up to `threads` more run. Any thread.
   std::size_t waiting() const;
   // Accepts no more. Lets running and waiting jobs end until the given time, then calls stop(). Any thread except a job's.
-  void finish(std::chrono::steady_clock::time_point until);
+  void finish(Clock::time_point until);
   // Stops all jobs and waits for running ones. Any thread except a job's.
   void stop();
 
  private:
   struct Job {
     std::stop_source stop{std::nostopstate};
-    std::function<void(std::stop_token)> run;
+    std::function<Again(std::stop_token)> run;
     std::string client;
+    Clock::time_point notBefore{};
   };
   bool hasShareNow(std::string_view client) const;  // under the lock
+  Job next(std::unique_lock<std::mutex>& lock);     // waits for it; one without `run`: stopped
   void work(std::size_t thread);
 
   const Limits limits_;

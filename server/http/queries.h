@@ -6,7 +6,16 @@
 // Places are in metres, rounded to the lattice's 1/256 m. &session=NAME selects a session (default `default`). Repeat `at` and `ray` as
 // often as the header's limit allows, up to kMaxHttpPlaces and kMaxHttpRays. The numbers equal those of the socket's queries, digit for
 // digit.
+//
+// POST asks for up to kMaxPostedPlaces and kMaxPostedRays, by its Content-Type:
+//   application/json            {"at": [[x, z], ...], "spacing": metres} or {"rays": [[x, y, z, dx, dy, dz], ...], "reach": metres}, answered
+//                               as GET is
+//   application/octet-stream    little-endian doubles, two or six of each; answered by floats, one a height and three a normal, or by
+//                               doubles, distances (-1: none). spacing and reach stand in the URL
+//
+// Every answer is made in turns of kTurn, between which others have theirs, and takes its heights from the client's Budgets::queries.
 
+#include <chrono>
 #include <memory>
 
 #include "server/http/routes.h"
@@ -15,6 +24,8 @@
 namespace ridgecast::http {
 
 inline constexpr std::size_t kMaxHttpPlaces = 1000, kMaxHttpRays = 64;
+// The rays' heights are then at most about as many as the budget has in a second.
+inline constexpr std::size_t kMaxPostedPlaces = 100'000, kMaxPostedRays = 1000;
 
 Route queryRoute(std::shared_ptr<session::Directory> directory);
 

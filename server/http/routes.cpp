@@ -34,6 +34,12 @@ Answer madeBy(Later later) {
   return a;
 }
 
+Answer madeOfBody(OfBody ofBody) {
+  Answer a;
+  a.ofBody = std::make_shared<OfBody>(std::move(ofBody));
+  return a;
+}
+
 Answer wrongMethod(const std::string& allowed) {
   return refused(405, metrics::Refusal::kRequest, "Methods allowed here: " + allowed + ".", {{"Allow", allowed}});
 }

@@ -9,10 +9,12 @@
 //   GET /v1/stream?session=NAME     upgrades to a WebSocket; &terrain=NAME&seed=N&param=NAME=NUMBER&clock=stepped creates a missing session
 //   GET /v1/sessions                the sessions, their worlds, members and clocks, as JSON
 //   GET /v1/terrains                the terrains that sessions can be created of, with their parameters, as JSON (worlds.h)
-// Files with headers of their own: snapshots.h, queries.h, map_tiles.h.
+// Files with headers of their own: snapshots.h, queries.h (also by POST), map_tiles.h.
 // HEAD is answered wherever GET is. Everything else is refused in one sentence.
 
 #include <algorithm>
+#include <chrono>
+#include <cstddef>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -36,6 +38,7 @@ struct Request {  // the views live while the request is answered, not in later 
   bool upgrade = false;     // asks for a WebSocket
   std::string_view webSocketVersion;
   std::string_view acceptEncoding;
+  std::string_view contentType;
   std::string_view origin, fetchSite, authorization, subprotocols;  // headers; untrusted, checked by the filter before a route sees them
   access::Rights rights = access::Rights::all();                    // of the client
   std::string_view client = {};  // "token of NAME" or "address ADDRESS": whose share limited things come from
@@ -46,6 +49,7 @@ struct Request {  // the views live while the request is answered, not in later 
 };
 
 struct Later;
+struct OfBody;
 
 using Headers = std::vector<std::pair<std::string, std::string>>;
 
@@ -59,6 +63,8 @@ struct Answer {
   std::optional<metrics::Refusal> refusal;      // why this is a refusal, for the metrics
   std::string holder;                           // of a good token that is refused all the same, for the log
   std::shared_ptr<const Later> later;           // set: work makes the answer, perhaps an upgrade; of this one only etag counts
+  std::shared_ptr<const OfBody> ofBody;         // set: the request's body makes the answer, once it has been read
+  std::optional<std::chrono::steady_clock::time_point> again;  // of work: this was one of its turns; the next is not before then
 };
 
 // One sentence as text.
@@ -72,6 +78,7 @@ Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 // Work that makes the answer on its own thread (jobs.h). `stop` is requested when the client leaves or the server shuts down: return soon;
 // the result is not read. `patient` work may take seconds and yields to everything else. Making a world also takes seconds, but must not
 // wait behind snapshots that take a minute, so it has its own queue. So have tiles, of which viewers request many at a time.
+// Work may be done in turns (Answer::again), between which others of its queue have theirs.
 struct Later {
   bool patient = false, makesWorld = false, isTile = false;
   std::function<Answer(std::stop_token stop)> work{};
@@ -81,6 +88,14 @@ struct Later {
 };
 
 Answer madeBy(Later later);  // an answer whose status and body the work makes
+
+struct OfBody {
+  std::size_t most = 0;   // bytes; of more nothing is read
+  std::string tooLong{};  // one sentence
+  std::function<Answer(std::string body)> answer{};
+};
+
+Answer madeOfBody(OfBody ofBody);
 
 // Answers what other rooms provide; empty if the path is not its own. Any thread.
 using Route = std::function<std::optional<Answer>(const Request& request)>;

@@ -34,7 +34,7 @@ double seconds(Clock::duration time) { return std::chrono::duration<double>(time
 
 constexpr std::chrono::seconds kTurnedTimeout{2};     // timeout for the request of a connection beyond a limit
 constexpr std::chrono::milliseconds kTellEvery{700};  // interval of progress messages
-constexpr std::size_t kSlowest = 65'536;              // bytes a second that a client must read of a long answer
+constexpr std::size_t kSlowest = 65'536;              // bytes a second that a client must read of a long answer, or send of a body
 
 // A connection before it is a stream: requests and answers, one after another.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
@@ -94,6 +94,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void read() {
     parser_.emplace();
     parser_->header_limit(shared_->settings.maxHeaderBytes);
+    parser_->body_limit(boost::none);  // who reads a body has a limit
     stream_.expires_after(timeout());
     http::async_read_header(stream_, buffer_, *parser_, [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
   }
@@ -127,8 +128,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     }
     auto judged = shared_->filter.judge(request);
     const auto* grant = std::get_if<access::Grant>(&judged);
-    const std::string who = counted_.client(grant ? *grant : access::Grant());
-    request.client = who;
+    who_ = counted_.client(grant ? *grant : access::Grant());
+    request.client = who_;
     if (grant) request.rights = grant->rights;
     Answer a = grant ? answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes) : std::get<Answer>(std::move(judged));
     grant_ = grant ? *grant : access::Grant();
@@ -136,18 +137,58 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     sessionName_ = session ? session->substr(0, 100) : std::string();
     if (request.upgrade && hasBody())
       return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
-    setAside();
+    setAside(a.ofBody != nullptr);
     ifNoneMatch_ = header[http::field::if_none_match];
     wantsProgress_ = header.version() == 11 && header["Prefer"].find("progress") != beast::string_view::npos;
-    if (a.later && !namesEtag(ifNoneMatch_, a.etag)) return work(a.later, who);
+    a.ofBody ? readBody(std::move(a.ofBody)) : respond(std::move(a));
+  }
+
+  void respond(Answer a) {
+    if (a.later && !namesEtag(ifNoneMatch_, a.etag)) return work(std::move(a.later));
     a.upgradeTo ? upgrade(std::move(a.upgradeTo)) : send(std::move(a));
+  }
+
+  void readBody(std::shared_ptr<const OfBody> ofBody) {
+    const std::uint64_t length = parser_->content_length().value_or(parser_->chunked() ? ofBody->most : 0);
+    if (length > ofBody->most) return refuse(413, metrics::Refusal::kRequest, ofBody->tooLong);
+    auto room = shared_->bodies->take(who_, length);
+    if (const auto* full = std::get_if<Bodies::Full>(&room)) {
+      keepAlive_ = false;
+      const bool isOwn = *full == Bodies::Full::kShare;
+      return send(refused(isOwn ? 429 : 503, metrics::Refusal::kBusy,
+                          (isOwn ? "The " + who_ + " is sending" : "This server's clients are sending") +
+                              std::string(" as many bytes of requests as may be open; try again when some have been answered."),
+                          {{"Retry-After", "1"}}));
+    }
+    room_ = std::get<Bodies::Room>(std::move(room));
+    const bool waits = parser_->get()[http::field::expect] == "100-continue";
+    body_.emplace(std::move(*parser_));
+    body_->body_limit(ofBody->most);
+    stream_.expires_after(shared_->settings.timeout + std::chrono::seconds(length / kSlowest));
+    const auto read = [self = shared_from_this(), ofBody = std::move(ofBody)](error_code ec, std::size_t) {
+      if (ec) return self->close();
+      http::async_read(self->stream_, self->buffer_, *self->body_,
+                       [self, ofBody](error_code failed, std::size_t) { self->hasReadBody(failed, *ofBody); });
+    };
+    if (!waits) return read({}, 0);
+    word_ = "HTTP/1.1 100 Continue\r\n\r\n";
+    asio::async_write(stream_, asio::buffer(word_), read);
+  }
+
+  void hasReadBody(error_code ec, const OfBody& ofBody) {
+    if (ec == http::error::body_limit) return refuse(413, metrics::Refusal::kRequest, ofBody.tooLong);
+    if (ec.category() == http::make_error_code(http::error::bad_method).category())
+      return refuse(400, metrics::Refusal::kRequest, "The body is not whole (" + ec.message() + ").");
+    if (ec == asio::error::operation_aborted) shared_->figures->refused(metrics::Refusal::kTimeout);
+    if (ec) return close();
+    respond(ofBody.answer(std::move(body_->get().body())));
   }
 
   bool hasBody() const { return parser_->chunked() || parser_->content_length().value_or(0) > 0; }
 
   // What the answer needs of the request.
-  void setAside() {
-    keepAlive_ = parser_->keep_alive() && shared_->ready && !hasBody() && ++answered_ < 1000;
+  void setAside(bool readsBody = false) {
+    keepAlive_ = parser_->keep_alive() && shared_->ready && (readsBody || !hasBody()) && ++answered_ < 1000;
     head_ = parser_->get().method() == http::verb::head;
     path_ = requestOf(parser_->get()).path().substr(0, 100);
   }
@@ -188,24 +229,25 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                  {{"Retry-After", seconds}}));
   }
 
-  void hasShare(const Jobs& jobs, const std::string& client) {
+  void hasShare(const Jobs& jobs) {
     send(refused(429, metrics::Refusal::kBusy,
-                 "The " + client + " waits for " + std::to_string(jobs.share()) +
+                 "The " + who_ + " waits for " + std::to_string(jobs.share()) +
                      " answers of this kind, the most one client may; try again when one has come.",
                  {{"Retry-After", std::to_string(jobs.secondsToWait())}}));
   }
 
   // Does the work for an answer and watches meanwhile whether the client is still there.
-  void work(std::shared_ptr<const Later> later, const std::string& client) {
+  void work(std::shared_ptr<const Later> later) {
     asker_ = std::stop_source();
     auto& [jobs, figures] = later->makesWorld ? shared_->worlds
                             : later->patient  ? shared_->patient
                             : later->isTile   ? shared_->tiles
                                               : shared_->prompt;
     if ((later->patient || later->isTile) && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy(jobs);
-    auto run = [self = shared_from_this(), later, &figures = figures, posted = Clock::now()](std::stop_token stop) {
+    auto run = [self = shared_from_this(), later, &figures = figures, posted = Clock::now(),
+                worked = std::optional<Clock::duration>()](std::stop_token stop) mutable -> Jobs::Again {
       const Clock::time_point begun = Clock::now();
-      figures.wait.Observe(seconds(begun - posted));
+      if (!worked) figures.wait.Observe(seconds(begun - posted));
       Answer a;
       try {
         a = later->work(stop);
@@ -213,11 +255,14 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
         logging::error(std::string("work for an answer failed: ") + e.what());
         a = plain(500, "The server failed at this; its log says why.");
       }
-      figures.seconds.Observe(seconds(Clock::now() - begun));
+      worked = worked.value_or(Clock::duration{}) + (Clock::now() - begun);
+      if (a.again) return a.again;
+      figures.seconds.Observe(seconds(*worked));
       self->shared_->answerBytes += a.body.size();
       asio::post(self->stream_.get_executor(), [self, a = std::move(a)]() mutable { self->worked(std::move(a)); });
+      return {};
     };
-    if (!jobs.post(asker_, std::move(run), client)) return jobs.hasShare(client) ? hasShare(jobs, client) : busy(jobs);
+    if (!jobs.post(asker_, std::move(run), who_)) return jobs.hasShare(who_) ? hasShare(jobs) : busy(jobs);
     working_ = true;
     stream_.expires_never();
     watch();
@@ -334,6 +379,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void sent(error_code ec) {
     shared_->figures->answered(routeOf(path_), response_.result_int());
     if (const std::size_t bytes = std::exchange(answerBytes_, 0)) forget(bytes);
+    room_.reset();
+    body_.reset();
     serializer_.reset();
     response_ = {};
     if (ec) return close();
@@ -370,6 +417,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   // Of the current request.
   access::Grant grant_;
+  std::string who_;  // the client, as Request::client
+  std::optional<http::request_parser<http::string_body>> body_;
+  Bodies::Room room_;        // for it
   std::string path_;         // for metrics and log, at most 100 bytes
   std::string sessionName_;  // the session's name as received, for the log
   bool keepAlive_ = false, head_ = false;

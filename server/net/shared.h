@@ -16,6 +16,7 @@
 #include "common/transport/channel.h"
 #include "server/access/limits.h"
 #include "server/http/request_filter.h"
+#include "server/net/bodies.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 
@@ -26,6 +27,7 @@ using ridgecast::http::Jobs;
 using ridgecast::http::kSubprotocol;
 using ridgecast::http::Later;
 using ridgecast::http::namesEtag;
+using ridgecast::http::OfBody;
 using ridgecast::http::plain;
 using ridgecast::http::queryParameter;
 using ridgecast::http::refused;
@@ -85,6 +87,7 @@ struct Shared {
   std::atomic<std::uint32_t> admins{0};     // connections of the admin port
   std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
   Work prompt, tiles, patient, worlds;
+  const std::shared_ptr<Bodies> bodies = std::make_shared<Bodies>();
   std::atomic<bool> reloaded{true};          // the last reload succeeded
   std::atomic<double> certificateExpiry{0};  // seconds since 1970; 0: no TLS
 

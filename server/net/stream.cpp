@@ -395,6 +395,7 @@ Request requestOf(const http::request_header<>& header) {
           .upgrade = websocket::is_upgrade(header),
           .webSocketVersion = header[http::field::sec_websocket_version],
           .acceptEncoding = header[http::field::accept_encoding],
+          .contentType = header[http::field::content_type],
           .origin = header[http::field::origin],
           .fetchSite = header["Sec-Fetch-Site"],
           .authorization = header[http::field::authorization],

@@ -18,6 +18,7 @@ class Answering {
  public:
   Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query);
   bool isDone() const { return done_ == size_; }
+  const wire::Query& query() const { return query_; }
   std::uint64_t work();  // the next piece, some places or one ray; returns the heights of the terrain that it took
   wire::Answer take() { return std::move(answer_); }
 

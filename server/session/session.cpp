@@ -42,8 +42,7 @@ Outcome<CameraPlace> Session::enter(const std::string& client) {
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
-  return CameraPlace{std::move(*onServer), Place(nullptr, [members = members_](const void*) { --*members; }),
-                     places_->budgetsOf(client, resources_->timer->now())};
+  return CameraPlace{std::move(*onServer), Place(nullptr, [members = members_](const void*) { --*members; }), budgetsOf(client)};
 }
 
 bool Session::end() {

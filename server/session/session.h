@@ -123,6 +123,8 @@ class Session {
 
   // `client`: whose budgets the camera shares (Places::budgetsOf). Error: the session or the server is full, or the session has just ended.
   Outcome<CameraPlace> enter(const std::string& client = {});
+  // What this client's cameras and queries share (Places::budgetsOf).
+  std::shared_ptr<Budgets> budgetsOf(const std::string& client) const { return places_->budgetsOf(client, resources_->timer->now()); }
   // Ends it if it has no members; then nobody can enter.
   bool end();
   // It has a successor: whoever enters now must connect again.

@@ -1,5 +1,5 @@
-// HTTP requests, a line for each part (method, target, host, origin, authorization, subprotocols, X-Forwarded-For), through filter and
-// routes; and the target as a URL and as a snapshot's question. Every refusal has a sentence.
+// HTTP requests, a line for each part (method, target, host, origin, authorization, subprotocols, X-Forwarded-For, Content-Type) and then a
+// body, through filter and routes; and the target as a URL and as a snapshot's question. Every refusal has a sentence.
 #include <array>
 #include <cstdint>
 #include <cstdlib>
@@ -41,7 +41,7 @@ struct Server {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static Server server;
-  std::array<std::string_view, 7> lines;
+  std::array<std::string_view, 8> lines;
   std::string_view rest(reinterpret_cast<const char*>(data), size);
   for (std::string_view& line : lines) {
     line = rest.substr(0, rest.find('\n'));
@@ -54,9 +54,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   request.origin = lines[3];
   request.authorization = lines[4];
   request.subprotocols = lines[5];
+  request.contentType = lines[7];
   const auto judged = server.filter.judge(request);
   if (const auto* refused = std::get_if<http::Answer>(&judged)) require(refused->status >= 400 && !refused->body.empty());
-  const http::Answer answer = http::answer(request, *server.directory, "1", server.routes);
+  http::Answer answer = http::answer(request, *server.directory, "1", server.routes);
+  if (answer.ofBody) answer = http::Answer(answer.ofBody->answer(std::string(rest)));
   if (answer.later) answer.later->work({});
   if (!answer.later && answer.status >= 400) require(!answer.body.empty());
   if (const auto url = connection::parseUrl(lines[1]); !url) require(!url.error().message.empty());

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "common/codec/codec.h"
@@ -208,6 +209,12 @@ void textSeeds() {
         "/v1/sessions/default/snapshot.json?x0=0&z0=0&x1=8&z1=8&error=5&compression=draco", "ws://127.0.0.1:7070?session=race&seed=2"})
     write("request", "GET\n" + std::string(target) +
                          "\nlocalhost:7070\nhttp://localhost:7070\nBearer abc\nridgecast.v1, bearer.abc\n192.0.2.1, 2001:db8::1");
+  for (const auto& [target, type, body] :
+       {std::tuple{"/v1/normals", "application/json", std::string(R"({"at": [[1, 2.5], [-3e4, 0]], "spacing": 2})")},
+        {"/v1/rays", "application/json", R"({"rays": [[0, 900, 0, 0, -1, 0]], "reach": 500})"},
+        {"/v1/heights", "application/octet-stream", std::string(32, '\1')},
+        {"/v1/rays?reach=500", "application/octet-stream", std::string(48, '?')}})
+    write("request", std::string("POST\n") + target + "\nlocalhost:7070\n\n\n\n\n" + type + "\n" + body);
   const access::Time now(std::chrono::seconds(1'700'000'000));
   const access::Grant grant{"lab", access::Rights::all(), "harbour", now + std::chrono::hours(1)};
   write("token", "# a comment\n" + access::makeToken(grant).line + "\n" + access::makeToken({"guest", access::Right::kView, "", {}}).line);

@@ -54,6 +54,8 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
                                      {"GET", "/v1/normals?session=default", Right::kQuery, false},
                                      {"GET", "/v1/rays", Right::kQuery, false},
                                      {"POST", "/v1/query", Right::kQuery, false},
+                                     {"POST", "/v1/heights?session=default", Right::kQuery, false},
+                                     {"POST", "/v1/rays?reach=9", Right::kQuery, false},
                                      {"GET", "/v1/sessions/default/snapshot.glb", Right::kSnapshot, false},
                                      {"GET", "/v1/sessions/default/heights/3/1/2.png?at=0,0", Right::kQuery, false},
                                      {"GET", "/v1/sessions/default/colours/3/1/2.jpg?at=0,0", Right::kQuery, false},

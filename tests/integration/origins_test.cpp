@@ -41,13 +41,15 @@ TEST_F(AccessTest, OnlyPagesThatMayConnect) {
 // An <img> of another site sends no Origin.
 TEST_F(AccessTest, OtherSitesStartNoWork) {
   start();
-  const auto from = [&](const std::string& site, const std::string& target) {
+  const auto from = [&](const std::string& site, const std::string& target, const std::string& method = "GET") {
     SocketClient client(server->port());
-    client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\n" + (site.empty() ? "" : "Sec-Fetch-Site: " + site + "\r\n") + "\r\n");
+    client.send(method + " " + target + " HTTP/1.1\r\nHost: localhost\r\n" + (site.empty() ? "" : "Sec-Fetch-Site: " + site + "\r\n") +
+                "\r\n");
     return std::stoi(client.answer(false).substr(9, 3));
   };
   for (const std::string target : {"/v1/sessions", "/v1/heights?at=1,2", "/v1/sessions/default/snapshot.json?x0=0&z0=0&x1=9&z1=9&error=1"})
     EXPECT_EQ(from("cross-site", target), 403) << target;
+  EXPECT_EQ(from("cross-site", "/v1/heights", "POST"), 403);
   for (const std::string site : {"", "same-origin", "same-site", "none"}) EXPECT_EQ(from(site, "/v1/sessions"), 200) << site;
   EXPECT_EQ(from("cross-site", "/healthz"), 200);
   EXPECT_EQ(from("cross-site", "/about"), 200) << "a link to the page";

@@ -20,11 +20,13 @@
 #include "client/query/ground.h"
 #include "client/query/mesh_ground.h"
 #include "common/wire/wire.h"
+#include "server/http/queries.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 #include "tests/support/sanitized.h"
+#include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast {
@@ -72,7 +74,7 @@ class QueriesTest : public testing::Test {
     }
     net::Settings settings;
     settings.port = 0;
-    auto made = net::Server::listen(settings, directory);
+    auto made = net::Server::listen(settings, directory, {http::queryRoute(directory)});
     ASSERT_TRUE(made) << made.error().message;
     server = std::move(*made);
   }
@@ -147,6 +149,37 @@ TEST_F(QueriesTest, LocalAnswersAreTheServersBitForBit) {
     EXPECT_EQ(std::memcmp(ra.data(), rb.data(), ra.size() * sizeof(double)), 0) << d.name;
     EXPECT_GT(std::count_if(ra.begin(), ra.end(), [](double t) { return t > 0; }), 100);
   }
+}
+
+TEST_F(QueriesTest, PostedHeightsAreTheStreamsBitForBit) {
+  const Places p = randomPlaces(http::kMaxPostedPlaces, 8);
+  std::vector<double> metres;
+  for (std::size_t k = 0; k < p.x.size(); ++k) {
+    metres.push_back(static_cast<double>(p.x[k]) / 256);
+    metres.push_back(static_cast<double>(p.z[k]) / 256);
+  }
+  const std::string body(reinterpret_cast<const char*>(metres.data()), metres.size() * sizeof(double));
+  const std::string request =
+      "POST /v1/heights?session=renamed-alpine HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/octet-stream\r\n"
+      "Content-Length: " +
+      std::to_string(body.size()) + "\r\n\r\n" + body;
+  auto connection = join("renamed-alpine");
+  Ground ground(*connection);
+  std::vector<float> streamed(p.x.size());
+  ASSERT_TRUE(ground.heights(p.x, p.z, streamed));
+  testing_support::SocketClient client(server->port());
+  std::vector<double> took;
+  for (int k = 0; k < 5; ++k) {
+    const auto begin = Time::now();
+    client.send(request);
+    const std::string answer = client.answer();
+    took.push_back(std::chrono::duration<double, std::milli>(Time::now() - begin).count());
+    ASSERT_TRUE(answer.starts_with("HTTP/1.1 200")) << answer.substr(0, 300);
+    const std::string raw(reinterpret_cast<const char*>(streamed.data()), streamed.size() * sizeof(float));
+    EXPECT_TRUE(answer.ends_with("\r\n\r\n" + raw));
+  }
+  std::ranges::sort(took);
+  std::printf("%zu heights by POST: median %.1f ms, most %.1f ms\n", p.x.size(), took[2], took[4]);
 }
 
 TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {

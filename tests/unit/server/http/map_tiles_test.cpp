@@ -71,7 +71,10 @@ TEST_F(MapTilesTest, HeightsAreThoseOfTheQueriesWithinHalfAUnit) {
       std::ostringstream query;
       query.precision(17);
       query << "/v1/heights?at=" << (longitude - kLongitude) * kRadians * scale << "," << -(north - mercator(kLatitude)) * scale;
-      const std::string said = ask(queries, query.str())->later->work({}).body;
+      const auto asked = ask(queries, query.str())->later;
+      Answer told = asked->work({});
+      while (told.again) told = asked->work({});
+      const std::string& said = told.body;
       const double height = std::stof(said.substr(said.find('[') + 1));  // nine digits are one float
       const std::uint8_t* pixel = &rgb[3 * (256 * row + column)];
       EXPECT_LE(std::abs(pixel[0] * 256.0 + pixel[1] + pixel[2] / 256.0 - 32'768 - height), 0.5 / 256) << query.str() << " at " << level;

@@ -5,11 +5,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <ctime>
+#include <functional>
 #include <future>
 #include <thread>
+#include <vector>
 
 #include "server/net/server.h"
 #include "tests/support/socket_client.h"
@@ -32,6 +35,15 @@ bool soon(const Condition& condition) {
   return testing_support::await(condition);
 }
 
+// A job of one turn.
+bool give(Jobs& jobs, std::stop_source stop, std::function<void(std::stop_token)> run, std::string client = {}) {
+  const auto once = [run = std::move(run)](std::stop_token token) -> Jobs::Again {
+    run(std::move(token));
+    return {};
+  };
+  return jobs.post(std::move(stop), once, std::move(client));
+}
+
 TEST(Jobs, RunWhatTheyTakeAndRefuseTheRest) {
   Jobs jobs({.threads = 2, .waiting = 3});
   std::promise<void> gate;
@@ -39,7 +51,7 @@ TEST(Jobs, RunWhatTheyTakeAndRefuseTheRest) {
   std::atomic<int> done{0};
   int taken = 0;
   for (int k = 0; k < 20; ++k)
-    taken += jobs.post(std::stop_source(), [&](std::stop_token) {
+    taken += give(jobs, std::stop_source(), [&](std::stop_token) {
       open.wait();
       ++done;
     });
@@ -47,16 +59,62 @@ TEST(Jobs, RunWhatTheyTakeAndRefuseTheRest) {
   EXPECT_LE(taken, 5);  // two run, three wait
   gate.set_value();
   EXPECT_TRUE(soon([&] { return done == taken; }));
-  EXPECT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) { throw std::runtime_error("on purpose"); }));
-  EXPECT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) { ++done; }));
+  EXPECT_TRUE(give(jobs, std::stop_source(), [&](std::stop_token) { throw std::runtime_error("on purpose"); }));
+  EXPECT_TRUE(give(jobs, std::stop_source(), [&](std::stop_token) { ++done; }));
   EXPECT_TRUE(soon([&] { return done == taken + 1; }));
+}
+
+TEST(Jobs, RunInTurnsAndKeepTheirPlacesBetweenThem) {
+  Jobs jobs({.threads = 1, .waiting = 2});
+  std::promise<void> gate;
+  const std::shared_future<void> open = gate.get_future().share();
+  std::vector<char> order;  // of the one thread's
+  std::atomic<int> ended{0};
+  Jobs::Clock::time_point due;
+  ASSERT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) -> Jobs::Again {
+    open.wait();
+    order.push_back('l');
+    if (std::ranges::count(order, 'l') == 1) return Jobs::Clock::now();
+    if (std::ranges::count(order, 'l') == 2) return due = Jobs::Clock::now() + 50ms;
+    EXPECT_GE(Jobs::Clock::now(), due);
+    ++ended;
+    return {};
+  }));
+  ASSERT_TRUE(soon([&] { return jobs.waiting() == 0; }));
+  const auto brief = [&](std::stop_token) {
+    order.push_back('b');
+    ++ended;
+  };
+  ASSERT_TRUE(give(jobs, std::stop_source(), brief));
+  ASSERT_TRUE(give(jobs, std::stop_source(), brief));
+  gate.set_value();
+  EXPECT_TRUE(soon([&] { return ended == 3; }));
+  jobs.stop();
+  EXPECT_EQ(std::string(order.begin(), order.end()), "lbbll");
+}
+
+TEST(Jobs, OneThatWaitsForItsNextTurnIsAbandonedLikeAnyOther) {
+  Jobs jobs({.threads = 1, .waiting = 0});
+  std::stop_source asker;
+  std::atomic<int> turns{0};
+  ASSERT_TRUE(jobs.post(asker, [&](std::stop_token) -> Jobs::Again {
+    ++turns;
+    return Jobs::Clock::now() + 1h;
+  }));
+  ASSERT_TRUE(soon([&] { return turns == 1 && jobs.waiting() == 1; }));
+  EXPECT_FALSE(give(jobs, std::stop_source(), [](std::stop_token) {})) << "it keeps the only place";
+  asker.request_stop();
+  std::atomic<bool> ran{false};
+  EXPECT_TRUE(give(jobs, std::stop_source(), [&](std::stop_token) { ran = true; }));
+  EXPECT_TRUE(soon([&] { return ran.load(); }));
+  EXPECT_EQ(turns, 1);
 }
 
 TEST(Jobs, KnowWhoIsNextAndHowLongItTakes) {
   Jobs jobs({.threads = 1, .waiting = 3});
   const auto take = [&](std::shared_future<void> open) {
     std::stop_source source;
-    EXPECT_TRUE(jobs.post(source, [open = std::move(open)](std::stop_token) { open.wait(); }));
+    EXPECT_TRUE(give(jobs, source, [open = std::move(open)](std::stop_token) { open.wait(); }));
     return source;
   };
   EXPECT_EQ(jobs.secondsToWait(), 1);
@@ -80,17 +138,17 @@ TEST(Jobs, KnowWhoIsNextAndHowLongItTakes) {
 TEST(Jobs, WhatIsAbandonedMakesRoomAndNeverBegins) {
   Jobs jobs({.threads = 1, .waiting = 1});
   std::promise<void> gate, began;
-  ASSERT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) {
+  ASSERT_TRUE(give(jobs, std::stop_source(), [&](std::stop_token) {
     began.set_value();
     gate.get_future().wait();
   }));
   began.get_future().wait();
   std::atomic<bool> ran{false}, second{false};
   std::stop_source asker;
-  ASSERT_TRUE(jobs.post(asker, [&](std::stop_token) { ran = true; }));
-  EXPECT_FALSE(jobs.post(std::stop_source(), [](std::stop_token) {}));
+  ASSERT_TRUE(give(jobs, asker, [&](std::stop_token) { ran = true; }));
+  EXPECT_FALSE(give(jobs, std::stop_source(), [](std::stop_token) {}));
   asker.request_stop();
-  EXPECT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) { second = true; }));
+  EXPECT_TRUE(give(jobs, std::stop_source(), [&](std::stop_token) { second = true; }));
   gate.set_value();
   EXPECT_TRUE(soon([&] { return second.load(); }));
   EXPECT_FALSE(ran);
@@ -102,8 +160,8 @@ TEST(Jobs, OneClientHasHalfOfThePlaces) {
   std::promise<void> gate;
   const std::shared_future<void> open = gate.get_future().share();
   const auto post = [&](const std::string& client) {
-    return jobs.post(
-        std::stop_source(), [open](std::stop_token) { open.wait(); }, client);
+    return give(
+        jobs, std::stop_source(), [open](std::stop_token) { open.wait(); }, client);
   };
   int greedy = 0;
   for (int k = 0; k < 10; ++k) greedy += post("address 192.0.2.1");
@@ -122,7 +180,7 @@ TEST(Jobs, FinishingLetsThemEndUntilTheTimeIsUp) {
   std::promise<void> gate;
   const std::shared_future<void> open = gate.get_future().share();
   for (int k = 0; k < 3; ++k)
-    jobs.post(std::stop_source(), [&](std::stop_token) {
+    give(jobs, std::stop_source(), [&](std::stop_token) {
       open.wait();
       std::this_thread::sleep_for(20ms);
       ++done;
@@ -132,12 +190,12 @@ TEST(Jobs, FinishingLetsThemEndUntilTheTimeIsUp) {
   jobs.finish(std::chrono::steady_clock::now() + testing_support::kTimeout);
   EXPECT_EQ(done, 3);
   EXPECT_EQ(jobs.waiting(), 0u);
-  EXPECT_FALSE(jobs.post(std::stop_source(), [](std::stop_token) {}));
+  EXPECT_FALSE(give(jobs, std::stop_source(), [](std::stop_token) {}));
 
   Jobs endless({.threads = 1, .waiting = 4});
   std::atomic<int> began{0};
   for (int k = 0; k < 2; ++k)
-    endless.post(std::stop_source(), [&](std::stop_token stop) {
+    give(endless, std::stop_source(), [&](std::stop_token stop) {
       ++began;
       while (!stop.stop_requested()) std::this_thread::sleep_for(1ms);
     });
@@ -150,7 +208,7 @@ TEST(Jobs, StoppingStopsThoseThatRun) {
   Jobs jobs({.threads = 2, .waiting = 4});
   std::atomic<int> began{0}, ended{0};
   for (int k = 0; k < 4; ++k)
-    jobs.post(std::stop_source(), [&](std::stop_token stop) {
+    give(jobs, std::stop_source(), [&](std::stop_token stop) {
       ++began;
       while (!stop.stop_requested()) std::this_thread::sleep_for(1ms);
       ++ended;
@@ -158,7 +216,7 @@ TEST(Jobs, StoppingStopsThoseThatRun) {
   EXPECT_TRUE(soon([&] { return began == 2; }));
   jobs.stop();
   EXPECT_EQ(ended, 2);
-  EXPECT_FALSE(jobs.post(std::stop_source(), [](std::stop_token) {}));
+  EXPECT_FALSE(give(jobs, std::stop_source(), [](std::stop_token) {}));
 }
 
 // Routes whose answers come of work, over real sockets.

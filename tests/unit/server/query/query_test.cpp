@@ -3,10 +3,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <charconv>
+#include <chrono>
+#include <limits>
+#include <nlohmann/json.hpp>
 #include <random>
+#include <thread>
 
 #include "common/ground/ground.h"
+#include "common/text/text.h"
 #include "server/http/queries.h"
 #include "server/scheduling/pool.h"
 #include "tests/support/leaf_meshes.h"
@@ -116,14 +122,33 @@ class QueryHttpTest : public testing::Test {
     http::Request request;
     request.method = method;
     request.target = target;
+    return asked(request);
+  }
+  http::Answer post(const std::string& target, std::string body, std::string_view type) {
+    http::Request request;
+    request.method = "POST";
+    request.target = target;
+    request.contentType = type;
+    request.client = "address 192.0.2.1";
+    return asked(request, std::move(body));
+  }
+  http::Answer asked(const http::Request& request, std::string body = {}) {
     auto a = http::queryRoute(directory)(request);
     if (!a) {
       http::Answer none;
       none.status = 0;
       return none;
     }
-    return a->later ? a->later->work({}) : *a;
+    if (a->ofBody) {
+      if (body.size() > a->ofBody->most) return http::plain(413, a->ofBody->tooLong);
+      a = a->ofBody->answer(std::move(body));
+    }
+    if (!a->later) return *a;
+    http::Answer made;
+    for (turns = 1; (made = a->later->work({})).again; ++turns) std::this_thread::sleep_until(*made.again);
+    return made;
   }
+  int turns = 0;  // of the last answer
   std::shared_ptr<const terrain::Terrain> terrain = terrain::create("alpine", 3).value();
   scheduling::Executor executor{1};
   std::shared_ptr<session::Directory> directory;
@@ -167,8 +192,147 @@ TEST_F(QueryHttpTest, SaysWhatIsWrong) {
     EXPECT_THAT(a.body, testing::EndsWith(".\n"));
   }
   EXPECT_EQ(get("/v1/heights?at=1,2&session=none").status, 404u);
-  EXPECT_EQ(get("/v1/heights?at=1,2", "POST").status, 405u);
+  EXPECT_EQ(get("/v1/heights?at=1,2", "PUT").status, 405u);
   EXPECT_EQ(get("/v1/elsewhere").status, 0u);
+}
+
+constexpr char kDoubles[] = "application/octet-stream", kJson[] = "application/json";
+
+template <class Number>
+std::string bytesOf(const std::vector<Number>& list) {
+  return {reinterpret_cast<const char*>(list.data()), list.size() * sizeof(Number)};
+}
+
+TEST_F(QueryHttpTest, APostedQueryIsAnsweredByTheTerrainsOwnBits) {
+  constexpr std::size_t kCount = http::kMaxPostedPlaces;
+  support::Random random(9);
+  std::vector<double> places;
+  std::vector<Step> x, z;
+  for (std::size_t k = 0; k < kCount; ++k) {
+    x.push_back(support::between(random, -100'000'000, 100'000'000));
+    z.push_back(support::between(random, -100'000'000, 100'000'000));
+    places.push_back(static_cast<double>(x.back()) / 256);
+    places.push_back(static_cast<double>(z.back()) / 256);
+  }
+  std::vector<float> heights(kCount), normals(3 * kCount);
+  terrain->heights(x, z, heights);
+  ground::normals(*terrain, x, z, 512, normals);
+  const auto raw = post("/v1/heights", bytesOf(places), kDoubles);
+  EXPECT_EQ(raw.status, 200u) << raw.body;
+  EXPECT_EQ(raw.type, kDoubles);
+  EXPECT_TRUE(raw.body == bytesOf(heights));
+  EXPECT_GT(turns, 1);
+  EXPECT_TRUE(post("/v1/normals?spacing=2", bytesOf(places), kDoubles).body == bytesOf(normals));
+  EXPECT_NE(post("/v1/heights?session=other", bytesOf(places), kDoubles).body, raw.body);
+
+  std::string text = "{\"at\": [";
+  for (std::size_t k = 0; k < kCount; ++k)
+    text += (k > 0 ? ",[" : "[") + text::rounded(places[2 * k], 17) + "," + text::rounded(places[2 * k + 1], 17) + "]";
+  const auto told = post("/v1/heights", text + "]}", "Application/JSON; charset=utf-8");
+  EXPECT_EQ(told.type, kJson);
+  const auto read = nlohmann::json::parse(told.body)["heights"].get<std::vector<float>>();
+  EXPECT_TRUE(read == heights);
+  EXPECT_EQ(post("/v1/heights", text + ",[0,0]]}", kJson).status, 400u);
+  EXPECT_EQ(post("/v1/heights", bytesOf(places) + std::string(16, 0), kDoubles).status, 413u);
+  // As GET answers.
+  EXPECT_EQ(post("/v1/normals", R"({"spacing": 10, "at": [[1, 2], [3.5e0, -4]]})", kJson).body,
+            get("/v1/normals?at=1,2&at=3.5,-4&spacing=10").body);
+  EXPECT_EQ(post("/v1/normals?spacing=10", R"({"at": [[1, 2]]})", kJson).body, get("/v1/normals?at=1,2&spacing=10").body);
+}
+
+TEST_F(QueryHttpTest, PostedRaysToo) {
+  support::Random random(4);
+  std::vector<double> numbers, expected;
+  const auto uniform = [&](double low, double high) { return low + static_cast<double>(random() >> 11) * 0x1p-53 * (high - low); };
+  for (std::size_t k = 0; k < http::kMaxPostedRays; ++k) {
+    const auto x = support::between(random, -1'000'000, 1'000'000), z = support::between(random, -1'000'000, 1'000'000);
+    const ground::Ray ray{x, z, uniform(0, 4000), uniform(-1, 1), uniform(-1, 0.1), uniform(-1, 1), 3000};
+    numbers.insert(numbers.end(),
+                   {static_cast<double>(x) / 256, ray.y, static_cast<double>(z) / 256, ray.directionX, ray.directionY, ray.directionZ});
+    expected.push_back(ground::cast(*terrain, ray));
+  }
+  EXPECT_TRUE(post("/v1/rays?reach=3000", bytesOf(numbers), kDoubles).body == bytesOf(expected));
+  EXPECT_GT(std::ranges::count_if(expected, [](double d) { return d > 0; }), 100);
+  EXPECT_GT(std::ranges::count(expected, -1.0), 100);
+  EXPECT_EQ(post("/v1/rays", R"({"rays": [[0, 9000, 0, 0, -1, 0], [0, 9000, 0, 0, 1, 0]], "reach": 20000})", kJson).body,
+            get("/v1/rays?ray=0,9000,0,0,-1,0&ray=0,9000,0,0,1,0&reach=20000").body);
+  EXPECT_EQ(post("/v1/rays", bytesOf(numbers) + std::string(48, 0), kDoubles).status, 413u);
+}
+
+TEST_F(QueryHttpTest, EveryBodyThatIsNoneIsRefusedInASentence) {
+  const auto refused = [&](const std::string& target, const std::string& body, std::string_view type, unsigned status = 400) {
+    const auto a = post(target, body, type);
+    EXPECT_EQ(a.status, status) << body.substr(0, 80);
+    EXPECT_THAT(a.body, testing::EndsWith(".\n"));
+  };
+  for (const char* type : {"", "text/plain", "application/jsonp", "application/x-www-form-urlencoded", "multipart/form-data"})
+    refused("/v1/heights", R"({"at": [[1, 2]]})", type, 415);
+  const std::string places = R"({"at": [[1, 2], [-3.5, 4e2]], "spacing": 1})", rays = R"({"rays": [[0,9,0,0,-1,0]], "reach": 5})";
+  ASSERT_EQ(post("/v1/heights", places, kJson).status, 200u);
+  ASSERT_EQ(post("/v1/rays", rays, kJson).status, 200u);
+  for (std::size_t length = 0; length < places.size(); ++length) refused("/v1/heights", places.substr(0, length), kJson);
+  for (std::size_t length = 0; length < rays.size(); ++length) refused("/v1/rays", rays.substr(0, length), kJson);
+  for (const char* wrong : {"[]",
+                            "{}",
+                            "null",
+                            R"({"at": []})",
+                            R"({"at": [[]]})",
+                            R"({"at": [[1]]})",
+                            R"({"at": [[1, 2, 3]]})",
+                            R"({"at": [1, 2]})",
+                            R"({"at": [[1, "2"]]})",
+                            R"({"at": [[1, null]]})",
+                            R"({"at": [[1, [2]]]})",
+                            R"({"at": [[1, {}]]})",
+                            R"({"at": {"at": [[1, 2]]}})",
+                            R"({"at": [[1, 2]], "at": [[1, 2]]})",
+                            R"({"at": [[1, 2]], "session": "default"})",
+                            R"({"at": [[1, 2]]} 1)",
+                            R"({"at": [[1, 2],]})",
+                            R"({"at": [[NaN, 2]]})",
+                            R"({"at": [[1e999, 2]]})",
+                            R"({"at": [[5e12, 2]]})",
+                            R"({"at": [[1, 2]], "spacing": 0})",
+                            R"({"at": [[1, 2]], "spacing": 1e300})",
+                            R"({"at": [[1, 2]], "spacing": "1"})",
+                            R"({"at": [[1, 2]], "spacing": [[1, 2]]})",
+                            R"({"rays": [[1, 2]]})"})
+    refused("/v1/normals", wrong, kJson);
+  refused("/v1/heights", std::string(1'000'000, '['), kJson);
+  refused("/v1/rays", R"({"rays": [[0,9,0,0,0,0]]})", kJson);
+  refused("/v1/rays", R"({"rays": [[0,9,0,0,1,0]], "reach": -1})", kJson);
+
+  const std::vector<double> two{1, 2, 3, 4};
+  ASSERT_EQ(post("/v1/heights", bytesOf(two), kDoubles).status, 200u);
+  for (std::size_t length = 0; length < 32; ++length)
+    if (length != 16) refused("/v1/heights", bytesOf(two).substr(0, length), kDoubles);
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kInfinite = std::numeric_limits<double>::infinity();
+  for (const double wrong : {kNan, kInfinite, -kInfinite, 5e12, -1e300}) {
+    refused("/v1/heights", bytesOf(std::vector<double>{1, 2, wrong, 4}), kDoubles);
+    EXPECT_THAT(post("/v1/heights", bytesOf(std::vector<double>{1, 2, 3, wrong}), kDoubles).body, HasSubstr("number 2 is not"));
+    for (std::size_t k = 0; k < 6; ++k) {
+      std::vector<double> ray{0, 9, 0, 0, -1, 0};
+      ray[k] = wrong;
+      refused("/v1/rays", bytesOf(ray), kDoubles);
+    }
+  }
+  refused("/v1/heights?spacing=nan", bytesOf(two), kDoubles);
+  refused("/v1/normals?spacing=0", bytesOf(two), kDoubles);
+  refused("/v1/heights?session=none", bytesOf(two), kDoubles, 404);
+}
+
+TEST_F(QueryHttpTest, WhoAsksForMuchPaysFromItsBudget) {
+  const std::vector<double> places(2 * http::kMaxPostedPlaces);
+  const auto budgets = directory->find("default")->budgetsOf("address 192.0.2.1");
+  const auto begin = std::chrono::steady_clock::now();
+  for (int k = 0; k < 3; ++k) EXPECT_EQ(post("/v1/normals", bytesOf(places), kDoubles).status, 200u);
+  // 1.2 million heights of 8 million a second, a quarter of a second of which was saved up.
+  const auto paid = std::chrono::duration<double>(budgets->queries.free() - begin).count();
+  EXPECT_GE(paid, 1'200'000.0 / session::kHeightsPerSecond - 0.2501);
+  const auto now = std::chrono::steady_clock::now();
+  budgets->queries.spend(now, session::kHeightsPerSecond);  // by other connections
+  EXPECT_EQ(post("/v1/heights", bytesOf(std::vector<double>{1, 2}), kDoubles).status, 200u);
+  EXPECT_GE(std::chrono::steady_clock::now() - now, std::chrono::milliseconds(740)) << "it waits for what the others have spent";
 }
 
 }  // namespace
