@@ -10,6 +10,7 @@
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/http/query_body.h"
+#include "server/http/worlds.h"
 #include "server/query/query.h"
 
 namespace ridgecast::http {
@@ -28,8 +29,10 @@ std::string number(float value) { return text::rounded(static_cast<double>(value
 // One question on its way to its answer, a turn at a time. One thread at a time.
 class Asking {
  public:
-  Asking(const QueryForm& form, std::shared_ptr<session::Session> session, std::string_view client)
-      : form_(form), session_(std::move(session)), budgets_(session_->budgetsOf(std::string(client))) {}
+  Asking(const QueryForm& form, std::shared_ptr<session::Session> session, const std::string& client)
+      : form_(form), session_(std::move(session)), budgets_(session_->budgetsOf(client)) {
+    session_->use();
+  }
 
   void ask(wire::Query query) { answering_.emplace(session_->terrain(), std::move(query)); }
   void ask(std::string body, BodyType type, std::optional<double> option) {
@@ -118,39 +121,45 @@ Answer inTurns(std::shared_ptr<Asking> asking) {
   return madeBy({.work = [asking = std::move(asking)](const std::stop_token& stop) { return asking->turn(stop); }});
 }
 
-// Of a request whose body has not been read yet.
-Answer posted(const Request& request, const QueryForm& form, std::shared_ptr<Asking> asking) {
-  const auto type = bodyTypeOf(request.contentType);
-  if (!type)
-    return refused(415, metrics::Refusal::kRequest, "A query's Content-Type is application/json or application/octet-stream.",
-                   {{"Accept", "application/json, application/octet-stream"}});
-  const auto option = optionOf(form, request.query());
-  if (!option) return refused(400, metrics::Refusal::kRequest, option.error().message);
-  const std::size_t most = mostBytes(form, *type);
-  return madeOfBody({most,
-                     "The body has more than " + std::to_string(most) + " bytes; ask for at most " + std::to_string(form.mostInBody) +
-                         (form.kind == QueryKind::kRays ? " rays" : " places") + " at a time.",
-                     [asking = std::move(asking), type = *type, option = *option](std::string body) {
-                       asking->ask(std::move(body), type, option);
-                       return inTurns(asking);
-                     }});
+// The body of a request, to be read in its session.
+Outcome<Enter> posted(const QueryForm& form, BodyType type, std::string_view query, const std::string& client) {
+  const auto option = optionOf(form, query);
+  if (!option) return option.error();
+  const std::size_t most = mostBytes(form, type);
+  std::string tooLong = "The body has more than " + std::to_string(most) + " bytes; ask for at most " + std::to_string(form.mostInBody) +
+                        (form.kind == QueryKind::kRays ? " rays" : " places") + " at a time.";
+  return Enter([=, &form, option = *option](std::shared_ptr<session::Session> session) {
+    auto asking = std::make_shared<Asking>(form, std::move(session), client);
+    return madeOfBody({most, tooLong, [=](std::string body) {
+                         asking->ask(std::move(body), type, option);
+                         return inTurns(asking);
+                       }});
+  });
 }
 
-std::optional<Answer> respond(const Request& request, const session::Directory& directory) {
+Outcome<Enter> inUrl(const QueryForm& form, std::string_view query, const std::string& client) {
+  auto asked = queryOfUrl(form, query);
+  if (!asked) return asked.error();
+  return Enter([&form, client, asked = std::move(*asked)](std::shared_ptr<session::Session> session) {
+    auto asking = std::make_shared<Asking>(form, std::move(session), client);
+    asking->ask(asked);
+    return inTurns(std::move(asking));
+  });
+}
+
+std::optional<Answer> respond(const Request& request, session::Directory& directory) {
   const QueryForm* form = queryFormOf(request.path());
   if (!form) return std::nullopt;
-  if (!request.reads() && request.method != "POST") return wrongMethod("GET, HEAD, POST");
-  const auto name = queryParameter(request.query(), "session");
-  if (!name) return plain(400, name.error().message);
-  const auto session = directory.find(name->empty() ? session::kDefaultName : std::string_view(*name));
-  if (!session) return plain(404, "There is no session of that name here; /v1/sessions lists the sessions.");
-  session->use();
-  auto asking = std::make_shared<Asking>(*form, session, request.client);
-  if (request.method == "POST") return posted(request, *form, std::move(asking));
-  auto query = queryOfUrl(*form, request.query());
-  if (!query) return plain(400, query.error().message);
-  asking->ask(std::move(*query));
-  return inTurns(std::move(asking));
+  const bool posts = request.method == "POST";
+  if (!request.reads() && !posts) return wrongMethod("GET, HEAD, POST");
+  const auto type = posts ? bodyTypeOf(request.contentType) : std::nullopt;
+  if (posts && !type)
+    return refused(415, metrics::Refusal::kRequest, "A query's Content-Type is application/json or application/octet-stream.",
+                   {{"Accept", "application/json, application/octet-stream"}});
+  const std::string client(request.client);
+  const auto enter = posts ? posted(*form, *type, request.query(), client) : inUrl(*form, request.query(), client);
+  if (!enter) return refused(400, metrics::Refusal::kRequest, enter.error().message);
+  return inSession(request, directory, *enter);
 }
 
 }  // namespace

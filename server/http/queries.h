@@ -3,19 +3,19 @@
 //   GET /v1/heights?at=X,Z&at=X,Z            {"heights": [metres, ...]}
 //   GET /v1/normals?at=X,Z&spacing=METRES    {"normals": [[x, y, z], ...]}
 //   GET /v1/rays?ray=X,Y,Z,DX,DY,DZ&reach=M  {"rays": [{"distance": metres, "at": [x, y, z]} or null, ...]}
-// Places are in metres, rounded to the lattice's 1/256 m. &session=NAME selects a session (default `default`). Repeat `at` and `ray` as
-// often as the header's limit allows, up to kMaxHttpPlaces and kMaxHttpRays. The numbers equal those of the socket's queries, digit for
-// digit.
+// Places are in metres, rounded to the lattice's 1/256 m. &session=NAME selects a session (default `default`), and &terrain=NAME makes it,
+// as a stream's URL does. Repeat `at` and `ray` as often as the header's limit allows, up to kMaxHttpPlaces and kMaxHttpRays. The numbers
+// equal those of the socket's queries, digit for digit.
 //
 // POST asks for up to kMaxPostedPlaces and kMaxPostedRays, by its Content-Type:
-//   application/json            {"at": [[x, z], ...], "spacing": metres} or {"rays": [[x, y, z, dx, dy, dz], ...], "reach": metres}, answered
-//                               as GET is
+//   application/json            {"at": [[x, z], ...], "spacing": metres} or {"rays": [[x, y, z, dx, dy, dz], ...], "reach": metres},
+//                               answered as GET is
 //   application/octet-stream    little-endian doubles, two or six of each; answered by floats, one a height and three a normal, or by
 //                               doubles, distances (-1: none). spacing and reach stand in the URL
 //
-// Every answer is made in turns of kTurn, between which others have theirs, and takes its heights from the client's Budgets::queries.
+// Answers are made in turns of milliseconds, between which others have theirs, and take their heights from the client's Budgets::queries.
 
-#include <chrono>
+#include <cstddef>
 #include <memory>
 
 #include "server/http/routes.h"

@@ -91,13 +91,13 @@ std::string describe(const WorldSpec& spec) {
 }
 
 // Joins, if the session has the requested world.
-Answer join(std::shared_ptr<session::Session> session, const Wish& wish, bool upgrades) {
+Answer join(std::shared_ptr<session::Session> session, const Wish& wish, const Enter& enter) {
   const WorldSpec& spec = session->spec();
   if (wish.clock.value_or(spec.clock) != spec.clock)
     return refused(409, metrics::Refusal::kSession,
                    "Session '" + session->name() + "' began with clock=" + nameOf(spec.clock) + "; leave clock=" + nameOf(*wish.clock) +
                        " out to join it, or choose another name.");
-  if (wish.isMetBy(spec)) return upgrades ? upgrade(std::move(session)) : upgradeRequired();
+  if (wish.isMetBy(spec)) return enter(std::move(session));
   return refused(409, metrics::Refusal::kSession,
                  "Session '" + session->name() + "' is another world (" + describe(spec) +
                      ") and does not change while it lives; leave the terrain out to join it, or choose another name.");
@@ -105,25 +105,25 @@ Answer join(std::shared_ptr<session::Session> session, const Wish& wish, bool up
 
 Answer refusedFor(const session::Directory::Full& full) { return refused(full.isOwn ? 429 : 503, metrics::Refusal::kFull, full.sentence); }
 
-// The answer to a client that has left is not read: then nothing is made. Without an upgrade the terrain is tried but no session is made.
-Answer make(const std::string& name, const Wish& wish, const std::string& client, session::Directory& directory, bool upgrades,
-            const std::stop_token& stop) {
+// The answer to a client that has left is not read: then nothing is made.
+Answer make(const std::string& name, const Wish& wish, const std::string& client, session::Directory& directory, const Enter& enter,
+            bool makes, const std::stop_token& stop) {
   const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters, wish.clock.value_or(wire::ClockMode::kRealTime)};
   auto terrain = directory.resources().makeTerrain(spec, stop);
   if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
   if (stop.stop_requested()) return refused(503, metrics::Refusal::kSession, "Session '" + name + "' was not created: its client left.");
-  if (!upgrades) return upgradeRequired();
+  if (!makes) return enter(nullptr);
   const auto added = directory.add(name, std::move(*terrain), spec.parameters, client, spec.clock);
-  if (added) return upgrade(*added);
+  if (added) return enter(*added);
   // Another request may have been faster.
-  if (auto session = directory.find(name)) return join(std::move(session), wish, upgrades);
+  if (auto session = directory.find(name)) return join(std::move(session), wish, enter);
   const auto full = directory.full(client);
   return full ? refusedFor(*full) : refused(503, metrics::Refusal::kFull, added.error().message);
 }
 
 }  // namespace
 
-Answer streamAnswer(const Request& request, session::Directory& directory) {
+Answer inSession(const Request& request, session::Directory& directory, const Enter& enter, bool makes) {
   const auto name = queryParameter(request.query(), "session");
   if (!name) return refused(400, metrics::Refusal::kSession, name.error().message);
   const std::string wanted = name->empty() ? std::string(session::kDefaultName) : *name;
@@ -133,8 +133,7 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
         "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
   const auto wish = readWish(request.query());
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
-  const bool upgrading = upgrades(request);
-  if (auto session = directory.find(wanted)) return join(std::move(session), *wish, upgrading);
+  if (auto session = directory.find(wanted)) return join(std::move(session), *wish, enter);
   if (wish->terrain.empty())
     return refused(404, metrics::Refusal::kSession,
                    "There is no session named '" + wanted + "' here; 'default' always exists, and &terrain=NAME creates one.");
@@ -147,11 +146,19 @@ Answer streamAnswer(const Request& request, session::Directory& directory) {
   const auto builtIn = terrain::builtIn();
   const bool atOnce =
       wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
-  if (atOnce) return make(wanted, *wish, client, directory, upgrading, {});
+  if (atOnce) return make(wanted, *wish, client, directory, enter, makes, {});
   return madeBy(
       {.makesWorld = true,
-       .work = [=, wish = *wish, &directory](std::stop_token stop) { return make(wanted, wish, client, directory, upgrading, stop); },
+       .work = [=, wish = *wish, &directory](std::stop_token stop) { return make(wanted, wish, client, directory, enter, makes, stop); },
        .progress = [] { return "preparing the terrain"; }});
+}
+
+Answer streamAnswer(const Request& request, session::Directory& directory) {
+  const bool upgrading = upgrades(request);
+  const auto enter = [upgrading](std::shared_ptr<session::Session> session) {
+    return upgrading ? upgrade(std::move(session)) : upgradeRequired();
+  };
+  return inSession(request, directory, enter, upgrading);
 }
 
 namespace {

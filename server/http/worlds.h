@@ -1,16 +1,26 @@
 #pragma once
-// Sessions over HTTP: /v1/stream joins or creates one, /v1/sessions lists them, /v1/terrains says of which terrains they can be created.
+// Sessions over HTTP: /v1/stream and queries join or create one, /v1/sessions lists them, /v1/terrains says of which terrains they can be
+// created.
 
 #include <filesystem>
+#include <functional>
+#include <memory>
 #include <optional>
 
 #include "server/http/routes.h"
 
 namespace ridgecast::http {
 
-// The answer to the upgrade request: 101 with the session, or a refusal. A world that takes long to make is made by work (Answer::later),
-// whose answer is then the upgrade. `directory` must outlive that work. A request without an upgrade, which tells a page why its WebSocket
-// could not be opened, is judged in the same way: the same refusal, or 426 in place of 101, and no session is made.
+// What to do with the session.
+using Enter = std::function<Answer(std::shared_ptr<session::Session>)>;
+
+// Enters the session that the URL names, or makes it as the URL says; or a refusal. A world that takes long to make is made by work
+// (Answer::later), whose answer is then that of `enter`. `directory` must outlive that work. `makes` false: judged in the same way, but no
+// session is made, and `enter` gets null in place of one.
+Answer inSession(const Request& request, session::Directory& directory, const Enter& enter, bool makes = true);
+
+// The answer to the upgrade request: 101 with the session, or a refusal, as inSession(). A request without an upgrade, which tells a page
+// why its WebSocket could not be opened, gets the same refusal, or 426 in place of 101, and no session is made.
 Answer streamAnswer(const Request& request, session::Directory& directory);
 
 // {"sessions": [...], "max_sessions": N}

@@ -140,10 +140,12 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     setAside(a.ofBody != nullptr);
     ifNoneMatch_ = header[http::field::if_none_match];
     wantsProgress_ = header.version() == 11 && header["Prefer"].find("progress") != beast::string_view::npos;
-    a.ofBody ? readBody(std::move(a.ofBody)) : respond(std::move(a));
+    proceed(std::move(a));
   }
 
-  void respond(Answer a) {
+  // One step after another, to the answer itself.
+  void proceed(Answer a) {
+    if (a.ofBody) return readBody(std::move(a.ofBody));
     if (a.later && !namesEtag(ifNoneMatch_, a.etag)) return work(std::move(a.later));
     a.upgradeTo ? upgrade(std::move(a.upgradeTo)) : send(std::move(a));
   }
@@ -181,7 +183,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       return refuse(400, metrics::Refusal::kRequest, "The body is not whole (" + ec.message() + ").");
     if (ec == asio::error::operation_aborted) shared_->figures->refused(metrics::Refusal::kTimeout);
     if (ec) return close();
-    respond(ofBody.answer(std::move(body_->get().body())));
+    proceed(ofBody.answer(std::move(body_->get().body())));
   }
 
   bool hasBody() const { return parser_->chunked() || parser_->content_length().value_or(0) > 0; }
@@ -322,9 +324,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       return close();
     }
     answerBytes_ = bytes;
-    if (!a.upgradeTo) return send(std::move(a));
-    stream_.expires_never();
-    upgrade(std::move(a.upgradeTo));
+    if (a.upgradeTo) stream_.expires_never();
+    proceed(std::move(a));
   }
 
   void send(Answer a) {

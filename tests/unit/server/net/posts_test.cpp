@@ -34,6 +34,9 @@ class PostsTest : public testing::Test {
     settings.trustedProxies = {access::Network::parse("127.0.0.0/8").value()};
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
+    resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
+      return terrain::create(spec.terrain, spec.seed);
+    };
     directory = std::make_shared<session::Directory>(resources, terrain);
     start();
   }
@@ -94,6 +97,17 @@ TEST_F(PostsTest, MayComeInPiecesAndWithoutALength) {
   EXPECT_THAT(client.answer(), StartsWith("HTTP/1.1 100 Continue"));
   client.send(kPlaces);
   EXPECT_THAT(client.answer(), testing::EndsWith(heights));
+}
+
+// With a parameter it is made by work, before the body is read.
+TEST_F(PostsTest, MayMakeTheirWorld) {
+  for (const char* world : {"session=a&terrain=alpine", "session=b&terrain=alpine&param=depth=5"}) {
+    EXPECT_THAT(ask(post(kPlaces, std::string("/v1/heights?") + world)), testing::EndsWith(heights)) << world;
+    SocketClient client(server->port());
+    client.send("GET /v1/heights?at=1,2&" + std::string(world) + "&seed=2 HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    EXPECT_THAT(client.answer(), StartsWith("HTTP/1.1 409"));
+  }
+  EXPECT_EQ(directory->all().size(), 3u);
 }
 
 TEST_F(PostsTest, OfTooManyBytesAreRefusedUnread) {

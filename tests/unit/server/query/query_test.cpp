@@ -115,6 +115,10 @@ class QueryHttpTest : public testing::Test {
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
+    resources->limits.maxSessionsPerClient = 2;
+    resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
+      return terrain::create(spec.terrain, spec.seed + static_cast<std::uint32_t>(spec.parameters.size()));
+    };
     directory = std::make_shared<session::Directory>(resources, terrain);
     directory->add("other", terrain::create("alpine", 4).value()).value();
   }
@@ -139,6 +143,7 @@ class QueryHttpTest : public testing::Test {
       none.status = 0;
       return none;
     }
+    if (a->later && a->later->makesWorld) a = a->later->work({});
     if (a->ofBody) {
       if (body.size() > a->ofBody->most) return http::plain(413, a->ofBody->tooLong);
       a = a->ofBody->answer(std::move(body));
@@ -319,6 +324,62 @@ TEST_F(QueryHttpTest, EveryBodyThatIsNoneIsRefusedInASentence) {
   refused("/v1/heights?spacing=nan", bytesOf(two), kDoubles);
   refused("/v1/normals?spacing=0", bytesOf(two), kDoubles);
   refused("/v1/heights?session=none", bytesOf(two), kDoubles, 404);
+}
+
+TEST_F(QueryHttpTest, MakesASessionAsAStreamDoes) {
+  const std::string world = "&session=race&terrain=canyon&seed=7";
+  for (const char* wrong : {"/v1/heights?at=1", "/v1/rays?ray=0", "/v1/normals?at=1,2&spacing=0"})
+    EXPECT_EQ(get(wrong + world).status, 400u);
+  EXPECT_EQ(post("/v1/heights?" + world, "", "text/csv").status, 415u);
+  EXPECT_FALSE(directory->find("race")) << "for no question no world is made";
+  const auto made = get("/v1/heights?at=10,20&at=-3000,4" + world + "&clock=stepped");
+  ASSERT_EQ(made.status, 200u) << made.body;
+  const auto race = directory->find("race");
+  ASSERT_TRUE(race);
+  EXPECT_EQ(race->terrain()->name(), "canyon");
+  EXPECT_EQ(race->terrain()->seed(), 7u);
+  EXPECT_EQ(race->presence().state().clock.mode, wire::ClockMode::kStepped);
+  EXPECT_GT(race->uses(), 0u) << "it lives as long as any";
+  EXPECT_EQ(get("/v1/heights?at=10,20&at=-3000,4&session=race").body, made.body);
+  EXPECT_EQ(post("/v1/heights?" + world, R"({"at": [[10, 20], [-3000, 4]]})", kJson).body, made.body);
+  const auto other = get("/v1/heights?at=10,20&session=race&seed=8");
+  EXPECT_EQ(other.status, 409u);
+  EXPECT_THAT(other.body, HasSubstr("is another world (terrain canyon, seed 7)"));
+  const auto none = get("/v1/heights?at=10,20&session=none");
+  EXPECT_EQ(none.status, 404u);
+  EXPECT_THAT(none.body, HasSubstr("&terrain=NAME creates one"));
+  EXPECT_EQ(get("/v1/heights?at=10,20&session=new&terrain=atlantis").status, 400u);
+
+  http::Request request;
+  request.method = "GET";
+  request.target = "/v1/heights?at=10,20&session=new&terrain=canyon";
+  request.rights = access::Right::kQuery;
+  const auto forbidden = asked(request);
+  EXPECT_EQ(forbidden.status, 403u);
+  EXPECT_THAT(forbidden.body, HasSubstr("lacks the right 'create'"));
+  EXPECT_FALSE(directory->find("new"));
+}
+
+TEST_F(QueryHttpTest, WorldsThatTakeLongAreMadeByWork) {
+  for (int k = 0; k < 2; ++k) {
+    const std::string name = "slow" + std::to_string(k);
+    http::Request request;
+    request.method = "POST";
+    request.contentType = kJson;
+    request.client = "address 192.0.2.1";
+    const std::string target = "/v1/heights?session=" + name + "&terrain=canyon&param=depth=5";
+    request.target = target;
+    const auto first = http::queryRoute(directory)(request);
+    ASSERT_TRUE(first && first->later);
+    EXPECT_TRUE(first->later->makesWorld);
+    EXPECT_EQ(first->later->progress(), "preparing the terrain");
+    EXPECT_FALSE(directory->find(name));
+    EXPECT_EQ(asked(request, R"({"at": [[1, 2]]})").status, 200u);
+    EXPECT_TRUE(directory->find(name));
+  }
+  const auto third = post("/v1/heights?session=third&terrain=canyon", R"({"at": [[1, 2]]})", kJson);
+  EXPECT_EQ(third.status, 429u);
+  EXPECT_THAT(third.body, HasSubstr("has made 2 of the sessions that live here"));
 }
 
 TEST_F(QueryHttpTest, WhoAsksForMuchPaysFromItsBudget) {
