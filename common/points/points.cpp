@@ -139,13 +139,13 @@ std::int32_t Coding<Coder>::height(Heights& heights, int level, std::int32_t gue
   return static_cast<std::int32_t>(std::clamp<std::int64_t>(units << bits, -kNoHeight, kNoHeight));
 }
 
-Writer::Writer(std::vector<std::uint8_t>& payload) : Coding((payload.push_back(kForm), codec::RangeEncoder(payload))) {}
+Writer::Writer(std::vector<std::uint8_t>& payload) : Coding((payload.push_back(kForm), RangeEncoder(payload))) {}
 
 Reader::Reader(std::span<const std::uint8_t> payload)
-    : Coding(codec::RangeDecoder(payload.subspan(std::min<std::size_t>(payload.size(), 1)))),
+    : Coding(RangeDecoder(payload.subspan(std::min<std::size_t>(payload.size(), 1)))),
       known_(!payload.empty() && payload.front() == kForm) {}
 
-template class Coding<codec::RangeEncoder>;
-template class Coding<codec::RangeDecoder>;
+template class Coding<RangeEncoder>;
+template class Coding<RangeDecoder>;
 
 }  // namespace ridgecast::points

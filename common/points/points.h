@@ -7,7 +7,7 @@
 // differences from what the neighbours suggest (guess.h).
 //
 //   1 byte    form: 0x30
-//   rest      bits, arithmetically coded (common/codec/range_coder.h)
+//   rest      bits, arithmetically coded (common/points/range_coder.h)
 //
 // Writer and Reader walk through a payload in the same steps: changes(); then, once the triangulation is changed, raised() for each point
 // of that kind in all changes and inserted() for each of the other; then the end. One owner each.
@@ -18,8 +18,8 @@
 #include <span>
 #include <vector>
 
-#include "common/codec/range_coder.h"
 #include "common/lattice/lattice.h"
+#include "common/points/range_coder.h"
 
 namespace ridgecast::points {
 
@@ -67,7 +67,6 @@ class Coding {
   Coder coder_;
 
  private:
-  using Probability = codec::Probability;
   struct Number {  // contexts
     std::array<Probability, 32> length, top;
   };
@@ -97,13 +96,13 @@ class Coding {
   std::array<Heights, 2> inserted_;
 };
 
-class Writer : public Coding<codec::RangeEncoder> {
+class Writer : public Coding<RangeEncoder> {
  public:
   explicit Writer(std::vector<std::uint8_t>& payload);  // is appended to
   void finish() { coder_.finish(); }
 };
 
-class Reader : public Coding<codec::RangeDecoder> {
+class Reader : public Coding<RangeDecoder> {
  public:
   explicit Reader(std::span<const std::uint8_t> payload);
   // After the last height: the payload ended there.

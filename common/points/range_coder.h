@@ -12,7 +12,7 @@
 #include <span>
 #include <vector>
 
-namespace ridgecast::codec {
+namespace ridgecast::points {
 
 // The probability that the next bit is 1, in 1/65536, and the number of bits seen.
 struct Probability {
@@ -117,4 +117,4 @@ class RangeDecoder {
   std::uint32_t low_ = 0, high_ = 0xffffffffu, value_ = 0;
 };
 
-}  // namespace ridgecast::codec
+}  // namespace ridgecast::points
