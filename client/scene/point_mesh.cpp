@@ -40,8 +40,8 @@ void PointMesh::make(std::uint32_t triangles) {
   mesh_ = std::make_unique<Triangulation>(triangles, *this);
   capacity_ = triangles;
   shades_.assign(shaded_ ? mesh_->vertexCapacity() : 0, {});
-  index_.assign(mesh_->vertexCapacity(), 0);
   terms_ = triangulation::Records<std::uint64_t>(mesh_->triangleCapacity());
+  hashes_.assign(mesh_->triangleCapacity() / triangulation::TrianglePages::kSlots, {});
   regions_.clear();
   empty();
 }
@@ -53,12 +53,6 @@ void PointMesh::empty() {
   regions_.clear();
   levels_ = 0;
   for (const LeafAddress& leaf : held_) addRegion(leaf);
-  listRegions();
-}
-
-void PointMesh::listRegions() {
-  heldRegions_.clear();
-  for (const LeafAddress& leaf : held_) heldRegions_.push_back(regions_.at(leaf));
 }
 
 // Room for so many more points.
@@ -89,7 +83,7 @@ void PointMesh::reserve(std::size_t points) {
 triangulation::Moves PointMesh::moves() {
   triangulation::Moves told;
   told.triangles = [this](std::span<const triangulation::Move> all) {
-    for (const auto& [from, to] : all) terms_[to] = terms_[from];
+    for (const auto& [from, to] : all) setTerm(to, terms_[from]);
   };
   if (shaded_)
     told.vertices = [this](std::span<const triangulation::Move> all) {
@@ -122,6 +116,8 @@ void PointMesh::addRegion(LeafAddress leaf) {
                                             static_cast<std::int32_t>(leaf.z() - anchor_.z), static_cast<std::int32_t>(leaf.side())});
   mesh_->markChanged(region);  // it is told of even when it stays empty: Iteration.errors has one for each leaf that comes
   regions_[leaf] = region;
+  leaves_.resize(mesh_->regionLimit());
+  leaves_[region] = leaf;
 }
 
 // Puts the anchor near the middle of the leaves. False: they, or the points held, reach too far.
@@ -145,6 +141,15 @@ bool PointMesh::centre() {
   return true;
 }
 
+// An empty mesh where the leaves are. False: they reach too far.
+bool PointMesh::startOver() {
+  if (held_.empty()) return clear(), true;
+  mesh_->clear();  // so that the anchor is free
+  if (!centre()) return false;
+  empty();
+  return true;
+}
+
 bool PointMesh::replaceLeaves(const Step& step) {
   if (step.gone.empty() && step.come.empty()) return true;
   std::vector<LeafAddress> gone(step.gone.begin(), step.gone.end()), come(step.come.begin(), step.come.end()), kept;
@@ -152,31 +157,33 @@ bool PointMesh::replaceLeaves(const Step& step) {
   std::sort(come.begin(), come.end());
   std::set_difference(held_.begin(), held_.end(), gone.begin(), gone.end(), std::back_inserter(kept));
   if (kept.size() + gone.size() != held_.size()) return false;
-  const bool isElsewhere = kept.empty();
   held_.clear();
   std::merge(kept.begin(), kept.end(), come.begin(), come.end(), std::back_inserter(held_));
-  if (held_.empty() || std::adjacent_find(held_.begin(), held_.end()) != held_.end()) return held_.empty() ? (clear(), true) : false;
-  if (isElsewhere) {
-    mesh_->clear();  // so that the anchor is free
-    if (!centre()) return false;
-    empty();
-    return true;
-  }
+  if (std::adjacent_find(held_.begin(), held_.end()) != held_.end()) return false;
+  if (kept.empty()) return startOver();
   if (!centre()) return false;
   std::vector<std::pair<LeafAddress, RegionId>> former;
   for (const LeafAddress& leaf : gone) former.emplace_back(leaf, regions_.extract(leaf).mapped());
-  for (const LeafAddress& leaf : come) addRegion(leaf);
+  std::int64_t open = 0;  // area of what comes where no leaf went, in finest leaves
+  const auto area = [](const LeafAddress& leaf) { return std::int64_t{1} << 2 * leaf.level; };
+  for (const LeafAddress& leaf : come) {
+    addRegion(leaf);
+    LeafAddress above = leaf.parent();
+    while (above.level <= lattice::kMaxLevel && !std::binary_search(gone.begin(), gone.end(), above)) above = above.parent();
+    if (above.level > lattice::kMaxLevel) open += area(leaf);
+  }
   const triangulation::Moves told = moves();
   for (const auto& [leaf, region] : former) {
     const auto heir = std::find_if(come.begin(), come.end(), [&, of = leaf](const LeafAddress& c) { return c.isAncestorOf(of); });
-    if (heir != come.end())
+    if (heir != come.end()) {
       mesh_->adopt(region, regions_.at(*heir));
-    else
+      open -= area(leaf);
+    } else {
       mesh_->refile(region, told);
+    }
     mesh_->removeRegion(region);
   }
-  mesh_->refile(kOutside, told);
-  listRegions();
+  if (open != 0) mesh_->refile(kOutside, told);
   return true;
 }
 
@@ -241,17 +248,23 @@ triangulation::VertexId PointMesh::insert(const Vertex& p, TriangleId& hint) {
   }
 }
 
-// A triangle at the vertex of the square that is nearest to a point, to search from.
+// A triangle near a point of the square, to search from: at the nearest of a few vertices of each page, which share a line of the cache.
 TriangleId PointMesh::hintFor(LeafAddress square, triangulation::Point2 p, TriangleId otherwise) const {
   const auto region = regions_.find(square);
   if (region == regions_.end()) return otherwise;
+  constexpr int kOfEachPage = 4;
+  const triangulation::VertexPages& pages = mesh_->vertexPages();
   VertexId nearest = kNoVertex;
   std::int64_t least = std::numeric_limits<std::int64_t>::max();
-  mesh_->vertexPages().forEach(region->second, [&](VertexId v) {
-    const Vertex& u = mesh_->vertex(v);
-    const std::int64_t dx = std::int64_t{u.x} - p.x, dz = std::int64_t{u.z} - p.z, distance = dx * dx + dz * dz;
-    if (distance < least) least = distance, nearest = v;
-  });
+  for (std::uint32_t page : pages.pagesOf(region->second)) {
+    auto alive = pages.aliveMask(page);
+    for (int k = 0; k < kOfEachPage && alive != 0; ++k, alive &= alive - 1) {
+      const VertexId v = page * triangulation::VertexPages::kSlots + static_cast<VertexId>(std::countr_zero(alive));
+      const Vertex& u = mesh_->vertex(v);
+      const std::int64_t dx = std::int64_t{u.x} - p.x, dz = std::int64_t{u.z} - p.z, distance = dx * dx + dz * dz;
+      if (distance < least) least = distance, nearest = v;
+    }
+  }
   return nearest == kNoVertex ? otherwise : mesh_->edgeOf(nearest) >> 2;
 }
 
@@ -260,10 +273,7 @@ bool PointMesh::begin(std::span<const Held> leaves) {
   active_.clear();
   for (const Held& leaf : leaves) held_.push_back(leaf.mesh->address);
   std::sort(held_.begin(), held_.end());
-  mesh_->clear();
-  if (held_.empty()) return clear(), true;
-  if (!centre()) return false;
-  empty();
+  if (!startOver()) return false;
   std::vector<Vertex> vertices;
   std::vector<terrain::Shade> shades;
   for (const Held& leaf : leaves) {
@@ -407,29 +417,41 @@ bool PointMesh::setHeight(VertexId v, std::int32_t y) {
 
 std::vector<PointMesh::Changed> PointMesh::takeChanged() {
   std::vector<Changed> changed;
-  for (std::size_t k = 0; k < held_.size(); ++k) {
-    const RegionId region = heldRegions_[k];
+  for (RegionId region = kOutside + 1; region < mesh_->regionLimit(); ++region) {
     if (!mesh_->takeChanged(region)) continue;
     if (mesh_->sparse(region)) mesh_->compact(region, moves());
-    changed.push_back({held_[k], hashOf(region)});
+    changed.push_back({leaves_[region], hashOf(region)});
   }
+  std::sort(changed.begin(), changed.end(), [](const Changed& a, const Changed& b) { return a.leaf < b.leaf; });
   return changed;
 }
 
-// Terms of triangles are computed once, when they are fresh.
+// Of the region's triangles only the fresh ones and those that are gone are looked at.
 std::uint64_t PointMesh::hashOf(RegionId region) {
   triangulation::TrianglePages& pages = mesh_->trianglePages();
   std::uint64_t sum = 0;
   for (std::uint32_t page : pages.pagesOf(region)) {
     const TriangleId first = page * triangulation::TrianglePages::kSlots;
+    PageHash& hash = hashes_[page];
     for (auto m = pages.freshMask(page); m != 0; m &= m - 1) {
       const TriangleId t = first + static_cast<TriangleId>(std::countr_zero(m));
-      terms_[t] = termOf(t);
+      setTerm(t, termOf(t));
       pages.clearFresh(t);
     }
-    for (auto m = pages.aliveMask(page); m != 0; m &= m - 1) sum += terms_[first + static_cast<TriangleId>(std::countr_zero(m))];
+    for (auto m = hash.terms & ~pages.aliveMask(page); m != 0; m &= m - 1)
+      hash.sum -= terms_[first + static_cast<TriangleId>(std::countr_zero(m))];
+    hash.terms &= pages.aliveMask(page);
+    sum += hash.sum;
   }
   return sum;
+}
+
+void PointMesh::setTerm(TriangleId t, std::uint64_t term) {
+  PageHash& hash = hashes_[t / triangulation::TrianglePages::kSlots];
+  const auto bit = triangulation::TrianglePages::Mask{1} << t % triangulation::TrianglePages::kSlots;
+  if (hash.terms & bit) hash.sum -= terms_[t];
+  hash.terms |= bit;
+  hash.sum += terms_[t] = term;
 }
 
 std::uint64_t PointMesh::termOf(TriangleId t) const {
@@ -442,29 +464,9 @@ std::uint64_t PointMesh::termOf(TriangleId t) const {
 }
 
 PointMesh::Leaf PointMesh::extract(LeafAddress leaf) {
-  Leaf out{{leaf, {}, {}}, {}};
-  const RegionId region = regions_.at(leaf);
-  const std::uint32_t count = mesh_->triangleCount(region);
-  out.mesh.triangles.reserve(count);
-  out.mesh.vertices.reserve(count / 2 + 16);
-  const lattice::Step dx = anchor_.x - leaf.x(), dz = anchor_.z - leaf.z();
-  extracted_.clear();
-  const auto place = [&](VertexId v) {
-    std::uint32_t& index = index_[v];
-    if (index == 0) {
-      const Vertex& p = mesh_->vertex(v);
-      out.mesh.vertices.push_back({static_cast<std::int32_t>(dx + p.x), static_cast<std::int32_t>(dz + p.z), p.y});
-      if (shaded_) out.shades.push_back(shades_[v]);
-      extracted_.push_back(v);
-      index = static_cast<std::uint32_t>(extracted_.size());
-    }
-    return index - 1;
-  };
-  mesh_->trianglePages().forEach(region, [&](TriangleId t) {
-    const auto& v = mesh_->triangle(t).v;
-    out.mesh.triangles.push_back({place(v[0]), place(v[1]), place(v[2])});
-  });
-  for (VertexId v : extracted_) index_[v] = 0;
+  Leaf out{extractor_.extract(*mesh_, regions_.at(leaf), leaf, anchor_), {}};
+  if (shaded_)
+    for (VertexId v : extractor_.vertices()) out.shades.push_back(shades_[v]);
   return out;
 }
 

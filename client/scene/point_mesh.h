@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/mesh/extraction.h"
 #include "common/mesh/leaf_mesh.h"
 #include "common/points/points.h"
 #include "common/terrain/shade.h"
@@ -82,8 +83,8 @@ class PointMesh final : public triangulation::Partition {
   void empty();
   void reserve(std::size_t points);
   void addRegion(lattice::LeafAddress leaf);
-  void listRegions();
   bool centre();
+  bool startOver();
   bool replaceLeaves(const Step& step);
   std::uint32_t count(lattice::LeafAddress square);
   const std::vector<VertexId>& openPoints(lattice::LeafAddress square);
@@ -99,13 +100,14 @@ class PointMesh final : public triangulation::Partition {
   bool isCheap(VertexId v);
   std::uint64_t termOf(triangulation::TriangleId t) const;
   std::uint64_t hashOf(RegionId region);
+  void setTerm(triangulation::TriangleId t, std::uint64_t term);
 
   std::unique_ptr<triangulation::Triangulation> mesh_;
   std::uint32_t capacity_ = 0;  // triangles
   lattice::Point anchor_;
   std::unordered_map<lattice::LeafAddress, RegionId, lattice::LeafAddressHash> regions_;
+  std::vector<lattice::LeafAddress> leaves_;  // by region
   std::vector<lattice::LeafAddress> held_;    // the leaves, in canonical order
-  std::vector<RegionId> heldRegions_;         // theirs
   std::vector<lattice::LeafAddress> active_;  // squares that the last payload changed, in canonical order
   std::vector<terrain::Shade> shades_;        // by vertex
   const bool shaded_;
@@ -117,9 +119,13 @@ class PointMesh final : public triangulation::Partition {
   unsigned levels_ = 0;                      // of leaves that there may be, a bit each
   std::vector<VertexId> list_;
   std::vector<std::pair<std::uint64_t, VertexId>> sorted_;
+  struct PageHash {
+    std::uint64_t sum = 0;                         // of the terms of its triangles in `terms`
+    triangulation::TrianglePages::Mask terms = 0;  // which there are, also of triangles that are gone meanwhile
+  };
+  std::vector<PageHash> hashes_;                 // by page of triangles
   triangulation::Records<std::uint64_t> terms_;  // by triangle that is not fresh: of its leaf's hash
-  std::vector<std::uint32_t> index_;             // by vertex: 1 + its place in the leaf that is extracted
-  std::vector<VertexId> extracted_;
+  mesh::Extractor extractor_;
 };
 
 }  // namespace ridgecast::scene

@@ -35,7 +35,6 @@ RegionId Pages<N>::addRegion() {
     const RegionId id = unusedRegions_.back();
     unusedRegions_.pop_back();
     regions_[id] = std::make_unique<Region>();
-    changed_[id] = 0;
     return id;
   }
   regions_.push_back(std::make_unique<Region>());
@@ -47,6 +46,7 @@ template <std::uint32_t N>
 void Pages<N>::removeRegion(RegionId region) {
   assert(region != kOutside && regions_[region] && regions_[region]->pages.empty());
   regions_[region].reset();
+  changed_[region] = 0;
   unusedRegions_.push_back(region);
 }
 

@@ -173,7 +173,7 @@ class Triangulation {
   // Removes everything and starts from three points that are not collinear. Regions stay.
   void start(const Vertex& a, const Vertex& b, const Vertex& c);
   void clear();
-  bool empty() const { return liveVertices() == 0; }
+  bool empty() const { return edgeOf(kInfinite) == kNoEdge; }
 
   // Inserts a point that lies in the closed triangle `at` (or, outside the hull, beyond the hull edge of the ghost `at`).
   Change insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made = nullptr);
@@ -185,6 +185,10 @@ class Triangulation {
   void prefetchVertices(std::uint32_t page) const {
     const char* const first = reinterpret_cast<const char*>(&vertexRecords_[page * VertexPages::kSlots]);
     for (std::size_t k = 0; k < VertexPages::kSlots * sizeof(Vertex); k += 64) __builtin_prefetch(first + k);
+  }
+  void prefetchTriangles(std::uint32_t page) const {
+    const char* const first = reinterpret_cast<const char*>(&triangleRecords_[page * TrianglePages::kSlots]);
+    for (std::size_t k = 0; k < TrianglePages::kSlots * sizeof(Triangle); k += 64) __builtin_prefetch(first + k);
   }
   void prefetchNeighbours(TriangleId t) const {
     for (HalfEdge h : triangleRecords_[t].twin) __builtin_prefetch(&triangleRecords_[h >> 2]);

@@ -3,6 +3,7 @@
 #include <bit>
 #include <cmath>
 
+#include "common/mesh/extraction.h"
 #include "server/refinement/adaptive_mesh.h"
 #include "server/refinement/triangle.h"
 
@@ -26,39 +27,8 @@ std::uint64_t AdaptiveMesh::hash(RegionId region) {
 }
 
 mesh::LeafMesh AdaptiveMesh::extract(RegionId region, lattice::LeafAddress leaf) const {
-  mesh::LeafMesh out;
-  out.address = leaf;
-  const lattice::Step dx = anchor_.x - leaf.x(), dz = anchor_.z - leaf.z();
-  out.triangles.reserve(mesh_.triangleCount(region));
-  out.vertices.reserve(mesh_.triangleCount(region) / 2 + 16);
-  // By vertex: 1 + its place in the leaf, 0 between calls. Of each thread, as large as the largest mesh it has seen.
-  thread_local std::vector<std::uint32_t> places;
-  if (places.size() < mesh_.vertexCapacity()) places.resize(mesh_.vertexCapacity(), 0);
-  thread_local std::vector<VertexId> vertices;
-  vertices.clear();
-  const auto addTriangle = [&](TriangleId id) {
-    mesh::Triangle triangle;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const VertexId v = mesh_.triangle(id).v[k];
-      std::uint32_t& place = places[v];
-      if (place == 0) {
-        const auto& p = mesh_.vertex(v);
-        out.vertices.push_back({static_cast<std::int32_t>(dx + p.x), static_cast<std::int32_t>(dz + p.z), p.y});
-        vertices.push_back(v);
-        place = static_cast<std::uint32_t>(vertices.size());
-      }
-      triangle[k] = place - 1;
-    }
-    out.triangles.push_back(triangle);
-  };
-  const TrianglePages& pages = mesh_.trianglePages();
-  for (std::uint32_t page : pages.pagesOf(region)) {
-    const TriangleId first = page * TrianglePages::kSlots;
-    // Many cameras' meshes do not fit the cache: a page's corners are fetched together.
-    for (Mask m = pages.aliveMask(page); m != 0; m &= m - 1) mesh_.prefetchCorners(first + static_cast<TriangleId>(std::countr_zero(m)));
-    for (Mask m = pages.aliveMask(page); m != 0; m &= m - 1) addTriangle(first + static_cast<TriangleId>(std::countr_zero(m)));
-  }
-  for (VertexId v : vertices) places[v] = 0;
+  thread_local mesh::Extractor extractor;  // for its memory
+  mesh::LeafMesh out = extractor.extract(mesh_, region, leaf, anchor_);
   mesh::canonicalize(out);
   return out;
 }
