@@ -31,7 +31,7 @@ class Stream {
  public:
   Stream(std::shared_ptr<const terrain::Terrain> terrain, std::shared_ptr<scheduling::Pool> pool, bool points)
       : replica_(1, points), encoder_(std::move(terrain), std::move(pool), {points, false, false}) {
-    scene_.follow({points, false});
+    scene_.follow({points, false, settings::kDefaultBudget});
   }
 
   struct Cost {
