@@ -293,6 +293,9 @@ void addOffline(CLI::App& command, SnapshotWords& words) {
       ->type_name("NAME=VALUE");
   command.add_flag("--project", words.project, "lay a height map in degrees on the tangent plane at its middle: --raster project=local")
       ->needs(terrain);
+  command.add_option("--drape", offline.drape, "picture on a height map: a GeoTIFF of red, green and blue in the map's CRS")
+      ->needs(terrain)
+      ->type_name("FILE");
   command.add_option("--terrain-dir", offline.folder, "folder of terrain files")->needs(terrain)->type_name("DIR");
   command.add_option("--max-triangles", offline.triangles, "largest file, in triangles")
       ->needs(terrain)

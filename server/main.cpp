@@ -200,7 +200,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
   std::optional<Watch> watch;
   if (config.watch)
     watch.emplace(
-        directory, [requestOf](const session::WorldSpec& spec) { return user_terrain::fileOf(requestOf(spec)); }, makeTerrain,
+        directory, [requestOf](const session::WorldSpec& spec) { return user_terrain::filesOf(requestOf(spec)); }, makeTerrain,
         [&](const session::Session& session) { server->sendAway(session); });
 
   notify("READY=1\nSTATUS=Serving at " + server->url());

@@ -11,9 +11,9 @@
 
 namespace ridgecast {
 
-Watch::Watch(std::shared_ptr<session::Directory> directory, FileOf fileOf, session::MakeTerrain makeTerrain, SendAway sendAway)
+Watch::Watch(std::shared_ptr<session::Directory> directory, FilesOf filesOf, session::MakeTerrain makeTerrain, SendAway sendAway)
     : directory_(std::move(directory)),
-      fileOf_(std::move(fileOf)),
+      filesOf_(std::move(filesOf)),
       makeTerrain_(std::move(makeTerrain)),
       sendAway_(std::move(sendAway)),
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
@@ -24,10 +24,12 @@ void Watch::run(const std::stop_token& stop) {
   for (std::unique_lock lock(mutex); !stop.stop_requested(); stopped.wait_for(lock, stop, kLook, [] { return false; })) {
     std::set<std::filesystem::path> changed, looked;
     for (const auto& session : directory_->all()) {
-      const std::filesystem::path file = fileOf_(session->spec());
-      if (file.empty()) continue;
-      if (looked.insert(file).second && look(file)) changed.insert(file);
-      if (changed.contains(file)) renew(session, stop);
+      bool isOld = false;
+      for (const std::filesystem::path& file : filesOf_(session->spec())) {
+        if (looked.insert(file).second && look(file)) changed.insert(file);
+        isOld = isOld || changed.contains(file);
+      }
+      if (isOld) renew(session, stop);
     }
     std::erase_if(files_, [&](const auto& entry) { return !looked.contains(entry.first); });
   }

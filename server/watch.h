@@ -11,6 +11,7 @@
 #include <stop_token>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "server/session/session.h"
 
@@ -21,13 +22,13 @@ class Watch {
   // Between two looks. A change is taken up once two looks saw the same: an editor may still be writing.
   static constexpr std::chrono::milliseconds kLook{250};
 
-  // The file a world is made from; empty: none.
-  using FileOf = std::function<std::filesystem::path(const session::WorldSpec&)>;
+  // The files a world is made from.
+  using FilesOf = std::function<std::vector<std::filesystem::path>(const session::WorldSpec&)>;
   // Sends the members of this session, which has a successor, away.
   using SendAway = std::function<void(const session::Session&)>;
 
   // Looks from now on, on a thread of its own, until destroyed.
-  Watch(std::shared_ptr<session::Directory> directory, FileOf fileOf, session::MakeTerrain makeTerrain, SendAway sendAway);
+  Watch(std::shared_ptr<session::Directory> directory, FilesOf filesOf, session::MakeTerrain makeTerrain, SendAway sendAway);
 
  private:
   struct Version {
@@ -44,7 +45,7 @@ class Watch {
   void run(const std::stop_token& stop);
 
   const std::shared_ptr<session::Directory> directory_;
-  const FileOf fileOf_;
+  const FilesOf filesOf_;
   const session::MakeTerrain makeTerrain_;
   const SendAway sendAway_;
   std::map<std::filesystem::path, Seen> files_;

@@ -116,6 +116,7 @@ int becomeServer(const SnapshotOptions& options) {
                                  std::to_string(offline.triangles)};
   for (const std::string& parameter : offline.parameters) words.insert(words.end(), {"--param", parameter});
   for (const std::string& option : offline.raster) words.insert(words.end(), {"--raster", option});
+  if (!offline.drape.empty()) words.insert(words.end(), {"--drape", offline.drape.string()});
   if (!offline.folder.empty()) words.insert(words.end(), {"--terrain-dir", offline.folder.string()});
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());

@@ -17,6 +17,7 @@ namespace ridgecast::snapshot {
 struct Offline {
   std::string terrain;                          // a name, a terrain file or a height map
   std::vector<std::string> parameters, raster;  // NAME=VALUE
+  std::filesystem::path drape;                  // a picture on the height map; empty: none
   std::filesystem::path folder;                 // of terrain files; empty: none
   std::uint32_t seed = 1;
   std::uint32_t triangles = 20'000'000;  // at most

@@ -30,7 +30,7 @@ struct RasterShape {
   lattice::Step originX = 0, originZ = 0;  // of the map's first sample, |.| <= lattice::kMaxPosition
   std::uint32_t width = 0, height = 0;     // samples of the map itself, along x and z, at least 2
   std::int32_t lowest = 0, highest = 0;    // of all samples with the continuation; within +-kMaxSample, lowest <= highest
-  std::uint64_t content = 0;               // equal for equal samples and continuation
+  std::uint64_t content = 0;               // equal for equal samples, continuation and picture on them
   friend bool operator==(const RasterShape&, const RasterShape&) = default;
 };
 
@@ -48,6 +48,7 @@ struct RasterOrigin {
   std::string edge;                         // clamp, mirror, repeat or metres
   std::string crs;                          // of the file, such as EPSG:32632
   std::optional<double> easting, northing;  // of the map's middle, metres
+  std::string drape;                        // the picture on it; empty: none
 };
 
 // A source of samples. Any thread.

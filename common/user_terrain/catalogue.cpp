@@ -78,7 +78,7 @@ const terrain::Description* builtIn(std::string_view name) {
   return nullptr;
 }
 
-std::vector<std::filesystem::path> filesOf(const std::filesystem::path& folder) {
+std::vector<std::filesystem::path> filesIn(const std::filesystem::path& folder) {
   std::vector<std::filesystem::path> out;
   std::error_code failed;
   if (folder.empty()) return out;
@@ -86,6 +86,16 @@ std::vector<std::filesystem::path> filesOf(const std::filesystem::path& folder) 
     if (entry.path().extension() == ".glsl" && entry.is_regular_file(failed)) out.push_back(entry.path());
   std::ranges::sort(out);
   return out;
+}
+
+// Of this terrain; empty: none.
+std::filesystem::path fileOf(const Request& request) {
+  std::filesystem::path file = request.terrain;
+  if (file.extension() == ".glsl" || isRasterName(request.terrain)) return file;
+  if (builtIn(request.terrain)) return {};
+  for (auto& f : filesIn(request.folder))
+    if (f.stem() == request.terrain) return f;
+  return {};
 }
 
 Outcome<std::shared_ptr<const terrain::Terrain>> loadBuiltIn(const terrain::Description& d, const Request& request) {
@@ -106,7 +116,7 @@ Outcome<Source> find(const Request& request) {
   if (file.empty()) {
     std::string names;
     for (const terrain::Description& d : terrain::builtIn()) names.append(names.empty() ? "" : ", ").append(d.name);
-    for (const auto& f : filesOf(request.folder)) names.append(", ").append(f.stem().string());
+    for (const auto& f : filesIn(request.folder)) names.append(", ").append(f.stem().string());
     return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
                  "; or give a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .asc, .hgt, .r16 or .raw"};
   }
@@ -175,7 +185,7 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
 
 Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain, const std::stop_token& stop) {
   if (request.raster != RasterOptions() && !isRasterName(request.terrain))
-    return Error{"--raster sets options of height maps; terrain \"" + request.terrain.substr(0, 64) + "\" takes --param NAME=NUMBER"};
+    return Error{"--raster and --drape are for height maps; terrain \"" + request.terrain.substr(0, 64) + "\" takes --param NAME=NUMBER"};
   if (const auto* d = builtIn(request.terrain)) return loadBuiltIn(*d, request);
   if (isRasterName(request.terrain)) {
     if (!request.parameters.empty()) return Error{"--param sets parameters of GLSL terrains; a height map takes --raster NAME=VALUE"};
@@ -197,13 +207,11 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Co
       std::make_shared<Compiled>(std::move(*source), request.seed, std::move(*library), std::move(complain)));
 }
 
-std::filesystem::path fileOf(const Request& request) {
-  std::filesystem::path file = request.terrain;
-  if (file.extension() == ".glsl" || isRasterName(request.terrain)) return file;
-  if (builtIn(request.terrain)) return {};
-  for (auto& f : filesOf(request.folder))
-    if (f.stem() == request.terrain) return f;
-  return {};
+std::vector<std::filesystem::path> filesOf(const Request& request) {
+  std::vector<std::filesystem::path> files;
+  if (const std::filesystem::path file = fileOf(request); !file.empty()) files.push_back(file);
+  if (!request.raster.drape.empty()) files.push_back(request.raster.drape);
+  return files;
 }
 
 Outcome<std::vector<Entry>> list(const std::filesystem::path& folder) {
@@ -215,7 +223,7 @@ Outcome<std::vector<Entry>> list(const std::filesystem::path& folder) {
   if (folder.empty()) return out;
   std::error_code failed;
   if (!std::filesystem::is_directory(folder, failed)) return Error{"--terrain-dir: there is no folder " + folder.string()};
-  for (const auto& file : filesOf(folder)) {
+  for (const auto& file : filesIn(folder)) {
     Entry entry{file.stem().string(), {}, {}, {}};
     auto text = readText(file);
     auto fine = text ? checkText(file.string(), *text) : Outcome<void>(text.error());

@@ -40,8 +40,8 @@ using Complain = std::function<void(const std::string&)>;
 // user, with file and line if there is one, or a stop.
 Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain, const std::stop_token& stop = {});
 
-// The file that load() reads for this terrain; empty: none.
-std::filesystem::path fileOf(const Request& request);
+// The files that load() reads for this terrain.
+std::vector<std::filesystem::path> filesOf(const Request& request);
 
 struct Entry {
   std::string name, summary;

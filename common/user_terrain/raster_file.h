@@ -1,6 +1,6 @@
 #pragma once
 // Height maps as files: GeoTIFF and TIFF (tiff_file.cpp, by libtiff), PNG (png_file.cpp, by libpng), rows of 16-bit numbers, among them
-// those of SRTM (raw_file.cpp), ESRI's ASCII grids (asc_file.cpp).
+// those of SRTM (raw_file.cpp), ESRI's ASCII grids (asc_file.cpp). And pictures to drape over them: GeoTIFF.
 // Files are read by row or by row of tiles, never whole into memory. Their claims are compared with their length before anything is
 // allocated.
 //
@@ -33,19 +33,28 @@ struct RasterHeader {
   std::optional<double> easting, northing;  // of the first sample, metres
   std::uint16_t epsg = 0;                   // of the projected coordinate system; 0: unknown
   std::optional<DegreeGrid> degrees;        // instead of the pitch and the place, if the file is in degrees
+
+  // Of a picture:
+  std::uint16_t bands = 1;  // red, green, blue and perhaps another, a pixel
+  bool hasAlpha = false;    // it is the fourth
+  double white = 255;       // the largest value
+  double pitchDown = 0;     // metres from row to row, if there is a pitch, which is from column to column
 };
 
 class RasterFile {
  public:
   virtual ~RasterFile() = default;
   virtual const RasterHeader& header() const = 0;
-  // The next row, from the north, as stored: `out` has header().width values. Error: the file is truncated or broken.
+  // The next row, from the north, as stored: `out` has header().width * bands values. Error: the file is truncated or broken.
   virtual Outcome<void> row(std::span<double> out) = 0;
 };
 
 // Chooses by the name's ending. Errors are one sentence that begins with the file's name: no such file, content does not match the name,
 // more than one band, truncated, too large, ...
 Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options);
+
+// A GeoTIFF of red, green, blue and perhaps alpha, 8 or 16 bits each. Errors as of openRaster.
+Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file);
 
 // One of the formats, chosen by openRaster. `size` is the file's length in bytes.
 Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);

@@ -1,7 +1,8 @@
 #pragma once
-// A user's settings for a height map: --raster NAME=VALUE.
+// A user's settings for a height map: --raster NAME=VALUE, --drape FILE.
 
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string_view>
 
@@ -24,6 +25,7 @@ struct RasterOptions {
   bool bigEndian = false;               // order=little|big, of a raw file
   bool isSigned = false;                // type=unsigned|signed, of a raw file
   bool geographic = false;              // place=centre|geo: the map's middle at x 0, z 0, or easting at x and northing at -z
+  std::filesystem::path drape;          // a picture on it, --drape FILE (drape.h); empty: none
   friend bool operator==(const RasterOptions&, const RasterOptions&) = default;
 };
 

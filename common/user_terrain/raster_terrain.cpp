@@ -12,6 +12,7 @@
 
 #include "common/text/text.h"
 #include "common/user_terrain/degrees.h"
+#include "common/user_terrain/drape.h"
 #include "common/user_terrain/raster_file.h"
 
 namespace ridgecast::user_terrain {
@@ -29,6 +30,8 @@ struct Map {
   Edge edge;
   std::int32_t constant;
   terrain::RasterOrigin origin;
+  std::optional<Drape> drape;
+  std::uint64_t bytes() const { return samples.bytes() + (drape ? drape->bytes() : 0); }
 };
 
 class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
@@ -39,7 +42,15 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   std::string_view source() const override { return source_; }
   std::uint32_t seed() const override { return seed_; }
   const terrain::Raster* raster() const override { return this; }
-  terrain::Colours colours() const override { return terrain::rasterColours(shape_); }
+  terrain::Colours colours() const override {
+    if (!map_->drape) return terrain::rasterColours(shape_);
+    return [map = map_, own = terrain::rasterColours(shape_)](const Step* x, const Step* z, const float* height,
+                                                              const std::array<float, 3>* normal, float footprint,
+                                                              std::array<float, 3>* out, std::size_t count, std::uint32_t seed) {
+      own(x, z, height, normal, footprint, out, count, seed);
+      map->drape->over(x, z, footprint, out, count);
+    };
+  }
   const terrain::RasterShape& shape() const override { return shape_; }
   terrain::RasterOrigin origin() const override { return map_->origin; }
 
@@ -184,8 +195,8 @@ terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& 
   return origin;
 }
 
-std::shared_ptr<const Map> finished(Samples samples, terrain::RasterShape shape, const RasterOptions& options,
-                                    terrain::RasterOrigin origin) {
+std::shared_ptr<const Map> finished(Samples samples, terrain::RasterShape shape, const RasterOptions& options, terrain::RasterOrigin origin,
+                                    std::optional<Drape> drape = {}) {
   const Found found = measure(samples);
   const auto constant = static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre));
   const bool isConstant = options.edge == Edge::kConstant;
@@ -193,7 +204,11 @@ std::shared_ptr<const Map> finished(Samples samples, terrain::RasterShape shape,
   shape.highest = isConstant ? std::max(found.highest, constant) : found.highest;
   shape.content =
       lattice::mix(found.hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
-  return std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin)});
+  if (drape) {
+    shape.content = lattice::mix(shape.content ^ drape->content());
+    origin.drape = drape->describe();
+  }
+  return std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin), std::move(drape)});
 }
 
 // `used`: bytes of the other maps in use.
@@ -216,14 +231,23 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   const auto missing = readSamples(name, **file, options, *samples);
   if (!missing) return missing.error();
   if (auto replaced = replace(name, *missing, options, *samples); !replaced) return replaced.error();
-  if (!options.project)
-    return std::shared_ptr<const Map>(finished(std::move(*samples), *shape, options, originOf(header, options, *shape)));
-
   const std::uint64_t taken = used + bytes;
+  std::optional<Drape> drape;
+  if (!options.drape.empty()) {
+    auto picture = Drape::read(options.drape, header, *shape, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
+    if (!picture) return picture.error();
+    drape = std::move(*picture);
+  }
+  if (!options.project)
+    return std::shared_ptr<const Map>(finished(std::move(*samples), *shape, options, originOf(header, options, *shape), std::move(drape)));
+
   const auto pitch = options.pitch ? std::optional(shape->pitch) : std::nullopt;
   auto made = onPlane(name, *samples, *header.degrees, pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
   if (!made) return made.error();
-  header = RasterHeader{made->samples.width(), made->samples.height(), {}, made->pitch * lattice::kMetresPerStep, {}, {}, 0, {}};
+  header = RasterHeader();
+  header.width = made->samples.width();
+  header.height = made->samples.height();
+  header.pitch = made->pitch * lattice::kMetresPerStep;
   header.easting = -*header.pitch * (header.width - 1) / 2;  // the plane's middle is its origin
   header.northing = *header.pitch * (header.height - 1) / 2;
   shape = shapeOf(name, header, options);
@@ -237,14 +261,14 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
 class Maps {
  public:
   Outcome<std::shared_ptr<const Map>> open(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits) {
-    const Key key{path, options, versionOf(path)};
+    const Key key{path, options, versionOf(path), options.drape.empty() ? Version() : versionOf(options.drape)};
     const std::lock_guard lock(mutex_);
     std::uint64_t used = 0;
     for (const Entry& entry : inUse()) {
       auto map = entry.map.lock();
       if (!map) continue;
       if (entry.key == key) return map;
-      used += map->samples.bytes();
+      used += map->bytes();
     }
     auto made = read(path, options, limits, used);
     if (made) entries_.push_back({key, *made});
@@ -254,7 +278,7 @@ class Maps {
     const std::lock_guard lock(mutex_);
     std::uint64_t sum = 0;
     for (const Entry& entry : inUse())
-      if (const auto map = entry.map.lock()) sum += map->samples.bytes();
+      if (const auto map = entry.map.lock()) sum += map->bytes();
     return sum;
   }
 
@@ -263,7 +287,7 @@ class Maps {
   struct Key {
     std::filesystem::path path;
     RasterOptions options;
-    Version version;
+    Version version, drape;
     friend bool operator==(const Key&, const Key&) = default;
   };
   struct Entry {
@@ -333,7 +357,8 @@ std::string describe(const terrain::Raster& map) {
   if (!origin.crs.empty()) out += ", " + origin.crs;
   if (origin.easting)
     out += ", middle at easting " + text::rounded(*origin.easting, 12) + ", northing " + text::rounded(*origin.northing, 12);
-  return out + ", edge " + origin.edge;
+  out += ", edge " + origin.edge;
+  return origin.drape.empty() ? out : out + ", draped with " + origin.drape;
 }
 
 std::uint64_t bytesOfMaps() { return maps().bytes(); }

@@ -45,9 +45,9 @@ class RawFile final : public RasterFile {
 Outcome<void> checkClaim(const std::string& file, std::uint64_t width, std::uint64_t height, std::uint64_t sampleBytes, std::uint64_t size,
                          bool packed) {
   const std::string claim = std::to_string(width) + " x " + std::to_string(height) + " samples";
-  if (width < 2 || height < 2) return Error{file + ": it has " + claim + "; a height map has at least 2 x 2"};
+  if (width < 2 || height < 2) return Error{file + ": it has " + claim + "; there are at least 2 x 2"};
   if (width > 0xffffffffu || height > 0xffffffffu || width > kMostSamples / height)
-    return Error{file + ": it claims " + claim + "; a height map has at most 2^32 samples"};
+    return Error{file + ": it claims " + claim + "; there are at most 2^32"};
   const std::uint64_t bytes = width * height * sampleBytes;
   if (bytes / (packed ? kMostUnpacked : 1) > size)
     return Error{file + ": it claims " + claim + ", " + std::to_string(bytes) + " bytes, but the file has only " + std::to_string(size) +

@@ -103,7 +103,7 @@ Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std:
   void* data = MAP_FAILED;
   if (bytes <= inMemory) {
     data = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (data == MAP_FAILED) return Error{"the height map takes " + inMegabytes(bytes) + " of memory, more than is available"};
+    if (data == MAP_FAILED) return Error{"it takes " + inMegabytes(bytes) + " of memory, more than is available"};
   } else {
     std::error_code failed;
     const std::filesystem::path folder = std::filesystem::temp_directory_path(failed);
@@ -115,7 +115,7 @@ Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std:
       data = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
     if (descriptor >= 0) ::close(descriptor);
     if (data == MAP_FAILED)
-      return Error{"the height map takes " + inMegabytes(bytes) + " in " + folder.string() +
+      return Error{"it takes " + inMegabytes(bytes) + " in " + folder.string() +
                    ", where there is not so much room: set TMPDIR to a folder that has it"};
   }
   return Samples(static_cast<std::int32_t*>(data), width, height);

@@ -1,5 +1,5 @@
 #pragma once
-// The samples of a height map, in memory or in a temporary file.
+// The samples of a height map, or the pixels of a picture, in memory or in a temporary file.
 
 #include <cstddef>
 #include <cstdint>

@@ -1,6 +1,6 @@
-// The only includer of libtiff: TIFF and BigTIFF in strips or tiles, any packing that libtiff supports, one band of integers or floats; and
-// the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, transformation 34264, keys 34735 with their doubles 34736) and
-// of GDAL (NoData 42113).
+// The only includer of libtiff: TIFF and BigTIFF in strips or tiles, any packing that libtiff supports, one band of integers or floats, or
+// the bands of a picture; and the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, transformation 34264, keys 34735
+// with their doubles 34736) and of GDAL (NoData 42113).
 
 #include <tiffio.h>
 
@@ -24,6 +24,7 @@ namespace {
 constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kTransformation = 34264, kGeoKeys = 34735, kGeoDoubles = 34736,
                         kNoData = 42113;
 constexpr std::uint16_t kMetre = 9001, kFoot = 9002, kSurveyFoot = 9003, kDegree = 9102;  // EPSG's numbers of units
+constexpr std::uint16_t kOwn = 32767;                                                     // defined by the file
 
 thread_local std::string complaint;  // libtiff's first error since it was last cleared
 
@@ -68,7 +69,7 @@ void setUpLibrary() {
 
 class TiffFile final : public RasterFile {
  public:
-  explicit TiffFile(std::string name) : name_(std::move(name)) {}
+  TiffFile(std::string name, bool isPicture) : name_(std::move(name)), isPicture_(isPicture) {}
   ~TiffFile() override {
     if (tiff_) TIFFClose(tiff_);
   }
@@ -82,28 +83,22 @@ class TiffFile final : public RasterFile {
     if (!tiff_) return broken("this is no TIFF, or a broken one");
     if (!warning.empty())
       return Error{name_ + ": a part of what it says about itself cannot be read (" + warning + "); it is cut off or broken"};
-    std::uint16_t bands = 1, bits = 1, format = SAMPLEFORMAT_UINT, packing = COMPRESSION_NONE;
+    std::uint16_t bits = 1, format = SAMPLEFORMAT_UINT, packing = COMPRESSION_NONE;
     TIFFGetField(tiff_, TIFFTAG_IMAGEWIDTH, &header_.width);
     TIFFGetField(tiff_, TIFFTAG_IMAGELENGTH, &header_.height);
-    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLESPERPIXEL, &bands);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLESPERPIXEL, &header_.bands);
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_BITSPERSAMPLE, &bits);
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLEFORMAT, &format);
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_COMPRESSION, &packing);
-    if (bands != 1)
-      return Error{name_ + ": it has " + std::to_string(bands) + " bands; a height map has one (gdal_translate -b 1 takes the first)"};
-    const bool isFloat = format == SAMPLEFORMAT_IEEEFP && (bits == 32 || bits == 64);
-    const bool isInteger = (format == SAMPLEFORMAT_UINT || format == SAMPLEFORMAT_INT || format == SAMPLEFORMAT_VOID) &&
-                           (bits == 8 || bits == 16 || bits == 32);
-    if (!isFloat && !isInteger)
-      return Error{name_ + ": its samples have " + std::to_string(bits) +
-                   " bits of a kind that heights are not read from; integers of 8, 16 or 32 bits are, and floats of 32 or 64"};
-    kind_ = isFloat ? Kind::kFloat : format == SAMPLEFORMAT_INT ? Kind::kSigned : Kind::kUnsigned;
+    kind_ = format == SAMPLEFORMAT_IEEEFP ? Kind::kFloat : format == SAMPLEFORMAT_INT ? Kind::kSigned : Kind::kUnsigned;
     bytes_ = bits / 8u;
-    if (auto fine = checkClaim(name_, header_.width, header_.height, bytes_, size, packing != COMPRESSION_NONE); !fine) return fine;
+    pixelBytes_ = std::size_t{bytes_} * header_.bands;
+    if (auto fine = isPicture_ ? checkPixels(bits, packing) : checkSamples(bits, format); !fine) return fine;
+    if (auto fine = checkClaim(name_, header_.width, header_.height, pixelBytes_, size, packing != COMPRESSION_NONE); !fine) return fine;
     if (auto fine = checkPieces(size); !fine) return fine;
     if (!TIFFIsCODECConfigured(packing)) return Error{name_ + ": it is packed in a way that the installed libtiff does not unpack"};
     readNoData();
-    return readPlace(options);
+    return isPicture_ ? readPicturePlace() : readPlace(options);
   }
 
   Outcome<void> row(std::span<double> out) override {
@@ -129,6 +124,40 @@ class TiffFile final : public RasterFile {
     return {name_ + ": " + what + (complaint.empty() ? "" : " (" + complaint + ")") + "; it is cut off or broken"};
   }
 
+  Outcome<void> checkSamples(unsigned bits, unsigned format) const {
+    if (header_.bands != 1)
+      return Error{name_ + ": it has " + std::to_string(header_.bands) +
+                   " bands; a height map has one (gdal_translate -b 1 takes the first)"};
+    const bool isFloat = format == SAMPLEFORMAT_IEEEFP && (bits == 32 || bits == 64);
+    const bool isInteger = (format == SAMPLEFORMAT_UINT || format == SAMPLEFORMAT_INT || format == SAMPLEFORMAT_VOID) &&
+                           (bits == 8 || bits == 16 || bits == 32);
+    if (isFloat || isInteger) return {};
+    return Error{name_ + ": its samples have " + std::to_string(bits) +
+                 " bits of a kind that heights are not read from; integers of 8, 16 or 32 bits are, and floats of 32 or 64"};
+  }
+
+  Outcome<void> checkPixels(unsigned bits, unsigned packing) {
+    std::uint16_t meaning = 0, order = PLANARCONFIG_CONTIG, extras = 0;
+    const std::uint16_t* extra = nullptr;
+    TIFFGetField(tiff_, TIFFTAG_PHOTOMETRIC, &meaning);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_PLANARCONFIG, &order);
+    if (meaning == PHOTOMETRIC_YCBCR && packing == COMPRESSION_JPEG) {
+      TIFFSetField(tiff_, TIFFTAG_JPEGCOLORMODE, JPEGCOLORMODE_RGB);
+      meaning = PHOTOMETRIC_RGB;
+    }
+    if (meaning != PHOTOMETRIC_RGB || (header_.bands != 3 && header_.bands != 4) || kind_ != Kind::kUnsigned || (bits != 8 && bits != 16))
+      return Error{
+          name_ + ": it has " + std::to_string(header_.bands) + " bands of " + std::to_string(bits) +
+          " bits; a picture has red, green, blue and perhaps alpha, each of 8 or 16 bits (gdal_translate -expand rgb makes them of a "
+          "palette, -b 1 -b 2 -b 3 takes the first three)"};
+    if (order != PLANARCONFIG_CONTIG)
+      return Error{name_ + ": its bands are stored one after another, not by pixel: gdal_translate -co INTERLEAVE=PIXEL"};
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_EXTRASAMPLES, &extras, &extra);
+    header_.hasAlpha = extras == 1 && extra[0] != EXTRASAMPLE_UNSPECIFIED;
+    header_.white = bits == 8 ? 255 : 65535;
+    return {};
+  }
+
   // Strips and tiles must lie within the file and fit into the memory reserved for them.
   Outcome<void> checkPieces(std::uint64_t size) {
     if (TIFFIsTiled(tiff_)) {
@@ -136,13 +165,13 @@ class TiffFile final : public RasterFile {
       TIFFGetField(tiff_, TIFFTAG_TILELENGTH, &tileHeight_);
       const std::uint64_t across = tileWidth_ ? (std::uint64_t{header_.width} + tileWidth_ - 1) / tileWidth_ : 0;
       if (!tileWidth_ || !tileHeight_ || tileWidth_ > 65536 || tileHeight_ > 65536 ||
-          across * tileWidth_ * tileHeight_ * bytes_ > kMostRowBytes)
+          across * tileWidth_ * tileHeight_ * pixelBytes_ > kMostRowBytes)
         return Error{name_ + ": its tiles of " + std::to_string(tileWidth_) + " x " + std::to_string(tileHeight_) +
                      " are too large to read"};
-      rowBytes_ = across * tileWidth_ * bytes_;
+      rowBytes_ = across * tileWidth_ * pixelBytes_;
     } else {
       rowBytes_ = static_cast<std::size_t>(TIFFScanlineSize64(tiff_));
-      if (rowBytes_ < std::uint64_t{header_.width} * bytes_ || rowBytes_ > kMostRowBytes)
+      if (rowBytes_ < std::uint64_t{header_.width} * pixelBytes_ || rowBytes_ > kMostRowBytes)
         return broken("its rows have a length that cannot be");
     }
     const std::uint32_t pieces = tileWidth_ ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_);
@@ -155,13 +184,13 @@ class TiffFile final : public RasterFile {
     }
     buffer_.resize(rowBytes_ * (tileWidth_ ? tileHeight_ : 1));
     if (tileWidth_) tile_.resize(static_cast<std::size_t>(TIFFTileSize64(tiff_)));
-    if (tileWidth_ && tile_.size() < std::size_t{tileWidth_} * tileHeight_ * bytes_)
+    if (tileWidth_ && tile_.size() < std::size_t{tileWidth_} * tileHeight_ * pixelBytes_)
       return broken("its tiles have a length that cannot be");
     return {};
   }
 
   Outcome<void> readTiles() {
-    const std::size_t line = std::size_t{tileWidth_} * bytes_;
+    const std::size_t line = std::size_t{tileWidth_} * pixelBytes_;
     for (std::uint32_t x = 0, k = 0; x < header_.width; x += tileWidth_, ++k) {
       if (TIFFReadTile(tiff_, tile_.data(), x, next_, 0, 0) < 0)
         return broken("the tile at column " + std::to_string(x) + ", row " + std::to_string(next_) + " cannot be read");
@@ -231,7 +260,7 @@ class TiffFile final : public RasterFile {
         return 12 / 39.37;
       case 9036:
         return 1000.0;
-      case 32767:  // defined by the file
+      case kOwn:
         if (keys.linearUnitSize > 0) return keys.linearUnitSize;
     }
     return std::nullopt;
@@ -256,15 +285,33 @@ class TiffFile final : public RasterFile {
       return std::optional(Grid{matrix[3], matrix[7], matrix[0], -matrix[5], true});
     }
     if (!tie.empty() && !options.pitch)
-      return Error{name_ +
-                   ": it says where points of it lie, but not how far apart its samples are: warp it (gdalwarp), or say --raster "
-                   "pitch=METRES"};
+      return Error{name_ + ": it says where points of it lie, but not how far apart its samples are: warp it (gdalwarp)" +
+                   (isPicture_ ? "" : ", or say --raster pitch=METRES")};
     return std::optional<Grid>();
+  }
+
+  void placeAt(const Grid& grid, const Keys& keys, double unit) {
+    const double half = keys.rasterType == 2 ? 0.0 : 0.5;  // to the middle of the pixel; 2: pixels are points
+    header_.easting = (grid.x + half * grid.across) * unit;
+    header_.northing = (grid.y - half * grid.down) * unit;
+  }
+
+  // Whether it lies where the map does is judged by whoever drapes it.
+  Outcome<void> readPicturePlace() {
+    const Keys keys = readKeys();
+    const auto grid = readGrid({});
+    if (!grid) return grid.error();
+    const std::optional<double> unit = metresIn(keys);
+    if (keys.projection != kOwn) header_.epsg = keys.projection;
+    if (!*grid || !(*grid)->isPlaced || !unit || keys.modelType == 2) return {};
+    header_.pitch = (*grid)->across * *unit;
+    header_.pitchDown = (*grid)->down * *unit;
+    placeAt(**grid, keys, *unit);
+    return {};
   }
 
   Outcome<void> readPlace(const RasterOptions& options) {
     const Keys keys = readKeys();
-    constexpr std::uint16_t kOwn = 32767;  // defined by the file
     if (keys.projection != kOwn) header_.epsg = keys.projection;
     if (keys.heightUnit == kFoot || keys.heightUnit == kSurveyFoot)
       if (options.scale == 1)
@@ -300,17 +347,16 @@ class TiffFile final : public RasterFile {
                    " m the other: say --raster pitch=METRES"};
     header_.pitch = x;
     if (!(*grid)->isPlaced) return {};
-    const double half = keys.rasterType == 2 ? 0.0 : 0.5;  // to the middle of the pixel; 2: pixels are points
-    header_.easting = (*grid)->x * *unit + half * x;
-    header_.northing = (*grid)->y * *unit - half * y;
+    placeAt(**grid, keys, *unit);
     return {};
   }
 
   std::string name_;
+  bool isPicture_;
   TIFF* tiff_ = nullptr;
   RasterHeader header_;
   Kind kind_ = Kind::kUnsigned;
-  std::size_t bytes_ = 1, rowBytes_ = 0;
+  std::size_t bytes_ = 1, pixelBytes_ = 1, rowBytes_ = 0;
   std::uint32_t tileWidth_ = 0, tileHeight_ = 0, next_ = 0;
   std::vector<unsigned char> buffer_, tile_;
 };
@@ -318,8 +364,16 @@ class TiffFile final : public RasterFile {
 }  // namespace
 
 Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
-  auto tiff = std::make_unique<TiffFile>(file.string());
+  auto tiff = std::make_unique<TiffFile>(file.string(), false);
   if (auto opened = tiff->open(size, options); !opened) return opened.error();
+  return std::unique_ptr<RasterFile>(std::move(tiff));
+}
+
+Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file) {
+  std::error_code failed;
+  if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
+  auto tiff = std::make_unique<TiffFile>(file.string(), true);
+  if (auto opened = tiff->open(std::filesystem::file_size(file, failed), {}); !opened) return opened.error();
   return std::unique_ptr<RasterFile>(std::move(tiff));
 }
 

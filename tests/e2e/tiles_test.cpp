@@ -5,11 +5,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iostream>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -21,6 +23,7 @@
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -142,35 +145,45 @@ void writeMap(const std::string& file) {
     }
 }
 
-// A GeoTIFF in UTM zone 32 with samples of 16 bits, 10 m apart, in one strip.
-void writeGeoTiff(const std::string& file, std::uint16_t width, std::uint16_t height) {
+// A GeoTIFF in UTM zone 32, in one strip: samples of 16 bits, or a picture's pixels of 8.
+template <class Value, std::size_t kBands>
+void writeGeoTiff(const std::string& file, std::uint16_t width, std::uint16_t height, double pitch,
+                  const std::function<std::array<Value, kBands>(int x, int z)>& sample) {
   std::string tags, after;
   const auto put = [](std::string& to, auto value) { to.append(reinterpret_cast<const char*>(&value), sizeof value); };
-  const std::uint32_t count = 10, behind = 8 + 2 + count * 12 + 4, doubles = behind, keys = doubles + 9 * 8, strip = keys + 8 * 2;
+  const std::uint32_t count = 11, behind = 8 + 2 + count * 12 + 4, doubles = behind, keys = doubles + 9 * 8, strip = keys + 8 * 2;
   const auto tag = [&](std::uint16_t code, std::uint16_t type, std::uint32_t n, std::uint32_t value) {
     put(tags, code), put(tags, type), put(tags, n), put(tags, value);
   };
   constexpr std::uint16_t kShort = 3, kLong = 4, kDouble = 12;
   tag(256, kShort, 1, width);
   tag(257, kShort, 1, height);
-  tag(258, kShort, 1, 16);
-  tag(259, kShort, 1, 1);  // not compressed
+  tag(258, kShort, 1, 8 * sizeof(Value));    // of every band
+  tag(259, kShort, 1, 1);                    // not compressed
+  tag(262, kShort, 1, kBands == 3 ? 2 : 1);  // red, green, blue, or grey
   tag(273, kLong, 1, strip);
-  tag(277, kShort, 1, 1);
-  tag(279, kLong, 1, 2u * width * height);
+  tag(277, kShort, 1, kBands);
+  tag(279, kLong, 1, std::uint32_t{sizeof(Value) * kBands} * width * height);
   tag(33550, kDouble, 3, doubles);          // pixels' size
   tag(33922, kDouble, 6, doubles + 3 * 8);  // the first one's place
   tag(34735, kShort, 8, keys);
-  for (const double v : {10.0, 10.0, 0.0, 0.0, 0.0, 0.0, 680'000.0, 5'240'000.0, 0.0}) put(after, v);
+  for (const double v : {pitch, pitch, 0.0, 0.0, 0.0, 0.0, 680'000.0, 5'240'000.0, 0.0}) put(after, v);
   for (const std::uint16_t v : {1, 1, 0, 1, 3072, 0, 1, 32632}) put(after, v);
   for (int z = 0; z < height; ++z)
-    for (int x = 0; x < width; ++x) put(after, static_cast<std::uint16_t>(1500 + 200 * std::sin(x * 0.11) * std::cos(z * 0.07)));
+    for (int x = 0; x < width; ++x) put(after, sample(x, z));
   std::ofstream out(file, std::ios::binary);
   std::string head = "II*";
   head += '\0';
   put(head, std::uint32_t{8});
   put(head, static_cast<std::uint16_t>(count));
   out << head << tags << std::string(4, '\0') << after;
+}
+
+// 10 m apart.
+void writeHills(const std::string& file, std::uint16_t width, std::uint16_t height) {
+  writeGeoTiff<std::uint16_t, 1>(file, width, height, 10, [](int x, int z) {
+    return std::array{static_cast<std::uint16_t>(1500 + 200 * std::sin(x * 0.11) * std::cos(z * 0.07))};
+  });
 }
 
 std::string readFile(const std::filesystem::path& file) {
@@ -262,7 +275,7 @@ TEST(Tiles, ATokenOfTheUrlIsHandedOnAndNotLogged) {
 TEST(Tiles, FillAFolderWithoutAServer) {
   ScratchFolder folder;
   const std::string map = folder / "map.tif";
-  writeGeoTiff(map, 150, 100);
+  writeHills(map, 150, 100);
   const auto shoot = [&](std::vector<std::string> more) {
     std::vector<std::string> command{RIDGECAST_CLIENT, "snapshot", "--terrain"};
     command.insert(command.end(), more.begin(), more.end());
@@ -290,6 +303,53 @@ TEST(Tiles, FillAFolderWithoutAServer) {
     if (entry.path().extension() == ".glb") files.push_back(entry.path());
   EXPECT_GT(files.size(), 10u);
   validateGltf(files);
+}
+
+// A picture of five broad stripes, each of another colour: 6 m a pixel, over the western three quarters of a map.
+TEST(Tiles, AndSnapshotsShowThePictureOnAMap) {
+  ScratchFolder folder;
+  const std::string map = folder / "map.tif", ortho = folder / "ortho.tif", glb = folder / "a.glb", textured = folder / "b.glb";
+  constexpr std::array<std::array<std::uint8_t, 3>, 5> kStripes{{{255, 0, 0}, {0, 255, 0}, {0, 0, 255}, {255, 255, 0}, {0, 255, 255}}};
+  writeHills(map, 160, 100);
+  writeGeoTiff<std::uint8_t, 3>(ortho, 200, 167, 6, [&](int x, int) { return kStripes.at(static_cast<std::size_t>(x / 40)); });
+  const auto shoot = [&](std::vector<std::string> more) {
+    std::vector<std::string> command{RIDGECAST_CLIENT, "snapshot", "--terrain", map, "--drape", ortho, "--box", "all", "--error", "0.5"};
+    command.insert(command.end(), more.begin(), more.end());
+    const Finished done = runProgram(command);
+    EXPECT_EQ(done.code, 0) << done.output;
+  };
+  std::array<int, 6> seen{};
+  const auto judge = [&](const std::string& file) {
+    for (const GlbLeaf& leaf : readGlb(readFile(file)).leaves)
+      for (const auto& [place, colour] : leaf.colours) {
+        // The map's first sample, at x -800, is the middle of a pixel of 10 m whose corner is the picture's.
+        const double fromWest = leaf.translation[0] + static_cast<double>(place.x) / 256 + 800 + 5;
+        const auto stripe = static_cast<std::size_t>(fromWest / 240);
+        if (std::abs(fromWest - 240 * std::round(fromWest / 240)) < 100) continue;  // colours are means of their triangles' width
+        ++seen.at(std::min<std::size_t>(stripe, 5));
+        for (std::size_t c = 0; stripe < 5 && c < 3; ++c) EXPECT_NEAR(colour[c], kStripes.at(stripe)[c] / 255, 0.1) << fromWest;
+      }
+  };
+  shoot({"--out", glb, "--origin", "world"});
+  judge(glb);
+  for (const int vertices : seen) EXPECT_GT(vertices, 10);
+  shoot({"--out", textured, "--texture", "512"});
+  EXPECT_GT(readFile(textured).size(), readFile(glb).size());
+  shoot({"--tiles", folder / "tiles"});
+  validateGltf({glb, textured});
+
+  ServerProcess server(RIDGECAST_SERVER, {"--watch", "--log-level", "info", "--terrain", map, "--drape", ortho});
+  const auto isRenewed = [&] { return server.process().output().find("has new ground") != std::string::npos; };
+  const auto save = [&] {
+    writeGeoTiff<std::uint8_t, 3>(folder / "new.tif", 100, 80, 12, [&](int, int) { return kStripes[0]; });
+    std::filesystem::rename(folder / "new.tif", ortho);
+    return await(isRenewed, std::chrono::seconds(2));  // again, if the server had not yet looked
+  };
+  EXPECT_TRUE(await(save, std::chrono::seconds(60)));
+
+  const Finished refused = runProgram({RIDGECAST_SERVER, "--terrain", "alpine", "--drape", ortho});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.output, testing::HasSubstr("--raster and --drape are for height maps"));
 }
 
 TEST(Tiles, OtherProgramsFindNoFault) {

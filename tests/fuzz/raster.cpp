@@ -1,5 +1,5 @@
-// A height map's file: the first byte chooses the format and the raw form, the rest is the file. Nothing crashes, and no claim makes it
-// allocate.
+// A height map's file, or a picture's: the first byte chooses the format and the raw form, the rest is the file. Nothing crashes,
+// and no claim makes it allocate.
 #include <unistd.h>
 
 #include <cstdint>
@@ -22,11 +22,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   options.bigEndian = data[0] & 4;
   options.isSigned = data[0] & 8;
   if (data[0] & 16) options.width = 3, options.height = 2;
-  auto opened = user_terrain::openRaster(file, options);
+  auto opened = data[0] & 64 ? user_terrain::openPicture(file) : user_terrain::openRaster(file, options);
   if (opened) {
     const user_terrain::RasterHeader& header = (*opened)->header();
     if (header.width == 0 || header.height == 0) std::abort();
-    std::vector<double> row(header.width);
+    std::vector<double> row(std::size_t{header.width} * header.bands);
     for (std::uint32_t j = 0; j < header.height && (*opened)->row(row); ++j) continue;
   } else if (opened.error().message.empty()) {
     std::abort();

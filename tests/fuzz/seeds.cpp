@@ -168,28 +168,32 @@ void rasterSeeds() {
   write("raster", " NCOLS 2\nNROWS 2\nXLLCENTER 11\nYLLCENTER 47\nCELLSIZE 0.000833\n1 2 3 4");
   write("raster", '!' + raw.substr(0, 2 * 11 * 11));  // .hgt
   const std::string file = (root / "made").string();
-  for (const bool tiled : {false, true})
-    for (const std::uint16_t compression : {COMPRESSION_NONE, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_LZW}) {
-      TIFF* out = TIFFOpen(file.c_str(), "w");
-      TIFFSetField(out, TIFFTAG_IMAGEWIDTH, kWidth);
-      TIFFSetField(out, TIFFTAG_IMAGELENGTH, kHeight);
-      TIFFSetField(out, TIFFTAG_BITSPERSAMPLE, 16);
-      TIFFSetField(out, TIFFTAG_SAMPLESPERPIXEL, 1);
-      TIFFSetField(out, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
-      TIFFSetField(out, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
-      TIFFSetField(out, TIFFTAG_COMPRESSION, compression);
-      if (tiled) {
-        TIFFSetField(out, TIFFTAG_TILEWIDTH, 16);
-        TIFFSetField(out, TIFFTAG_TILELENGTH, 16);
-        for (std::uint32_t j = 0; j < kHeight; j += 16)
-          for (std::uint32_t i = 0; i < kWidth; i += 16) TIFFWriteTile(out, samples.data(), i, j, 0, 0);
-      } else {
-        TIFFSetField(out, TIFFTAG_ROWSPERSTRIP, 4);
-        for (std::uint32_t j = 0; j < kHeight; ++j) TIFFWriteScanline(out, samples.data() + j * kWidth, j, 0);
+  std::vector<std::uint16_t> pixels(samples.begin(), samples.end());
+  pixels.resize(3 * samples.size());
+  for (const bool isPicture : {false, true})
+    for (const bool tiled : {false, true})
+      for (const std::uint16_t compression : {COMPRESSION_NONE, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_LZW}) {
+        const std::uint16_t bands = isPicture ? 3 : 1;
+        TIFF* out = TIFFOpen(file.c_str(), "w");
+        TIFFSetField(out, TIFFTAG_IMAGEWIDTH, kWidth);
+        TIFFSetField(out, TIFFTAG_IMAGELENGTH, kHeight);
+        TIFFSetField(out, TIFFTAG_BITSPERSAMPLE, 16);
+        TIFFSetField(out, TIFFTAG_SAMPLESPERPIXEL, bands);
+        TIFFSetField(out, TIFFTAG_PHOTOMETRIC, isPicture ? PHOTOMETRIC_RGB : PHOTOMETRIC_MINISBLACK);
+        TIFFSetField(out, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
+        TIFFSetField(out, TIFFTAG_COMPRESSION, compression);
+        if (tiled) {
+          TIFFSetField(out, TIFFTAG_TILEWIDTH, 16);
+          TIFFSetField(out, TIFFTAG_TILELENGTH, 16);
+          for (std::uint32_t j = 0; j < kHeight; j += 16)
+            for (std::uint32_t i = 0; i < kWidth; i += 16) TIFFWriteTile(out, pixels.data(), i, j, 0, 0);
+        } else {
+          TIFFSetField(out, TIFFTAG_ROWSPERSTRIP, 4);
+          for (std::uint32_t j = 0; j < kHeight; ++j) TIFFWriteScanline(out, pixels.data() + j * kWidth * bands, j, 0);
+        }
+        TIFFClose(out);
+        write("raster", (isPicture ? '@' : '\0') + contents(file));
       }
-      TIFFClose(out);
-      write("raster", '\0' + contents(file));
-    }
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
   image.width = kWidth, image.height = kHeight, image.format = PNG_FORMAT_LINEAR_Y;

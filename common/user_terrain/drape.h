@@ -1,0 +1,51 @@
+#pragma once
+// An aerial picture that lies on a height map (--drape): a GeoTIFF in the map's CRS, with pixels and a place of its own.
+//
+// A colour is the mean of the picture over the footprint: bilinear between the pixels' middles, in linear light, and trilinear in a pyramid
+// of half the size each where the footprint is wider than a pixel. Where the picture ends or is transparent it fades into the map's own
+// colours.
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "common/lattice/lattice.h"
+#include "common/outcome/outcome.h"
+#include "common/terrain/raster.h"
+#include "common/user_terrain/raster_file.h"
+#include "common/user_terrain/samples.h"
+
+namespace ridgecast::user_terrain {
+
+class Drape {
+ public:
+  // Reads a picture (openPicture) for a map of this header and shape. A pixel takes four bytes, and the pyramid a third more; more than
+  // `inMemory` bytes go into a file. Error: the file's; another CRS than the map's, or none; it lies beside the map; it takes more than
+  // `most` bytes.
+  static Outcome<Drape> read(const std::filesystem::path& file, const RasterHeader& map, const terrain::RasterShape& shape,
+                             std::uint64_t inMemory, std::uint64_t most);
+
+  // Lays the picture over these colours; as terrain::Colours.
+  void over(const lattice::Step* x, const lattice::Step* z, float footprint, std::array<float, 3>* colours, std::size_t count) const;
+
+  std::uint64_t bytes() const;
+  std::uint64_t content() const { return content_; }  // equal for equal pictures at the same place
+  std::string describe() const;
+
+ private:
+  // From steps to the picture, in pixels from the middle of the first.
+  struct Axis {
+    lattice::Step origin = 0;
+    double first = 0, perStep = 1;
+    double at(lattice::Step v) const { return first + static_cast<double>(v - origin) * perStep; }
+  };
+
+  std::string name_;
+  std::vector<Samples> levels_;  // red, green, blue and alpha from the lowest byte on, in sRGB
+  Axis x_, z_;
+  std::uint64_t content_ = 0;
+};
+
+}  // namespace ridgecast::user_terrain
