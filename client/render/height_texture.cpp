@@ -2,6 +2,7 @@
 
 #include <epoxy/gl.h>
 
+#include <cmath>
 #include <limits>
 #include <vector>
 
@@ -22,6 +23,15 @@ int rasterTexel(ivec2 index, int level) {
 }
 )";
 
+constexpr std::string_view kDrapeAccessor = R"(
+#define RASTER_DRAPED
+uniform sampler2D rasterDrape;
+vec4 rasterPicture(vec2 index, float footprint) {
+  if (min(index.x, index.y) < 0.0 || max(index.x, index.y) >= 2048.0) return vec4(0.0);
+  return textureLod(rasterDrape, (vec2(rasterFirst) + index + 0.5) * (1.0 / 2048.0), log2(footprint));
+}
+)";
+
 }  // namespace
 
 HeightTexture::HeightTexture(const terrain::RasterShape& shape) : shape_(shape), texture_(makeTexture()) {
@@ -34,14 +44,26 @@ HeightTexture::HeightTexture(const terrain::RasterShape& shape) : shape_(shape),
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST_MIPMAP_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAX_LEVEL, kLevels - 1);
+  if (shape.draped) {
+    picture_ = makeTexture();
+    glBindTexture(GL_TEXTURE_2D, picture_->name());
+    const std::vector<std::uint8_t> none(std::size_t{4} * kSide * kSide);
+    for (int level = 0; level < kLevels; ++level)
+      glTexImage2D(GL_TEXTURE_2D, level, GL_SRGB8_ALPHA8, kSide >> level, kSide >> level, 0, GL_RGBA, GL_UNSIGNED_BYTE, none.data());
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_REPEAT);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_REPEAT);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAX_LEVEL, kLevels - 1);
+  }
   glBindTexture(GL_TEXTURE_2D, 0);
   glActiveTexture(GL_TEXTURE0);
 }
 
-void HeightTexture::upload(terrain::TileAddress address, const terrain::Tile* tile) {
+void HeightTexture::upload(terrain::TileAddress address, const scene::HeightWindow::Held* tile) {
   std::vector<std::int32_t> texels;
   if (tile)
-    texels.assign(tile->begin(), tile->end());
+    texels.assign(tile->samples.begin(), tile->samples.end());
   else
     texels.assign(terrain::kTileSamples, kUnknown);
   const auto x = static_cast<GLint>(address.i & (kTiles - 1)) * terrain::kTileSide,
@@ -56,6 +78,26 @@ void HeightTexture::upload(terrain::TileAddress address, const terrain::Tile* ti
         const std::size_t k = 2 * j * n + 2 * i;  // never before what is still to be read
         texels[j * half + i] = (texels[k] + texels[k + 1] + texels[k + n] + texels[k + n + 1]) >> 2;
       }
+  }
+  if (!picture_) return;
+  glBindTexture(GL_TEXTURE_2D, picture_->name());
+  uploadColours(tile && !tile->colours.empty() ? tile->colours : std::vector<std::uint8_t>(terrain::kTileColourBytes), x, y);
+  glBindTexture(GL_TEXTURE_2D, texture_.name());
+}
+
+void HeightTexture::uploadColours(std::vector<std::uint8_t> texels, int x, int y) {
+  for (int level = 0; level < kLevels; ++level) {
+    const GLint side = terrain::kTileSide >> level;
+    glTexSubImage2D(GL_TEXTURE_2D, level, x >> level, y >> level, side, side, GL_RGBA, GL_UNSIGNED_BYTE, texels.data());
+    const auto n = static_cast<std::size_t>(side), half = n / 2;
+    for (std::size_t k = 0; k < 4 * half * half; ++k) {
+      const std::size_t channel = k % 4, i = k / 4 % half, j = k / 4 / half;
+      const std::uint8_t* const from = &texels[8 * (j * n + i) + channel];  // never before what is still to be read
+      const std::array<float, 4> four{float(from[0]), float(from[4]), float(from[4 * n]), float(from[4 * n + 4])};
+      float sum = 0;
+      for (const float v : four) sum += channel == 3 ? v : v * v;  // sRGB is nearly the root of light
+      texels[k] = static_cast<std::uint8_t>(std::lround(channel == 3 ? sum / 4 : std::sqrt(sum / 4)));
+    }
   }
 }
 
@@ -73,7 +115,7 @@ bool HeightTexture::update(const scene::HeightWindow& window, std::size_t most) 
       const terrain::TileAddress address{base_.i + i, base_.j + j};
       auto& slot = slots_[static_cast<std::size_t>((address.j & (kTiles - 1)) * kTiles + (address.i & (kTiles - 1)))];
       if (slot == address) continue;
-      const terrain::Tile* tile = window.find(address);
+      const scene::HeightWindow::Held* tile = window.find(address);
       if (tile && uploaded >= most) {
         all = false;
         tile = nullptr;
@@ -99,8 +141,9 @@ void HeightTexture::bind(const Program& program) const {
   program.set("rasterFirst", static_cast<int>(base_.i & (kTiles - 1)) * terrain::kTileSide,
               static_cast<int>(base_.j & (kTiles - 1)) * terrain::kTileSide);
   program.sample("rasterWindow", 3, texture_.name());
+  if (picture_) program.sample("rasterDrape", 4, picture_->name());
 }
 
-std::string_view HeightTexture::accessor() { return kAccessor; }
+std::string HeightTexture::accessor(bool draped) { return std::string(kAccessor).append(draped ? kDrapeAccessor : ""); }
 
 }  // namespace ridgecast::render

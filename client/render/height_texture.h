@@ -1,11 +1,12 @@
 #pragma once
 // The window of a height map (scene::HeightWindow) as a texture: 2,048 x 2,048 samples that wrap around, so that a moving camera uploads
-// only what is new, and a pyramid of eight levels for distant shading. 22 MiB on the graphics card. Needs the context it was made in.
+// only what is new, and a pyramid of eight levels for distant shading. 22 MiB on the graphics card, and as much for a picture on the map.
+// Needs the context it was made in.
 
 #include <array>
 #include <cstdint>
 #include <optional>
-#include <string_view>
+#include <string>
 
 #include "client/render/gl_objects.h"
 #include "client/scene/height_window.h"
@@ -22,16 +23,18 @@ class HeightTexture {
   bool update(const scene::HeightWindow& window, std::size_t most = 64);
   std::uint64_t version() const { return version_; }  // grows with every change
 
-  // Sets the uniforms of accessor() and binds the texture to unit 3; the program must be in use.
+  // Sets the uniforms of accessor() and binds the textures to units 3 and 4; the program must be in use.
   void bind(const Program& program) const;
   // GLSL that must precede raster.glsl.
-  static std::string_view accessor();
+  static std::string accessor(bool draped);
 
  private:
-  void upload(terrain::TileAddress address, const terrain::Tile* tile);  // null: unknown
+  void upload(terrain::TileAddress address, const scene::HeightWindow::Held* tile);  // null: unknown
+  void uploadColours(std::vector<std::uint8_t> texels, int x, int y);
   terrain::RasterShape shape_;
   terrain::TileAddress base_;
   GlObject texture_;
+  std::optional<GlObject> picture_;
   std::array<std::optional<terrain::TileAddress>, kTiles * kTiles> slots_;
   std::uint64_t seen_ = ~std::uint64_t{0}, version_ = 0;
 };

@@ -40,7 +40,8 @@ Drawing drawingOf(const wire::World& world, bool remoteShaders) {
             "the server keeps its terrain's text to itself; drawing the colours and normals that come with the mesh, without a ray march"};
   if (world.terrainSource.empty()) return neutral("the server keeps its terrain's text to itself");
   if (!isRasterText(world) && !remoteShaders) return neutral("the terrain's text came from the server and --no-remote-shaders refuses it");
-  const TerrainText text{world.terrainSource, world.seed, false, false, world.heightMap.has_value()};
+  const TerrainText text{
+      world.terrainSource, world.seed, false, false, world.heightMap.has_value(), world.heightMap && world.heightMap->draped};
   if (world.heightMap) {
     if (auto shade = ShadePass::create(text); !shade) return neutral(shade.error().message);
     if (auto march = MarchPass::create(text); !march) return neutral(march.error().message);

@@ -23,7 +23,7 @@ View supersampled(const View& view, std::uint32_t n) {
 
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main) {
   std::string noise(terrain::prelude());
-  if (terrain.raster) noise += HeightTexture::accessor();
+  if (terrain.raster) noise += HeightTexture::accessor(terrain.draped);
   const std::array<Program::Piece, 5> pieces = {{{"noise", noise},
                                                  {"terrain", terrain.neutral ? shaders::neutral_terrain : std::string_view(terrain.source)},
                                                  {"shading", terrain::shading()},

@@ -34,6 +34,7 @@ struct TerrainText {
   bool neutral = false;  // the text is not available: no ground for the ray march, shading from the mesh alone
   bool shaded = false;   // neutral, but colours and normals come with the vertices
   bool raster = false;   // a height map's (common/terrain/raster.glsl): views need `heights`
+  bool draped = false;   // and a picture lies on it
 };
 
 // A full-screen program of version line, terrain prelude, terrain, shading, view.glsl and `main`.

@@ -62,7 +62,9 @@ Outcome<void> HeightWindow::put(const wire::HeightTile& tile) {
   if (pending_.erase(tile.address) == 0) return Error{"a tile of heights came that was not requested"};
   auto decoded = terrain::decodeTile(tile.samples);
   if (!decoded) return decoded.error();
-  tiles_[tile.address] = std::make_unique<terrain::Tile>(*decoded);
+  if (!tile.colours.empty() && tile.colours.size() != terrain::kTileColourBytes)
+    return Error{"a tile's colours are not as many as its samples"};
+  tiles_[tile.address] = std::make_unique<Held>(*decoded, tile.colours);
   ++version_;
   while (tiles_.size() > kMaxTilesHeld)
     tiles_.erase(std::max_element(tiles_.begin(), tiles_.end(), [this](const auto& a, const auto& b) {
@@ -71,7 +73,7 @@ Outcome<void> HeightWindow::put(const wire::HeightTile& tile) {
   return {};
 }
 
-const terrain::Tile* HeightWindow::find(TileAddress address) const {
+const HeightWindow::Held* HeightWindow::find(TileAddress address) const {
   const auto it = tiles_.find(address);
   return it == tiles_.end() ? nullptr : it->second.get();
 }
@@ -80,9 +82,9 @@ std::optional<std::array<std::int32_t, 16>> HeightWindow::around(std::int64_t i,
   std::array<std::int32_t, 16> out;
   for (std::int64_t k = 0; k < 16; ++k) {
     const std::int64_t x = i - 1 + k % 4, z = j - 1 + k / 4;
-    const terrain::Tile* tile = find({x >> kTileBits, z >> kTileBits});
+    const Held* tile = find({x >> kTileBits, z >> kTileBits});
     if (!tile) return std::nullopt;
-    out[static_cast<std::size_t>(k)] = (*tile)[static_cast<std::size_t>((z & (kTileSide - 1)) * kTileSide + (x & (kTileSide - 1)))];
+    out[static_cast<std::size_t>(k)] = tile->samples[static_cast<std::size_t>((z & (kTileSide - 1)) * kTileSide + (x & (kTileSide - 1)))];
   }
   return out;
 }
@@ -97,8 +99,8 @@ void HeightWindow::heights(std::span<const lattice::Step> x, std::span<const lat
 }
 
 void HeightWindow::tile(TileAddress address, terrain::Tile& out) const {
-  if (const terrain::Tile* held = find(address))
-    out = *held;
+  if (const Held* held = find(address))
+    out = held->samples;
   else
     out.fill(0);
 }

@@ -2,7 +2,8 @@
 // The part of a height map that a client holds: square tiles around the camera, requested nearest first and kept a while after the camera
 // has moved on. Not thread-safe; one owner. No OpenGL, no sockets.
 //
-// Bounds: kMaxTilesHeld tiles (32 MiB), whatever a server sends; at most kMost pending requests.
+// Bounds: kMaxTilesHeld tiles (32 MiB, and as much for the picture on a draped map), whatever a server sends; at most kMost pending
+// requests.
 
 #include <cstdint>
 #include <map>
@@ -36,7 +37,11 @@ class HeightWindow final : public terrain::Terrain, public terrain::Raster {
   Outcome<void> put(const wire::HeightTile& tile);
 
   terrain::TileAddress centre() const { return centre_; }
-  const terrain::Tile* find(terrain::TileAddress address) const;
+  struct Held {
+    terrain::Tile samples;
+    std::vector<std::uint8_t> colours;  // terrain::Raster::tileColours
+  };
+  const Held* find(terrain::TileAddress address) const;
   std::uint64_t version() const { return version_; }  // grows when the centre or a tile changes
   bool knows(lattice::Point p) const;                 // the height there
   double knownReach() const;                          // metres around the last centre within which every height is known
@@ -60,7 +65,7 @@ class HeightWindow final : public terrain::Terrain, public terrain::Raster {
   std::int64_t tilesFromCentre_;
   lattice::Point at_;
   terrain::TileAddress centre_;
-  std::map<terrain::TileAddress, std::unique_ptr<terrain::Tile>> tiles_;
+  std::map<terrain::TileAddress, std::unique_ptr<Held>> tiles_;
   std::set<terrain::TileAddress> pending_;
   std::uint64_t version_ = 0;
 };

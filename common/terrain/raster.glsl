@@ -5,6 +5,8 @@
 //   ivec2 rasterBaseCell, rasterBaseSteps   where the window's first sample lies: the cell, and steps inside it
 //   int rasterTexel(ivec2 index, int level) the sample `index` from there in steps, in the pyramid's level (each the mean of 2 x 2 of
 //                                           the one before, 0 to 7); below -2^24 where the window does not reach
+// and, if it holds the picture on a draped map, RASTER_DRAPED and
+//   vec4 rasterPicture(vec2 index, float footprint)   light times alpha, and alpha, in the window as above; footprint: in samples, at least 1
 
 const float kUnknownHeight = -131072.0f;  // what lies outside the window: so deep that no ray meets it
 
@@ -28,9 +30,13 @@ float rasterSmooth(ivec2 steps, int level) {
   return rasterCubic(row[0], row[1], row[2], row[3], t);
 }
 
-float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
+ivec2 rasterStepsTo(ivec2 cell, vec2 fraction) {
   ivec2 inside = ivec2(int(floor(fraction.x * 1048576.0f)), int(floor(fraction.y * 1048576.0f)));
-  ivec2 steps = (cell - rasterBaseCell) * 1048576 + inside - rasterBaseSteps;
+  return (cell - rasterBaseCell) * 1048576 + inside - rasterBaseSteps;
+}
+
+float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
+  ivec2 steps = rasterStepsTo(cell, fraction);
   float detail = footprint / rasterPitchMetres;
   if (detail <= 0.5f) return rasterSmooth(steps, 0);
   float level = min(log2(detail) + 1.0f, 7.0f);
@@ -43,5 +49,10 @@ float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
 }
 
 vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {
-  return rasterColor(cell, fraction, height, normal, footprint, seed, rasterLowest, rasterHighest);
+  vec3 own = rasterColor(cell, fraction, height, normal, footprint, seed, rasterLowest, rasterHighest);
+#ifdef RASTER_DRAPED
+  vec4 picture = rasterPicture(vec2(rasterStepsTo(cell, fraction)) * rasterPitchInverse, max(footprint / rasterPitchMetres, 1.0f));
+  own = own * (1.0f - picture.a) + picture.rgb;
+#endif
+  return own;
 }

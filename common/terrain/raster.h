@@ -24,6 +24,7 @@ inline constexpr std::uint32_t kMinPitch = 16, kMaxPitch = 1u << 18;  // steps: 
 inline constexpr int kTileBits = 7;
 inline constexpr std::int32_t kTileSide = 1 << kTileBits;  // samples
 inline constexpr std::size_t kTileSamples = std::size_t{kTileSide} * kTileSide;
+inline constexpr std::size_t kTileColourBytes = 4 * kTileSamples;
 
 struct RasterShape {
   std::uint32_t pitch = 256;               // steps between samples, kMinPitch..kMaxPitch
@@ -31,6 +32,7 @@ struct RasterShape {
   std::uint32_t width = 0, height = 0;     // samples of the map itself, along x and z, at least 2
   std::int32_t lowest = 0, highest = 0;    // of all samples with the continuation; within +-kMaxSample, lowest <= highest
   std::uint64_t content = 0;               // equal for equal samples, continuation and picture on them
+  bool draped = false;                     // a picture lies on it
   friend bool operator==(const RasterShape&, const RasterShape&) = default;
 };
 
@@ -58,6 +60,9 @@ class Raster {
   virtual const RasterShape& shape() const = 0;
   virtual RasterOrigin origin() const { return {}; }
   virtual void tile(TileAddress address, Tile& out) const = 0;
+  // The picture on a tile, as seen by samples as wide as the pitch: red, green and blue, times alpha and then in sRGB, and alpha; bytes of
+  // 1/255, along x first. Empty: none lies there.
+  virtual std::vector<std::uint8_t> tileColours(TileAddress) const { return {}; }
   // Samples [x, x + columns) x [z, z + rows), each at most kTileSide, along x first. Here by way of tiles.
   virtual void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const;
 };

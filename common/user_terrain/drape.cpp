@@ -12,18 +12,18 @@ namespace {
 
 using lattice::Step;
 
-// Linear light times alpha, and alpha.
-struct Light {
-  std::array<float, 3> colour{};
-  float alpha = 0;
-  void add(const Light& other, float weight) {
-    for (std::size_t c = 0; c < 3; ++c) colour[c] += weight * other.colour[c];
-    alpha += weight * other.alpha;
-  }
-};
+using Light = Drape::Light;
+
+void add(Light& sum, const Light& other, float weight) {
+  for (std::size_t c = 0; c < 3; ++c) sum.colour[c] += weight * other.colour[c];
+  sum.alpha += weight * other.alpha;
+}
 
 float linear(float srgb) { return srgb <= 0.04045f ? srgb / 12.92f : std::pow((srgb + 0.055f) / 1.055f, 2.4f); }
-float srgb(float linear) { return linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1 / 2.4f) - 0.055f; }
+std::uint8_t byteOf(float linear) {
+  const float srgb = linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1 / 2.4f) - 0.055f;
+  return static_cast<std::uint8_t>(std::lround(std::min(srgb, 1.0f) * 255));
+}
 
 Light lightOf(std::int32_t pixel) {
   static const std::array<float, 256> kLinear = [] {
@@ -38,8 +38,7 @@ Light lightOf(std::int32_t pixel) {
 
 std::int32_t pixelOf(const Light& light) {
   std::uint32_t bits = static_cast<std::uint32_t>(std::lround(light.alpha * 255)) << 24;
-  for (std::size_t c = 0; light.alpha > 0 && c < 3; ++c)
-    bits |= static_cast<std::uint32_t>(std::lround(std::min(srgb(light.colour[c] / light.alpha), 1.0f) * 255)) << 8 * c;
+  for (std::size_t c = 0; light.alpha > 0 && c < 3; ++c) bits |= std::uint32_t{byteOf(light.colour[c] / light.alpha)} << 8 * c;
   return static_cast<std::int32_t>(bits);
 }
 
@@ -55,10 +54,10 @@ Light bilinear(const Samples& level, double x, double z) {
   const auto i = static_cast<std::int64_t>(left), j = static_cast<std::int64_t>(top);
   const auto u = static_cast<float>(x - left), v = static_cast<float>(z - top);
   Light out;
-  out.add(lightAt(level, i, j), (1 - u) * (1 - v));
-  out.add(lightAt(level, i + 1, j), u * (1 - v));
-  out.add(lightAt(level, i, j + 1), (1 - u) * v);
-  out.add(lightAt(level, i + 1, j + 1), u * v);
+  add(out, lightAt(level, i, j), (1 - u) * (1 - v));
+  add(out, lightAt(level, i + 1, j), u * (1 - v));
+  add(out, lightAt(level, i, j + 1), (1 - u) * v);
+  add(out, lightAt(level, i + 1, j + 1), u * v);
   return out;
 }
 
@@ -150,22 +149,33 @@ Outcome<Drape> Drape::read(const std::filesystem::path& path, const RasterHeader
   return out;
 }
 
-void Drape::over(const Step* x, const Step* z, float footprint, std::array<float, 3>* colours, std::size_t count) const {
+Light Drape::at(Step x, Step z, float footprint) const {
   const double pixels = footprint * lattice::kStepsPerMetre * std::max(x_.perStep, z_.perStep);
   const double level = std::clamp(std::log2(std::max(pixels, 1.0)), 0.0, static_cast<double>(levels_.size() - 1));
   const auto finer = static_cast<std::size_t>(level);
   const auto part = static_cast<float>(level - static_cast<double>(finer));
-  for (std::size_t k = 0; k < count; ++k) {
-    const double u = x_.at(x[k]) + 0.5, v = z_.at(z[k]) + 0.5;  // from the picture's corner
-    Light light;
-    const auto add = [&](std::size_t at, float weight) {
-      const double scale = std::ldexp(1.0, -static_cast<int>(at));
-      light.add(bilinear(levels_[at], u * scale - 0.5, v * scale - 0.5), weight);
-    };
-    add(finer, 1 - part);
-    if (part > 0) add(finer + 1, part);
-    for (std::size_t c = 0; c < 3; ++c) colours[k][c] = colours[k][c] * (1 - light.alpha) + light.colour[c];
-  }
+  const double u = x_.at(x) + 0.5, v = z_.at(z) + 0.5;  // from the picture's corner
+  Light out;
+  const auto addLevel = [&](std::size_t k, float weight) {
+    const double scale = std::ldexp(1.0, -static_cast<int>(k));
+    add(out, bilinear(levels_[k], u * scale - 0.5, v * scale - 0.5), weight);
+  };
+  addLevel(finer, 1 - part);
+  if (part > 0) addLevel(finer + 1, part);
+  return out;
+}
+
+std::vector<std::uint8_t> Drape::tile(Step x, Step z, std::uint32_t pitch) const {
+  std::vector<std::uint8_t> out;
+  bool isEmpty = true;
+  for (Step j = 0; j < terrain::kTileSide; ++j)
+    for (Step i = 0; i < terrain::kTileSide; ++i) {
+      const Light light = at(x + i * pitch, z + j * pitch, static_cast<float>(pitch * lattice::kMetresPerStep));
+      for (const float c : light.colour) out.push_back(c > 0 ? byteOf(c) : 0);
+      out.push_back(static_cast<std::uint8_t>(std::lround(light.alpha * 255)));
+      isEmpty = isEmpty && out.back() == 0;
+    }
+  return isEmpty ? std::vector<std::uint8_t>() : out;
 }
 
 std::uint64_t Drape::bytes() const {

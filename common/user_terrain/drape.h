@@ -27,8 +27,14 @@ class Drape {
   static Outcome<Drape> read(const std::filesystem::path& file, const RasterHeader& map, const terrain::RasterShape& shape,
                              std::uint64_t inMemory, std::uint64_t most);
 
-  // Lays the picture over these colours; as terrain::Colours.
-  void over(const lattice::Step* x, const lattice::Step* z, float footprint, std::array<float, 3>* colours, std::size_t count) const;
+  // Linear light times alpha, and alpha.
+  struct Light {
+    std::array<float, 3> colour{};
+    float alpha = 0;
+  };
+  Light at(lattice::Step x, lattice::Step z, float footprint) const;
+  // terrain::Raster::tileColours of samples that begin at (x, z) and are `pitch` steps apart.
+  std::vector<std::uint8_t> tile(lattice::Step x, lattice::Step z, std::uint32_t pitch) const;
 
   std::uint64_t bytes() const;
   std::uint64_t content() const { return content_; }  // equal for equal pictures at the same place

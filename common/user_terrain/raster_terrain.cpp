@@ -48,7 +48,10 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
                                                               const std::array<float, 3>* normal, float footprint,
                                                               std::array<float, 3>* out, std::size_t count, std::uint32_t seed) {
       own(x, z, height, normal, footprint, out, count, seed);
-      map->drape->over(x, z, footprint, out, count);
+      for (std::size_t k = 0; k < count; ++k) {
+        const Drape::Light light = map->drape->at(x[k], z[k], footprint);
+        for (std::size_t c = 0; c < 3; ++c) out[k][c] = out[k][c] * (1 - light.alpha) + light.colour[c];
+      }
     };
   }
   const terrain::RasterShape& shape() const override { return shape_; }
@@ -66,6 +69,11 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
 
   void tile(terrain::TileAddress address, terrain::Tile& out) const override {
     samples(address.i * kTileSide, address.j * kTileSide, kTileSide, kTileSide, out.data());
+  }
+  std::vector<std::uint8_t> tileColours(terrain::TileAddress address) const override {
+    if (!map_->drape) return {};
+    const Step side = Step{kTileSide} * shape_.pitch;
+    return map_->drape->tile(shape_.originX + address.i * side, shape_.originZ + address.j * side, shape_.pitch);
   }
   void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const override {
     const Samples& held = map_->samples;
@@ -204,6 +212,7 @@ std::shared_ptr<const Map> finished(Samples samples, terrain::RasterShape shape,
   shape.highest = isConstant ? std::max(found.highest, constant) : found.highest;
   shape.content =
       lattice::mix(found.hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
+  shape.draped = drape.has_value();
   if (drape) {
     shape.content = lattice::mix(shape.content ^ drape->content());
     origin.drape = drape->describe();

@@ -228,7 +228,8 @@ struct Ground {
 
 struct HeightTile {
   terrain::TileAddress address;
-  std::vector<std::uint8_t> samples;  // terrain::encodeTile
+  std::vector<std::uint8_t> samples;    // terrain::encodeTile
+  std::vector<std::uint8_t> colours{};  // terrain::Raster::tileColours
 };
 struct HeightTiles {
   std::vector<HeightTile> tiles;

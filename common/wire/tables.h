@@ -189,7 +189,8 @@ TABLE(HeightMap,
     FIELD(lowest, lowest, within(terrain::kMaxSample, "steps")),
     FIELD(highest, highest, within(terrain::kMaxSample, "steps")),
     also("highest", "no lower than lowest", [](const pb::HeightMap& p) { return p.lowest() <= p.highest(); }),
-    FIELD(content, content));
+    FIELD(content, content),
+    FIELD(draped, draped));
 
 TABLE(World,
     FIELD(protocol_version, protocolVersion),
@@ -312,7 +313,8 @@ TABLE(Ground,
 
 TABLE(HeightTile,
     FIELD(address, address),
-    FIELD(samples, samples, Bytes{terrain::kMaxTileBytes}));
+    FIELD(samples, samples, Bytes{terrain::kMaxTileBytes}),
+    FIELD(colours, colours, Bytes{terrain::kTileColourBytes}));
 TABLE(HeightTiles, FIELD(tiles, tiles, Entries{kMaxTiles}));
 
 TABLE(ServerMessage,

@@ -222,7 +222,7 @@ void Conversation::sent(const wire::Iteration& iteration, Time now) {
 
 void Conversation::sent(const wire::HeightTiles& tiles, Time now) {
   std::size_t bytes = 0;
-  for (const wire::HeightTile& tile : tiles.tiles) bytes += tile.samples.size() + 16;
+  for (const wire::HeightTile& tile : tiles.tiles) bytes += tile.samples.size() + tile.colours.size() + 16;
   sent(bytes, now);
 }
 

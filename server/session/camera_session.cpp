@@ -286,7 +286,7 @@ void CameraSession::work(const conversation::SendTiles& wanted) {
   pool_->forEach(wanted.tiles.size(), 2, [&](std::size_t k) {
     const auto tile = std::make_unique<terrain::Tile>();
     raster.tile(wanted.tiles[k], *tile);
-    message.tiles[k] = {wanted.tiles[k], terrain::encodeTile(*tile)};
+    message.tiles[k] = {wanted.tiles[k], terrain::encodeTile(*tile), raster.tileColours(wanted.tiles[k])};
   });
   {
     const std::lock_guard lock(mutex_);

@@ -1,12 +1,14 @@
 // Flights over a height map and over a private terrain: real server, real client. Need EGL; skip, saying why, where there is none.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "client/render/context.h"
 #include "client/render/picture.h"
+#include "tests/support/geo_tiff.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
@@ -73,6 +75,34 @@ TEST_F(TerrainFlight, OverAHeightMapTheMeshLooksLikeTheRayMarch) {
   EXPECT_EQ(summary["hash_mismatches"], 0);
   EXPECT_GT(summary["ssim_settled"], 0.93) << output_;
   EXPECT_GT(summary["ssim_settled_terrain"], 0.9);
+}
+
+// A picture of blue and red stripes across the view: the mesh has them where the ray march has them.
+TEST_F(TerrainFlight, APictureOnAMapIsDrawn) {
+  const std::string map = (folder_ / "map.tif").string(), ortho = (folder_ / "ortho.tif").string();
+  writeGeoTiff<std::uint16_t, 1>(map, 400, 400, 10, [](int x, int z) {
+    return std::array{static_cast<std::uint16_t>(1500 + 60 * std::sin(x * 0.11) * std::cos(z * 0.07))};
+  });
+  writeGeoTiff<std::uint8_t, 3>(ortho, 800, 800, 5, [](int, int z) {
+    return z / 30 % 2 ? std::array<std::uint8_t, 3>{230, 30, 30} : std::array<std::uint8_t, 3>{30, 30, 230};
+  });
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain", map, "--drape", ortho});
+  const auto summary = fly(server, {"--no-remote-shaders"});
+  EXPECT_EQ(summary["hash_mismatches"], 0);
+  EXPECT_GT(summary["ssim_settled"], 0.88) << output_;  // stripes at silhouettes
+  for (const char* file : {"out/settled-mesh.png", "out/settled-raymarch.png"}) {
+    const auto picture = render::readPng(folder_ / file);
+    ASSERT_TRUE(picture) << file;
+    std::size_t red = 0, blue = 0;
+    for (std::size_t k = std::size_t{110} * 320; k < std::size_t{180} * 320; ++k) {
+      const std::uint8_t* p = &picture->rgb[3 * k];
+      red += p[0] > 2 * p[2];
+      blue += p[2] > 2 * p[0];
+    }
+    EXPECT_GT(red, 4000u) << file;
+    EXPECT_GT(blue, 4000u) << file;
+    EXPECT_GT(red + blue, 18'000u) << file << ": of 22,400";
+  }
 }
 
 TEST_F(TerrainFlight, APrivateTerrainsColoursTravelWithItsMesh) {

@@ -2,6 +2,7 @@
 // tests need EGL and skip, saying why, where there is none.
 #include "client/render/height_texture.h"
 
+#include <epoxy/gl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -12,6 +13,7 @@
 #include "client/render/context.h"
 #include "client/render/gpu_terrain.h"
 #include "client/render/local_terrain.h"
+#include "client/render/surface.h"
 
 namespace ridgecast::render {
 namespace {
@@ -148,6 +150,65 @@ TEST_F(HeightTextures, giveTheSameHeightsAsTheSamples) {
         EXPECT_EQ(different, 0u) << pitch << " at " << distance;
       }
     }
+  }
+}
+
+// Of a picture whose colour is that of the tile, with a hole: at samples, between them, from afar, and beyond the window.
+TEST_F(HeightTextures, haveThePictureOnTheMap) {
+  auto shape = shapeOf(7680);
+  shape.draped = true;
+  scene::HeightWindow window = windowOf(shape);
+  const auto byteOf = [](TileAddress a, std::size_t channel) { return static_cast<std::uint8_t>(120 + 9 * (channel == 0 ? a.i : a.j)); };
+  const auto isHole = [](TileAddress a) { return a.i == 1 && a.j == 1; };
+  while (!window.complete())
+    for (const TileAddress a : window.take()) {
+      wire::HeightTile tile = tileOf(a);
+      for (std::size_t k = 0; !isHole(a) && k < terrain::kTileColourBytes; ++k) tile.colours.push_back(k % 4 == 3 ? 255 : byteOf(a, k % 4));
+      ASSERT_TRUE(window.put(tile));
+    }
+  const TileAddress next = window.centre();
+  window.moveTo({shape.originX + (next.i + 1) * shape.pitch * terrain::kTileSide, 0});
+  wire::HeightTile cut = tileOf(window.take().at(0));
+  cut.colours.resize(77);
+  EXPECT_FALSE(window.put(cut));
+  window.moveTo({0, 0});
+
+  HeightTexture texture(shape);
+  ASSERT_TRUE(texture.update(window, 1000));
+  const auto colourAt = [&](bool draped, double i, double j, double footprint) {
+    const TerrainText text{std::string(window.source()), 3, false, false, true, draped};
+    const std::string main =
+        "uniform ivec4 place; uniform float footprint; layout(location = 0) out vec4 colour;\nvoid main() { colour = "
+        "vec4(terrainColor(place.xy, vec2(place.zw) / 1048576.0, 400.0, vec3(0.0, 1.0, 0.0), footprint, 3u), 1.0); }";
+    const auto program = buildTerrainProgram("colour", text, main);
+    EXPECT_TRUE(program) << program.error().message;
+    const lattice::Step x = shape.originX + std::llround(i * shape.pitch), z = shape.originZ + std::llround(j * shape.pitch);
+    constexpr lattice::Step kInCell = (lattice::Step{1} << lattice::kCellBits) - 1;
+    const Target target(GL_RGBA32F, 1, 1);
+    drawInto(target.framebuffer(), 1, 1);
+    program->use();
+    glUniform4i(program->location("place"), lattice::cellOf(x), lattice::cellOf(z), static_cast<int>(x & kInCell),
+                static_cast<int>(z & kInCell));
+    program->set("footprint", static_cast<float>(footprint * shape.pitch / 256));
+    texture.bind(*program);
+    program->drawFullScreen();
+    std::array<float, 4> out{};
+    glReadPixels(0, 0, 1, 1, GL_RGBA, GL_FLOAT, out.data());
+    return out;
+  };
+  const auto linear = [](double byte) { return std::pow((byte / 255 + 0.055) / 1.055, 2.4); };
+  for (const TileAddress a : {TileAddress{0, 0}, TileAddress{2, -1}, TileAddress{-3, 3}})
+    for (const double footprint : {0.1, 1.0, 6.0, 20.0}) {
+      const auto found = colourAt(true, static_cast<double>(a.i * 128) + 63.4, static_cast<double>(a.j * 128) + 64.7, footprint);
+      for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(found[c], linear(byteOf(a, c)), 0.004) << a.i << " " << footprint;
+    }
+  const auto border = colourAt(true, 127.5, 40, 1), afar = colourAt(true, 128, 40, 128);
+  EXPECT_NEAR(border[0], (linear(120) + linear(129)) / 2, 0.004);
+  EXPECT_NEAR(afar[0], (linear(120) + linear(129)) / 2, 0.02);
+  for (const auto& [i, j] : {std::pair{192.0, 192.0}, {1e5, 0.0}, {-1e5, 0.0}}) {
+    const auto own = colourAt(false, i, j, 1), found = colourAt(true, i, j, 1);
+    EXPECT_EQ(found, own) << i;
+    EXPECT_GT(own[0], 0.01);
   }
 }
 

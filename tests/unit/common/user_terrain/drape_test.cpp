@@ -237,6 +237,26 @@ TEST_F(Drapes, OutsideAndWhereTransparentTheMapHasItsOwnColours) {
   EXPECT_EQ(plain->height({0, 0}), load({})->height({0, 0}));
 }
 
+// Where pixels are samples, tiles have the picture's own bytes.
+TEST_F(Drapes, TilesHaveThePicturesColours) {
+  Tiff picture{.width = 20, .height = 20, .bands = 4, .across = 10, .down = 10, .west = 500'000, .north = 4'600'150};
+  picture.sample = [](int x, int z, int band) { return band == 3 ? (x == 3 ? 0 : 255) : Tiff().sample(x, z, band); };
+  const auto terrain = load(picture, {"edge=repeat"});
+  const terrain::Raster& raster = *terrain->raster();
+  EXPECT_TRUE(raster.shape().draped);
+  EXPECT_FALSE(loadRaster(map_, {}, 1).value()->raster()->shape().draped);
+  const auto tile = raster.tileColours({0, 0});
+  ASSERT_EQ(tile.size(), terrain::kTileColourBytes);
+  for (int z = 0; z < terrain::kTileSide; ++z)
+    for (int x = 0; x < terrain::kTileSide; ++x)
+      for (int band = 0; band < 4; ++band)
+        ASSERT_EQ(tile[static_cast<std::size_t>(4 * (z * terrain::kTileSide + x) + band)],
+                  x < 20 && z < 20 && x != 3 ? picture.sample(x, z, band) : 0)
+            << x << ", " << z;
+  EXPECT_TRUE(raster.tileColours({-1, 0}).empty());
+  EXPECT_TRUE(raster.tileColours({0, 5'000'000}).empty());
+}
+
 TEST_F(Drapes, WrongOnesAreRefused) {
   EXPECT_THAT(complaint({.epsg = 25832}), HasSubstr("EPSG:25832 and the height map in EPSG:32632: warp it (gdalwarp -t_srs EPSG:32632)"));
   EXPECT_THAT(complaint({.epsg = 0}), HasSubstr("does not say where it lies"));

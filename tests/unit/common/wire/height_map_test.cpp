@@ -19,8 +19,15 @@ World worldWith(const terrain::RasterShape& shape) {
   world.heightMap = shape;
   return world;
 }
-const terrain::RasterShape kShape{
-    .pitch = 7680, .originX = -5, .originZ = lattice::kMaxPosition, .width = 10, .height = 20, .lowest = -300, .highest = 4, .content = 77};
+const terrain::RasterShape kShape{.pitch = 7680,
+                                  .originX = -5,
+                                  .originZ = lattice::kMaxPosition,
+                                  .width = 10,
+                                  .height = 20,
+                                  .lowest = -300,
+                                  .highest = 4,
+                                  .content = 77,
+                                  .draped = true};
 
 TEST(HeightMapWire, comesBackAsItWas) {
   World world = worldWith(kShape);
@@ -32,10 +39,11 @@ TEST(HeightMapWire, comesBackAsItWas) {
   const auto wanted = decodeClient(bytesOf(encode(ClientMessage(WantTiles{{{3, -4}, {0, 0}}}))));
   ASSERT_TRUE(wanted);
   EXPECT_EQ(std::get<WantTiles>(*wanted).tiles, (std::vector<terrain::TileAddress>{{3, -4}, {0, 0}}));
-  const auto tiles = decodeServer(bytesOf(encode(ServerMessage(HeightTiles{{{{-1, 9}, {1, 2, 3}}}}))));
+  const auto tiles = decodeServer(bytesOf(encode(ServerMessage(HeightTiles{{{{-1, 9}, {1, 2, 3}, {4, 5}}}}))));
   ASSERT_TRUE(tiles);
   EXPECT_EQ(std::get<HeightTiles>(*tiles).tiles.at(0).address, (terrain::TileAddress{-1, 9}));
   EXPECT_EQ(std::get<HeightTiles>(*tiles).tiles.at(0).samples, (std::vector<std::uint8_t>{1, 2, 3}));
+  EXPECT_EQ(std::get<HeightTiles>(*tiles).tiles.at(0).colours, (std::vector<std::uint8_t>{4, 5}));
   Iteration iteration;
   iteration.number = 1;
   iteration.whole.push_back({{0, 1, 2}, 3, 1, {9}, 0, {1, 2, 3, 4, 5}});
@@ -61,6 +69,8 @@ TEST(HeightMapWire, whatCannotBeIsRefused) {
   EXPECT_FALSE(decodeClient(bytesOf(encode(ClientMessage(WantTiles{{{INT64_MIN, 0}}})))));
   HeightTiles tiles;
   tiles.tiles.push_back({{0, 0}, std::vector<std::uint8_t>(terrain::kMaxTileBytes + 1)});
+  EXPECT_FALSE(decodeServer(bytesOf(encode(ServerMessage(tiles)))));
+  tiles.tiles[0] = {{0, 0}, {}, std::vector<std::uint8_t>(terrain::kTileColourBytes + 1)};
   EXPECT_FALSE(decodeServer(bytesOf(encode(ServerMessage(tiles)))));
   tiles.tiles.assign(kMaxTiles + 1, {});
   EXPECT_FALSE(decodeServer(bytesOf(encode(ServerMessage(tiles)))));
