@@ -41,7 +41,7 @@ void PointMesh::make(std::uint32_t triangles) {
   capacity_ = triangles;
   shades_.assign(shaded_ ? mesh_->vertexCapacity() : 0, {});
   terms_ = triangulation::Records<std::uint64_t>(mesh_->triangleCapacity());
-  hashes_.assign(mesh_->triangleCapacity() / triangulation::TrianglePages::kSlots, {});
+  hashes_.assign(mesh_->triangleCapacity() / Pages::kBlock, {});
   regions_.clear();
   empty();
 }
@@ -431,24 +431,27 @@ std::uint64_t PointMesh::hashOf(RegionId region) {
   triangulation::TrianglePages& pages = mesh_->trianglePages();
   std::uint64_t sum = 0;
   for (std::uint32_t page : pages.pagesOf(region)) {
-    const TriangleId first = page * triangulation::TrianglePages::kSlots;
-    PageHash& hash = hashes_[page];
-    for (auto m = pages.freshMask(page); m != 0; m &= m - 1) {
-      const TriangleId t = first + static_cast<TriangleId>(std::countr_zero(m));
+    pages.forEachIn(page, pages.freshMask(page), [&](TriangleId t) {
       setTerm(t, termOf(t));
       pages.clearFresh(t);
+    });
+    for (std::uint32_t k = 0; k < Pages::kBlocks; ++k) {
+      const std::uint32_t block = pages.blockOf(page, k);
+      if (block == triangulation::kNoSlot) continue;
+      BlockHash& hash = hashes_[block];
+      const auto alive = static_cast<std::uint16_t>(pages.aliveMask(page) >> (k * Pages::kBlock));
+      for (unsigned dead = hash.terms & ~alive; dead != 0; dead &= dead - 1)
+        hash.sum -= terms_[block * Pages::kBlock + static_cast<TriangleId>(std::countr_zero(dead))];
+      hash.terms &= alive;
+      sum += hash.sum;
     }
-    for (auto m = hash.terms & ~pages.aliveMask(page); m != 0; m &= m - 1)
-      hash.sum -= terms_[first + static_cast<TriangleId>(std::countr_zero(m))];
-    hash.terms &= pages.aliveMask(page);
-    sum += hash.sum;
   }
   return sum;
 }
 
 void PointMesh::setTerm(TriangleId t, std::uint64_t term) {
-  PageHash& hash = hashes_[t / triangulation::TrianglePages::kSlots];
-  const auto bit = triangulation::TrianglePages::Mask{1} << t % triangulation::TrianglePages::kSlots;
+  BlockHash& hash = hashes_[t / Pages::kBlock];
+  const auto bit = static_cast<std::uint16_t>(1u << t % Pages::kBlock);
   if (hash.terms & bit) hash.sum -= terms_[t];
   hash.terms |= bit;
   hash.sum += terms_[t] = term;

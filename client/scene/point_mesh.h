@@ -119,11 +119,13 @@ class PointMesh final : public triangulation::Partition {
   unsigned levels_ = 0;                      // of leaves that there may be, a bit each
   std::vector<VertexId> list_;
   std::vector<std::pair<std::uint64_t, VertexId>> sorted_;
-  struct PageHash {
-    std::uint64_t sum = 0;                         // of the terms of its triangles in `terms`
-    triangulation::TrianglePages::Mask terms = 0;  // which there are, also of triangles that are gone meanwhile
+  using Pages = triangulation::TrianglePages;
+  struct BlockHash {
+    std::uint64_t sum = 0;    // of the terms of its triangles in `terms`
+    std::uint16_t terms = 0;  // which there are, also of triangles that are gone meanwhile
+    static_assert(Pages::kBlock <= 16);
   };
-  std::vector<PageHash> hashes_;                 // by page of triangles
+  std::vector<BlockHash> hashes_;                // by block of triangles
   triangulation::Records<std::uint64_t> terms_;  // by triangle that is not fresh: of its leaf's hash
   mesh::Extractor extractor_;
 };

@@ -1,11 +1,8 @@
 #include "common/mesh/extraction.h"
 
-#include <bit>
-
 namespace ridgecast::mesh {
 
 using triangulation::TriangleId;
-using triangulation::TrianglePages;
 using triangulation::VertexId;
 
 // The region's own vertices lie together and are most of the corners: numbered first, they need not be discovered one by one.
@@ -23,24 +20,27 @@ LeafMesh Extractor::extract(const triangulation::Triangulation& mesh, triangulat
     vertices_.push_back(v);
     return places_[v] = static_cast<std::uint32_t>(vertices_.size());
   };
-  for (std::uint32_t page : mesh.vertexPages().pagesOf(region)) mesh.prefetchVertices(page);
+  for (std::uint32_t page : mesh.vertexPages().pagesOf(region))
+    mesh.vertexPages().forEachBlock(page, [&](std::uint32_t block) { mesh.prefetchVertices(block); });
   out.vertices.reserve(mesh.vertexCount(region) + count / 8 + 16);
 
   mesh.vertexPages().forEach(region, [&](VertexId v) {
     if (mesh.regionOf(mesh.edgeOf(v) >> 2) == region) add(v);  // those at the border may have none of its triangles
   });
 
-  out.triangles.resize(count);
-  Triangle* to = out.triangles.data();
-  const auto& pages = mesh.trianglePages().pagesOf(region);
+  out.triangles.reserve(count);
+  const triangulation::TrianglePages& triangles = mesh.trianglePages();
+  const auto& pages = triangles.pagesOf(region);
   for (std::size_t n = 0; n < pages.size(); ++n) {
-    if (n + 1 < pages.size()) mesh.prefetchTriangles(pages[n + 1]);
-    for (auto m = mesh.trianglePages().aliveMask(pages[n]); m != 0; m &= m - 1, ++to)
+    if (n + 1 < pages.size()) triangles.forEachBlock(pages[n + 1], [&](std::uint32_t block) { mesh.prefetchTriangles(block); });
+    triangles.forEachIn(pages[n], triangles.aliveMask(pages[n]), [&](TriangleId t) {
+      Triangle& to = out.triangles.emplace_back();
       for (std::size_t k = 0; k < 3; ++k) {
-        const VertexId v = mesh.triangle(pages[n] * TrianglePages::kSlots + static_cast<TriangleId>(std::countr_zero(m))).v[k];
+        const VertexId v = mesh.triangle(t).v[k];
         const std::uint32_t place = places_[v];
-        (*to)[k] = (place != 0 ? place : add(v)) - 1;
+        to[k] = (place != 0 ? place : add(v)) - 1;
       }
+    });
   }
   for (VertexId v : vertices_) places_[v] = 0;
   return out;

@@ -53,7 +53,7 @@ struct Plan {
     for (std::size_t n = chunk * kPagesAtATime; n < std::min(pages.size(), (chunk + 1) * kPagesAtATime); ++n)
       for (typename Storage::Mask m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
         const auto slot = static_cast<std::uint32_t>(std::countr_zero(m));
-        const RegionId now = homeOf(pages[n].page * Storage::kSlots + slot, home);
+        const RegionId now = homeOf(storage.slotAt(pages[n].page, slot), home);
         homes[n * Storage::kSlots + slot] = now;
         const Heir heir{pages[n].source, now};
         if (std::find(seen.rbegin(), seen.rend(), heir) == seen.rend()) seen.push_back(heir);
@@ -68,7 +68,7 @@ struct Plan {
     for (std::size_t n = first[heir.source]; n < first[heir.source + 1]; ++n)
       for (typename Storage::Mask m = storage.aliveMask(pages[n].page); m != 0; m &= m - 1) {
         const auto slot = static_cast<std::uint32_t>(std::countr_zero(m));
-        if (homes[n * Storage::kSlots + slot] == heir.region) moves.push_back({pages[n].page * Storage::kSlots + slot, kNoSlot});
+        if (homes[n * Storage::kSlots + slot] == heir.region) moves.push_back({storage.slotAt(pages[n].page, slot), kNoSlot});
       }
   }
 };
@@ -118,7 +118,7 @@ bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, c
   loop(triangles.found.size() + vertices.found.size(), [&](std::size_t k) {
     if (k < triangles.found.size())
       triangles.decide(triangles_, k, [&](TriangleId t, RegionId guess) {
-        if (t % TrianglePages::kSlots + 4 < TrianglePages::kSlots) prefetchCorners(t + 4);  // dead or alive
+        if (t % TrianglePages::kBlock + 4 < TrianglePages::kBlock) prefetchCorners(t + 4);  // dead or alive
         const Triangle& r = triangleRecords_[t];
         return regionOfCorners(r.v[0], r.v[1], r.v[2], guess);
       });

@@ -10,12 +10,13 @@
 namespace ridgecast::triangulation {
 
 void* reserve(std::size_t bytes) {
-  constexpr std::size_t line = 64, huge = std::size_t{2} << 20, large = 8 * huge;
+  constexpr std::size_t line = 64, huge = std::size_t{2} << 20, small = 2 * huge, large = 8 * huge;
   const std::size_t alignment = bytes < large ? line : huge;
   void* const at = std::aligned_alloc(alignment, (std::max(bytes, line) + alignment - 1) / alignment * alignment);
   if (!at) throw std::bad_alloc();
 #ifdef MADV_HUGEPAGE
-  if (bytes >= large) madvise(at, bytes, MADV_HUGEPAGE);  // an offer; nothing is wrong where it is declined
+  // An offer; nothing is wrong where it is declined.
+  if (bytes >= large) madvise(static_cast<char*>(at) + small, bytes - small, MADV_HUGEPAGE);
 #endif
   return at;
 }
@@ -23,7 +24,8 @@ void* reserve(std::size_t bytes) {
 template <std::uint32_t N>
 Pages<N>::Pages(std::uint32_t slots)
     : capacity_((slots + kSlots - 1) / kSlots * kSlots),
-      pages_(std::make_unique<Page[]>(capacity_ / kSlots)),
+      pages_(capacity_ / kSlots),
+      blocks_(capacity_ / kBlock),
       freePages_(capacity_ / kSlots) {
   regions_.push_back(std::make_unique<Region>());  // kOutside
   changed_.push_back(0);
@@ -55,6 +57,8 @@ void Pages<N>::adopt(RegionId from, RegionId to) {
   Region &giver = *regions_[from], &heir = *regions_[to];
   for (std::uint32_t page : giver.pages) {
     pages_[page].region = to;
+    for (std::uint32_t block : pages_[page].blocks)
+      if (block != kNoSlot) blocks_[block].region = to;
     pages_[page].place = static_cast<std::uint32_t>(heir.pages.size());
     heir.pages.push_back(page);
   }
@@ -93,25 +97,51 @@ std::uint32_t Pages<N>::pageWithRoom(RegionId id) {
 }
 
 template <std::uint32_t N>
-void Pages<N>::addPages(RegionId id, std::size_t count) {
+void Pages<N>::addPages(RegionId id, std::size_t slots) {
   Region& region = *regions_[id];
-  const std::size_t before = region.pages.size();
+  const std::size_t before = region.pages.size(), wanted = before + (slots + kSlots - 1) / kSlots;
+  // A region that is no longer small will fill them: blocks that lie together are read faster.
+  std::vector<std::uint32_t> blocks(before > 0 ? (wanted - before) * kBlocks : (slots + kBlock - 1) / kBlock);
   {
     Lock lock(mutex_);
-    for (; count > 0 && !pool_.empty(); --count) {
-      region.pages.push_back(pool_.back());
-      pool_.pop_back();
-    }
-    for (; count > 0 && untouched_ < capacity_ / kSlots; --count) region.pages.push_back(untouched_++);
+    for (; region.pages.size() < wanted && !pool_.empty(); pool_.pop_back()) region.pages.push_back(pool_.back());
+    for (; region.pages.size() < wanted && untouched_ < capacity_ / kSlots; ++untouched_) region.pages.push_back(untouched_);
+    blocks.resize(std::min(blocks.size(), (region.pages.size() - before) * kBlocks));
+    for (std::uint32_t& block : blocks) block = freeBlock();
   }
   const std::size_t got = region.pages.size() - before;
   freePages_.fetch_sub(static_cast<std::uint32_t>(got), std::memory_order_relaxed);
   std::sort(region.pages.begin() + static_cast<std::ptrdiff_t>(before), region.pages.end());
-  for (std::size_t k = region.pages.size(); k > before; --k) {
-    const std::uint32_t page = region.pages[k - 1];
-    pages_[page] = {0, 0, id, static_cast<std::uint32_t>(k - 1), true, false};
-    region.open.push_back(page);
+  std::sort(blocks.begin(), blocks.end());
+  for (std::size_t k = 0; k < got; ++k) {
+    const std::uint32_t number = region.pages[before + k];
+    Page& page = pages_[number];
+    page = {0, 0, {}, id, static_cast<std::uint32_t>(before + k), true, false};
+    for (std::uint32_t b = 0; b < kBlocks; ++b) {
+      const std::size_t n = k * kBlocks + b;
+      page.blocks[b] = n < blocks.size() ? blocks[n] : kNoSlot;
+      if (n < blocks.size()) blocks_[blocks[n]] = {number * kBlocks + b, id};
+    }
   }
+  region.open.insert(region.open.end(), region.pages.rbegin(), region.pages.rbegin() + static_cast<std::ptrdiff_t>(got));
+}
+
+template <std::uint32_t N>
+void Pages<N>::addBlock(std::uint32_t number, std::uint32_t k) {
+  Page& page = pages_[number];
+  {
+    Lock lock(mutex_);
+    page.blocks[k] = freeBlock();
+  }
+  blocks_[page.blocks[k]] = {number * kBlocks + k, page.region};
+}
+
+template <std::uint32_t N>
+std::uint32_t Pages<N>::freeBlock() {
+  if (blockPool_.empty()) return untouchedBlocks_++;
+  const std::uint32_t block = blockPool_.back();
+  blockPool_.pop_back();
+  return block;
 }
 
 template <std::uint32_t N>
@@ -120,21 +150,22 @@ std::uint32_t Pages<N>::allocate(RegionId id) {
   if (number == kNoSlot) return kNoSlot;
   Page& page = pages_[number];
   Region& region = *regions_[id];
-  const auto slot = static_cast<std::uint32_t>(std::countr_one(page.alive));
-  page.alive |= Mask{1} << slot;
-  page.fresh |= Mask{1} << slot;
+  const auto index = static_cast<std::uint32_t>(std::countr_one(page.alive));
+  if (page.blocks[index / kBlock] == kNoSlot) addBlock(number, index / kBlock);
+  page.alive |= Mask{1} << index;
+  page.fresh |= Mask{1} << index;
   if (!page.listed) list(number);
   ++region.count;
   markChanged(id);
-  return number * kSlots + slot;
+  return slotAt(number, index);
 }
 
 template <std::uint32_t N>
 void Pages<N>::release(std::uint32_t slot) {
-  const std::uint32_t number = slot / kSlots;
+  const std::uint32_t number = pageOf(slot);
   Page& page = pages_[number];
   Region& region = *regions_[page.region];
-  const Mask bit = Mask{1} << (slot % kSlots);
+  const Mask bit = bitOf(slot);
   assert(page.alive & bit);
   page.alive &= ~bit;
   page.fresh &= ~bit;
@@ -161,6 +192,12 @@ void Pages<N>::giveBack(std::span<const std::uint32_t> pages) {
   const Lock lock(mutex_);
   pool_.insert(pool_.end(), pages.begin(), pages.end());
   freePages_.fetch_add(static_cast<std::uint32_t>(pages.size()), std::memory_order_relaxed);
+  for (std::uint32_t page : pages)
+    for (std::uint32_t block : pages_[page].blocks)
+      if (block != kNoSlot) {
+        blocks_[block].place = kNoSlot;
+        blockPool_.push_back(block);
+      }
 }
 
 template <std::uint32_t N>
@@ -212,7 +249,8 @@ void Pages<N>::clear() {
     changed_[id] = 1;
   }
   pool_.clear();
-  untouched_ = 0;
+  blockPool_.clear();
+  untouched_ = untouchedBlocks_ = 0;
   freePages_ = capacity_ / kSlots;
 }
 

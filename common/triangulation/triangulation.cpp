@@ -76,8 +76,8 @@ std::uint32_t Triangulation::liveTriangles() const {
 }
 
 std::size_t Triangulation::residentBytes() const {
-  return std::size_t{TrianglePages::kSlots} * triangles_.pagesInUse() * sizeof(Triangle) +
-         std::size_t{VertexPages::kSlots} * vertices_.pagesInUse() * sizeof(Vertex);
+  return std::size_t{TrianglePages::kBlock} * triangles_.blocksInUse() * sizeof(Triangle) +
+         std::size_t{VertexPages::kBlock} * vertices_.blocksInUse() * sizeof(Vertex);
 }
 
 RegionId Triangulation::askRegion(std::int32_t x3, std::int32_t z3) const {

@@ -182,13 +182,14 @@ class Triangulation {
   void prefetchCorners(TriangleId t) const {
     for (VertexId v : triangleRecords_[t].v) __builtin_prefetch(&vertexRecords_[v]);
   }
-  void prefetchVertices(std::uint32_t page) const {
-    const char* const first = reinterpret_cast<const char*>(&vertexRecords_[page * VertexPages::kSlots]);
-    for (std::size_t k = 0; k < VertexPages::kSlots * sizeof(Vertex); k += 64) __builtin_prefetch(first + k);
+  void prefetchVertices(std::uint32_t block) const {
+    static_assert(VertexPages::kBlock * sizeof(Vertex) == 128);
+    __builtin_prefetch(&vertexRecords_[block * VertexPages::kBlock]);
+    __builtin_prefetch(&vertexRecords_[block * VertexPages::kBlock + VertexPages::kBlock / 2]);
   }
-  void prefetchTriangles(std::uint32_t page) const {
-    const char* const first = reinterpret_cast<const char*>(&triangleRecords_[page * TrianglePages::kSlots]);
-    for (std::size_t k = 0; k < TrianglePages::kSlots * sizeof(Triangle); k += 64) __builtin_prefetch(first + k);
+  void prefetchTriangles(std::uint32_t block) const {
+    const char* const first = reinterpret_cast<const char*>(&triangleRecords_[block * TrianglePages::kBlock]);
+    for (std::size_t k = 0; k < TrianglePages::kBlock * sizeof(Triangle); k += 64) __builtin_prefetch(first + k);
   }
   void prefetchNeighbours(TriangleId t) const {
     for (HalfEdge h : triangleRecords_[t].twin) __builtin_prefetch(&triangleRecords_[h >> 2]);
@@ -245,7 +246,7 @@ class Triangulation {
   std::uint32_t liveVertices() const { return vertices_.live() - 1; }  // without infinity
   std::uint32_t triangleCapacity() const { return triangles_.capacity(); }
   std::uint32_t vertexCapacity() const { return vertices_.capacity(); }
-  std::size_t residentBytes() const;  // of the pages in use
+  std::size_t residentBytes() const;  // of the blocks in use
 
   const TrianglePages& trianglePages() const { return triangles_; }
   TrianglePages& trianglePages() { return triangles_; }

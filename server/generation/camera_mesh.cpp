@@ -217,7 +217,7 @@ void CameraMesh::insertGrids(std::vector<Grid> grids) {
     // Start the walk in the leaf itself where it inherited triangles.
     for (std::uint32_t page : t.trianglePages().pagesOf(grid.leaf->region))
       if (const TrianglePages::Mask alive = t.trianglePages().aliveMask(page)) {
-        hint = page * TrianglePages::kSlots + static_cast<TriangleId>(std::countr_zero(alive));
+        hint = t.trianglePages().slotAt(page, static_cast<std::uint32_t>(std::countr_zero(alive)));
         break;
       }
     mesh_.insertGrid(grid.points, hint);

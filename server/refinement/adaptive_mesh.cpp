@@ -28,11 +28,11 @@ AdaptiveMesh::AdaptiveMesh(std::shared_ptr<const terrain::Terrain> terrain, std:
       terrain_(std::move(terrain)),
       metric_(metric),
       colour_(terrain_, colourError),
-      candidates_(mesh_.triangleCapacity() / TrianglePages::kSlots),
-      checks_(std::make_unique<NextCheck[]>(mesh_.triangleCapacity() / TrianglePages::kSlots)),
-      screens_(std::make_unique<PageScreen[]>(mesh_.triangleCapacity() / TrianglePages::kSlots)),
+      candidates_(mesh_.triangleCapacity() / TrianglePages::kBlock),
+      checks_(mesh_.triangleCapacity() / TrianglePages::kSlots),
+      screens_(mesh_.triangleCapacity() / TrianglePages::kSlots),
       hashes_(mesh_.triangleCapacity()),
-      losses_(std::make_unique<PageLosses[]>(mesh_.vertexCapacity() / VertexPages::kSlots)),
+      losses_(mesh_.vertexCapacity() / VertexPages::kSlots),
       extras_(mesh_.vertexCapacity()),
       curvature_(metric == Metric::kThesis ? mesh_.vertexCapacity() : 0),
       regions_(1) {
@@ -41,10 +41,13 @@ AdaptiveMesh::AdaptiveMesh(std::shared_ptr<const terrain::Terrain> terrain, std:
 }
 
 std::size_t AdaptiveMesh::memoryBytes() const {
-  constexpr std::size_t kTrianglePage =
-                            sizeof(CandidatePage) + TrianglePages::kSlots * sizeof(std::uint64_t) + sizeof(NextCheck) + sizeof(PageScreen),
-                        kVertexPage = VertexPages::kSlots * sizeof(VertexExtra) + sizeof(PageLosses);
-  return mesh_.residentBytes() + mesh_.trianglePages().pagesInUse() * kTrianglePage + mesh_.vertexPages().pagesInUse() * kVertexPage;
+  const auto bytesOf = [](const auto& pages, std::size_t ofPage, std::size_t ofSlot) {
+    return pages.pagesInUse() * ofPage + std::size_t{pages.blocksInUse()} * pages.kBlock * ofSlot;
+  };
+  return mesh_.residentBytes() +
+         bytesOf(mesh_.trianglePages(), sizeof(NextCheck) + sizeof(PageScreen),
+                 sizeof(CandidateBlock) / CandidateBlock::kSlots + sizeof(std::uint64_t)) +
+         bytesOf(mesh_.vertexPages(), sizeof(PageLosses), sizeof(VertexExtra));
 }
 
 void AdaptiveMesh::setAnchor(lattice::Point anchor) {
@@ -56,9 +59,9 @@ void AdaptiveMesh::setAnchor(lattice::Point anchor) {
     if (mesh_.trianglePages().hasRegion(region))
       mesh_.trianglePages().forEach(region, [&](TriangleId t) {
         if (mesh_.trianglePages().fresh(t)) return;  // it has no candidate yet
-        CandidatePage& page = candidates_[t / CandidatePage::kSlots];
-        page.x[t % CandidatePage::kSlots] += dx;
-        page.z[t % CandidatePage::kSlots] += dz;
+        CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
+        block.x[t % CandidateBlock::kSlots] += dx;
+        block.z[t % CandidateBlock::kSlots] += dz;
       });
 }
 
@@ -92,10 +95,10 @@ triangulation::Moves AdaptiveMesh::moves(std::vector<VertexId>* moved) {
 namespace {
 // visit(page, run) for every run of moves to one page.
 template <class Storage, class F>
-void forEachPage(std::span<const Move> moves, F&& visit) {
+void forEachPage(const Storage& pages, std::span<const Move> moves, F&& visit) {
   while (!moves.empty()) {
-    const std::uint32_t page = moves.front().to / Storage::kSlots;
-    const auto end = std::find_if(moves.begin(), moves.end(), [page](const Move& m) { return m.to / Storage::kSlots != page; });
+    const std::uint32_t page = pages.pageOf(moves.front().to);
+    const auto end = std::find_if(moves.begin(), moves.end(), [&](const Move& m) { return pages.pageOf(m.to) != page; });
     const auto count = static_cast<std::size_t>(end - moves.begin());
     visit(page, moves.first(count));
     moves = moves.subspan(count);
@@ -105,27 +108,18 @@ void forEachPage(std::span<const Move> moves, F&& visit) {
 
 // Page by page: what a page has is then written once, while other threads may write its neighbours in the same line of the cache.
 void AdaptiveMesh::moveTriangles(std::span<const Move> moves) {
+  const TrianglePages& pages = mesh_.trianglePages();
   const RegionId region = mesh_.regionOf(moves.front().to);
-  forEachPage<TrianglePages>(moves, [&](std::uint32_t number, std::span<const Move> run) {
-    CandidatePage& page = candidates_[number];
-    PageScreen& screen = screens_[number];
+  forEachPage(pages, moves, [&](std::uint32_t number, std::span<const Move> run) {
     Mask slots = 0;
+    for (const Move& move : run) slots |= Mask{1} << pages.indexOf(move.to);
+    if (pages.aliveMask(number) == slots) beginScreen(number, -1);
     for (const auto& [from, to] : run) {
-      const std::uint32_t k = to % CandidatePage::kSlots;
-      const Mask bit = Mask{1} << k;
-      const Candidate c = candidate(from);
-      page.x[k] = c.point.x;
-      page.z[k] = c.point.z;
-      page.y[k] = c.y;
-      page.error[k] = std::abs(c.error);  // a candidate that moves is not dormant
-      if (screen.hashed & bit) screen.hash -= hashes_[to];
-      hashes_[to] = hashes_[from];
-      screen.hash += hashes_[to];
-      slots |= bit;
+      Candidate c = candidate(from);
+      c.error = std::abs(c.error);  // a candidate that moves is not dormant
+      setCandidate(to, c);
+      setHash(to, hashes_[from]);
     }
-    screen.hashed |= slots;
-    screen.dormant &= ~slots;
-    screen.blank &= ~slots;
     wakeCandidate(run.front().to, region);
   });
 }
@@ -136,7 +130,7 @@ void AdaptiveMesh::moveVertices(std::span<const Move> moves) {
     extras_[to] = extras_[from];
     if (metric_ == Metric::kThesis) curvature_[to] = curvature_[from];
   }
-  forEachPage<VertexPages>(moves, [&](std::uint32_t, std::span<const Move> run) { wakeVertex(run.front().to, region); });
+  forEachPage(mesh_.vertexPages(), moves, [&](std::uint32_t, std::span<const Move> run) { wakeVertex(run.front().to, region); });
 }
 
 // ---- vertices ----
@@ -148,7 +142,7 @@ std::uint64_t AdaptiveMesh::mixedOf(VertexId v) const {
 
 // What is kept beside a vertex just inserted.
 void AdaptiveMesh::keepExtra(VertexId v, std::int32_t fineY, int level, float loss) {
-  const std::uint32_t page = v / VertexPages::kSlots;
+  const std::uint32_t page = mesh_.vertexPages().pageOf(v);
   if (std::popcount(mesh_.vertexPages().aliveMask(page)) == 1) losses_[page] = {};  // what another region left there is forgotten
   VertexExtra& extra = extras_[v];
   extra.mixed = mixedOf(v);

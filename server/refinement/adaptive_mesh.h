@@ -113,11 +113,18 @@ class AdaptiveMesh {
   // ---- reading ----
   const triangulation::Triangulation& triangulation() const { return mesh_; }
   Candidate candidate(TriangleId t) const {
-    const CandidatePage& page = candidates_[t / CandidatePage::kSlots];
-    const std::uint32_t k = t % CandidatePage::kSlots;
-    return {{page.x[k], page.z[k]}, page.y[k], page.error[k]};
+    const CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
+    const std::uint32_t k = t % CandidateBlock::kSlots;
+    return {{block.x[k], block.z[k]}, block.y[k], block.error[k]};
   }
-  const CandidatePage& candidatePage(std::uint32_t page) const { return candidates_[page]; }
+  PageBlocks candidatesOf(std::uint32_t page) const {
+    PageBlocks blocks;
+    for (std::uint32_t k = 0; k < blocks.size(); ++k) {
+      const std::uint32_t block = mesh_.trianglePages().blockOf(page, k);
+      blocks[k] = block == triangulation::kNoSlot ? nullptr : &candidates_[block];
+    }
+    return blocks;
+  }
   const PageScreen& screen(std::uint32_t page) const { return screens_[page]; }
   const NextCheck& nextCheck(std::uint32_t page) const { return checks_[page]; }
   const NextCheck& nextRegionCheck(RegionId region) const { return regions_[region].nextCheck; }
@@ -145,13 +152,36 @@ class AdaptiveMesh {
   void keepExtra(VertexId v, std::int32_t fineY, int level, float loss);
   void addCurvature(std::span<const VertexId> vertices);
   bool insertOne(const Pending& wanted, RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
+  // The candidate of a new triangle. The page's bounds do not know it yet.
+  void setCandidate(TriangleId t, const Candidate& c) {
+    CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
+    const std::uint32_t k = t % CandidateBlock::kSlots;
+    block.x[k] = c.point.x;
+    block.z[k] = c.point.z;
+    block.y[k] = c.y;
+    block.error[k] = c.error;
+    PageScreen& screen = screens_[mesh_.trianglePages().pageOf(t)];
+    const Mask others = ~(Mask{1} << mesh_.trianglePages().indexOf(t));
+    screen.dormant &= others;
+    screen.blank &= others;
+  }
+  // The triangle's term; what the slot held before leaves the page's sum.
+  void setHash(TriangleId t, std::uint64_t term) {
+    PageScreen& page = screens_[mesh_.trianglePages().pageOf(t)];
+    const Mask bit = Mask{1} << mesh_.trianglePages().indexOf(t);
+    if (page.hashed & bit) page.hash -= hashes_[t];
+    page.hash += term;
+    page.hashed |= bit;
+    hashes_[t] = term;
+  }
   // The page of a candidate or a vertex is checked next time, whatever is known of it.
   void wakeCandidate(TriangleId t, RegionId region) {
-    screens_[t / CandidatePage::kSlots].travel = -1;
-    checks_[t / CandidatePage::kSlots].travel = regions_[region].nextCheck.travel = kAlways;
+    const std::uint32_t page = mesh_.trianglePages().pageOf(t);
+    screens_[page].travel = -1;
+    checks_[page].travel = regions_[region].nextCheck.travel = kAlways;
   }
   void wakeVertex(VertexId v, RegionId region) {
-    PageLosses& page = losses_[v / triangulation::VertexPages::kSlots];
+    PageLosses& page = losses_[mesh_.vertexPages().pageOf(v)];
     page.travel = -1;
     page.nextCheck = regions_[region].nextLossCheck = kAlways;
   }
@@ -166,8 +196,6 @@ class AdaptiveMesh {
   void judgeColours(int level, Scratch& scratch);
   void storeCandidates(RegionId region, const View* view, Scratch& scratch);
   void beginScreen(std::uint32_t page, double travel);
-  void setCandidate(TriangleId t, const Candidate& c);
-  void setHash(TriangleId t, std::uint64_t term);
   void prefetchCandidate(TriangleId t) const;
   void prefetchCorners(std::size_t k, const Scratch& scratch) const;
 
@@ -176,9 +204,12 @@ class AdaptiveMesh {
   void screenThesis(RegionId region, const View& view, double threshold, std::vector<Pending>& out) const;
   void collectDue(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due);
   void checkPage(std::uint32_t page, const View& view, double threshold, std::vector<TriangleId>& wanted);
+  void wakeDormant(std::uint32_t page);
+  void blankDead(std::uint32_t page, Mask alive);
   void judgeWanted(const std::vector<TriangleId>& wanted, const View& view, std::vector<Pending>& out);
 
   // coarsening.cpp
+  void prefetchVertices(std::uint32_t page) const;
   void collectDueLosses(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due);
   void checkLosses(std::uint32_t page, const View& view, double slope, std::vector<VertexId>& out);
   void foldLoss(const triangulation::Vertex& p, VertexId v, float loss, RegionId region, const View& view);
@@ -192,14 +223,14 @@ class AdaptiveMesh {
   ColourError colour_;
   lattice::Point anchor_;
 
-  triangulation::Records<CandidatePage> candidates_;  // by page of triangles
-  std::unique_ptr<NextCheck[]> checks_;               // by page of triangles
-  std::unique_ptr<PageScreen[]> screens_;             // by page of triangles
-  triangulation::Records<std::uint64_t> hashes_;      // by triangle: its term of its leaf's hash (common/mesh)
-  std::unique_ptr<PageLosses[]> losses_;              // by page of vertices
-  triangulation::Records<VertexExtra> extras_;        // by vertex
-  triangulation::Records<float> curvature_;           // by vertex, metres; of no length but for kThesis
-  std::vector<RegionState> regions_;                  // by region; as long as the largest id needs
+  triangulation::Records<CandidateBlock> candidates_;  // by block of triangles
+  triangulation::Records<NextCheck> checks_;           // by page of triangles
+  triangulation::Records<PageScreen> screens_;         // by page of triangles
+  triangulation::Records<std::uint64_t> hashes_;       // by triangle: its term of its leaf's hash (common/mesh)
+  triangulation::Records<PageLosses> losses_;          // by page of vertices
+  triangulation::Records<VertexExtra> extras_;         // by vertex
+  triangulation::Records<float> curvature_;            // by vertex, metres; of no length but for kThesis
+  std::vector<RegionState> regions_;                   // by region; as long as the largest id needs
   std::atomic<std::uint64_t> heights_{0};
   triangulation::WriteSet everything_;
 };

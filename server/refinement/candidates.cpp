@@ -174,48 +174,23 @@ struct AdaptiveMesh::Scratch {
   std::vector<float> smeared;  // of each trial, steps: what its colour counts for; empty: nothing
 };
 
-// Nothing is in the page yet that its bounds must hold for. What its former region left there is forgotten: which pages a region gets
+// Nothing is in the page yet that its bounds or its sum must hold for. What its former region left there is forgotten: which pages a region gets
 // depends on threads, and what is done next may not.
 void AdaptiveMesh::beginScreen(std::uint32_t page, double travel) {
   constexpr double never = std::numeric_limits<double>::infinity();
-  PageScreen& screen = screens_[page];
   checks_[page] = {never, never};
-  screen = {travel, 0, 0, std::numeric_limits<float>::max(), 0, 0, screen.blank, 0, screen.hash, screen.hashed};
-}
-
-// The candidate of a new triangle. The page's bounds do not know it yet.
-inline void AdaptiveMesh::setCandidate(TriangleId t, const Candidate& c) {
-  CandidatePage& page = candidates_[t / CandidatePage::kSlots];
-  const std::uint32_t k = t % CandidatePage::kSlots;
-  page.x[k] = c.point.x;
-  page.z[k] = c.point.z;
-  page.y[k] = c.y;
-  page.error[k] = c.error;
-  PageScreen& screen = screens_[t / CandidatePage::kSlots];
-  const Mask bit = Mask{1} << k;
-  screen.dormant &= ~bit;
-  screen.blank &= ~bit;
-}
-
-// The triangle's term; what the slot held before leaves the page's sum.
-inline void AdaptiveMesh::setHash(TriangleId t, std::uint64_t term) {
-  PageScreen& page = screens_[t / CandidatePage::kSlots];
-  const Mask bit = Mask{1} << (t % CandidatePage::kSlots);
-  if (page.hashed & bit) page.hash -= hashes_[t];
-  page.hash += term;
-  page.hashed |= bit;
-  hashes_[t] = term;
+  screens_[page] = {travel, 0, 0, std::numeric_limits<float>::max(), 0, 0, 0, 0, 0, 0};
 }
 
 inline void AdaptiveMesh::prefetchCandidate(TriangleId t) const {
-  const CandidatePage& page = candidates_[t / CandidatePage::kSlots];
-  const std::uint32_t k = t % CandidatePage::kSlots;
-  __builtin_prefetch(&page.x[k], 1);
-  __builtin_prefetch(&page.z[k], 1);
-  __builtin_prefetch(&page.y[k], 1);
-  __builtin_prefetch(&page.error[k], 1);
-  __builtin_prefetch(&screens_[t / CandidatePage::kSlots], 1);
-  __builtin_prefetch(&checks_[t / CandidatePage::kSlots], 1);
+  const CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
+  __builtin_prefetch(&block.x, 1);
+  __builtin_prefetch(&block.z, 1);
+  __builtin_prefetch(&block.y, 1);
+  __builtin_prefetch(&block.error, 1);
+  const std::uint32_t page = mesh_.trianglePages().pageOf(t);
+  __builtin_prefetch(&screens_[page], 1);
+  __builtin_prefetch(&checks_[page], 1);
 }
 
 inline void AdaptiveMesh::prefetchCorners(std::size_t k, const Scratch& scratch) const {
@@ -261,8 +236,7 @@ void AdaptiveMesh::takeFresh(RegionId region, const View* view, Scratch& scratch
   pages.takeFreshPages(region, [&](std::uint32_t page) {
     const Mask mask = pages.freshMask(page);
     if (mask == pages.aliveMask(page)) beginScreen(page, view ? view->travel : -1);
-    for (Mask m = mask; m != 0; m &= m - 1)
-      scratch.fresh.push_back(page * CandidatePage::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
+    pages.forEachIn(page, mask, [&](TriangleId t) { scratch.fresh.push_back(t); });
   });
 }
 
@@ -378,7 +352,7 @@ inline void AdaptiveMesh::storeCandidates(RegionId region, const View* view, Scr
     Candidate& c = scratch.best[k];
     if (!(c.error > 0)) c = {{kFarAway, kFarAway}, kFarAway, 0.0f};
     setCandidate(fresh[k], c);
-    const std::uint32_t page = fresh[k] / CandidatePage::kSlots;
+    const std::uint32_t page = mesh_.trianglePages().pageOf(fresh[k]);
     if (view)
       foldCandidate(checks_[page], screens_[page], state, c, *view);
     else

@@ -55,14 +55,19 @@ void AdaptiveMesh::findRemovable(RegionId region, const View& view, Work& work) 
   due.clear();
   collectDueLosses(region, view, skipped, due);
   for (std::size_t n = 0; n < due.size(); ++n) {
-    if (n + 1 < due.size()) {
-      mesh_.prefetchVertices(due[n + 1]);
-      const char* const ahead = reinterpret_cast<const char*>(&extras_[due[n + 1] * VertexPages::kSlots]);
-      for (std::size_t k = 0; k < VertexPages::kSlots * sizeof(VertexExtra); k += 64) __builtin_prefetch(ahead + k);
-    }
+    if (n + 2 < due.size()) prefetchVertices(due[n + 2]);
     checkLosses(due[n], view, slope, work.removable);
     setNextCheck(losses_[due[n]], skipped, view.measure.power());
     state.nextLossCheck = std::min(state.nextLossCheck, losses_[due[n]].nextCheck);
+  }
+}
+
+inline void AdaptiveMesh::prefetchVertices(std::uint32_t page) const {
+  for (std::uint32_t k = 0; k < VertexPages::kBlocks; ++k) {
+    const std::uint32_t block = mesh_.vertexPages().blockOf(page, k);
+    if (block == triangulation::kNoSlot) continue;
+    mesh_.prefetchVertices(block);
+    for (std::uint32_t n = 0; n < VertexPages::kBlock; n += 4) __builtin_prefetch(&extras_[block * VertexPages::kBlock + n]);
   }
 }
 
@@ -77,10 +82,12 @@ void AdaptiveMesh::collectDueLosses(RegionId region, const View& view, double sk
     if (n + kAhead < all.size()) __builtin_prefetch(&losses_[all[n + kAhead]]);
     PageLosses& known = losses_[all[n]];
     if (!same) setNextCheck(known, skipped, view.measure.power());
-    if (view.travel < known.nextCheck)
+    if (view.travel < known.nextCheck) {
       state.nextLossCheck = std::min(state.nextLossCheck, known.nextCheck);
-    else
+    } else {
       due.push_back(all[n]);
+      mesh_.vertexPages().prefetch(all[n]);
+    }
   }
 }
 
@@ -88,10 +95,9 @@ void AdaptiveMesh::collectDueLosses(RegionId region, const View& view, double sk
 inline void AdaptiveMesh::checkLosses(std::uint32_t page, const View& view, double slope, std::vector<VertexId>& out) {
   const auto most = static_cast<float>(slope * slope);
   float least = kNone, flattest = kNone, nearest = kNone;
-  for (VertexPages::Mask m = mesh_.vertexPages().aliveMask(page); m != 0; m &= m - 1) {
-    const VertexId v = page * VertexPages::kSlots + static_cast<VertexId>(std::countr_zero(m));
+  mesh_.vertexPages().forEachIn(page, mesh_.vertexPages().aliveMask(page), [&](VertexId v) {
     const float loss = extras_[v].loss;
-    if (v == triangulation::kInfinite || std::isinf(loss)) continue;
+    if (v == triangulation::kInfinite || std::isinf(loss)) return;
     const Seen seen = see(placeOf(mesh_.vertex(v)), loss, view);
     if (seen.slope2 < most) {
       out.push_back(v);
@@ -100,14 +106,14 @@ inline void AdaptiveMesh::checkLosses(std::uint32_t page, const View& view, doub
       flattest = std::min(flattest, seen.flat2);
       nearest = std::min(nearest, seen.distance2);
     }
-  }
+  });
   losses_[page] = {0, view.travel, std::sqrt(least), std::sqrt(flattest), std::sqrt(nearest)};
 }
 
 // Keeps a vertex's loss, and its page's bounds learn of it.
 void AdaptiveMesh::foldLoss(const Vertex& p, VertexId v, float loss, RegionId region, const View& view) {
   extras_[v].loss = loss;
-  PageLosses& page = losses_[v / VertexPages::kSlots];
+  PageLosses& page = losses_[mesh_.vertexPages().pageOf(v)];
   RegionState& state = regions_[region];
   if (page.travel >= 0 && std::isfinite(loss)) {
     const auto moved = static_cast<float>(view.travel - page.travel);

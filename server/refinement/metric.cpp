@@ -12,22 +12,22 @@ namespace {
 
 // Sixteen candidates at a time: the square of what is seen, and of the threshold, both times d^(2 p + 2).
 template <bool kByArea>
-inline __attribute__((always_inline)) PageLook look(const CandidatePage& page, const Eye& eye) {
-  constexpr unsigned kWidth = 16, kVectors = CandidatePage::kSlots / kWidth;
+inline __attribute__((always_inline)) PageLook look(const PageBlocks& page, const Eye& eye) {
+  constexpr unsigned kWidth = CandidateBlock::kSlots, kVectors = triangulation::TrianglePages::kBlocks;
   typedef float Floats __attribute__((vector_size(4 * kWidth)));
   typedef std::int32_t Ints __attribute__((vector_size(4 * kWidth)));
-  const auto& x = reinterpret_cast<const Ints(&)[kVectors]>(page.x);
-  const auto& z = reinterpret_cast<const Ints(&)[kVectors]>(page.z);
-  const auto& y = reinterpret_cast<const Ints(&)[kVectors]>(page.y);
-  const auto& error = reinterpret_cast<const Floats(&)[kVectors]>(page.error);
   const Floats zero{}, nearest2 = zero + kNearest * kNearest;
   Floats steepest = zero, mostSeen = zero, nearest = zero + std::numeric_limits<float>::max();
-  Ints wanted[kVectors], any{};
+  Ints wanted[kVectors]{}, any{};
   for (unsigned k = 0; k < kVectors; ++k) {
-    const Floats dx = __builtin_convertvector(x[k] - eye.x, Floats), dz = __builtin_convertvector(z[k] - eye.z, Floats),
-                 dy = __builtin_convertvector(y[k], Floats) - eye.y;
+    if (!page[k]) continue;
+    const auto &x = reinterpret_cast<const Ints&>(page[k]->x), &z = reinterpret_cast<const Ints&>(page[k]->z),
+               &y = reinterpret_cast<const Ints&>(page[k]->y);
+    const auto& error = reinterpret_cast<const Floats&>(page[k]->error);
+    const Floats dx = __builtin_convertvector(x - eye.x, Floats), dz = __builtin_convertvector(z - eye.z, Floats),
+                 dy = __builtin_convertvector(y, Floats) - eye.y;
     const Floats flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < nearest2 ? nearest2 : d2;
-    const Floats e = error[k] > zero ? error[k] : zero, e2 = e * e;
+    const Floats e = error > zero ? error : zero, e2 = e * e;
     Floats reach = n;  // d^(2 p)
     if constexpr (kByArea)
       for (unsigned lane = 0; lane < kWidth; ++lane) reach[lane] = n[lane] * __builtin_sqrtf(n[lane]);
@@ -55,7 +55,7 @@ inline __attribute__((always_inline)) PageLook look(const CandidatePage& page, c
   fold(std::integral_constant<std::size_t, 1>(), lanes);
   PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
   if (any[0] != 0)
-    for (unsigned k = 0; k < CandidatePage::kSlots; ++k)
+    for (unsigned k = 0; k < kVectors * kWidth; ++k)
       result.wanted |= static_cast<PageScreen::Mask>(wanted[k / kWidth][k % kWidth] != 0) << k;
   return result;
 }
@@ -65,12 +65,12 @@ inline __attribute__((always_inline)) PageLook look(const CandidatePage& page, c
 #else
 #define RIDGECAST_VECTOR_CLONES
 #endif
-RIDGECAST_VECTOR_CLONES PageLook inPixels(const CandidatePage& page, const Eye& eye) { return look<false>(page, eye); }
-RIDGECAST_VECTOR_CLONES PageLook byArea(const CandidatePage& page, const Eye& eye) { return look<true>(page, eye); }
+RIDGECAST_VECTOR_CLONES PageLook inPixels(const PageBlocks& page, const Eye& eye) { return look<false>(page, eye); }
+RIDGECAST_VECTOR_CLONES PageLook byArea(const PageBlocks& page, const Eye& eye) { return look<true>(page, eye); }
 
 }  // namespace
 
-PageLook lookThrough(const Measure& measure, const CandidatePage& page, const Eye& eye) {
+PageLook lookThrough(const Measure& measure, const PageBlocks& page, const Eye& eye) {
   return measure.byArea ? byArea(page, eye) : inPixels(page, eye);
 }
 

@@ -11,6 +11,7 @@
 //          algorithm 6, with the constants of their published program. A triangle that reaches behind the camera counts as large as the
 //          picture. AdaptiveMesh::screenThesis() measures it.
 
+#include <array>
 #include <cmath>
 
 #include "common/settings/settings.h"
@@ -49,7 +50,8 @@ struct PageLook {
   PageScreen::Mask wanted;           // whose error as seen reaches the threshold
   float steepest2, seen2, nearest2;  // as PageScreen's, squared, of the candidates not wanted
 };
-// Dead slots of the page are blank.
-PageLook lookThrough(const Measure& measure, const CandidatePage& page, const Eye& eye);
+// The candidates of a page, block by block; null where it has no block. Dead slots are blank.
+using PageBlocks = std::array<const CandidateBlock*, triangulation::TrianglePages::kBlocks>;
+PageLook lookThrough(const Measure& measure, const PageBlocks& page, const Eye& eye);
 
 }  // namespace ridgecast::refinement

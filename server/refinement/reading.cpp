@@ -18,8 +18,7 @@ std::uint64_t AdaptiveMesh::hash(RegionId region) {
   for (std::uint32_t number : pages.pagesOf(region)) {
     PageScreen& page = screens_[number];
     const Mask alive = pages.aliveMask(number);
-    for (Mask m = page.hashed & ~alive; m != 0; m &= m - 1)
-      page.hash -= hashes_[number * CandidatePage::kSlots + static_cast<std::uint32_t>(std::countr_zero(m))];
+    pages.forEachIn(number, page.hashed & ~alive, [&](TriangleId t) { page.hash -= hashes_[t]; });
     page.hashed &= alive;
     sum += page.hash;
   }

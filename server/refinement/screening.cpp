@@ -49,33 +49,16 @@ bool isHidden(const View& view, const std::array<Vec3, 3>& corners, const Vec3& 
          std::all_of(corners.begin(), corners.end(), [&](const Vec3& corner) { return view.hides(corner); });
 }
 
-void wake(PageScreen& known, CandidatePage& page) {
-  for (PageScreen::Mask m = known.dormant; m != 0; m &= m - 1) {
-    float& e = page.error[std::countr_zero(m)];
-    e = std::abs(e);
-  }
-  known.dormant = 0;
-}
-
-void blankDead(PageScreen& known, CandidatePage& page, PageScreen::Mask alive) {
-  for (PageScreen::Mask m = ~alive & ~known.blank; m != 0; m &= m - 1) {
-    const auto k = std::countr_zero(m);
-    page.error[k] = 0;
-    page.x[k] = page.z[k] = page.y[k] = kFarAway;
-  }
-  known.blank = ~alive;
-}
-
 // A candidate that is wanted but not worth a vertex until the camera has moved so many steps.
-void makeDormant(NextCheck& next, PageScreen& known, CandidatePage& page, unsigned k, float until, const View& view) {
+void makeDormant(NextCheck& next, PageScreen& known, unsigned index, float& error, float until, const View& view) {
   if (known.dormant == 0) {
     known.dormantSince = view.travel;
     known.dormantFor = until;
     next.turn = view.turn + view.wakeTurn();
   }
   known.dormantFor = std::min(known.dormantFor, until);
-  known.dormant |= PageScreen::Mask{1} << k;
-  page.error[k] = -page.error[k];
+  known.dormant |= PageScreen::Mask{1} << index;
+  error = -error;
 }
 
 struct Judgement {
@@ -132,10 +115,8 @@ void AdaptiveMesh::screenPixels(RegionId region, const View& view, double thresh
   wanted.clear();
   collectDue(region, view, skipped, due);
   for (std::size_t n = 0; n < due.size(); ++n) {
-    if (n + 1 < due.size()) {
-      const char* ahead = reinterpret_cast<const char*>(&candidates_[due[n + 1]]);
-      for (std::size_t k = 0; k < sizeof(CandidatePage); k += 256) __builtin_prefetch(ahead + k);
-    }
+    if (n + 1 < due.size())
+      for (const CandidateBlock* block : candidatesOf(due[n + 1])) __builtin_prefetch(block);
     checkPage(due[n], view, threshold, wanted);
   }
   judgeWanted(wanted, view, out);
@@ -161,29 +142,49 @@ void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped,
       join(state.nextCheck, next);
     } else {
       due.push_back(all[n]);
+      mesh_.trianglePages().prefetch(all[n]);
       __builtin_prefetch(&screens_[all[n]], 1);
     }
   }
 }
 
+// The page's dormant candidates are candidates again.
+void AdaptiveMesh::wakeDormant(std::uint32_t page) {
+  mesh_.trianglePages().forEachIn(page, screens_[page].dormant, [&](TriangleId t) {
+    float& error = candidates_[t / CandidateBlock::kSlots].error[t % CandidateBlock::kSlots];
+    error = std::abs(error);
+  });
+  screens_[page].dormant = 0;
+}
+
+inline void AdaptiveMesh::blankDead(std::uint32_t page, Mask alive) {
+  const Mask dead = mesh_.trianglePages().slotsOf(page) & ~alive;
+  mesh_.trianglePages().forEachIn(page, dead & ~screens_[page].blank, [&](TriangleId t) {
+    CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
+    const std::uint32_t k = t % CandidateBlock::kSlots;
+    block.error[k] = 0;
+    block.x[k] = block.z[k] = block.y[k] = kFarAway;
+  });
+  screens_[page].blank = dead;
+}
+
 // Appends the page's wanted candidates, and keeps the bounds of the others.
 inline void AdaptiveMesh::checkPage(std::uint32_t number, const View& view, double threshold, std::vector<TriangleId>& wanted) {
   PageScreen& known = screens_[number];
-  CandidatePage& page = candidates_[number];
   const Mask alive = mesh_.trianglePages().aliveMask(number);
   known.dormant &= alive;
-  if (known.dormant != 0 && (wakes(known, view) || view.turn >= checks_[number].turn)) wake(known, page);
-  blankDead(known, page, alive);
+  if (known.dormant != 0 && (wakes(known, view) || view.turn >= checks_[number].turn)) wakeDormant(number);
+  blankDead(number, alive);
   const Eye eye{view.x, view.z, view.y, static_cast<float>(view.gain * view.gain), static_cast<float>(threshold * threshold)};
-  const PageLook seen = lookThrough(view.measure, page, eye);
+  const PageLook seen = lookThrough(view.measure, candidatesOf(number), eye);
   known.travel = view.travel;
   known.steepest = std::sqrt(seen.steepest2);
   known.seen = std::sqrt(seen.seen2);
   known.nearest = std::sqrt(seen.nearest2);
-  for (Mask m = seen.wanted; m != 0; m &= m - 1) {
-    wanted.push_back(number * TrianglePages::kSlots + static_cast<TriangleId>(std::countr_zero(m)));
-    mesh_.prefetch(wanted.back());
-  }
+  mesh_.trianglePages().forEachIn(number, seen.wanted, [&](TriangleId t) {
+    wanted.push_back(t);
+    mesh_.prefetch(t);
+  });
 }
 
 // Appends those that are worth a vertex; the others become dormant.
@@ -198,8 +199,9 @@ void AdaptiveMesh::judgeWanted(const std::vector<TriangleId>& wanted, const View
     if (priority > 0) {
       out.push_back({t, c.point, static_cast<float>(priority)});
     } else {
-      const std::uint32_t page = t / TrianglePages::kSlots;
-      makeDormant(checks_[page], screens_[page], candidates_[page], t % TrianglePages::kSlots, until, view);
+      const std::uint32_t page = mesh_.trianglePages().pageOf(t);
+      makeDormant(checks_[page], screens_[page], mesh_.trianglePages().indexOf(t),
+                  candidates_[t / CandidateBlock::kSlots].error[t % CandidateBlock::kSlots], until, view);
     }
   }
 }

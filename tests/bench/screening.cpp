@@ -34,7 +34,9 @@ Report screening(const Options& options) {
   }
   const auto& pages = m.triangulation().trianglePages();
   std::size_t slots = 0;
-  for (const generation::Leaf* leaf : mesh.leaves()) slots += pages.pagesOf(leaf->region).size() * triangulation::TrianglePages::kSlots;
+  for (const generation::Leaf* leaf : mesh.leaves())
+    for (std::uint32_t page : pages.pagesOf(leaf->region))
+      for (const refinement::CandidateBlock* block : m.candidatesOf(page)) slots += block ? refinement::CandidateBlock::kSlots : 0;
 
   std::vector<double> read, screen;
   std::uint64_t sink = 0;
@@ -43,14 +45,14 @@ Report screening(const Options& options) {
     double start = cpuSeconds();
     for (const generation::Leaf* leaf : mesh.leaves())
       for (std::uint32_t page : pages.pagesOf(leaf->region)) {
-        const refinement::CandidatePage& c = m.candidatePage(page);
         // The page's own record and mask are read by the pass, too.
         const refinement::PageScreen& known = m.screen(page);
         std::uint32_t sum =
             static_cast<std::uint32_t>(known.dormant + known.blank + pages.aliveMask(page)) + static_cast<std::uint32_t>(known.travel < 0);
-        for (std::uint32_t k = 0; k < refinement::CandidatePage::kSlots; ++k)
-          sum += static_cast<std::uint32_t>(c.x[k]) + static_cast<std::uint32_t>(c.z[k]) + static_cast<std::uint32_t>(c.y[k]) +
-                 static_cast<std::uint32_t>(c.error[k] > 1e9f);
+        for (const refinement::CandidateBlock* c : m.candidatesOf(page))
+          for (std::uint32_t k = 0; c && k < refinement::CandidateBlock::kSlots; ++k)
+            sum += static_cast<std::uint32_t>(c->x[k]) + static_cast<std::uint32_t>(c->z[k]) + static_cast<std::uint32_t>(c->y[k]) +
+                   static_cast<std::uint32_t>(c->error[k] > 1e9f);
         sink += sum;
       }
     read.push_back(cpuSeconds() - start);

@@ -124,8 +124,8 @@ TEST(Screening, SkipsNothingThatIsWanted) {
         continue;
       }
       // Those dormant, for being specks or off the picture, may wake up a little later.
-      const PageScreen::Mask dormant = remembers.mesh.screen(p.triangle / CandidatePage::kSlots).dormant;
-      EXPECT_TRUE((dormant >> (p.triangle % CandidatePage::kSlots)) & 1) << "step " << step;
+      const auto& pages = remembers.mesh.triangulation().trianglePages();
+      EXPECT_TRUE((remembers.mesh.screen(pages.pageOf(p.triangle)).dormant >> pages.indexOf(p.triangle)) & 1) << "step " << step;
       ++late;
     }
     EXPECT_EQ(next, known.pending.end()) << "step " << step;
