@@ -14,20 +14,25 @@ bool Triangulation::collectStar(VertexId v, WriteSet& set) const {
   boundary.clear();
   set.cavity_.clear();
   const HalfEdge first = edgeOf(v);
-  std::size_t least = 0;
+  // The other way round, so that what comes last is fetched meanwhile.
+  HalfEdge back = first;
   for (HalfEdge h = first;;) {
     const TriangleId t = h >> 2;
-    if (!set.allows(triangles_.regionOf(t))) return false;
+    if (!set.allows(triangles_.regionOf(t)) || !set.allows(triangles_.regionOf(back >> 2))) return false;
+    back = next(twin(back));
     assert(origin(h) == v);
     const HalfEdge opposite = next(h), outer = twin(opposite);
     if (!set.allows(triangles_.regionOf(outer >> 2))) return false;
     set.cavity_.push_back(t);
     boundary.push_back({origin(opposite), origin(next(opposite)), outer, kOutside});
-    const VertexId link = boundary.back().from, smallest = boundary[least].from;
-    if (smallest == kInfinite || (link != kInfinite && smaller(vertexRecords_[link].point(), vertexRecords_[smallest].point())))
-      least = boundary.size() - 1;
+    __builtin_prefetch(&vertexRecords_[boundary.back().from]);
     h = twin(previous(h));
     if (h == first) break;
+  }
+  std::size_t least = 0;
+  for (std::size_t k = 1; k < boundary.size(); ++k) {
+    const VertexId link = boundary[k].from, smallest = boundary[least].from;
+    if (smallest == kInfinite || (link != kInfinite && smaller(vertexRecords_[link].point(), vertexRecords_[smallest].point()))) least = k;
   }
   std::rotate(boundary.begin(), boundary.begin() + static_cast<std::ptrdiff_t>(least), boundary.end());
   std::rotate(set.cavity_.begin(), set.cavity_.begin() + static_cast<std::ptrdiff_t>(least), set.cavity_.end());

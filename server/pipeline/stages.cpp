@@ -164,6 +164,7 @@ std::uint32_t Pipeline::State::change(const refinement::View& view) {
     thread_local triangulation::WriteSet set;
     Leaf& leaf = *busy[tasks[k]];
     set.allow(leaf.writeSet);
+    if (k + 1 < busy.size()) m.prefetch(busy[tasks[k + 1]]->work);
     m.removeUnneeded(leaf.region, view, set, leaf.work);
     m.insertWanted(leaf.region, view, set, leaf.work);
     m.evaluateFresh(leaf.region, &view);  // while it is in the cache

@@ -262,12 +262,15 @@ bool AdaptiveMesh::insertOne(const Pending& wanted, RegionId region, const View&
 void AdaptiveMesh::insertWanted(RegionId region, const View& view, WriteSet& set, Work& work) {
   work.deferred.clear();
   const std::vector<Pending>& pending = work.pending;
+  constexpr std::size_t kAhead = 3;
+  const auto fetch = [&](std::size_t k) {
+    if (k >= pending.size()) return;
+    mesh_.prefetchCorners(pending[k].triangle);
+    mesh_.prefetchNeighbours(pending[k].triangle);
+  };
+  for (std::size_t k = 0; k < kAhead; ++k) fetch(k);
   for (std::size_t k = 0; k < pending.size(); ++k) {
-    if (k + 6 < pending.size()) mesh_.prefetch(pending[k + 6].triangle);
-    if (k + 3 < pending.size()) {
-      mesh_.prefetchCorners(pending[k + 3].triangle);
-      mesh_.prefetchNeighbours(pending[k + 3].triangle);
-    }
+    fetch(k + kAhead);
     if (k + 1 < pending.size())
       for (triangulation::HalfEdge h : mesh_.triangle(pending[k + 1].triangle).twin) mesh_.prefetchCorners(h >> 2);
     if (!insertOne(pending[k], region, view, set, work)) work.deferred.push_back(pending[k]);

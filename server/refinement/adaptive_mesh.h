@@ -103,6 +103,11 @@ class AdaptiveMesh {
   void removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
   // Inserts what is pending; the rest is in work.deferred. By write set.
   void insertWanted(RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
+  // Both come soon: what they read first is brought into the cache.
+  void prefetch(const Work& work) const {
+    for (const Pending& wanted : work.pending) mesh_.prefetch(wanted.triangle);
+    for (VertexId v : work.removable) mesh_.prefetch(mesh_.edgeOf(v) >> 2);
+  }
   void insertDeferred(RegionId region, const View& view, Work& work);
   // Chooses the candidates of the region's fresh triangles, and hashes them. `view`: of the last findWanted(); without it, all pages with
   // fresh triangles are checked next time. One region.
@@ -196,7 +201,13 @@ class AdaptiveMesh {
   void judgeColours(int level, Scratch& scratch);
   void storeCandidates(RegionId region, const View* view, Scratch& scratch);
   void beginScreen(std::uint32_t page, double travel);
-  void prefetchCandidate(TriangleId t) const;
+  void prefetchCandidate(TriangleId t) const {
+    const CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
+    __builtin_prefetch(&block.x, 1);
+    __builtin_prefetch(&block.z, 1);
+    __builtin_prefetch(&block.y, 1);
+    __builtin_prefetch(&block.error, 1);
+  }
   void prefetchCorners(std::size_t k, const Scratch& scratch) const;
 
   // screening.cpp

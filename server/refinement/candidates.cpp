@@ -182,17 +182,6 @@ void AdaptiveMesh::beginScreen(std::uint32_t page, double travel) {
   screens_[page] = {travel, 0, 0, std::numeric_limits<float>::max(), 0, 0, 0, 0, 0, 0};
 }
 
-inline void AdaptiveMesh::prefetchCandidate(TriangleId t) const {
-  const CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
-  __builtin_prefetch(&block.x, 1);
-  __builtin_prefetch(&block.z, 1);
-  __builtin_prefetch(&block.y, 1);
-  __builtin_prefetch(&block.error, 1);
-  const std::uint32_t page = mesh_.trianglePages().pageOf(t);
-  __builtin_prefetch(&screens_[page], 1);
-  __builtin_prefetch(&checks_[page], 1);
-}
-
 inline void AdaptiveMesh::prefetchCorners(std::size_t k, const Scratch& scratch) const {
   if (k >= scratch.fresh.size()) return;
   const TriangleId t = scratch.fresh[k];
@@ -234,6 +223,8 @@ void AdaptiveMesh::takeFresh(RegionId region, const View* view, Scratch& scratch
   scratch.trials.clear();
   TrianglePages& pages = mesh_.trianglePages();
   pages.takeFreshPages(region, [&](std::uint32_t page) {
+    __builtin_prefetch(&screens_[page], 1);
+    __builtin_prefetch(&checks_[page], 1);
     const Mask mask = pages.freshMask(page);
     if (mask == pages.aliveMask(page)) beginScreen(page, view ? view->travel : -1);
     pages.forEachIn(page, mask, [&](TriangleId t) { scratch.fresh.push_back(t); });

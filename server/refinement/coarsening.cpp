@@ -23,7 +23,8 @@ using triangulation::VertexPages;
 
 namespace {
 
-constexpr std::size_t kAhead = 8;  // pages whose bounds are fetched ahead of the one at hand
+constexpr std::size_t kAhead = 8;         // pages whose bounds are fetched ahead of the one at hand
+constexpr std::size_t kVerticesAhead = 3;  // and those whose vertices are
 constexpr float kNone = std::numeric_limits<float>::max();
 
 Place placeOf(const Vertex& v) { return {v.x, v.z, v.y}; }
@@ -54,8 +55,9 @@ void AdaptiveMesh::findRemovable(RegionId region, const View& view, Work& work) 
   thread_local std::vector<std::uint32_t> due;  // pages
   due.clear();
   collectDueLosses(region, view, skipped, due);
+  for (std::size_t n = 0; n < std::min(kVerticesAhead, due.size()); ++n) prefetchVertices(due[n]);
   for (std::size_t n = 0; n < due.size(); ++n) {
-    if (n + 2 < due.size()) prefetchVertices(due[n + 2]);
+    if (n + kVerticesAhead < due.size()) prefetchVertices(due[n + kVerticesAhead]);
     checkLosses(due[n], view, slope, work.removable);
     setNextCheck(losses_[due[n]], skipped, view.measure.power());
     state.nextLossCheck = std::min(state.nextLossCheck, losses_[due[n]].nextCheck);
@@ -142,6 +144,7 @@ void AdaptiveMesh::foldLoss(const Vertex& p, VertexId v, float loss, RegionId re
 float AdaptiveMesh::lossOf(VertexId v, const Measure& measure, triangulation::WriteSet& set) const {
   constexpr float never = std::numeric_limits<float>::infinity();
   if (mesh_.plan(v, set) != Change::kDone) return never;
+  for (TriangleId t : set.star()) prefetchCandidate(t);
   for (TriangleId t : set.star())
     if (mesh_.isGhost(t) || mesh_.regionOf(t) == triangulation::kOutside || mesh_.trianglePages().fresh(t)) return never;
   double worst = 0;
@@ -189,7 +192,10 @@ double AdaptiveMesh::colourLoss(VertexId v, const Measure& measure, const triang
 }
 
 void AdaptiveMesh::removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work) {
-  for (VertexId v : work.removable) {
+  for (std::size_t k = 0; k < work.removable.size(); ++k) {
+    if (k + 2 < work.removable.size()) mesh_.prefetch(mesh_.edgeOf(work.removable[k + 2]) >> 2);
+    if (k + 1 < work.removable.size()) mesh_.prefetchNeighbours(mesh_.edgeOf(work.removable[k + 1]) >> 2);
+    const VertexId v = work.removable[k];
     const Vertex& p = mesh_.vertex(v);
     const float loss = lossOf(v, view.measure, set);
     if (!std::isfinite(loss)) {

@@ -26,7 +26,7 @@ constexpr double kSpeck = 0.25;  // square pixels
 constexpr double kWakeHidden = 0.15;
 constexpr double kThesisArea = 0.5, kThesisDistance = 40;
 // So many triangles, and pages' bounds, are fetched ahead of the one at hand.
-constexpr std::size_t kAhead = 8;
+constexpr std::size_t kAhead = 8, kPagesAhead = 2;
 
 double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
@@ -114,9 +114,12 @@ void AdaptiveMesh::screenPixels(RegionId region, const View& view, double thresh
   due.clear();
   wanted.clear();
   collectDue(region, view, skipped, due);
+  const auto fetch = [&](std::uint32_t page) {
+    for (const CandidateBlock* block : candidatesOf(page)) __builtin_prefetch(block);
+  };
+  for (std::size_t n = 0; n < std::min(kPagesAhead, due.size()); ++n) fetch(due[n]);
   for (std::size_t n = 0; n < due.size(); ++n) {
-    if (n + 1 < due.size())
-      for (const CandidateBlock* block : candidatesOf(due[n + 1])) __builtin_prefetch(block);
+    if (n + kPagesAhead < due.size()) fetch(due[n + kPagesAhead]);
     checkPage(due[n], view, threshold, wanted);
   }
   judgeWanted(wanted, view, out);
