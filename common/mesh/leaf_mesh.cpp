@@ -6,11 +6,6 @@
 
 namespace ridgecast::mesh {
 
-std::uint64_t hashVertex(const lattice::Vertex& v) {
-  using lattice::mix;
-  return mix(static_cast<std::uint64_t>(v.x) + mix(static_cast<std::uint64_t>(v.z) + mix(static_cast<std::uint64_t>(std::int64_t{v.y}))));
-}
-
 void canonicalize(LeafMesh& leaf) {
   // Static for its memory: a server does this for every leaf that changes.
   struct Placed {

@@ -71,7 +71,10 @@ bool isCanonical(const LeafMesh& leaf);
 LeafMesh gather(lattice::LeafAddress address, std::span<const LeafMesh* const> sources);
 
 // A vertex's v; and a triangle's hash from those of its corners, beginning with the smallest by x, then z.
-std::uint64_t hashVertex(const lattice::Vertex& v);
+constexpr std::uint64_t hashVertex(const lattice::Vertex& v) {
+  using lattice::mix;
+  return mix(static_cast<std::uint64_t>(v.x) + mix(static_cast<std::uint64_t>(v.z) + mix(static_cast<std::uint64_t>(std::int64_t{v.y}))));
+}
 constexpr std::uint64_t hashMixed(std::uint64_t v0, std::uint64_t v1, std::uint64_t v2) {
   return lattice::mix(v0 + lattice::mix(v1 + lattice::mix(v2)));
 }

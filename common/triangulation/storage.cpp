@@ -10,13 +10,12 @@
 namespace ridgecast::triangulation {
 
 void* reserve(std::size_t bytes) {
-  constexpr std::size_t line = 64, huge = std::size_t{2} << 20, small = 2 * huge, large = 8 * huge;
+  constexpr std::size_t line = 64, huge = std::size_t{2} << 20, large = 16 * huge;
   const std::size_t alignment = bytes < large ? line : huge;
   void* const at = std::aligned_alloc(alignment, (std::max(bytes, line) + alignment - 1) / alignment * alignment);
   if (!at) throw std::bad_alloc();
 #ifdef MADV_HUGEPAGE
-  // An offer; nothing is wrong where it is declined.
-  if (bytes >= large) madvise(static_cast<char*>(at) + small, bytes - small, MADV_HUGEPAGE);
+  if (bytes >= large) madvise(at, bytes, MADV_HUGEPAGE);  // an offer; nothing is wrong where it is declined
 #endif
   return at;
 }

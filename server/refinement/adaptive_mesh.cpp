@@ -135,17 +135,11 @@ void AdaptiveMesh::moveVertices(std::span<const Move> moves) {
 
 // ---- vertices ----
 
-std::uint64_t AdaptiveMesh::mixedOf(VertexId v) const {
-  const triangulation::Vertex& p = mesh_.vertex(v);
-  return mesh::hashVertex({anchor_.x + p.x, anchor_.z + p.z, p.y});
-}
-
 // What is kept beside a vertex just inserted.
 void AdaptiveMesh::keepExtra(VertexId v, std::int32_t fineY, int level, float loss) {
   const std::uint32_t page = mesh_.vertexPages().pageOf(v);
   if (std::popcount(mesh_.vertexPages().aliveMask(page)) == 1) losses_[page] = {};  // what another region left there is forgotten
   VertexExtra& extra = extras_[v];
-  extra.mixed = mixedOf(v);
   extra.loss = loss;
   extra.fineY = fineY;
   extra.level = static_cast<std::uint32_t>(level) & 31;
@@ -231,7 +225,6 @@ void AdaptiveMesh::snap(VertexId v) {
   const std::int32_t y = lattice::snapHeight(extra.fineY, level);
   if (y == mesh_.vertex(v).y) return;
   mesh_.setHeight(v, y);
-  extra.mixed = mixedOf(v);
   mesh_.forEachAround(v, [&](triangulation::HalfEdge h) {
     mesh_.trianglePages().setFresh(h >> 2);
     mesh_.markChanged(mesh_.regionOf(h >> 2));

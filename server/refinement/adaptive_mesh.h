@@ -153,7 +153,6 @@ class AdaptiveMesh {
   triangulation::Moves moves(std::vector<VertexId>* moved);
   void moveTriangles(std::span<const triangulation::Move> moves);
   void moveVertices(std::span<const triangulation::Move> moves);
-  std::uint64_t mixedOf(VertexId v) const;
   void keepExtra(VertexId v, std::int32_t fineY, int level, float loss);
   void addCurvature(std::span<const VertexId> vertices);
   bool insertOne(const Pending& wanted, RegionId region, const View& view, triangulation::WriteSet& set, Work& work);

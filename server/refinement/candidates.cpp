@@ -186,7 +186,6 @@ inline void AdaptiveMesh::prefetchCorners(std::size_t k, const Scratch& scratch)
   if (k >= scratch.fresh.size()) return;
   const TriangleId t = scratch.fresh[k];
   mesh_.prefetchCorners(t);
-  for (VertexId v : mesh_.triangle(t).v) __builtin_prefetch(&extras_[v]);
   __builtin_prefetch(&hashes_[t]);
 }
 
@@ -234,6 +233,7 @@ void AdaptiveMesh::takeFresh(RegionId region, const View* view, Scratch& scratch
 // Corners into the batch, hashes. Records lie anywhere in memory: they are fetched some triangles ahead of the one at hand.
 inline void AdaptiveMesh::readBatch(std::size_t begin, std::size_t count, Scratch& scratch) {
   Batch& batch = scratch.batch;
+  const auto hashOf = [this](const Vertex& p) { return mesh::hashVertex({anchor_.x + p.x, anchor_.z + p.z, p.y}); };
   for (std::size_t i = 0; i < count; ++i) {
     const TriangleId t = scratch.fresh[begin + i];
     if (begin + i + kRecordsAhead < scratch.fresh.size()) mesh_.prefetch(scratch.fresh[begin + i + kRecordsAhead]);
@@ -244,7 +244,7 @@ inline void AdaptiveMesh::readBatch(std::size_t begin, std::size_t count, Scratc
     batch.ax[i] = a.x, batch.az[i] = a.z, batch.ay[i] = a.y;
     batch.bx[i] = b.x, batch.bz[i] = b.z, batch.by[i] = b.y;
     batch.cx[i] = c.x, batch.cz[i] = c.z, batch.cy[i] = c.y;
-    const std::uint64_t ma = extras_[v[0]].mixed, mb = extras_[v[1]].mixed, mc = extras_[v[2]].mixed;
+    const std::uint64_t ma = hashOf(a), mb = hashOf(b), mc = hashOf(c);
     const bool ab = triangulation::smaller(a.point(), b.point()), ac = triangulation::smaller(a.point(), c.point()),
                bc = triangulation::smaller(b.point(), c.point());
     const bool aFirst = ab & ac, bFirst = !ab & bc;

@@ -69,7 +69,8 @@ inline void AdaptiveMesh::prefetchVertices(std::uint32_t page) const {
     const std::uint32_t block = mesh_.vertexPages().blockOf(page, k);
     if (block == triangulation::kNoSlot) continue;
     mesh_.prefetchVertices(block);
-    for (std::uint32_t n = 0; n < VertexPages::kBlock; n += 4) __builtin_prefetch(&extras_[block * VertexPages::kBlock + n]);
+    static_assert(VertexPages::kBlock * sizeof(VertexExtra) == 64);
+    __builtin_prefetch(&extras_[block * VertexPages::kBlock]);
   }
 }
 

@@ -82,12 +82,11 @@ struct alignas(64) RegionState {
 static_assert(sizeof(RegionState) == 64);
 
 struct VertexExtra {
-  std::uint64_t mixed;      // the vertex's part of its triangles' hashes (common/mesh)
   float loss;               // steps: the error that removing it made when last looked at; infinite: the vertex is fixed
   std::int32_t fineY : 27;  // the terrain's height to the step; the mesh's vertex is snapped
   std::uint32_t level : 5;  // that the mesh's vertex is snapped to
 };
-static_assert(sizeof(VertexExtra) == 16 && lattice::kMaxHeight < (1 << 26));
+static_assert(sizeof(VertexExtra) == 8 && lattice::kMaxHeight < (1 << 26));
 
 // A wanted candidate.
 struct Pending {
