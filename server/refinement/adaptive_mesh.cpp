@@ -28,7 +28,7 @@ AdaptiveMesh::AdaptiveMesh(std::shared_ptr<const terrain::Terrain> terrain, std:
       terrain_(std::move(terrain)),
       metric_(metric),
       colour_(terrain_, colourError),
-      candidates_(mesh_.triangleCapacity() / TrianglePages::kBlock),
+      candidates_(mesh_.triangleCapacity() / Candidates::kSlots),
       checks_(mesh_.triangleCapacity() / TrianglePages::kSlots),
       screens_(mesh_.triangleCapacity() / TrianglePages::kSlots),
       hashes_(mesh_.triangleCapacity()),
@@ -46,7 +46,7 @@ std::size_t AdaptiveMesh::memoryBytes() const {
   };
   return mesh_.residentBytes() +
          bytesOf(mesh_.trianglePages(), sizeof(NextCheck) + sizeof(PageScreen),
-                 sizeof(CandidateBlock) / CandidateBlock::kSlots + sizeof(std::uint64_t)) +
+                 sizeof(Candidates) / Candidates::kSlots + sizeof(std::uint64_t)) +
          bytesOf(mesh_.vertexPages(), sizeof(PageLosses), sizeof(VertexExtra));
 }
 
@@ -59,9 +59,9 @@ void AdaptiveMesh::setAnchor(lattice::Point anchor) {
     if (mesh_.trianglePages().hasRegion(region))
       mesh_.trianglePages().forEach(region, [&](TriangleId t) {
         if (mesh_.trianglePages().fresh(t)) return;  // it has no candidate yet
-        CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
-        block.x[t % CandidateBlock::kSlots] += dx;
-        block.z[t % CandidateBlock::kSlots] += dz;
+        Candidates& four = candidates_[t / Candidates::kSlots];
+        four.x[t % Candidates::kSlots] += dx;
+        four.z[t % Candidates::kSlots] += dz;
       });
 }
 

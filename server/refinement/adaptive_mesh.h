@@ -118,15 +118,15 @@ class AdaptiveMesh {
   // ---- reading ----
   const triangulation::Triangulation& triangulation() const { return mesh_; }
   Candidate candidate(TriangleId t) const {
-    const CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
-    const std::uint32_t k = t % CandidateBlock::kSlots;
-    return {{block.x[k], block.z[k]}, block.y[k], block.error[k]};
+    const Candidates& four = candidates_[t / Candidates::kSlots];
+    const std::uint32_t k = t % Candidates::kSlots;
+    return {{four.x[k], four.z[k]}, four.y[k], four.error[k]};
   }
-  PageBlocks candidatesOf(std::uint32_t page) const {
-    PageBlocks blocks;
+  PageCandidates candidatesOf(std::uint32_t page) const {
+    PageCandidates blocks;
     for (std::uint32_t k = 0; k < blocks.size(); ++k) {
       const std::uint32_t block = mesh_.trianglePages().blockOf(page, k);
-      blocks[k] = block == triangulation::kNoSlot ? nullptr : &candidates_[block];
+      blocks[k] = block == triangulation::kNoSlot ? nullptr : &candidates_[block * triangulation::TrianglePages::kBlock / Candidates::kSlots];
     }
     return blocks;
   }
@@ -158,12 +158,12 @@ class AdaptiveMesh {
   bool insertOne(const Pending& wanted, RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
   // The candidate of a new triangle. The page's bounds do not know it yet.
   void setCandidate(TriangleId t, const Candidate& c) {
-    CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
-    const std::uint32_t k = t % CandidateBlock::kSlots;
-    block.x[k] = c.point.x;
-    block.z[k] = c.point.z;
-    block.y[k] = c.y;
-    block.error[k] = c.error;
+    Candidates& four = candidates_[t / Candidates::kSlots];
+    const std::uint32_t k = t % Candidates::kSlots;
+    four.x[k] = c.point.x;
+    four.z[k] = c.point.z;
+    four.y[k] = c.y;
+    four.error[k] = c.error;
     PageScreen& screen = screens_[mesh_.trianglePages().pageOf(t)];
     const Mask others = ~(Mask{1} << mesh_.trianglePages().indexOf(t));
     screen.dormant &= others;
@@ -200,13 +200,8 @@ class AdaptiveMesh {
   void judgeColours(int level, Scratch& scratch);
   void storeCandidates(RegionId region, const View* view, Scratch& scratch);
   void beginScreen(std::uint32_t page, double travel);
-  void prefetchCandidate(TriangleId t) const {
-    const CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
-    __builtin_prefetch(&block.x, 1);
-    __builtin_prefetch(&block.z, 1);
-    __builtin_prefetch(&block.y, 1);
-    __builtin_prefetch(&block.error, 1);
-  }
+  void prefetchCandidate(TriangleId t) const { __builtin_prefetch(&candidates_[t / Candidates::kSlots], 1); }
+  float& errorOf(TriangleId t) { return candidates_[t / Candidates::kSlots].error[t % Candidates::kSlots]; }
   void prefetchCorners(std::size_t k, const Scratch& scratch) const;
 
   // screening.cpp
@@ -233,7 +228,7 @@ class AdaptiveMesh {
   ColourError colour_;
   lattice::Point anchor_;
 
-  triangulation::Records<CandidateBlock> candidates_;  // by block of triangles
+  triangulation::Records<Candidates> candidates_;      // by four triangles
   triangulation::Records<NextCheck> checks_;           // by page of triangles
   triangulation::Records<PageScreen> screens_;         // by page of triangles
   triangulation::Records<std::uint64_t> hashes_;       // by triangle: its term of its leaf's hash (common/mesh)

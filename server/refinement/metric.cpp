@@ -12,8 +12,8 @@ namespace {
 
 // Sixteen candidates at a time: the square of what is seen, and of the threshold, both times d^(2 p + 2).
 template <bool kByArea>
-inline __attribute__((always_inline)) PageLook look(const PageBlocks& page, const Eye& eye) {
-  constexpr unsigned kWidth = CandidateBlock::kSlots, kVectors = triangulation::TrianglePages::kBlocks;
+inline __attribute__((always_inline)) PageLook look(const PageCandidates& page, const Eye& eye) {
+  constexpr unsigned kWidth = triangulation::TrianglePages::kBlock, kVectors = triangulation::TrianglePages::kBlocks;
   typedef float Floats __attribute__((vector_size(4 * kWidth)));
   typedef std::int32_t Ints __attribute__((vector_size(4 * kWidth)));
   const Floats zero{}, nearest2 = zero + kNearest * kNearest;
@@ -21,9 +21,17 @@ inline __attribute__((always_inline)) PageLook look(const PageBlocks& page, cons
   Ints wanted[kVectors]{}, any{};
   for (unsigned k = 0; k < kVectors; ++k) {
     if (!page[k]) continue;
-    const auto &x = reinterpret_cast<const Ints&>(page[k]->x), &z = reinterpret_cast<const Ints&>(page[k]->z),
-               &y = reinterpret_cast<const Ints&>(page[k]->y);
-    const auto& error = reinterpret_cast<const Floats&>(page[k]->error);
+    const auto& lines = reinterpret_cast<const Ints(&)[4]>(*page[k]);
+    // Each line is four of x, z, y and error: sixteen of one are gathered.
+    const auto gather = [&]<std::size_t... lane>(auto field, std::index_sequence<lane...>) __attribute__((always_inline)) {
+      const Ints low = __builtin_shufflevector(lines[0], lines[1], (lane / 4 % 2 * 16 + field * 4 + lane % 4)...),
+                 high = __builtin_shufflevector(lines[2], lines[3], (lane / 4 % 2 * 16 + field * 4 + lane % 4)...);
+      return __builtin_shufflevector(low, high, (lane / 8 * 16 + lane % 8)...);
+    };
+    constexpr auto all = std::make_index_sequence<kWidth>();
+    const Ints x = gather(std::integral_constant<std::size_t, 0>(), all), z = gather(std::integral_constant<std::size_t, 1>(), all),
+               y = gather(std::integral_constant<std::size_t, 2>(), all);
+    const auto error = reinterpret_cast<Floats>(gather(std::integral_constant<std::size_t, 3>(), all));
     const Floats dx = __builtin_convertvector(x - eye.x, Floats), dz = __builtin_convertvector(z - eye.z, Floats),
                  dy = __builtin_convertvector(y, Floats) - eye.y;
     const Floats flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < nearest2 ? nearest2 : d2;
@@ -65,12 +73,12 @@ inline __attribute__((always_inline)) PageLook look(const PageBlocks& page, cons
 #else
 #define RIDGECAST_VECTOR_CLONES
 #endif
-RIDGECAST_VECTOR_CLONES PageLook inPixels(const PageBlocks& page, const Eye& eye) { return look<false>(page, eye); }
-RIDGECAST_VECTOR_CLONES PageLook byArea(const PageBlocks& page, const Eye& eye) { return look<true>(page, eye); }
+RIDGECAST_VECTOR_CLONES PageLook inPixels(const PageCandidates& page, const Eye& eye) { return look<false>(page, eye); }
+RIDGECAST_VECTOR_CLONES PageLook byArea(const PageCandidates& page, const Eye& eye) { return look<true>(page, eye); }
 
 }  // namespace
 
-PageLook lookThrough(const Measure& measure, const PageBlocks& page, const Eye& eye) {
+PageLook lookThrough(const Measure& measure, const PageCandidates& page, const Eye& eye) {
   return measure.byArea ? byArea(page, eye) : inPixels(page, eye);
 }
 

@@ -50,8 +50,8 @@ struct PageLook {
   PageScreen::Mask wanted;           // whose error as seen reaches the threshold
   float steepest2, seen2, nearest2;  // as PageScreen's, squared, of the candidates not wanted
 };
-// The candidates of a page, block by block; null where it has no block. Dead slots are blank.
-using PageBlocks = std::array<const CandidateBlock*, triangulation::TrianglePages::kBlocks>;
-PageLook lookThrough(const Measure& measure, const PageBlocks& page, const Eye& eye);
+// The candidates of a page: the first of each of its blocks; null where it has no block. Dead slots are blank.
+using PageCandidates = std::array<const Candidates*, triangulation::TrianglePages::kBlocks>;
+PageLook lookThrough(const Measure& measure, const PageCandidates& page, const Eye& eye);
 
 }  // namespace ridgecast::refinement

@@ -32,13 +32,13 @@ struct Candidate {
   float error;     // steps: |mesh - snapped terrain|, for kArea times the triangle's weight; negative: dormant; 0: there is no candidate
 };
 
-// The candidates of a block of triangles: a vector of each, and a line of the cache.
-struct alignas(64) CandidateBlock {
-  static constexpr std::uint32_t kSlots = triangulation::TrianglePages::kBlock;
+// The candidates of four triangles: a line of the cache. Those of a block lie together.
+struct alignas(64) Candidates {
+  static constexpr std::uint32_t kSlots = 4;
   std::int32_t x[kSlots], z[kSlots], y[kSlots];
   float error[kSlots];
 };
-static_assert(CandidateBlock::kSlots == 16);
+static_assert(sizeof(Candidates) == 64);
 
 // A page is checked again once the camera has travelled or turned this far. Stored separately: every iteration scans all of these.
 struct NextCheck {

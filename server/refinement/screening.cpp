@@ -115,7 +115,10 @@ void AdaptiveMesh::screenPixels(RegionId region, const View& view, double thresh
   wanted.clear();
   collectDue(region, view, skipped, due);
   const auto fetch = [&](std::uint32_t page) {
-    for (const CandidateBlock* block : candidatesOf(page)) __builtin_prefetch(block);
+    for (const Candidates* block : candidatesOf(page)) {
+      __builtin_prefetch(block);
+      __builtin_prefetch(block + 2);
+    }
   };
   for (std::size_t n = 0; n < std::min(kPagesAhead, due.size()); ++n) fetch(due[n]);
   for (std::size_t n = 0; n < due.size(); ++n) {
@@ -154,8 +157,7 @@ void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped,
 // The page's dormant candidates are candidates again.
 void AdaptiveMesh::wakeDormant(std::uint32_t page) {
   mesh_.trianglePages().forEachIn(page, screens_[page].dormant, [&](TriangleId t) {
-    float& error = candidates_[t / CandidateBlock::kSlots].error[t % CandidateBlock::kSlots];
-    error = std::abs(error);
+    errorOf(t) = std::abs(errorOf(t));
   });
   screens_[page].dormant = 0;
 }
@@ -163,10 +165,10 @@ void AdaptiveMesh::wakeDormant(std::uint32_t page) {
 inline void AdaptiveMesh::blankDead(std::uint32_t page, Mask alive) {
   const Mask dead = mesh_.trianglePages().slotsOf(page) & ~alive;
   mesh_.trianglePages().forEachIn(page, dead & ~screens_[page].blank, [&](TriangleId t) {
-    CandidateBlock& block = candidates_[t / CandidateBlock::kSlots];
-    const std::uint32_t k = t % CandidateBlock::kSlots;
-    block.error[k] = 0;
-    block.x[k] = block.z[k] = block.y[k] = kFarAway;
+    Candidates& four = candidates_[t / Candidates::kSlots];
+    const std::uint32_t k = t % Candidates::kSlots;
+    four.error[k] = 0;
+    four.x[k] = four.z[k] = four.y[k] = kFarAway;
   });
   screens_[page].blank = dead;
 }
@@ -203,8 +205,7 @@ void AdaptiveMesh::judgeWanted(const std::vector<TriangleId>& wanted, const View
       out.push_back({t, c.point, static_cast<float>(priority)});
     } else {
       const std::uint32_t page = mesh_.trianglePages().pageOf(t);
-      makeDormant(checks_[page], screens_[page], mesh_.trianglePages().indexOf(t),
-                  candidates_[t / CandidateBlock::kSlots].error[t % CandidateBlock::kSlots], until, view);
+      makeDormant(checks_[page], screens_[page], mesh_.trianglePages().indexOf(t), errorOf(t), until, view);
     }
   }
 }

@@ -36,7 +36,7 @@ Report screening(const Options& options) {
   std::size_t slots = 0;
   for (const generation::Leaf* leaf : mesh.leaves())
     for (std::uint32_t page : pages.pagesOf(leaf->region))
-      for (const refinement::CandidateBlock* block : m.candidatesOf(page)) slots += block ? refinement::CandidateBlock::kSlots : 0;
+      for (const refinement::Candidates* block : m.candidatesOf(page)) slots += block ? triangulation::TrianglePages::kBlock : 0;
 
   std::vector<double> read, screen;
   std::uint64_t sink = 0;
@@ -49,10 +49,13 @@ Report screening(const Options& options) {
         const refinement::PageScreen& known = m.screen(page);
         std::uint32_t sum =
             static_cast<std::uint32_t>(known.dormant + known.blank + pages.aliveMask(page)) + static_cast<std::uint32_t>(known.travel < 0);
-        for (const refinement::CandidateBlock* c : m.candidatesOf(page))
-          for (std::uint32_t k = 0; c && k < refinement::CandidateBlock::kSlots; ++k)
-            sum += static_cast<std::uint32_t>(c->x[k]) + static_cast<std::uint32_t>(c->z[k]) + static_cast<std::uint32_t>(c->y[k]) +
-                   static_cast<std::uint32_t>(c->error[k] > 1e9f);
+        for (const refinement::Candidates* block : m.candidatesOf(page))
+          for (std::uint32_t k = 0; block && k < triangulation::TrianglePages::kBlock; ++k) {
+            const refinement::Candidates& c = block[k / refinement::Candidates::kSlots];
+            const std::uint32_t n = k % refinement::Candidates::kSlots;
+            sum += static_cast<std::uint32_t>(c.x[n]) + static_cast<std::uint32_t>(c.z[n]) + static_cast<std::uint32_t>(c.y[n]) +
+                   static_cast<std::uint32_t>(c.error[n] > 1e9f);
+          }
         sink += sum;
       }
     read.push_back(cpuSeconds() - start);
