@@ -28,8 +28,6 @@ std::vector<bool>& unknownVertices(std::size_t capacity) {
 }  // namespace
 
 std::vector<std::uint8_t> HeldPoints::update(const replica::Changes& changes, const pipeline::IteratingMesh& mesh, News& news) {
-  changed_.clear();
-  sizes_.clear();
   if (changes.anew) {
     beginAnew(changes, mesh);
     for (const mesh::LeafState& leaf : mesh.leaves()) compareLeaf(leaf.address, mesh);
@@ -42,7 +40,11 @@ std::vector<std::uint8_t> HeldPoints::update(const replica::Changes& changes, co
   const Surface surface = mesh.surface();
   if (changes.anew || surface.outside != outside_) compareOpen(surface);
   outside_ = surface.outside;
-  return write(changes, mesh, news);
+  std::vector<std::uint8_t> payload = write(changes, mesh, news);
+  sizes_.clear();
+  changed_.clear();
+  changed_.shrink_to_fit();  // the first payload's are many
+  return payload;
 }
 
 // What the client has of the leaves alone: all corners of their triangles.
@@ -159,6 +161,7 @@ void HeldPoints::compare(LeafAddress square, Points& held, List& now) {
   if (c.change.empty()) return;
   sizes_.push_back(static_cast<std::uint32_t>(held.size()));
   held.clear();
+  held.reserve(now.size());
   for (const Listed& listed : now) held.push_back({listed.x(), listed.z(), listed.y});
   changed_.push_back(std::move(c));
 }

@@ -174,6 +174,7 @@ std::uint32_t Pipeline::State::change(const refinement::View& view) {
     Leaf& leaf = *busy[task];
     deferred += leaf.work.deferred.size();
     m.insertDeferred(leaf.region, view, leaf.work);
+    leaf.work.end();
   }
   return static_cast<std::uint32_t>(deferred);
 }

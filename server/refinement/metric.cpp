@@ -19,23 +19,25 @@ inline __attribute__((always_inline)) PageLook look(const PageCandidates& page, 
   const Floats zero{}, nearest2 = zero + kNearest * kNearest;
   Floats steepest = zero, mostSeen = zero, nearest = zero + std::numeric_limits<float>::max();
   Ints wanted[kVectors]{}, any{};
+  constexpr auto lanes = std::make_index_sequence<kWidth>();
   for (unsigned k = 0; k < kVectors; ++k) {
     if (!page[k]) continue;
     const auto& lines = reinterpret_cast<const Ints(&)[4]>(*page[k]);
     // Each line is four of x, z, y and error: sixteen of one are gathered.
-    const auto gather = [&]<std::size_t... lane>(auto field, std::index_sequence<lane...>) __attribute__((always_inline)) {
+    Ints x, z, y, error;
+    const auto gather = [&]<std::size_t... lane>(Ints& out, auto field, std::index_sequence<lane...>) __attribute__((always_inline)) {
       const Ints low = __builtin_shufflevector(lines[0], lines[1], (lane / 4 % 2 * 16 + field * 4 + lane % 4)...),
                  high = __builtin_shufflevector(lines[2], lines[3], (lane / 4 % 2 * 16 + field * 4 + lane % 4)...);
-      return __builtin_shufflevector(low, high, (lane / 8 * 16 + lane % 8)...);
+      out = __builtin_shufflevector(low, high, (lane / 8 * 16 + lane % 8)...);
     };
-    constexpr auto all = std::make_index_sequence<kWidth>();
-    const Ints x = gather(std::integral_constant<std::size_t, 0>(), all), z = gather(std::integral_constant<std::size_t, 1>(), all),
-               y = gather(std::integral_constant<std::size_t, 2>(), all);
-    const auto error = reinterpret_cast<Floats>(gather(std::integral_constant<std::size_t, 3>(), all));
+    gather(x, std::integral_constant<std::size_t, 0>(), lanes);
+    gather(z, std::integral_constant<std::size_t, 1>(), lanes);
+    gather(y, std::integral_constant<std::size_t, 2>(), lanes);
+    gather(error, std::integral_constant<std::size_t, 3>(), lanes);
     const Floats dx = __builtin_convertvector(x - eye.x, Floats), dz = __builtin_convertvector(z - eye.z, Floats),
                  dy = __builtin_convertvector(y, Floats) - eye.y;
     const Floats flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < nearest2 ? nearest2 : d2;
-    const Floats e = error > zero ? error : zero, e2 = e * e;
+    const Floats e = reinterpret_cast<Floats>(error) > zero ? reinterpret_cast<Floats>(error) : zero, e2 = e * e;
     Floats reach = n;  // d^(2 p)
     if constexpr (kByArea)
       for (unsigned lane = 0; lane < kWidth; ++lane) reach[lane] = n[lane] * __builtin_sqrtf(n[lane]);
@@ -56,7 +58,6 @@ inline __attribute__((always_inline)) PageLook look(const PageCandidates& page, 
     nearest = d < nearest ? d : nearest;
     any |= __builtin_shufflevector(any, any, (lane ^ apart)...);
   };
-  constexpr auto lanes = std::make_index_sequence<kWidth>();
   fold(std::integral_constant<std::size_t, 8>(), lanes);
   fold(std::integral_constant<std::size_t, 4>(), lanes);
   fold(std::integral_constant<std::size_t, 2>(), lanes);

@@ -108,6 +108,17 @@ struct Work {
   std::vector<triangulation::VertexId> removable;  // in the order of storage
   std::uint32_t inserted = 0, removed = 0;
   std::vector<Pending> deferred;  // their changes would have left the write set
+
+  // It is done. The memory of much work is given back: a mesh made from nothing has much in every region.
+  void end() {
+    const auto empty = [](auto& list) {
+      list.clear();
+      if (list.capacity() > 16) list.shrink_to_fit();
+    };
+    empty(pending);
+    empty(removable);
+    empty(deferred);
+  }
 };
 
 }  // namespace ridgecast::refinement

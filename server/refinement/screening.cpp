@@ -115,10 +115,8 @@ void AdaptiveMesh::screenPixels(RegionId region, const View& view, double thresh
   wanted.clear();
   collectDue(region, view, skipped, due);
   const auto fetch = [&](std::uint32_t page) {
-    for (const Candidates* block : candidatesOf(page)) {
-      __builtin_prefetch(block);
-      __builtin_prefetch(block + 2);
-    }
+    for (const Candidates* block : candidatesOf(page))
+      for (std::uint32_t k = 0; block && k < TrianglePages::kBlock / Candidates::kSlots; ++k) __builtin_prefetch(block + k);
   };
   for (std::size_t n = 0; n < std::min(kPagesAhead, due.size()); ++n) fetch(due[n]);
   for (std::size_t n = 0; n < due.size(); ++n) {
