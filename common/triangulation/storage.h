@@ -38,9 +38,9 @@ using Mutex = std::mutex;
 using Lock = std::lock_guard<std::mutex>;
 #endif
 
-// Room for records that are written before they are read: nothing of it is resident until it is touched. Large arrays, of
-// meshes with 500,000 triangles or more, ask for huge pages, which spare a tenth of an insertion's time in address translation and page
-// faults, at up to 2 MiB more resident memory each.
+// Room for records that are written before they are read: nothing of it is resident until it is touched. Arrays of 32 MiB, as of a mesh
+// of half a million triangles, ask for huge pages, which spare a tenth of an insertion's time in address translation and page faults, at
+// up to 2 MiB more resident memory each.
 void* reserve(std::size_t bytes);  // at a line of the cache; throws std::bad_alloc; to be given to std::free
 template <class T>
 class Records {
@@ -197,8 +197,8 @@ class Pages {
   void giveBackAll(Region& region);
   void addPages(RegionId id, std::size_t slots);  // as many as there are, with blocks for so many slots
   void addBlock(std::uint32_t page, std::uint32_t k);
-  std::uint32_t freeBlock();                      // under the mutex; there are as many as all pages can have
-  std::uint32_t pageWithRoom(RegionId id);        // kNoSlot when there is none left
+  std::uint32_t freeBlock();                // under the mutex; there are as many as all pages can have
+  std::uint32_t pageWithRoom(RegionId id);  // kNoSlot when there is none left
   // Pages that have room for so many slots and a sixteenth more.
   static std::size_t pagesKept(std::size_t count) { return (count + count / 16 + kSlots - 1) / kSlots; }
   // Keeps the fullest of these; the slots of the others, now dead, are returned.

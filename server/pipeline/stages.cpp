@@ -77,25 +77,35 @@ void Pipeline::State::castHorizon(refinement::View& view, double ground) {
   view.horizon = &horizon;
 }
 
+// Whether a leaf, or a triangle that straddles its border, may be in the wide frustum.
+bool Pipeline::State::maySee(const refinement::View& view, const Leaf& leaf) const {
+  const camera::Pose& pose = motion.camera.pose;
+  const refinement::HeightRange& ground = mesh.mesh().ground(leaf.region);
+  const double side = static_cast<double>(leaf.address.side()) * lattice::kMetresPerStep;
+  const double x = static_cast<double>(leaf.address.x() - pose.x) * lattice::kMetresPerStep,
+               z = static_cast<double>(leaf.address.z() - pose.z) * lattice::kMetresPerStep;
+  // Triangles straddle borders by less than half a side.
+  const camera::Vec3 low{x - side / 2, ground.low * lattice::kMetresPerStep - pose.y - 1, z - side / 2},
+      high{x + 1.5 * side, ground.high * lattice::kMetresPerStep - pose.y + 1, z + 1.5 * side};
+  return view.wide.mayIntersect(low, high);
+}
+
 void Pipeline::State::findWork(const refinement::View& view) {
   const RemovalLimits removal = removalLimits(isThesis(), effective, fill);
-  const camera::Pose& pose = motion.camera.pose;
   const auto& leafs = mesh.leaves();
-  pool->forEach(leafs.size(), 16, [&](std::size_t k) {
-    Leaf& leaf = *leafs[k];
-    const refinement::HeightRange& ground = mesh.mesh().ground(leaf.region);
-    const double side = static_cast<double>(leaf.address.side()) * lattice::kMetresPerStep;
-    const double x = static_cast<double>(leaf.address.x() - pose.x) * lattice::kMetresPerStep,
-                 z = static_cast<double>(leaf.address.z() - pose.z) * lattice::kMetresPerStep;
-    // Triangles straddle borders by less than half a side.
-    const camera::Vec3 low{x - side / 2, ground.low * lattice::kMetresPerStep - pose.y - 1, z - side / 2},
-        high{x + 1.5 * side, ground.high * lattice::kMetresPerStep - pose.y + 1, z + 1.5 * side};
-    leaf.visible = view.wide.mayIntersect(low, high);
-    leaf.work.inserted = leaf.work.removed = 0;
-    leaf.work.removalLimit = leaf.visible ? removal.inside : removal.outside;
-    leaf.work.pending.clear();
-    if (leaf.visible) mesh.mesh().findWanted(leaf.region, view, effective, leaf.work);
-    mesh.mesh().findRemovable(leaf.region, view, leaf.work);
+  constexpr std::size_t kBatch = 16;
+  pool->forEach((leafs.size() + kBatch - 1) / kBatch, 1, [&](std::size_t batch) {
+    const std::span some = std::span(leafs).subspan(batch * kBatch, std::min(kBatch, leafs.size() - batch * kBatch));
+    for (const Leaf* leaf : some) __builtin_prefetch(leaf, 1);
+    std::array<refinement::AdaptiveMesh::Search, kBatch> searches;
+    for (std::size_t k = 0; k < some.size(); ++k) {
+      Leaf& leaf = *some[k];
+      leaf.visible = maySee(view, leaf);
+      leaf.work.inserted = leaf.work.removed = 0;
+      leaf.work.removalLimit = leaf.visible ? removal.inside : removal.outside;
+      searches[k] = {leaf.region, leaf.visible, &leaf.work};
+    }
+    mesh.mesh().findWork(std::span(searches).first(some.size()), view, effective);
   });
 }
 

@@ -36,6 +36,7 @@ struct Pipeline::State {
   void fitBudget();
   // What the ground hides; `ground`: its height below the camera. The thesis's metric knows nothing of that.
   void castHorizon(refinement::View& view, double ground);
+  bool maySee(const refinement::View& view, const Leaf& leaf) const;
   // Which leaves may be seen, which candidates they want, which vertices may go.
   void findWork(const refinement::View& view);
   // Keeps the most wanted insertions that the budget and one iteration have room for; ties by position.

@@ -106,7 +106,6 @@ void forEachPage(const Storage& pages, std::span<const Move> moves, F&& visit) {
 }
 }  // namespace
 
-// Page by page: what a page has is then written once, while other threads may write its neighbours in the same line of the cache.
 void AdaptiveMesh::moveTriangles(std::span<const Move> moves) {
   const TrianglePages& pages = mesh_.trianglePages();
   const RegionId region = mesh_.regionOf(moves.front().to);
@@ -245,6 +244,7 @@ bool AdaptiveMesh::insertOne(const Pending& wanted, RegionId region, const View&
     wakeCandidate(wanted.triangle, region);
     return true;
   }
+  mesh_.forEachAround(v, [&](triangulation::HalfEdge h) { prefetchEvaluation(h >> 2); });
   keepExtra(v, c.y, level, c.error);
   foldLoss(mesh_.vertex(v), v, c.error, mesh_.regionOfVertex(v), view);
   addCurvature({&v, 1});

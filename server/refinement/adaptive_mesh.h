@@ -92,11 +92,15 @@ class AdaptiveMesh {
   void snap(VertexId v);
 
   // ---- refinement ----
-  // Finds the candidates at or above the threshold. A wanted candidate is found once: whoever does not insert it must postpone() it. One
-  // region.
-  void findWanted(RegionId region, const View& view, double threshold, Work& work);
-  // Finds the vertices whose remembered loss is below work.removalLimit. One region.
-  void findRemovable(RegionId region, const View& view, Work& work);
+  // Finds in each region, if it `isSeen`, the candidates at or above the threshold, and the vertices whose remembered loss is below
+  // work->removalLimit. A wanted candidate is found once: whoever does not insert it must postpone() it. Several regions at a time, so that
+  // what one reads is fetched meanwhile.
+  struct Search {
+    RegionId region;
+    bool isSeen;
+    Work* work;
+  };
+  void findWork(std::span<const Search> searches, const View& view, double threshold);
   // The candidate will be found again. Returns what is seen of its error. One region.
   double postpone(const Pending& wanted, RegionId region, const View& view);
   // Removes those removable vertices whose loss still is below the limit. By write set.
@@ -109,7 +113,7 @@ class AdaptiveMesh {
     for (VertexId v : work.removable) mesh_.prefetch(mesh_.edgeOf(v) >> 2);
   }
   void insertDeferred(RegionId region, const View& view, Work& work);
-  // Chooses the candidates of the region's fresh triangles, and hashes them. `view`: of the last findWanted(); without it, all pages with
+  // Chooses the candidates of the region's fresh triangles, and hashes them. `view`: of the last findWork(); without it, all pages with
   // fresh triangles are checked next time. One region.
   void evaluateFresh(RegionId region, const View* view);
   // The same for all of the region's triangles.
@@ -126,7 +130,8 @@ class AdaptiveMesh {
     PageCandidates blocks;
     for (std::uint32_t k = 0; k < blocks.size(); ++k) {
       const std::uint32_t block = mesh_.trianglePages().blockOf(page, k);
-      blocks[k] = block == triangulation::kNoSlot ? nullptr : &candidates_[block * triangulation::TrianglePages::kBlock / Candidates::kSlots];
+      blocks[k] =
+          block == triangulation::kNoSlot ? nullptr : &candidates_[block * triangulation::TrianglePages::kBlock / Candidates::kSlots];
     }
     return blocks;
   }
@@ -201,13 +206,21 @@ class AdaptiveMesh {
   void storeCandidates(RegionId region, const View* view, Scratch& scratch);
   void beginScreen(std::uint32_t page, double travel);
   void prefetchCandidate(TriangleId t) const { __builtin_prefetch(&candidates_[t / Candidates::kSlots], 1); }
+  // What evaluateFresh() will write of a new triangle.
+  void prefetchEvaluation(TriangleId t) const {
+    prefetchCandidate(t);
+    __builtin_prefetch(&hashes_[t], 1);
+    __builtin_prefetch(&screens_[mesh_.trianglePages().pageOf(t)], 1);
+  }
   float& errorOf(TriangleId t) { return candidates_[t / Candidates::kSlots].error[t % Candidates::kSlots]; }
   void prefetchCorners(std::size_t k, const Scratch& scratch) const;
 
   // screening.cpp
-  void screenPixels(RegionId region, const View& view, double threshold, std::vector<Pending>& out);
+  using PageList = std::vector<std::uint32_t>;
+  void prefetchCandidates(std::uint32_t page) const;
+  void screenPixels(RegionId region, const PageList& due, const View& view, double threshold, std::vector<Pending>& out);
   void screenThesis(RegionId region, const View& view, double threshold, std::vector<Pending>& out) const;
-  void collectDue(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due);
+  void collectDue(RegionId region, const View& view, double skipped, PageList& due);
   void checkPage(std::uint32_t page, const View& view, double threshold, std::vector<TriangleId>& wanted);
   void wakeDormant(std::uint32_t page);
   void blankDead(std::uint32_t page, Mask alive);
@@ -215,7 +228,8 @@ class AdaptiveMesh {
 
   // coarsening.cpp
   void prefetchVertices(std::uint32_t page) const;
-  void collectDueLosses(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due);
+  void collectDueLosses(RegionId region, const View& view, double removalLimit, PageList& due);
+  void findRemovable(RegionId region, const PageList& due, const View& view, Work& work);
   void checkLosses(std::uint32_t page, const View& view, double slope, std::vector<VertexId>& out);
   void foldLoss(const triangulation::Vertex& p, VertexId v, float loss, RegionId region, const View& view);
   float lossOf(VertexId v, const Measure& measure, triangulation::WriteSet& set) const;
@@ -228,14 +242,14 @@ class AdaptiveMesh {
   ColourError colour_;
   lattice::Point anchor_;
 
-  triangulation::Records<Candidates> candidates_;      // by four triangles
-  triangulation::Records<NextCheck> checks_;           // by page of triangles
-  triangulation::Records<PageScreen> screens_;         // by page of triangles
-  triangulation::Records<std::uint64_t> hashes_;       // by triangle: its term of its leaf's hash (common/mesh)
-  triangulation::Records<PageLosses> losses_;          // by page of vertices
-  triangulation::Records<VertexExtra> extras_;         // by vertex
-  triangulation::Records<float> curvature_;            // by vertex, metres; of no length but for kThesis
-  std::vector<RegionState> regions_;                   // by region; as long as the largest id needs
+  triangulation::Records<Candidates> candidates_;  // by four triangles
+  triangulation::Records<NextCheck> checks_;       // by page of triangles
+  triangulation::Records<PageScreen> screens_;     // by page of triangles
+  triangulation::Records<std::uint64_t> hashes_;   // by triangle: its term of its leaf's hash (common/mesh)
+  triangulation::Records<PageLosses> losses_;      // by page of vertices
+  triangulation::Records<VertexExtra> extras_;     // by vertex
+  triangulation::Records<float> curvature_;        // by vertex, metres; of no length but for kThesis
+  std::vector<RegionState> regions_;               // by region; as long as the largest id needs
   std::atomic<std::uint64_t> heights_{0};
   triangulation::WriteSet everything_;
 };

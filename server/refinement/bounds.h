@@ -73,6 +73,9 @@ inline void setNextCheck(NextCheck& next, const PageScreen& page, double skipped
   else if (view.moving)
     next.travel = std::min(next.travel, page.dormantSince + page.dormantFor);
 }
+// The contents of so many pages are fetched ahead of the one at hand.
+inline constexpr std::size_t kPagesAhead = 2;
+
 inline void join(NextCheck& earliest, const NextCheck& next) {
   earliest.travel = std::min(earliest.travel, next.travel);
   earliest.turn = std::min(earliest.turn, next.turn);

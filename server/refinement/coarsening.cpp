@@ -23,8 +23,7 @@ using triangulation::VertexPages;
 
 namespace {
 
-constexpr std::size_t kAhead = 8;         // pages whose bounds are fetched ahead of the one at hand
-constexpr std::size_t kVerticesAhead = 3;  // and those whose vertices are
+constexpr std::size_t kAhead = 8;  // pages whose bounds are fetched ahead of the one at hand
 constexpr float kNone = std::numeric_limits<float>::max();
 
 Place placeOf(const Vertex& v) { return {v.x, v.z, v.y}; }
@@ -47,24 +46,17 @@ void setNextCheck(PageLosses& page, double skipped, double power) {
 
 double seenError(const Place& at, float error, const View& view) { return view.gain * std::sqrt(see(at, error, view).slope2); }
 
-void AdaptiveMesh::findRemovable(RegionId region, const View& view, Work& work) {
-  work.removable.clear();
+void AdaptiveMesh::findRemovable(RegionId region, const PageList& due, const View& view, Work& work) {
   RegionState& state = regions_[region];
-  const double slope = work.removalLimit / view.gain, skipped = view.moving ? slope / kSlack : slope;
-  if (!(slope > 0) || (state.skippedLoss == skipped && view.travel < state.nextLossCheck)) return;
-  thread_local std::vector<std::uint32_t> due;  // pages
-  due.clear();
-  collectDueLosses(region, view, skipped, due);
-  for (std::size_t n = 0; n < std::min(kVerticesAhead, due.size()); ++n) prefetchVertices(due[n]);
   for (std::size_t n = 0; n < due.size(); ++n) {
-    if (n + kVerticesAhead < due.size()) prefetchVertices(due[n + kVerticesAhead]);
-    checkLosses(due[n], view, slope, work.removable);
-    setNextCheck(losses_[due[n]], skipped, view.measure.power());
+    if (n + kPagesAhead < due.size()) prefetchVertices(due[n + kPagesAhead]);
+    checkLosses(due[n], view, work.removalLimit / view.gain, work.removable);
+    setNextCheck(losses_[due[n]], state.skippedLoss, view.measure.power());
     state.nextLossCheck = std::min(state.nextLossCheck, losses_[due[n]].nextCheck);
   }
 }
 
-inline void AdaptiveMesh::prefetchVertices(std::uint32_t page) const {
+void AdaptiveMesh::prefetchVertices(std::uint32_t page) const {
   for (std::uint32_t k = 0; k < VertexPages::kBlocks; ++k) {
     const std::uint32_t block = mesh_.vertexPages().blockOf(page, k);
     if (block == triangulation::kNoSlot) continue;
@@ -75,9 +67,11 @@ inline void AdaptiveMesh::prefetchVertices(std::uint32_t page) const {
 }
 
 // As collectDue().
-void AdaptiveMesh::collectDueLosses(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due) {
+void AdaptiveMesh::collectDueLosses(RegionId region, const View& view, double removalLimit, PageList& due) {
   RegionState& state = regions_[region];
+  const double slope = removalLimit / view.gain, skipped = view.moving ? slope / kSlack : slope;
   const bool same = state.skippedLoss == skipped;
+  if (!(slope > 0) || (same && view.travel < state.nextLossCheck)) return;
   state.skippedLoss = skipped;
   state.nextLossCheck = std::numeric_limits<double>::infinity();
   const auto& all = mesh_.vertexPages().pagesOf(region);
@@ -205,7 +199,9 @@ void AdaptiveMesh::removeUnneeded(RegionId region, const View& view, triangulati
     }
     foldLoss(p, v, loss, region, view);
     if (seenError(placeOf(p), loss, view) >= work.removalLimit) continue;
-    if (mesh_.apply(v, set) == Change::kDone) ++work.removed;
+    if (mesh_.apply(v, set) != Change::kDone) continue;
+    set.forEachFilled([&](TriangleId t) { prefetchEvaluation(t); });
+    ++work.removed;
   }
 }
 

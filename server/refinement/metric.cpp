@@ -25,7 +25,7 @@ inline __attribute__((always_inline)) PageLook look(const PageCandidates& page, 
     const auto& lines = reinterpret_cast<const Ints(&)[4]>(*page[k]);
     // Each line is four of x, z, y and error: sixteen of one are gathered.
     Ints x, z, y, error;
-    const auto gather = [&]<std::size_t... lane>(Ints& out, auto field, std::index_sequence<lane...>) __attribute__((always_inline)) {
+    const auto gather = [&]<std::size_t... lane>(Ints & out, auto field, std::index_sequence<lane...>) __attribute__((always_inline)) {
       const Ints low = __builtin_shufflevector(lines[0], lines[1], (lane / 4 % 2 * 16 + field * 4 + lane % 4)...),
                  high = __builtin_shufflevector(lines[2], lines[3], (lane / 4 % 2 * 16 + field * 4 + lane % 4)...);
       out = __builtin_shufflevector(low, high, (lane / 8 * 16 + lane % 8)...);

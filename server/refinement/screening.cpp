@@ -26,7 +26,7 @@ constexpr double kSpeck = 0.25;  // square pixels
 constexpr double kWakeHidden = 0.15;
 constexpr double kThesisArea = 0.5, kThesisDistance = 40;
 // So many triangles, and pages' bounds, are fetched ahead of the one at hand.
-constexpr std::size_t kAhead = 8, kPagesAhead = 2;
+constexpr std::size_t kAhead = 8;
 
 double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
@@ -91,12 +91,34 @@ Judgement judge(const triangulation::Triangulation& mesh, const View& view, tria
 
 }  // namespace
 
-void AdaptiveMesh::findWanted(RegionId region, const View& view, double threshold, Work& work) {
-  work.pending.clear();
-  if (metric_ == Metric::kThesis)
-    screenThesis(region, view, threshold, work.pending);
-  else
-    screenPixels(region, view, threshold, work.pending);
+void AdaptiveMesh::findWork(std::span<const Search> searches, const View& view, double threshold) {
+  struct Due {  // pages
+    PageList candidates, losses;
+  };
+  thread_local std::vector<Due> due;
+  if (due.size() < searches.size()) due.resize(searches.size());
+  const bool isThesis = metric_ == Metric::kThesis;
+  for (const Search& s : searches) __builtin_prefetch(&regions_[s.region], 1);
+  for (std::size_t k = 0; k < searches.size(); ++k) {
+    const auto& [region, isSeen, work] = searches[k];
+    work->pending.clear();
+    work->removable.clear();
+    due[k].candidates.clear();
+    due[k].losses.clear();
+    if (isSeen && !isThesis) collectDue(region, view, skippedSlope(view, threshold), due[k].candidates);
+    collectDueLosses(region, view, work->removalLimit, due[k].losses);
+  }
+  const auto first = [](const PageList& pages) { return std::span(pages).first(std::min(kPagesAhead, pages.size())); };
+  for (std::size_t k = 0; k < searches.size(); ++k) {
+    for (std::uint32_t page : first(due[k].candidates)) prefetchCandidates(page);
+    for (std::uint32_t page : first(due[k].losses)) prefetchVertices(page);
+  }
+  for (std::size_t k = 0; k < searches.size(); ++k) {
+    const auto& [region, isSeen, work] = searches[k];
+    if (isSeen && isThesis) screenThesis(region, view, threshold, work->pending);
+    if (!due[k].candidates.empty()) screenPixels(region, due[k].candidates, view, threshold, work->pending);
+    if (!due[k].losses.empty()) findRemovable(region, due[k].losses, view, *work);
+  }
 }
 
 double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View& view) {
@@ -105,36 +127,32 @@ double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View
   return seenError({c.point.x, c.point.z, c.y}, c.error, view);
 }
 
-void AdaptiveMesh::screenPixels(RegionId region, const View& view, double threshold, std::vector<Pending>& out) {
-  RegionState& state = regions_[region];
-  const double skipped = skippedSlope(view, threshold);
-  if (state.skipped == skipped && view.travel < state.nextCheck.travel && view.turn < state.nextCheck.turn) return;
-  thread_local std::vector<std::uint32_t> due;  // pages
+inline void AdaptiveMesh::prefetchCandidates(std::uint32_t page) const {
+  for (const Candidates* block : candidatesOf(page))
+    for (std::uint32_t k = 0; block && k < TrianglePages::kBlock / Candidates::kSlots; ++k) __builtin_prefetch(block + k);
+}
+
+void AdaptiveMesh::screenPixels(RegionId region, const PageList& due, const View& view, double threshold, std::vector<Pending>& out) {
   thread_local std::vector<TriangleId> wanted;
-  due.clear();
   wanted.clear();
-  collectDue(region, view, skipped, due);
-  const auto fetch = [&](std::uint32_t page) {
-    for (const Candidates* block : candidatesOf(page))
-      for (std::uint32_t k = 0; block && k < TrianglePages::kBlock / Candidates::kSlots; ++k) __builtin_prefetch(block + k);
-  };
-  for (std::size_t n = 0; n < std::min(kPagesAhead, due.size()); ++n) fetch(due[n]);
   for (std::size_t n = 0; n < due.size(); ++n) {
-    if (n + kPagesAhead < due.size()) fetch(due[n + kPagesAhead]);
+    if (n + kPagesAhead < due.size()) prefetchCandidates(due[n + kPagesAhead]);
     checkPage(due[n], view, threshold, wanted);
   }
   judgeWanted(wanted, view, out);
+  RegionState& state = regions_[region];
   for (std::uint32_t page : due) {
-    setNextCheck(checks_[page], screens_[page], skipped, view);
+    setNextCheck(checks_[page], screens_[page], state.skipped, view);
     join(state.nextCheck, checks_[page]);
   }
   std::sort(out.begin(), out.end());
 }
 
 // Which of the region's pages to check now. The region's next check becomes the earliest of the others'.
-void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped, std::vector<std::uint32_t>& due) {
+void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped, PageList& due) {
   RegionState& state = regions_[region];
   const bool same = state.skipped == skipped;
+  if (same && view.travel < state.nextCheck.travel && view.turn < state.nextCheck.turn) return;
   state.skipped = skipped;
   state.nextCheck = {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
   const auto& all = mesh_.trianglePages().pagesOf(region);
@@ -154,9 +172,7 @@ void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped,
 
 // The page's dormant candidates are candidates again.
 void AdaptiveMesh::wakeDormant(std::uint32_t page) {
-  mesh_.trianglePages().forEachIn(page, screens_[page].dormant, [&](TriangleId t) {
-    errorOf(t) = std::abs(errorOf(t));
-  });
+  mesh_.trianglePages().forEachIn(page, screens_[page].dormant, [&](TriangleId t) { errorOf(t) = std::abs(errorOf(t)); });
   screens_[page].dormant = 0;
 }
 
@@ -172,7 +188,7 @@ inline void AdaptiveMesh::blankDead(std::uint32_t page, Mask alive) {
 }
 
 // Appends the page's wanted candidates, and keeps the bounds of the others.
-inline void AdaptiveMesh::checkPage(std::uint32_t number, const View& view, double threshold, std::vector<TriangleId>& wanted) {
+void AdaptiveMesh::checkPage(std::uint32_t number, const View& view, double threshold, std::vector<TriangleId>& wanted) {
   PageScreen& known = screens_[number];
   const Mask alive = mesh_.trianglePages().aliveMask(number);
   known.dormant &= alive;

@@ -21,6 +21,12 @@ Report screening(const Options& options) {
   mesh.select(camera.pose, terrain->height({camera.pose.x, camera.pose.z}));
   mesh.generate(*pool);
   evaluate();
+  const auto find = [&](const refinement::View& view, double threshold) {
+    std::vector<refinement::AdaptiveMesh::Search> searches;
+    for (generation::Leaf* leaf : mesh.leaves()) searches.push_back({leaf->region, true, &leaf->work});
+    for (std::size_t k = 0; k < searches.size(); k += 16)
+      m.findWork(std::span(searches).subspan(k, std::min<std::size_t>(16, searches.size() - k)), view, threshold);
+  };
   // Refine everywhere in view until there are half a million triangles.
   double threshold = 4;
   double travel = 0;
@@ -28,7 +34,7 @@ Report screening(const Options& options) {
     const refinement::View view(camera, m.anchor(), travel += 1e12, 0, false);
     triangulation::WriteSet all;
     all.allowAll();
-    for (generation::Leaf* leaf : mesh.leaves()) m.findWanted(leaf->region, view, threshold, leaf->work);
+    find(view, threshold);
     for (generation::Leaf* leaf : mesh.leaves()) m.insertWanted(leaf->region, view, all, leaf->work);
     evaluate();
   }
@@ -40,7 +46,6 @@ Report screening(const Options& options) {
 
   std::vector<double> read, screen;
   std::uint64_t sink = 0;
-  refinement::Work work;
   for (int round = 0; round < 31; ++round) {
     double start = cpuSeconds();
     for (const generation::Leaf* leaf : mesh.leaves())
@@ -62,7 +67,7 @@ Report screening(const Options& options) {
     // A camera far travelled: nothing is skipped, every page is looked at. The threshold is above all errors, as when nothing is to be done.
     const refinement::View view(camera, m.anchor(), travel += 1e12, 0, false);
     start = cpuSeconds();
-    for (const generation::Leaf* leaf : mesh.leaves()) m.findWanted(leaf->region, view, 50, work);
+    find(view, 50);
     screen.push_back(cpuSeconds() - start);
   }
   // The product's own idle iteration, of as many triangles.

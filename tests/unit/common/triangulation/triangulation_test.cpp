@@ -209,6 +209,7 @@ TEST(Pages, EveryPageComesBack) {
     for (std::uint32_t slot : slots) pages.release(slot);
     for (RegionId r : regions) pages.removeRegion(r);
     ASSERT_EQ(pages.pagesInUse(), 0u) << "round " << round;
+    ASSERT_EQ(pages.blocksInUse(), 0u) << "round " << round;
   }
 }
 

@@ -46,8 +46,7 @@ TEST(CameraMesh, KeepsItsLaws) {
     const refinement::View view(camera, mesh.mesh().anchor(), n * 1e12, n, false);  // far apart: nothing is skipped
     for (Leaf* leaf : mesh.leaves()) {
       leaf->work.removalLimit = 1.5;
-      mesh.mesh().findWanted(leaf->region, view, 3, leaf->work);
-      mesh.mesh().findRemovable(leaf->region, view, leaf->work);
+      mesh.mesh().findWork({{{leaf->region, true, &leaf->work}}}, view, 3);
     }
     triangulation::WriteSet set;
     for (Leaf* leaf : mesh.leaves()) {

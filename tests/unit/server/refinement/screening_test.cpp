@@ -58,7 +58,7 @@ TEST(Screening, AFormerRegionsBoundsAreForgotten) {
   // The same triangles come a second time, to pages of which most are the same.
   used.mesh.evaluateFresh(region, &earlier);
   Work work;
-  used.mesh.findWanted(region, earlier, 6, work);
+  used.mesh.findWork({{{region, true, &work}}}, earlier, 6);
   bool dormant = false;
   for (std::uint32_t page : used.pages()) {
     EXPECT_EQ(used.mesh.screen(page).travel, 990);
@@ -113,8 +113,8 @@ TEST(Screening, SkipsNothingThatIsWanted) {
     for (std::uint32_t page : forgets.pages()) pagesSkipped += remembers.mesh.nextCheck(page).travel > travel;
     forgets.mesh.triangulation().trianglePages().forEach(region, [&](TriangleId t) { forgets.mesh.postpone({t, {}, 0}, region, view); });
     Work known, all;
-    remembers.mesh.findWanted(region, view, 6, known);
-    forgets.mesh.findWanted(region, view, 6, all);
+    remembers.mesh.findWork({{{region, true, &known}}}, view, 6);
+    forgets.mesh.findWork({{{region, true, &all}}}, view, 6);
     for (const Pending& p : known.pending) remembers.mesh.postpone(p, region, view);
     auto next = known.pending.begin();
     for (const Pending& p : all.pending) {
