@@ -19,12 +19,13 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 def read_glb(file: "Union[str, PathLike[str], bytes]") -> Mesh:
     """The triangles of a binary glTF file without compression: a path, or its bytes. Normals and colours are left out.
 
-    All primitives become one mesh, with their nodes' translations. Its error is what the snapshot's metadata say; inf: nothing.
+    All primitives become one mesh, with their nodes' translations. Its origin and error are what the snapshot's metadata say; else 0, 0 and
+    inf.
     """
     data = file if isinstance(file, bytes) else Path(file).read_bytes()
     try:
         return _read(data)
-    except (IndexError, KeyError, TypeError, struct.error, ValueError) as e:
+    except (AttributeError, IndexError, KeyError, RecursionError, TypeError, struct.error, ValueError) as e:
         raise e if isinstance(e, Invalid) else Invalid(f"this is no sound binary glTF file: {type(e).__name__} {e}") from None
 
 
@@ -42,9 +43,10 @@ def _read(data: bytes) -> Mesh:
         view = gltf["bufferViews"][a["bufferView"]]
         item = np.dtype(_KINDS[a["componentType"]]).newbyteorder("<")
         width = _WIDTHS[a["type"]]
+        size = item.itemsize * width
         begin = view.get("byteOffset", 0) + a.get("byteOffset", 0)
-        stride = view.get("byteStride", item.itemsize * width)
-        if a["count"] < 1 or begin < 0 or begin + stride * (a["count"] - 1) + item.itemsize * width > len(chunk):
+        stride = view.get("byteStride", size)
+        if a["count"] < 1 or begin < 0 or stride < size or begin + stride * (a["count"] - 1) + size > len(chunk):
             raise Invalid("an accessor lies beyond the file")
         return np.ndarray((a["count"], width), item, chunk, begin, (stride, item.itemsize))
 
@@ -67,6 +69,8 @@ def _read(data: bytes) -> Mesh:
             before += len(at)
     extras = gltf["asset"].get("extras", {})
     error = extras.get("error", {}) if isinstance(extras, dict) else {}
+    origin = extras.get("origin", {}) if isinstance(extras, dict) else {}
     kept = error.get("kept", np.inf) if isinstance(error, dict) else error
     return Mesh(np.concatenate(positions) if positions else np.empty((0, 3), np.float32),
-                np.concatenate(triangles) if triangles else np.empty((0, 3), np.uint32), (0.0, 0.0), float(kept))
+                np.concatenate(triangles) if triangles else np.empty((0, 3), np.uint32),
+                (float(origin.get("x", 0)), float(origin.get("z", 0))), float(kept))

@@ -1,5 +1,6 @@
 """The package as it is installed, against the wheel's own server."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -262,15 +263,22 @@ class WorldTest(unittest.TestCase):
         self.assertEqual(process.communicate(timeout=60)[0], "interrupted\n")
 
     def test_a_snapshot_is_read(self) -> None:
-        url = self.server.http + "/v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=200&z1=200&error=0.5&origin=centre"
+        url = self.server.http + "/v1/sessions/default/snapshot.glb?x0=1000000000&z0=0&x1=1000000200&z1=200&error=0.5"
         with urllib.request.urlopen(url) as answer:
             data = answer.read()
         mesh = rc.read_glb(data)
-        heights = rc.Terrain("alpine", seed=5).heights(mesh.positions[:, [0, 2]].astype(np.float64) + (100, 100))
+        heights = rc.Terrain("alpine", seed=5).heights(mesh.positions[:, [0, 2]].astype(np.float64) + mesh.origin)
         np.testing.assert_allclose(mesh.positions[:, 1], heights, atol=0.5)
         for end in (0, 3, 11, 19, 20, 60, len(data) // 2, len(data) - 1):
             with self.assertRaises(rc.Invalid):
                 rc.read_glb(data[:end])
+        size = int.from_bytes(data[12:16], "little")
+        repeated = json.loads(data[20:20 + size])
+        for view in repeated["bufferViews"]:
+            view["byteStride"] = 0
+        for text in (json.dumps(repeated), "[]", "[" * 100_000):
+            with self.assertRaises(rc.Invalid):
+                rc.read_glb(data[:12] + len(text).to_bytes(4, "little") + b"JSON" + text.encode() + data[20 + size:] + bytes(size))
         with urllib.request.urlopen(url + "&compression=draco") as answer:
             with self.assertRaisesRegex(rc.Invalid, "compression"):
                 rc.read_glb(answer.read())
