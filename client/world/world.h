@@ -123,7 +123,6 @@ class World {
   const wire::World info_;
   const Milliseconds timeout_;
   query::Ground ground_;
-  std::uint64_t sent_ = 0;               // pose
   bool following_ = false;               // nextStep() was called
   std::uint64_t step_ = 0, stepOf_ = 0;  // returned last; reconnections() then
 };
