@@ -21,7 +21,7 @@ using testing::HasSubstr;
 
 std::shared_ptr<const terrain::Terrain> terrainOf(const char* name) { return terrain::create(name, 1).value(); }
 
-Watch patient() { return {{}, std::chrono::steady_clock::now() + std::chrono::minutes(30), 1800}; }
+Watch patient() { return {{}, std::chrono::steady_clock::now() + std::chrono::hours(24), 86'400}; }
 
 Box boxAt(double x, double z, double width, double depth, double error) {
   const auto steps = [](double m) { return static_cast<lattice::Step>(std::floor(m * 256)); };
