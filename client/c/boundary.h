@@ -10,6 +10,7 @@
 #include <memory>
 #include <mutex>
 #include <new>
+#include <stdexcept>
 #include <string>
 #include <utility>
 
@@ -21,11 +22,11 @@
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
 
-// Either holds its terrain, or asks through a world.
 struct rc_terrain {
   ridgecast::query::Ground ground;
   std::uint64_t hash = 0;
-  rc_world* world = nullptr;
+  rc_world* world = nullptr;  // that it belongs to
+  bool isAsked() const { return ground.source() == ridgecast::query::Ground::Source::kServer; }
 };
 
 struct rc_world {
@@ -45,8 +46,10 @@ template <class Body>
 rc_status guarded(const Body& body) noexcept {
   try {
     return body();
+  } catch (const std::length_error&) {
+    return fail(RC_INVALID, "that is more than there can be");
   } catch (const std::bad_alloc&) {
-    return fail(RC_MEMORY, "there is not enough memory");
+    return fail(RC_MEMORY, "out of memory");  // short: takes none
   } catch (const std::exception& e) {
     return fail(RC_INTERNAL, e.what());
   }
@@ -54,7 +57,7 @@ rc_status guarded(const Body& body) noexcept {
 
 template <class Struct>
 bool hasSize(const Struct* given) {
-  return given->size >= sizeof(given->size) && given->size <= 1 << 16;
+  return given->size >= sizeof(given->size) && given->size <= 1 << 16 && given->size % alignof(Struct) == 0;
 }
 rc_status noSize(const char* name);
 

@@ -13,13 +13,16 @@
    server, and over HTTP.
 
    Errors: functions return an rc_status; where it is not RC_OK, rc_message() says in a sentence what is wrong and what would be right, and
-   nothing was written unless said. None ends the process or throws.
+   nothing was written unless said. No function throws or ends the process.
 
    Threads: a terrain of rc_terrain_open and a mesh may be used by any number of threads at once. Calls on one world, and on its terrain
    where that is not local, take turns: the second waits until the first is over. Worlds never wait for each other. What is closed must
    not be in use.
 
    Waiting: a `timeout` is in seconds. Where the connection is away, a call waits for it within its timeout and then goes on.
+
+   Lists: of an array to be filled, only the first entry's `size` is read; it is that of all. They write up to `room` entries and say how
+   many there are.
 
    Versions: functions and fields are added, never changed. A struct with `size` begins as {.size = sizeof(it)}; what is 0 otherwise
    means the default. So programs go on with newer libraries of the same major version. */
@@ -36,7 +39,7 @@ extern "C" {
 typedef enum rc_status {
   RC_OK = 0,
   RC_INVALID = 1, /* the call: a number out of range, a name that does not exist */
-  RC_REFUSED = 2, /* the server, or a file, says no */
+  RC_REFUSED = 2, /* the server, or a file, says no; or there is no such server */
   RC_LOST = 3,    /* there is no connection, or the server came back with another world */
   RC_TIMEOUT = 4, /* the server, or a member, did not answer in time */
   RC_MEMORY = 5,
@@ -105,8 +108,8 @@ typedef struct rc_standing_options {
 /* `terrain` must outlive it. One thread at a time. */
 rc_status rc_standing_open(rc_terrain* terrain, const rc_standing_options* options, rc_standing** out);
 void rc_standing_close(rc_standing* standing); /* null: nothing */
-/* Where all bodies are, once a step: pairs x, z, in the same order each time. Never waits: a thread makes the ground ahead of them, the
-   nearest first. */
+/* Where all bodies are, once a step: pairs x, z, in the same order each time. Never waits for heights: a thread makes the ground ahead of
+   them, the nearest first, where a server is asked slowly. */
 rc_status rc_standing_move(rc_standing* standing, const double* places, size_t count);
 /* Until the ground around all bodies is there: at the beginning, and after one was put elsewhere. */
 rc_status rc_standing_wait(rc_standing* standing, double timeout);
@@ -124,7 +127,7 @@ typedef struct rc_tile {
   int32_t gone; /* 1: it went; 0: it came */
 } rc_tile;
 /* The next `room` tiles that went or came, and how many there are in all; call again while that is more than `room`. Heights of a tile may
-   be used until the call after the one that says that it is gone. */
+   be used until the next call after its `gone`. */
 rc_status rc_standing_changes(rc_standing* standing, rc_tile* out, size_t room, size_t* count);
 
 /* ---- meshes ---- */
@@ -147,6 +150,7 @@ typedef struct rc_join_options {
   size_t size;
   const char* name;   /* shown to the others */
   int32_t sensor;     /* 1: a member without a picture */
+  int32_t follows;    /* 1: follows the clock: each step waits until this member has done it (rc_world_next_step) */
   int32_t lockstep;   /* 1: exactly one iteration for each pose; the same poses give the same meshes */
   int32_t stays_lost; /* 1: a connection that is lost does not come back */
   uint32_t triangles; /* of the mesh at most; default: the server's */
@@ -198,9 +202,9 @@ rc_status rc_world_clock(rc_world* world, rc_clock* out);
 /* Takes the clock, where nobody has it, and sets it. `rate`: of RC_SCALED. */
 rc_status rc_world_set_clock(rc_world* world, int32_t mode, double rate, double timeout);
 /* Takes the clock, where nobody has it, moves it by `time`, and waits until all who follow it have done the step. RC_TIMEOUT: the message
-   names who has not; the step goes on, and time 0 waits for it again. */
+   names who has not; call again with time 0 to go on waiting. RC_LOST: nobody knows whether it was done; read the clock. */
 rc_status rc_world_step(rc_world* world, int64_t time, double timeout);
-/* Follows the clock: says that the step returned last is done, waits for the next one, and writes the session's time. */
+/* Of a member that follows: says that the step returned last is done, waits for the next one, and writes the session's time. */
 rc_status rc_world_next_step(rc_world* world, double timeout, int64_t* time);
 /* As the clock's owner: no step waits for this member until it has caught up. */
 rc_status rc_world_pass_over(rc_world* world, uint64_t member);
@@ -213,6 +217,8 @@ typedef struct rc_camera {
   double yaw, pitch;      /* pitch: -pi/2 to pi/2, upwards */
   double vertical_fov;    /* default: 60 degrees */
   uint32_t width, height; /* pixels; default: 1280 x 720 */
+  const uint8_t* state;   /* at most 256 bytes for the other members, such as how wheels turn; default: none */
+  size_t state_size;
 } rc_camera;
 
 typedef struct rc_iteration {
@@ -256,7 +262,9 @@ typedef struct rc_member {
   double x, y, z, yaw, pitch;
   int32_t has_pose; /* 0: none yet */
   int32_t sensor;
-  char name[256]; /* UTF-8, ends with 0 */
+  char name[256];      /* UTF-8, at most 128 bytes, ends with 0 */
+  uint8_t state[256];  /* what it says of itself: rc_camera */
+  uint32_t state_size; /* bytes of it */
 } rc_member;
 /* Up to `room` of them, and how many there are, by number. */
 rc_status rc_world_members(rc_world* world, rc_member* out, size_t room, size_t* count);

@@ -30,11 +30,7 @@ rc_status rc_standing_open(rc_terrain* terrain, const rc_standing_options* optio
     if (given.memory > 0) wanted.memory = given.memory;
     auto ground = standing::StandingGround::open(
         [terrain](auto x, auto z, auto heights) -> Outcome<void> {
-          if (!terrain->world) return terrain->ground.heights(x, z, heights);
-          const std::lock_guard lock(terrain->world->mutex);
-          const auto known = terrain->world->world->heights(x, z, heights);
-          if (!known) return Error{known.error().message};
-          return {};
+          return terrain->ground.heights(x, z, heights);  // beside the world's calls, which do not wait for it
         },
         wanted);
     if (!ground) return fail(RC_INVALID, ground.error().message);
@@ -65,7 +61,7 @@ rc_status rc_standing_wait(rc_standing* standing, double timeout) {
     const auto wait = milliseconds(timeout);
     if (!standing || !wait) return fail(RC_INVALID, standing ? wait.error().message : "there is no ground");
     const auto there = standing->ground->wait(*wait);
-    return there ? RC_OK : fail(RC_TIMEOUT, there.error().message);
+    return there ? RC_OK : fail(standing->ground->full() ? RC_INVALID : RC_TIMEOUT, there.error().message);
   });
 }
 
@@ -73,12 +69,15 @@ rc_status rc_standing_changes(rc_standing* standing, rc_tile* out, size_t room, 
   return guarded([&] {
     if (!standing) return fail(RC_INVALID, "there is no ground");
     standing->going.clear();
-    standing::Changes changes = standing->ground->changes();
-    for (auto& tile : changes.gone) standing->untold.emplace_back(std::move(tile), true);
-    for (auto& tile : changes.came) standing->untold.emplace_back(std::move(tile), false);
+    if (standing->untold.empty()) {  // so that what is not read does not grow
+      standing::Changes changes = standing->ground->changes();
+      for (auto& tile : changes.gone) standing->untold.emplace_back(std::move(tile), true);
+      for (auto& tile : changes.came) standing->untold.emplace_back(std::move(tile), false);
+    }
     std::vector<rc_tile> all;
     const auto metres = [](lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; };
-    for (const auto& [tile, gone] : standing->untold)
+    for (const auto& [tile, gone] : standing->untold) {
+      if (all.size() == room) break;
       all.push_back({.i = tile->i,
                      .j = tile->j,
                      .version = tile->version,
@@ -90,9 +89,11 @@ rc_status rc_standing_changes(rc_standing* standing, rc_tile* out, size_t room, 
                      .lowest = tile->lowest,
                      .highest = tile->highest,
                      .gone = gone});
+    }
     const rc_status status = writeAll(all, out, room, count, "rc_tile");
     if (status != RC_OK) return status;
-    for (std::size_t k = 0; k < std::min(room, all.size()); ++k) {
+    *count = standing->untold.size();
+    for (std::size_t k = 0; k < all.size(); ++k) {
       auto [tile, gone] = std::move(standing->untold.front());
       standing->untold.pop_front();
       if (gone) {

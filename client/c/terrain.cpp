@@ -19,7 +19,7 @@ rc_status beyond(std::size_t place) {
 template <class Body>
 rc_status eachPart(const rc_terrain& terrain, const double* places, std::size_t count, const Body& body) {
   if (count > 0 && !places) return fail(RC_INVALID, "there are no places");
-  const std::size_t part = terrain.world ? count : std::min(count, kPart);
+  const std::size_t part = terrain.isAsked() ? count : std::min(count, kPart);
   std::vector<lattice::Step> x(part), z(part);
   for (std::size_t first = 0; first < count; first += part) {
     const std::size_t n = std::min(part, count - first);
@@ -39,7 +39,7 @@ rc_status eachPart(const rc_terrain& terrain, const double* places, std::size_t 
 // By the terrain itself, or by its world, whose calls take turns.
 template <class Here, class There>
 rc_status answer(const rc_terrain& terrain, const Here& here, const There& there) {
-  if (!terrain.world) {
+  if (!terrain.isAsked()) {
     const Outcome<void> known = here(terrain.ground);
     return known ? RC_OK : fail(RC_INVALID, known.error().message);
   }

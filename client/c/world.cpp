@@ -41,6 +41,7 @@ world::Options optionsOf(const rc_join_options& given, Milliseconds timeout) {
   world::Options options{.name = given.name ? given.name : "",
                          .camera = given.sensor == 0,
                          .settings = {.threshold = given.threshold, .triangleBudget = given.triangles},
+                         .follows = given.follows != 0,
                          .pacing = given.lockstep ? wire::Pacing::kLockstep : wire::Pacing::kFree,
                          .ca = given.ca ? given.ca : "",
                          .token = given.token ? given.token : "",
@@ -59,6 +60,8 @@ Outcome<camera::Camera> cameraOf(const rc_camera& given) {
   if (given.height != 0) camera.projection.height = given.height;
   return camera;
 }
+
+std::span<const std::uint8_t> stateOf(const rc_camera& given) { return {given.state, given.state ? given.state_size : 0}; }
 
 void writeIteration(const world::World& world, const replica::Update& update, rc_iteration* out) {
   if (!out) return;
@@ -86,7 +89,7 @@ rc_status rc_join(const char* url, const rc_join_options* options, rc_world** ou
     const query::Ground ground = (*joined)->terrain();
     const std::uint64_t hash = (*joined)->info().contentHash;
     auto world = std::unique_ptr<rc_world>(new rc_world{std::move(*joined), {ground, hash}});
-    if (ground.source() == query::Ground::Source::kServer) world->terrain.world = world.get();
+    world->terrain.world = world.get();
     *out = world.release();
     return RC_OK;
   });
@@ -175,14 +178,15 @@ rc_status rc_world_fly(rc_world* world, const rc_camera* camera, double timeout,
   return waiting(world, timeout, [&](world::World& w, Milliseconds wait) {
     if (!camera || !hasSize(camera)) return noSize("rc_camera");
     if (out && !hasSize(out)) return noSize("rc_iteration");
-    const auto asked = cameraOf(read(camera));
+    const rc_camera given = read(camera);
+    const auto asked = cameraOf(given);
     if (!asked) return fail(RC_INVALID, asked.error().message);
     if (wait.count() == 0) {
-      const auto sent = w.send(*asked);
+      const auto sent = w.send(*asked, stateOf(given));
       if (sent && out) write({.pose = *sent}, out);
       return sent ? RC_OK : fail(sent.error());
     }
-    const auto update = w.fly(*asked, wait);
+    const auto update = w.fly(*asked, wait, stateOf(given));
     if (!update) return fail(update.error());
     writeIteration(w, *update, out);
     return RC_OK;
@@ -244,6 +248,9 @@ rc_status rc_world_members(rc_world* world, rc_member* out, size_t room, size_t*
         const camera::Pose& pose = moved->pose.camera.pose;
         member.has_pose = 1;
         member.time = static_cast<std::int64_t>(moved->time);
+        const auto& state = moved->pose.state;
+        member.state_size = static_cast<std::uint32_t>(std::min(state.size(), sizeof member.state));
+        std::copy_n(state.begin(), member.state_size, member.state);
         member.x = metres(pose.x), member.y = pose.y, member.z = metres(pose.z), member.yaw = pose.yaw, member.pitch = pose.pitch;
       }
       all.push_back(member);

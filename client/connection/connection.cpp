@@ -127,6 +127,7 @@ struct Connection::Impl final : WebSocket::Listener {
       if (const auto applied = roster_.apply(*members, now); !applied) return "sent what cannot be: " + applied.error().message;
     } else if (const auto* said = std::get_if<wire::Clock>(&message)) {
       clock_.hear(*said, now);
+      return skipStep();
     } else if (const auto* settings = std::get_if<wire::Granted>(&message)) {
       granted_ = settings->settings;
     }
@@ -152,6 +153,11 @@ struct Connection::Impl final : WebSocket::Listener {
       requestClock(earlier + 1);
       write();
     });
+  }
+
+  std::optional<std::string> skipStep() {
+    if (!skipsSteps_ || !clock_.waitsFor(world_.camera)) return std::nullopt;
+    return outbox_.put(wire::StepDone{clock_.said().step});
   }
 
   // One frame at a time.
@@ -194,7 +200,7 @@ struct Connection::Impl final : WebSocket::Listener {
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  bool hasWorld_ = false;
+  bool hasWorld_ = false, skipsSteps_ = false;
   std::optional<Error> error_;
   std::optional<std::string> sentTo_;
   wire::World world_;
@@ -248,6 +254,12 @@ void Connection::want(const wire::WantTiles& wanted) {
 void Connection::setClock(const wire::SetClock& set) { impl_->say(set); }
 void Connection::step(const wire::ClockStep& step) { impl_->say(step); }
 void Connection::stepDone(const wire::StepDone& done) { impl_->say(done); }
+void Connection::skipSteps(bool skips) {
+  impl_->put([&] {
+    impl_->skipsSteps_ = skips;
+    return impl_->skipStep();
+  });
+}
 void Connection::passOver(std::uint64_t camera) {
   if (world().revision >= 3) impl_->say(wire::PassOver{camera});
 }

@@ -97,6 +97,8 @@ class Connection {
   void setClock(const wire::SetClock& set);
   void step(const wire::ClockStep& step);
   void stepDone(const wire::StepDone& done);
+  // Whether steps are answered as done when they are heard, for a member that does not follow the clock; at first they are not.
+  void skipSteps(bool skips);
   // Of the clock's owner: steps no longer wait for this member. Does nothing if the server's version cannot (World::revision below 3).
   void passOver(std::uint64_t camera);
 

@@ -39,6 +39,19 @@ void ReconnectingConnection::change(const wire::Settings& settings) {
   connection_->change(settings);
 }
 
+void ReconnectingConnection::skipSteps(bool skips) {
+  skipsSteps_ = skips;
+  connection_->skipSteps(skips);
+}
+
+std::future<Outcome<wire::Answer>> ReconnectingConnection::ask(wire::Query query) {
+  const auto connection = [&] {
+    const std::lock_guard lock(asks_);
+    return connection_;
+  }();
+  return connection->ask(std::move(query));
+}
+
 void ReconnectingConnection::pause() {
   const auto half = static_cast<unsigned>(pause_.count() / 2);
   next_ = Clock::now() + std::chrono::milliseconds(half + random_() % (half + 1));
@@ -86,7 +99,12 @@ void ReconnectingConnection::adopt(std::unique_ptr<Connection> connection) {
     return;
   }
   bytesBefore_ += connection_->bytesReceived();
-  connection_ = std::move(connection);
+  std::shared_ptr<Connection> ended(std::move(connection));
+  {
+    const std::lock_guard lock(asks_);
+    std::swap(connection_, ended);
+  }
+  connection_->skipSteps(skipsSteps_);
   lost_.reset();
   ++reconnections_;
   for (const wire::Resume& held : resume_()) connection_->resume(held);

@@ -3,11 +3,12 @@
 // applied, and is random, so that a thousand clients do not come back at once. The new connection says first what is still held, then the
 // newest pose. The server may have been started again, or may have sent us to another one.
 //
-// One owner; never blocks but in receive(). Attempts run on a thread of their own.
+// One owner, but for ask(); never blocks but in receive(). Attempts run on a thread of their own.
 
 #include <functional>
 #include <future>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <random>
 #include <stop_token>
@@ -40,9 +41,11 @@ class ReconnectingConnection {
   void send(const wire::PoseMessage& pose);
   // Also what later connections ask for.
   void change(const wire::Settings& settings);
+  void skipSteps(bool skips);
   // An iteration was, without an error: the next loss is a new one.
   void applied() { pause_ = kFirstPause; }
-  std::future<Outcome<wire::Answer>> ask(wire::Query query) { return connection_->ask(std::move(query)); }
+  // Any thread.
+  std::future<Outcome<wire::Answer>> ask(wire::Query query);
   // As Connection's; also looks after the connection, so call it often.
   std::optional<Received> receive(std::chrono::milliseconds timeout);
 
@@ -68,7 +71,9 @@ class ReconnectingConnection {
   const Resume resume_;
   const bool reconnects_;
   bool otherWorld_ = false;
-  std::unique_ptr<Connection> connection_;  // never null; the ended one until there is another
+  bool skipsSteps_ = false;
+  mutable std::mutex asks_;                 // guards connection_ where ask() reads it and the owner replaces it
+  std::shared_ptr<Connection> connection_;  // never null; the ended one until there is another
   std::stop_source stop_;
   std::future<Outcome<std::unique_ptr<Connection>>> attempt_;
   std::optional<Error> lost_;

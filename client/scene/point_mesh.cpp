@@ -259,7 +259,7 @@ TriangleId PointMesh::hintFor(LeafAddress square, triangulation::Point2 p, Trian
   for (std::uint32_t page : pages.pagesOf(region->second)) {
     auto alive = pages.aliveMask(page);
     for (int k = 0; k < kOfEachPage && alive != 0; ++k, alive &= alive - 1) {
-      const VertexId v = page * triangulation::VertexPages::kSlots + static_cast<VertexId>(std::countr_zero(alive));
+      const VertexId v = pages.slotAt(page, static_cast<std::uint32_t>(std::countr_zero(alive)));
       const Vertex& u = mesh_->vertex(v);
       const std::int64_t dx = std::int64_t{u.x} - p.x, dz = std::int64_t{u.z} - p.z, distance = dx * dx + dz * dz;
       if (distance < least) least = distance, nearest = v;

@@ -82,15 +82,20 @@ Outcome<void> StandingGround::move(std::span<const lattice::Point> bodies) {
   for (std::size_t k = 0; k < bodies.size(); ++k)
     if (std::min(bodies[k].x, bodies[k].z) < -end || std::max(bodies[k].x, bodies[k].z) > end)
       return Error{"body " + std::to_string(k) + " is beyond the lattice, or too near its end, 4.398e12 m from the origin"};
+  const auto each = static_cast<std::size_t>((2 * (options_.radius + ahead)) / (kCells * options_.spacing)) + 2;
+  if (bodies.size() * each * each > kMostPlaces)
+    return Error{"there is too much ground around " + std::to_string(bodies.size()) +
+                 " bodies: a wider spacing, or a smaller radius, fits"};
   const std::lock_guard lock(mutex_);
   for (std::size_t k = bodies.size(); k < windows_.size(); ++k) remove(windows_[k]);
   windows_.resize(bodies.size());
   for (std::size_t k = 0; k < bodies.size(); ++k) {
-    Window& window = windows_[k];
+    const Window window = windows_[k];
     if (window.holds(around(bodies[k], options_.radius)) && around(bodies[k], options_.radius + kept).holds(window)) continue;
-    const Window before = std::exchange(window, around(bodies[k], options_.radius + ahead));
-    add(window, bodies[k]);
-    remove(before);
+    const Window wanted = around(bodies[k], options_.radius + ahead);
+    add(wanted, bodies[k]);
+    windows_[k] = wanted;
+    remove(window);
   }
   work_.notify_one();
   return {};
@@ -137,6 +142,11 @@ Changes StandingGround::changes() {
   }
   came_.clear();
   return changes;
+}
+
+bool StandingGround::full() const {
+  const std::lock_guard lock(mutex_);
+  return made_ >= most_ && !wanted_.empty();
 }
 
 std::size_t StandingGround::bytes() const {

@@ -7,8 +7,8 @@
 // move() says where the bodies are, once a step. Ground is made ahead of them by a thread of its own, the nearest first, so no step waits:
 // a body keeps its tiles until it has moved a quarter of a tile beyond what they cover. changes() then says what came and what is gone.
 //
-// One owner; the thread only calls `heights`. Bounds: kMostBodies, and `memory` bytes of tiles: what does not fit is not made, and wait()
-// says so.
+// One owner; the thread only calls `heights`. Bounds: kMostBodies, kMostPlaces, and `memory` bytes of tiles: what does not fit is not made,
+// and wait() says so.
 
 #include <array>
 #include <chrono>
@@ -33,6 +33,7 @@ namespace ridgecast::standing {
 
 inline constexpr std::int64_t kCells = 32;
 inline constexpr std::size_t kMostBodies = 100'000;
+inline constexpr std::size_t kMostPlaces = 1'000'000;  // tiles around bodies, counted for each body
 
 struct Tile {
   std::int64_t i = 0, j = 0;
@@ -63,14 +64,15 @@ class StandingGround {
   static Outcome<std::unique_ptr<StandingGround>> open(Heights heights, const Options& options);
   ~StandingGround();  // waits for the tile in work
 
-  // All bodies, in the same order each time: the k-th is the one that was the k-th before. Never waits. Error: too many, or one beyond the
-  // lattice; then nothing changed.
+  // All bodies, in the same order each time: the k-th is the one that was the k-th before. Never waits for heights. Error: too many, too
+  // much ground around them, or one beyond the lattice; then nothing changed.
   Outcome<void> move(std::span<const lattice::Point> bodies);
   // Until the ground around all bodies is there. Error: it does not come, and why.
   Outcome<void> wait(std::chrono::milliseconds timeout);
   // What changed since the last call. A tile may be used until it is told that it is gone.
   Changes changes();
   std::size_t bytes() const;  // of tiles
+  bool full() const;          // no tile more fits, and some are missing
 
  private:
   using Key = std::pair<std::int64_t, std::int64_t>;
@@ -85,7 +87,7 @@ class StandingGround {
   };
   struct Place {
     std::size_t bodies = 0;              // whose windows hold it
-    double distance = 0;                 // of the body that asked first
+    double distance = 0;                 // of the body that asked first, then
     std::shared_ptr<const Tile> tile{};  // null: not made yet
     bool told = false;                   // that it came
   };

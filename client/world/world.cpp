@@ -21,8 +21,14 @@ std::chrono::milliseconds left(Clock::time_point until) {
 
 }  // namespace
 
-World::World(std::unique_ptr<replica::Client> client, Milliseconds timeout)
-    : client_(std::move(client)), info_(client_->world()), timeout_(timeout), ground_(client_->connection(), timeout) {}
+World::World(std::unique_ptr<replica::Client> client, const Options& options)
+    : client_(std::move(client)),
+      info_(client_->world()),
+      timeout_(options.timeout),
+      follows_(options.follows),
+      ground_(client_->connection(), options.timeout) {
+  client_->connection().skipSteps(!follows_);
+}
 
 Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& options) {
   auto parsed = connection::parseUrl(url);
@@ -38,7 +44,7 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                           .errors = true};
   auto client = replica::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
   if (!client) return Failure{Fault::kRefused, client.error().message};
-  return std::unique_ptr<World>(new World(std::move(*client), options.timeout));
+  return std::unique_ptr<World>(new World(std::move(*client), options));
 }
 
 // Why a call failed that had until then.
@@ -116,9 +122,7 @@ Result<void> World::clockUntil(Instant until, const Done& done) {
     const auto& connection = *client_->connection();
     const auto clock = connection.clock();
     if (done(clock)) return {};
-    if (const auto why = connection.error())
-      return Failure{Fault::kLost,
-                     "the connection was lost while a step was under way: read the clock before the next one (" + why->message + ")"};
+    if (const auto why = connection.error()) return Failure{Fault::kLost, why->message};
     if (Clock::now() >= until) return Failure{Fault::kTimeout, "the server did not answer in time"};
     connection.waitForClock(clock.version(), left(until));
   }
@@ -142,17 +146,36 @@ Result<void> World::setClock(wire::ClockMode mode, double rate, Milliseconds tim
 
 Result<void> World::step(Microseconds time, Milliseconds timeout) {
   if (time < 0us || time > 1h) return Failure{Fault::kInvalid, "a step is 1 microsecond to 1 hour"};
+  if (time > 0us) {
+    unsent_ = time;
+    uncertain_ = false;
+  }
   const auto until = Clock::now() + timeout;
-  if (auto there = connected(until); !there) return there;
-  const wire::Clock before = client_->connection()->clock().said();
-  if (time > 0us && (before.owner != camera() || before.mode != wire::ClockMode::kStepped))
-    if (auto mine = setClock(wire::ClockMode::kStepped, 0, left(until)); !mine) return mine;
-  const std::uint64_t number = client_->connection()->clock().said().step + (time > 0us ? 1 : 0);
-  if (time > 0us) client_->connection()->step({static_cast<std::uint64_t>(time.count()), true});
-  auto stepped = clockUntil(
-      until, [&](const connection::SessionClock& clock) { return clock.said().step >= number && clock.said().waitsFor.empty(); });
-  if (!stepped && stepped.error().fault == Fault::kTimeout) return waitedFor();
-  return stepped;
+  const auto uncertain = [&] {
+    uncertain_ = true;
+    return Failure{Fault::kLost, "the connection was lost while a step was under way: read the clock before the next one"};
+  };
+  if (uncertain_) return uncertain();
+  if (awaited_ > 0 && awaitedOf_ != reconnections()) awaited_ = 0, uncertain_ = unsent_ == 0us;
+  if (uncertain_) return uncertain();
+  if (unsent_ > 0us) {
+    if (auto there = connected(until); !there) return there;
+    const wire::Clock said = client_->connection()->clock().said();
+    if (said.owner != camera() || said.mode != wire::ClockMode::kStepped)
+      if (auto mine = setClock(wire::ClockMode::kStepped, 0, left(until)); !mine) {
+        if (mine.error().fault == Fault::kRefused) unsent_ = 0us;
+        return mine;
+      }
+    awaited_ = std::max(awaited_, client_->connection()->clock().said().step) + 1;
+    awaitedOf_ = reconnections();
+    client_->connection()->step({static_cast<std::uint64_t>(std::exchange(unsent_, 0us).count()), true});
+  }
+  auto stepped = clockUntil(until, [&](const connection::SessionClock& clock) {
+    return clock.said().step > awaited_ || (clock.said().step == awaited_ && clock.said().waitsFor.empty());
+  });
+  if (stepped || stepped.error().fault == Fault::kLost) awaited_ = 0;
+  if (stepped) return {};
+  return stepped.error().fault == Fault::kLost ? uncertain() : waitedFor();
 }
 
 Failure World::waitedFor() const {
@@ -170,15 +193,15 @@ Failure World::waitedFor() const {
 }
 
 Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
+  if (!follows_) return Failure{Fault::kInvalid, "this member does not follow the clock: join so that it does"};
   for (const auto until = Clock::now() + timeout;;) {
     if (auto there = connected(until); !there) return there.error();
     if (auto heard = clockUntil(until, [](const connection::SessionClock& clock) { return clock.version() > 0; }); !heard)
       return heard.error();
     const auto clock = client_->connection()->clock();
-    if (!following_ || stepOf_ != reconnections()) {
+    if (stepOf_ != reconnections()) {
       stepOf_ = reconnections();
       step_ = clock.said().step - (clock.waitsFor(camera()) ? 1 : 0);
-      following_ = true;
     } else if (clock.waitsFor(camera()) && clock.said().step == step_) {
       client_->connection()->stepDone({step_});
     }
@@ -200,11 +223,13 @@ std::vector<connection::Other> World::others() {
   return all;
 }
 
-Result<std::uint64_t> World::send(const camera::Camera& camera) {
+Result<std::uint64_t> World::send(const camera::Camera& camera, std::span<const std::uint8_t> state) {
   if (!camera::isValid(camera))
     return Failure{Fault::kInvalid,
                    "a pose has finite numbers, a pitch within a quarter turn, and a field of view between 0 and half a turn"};
-  return client_->send(camera);
+  if (state.size() > wire::kMaxStateBytes)
+    return Failure{Fault::kInvalid, "a member's state has at most " + std::to_string(wire::kMaxStateBytes) + " bytes"};
+  return client_->send(camera, {state.begin(), state.end()});
 }
 
 Result<replica::Update> World::receive(Milliseconds timeout) {
@@ -214,8 +239,8 @@ Result<replica::Update> World::receive(Milliseconds timeout) {
   return Failure{Fault::kTimeout, "no iteration came in time: the server is busy, or nothing changed"};
 }
 
-Result<replica::Update> World::fly(const camera::Camera& camera, Milliseconds timeout) {
-  const auto sent = send(camera);
+Result<replica::Update> World::fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state) {
+  const auto sent = send(camera, state);
   if (!sent) return sent.error();
   for (const auto until = Clock::now() + timeout;;) {
     auto update = receive(left(until));

@@ -6,11 +6,11 @@
 //     rover->heights(x, z, out).value();
 //     rover->step(20ms, 10s).value();  // all who follow the clock have done it, or the error names who has not
 //
-// | functions                       | thread                    | wait                                                           |
-// |---------------------------------|---------------------------|----------------------------------------------------------------|
-// | heights, normals, hits          | any, where isLocal()      | for the server, where not isLocal()                            |
-// | terrain, info, isLocal          | any                       | never                                                          |
-// | all others                      | one at a time (the owner) | join, ground, setClock, step, nextStep, fly: at most `timeout` |
+// | functions                      | thread                    | wait                                                                    |
+// |--------------------------------|---------------------------|-------------------------------------------------------------------------|
+// | heights, normals, hits         | any, if isLocal()         | for the server, if not isLocal()                                        |
+// | terrain, info, isLocal         | any                       | terrain().heights() and the like for the server, if not isLocal()       |
+// | all others                     | one at a time (the owner) | join, ground, setClock, step, nextStep, fly, receive: at most `timeout` |
 //
 // While the connection is away, a call waits for it within its timeout and then goes on.
 
@@ -59,6 +59,7 @@ struct Options {
   std::string name = {};                      // shown to the others
   bool camera = true;                         // false: a sensor, which sees no mesh but what it asks for with ground()
   settings::Settings settings = {};           // of the mesh
+  bool follows = false;                       // the clock: each step waits until this member has done it (nextStep)
   wire::Pacing pacing = wire::Pacing::kFree;  // of the mesh
   std::string ca = {}, token = {};            // connection::Url
   std::chrono::milliseconds timeout{10'000};  // of join(), and of queries
@@ -90,10 +91,10 @@ class World {
   connection::SessionClock clock();
   // Takes the clock, where nobody has it, and sets it.
   Result<void> setClock(wire::ClockMode mode, double rate, Milliseconds timeout);
-  // Moves a clock that is stepped, or nobody's, by `time`, and waits until every member that follows it has done the step. A time of 0
-  // waits for the newest step, where that took too long before.
+  // Moves a clock that is stepped, or nobody's, by `time`, and waits until every member that follows it has done the step. After
+  // kTimeout the step is still under way: a time of 0 goes on waiting for it. (Another time replaces one that has not left, as after kLost.)
   Result<void> step(Microseconds time, Milliseconds timeout);
-  // For those who follow: says that the step returned last is done, waits for the next one and returns the session's time.
+  // Of a member that follows: says that the step returned last is done, waits for the next one and returns the session's time.
   Result<std::uint64_t> nextStep(Milliseconds timeout);
   // As the owner: no step waits for this member until it has caught up.
   void passOver(std::uint64_t member) { client_->connection()->passOver(member); }
@@ -101,16 +102,17 @@ class World {
   std::vector<connection::Other> others();
 
   // Sends a pose and returns its iteration, or a later one: then the mesh held is the server's.
-  Result<replica::Update> fly(const camera::Camera& camera, Milliseconds timeout);
+  Result<replica::Update> fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state = {});
   // The two halves: send() never waits. receive(): kTimeout: no iteration came.
-  Result<std::uint64_t> send(const camera::Camera& camera);  // the pose's sequence
+  // `state`: what the others hear of this member, at most wire::kMaxStateBytes. Returns the pose's sequence.
+  Result<std::uint64_t> send(const camera::Camera& camera, std::span<const std::uint8_t> state = {});
   Result<replica::Update> receive(Milliseconds timeout);
   const scene::Scene& scene() const { return client_->scene(); }
   std::uint64_t reconnections() const { return client_->connection().reconnections(); }
 
  private:
   using Instant = std::chrono::steady_clock::time_point;
-  World(std::unique_ptr<replica::Client> client, Milliseconds timeout);
+  World(std::unique_ptr<replica::Client> client, const Options& options);
   Result<void> connected(Instant until);
   Failure failure(const Error& error, Instant until) const;
   template <class Ask>
@@ -122,9 +124,16 @@ class World {
   const std::unique_ptr<replica::Client> client_;
   const wire::World info_;
   const Milliseconds timeout_;
+  const bool follows_;
   query::Ground ground_;
-  bool following_ = false;               // nextStep() was called
-  std::uint64_t step_ = 0, stepOf_ = 0;  // returned last; reconnections() then
+  std::uint64_t step_ = 0;               // returned last by nextStep()
+  std::optional<std::uint64_t> stepOf_;  // reconnections() then
+
+  // Of step(): first `unsent_` is to be sent, then the clock's step `awaited_` to be done. A connection that is lost in between leaves
+  // nobody to say whether it was.
+  Microseconds unsent_{0};
+  std::uint64_t awaited_ = 0, awaitedOf_ = 0;  // reconnections() then
+  bool uncertain_ = false;
 };
 
 }  // namespace ridgecast::world

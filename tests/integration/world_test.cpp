@@ -173,8 +173,9 @@ TEST(CTerrain, ReadsStructsOfOlderAndNewerPrograms) {
   EXPECT_EQ(rc_terrain_hash(open("alpine", &newer.options).get()), terrain::contentHash(*terrain::create("alpine", 5).value()));
   rc_terrain_options older{};
   std::memset(&older, 0x5a, sizeof older);
-  older.size = offsetof(rc_terrain_options, parameter_count);
+  older.size = offsetof(rc_terrain_options, parameters);
   older.seed = 5;
+  older.parameter_count = 0;
   EXPECT_EQ(rc_terrain_hash(open("alpine", &older).get()), terrain::contentHash(*terrain::create("alpine", 5).value()));
 }
 
@@ -308,7 +309,8 @@ TEST_F(WorldTest, AThousandStepsAreDoneByAllBeforeTheNext) {
   rc_join_options sensor{};
   sensor.sensor = 1;
   sensor.name = "owner";
-  const World owner = enter("", sensor);
+  const World owner = enter("", sensor), bystander = enter("");  // whom no step waits for
+  sensor.follows = 1;
   constexpr int kSteps = 1000, kFollowers = 3;
   std::array<std::atomic<std::int64_t>, kFollowers> done{};
   std::vector<World> worlds;
@@ -338,8 +340,10 @@ TEST_F(WorldTest, AThousandStepsAreDoneByAllBeforeTheNext) {
 
 TEST_F(WorldTest, AStepThatIsNotDoneSaysByWhom) {
   const World owner = enter("");
+  EXPECT_EQ(rc_world_next_step(owner.get(), 0.1, nullptr), RC_INVALID) << "it does not follow";
   rc_join_options options{};
   options.name = "sleeper";
+  options.follows = 1;
   const World sleeper = enter("", options);
   ASSERT_EQ(rc_world_set_clock(owner.get(), RC_STEPPED, 0, kWait), RC_OK) << rc_message();
   std::size_t others = 0;
@@ -353,6 +357,25 @@ TEST_F(WorldTest, AStepThatIsNotDoneSaysByWhom) {
   EXPECT_EQ(rc_world_step(owner.get(), -5, kWait), RC_INVALID);
 }
 
+// What a slow server has not yet heard is no step that is done.
+TEST_F(WorldTest, AStepIsNotDoneBeforeTheServerHasHeardOfIt) {
+  const World owner = enter("");
+  for (int k = 0; k < 2; ++k) {  // first without, then with the clock in hand
+    const std::int64_t before = clockOf(owner).time;
+    server.process().signal(SIGSTOP);
+    const std::string stat = "/proc/" + std::to_string(server.process().id()) + "/stat";
+    for (std::string pid, name, state; state != "T";) std::ifstream(stat) >> pid >> name >> state;
+    EXPECT_EQ(rc_world_step(owner.get(), 1'000'000, 0.1), RC_TIMEOUT);
+    EXPECT_EQ(rc_world_step(owner.get(), 0, 0.1), RC_TIMEOUT) << "still";
+    server.process().signal(SIGCONT);
+    ASSERT_EQ(rc_world_step(owner.get(), 0, kWait), RC_OK) << rc_message();
+    if (k > 0) {
+      EXPECT_EQ(clockOf(owner).time, before + 1'000'000);
+    }
+    EXPECT_EQ(clockOf(owner).step, static_cast<std::uint64_t>(k + 1));
+  }
+}
+
 TEST_F(WorldTest, SeesTheOthers) {
   rc_join_options options{};
   options.name = "rover";
@@ -360,6 +383,9 @@ TEST_F(WorldTest, SeesTheOthers) {
   rc_camera camera{};
   camera.size = sizeof camera;
   camera.x = 4e9, camera.y = 3000, camera.z = -12.5, camera.yaw = 1;
+  const std::uint8_t state[] = {1, 0, 255};
+  camera.state = state;
+  camera.state_size = sizeof state;
   ASSERT_EQ(rc_world_fly(rover.get(), &camera, kWait, nullptr), RC_OK) << rc_message();
   rc_member seen{};
   seen.size = sizeof seen;
@@ -370,6 +396,11 @@ TEST_F(WorldTest, SeesTheOthers) {
   EXPECT_EQ(seen.member, infoOf(rover).member);
   EXPECT_EQ(seen.x, 4e9);
   EXPECT_EQ(seen.z, -12.5);
+  EXPECT_EQ(std::vector<std::uint8_t>(seen.state, seen.state + seen.state_size), std::vector<std::uint8_t>(state, state + 3));
+  camera.state_size = 257;
+  EXPECT_EQ(rc_world_fly(rover.get(), &camera, kWait, nullptr), RC_INVALID);
+  rc_terrain_close(rc_world_terrain(rover.get()));  // is the world's: nothing
+  EXPECT_NE(rc_terrain_hash(rc_world_terrain(rover.get())), 0u);
 }
 
 TEST(KilledServer, ACallSaysSoOrWaitsForItsReturn) {

@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 from pathlib import Path
 from typing import Any, Callable
 
@@ -41,34 +42,84 @@ def check(status: int) -> None:
     raise _ERRORS.get(status, _errors.Error)(sentence)
 
 
-def interruptible(call: Callable[[], Any]) -> None:
-    """Runs a call that may wait on a thread of its own, so that Ctrl-C is heard; then the call ends by itself, by its timeout."""
+def interruptible(call: Callable[[], Any], undo: Callable[[], Any] = lambda: None) -> None:
+    """Runs a call that may wait on a thread of its own, so that Ctrl-C is heard. Then the call ends by itself, by its timeout, holds what it
+    uses until then, and `undo` drops what it made."""
     if threading.current_thread() is not threading.main_thread():
         return check(call())
-    failure: list[BaseException] = []
+    failure: "list[BaseException]" = []
+    abandoned = threading.Event()
 
     def run() -> None:
         try:
             check(call())
+            if abandoned.is_set():
+                undo()
         except BaseException as e:
             failure.append(e)
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    while thread.is_alive():
-        thread.join(SLICE)
+    try:
+        while thread.is_alive():
+            thread.join(SLICE)
+    except BaseException:
+        abandoned.set()
+        raise
     if failure:
         raise failure[0].with_traceback(None)
 
 
+def in_slices(call: Callable[[float], None], timeout: float) -> None:
+    """Repeats a call that times out, so that Ctrl-C is heard in between; and one that waited for a lost connection: a loss that is told at
+    once is final."""
+    if not timeout >= 0:
+        raise _errors.Invalid("a timeout is 0 seconds or more")
+    until = time.monotonic() + timeout
+    while True:
+        began = time.monotonic()
+        slice = min(SLICE, max(until - began, 0.001))
+        try:
+            return call(slice)
+        except (_errors.Timeout, _errors.Lost) as e:
+            now = time.monotonic()
+            if now >= until or (isinstance(e, _errors.Lost) and now - began < slice / 2):
+                raise
+
+
+_PROCESS = os.getpid()
+
+
+def owned(handle: Any, close: Callable[[Any], Any]) -> Any:
+    """The handle, closed when nothing refers to it any more. A process that was forked has none of its threads, and leaves it alone."""
+    return ffi.gc(handle, lambda h: close(h) if os.getpid() == _PROCESS else None)
+
+
+def usable(handle: Any, what: str) -> Any:
+    """A handle of a world or ground, unless it was closed or belongs to the process that this one was forked from."""
+    if handle == ffi.NULL:
+        raise _errors.Invalid(f"this {what} is closed")
+    if os.getpid() != _PROCESS:
+        raise _errors.Invalid(f"this {what} belongs to the process that was forked: start processes by 'spawn', and join there")
+    return handle
+
+
 def text(value: "str | os.PathLike[str] | None") -> Any:
     """A C string; keep it as long as it is used."""
-    return ffi.NULL if value is None else ffi.new("char[]", os.fsencode(value))
+    if value is None:
+        return ffi.NULL
+    encoded = os.fsencode(value)
+    if b"\0" in encoded:
+        raise _errors.Invalid("a name or a path has no character 0")
+    return ffi.new("char[]", encoded)
 
 
 def struct(name: str, /, **values: Any) -> Any:
     """A pointer to a struct that says its size."""
-    return ffi.new(f"{name}*", {"size": ffi.sizeof(name), **values})
+    try:
+        return ffi.new(f"{name}*", {"size": ffi.sizeof(name), **values})
+    except OverflowError as e:
+        raise _errors.Invalid(str(e)) from None
 
 
 def places(array: ArrayLike, last: int, what: str) -> NDArray[np.float64]:

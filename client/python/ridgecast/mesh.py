@@ -6,7 +6,7 @@ from typing import Any, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._library import ffi, lib
+from ._library import ffi, lib, owned
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Mesh:
 
 def take(handle: Any) -> Mesh:
     """Of a `const rc_mesh*`, whose arrays are used without a copy: they live as long as an array over them."""
-    owner = ffi.gc(handle, lib.rc_mesh_close)
+    owner = owned(handle, lib.rc_mesh_close)
 
     def array(pointer: Any, count: int, kind: Any) -> Any:
         if count == 0:

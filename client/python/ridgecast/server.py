@@ -1,9 +1,11 @@
 """A server of one's own."""
 
+import os
 import shutil
 import subprocess
 import tempfile
 import time
+import weakref
 from pathlib import Path
 from typing import Any, List, Optional
 
@@ -27,7 +29,8 @@ class Server:
         port, log = Path(self._folder.name) / "port", Path(self._folder.name) / "log"
         with open(log, "wb") as out:
             self._process = subprocess.Popen([str(program()), "--port-file", str(port), *arguments], stdin=subprocess.DEVNULL, stdout=out,
-                                             stderr=subprocess.STDOUT)
+                                             stderr=subprocess.STDOUT, start_new_session=True)  # Ctrl-C is not for it
+        self._at_exit = weakref.finalize(self, _end, self._process, os.getpid())  # also when Python ends
         try:
             until = time.monotonic() + timeout
             while not (port.exists() and port.read_text().strip()):
@@ -43,12 +46,7 @@ class Server:
 
     def close(self) -> None:
         """Ends the server, politely first."""
-        self._process.terminate()
-        try:
-            self._process.wait(10)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._at_exit()
         self._folder.cleanup()
 
     def __enter__(self) -> "Server":
@@ -56,6 +54,17 @@ class Server:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _end(process: "subprocess.Popen[bytes]", parent: int) -> None:
+    if os.getpid() != parent:
+        return
+    process.terminate()
+    try:
+        process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def server(terrain: str = "alpine", *, seed: int = 1, port: int = 0, timeout: float = 60.0, **options: Any) -> Server:

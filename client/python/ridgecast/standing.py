@@ -6,8 +6,8 @@ from typing import Any, Dict, List, Tuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._errors import Invalid, Timeout
-from ._library import SLICE, check, doubles, ffi, lib, places, struct
+from ._errors import Invalid
+from ._library import check, doubles, ffi, in_slices, lib, owned, places, struct, usable
 
 
 @dataclass(frozen=True)
@@ -28,37 +28,37 @@ class Standing:
     """Tiles of heights around bodies, kept while they move; made by `standing` of a terrain or world. One thread at a time.
 
     A thread of its own makes the ground ahead of the bodies, the nearest first, so that no step waits.
+    Where a server is asked for heights that takes long: keep spacings wide and radii small.
     """
 
     def __init__(self, owner: Any, spacing: float, radius: float, memory: int) -> None:
-        if not spacing > 0 or memory < 1:
-            raise Invalid("a spacing and a memory are above 0")
+        if not spacing > 0 or not radius >= 0 or memory < 1:
+            raise Invalid("a spacing and a memory are above 0, and a radius is not below it")
         out = ffi.new("rc_standing**")
-        check(lib.rc_standing_open(owner[0], struct("rc_standing_options", spacing=spacing, radius=radius, memory=memory), out))
-        self._standing = ffi.gc(out[0], lambda standing: lib.rc_standing_close(standing) if owner else None)  # the owner lives longer
+        check(lib.rc_standing_open(owner, struct("rc_standing_options", spacing=spacing, radius=max(radius, 1 / 256), memory=memory), out))
+
+        def close(standing: Any, owner: Any = owner) -> None:  # which lives longer
+            lib.rc_standing_close(standing)
+
+        self._handle = owned(out[0], close)
         self.tiles: Dict[Tuple[int, int], Tile] = {}  #: by (i, j), as of the last `changes`
 
     def close(self) -> None:
-        """Makes no more ground; tiles that were taken stay."""
-        standing, self._standing = self._standing, ffi.NULL
-        if standing != ffi.NULL:
-            ffi.release(standing)
+        """Makes no more ground, once no call is under way; tiles that were taken stay."""
+        self._handle = ffi.NULL
+
+    @property
+    def _standing(self) -> Any:
+        return usable(self._handle, "ground")
 
     def move(self, xz: ArrayLike) -> None:
-        """Where all bodies are, (n, 2), once a step, in the same order each time. Never waits."""
+        """Where all bodies are, (n, 2), once a step, in the same order each time. Never waits for heights."""
         at = places(xz, 2, "places").reshape(-1, 2)
         check(lib.rc_standing_move(self._standing, doubles(at), len(at)))
 
     def wait(self, timeout: float = 10.0) -> None:
         """Until the ground around all bodies is there: at the beginning, and after one was put elsewhere."""
-        left = timeout
-        while True:
-            try:
-                return check(lib.rc_standing_wait(self._standing, min(left, SLICE)))
-            except Timeout:
-                left -= SLICE
-                if left <= 0:
-                    raise
+        in_slices(lambda slice: check(lib.rc_standing_wait(self._standing, slice)), timeout)
 
     def changes(self) -> Tuple[List[Tile], List[Tile]]:
         """The tiles that went, and those that came, since the last call."""

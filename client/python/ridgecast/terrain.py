@@ -1,6 +1,5 @@
 """The true ground: heights, normals, rays."""
 
-import weakref
 from os import PathLike
 from typing import Any, Callable, Mapping, NamedTuple, Optional, Union
 
@@ -8,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._errors import Invalid
-from ._library import check, doubles, ffi, interruptible, lib, places, struct, text
+from ._library import check, doubles, ffi, interruptible, lib, owned, places, struct, text
 from .server import program
 from .standing import Standing
 
@@ -25,9 +24,9 @@ class Questions:
     """What both a terrain held here and a world answer."""
 
     _terrain: Any
-    _call: Callable[[Callable[[], Any]], None]
-    _handle: Any = None  # of a world, which holds its terrain
-    _standings: "weakref.WeakSet[Standing]"
+
+    def _call(self, call: Callable[[], Any]) -> None:
+        check(call())
 
     def heights(self, xz: ArrayLike) -> NDArray[np.float32]:
         """Heights in metres, float32 (...), at places (..., 2)."""
@@ -66,9 +65,7 @@ class Questions:
     def standing(self, spacing: float = 1.0, radius: Optional[float] = None, memory: int = 50_000_000) -> Standing:
         """Ground under bodies: heights `spacing` metres apart (a multiple of 1/64), `radius` metres around each (default: 32 times the
         spacing), of at most `memory` bytes."""
-        made = Standing((self._terrain, self._handle), spacing, 32 * spacing if radius is None else radius, memory)
-        self._standings.add(made)
-        return made
+        return Standing(self._terrain, spacing, 32 * spacing if radius is None else radius, memory)
 
 
 class Terrain(Questions):
@@ -91,10 +88,8 @@ class Terrain(Questions):
         options.parameters = values
         out = ffi.new("rc_terrain**")
         spelt = text(name)
-        interruptible(lambda: lib.rc_terrain_open(spelt, options, out))
-        self._terrain = ffi.gc(out[0], lib.rc_terrain_close)
-        self._call = lambda call: check(call())
-        self._standings = weakref.WeakSet()
+        interruptible(lambda: lib.rc_terrain_open(spelt, options, out), lambda: lib.rc_terrain_close(out[0]))
+        self._terrain = owned(out[0], lib.rc_terrain_close)
         self.name = str(name)
 
     @property

@@ -1,14 +1,13 @@
 """A session of a server, entered as a member."""
 
 import math
-import time as _time
 import weakref
 from dataclasses import dataclass
 from typing import Any, Callable, List, Mapping, Optional, Tuple
 from urllib.parse import quote
 
-from ._errors import Invalid, Timeout
-from ._library import SLICE, check, ffi, interruptible, lib, struct, text
+from ._errors import Invalid
+from ._library import check, ffi, in_slices, interruptible, lib, owned, struct, text, usable
 from .mesh import Mesh, take
 from .terrain import Questions
 
@@ -48,6 +47,7 @@ class Member:
     yaw: float
     pitch: float
     time: float  #: of the pose, session seconds
+    state: bytes  #: what it says of itself
 
 
 class Clock:
@@ -56,7 +56,14 @@ class Clock:
     MODES = ("real-time", "scaled", "stepped")
 
     def __init__(self, world: "World") -> None:
-        self._world = world
+        self._of = weakref.ref(world)
+
+    @property
+    def _world(self) -> "World":
+        world = self._of()
+        if world is None:
+            raise Invalid("this clock's world is closed")
+        return world
 
     def _state(self) -> Any:
         out = struct("rc_clock")
@@ -94,18 +101,20 @@ class Clock:
         Raises Timeout, which names who has not; the step goes on then, and step(0) waits for it again.
         """
         step = round(seconds * 1e6)
+        if seconds != 0 and step < 1:
+            raise Invalid("a step is 1 microsecond to 1 hour")
 
         def once(slice: float) -> None:
             nonlocal step
             now, step = step, 0
             check(lib.rc_world_step(self._world._handle, now, slice))
 
-        _in_slices(once, timeout)
+        in_slices(once, timeout)
 
     def next(self, timeout: float = 10.0) -> float:
-        """Follows the clock: says that the step returned last is done, waits for the next one, and returns the session's time."""
+        """Of a member that follows: says that the step returned last is done, waits for the next one, and returns the session's time."""
         out = ffi.new("int64_t*")
-        _in_slices(lambda slice: check(lib.rc_world_next_step(self._world._handle, slice, out)), timeout)
+        in_slices(lambda slice: check(lib.rc_world_next_step(self._world._handle, slice, out)), timeout)
         return float(out[0]) * 1e-6
 
     def pass_over(self, member: int) -> None:
@@ -117,8 +126,8 @@ class World(Questions):
     """A session's world, as one of its members. Made by `join`; a context manager, which leaves at its end."""
 
     def __init__(self, handle: Any) -> None:
-        self._handle = handle
-        self._terrain = lib.rc_world_terrain(handle)
+        self._open = handle
+        self._last = struct("rc_iteration")  # that came
         info = self._info()
         self.session: str = ffi.string(info.session).decode()
         self.terrain: str = ffi.string(info.terrain).decode()
@@ -127,8 +136,18 @@ class World(Questions):
         self.horizon: float = info.horizon  #: metres
         self.is_local: bool = bool(info.is_local)  #: heights are computed here; else the server is asked
         self.clock = Clock(self)
-        self._standings = weakref.WeakSet()
-        self._call = (lambda call: check(call())) if self.is_local else interruptible
+
+    @property
+    def _handle(self) -> Any:
+        return usable(self._open, "world")
+
+    @property
+    def _terrain(self) -> Any:
+        handle = self._handle
+        return ffi.gc(lib.rc_world_terrain(handle), lambda _, handle=handle: None)  # which lives as long
+
+    def _call(self, call: Callable[[], Any]) -> None:
+        check(call()) if self.is_local else interruptible(call)
 
     def _info(self) -> Any:
         out = struct("rc_world_info")
@@ -149,7 +168,7 @@ class World(Questions):
         """The others."""
         def member(m: Any) -> Member:
             return Member(m.member, ffi.string(m.name).decode(errors="replace"), bool(m.sensor), (m.x, m.y, m.z) if m.has_pose else None,
-                          m.yaw, m.pitch, m.time * 1e-6)
+                          m.yaw, m.pitch, m.time * 1e-6, bytes(ffi.buffer(m.state, m.state_size)))
 
         return [member(m) for m in self._all("rc_member", lib.rc_world_members)]
 
@@ -160,33 +179,41 @@ class World(Questions):
         """
         x, z = map(float, center)
         out = ffi.new("const rc_mesh**")
-        interruptible(lambda: lib.rc_world_ground(self._handle, x, z, radius, error, timeout, out))
+        interruptible(lambda: lib.rc_world_ground(self._handle, x, z, radius, error, timeout, out), lambda: lib.rc_mesh_close(out[0]))
         return take(out[0])
 
-    def camera(self, x: float, y: float, z: float, yaw: float = 0.0, pitch: float = 0.0, *, fov: float = math.radians(60),
-               width: int = 1280, height: int = 720, timeout: float = 10.0) -> Iteration:
-        """Puts this member's camera there, and waits until the mesh held is the server's for that pose.
+    def place(self, x: float, y: float, z: float, yaw: float = 0.0, pitch: float = 0.0, *, fov: float = math.radians(60),
+              width: int = 1280, height: int = 720, state: bytes = b"") -> int:
+        """Says where this member is, and takes what has come for it; never waits. Returns the pose's number.
 
-        yaw 0 looks along -Z and grows to the left; pitch is upwards; fov is vertical.
+        yaw 0 looks along -Z and grows to the left; pitch is upwards; fov is vertical. state: at most 256 bytes for the others.
         """
-        pose = struct("rc_camera", x=x, y=y, z=z, yaw=yaw, pitch=pitch, vertical_fov=fov, width=width, height=height)
+        kept = ffi.new("uint8_t[]", state)
+        pose = struct("rc_camera", x=x, y=y, z=z, yaw=yaw, pitch=pitch, vertical_fov=fov, width=width, height=height, state=kept,
+                      state_size=len(state))
         out = struct("rc_iteration")
         check(lib.rc_world_fly(self._handle, pose, 0, out))
-        number = int(out.pose)
+        while lib.rc_world_receive(self._handle, 0, self._last) == lib.RC_OK:
+            pass
+        return int(out.pose)
+
+    def camera(self, x: float, y: float, z: float, yaw: float = 0.0, pitch: float = 0.0, *, fov: float = math.radians(60),
+               width: int = 1280, height: int = 720, state: bytes = b"", timeout: float = 10.0) -> Iteration:
+        """As `place`, but waits until the mesh held is the server's for that pose."""
+        number = self.place(x, y, z, yaw, pitch, fov=fov, width=width, height=height, state=state)
+        out = self._last
 
         def wait(slice: float) -> None:
-            check(lib.rc_world_receive(self._handle, slice, out))
             while out.pose < number:
                 check(lib.rc_world_receive(self._handle, slice, out))
 
-        _in_slices(wait, timeout)
+        in_slices(wait, timeout)
         return self._iteration(out)
 
     def receive(self, timeout: float = 10.0) -> Iteration:
         """The next iteration for the pose given last: its mesh grows finer until it is settled."""
-        out = struct("rc_iteration")
-        _in_slices(lambda slice: check(lib.rc_world_receive(self._handle, slice, out)), timeout)
-        return self._iteration(out)
+        in_slices(lambda slice: check(lib.rc_world_receive(self._handle, slice, self._last)), timeout)
+        return self._iteration(self._last)
 
     @staticmethod
     def _iteration(out: Any) -> Iteration:
@@ -220,12 +247,8 @@ class World(Questions):
             room = 2 * count[0]
 
     def close(self) -> None:
-        """Leaves the session. Nothing of the world can be used any more, but for meshes and tiles that were taken."""
-        for standing in list(self._standings):
-            standing.close()
-        handle, self._handle, self._terrain = self._handle, ffi.NULL, ffi.NULL
-        if handle != ffi.NULL:
-            ffi.release(handle)
+        """Leaves the session, once no call on another thread is under way and no ground stands on it. Meshes and tiles that were taken stay."""
+        self._open = ffi.NULL
 
     def __enter__(self) -> "World":
         return self
@@ -238,12 +261,12 @@ class World(Questions):
 
 
 def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Optional[str] = None, seed: Optional[int] = None,
-         parameters: Optional[Mapping[str, float]] = None, name: str = "", sensor: bool = False, lockstep: bool = False,
+         parameters: Optional[Mapping[str, float]] = None, name: str = "", sensor: bool = False, follow: bool = False, lockstep: bool = False,
          triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True,
          timeout: float = 10.0) -> World:
     """Enters a session; if there is none and a terrain is named, the server makes it.
 
-    sensor: a member without a picture. lockstep: one iteration for each pose, the same meshes for the same poses. triangles, threshold: of
+    sensor: a member without a picture, as others see it. follow: each step of the clock waits until this member has done it (clock.next). lockstep: one iteration for each pose, the same meshes for the same poses. triangles, threshold: of
     the mesh, at most, and in pixels. reconnect: a lost connection comes back by itself, and calls wait for it within their timeout.
     """
     query: List[str] = []
@@ -253,23 +276,11 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, ter
         query.append(f"terrain={quote(terrain, safe='')}")
     if seed is not None:
         query.append(f"seed={int(seed)}")
-    query += [f"param={quote(key, safe='')}={value!r}" for key, value in (parameters or {}).items()]
+    query += [f"param={quote(key, safe='')}={float(value)!r}" for key, value in (parameters or {}).items()]
     spelt = text(url + ("&" if "?" in url else "?") * bool(query) + "&".join(query))
     words = text(name), text(token), text(ca)
-    options = struct("rc_join_options", name=words[0], token=words[1], ca=words[2], sensor=sensor, lockstep=lockstep,
+    options = struct("rc_join_options", name=words[0], token=words[1], ca=words[2], sensor=sensor, follows=follow, lockstep=lockstep,
                      stays_lost=not reconnect, triangles=triangles, threshold=threshold, timeout=timeout)
     out = ffi.new("rc_world**")
-    interruptible(lambda: lib.rc_join(spelt, options, out))
-    return World(ffi.gc(out[0], lib.rc_world_close))
-
-
-def _in_slices(call: Callable[[float], None], timeout: float) -> None:
-    """A call that may be repeated while it times out, so that Ctrl-C is heard between."""
-    until = _time.monotonic() + timeout
-    while True:
-        left = until - _time.monotonic()
-        try:
-            return call(min(SLICE, max(left, 0.001)))
-        except Timeout:
-            if left <= SLICE:
-                raise
+    interruptible(lambda: lib.rc_join(spelt, options, out), lambda: lib.rc_world_close(out[0]))
+    return World(owned(out[0], lib.rc_world_close))

@@ -10,7 +10,7 @@
 using namespace ridgecast;
 
 int main(int argc, char** argv) try {
-  const auto world = world::World::join(argc > 2 ? argv[1] : "", {.name = "C++", .camera = false}).value();
+  const auto world = world::World::join(argc > 2 ? argv[1] : "", {.name = "C++", .camera = false, .follows = true}).value();
   std::puts("follows");
   std::fflush(stdout);
   for (int step = 0; step < std::atoi(argv[2]); ++step) {

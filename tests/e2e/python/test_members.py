@@ -25,7 +25,7 @@ def compute(world: rc.World, time: float) -> str:
 
 
 def follow(url: str) -> None:
-    with rc.join(url, name="Python", sensor=True) as world:
+    with rc.join(url, name="Python", sensor=True, follow=True) as world:
         print("follows", flush=True)
         for _ in range(STEPS):
             print(compute(world, world.clock.next(timeout=120)), end="", flush=True)

@@ -1,6 +1,8 @@
 """The package as it is installed, against the wheel's own server."""
 
 import json
+import json
+import os
 import signal
 import subprocess
 import sys
@@ -152,7 +154,6 @@ class WorldTest(unittest.TestCase):
             here = world.heights(at)
             self.assertTrue(world.is_local)
         np.testing.assert_array_equal(rc.Terrain("alpine", seed=5).heights(at), here)
-        import json
         with urllib.request.urlopen(self.server.http + "/v1/heights?" + "&".join(f"at={float(x)!r},{float(z)!r}" for x, z in at)) as answer:
             np.testing.assert_array_equal(np.array(json.load(answer)["heights"], np.float32), here)
 
@@ -165,6 +166,9 @@ class WorldTest(unittest.TestCase):
             tile = ground.tiles[3, 3]
             self.assertEqual(tile.heights[4, 4], world.height(100, 100))
             clock = world.clock
+        ground.move([[500, 500]])
+        ground.wait(60)  # the world is left when nothing stands on it
+        ground.close()
         for use in (lambda: world.height(0, 0), lambda: world.members, lambda: ground.move([[0, 0]]), lambda: clock.time, world.receive,
                     world.standing):
             self.assertRaises(rc.Invalid, use)
@@ -218,7 +222,8 @@ class WorldTest(unittest.TestCase):
 
     def test_steps_wait_for_those_who_follow(self) -> None:
         with rc.join(self.server.url, session="steps", terrain="alpine", sensor=True) as owner, \
-                rc.join(self.server.url, session="steps", name="late", sensor=True) as late:
+                rc.join(self.server.url, session="steps", name="late", sensor=True, follow=True) as late, \
+                rc.join(self.server.url, session="steps", name="bystander"):
             owner.clock.set("stepped")
             begin = owner.clock.time
             with self.assertRaisesRegex(TimeoutError, "late|step"):
@@ -235,15 +240,97 @@ class WorldTest(unittest.TestCase):
             np.testing.assert_allclose(times, begin + 0.5 + 0.02 * np.arange(1, 21))
             self.assertRaises(rc.Refused, late.clock.set, "real-time")
 
+    def members(self, session: str) -> int:
+        with urllib.request.urlopen(self.server.http + "/v1/sessions") as answer:
+            found = [s for s in json.load(answer)["sessions"] if s["name"] == session]
+        return int(found[0]["members"]) if found else 0
+
+    def await_members(self, session: str, count: int) -> None:
+        until = time.monotonic() + 60
+        while self.members(session) != count and time.monotonic() < until:
+            time.sleep(0.02)
+        self.assertEqual(self.members(session), count)
+
+    def test_a_world_that_is_forgotten_is_left(self) -> None:
+        worlds = [rc.join(self.server.url, session="forgotten", terrain="alpine", sensor=True) for _ in range(3)]
+        self.await_members("forgotten", 3)
+        clock = worlds[0].clock
+        del worlds
+        self.await_members("forgotten", 0)
+        self.assertRaises(rc.Invalid, lambda: clock.time)
+
+    def test_a_world_is_closed_while_others_wait_in_it(self) -> None:
+        for _ in range(5):
+            world, ends = rc.join(self.server.url, session="closed", terrain="alpine", sensor=True, follow=True), []
+
+            def wait() -> None:
+                try:
+                    world.clock.next(timeout=600)
+                except rc.Error as e:
+                    ends.append(e)
+
+            threads = [threading.Thread(target=wait) for _ in range(3)]
+            for thread in threads:
+                thread.start()
+            time.sleep(0.05)
+            world.close()
+            for thread in threads:
+                thread.join(60)
+            self.assertEqual([type(e) for e in ends], [rc.Invalid] * 3)
+
+    def test_a_forked_process_leaves_the_world_alone(self) -> None:
+        with rc.join(self.server.url, session="forked", terrain="alpine", sensor=True) as world:
+            child = os.fork()
+            if child == 0:
+                try:
+                    world.members
+                except rc.Invalid:
+                    world.close()
+                    os._exit(int(rc.Terrain("alpine").height(1, 2) != rc.Terrain("alpine").height(1, 2)))
+                os._exit(2)
+            self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), 0)
+            self.assertEqual(world.members, [])
+            self.await_members("forked", 1)
+
+    def test_members_say_where_and_how_they_are(self) -> None:
+        with rc.join(self.server.url, session="state", terrain="alpine", sensor=True, name="rover") as rover, \
+                rc.join(self.server.url, session="state", sensor=True) as other:
+            until = time.monotonic() + 60
+            while not (other.members and other.members[0].position) and time.monotonic() < until:
+                rover.place(1e9, 2000, -0.25, state=b"wheels\0\xff")
+                time.sleep(0.02)
+            self.assertEqual(other.members[0].position, (1e9, 2000, -0.25))
+            self.assertEqual(other.members[0].state, b"wheels\0\xff")
+            with self.assertRaises(rc.Invalid):
+                rover.place(0, 0, 0, state=bytes(257))
+
+    def test_a_server_that_stops_for_a_while_is_waited_for(self) -> None:
+        with rc.server("alpine", seed=5) as server, rc.join(server.url, sensor=True) as world:
+            for _ in range(2):
+                before = world.clock.time
+                os.kill(server._process.pid, signal.SIGSTOP)
+                threading.Timer(0.6, lambda: os.kill(server._process.pid, signal.SIGCONT)).start()
+                world.clock.step(1)
+                self.assertGreaterEqual(world.clock.time, before + 1)
+
     def test_a_killed_server_is_told_and_waited_for(self) -> None:
         with rc.server("alpine", seed=5) as first:
             world = rc.join(first.url, timeout=20)
             world.camera(0, 1500, 0)
             port = first.port
-        with self.assertRaises(rc.Lost):
-            world.ground((0, 0), 50, 1, timeout=0.5)
+        for call in (lambda: world.ground((0, 0), 50, 1, timeout=0.5), lambda: world.camera(0, 1500, 0, timeout=0.5),
+                     lambda: world.clock.step(1, timeout=0.5)):
+            began = time.monotonic()
+            with self.assertRaises(rc.Lost):
+                call()
+            self.assertGreater(time.monotonic() - began, 0.4)
         self.assertEqual(len(world.heights([[0, 0]])), 1, "computed here")
-        with rc.server("alpine", seed=5, port=port):
+        back: list = []
+        timer = threading.Timer(1, lambda: back.append(rc.server("alpine", seed=5, port=port)))
+        timer.start()
+        world.camera(0, 1500, 0, timeout=60)
+        timer.join()
+        with back[0]:
             self.assertGreater(len(world.ground((0, 0), 50, 1).triangles), 0)
             world.camera(0, 1500, 0)
             self.assertEqual(world.reconnections, 1)
@@ -252,7 +339,8 @@ class WorldTest(unittest.TestCase):
     def test_ctrl_c_ends_what_waits(self) -> None:
         program = ("import ridgecast as rc, sys\n"
                    "w = rc.join(sys.argv[1], sensor=True); w.clock.set('stepped'); print('waits', flush=True)\n"
-                   "try: rc.join(sys.argv[1], sensor=True).clock.next(timeout=600)\n"
+                   "f = rc.join(sys.argv[1], sensor=True, follow=True)\n"
+                   "try: f.clock.next(timeout=600)\n"
                    "except KeyboardInterrupt: print('interrupted')")
         process = subprocess.Popen([sys.executable, "-c", program, self.server.url + "?session=interrupted&terrain=alpine"],
                                    stdout=subprocess.PIPE, text=True)

@@ -32,7 +32,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"5 minutes without an acknowledgement", {"WhoNeverAcknowledgesIsToldSo"}},
     {"30 s for a member", {"AMemberThatNeverSaysDoneIsPassedOverAndTold"}},
     {"`session-idle`", {"SessionsEndWhenTheyWereEmptyForLongEnough", "SessionsInWhichNobodySaidHelloEndWithinSeconds"}},
-    {"height maps in use", {"TerrainsOfOneMapShareItsSamples"}},
+    {"height maps and their pictures in use", {"TerrainsOfOneMapShareItsSamples"}},
     {"leaves requested again", {"AHundredResendsSendAtMostThreeMeshes", "RepairsOnManyConnectionsOfOneClientHaveOneBudget"}},
     {"open at a time",
      {"OnlySoManyAreOpen", "OnlySoManyAtATimeAndNoneAfterTheEnd", "waitForRoomAndAreBounded", "QueuedStepsAreBoundedAndGoWithTheirOwner",
