@@ -1,7 +1,8 @@
 #pragma once
 // Ground under bodies: tiles of heights around each of them, kept while they move, for physics engines.
 //
-// A tile is a grid of kCells x kCells squares, `spacing` steps wide each; tile (i, j) has its corner of least x and z at i, j times its side.
+// A tile is a grid of kCells x kCells squares, `spacing` steps wide each; the corner of least x and z of tile (i, j) is at i, j times its
+// side.
 // Neighbours share their border's heights, which are the terrain's, bit for bit. Bodies close together share tiles.
 //
 // move() says where the bodies are, once a step. Ground is made ahead of them by a thread of its own, the nearest first, so no step waits:

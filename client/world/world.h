@@ -92,7 +92,8 @@ class World {
   // Takes the clock, where nobody has it, and sets it.
   Result<void> setClock(wire::ClockMode mode, double rate, Milliseconds timeout);
   // Moves a clock that is stepped, or nobody's, by `time`, and waits until every member that follows it has done the step. After
-  // kTimeout the step is still under way: a time of 0 goes on waiting for it. (Another time replaces one that has not left, as after kLost.)
+  // kTimeout the step is still under way: a time of 0 goes on waiting for it. (Another time replaces one that has not left, as after
+  // kLost.)
   Result<void> step(Microseconds time, Milliseconds timeout);
   // Of a member that follows: says that the step returned last is done, waits for the next one and returns the session's time.
   Result<std::uint64_t> nextStep(Milliseconds timeout);

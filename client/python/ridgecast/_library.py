@@ -43,8 +43,8 @@ def check(status: int) -> None:
 
 
 def interruptible(call: Callable[[], Any], undo: Callable[[], Any] = lambda: None) -> None:
-    """Runs a call that may wait on a thread of its own, so that Ctrl-C is heard. Then the call ends by itself, by its timeout, holds what it
-    uses until then, and `undo` drops what it made."""
+    """Runs a call that may wait on a thread of its own, so that Ctrl-C is heard. Then the call ends by itself, by its timeout, holds what
+    it uses until then, and `undo` drops what it made."""
     if threading.current_thread() is not threading.main_thread():
         return check(call())
     failure: "list[BaseException]" = []

@@ -247,7 +247,8 @@ class World(Questions):
             room = 2 * count[0]
 
     def close(self) -> None:
-        """Leaves the session, once no call on another thread is under way and no ground stands on it. Meshes and tiles that were taken stay."""
+        """Leaves the session, once no call on another thread is under way and no ground stands on it. Meshes and tiles that were taken
+        stay."""
         self._open = ffi.NULL
 
     def __enter__(self) -> "World":
@@ -261,12 +262,13 @@ class World(Questions):
 
 
 def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Optional[str] = None, seed: Optional[int] = None,
-         parameters: Optional[Mapping[str, float]] = None, name: str = "", sensor: bool = False, follow: bool = False, lockstep: bool = False,
-         triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True,
+         parameters: Optional[Mapping[str, float]] = None, name: str = "", sensor: bool = False, follow: bool = False,
+         lockstep: bool = False, triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True,
          timeout: float = 10.0) -> World:
     """Enters a session; if there is none and a terrain is named, the server makes it.
 
-    sensor: a member without a picture, as others see it. follow: each step of the clock waits until this member has done it (clock.next). lockstep: one iteration for each pose, the same meshes for the same poses. triangles, threshold: of
+    sensor: a member without a picture, as others see it. follow: each step of the clock waits until this member has done it (clock.next).
+    lockstep: one iteration for each pose, the same meshes for the same poses. triangles, threshold: of
     the mesh, at most, and in pixels. reconnect: a lost connection comes back by itself, and calls wait for it within their timeout.
     """
     query: List[str] = []
