@@ -262,14 +262,15 @@ class World(Questions):
 
 
 def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Optional[str] = None, seed: Optional[int] = None,
-         parameters: Optional[Mapping[str, float]] = None, name: str = "", sensor: bool = False, follow: bool = False,
-         lockstep: bool = False, triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True,
-         timeout: float = 10.0) -> World:
+         parameters: Optional[Mapping[str, float]] = None, clock: Optional[str] = None, name: str = "", sensor: bool = False,
+         follow: bool = False, lockstep: bool = False, triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None,
+         ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0) -> World:
     """Enters a session; if there is none and a terrain is named, the server makes it.
 
-    sensor: a member without a picture, as others see it. follow: each step of the clock waits until this member has done it (clock.next).
-    lockstep: one iteration for each pose, the same meshes for the same poses. triangles, threshold: of
-    the mesh, at most, and in pixels. reconnect: a lost connection comes back by itself, and calls wait for it within their timeout.
+    clock: "stepped", and a session that is made begins at 0 and waits for its first step. sensor: a member without a picture, as others
+    see it. follow: each step of the clock waits until this member has done it (clock.next). lockstep: one iteration for each pose, the
+    same meshes for the same poses. triangles, threshold: of the mesh, at most, and in pixels. reconnect: a lost connection comes back by
+    itself, and calls wait for it within their timeout.
     """
     query: List[str] = []
     if session is not None:
@@ -279,6 +280,8 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, ter
     if seed is not None:
         query.append(f"seed={int(seed)}")
     query += [f"param={quote(key, safe='')}={float(value)!r}" for key, value in (parameters or {}).items()]
+    if clock is not None:
+        query.append(f"clock={quote(clock, safe='')}")
     spelt = text(url + ("&" if "?" in url else "?") * bool(query) + "&".join(query))
     words = text(name), text(token), text(ca)
     options = struct("rc_join_options", name=words[0], token=words[1], ca=words[2], sensor=sensor, follows=follow, lockstep=lockstep,

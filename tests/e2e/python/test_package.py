@@ -220,6 +220,14 @@ class WorldTest(unittest.TestCase):
 
         self.assertEqual(fly(), fly())
 
+    def test_a_session_may_begin_stepped(self) -> None:
+        with rc.join(self.server.url, session="still", terrain="alpine", clock="stepped", sensor=True) as world:
+            time.sleep(0.05)
+            self.assertEqual((world.clock.mode, world.clock.time), ("stepped", 0))
+            world.clock.step(0.25)
+            self.assertEqual(world.clock.time, 0.25)
+            self.assertRaises(rc.Refused, rc.join, self.server.url, session="still", terrain="alpine", clock="real-time")
+
     def test_steps_wait_for_those_who_follow(self) -> None:
         with rc.join(self.server.url, session="steps", terrain="alpine", sensor=True) as owner, \
                 rc.join(self.server.url, session="steps", name="late", sensor=True, follow=True) as late, \
