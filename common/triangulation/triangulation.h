@@ -179,6 +179,7 @@ class Triangulation {
   Change insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made = nullptr);
   // Brings what will be read into the cache, for who knows which triangles come next: the record; and, once that is there, what it names.
   void prefetch(TriangleId t) const { __builtin_prefetch(&triangleRecords_[t]); }
+  void prefetchVertex(VertexId v) const { __builtin_prefetch(&vertexRecords_[v]); }
   void prefetchCorners(TriangleId t) const {
     for (VertexId v : triangleRecords_[t].v) __builtin_prefetch(&vertexRecords_[v]);
   }

@@ -110,7 +110,7 @@ class AdaptiveMesh {
   // Both come soon: what they read first is brought into the cache.
   void prefetch(const Work& work) const {
     for (const Pending& wanted : work.pending) mesh_.prefetch(wanted.triangle);
-    for (VertexId v : work.removable) mesh_.prefetch(mesh_.edgeOf(v) >> 2);
+    for (VertexId v : work.removable) mesh_.prefetchVertex(v);  // not read: others may write it meanwhile
   }
   void insertDeferred(RegionId region, const View& view, Work& work);
   // Chooses the candidates of the region's fresh triangles, and hashes them. `view`: of the last findWork(); without it, all pages with

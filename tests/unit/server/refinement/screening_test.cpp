@@ -89,6 +89,32 @@ TEST(Screening, AFormerRegionsBoundsAreForgotten) {
   EXPECT_EQ(clean.mesh.nextRegionCheck(region).travel, used.mesh.nextRegionCheck(used.square.region).travel);
 }
 
+// The hash is that of the triangles, whatever the pages held before: records that were moved beside new ones, into a page that had been
+// another region's, once left the former sum there.
+TEST(Screening, HashesWhatThereIsAfterAnyChange) {
+  World world;
+  AdaptiveMesh& mesh = world.mesh;
+  const auto& t = mesh.triangulation();
+  const RegionId region = world.square.region;
+  std::mt19937 rng(11);
+  TriangleId hint = t.anyTriangle();
+  for (int round = 0; round < 60; ++round) {
+    std::vector<triangulation::VertexId> vertices;
+    t.vertexPages().forEach(region, [&](triangulation::VertexId v) { vertices.push_back(v); });
+    std::shuffle(vertices.begin(), vertices.end(), rng);
+    vertices.resize(std::min<std::size_t>(vertices.size(), 300 * (round % 2)));
+    for (triangulation::VertexId v : vertices) mesh.drop(v);
+    hint = t.anyTriangle();
+    for (int n = 0; n < 150; ++n) {
+      const lattice::Point at{static_cast<std::int32_t>(rng() % kSide), static_cast<std::int32_t>(rng() % kSide)};
+      mesh.insertGrid(std::vector{GridPoint{at, world.terrain->heightStep(at)}}, hint);
+    }
+    mesh.compact(region);
+    mesh.evaluateFresh(region, nullptr);
+    ASSERT_EQ(mesh.hash(region), mesh::hashLeaf(mesh.extract(region, {5, 0, 0}))) << "round " << round;
+  }
+}
+
 // The bounds skip no candidate that is wanted: all along a way the same ones are found as where nothing is remembered.
 TEST(Screening, SkipsNothingThatIsWanted) {
   World remembers, forgets;
