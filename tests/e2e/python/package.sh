@@ -14,10 +14,12 @@ trap 'rm -rf "$scratch"' EXIT
 cd "$scratch"
 PYTHONWARNINGS=error venv/bin/python "$source/tests/e2e/python/test_package.py"
 venv/bin/python "$source/tests/e2e/python/test_members.py" "$build/bin/python_member"
+PYTHONWARNINGS=error PYTHONPATH=$source/client/python/examples PYTHONDONTWRITEBYTECODE=1 venv/bin/python "$source/tests/e2e/python/test_drones.py"
+venv/bin/python "$source/client/python/examples/drones.py" 200
 if "$python" -c 'import matplotlib' 2>/dev/null; then
   mkdir pictures
   venv/bin/python "$source/tests/e2e/python/run_notebook.py" "$source/client/python/notebook.md" pictures
 fi
 if command -v mypy >/dev/null; then
-  (cd "$scratch/venv/lib"/python3*/site-packages && mypy --strict --ignore-missing-imports --cache-dir "$scratch/mypy" ridgecast)
+  (cd "$scratch/venv/lib"/python3*/site-packages && mypy --strict --ignore-missing-imports --cache-dir "$scratch/mypy" ridgecast "$source/client/python/examples/drones.py")
 fi
