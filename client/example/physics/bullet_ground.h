@@ -1,0 +1,129 @@
+// The ground under the bodies of a Bullet world, from Ridgecast. Each tile is a btHeightfieldTerrainShape over the library's own heights,
+// without a copy. Bullet's coordinates are metres from (x(), z()), y absolute; that origin follows the bodies, so that floats stay exact
+// wherever they go.
+#pragma once
+#include <BulletCollision/CollisionShapes/btHeightfieldTerrainShape.h>
+#include <btBulletDynamicsCommon.h>
+#include <ridgecast.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+class BulletGround {
+ public:
+  // Metres: where the origin is first, between heights, of ground around each body. `world` and `terrain` must outlive it.
+  BulletGround(btDiscreteDynamicsWorld& world, rc_terrain* terrain, double x, double z, double spacing, double radius)
+      : world_(world), x_(std::round(x)), z_(std::round(z)) {
+    rc_standing_options options{};
+    options.size = sizeof options;
+    options.spacing = spacing;
+    options.radius = radius;
+    check(rc_standing_open(terrain, &options, &standing_));
+  }
+  ~BulletGround() {
+    for (auto& [key, tile] : tiles_) world_.removeCollisionObject(&tile.object);
+    rc_standing_close(standing_);
+  }
+  BulletGround(const BulletGround&) = delete;
+  BulletGround& operator=(const BulletGround&) = delete;
+
+  double x() const { return x_; }
+  double z() const { return z_; }
+  std::size_t tiles() const { return tiles_.size(); }
+  // The tile below a place of the terrain; null: not made yet.
+  const rc_tile* tile(double x, double z) const {
+    if (tiles_.empty()) return nullptr;
+    const double side = kCells * tiles_.begin()->second.ground.spacing;
+    const auto at = tiles_.find({std::llround(std::floor(x / side)), std::llround(std::floor(z / side))});
+    return at == tiles_.end() ? nullptr : &at->second.ground;
+  }
+
+  // Before each step. Never waits: the ground ahead of the bodies is made by another thread.
+  void follow() {
+    const auto& bodies = world_.getNonStaticRigidBodies();
+    btVector3 middle(0, 0, 0);
+    for (int k = 0; k < bodies.size(); ++k) middle += bodies[k]->getWorldTransform().getOrigin() / btScalar(bodies.size());
+    if (std::hypot(middle.x(), middle.z()) > 512) moveOrigin(std::round(middle.x()), std::round(middle.z()));
+    places_.clear();
+    for (int k = 0; k < bodies.size(); ++k) {
+      places_.push_back(x_ + bodies[k]->getWorldTransform().getOrigin().x());
+      places_.push_back(z_ + bodies[k]->getWorldTransform().getOrigin().z());
+    }
+    check(rc_standing_move(standing_, places_.data(), places_.size() / 2));
+    take();
+  }
+  // Until the ground around all bodies is there. Called before each step, it makes runs repeat, bit for bit.
+  void wait() {
+    check(rc_standing_wait(standing_, 60));
+    take();
+  }
+
+ private:
+  static constexpr int kCells = 32;
+  struct Tile {
+    explicit Tile(const rc_tile& t) : ground(t), shape(kCells + 1, kCells + 1, t.heights, t.lowest, t.highest, 1, false) {
+      shape.setLocalScaling({btScalar(t.spacing), 1, btScalar(t.spacing)});
+      object.setCollisionShape(&shape);
+    }
+    // Bullet's origin of a height field is the middle of its box.
+    void place(double x, double z) {
+      const double half = kCells / 2 * ground.spacing;
+      object.getWorldTransform().setOrigin(
+          {btScalar(ground.x + half - x), btScalar(0.5) * (ground.lowest + ground.highest), btScalar(ground.z + half - z)});
+    }
+    rc_tile ground;
+    btHeightfieldTerrainShape shape;
+    btCollisionObject object;
+  };
+
+  static void check(rc_status status) {
+    if (status != RC_OK) throw std::runtime_error(rc_message());
+  }
+
+  void take() {
+    rc_tile changed[64]{};
+    changed[0].size = sizeof changed[0];
+    std::size_t count = 0;
+    do {
+      check(rc_standing_changes(standing_, changed, 64, &count));
+      for (std::size_t k = 0; k < std::min<std::size_t>(count, 64); ++k) {
+        const std::pair key{changed[k].i, changed[k].j};
+        if (changed[k].gone) {
+          world_.removeCollisionObject(&tiles_.at(key).object);
+          tiles_.erase(key);
+        } else {
+          Tile& tile = tiles_.try_emplace(key, changed[k]).first->second;
+          tile.place(x_, z_);
+          world_.addCollisionObject(&tile.object, btBroadphaseProxy::StaticFilter,
+                                    btBroadphaseProxy::AllFilter ^ btBroadphaseProxy::StaticFilter);
+        }
+      }
+    } while (count > 64);
+  }
+
+  void moveOrigin(double dx, double dz) {
+    x_ += dx;
+    z_ += dz;
+    const btVector3 back(btScalar(-dx), 0, btScalar(-dz));
+    for (auto& [key, tile] : tiles_) tile.place(x_, z_);
+    for (int k = 0; k < world_.getNonStaticRigidBodies().size(); ++k) {
+      btRigidBody& body = *world_.getNonStaticRigidBodies()[k];
+      body.getWorldTransform().getOrigin() += back;
+      btTransform before = body.getInterpolationWorldTransform();
+      before.getOrigin() += back;
+      body.setInterpolationWorldTransform(before);
+    }
+    world_.updateAabbs();
+  }
+
+  btDiscreteDynamicsWorld& world_;
+  rc_standing* standing_ = nullptr;
+  double x_, z_;
+  std::map<std::pair<std::int64_t, std::int64_t>, Tile> tiles_;
+  std::vector<double> places_;
+};
