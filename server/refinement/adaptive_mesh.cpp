@@ -112,7 +112,8 @@ void AdaptiveMesh::moveTriangles(std::span<const Move> moves) {
   forEachPage(pages, moves, [&](std::uint32_t number, std::span<const Move> run) {
     Mask slots = 0;
     for (const Move& move : run) slots |= Mask{1} << pages.indexOf(move.to);
-    if (pages.aliveMask(number) == slots) beginScreen(number, -1);
+    const Mask evaluated = pages.aliveMask(number) & ~pages.freshMask(number);
+    if ((evaluated & ~slots) == 0) beginScreen(number, -1);  // new ones beside them have not been looked at
     for (const auto& [from, to] : run) {
       Candidate c = candidate(from);
       c.error = std::abs(c.error);  // a candidate that moves is not dormant

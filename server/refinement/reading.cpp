@@ -18,6 +18,7 @@ std::uint64_t AdaptiveMesh::hash(RegionId region) {
   for (std::uint32_t number : pages.pagesOf(region)) {
     PageScreen& page = screens_[number];
     const Mask alive = pages.aliveMask(number);
+    if (alive == 0) beginScreen(number, page.travel);  // opened, and not used yet: what is there is another region's
     pages.forEachIn(number, page.hashed & ~alive, [&](TriangleId t) { page.hash -= hashes_[t]; });
     page.hashed &= alive;
     sum += page.hash;
