@@ -118,7 +118,7 @@ rc_status rc_terrain_normals(rc_terrain* terrain, const double* places, size_t c
     if (!(spacing == 0 || (spacing >= lattice::kMetresPerStep && spacing <= 256)))
       return fail(RC_INVALID, "a normal's spacing is 1/256 to 256 metres, or 0 for 1/16");
     const std::uint32_t steps =
-        spacing == 0 ? ground::kDefaultSpacing : static_cast<std::uint32_t>(spacing * lattice::kStepsPerMetre + 0.5);
+        spacing == 0 ? ground::kDefaultSpacing : static_cast<std::uint32_t>(std::lround(spacing * lattice::kStepsPerMetre));
     return eachPart(*terrain, places, count, [&](auto x, auto z, std::size_t first) {
       const std::span out(normals + 3 * first, 3 * x.size());
       return answer(
