@@ -28,7 +28,8 @@ struct Place {
     world.setGravity({0, -9.81f, 0});
     for (int k = 0; k < kBodies; ++k) {
       btCollisionShape& shape = k % 2 ? sphere : box;
-      const double at[] = {ground.x() + 3 * (k % 3), ground.z() + 3 * (k / 3)};
+      const int column = k % 3, row = k / 3;
+      const double at[] = {ground.x() + 3 * column, ground.z() + 3 * row};
       float height;
       if (rc_terrain_heights(terrain, at, 1, &height) != RC_OK) throw std::runtime_error(rc_message());
       btVector3 inertia;

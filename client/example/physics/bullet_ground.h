@@ -72,7 +72,7 @@ class BulletGround {
     }
     // Bullet's origin of a height field is the middle of its box.
     void place(double x, double z) {
-      const double half = kCells / 2 * ground.spacing;
+      const double half = 0.5 * kCells * ground.spacing;
       object.getWorldTransform().setOrigin(
           {btScalar(ground.x + half - x), btScalar(0.5) * (ground.lowest + ground.highest), btScalar(ground.z + half - z)});
     }
