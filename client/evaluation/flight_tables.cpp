@@ -133,7 +133,7 @@ Table stages(const std::vector<Flights>& settings) {
   for (const Stage& stage : kStages)
     columns.push_back({stage.name, "%.2f", [&stage](const Flight& f) { return share(each(f, stage.ms), 0.5); }});
   for (const auto& [title, part] : {std::pair("all", 0.5), std::pair("p99", 0.99)})
-    columns.push_back({title, "%.1f", [part](const Flight& f) { return share(each(f, ofStages), part); }});
+    columns.push_back({title, "%.1f", [part = part](const Flight& f) { return share(each(f, ofStages), part); }});
   return tableOf(
       "stages", "Time of each stage",
       "Milliseconds of an iteration: medians, and the 99th percentile of the total. Apply is the client's decoding and applying.", settings,

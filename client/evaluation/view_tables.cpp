@@ -116,7 +116,7 @@ Table missing(const std::vector<Json>& views) {
                                    {"geometry", "geometry"},
                                    {"shading", "shading"},
                                    {"marcher", "marcher"}})
-    columns.push_back({title, [key](const Json&, const Json& mesh) { return cell("%.4f", number(mesh.at("missing"), key)); }});
+    columns.push_back({title, [key = key](const Json&, const Json& mesh) { return cell("%.4f", number(mesh.at("missing"), key)); }});
   columns.push_back({"windows at silhouettes", [](const Json&, const Json& mesh) {
                        return cell("%.1f %%", 100 * number(mesh.at("missing"), "silhouette_windows"));
                      }});

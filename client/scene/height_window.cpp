@@ -64,7 +64,7 @@ Outcome<void> HeightWindow::put(const wire::HeightTile& tile) {
   if (!decoded) return decoded.error();
   if (!tile.colours.empty() && tile.colours.size() != terrain::kTileColourBytes)
     return Error{"a tile's colours are not as many as its samples"};
-  tiles_[tile.address] = std::make_unique<Held>(*decoded, tile.colours);
+  tiles_[tile.address] = std::make_unique<Held>(Held{*decoded, tile.colours});
   ++version_;
   while (tiles_.size() > kMaxTilesHeld)
     tiles_.erase(std::max_element(tiles_.begin(), tiles_.end(), [this](const auto& a, const auto& b) {

@@ -52,7 +52,7 @@ inline bool insideWhenCocircular(const Point2& a, const Point2& b, const Point2&
 inline bool inCircle(const Point2& a, const Point2& b, const Point2& c, const Point2& d) {
   const std::int32_t bp = b.z - a.z, bq = b.x - a.x, cp = c.z - a.z, cq = c.x - a.x, dp = d.z - a.z, dq = d.x - a.x;
   constexpr std::int32_t kWide = 1 << 25;
-  const auto wide = [](std::int32_t v) { return static_cast<std::uint32_t>(v + kWide) >= 2u * kWide; };
+  const auto wide = [](std::int32_t v) { return int{static_cast<std::uint32_t>(v + kWide) >= 2u * kWide}; };
   if (!(wide(bp) | wide(bq) | wide(cp) | wide(cq) | wide(dp) | wide(dq))) {
     const double bpd = bp, bqd = bq, cpd = cp, cqd = cq, dpd = dp, dqd = dq;
     const double A = bpd * dqd - bqd * dpd, B = dpd * (dpd - bpd) + dqd * (dqd - bqd);
