@@ -99,6 +99,7 @@ struct Connection::Impl final : WebSocket::Listener {
       return "says: " + oneLine(error->message);
     }
     bytes_ += bytes;
+    if (std::holds_alternative<wire::UnknownKind>(message)) return std::nullopt;
     auto* const world = std::get_if<wire::World>(&message);
     if (!world && !hasWorld_)
       return std::holds_alternative<wire::Iteration>(message) ? "sent an iteration before its world"

@@ -240,6 +240,8 @@ struct Granted {
   Settings settings;
 };
 
-using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles, Granted>;
+struct UnknownKind {};  // of a later revision: to be ignored
+
+using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles, Granted, UnknownKind>;
 
 }  // namespace ridgecast::wire

@@ -2,6 +2,8 @@
 
 #include <google/protobuf/stubs/logging.h>
 
+#include <type_traits>
+
 #include "common/wire/tables.h"
 
 namespace ridgecast::wire {
@@ -26,8 +28,10 @@ Outcome<V> decodeAs(std::span<const std::uint8_t> bytes, std::size_t most) {
   P in;
   const bool wellFormed = scan<V, P>(bytes, counts, refusal) && in.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()));
   if (!refusal.empty()) return Error{refusal};
-  if (!wellFormed || in.kind_case() == P::KIND_NOT_SET)
-    return Error{"The bytes are not a message of protocol version 1 (see PROTOCOL.md)."};
+  const bool known = in.kind_case() != P::KIND_NOT_SET;
+  if constexpr (std::is_constructible_v<V, UnknownKind>)
+    if (wellFormed && !known && !bytes.empty()) return V(UnknownKind{});
+  if (!wellFormed || !known) return Error{"The bytes are not a message of protocol version 1 (see PROTOCOL.md)."};
   V out;
   read(out, in, refusal);
   if (!refusal.empty()) return Error{refusal};

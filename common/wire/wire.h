@@ -62,7 +62,7 @@ std::string refusalOf(const AskGround& ask);
 // A query whose rays are out of range is no error: its `refusal` says so, and the connection lives.
 // A hello of another protocol version is no error: it is returned with its version and name alone, so that it can be answered.
 Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes);
-// The same for a world of another protocol version.
+// The same for a world of another protocol version. A message of a kind that is not known is an UnknownKind.
 Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes);
 
 }  // namespace ridgecast::wire

@@ -96,6 +96,8 @@ void expectEqual(const Settings& a, const Settings& b) {
   EXPECT_EQ(a.colourError, b.colourError);
 }
 
+const std::string kLaterKind("\x92\x7d\x02hi", 5);  // field 2002
+
 TEST(Wire, HelloSurvives) {
   const Hello in = anyHello(), out = roundTrip(in);
   EXPECT_EQ(out.protocolVersion, kProtocolVersion);
@@ -218,6 +220,13 @@ TEST(Wire, UnknownFieldsAreIgnored) {
   std::string bytes = encode(ClientMessage(anyHello()));
   bytes += std::string("\xa2\x06\x03new", 6);  // field 100
   EXPECT_TRUE(decodeClient(bytesOf(bytes)));
+}
+
+TEST(Wire, AKindOfALaterRevisionIsToldFromNothing) {
+  const auto later = decodeServer(bytesOf(kLaterKind));
+  ASSERT_TRUE(later);
+  EXPECT_TRUE(std::holds_alternative<UnknownKind>(*later));
+  EXPECT_FALSE(decodeClient(bytesOf(kLaterKind))) << "a server knows what it is asked, or says that it does not";
 }
 
 TEST(Wire, AnotherVersionIsAnsweredNotRefused) {
@@ -459,7 +468,8 @@ TEST(WireRefuses, TruncatedAndDamagedMessages) {
   for (const ServerMessage& m :
        {ServerMessage(anyWorld()), ServerMessage(anyIteration()), ServerMessage(ErrorMessage{ErrorCode::kLimit, "too much"})})
     expectTruncationsRefused(
-        encode(m), [](auto bytes) { return decodeServer(bytes); }, [](const ServerMessage& d) { return encode(d); });
+        encode(m), [](auto bytes) { return decodeServer(bytes); },
+        [](const ServerMessage& d) { return std::holds_alternative<UnknownKind>(d) ? kLaterKind : encode(d); });
 }
 
 TEST(SessionNames, AreShortAndPlain) {
