@@ -94,3 +94,31 @@ for (const terrain of ['alpine', 'canyon'])
       checkHashes(mended);
     });
   });
+
+// FLIGHTS=200 STEPS=100: more of them, and longer ones.
+test('random flights have the hashes that the server says', async (t) => {
+  const flights = Number(process.env.FLIGHTS ?? 6), steps = Number(process.env.STEPS ?? 30);
+  let state = 1;
+  const random = (least: number, most: number): number => {
+    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+    return least + (most - least) * (state / 2 ** 32);
+  };
+  const terrains = ['alpine', 'canyon', 'archipelago'];
+  const servers = await Promise.all(terrains.map((terrain) => Server.start(['--terrain', terrain, '--seed', '5'])));
+  t.after(() => Promise.all(servers.map((server) => server.stop())));
+  const { draco, points } = await parts();
+  for (let n = 0; n < flights; ++n) {
+    const reach = 2 ** random(0, 49), speed = 2 ** random(4, 16), height = 2 ** random(10, 13), turn = random(-0.1, 0.1), yaw = random(-3, 3), pitch = random(-1.4, 0.3);
+    const start = [Math.round(random(-reach, reach)), Math.round(random(-reach, reach))] as const;
+    let [x, z] = start;
+    const cameras = Array.from({ length: steps }, (_, k): Camera => {
+      const heading = yaw + k * turn;
+      x -= Math.round(speed * Math.sin(heading));
+      z -= Math.round(speed * Math.cos(heading));
+      return { x, z, y: height, yaw: heading, pitch, verticalFov: 1.0472, width: 640, height: 360 };
+    });
+    const replica = new Replica(draco, points), { triangles } = await fly(servers[n % 3]!, replica, cameras);
+    checkHashes(replica);
+    t.diagnostic(`${terrains[n % 3]} at ${start}: ${triangles} triangles came, ${replica.scene.triangles} are held`);
+  }
+});
