@@ -24,16 +24,21 @@ class SimulatedTimer final : public session::Timer {
 
   // Runs what is due on the way, in order.
   void advance(Time::duration by) {
-    std::unique_lock lock(mutex_);
-    const Time end = now_ + by;
-    while (!calls_.empty() && calls_.begin()->first <= end) {
-      const auto next = calls_.extract(calls_.begin());
-      now_ = std::max(now_, next.key());
-      lock.unlock();
-      next.mapped()();
-      lock.lock();
+    for (const Time end = now() + by; step(end);) {
     }
-    now_ = end;
+  }
+  // Moves to the next call that is due by `end`, and runs it. False: there was none, and it is `end`.
+  bool step(Time end) {
+    std::unique_lock lock(mutex_);
+    if (calls_.empty() || calls_.begin()->first > end) {
+      now_ = std::max(now_, end);
+      return false;
+    }
+    const auto next = calls_.extract(calls_.begin());
+    now_ = std::max(now_, next.key());
+    lock.unlock();
+    next.mapped()();
+    return true;
   }
   std::size_t pending() const {
     const std::lock_guard lock(mutex_);

@@ -1,0 +1,64 @@
+#pragma once
+// One connection between a member and its camera on the server, without a network: messages as bytes, in order, each way with a delay; to
+// the client no faster than its bandwidth, the rest being queued on the server. It may be cut: what is under way is lost, and the server
+// hears of it later.
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "common/wire/wire.h"
+#include "server/session/camera_session.h"
+#include "tests/support/simulated_timer.h"
+
+namespace ridgecast::simulation {
+
+using testing_support::SimulatedTimer;
+using Time = session::Timer::Time;
+using Duration = Time::duration;
+
+class Line final : public session::Sender, public std::enable_shared_from_this<Line> {
+ public:
+  struct Way {
+    Duration delay{};             // each way
+    double bytesPerSecond = 1e9;  // to the client
+  };
+  // Called on the simulation's thread.
+  using Take = std::function<void(wire::ServerMessage)>;
+
+  // `maxQueuedBytes`: the server's.
+  Line(const SimulatedTimer& timer, Way way, std::size_t maxQueuedBytes, Take take)
+      : timer_(timer), way_(way), maxQueuedBytes_(maxQueuedBytes), take_(std::move(take)) {}
+
+  void attach(std::shared_ptr<session::CameraSession> camera) { camera_ = std::move(camera); }
+
+  // The member's end.
+  void say(const wire::ClientMessage& message);
+  // `unheard`: how long the server takes the line for open.
+  void cut(Duration unheard);
+  bool isCut() const { return cut_; }
+
+  // The server's end; any thread.
+  void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
+  std::size_t queuedBytes() const override;
+  void fail(wire::ErrorMessage message) override { send(std::move(message), {}); }
+
+ private:
+  const SimulatedTimer& timer_;
+  const Way way_;
+  const std::size_t maxQueuedBytes_;
+  const Take take_;
+  std::shared_ptr<session::CameraSession> camera_;
+  Time said_{};  // when the last of the member's messages arrives
+  mutable std::mutex mutex_;
+  Time left_{};  // when the last of the server's messages leaves
+  std::size_t queued_ = 0;
+  std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave
+  bool cut_ = false;
+};
+
+}  // namespace ridgecast::simulation

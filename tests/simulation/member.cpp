@@ -1,0 +1,190 @@
+#include "tests/simulation/member.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <utility>
+
+namespace ridgecast::simulation {
+
+using namespace std::chrono_literals;
+
+Member::Member(std::string name, session::Directory& directory, SimulatedTimer& timer, Random& random, const Nature& nature)
+    : name_(std::move(name)), directory_(directory), timer_(timer), random_(random), nature_(nature) {
+  camera_.pose.x = static_cast<lattice::Step>(random_() % 2'000'000);
+  camera_.pose.z = static_cast<lattice::Step>(random_() % 2'000'000);
+  camera_.pose.y = 2500;
+  camera_.pose.pitch = -0.4;
+  camera_.projection = {.verticalFov = 1.0, .width = 160, .height = 90};
+  heading_ = static_cast<double>(random_() % 628) / 100;
+}
+
+// ---- the line ----
+
+void Member::connect() {
+  const auto session = directory_.find(session::kDefaultName);
+  auto place = session->enter();
+  if (!place) return;  // the server takes its own time to notice lines that are lost
+  line_ = std::make_shared<Line>(timer_, nature_.way, directory_.resources().limits.maxQueuedBytes,
+                                 [this, number = ++connections_](wire::ServerMessage message) {
+                                   if (line_ && number == connections_) std::visit([this](auto& m) { take(m); }, message);
+                                 });
+  line_->attach(std::make_shared<session::CameraSession>(session, std::move(*place), directory_.nextCameraId(), line_));
+  line_->say(nature_.hello);
+}
+
+void Member::lose(Duration unheard) {
+  if (!line_) return;
+  line_->cut(unheard);
+  line_.reset();
+  world_.reset();
+  roster_ = {};
+  clock_ = {};
+  lastNumber_ = undigested_ = lastStepDone_ = stepAsked_ = 0;
+  lastPose_ = sequence_;
+  settled_ = false;
+  asked_.clear();
+}
+
+void Member::leave(Duration unheard) {
+  lose(unheard);
+  follower_ = {};
+  followed_ = false;
+}
+
+// ---- what it does ----
+
+void Member::pose() {
+  settled_ = false;
+  line_->say(wire::PoseMessage{++sequence_, camera_, {}});
+}
+
+void Member::fly(double metres) {
+  if (!connected()) return;
+  if (isLockstep() && sequence_ - lastPose_ >= 8) return;  // as a client does that waits for its iterations
+  heading_ += static_cast<double>(random_() % 100) / 500 - 0.1;
+  camera_.pose.yaw = heading_;
+  camera_.pose.x -= static_cast<lattice::Step>(metres * std::sin(heading_) * lattice::kStepsPerMetre);
+  camera_.pose.z -= static_cast<lattice::Step>(metres * std::cos(heading_) * lattice::kStepsPerMetre);
+  pose();
+}
+
+void Member::insist() {
+  if (connected() && isLockstep() && lastPose_ == sequence_ && undigested_ == 0) pose();
+}
+
+void Member::ask() {
+  if (!connected() || asked_.size() >= wire::kMaxQueries) return;
+  wire::Query query;
+  query.id = ++questions_;
+  for (std::uint64_t n = random_() % 200; n > 0; --n) {
+    query.x.push_back(static_cast<lattice::Step>(random_() % 10'000'000));
+    query.z.push_back(static_cast<lattice::Step>(random_() % 10'000'000));
+  }
+  asked_[query.id] = query;
+  line_->say(query);
+}
+
+void Member::takeClock() {
+  if (connected() && nature_.hello.clock) line_->say(wire::SetClock{true, wire::ClockMode::kStepped, 0});
+}
+
+// The next step, when the last one is done.
+void Member::step() {
+  if (!connected() || !nature_.hello.clock) return;
+  const wire::Clock& said = clock_.said();
+  if (said.owner != world_->camera || said.mode != wire::ClockMode::kStepped || !said.waitsFor.empty() || stepAsked_ > said.step) return;
+  stepAsked_ = said.step + 1;
+  line_->say(wire::ClockStep{20'000, true});
+}
+
+void Member::setThreshold(double pixels) {
+  if (!connected()) return;
+  settled_ = false;
+  threshold_ = 0;
+  wire::Settings settings = nature_.hello.settings;
+  settings.threshold = pixels;
+  line_->say(wire::ChangeSettings{settings});
+}
+
+// ---- what it sees ----
+
+void Member::take(wire::World& world) {
+  ASSERT_FALSE(world_) << name_ << ": two worlds";
+  if (!std::exchange(followed_, true)) follower_.follow({nature_.hello.points, world.shadedVertices, world.settings.triangleBudget});
+  world_ = world;
+  threshold_ = world.settings.threshold;
+  for (const wire::Resume& held : follower_.resume()) line_->say(held);
+  pose();
+}
+
+void Member::take(wire::Iteration& iteration) {
+  ASSERT_TRUE(world_) << name_;
+  EXPECT_EQ(iteration.number, ++lastNumber_) << name_;
+  EXPECT_LE(++undigested_, world_->window) << name_ << ": more iterations than its window";
+  EXPECT_LE(iteration.poseSequence, sequence_) << name_;
+  if (isLockstep())
+    EXPECT_EQ(iteration.poseSequence, lastPose_ + 1) << name_ << ": not one iteration for each pose";
+  else
+    EXPECT_GE(iteration.poseSequence, lastPose_) << name_;
+  lastPose_ = iteration.poseSequence;
+  timer_.at(timer_.now() + nature_.think, [this, iteration, number = connections_] {
+    if (line_ && number == connections_) digest(iteration);
+  });
+}
+
+void Member::digest(const wire::Iteration& iteration) {
+  --undigested_;
+  const replica::Follower::Answer answer = follower_.apply(iteration);
+  EXPECT_FALSE(answer.wrong) << name_ << ": " << answer.wrong->message;
+  if (answer.resend) line_->say(*answer.resend);
+  line_->say(answer.acknowledge);
+  settled_ = iteration.settled && iteration.poseSequence == sequence_;
+  saw(iteration.meshHash);
+}
+
+void Member::take(const wire::Members& news) {
+  EXPECT_TRUE(nature_.hello.members) << name_;
+  const auto applied = roster_.apply(news, timer_.now());
+  EXPECT_TRUE(applied) << name_ << ": " << applied.error().message;
+  EXPECT_FALSE(roster_.others().contains(world_->camera)) << name_ << " is told of itself";
+  for (const wire::Moved& moved : news.moved) saw(moved.camera ^ moved.pose.sequence << 32);
+}
+
+void Member::take(const wire::Clock& clock) {
+  const wire::Clock before = clock_.said();
+  if (clock_.version() > 0) {
+    EXPECT_GE(clock.time, before.time) << name_ << " sees time go back";
+    EXPECT_GE(clock.step, before.step) << name_ << " sees a step undone";
+  }
+  clock_.hear(clock, timer_.now());
+  saw(clock.time);
+  if (!clock_.waitsFor(world_->camera) || clock.step <= lastStepDone_) return;
+  lastStepDone_ = clock.step;
+  line_->say(wire::StepDone{clock.step});
+}
+
+void Member::take(const wire::Answer& answer) {
+  const auto question = asked_.extract(answer.id);
+  ASSERT_TRUE(question) << name_ << ": an answer to no question";
+  ASSERT_EQ(answer.refusal, "") << name_;
+  const wire::Query& query = question.mapped();
+  std::vector<float> truth(query.x.size());
+  directory_.find(session::kDefaultName)->terrain()->heights(query.x, query.z, truth);
+  EXPECT_EQ(answer.heights, truth) << name_;
+  saw(answer.id);
+}
+
+void Member::take(const wire::ErrorMessage& error) { ADD_FAILURE() << name_ << " is refused: " << error.message; }
+
+bool Member::rests() const { return connected() && asked_.empty() && undigested_ == 0 && settled_ && threshold_ != 0; }
+
+std::string Member::state() const {
+  if (!connected()) return name_ + " is not connected";
+  return name_ + ": pose " + std::to_string(sequence_) + ", iteration " + std::to_string(lastNumber_) + " for pose " +
+         std::to_string(lastPose_) + (settled_ ? ", settled" : "") + ", " + std::to_string(undigested_) + " undigested, " +
+         std::to_string(asked_.size()) + " questions open, clock step " + std::to_string(clock_.said().step) + " of " +
+         std::to_string(clock_.said().owner);
+}
+
+}  // namespace ridgecast::simulation

@@ -1,0 +1,94 @@
+#pragma once
+// A member of a simulated session, honest: the client's own replica, roster and clock, without sockets and threads. It flies, asks, steps
+// the clock when it has it, is slow, loses its line and comes back. What it sees is judged as it comes.
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+
+#include "client/connection/roster.h"
+#include "client/connection/session_clock.h"
+#include "client/replica/follower.h"
+#include "server/session/session.h"
+#include "tests/simulation/line.h"
+
+namespace ridgecast::simulation {
+
+using Random = std::mt19937_64;
+
+class Member {
+ public:
+  struct Nature {
+    wire::Hello hello;
+    Line::Way way;
+    Duration think{};  // between an iteration's arrival and its acknowledgement
+  };
+
+  // `camera` numbers the server's cameras. All must outlive it.
+  Member(std::string name, session::Directory& directory, SimulatedTimer& timer, Random& random, const Nature& nature);
+  ~Member() { leave({}); }
+
+  // What it may do; nothing while it is not connected.
+  void connect();
+  void lose(Duration unheard);   // the line; the mesh is kept
+  void leave(Duration unheard);  // and forgets all
+  void fly(double metres);
+  void insist();  // in lock-step: the same pose again, once the last one was answered
+  void ask();
+  void takeClock();
+  void step();
+  void setThreshold(double pixels);
+
+  bool connected() const { return line_ && world_.has_value(); }
+  bool wantsToConnect() const { return !line_; }
+  bool isLockstep() const { return nature_.hello.pacing == wire::Pacing::kLockstep; }
+  // Everything it has been told is taken, every question answered, and the mesh is at rest at its last pose.
+  bool rests() const;
+  std::string state() const;                          // for a person
+  std::uint64_t history() const { return history_; }  // a hash of what it has seen
+
+ private:
+  void take(wire::ServerMessage& message);
+  void take(wire::World& world);
+  void take(wire::Iteration& iteration);
+  void take(const wire::Members& news);
+  void take(const wire::Clock& clock);
+  void take(const wire::Answer& answer);
+  void take(const wire::Granted& granted) { threshold_ = granted.settings.threshold; }
+  void take(const wire::ErrorMessage& error);
+  template <class Other>
+  void take(const Other&) {
+    ADD_FAILURE() << name_ << " was sent what it did not ask for";
+  }
+  void digest(const wire::Iteration& iteration);
+  void pose();
+  void saw(std::uint64_t what) { history_ = lattice::mix(history_ + what); }
+
+  const std::string name_;
+  session::Directory& directory_;
+  SimulatedTimer& timer_;
+  Random& random_;
+  const Nature nature_;
+
+  replica::Follower follower_;
+  camera::Camera camera_;
+  double heading_ = 0, threshold_ = 0;
+  std::uint64_t sequence_ = 0, questions_ = 0, history_ = 0, connections_ = 0;
+  bool followed_ = false;  // the first world has come
+
+  // Of the connection.
+  std::shared_ptr<Line> line_;
+  std::optional<wire::World> world_;
+  connection::Roster roster_;
+  connection::SessionClock clock_;
+  std::uint64_t lastNumber_ = 0, lastPose_ = 0, undigested_ = 0, lastStepDone_ = 0, stepAsked_ = 0;
+  bool settled_ = false;
+  std::map<std::uint64_t, wire::Query> asked_;
+};
+
+}  // namespace ridgecast::simulation

@@ -1,0 +1,115 @@
+#!/usr/bin/env python3
+"""Plants faults in a copy of the tree, one after the other, and says which of them the simulation finds:  mutants.py [SEEDS]
+
+Needs a configured build/test. The copy is build/mutants, with a build of its own."""
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+COPY = ROOT / "build/mutants"
+# file, what stands there once, what stands there instead
+MUTANTS = [
+    ("server/replica/replica.h", "unacknowledged_.size() < window_;", "unacknowledged_.size() <= window_;"),
+    ("server/replica/replica.cpp", "    meshHash_ -= mesh::hashTerm(held->address, held->hash);\n", ""),
+    ("server/replica/replica.cpp",
+     "differs = held->hash != leaf.hash;",
+     "differs = held->version != leaf.version && lastSent_ % 64 != 0;"),
+    ("server/replica/replica.cpp",
+     "scratch_.push_back({leaf.address, 0, 0, leaf.hash, false});",
+     "scratch_.push_back({leaf.address, 0, 0, leaf.hash + 1, false});"),
+    ("server/replica/replica.cpp",
+     "changes.anew = lastSent_ == 0 || repairs(leaves);",
+     "changes.anew = repairs(leaves);"),
+    ("server/conversation/conversation.cpp",
+     "    poses_.pop_front();\n",
+     "    poses_.size() > 2 ? poses_.clear() : poses_.pop_front();\n"),
+    ("server/conversation/conversation.cpp",
+     "  owesAnswer_ = !poses_.empty();\n",
+     "  owesAnswer_ = !poses_.empty() && !atRest_;\n"),
+    ("server/conversation/conversation.cpp", "  atRest_ = settled;\n", "  atRest_ = true;\n"),
+    ("server/conversation/conversation.cpp", "settled && !atRest_;", "false;"),
+    ("server/conversation/conversation.cpp",
+     "if (queuedBytes > terms_.maxQueuedBytes) return false;",
+     "if (queuedBytes > 2 * terms_.maxQueuedBytes) return false;"),
+    ("server/conversation/conversation.cpp",
+     "  if (!lockstep_) poses_.clear();\n",
+     "  if (!lockstep_ && poses_.size() > 1) poses_.pop_back();\n"),
+    ("server/conversation/conversation.cpp", "!atRest_ || !changes_.empty()", "!atRest_"),
+    ("server/session/camera_session.cpp", "  session_->presence().leave(id_);\n", ""),
+    ("server/session/camera_session.cpp", "      wake();\n      return;\n", "      return;\n"),
+    ("server/session/camera_session.cpp", "    sender_->send(wire::Granted{*order.granted});\n", ""),
+    ("server/session/camera_session.cpp", "    self->timerSet_ = false;\n", ""),
+    ("server/session/presence.cpp", "entry.left.push_back(camera);", "(void)camera;"),
+    ("server/session/presence.cpp", "  if (!all) membersChanged();\n", ""),
+    ("server/session/presence.cpp", "if (&other == &entry) continue;", ""),
+    ("server/session/presence.cpp", "  if (all || clockDue_) return;\n", "  if (!all || clockDue_ || all) return;\n"),
+    ("server/session/presence.cpp", "  watchStep();\n  for (auto&", "  for (auto&"),
+    ("server/session/clock.cpp", "  time_ = time(now);\n", ""),
+    ("server/session/clock.cpp", "bool changed = waitsFor_.erase(member) > 0;", "bool changed = false;"),
+    ("server/session/clock.cpp", "  waitsFor_.erase(owner_);  // nobody waits for the owner\n", ""),
+    ("server/session/queries.cpp",
+     "  pending_.pop_front();\n",
+     "  if (pending_.size() > 1) pending_.pop_back();\n  else pending_.pop_front();\n"),
+    ("server/session/queries.cpp",
+     "    if (std::exchange(runs_, true)) return true;\n",
+     "    if (std::exchange(runs_, true)) return true;\n    if (*open_ > 2) return true;\n"),
+    ("server/session/places.cpp", "  --places_->cameras_;\n", ""),
+    ("client/replica/follower.cpp", "  scene_.reconnect();\n", ""),
+    ("client/scene/scene.cpp", "iteration_.number == 1 || !iteration_.whole.empty()", "!iteration_.whole.empty()"),
+    ("client/scene/point_mesh.cpp",
+     "  if (!replaceLeaves(step)) return false;\n  open_.clear();\n",
+     "  if (!replaceLeaves(step)) return false;\n"),
+]
+
+
+def build() -> bool:
+    done = subprocess.run(["ninja", "-C", COPY / "build/test", "simulation_test"], capture_output=True, text=True)
+    if done.returncode:
+        print(done.stdout[-2000:])
+    return done.returncode == 0
+
+
+def main() -> int:
+    seeds = sys.argv[1] if len(sys.argv) > 1 else "2000"
+    COPY.mkdir(parents=True, exist_ok=True)
+    for name in subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")[:-1]:
+        original, copy = ROOT / name, COPY / name
+        if not copy.exists() or copy.read_bytes() != original.read_bytes():
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(original, copy)
+    subprocess.run(["cmake", "--preset", "test"], cwd=COPY, stdout=subprocess.DEVNULL, check=True)
+    if not build():
+        return 1
+    found = 0
+    for file, before, after in MUTANTS:
+        path = COPY / file
+        text = path.read_text()
+        if text.count(before) != 1:
+            sys.exit(f"{file}: '{before.strip()}' stands there {text.count(before)} times, not once")
+        path.write_text(text.replace(before, after))
+        try:
+            if not build():
+                sys.exit(f"{file}: '{after.strip()}' does not compile")
+            began = time.monotonic()
+            try:
+                run = subprocess.run([COPY / "build/test/bin/simulation_test"], env={**os.environ, "SEEDS": seeds}, capture_output=True,
+                                     text=True, timeout=3600)
+                seed = re.search(r"SEED=(\d+)", run.stdout)
+                what = f"seed {seed[1]}" if seed else f"exit {run.returncode}" if run.returncode else ""
+            except subprocess.TimeoutExpired:
+                what = "it hangs"
+            found += bool(what)
+            print(f"{'found: ' + what if what else 'NOT FOUND':<16} {time.monotonic() - began:5.0f} s  {file}: {before.strip()}", flush=True)
+        finally:
+            path.write_text(text)
+    print(f"{found} of {len(MUTANTS)} found")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
