@@ -104,7 +104,8 @@ def main() -> int:
             except subprocess.TimeoutExpired:
                 what = "it hangs"
             found += bool(what)
-            print(f"{'found: ' + what if what else 'NOT FOUND':<16} {time.monotonic() - began:5.0f} s  {file}: {before.strip()}", flush=True)
+            seconds = time.monotonic() - began
+            print(f"{'found: ' + what if what else 'NOT FOUND':<16} {seconds:5.0f} s  {file}: {before.strip()}", flush=True)
         finally:
             path.write_text(text)
     print(f"{found} of {len(MUTANTS)} found")

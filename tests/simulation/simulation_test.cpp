@@ -1,5 +1,5 @@
-// Sessions in one thread and simulated time: members fly, ask, step the clock, are slow, lose their lines and come back, as a number says. After
-// each event the laws hold; in the end everybody holds the server's mesh, and when all have left nothing is left.
+// Sessions in one thread and simulated time: members fly, ask, step the clock, are slow, lose their lines and come back, or lie,
+// as a number says. After each event the laws hold; in the end everybody holds the server's mesh, and when all have left nothing is left.
 //
 // SEEDS=10000: the seeds from 1 on, instead of 200 (10 under a sanitizer). SEED=17: this one alone, twice.
 #include <gtest/gtest.h>
@@ -12,6 +12,7 @@
 #include "common/terrain/terrain.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
+#include "tests/simulation/liar.h"
 #include "tests/simulation/member.h"
 #include "tests/support/sanitized.h"
 
@@ -35,8 +36,8 @@ class World {
     const char* const terrains[] = {"alpine", "canyon", "archipelago"};
     directory_ = std::make_shared<session::Directory>(resources, terrain::create(terrains[random_() % 3], 5).value());
     for (std::uint64_t n = 2 + random_() % 4; n > 0; --n) admit(n);
+    if (random_() % 2 == 0) liar_ = std::make_unique<Liar>(*directory_, *timer_, random_);
   }
-  ~World() { members_.clear(); }
 
   void live(Duration time) {
     for (const Time end = timer_->now() + time; timer_->now() < end && !testing::Test::HasFailure();) {
@@ -46,8 +47,9 @@ class World {
     }
   }
 
-  // Everybody comes back, stays where it is and gets what is missing.
+  // The liar goes, everybody else comes back, stays where it is and gets what is missing.
   void calm() {
+    liar_.reset();
     for (int k = 0; k < 3000 && !testing::Test::HasFailure(); ++k) {
       bool rests = true;
       for (const auto& member : members_) {
@@ -98,6 +100,7 @@ class World {
   }
 
   void act() {
+    if (liar_ && random_() % 4 == 0) return liar_->lie();
     Member& member = *members_[random_() % members_.size()];
     switch (random_() % 40) {
       case 0:
@@ -151,6 +154,7 @@ class World {
   SimulatedTimer* timer_ = nullptr;
   std::shared_ptr<session::Directory> directory_;
   std::vector<std::unique_ptr<Member>> members_;
+  std::unique_ptr<Liar> liar_;
   std::uint64_t step_ = 0;
   Time stepSeen_{};
 };
