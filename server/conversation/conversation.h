@@ -16,9 +16,8 @@
 // starts coarse. The server may first run up to kMostUnsent iterations without sending them, so that the client keeps its detail: in free
 // pacing, without a budget of bytes, if the client holds at least half of its leaves.
 //
-// The client has room if fewer than `window` iterations are unacknowledged and at most maxQueuedBytes are queued for it. Bytes that stay
-// queued belong to unacknowledged iterations, so only an acknowledgement can make room. With a budget of bytes a second, an iteration also
-// waits until those before it are paid for (pace.h).
+// The client has room if fewer than `window` iterations are unacknowledged and at most maxQueuedBytes are queued for it. With a budget of
+// bytes a second, an iteration also waits until those before it are paid for (pace.h).
 
 #include <cstddef>
 #include <cstdint>

@@ -16,6 +16,8 @@ namespace {
 using wire::ErrorCode;
 using wire::ErrorMessage;
 
+constexpr std::chrono::milliseconds kQueueRetry{20};  // while more is queued for a client than it may have for its next iteration
+
 double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
@@ -155,9 +157,11 @@ void CameraSession::refuse(ErrorMessage message) {
 bool CameraSession::wake() {
   if (scheduled_) return true;
   if (!conversation_.closed() && copies_.empty()) {
-    const auto due = conversation_.due(sender_->queuedBytes());
-    if (!due) return watchAcknowledgements(), true;
     const Timer& timer = *session_->resources().timer;
+    auto due = conversation_.due(sender_->queuedBytes());
+    // Answers and tiles may be what is queued, and nobody tells when they have left.
+    if (!due && conversation_.due(0)) due = timer.now() + kQueueRetry;
+    if (!due) return watchAcknowledgements(), true;
     if (*due > timer.now()) {
       if (timerSet_) return true;
       timerSet_ = true;

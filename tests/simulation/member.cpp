@@ -77,7 +77,7 @@ void Member::ask() {
   if (!connected() || asked_.size() >= wire::kMaxQueries) return;
   wire::Query query;
   query.id = ++questions_;
-  for (std::uint64_t n = random_() % 200; n > 0; --n) {
+  for (std::uint64_t n = random_() % 8 == 0 ? 8000 : random_() % 200; n > 0; --n) {
     query.x.push_back(static_cast<lattice::Step>(random_() % 10'000'000));
     query.z.push_back(static_cast<lattice::Step>(random_() % 10'000'000));
   }

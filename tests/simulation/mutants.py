@@ -44,6 +44,7 @@ MUTANTS = [
     ("server/session/camera_session.cpp", "      wake();\n      return;\n", "      return;\n"),
     ("server/session/camera_session.cpp", "    sender_->send(wire::Granted{*order.granted});\n", ""),
     ("server/session/camera_session.cpp", "    self->timerSet_ = false;\n", ""),
+    ("server/session/camera_session.cpp", "if (!due && conversation_.due(0)) ", "if (false) "),
     ("server/session/presence.cpp", "entry.left.push_back(camera);", "(void)camera;"),
     ("server/session/presence.cpp", "  if (!all) membersChanged();\n", ""),
     ("server/session/presence.cpp", "if (&other == &entry) continue;", ""),

@@ -168,9 +168,10 @@ TEST_F(SessionTest, AFullWayOutStopsIterations) {
   camera->receive(pose(1));
   EXPECT_TRUE(client->quiet());
   EXPECT_EQ(script->iterations, 0);
-  client->queued = 0;
-  camera->receive(pose(2));
-  EXPECT_EQ(client->iteration().value().poseSequence, 2u);
+  client->queued = 0;  // a large answer has left, of which nobody tells
+  const auto iteration = client->iteration();
+  ASSERT_TRUE(iteration);
+  EXPECT_EQ(iteration->poseSequence, 1u);
 }
 
 TEST_F(SessionTest, LockstepIsOneIterationForEachPoseInOrder) {
