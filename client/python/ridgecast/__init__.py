@@ -5,11 +5,11 @@
     >>> alpine.heights(np.array([[10.0, 20.0], [11.0, 20.0]])).shape
     (2,)
 
-Everywhere: metres, float64 in; +Y is up, x and z lie on the horizontal plane. Places are arrays of shape (..., 2): x, z. Points are of
-shape (..., 3): x, y, z. Places are rounded to 2^-8 m, and a float64 holds each of them exactly, 4.398e12 m far. Angles are radians, times
-seconds. Heights have the same bits on every machine, here and from a server.
+Metres everywhere, float64 in; +Y is up, x and z lie on the horizontal plane. Places are arrays of shape (..., 2): x, z. Points are of
+shape (..., 3): x, y, z. Places are rounded to 2^-8 m, and a float64 holds each of them exactly, out to 4.398e12 m. Angles are in radians,
+times in seconds. Heights have the same bits on every machine, whether computed here or by a server.
 
-Calls let other threads run, and Ctrl-C ends those that wait. Terrains and meshes may be used by any thread; calls on one world take turns.
+Calls release the GIL, and Ctrl-C interrupts those that wait. Terrains and meshes may be used by any thread; calls on one world take turns.
 """
 
 from ._errors import Error, Invalid, Lost, Refused, Timeout

@@ -10,7 +10,7 @@ class Invalid(Error, ValueError):
 
 
 class Refused(Error):
-    """The server, or a file, says no."""
+    """The server refuses, a file cannot be used, or there is no such server."""
 
 
 class Lost(Error, ConnectionError):

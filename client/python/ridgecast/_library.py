@@ -1,4 +1,4 @@
-"""The shared library: how its functions are called, and what their statuses become."""
+"""The shared library: how its functions are called, and which exceptions its statuses become."""
 
 import os
 import threading
@@ -29,11 +29,11 @@ lib: Any = _open()
 version: str = ffi.string(lib.rc_version()).decode()
 
 _ERRORS = {lib.RC_INVALID: _errors.Invalid, lib.RC_REFUSED: _errors.Refused, lib.RC_LOST: _errors.Lost, lib.RC_TIMEOUT: _errors.Timeout}
-SLICE = 0.1  # seconds between two looks for Ctrl-C
+SLICE = 0.1  # seconds between checks for Ctrl-C
 
 
 def check(status: int) -> None:
-    """Raises what a status means. On the thread of the call."""
+    """Raises the exception for a status. Must run on the thread of the call."""
     if status == lib.RC_OK:
         return
     sentence = ffi.string(lib.rc_message()).decode(errors="replace")
@@ -43,8 +43,8 @@ def check(status: int) -> None:
 
 
 def interruptible(call: Callable[[], Any], undo: Callable[[], Any] = lambda: None) -> None:
-    """Runs a call that may wait on a thread of its own, so that Ctrl-C is heard. Then the call ends by itself, by its timeout, holds what
-    it uses until then, and `undo` drops what it made."""
+    """Runs a call that may wait in a thread of its own, so that Ctrl-C interrupts the caller. The call then goes on until its timeout at
+    the latest, keeps alive what it uses, and `undo` releases what it made."""
     if threading.current_thread() is not threading.main_thread():
         return check(call())
     failure: "list[BaseException]" = []
@@ -71,8 +71,8 @@ def interruptible(call: Callable[[], Any], undo: Callable[[], Any] = lambda: Non
 
 
 def in_slices(call: Callable[[float], None], timeout: float) -> None:
-    """Repeats a call that times out, so that Ctrl-C is heard in between; and one that waited for a lost connection: a loss that is told at
-    once is final."""
+    """Repeats a call in short slices, so that Ctrl-C works in between. Repeats after Timeout, and after Lost if the call waited for the
+    connection; a Lost that comes at once is final."""
     if not timeout >= 0:
         raise _errors.Invalid("a timeout is 0 seconds or more")
     until = time.monotonic() + timeout
@@ -91,12 +91,12 @@ _PROCESS = os.getpid()
 
 
 def owned(handle: Any, close: Callable[[Any], Any]) -> Any:
-    """The handle, closed when nothing refers to it any more. A process that was forked has none of its threads, and leaves it alone."""
+    """The handle, closed when nothing refers to it any more. A forked process has none of its threads and does not close it."""
     return ffi.gc(handle, lambda h: close(h) if os.getpid() == _PROCESS else None)
 
 
 def usable(handle: Any, what: str) -> Any:
-    """A handle of a world or ground, unless it was closed or belongs to the process that this one was forked from."""
+    """The handle of a world or ground. Raises if it is closed or belongs to the process that this one was forked from."""
     if handle == ffi.NULL:
         raise _errors.Invalid(f"this {what} is closed")
     if os.getpid() != _PROCESS:
@@ -105,7 +105,7 @@ def usable(handle: Any, what: str) -> Any:
 
 
 def text(value: "str | os.PathLike[str] | None") -> Any:
-    """A C string; keep it as long as it is used."""
+    """A C string; the caller keeps a reference as long as it is used."""
     if value is None:
         return ffi.NULL
     encoded = os.fsencode(value)
@@ -115,7 +115,7 @@ def text(value: "str | os.PathLike[str] | None") -> Any:
 
 
 def struct(name: str, /, **values: Any) -> Any:
-    """A pointer to a struct that says its size."""
+    """A pointer to a new struct with its `size` set."""
     try:
         return ffi.new(f"{name}*", {"size": ffi.sizeof(name), **values})
     except OverflowError as e:
@@ -123,7 +123,7 @@ def struct(name: str, /, **values: Any) -> Any:
 
 
 def places(array: ArrayLike, last: int, what: str) -> NDArray[np.float64]:
-    """float64, contiguous, of shape (..., last); a copy only where it is not that already."""
+    """float64, contiguous, of shape (..., last); copied only if it is not that already."""
     out = np.ascontiguousarray(array, dtype=np.float64)
     if out.ndim == 0 or out.shape[-1] != last:
         raise _errors.Invalid(f"{what} are an array of shape (..., {last}), not {out.shape}")

@@ -1,4 +1,4 @@
-"""Snapshots that a server wrote."""
+"""Reads snapshots that a server made."""
 
 import json
 import struct
@@ -17,10 +17,10 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def read_glb(file: "Union[str, PathLike[str], bytes]") -> Mesh:
-    """The triangles of a binary glTF file without compression: a path, or its bytes. Normals and colours are left out.
+    """The triangles of an uncompressed binary glTF file, given as a path or as bytes. Normals and colours are left out.
 
-    All primitives become one mesh, with their nodes' translations. Its origin and error are what the snapshot's metadata say; else 0, 0 and
-    inf.
+    All primitives become one mesh, with their nodes' translations. Its origin and error are those of the snapshot's metadata; without
+    metadata (0, 0) and inf.
     """
     data = file if isinstance(file, bytes) else Path(file).read_bytes()
     try:

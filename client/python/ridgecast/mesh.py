@@ -14,9 +14,9 @@ class Mesh:
     """Triangles, counter-clockwise from above.
 
     positions: float32 (n, 3), metres: x and z from `origin`, y absolute; exact within 65 km of the origin
-    triangles: uint32 (m, 3), rows of `positions`
+    triangles: uint32 (m, 3), indices of rows of `positions`
     origin: x, z of the origin, metres
-    error: metres that the true ground is at most above or below; inf: not known
+    error: metres, how far the true ground is above or below at most; inf: not known
     """
 
     positions: NDArray[np.float32]
@@ -26,7 +26,7 @@ class Mesh:
 
 
 def take(handle: Any) -> Mesh:
-    """Of a `const rc_mesh*`, whose arrays are used without a copy: they live as long as an array over them."""
+    """The Mesh of a `const rc_mesh*`. Its arrays are used without a copy and live as long as an array over them."""
     owner = owned(handle, lib.rc_mesh_close)
 
     def array(pointer: Any, count: int, kind: Any) -> Any:

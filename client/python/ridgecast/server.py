@@ -1,4 +1,4 @@
-"""A server of one's own."""
+"""Runs a server of your own."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ from ._errors import Refused
 
 
 def program(required: bool = True) -> Optional[str]:
-    """ridgecast-server: of this package, or in PATH."""
+    """ridgecast-server: the one in this package, otherwise the one in PATH."""
     beside = Path(__file__).parent / "ridgecast-server"
     found = str(beside) if beside.exists() else shutil.which("ridgecast-server")
     if found is None and required:
@@ -45,7 +45,7 @@ class Server:
         self.http = f"http://127.0.0.1:{self.port}"
 
     def close(self) -> None:
-        """Ends the server, politely first."""
+        """Stops the server: SIGTERM first, SIGKILL if it has not ended after 10 s."""
         self._at_exit()
         self._folder.cleanup()
 
@@ -71,7 +71,7 @@ def server(terrain: str = "alpine", *, seed: int = 1, port: int = 0, timeout: fl
     """Runs a server on this machine: `with rc.server("canyon", seed=7) as s: rc.join(s.url)`.
 
     port 0: any free one. Other options are those of `ridgecast-server --help`, with _ for -: max_cameras=8, raster=["pitch=30"],
-    verbose=True.
+    quiet=True.
     """
     arguments = ["--terrain", str(terrain), "--seed", str(seed), "--port", str(port)]
     for key, value in options.items():

@@ -14,21 +14,21 @@ from ._library import check, doubles, ffi, in_slices, lib, owned, places, struct
 class Tile:
     """A square of ground; neighbours share their border's heights."""
 
-    i: int  #: its corner of least x and z lies at (i, j) times its side, 32 * spacing
+    i: int  #: its corner of least x and z is at (i, j) times its side, which is 32 * spacing
     j: int
     version: int  #: grows with each tile that is made
     x: float  #: of that corner, metres
     z: float
     spacing: float  #: metres
-    error: float  #: metres: the true ground is at most so far from the squares, split along either diagonal (measured)
-    heights: NDArray[np.float32]  #: (33, 33), metres; rows of ascending z, in each ascending x
+    error: float  #: metres: how far the true ground is above or below its squares at most, split along either diagonal (measured)
+    heights: NDArray[np.float32]  #: (33, 33), metres; rows of ascending z, each of ascending x
 
 
 class Standing:
-    """Tiles of heights around bodies, kept while they move; made by `standing` of a terrain or world. One thread at a time.
+    """Tiles of heights that follow bodies; made by `standing` of a terrain or world. One thread at a time.
 
-    A thread of its own makes the ground ahead of the bodies, the nearest first, so that no step waits.
-    Where a server is asked for heights that takes long: keep spacings wide and radii small.
+    A background thread makes the ground ahead of the bodies, the nearest first, so that no step waits.
+    That is slow where it has to ask a server for heights: keep the spacing wide and the radius small.
     """
 
     def __init__(self, owner: Any, spacing: float, radius: float, memory: int) -> None:
@@ -44,7 +44,7 @@ class Standing:
         self.tiles: Dict[Tuple[int, int], Tile] = {}  #: by (i, j), as of the last `changes`
 
     def close(self) -> None:
-        """Makes no more ground, once no call is under way; tiles that were taken stay."""
+        """Stops making ground, as soon as no call is under way. Tiles that were taken stay valid."""
         self._handle = ffi.NULL
 
     @property
@@ -52,16 +52,16 @@ class Standing:
         return usable(self._handle, "ground")
 
     def move(self, xz: ArrayLike) -> None:
-        """Where all bodies are, (n, 2), once a step, in the same order each time. Never waits for heights."""
+        """Call once a step: where all bodies are, (n, 2), in the same order each time. Never waits for heights."""
         at = places(xz, 2, "places").reshape(-1, 2)
         check(lib.rc_standing_move(self._standing, doubles(at), len(at)))
 
     def wait(self, timeout: float = 10.0) -> None:
-        """Until the ground around all bodies is there: at the beginning, and after one was put elsewhere."""
+        """Waits until the ground around all bodies is there: call it at the beginning, and after moving a body elsewhere at once."""
         in_slices(lambda slice: check(lib.rc_standing_wait(self._standing, slice)), timeout)
 
     def changes(self) -> Tuple[List[Tile], List[Tile]]:
-        """The tiles that went, and those that came, since the last call."""
+        """The tiles that went and those that came since the last call."""
         gone: List[Tile] = []
         came: List[Tile] = []
         count, room = ffi.new("size_t*"), 256

@@ -13,15 +13,15 @@ from .standing import Standing
 
 
 class Hits(NamedTuple):
-    """Where rays meet the ground; shapes as the rays'."""
+    """Where rays meet the ground; (...) is the rays' shape."""
 
-    distance: NDArray[np.float64]  #: (...), metres along the ray; inf: nowhere
-    at: NDArray[np.float64]  #: (..., 3), metres; nan where nowhere
-    normal: NDArray[np.float64]  #: (..., 3), of the ground there; nan where nowhere
+    distance: NDArray[np.float64]  #: (...), metres along the ray; inf: no hit
+    at: NDArray[np.float64]  #: (..., 3), metres; nan: no hit
+    normal: NDArray[np.float64]  #: (..., 3), of the ground there; nan: no hit
 
 
 class Questions:
-    """What both a terrain held here and a world answer."""
+    """The queries of both Terrain and World."""
 
     _terrain: Any
 
@@ -36,18 +36,18 @@ class Questions:
         return out
 
     def height(self, x: float, z: float) -> float:
-        """The height of one place, metres."""
+        """The height at one place, metres."""
         return float(self.heights((x, z)))
 
     def normals(self, xz: ArrayLike, spacing: float = 1 / 16) -> NDArray[np.float32]:
-        """Unit normals, float32 (..., 3), at places (..., 2): of the plane through the heights `spacing` metres to each side."""
+        """Unit normals, float32 (..., 3), at places (..., 2), of the planes through the heights `spacing` metres to each side."""
         at = places(xz, 2, "places")
         out = np.empty(at.shape[:-1] + (3,), np.float32)
         self._call(lambda: lib.rc_terrain_normals(self._terrain, doubles(at), out.size // 3, spacing, ffi.from_buffer("float[]", out)))
         return out
 
     def rays(self, origins: ArrayLike, directions: ArrayLike, reach: float = 1e5) -> Hits:
-        """The first contact of rays with the ground: origins and directions (..., 3), of any length but 0; reach: metres, at most 1e5.
+        """The first contact of rays with the ground. origins, directions: (..., 3), directions not 0; reach: metres, at most 1e5.
 
         Obstacles thinner than a quarter of a metre, or 1/1024 of the distance, may be missed.
         """
@@ -64,17 +64,17 @@ class Questions:
 
     def standing(self, spacing: float = 1.0, radius: Optional[float] = None, memory: int = 50_000_000) -> Standing:
         """Ground under bodies: heights `spacing` metres apart (a multiple of 1/64), `radius` metres around each (default: 32 times the
-        spacing), of at most `memory` bytes."""
+        spacing), in at most `memory` bytes."""
         return Standing(self._terrain, spacing, 32 * spacing if radius is None else radius, memory)
 
 
 class Terrain(Questions):
-    """A terrain, without any server.
+    """A terrain, without a server.
 
-    name: "alpine", "canyon", "archipelago"; a terrain file (.glsl; takes a C++ compiler and seconds, cached); or a height map (.tif, .png,
-    .asc, .hgt, .r16, .raw)
-    parameters: other values of a built-in terrain's or a file's parameters
-    raster: options of a height map, as "pitch=30 nodata=fill"
+    name: "alpine", "canyon", "archipelago"; a terrain file (.glsl; needs a C++ compiler, and seconds the first time); or a height map
+    (.tif, .png, .asc, .hgt, .r16, .raw)
+    parameters: values for parameters of a built-in terrain or a terrain file
+    raster: options of a height map, such as "pitch=30 nodata=fill"
     """
 
     def __init__(self, name: "Union[str, PathLike[str]]" = "alpine", seed: int = 1, parameters: Optional[Mapping[str, float]] = None,
@@ -94,7 +94,7 @@ class Terrain(Questions):
 
     @property
     def hash(self) -> int:
-        """Equal for equal grounds, everywhere."""
+        """Equal for equal ground, on every machine."""
         return int(lib.rc_terrain_hash(self._terrain))
 
     def __repr__(self) -> str:

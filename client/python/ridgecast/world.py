@@ -1,4 +1,4 @@
-"""A session of a server, entered as a member."""
+"""A session of a server, joined as a member."""
 
 import math
 import weakref
@@ -14,19 +14,19 @@ from .terrain import Questions
 
 @dataclass(frozen=True)
 class Iteration:
-    """What the server made of a pose: the mesh held is the one with this hash."""
+    """What the server made for a pose: the mesh held is the one with this hash."""
 
     number: int
-    pose: int  #: that it was made for, from 1 on
+    pose: int  #: the pose that it was made for, from 1 on
     hash: int
     triangles: int
-    threshold: float  #: pixels that were reached
+    threshold: float  #: pixels: the error that was reached
     settled: bool  #: nothing is left to refine at this pose
 
 
 @dataclass(frozen=True)
 class Leaf:
-    """A square of the mesh held; its corner of least x and z lies at (i, j) * side."""
+    """A square of the mesh held; its corner of least x and z is at (i, j) * side."""
 
     level: int
     i: int
@@ -38,7 +38,7 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Member:
-    """Somebody else in the session."""
+    """Another member of the session."""
 
     number: int
     name: str
@@ -46,12 +46,12 @@ class Member:
     position: Optional[Tuple[float, float, float]]  #: x, y, z, metres; None: no pose yet
     yaw: float
     pitch: float
-    time: float  #: of the pose, session seconds
-    state: bytes  #: what it says of itself
+    time: float  #: session time of the pose, seconds
+    state: bytes  #: what it sent with its pose
 
 
 class Clock:
-    """The session's clock: seconds since its beginning. One member owns it; the first to set or step it."""
+    """The session's clock: seconds since its beginning. One member owns it: the first to set or step it."""
 
     MODES = ("real-time", "scaled", "stepped")
 
@@ -77,7 +77,7 @@ class Clock:
 
     @property
     def uncertainty(self) -> float:
-        """Seconds that `time` may be off."""
+        """How many seconds `time` may be off."""
         return float(self._state().uncertainty) * 1e-6
 
     @property
@@ -86,19 +86,19 @@ class Clock:
 
     @property
     def owner(self) -> Optional[int]:
-        """The member whose clock it is."""
+        """The number of the member that owns the clock; None: nobody."""
         return int(self._state().owner) or None
 
     def set(self, mode: str, rate: float = 1.0, timeout: float = 10.0) -> None:
-        """Takes the clock, where nobody has it, and sets it: "real-time", "scaled" by `rate`, or "stepped"."""
+        """Takes the clock if nobody owns it, and sets it: "real-time", "scaled" by `rate`, or "stepped"."""
         if mode not in self.MODES:
             raise Invalid(f"a clock is one of {', '.join(self.MODES)}, not {mode!r}")
         interruptible(lambda: lib.rc_world_set_clock(self._world._handle, self.MODES.index(mode), rate, timeout))
 
     def step(self, seconds: float, timeout: float = 10.0) -> None:
-        """Takes the clock, where nobody has it, moves it, and waits until all who follow it have done the step.
+        """Takes the clock if nobody owns it, advances it, and waits until all members that follow it have done the step.
 
-        Raises Timeout, which names who has not; the step goes on then, and step(0) waits for it again.
+        Raises Timeout, which names those that have not; the step is then still under way, and step(0) waits for it again.
         """
         step = round(seconds * 1e6)
         if seconds != 0 and step < 1:
@@ -112,29 +112,29 @@ class Clock:
         in_slices(once, timeout)
 
     def next(self, timeout: float = 10.0) -> float:
-        """Of a member that follows: says that the step returned last is done, waits for the next one, and returns the session's time."""
+        """For a member that follows: reports the step returned last as done, waits for the next one, and returns the session's time."""
         out = ffi.new("int64_t*")
         in_slices(lambda slice: check(lib.rc_world_next_step(self._world._handle, slice, out)), timeout)
         return float(out[0]) * 1e-6
 
     def pass_over(self, member: int) -> None:
-        """As the owner: no step waits for this member until it has caught up."""
+        """For the owner: no step waits for this member until it has caught up."""
         check(lib.rc_world_pass_over(self._world._handle, member))
 
 
 class World(Questions):
-    """A session's world, as one of its members. Made by `join`; a context manager, which leaves at its end."""
+    """A session's world, as one of its members. Made by `join`; a context manager that leaves the session at its end."""
 
     def __init__(self, handle: Any) -> None:
         self._open = handle
-        self._last = struct("rc_iteration")  # that came
+        self._last = struct("rc_iteration")  # the one that came last
         info = self._info()
         self.session: str = ffi.string(info.session).decode()
         self.terrain: str = ffi.string(info.terrain).decode()
         self.seed: int = info.seed
-        self.hash: int = info.hash  #: of its ground; equal for equal grounds, everywhere
+        self.hash: int = info.hash  #: equal for equal ground, on every machine
         self.horizon: float = info.horizon  #: metres
-        self.is_local: bool = bool(info.is_local)  #: heights are computed here; else the server is asked
+        self.is_local: bool = bool(info.is_local)  #: True: heights are computed here; False: the server is asked
         self.clock = Clock(self)
 
     @property
@@ -144,7 +144,7 @@ class World(Questions):
     @property
     def _terrain(self) -> Any:
         handle = self._handle
-        return ffi.gc(lib.rc_world_terrain(handle), lambda _, handle=handle: None)  # which lives as long
+        return ffi.gc(lib.rc_world_terrain(handle), lambda _, handle=handle: None)  # keeps the world alive
 
     def _call(self, call: Callable[[], Any]) -> None:
         check(call()) if self.is_local else interruptible(call)
@@ -165,7 +165,7 @@ class World(Questions):
 
     @property
     def members(self) -> List[Member]:
-        """The others."""
+        """The other members."""
         def member(m: Any) -> Member:
             return Member(m.member, ffi.string(m.name).decode(errors="replace"), bool(m.sensor), (m.x, m.y, m.z) if m.has_pose else None,
                           m.yaw, m.pitch, m.time * 1e-6, bytes(ffi.buffer(m.state, m.state_size)))
@@ -173,9 +173,9 @@ class World(Questions):
         return [member(m) for m in self._all("rc_member", lib.rc_world_members)]
 
     def ground(self, center: Tuple[float, float], radius: float, error: float, timeout: float = 40.0) -> Mesh:
-        """The ground over a circle as triangles, at most `error` metres off; the mesh's origin is the center (x, z).
+        """The ground in a circle as triangles, at most `error` metres off; the mesh's origin is the center (x, z).
 
-        Raises Refused where that takes too many triangles; the message says which error fits.
+        Raises Refused if that takes too many triangles; the message says which error fits.
         """
         x, z = map(float, center)
         out = ffi.new("const rc_mesh**")
@@ -184,9 +184,9 @@ class World(Questions):
 
     def place(self, x: float, y: float, z: float, yaw: float = 0.0, pitch: float = 0.0, *, fov: float = math.radians(60),
               width: int = 1280, height: int = 720, state: bytes = b"") -> int:
-        """Says where this member is, and takes what has come for it; never waits. Returns the pose's number.
+        """Sends where this member is, and processes what has come for it; never waits. Returns the pose's number.
 
-        yaw 0 looks along -Z and grows to the left; pitch is upwards; fov is vertical. state: at most 256 bytes for the others.
+        yaw 0 looks along -Z, and yaw grows to the left; pitch grows upwards; fov is vertical. state: at most 256 bytes for the others.
         """
         kept = ffi.new("uint8_t[]", state)
         pose = struct("rc_camera", x=x, y=y, z=z, yaw=yaw, pitch=pitch, vertical_fov=fov, width=width, height=height, state=kept,
@@ -199,7 +199,7 @@ class World(Questions):
 
     def camera(self, x: float, y: float, z: float, yaw: float = 0.0, pitch: float = 0.0, *, fov: float = math.radians(60),
                width: int = 1280, height: int = 720, state: bytes = b"", timeout: float = 10.0) -> Iteration:
-        """As `place`, but waits until the mesh held is the server's for that pose."""
+        """Like `place`, but waits until the mesh held is the server's for that pose."""
         number = self.place(x, y, z, yaw, pitch, fov=fov, width=width, height=height, state=state)
         out = self._last
 
@@ -211,7 +211,7 @@ class World(Questions):
         return self._iteration(out)
 
     def receive(self, timeout: float = 10.0) -> Iteration:
-        """The next iteration for the pose given last: its mesh grows finer until it is settled."""
+        """Waits for the next iteration for the pose sent last: the mesh grows finer until it is settled."""
         in_slices(lambda slice: check(lib.rc_world_receive(self._handle, slice, self._last)), timeout)
         return self._iteration(self._last)
 
@@ -227,7 +227,7 @@ class World(Questions):
 
     @property
     def leaves(self) -> List[Leaf]:
-        """The squares of the mesh held. To take again only what changed, compare versions."""
+        """The squares of the mesh held. To fetch only what has changed, compare versions."""
         return [Leaf(l.level, l.i, l.j, l.side, l.version, l.triangles) for l in self._all("rc_leaf", lib.rc_world_leaves)]
 
     def leaf(self, leaf: Leaf) -> Mesh:
@@ -247,8 +247,8 @@ class World(Questions):
             room = 2 * count[0]
 
     def close(self) -> None:
-        """Leaves the session, once no call on another thread is under way and no ground stands on it. Meshes and tiles that were taken
-        stay."""
+        """Leaves the session as soon as no call on another thread is under way and no Standing uses it. Meshes and tiles that were taken
+        stay valid."""
         self._open = ffi.NULL
 
     def __enter__(self) -> "World":
@@ -265,12 +265,12 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, ter
          parameters: Optional[Mapping[str, float]] = None, clock: Optional[str] = None, name: str = "", sensor: bool = False,
          follow: bool = False, lockstep: bool = False, triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None,
          ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0) -> World:
-    """Enters a session; if there is none and a terrain is named, the server makes it.
+    """Joins a session; if it does not exist and a terrain is named, the server creates it.
 
-    clock: "stepped", and a session that is made begins at 0 and waits for its first step. sensor: a member without a picture, as others
-    see it. follow: each step of the clock waits until this member has done it (clock.next). lockstep: one iteration for each pose, the
-    same meshes for the same poses. triangles, threshold: of the mesh, at most, and in pixels. reconnect: a lost connection comes back by
-    itself, and calls wait for it within their timeout.
+    clock: with "stepped", the clock of a new session stands at 0 until its first step. sensor: a member without a camera's mesh. follow:
+    each step of the clock waits until this member has done it (clock.next). lockstep: one iteration for each pose, the same meshes for the
+    same poses. triangles: of the mesh at most; threshold: of the mesh, in pixels; 0: the defaults. reconnect: a lost connection is restored
+    by itself, and calls wait for it within their timeout.
     """
     query: List[str] = []
     if session is not None:
