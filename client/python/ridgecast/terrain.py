@@ -47,7 +47,7 @@ class Questions:
         return out
 
     def rays(self, origins: ArrayLike, directions: ArrayLike, reach: float = 1e5) -> Hits:
-        """The first contact of rays with the ground. origins, directions: (..., 3), directions not 0; reach: metres, at most 1e5.
+        """The first contact of rays with the ground. origins, directions (not 0): (..., 3); reach: metres, at most 1e5.
 
         Obstacles thinner than a quarter of a metre, or 1/1024 of the distance, may be missed.
         """
