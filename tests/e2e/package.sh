@@ -21,6 +21,9 @@ else
   prefix=$scratch/root
 fi
 
+mapfile -t guides < <(find "$prefix" -name '*.md')
+"$source/tests/links.sh" "${guides[@]}"
+
 # The examples know nothing but the prefix, and have a header with the name of one of ours; a plugin links the library too.
 cp -r "$source/client/example" "$scratch/example"
 mkdir -p "$scratch/example/common/camera"
