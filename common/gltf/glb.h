@@ -1,7 +1,7 @@
 #pragma once
 // A mesh of leaves as one binary glTF file (.glb), plain or compressed by Draco.
 //
-// One glTF node a leaf, empty ones included (those have no mesh):
+// One glTF node a leaf, or square with small leaves that the caller joined; empty ones included (those have no mesh):
 //   node.extras        {level, i, j, side}: the leaf's address, side in metres
 //   node.name          of leaves that have a name; also of its mesh
 //   node.translation   the leaf's corner (least x and z, y 0) in metres relative to the file's origin
@@ -15,12 +15,9 @@
 // translations alone; its rotation is yaw, then pitch. Equal documents give equal bytes. Pure functions; any thread.
 //
 // Size: a leaf takes some 600 bytes of JSON (a node with its extras, a mesh, four accessors, a buffer view), compressed or not, and Draco's
-// description of three attributes takes 230. Compressed against plain: 1/5 for a box of many triangles, 0.23 for a pose at 0.3 pixels, 0.35
-// for the default pose at 0.6 pixels (snapshot.glb?x=0&z=0&altitude=120&yaw=0&pitch=-10), where 989 of 1,476 leaves are grids of eight
-// triangles: JSON alone is 0.16, the 325 leaves with detail 0.13, so the best possible is 0.30. Tried on that file: sequential coding (281
-// kB for the small leaves; now 275), other speeds (2 % either way), seven bits for normals and colours (0.33). Leaves do not share
-// accessors, although glTF allows it: several importers, tinygltf among them, cache Draco's output by accessor. tinygltf stays in glb.cpp,
-// Draco in draco_primitive.cpp.
+// description of three attributes takes 230: callers join small leaves. Compressed against plain: 0.18 to 0.23 for poses, 1/5 for a box of
+// many triangles. Leaves do not share accessors, although glTF allows it: several importers, tinygltf among them, cache Draco's output by
+// accessor. tinygltf stays in glb.cpp, Draco in draco_primitive.cpp.
 
 #include <array>
 #include <cstddef>

@@ -5,9 +5,11 @@
 #include <cmath>
 #include <condition_variable>
 #include <iterator>
+#include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <set>
 #include <thread>
 #include <utility>
 
@@ -34,7 +36,7 @@ using Json = nlohmann::json;
 namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;
-constexpr int kVersion = 4;  // part of the ETag: change it when the same question gives another file
+constexpr int kVersion = 5;  // part of the ETag: change it when the same question gives another file
 
 double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 
@@ -73,6 +75,33 @@ struct Made {
   std::optional<tileset::Known> tile;
   const std::vector<mesh::LeafMesh>& leaves() const { return held ? held->leaves : own; }
 };
+
+// Small leaves as one, square by square of the quadtree: a node takes 600 bytes whatever is in it.
+std::vector<mesh::LeafMesh> joined(std::vector<mesh::LeafMesh> leaves) {
+  constexpr std::size_t kMostTriangles = 4096;
+  constexpr int kCoarsest = 22 - lattice::kFinestSideBits;  // 16 km a side: coordinates are exact in a float
+  std::map<lattice::LeafAddress, mesh::LeafMesh> all;
+  for (mesh::LeafMesh& leaf : leaves) all.emplace(leaf.address, std::move(leaf));
+  std::set<lattice::LeafAddress> parted;
+  for (int level = 0; level < kCoarsest; ++level) {
+    std::map<lattice::LeafAddress, std::vector<const mesh::LeafMesh*>> families;
+    for (const auto& [address, leaf] : all)
+      if (address.level == level) families[address.parent()].push_back(&leaf);
+    for (const auto& [parent, children] : families) {
+      std::size_t triangles = 0;
+      for (const mesh::LeafMesh* child : children) triangles += child->triangles.size();
+      if (triangles > kMostTriangles) parted.insert(parent);
+      if (parted.contains(parent)) continue;
+      all.emplace(parent, mesh::gather(parent, children));
+      for (const lattice::LeafAddress& child : {parent.child(0), parent.child(1), parent.child(2), parent.child(3)}) all.erase(child);
+    }
+    for (const lattice::LeafAddress& square : std::set(parted))
+      if (square.level == level + 1) parted.insert(square.parent());
+  }
+  leaves.clear();
+  for (auto& [address, leaf] : all) leaves.push_back(std::move(leaf));
+  return leaves;
+}
 
 Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const Watch& watch) {
   const Problem none{Problem::Kind::kNotThere,
@@ -139,6 +168,7 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
   const auto& leaves = pipeline.leaves();
   out.own.resize(leaves.size());
   pool->forEach(leaves.size(), 8, [&](std::size_t k) { out.own[k] = pipeline.extract(leaves[k].address); });
+  out.own = joined(std::move(out.own));
   out.camera = camera;
   out.origin = {camera.pose.x, camera.pose.z};
   out.extras = {{"of", "pose"},

@@ -84,6 +84,20 @@ TEST_F(TakeTest, CompressedFilesHoldTheSameMeshInAQuarterOfTheBytes) {
   EXPECT_TRUE(testing_support::checkMesh(a.meshes()).clean());
 }
 
+// They are a mesh without holes, square by square of the quadtree; a node takes more bytes than a small leaf's triangles.
+TEST_F(TakeTest, SmallLeavesOfAPoseAreJoined) {
+  const auto plain = take("x=0&z=0&altitude=120&yaw=0&pitch=-10"), draco = take("x=0&z=0&altitude=120&yaw=0&pitch=-10&compression=draco");
+  ASSERT_TRUE(plain && draco);
+  const auto file = testing_support::readGlb(plain->file);
+  EXPECT_EQ(file.meshes(), testing_support::readGlb(draco->file).meshes());
+  EXPECT_TRUE(testing_support::checkMesh(file.meshes()).clean());
+  EXPECT_LT(file.leaves.size(), 250u) << "of some 1,500";
+  for (const auto& leaf : file.leaves)
+    for (const auto& other : file.leaves)
+      EXPECT_EQ(leaf.mesh.address.isAncestorOf(other.mesh.address), &leaf == &other) << "squares overlap";
+  EXPECT_LE(draco->file.size(), plain->file.size() / 4);
+}
+
 // Where leaves meet a vertex looks the same in all of them, and normals are those of the ground.
 TEST_F(TakeTest, NormalsAndColoursHaveNoSeams) {
   const auto made = take("x0=-100&z0=0&x1=200&z1=250&error=0.5");
@@ -226,7 +240,7 @@ class Bumps final : public terrain::Terrain, public terrain::Raster {
   std::uint32_t seed() const override { return 1; }
   const terrain::Raster* raster() const override { return this; }
   const terrain::RasterShape& shape() const override { return shape_; }
-  terrain::RasterOrigin origin() const override { return {"clamp", "EPSG:32632", 500'000.0, 4'600'000.0}; }
+  terrain::RasterOrigin origin() const override { return {"clamp", "EPSG:32632", 500'000.0, 4'600'000.0, {}}; }
   void tile(terrain::TileAddress at, terrain::Tile& out) const override {
     for (std::size_t k = 0; k < out.size(); ++k)
       out[k] = sample(at.i * terrain::kTileSide + static_cast<std::int64_t>(k) % terrain::kTileSide,
