@@ -1,6 +1,6 @@
 #pragma once
-// A member that says valid messages at the wrong time, with the wrong numbers, and too many of them. It is refused in a sentence, comes back,
-// and disturbs nobody: that the others judge.
+// A member that says valid messages at the wrong time, with the wrong numbers, and too many of them. It is refused in a sentence, comes
+// back, and disturbs nobody: that the others judge.
 
 #include <cstdint>
 #include <memory>
