@@ -30,7 +30,9 @@ void Line::cut(Duration unheard) {
   }
   timer_.at(timer_.now() + unheard, [self = shared_from_this()] {
     std::exchange(self->camera_, nullptr)->close();
-    self->stuck_.clear();
+    std::vector<std::shared_ptr<const void>> freed;  // destroyed without the lock
+    const std::lock_guard lock(self->mutex_);
+    freed.swap(self->stuck_);
   });
 }
 
