@@ -179,8 +179,10 @@ struct Row {
     if constexpr (counted<V, P>()) {
       if (field.number != number<P>()) return true;
       if constexpr (Messages<M>) return require<P>(++counts[this] <= rule.most, name, rule, refusal);
-      if constexpr (std::is_same_v<Rule, Encoded>)
-        if (!require<P>((counts[rule.most] += field.content.size()) <= *rule.most, name, rule, refusal)) return false;
+      if constexpr (std::is_same_v<Rule, Encoded>) {
+        const std::size_t bytes = counts[rule.most] += field.content.size();
+        if (!require<P>(bytes <= *rule.most, name, rule, refusal)) return false;
+      }
       if constexpr (innerCounted<M, P>()) return !field.delimited || wire::scan<M, InnerOf<P>>(field.content, counts, refusal);
     }
     return true;

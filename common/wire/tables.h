@@ -22,7 +22,8 @@ namespace pb = ridgecast::v1;
 #define KIND(NAME, TYPE, ...) Choice{ROW(NAME, alternative<TYPE> __VA_OPT__(,) __VA_ARGS__), isOf<TYPE>}
 #define SETTINGS(NAME, TYPE) Choice{ROW(NAME, [](auto& m) -> auto& { return alternative<TYPE>(m).settings; }), isOf<TYPE>}
 // A kind of a query.
-#define QUESTION(NAME, KIND) Choice{ROW(NAME, [](auto& m) -> auto& { return ask<KIND>(m); }), [](const auto& m) { return m.kind == KIND; }}
+#define QUESTION(NAME, WHICH) \
+  Choice{ROW(NAME, [](auto& m) -> auto& { return ask<WHICH>(m); }), [](const auto& m) { return m.kind == (WHICH); }}
 // A field that is judged, and read elsewhere.
 #define JUDGED(NAME, ...) Judged(#NAME, rule(__VA_ARGS__), [](const auto& p) -> decltype(auto) { return p.NAME(); })
 #define TABLE(NAME, ...) template <> inline constexpr auto kTable<pb::NAME> = table(#NAME, __VA_ARGS__)
