@@ -1,7 +1,7 @@
 // Sessions in one thread and simulated time: members fly, ask, step the clock, are slow, lose their lines and come back, or lie,
 // as a number says. After each event the laws hold; in the end everybody holds the server's mesh, and when all have left nothing is left.
 //
-// SEEDS=10000: the seeds from 1 on, instead of 200 (10 under a sanitizer). SEED=17: this one alone, twice.
+// SEEDS=10000: the seeds from 1 on, instead of 200 (3 under a sanitizer). SEED=17: this one alone, twice.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
