@@ -93,9 +93,9 @@ std::vector<mesh::LeafMesh> joined(std::vector<mesh::LeafMesh> leaves) {
       if (triangles > kMostTriangles) parted.insert(parent);
       if (parted.contains(parent)) continue;
       all.emplace(parent, mesh::gather(parent, children));
-      for (const lattice::LeafAddress& child : {parent.child(0), parent.child(1), parent.child(2), parent.child(3)}) all.erase(child);
+      for (int quarter = 0; quarter < 4; ++quarter) all.erase(parent.child(quarter));
     }
-    for (const lattice::LeafAddress& square : std::set(parted))
+    for (const lattice::LeafAddress& square : parted)
       if (square.level == level + 1) parted.insert(square.parent());
   }
   leaves.clear();

@@ -15,19 +15,14 @@ void Liar::lie() {
     for (std::uint64_t n = random_() % 50 == 0 ? 200 : 1; n > 0; --n) line_->say(message());
     return;
   }
-  const auto session = directory_.find(session::kDefaultName);
-  auto place = session->enter();
-  if (!place) return;
-  line_ =
-      std::make_shared<Line>(timer_, Line::Way{}, directory_.resources().limits.maxQueuedBytes, [this](const wire::ServerMessage& heard) {
-        const auto* error = std::get_if<wire::ErrorMessage>(&heard);
-        if (!error) return;
-        EXPECT_FALSE(error->message.empty());
-        EXPECT_NE(error->code, wire::ErrorCode::kInternal) << error->message;
-        ++refusals_;
-        leave();
-      });
-  line_->attach(std::make_shared<session::CameraSession>(session, std::move(*place), directory_.nextCameraId(), line_));
+  line_ = Line::open(directory_, timer_, {}, [this](const wire::ServerMessage& heard) {
+    const auto* error = std::get_if<wire::ErrorMessage>(&heard);
+    if (!error) return;
+    EXPECT_FALSE(error->message.empty());
+    EXPECT_NE(error->code, wire::ErrorCode::kInternal) << error->message;
+    leave();
+  });
+  if (!line_) return;
   wire::Hello hello;
   hello.points = random_() % 2 == 0;
   hello.members = hello.clock = true;

@@ -19,7 +19,6 @@ class Liar {
 
   void lie();  // or connects, where it is not
   void leave();
-  std::uint64_t refusals() const { return refusals_; }
 
  private:
   wire::ClientMessage message();
@@ -28,7 +27,6 @@ class Liar {
   SimulatedTimer& timer_;
   Random& random_;
   std::shared_ptr<Line> line_;
-  std::uint64_t refusals_ = 0;
 };
 
 }  // namespace ridgecast::simulation

@@ -12,6 +12,15 @@ std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpre
 
 }  // namespace
 
+std::shared_ptr<Line> Line::open(session::Directory& directory, const SimulatedTimer& timer, Way way, Take take) {
+  const auto session = directory.find(session::kDefaultName);
+  auto place = session->enter();
+  if (!place) return nullptr;
+  auto line = std::make_shared<Line>(timer, way, directory.resources().limits.maxQueuedBytes, std::move(take));
+  line->camera_ = std::make_shared<session::CameraSession>(session, std::move(*place), directory.nextCameraId(), line);
+  return line;
+}
+
 void Line::say(const wire::ClientMessage& message) {
   if (cut_) return;
   said_ = std::max(said_, timer_.now() + way_.delay);

@@ -30,17 +30,15 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   // Called on the simulation's thread.
   using Take = std::function<void(wire::ServerMessage)>;
 
-  // `maxQueuedBytes`: the server's.
-  Line(const SimulatedTimer& timer, Way way, std::size_t maxQueuedBytes, Take take)
+  // To a camera of its own in the default session. Null: there is no place.
+  static std::shared_ptr<Line> open(session::Directory& directory, const SimulatedTimer& timer, Way way, Take take);
+  Line(const SimulatedTimer& timer, Way way, std::size_t maxQueuedBytes, Take take)  // for open()
       : timer_(timer), way_(way), maxQueuedBytes_(maxQueuedBytes), take_(std::move(take)) {}
-
-  void attach(std::shared_ptr<session::CameraSession> camera) { camera_ = std::move(camera); }
 
   // The member's end.
   void say(const wire::ClientMessage& message);
   // `unheard`: how long the server takes the line for open.
   void cut(Duration unheard);
-  bool isCut() const { return cut_; }
 
   // The server's end; any thread.
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;

@@ -22,15 +22,10 @@ Member::Member(std::string name, session::Directory& directory, SimulatedTimer& 
 // ---- the line ----
 
 void Member::connect() {
-  const auto session = directory_.find(session::kDefaultName);
-  auto place = session->enter();
-  if (!place) return;  // the server takes its own time to notice lines that are lost
-  line_ = std::make_shared<Line>(timer_, nature_.way, directory_.resources().limits.maxQueuedBytes,
-                                 [this, number = ++connections_](wire::ServerMessage message) {
-                                   if (line_ && number == connections_) std::visit([this](auto& m) { take(m); }, message);
-                                 });
-  line_->attach(std::make_shared<session::CameraSession>(session, std::move(*place), directory_.nextCameraId(), line_));
-  line_->say(nature_.hello);
+  line_ = Line::open(directory_, timer_, nature_.way, [this, number = ++connections_](wire::ServerMessage message) {
+    if (line_ && number == connections_) std::visit([this](auto& m) { take(m); }, message);
+  });
+  if (line_) line_->say(nature_.hello);  // else the server has not yet noticed which lines are lost
 }
 
 void Member::lose(Duration unheard) {

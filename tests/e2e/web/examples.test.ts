@@ -12,6 +12,7 @@ import { join, normalize } from 'node:path';
 import { test } from 'node:test';
 import type { Page } from 'playwright-core';
 import { PATIENCE, closeAll, launch, missing } from './browser';
+import { randomFrom } from './random';
 import { Server, environment, needed, sleep } from './server';
 
 const HERE = join(needed('RIDGECAST_SOURCE'), 'client/web/examples');
@@ -69,12 +70,7 @@ async function heights(places: [number, number][]): Promise<number[]> {
   return ((await answer.json()) as { heights: number[] }).heights;
 }
 
-// The same numbers in every run.
-let seed = 17;
-const random = (low: number, high: number): number => {
-  seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0;
-  return low + ((high - low) * seed) / 2 ** 32;
-};
+const random = randomFrom(17);
 
 /** A view from 3 m to 3 km above the ground, up to 20 km from the middle. */
 async function randomView(): Promise<View> {

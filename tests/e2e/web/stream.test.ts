@@ -7,6 +7,7 @@ import { Replica } from '../../../client/web/src/replica/replica';
 import { Camera, Stream } from '../../../client/web/src/stream/stream';
 import { hashLeaf, hashTerm, parts } from '../../support/web';
 import { NodeSocket } from './node_socket';
+import { randomFrom } from './random';
 import { Server } from './server';
 
 const forms = { plain: 0, draco: 0, points: 0, come: 0, gone: 0 }; // how leaves came and went
@@ -98,11 +99,7 @@ for (const terrain of ['alpine', 'canyon'])
 // FLIGHTS=200 STEPS=100: more of them, and longer ones.
 test('random flights have the hashes that the server says', async (t) => {
   const flights = Number(process.env.FLIGHTS ?? 6), steps = Number(process.env.STEPS ?? 30);
-  let state = 1;
-  const random = (least: number, most: number): number => {
-    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
-    return least + (most - least) * (state / 2 ** 32);
-  };
+  const random = randomFrom(1);
   const terrains = ['alpine', 'canyon', 'archipelago'];
   const servers = await Promise.all(terrains.map((terrain) => Server.start(['--terrain', terrain, '--seed', '5'])));
   t.after(() => Promise.all(servers.map((server) => server.stop())));

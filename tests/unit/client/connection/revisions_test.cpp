@@ -16,16 +16,7 @@ using test::RawConnection;
 using test::RawServer;
 using testing_support::kTimeout;
 
-std::string worldOf(std::uint32_t revision) {
-  wire::World world;
-  world.session = "default";
-  world.terrainName = "alpine";
-  world.horizon = 32'000;
-  world.window = 3;
-  world.camera = 1;
-  world.revision = revision;
-  return wire::encode(wire::ServerMessage(world));
-}
+std::string worldOf(std::uint32_t revision) { return worldBytes(3, wire::kProtocolVersion, revision); }
 
 std::unique_ptr<Connection> opened(const RawServer& server) {
   auto connection = Connection::open(at(server.port()), {}, kTimeout);

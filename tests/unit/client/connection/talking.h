@@ -15,7 +15,8 @@ namespace ridgecast::connection {
 
 inline Url at(const std::string& port) { return {.host = "127.0.0.1", .port = port, .session = "default"}; }
 
-inline std::string worldBytes(std::uint32_t window = 3, std::uint32_t version = wire::kProtocolVersion) {
+inline std::string worldBytes(std::uint32_t window = 3, std::uint32_t version = wire::kProtocolVersion,
+                              std::uint32_t revision = wire::kRevision) {
   return wire::encode(wire::ServerMessage(wire::World{.protocolVersion = version,
                                                       .serverName = "raw",
                                                       .session = "default",
@@ -26,7 +27,8 @@ inline std::string worldBytes(std::uint32_t window = 3, std::uint32_t version = 
                                                       .horizon = 32'000,
                                                       .settings = {},
                                                       .window = window,
-                                                      .camera = 1}));
+                                                      .camera = 1,
+                                                      .revision = revision}));
 }
 
 inline std::string errorOf(const Url& url, std::chrono::milliseconds patience = testing_support::kTimeout, const Waiting& waiting = {}) {
