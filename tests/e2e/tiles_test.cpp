@@ -169,7 +169,7 @@ TEST(Tiles, RandomOnesKeepTheirErrorWhereverTheyLie) {
   const std::string map = folder / "map.r16";
   writeMap(map);
   for (const std::string& terrain : {std::string("alpine"), std::string("canyon"), std::string("archipelago"), map}) {
-    std::vector<std::string> arguments{"--terrain", terrain};
+    std::vector<std::string> arguments{"--terrain", terrain, "--max-snapshot-seconds", "600"};
     if (terrain == map)
       for (const char* how : {"size=700x500", "pitch=5", "scale=0.05", "edge=mirror"}) arguments.insert(arguments.end(), {"--raster", how});
     ServerProcess server(RIDGECAST_SERVER, arguments);
