@@ -44,6 +44,14 @@ struct Vertex {
   friend constexpr auto operator<=>(const Vertex&, const Vertex&) = default;
 };
 
+// A rectangle of the horizontal plane, half-open, in steps.
+struct Area {
+  Step x0 = 0, z0 = 0, x1 = 0, z1 = 0;
+  constexpr bool holds(Point p) const { return p.x >= x0 && p.x < x1 && p.z >= z0 && p.z < z1; }
+  constexpr bool meets(const Area& o) const { return x0 < o.x1 && o.x0 < x1 && z0 < o.z1 && o.z0 < z1; }
+  friend constexpr bool operator==(const Area&, const Area&) = default;
+};
+
 // A place that may become a vertex.
 struct Candidate {
   Vertex at;         // on the true terrain

@@ -74,6 +74,22 @@ void CameraMesh::moveAnchor(const camera::Pose& pose, bool keep) {
   mesh_.setAnchor({lattice::floorTo(pose.x, kAnchorBits), lattice::floorTo(pose.z, kAnchorBits)});
 }
 
+void CameraMesh::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed,
+                           scheduling::Pool& pool) {
+  mesh_.setTerrain(std::move(terrain), changed);
+  if (mesh_.triangulation().empty()) return;
+  std::vector<RegionId> touched{kOutside};
+  for (const Leaf* leaf : ordered_) {
+    // Its triangles straddle its border by less than half a side.
+    const Step x = leaf->address.x(), z = leaf->address.z(), side = leaf->address.side();
+    const lattice::Area around{x - side / 2, z - side / 2, x + side + side / 2, z + side + side / 2};
+    if (std::ranges::any_of(changed, [&](const lattice::Area& a) { return a.meets(around); })) touched.push_back(leaf->region);
+  }
+  // Vertices first: triangles reach into other leaves.
+  pool.forEach(touched.size(), 1, [&](std::size_t k) { mesh_.raiseVertices(touched[k]); });
+  pool.forEach(touched.size(), 1, [&](std::size_t k) { mesh_.refreshTriangles(touched[k]); });
+}
+
 // ---- generate ----
 
 void CameraMesh::generate(scheduling::Pool& pool) {

@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "common/camera/camera.h"
@@ -45,6 +46,9 @@ class CameraMesh final : public triangulation::Partition {
   // Re-files what lies in leaves that split or merged, drops what is gone, inserts the grids that are missing, and brings the records of
   // leaves closer together where removals have scattered them.
   void generate(scheduling::Pool& pool);
+
+  // Other ground, which differs within these areas.
+  void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed, scheduling::Pool& pool);
 
   const std::vector<Leaf*>& leaves() const { return ordered_; }  // canonical order of address
   Leaf* leaf(lattice::LeafAddress address) const;                // null: not a leaf

@@ -109,6 +109,14 @@ void Pipeline::change(const settings::Settings& granted) {
   if (other) s.settled = s.closely = false;
 }
 
+void Pipeline::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
+  State& s = *state_;
+  s.terrain = terrain;
+  s.horizon.setTerrain(terrain);
+  s.mesh.setGround(std::move(terrain), changed, *s.pool);
+  s.settled = s.closely = false;
+}
+
 void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = std::min<std::size_t>(most, kMostInsertions); }
 
 bool Pipeline::settled() const { return state_->settled; }

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "common/camera/camera.h"
@@ -44,6 +45,10 @@ class IteratingMesh {
   // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric,
   // colour error or a larger budget begins anew, with versions that go on.
   virtual void change(const settings::Settings& granted) = 0;
+
+  // From the next iteration on the ground is this one, which differs from the one before within these areas alone: what the mesh holds there
+  // takes its new heights, and is looked at anew.
+  virtual void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) = 0;
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
   // narrow, or on a busy machine: what is postponed is detail, and Figures::effectiveThreshold says how much.
@@ -84,6 +89,7 @@ class Pipeline final : public IteratingMesh {
 
   settings::Figures iterate(const camera::Camera& camera) override;
   void change(const settings::Settings& granted) override;
+  void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) override;
   void setInsertionLimit(std::uint32_t most) override;
   bool settled() const override;
   const std::vector<mesh::LeafState>& leaves() const override;

@@ -14,6 +14,7 @@ using triangulation::kOutside;
 using triangulation::Move;
 using triangulation::Point2;
 using triangulation::TrianglePages;
+using triangulation::Vertex;
 using triangulation::VertexPages;
 using triangulation::WriteSet;
 
@@ -229,6 +230,58 @@ void AdaptiveMesh::snap(VertexId v) {
     mesh_.trianglePages().setFresh(h >> 2);
     mesh_.markChanged(mesh_.regionOf(h >> 2));
   });
+}
+
+// ---- other ground ----
+
+void AdaptiveMesh::setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
+  terrain_ = std::move(terrain);
+  colour_.setTerrain(terrain_);
+  changed_.assign(changed.begin(), changed.end());
+}
+
+void AdaptiveMesh::raiseVertices(RegionId region) {
+  std::vector<VertexId> inside;
+  std::vector<lattice::Point> places;
+  if (!mesh_.vertexPages().hasRegion(region)) return;
+  mesh_.vertexPages().forEach(region, [&](VertexId v) {
+    const lattice::Point p = absolute(mesh_.vertex(v).point());
+    if (std::ranges::none_of(changed_, [&](const lattice::Area& a) { return a.holds(p); })) return;
+    inside.push_back(v);
+    places.push_back(p);
+  });
+  const std::vector<std::int32_t> heights = heightsAt(places);
+  addCurvature(inside);
+  for (std::size_t k = 0; k < inside.size(); ++k) {
+    const VertexId v = inside[k];
+    VertexExtra& extra = extras_[v];
+    if (!isFixed(v)) extra.loss = 0;  // what it was worth says nothing any more
+    wakeVertex(v, region);
+    extra.fineY = heights[k];
+    const std::int32_t y = lattice::snapHeight(extra.fineY, static_cast<int>(extra.level));
+    if (y != mesh_.vertex(v).y) mesh_.setHeight(v, y);
+  }
+}
+
+void AdaptiveMesh::refreshTriangles(RegionId region) {
+  TrianglePages& pages = mesh_.trianglePages();
+  if (!pages.hasRegion(region)) return;
+  bool any = false;
+  pages.forEach(region, [&](TriangleId t) {
+    if (mesh_.isGhost(t)) return;
+    const lattice::Area box = boxOf(t);
+    if (std::ranges::none_of(changed_, [&](const lattice::Area& a) { return a.meets(box); })) return;
+    pages.setFresh(t);
+    any = true;
+  });
+  if (any) mesh_.markChanged(region);
+}
+
+lattice::Area AdaptiveMesh::boxOf(TriangleId t) const {
+  const auto& v = mesh_.triangle(t).v;
+  const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
+  return {anchor_.x + std::min({a.x, b.x, c.x}), anchor_.z + std::min({a.z, b.z, c.z}), anchor_.x + std::max({a.x, b.x, c.x}) + 1,
+          anchor_.z + std::max({a.z, b.z, c.z}) + 1};
 }
 
 // False: the change would leave the write set.

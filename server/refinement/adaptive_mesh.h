@@ -91,6 +91,13 @@ class AdaptiveMesh {
   // Snaps a vertex to the level of the region that holds it, where it is more than one level off.
   void snap(VertexId v);
 
+  // ---- other ground ----
+  // From now on this terrain, which differs from the one before within these areas. Call for each region that may hold a part of them, first
+  // raiseVertices(), then refreshTriangles(): vertices take their new heights, triangles new candidates with the next evaluateFresh().
+  void setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed);
+  void raiseVertices(RegionId region);     // one region
+  void refreshTriangles(RegionId region);  // one region
+
   // ---- refinement ----
   // Finds in each region, if it `isSeen`, the candidates at or above the threshold, and the vertices whose remembered loss is below
   // work->removalLimit. A wanted candidate is found once: whoever does not insert it must postpone() it. Several regions at a time, so that
@@ -153,6 +160,7 @@ class AdaptiveMesh {
   using Mask = triangulation::TrianglePages::Mask;
 
   // storage and changes: adaptive_mesh.cpp
+  lattice::Area boxOf(TriangleId t) const;
   int levelAt(triangulation::Point2 p) const { return regions_[partition_.regionAt(p)].level; }
   triangulation::Vertex vertexAt(const GridPoint& p) const;
   triangulation::Moves moves(std::vector<VertexId>* moved);
@@ -200,6 +208,7 @@ class AdaptiveMesh {
   void takeFresh(RegionId region, const View* view, Scratch& scratch);
   void readBatch(std::size_t begin, std::size_t count, Scratch& scratch);
   void tryPoints(std::size_t begin, std::size_t count, int bits, const View* closely, Scratch& scratch) const;
+  void tryChanged(std::uint32_t slot, int bits, Scratch& scratch) const;
   void tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch) const;
   void judgeTrials(int level, const View* closely, Scratch& scratch);
   void judgeColours(int level, Scratch& scratch);
@@ -240,6 +249,7 @@ class AdaptiveMesh {
   std::shared_ptr<const terrain::Terrain> terrain_;
   Metric metric_;
   ColourError colour_;
+  std::vector<lattice::Area> changed_;  // where the terrain differs from the one before
   lattice::Point anchor_;
 
   triangulation::Records<Candidates> candidates_;  // by four triangles

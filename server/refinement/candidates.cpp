@@ -174,8 +174,8 @@ struct AdaptiveMesh::Scratch {
   std::vector<float> smeared;  // of each trial, steps: what its colour counts for; empty: nothing
 };
 
-// Nothing is in the page yet that its bounds or its sum must hold for. What its former region left there is forgotten: which pages a region gets
-// depends on threads, and what is done next may not.
+// Nothing is in the page yet that its bounds or its sum must hold for. What its former region left there is forgotten: which pages a region
+// gets depends on threads, and what is done next may not.
 void AdaptiveMesh::beginScreen(std::uint32_t page, double travel) {
   constexpr double never = std::numeric_limits<double>::infinity();
   checks_[page] = {never, never};
@@ -269,7 +269,31 @@ inline void AdaptiveMesh::tryPoints(std::size_t begin, std::size_t count, int bi
       }
       trials.push_back({slot, p, batch.y[k][i]});
     }
+    if (!changed_.empty()) tryChanged(slot, bits, scratch);
     if (closely) lookClosely(mesh_, scratch.fresh[slot], slot, bits, *closely, trials);
+  }
+}
+
+// An edit may be far narrower than the triangle that it lies in: points of its own are tried, too.
+void AdaptiveMesh::tryChanged(std::uint32_t slot, int bits, Scratch& scratch) const {
+  constexpr int kAcross = 6;
+  const lattice::Area box = boxOf(scratch.fresh[slot]);
+  const auto& v = mesh_.triangle(scratch.fresh[slot]).v;
+  const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
+  for (const lattice::Area& area : changed_) {
+    if (!area.meets(box)) continue;
+    const lattice::Point low{std::max(area.x0, box.x0), std::max(area.z0, box.z0)},
+        high{std::min(area.x1, box.x1), std::min(area.z1, box.z1)};
+    for (int j = 0; j < kAcross; ++j)
+      for (int i = 0; i < kAcross; ++i) {
+        const auto along = [](lattice::Step from, lattice::Step to, int k) {
+          const lattice::Step at = from + (to - from) * (2 * k + 1) / (2 * kAcross);
+          return static_cast<double>(at);
+        };
+        const Point2 p{snapTo(along(low.x, high.x, i) - static_cast<double>(anchor_.x), bits, halfOf(bits)),
+                       snapTo(along(low.z, high.z, j) - static_cast<double>(anchor_.z), bits, halfOf(bits))};
+        if (admissible(a, b, c, p)) scratch.trials.push_back({slot, p, static_cast<float>(planeHeight(a, b, c, p))});
+      }
   }
 }
 

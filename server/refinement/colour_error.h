@@ -27,6 +27,7 @@ class ColourError {
 
   // `bound`: of the largest difference of red, green or blue, 0..1; 0 or a terrain without colours: no colour is an error.
   ColourError(std::shared_ptr<const terrain::Terrain> terrain, double bound);
+  void setTerrain(std::shared_ptr<const terrain::Terrain> terrain) { terrain_ = std::move(terrain); }
   bool on() const { return bound_ > 0; }
 
   // In a leaf of this level; points relative to the anchor. `out` has the same size. Any thread.

@@ -29,6 +29,11 @@ class Horizon {
   static constexpr double kFirst = 32;  // metres: the nearest sample; the last is 31 km away
 
   explicit Horizon(std::shared_ptr<const terrain::Terrain> terrain) : terrain_(std::move(terrain)) {}
+  // Other ground from now on: all rays are cast again.
+  void setTerrain(std::shared_ptr<const terrain::Terrain> terrain) {
+    terrain_ = std::move(terrain);
+    centred_ = false;
+  }
 
   // Where the eye is now; `above`: metres over the ground; `moving`: it was elsewhere before. The rays that are to be cast before the next
   // hidden(), by number.

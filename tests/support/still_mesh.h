@@ -13,6 +13,7 @@ class StillMesh final : public session::IteratingMesh {
   wire::Figures iterate(const camera::Camera&) override { return {}; }
   void setInsertionLimit(std::uint32_t) override {}
   void change(const wire::Settings&) override {}
+  void setGround(std::shared_ptr<const terrain::Terrain>, std::span<const lattice::Area>) override {}
   bool settled() const override { return true; }
   const std::vector<mesh::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return {address, {}, {}}; }

@@ -42,6 +42,9 @@ class ScriptedMesh final : public IteratingMesh {
   }
   void setInsertionLimit(std::uint32_t most) override { script_->insertionLimit = most; }
   void change(const wire::Settings& granted) override { script_->changes.emplace_back(script_->iterations.load(), granted); }
+  void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) override {
+    script_->grounds.push_back({script_->iterations.load(), std::move(terrain), {changed.begin(), changed.end()}});
+  }
   bool settled() const override { return state_.settled; }
   const std::vector<mesh::LeafState>& leaves() const override { return leaves_; }
   mesh::LeafMesh extract(lattice::LeafAddress address) const override { return contentOf(address, state_.leaves.at(address)); }
@@ -73,8 +76,8 @@ mesh::LeafMesh contentOf(lattice::LeafAddress address, std::int32_t content) {
   return leaf;
 }
 
-MakeMesh scriptedMeshes(std::shared_ptr<Script> script) {
-  return [script](std::shared_ptr<const terrain::Terrain>, const wire::Settings&, std::shared_ptr<scheduling::Pool>) {
+MakeMesh scriptedMeshes(const std::shared_ptr<Script>& script) {
+  return [script](const std::shared_ptr<const terrain::Terrain>&, const wire::Settings&, const std::shared_ptr<scheduling::Pool>&) {
     return std::make_unique<ScriptedMesh>(script);
   };
 }

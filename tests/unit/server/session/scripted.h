@@ -33,8 +33,14 @@ struct Script {
   std::atomic<int> alive{0};  // meshes that exist
   std::atomic<std::uint32_t> insertionLimit{0};
   std::vector<std::pair<int, wire::Settings>> changes;  // after so many iterations; look at it when one that came later was taken
+  struct Ground {
+    int iterations;  // before it
+    std::shared_ptr<const terrain::Terrain> terrain;
+    std::vector<lattice::Area> changed;
+  };
+  std::vector<Ground> grounds;  // the same
 };
-MakeMesh scriptedMeshes(std::shared_ptr<Script> script);
+MakeMesh scriptedMeshes(const std::shared_ptr<Script>& script);
 
 // Records what is sent; applies iterations all or nothing.
 class Client : public Sender {

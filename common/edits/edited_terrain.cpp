@@ -1,0 +1,39 @@
+#include "common/edits/edited_terrain.h"
+
+#include <algorithm>
+
+namespace ridgecast::edits {
+
+EditedTerrain::EditedTerrain(std::shared_ptr<const terrain::Terrain> base, std::shared_ptr<const Layer> layer)
+    : base_(std::move(base)), layer_(std::move(layer)) {}
+
+void EditedTerrain::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
+  base_->heights(x, z, out);
+  layer_->raise(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}));
+}
+
+terrain::Colours EditedTerrain::colours() const {
+  auto own = base_->colours();
+  if (!own || layer_->empty()) return own;
+  return [own = std::move(own), layer = layer_](const lattice::Step* x, const lattice::Step* z, const float* height,
+                                                const std::array<float, 3>* normal, float footprint, std::array<float, 3>* out,
+                                                std::size_t count, std::uint32_t seed) {
+    own(x, z, height, normal, footprint, out, count, seed);
+    for (std::size_t k = 0; k < count; ++k)
+      if (const std::uint8_t material = layer->materialAt({x[k], z[k]}); material != 0) out[k] = colourOf(material);
+  };
+}
+
+std::array<float, 3> colourOf(std::uint8_t material) {
+  static constexpr std::array<std::array<float, 3>, kMaterials> kColours{{{0.16f, 0.10f, 0.06f},
+                                                                          {0.20f, 0.19f, 0.18f},
+                                                                          {0.30f, 0.28f, 0.25f},
+                                                                          {0.52f, 0.41f, 0.26f},
+                                                                          {0.07f, 0.14f, 0.03f},
+                                                                          {0.04f, 0.04f, 0.045f},
+                                                                          {0.42f, 0.41f, 0.39f},
+                                                                          {0.85f, 0.88f, 0.92f}}};
+  return kColours[std::clamp<std::size_t>(material, 1, kMaterials) - 1];
+}
+
+}  // namespace ridgecast::edits

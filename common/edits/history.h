@@ -1,0 +1,75 @@
+#pragma once
+// The edits of one world in their order, and the layer that they make on its terrain. The order is the truth: equal operations in equal
+// order on an equal terrain make an equal layer, whoever computes it, with undone ones left out as if they had never been.
+//
+// One thread at a time; layers, once taken, may be read by any. Bound: kMostEdits operations, kMostLayerBytes of layer.
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/edits/layer.h"
+#include "common/edits/operation.h"
+#include "common/outcome/outcome.h"
+#include "common/terrain/terrain.h"
+
+namespace ridgecast::edits {
+
+inline constexpr std::size_t kMostEdits = 4'000'000;
+inline constexpr std::size_t kMostLayerBytes = std::size_t{512} << 20;
+
+class History {
+ public:
+  explicit History(std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes = kMostLayerBytes);
+
+  std::uint64_t last() const { return last_; }  // number of the last edit; 0: none
+  const std::shared_ptr<const Layer>& layer() const { return layer_; }
+  const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
+  bool isUndone(std::uint64_t edit) const { return !entry(edit).counts; }
+  const Operation& operation(std::uint64_t edit) const { return entry(edit).operation; }
+
+  // The operation as it is kept: checked, and a road that has no heights yet surveyed on the ground there is now. Error: why not.
+  Outcome<Operation> prepare(Operation operation);
+
+  // The next edit, prepared. Returns the posts whose height or material changed (a rectangle around them). Error: no room; nothing has
+  // changed then.
+  Outcome<Posts> add(Operation operation);
+
+  // The last edit was not kept after all: everything is as before it, when the layer was `before`.
+  void takeBack(std::shared_ptr<const Layer> before);
+
+  // Goes on from an earlier history's end: its last number and its layer. Its operations are read when one is undone, and not before:
+  // `read`
+  // returns those from 1 to `last`.
+  using Read = std::function<Outcome<std::vector<Operation>>()>;
+  void restore(std::uint64_t last, std::shared_ptr<const Layer> layer, Read read);
+
+ private:
+  struct Entry {
+    Operation operation;
+    Posts area;
+    bool counts = true;
+  };
+  // The tiles that an operation changes, on a layer; `within`: those alone, null: all.
+  std::vector<Layer::Change> changesOf(const Operation& operation, const Layer& on, const TileSet* within) const;
+  std::vector<Layer::Change> smoothed(const Operation& operation, const Layer& on, const TileSet* within) const;
+  const Entry& entry(std::uint64_t edit) const { return entries_[edit - 1 - (last_ - entries_.size())]; }
+  Outcome<void> readAll();
+  // An edit counts from now on, or no longer. Returns the edit whose ground that is about; 0: its undoing was undone before.
+  std::uint64_t toggle(std::uint64_t edit);
+  // The layer as it is after `edit` was toggled.
+  std::shared_ptr<const Layer> replayed(std::uint64_t edit) const;
+
+  std::shared_ptr<const terrain::Terrain> terrain_;
+  std::size_t mostBytes_;
+  std::uint64_t last_ = 0;
+  Read read_;                   // the operations before those of entries_; empty: entries_ has all
+  std::vector<Entry> entries_;  // the newest, up to last_
+  std::shared_ptr<const Layer> layer_ = std::make_shared<const Layer>();
+};
+
+}  // namespace ridgecast::edits

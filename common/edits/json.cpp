@@ -1,0 +1,232 @@
+#include "common/edits/json.h"
+
+#include <array>
+#include <cmath>
+#include <initializer_list>
+#include <nlohmann/json.hpp>
+
+namespace ridgecast::edits {
+namespace {
+
+using Json = nlohmann::json;
+using lattice::Step;
+
+constexpr std::array<const char*, kMaterials> kMaterialNames{"earth", "rock", "gravel", "sand", "grass", "asphalt", "concrete", "snow"};
+
+double metres(std::int64_t steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+double share(std::uint32_t of256) { return of256 / 256.0; }
+
+// Reads fields one after another; what is wrong first is kept, and all that follows is 0.
+class Fields {
+ public:
+  explicit Fields(const Json& object) : object_(object) {}
+
+  double number(const char* name, std::optional<double> otherwise = {}) {
+    const Json* value = find(name);
+    if (!value) return otherwise ? *otherwise : fail(name, "is missing");
+    return value->is_number() ? value->get<double>() : fail(name, "must be a number");
+  }
+  Step steps(const char* name, std::optional<double> otherwise = {}) { return inSteps(name, number(name, otherwise)); }
+  std::int32_t height(const char* name) { return narrow<std::int32_t>(name, steps(name)); }
+  std::uint32_t in256(const char* name, double otherwise) { return narrow<std::uint32_t>(name, inSteps(name, number(name, otherwise))); }
+  std::uint64_t whole(const char* name, std::optional<double> otherwise = {}) {
+    const double v = number(name, otherwise);
+    if (v >= 0 && v <= 1e15 && v == std::floor(v)) return static_cast<std::uint64_t>(v);
+    return static_cast<std::uint64_t>(fail(name, "must be a whole number"));
+  }
+  bool has(const char* name) const { return object_.contains(name); }
+
+  // [[a, b], ...], each of `least` to `most` numbers.
+  std::vector<std::vector<Step>> rows(const char* name, std::size_t least, std::size_t most, std::size_t mostRows) {
+    const Json* value = find(name);
+    std::vector<std::vector<Step>> out;
+    if (!value || !value->is_array() || value->size() > mostRows)
+      return fail(name, "must be a list of at most " + std::to_string(mostRows) + " places"), out;
+    for (const Json& row : *value) {
+      if (!row.is_array() || row.size() < least || row.size() > most) return fail(name, "must be a list of places, each [x, z]"), out;
+      std::vector<Step>& steps = out.emplace_back();
+      for (const Json& v : row)
+        steps.push_back(v.is_number() ? inSteps(name, v.get<double>()) : static_cast<Step>(fail(name, "must be a list of numbers")));
+    }
+    return out;
+  }
+  std::vector<std::int32_t> list(const char* name, std::size_t most) {
+    const Json* value = find(name);
+    std::vector<std::int32_t> out;
+    if (!value || !value->is_array() || value->size() > most)
+      return fail(name, "must be a list of at most " + std::to_string(most) + " numbers"), out;
+    for (const Json& v : *value)
+      out.push_back(v.is_number() ? narrow<std::int32_t>(name, inSteps(name, v.get<double>()))
+                                  : static_cast<std::int32_t>(fail(name, "must be a list of numbers")));
+    return out;
+  }
+  std::uint32_t material() {
+    const Json* value = find("material");
+    if (!value) return 0;
+    for (std::uint32_t k = 0; k < kMaterials; ++k)
+      if (*value == kMaterialNames[k]) return k + 1;
+    return static_cast<std::uint32_t>(fail("material", "must be earth, rock, gravel, sand, grass, asphalt, concrete or snow"));
+  }
+  double fail(const char* name, const std::string& what) {
+    if (wrong_.empty()) wrong_ = std::string("An edit's \"") + name + "\" " + what + ".";
+    return 0;
+  }
+  // Also refuses what nobody asked for.
+  const std::string& wrong() {
+    for (const auto& [name, value] : object_.items())
+      if (wrong_.empty() && name != "op" && std::ranges::find(known_, name) == known_.end())
+        wrong_ = "An edit of this kind has no \"" + name.substr(0, 64) + "\".";
+    return wrong_;
+  }
+
+ private:
+  const Json* find(const char* name) {
+    known_.push_back(name);
+    const auto it = object_.find(name);
+    return it == object_.end() ? nullptr : &*it;
+  }
+  Step inSteps(const char* name, double v) {
+    if (!(std::abs(v) <= 1e13)) return static_cast<Step>(fail(name, "is beyond all there is"));
+    return static_cast<Step>(std::floor(v * lattice::kStepsPerMetre + 0.5));
+  }
+  template <class T>
+  T narrow(const char* name, Step v) {
+    if (v >= 0 && static_cast<std::uint64_t>(v) <= std::uint64_t{std::numeric_limits<T>::max()}) return static_cast<T>(v);
+    if (std::is_signed_v<T> && v < 0 && v >= -Step{std::numeric_limits<std::int32_t>::max()}) return static_cast<T>(v);
+    return static_cast<T>(fail(name, "is out of range"));
+  }
+
+  const Json& object_;
+  std::vector<std::string> known_;
+  std::string wrong_;
+};
+
+lattice::Point place(Fields& f) { return {f.steps("x"), f.steps("z")}; }
+
+Raise raise(Fields& f, int sign) {
+  Raise o{place(f), f.steps("radius"), f.steps("core", 0.0), f.height("by")};
+  o.amount *= sign;
+  return o;
+}
+
+Level level(Fields& f) {
+  Level o;
+  if (f.has("polygon")) {
+    for (const auto& corner : f.rows("polygon", 2, 2, kMostCorners)) o.corners.push_back({corner[0], corner[1]});
+  } else {
+    o.corners = {place(f)};
+    o.radius = f.steps("radius");
+  }
+  o.height = f.height("height");
+  o.slope = f.in256("slope", 1);
+  return o;
+}
+
+Road road(Fields& f) {
+  Road o;
+  const auto line = f.rows("line", 2, 3, kMostStations);
+  o.surveyed = !line.empty() && line.front().size() == 3;
+  for (const auto& station : line) {
+    if ((station.size() == 3) != o.surveyed) f.fail("line", "must have a height at every place or at none");
+    const Step y = station.size() == 3 ? std::clamp<Step>(station[2], -2 * lattice::kMaxHeight, 2 * lattice::kMaxHeight) : 0;
+    o.line.push_back({station[0], station[1], static_cast<std::int32_t>(y)});
+  }
+  o.width = f.steps("width");
+  o.grade = f.in256("grade", 0.1);
+  o.slope = f.in256("slope", 171.0 / 256);
+  return o;
+}
+
+Stamp stamp(Fields& f) {
+  Stamp o{place(f), 0, 0, 1, f.list("samples", std::size_t{kMostStampSide} * kMostStampSide)};
+  const std::uint64_t columns = f.whole("columns"), spacing = static_cast<std::uint64_t>(f.steps("spacing", 0.5));
+  if (columns < 2 || columns > kMostStampSide || o.samples.size() % columns != 0)
+    f.fail("columns", "must be 2 to 256 and divide the number of samples");
+  if (spacing % static_cast<std::uint64_t>(kPostSteps) != 0) f.fail("spacing", "must be a multiple of 0.5 m");
+  o.width = static_cast<std::uint32_t>(columns);
+  o.height = columns == 0 ? 0 : static_cast<std::uint32_t>(o.samples.size() / columns);
+  o.spacing = static_cast<std::uint32_t>(spacing / static_cast<std::uint64_t>(kPostSteps));
+  return o;
+}
+
+struct Writer {
+  Json operator()(const Raise& o) const {
+    return {{"op", o.amount < 0 ? "lower" : "raise"},
+            {"x", metres(o.at.x)},
+            {"z", metres(o.at.z)},
+            {"radius", metres(o.radius)},
+            {"core", metres(o.core)},
+            {"by", metres(std::abs(o.amount))}};
+  }
+  Json operator()(const Crater& o) const {
+    return {{"op", "crater"}, {"x", metres(o.at.x)}, {"z", metres(o.at.z)}, {"radius", metres(o.radius)}, {"depth", metres(o.depth)}};
+  }
+  Json operator()(const Level& o) const {
+    Json out{{"op", "level"}, {"height", metres(o.height)}, {"slope", share(o.slope)}};
+    if (o.corners.size() == 1) {
+      out["x"] = metres(o.corners[0].x), out["z"] = metres(o.corners[0].z), out["radius"] = metres(o.radius);
+    } else {
+      for (const lattice::Point p : o.corners) out["polygon"].push_back({metres(p.x), metres(p.z)});
+    }
+    return out;
+  }
+  Json operator()(const Smooth& o) const {
+    return {{"op", "smooth"}, {"x", metres(o.at.x)}, {"z", metres(o.at.z)}, {"radius", metres(o.radius)}, {"passes", o.passes}};
+  }
+  Json operator()(const Road& o) const {
+    Json out{{"op", "road"}, {"width", metres(o.width)}, {"grade", share(o.grade)}, {"slope", share(o.slope)}};
+    for (const lattice::Vertex& v : o.line) {
+      out["line"].push_back({metres(v.x), metres(v.z)});
+      if (o.surveyed) out["line"].back().push_back(metres(v.y));
+    }
+    return out;
+  }
+  Json operator()(const Stamp& o) const {
+    Json out{
+        {"op", "stamp"}, {"x", metres(o.at.x)}, {"z", metres(o.at.z)}, {"spacing", metres(o.spacing * kPostSteps)}, {"columns", o.width}};
+    for (const std::int32_t v : o.samples) out["samples"].push_back(metres(v));
+    return out;
+  }
+  Json operator()(const Undo& o) const { return {{"op", "undo"}, {"edit", o.edit}}; }
+};
+
+}  // namespace
+
+std::string toJson(const Operation& operation) {
+  Json out = std::visit(Writer(), operation.what);
+  if (operation.material > 0) out["material"] = kMaterialNames[operation.material - 1];
+  return out.dump();
+}
+
+Outcome<Operation> fromJson(std::string_view text) {
+  const Json in = Json::parse(text, nullptr, false);
+  if (!in.is_object() || !in.contains("op") || !in["op"].is_string())
+    return Error{R"(An edit is a JSON object with an "op": raise, lower, crater, level, smooth, road, stamp or undo.)"};
+  const std::string op = in["op"];
+  Fields fields(in);
+  Operation out;
+  if (op == "raise" || op == "lower") {
+    out.what = raise(fields, op == "raise" ? 1 : -1);
+  } else if (op == "crater") {
+    out.what = Crater{place(fields), fields.steps("radius"), fields.height("depth")};
+  } else if (op == "level") {
+    out.what = level(fields);
+  } else if (op == "smooth") {
+    out.what =
+        Smooth{place(fields), fields.steps("radius"), static_cast<std::uint32_t>(std::min<std::uint64_t>(fields.whole("passes", 4), 1000))};
+  } else if (op == "road") {
+    out.what = road(fields);
+  } else if (op == "stamp") {
+    out.what = stamp(fields);
+  } else if (op == "undo") {
+    out.what = Undo{fields.whole("edit")};
+  } else {
+    return Error{"There is no edit \"" + op.substr(0, 64) + "\"; there is raise, lower, crater, level, smooth, road, stamp and undo."};
+  }
+  if (op != "undo") out.material = fields.material();
+  if (!fields.wrong().empty()) return Error{fields.wrong()};
+  if (auto checked = check(out); !checked) return checked.error();
+  return out;
+}
+
+}  // namespace ridgecast::edits

@@ -1,0 +1,212 @@
+#include "common/edits/layer.h"
+
+#include <algorithm>
+
+#include "common/terrain/raster.h"
+
+namespace ridgecast::edits {
+
+using lattice::Step;
+
+namespace {
+
+constexpr std::int64_t kInTile = kTileSide - 1;
+
+std::size_t slotOf(std::int64_t x, std::int64_t z) { return static_cast<std::size_t>((z & kInTile) * kTileSide + (x & kInTile)); }
+
+// The neighbours of a tile that read its posts where they are not 0: a place reads from one post before it to two after it.
+template <class F>
+void forEachReader(TileAddress a, const Tile& tile, F&& f) {
+  std::int64_t x0 = kTileSide, x1 = -1, z0 = kTileSide, z1 = -1;
+  for (std::int64_t z = 0; z < kTileSide; ++z)
+    for (std::int64_t x = 0; x < kTileSide; ++x)
+      if (tile.rise[slotOf(x, z)] != 0) {
+        x0 = std::min(x0, x), x1 = std::max(x1, x);
+        z0 = std::min(z0, z), z1 = std::max(z1, z);
+      }
+  if (x1 < 0) return;
+  // Places between posts p and p + 1 read p - 1 to p + 2: post q is read from q - 2 to q + 1.
+  for (std::int64_t j = (z0 - 2) >> kTileBits; j <= (z1 + 1) >> kTileBits; ++j)
+    for (std::int64_t i = (x0 - 2) >> kTileBits; i <= (x1 + 1) >> kTileBits; ++i)
+      if (i != 0 || j != 0) f(TileAddress{a.i + i, a.j + j});
+}
+
+const std::shared_ptr<const Tile>& zeroTile() {
+  static const std::shared_ptr<const Tile> zero = std::make_shared<const Tile>();
+  return zero;
+}
+
+}  // namespace
+
+// The parts of a layer that are being written are copied once, then written in place.
+class Layer::Writer {
+ public:
+  explicit Writer(const Layer& from) : layer_(std::make_shared<Layer>(from)) {}
+
+  void set(TileAddress a, std::shared_ptr<const Tile> tile) {
+    if (!tile && !layer_->tile(a)) return;
+    std::shared_ptr<const Tile>& slot = blockOf(a)[slotIn(a)];
+    layer_->tiles_ += (tile ? 1 : 0);
+    layer_->tiles_ -= (slot ? 1 : 0);
+    slot = std::move(tile);
+  }
+  const Layer& layer() const { return *layer_; }
+
+  std::shared_ptr<const Layer> take() {
+    for (const auto& [key, block] : blocks_)
+      if (std::ranges::none_of(*block, [](const auto& tile) { return bool(tile); })) {
+        (*cells_.at(key.cell))[key.slot] = nullptr;
+        --layer_->blocks_;
+      }
+    for (const auto& [address, cell] : cells_)
+      if (std::ranges::none_of(*cell, [](const auto& block) { return bool(block); })) layer_->cells_.erase(address);
+    return std::move(layer_);
+  }
+
+ private:
+  struct Key {
+    CellAddress cell;
+    std::size_t slot;
+    friend bool operator==(const Key&, const Key&) = default;
+  };
+  struct HashOfKey {
+    std::size_t operator()(const Key& k) const { return lattice::mix(HashOfCell()(k.cell) + k.slot); }
+  };
+  static std::size_t slotIn(TileAddress a) {
+    constexpr std::int64_t kIn = (1 << kBlockBits) - 1;
+    return static_cast<std::size_t>(((a.j & kIn) << kBlockBits) | (a.i & kIn));
+  }
+  Block& blockOf(TileAddress a) {
+    constexpr std::int64_t kIn = (1 << kCellBits) - 1;
+    const CellAddress at{a.i >> (kBlockBits + kCellBits), a.j >> (kBlockBits + kCellBits)};
+    const Key key{at, static_cast<std::size_t>((((a.j >> kBlockBits) & kIn) << kCellBits) | ((a.i >> kBlockBits) & kIn))};
+    std::shared_ptr<Block>& block = blocks_[key];
+    if (block) return *block;
+    std::shared_ptr<Cell>& cell = cells_[at];
+    if (!cell) {
+      std::shared_ptr<const Cell>& there = layer_->cells_[at];
+      cell = there ? std::make_shared<Cell>(*there) : std::make_shared<Cell>();
+      there = cell;
+    }
+    std::shared_ptr<const Block>& there = (*cell)[key.slot];
+    if (!there) ++layer_->blocks_;
+    block = there ? std::make_shared<Block>(*there) : std::make_shared<Block>();
+    there = block;
+    return *block;
+  }
+
+  std::shared_ptr<Layer> layer_;
+  std::unordered_map<CellAddress, std::shared_ptr<Cell>, HashOfCell> cells_;
+  std::unordered_map<Key, std::shared_ptr<Block>, HashOfKey> blocks_;
+};
+
+const Layer::Cell* Layer::cell(CellAddress address) const {
+  const auto it = cells_.find(address);
+  return it == cells_.end() ? nullptr : it->second.get();
+}
+
+const Tile* Layer::tileOf(const Cell& cell, TileAddress a) {
+  constexpr std::int64_t kInBlock = (1 << kBlockBits) - 1, kInCell = (1 << kCellBits) - 1;
+  const auto& block = cell[static_cast<std::size_t>((((a.j >> kBlockBits) & kInCell) << kCellBits) | ((a.i >> kBlockBits) & kInCell))];
+  return block ? (*block)[static_cast<std::size_t>(((a.j & kInBlock) << kBlockBits) | (a.i & kInBlock))].get() : nullptr;
+}
+
+const Tile* Layer::tile(TileAddress a) const {
+  const Cell* const c = cell({a.i >> (kBlockBits + kCellBits), a.j >> (kBlockBits + kCellBits)});
+  return c ? tileOf(*c, a) : nullptr;
+}
+
+std::vector<TileAddress> Layer::addresses() const {
+  std::vector<TileAddress> out;
+  out.reserve(tiles_);
+  for (const auto& [at, cell] : cells_)
+    for (std::size_t b = 0; b < cell->size(); ++b) {
+      if (!(*cell)[b]) continue;
+      const Block& block = *(*cell)[b];
+      for (std::size_t t = 0; t < block.size(); ++t) {
+        if (!block[t]) continue;
+        const auto part = [&](std::int64_t whole, std::size_t blockOfIt, std::size_t tileOfIt) {
+          return (((whole << kCellBits) + static_cast<std::int64_t>(blockOfIt)) << kBlockBits) + static_cast<std::int64_t>(tileOfIt);
+        };
+        constexpr std::size_t kInBlock = (1 << kBlockBits) - 1, kInCell = (1 << kCellBits) - 1;
+        out.push_back({part(at.i, b & kInCell, t & kInBlock), part(at.j, b >> kCellBits, t >> kBlockBits)});
+      }
+    }
+  std::ranges::sort(out);
+  return out;
+}
+
+std::uint64_t Layer::hash() const {
+  std::uint64_t sum = 0;
+  for (const TileAddress a : addresses()) {
+    const Tile& t = *tile(a);
+    for (std::int64_t k = 0; k < kTileSide * kTileSide; ++k) {
+      const auto slot = static_cast<std::size_t>(k);
+      if (t.rise[slot] == 0 && t.material[slot] == 0) continue;
+      const std::uint64_t at = lattice::mix(static_cast<std::uint64_t>(a.i * kTileSide + k % kTileSide) +
+                                            lattice::mix(static_cast<std::uint64_t>(a.j * kTileSide + k / kTileSide)));
+      sum += lattice::mix(at ^ (static_cast<std::uint64_t>(static_cast<std::uint32_t>(t.rise[slot])) << 8 | t.material[slot]));
+    }
+  }
+  return sum;
+}
+
+std::int32_t Layer::riseAt(std::int64_t x, std::int64_t z) const {
+  const Tile* const t = tile({x >> kTileBits, z >> kTileBits});
+  return t ? t->rise[slotOf(x, z)] : 0;
+}
+
+void Layer::raise(const Step* x, const Step* z, float* heights, std::size_t count) const {
+  if (empty()) return;
+  constexpr Step kNone = Step{1} << 62;
+  CellAddress last{kNone, kNone};
+  const Cell* held = nullptr;
+  for (std::size_t k = 0; k < count; ++k) {
+    const CellAddress at{x[k] >> lattice::kCellBits, z[k] >> lattice::kCellBits};
+    if (!(at == last)) held = cell(last = at);
+    if (!held) continue;
+    const Tile* const here = tileOf(*held, {x[k] >> kTileStepBits, z[k] >> kTileStepBits});
+    if (!here) continue;
+    const std::int64_t px = x[k] >> kPostBits, pz = z[k] >> kPostBits, inX = px & kInTile, inZ = pz & kInTile;
+    std::array<std::int32_t, 16> around;
+    if (inX >= 1 && inX < kTileSide - 2 && inZ >= 1 && inZ < kTileSide - 2) {
+      for (std::int64_t j = 0; j < 4; ++j)
+        std::copy_n(&here->rise[slotOf(inX - 1, inZ - 1 + j)], 4, &around[static_cast<std::size_t>(4 * j)]);
+    } else {
+      for (std::int64_t j = 0; j < 4; ++j)
+        for (std::int64_t i = 0; i < 4; ++i) around[static_cast<std::size_t>(4 * j + i)] = riseAt(px - 1 + i, pz - 1 + j);
+    }
+    if (std::ranges::all_of(around, [](std::int32_t v) { return v == 0; })) continue;
+    heights[k] += terrain::cubicHeight(around, static_cast<std::int32_t>(x[k] & (kPostSteps - 1)),
+                                       static_cast<std::int32_t>(z[k] & (kPostSteps - 1)), kPostSteps);
+  }
+}
+
+std::uint8_t Layer::materialAt(lattice::Point p) const {
+  const std::int64_t x = (p.x + kPostSteps / 2) >> kPostBits, z = (p.z + kPostSteps / 2) >> kPostBits;
+  const Tile* const t = tile({x >> kTileBits, z >> kTileBits});
+  return t ? t->material[slotOf(x, z)] : 0;
+}
+
+std::shared_ptr<const Layer> Layer::with(const std::vector<Change>& changes) const {
+  Writer writer(*this);
+  for (const Change& c : changes) writer.set(c.address, c.tile);
+  for (const Change& c : changes) {
+    if (c.tile)
+      forEachReader(c.address, *c.tile, [&](TileAddress reader) {
+        if (!writer.layer().tile(reader)) writer.set(reader, zeroTile());
+      });
+    // A tile that went, or is all 0, may be read for its neighbours' sake.
+    for (std::int64_t j = -1; j <= 1; ++j)
+      for (std::int64_t i = -1; i <= 1; ++i) {
+        const TileAddress beside{c.address.i + i, c.address.j + j};
+        if (const Tile* const t = writer.layer().tile(beside); t && (i != 0 || j != 0))
+          forEachReader(beside, *t, [&](TileAddress reader) {
+            if (reader == c.address && !writer.layer().tile(reader)) writer.set(reader, zeroTile());
+          });
+      }
+  }
+  return writer.take();
+}
+
+}  // namespace ridgecast::edits

@@ -1,0 +1,177 @@
+// What each operation makes of the ground, against laws that do not know how it is computed.
+#include "common/edits/operation.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <random>
+
+#include "common/edits/edited_terrain.h"
+#include "common/edits/history.h"
+
+namespace ridgecast::edits {
+namespace {
+
+using lattice::Step;
+
+constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kStepsPerMetre); }
+
+// Alpine with edits on it.
+struct Ground {
+  Ground() : base(terrain::create("alpine", 3).value()), history(base) {}
+  void apply(Operation o) {
+    auto prepared = history.prepare(std::move(o));
+    ASSERT_TRUE(prepared) << prepared.error().message;
+    ASSERT_TRUE(history.add(std::move(*prepared)));
+  }
+  // Steps above the terrain's own height at a post, metres from 0.
+  std::int32_t rise(double x, double z) const { return history.layer()->riseAt(m(x) >> kPostBits, m(z) >> kPostBits); }
+  std::int32_t height(double x, double z) const { return EditedTerrain(base, history.layer()).heightStep({m(x), m(z)}); }
+
+  std::shared_ptr<const terrain::Terrain> base;
+  History history;
+};
+
+TEST(Edits, RaisingIsWholeInTheCoreAndNothingAtTheBorder) {
+  Ground g;
+  g.apply({Raise{{m(100), m(-50)}, m(10), m(4), 512}, 0});
+  EXPECT_EQ(g.rise(100, -50), 512);
+  EXPECT_EQ(g.rise(104, -50), 512);
+  EXPECT_NEAR(g.rise(107, -50), 256, 2);  // halfway between core and border
+  EXPECT_EQ(g.rise(110, -50), 0);
+  for (double d = 4; d < 10; d += 0.5) EXPECT_GE(g.rise(100 + d, -50), g.rise(100.5 + d, -50));
+  EXPECT_EQ(g.rise(93, -50), g.rise(107, -50));
+}
+
+TEST(Edits, ACraterHasItsDepthAndARim) {
+  Ground g;
+  g.apply({Crater{{0, 0}, m(20), m(6)}, 0});
+  EXPECT_EQ(g.rise(0, 0), -m(6));
+  EXPECT_EQ(g.rise(20, 0), m(1.5));
+  EXPECT_EQ(g.rise(30, 0), 0);
+  EXPECT_EQ(g.rise(0, -20), m(1.5));
+}
+
+TEST(Edits, LevelGroundIsLevelAndItsBanksAreNoSteeper) {
+  Ground g;
+  const std::int32_t height = g.base->heightStep({m(40), m(40)});
+  g.apply({Level{{{m(0), m(0)}, {m(80), m(0)}, {m(80), m(80)}, {m(0), m(80)}}, 0, height, 128}, 0});
+  for (double z = 0; z <= 80; z += 4)
+    for (double x = 0; x <= 80; x += 4) EXPECT_EQ(g.height(x, z), height) << x << " " << z;
+  // On a bank of half a metre a metre, or where the ground is within it anyway.
+  for (double d = 0.5; d < 32; d += 0.5) EXPECT_LE(std::abs(g.height(80 + d, 40) - height), m(d) / 2 + 2) << d;
+}
+
+TEST(Edits, ALevelCircleIsRound) {
+  Ground g;
+  const std::int32_t height = g.base->heightStep({0, 0}) + m(10);
+  g.apply({Level{{{0, 0}}, m(15), height, 256}, 0});
+  for (double turn = 0; turn < 6.3; turn += 0.1) {
+    const double x = std::floor(14 * std::cos(turn) * 2) / 2, z = std::floor(14 * std::sin(turn) * 2) / 2;
+    EXPECT_EQ(g.height(x, z), height);
+  }
+}
+
+TEST(Edits, SmoothingTakesTheRoughnessAndKeepsALevelPlane) {
+  Ground g;
+  g.apply({Raise{{m(2), m(2)}, m(1), 0, m(3)}, 0});
+  const auto roughness = [&] {
+    double sum = 0;
+    for (double x = -6; x < 6; x += 0.5) sum += std::pow(g.height(x - 0.5, 2) - 2 * g.height(x, 2) + g.height(x + 0.5, 2), 2);
+    return sum;
+  };
+  const double before = roughness();
+  g.apply({Smooth{{m(2), m(2)}, m(10), 8}, 0});
+  EXPECT_LT(roughness(), before / 20);
+
+  Ground level;
+  level.apply({Level{{{0, 0}}, m(60), level.base->heightStep({0, 0}), 256}, 0});
+  const auto hash = level.history.layer()->hash();
+  level.apply({Smooth{{0, 0}, m(20), 16}, 0});
+  EXPECT_EQ(level.history.layer()->hash(), hash);
+}
+
+TEST(Edits, ARoadKeepsItsGradeAndCutsAsDeepAsItFillsHigh) {
+  Ground g;
+  Road road;
+  road.line = {{m(0), m(0), 0}, {m(300), m(120), 0}, {m(500), m(-200), 0}};
+  road.width = m(8);
+  road.grade = 26;
+  const Operation prepared = g.history.prepare({road, 0}).value();
+  const Road& surveyed = std::get<Road>(prepared.what);
+  ASSERT_TRUE(surveyed.surveyed);
+  double cut = 0, fill = 0;
+  for (std::size_t k = 1; k < surveyed.line.size(); ++k) {
+    const lattice::Vertex &a = surveyed.line[k - 1], &b = surveyed.line[k];
+    const double length = std::hypot(static_cast<double>(b.x - a.x), static_cast<double>(b.z - a.z));
+    EXPECT_LE(length, m(8) + 2);
+    EXPECT_LE(std::abs(b.y - a.y), length * 26 / 256 + 2);
+    const double over = b.y - g.base->heightStep({b.x, b.z});
+    double& most = over > 0 ? fill : cut;
+    most = std::max(most, std::abs(over));
+  }
+  EXPECT_GT(fill, m(1));
+  EXPECT_NEAR(cut, fill, 4);
+  g.apply(prepared);
+  // Across the road it is level, from edge to edge.
+  const lattice::Vertex& station = surveyed.line[5];
+  const double x = std::floor(static_cast<double>(station.x) / 128) / 2, z = std::floor(static_cast<double>(station.z) / 128) / 2;
+  for (double d = -1; d <= 1; d += 0.5) EXPECT_NEAR(g.height(x - d * 0.37, z + d * 0.93), station.y, m(0.35));
+}
+
+TEST(Edits, AStampIsLinearBetweenItsSamples) {
+  Ground g;
+  g.apply({Stamp{{0, 0}, 3, 3, 4, {0, 0, 0, 0, 1024, 0, 0, 0, 0}}, 0});
+  EXPECT_EQ(g.rise(0, 0), 1024);
+  EXPECT_EQ(g.rise(1, 0), 512);
+  EXPECT_EQ(g.rise(0.5, 0), 768);
+  EXPECT_EQ(g.rise(1, 1), 256);
+  EXPECT_EQ(g.rise(2, 0), 0);
+}
+
+TEST(Edits, MaterialsColourTheGround) {
+  Ground g;
+  g.apply({Level{{{0, 0}}, m(10), g.base->heightStep({0, 0}), 256}, 6});
+  const EditedTerrain edited(g.base, g.history.layer());
+  const Step x[] = {0, m(200)}, z[] = {0, 0};
+  const float height[] = {0, 0};
+  const std::array<float, 3> up[] = {{0, 1, 0}, {0, 1, 0}};
+  std::array<float, 3> out[2], own[2];
+  edited.colours()(x, z, height, up, 0, out, 2, 3);
+  g.base->colours()(x, z, height, up, 0, own, 2, 3);
+  EXPECT_EQ(out[0], colourOf(6));
+  EXPECT_EQ(out[1], own[1]);
+}
+
+TEST(Edits, WhatIsWrongIsSaid) {
+  const auto refusal = [](const Operation& o) {
+    const auto checked = check(o);
+    return checked ? std::string() : checked.error().message;
+  };
+  constexpr Step kFar = lattice::kMaxPosition + 1;
+  EXPECT_NE(refusal({Crater{{kFar, 0}, m(5), m(1)}, 0}).find("beyond the lattice"), std::string::npos);
+  EXPECT_NE(refusal({Crater{{0, 0}, m(1e6), m(1)}, 0}).find("0.5 to 256 m"), std::string::npos);
+  EXPECT_NE(refusal({Crater{{0, 0}, m(5), -1}, 0}).find("depth"), std::string::npos);
+  EXPECT_NE(refusal({Raise{{0, 0}, m(5), m(6), 1}, 0}).find("core"), std::string::npos);
+  EXPECT_NE(refusal({Level{{{0, 0}, {m(3000), 0}, {0, m(1)}}, 0, 0, 256}, 0}).find("spans"), std::string::npos);
+  EXPECT_NE(refusal({Level{{{0, 0}, {m(1500), 0}, {0, m(1500)}}, 0, 0, 256}, 0}).find("posts"), std::string::npos);
+  EXPECT_NE(refusal({Level{{{0, 0}, {1, 1}}, 0, 0, 256}, 0}).find("3 to"), std::string::npos);
+  EXPECT_NE(refusal({Smooth{{0, 0}, m(5), 17}, 0}).find("passes"), std::string::npos);
+  EXPECT_NE(refusal({Stamp{{0, 0}, 300, 2, 1, std::vector<std::int32_t>(600)}, 0}).find("samples"), std::string::npos);
+  EXPECT_NE(refusal({Road{{{0, 0, 0}, {m(1500), 0, 0}, {0, 0, 0}}, false, m(5), 26, 171}, 0}).find("longer"), std::string::npos);
+  EXPECT_NE(refusal({Crater{{0, 0}, m(5), m(1)}, 9}).find("material"), std::string::npos);
+  EXPECT_NE(refusal({Undo{0}, 0}).find("from 1"), std::string::npos);
+}
+
+TEST(Edits, RootsAreExact) {
+  std::mt19937_64 random(1);
+  for (int k = 0; k < 100'000; ++k) {
+    const auto square = static_cast<std::int64_t>(random() >> (4 + random() % 58)), root = rootOf(square);
+    ASSERT_LE(root * root, square);
+    ASSERT_GT((root + 1) * (root + 1), square);
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast::edits
