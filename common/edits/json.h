@@ -1,7 +1,6 @@
 #pragma once
-// Operations as JSON: how they travel, and how they are kept. Lengths are metres; a step is 2^-8 m, so what is written out comes back as
-// the
-// same steps. One text form serves the stream, HTTP, the log, export and every language that can read JSON.
+// Operations as JSON: how they travel, and how they are kept. Lengths are metres; a step is 2^-8 m, so what is written out comes back
+// as the same steps. One text form serves the stream, HTTP, the log, export and every language that can read JSON.
 //
 //   {"op": "raise", "x": 10, "z": -4, "radius": 5, "core": 2, "by": 1.5}            "lower" likewise
 //   {"op": "crater", "x": 0, "z": 0, "radius": 12, "depth": 4}
@@ -10,9 +9,8 @@
 //   {"op": "road", "line": [[x, z], ...], "width": 6, "grade": 0.1, "slope": 0.5}   or [[x, z, height], ...]
 //   {"op": "stamp", "x": 0, "z": 0, "spacing": 0.5, "columns": 3, "samples": [0, 0.5, 0, ...]}
 //   {"op": "undo", "edit": 17}
-// All but undo may have a "material": "earth", "rock", "gravel", "sand", "grass", "asphalt", "concrete" or "snow". Left out: core 0, slope
-// 1
-// (of a road 0.667), passes 4, grade 0.1, spacing 0.5.
+// All but undo may have a "material": "earth", "rock", "gravel", "sand", "grass", "asphalt", "concrete" or "snow". Left out: core 0,
+// slope 1 (of a road 0.667), passes 4, grade 0.1, spacing 0.5.
 
 #include <string>
 #include <string_view>

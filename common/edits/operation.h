@@ -44,9 +44,8 @@ struct Crater {
   friend bool operator==(const Crater&, const Crater&) = default;
 };
 
-// Level at `height` inside a polygon, or a circle around its only corner. Outside, up to kBank from the border, the ground keeps within a
-// bank
-// that rises and falls from there by `slope`.
+// Level at `height` inside a polygon, or a circle around its only corner. Outside, up to kBank from the border, the ground keeps within
+// a bank that rises and falls from there by `slope`.
 struct Level {
   std::vector<lattice::Point> corners;
   lattice::Step radius = 0;   // of a circle; polygons: 0

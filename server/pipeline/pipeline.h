@@ -46,8 +46,8 @@ class IteratingMesh {
   // colour error or a larger budget begins anew, with versions that go on.
   virtual void change(const settings::Settings& granted) = 0;
 
-  // From the next iteration on the ground is this one, which differs from the one before within these areas alone: what the mesh holds there
-  // takes its new heights, and is looked at anew.
+  // From the next iteration on the ground is this one, which differs from the one before within these areas alone: what the mesh holds
+  // there takes its new heights, and is looked at anew.
   virtual void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) = 0;
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
