@@ -27,6 +27,7 @@
 #include "common/user_terrain/probe.h"
 #include "common/user_terrain/raster_terrain.h"
 #include "server/config/config.h"
+#include "server/http/edits.h"
 #include "server/http/map_tiles.h"
 #include "server/http/queries.h"
 #include "server/http/site.h"
@@ -185,6 +186,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
                           std::make_shared<http::AnswerCache>(std::size_t{config.cacheMemory} << 20)};
   routes.insert(routes.begin(), {http::snapshotRoute(directory, maker), http::tilesetRoute(directory, maker)});
   routes.push_back(http::queryRoute(directory));
+  routes.push_back(http::editsRoute(directory));
   routes.push_back(http::mapTileRoute(directory));
   routes.push_back(http::terrainsRoute(resources->makeTerrain ? std::optional(config.terrain.folder) : std::nullopt));
   auto listening = net::Server::listen(config.net, directory, std::move(routes));

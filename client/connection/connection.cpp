@@ -61,10 +61,10 @@ struct Connection::Impl final : WebSocket::Listener {
   }
 
   template <class Requests, class Request>
-  auto ask(Requests& requests, Request request) {
+  auto ask(Requests& requests, Request request, std::uint32_t revision = 1, const char* lacks = "answers no queries") {
     std::unique_lock lock(mutex_);
     std::optional<Error> refusal = error_;
-    if (!refusal && world_.revision < 1) refusal = Error{"the server at " + socket_.where() + " is of a version that answers no queries"};
+    if (!refusal && world_.revision < revision) refusal = Error{"the server at " + socket_.where() + " is of a version that " + lacks};
     auto future = requests.add(std::move(request), refusal);
     lock.unlock();
     socket_.post([this] { write(); });
@@ -110,6 +110,8 @@ struct Connection::Impl final : WebSocket::Listener {
       return "sent what cannot be: an answer to no query";
     if (auto* ground = std::get_if<wire::Ground>(&message); ground && !outbox_.grounds.take(ground->id, std::move(*ground)))
       return "sent what cannot be: a ground that was not requested";
+    if (auto* edit = std::get_if<wire::EditAnswer>(&message); edit && !outbox_.edits.take(edit->id, std::move(*edit)))
+      return "sent what cannot be: an answer to no edit";
     return keep(message, bytes);
   }
 
@@ -129,6 +131,14 @@ struct Connection::Impl final : WebSocket::Listener {
     } else if (const auto* said = std::get_if<wire::Clock>(&message)) {
       clock_.hear(*said, now);
       return skipStep();
+    } else if (auto* edited = std::get_if<wire::Edited>(&message)) {
+      for (wire::MadeEdit& made : edited->edits) {
+        if (!hello_.edits || made.number != lastEdit_ + 1) return "sent what cannot be: edits that leave a gap, or that nobody wanted";
+        if (edits_.size() >= Connection::kMaxEdits)
+          return "sent more than " + std::to_string(Connection::kMaxEdits) + " edits that nobody has taken yet";
+        lastEdit_ = made.number;
+        edits_.push_back(std::move(made));
+      }
     } else if (const auto* settings = std::get_if<wire::Granted>(&message)) {
       granted_ = settings->settings;
     }
@@ -193,6 +203,7 @@ struct Connection::Impl final : WebSocket::Listener {
   void fail(const Error& error) {
     outbox_.queries.fail(error);
     outbox_.grounds.fail(error);
+    outbox_.edits.fail(error);
   }
 
   const wire::Hello hello_;
@@ -210,6 +221,8 @@ struct Connection::Impl final : WebSocket::Listener {
   std::uint64_t waitingBytes_ = 0;   // of their frames, at most one of the largest
   std::size_t unanswered_ = 0;       // tiles that are requested and not taken, including those that came
   std::vector<wire::HeightTile> tiles_;
+  std::uint64_t lastEdit_ = hello_.editsAfter;
+  std::vector<wire::MadeEdit> edits_;
   Roster roster_;
   SessionClock clock_;
   std::uint64_t bytes_ = 0;
@@ -267,6 +280,15 @@ void Connection::passOver(std::uint64_t camera) {
 
 std::future<Outcome<wire::Answer>> Connection::ask(wire::Query query) { return impl_->ask(impl_->outbox_.queries, std::move(query)); }
 std::future<Outcome<wire::Ground>> Connection::askGround(const wire::AskGround& ask) { return impl_->ask(impl_->outbox_.grounds, ask); }
+
+std::future<Outcome<wire::EditAnswer>> Connection::edit(wire::Edit edit) {
+  return impl_->ask(impl_->outbox_.edits, std::move(edit), 4, "knows no edits");
+}
+
+std::vector<wire::MadeEdit> Connection::takeEdits() {
+  const std::lock_guard lock(impl_->mutex_);
+  return std::exchange(impl_->edits_, {});
+}
 
 std::optional<Received> Connection::receive(milliseconds timeout) {
   std::unique_lock lock(impl_->mutex_);

@@ -108,6 +108,12 @@ class Connection {
   std::future<Outcome<wire::Answer>> ask(wire::Query query);
   std::future<Outcome<wire::Ground>> askGround(const wire::AskGround& ask);
 
+  // Changes the ground; sets `id`. The future holds its number once it is made, kept and in everybody's ground, or why not; at most
+  // wire::kMaxEdits are pending at a time. With hello.edits: the edits that were made since the last call, in order.
+  std::future<Outcome<wire::EditAnswer>> edit(wire::Edit edit);
+  static constexpr std::size_t kMaxEdits = 1u << 20;  // not taken yet: one more ends the connection with an error
+  std::vector<wire::MadeEdit> takeEdits();
+
   // Replaces hello's settings from the next iteration on. A waiting change is replaced by a newer one and leaves before waiting poses.
   // Never blocks; does nothing if the server's version changes none (World::revision below 2).
   void change(const wire::Settings& settings);

@@ -41,6 +41,7 @@ std::optional<wire::ClientMessage> Outbox::next() {
   if (!messages_.empty()) return pop(messages_);
   if (auto query = queries.next()) return std::move(*query);
   if (auto ask = grounds.next()) return std::move(*ask);
+  if (auto edit = edits.next()) return std::move(*edit);
   return std::nullopt;
 }
 

@@ -86,6 +86,7 @@ class Outbox {
 
   PendingRequests<wire::Query, wire::Answer> queries{wire::kMaxQueries, Connection::kMaxWaiting};
   PendingRequests<wire::AskGround, wire::Ground> grounds{wire::kMaxGrounds, Connection::kMaxWaiting};
+  PendingRequests<wire::Edit, wire::EditAnswer> edits{wire::kMaxEdits, Connection::kMaxWaiting};
 
  private:
   const wire::Pacing pacing_;

@@ -17,8 +17,8 @@
 namespace ridgecast::wire {
 
 inline constexpr std::uint32_t kProtocolVersion = 1;
-// Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over.
-inline constexpr std::uint32_t kRevision = 3;
+// Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over; 4: edits.
+inline constexpr std::uint32_t kRevision = 4;
 
 using lattice::Candidate;
 using settings::Figures;
@@ -39,6 +39,8 @@ struct Hello {
   bool members = false;  // wants Members
   bool clock = false;    // wants Clock, and answers steps that wait
   bool errors = false;   // wants the error of every leaf
+  bool edits = false;    // wants Edited
+  std::uint64_t editsAfter = 0;
 };
 
 struct PoseMessage {
@@ -119,8 +121,15 @@ struct ChangeSettings {
   Settings settings;
 };
 
+// Changes the ground for everybody; answered by EditAnswer.
+struct Edit {
+  std::uint64_t id = 0;
+  std::string key;        // at most kMaxEditKeyBytes; what is sent again with its key is made once
+  std::string operation;  // edits::fromJson
+};
+
 using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, ClockStep, StepDone, Query,
-                                   AskGround, WantTiles, ChangeSettings, PassOver>;
+                                   AskGround, WantTiles, ChangeSettings, PassOver, Edit>;
 
 struct World {
   std::uint32_t protocolVersion = kProtocolVersion;
@@ -138,6 +147,7 @@ struct World {
   std::uint32_t revision = kRevision;
   std::optional<terrain::RasterShape> heightMap{};  // nothing: heights are a formula, or private
   bool shadedVertices = false;                      // colours and normals travel with the vertices
+  std::uint64_t edit = 0;                           // the last of the ground
 };
 
 struct LeafWhole {
@@ -159,6 +169,7 @@ struct Iteration {
   std::vector<std::uint8_t> shades;        // terrain::Shade of the points that came or were raised, where World::shadedVertices
   std::uint64_t meshHash = 0;
   bool settled = false;
+  std::uint64_t edit = 0;  // the last that the mesh knows
   Figures figures;
   std::optional<std::vector<Candidate>> candidates{};  // the worst first; nothing: those before stay, where they are wanted
 };
@@ -217,13 +228,31 @@ struct Answer {
   std::vector<float> normals;     // x, y, z of each
   std::vector<double> distances;  // metres; -1: none
   std::string refusal{};          // why there is no answer; then nothing else is set
+  std::uint64_t edit = 0;         // the last that it knows
 };
 
 struct Ground {
   std::uint64_t id = 0;
   double error = 0;  // metres
   std::vector<LeafWhole> leaves;
-  std::string refusal{};  // as Answer's
+  std::string refusal{};   // as Answer's
+  std::uint64_t edit = 0;  // as Answer's
+};
+
+struct EditAnswer {
+  std::uint64_t id = 0;
+  std::uint64_t number = 0;  // 0: refused
+  std::string refusal{};
+};
+
+struct MadeEdit {
+  std::uint64_t number = 0;
+  std::string author;
+  std::string operation;  // JSON
+  lattice::Area ground;   // that it changed, at most
+};
+struct Edited {
+  std::vector<MadeEdit> edits;  // numbers ascend by 1
 };
 
 struct HeightTile {
@@ -242,6 +271,7 @@ struct Granted {
 
 struct UnknownKind {};  // of a later revision: to be ignored
 
-using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles, Granted, UnknownKind>;
+using ServerMessage =
+    std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles, Granted, EditAnswer, Edited, UnknownKind>;
 
 }  // namespace ridgecast::wire

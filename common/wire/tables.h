@@ -45,6 +45,7 @@ template <QueryKind>
 const Query& ask(const Query& m) { return m; }
 
 inline constexpr auto kPlace = within(lattice::kMaxPosition, "steps");
+inline constexpr auto kEdge = within(2 * lattice::kMaxPosition, "steps");  // of an area
 inline constexpr auto kHeight = within(1e6, "m");
 inline constexpr auto kRate = Range{0.0, 1000.0};
 inline constexpr auto kMicroseconds = atMost(kMaxTime, "microseconds");
@@ -115,7 +116,7 @@ TABLE(Hello,
     FIELD(pacing, pacing, OneOf{ENUM(Pacing)}),
     FIELD(points, points),
     FIELD(role, role, OneOfOrFirst{ENUM(Role)}),
-    FIELD(members, members), FIELD(clock, clock), FIELD(errors, errors));
+    FIELD(members, members), FIELD(clock, clock), FIELD(errors, errors), FIELD(edits, edits), FIELD(edits_after, editsAfter));
 
 TABLE(Acknowledge, FIELD(iteration, iteration), FIELD(mesh_hash, meshHash));
 
@@ -174,10 +175,16 @@ TABLE(AskGround,
 
 TABLE(WantTiles, FIELD(tiles, tiles, Entries{kMaxTiles}));
 
+TABLE(Edit,
+    FIELD(id, id),
+    FIELD(key, key, Text{kMaxEditKeyBytes}),
+    FIELD(operation, operation, Bytes{kMaxClientMessageBytes}));
+
 TABLE(ClientMessage,
     KIND(hello, Hello), KIND(pose, PoseMessage), KIND(acknowledge, Acknowledge), KIND(resend_leaves, ResendLeaves), KIND(resume, Resume),
     KIND(ask_clock, AskClock), KIND(set_clock, SetClock), KIND(step, ClockStep), KIND(step_done, StepDone), KIND(query, Query),
-    KIND(ask_ground, AskGround), KIND(want_tiles, WantTiles), SETTINGS(change_settings, ChangeSettings), KIND(pass_over, PassOver));
+    KIND(ask_ground, AskGround), KIND(want_tiles, WantTiles), SETTINGS(change_settings, ChangeSettings), KIND(pass_over, PassOver),
+    KIND(edit, Edit));
 
 // ---- server to client ----
 
@@ -205,7 +212,8 @@ TABLE(World,
     FIELD(horizon, horizon, Range{1.0, kMaxHorizon, "m"}),
     FIELD(settings, settings),
     FIELD(window, window, Range{1u, kMaxWindow}),
-    FIELD(camera, camera), FIELD(revision, revision), FIELD(height_map, heightMap), FIELD(shaded_vertices, shadedVertices));
+    FIELD(camera, camera), FIELD(revision, revision), FIELD(height_map, heightMap), FIELD(shaded_vertices, shadedVertices),
+    FIELD(edit, edit));
 
 TABLE(Figures,
     FIELD(select_ms, selectMs, kMs),
@@ -266,7 +274,7 @@ TABLE(Iteration,
     FIELD(points, points, Bytes{kMaxPayloadBytes}),
     FIELD(errors, errors, Entries{kMaxIterationLeaves, kLeafError}),
     FIELD(shades, shades, Bytes{kMaxShadeBytes}),
-    FIELD(mesh_hash, meshHash), FIELD(settled, settled), FIELD(figures, figures),
+    FIELD(mesh_hash, meshHash), FIELD(settled, settled), FIELD(figures, figures), FIELD(edit, edit),
     FIELD(candidates, candidates, Encoded{&kMaxCandidatesBytes}));
 
 TABLE(Error,
@@ -304,13 +312,31 @@ TABLE(Answer,
     FIELD(heights, heights, Entries{kMaxPlaces}),
     FIELD(normals, normals, Entries{3 * kMaxPlaces}),
     FIELD(distances, distances, Entries{kMaxRays}),
-    FIELD(refusal, refusal, Bytes{kMaxErrorBytes}));
+    FIELD(refusal, refusal, Bytes{kMaxErrorBytes}), FIELD(edit, edit));
 
 TABLE(Ground,
     FIELD(id, id),
     FIELD(error, error, kLeafError),
     FIELD(leaves, leaves, Entries{kMaxIterationLeaves}),
+    FIELD(refusal, refusal, Bytes{kMaxErrorBytes}), FIELD(edit, edit));
+
+TABLE(EditAnswer,
+    FIELD(id, id),
+    FIELD(number, number),
     FIELD(refusal, refusal, Bytes{kMaxErrorBytes}));
+
+TABLE(MadeEdit,
+    FIELD(number, number, atLeast(std::uint64_t{1})),
+    FIELD(author, author, kName),
+    FIELD(operation, operation, Bytes{kMaxSmallMessageBytes}),
+    FIELD(x0, ground.x0, kEdge), FIELD(z0, ground.z0, kEdge), FIELD(x1, ground.x1, kEdge), FIELD(z1, ground.z1, kEdge));
+TABLE(Edited,
+    FIELD(edits, edits, Entries{kMaxMadeEdits}),
+    also("edits", "numbered without gaps", [](const pb::Edited& p) {
+      for (int k = 1; k < p.edits_size(); ++k)
+        if (p.edits(k).number() != p.edits(k - 1).number() + 1) return false;
+      return true;
+    }));
 
 TABLE(HeightTile,
     FIELD(address, address),
@@ -323,6 +349,9 @@ TABLE(ServerMessage,
     KIND(members, Members, Encoded{&kMaxSmallMessageBytes}),
     KIND(clock, Clock, Encoded{&kMaxSmallMessageBytes}),
     KIND(answer, Answer, Encoded{&kMaxSmallMessageBytes}),
-    KIND(ground, Ground), KIND(height_tiles, HeightTiles), SETTINGS(granted, Granted));
+    KIND(ground, Ground),
+    KIND(edit_answer, EditAnswer),
+    KIND(edited, Edited, Encoded{&kMaxSmallMessageBytes}),
+    KIND(height_tiles, HeightTiles), SETTINGS(granted, Granted));
 
 }  // namespace ridgecast::wire

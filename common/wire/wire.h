@@ -46,7 +46,10 @@ inline constexpr std::size_t kMaxRays = 256;          // of a query
 inline constexpr std::size_t kMaxQueries = 64;        // of one client that are not answered
 inline constexpr std::size_t kMaxGrounds = 4;         // the same
 inline constexpr std::uint32_t kMaxSpacing = 65'536;  // steps
-inline constexpr double kMaxReach = 1e5;              // metres
+inline constexpr std::size_t kMaxEditKeyBytes = 64;
+inline constexpr std::size_t kMaxEdits = 64;       // of one client that are not answered
+inline constexpr std::size_t kMaxMadeEdits = 256;  // of an Edited
+inline constexpr double kMaxReach = 1e5;           // metres
 
 // Whether a session's name can be one: 1..kMaxSessionBytes of [A-Za-z0-9._-].
 bool sessionNameIsValid(std::string_view name);

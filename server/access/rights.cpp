@@ -10,12 +10,13 @@ namespace ridgecast::access {
 
 namespace {
 
-constexpr std::array<std::pair<Right, std::string_view>, 6> kNames{{{Right::kView, "view"},
+constexpr std::array<std::pair<Right, std::string_view>, 7> kNames{{{Right::kView, "view"},
                                                                     {Right::kCreate, "create"},
                                                                     {Right::kQuery, "query"},
                                                                     {Right::kSnapshot, "snapshot"},
                                                                     {Right::kClock, "clock"},
-                                                                    {Right::kAdmin, "admin"}}};
+                                                                    {Right::kAdmin, "admin"},
+                                                                    {Right::kEdit, "edit"}}};
 
 }  // namespace
 
@@ -30,7 +31,7 @@ Outcome<Rights> parseRights(std::string_view text) {
     const auto found = std::ranges::find(kNames, one, &std::pair<Right, std::string_view>::second);
     if (found == kNames.end())
       return Error{"'" + std::string(one.substr(0, 40)) +
-                   "' is no right; rights are view, create, query, snapshot, clock and admin, with commas between them."};
+                   "' is no right; rights are view, create, query, snapshot, clock, admin and edit, with commas between them."};
     rights = rights | found->first;
   }
   return rights;

@@ -18,6 +18,7 @@ enum class Right : std::uint8_t {
   kSnapshot = 8,  // take glTF snapshots
   kClock = 16,    // take, set and step a session's clock
   kAdmin = 32,    // end sessions and send members away
+  kEdit = 64,     // change a session's ground
 };
 
 std::string_view name(Right right);
@@ -27,7 +28,7 @@ class Rights {
   constexpr Rights() = default;
   constexpr Rights(Right right) : bits_(static_cast<std::uint8_t>(right)) {}
   static constexpr Rights all() {
-    return Rights(Right::kView) | Right::kCreate | Right::kQuery | Right::kSnapshot | Right::kClock | Right::kAdmin;
+    return Rights(Right::kView) | Right::kCreate | Right::kQuery | Right::kSnapshot | Right::kClock | Right::kAdmin | Right::kEdit;
   }
   constexpr bool has(Right right) const { return (bits_ & static_cast<std::uint8_t>(right)) != 0; }
   constexpr bool empty() const { return bits_ == 0; }

@@ -67,7 +67,7 @@ int runTokenCommand(int argc, const char* const* argv) {
   std::string rights = "view", holder = "anyone", expires, session;
   std::filesystem::path tokenFile, secretFile, outFile;
   CLI::App app("Issues a token: a random one, adding its hash to a token file, or a JSON Web Token (HS256).", "ridgecast-server token");
-  app.add_option("--rights", rights, "Rights to grant: view, create, query, snapshot, clock, admin, separated by commas")
+  app.add_option("--rights", rights, "Rights to grant: view, create, query, snapshot, clock, admin, edit, separated by commas")
       ->capture_default_str();
   app.add_option("--holder", holder, "Name of the holder, for the log")->capture_default_str();
   app.add_option("--session", session, "Valid for this session only; default: all")->type_name("NAME");

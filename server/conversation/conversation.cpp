@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <string>
+#include <utility>
 
 #include "common/wire/wire.h"
 
@@ -31,7 +32,8 @@ constexpr std::array<Kind, std::variant_size_v<wire::ClientMessage>> kKinds{{{"h
                                                                              {"question for the ground", true},
                                                                              {"request for tiles", false},
                                                                              {"change of settings", true},
-                                                                             {"request to pass over", true}}};
+                                                                             {"request to pass over", true},
+                                                                             {"edit", true}}};
 
 constexpr std::size_t kBytesACandidate = 15;  // approximately
 
@@ -149,6 +151,12 @@ void Conversation::close() {
   poses_.clear();
 }
 
+void Conversation::groundChanged() {
+  if (lockstep_ || !runs() || pose_.sequence == 0) return;
+  atRest_ = false;
+  groundIsNew_ = true;
+}
+
 bool Conversation::hasWork(std::size_t queuedBytes) const {
   if (!runs()) return stage_ == Stage::kExpectsWorld;
   if (queuedBytes > terms_.maxQueuedBytes) return false;
@@ -173,8 +181,8 @@ Work Conversation::next(std::size_t queuedBytes) {
     tiles_.erase(tiles_.begin(), end);
     return work;
   }
-  owesAnswer_ = !poses_.empty();
-  if (owesAnswer_) {
+  owesAnswer_ = !poses_.empty() || std::exchange(groundIsNew_, false);
+  if (!poses_.empty()) {
     pose_ = poses_.front();
     poses_.pop_front();
   }

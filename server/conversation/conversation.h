@@ -83,6 +83,8 @@ class Conversation {
   Work next(std::size_t queuedBytes);
 
   void greeted();
+  // The mesh has other ground from its next iteration on. Free pacing: that one comes, and is sent.
+  void groundChanged();
   // After Iterate: what to send of the current mesh, or nothing. `leaves` in canonical order.
   std::optional<replica::Changes> iterated(std::span<const mesh::LeafState> leaves, bool settled);
   void sent(const wire::Iteration& iteration, Time now);
@@ -132,6 +134,7 @@ class Conversation {
   wire::PoseMessage pose_;                  // sequence 0: none yet
   bool owesAnswer_ = false;                 // the current iteration is sent even if it changes nothing
   bool atRest_ = true;                      // nothing to do before another pose
+  bool groundIsNew_ = false;                // since the last iteration
   int unsent_ = 0;                          // iterations before the first one sent to a reconnecting client
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;

@@ -28,6 +28,8 @@ class Encoder {
   Encoder(std::shared_ptr<const terrain::Terrain> terrain, std::shared_ptr<scheduling::Pool> pool, Form form)
       : terrain_(std::move(terrain)), pool_(std::move(pool)), form_(form) {}
 
+  void setTerrain(std::shared_ptr<const terrain::Terrain> terrain) { terrain_ = std::move(terrain); }
+
   // Sets number, hash, leaves and points of an iteration, which make the client's mesh this one.
   void encode(replica::Changes changes, const pipeline::IteratingMesh& mesh, wire::Iteration& iteration);
 
@@ -36,7 +38,7 @@ class Encoder {
   std::vector<std::uint8_t> shadesOf(const mesh::LeafMesh& leaf) const;
   std::vector<std::uint8_t> shadesOf(const HeldPoints::News& news) const;
 
-  const std::shared_ptr<const terrain::Terrain> terrain_;
+  std::shared_ptr<const terrain::Terrain> terrain_;
   const std::shared_ptr<scheduling::Pool> pool_;
   const Form form_;
   HeldPoints held_;

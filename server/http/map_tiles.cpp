@@ -78,7 +78,7 @@ Answer coloursOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const
 }
 
 std::string etagOf(const session::Session& session, const Wanted& wanted, const map::Place& at) {
-  std::string text = text::hexadecimal(session.contentHash()) + (wanted.colours ? " colours" : " heights");
+  std::string text = text::hexadecimal(session.groundHash()) + (wanted.colours ? " colours" : " heights");
   for (const std::uint64_t v : {std::uint64_t{kVersion}, static_cast<std::uint64_t>(wanted.tile->level), std::uint64_t{wanted.tile->x},
                                 std::uint64_t{wanted.tile->y}})
     text += " " + std::to_string(v);

@@ -27,10 +27,14 @@ std::optional<std::string_view> sessionOf(std::string_view path) {
   return path.substr(0, path.find('/'));
 }
 
-bool isOfTileset(std::string_view path) {
+// What follows the session's name.
+std::string_view belowSession(std::string_view path) {
   const auto session = sessionOf(path);
-  return session && std::string_view(session->data() + session->size(), path.data() + path.size()).starts_with("/3dtiles/");
+  return session ? std::string_view(session->data() + session->size(), path.data() + path.size()) : std::string_view();
 }
+
+bool isOfTileset(std::string_view path) { return belowSession(path).starts_with("/3dtiles/"); }
+bool isOfEdits(std::string_view path) { return belowSession(path) == "/edits" || belowSession(path).starts_with("/edits/"); }
 
 Answer unauthorised(std::string sentence, const std::string& error = {}) {
   return refused(401, metrics::Refusal::kToken, std::move(sentence), {{"WWW-Authenticate", R"(Bearer realm="ridgecast")" + error}});
@@ -43,6 +47,7 @@ Needed needed(std::string_view method, std::string_view path) {
   if (path == "/metrics") return {Right::kView, true};
   if (!path.starts_with("/v1/")) return {};
   if (path == "/v1/sessions") return {method == "GET" || method == "HEAD" ? Right::kView : Right::kCreate, true};
+  if (isOfEdits(path)) return {method == "GET" || method == "HEAD" ? Right::kView : Right::kEdit};
   if (sessionOf(path) && method == "DELETE") return {Right::kAdmin};
   if (const auto session = sessionOf(path)) {
     if (method == "OPTIONS") return {};

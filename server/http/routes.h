@@ -9,7 +9,7 @@
 //   GET /v1/stream?session=NAME     upgrades to a WebSocket; &terrain=NAME&seed=N&param=NAME=NUMBER&clock=stepped creates a missing session
 //   GET /v1/sessions                the sessions, their worlds, members and clocks, as JSON
 //   GET /v1/terrains                the terrains that sessions can be created of, with their parameters, as JSON (worlds.h)
-// Files with headers of their own: snapshots.h, queries.h (also by POST), map_tiles.h.
+// Files with headers of their own: snapshots.h, queries.h (also by POST), map_tiles.h, edits.h.
 // HEAD is answered wherever GET is. Everything else is refused in one sentence.
 
 #include <algorithm>
@@ -39,6 +39,7 @@ struct Request {  // the views live while the request is answered, not in later 
   std::string_view webSocketVersion;
   std::string_view acceptEncoding;
   std::string_view contentType;
+  std::string_view idempotencyKey;
   std::string_view origin, fetchSite, authorization, subprotocols;  // headers; untrusted, checked by the filter before a route sees them
   access::Rights rights = access::Rights::all();                    // of the client
   std::string_view client = {};  // "token of NAME" or "address ADDRESS": whose share limited things come from

@@ -114,7 +114,7 @@ Answer respond(const Maker& maker, const Request& request, std::shared_ptr<sessi
   if (!isRoot && !square)
     return openRefusal(404, "There is no such tile: tiles are LEVEL/I/J with LEVEL 0 to " + std::to_string(tileset::kCoarsest) +
                                 "; tileset.json names those there are.");
-  const std::string content = text::hexadecimal(session->contentHash());
+  const std::string content = text::hexadecimal(session->groundHash());
   Headers headers;
   if (!isRoot && asked->content == content) headers.emplace_back("Cache-Control", "private, max-age=86400, immutable");
   if (isTileset) return tilesetAnswer(maker, *session, *asked, isRoot ? std::nullopt : square, content, headers);

@@ -33,7 +33,8 @@ class Bodies : public std::enable_shared_from_this<Bodies> {
     const std::lock_guard lock(mutex_);
     all_ -= bytes;
     const auto own = byClient_.find(client);
-    if ((own->second -= bytes) == 0) byClient_.erase(own);
+    own->second -= bytes;
+    if (own->second == 0) byClient_.erase(own);
   }
 
   std::mutex mutex_;

@@ -30,6 +30,7 @@ std::optional<Answer> removal(const std::shared_ptr<Shared>& server, const Reque
   if (request.method != "DELETE" || !server || !rest.starts_with(prefix)) return std::nullopt;
   rest.remove_prefix(prefix.size());
   const std::string name(text::takePart(rest, '/'));
+  if (rest.starts_with("edits")) return std::nullopt;  // http/edits.h
   std::shared_ptr<session::Session> session = server->directory->find(name);
   std::optional<std::uint64_t> camera;
   if (!session) return http::plain(404, "There is no session named '" + name.substr(0, 64) + "' here.");

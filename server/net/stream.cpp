@@ -46,6 +46,7 @@ std::optional<access::Right> neededFor(const wire::ClientMessage& message) {
   if (std::holds_alternative<wire::SetClock>(message) || std::holds_alternative<wire::ClockStep>(message) ||
       std::holds_alternative<wire::PassOver>(message))
     return access::Right::kClock;
+  if (std::holds_alternative<wire::Edit>(message)) return access::Right::kEdit;
   return {};
 }
 
@@ -396,6 +397,7 @@ Request requestOf(const http::request_header<>& header) {
           .webSocketVersion = header[http::field::sec_websocket_version],
           .acceptEncoding = header[http::field::accept_encoding],
           .contentType = header[http::field::content_type],
+          .idempotencyKey = header["Idempotency-Key"],
           .origin = header[http::field::origin],
           .fetchSite = header["Sec-Fetch-Site"],
           .authorization = header[http::field::authorization],

@@ -9,10 +9,11 @@
 
 namespace ridgecast::query {
 
-Answering::Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query)
+Answering::Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query, std::uint64_t edit)
     : terrain_(std::move(terrain)), query_(std::move(query)) {
   answer_.id = query_.id;
   answer_.refusal = query_.refusal;
+  answer_.edit = edit;
   if (!answer_.refusal.empty()) return;
   size_ = query_.kind == wire::QueryKind::kRays ? query_.rays.size() : query_.x.size();
   if (query_.kind == wire::QueryKind::kHeights) answer_.heights.resize(size_);

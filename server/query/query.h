@@ -16,7 +16,8 @@ namespace ridgecast::query {
 // range, or its refusal is the answer. One thread at a time.
 class Answering {
  public:
-  Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query);
+  // `edit`: of the terrain, to be said by the answer.
+  Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query, std::uint64_t edit = 0);
   bool isDone() const { return done_ == size_; }
   const wire::Query& query() const { return query_; }
   std::uint64_t work();  // the next piece, some places or one ray; returns the heights of the terrain that it took

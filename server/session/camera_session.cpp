@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "common/edits/json.h"
 #include "common/wire/wire.h"
 #include "server/memory/memory.h"
 
@@ -16,6 +17,7 @@ namespace {
 using wire::ErrorCode;
 using wire::ErrorMessage;
 
+constexpr std::chrono::milliseconds kEditPause{5};    // between two messages about edits
 constexpr std::chrono::milliseconds kQueueRetry{20};  // while more is queued for a client than it may have for its next iteration
 
 double millisecondsSince(std::chrono::steady_clock::time_point start) {
@@ -52,14 +54,17 @@ conversation::Terms termsOf(const Session& session, const CameraPlace& place) {
                             limits.maxQueuedBytes,
                             {},
                             {place.budgets, &place.budgets->repairs}};
-  if (const terrain::Raster* raster = session.terrain()->raster(); raster && limits.sendsTerrain) terms.heightMap = raster->shape();
+  const auto terrain = session.terrain();
+  if (const terrain::Raster* raster = terrain->raster(); raster && limits.sendsTerrain) terms.heightMap = raster->shape();
   return terms;
 }
 
 wire::World worldOf(const Session& session, const wire::Settings& granted, std::uint64_t camera) {
-  const terrain::Terrain& terrain = *session.terrain();
+  const auto ground = session.ground();
+  const terrain::Terrain& terrain = *ground.terrain;
   const Resources& resources = session.resources();
   wire::World world;
+  world.edit = ground.edit;
   world.serverName = resources.serverName;
   world.session = session.name();
   world.terrainName = terrain.name();
@@ -130,11 +135,77 @@ CameraSession::Refusal CameraSession::attend(wire::Query& query) {
 
 CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
   if (!grounds_)
-    grounds_ = std::make_shared<Grounds>(session_->terrain(), conversation_.granted().triangleBudget,
+    grounds_ = std::make_shared<Grounds>([session = session_] { return session->ground(); }, conversation_.granted().triangleBudget,
                                          session_->resources().questions().grounds, sender_);
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
                       "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};
+}
+
+CameraSession::Refusal CameraSession::attend(const wire::Edit& edit) {
+  if (*openEdits_ >= wire::kMaxEdits)
+    return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxEdits) +
+                                               " edits wait for their answers: send the next when one has arrived."};
+  ++*openEdits_;
+  const auto answer = [sender = sender_, open = openEdits_, id = edit.id](const Outcome<std::uint64_t>& number) {
+    sender->send(number ? wire::EditAnswer{id, *number, {}} : wire::EditAnswer{id, 0, number.error().message}, ticketOf(open));
+  };
+  auto operation = edits::fromJson(edit.operation);
+  if (!operation) {
+    answer(operation.error());
+  } else if (auto early = place_.budgets->spendEdit(*operation, session_->resources().timer->now()); !early) {
+    answer(early.error());
+  } else {
+    session_->use();
+    session_->edits().ask({edit.key, conversation_.hello().clientName, std::move(*operation)}, answer);
+  }
+  return {};
+}
+
+void CameraSession::groundChanged() {
+  const std::lock_guard lock(mutex_);
+  if (!conversation_.runs()) return;
+  conversation_.groundChanged();
+  tellEdits();
+  wake();
+}
+
+void CameraSession::tellEdits() {
+  if (!conversation_.runs() || !conversation_.hello().edits || tells_) return;
+  if (told_ >= session_->ground().edit) return;
+  tells_ = true;
+  session_->edits().read(told_, wire::kMaxMadeEdits, [weak = weak_from_this()](const Outcome<std::vector<MadeEdit>>& edits) {
+    if (const auto self = weak.lock()) self->tell(edits);
+  });
+}
+
+void CameraSession::tell(const Outcome<std::vector<MadeEdit>>& edits) {
+  if (!edits) return refuse({ErrorCode::kInternal, edits.error().message});
+  const std::lock_guard lock(mutex_);
+  const Timer& timer = *session_->resources().timer;
+  wire::Edited message;
+  std::size_t bytes = 0;
+  for (const MadeEdit& made : *edits) {
+    std::string json = edits::toJson(made.edit.operation);
+    bytes += json.size();
+    if (!message.edits.empty() && bytes > wire::kMaxSmallMessageBytes / 4) break;
+    message.edits.push_back({made.number, made.edit.author, std::move(json), made.ground});
+  }
+  if (!conversation_.runs()) return;
+  if (!message.edits.empty()) {
+    told_ = message.edits.back().number;
+    conversation_.sent(bytes, timer.now());
+    sender_->send(std::move(message));
+  }
+  // A client that reads slowly is told of several at a time.
+  const bool isSlow = sender_->queuedBytes() > session_->resources().limits.maxQueuedBytes;
+  timer.at(timer.now() + (isSlow ? kQueueRetry : kEditPause), [weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    const std::lock_guard again(self->mutex_);
+    self->tells_ = false;
+    self->tellEdits();
+  });
 }
 
 void CameraSession::close() {
@@ -235,10 +306,11 @@ void CameraSession::run() {
 }
 
 void CameraSession::work(const conversation::Greet&) {
-  const auto& terrain = session_->terrain();
+  const auto [terrain, edit] = session_->ground();
   const wire::Hello& hello = conversation_.hello();
   const wire::Settings& granted = conversation_.granted();
   const bool shades = !session_->resources().limits.sendsTerrain && terrain->colours();
+  edit_ = edit;
   mesh_ = session_->resources().makeMesh(terrain, granted, pool_);
   encoder_ = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
   // Under the lock: once it has received the world, a client may send anything.
@@ -250,6 +322,8 @@ void CameraSession::work(const conversation::Greet&) {
   sender_->send(worldOf(*session_, granted, id_));
   session_->presence().join(id_, hello, sender_, conversation_.newestPose());
   session_->presence().setBudget(id_, granted.bytesPerSecond);
+  told_ = hello.editsAfter;
+  tellEdits();
 }
 
 bool CameraSession::copy(TakeCopy done) {
@@ -284,7 +358,8 @@ void CameraSession::workOnCopy() {
 }
 
 void CameraSession::work(const conversation::SendTiles& wanted) {
-  const terrain::Raster& raster = *session_->terrain()->raster();
+  const auto terrain = session_->terrain();
+  const terrain::Raster& raster = *terrain->raster();
   wire::HeightTiles message;
   message.tiles.resize(wanted.tiles.size());
   pool_->forEach(wanted.tiles.size(), 2, [&](std::size_t k) {
@@ -299,6 +374,14 @@ void CameraSession::work(const conversation::SendTiles& wanted) {
   sender_->send(std::move(message));
 }
 
+void CameraSession::followGround() {
+  if (session_->ground().edit == edit_) return;
+  auto [ground, changed] = session_->edits().since(edit_);
+  edit_ = ground.edit;
+  mesh_->setGround(ground.terrain, changed);
+  encoder_->setTerrain(std::move(ground.terrain));
+}
+
 void CameraSession::work(const conversation::Iterate& order) {
   metrics::Figures& figures = *session_->resources().figures;
   if (order.granted) {
@@ -307,7 +390,9 @@ void CameraSession::work(const conversation::Iterate& order) {
     sender_->send(wire::Granted{*order.granted});
   }
   if (order.insertions) mesh_->setInsertionLimit(*order.insertions);
+  followGround();
   wire::Iteration iteration;
+  iteration.edit = edit_;
   iteration.figures = mesh_->iterate(order.pose.camera);
   figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
   iteration.poseSequence = order.pose.sequence;

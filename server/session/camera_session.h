@@ -5,6 +5,7 @@
 // task of the camera's own pool, at most one at a time and one iteration each, so that many cameras take turns. Actors of their own answer
 // queries and grounds beside the iterations (queries.h, grounds.h).
 
+#include <atomic>
 #include <memory>
 #include <mutex>
 #include <vector>
@@ -28,6 +29,9 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   // The client is gone: sends nothing more; a task of the pool frees the mesh.
   void close();
 
+  // The session's ground has changed: the mesh follows in the next iteration, and who wants to know of edits is told.
+  void groundChanged();
+
   // Copies the mesh between two iterations, a few milliseconds at a time so that other cameras get their turns. Hands the copy over on a
   // thread of the pool; nullptr if the camera closes before that. False: there was no iteration yet, or kMaxCopies requests wait.
   bool copy(TakeCopy done);
@@ -45,10 +49,13 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   Refusal attend(const wire::ClockStep& step);
   Refusal attend(wire::Query& query);
   Refusal attend(const wire::AskGround& ask);
+  Refusal attend(const wire::Edit& edit);
   Refusal attend(const auto& message) {
     if constexpr (requires { session_->presence().receive(id_, message); }) session_->presence().receive(id_, message);
     return {};
   }
+  void tellEdits();  // under the lock: those that this client was not told of, if it wants them
+  void tell(const Outcome<std::vector<MadeEdit>>& edits);
   bool wake();  // under the lock; false: the pool accepts no more
   void watchAcknowledgements();
 
@@ -60,6 +67,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void work(const conversation::SendTiles& wanted);
   void work(const conversation::Iterate& order);
   void workOnCopy();
+  void followGround();  // the mesh, if there were edits
 
   const std::shared_ptr<Session> session_;
   const CameraPlace place_;
@@ -75,11 +83,15 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   std::vector<TakeCopy> copies_;      // requested
   std::shared_ptr<Queries> queries_;  // once one was sent
   std::shared_ptr<Grounds> grounds_;
+  std::shared_ptr<std::atomic<std::size_t>> openEdits_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
+  std::uint64_t told_ = 0;                                                                               // edits that the client knows
+  bool tells_ = false;                                                                                   // tell() will be called
 
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;
   std::unique_ptr<encoding::Encoder> encoder_;
   double effectiveThreshold_ = 0;
+  std::uint64_t edit_ = 0;          // the last that the mesh knows
   std::shared_ptr<MeshCopy> copy_;  // being made
 };
 

@@ -39,6 +39,7 @@ void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
 
 struct Grounds::Work {
   wire::AskGround ask;
+  Ground on;
   box::Watch watch;
   double error = 0;                       // metres: more than asked for in trials of what fits
   std::unique_ptr<box::Meshing> meshing;  // then there are leaves
@@ -49,9 +50,9 @@ struct Grounds::Work {
   bool isTrial() const { return error > ask.error; }
 };
 
-Grounds::Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue,
+Grounds::Grounds(std::function<Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue,
                  std::shared_ptr<Sender> sender, std::chrono::seconds timeout)
-    : terrain_(std::move(terrain)),
+    : ground_(std::move(ground)),
       triangleBudget_(triangleBudget),
       queue_(std::move(queue)),
       sender_(std::move(sender)),
@@ -66,6 +67,7 @@ bool Grounds::ask(const wire::AskGround& ask) {
     ++*open_;
     auto work = std::make_unique<Work>();
     work->ask = ask;
+    work->on = ground_();
     work->error = ask.error;
     work->watch = {stop_.get_token(), Clock::now() + timeout_, static_cast<double>(timeout_.count())};
     pending_.push_back(std::move(work));
@@ -91,6 +93,7 @@ void Grounds::run(PlaceQueue::Place place) {
   try {
     auto answer = turn(*work);
     if (!answer) return begin(std::move(place));
+    answer->edit = work->on.edit;
     if (!stop_.stop_requested()) sender_->send(std::move(*answer), ticketOf(open_));
   } catch (const std::exception& e) {
     return sender_->fail(failureOf(e));
@@ -134,7 +137,7 @@ std::optional<wire::Ground> Grounds::mesh(Work& work, Clock::time_point until) c
     const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
     const lattice::Point at = work.ask.at;
     const box::Box box{{within(at.x - reach), within(at.z - reach)}, {within(at.x + reach), within(at.z + reach)}, work.error};
-    work.meshing = std::make_unique<box::Meshing>(*terrain_, box, triangleBudget_, queue_->pool(), work.watch);
+    work.meshing = std::make_unique<box::Meshing>(*work.on.terrain, box, triangleBudget_, queue_->pool(), work.watch);
   }
   auto made = work.meshing->work(until);
   if (!made) return {};

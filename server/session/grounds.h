@@ -19,8 +19,8 @@
 #include <string>
 #include <vector>
 
-#include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
+#include "server/session/edits.h"
 #include "server/session/place_queue.h"
 #include "server/session/sender.h"
 
@@ -31,8 +31,8 @@ class Grounds final : public PlaceQueue::Worker, public std::enable_shared_from_
   static constexpr std::chrono::seconds kTimeout{30};  // from ask() on
   static constexpr std::chrono::milliseconds kTurn{2};
 
-  Grounds(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue,
-          std::shared_ptr<Sender> sender, std::chrono::seconds timeout = kTimeout);
+  Grounds(std::function<Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue, std::shared_ptr<Sender> sender,
+          std::chrono::seconds timeout = kTimeout);
   ~Grounds() override;
   bool ask(const wire::AskGround& ask);  // false: too many are open
   void close();                          // sends nothing more and abandons current work; any thread
@@ -52,7 +52,7 @@ class Grounds final : public PlaceQueue::Worker, public std::enable_shared_from_
   wire::Ground unfit(const Work& work, const std::string& fits) const;
   static wire::Ground refusal(const Work& work, std::string sentence);
 
-  const std::shared_ptr<const terrain::Terrain> terrain_;
+  const std::function<Ground()> ground_;  // of now
   const std::uint32_t triangleBudget_;
   const std::shared_ptr<PlaceQueue> queue_;
   const std::shared_ptr<Sender> sender_;

@@ -41,6 +41,14 @@ class LiveCameras {
     return it == cameras_.end() ? nullptr : it->second.lock();
   }
 
+  std::vector<std::shared_ptr<CameraSession>> all() const {
+    std::vector<std::shared_ptr<CameraSession>> out;
+    const std::lock_guard lock(mutex_);
+    for (const auto& [id, camera] : cameras_)
+      if (auto alive = camera.lock()) out.push_back(std::move(alive));
+    return out;
+  }
+
  private:
   mutable std::mutex mutex_;
   std::unordered_map<std::uint64_t, std::weak_ptr<CameraSession>> cameras_;

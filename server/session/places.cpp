@@ -7,6 +7,15 @@
 
 namespace ridgecast::session {
 
+Outcome<void> Budgets::spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now) {
+  if (const auto owed = edits.free() - now; owed > kEditDebt)
+    return Error{"Too many or too large edits at once; send it again in " +
+                 std::to_string(std::chrono::ceil<std::chrono::milliseconds>(owed - kEditDebt).count()) + " ms."};
+  const auto posts = static_cast<std::uint64_t>(std::min(edits::areaOf(operation).count(), edits::kMostPosts));
+  edits.spend(now, std::max(posts, kLeastEditedPosts));
+  return {};
+}
+
 using settings::kLeastBudget;
 
 Outcome<std::shared_ptr<Places::Place>> Places::enter() {

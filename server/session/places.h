@@ -5,12 +5,14 @@
 // come; at most half of all is kept for those. What a camera was once granted stays set aside until it ends: its mesh keeps its memory.
 
 #include <algorithm>
+#include <chrono>
 #include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <string>
 
+#include "common/edits/operation.h"
 #include "common/outcome/outcome.h"
 #include "server/conversation/conversation.h"
 
@@ -19,10 +21,18 @@ namespace ridgecast::session {
 // Heights of the terrain that one client's answers take: a fifth of a thread, or a thousand of the farthest rays.
 inline constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
 
+// Posts that one client's edits look at; each counts as kLeastEditedPosts at least. An edit may follow while those before it owe at most
+// kEditDebt: 100 small ones at once.
+inline constexpr std::uint64_t kEditedPostsPerSecond = 4'000'000, kLeastEditedPosts = 10'000;
+inline constexpr std::chrono::milliseconds kEditDebt{250};
+
 // What one client spends on all its connections together. Any thread.
 struct Budgets {
   conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond};
-  conversation::Budget::Clock::time_point free() const { return std::max(queries.free(), repairs.free()); }
+  conversation::SharedBudget edits{kEditedPostsPerSecond};
+  // An edit's cost, unless those before it are not paid for yet. Error: one sentence.
+  Outcome<void> spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now);
+  conversation::Budget::Clock::time_point free() const { return std::max({queries.free(), repairs.free(), edits.free()}); }
 };
 
 // Any thread.

@@ -18,7 +18,8 @@ bool Queries::ask(wire::Query query) {
     const std::lock_guard lock(mutex_);
     if (*open_ >= wire::kMaxQueries) return false;
     ++*open_;
-    pending_.push_back(std::make_unique<query::Answering>(session_->terrain(), std::move(query)));
+    auto [terrain, edit] = session_->ground();
+    pending_.push_back(std::make_unique<query::Answering>(std::move(terrain), std::move(query), edit));
     if (std::exchange(runs_, true)) return true;
   }
   waitForTurn();

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "common/wire/wire.h"
+#include "server/session/camera_session.h"
 
 namespace ridgecast::session {
 
@@ -27,12 +28,19 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
                  std::shared_ptr<const Resources> resources, std::shared_ptr<Places> places)
     : name_(std::move(name)),
       spec_(std::move(spec)),
-      terrain_(std::move(terrain)),
-      contentHash_(terrain::contentHash(*terrain_)),
+      contentHash_(terrain::contentHash(*terrain)),
       resources_(std::move(resources)),
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
       places_(std::move(places)),
-      presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock)) {}
+      presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock)),
+      edits_(std::make_shared<Edits>(std::move(terrain), resources_->executor, [live = live_] {
+        for (const auto& camera : live->all()) camera->groundChanged();
+      })) {}
+
+std::uint64_t Session::groundHash() const {
+  const std::uint64_t edit = ground().edit;
+  return edit == 0 ? contentHash_ : lattice::mix(contentHash_ + edit);
+}
 
 Outcome<CameraPlace> Session::enter(const std::string& client) {
   const Limits& limits = resources_->limits;

@@ -1,9 +1,8 @@
 #pragma once
 // Named worlds and their members.
 //
-// A Session is a terrain with its seed and parameters, seen by several cameras; it never changes while it lives (a successor may
-// take its name: Directory::replace). The Directory holds the
-// sessions by name. `default` always exists; the others end after a while without members, and within seconds if nobody has said hello in
+// A Session is a terrain with its seed and parameters, seen by several cameras; its world never changes while it lives (a successor may
+// take its name: Directory::replace), its ground by edits alone (edits.h). The Directory holds the sessions by name. `default` always exists; the others end after a while without members, and within seconds if nobody has said hello in
 // them. One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has its own mesh, replica and pool
 // (camera_session.h).
 
@@ -28,6 +27,7 @@
 #include "server/pipeline/pipeline.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
+#include "server/session/edits.h"
 #include "server/session/live_cameras.h"
 #include "server/session/place_queue.h"
 #include "server/session/places.h"
@@ -106,16 +106,19 @@ struct CameraPlace {
   std::shared_ptr<Budgets> budgets;
 };
 
-// Immutable except for its members and their clock; any thread.
+// Immutable except for its members, their clock and their edits; any thread.
 class Session {
  public:
   Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec, std::shared_ptr<const Resources> resources,
           std::shared_ptr<Places> places);
 
   const std::string& name() const { return name_; }
-  const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
+  Ground ground() const { return edits_->ground(); }
+  std::shared_ptr<const terrain::Terrain> terrain() const { return ground().terrain; }  // of ground()
+  Edits& edits() const { return *edits_; }
   const WorldSpec& spec() const { return spec_; }
-  std::uint64_t contentHash() const { return contentHash_; }
+  std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
+  std::uint64_t groundHash() const;                           // of world and edits: another for other ground
   const Resources& resources() const { return *resources_; }
   std::uint32_t members() const { return *members_ & ~kEnded; }
   Presence& presence() const { return *presence_; }
@@ -140,13 +143,13 @@ class Session {
   WorldSpec spec_;
   std::atomic<std::uint64_t> uses_{0};
   std::atomic<bool> isRetired_{false};
-  std::shared_ptr<const terrain::Terrain> terrain_;
   std::uint64_t contentHash_;
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> members_;
   std::shared_ptr<Places> places_;
   std::shared_ptr<Presence> presence_;
   std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
+  std::shared_ptr<Edits> edits_;
 };
 
 // Any thread. Idle sessions end only if a shared_ptr holds this.

@@ -42,12 +42,13 @@ Json describeBox(lattice::Point low, lattice::Point high) {
   return {{"x0", metres(low.x)}, {"z0", metres(low.z)}, {"x1", metres(high.x)}, {"z1", metres(high.z)}};
 }
 
-void describeWorld(const session::Session& session, lattice::Point origin, Json& extras) {
-  const terrain::Terrain& terrain = *session.terrain();
+void describeWorld(const session::Session& session, const session::Ground& ground, lattice::Point origin, Json& extras) {
+  const terrain::Terrain& terrain = *ground.terrain;
   extras["session"] = session.name();
   extras["terrain"] = terrain.name();
   extras["seed"] = terrain.seed();
   extras["contentHash"] = text::hexadecimal(session.contentHash());
+  if (ground.edit != 0) extras["edit"] = ground.edit;
   if (!session.resources().limits.sendsTerrain) return;
   extras["parameters"] = parametersOf(terrain);
   if (const terrain::Raster* map = terrain.raster())

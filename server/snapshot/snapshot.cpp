@@ -103,7 +103,7 @@ std::vector<mesh::LeafMesh> joined(std::vector<mesh::LeafMesh> leaves) {
   return leaves;
 }
 
-Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const Watch& watch) {
+Result<Made> ofCamera(const session::Session& session, const session::Ground& ground, const OfCamera& of, const Watch& watch) {
   const Problem none{Problem::Kind::kNotThere,
                      "Session '" + session.name() + "' has no camera " + std::to_string(of.id) +
                          " that holds a mesh; a client learns the number of its camera from the world it is sent."};
@@ -135,17 +135,17 @@ Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const
   out.extras = {
       {"of", "camera"},
       {"camera", {{"id", of.id}, {"iteration", held.iteration}, {"meshHash", text::hexadecimal(held.meshHash)}}},
-      {"pose", describe(held.camera, *session.terrain())},
+      {"pose", describe(held.camera, *ground.terrain)},
       {"error",
        {{"unit", settings::traits(held.settings.metric).name}, {"asked", held.settings.threshold}, {"kept", held.effectiveThreshold}}}};
   return out;
 }
 
-Result<Made> ofPose(const session::Session& session, const OfPose& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+Result<Made> ofPose(const session::Ground& ground, const OfPose& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
                     const Watch& watch) {
   Made out;
   camera::Camera camera = of.camera;
-  if (of.aboveGround) camera.pose.y += session.terrain()->height({camera.pose.x, camera.pose.z});
+  if (of.aboveGround) camera.pose.y += ground.terrain->height({camera.pose.x, camera.pose.z});
   if (!camera::isValid(camera))
     return Problem{Problem::Kind::kTooMuch, "This pose lies outside the world: up to 4e12 m from the origin and 200 km high."};
   pipeline::Limits budget;
@@ -154,7 +154,7 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
   requested.metric = settings::Metric::kPixels;
   requested.threshold = of.threshold;
   requested.colourError = of.colourError;
-  pipeline::Pipeline pipeline(session.terrain(), pipeline::grant(requested, budget), pool);
+  pipeline::Pipeline pipeline(ground.terrain, pipeline::grant(requested, budget), pool);
   settings::Figures figures;
   do {
     if (watch.over()) return watch.problem();
@@ -172,7 +172,7 @@ Result<Made> ofPose(const session::Session& session, const OfPose& of, const Lim
   out.camera = camera;
   out.origin = {camera.pose.x, camera.pose.z};
   out.extras = {{"of", "pose"},
-                {"pose", describe(camera, *session.terrain())},
+                {"pose", describe(camera, *ground.terrain)},
                 {"error", {{"unit", "pixels"}, {"asked", of.threshold}, {"kept", figures.effectiveThreshold}}}};
   return out;
 }
@@ -215,9 +215,9 @@ Result<box::BoxMesh> meshParts(const terrain::Terrain& terrain, const OfBox& of,
   return all;
 }
 
-Result<Made> ofBox(const session::Session& session, const OfBox& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+Result<Made> ofBox(const session::Ground& ground, const OfBox& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
                    const Watch& watch, Progress* progress) {
-  auto box = meshParts(*session.terrain(), of, limits, *pool, watch, progress);
+  auto box = meshParts(*ground.terrain, of, limits, *pool, watch, progress);
   if (!box) return box.error();
   Made out;
   out.own = std::move(box->leaves);
@@ -238,9 +238,9 @@ tileset::Known knownOf(const tileset::Tile& tile, const OfTile& of) {
   return {tile.low, tile.high, metres(lowest), metres(highest), of.box.error};
 }
 
-Result<Made> ofTile(const session::Session& session, const OfTile& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+Result<Made> ofTile(const session::Ground& ground, const OfTile& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
                     const Watch& watch) {
-  auto tile = tileset::meshTile(*session.terrain(), of, limits.triangles, *pool, watch);
+  auto tile = tileset::meshTile(*ground.terrain, of, limits.triangles, *pool, watch);
   if (!tile) return tile.error();
   Made out;
   out.origin = tileset::frameOf(of.square);
@@ -330,18 +330,19 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
     if (progress) progress->stage = stage;
   };
   const auto pool = executor_.makePool(executor_.threads());
+  const session::Ground ground = session.ground();
   Result<Made> made = Problem{};
   if (const auto* camera = std::get_if<OfCamera>(&question.of))
-    made = ofCamera(session, *camera, watch);
+    made = ofCamera(session, ground, *camera, watch);
   else if (const auto* pose = std::get_if<OfPose>(&question.of))
-    made = ofPose(session, *pose, limits_, pool, watch);
+    made = ofPose(ground, *pose, limits_, pool, watch);
   else if (const auto* box = std::get_if<OfBox>(&question.of))
-    made = ofBox(session, *box, limits_, pool, watch, progress);
+    made = ofBox(ground, *box, limits_, pool, watch, progress);
   else
-    made = ofTile(session, std::get<OfTile>(question.of), limits_, pool, watch);
+    made = ofTile(ground, std::get<OfTile>(question.of), limits_, pool, watch);
   if (!made) return made.error();
 
-  const terrain::Terrain& terrain = *session.terrain();
+  const terrain::Terrain& terrain = *ground.terrain;
   gltf::Document document;
   std::uint64_t triangles = 0, vertices = 0;
   for (const mesh::LeafMesh& leaf : made->leaves()) {
@@ -357,7 +358,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   made->extras["leaves"] = document.leaves.size();
   made->extras["triangles"] = triangles;
   made->extras["vertices"] = vertices;
-  describeWorld(session, gltf::originOf(document), made->extras);
+  describeWorld(session, ground, gltf::originOf(document), made->extras);
   const Json all = withOrigin(document, made->extras);
   Snapshot out;
   out.name = "ridgecast-" + std::string(terrain.name()) + "-" + all["of"].get<std::string>() +
@@ -388,7 +389,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
 
 std::string Snapshots::etag(const session::Session& session, const Question& question, bool metadataOnly) {
   if (std::holds_alternative<OfCamera>(question.of)) return {};
-  std::uint64_t first = lattice::mix(session.contentHash() ^ kVersion), second = lattice::mix(first);
+  std::uint64_t first = lattice::mix(session.groundHash() ^ kVersion), second = lattice::mix(first);
   const std::string text = canonical(question);
   for (const std::string_view part : {std::string_view(session.name()), std::string_view(RIDGECAST_VERSION), std::string_view(text),
                                       std::string_view(metadataOnly ? "json" : "glb")}) {

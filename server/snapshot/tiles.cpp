@@ -146,7 +146,7 @@ class Making {
                           {"error", {{"unit", "metres"}, {"asked", box_.error}}},
                           {"origin", {{"x", metres(root.origin.x)}, {"z", metres(root.origin.z)}}},
                           {"tiles", known_.size()}};
-    describeWorld(session_, root.origin, extras);
+    describeWorld(session_, session_.ground(), root.origin, extras);
     root.extras = extras.dump();
     const auto known = extras.find("georeference");
     if (question_.at)

@@ -76,7 +76,7 @@ Ranges documented() {
     const bool begins = cells[1] == "range";
     if (states && !cells[0].starts_with("-")) {
       const std::string range = std::regex_replace(cells[1], std::regex(R"(\[([^\]]*)\]\([^)]*\)|`)"), "$1");
-      static const std::regex field("`([A-Za-z_.]+)`");
+      static const std::regex field("`([A-Za-z0-9_.]+)`");
       for (auto it = std::sregex_iterator(cells[0].begin(), cells[0].end(), field); it != std::sregex_iterator(); ++it) {
         const std::string name = (*it)[1];
         const bool whole = name.find('.') != std::string::npos || std::isupper(static_cast<unsigned char>(name.front()));

@@ -184,7 +184,7 @@ TEST(Jwt, GrantsWhatItSays) {
   EXPECT_TRUE(grant->reaches("harbour"));
   EXPECT_FALSE(grant->reaches("default"));
   const auto wide = verifyJwt(
-      signedToken(kHeader, R"({"exp":1e300,"rights":"view,create,query,snapshot,clock,admin","sub":"evil \n name"})"), kSecret, kNow);
+      signedToken(kHeader, R"({"exp":1e300,"rights":"view,create,query,snapshot,clock,admin,edit","sub":"evil \n name"})"), kSecret, kNow);
   ASSERT_TRUE(wide) << wide.error().message;
   EXPECT_EQ(wide->rights, Rights::all());
   EXPECT_TRUE(wide->reaches("anything"));

@@ -54,7 +54,7 @@ class GroundsTest : public testing::Test {
  protected:
   std::shared_ptr<Grounds> over(const std::string& terrain, std::uint32_t budget = 200'000) {
     terrain_ = terrain::create(terrain, 5).value();
-    return std::make_shared<Grounds>(terrain_, budget, queue, listener, testing_support::kTimeout);
+    return std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, budget, queue, listener, testing_support::kTimeout);
   }
   scheduling::Executor executor{2};
   std::shared_ptr<PlaceQueue> queue = Questions(executor).grounds;
@@ -108,7 +108,7 @@ TEST_F(GroundsTest, CoversTheCircleWithinTheErrorItStates) {
 TEST_F(GroundsTest, ALargeGroundLeavesOthersTheirTurns) {
   scheduling::Executor one(1);
   terrain_ = terrain::create("alpine", 5).value();
-  const auto grounds = std::make_shared<Grounds>(terrain_, 500'000, Questions(one).grounds, listener);
+  const auto grounds = std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, 500'000, Questions(one).grounds, listener);
   ASSERT_TRUE(grounds->ask({1, {0, 0}, 4096, 0.02}));
   const auto honest = one.makePool();
   for (int k = 0; k < 50; ++k) {
@@ -178,7 +178,11 @@ class Fences final : public terrain::Terrain {
 
 TEST_F(GroundsTest, CliffsSayWhichErrorFitsAndItDoes) {
   terrain_ = std::make_shared<Fences>();
-  const auto grounds = std::make_shared<Grounds>(terrain_, 200'000, queue, listener, testing_support::kTimeout);
+  const auto grounds = std::make_shared<Grounds>(
+      [this] {
+        return Ground{terrain_, 0};
+      },
+      200'000, queue, listener, testing_support::kTimeout);
   double error = 0.5;
   ASSERT_TRUE(grounds->ask({1, {0, 0}, 25, error}));
   auto ground = listener->next();
@@ -196,7 +200,7 @@ TEST_F(GroundsTest, CliffsSayWhichErrorFitsAndItDoes) {
 
 TEST_F(GroundsTest, AQuestionHasOneDeadline) {
   terrain_ = terrain::create("alpine", 5).value();
-  const auto grounds = std::make_shared<Grounds>(terrain_, 500'000, queue, listener, 0s);
+  const auto grounds = std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, 500'000, queue, listener, 0s);
   ASSERT_TRUE(grounds->ask({3, {0, 0}, 4096, 0.02}));
   const auto ground = listener->next();
   ASSERT_TRUE(ground);
@@ -212,7 +216,11 @@ TEST_F(GroundsTest, FewerAreInWorkThanThereAreThreads) {
     terrain_ = terrain::create("alpine", 5).value();
     std::vector<std::shared_ptr<Grounds>> cameras;
     for (std::uint64_t k = 0; k < 8; ++k) {
-      cameras.push_back(std::make_shared<Grounds>(terrain_, 200'000, shared, listener, testing_support::kTimeout));
+      cameras.push_back(std::make_shared<Grounds>(
+          [this] {
+            return Ground{terrain_, 0};
+          },
+          200'000, shared, listener, testing_support::kTimeout));
       ASSERT_TRUE(cameras.back()->ask({k, {0, 0}, 100, 0.2}));
     }
     cameras[6]->close();  // gone while it waits: takes nobody's place

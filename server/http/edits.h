@@ -1,0 +1,22 @@
+#pragma once
+// Edits of a session's ground over HTTP, for scripts and people:
+//   POST   /v1/sessions/NAME/edits            an operation as JSON (common/edits/json.h); 201 {"number": N}
+//   DELETE /v1/sessions/NAME/edits/N          undoes edit N; 201 {"number": N of the undo}
+//   GET    /v1/sessions/NAME/edits?since=N    {"last": N, "edits": [{"number", "author", "edit": {...}}, ...]}; &limit=M, at most kMostListed
+// An edit that is made has its number, is kept and in everybody's ground. One that is sent again with its header Idempotency-Key by the same
+// client is made once. They need the right `edit`, the list `view`. 400 and 422: one sentence; 429: with Retry-After.
+
+#include <cstddef>
+#include <memory>
+
+#include "server/http/routes.h"
+#include "server/session/session.h"
+
+namespace ridgecast::http {
+
+inline constexpr std::size_t kMostListed = 1000, kUsuallyListed = 256;
+inline constexpr std::size_t kMostEditBytes = std::size_t{2} << 20;  // of a POST: a stamp of 256 x 256 samples
+
+Route editsRoute(std::shared_ptr<session::Directory> directory);
+
+}  // namespace ridgecast::http

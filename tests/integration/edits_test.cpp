@@ -1,0 +1,360 @@
+// Edits over loopback: everybody's mesh follows them, hash for hash, whoever comes late, was away, or reads slowly.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <future>
+#include <memory>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "client/connection/connection.h"
+#include "client/replica/follower.h"
+#include "common/edits/edited_terrain.h"
+#include "common/edits/history.h"
+#include "common/edits/json.h"
+#include "server/http/edits.h"
+#include "server/http/queries.h"
+#include "server/logging/logging.h"
+#include "server/net/server.h"
+#include "server/scheduling/pool.h"
+#include "server/session/session.h"
+#include "tests/support/sanitized.h"
+#include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace std::chrono_literals;
+using connection::Connection;
+using lattice::Step;
+using Time = std::chrono::steady_clock;
+using testing_support::kTimeout;
+
+constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kStepsPerMetre); }
+
+std::string craterAt(double x, double z, double radius = 8) {
+  return edits::toJson({edits::Crater{{m(x), m(z)}, m(radius), static_cast<std::int32_t>(m(radius / 3))}, 0});
+}
+
+// A member with a mesh of its own; flies, or stands.
+class Member {
+ public:
+  Member(std::uint16_t port, const std::string& name, bool wantsEdits = true, std::uint64_t after = 0) {
+    wire::Hello hello;
+    hello.clientName = name;
+    hello.points = true;
+    hello.edits = wantsEdits;
+    hello.editsAfter = after;
+    auto opened = Connection::open({"127.0.0.1", std::to_string(port), "default"}, hello, kTimeout);
+    if (!opened) throw std::runtime_error(opened.error().message);
+    connection_ = std::move(*opened);
+    follower_.follow({true, false, connection_->world().settings.triangleBudget});
+  }
+  Connection& connection() { return *connection_; }
+  void stand(double x, double z, double y = 400) {
+    wire::PoseMessage pose;
+    pose.sequence = ++sequence_;
+    pose.camera.pose.x = m(x);
+    pose.camera.pose.z = m(z);
+    pose.camera.pose.y = y;
+    pose.camera.pose.pitch = -0.5;
+    connection_->send(pose);
+  }
+  // Applies the next iteration; false: none came. Its hash is checked.
+  bool follow(std::chrono::milliseconds wait = kTimeout) {
+    const auto received = connection_->receive(wait);
+    if (!received) return false;
+    const auto answer = follower_.apply(received->iteration);
+    EXPECT_FALSE(answer.wrong) << answer.wrong->message;
+    connection_->acknowledge(answer.acknowledge);
+    hash_ = answer.acknowledge.meshHash;
+    EXPECT_EQ(hash_, received->iteration.meshHash);
+    edit_ = received->iteration.edit;
+    settled_ = received->iteration.settled;
+    ++iterations_;
+    return true;
+  }
+  void settle(std::uint64_t edit) {
+    while (!(settled_ && edit_ >= edit)) ASSERT_TRUE(follow());
+  }
+  Outcome<wire::EditAnswer> edit(const std::string& operation, const std::string& key = "") {
+    auto answer = connection_->edit({0, key, operation});
+    return answer.get();
+  }
+  std::vector<wire::MadeEdit> edits(std::uint64_t until) {
+    const auto deadline = Time::now() + kTimeout;
+    while ((edits_.empty() || edits_.back().number < until) && Time::now() < deadline) {
+      for (auto& made : connection_->takeEdits()) edits_.push_back(std::move(made));
+      std::this_thread::sleep_for(1ms);
+    }
+    return edits_;
+  }
+  std::uint64_t hash() const { return hash_; }
+  std::uint64_t edit() const { return edit_; }
+  int iterations() const { return iterations_; }
+
+ private:
+  std::unique_ptr<Connection> connection_;
+  replica::Follower follower_;
+  std::vector<wire::MadeEdit> edits_;
+  std::uint64_t sequence_ = 0, hash_ = 0, edit_ = 0;
+  bool settled_ = false;
+  int iterations_ = 0;
+};
+
+class EditsTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    logging::setUp(logging::Format::kText, logging::Level::kWarning);
+    executor = std::make_unique<scheduling::Executor>(2);
+    auto resources = std::make_shared<session::Resources>();
+    resources->executor = executor.get();
+    resources->makeMesh = session::pipelineMeshes();
+    resources->serverName = "integration";
+    directory = std::make_shared<session::Directory>(resources, base);
+    net::Settings settings;
+    settings.port = 0;
+    auto made = net::Server::listen(settings, directory, {http::queryRoute(directory), http::editsRoute(directory)});
+    ASSERT_TRUE(made) << made.error().message;
+    server = std::move(*made);
+  }
+  void TearDown() override {
+    if (server) server->shutdown();
+    executor.reset();
+    server.reset();
+  }
+  std::uint16_t port() const { return server->port(); }
+
+  std::shared_ptr<const terrain::Terrain> base = terrain::create("alpine", 1).value();
+  std::unique_ptr<net::Server> server;
+  std::unique_ptr<scheduling::Executor> executor;
+  std::shared_ptr<session::Directory> directory;
+};
+
+TEST_F(EditsTest, AreNumberedAndInEverybodysGround) {
+  Member a(port(), "ann"), b(port(), "bob");
+  const double y = base->height({0, 0}) + 60;
+  a.stand(0, 0, y);
+  b.stand(30, 20, y);
+  a.settle(0);
+  b.settle(0);
+  const std::uint64_t before = b.hash();
+  const auto answer = a.edit(craterAt(10, -80));
+  ASSERT_TRUE(answer) << answer.error().message;
+  EXPECT_EQ(answer->number, 1u);
+  a.settle(1);
+  b.settle(1);
+  EXPECT_NE(b.hash(), before);
+  const auto seen = b.edits(1);
+  ASSERT_EQ(seen.size(), 1u);
+  EXPECT_EQ(seen[0].author, "ann");
+  EXPECT_EQ(seen[0].operation, craterAt(10, -80));
+  EXPECT_TRUE(seen[0].ground.holds({m(10), m(-80)}));
+  // Queries know it, and say so.
+  wire::Query query;
+  query.x = {m(10)};
+  query.z = {m(-80)};
+  const auto height = b.connection().ask(query).get();
+  ASSERT_TRUE(height);
+  EXPECT_EQ(height->edit, 1u);
+  EXPECT_NEAR(height->heights[0], base->height({m(10), m(-80)}) - 8.0 / 3, 0.02);
+  // Undone, it is the mesh of before.
+  ASSERT_EQ(b.edit(R"({"op":"undo","edit":1})")->number, 2u);
+  b.settle(2);
+  float own = 0;
+  base->heights(query.x, query.z, {&own, 1});
+  EXPECT_EQ(b.connection().ask(query).get()->heights[0], own);
+}
+
+TEST_F(EditsTest, WhoeverComesLateOrWasAwayHoldsTheSame) {
+  Member early(port(), "early");
+  const double y = base->height({0, 0}) + 60;
+  early.stand(0, 0, y);
+  early.settle(0);
+  std::mt19937_64 random(3);
+  constexpr int kEdits = testing_support::kSanitized ? 60 : 300;
+  std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
+  for (int k = 0; k < kEdits; ++k) {
+    const auto place = [&] { return static_cast<double>(random() % 300) - 150; };
+    answers.push_back(early.connection().edit(
+        {0, "", k % 7 == 6 ? R"({"op":"undo","edit":)" + std::to_string(k - 1) + "}" : craterAt(place(), place(), 3)}));
+    if (k % 50 == 49) {  // within the budget
+      std::this_thread::sleep_for(200ms);
+      early.follow(0ms);
+    }
+  }
+  std::uint64_t last = 0;
+  for (auto& answer : answers) {
+    while (answer.wait_for(0s) != std::future_status::ready) early.follow(1ms);
+    if (const auto made = answer.get()) last = std::max(last, made->number);
+  }
+  EXPECT_GT(last, static_cast<std::uint64_t>(kEdits) * 3 / 4);
+  early.settle(last);
+  Member late(port(), "late");
+  late.stand(0, 0, y);
+  late.settle(last);
+  EXPECT_EQ(late.connection().world().edit, last);
+  // Both know the same edits, from which anybody makes the same ground.
+  const auto known = early.edits(last), heard = late.edits(last);
+  ASSERT_EQ(known.size(), last);
+  ASSERT_EQ(heard.size(), last);
+  edits::History history(base);
+  for (std::size_t k = 0; k < known.size(); ++k) {
+    EXPECT_EQ(known[k].operation, heard[k].operation);
+    ASSERT_TRUE(history.add(edits::fromJson(known[k].operation).value()));
+  }
+  const edits::EditedTerrain mine(base, history.layer());
+  const auto theirs = directory->find("default")->terrain();
+  for (int k = 0; k < 10'000; ++k) {
+    const lattice::Point p{static_cast<Step>(random() % 102'400) - 51'200, static_cast<Step>(random() % 102'400) - 51'200};
+    float a = 0, b = 0;
+    mine.heights({&p.x, 1}, {&p.z, 1}, {&a, 1});
+    theirs->heights({&p.x, 1}, {&p.z, 1}, {&b, 1});
+    ASSERT_EQ(a, b);
+  }
+  Member again(port(), "again", true, last - 5);
+  EXPECT_EQ(again.edits(last).size(), 5u);
+}
+
+TEST_F(EditsTest, AtOneSpotHaveOneOrder) {
+  std::vector<std::unique_ptr<Member>> members;
+  for (int k = 0; k < 4; ++k) members.push_back(std::make_unique<Member>(port(), "m" + std::to_string(k)));
+  std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
+  for (int round = 0; round < 10; ++round)
+    for (int k = 0; k < 4; ++k)
+      answers.push_back(members[static_cast<std::size_t>(k)]->connection().edit(
+          {0, "", edits::toJson({edits::Level{{{0, 0}}, m(5), static_cast<std::int32_t>(m(500 + 7 * k + round)), 256}, 0})}));
+  for (auto& answer : answers) ASSERT_TRUE(answer.get());
+  const auto first = members[0]->edits(40);
+  ASSERT_EQ(first.size(), 40u);
+  for (auto& member : members) {
+    const auto seen = member->edits(40);
+    ASSERT_EQ(seen.size(), 40u);
+    for (std::size_t k = 0; k < 40; ++k) EXPECT_EQ(seen[k].operation, first[k].operation);
+  }
+}
+
+TEST_F(EditsTest, SentTwiceTheyAreMadeOnce) {
+  Member a(port(), "ann");
+  EXPECT_EQ(a.edit(craterAt(0, 0), "k1")->number, 1u);
+  EXPECT_EQ(a.edit(craterAt(0, 0), "k1")->number, 1u);
+  Member again(port(), "ann");
+  EXPECT_EQ(again.edit(craterAt(0, 0), "k1")->number, 1u);
+  Member other(port(), "bob");
+  EXPECT_EQ(other.edit(craterAt(0, 0), "k1")->number, 2u);
+}
+
+TEST_F(EditsTest, HostileOnesAreRefusedAndDisturbNobody) {
+  Member bad(port(), "bad"), good(port(), "good");
+  const double y = base->height({0, 0}) + 60;
+  good.stand(0, 0, y);
+  good.settle(0);
+  for (const char* text : {"", "{}", R"({"op":"crater","x":1e300,"z":0,"radius":5,"depth":1})",
+                           R"({"op":"crater","x":0,"z":0,"radius":1e6,"depth":1})", R"({"op":"crater","x":NaN,"z":0,"radius":5,"depth":1})",
+                           R"({"op":"undo","edit":77})", R"({"op":"level","polygon":[[0,0],[2000,0],[2000,2000],[0,2000]],"height":0})"}) {
+    const auto answer = bad.edit(text);
+    ASSERT_FALSE(answer) << text;
+    EXPECT_GT(answer.error().message.size(), 20u);
+  }
+  // As many as a socket carries: most are refused, none is lost, and the other member flies on.
+  std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
+  for (int k = 0; k < 250; ++k) answers.push_back(bad.connection().edit({0, "", craterAt(k, 0, 60)}));
+  int made = 0, refused = 0;
+  for (auto& answer : answers) {
+    const auto result = answer.get();
+    result ? ++made : ++refused;
+    if (!result) {
+      EXPECT_NE(result.error().message.find("again in"), std::string::npos) << result.error().message;
+    }
+  }
+  EXPECT_GT(made, 0);
+  EXPECT_GT(refused, 0);
+  good.stand(5, 5, y);
+  good.settle(static_cast<std::uint64_t>(made));
+  EXPECT_FALSE(bad.connection().error());
+}
+
+TEST_F(EditsTest, TravelByHttp) {
+  const auto ask = [&](const std::string& method, const std::string& path, const std::string& body = "", const std::string& headers = "") {
+    testing_support::SocketClient client(port());
+    client.send(method + " /v1/sessions/default/" + path + " HTTP/1.1\r\nHost: localhost\r\n" + headers +
+                (body.empty() ? "" : "Content-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) + "\r\n") + "\r\n" +
+                body);
+    return client.answer();
+  };
+  const auto has = [](const std::string& answer, const std::string& words) { EXPECT_NE(answer.find(words), std::string::npos) << answer; };
+  const std::string made = ask("POST", "edits", craterAt(3, 4), "Idempotency-Key: a\r\n");
+  has(made, " 201 ");
+  has(made, "{\"number\": 1}");
+  has(ask("POST", "edits", craterAt(3, 4), "Idempotency-Key: a\r\n"), "{\"number\": 1}");
+  has(ask("POST", "edits", R"({"op":"crater"})"), " 422 ");
+  has(ask("POST", "edits", "{"), "JSON object");
+  has(ask("DELETE", "edits/1"), "{\"number\": 2}");
+  has(ask("DELETE", "edits/1"), "undone already");
+  has(ask("DELETE", "edits/0"), " 422 ");
+  has(ask("DELETE", "edits/x"), " 400 ");
+  has(ask("PUT", "edits"), " 405 ");
+  const std::string list = ask("GET", "edits");
+  has(list, "\"last\": 2");
+  has(list, craterAt(3, 4));
+  has(list, R"({"edit":1,"op":"undo"})");
+  EXPECT_EQ(ask("GET", "edits?since=1").find("crater"), std::string::npos);
+  has(ask("GET", "edits?since=-1"), " 400 ");
+  has(ask("GET", "edits?limit=5000"), " 400 ");
+}
+
+// How long from an edit to each of sixteen checked meshes.
+TEST_F(EditsTest, ReachSixteenMembers) {
+  constexpr int kMembers = testing_support::kSanitized ? 3 : 16, kEdits = testing_support::kSanitized ? 3 : 30;
+  const double y = base->height({0, 0}) + 60;
+  std::vector<std::unique_ptr<Member>> members;
+  for (int k = 0; k < kMembers; ++k) members.push_back(std::make_unique<Member>(port(), "m" + std::to_string(k)));
+  std::vector<double> waits;
+  std::mutex mutex;
+  std::atomic<bool> over{false};
+  std::atomic<std::int64_t> asked{0};
+  std::atomic<std::uint64_t> wanted{0};
+  std::atomic<int> behind{0};
+  std::vector<std::thread> threads;
+  for (int k = 0; k < kMembers; ++k)
+    threads.emplace_back([&, k] {
+      Member& member = *members[static_cast<std::size_t>(k)];
+      std::uint64_t seen = 0;
+      for (int step = 0; !over; ++step) {
+        member.stand(5 * std::cos(k) + 0.1 * step, 5 * std::sin(k), y);
+        const auto next = Time::now() + 100ms;
+        while (Time::now() < next && !over)
+          if (member.follow(5ms) && member.edit() > seen) {
+            seen = member.edit();
+            const std::lock_guard lock(mutex);
+            waits.push_back(
+                std::chrono::duration<double, std::milli>(Time::now().time_since_epoch() - std::chrono::nanoseconds(asked)).count());
+            --behind;
+          }
+      }
+    });
+  std::this_thread::sleep_for(3s);
+  for (int k = 0; k < kEdits; ++k) {
+    behind = kMembers;
+    asked = Time::now().time_since_epoch().count();
+    const auto made = members[0]->connection().edit({0, "", craterAt(3 * k - 40, -60 - k)}).get();
+    ASSERT_TRUE(made) << made.error().message;
+    for (const auto deadline = Time::now() + kTimeout; behind > 0 && Time::now() < deadline;) std::this_thread::sleep_for(1ms);
+    ASSERT_EQ(behind, 0);
+    std::this_thread::sleep_for(50ms);
+  }
+  over = true;
+  for (std::thread& t : threads) t.join();
+  std::sort(waits.begin(), waits.end());
+  std::printf("from edit to checked mesh, %d members: median %.1f ms, p99 %.1f ms, worst %.1f ms\n", kMembers, waits[waits.size() / 2],
+              waits[waits.size() * 99 / 100], waits.back());
+}
+
+}  // namespace
+}  // namespace ridgecast

@@ -1,0 +1,120 @@
+// A session's edits beside what makes them: bounds, what is said of changes, and that a camera's iterations follow.
+#include "server/session/edits.h"
+
+#include <gtest/gtest.h>
+
+#include <future>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "server/session/camera_session.h"
+#include "tests/unit/server/session/scripted.h"
+
+namespace ridgecast::session {
+namespace {
+
+using namespace std::chrono_literals;
+using lattice::Step;
+
+constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kStepsPerMetre); }
+edits::Operation craterAt(double x) { return {edits::Crater{{m(x), 0}, m(5), static_cast<std::int32_t>(m(1))}, 0}; }
+
+struct Rig {
+  explicit Rig(std::function<void()> changed = [] {}) : edits(std::make_shared<Edits>(flatTerrain(), &executor, std::move(changed))) {}
+  std::future<Outcome<std::uint64_t>> ask(edits::Operation operation, const std::string& key = "") {
+    auto promise = std::make_shared<std::promise<Outcome<std::uint64_t>>>();
+    auto future = promise->get_future();
+    edits->ask({key, "ann", std::move(operation)}, [promise](const Outcome<std::uint64_t>& number) { promise->set_value(number); });
+    return future;
+  }
+  scheduling::Executor executor{1};
+  std::shared_ptr<Edits> edits;
+};
+
+TEST(Edits, AreMadeInTheOrderOfTheirNumbersAndSayWhatTheyChanged) {
+  std::atomic<int> changes{0};
+  Rig rig([&] { ++changes; });
+  EXPECT_EQ(rig.ask(craterAt(0)).get().value(), 1u);
+  EXPECT_EQ(rig.ask(craterAt(100)).get().value(), 2u);
+  EXPECT_FALSE(rig.ask({edits::Undo{3}, 0}).get());
+  EXPECT_EQ(changes, 2);
+  EXPECT_EQ(rig.edits->ground().edit, 2u);
+  EXPECT_LT(rig.edits->ground().terrain->height({m(100), 0}), -0.9);
+  const Edits::News news = rig.edits->since(1);
+  EXPECT_EQ(news.ground.edit, 2u);
+  ASSERT_EQ(news.changed.size(), 1u);
+  EXPECT_TRUE(news.changed[0].holds({m(100), 0}));
+  EXPECT_FALSE(news.changed[0].holds({0, 0}));
+  EXPECT_TRUE(rig.edits->since(2).changed.empty());
+}
+
+TEST(Edits, WhoMissedManyIsToldFewAreasThatHoldThemAll) {
+  Rig rig;
+  const int many = static_cast<int>(Edits::kMostAreas) + 40;
+  std::future<Outcome<std::uint64_t>> last;
+  for (int k = 0; k < many; ++k) last = rig.ask(craterAt(40 * k));
+  ASSERT_TRUE(last.get());
+  const Edits::News news = rig.edits->since(0);
+  EXPECT_EQ(news.changed.size(), Edits::kMostAreas);
+  for (int k = 0; k < many; ++k)
+    EXPECT_TRUE(std::ranges::any_of(news.changed, [&](const lattice::Area& a) { return a.holds({m(40 * k), 0}); })) << k;
+}
+
+TEST(Edits, WhatWaitsIsBounded) {
+  Rig rig;
+  std::promise<void> go;
+  const auto blocked = rig.executor.makePool(1);
+  ASSERT_TRUE(blocked->post([wait = go.get_future().share()] { wait.wait(); }));
+  std::vector<std::future<Outcome<std::uint64_t>>> waiting;
+  for (std::size_t k = 0; k < Edits::kMostWaiting; ++k) waiting.push_back(rig.ask(craterAt(static_cast<double>(k))));
+  const auto refused = rig.ask(craterAt(0)).get();  // at once
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("256"), std::string::npos);
+  go.set_value();
+  for (auto& one : waiting) EXPECT_TRUE(one.get());
+  EXPECT_EQ(rig.edits->ground().edit, Edits::kMostWaiting);
+}
+
+TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
+  scheduling::Executor executor(2);
+  auto script = std::make_shared<Script>();
+  script->next = [](int, const camera::Camera&) { return Script::State{{{{0, 0, 0}, 1}}, true}; };
+  auto resources = std::make_shared<Resources>();
+  resources->executor = &executor;
+  resources->makeMesh = scriptedMeshes(script);
+  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  const auto session = directory->find("default");
+  for (const wire::Pacing pacing : {wire::Pacing::kFree, wire::Pacing::kLockstep}) {
+    const bool free = pacing == wire::Pacing::kFree;
+    const std::uint64_t before = session->ground().edit;
+    auto client = std::make_shared<Client>();
+    auto camera = std::make_shared<CameraSession>(session, session->enter().value(), directory->nextCameraId(), client);
+    camera->receive(wire::Hello{.pacing = pacing});
+    ASSERT_TRUE(client->world());
+    EXPECT_EQ(client->world()->edit, before);
+    camera->receive(wire::PoseMessage{1, {}});
+    const auto first = client->iteration();
+    ASSERT_TRUE(first);
+    EXPECT_EQ(first->edit, before);
+    camera->receive(wire::Acknowledge{first->number, first->meshHash});
+    ASSERT_TRUE(client->quiet());
+    std::promise<void> made;
+    session->edits().ask({"", "bob", craterAt(0)}, [&](const Outcome<std::uint64_t>&) { made.set_value(); });
+    made.get_future().wait();
+    if (!free) {  // nothing comes by itself, for a pose has exactly one
+      EXPECT_TRUE(client->quiet());
+      camera->receive(wire::PoseMessage{2, {}});
+    }
+    const auto next = client->iteration();
+    ASSERT_TRUE(next);
+    EXPECT_EQ(next->edit, before + 1);
+    ASSERT_FALSE(script->grounds.empty());
+    EXPECT_TRUE(script->grounds.back().changed.at(0).holds({0, 0}));
+    EXPECT_NE(script->grounds.back().terrain, nullptr);
+    camera->close();
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast::session
