@@ -72,6 +72,7 @@ Outcome<Operation> History::prepare(Operation operation) {
   if (const auto* undo = std::get_if<Undo>(&operation.what)) {
     if (undo->edit > last())
       return Error{"There is no edit " + std::to_string(undo->edit) + " to undo; the last is " + std::to_string(last()) + "."};
+    if (undo->edit <= compacted_) return Error{"Edit " + std::to_string(undo->edit) + " was compacted and cannot be undone."};
     if (auto all = readAll(); !all) return all.error();
     if (isUndone(undo->edit))
       return Error{"Edit " + std::to_string(undo->edit) + " is undone already; undo the edit that undid it to have it back."};
@@ -93,7 +94,7 @@ Outcome<Operation> History::prepare(Operation operation) {
 }
 
 Outcome<Posts> History::add(Operation operation) {
-  if (last_ >= kMostEdits)
+  if (last_ - compacted_ >= kMostEdits)
     return Error{"A session has at most " + std::to_string(kMostEdits) +
                  " edits; its operator can join them with `ridgecast-server edits compact`."};
   Posts changed = areaOf(operation);
@@ -104,8 +105,8 @@ Outcome<Posts> History::add(Operation operation) {
     next = edit == 0 ? layer_ : replayed(edit);
     if (edit != 0) {
       // Smoothing carries a change on.
-      changed = entries_[edit - 1].area;
-      for (std::size_t k = edit; k < entries_.size(); ++k)
+      changed = entry(edit).area;
+      for (std::size_t k = indexOf(edit) + 1; k < entries_.size(); ++k)
         if (const Entry& e = entries_[k]; e.counts && marginOf(e.operation) > 0 && e.area.wider(marginOf(e.operation)).meets(changed))
           changed.add(e.area);
     }
@@ -132,7 +133,8 @@ void History::takeBack(std::shared_ptr<const Layer> before) {
   layer_ = std::move(before);
 }
 
-void History::restore(std::uint64_t last, std::shared_ptr<const Layer> layer, Read read) {
+void History::restore(std::uint64_t compacted, std::uint64_t last, std::shared_ptr<const Layer> layer, Read read) {
+  compacted_ = compacted;
   last_ = last;
   entries_.clear();
   layer_ = std::move(layer);
@@ -141,28 +143,43 @@ void History::restore(std::uint64_t last, std::shared_ptr<const Layer> layer, Re
 
 Outcome<void> History::readAll() {
   if (!read_) return {};
-  auto operations = read_();
-  if (!operations) return operations.error();
-  if (operations->size() + entries_.size() != last_)
-    return Error{"The log holds " + std::to_string(operations->size()) + " edits where there should be " +
-                 std::to_string(last_ - entries_.size()) + "; nothing can be undone."};
-  read_ = nullptr;
+  auto past = read_();
+  if (!past) return past.error();
+  if (const std::uint64_t wanted = last_ - compacted_ - entries_.size(); past->operations.size() != wanted)
+    return Error{"The log holds " + std::to_string(past->operations.size()) + " edits where there should be " + std::to_string(wanted) +
+                 "."};
   std::vector<Entry> all;
-  all.reserve(last_);
-  for (Operation& o : *operations) {
+  all.reserve(last_ - compacted_);
+  for (Operation& o : past->operations) {
+    const auto* undo = std::get_if<Undo>(&o.what);
+    if (undo && (undo->edit <= compacted_ || undo->edit > compacted_ + all.size()))
+      return Error{"Edit " + std::to_string(compacted_ + all.size() + 1) + " of the log undoes edit " + std::to_string(undo->edit) +
+                   ", which is not there before it."};
     const Posts area = areaOf(o);
     all.push_back({std::move(o), area, true});
   }
   std::ranges::move(entries_, std::back_inserter(all));
   entries_ = std::move(all);
-  for (std::size_t k = 0; k < operations->size(); ++k)
-    if (const auto* undo = std::get_if<Undo>(&entries_[k].operation.what)) toggle(undo->edit);
+  base_ = std::move(past->base);
+  read_ = nullptr;
+  // As toggle() by every undo among those that were read: each passes on how often it was toggled itself, and its own time.
+  for (std::size_t k = past->operations.size(); k-- > 0;)
+    if (const auto* undo = std::get_if<Undo>(&entries_[k].operation.what); undo && entries_[k].counts)
+      entries_[indexOf(undo->edit)].counts = !entries_[indexOf(undo->edit)].counts;
+  return {};
+}
+
+Outcome<void> History::replay() {
+  if (auto all = readAll(); !all) return all.error();
+  layer_ = base_;
+  for (const Entry& e : entries_)
+    if (e.counts) layer_ = layer_->with(changesOf(e.operation, *layer_, nullptr));
   return {};
 }
 
 std::uint64_t History::toggle(std::uint64_t edit) {
   for (;;) {
-    Entry& entry = entries_[edit - 1];
+    Entry& entry = entries_[indexOf(edit)];
     entry.counts = !entry.counts;
     const auto* undo = std::get_if<Undo>(&entry.operation.what);
     if (!undo) return edit;
@@ -172,13 +189,13 @@ std::uint64_t History::toggle(std::uint64_t edit) {
 
 std::shared_ptr<const Layer> History::replayed(std::uint64_t edit) const {
   const auto spreads = [](const Entry& e) { return e.counts && marginOf(e.operation) > 0; };
-  TileSet changed = tilesOf(entries_[edit - 1].area);
+  TileSet changed = tilesOf(entry(edit).area);
   Posts bounds = boundsOf(changed);
   const auto add = [](TileSet& to, Posts& boundsOfIt, const Posts& posts) {
     to.merge(tilesOf(posts));
     boundsOfIt = boundsOf(to);
   };
-  for (std::size_t k = edit; k < entries_.size(); ++k)
+  for (std::size_t k = indexOf(edit) + 1; k < entries_.size(); ++k)
     if (const Entry& e = entries_[k]; spreads(e) && meets(e.area.wider(marginOf(e.operation)), changed, bounds))
       add(changed, bounds, e.area);
   TileSet needed = changed;
@@ -187,7 +204,7 @@ std::shared_ptr<const Layer> History::replayed(std::uint64_t edit) const {
     if (const Entry& e = entries_[k]; spreads(e) && meets(e.area, needed, neededBounds))
       add(needed, neededBounds, e.area.wider(marginOf(e.operation)));
 
-  auto made = std::make_shared<const Layer>();
+  auto made = base_;
   for (const Entry& e : entries_)
     if (e.counts && e.area.meets(neededBounds)) made = made->with(changesOf(e.operation, *made, &needed));
 

@@ -26,9 +26,11 @@ class History {
  public:
   explicit History(std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes = kMostLayerBytes);
 
-  std::uint64_t last() const { return last_; }  // number of the last edit; 0: none
+  std::uint64_t last() const { return last_; }            // number of the last edit; 0: none
+  std::uint64_t compacted() const { return compacted_; }  // those up to this number are a part of the ground for good
   const std::shared_ptr<const Layer>& layer() const { return layer_; }
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
+  // Of edits that this has added or read.
   bool isUndone(std::uint64_t edit) const { return !entry(edit).counts; }
   const Operation& operation(std::uint64_t edit) const { return entry(edit).operation; }
 
@@ -42,11 +44,16 @@ class History {
   // The last edit was not kept after all: everything is as before it, when the layer was `before`.
   void takeBack(std::shared_ptr<const Layer> before);
 
-  // Goes on from an earlier history's end: its last number and its layer. Its operations are read when one is undone, and not before:
-  // `read`
-  // returns those from 1 to `last`.
-  using Read = std::function<Outcome<std::vector<Operation>>()>;
-  void restore(std::uint64_t last, std::shared_ptr<const Layer> layer, Read read);
+  // Goes on from an earlier history's end: its last number and its layer. What made it is read when an edit is undone, and not before.
+  struct Past {
+    std::shared_ptr<const Layer> base;  // what the compacted edits have made
+    std::vector<Operation> operations;  // those after them, up to `last`
+  };
+  using Read = std::function<Outcome<Past>()>;
+  void restore(std::uint64_t compacted, std::uint64_t last, std::shared_ptr<const Layer> layer, Read read);
+
+  // Makes the layer again, whatever it was, from the past. Error: it cannot be read, or undoes what is not there.
+  Outcome<void> replay();
 
  private:
   struct Entry {
@@ -57,7 +64,8 @@ class History {
   // The tiles that an operation changes, on a layer; `within`: those alone, null: all.
   std::vector<Layer::Change> changesOf(const Operation& operation, const Layer& on, const TileSet* within) const;
   std::vector<Layer::Change> smoothed(const Operation& operation, const Layer& on, const TileSet* within) const;
-  const Entry& entry(std::uint64_t edit) const { return entries_[edit - 1 - (last_ - entries_.size())]; }
+  std::size_t indexOf(std::uint64_t edit) const { return edit - 1 - (last_ - entries_.size()); }
+  const Entry& entry(std::uint64_t edit) const { return entries_[indexOf(edit)]; }
   Outcome<void> readAll();
   // An edit counts from now on, or no longer. Returns the edit whose ground that is about; 0: its undoing was undone before.
   std::uint64_t toggle(std::uint64_t edit);
@@ -66,10 +74,10 @@ class History {
 
   std::shared_ptr<const terrain::Terrain> terrain_;
   std::size_t mostBytes_;
-  std::uint64_t last_ = 0;
-  Read read_;                   // the operations before those of entries_; empty: entries_ has all
+  std::uint64_t compacted_ = 0, last_ = 0;
+  Read read_;                   // the past before entries_; empty: entries_ and base_ have all
   std::vector<Entry> entries_;  // the newest, up to last_
-  std::shared_ptr<const Layer> layer_ = std::make_shared<const Layer>();
+  std::shared_ptr<const Layer> base_ = std::make_shared<const Layer>(), layer_ = base_;
 };
 
 }  // namespace ridgecast::edits

@@ -1,6 +1,7 @@
 // A history's layer against a plain array that applies the operations that count, one after another, to every post there is.
 #include "common/edits/history.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -9,6 +10,7 @@
 
 #include "common/edits/edited_terrain.h"
 #include "common/terrain/raster.h"
+#include "tests/support/random_edits.h"
 
 namespace ridgecast::edits {
 namespace {
@@ -16,7 +18,8 @@ namespace {
 using lattice::Point;
 using lattice::Step;
 
-constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kStepsPerMetre); }
+using testing_support::m;
+using testing_support::randomOperation;
 
 // A square of posts.
 class Plain {
@@ -67,46 +70,6 @@ class Plain {
   Posts posts_;
   std::vector<std::int32_t> own_, rise_;
 };
-
-// Places within 60 m of the middle; everything stays within 110 m of it.
-Operation randomOperation(std::mt19937_64& random, Point middle) {
-  const auto uniform = [&](double from, double to) { return std::uniform_real_distribution<double>(from, to)(random); };
-  const auto near = [&] { return Point{middle.x + m(uniform(-60, 60)), middle.z + m(uniform(-60, 60))}; };
-  const auto material = static_cast<std::uint32_t>(random() % 9);
-  switch (random() % 6) {
-    case 0: {
-      const Step radius = m(uniform(0.5, 20));
-      return {Raise{near(), radius, static_cast<Step>(static_cast<double>(radius) * uniform(0, 1)),
-                    static_cast<std::int32_t>(m(uniform(-9, 9)))},
-              material};
-    }
-    case 1:
-      return {Crater{near(), m(uniform(0.5, 20)), static_cast<std::int32_t>(m(uniform(0.1, 9)))}, material};
-    case 2:
-      if (random() % 2)
-        return {
-            Level{
-                {near()}, m(uniform(1, 15)), static_cast<std::int32_t>(m(uniform(900, 1100))), static_cast<std::uint32_t>(uniform(1, 600))},
-            material};
-      return {Level{{near(), near(), near(), near()}, 0, static_cast<std::int32_t>(m(uniform(900, 1100))), 256}, material};
-    case 3:
-      return {Smooth{near(), m(uniform(0.5, 20)), static_cast<std::uint32_t>(1 + random() % 16)}, material};
-    case 4: {
-      Road road;
-      for (int k = 0; k < 3; ++k) {
-        const Point p = near();
-        road.line.push_back({p.x, p.z, 0});
-      }
-      road.width = m(uniform(1, 10));
-      return {road, material};
-    }
-    default: {
-      Stamp stamp{near(), 5, 4, static_cast<std::uint32_t>(1 + random() % 8), {}};
-      for (int k = 0; k < 20; ++k) stamp.samples.push_back(static_cast<std::int32_t>(m(uniform(-3, 3))));
-      return {stamp, material};
-    }
-  }
-}
 
 class Histories : public testing::TestWithParam<Step> {};  // metres from 0
 
@@ -216,7 +179,10 @@ TEST(History, RestoredWithItsLayerItIsTheSame) {
     ASSERT_TRUE(first.add(operations.back()));
   }
   int reads = 0;
-  second.restore(20, first.layer(), [&]() -> Outcome<std::vector<Operation>> { return ++reads, operations; });
+  second.restore(0, 20, first.layer(), [&]() -> Outcome<History::Past> {
+    ++reads;
+    return History::Past{std::make_shared<const Layer>(), operations};
+  });
   for (int k = 0; k < 3; ++k) {
     const Operation more = first.prepare(randomOperation(random, {0, 0})).value();
     ASSERT_TRUE(first.add(more));
@@ -231,6 +197,68 @@ TEST(History, RestoredWithItsLayerItIsTheSame) {
     EXPECT_EQ(first.layer()->hash(), second.layer()->hash());
   }
   EXPECT_EQ(reads, 1);
+}
+
+// Half of the edits were compacted: the others go on, and can be undone, as in a history that still has all of them.
+TEST(History, GoesOnAfterCompactedEdits) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  History whole(terrain);
+  std::mt19937_64 random(6);
+  std::vector<Operation> later;
+  std::shared_ptr<const Layer> base;
+  for (std::uint64_t k = 1; k <= 40; ++k) {
+    Operation wanted = k % 7 == 0 && k > 21 ? Operation{Undo{k - 2}, 0} : randomOperation(random, {0, 0});
+    const Operation made = whole.prepare(std::move(wanted)).value();
+    ASSERT_TRUE(whole.add(made));
+    if (k > 20) later.push_back(made);
+    if (k == 20) base = whole.layer();
+  }
+  History compacted(terrain);
+  compacted.restore(20, 40, std::make_shared<const Layer>(), [&] { return Outcome<History::Past>(History::Past{base, later}); });
+  ASSERT_TRUE(compacted.replay());
+  EXPECT_EQ(compacted.layer()->hash(), whole.layer()->hash());
+  EXPECT_EQ(compacted.prepare({Undo{17}, 0}).error().message, "Edit 17 was compacted and cannot be undone.");
+  for (const std::uint64_t edit : {21, 22, 39, 40, 41}) {
+    auto undo = compacted.prepare({Undo{edit}, 0});
+    if (!undo) continue;
+    ASSERT_TRUE(compacted.add(*undo));
+    ASSERT_TRUE(whole.add(*undo));
+    EXPECT_EQ(compacted.layer()->hash(), whole.layer()->hash()) << edit;
+  }
+  EXPECT_GT(compacted.last(), 43u);
+}
+
+// Undoes of undoes, read back: each as often as it was made.
+TEST(History, ReadUndoesCountAsTheyDid) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    std::mt19937_64 random(seed);
+    History first(terrain), second(terrain);
+    std::vector<Operation> operations;
+    while (first.last() < 30) {
+      auto made =
+          first.prepare(random() % 3 == 0 || first.last() == 0 ? Operation{Raise{{static_cast<Step>(random() % 9999), 0}, m(3), 0, 100}, 0}
+                                                               : Operation{Undo{1 + random() % first.last()}, 0});
+      if (!made) continue;
+      operations.push_back(*made);
+      ASSERT_TRUE(first.add(std::move(*made)));
+    }
+    second.restore(0, 30, nullptr, [&] { return Outcome<History::Past>(History::Past{std::make_shared<const Layer>(), operations}); });
+    ASSERT_TRUE(second.replay());
+    EXPECT_EQ(second.layer()->hash(), first.layer()->hash()) << seed;
+    for (std::uint64_t k = 1; k <= 30; ++k) EXPECT_EQ(first.isUndone(k), second.isUndone(k)) << seed << " " << k;
+  }
+}
+
+TEST(History, RefusesAPastThatUndoesWhatIsNotThere) {
+  for (const std::uint64_t edit : {3, 7, 8, 9, 1000}) {
+    History history(terrain::create("alpine", 1).value());
+    history.restore(5, 8, nullptr, [&]() -> Outcome<History::Past> {
+      const Operation crater{Crater{{0, 0}, m(5), m(2)}, 0};
+      return History::Past{std::make_shared<const Layer>(), {crater, {Undo{edit}, 0}, crater}};
+    });
+    EXPECT_THAT(history.replay().error().message, testing::HasSubstr("undoes edit " + std::to_string(edit) + ", which is not there"));
+  }
 }
 
 TEST(History, MemoryIsBounded) {

@@ -1,0 +1,103 @@
+#pragma once
+// A session's edits on disk: an SQLite file that has all edits in their order, which are the truth, and a cache of the layer that they
+// make, tile by tile. What append() has returned for survives the loss of power; an edit whose append() was cut off is there or not, whole.
+//
+// One program at a time has a file open, one thread at a time a Log. Edits and tiles carry hashes, so that damage is told from content.
+//
+// Tables: meta (one row: the world, the last compacted edit, the edit up to which the tiles are made, and the sums of the tiles' hashes),
+// edits (as edits::toJson), tiles, and base_tiles: what compacted edits have made.
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/edits/history.h"
+#include "common/edits/layer.h"
+#include "common/edits/operation.h"
+#include "common/outcome/outcome.h"
+#include "common/terrain/terrain.h"
+
+namespace ridgecast::edit_log {
+
+// What the edits are made on: terrain and parameters by name, and terrain::contentHash of it all.
+struct World {
+  std::string terrain;
+  std::uint32_t seed = 1;
+  std::vector<std::pair<std::string, double>> parameters;  // those that differ from the terrain's defaults
+  std::uint64_t contentHash = 0;
+  friend bool operator==(const World&, const World&) = default;
+};
+
+struct Edit {
+  std::uint64_t number = 0;
+  std::string key;  // the client's, so that an edit sent twice is made once; empty: none
+  std::string author;
+  std::int64_t time = 0;  // microseconds since 1970
+  edits::Operation operation;
+  friend bool operator==(const Edit&, const Edit&) = default;
+};
+
+class Log {
+ public:
+  // Creates the file if there is none, or an empty one. Error: one sentence: not a log, another version, damaged, in use, cannot be written.
+  static Outcome<std::unique_ptr<Log>> open(const std::filesystem::path& file, const World& ifNew);
+  ~Log();
+
+  const World& world() const { return world_; }           // the file's own
+  std::uint64_t last() const { return last_; }            // number of the last edit; 0: none
+  std::uint64_t compacted() const { return compacted_; }  // of the last edit that compact() took; 0: none
+
+  // The layer as of last(), from its cached tiles. Error: one is missing or damaged, or they are older than last(); then replay.
+  Outcome<std::shared_ptr<const edits::Layer>> layer();
+  // At most so many edits numbered above `after` and above compacted(), in order. Error: one is damaged or missing.
+  Outcome<std::vector<Edit>> read(std::uint64_t after, std::size_t most);
+  // The base and all edits numbered up to `last`.
+  Outcome<edits::History::Past> past(std::uint64_t last);
+  // Of the edit with this key; compacted ones are forgotten.
+  std::optional<std::uint64_t> numberOf(const std::string& key);
+
+  // One transaction, on disk when it returns: these edits, numbered from last() + 1 on, and the tiles in which `after` differs from `before`
+  // within these posts. Error: nothing of it is kept, for instance because a key is there already.
+  Outcome<void> append(std::span<const Edit> edits, const edits::Layer& before, const edits::Layer& after,
+                       std::span<const edits::Posts> changed);
+  // The tiles anew, from the layer as of last().
+  Outcome<void> cache(const edits::Layer& layer);
+  // The layer is the base now; the edits that made it are gone, and numbers go on. Error: as of layer().
+  Outcome<void> compact();
+  // A copy in one piece, while the log stays open. Error: `to` exists, or cannot be written.
+  Outcome<void> backUp(const std::filesystem::path& to);
+  // Error: SQLite's own check of the file found something.
+  Outcome<void> check();
+
+ private:
+  struct Statements;
+  Log();
+  Outcome<void> create(const World& world);
+  Outcome<void> load();
+  Outcome<std::shared_ptr<const edits::Layer>> layerIn(bool base);
+  Outcome<void> put(const Edit& edit);
+  Outcome<void> put(edits::TileAddress address, const edits::Tile* tile, std::uint64_t& sum);
+  Outcome<void> putMeta(std::uint64_t tilesOf, std::uint64_t tilesHash);
+  Error damaged(const std::string& what) const;
+
+  std::filesystem::path file_;
+  std::unique_ptr<Statements> sql_;
+  World world_;
+  std::uint64_t last_ = 0, compacted_ = 0;
+  std::uint64_t tilesOf_ = 0;                   // the edit up to which the tiles are made
+  std::uint64_t tilesHash_ = 0, baseHash_ = 0;  // sums
+};
+
+// The log's history on this terrain, from the cached tiles or, if they are no good, from the edits; then the cache is repaired. The log
+// outlives it. Error: one sentence; the terrain is not the log's.
+Outcome<edits::History> historyOf(Log& log, std::shared_ptr<const terrain::Terrain> terrain,
+                                  std::size_t mostBytes = edits::kMostLayerBytes);
+// Error: a terrain with another contentHash; the sentence says both.
+Outcome<void> checkTerrain(const Log& log, const terrain::Terrain& terrain);
+
+}  // namespace ridgecast::edit_log

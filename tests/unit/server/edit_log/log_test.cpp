@@ -1,0 +1,223 @@
+#include "server/edit_log/log.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "common/edits/json.h"
+#include "server/edit_log/tiles.h"
+#include "tests/support/process.h"
+#include "tests/unit/server/edit_log/session.h"
+
+namespace ridgecast::edit_log {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing_support::m;
+using testing_support::ScratchFolder;
+
+edits::Operation crater(double x) { return {edits::Crater{{m(x), 0}, m(5), m(2)}, 0}; }
+
+TEST(Tiles, ComeBackAsTheyWere) {
+  std::mt19937_64 random(1);
+  for (int round = 0; round < 2000; ++round) {
+    edits::Tile tile;
+    const int kind = round % 4;
+    for (std::size_t k = 0; k < tile.rise.size(); ++k) {
+      if (kind == 1) tile.rise[k] = static_cast<std::int32_t>(k * 3 % 100);
+      if (kind == 2 && random() % 9 == 0) tile.rise[k] = random() % 2 ? edits::kMostRise : -edits::kMostRise;
+      if (kind == 3) tile.rise[k] = static_cast<std::int32_t>(random() % (2 * edits::kMostRise + 1)) - edits::kMostRise;
+      if (kind >= 2) tile.material[k] = static_cast<std::uint8_t>(random() % 9);
+    }
+    std::vector<std::uint8_t> bytes;
+    encodeTile(tile, bytes);
+    const auto back = decodeTile(bytes);
+    ASSERT_TRUE(back);
+    ASSERT_EQ(*back, tile);
+    // Neither cut off nor continued is it a tile.
+    EXPECT_FALSE(decodeTile({bytes.data(), random() % bytes.size()}));
+    bytes.push_back(0);
+    EXPECT_FALSE(decodeTile(bytes));
+  }
+}
+
+TEST(Tiles, AreRefusedWhenTheyAreNone) {
+  std::mt19937_64 random(2);
+  int refused = 0;
+  for (int round = 0; round < 20'000; ++round) {
+    std::vector<std::uint8_t> bytes(random() % 600);
+    for (auto& b : bytes) b = static_cast<std::uint8_t>(random() % 4 == 0 ? random() : random() % 3);
+    const auto tile = decodeTile(bytes);
+    if (!tile) {
+      ++refused;
+      continue;
+    }
+    for (const std::int32_t rise : tile->rise) ASSERT_LE(std::abs(rise), edits::kMostRise);
+    for (const std::uint8_t material : tile->material) ASSERT_LE(material, edits::kMaterials);
+  }
+  EXPECT_GT(refused, 10'000);
+}
+
+TEST(Log, KeepsTheWorldThatItWasMadeFor) {
+  const ScratchFolder folder;
+  const World world{"canyon", 4'000'000'000, {{"depth", 0.1}, {"width", 1e300}}, 0xfedcba9876543210};
+  { ASSERT_TRUE(Log::open(folder / "a.edits", world)); }
+  const auto log = Log::open(folder / "a.edits", World{"alpine", 1, {}, 5}).value();
+  EXPECT_EQ(log->world(), world);
+  EXPECT_EQ(log->last(), 0u);
+  EXPECT_TRUE(log->layer().value()->empty());
+  EXPECT_TRUE(log->read(0, 10).value().empty());
+}
+
+TEST(Log, ReturnsEditsOfEveryKindInOrder) {
+  const ScratchFolder folder;
+  std::mt19937_64 random(3);
+  std::vector<Edit> made;
+  std::uint64_t hash = 0;
+  std::set<std::size_t> kinds;
+  for (int opening = 0; opening < 3; ++opening) {
+    Session session = Session::open(folder / "a.edits").value();
+    ASSERT_EQ(session.log->last(), made.size());
+    ASSERT_EQ(session.history.layer()->hash(), hash);
+    for (int group = 0; group < 12; ++group)
+      for (const Edit& e : session.append(1 + random() % 8, random).value()) {
+        kinds.insert(e.operation.what.index());
+        made.push_back(e);
+      }
+    hash = session.history.layer()->hash();
+    EXPECT_EQ(session.log->layer().value()->hash(), hash);
+  }
+  EXPECT_EQ(kinds.size(), std::variant_size_v<decltype(edits::Operation::what)>);
+  const auto log = Log::open(folder / "a.edits", {}).value();
+  EXPECT_EQ(log->read(0, 100'000).value(), made);
+  EXPECT_EQ(log->read(0, 1).value(), std::vector<Edit>{made[0]});
+  EXPECT_EQ(log->read(made.size() - 1, 5).value(), std::vector<Edit>{made.back()});
+  EXPECT_TRUE(log->read(made.size(), 5).value().empty());
+  EXPECT_EQ(replayedHash(made), hash);
+}
+
+TEST(Log, AKeyNamesItsEdit) {
+  const ScratchFolder folder;
+  auto log = Log::open(folder / "a.edits", {}).value();
+  const edits::Layer none;
+  const std::vector<Edit> edits{{1, "a", "", 0, crater(0)}, {2, "", "", 0, crater(1)}, {3, "", "", 0, crater(2)}};
+  ASSERT_TRUE(log->append(edits, none, none, {}));
+  EXPECT_EQ(log->numberOf("a"), 1u);
+  EXPECT_EQ(log->numberOf("b"), std::nullopt);
+  EXPECT_EQ(log->numberOf(""), std::nullopt);
+  // All of a transaction or nothing.
+  const std::vector<Edit> again{{4, "b", "", 0, crater(3)}, {5, "a", "", 0, crater(4)}};
+  EXPECT_THAT(log->append(again, none, none, {}).error().message, HasSubstr("number or key already"));
+  EXPECT_THAT(log->append({{{5, "", "", 0, crater(3)}}}, none, none, {}).error().message, HasSubstr("does not follow edit 3"));
+  EXPECT_EQ(log->last(), 3u);
+  EXPECT_EQ(log->numberOf("b"), std::nullopt);
+  log.reset();
+  EXPECT_EQ(Log::open(folder / "a.edits", {}).value()->read(0, 10).value(), edits);
+}
+
+TEST(Log, IsOpenOnce) {
+  const ScratchFolder folder;
+  const auto first = Log::open(folder / "a.edits", {}).value();
+  EXPECT_THAT(Log::open(folder / "a.edits", {}).error().message, HasSubstr("in use by another program"));
+}
+
+TEST(Log, SaysWhyItCannotBeMade) {
+  const ScratchFolder folder;
+  EXPECT_THAT(Log::open(folder / "none" / "a.edits", {}).error().message, HasSubstr("see that its folder exists"));
+}
+
+TEST(Log, IsOfOneTerrain) {
+  const ScratchFolder folder;
+  auto log = Log::open(folder / "a.edits", worldOf(*alpine())).value();
+  const auto other = terrain::create("canyon", 7).value();
+  const std::string refusal = historyOf(*log, other).error().message;
+  EXPECT_THAT(refusal, HasSubstr("alpine"));
+  EXPECT_THAT(refusal, HasSubstr("canyon"));
+  EXPECT_TRUE(historyOf(*log, alpine()));
+}
+
+TEST(Log, IsBackedUpWhileItGrows) {
+  const ScratchFolder folder;
+  std::mt19937_64 random(5);
+  Session session = Session::open(folder / "a.edits").value();
+  for (int k = 0; k < 5; ++k) {
+    ASSERT_TRUE(session.append(7, random));
+    const std::filesystem::path to = folder / std::to_string(k);
+    ASSERT_TRUE(session.log->backUp(to));
+    EXPECT_THAT(session.log->backUp(to).error().message, HasSubstr("exists already"));
+    auto copy = Log::open(to, {}).value();
+    EXPECT_TRUE(copy->check());
+    EXPECT_EQ(copy->read(0, 1000).value(), session.log->read(0, 1000).value());
+    EXPECT_EQ(copy->layer().value()->hash(), session.history.layer()->hash());
+    EXPECT_FALSE(std::filesystem::exists(folder / (std::to_string(k) + ".new")));
+  }
+  EXPECT_FALSE(session.log->backUp(folder / "none" / "a"));
+}
+
+TEST(Log, CompactedEditsAreGroundAndNumbersGoOn) {
+  const ScratchFolder folder;
+  std::mt19937_64 random(6);
+  std::vector<Edit> later;
+  std::uint64_t hash = 0;
+  {
+    Session session = Session::open(folder / "a.edits").value();
+    for (int k = 0; k < 10; ++k) ASSERT_TRUE(session.append(4, random));
+    hash = session.history.layer()->hash();
+    ASSERT_TRUE(session.log->compact());
+    EXPECT_EQ(session.log->compacted(), 40u);
+    EXPECT_EQ(session.log->last(), 40u);
+    EXPECT_TRUE(session.log->read(0, 100).value().empty());
+  }
+  {
+    Session session = Session::open(folder / "a.edits").value();
+    EXPECT_EQ(session.history.layer()->hash(), hash);
+    EXPECT_EQ(session.history.last(), 40u);
+    EXPECT_EQ(session.history.prepare({edits::Undo{17}, 0}).error().message, "Edit 17 was compacted and cannot be undone.");
+    for (int k = 0; k < 10; ++k)
+      for (const Edit& e : session.append(4, random).value()) later.push_back(e);
+    EXPECT_EQ(later.front().number, 41u);
+    EXPECT_EQ(session.log->read(0, 100).value(), later);
+    EXPECT_EQ(session.log->read(60, 1).value().front().number, 61u);
+    // All later ones undone, the compacted ground is there again.
+    for (std::uint64_t n = session.history.last(); n > 40; --n)
+      if (!session.history.isUndone(n) && !std::holds_alternative<edits::Undo>(session.history.operation(n).what)) {
+        const auto undone = session.append(1, [&] { return edits::Operation{edits::Undo{n}, 0}; });
+        ASSERT_TRUE(undone) << undone.error().message;
+      }
+    EXPECT_EQ(session.history.layer()->hash(), hash);
+    ASSERT_TRUE(session.log->compact());
+  }
+  EXPECT_EQ(Session::open(folder / "a.edits").value().history.layer()->hash(), hash);
+}
+
+// The past is read late: what was appended meanwhile is not a part of it.
+TEST(Log, UndoesAfterEditsThatFollowedAnOpening) {
+  const ScratchFolder folder;
+  {
+    ASSERT_TRUE(Session::open(folder / "a.edits").value().append(1, [] { return crater(0); }));
+  }
+  Session session = Session::open(folder / "a.edits").value();
+  ASSERT_TRUE(session.append(1, [] { return crater(500); }));
+  for (const std::uint64_t edit : {1, 2}) {
+    const auto undone = session.append(1, [&] { return edits::Operation{edits::Undo{edit}, 0}; });
+    ASSERT_TRUE(undone) << undone.error().message;
+  }
+  EXPECT_TRUE(session.history.layer()->empty());
+}
+
+// Whole tiles of zeros are a layer's own affair, and smoothing spreads what an undo changes: the cache must follow both.
+TEST(Log, CacheFollowsUndoneEdits) {
+  const ScratchFolder folder;
+  Session session = Session::open(folder / "a.edits").value();
+  const edits::Operation smooth{edits::Smooth{{m(4), 0}, m(8), 8}, 3};
+  for (const edits::Operation& o : {crater(0), smooth, crater(9)}) ASSERT_TRUE(session.append(1, [&] { return o; }));
+  for (const std::uint64_t edit : {1, 4, 3, 2, 5}) {
+    ASSERT_TRUE(session.append(1, [&] { return edits::Operation{edits::Undo{edit}, 0}; }));
+    EXPECT_EQ(session.log->layer().value()->hash(), session.history.layer()->hash()) << edit;
+  }
+}
+
+}  // namespace
+}  // namespace ridgecast::edit_log
