@@ -162,6 +162,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
   resources->limits = config.limits;
+  resources->state = config.state;
   const auto requestOf = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec) {
     user_terrain::Request made = request;
     if (spec.terrain != own) {
@@ -181,7 +182,12 @@ int serve(const config::Config& config, const sigset_t& signals) {
     return made;
   };
   if (config.limits.maxSessions > 1) resources->makeTerrain = makeTerrain;
-  auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
+  std::shared_ptr<session::Directory> directory;
+  try {
+    directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
+  } catch (const std::runtime_error& e) {  // the edits that are kept of its ground
+    return refuse(e.what());
+  }
   const http::Maker maker{std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &executor),
                           std::make_shared<http::AnswerCache>(std::size_t{config.cacheMemory} << 20)};
   routes.insert(routes.begin(), {http::snapshotRoute(directory, maker), http::tilesetRoute(directory, maker)});

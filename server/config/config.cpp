@@ -157,6 +157,7 @@ void addLimits(CLI::App& app, Written& w) {
 }
 
 void addOperation(CLI::App& app, Written& w) {
+  app.add_option("--state", w.config.state, "Folder in which the edits of sessions are kept; without it they end with their session");
   addSeconds(app, "--drain-delay", w.config.net.drainDelay,
              "Seconds after SIGTERM in which the server serves as before while /readyz says 503: balancers lag", 0, 3600);
   addSeconds(app, "--drain", w.config.net.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
@@ -200,6 +201,12 @@ Outcome<Config> finish(Written&& w) {
   if (c.limits.maxTotalTriangles != 0)
     c.limits.maxTotalTriangles = std::max<std::uint64_t>(c.limits.maxTotalTriangles, settings::kLeastBudget);
   c.snapshots.share = w.snapshotShare / 100;
+  if (!c.state.empty()) {
+    std::error_code failed;
+    std::filesystem::create_directories(c.state, failed);
+    if (!std::filesystem::is_directory(c.state)) return Error{"--state '" + c.state.string() + "' is no folder and cannot be made one."};
+    if (c.watch) return Error{"--watch changes the ground under edits that --state keeps; leave one of them out."};
+  }
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
   const std::map<std::string, logging::Level> levels{{"debug", logging::Level::kDebug},

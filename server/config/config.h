@@ -22,6 +22,7 @@ struct Config {
   snapshot::Limits snapshots;
   std::uint32_t cacheMemory = 64;   // MiB of made snapshots and tiles
   user_terrain::Request terrain;    // of the default session, with its seed
+  std::filesystem::path state;      // of the sessions' edits; empty: not kept
   bool watch = false;               // sessions follow their terrain files
   unsigned threads = 0;             // 0: as many as the hardware has
   std::filesystem::path portFile;   // empty: none

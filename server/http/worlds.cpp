@@ -90,6 +90,11 @@ std::string describe(const WorldSpec& spec) {
   return out;
 }
 
+std::string otherWorld(const std::string& session, const WorldSpec& spec) {
+  return "Session '" + session + "' is another world (" + describe(spec) +
+         ") and does not change while it lives; leave the terrain out to join it, or choose another name.";
+}
+
 // Joins, if the session has the requested world.
 Answer join(std::shared_ptr<session::Session> session, const Wish& wish, const Enter& enter) {
   const WorldSpec& spec = session->spec();
@@ -98,9 +103,7 @@ Answer join(std::shared_ptr<session::Session> session, const Wish& wish, const E
                    "Session '" + session->name() + "' began with clock=" + nameOf(spec.clock) + "; leave clock=" + nameOf(*wish.clock) +
                        " out to join it, or choose another name.");
   if (wish.isMetBy(spec)) return enter(std::move(session));
-  return refused(409, metrics::Refusal::kSession,
-                 "Session '" + session->name() + "' is another world (" + describe(spec) +
-                     ") and does not change while it lives; leave the terrain out to join it, or choose another name.");
+  return refused(409, metrics::Refusal::kSession, otherWorld(session->name(), spec));
 }
 
 Answer refusedFor(const session::Directory::Full& full) { return refused(full.isOwn ? 429 : 503, metrics::Refusal::kFull, full.sentence); }
@@ -131,9 +134,17 @@ Answer inSession(const Request& request, session::Directory& directory, const En
     return refused(
         400, metrics::Refusal::kSession,
         "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
-  const auto wish = readWish(request.query());
+  auto wish = readWish(request.query());
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish, enter);
+  const auto kept = directory.kept(wanted);
+  if (!kept) return refused(503, metrics::Refusal::kSession, kept.error().message);
+  if (*kept) {  // nobody is in it, but its edits are kept
+    if (!wish->isMetBy(**kept)) return refused(409, metrics::Refusal::kSession, otherWorld(wanted, **kept));
+    wish->terrain = (*kept)->terrain;
+    wish->seed = (*kept)->seed;
+    wish->parameters = (*kept)->parameters;
+  }
   if (wish->terrain.empty())
     return refused(404, metrics::Refusal::kSession,
                    "There is no session named '" + wanted + "' here; 'default' always exists, and &terrain=NAME creates one.");
@@ -144,8 +155,8 @@ Answer inSession(const Request& request, session::Directory& directory, const En
   const std::string client(request.client);
   if (const auto full = directory.full(client)) return refusedFor(*full);
   const auto builtIn = terrain::builtIn();
-  const bool atOnce =
-      wish->parameters.empty() && std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
+  const bool atOnce = !*kept && wish->parameters.empty() &&
+                      std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
   if (atOnce) return make(wanted, *wish, client, directory, enter, makes, {});
   return madeBy(
       {.makesWorld = true,

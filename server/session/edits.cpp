@@ -1,6 +1,7 @@
 #include "server/session/edits.h"
 
 #include <algorithm>
+#include <chrono>
 #include <string>
 #include <utility>
 
@@ -19,8 +20,16 @@ lattice::Area around(const lattice::Area& a, const lattice::Area& b) {
 
 }  // namespace
 
-Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed)
-    : terrain_(std::move(terrain)), executor_(executor), changed_(std::move(changed)), history_(terrain_), ground_{terrain_, 0} {}
+Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept)
+    : terrain_(std::move(terrain)),
+      executor_(executor),
+      changed_(std::move(changed)),
+      kept_(std::move(kept)),
+      history_(kept_.history ? std::move(*kept_.history) : edits::History(terrain_)),
+      begins_(history_.last()),
+      ground_{begins_ == 0 ? terrain_ : std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), begins_} {
+  kept_.history.reset();
+}
 
 Ground Edits::ground() const {
   const std::lock_guard lock(mutex_);
@@ -74,42 +83,92 @@ void Edits::work() {
     waiting.swap(waiting_);
     readings.swap(readings_);
   }
-  const std::uint64_t before = history_.last();
-  std::vector<Outcome<std::uint64_t>> numbers;
-  numbers.reserve(waiting.size());
-  for (Waiting& w : waiting) numbers.push_back(make(std::move(w.edit)));
-  if (history_.last() > before) {
-    const auto terrain = std::make_shared<edits::EditedTerrain>(terrain_, history_.layer());
-    {
-      const std::lock_guard lock(mutex_);
-      ground_ = {terrain, history_.last()};
-      for (std::uint64_t n = before; n < history_.last(); ++n) areas_.push_back(made_[n].ground);
-      if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
-    }
-    changed_();
-  }
-  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k]);
-  for (const Reading& r : readings) {
-    const std::size_t first = std::min<std::uint64_t>(r.after, made_.size()), count = std::min(r.most, made_.size() - first);
-    const auto begin = made_.begin() + static_cast<std::ptrdiff_t>(first);
-    r.read(std::vector<MadeEdit>(begin, begin + static_cast<std::ptrdiff_t>(count)));
-  }
+  if (!waiting.empty()) makeAll(waiting);
+  for (const Reading& r : readings) r.read(list(r.after, r.most));
   const std::lock_guard lock(mutex_);
   works_ = false;
   if (!waiting_.empty() || !readings_.empty()) begin();
 }
 
+void Edits::makeAll(std::vector<Waiting>& waiting) {
+  const std::uint64_t before = history_.last();
+  const auto layer = history_.layer();
+  changedPosts_.clear();
+  std::vector<Outcome<std::uint64_t>> numbers;
+  numbers.reserve(waiting.size());
+  for (Waiting& w : waiting) numbers.push_back(make(std::move(w.edit)));
+  if (history_.last() > before) {
+    if (const auto isKept = keep(before, *layer); !isKept) {
+      while (history_.last() > before) {
+        std::erase_if(keys_, [&](const auto& key) { return key.second == history_.last(); });
+        made_.pop_back();
+        history_.takeBack(layer);
+      }
+      for (Outcome<std::uint64_t>& number : numbers)
+        if (number && *number > before) number = isKept.error();
+    } else {
+      {
+        const std::lock_guard lock(mutex_);
+        ground_ = {std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()};
+        for (std::uint64_t n = before; n < history_.last(); ++n) areas_.push_back(made_[n - begins_].ground);
+        if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
+      }
+      changed_();
+    }
+  }
+  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k]);
+}
+
 Outcome<std::uint64_t> Edits::make(Edit edit) {
-  const std::string key = edit.key.empty() ? std::string() : edit.author + '\n' + edit.key;
-  if (const auto known = keys_.find(key); !key.empty() && known != keys_.end()) return known->second;
+  if (!edit.key.empty()) {
+    edit.key = edit.author + '\n' + edit.key;
+    if (const auto known = keys_.find(edit.key); known != keys_.end()) return known->second;
+    if (kept_.log)
+      if (const auto known = kept_.log->numberOf(edit.key)) return *known;
+  }
   auto prepared = history_.prepare(std::move(edit.operation));
   if (!prepared) return prepared.error();
   edit.operation = std::move(*prepared);
   const auto changed = history_.add(edit.operation);
   if (!changed) return changed.error();
-  if (!key.empty()) keys_[key] = history_.last();
+  changedPosts_.push_back(*changed);
+  if (!edit.key.empty()) keys_[edit.key] = history_.last();
   made_.push_back({history_.last(), std::move(edit), edits::groundOf(*changed)});
   return history_.last();
+}
+
+Outcome<void> Edits::keep(std::uint64_t before, const edits::Layer& layer) {
+  if (!kept_.log && kept_.makeLog) {
+    auto made = kept_.makeLog();
+    if (!made) return made.error();
+    kept_.log = std::move(*made);
+  }
+  if (!kept_.log) return {};
+  const std::int64_t now =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+  std::vector<edit_log::Edit> entries;
+  for (std::uint64_t n = before; n < history_.last(); ++n) {
+    const MadeEdit& made = made_[n - begins_];
+    entries.push_back({made.number, made.edit.key, made.edit.author, now, made.edit.operation});
+  }
+  return kept_.log->append(entries, layer, *history_.layer(), changedPosts_);
+}
+
+Outcome<std::vector<MadeEdit>> Edits::list(std::uint64_t after, std::size_t most) {
+  std::vector<MadeEdit> out;
+  if (kept_.log && after < begins_) {
+    auto edits = kept_.log->read(after, most);
+    if (!edits) return edits.error();
+    for (edit_log::Edit& e : *edits) {
+      const edits::Posts posts = edits::areaOf(e.operation);
+      out.push_back({e.number,
+                     {std::move(e.key), std::move(e.author), std::move(e.operation)},
+                     posts.empty() ? kEverywhere : edits::groundOf(posts)});
+    }
+    return out;
+  }
+  for (std::uint64_t n = std::max(after, begins_) - begins_; n < made_.size() && out.size() < most; ++n) out.push_back(made_[n]);
+  return out;
 }
 
 }  // namespace ridgecast::session

@@ -4,8 +4,8 @@
 //   ask() --> waits (kMostWaiting) --> applied by a task, all that wait together --> kept on disk, if the session has a log
 //         --> everybody's ground, done(number), and the cameras are told
 //
-// An edit is acknowledged by its number, and not before it is on disk and in ground(). A session's edits are made by one task at a time: those
-// that come meanwhile share the next write. Any thread, unless said otherwise.
+// An edit is acknowledged by its number, and not before it is on disk and in ground(). A session's edits are made by one task at a time:
+// those that come meanwhile share the next write. Any thread, unless said otherwise.
 
 #include <cstdint>
 #include <deque>
@@ -21,6 +21,7 @@
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
+#include "server/edit_log/log.h"
 #include "server/scheduling/pool.h"
 
 namespace ridgecast::session {
@@ -49,8 +50,14 @@ class Edits : public std::enable_shared_from_this<Edits> {
   static constexpr std::size_t kRecent = 4096;  // edits whose areas and keys are remembered
   static constexpr std::size_t kMostAreas = 64;
 
+  // Where edits are kept: a log, or how to make one for the first edit; neither: in memory alone.
+  struct Kept {
+    std::unique_ptr<edit_log::Log> log;
+    std::optional<edits::History> history;  // the log's
+    std::function<Outcome<std::unique_ptr<edit_log::Log>>()> makeLog;
+  };
   // `changed` is called by the editing task after each change of the ground. `executor` as Resources::executor.
-  Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed);
+  Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept);
 
   Ground ground() const;
   // The ground now, and where it differs from that of `edit`: at most kMostAreas.
@@ -80,16 +87,22 @@ class Edits : public std::enable_shared_from_this<Edits> {
   };
   void begin();  // under the lock: the editing task, if it does not run
   void work();
+  void makeAll(std::vector<Waiting>& waiting);
   Outcome<std::uint64_t> make(Edit edit);
+  Outcome<void> keep(std::uint64_t before, const edits::Layer& layer);  // on disk, what was made after `before`
+  Outcome<std::vector<MadeEdit>> list(std::uint64_t after, std::size_t most);
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
   scheduling::Executor* const executor_;
   const std::function<void()> changed_;
 
   // Of the editing task.
+  Kept kept_;
   edits::History history_;
-  std::vector<MadeEdit> made_;
-  std::unordered_map<std::string, std::uint64_t> keys_;  // to the number of the edit
+  std::uint64_t begins_;                                 // the last edit of the log when this began
+  std::vector<MadeEdit> made_;                           // since then
+  std::vector<edits::Posts> changedPosts_;               // of the edits that are being made
+  std::unordered_map<std::string, std::uint64_t> keys_;  // of made_, to the number of the edit
 
   mutable std::mutex mutex_;
   Ground ground_;

@@ -16,6 +16,10 @@ bool raise(std::atomic<std::uint32_t>& counter, std::uint32_t limit) {
   return false;
 }
 
+std::filesystem::path logOf(const std::filesystem::path& state, const std::string& session) {
+  return state.empty() ? std::filesystem::path() : state / (session + ".edits");
+}
+
 }  // namespace
 
 MakeMesh pipelineMeshes() {
@@ -25,7 +29,7 @@ MakeMesh pipelineMeshes() {
 }
 
 Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec,
-                 std::shared_ptr<const Resources> resources, std::shared_ptr<Places> places)
+                 std::shared_ptr<const Resources> resources, std::shared_ptr<Places> places, Edits::Kept kept)
     : name_(std::move(name)),
       spec_(std::move(spec)),
       contentHash_(terrain::contentHash(*terrain)),
@@ -33,9 +37,12 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
       places_(std::move(places)),
       presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock)),
-      edits_(std::make_shared<Edits>(std::move(terrain), resources_->executor, [live = live_] {
-        for (const auto& camera : live->all()) camera->groundChanged();
-      })) {}
+      edits_(std::make_shared<Edits>(
+          std::move(terrain), resources_->executor,
+          [live = live_] {
+            for (const auto& camera : live->all()) camera->groundChanged();
+          },
+          std::move(kept))) {}
 
 std::uint64_t Session::groundHash() const {
   const std::uint64_t edit = ground().edit;
@@ -71,6 +78,37 @@ std::shared_ptr<Session> Directory::find(std::string_view name) const {
   return it == sessions_.end() ? nullptr : it->second.session;
 }
 
+Outcome<std::optional<WorldSpec>> Directory::kept(const std::string& name) const {
+  const std::filesystem::path file = logOf(resources_->state, name);
+  if (file.empty() || !std::filesystem::exists(file)) return std::optional<WorldSpec>();
+  const auto log = edit_log::Log::open(file, {});
+  if (!log) return log.error();
+  const edit_log::World& world = (*log)->world();
+  return std::optional(WorldSpec{world.terrain, world.seed, world.parameters, wire::ClockMode::kRealTime});
+}
+
+Outcome<Edits::Kept> Directory::keptOf(const std::string& name, const WorldSpec& spec,
+                                       const std::shared_ptr<const terrain::Terrain>& terrain) const {
+  Edits::Kept kept;
+  const std::filesystem::path file = logOf(resources_->state, name);
+  if (file.empty()) return kept;
+  const edit_log::World world{spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)};
+  if (!std::filesystem::exists(file)) {
+    kept.makeLog = [file, world] { return edit_log::Log::open(file, world); };
+    return kept;
+  }
+  auto log = edit_log::Log::open(file, world);
+  if (!log) return log.error();
+  if ((*log)->world().terrain != world.terrain || (*log)->world().seed != world.seed || (*log)->world().parameters != world.parameters)
+    return Error{"The session '" + name + "' has edits of another world, " + (*log)->world().terrain + " with seed " +
+                 std::to_string((*log)->world().seed) + "; join it without naming a terrain, or choose another name."};
+  auto history = edit_log::historyOf(**log, terrain);
+  if (!history) return history.error();
+  kept.log = std::move(*log);
+  kept.history = std::move(*history);
+  return kept;
+}
+
 Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
                                                  std::vector<std::pair<std::string, double>> parameters, std::string maker,
                                                  wire::ClockMode clock) {
@@ -78,7 +116,9 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_p
     return Error{"A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens."};
   std::sort(parameters.begin(), parameters.end());
   WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
-  auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, places_);
+  auto kept = keptOf(name, spec, terrain);
+  if (!kept) return kept.error();
+  auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, places_, std::move(*kept));
   const std::lock_guard lock(mutex_);
   if (sessions_.contains(name)) return Error{"There is a session named '" + name + "' already; choose another name."};
   if (auto full = fullFor(maker)) return Error{std::move(full->sentence)};

@@ -1,15 +1,17 @@
 #pragma once
 // Named worlds and their members.
 //
-// A Session is a terrain with its seed and parameters, seen by several cameras; its world never changes while it lives (a successor may
-// take its name: Directory::replace), its ground by edits alone (edits.h). The Directory holds the sessions by name. `default` always exists; the others end after a while without members, and within seconds if nobody has said hello in
-// them. One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has its own mesh, replica and pool
-// (camera_session.h).
+// A Session is a terrain with its seed and parameters, seen by several cameras; its world never changes while it lives (a successor may take
+// its name: Directory::replace), its ground by edits alone (edits.h). The Directory holds the sessions by name. `default` always exists; the
+// others end after a while without members, and within seconds if nobody has said hello in them; the edits of those that have any are kept, if
+// there is a place for them. One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has its own mesh, replica
+// and pool (camera_session.h).
 
 #include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <memory>
@@ -78,7 +80,8 @@ struct Resources {
   // sockets are closed; remaining tasks are dropped.
   scheduling::Executor* executor = nullptr;
   MakeMesh makeMesh;
-  MakeTerrain makeTerrain;  // for sessions that clients create; empty: not allowed
+  MakeTerrain makeTerrain;      // for sessions that clients create; empty: not allowed
+  std::filesystem::path state;  // folder of the sessions' logs of edits; empty: edits are forgotten when their session ends
   std::string serverName;
   Limits limits;
   std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
@@ -110,7 +113,7 @@ struct CameraPlace {
 class Session {
  public:
   Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec, std::shared_ptr<const Resources> resources,
-          std::shared_ptr<Places> places);
+          std::shared_ptr<Places> places, Edits::Kept kept = {});
 
   const std::string& name() const { return name_; }
   Ground ground() const { return edits_->ground(); }
@@ -155,11 +158,15 @@ class Session {
 // Any thread. Idle sessions end only if a shared_ptr holds this.
 class Directory : public std::enable_shared_from_this<Directory> {
  public:
+  // Throws std::runtime_error with one sentence when the default session's edits cannot be read.
   Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
             std::vector<std::pair<std::string, double>> defaultParameters = {});
 
   std::shared_ptr<Session> find(std::string_view name) const;  // none: nullptr
-  // `maker`: the client, as http::Request::client; empty: the operator, who has no share. Error: the name is taken or invalid, or full().
+  // The world of a session that does not live, but has edits that are kept. Error: one sentence: its log cannot be read, or is in use.
+  Outcome<std::optional<WorldSpec>> kept(const std::string& name) const;
+  // With the edits that are kept of it, which may take seconds. `maker`: the client, as http::Request::client; empty: the operator, who has
+  // no share. Error: the name is taken or invalid, full(), or the edits that are kept are of another world.
   Outcome<std::shared_ptr<Session>> add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
                                         std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
                                         wire::ClockMode clock = wire::ClockMode::kRealTime);
@@ -193,6 +200,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
     std::uint64_t uses = 0;
     std::optional<std::chrono::steady_clock::time_point> idleSince;
   };
+  Outcome<Edits::Kept> keptOf(const std::string& name, const WorldSpec& spec, const std::shared_ptr<const terrain::Terrain>& terrain) const;
   std::optional<Full> fullFor(std::string_view maker) const;  // under the lock
   void sweepSoon();                                           // under the lock
   void sweep();
