@@ -285,6 +285,8 @@ std::future<Outcome<wire::EditAnswer>> Connection::edit(wire::Edit edit) {
   return impl_->ask(impl_->outbox_.edits, std::move(edit), 4, "knows no edits");
 }
 
+bool Connection::followsEdits() const { return impl_->hello_.edits || world().revision < 4; }
+
 std::vector<wire::MadeEdit> Connection::takeEdits() {
   const std::lock_guard lock(impl_->mutex_);
   return std::exchange(impl_->edits_, {});

@@ -113,6 +113,7 @@ class Connection {
   std::future<Outcome<wire::EditAnswer>> edit(wire::Edit edit);
   static constexpr std::size_t kMaxEdits = 1u << 20;  // not taken yet: one more ends the connection with an error
   std::vector<wire::MadeEdit> takeEdits();
+  bool followsEdits() const;  // hello.edits, or the server's version has none
 
   // Replaces hello's settings from the next iteration on. A waiting change is replaced by a newer one and leaves before waiting poses.
   // Never blocks; does nothing if the server's version changes none (World::revision below 2).

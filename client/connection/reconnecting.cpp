@@ -52,6 +52,14 @@ std::future<Outcome<wire::Answer>> ReconnectingConnection::ask(wire::Query query
   return connection->ask(std::move(query));
 }
 
+std::vector<wire::MadeEdit> ReconnectingConnection::takeEdits() {
+  const auto connection = [&] {
+    const std::lock_guard lock(asks_);
+    return connection_;
+  }();
+  return connection->takeEdits();
+}
+
 void ReconnectingConnection::pause() {
   const auto half = static_cast<unsigned>(pause_.count() / 2);
   next_ = Clock::now() + std::chrono::milliseconds(half + random_() % (half + 1));

@@ -46,6 +46,8 @@ class ReconnectingConnection {
   void applied() { pause_ = kFirstPause; }
   // Any thread.
   std::future<Outcome<wire::Answer>> ask(wire::Query query);
+  bool followsEdits() const { return connection_->followsEdits(); }
+  std::vector<wire::MadeEdit> takeEdits();  // another connection begins with the first
   // As Connection's; also looks after the connection, so call it often.
   std::optional<Received> receive(std::chrono::milliseconds timeout);
 

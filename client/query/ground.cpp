@@ -3,7 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <mutex>
+#include <thread>
 
+#include "common/edits/edited_terrain.h"
+#include "common/edits/history.h"
+#include "common/edits/json.h"
 #include "common/user_terrain/declaration.h"
 #include "common/wire/wire.h"
 
@@ -57,18 +62,52 @@ auto placesOf(wire::QueryKind kind, std::span<const lattice::Step> x, std::span<
   };
 }
 
-constexpr std::size_t kBatch = 4000;   // places a query
-constexpr std::size_t kInFlight = 16;  // queries
+constexpr std::uint64_t kMostFollowed = 20'000;  // edits of a session that are applied here; more take too long
+constexpr std::size_t kBatch = 4000;             // places a query
+constexpr std::size_t kInFlight = 16;            // queries
 
 }  // namespace
 
-Ground::Ground(const wire::World& world, Ask ask, std::chrono::milliseconds timeout)
-    : ask_(std::move(ask)), timeout_(timeout), local_(builtInOf(world)) {}
+struct Ground::Edited {
+  explicit Edited(std::shared_ptr<const terrain::Terrain> terrain) : history(terrain), now(std::move(terrain)) {}
+  std::mutex mutex;
+  edits::History history;
+  std::shared_ptr<const terrain::Terrain> now;
+};
+
+Ground::Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout)
+    : ask_(std::move(ask)), timeout_(timeout), takeEdits_(std::move(takeEdits)), atLeast_(world.edit) {
+  if (followsEdits && world.edit <= kMostFollowed) local_ = builtInOf(world);
+  if (local_) edited_ = std::make_shared<Edited>(local_);
+}
+
+Outcome<std::shared_ptr<const terrain::Terrain>> Ground::local() const {
+  if (!edited_) return local_;
+  const std::lock_guard lock(edited_->mutex);
+  edits::History& history = edited_->history;
+  for (const auto until = std::chrono::steady_clock::now() + timeout_;;) {
+    const std::uint64_t before = history.last();
+    for (const wire::MadeEdit& made : takeEdits_()) {
+      if (made.number <= history.last()) continue;  // of an earlier connection
+      auto operation = edits::fromJson(made.operation);
+      if (!operation || made.number != history.last() + 1)
+        return Error{"the server's edit " + std::to_string(made.number) +
+                     " cannot be applied: " + (operation ? "one before it is missing" : operation.error().message)};
+      if (const auto added = history.add(std::move(*operation)); !added) return added.error();
+    }
+    if (history.last() > before) edited_->now = std::make_shared<edits::EditedTerrain>(local_, history.layer());
+    if (history.last() >= atLeast_) return edited_->now;
+    if (std::chrono::steady_clock::now() >= until)
+      return Error{"the session's " + std::to_string(atLeast_) + " edits did not come within " + std::to_string(timeout_.count()) + " ms"};
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
 
 // `count` items in batches of `each`; each item's answer has `numbers` numbers.
 template <class Number, class Make, class Take>
 Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                           const Take& take) const {
+  takeEdits_();  // the server knows them
   const auto until = std::chrono::steady_clock::now() + timeout_;
   std::deque<std::future<Outcome<wire::Answer>>> open;
   std::size_t requested = 0, taken = 0;
@@ -97,7 +136,9 @@ Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const 
   if (!local_)
     return ask(out.size(), kBatch, out, 1, placesOf(wire::QueryKind::kHeights, x, z),
                [](const wire::Answer& a) -> const std::vector<float>& { return a.heights; });
-  local_->heights(x, z, out);
+  const auto here = local();
+  if (!here) return here.error();
+  (*here)->heights(x, z, out);
   return {};
 }
 
@@ -107,7 +148,9 @@ Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const 
   if (!local_)
     return ask(x.size(), kBatch, out, 3, placesOf(wire::QueryKind::kNormals, x, z, spacing),
                [](const wire::Answer& a) -> const std::vector<float>& { return a.normals; });
-  ground::normals(*local_, x, z, spacing, out);
+  const auto here = local();
+  if (!here) return here.error();
+  ground::normals(**here, x, z, spacing, out);
   return {};
 }
 
@@ -116,7 +159,9 @@ Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> 
   if (local_) {
     for (const ground::Ray& ray : rays)
       if (auto refusal = wire::refusalOf(ray); !refusal.empty()) return Error{std::move(refusal)};
-    for (std::size_t k = 0; k < rays.size(); ++k) out[k] = ground::cast(*local_, rays[k]);
+    const auto here = local();
+    if (!here) return here.error();
+    for (std::size_t k = 0; k < rays.size(); ++k) out[k] = ground::cast(**here, rays[k]);
     return {};
   }
   return ask(

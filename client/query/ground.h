@@ -44,7 +44,8 @@ class Ground {
   template <class Connection>
   explicit Ground(Connection& connection, std::chrono::milliseconds timeout = std::chrono::seconds(10))
       : Ground(
-            connection.world(), [&connection](wire::Query query) { return connection.ask(std::move(query)); }, timeout) {}
+            connection.world(), connection.followsEdits(), [&connection](wire::Query query) { return connection.ask(std::move(query)); },
+            [&connection] { return connection.takeEdits(); }, timeout) {}
 
   // Of a terrain held here.
   explicit Ground(std::shared_ptr<const terrain::Terrain> terrain) : timeout_(0), local_(std::move(terrain)) {}
@@ -68,14 +69,21 @@ class Ground {
 
  private:
   using Ask = std::function<std::future<Outcome<wire::Answer>>(wire::Query)>;
-  Ground(const wire::World& world, Ask ask, std::chrono::milliseconds timeout);
+  using TakeEdits = std::function<std::vector<wire::MadeEdit>()>;
+  Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout);
+  // The terrain held here with the edits that have come so far, at least those that there were at the beginning.
+  Outcome<std::shared_ptr<const terrain::Terrain>> local() const;
   template <class Number, class Make, class Take>
   Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                     const Take& take) const;
 
   const Ask ask_;
   const std::chrono::milliseconds timeout_;
-  std::shared_ptr<const terrain::Terrain> local_;  // null: ask the server
+  const TakeEdits takeEdits_;
+  const std::uint64_t atLeast_ = 0;                // edits
+  std::shared_ptr<const terrain::Terrain> local_;  // without edits; null: ask the server
+  struct Edited;
+  std::shared_ptr<Edited> edited_;  // local_ of a session
 };
 
 }  // namespace ridgecast::query

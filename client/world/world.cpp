@@ -41,7 +41,8 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                           .role = options.camera ? wire::Role::kViewer : wire::Role::kSensor,
                           .members = true,
                           .clock = true,
-                          .errors = true};
+                          .errors = true,
+                          .edits = true};
   auto client = replica::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
   if (!client) return Failure{Fault::kRefused, client.error().message};
   return std::unique_ptr<World>(new World(std::move(*client), options));

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "client/connection/connection.h"
+#include "client/query/ground.h"
 #include "client/replica/follower.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
@@ -278,6 +279,21 @@ TEST_F(EditsTest, HostileOnesAreRefusedAndDisturbNobody) {
   good.stand(5, 5, y);
   good.settle(static_cast<std::uint64_t>(made));
   EXPECT_FALSE(bad.connection().error());
+}
+
+TEST_F(EditsTest, AreInAnswersThatAreComputedHere) {
+  Member a(port(), "ann");
+  ASSERT_TRUE(a.edit(craterAt(10, -80)));
+  Member b(port(), "bob"), blind(port(), "blind", false);
+  const query::Ground ground(b.connection(), kTimeout), asks(blind.connection(), kTimeout);
+  ASSERT_EQ(ground.source(), query::Ground::Source::kLocal);
+  ASSERT_EQ(asks.source(), query::Ground::Source::kServer);  // it would not hear of edits
+  const double own = base->height({m(10), m(-80)});
+  EXPECT_NEAR(ground.height(10, -80).value(), own - 8.0 / 3, 0.02);
+  ASSERT_TRUE(a.edit(R"({"op":"undo","edit":1})"));
+  const auto deadline = Time::now() + kTimeout;
+  while (std::abs(ground.height(10, -80).value() - own) > 0.01 && Time::now() < deadline) std::this_thread::sleep_for(1ms);
+  EXPECT_EQ(ground.height(10, -80).value(), asks.height(10, -80).value());
 }
 
 TEST_F(EditsTest, TravelByHttp) {

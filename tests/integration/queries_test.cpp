@@ -83,7 +83,8 @@ class QueriesTest : public testing::Test {
     executor.reset();
     server.reset();
   }
-  std::unique_ptr<Connection> join(const std::string& session, const wire::Hello& hello = {}) {
+  std::unique_ptr<Connection> join(const std::string& session, wire::Hello hello = {}) {
+    hello.edits = true;
     auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), session}, hello, kTimeout);
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
