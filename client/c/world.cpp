@@ -174,6 +174,16 @@ rc_status rc_world_pass_over(rc_world* world, uint64_t member) {
   });
 }
 
+rc_status rc_world_edit(rc_world* world, const char* operation, const char* key, double timeout, uint64_t* number) {
+  return waiting(world, timeout, [&](world::World& w, Milliseconds wait) {
+    if (!operation) return fail(RC_INVALID, "an edit is a JSON object, not null");
+    const auto made = w.edit(operation, key ? key : "", wait);
+    if (!made) return fail(made.error());
+    if (number) *number = *made;
+    return RC_OK;
+  });
+}
+
 rc_status rc_world_fly(rc_world* world, const rc_camera* camera, double timeout, rc_iteration* out) {
   return waiting(world, timeout, [&](world::World& w, Milliseconds wait) {
     if (!camera || !hasSize(camera)) return noSize("rc_camera");

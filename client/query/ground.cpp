@@ -73,12 +73,20 @@ struct Ground::Edited {
   std::mutex mutex;
   edits::History history;
   std::shared_ptr<const terrain::Terrain> now;
+  std::uint64_t atLeast = 0;  // edits
 };
 
+void Ground::know(std::uint64_t edit) {
+  if (!edited_) return;
+  const std::lock_guard lock(edited_->mutex);
+  edited_->atLeast = std::max(edited_->atLeast, edit);
+}
+
 Ground::Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout)
-    : ask_(std::move(ask)), timeout_(timeout), takeEdits_(std::move(takeEdits)), atLeast_(world.edit) {
+    : ask_(std::move(ask)), timeout_(timeout), takeEdits_(std::move(takeEdits)) {
   if (followsEdits && world.edit <= kMostFollowed) local_ = builtInOf(world);
   if (local_) edited_ = std::make_shared<Edited>(local_);
+  know(world.edit);
 }
 
 Outcome<std::shared_ptr<const terrain::Terrain>> Ground::local() const {
@@ -96,9 +104,10 @@ Outcome<std::shared_ptr<const terrain::Terrain>> Ground::local() const {
       if (const auto added = history.add(std::move(*operation)); !added) return added.error();
     }
     if (history.last() > before) edited_->now = std::make_shared<edits::EditedTerrain>(local_, history.layer());
-    if (history.last() >= atLeast_) return edited_->now;
+    if (history.last() >= edited_->atLeast) return edited_->now;
     if (std::chrono::steady_clock::now() >= until)
-      return Error{"the session's " + std::to_string(atLeast_) + " edits did not come within " + std::to_string(timeout_.count()) + " ms"};
+      return Error{"the session's " + std::to_string(edited_->atLeast) + " edits did not come within " + std::to_string(timeout_.count()) +
+                   " ms"};
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
 }

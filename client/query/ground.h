@@ -52,6 +52,9 @@ class Ground {
 
   Source source() const { return local_ ? Source::kLocal : Source::kServer; }
 
+  // Answers from now on know this edit: one that the server has acknowledged. (Local ones wait for it.)
+  void know(std::uint64_t edit);
+
   // Heights in metres, as the terrain function returns them. x, z and out have the same size. Errors, here and below: sizes that do not
   // match; the server is gone or did not answer in time: `out` is then undefined.
   Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const;
@@ -71,7 +74,7 @@ class Ground {
   using Ask = std::function<std::future<Outcome<wire::Answer>>(wire::Query)>;
   using TakeEdits = std::function<std::vector<wire::MadeEdit>()>;
   Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout);
-  // The terrain held here with the edits that have come so far, at least those that there were at the beginning.
+  // The terrain held here with the edits that have come so far, at least those that it must know().
   Outcome<std::shared_ptr<const terrain::Terrain>> local() const;
   template <class Number, class Make, class Take>
   Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
@@ -80,7 +83,6 @@ class Ground {
   const Ask ask_;
   const std::chrono::milliseconds timeout_;
   const TakeEdits takeEdits_;
-  const std::uint64_t atLeast_ = 0;                // edits
   std::shared_ptr<const terrain::Terrain> local_;  // without edits; null: ask the server
   struct Edited;
   std::shared_ptr<Edited> edited_;  // local_ of a session

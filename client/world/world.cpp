@@ -179,6 +179,27 @@ Result<void> World::step(Microseconds time, Milliseconds timeout) {
   return stepped.error().fault == Fault::kLost ? uncertain() : waitedFor();
 }
 
+Result<std::uint64_t> World::edit(const std::string& operation, std::string key, Milliseconds timeout) {
+  const auto until = Clock::now() + timeout;
+  if (key.empty()) {
+    std::random_device random;
+    for (int k = 0; k < 4; ++k) key += std::to_string(random());
+  }
+  for (;;) {
+    if (auto there = connected(until); !there) return there.error();
+    auto answer = client_->connection()->edit({0, key, operation});
+    if (answer.wait_until(until) != std::future_status::ready)
+      return Failure{Fault::kTimeout, "the server did not answer an edit within " + std::to_string(timeout.count()) + " ms"};
+    const auto made = answer.get();
+    if (made) {
+      ground_.know(made->number);
+      return made->number;
+    }
+    const Failure why = failure(made.error(), until);
+    if (why.fault != Fault::kLost || Clock::now() >= until) return why;
+  }
+}
+
 Failure World::waitedFor() const {
   const auto said = client_->connection()->clock().said();
   const auto roster = client_->connection()->others();

@@ -100,6 +100,11 @@ class World {
   // As the owner: no step waits for this member until it has caught up.
   void passOver(std::uint64_t member) { client_->connection()->passOver(member); }
 
+  // Changes the ground for everybody: an operation as JSON (common/edits/json.h). Returns its number: then it is kept, and in answers and
+  // meshes that come from now on. `key`: what is sent again with it, by this name, is made once; empty: another one for each call, so that
+  // a connection that is lost meanwhile makes no edit twice. kRefused: the server's sentence.
+  Result<std::uint64_t> edit(const std::string& operation, std::string key, Milliseconds timeout);
+
   std::vector<connection::Other> others();
 
   // Sends a pose and returns its iteration, or a later one: then the mesh held is the server's.

@@ -113,6 +113,30 @@ void expectWithin(const rc_mesh& mesh, rc_terrain* terrain, double x, double z, 
   EXPECT_EQ(inside, wanted);
 }
 
+TEST(CWorld, ChangesTheGroundForEverybody) {
+  ServerProcess server(RIDGECAST_SERVER);
+  const World a = join(server.url()), b = join(server.url());
+  const double place[2] = {10, -20};
+  const auto height = [&](const World& world) {
+    float out = 0;
+    EXPECT_EQ(rc_terrain_heights(rc_world_terrain(world.get()), place, 1, &out), RC_OK) << rc_message();
+    return out;
+  };
+  const float before = height(b);
+  std::uint64_t number = 0;
+  const char* const crater = R"({"op": "crater", "x": 10, "z": -20, "radius": 6, "depth": 2})";
+  ASSERT_EQ(rc_world_edit(a.get(), crater, "once", kWait, &number), RC_OK) << rc_message();
+  EXPECT_EQ(number, 1u);
+  ASSERT_EQ(rc_world_edit(a.get(), crater, "once", kWait, &number), RC_OK) << rc_message();
+  EXPECT_EQ(number, 1u);
+  EXPECT_NEAR(height(a), before - 2, 0.01);
+  for (int k = 0; k < 3000 && height(b) == before; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  EXPECT_EQ(height(b), height(a));
+  EXPECT_EQ(rc_world_edit(a.get(), R"({"op": "dig"})", nullptr, kWait, &number), RC_REFUSED);
+  EXPECT_NE(std::string(rc_message()).find("\"dig\""), std::string::npos);
+  EXPECT_EQ(rc_world_edit(a.get(), nullptr, nullptr, kWait, &number), RC_INVALID);
+}
+
 TEST(CTerrain, HasTheBitsOfTheTerrainFarOutToo) {
   rc_terrain_options options{};
   options.size = sizeof options;

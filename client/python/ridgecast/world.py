@@ -1,6 +1,8 @@
 """A session of a server, joined as a member."""
 
+import json
 import math
+import uuid
 import weakref
 from dataclasses import dataclass
 from typing import Any, Callable, List, Mapping, Optional, Tuple
@@ -181,6 +183,22 @@ class World(Questions):
         out = ffi.new("const rc_mesh**")
         interruptible(lambda: lib.rc_world_ground(self._handle, x, z, radius, error, timeout, out), lambda: lib.rc_mesh_close(out[0]))
         return take(out[0])
+
+    def edit(self, op: str, *, key: Optional[str] = None, timeout: float = 10.0, **fields: Any) -> int:
+        """Changes the ground for everybody, such as edit("crater", x=0, z=0, radius=12, depth=4). Returns the edit's number.
+
+        op: raise, lower, crater, level, smooth, road, stamp or undo, with their fields in metres (PROTOCOL.md, Edits). Then it is kept, and
+        heights and meshes know it. key: an edit that is sent again with it is made once. Raises Refused, with the server's sentence.
+        """
+        operation = json.dumps({"op": op, **fields}).encode()
+        name = (key or uuid.uuid4().hex).encode()
+        out = ffi.new("uint64_t*")
+        in_slices(lambda slice: check(lib.rc_world_edit(self._handle, operation, name, slice, out)), timeout)
+        return int(out[0])
+
+    def undo(self, edit: int, timeout: float = 10.0) -> int:
+        """Undoes the edit of this number, as if it had not been. Returns the number of the undo, which can be undone as well."""
+        return self.edit("undo", edit=edit, timeout=timeout)
 
     def place(self, x: float, y: float, z: float, yaw: float = 0.0, pitch: float = 0.0, *, fov: float = math.radians(60),
               width: int = 1280, height: int = 720, state: bytes = b"") -> int:

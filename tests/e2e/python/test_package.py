@@ -199,6 +199,17 @@ class WorldTest(unittest.TestCase):
         a, b, c = (positions[triangles[:, k]] for k in range(3))
         self.assertTrue((np.cross(b - a, c - a)[:, 1] > 0).all(), "counter-clockwise from above")
 
+    def test_members_change_the_ground(self) -> None:
+        with rc.join(self.server.url + "?session=site&terrain=alpine&seed=2") as world:
+            before = float(world.heights([[30, 40]])[0])
+            number = world.edit("crater", x=30, z=40, radius=8, depth=3, material="gravel")
+            self.assertEqual(number, 1)
+            self.assertAlmostEqual(float(world.heights([[30, 40]])[0]), before - 3, delta=0.01)
+            self.assertEqual(world.undo(number), 2)
+            self.assertEqual(float(world.heights([[30, 40]])[0]), before)
+            with self.assertRaisesRegex(rc.Refused, "depth"):
+                world.edit("crater", x=30, z=40, radius=8)
+
     def test_a_camera_holds_the_servers_mesh(self) -> None:
         with rc.join(self.server.url, threshold=2) as world:
             world.camera(0, 1500, 0)
