@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -31,11 +32,11 @@ namespace {
 
 constexpr double kSideShare = 0.7;             // of the error: allowed for the box's sides, as lines
 constexpr float kFall = 0.75f;                 // what must be inserted falls by this from sweep to sweep
-constexpr int kThinnings = 2;                  // the second takes another hundredth, a third next to nothing
+constexpr float kRough = 0.4f;                 // of the error: where slack is more on average, nearly all samples would be refined
 constexpr std::uint32_t kVerticesARegion = 6;  // from which they work side by side
 constexpr std::size_t kManyOnASide = 1000;
 // Between two looks at the clock: some hundred microseconds, or a few milliseconds.
-constexpr std::size_t kInsertions = 64, kSamplesATime = 8192;
+constexpr std::size_t kInsertions = 64, kVerdicts = 16, kSamplesATime = 8192;
 
 struct Wanted {
   float error;
@@ -46,9 +47,9 @@ struct Wanted {
   }
 };
 
-struct Question {  // whether the triangle passes, by finer samples of a block
+struct Question {
   TriangleId triangle;
-  Block block;
+  Open open;
 };
 
 }  // namespace
@@ -94,6 +95,10 @@ class Meshing::Mesher {
     for (;;) switch (now_.stage) {
         case Stage::kSampling:
           if (!sample()) return {};
+          if (!now_.begun && samples_.slack() > kRough * error() && samples_.halves(plan_.samples / 4)) {
+            now_.sampled = 0;
+            break;
+          }
           now_.stage = now_.begun ? Stage::kVerdicts : Stage::kOutline;
           break;
         case Stage::kOutline:
@@ -117,8 +122,9 @@ class Meshing::Mesher {
               forgetVerdicts();
               break;
             }
-            now_.reached = most;
-            now_.limit = std::max(error(), kFall * most);
+            // A few triangles that other regions left behind are not worth a sweep of their own.
+            now_.reached = std::min(most, now_.lowest);
+            now_.limit = now_.lowest = std::max(error(), kFall * now_.reached);
           }
           if (!sweep(true)) return {};
           if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
@@ -143,8 +149,6 @@ class Meshing::Mesher {
           break;
         case Stage::kThinning:
           if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, error(), worst_.get()), true; })) return {};
-          now_.colour = 0;
-          if (++now_.thinned < kThinnings) break;
           now_.stage = Stage::kFiling;
           now_.next = 0;
           break;
@@ -225,9 +229,9 @@ class Meshing::Mesher {
     thread_local std::vector<TriangleId> fresh;
     fresh.clear();
     mesh_.trianglePages().forEachFresh(regions_[k], [&](TriangleId t) { fresh.push_back(t); });
-    for (TriangleId t : fresh) {
-      if (pauses()) return false;
-      f(t);
+    for (std::size_t n = 0; n < fresh.size(); ++n) {
+      if (n % kVerdicts == 0 && pauses()) return false;
+      f(fresh[n]);
     }
     return true;
   }
@@ -358,15 +362,15 @@ class Meshing::Mesher {
   // Every fresh triangle, and every open question whose block is refined by now. False: the turn is over.
   bool judgeAll() {
     return all(regions_.size(), [&](std::size_t k) {
-      thread_local std::vector<Block> tooCoarse;
+      thread_local std::vector<Open> tooCoarse;
       const auto ask = [&](TriangleId t) {
-        for (const Block& block : tooCoarse) asked_[k].push_back({t, block});
+        for (const Open& open : tooCoarse) asked_[k].push_back({t, open});
         tooCoarse.clear();
       };
       for (; !answered_[k].empty(); answered_[k].pop_back()) {
-        if (pauses()) return false;
-        const auto& [t, block] = answered_[k].back();
-        const Worst found = judge_.verdict(cornersOf(t), block, tooCoarse);
+        if (answered_[k].size() % kVerdicts == 0 && pauses()) return false;
+        const auto& [t, open] = answered_[k].back();
+        const Worst found = judge_.verdict(cornersOf(t), open, tooCoarse);
         if (found.error > worst_[t].error) worst_[t] = found;
         ask(t);
       }
@@ -382,7 +386,7 @@ class Meshing::Mesher {
   bool refine() {
     std::vector<Block> blocks;
     for (std::size_t k = 0; k < regions_.size(); ++k) {
-      for (const Question& q : asked_[k]) blocks.push_back(q.block);
+      for (const Question& q : asked_[k]) blocks.push_back(q.open.block);
       std::swap(asked_[k], answered_[k]);
     }
     std::sort(blocks.begin(), blocks.end());
@@ -427,15 +431,15 @@ class Meshing::Mesher {
     Stage stage = Stage::kSampling;
     std::size_t sampled = 0;  // tiles
     std::size_t side = 0, next = 0;
-    std::vector<Point2> points;       // of the outline, to be inserted
-    TriangleId hint = 0;              // near the last of them
-    std::vector<Wanted> heap;         // to be inserted one by one
-    std::size_t colour = 0;           // of the sweep
-    std::vector<std::uint8_t> swept;  // by region of the colour; bytes, for threads write them side by side
-    float limit = 0;                  // of the sweep, metres; 0: there is none
-    std::uint32_t outline = 0;        // vertices of it
-    float reached = 0;                // the worst error before it
-    int thinned = 0;                  // times
+    std::vector<Point2> points;                             // of the outline, to be inserted
+    TriangleId hint = 0;                                    // near the last of them
+    std::vector<Wanted> heap;                               // to be inserted one by one
+    std::size_t colour = 0;                                 // of the sweep
+    std::vector<std::uint8_t> swept;                        // by region of the colour; bytes, for threads write them side by side
+    float limit = 0;                                        // of the sweep, metres; 0: there is none
+    float lowest = std::numeric_limits<float>::infinity();  // of the limits so far
+    std::uint32_t outline = 0;                              // vertices of it
+    float reached = 0;                                      // the worst error before it
     bool begun = false, full = false;
   };
 

@@ -1,12 +1,13 @@
 #pragma once
 // The mesh of a box: covers it exactly and keeps a vertical error in metres, for any viewpoint.
 //
-// Each height is asked for once, on a grid in memory (samples.h), and triangles are judged by it as often as they change (judge.h). The
-// box's sides are divided first, each as a line. Then the worst points are inserted (Garland and Heckbert 1995): one by one while triangles
-// are few, then in sweeps, region by region and side by side. At last every triangle is proven against all samples and what may lie between
-// them; what does not pass gets a vertex, or finer samples where those at hand cannot tell. Vertices that turn out not to be needed are
-// removed, which saves more than the proof has cost. Vertices' heights lie on the coarsest lattice that costs at most a sixteenth of the
-// error. The result depends only on terrain, box and error, not on threads.
+// Each height is asked for once, on a grid in memory (samples.h), and triangles are judged by it as often as they change (judge.h). Where
+// the ground is rough for the error, the grid is laid finer at once. The box's sides are divided first, each as a line. Then the worst
+// points are inserted (Garland and Heckbert 1995): one by one while triangles are few, then in sweeps, region by region and side by side.
+// At last every triangle is proven against all samples and what may lie between them; what does not pass gets a vertex, or finer samples
+// where those at hand cannot tell. Vertices that turn out not to be needed are removed, which saves more than the proof has cost. Vertices'
+// heights lie on the coarsest lattice that costs at most a sixteenth of the error. The result depends only on terrain, box and error, not
+// on threads.
 
 #include <chrono>
 #include <cstdint>

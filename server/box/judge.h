@@ -1,8 +1,9 @@
 #pragma once
 // How far a triangle is from the terrain, judged by samples in memory.
 //
-// In a cell the grid stands for a bilinear surface, off the terrain by at most `slack`. The difference between it and a triangle is
-// greatest at a sample inside, or where the triangle's edge crosses a line of the grid, so those are looked at, with slack: whoever passes
+// In a cell the grid stands for a bilinear surface, off the terrain by at most its slack. First the whole cell is looked at: what passes at
+// its four corners, with slack, passes in all of it. Otherwise only the triangle's part, at its corners: samples inside, crossings of edges
+// and lines of the grid, corners of the triangle. Where slack decides, finer samples are looked at, in those cells alone. Whoever passes
 // keeps the error everywhere. The sides of the box are looked at too, but hold no other points than those they were divided at, so that
 // adjoining boxes share them.
 
@@ -35,6 +36,14 @@ inline Corner cornerOf(const triangulation::Triangulation& mesh, triangulation::
   return {mesh.vertex(v).point(), mesh.vertex(v).y};
 }
 
+struct Area {  // low..high
+  triangulation::Point2 low, high;
+};
+struct Open {  // whether the triangle's part in an area passes, which takes finer samples of a block
+  Block block;
+  Area area;
+};
+
 class Judge {
  public:
   // `error` in metres.
@@ -43,16 +52,20 @@ class Judge {
 
   // Some hundred samples at most, spread evenly, without slack: where to insert first.
   Worst glance(const Corners& corners) const;
-  // All samples and crossings. `tooCoarse` receives the blocks that must be refined before it holds: then ask about each.
-  Worst verdict(const Corners& corners, std::vector<Block>& tooCoarse) const;
-  Worst verdict(const Corners& corners, const Block& refined, std::vector<Block>& tooCoarse) const;
+  // Everywhere. `tooCoarse` receives what is open until a block is refined: then ask about each. What fails already is not asked about.
+  Worst verdict(const Corners& corners, std::vector<Open>& tooCoarse) const;
+  Worst verdict(const Corners& corners, const Open& refined, std::vector<Open>& tooCoarse) const;
+  // The verdict, if it passes by the samples that there are.
+  std::optional<Worst> passes(const Corners& corners) const;
 
  private:
+  struct Lines;
   struct Shape;
   struct Search;
-  void look(std::size_t tile, const Shape& shape, Search& search) const;
-  void rows(const Tile& tile, const Shape& shape, int strideBits, Search& search) const;
-  void crossings(const Tile& tile, const Shape& shape, Search& search) const;
+  struct Around;
+  void skim(const Tile& tile, const Shape& shape, Search& search) const;
+  void look(std::size_t tile, const Area& area, const Shape& shape, Search& search) const;
+  void cell(Around& around, std::int32_t i, std::int32_t j, const Shape& shape, Search& search) const;
   std::optional<triangulation::Point2> beside(const Shape& shape, double x, double z) const;
 
   const Samples& samples_;

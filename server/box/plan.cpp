@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kSnapShare = 1.0 / 16;                   // of the error: what snapping a height may cost
 constexpr double kLeastSpacing = 32, kMostSpacing = 512;  // steps between samples of a formula, at first; as far as the error, in between
-// Samples for each triangle that there may be, and for all of them: at first, and in the end (430 MB).
+// Samples for each triangle that there may be, and for all of them: at first, and in the end (430 MB; of a map 1.3 GB).
 constexpr double kFirstATriangle = 64, kFirstSamples = 1 << 24;
 constexpr std::uint64_t kMostATriangle = 256, kMostSamples = 100'000'000;
 

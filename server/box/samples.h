@@ -1,9 +1,9 @@
 #pragma once
 // Heights over an area, each asked of the terrain once: square tiles of a grid, coarse at first, and finer where refine() is told so.
 //
-// Between its points the grid stands for the surface that is bilinear in each cell. `slack` bounds, block by block, how far the terrain is
-// from it: for a height map by the second differences of its posts, which bound the curvature of the bicubic between them; for a formula
-// by the second differences of the samples, with a margin, which is a measurement and no proof.
+// Between its points the grid stands for the surface that is bilinear in each cell. `slack` bounds how far the terrain is from it: for a
+// height map cell by cell, below and above, by the second differences of its posts, which bound the curvature of the bicubic between them
+// (map_tile.h); for a formula block by block, by the second differences of the samples, with a margin, which is a measurement and no proof.
 //
 // Frame: units of 2^unitBits steps, relative to an anchor, as the mesh's points; heights in metres. One thread at a time, but for fill().
 
@@ -32,20 +32,30 @@ struct Frame {
   }
 };
 
+// How far the terrain may lie below and above the bilinear surface, metres, at least 0.
+struct Slack {
+  float below = 0, above = 0;
+  float most() const { return std::max(below, above); }
+};
+
 // A square of samples. Where a block of 4 x 4 cells is refined, a tile of 8 x 8 covers it.
 struct Tile {
   static constexpr int kBlockBits = 2;
 
+  Tile(triangulation::Point2 at, int bitsApart, int bitsAcross) : corner(at), bits(bitsApart), cellBits(bitsAcross) {}
+
   triangulation::Point2 corner;
   std::int32_t bits, cellBits;      // its samples are 2^bits units apart, and 2^cellBits + 1 along a side
   std::vector<float> height;        // metres, along x first
-  std::vector<float> slack;         // metres, by block
-  float most = 0;                   // slack of the tile
+  int slackBits = kBlockBits;       // the slack is known of squares of 2^slackBits cells
+  std::vector<Slack> slack;         // by square, along x first
+  float most = 0;                   // of all slack
   std::vector<std::int32_t> finer;  // by block: another tile, or negative; empty: no block is refined
   std::int32_t cells() const { return 1 << cellBits; }
   std::int32_t across() const { return cells() + 1; }
   std::size_t count() const { return static_cast<std::size_t>(across()) * static_cast<std::size_t>(across()); }  // heights
   std::int32_t blocks() const { return cells() >> kBlockBits; }                                                  // along a side
+  double spacing() const { return static_cast<double>(std::int64_t{1} << bits); }                                // units
   std::int32_t side() const { return cells() << bits; }                                                          // units
   std::size_t index(std::int32_t i, std::int32_t j) const {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(across()) + static_cast<std::size_t>(i);
@@ -53,11 +63,8 @@ struct Tile {
   std::size_t block(std::int32_t i, std::int32_t j) const {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(blocks()) + static_cast<std::size_t>(i);
   }
-  float slackOf(std::int32_t i, std::int32_t j) const { return slack[block(i >> kBlockBits, j >> kBlockBits)]; }  // of a cell
-  // Of the cells around a sample.
-  float slackAround(std::int32_t i, std::int32_t j) const {
-    const std::int32_t left = i > 0 ? i - 1 : 0, up = j > 0 ? j - 1 : 0, right = i < cells() ? i : i - 1, down = j < cells() ? j : j - 1;
-    return std::max(std::max(slackOf(left, up), slackOf(right, up)), std::max(slackOf(left, down), slackOf(right, down)));
+  Slack slackOf(std::int32_t i, std::int32_t j) const {  // of a cell
+    return slack[(static_cast<std::size_t>(j >> slackBits) << (cellBits - slackBits)) + static_cast<std::size_t>(i >> slackBits)];
   }
 };
 struct Block {
@@ -77,7 +84,10 @@ class Samples {
   const Tile& operator[](std::size_t k) const { return *tiles_[k]; }
   lattice::Step spacing() const { return lattice::Step{1} << (bits_ + frame_.unitBits); }  // steps, at first
   bool proves() const;                                                                     // slack is a proof everywhere
-  void fill(std::size_t tile);      // asks for its heights; different tiles at the same time
+  void fill(std::size_t tile);  // asks for its heights; different tiles at the same time
+  float slack() const;          // of all tiles, on average, metres
+  // Lays the first samples half as far apart, to be filled, unless that takes more than `most`. Before any block is refined.
+  bool halves(std::uint64_t most);
   void refine(const Block& block);  // half the spacing, in a tile at the end, to be filled; bits > 0
 
   // f(tile) for the first tiles that meet low..high.
@@ -92,13 +102,15 @@ class Samples {
   }
 
  private:
+  void lay();
   void add(triangulation::Point2 corner, int bits, int cellBits);
+  void ask(Tile& tile) const;
   void measure(Tile& tile) const;
-  void prove(Tile& tile) const;
 
   const terrain::Terrain& terrain_;
   const terrain::Raster* const map_;
   const Frame frame_;
+  const triangulation::Point2 low_, high_;
   triangulation::Point2 first_;
   int bits_;
   std::int32_t across_, down_;

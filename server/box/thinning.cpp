@@ -49,16 +49,15 @@ double missed(const Triangulation& mesh, VertexId v, WriteSet& set) {
 }
 
 // Whether the planned triangles keep the error; then `verdicts` has all of them.
-bool fit(const Triangulation& mesh, const WriteSet& set, const Judge& judge, float error, std::vector<Worst>& verdicts) {
-  thread_local std::vector<Block> tooCoarse;
+bool fit(const Triangulation& mesh, const WriteSet& set, const Judge& judge, std::vector<Worst>& verdicts) {
   verdicts.clear();
   bool good = true;
   set.forEachFill([&](VertexId a, VertexId b, VertexId c) {
     if (!good) return;
-    verdicts.push_back(judge.verdict({cornerOf(mesh, a), cornerOf(mesh, b), cornerOf(mesh, c)}, tooCoarse));
-    good = verdicts.back().error <= error && tooCoarse.empty();
+    const auto passed = judge.passes({cornerOf(mesh, a), cornerOf(mesh, b), cornerOf(mesh, c)});
+    good = passed.has_value();
+    if (good) verdicts.push_back(*passed);
   });
-  tooCoarse.clear();
   return good;
 }
 
@@ -77,7 +76,7 @@ void thin(Triangulation& mesh, const Regions& regions, std::size_t home, const J
   });
   std::sort(spare.begin(), spare.end());
   for (const Spare& s : spare) {
-    if (missed(mesh, s.vertex, set) > error || !fit(mesh, set, judge, error, verdicts)) continue;
+    if (missed(mesh, s.vertex, set) > error || !fit(mesh, set, judge, verdicts)) continue;
     mesh.apply(s.vertex, set);
     set.forEachFilled([&, k = std::size_t{0}](TriangleId t) mutable {
       worst[t] = verdicts[k++];

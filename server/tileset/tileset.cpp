@@ -31,7 +31,7 @@ struct Range {  // metres
 
 Range rangeOf(const box::Tile& tile) {
   const auto [low, high] = std::ranges::minmax(tile.height);
-  const double slack = std::ranges::max(tile.slack);
+  const double slack = tile.most;
   return {low - slack, high + slack};
 }
 

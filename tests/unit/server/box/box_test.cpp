@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstdlib>
 #include <ctime>
@@ -118,6 +119,11 @@ class Map final : public terrain::Terrain, public terrain::Raster {
       out[static_cast<std::size_t>(n)] =
           post(a.i * terrain::kTileSide + n % terrain::kTileSide, a.j * terrain::kTileSide + n / terrain::kTileSide);
   }
+  void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const override {
+    most = std::max({most.load(), columns, rows});
+    Raster::samples(x, z, columns, rows, out);
+  }
+  mutable std::atomic<std::int32_t> most = 0;  // samples asked for at a time, along a side
 
  private:
   std::int32_t post(std::int64_t i, std::int64_t j) const {
@@ -131,6 +137,41 @@ class Map final : public terrain::Terrain, public terrain::Raster {
   terrain::RasterShape shape_{.width = 2, .height = 2};
   std::uint32_t seed_;
 };
+
+// With four posts a cell, a tile and its surroundings are wider than what a map gives at a time: it wrote beyond its buffers.
+TEST(BoxMesh, AsksAMapForNoMoreThanItGives) {
+  const Map map(256, 1);
+  const auto made = make(map, boxAt(0, 0, 900, 900, 60), 2, 1000);
+  ASSERT_TRUE(made) << made.error().message;
+  EXPECT_EQ(made->spacing, 4);
+  EXPECT_TRUE(made->proven);
+  EXPECT_LE(map.most, terrain::kTileSide);
+}
+
+// A map with a hill on it that its posts do not know, as edits are.
+class Raised final : public terrain::Terrain {
+ public:
+  std::string_view name() const override { return "raised"; }
+  std::string_view source() const override { return ""; }
+  std::uint32_t seed() const override { return 1; }
+  const terrain::Raster* raster() const override { return &map_; }
+  void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
+    map_.heights(x, z, out);
+    for (std::size_t k = 0; k < out.size(); ++k)
+      out[k] += 20 * std::exp(-static_cast<float>(std::hypot(static_cast<double>(x[k]), static_cast<double>(z[k]))) / 5120);
+  }
+
+ private:
+  Map map_{512, 1};
+};
+TEST(BoxMesh, DoesNotProveWhatPostsDoNotKnow) {
+  const Raised terrain;
+  const auto made = make(terrain, boxAt(-100, -80, 200, 200, 1));
+  ASSERT_TRUE(made) << made.error().message;
+  double covered = 0;
+  EXPECT_LE(worstError(*made, terrain, 1'000'000, &covered), made->error + 0.001);
+  EXPECT_FALSE(made->proven);
+}
 
 // Walls of 35 m along x and z, or round ones, on hills.
 class Cliffs final : public terrain::Terrain {
