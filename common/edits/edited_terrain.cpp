@@ -5,11 +5,34 @@
 namespace ridgecast::edits {
 
 EditedTerrain::EditedTerrain(std::shared_ptr<const terrain::Terrain> base, std::shared_ptr<const Layer> layer)
-    : base_(std::move(base)), layer_(std::move(layer)) {}
+    : base_(std::move(base)), layer_(std::move(layer)), rise_(layer_) {}
 
 void EditedTerrain::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
   base_->heights(x, z, out);
   layer_->raise(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}));
+}
+
+const terrain::RasterShape& Rise::shape() const {
+  static const terrain::RasterShape endless{.pitch = static_cast<std::uint32_t>(kPostSteps), .lowest = -kMostRise, .highest = kMostRise};
+  return endless;
+}
+
+void Rise::tile(terrain::TileAddress at, terrain::Tile& out) const {
+  samples(at.i * terrain::kTileSide, at.j * terrain::kTileSide, terrain::kTileSide, terrain::kTileSide, out.data());
+}
+
+void Rise::samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const {
+  for (std::int64_t b = z; b < z + rows; ++b)
+    for (std::int64_t a = x; a < x + columns; ++a) *out++ = layer_->riseAt(a, b);
+}
+
+terrain::Raster::Range Rise::range(std::int64_t x, std::int64_t z, std::int64_t columns, std::int64_t rows) const {
+  Range out;
+  layer_->forEachTile({x, z, x + columns, z + rows}, [&](const Tile& tile) {
+    const auto [low, high] = std::ranges::minmax(tile.rise);
+    out = {std::min(out.lowest, low), std::max(out.highest, high)};
+  });
+  return out;
 }
 
 terrain::Colours EditedTerrain::colours() const {

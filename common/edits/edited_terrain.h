@@ -6,9 +6,23 @@
 #include <memory>
 
 #include "common/edits/layer.h"
+#include "common/terrain/raster.h"
 #include "common/terrain/terrain.h"
 
 namespace ridgecast::edits {
+
+// A layer as a height map's posts: what it raises the ground by.
+class Rise final : public terrain::Raster {
+ public:
+  explicit Rise(std::shared_ptr<const Layer> layer) : layer_(std::move(layer)) {}
+  const terrain::RasterShape& shape() const override;
+  void tile(terrain::TileAddress address, terrain::Tile& out) const override;
+  void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const override;
+  Range range(std::int64_t x, std::int64_t z, std::int64_t columns, std::int64_t rows) const override;
+
+ private:
+  std::shared_ptr<const Layer> layer_;
+};
 
 class EditedTerrain final : public terrain::Terrain {
  public:
@@ -21,12 +35,14 @@ class EditedTerrain final : public terrain::Terrain {
   std::string_view source() const override { return base_->source(); }
   std::uint32_t seed() const override { return base_->seed(); }
   const terrain::Raster* raster() const override { return base_->raster(); }
+  const terrain::Raster* edits() const override { return layer_->empty() ? nullptr : &rise_; }
   terrain::Colours colours() const override;  // posts with a material have its colour
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override;
 
  private:
   std::shared_ptr<const terrain::Terrain> base_;
   std::shared_ptr<const Layer> layer_;
+  Rise rise_;
 };
 
 // Linear red, green and blue of materials 1 to kMaterials: earth, rock, gravel, sand, grass, asphalt, concrete, snow.

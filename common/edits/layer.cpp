@@ -136,6 +136,39 @@ std::vector<TileAddress> Layer::addresses() const {
   return out;
 }
 
+void Layer::forEachTile(const Posts& posts, const std::function<void(const Tile&)>& f) const {
+  if (posts.empty() || empty()) return;
+  constexpr int kCellShift = kTileBits + kBlockBits + kCellBits, kBlockShift = kTileBits + kBlockBits;
+  const auto inCell = [&](CellAddress at, const Cell& cell) {
+    const auto within = [&](std::int64_t from, std::int64_t to, std::int64_t whole, int shift, int bits) {
+      const std::int64_t first = whole << bits;
+      return std::pair(std::max(from >> shift, first) - first, std::min((to - 1) >> shift, first + (std::int64_t{1} << bits) - 1) - first);
+    };
+    const auto [i0, i1] = within(posts.x0, posts.x1, at.i, kBlockShift, kCellBits);
+    const auto [j0, j1] = within(posts.z0, posts.z1, at.j, kBlockShift, kCellBits);
+    for (std::int64_t j = j0; j <= j1; ++j)
+      for (std::int64_t i = i0; i <= i1; ++i) {
+        const auto& block = cell[static_cast<std::size_t>((j << kCellBits) | i)];
+        if (!block) continue;
+        const auto [k0, k1] = within(posts.x0, posts.x1, (at.i << kCellBits) + i, kTileBits, kBlockBits);
+        const auto [l0, l1] = within(posts.z0, posts.z1, (at.j << kCellBits) + j, kTileBits, kBlockBits);
+        for (std::int64_t l = l0; l <= l1; ++l)
+          for (std::int64_t k = k0; k <= k1; ++k)
+            if (const auto& tile = (*block)[static_cast<std::size_t>((l << kBlockBits) | k)]) f(*tile);
+      }
+  };
+  const std::int64_t i0 = posts.x0 >> kCellShift, i1 = (posts.x1 - 1) >> kCellShift, j0 = posts.z0 >> kCellShift,
+                     j1 = (posts.z1 - 1) >> kCellShift;
+  if (static_cast<std::uint64_t>(i1 - i0 + 1) * static_cast<std::uint64_t>(j1 - j0 + 1) > cells_.size()) {
+    for (const auto& [at, cell] : cells_)
+      if (at.i >= i0 && at.i <= i1 && at.j >= j0 && at.j <= j1) inCell(at, *cell);
+    return;
+  }
+  for (std::int64_t j = j0; j <= j1; ++j)
+    for (std::int64_t i = i0; i <= i1; ++i)
+      if (const Cell* const found = cell({i, j})) inCell({i, j}, *found);
+}
+
 std::uint64_t Layer::hash() const {
   std::uint64_t sum = 0;
   for (const TileAddress a : addresses()) {

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <set>
 #include <unordered_map>
@@ -42,6 +43,8 @@ class Layer {
   std::size_t bytes() const { return tiles_ * sizeof(Tile) + blocks_ * sizeof(Block) + cells_.size() * sizeof(Cell); }
   bool empty() const { return tiles_ == 0; }
   std::vector<TileAddress> addresses() const;  // ascending
+  // Those that meet the posts.
+  void forEachTile(const Posts& posts, const std::function<void(const Tile&)>& f) const;
   // Equal for layers with equal ground, whatever made them.
   std::uint64_t hash() const;
 

@@ -63,6 +63,11 @@ class Raster {
   // The picture on a tile, as seen by samples as wide as the pitch: red, green and blue, times alpha and then in sRGB, and alpha; bytes of
   // 1/255, along x first. Empty: none lies there.
   virtual std::vector<std::uint8_t> tileColours(TileAddress) const { return {}; }
+  // The least and greatest of samples [x, x + columns) x [z, z + rows), or less and greater.
+  struct Range {
+    std::int32_t lowest = 0, highest = 0;
+  };
+  virtual Range range(std::int64_t, std::int64_t, std::int64_t, std::int64_t) const { return {shape().lowest, shape().highest}; }
   // Samples [x, x + columns) x [z, z + rows), each at most kTileSide, along x first. Here by way of tiles.
   virtual void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const;
 };

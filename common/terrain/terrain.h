@@ -38,6 +38,7 @@ class Terrain {
   virtual std::string_view source() const = 0;  // the GLSL text of the terrain file
   virtual std::uint32_t seed() const = 0;
   virtual const Raster* raster() const { return nullptr; }  // the samples of a height map (raster.h); null: heights are a formula
+  virtual const Raster* edits() const { return nullptr; }   // posts whose bicubic is added to other heights; null: none
   virtual Colours colours() const { return {}; }            // empty: not available in C++ (some users' files)
 
   // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.

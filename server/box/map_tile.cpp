@@ -151,4 +151,40 @@ void sampleMap(const terrain::Raster& map, const Frame& frame, Tile& tile) {
   prove(x, z, posts, static_cast<float>(share * share * lattice::kMetresPerStep), tile);
 }
 
+void addEdits(const terrain::Raster& edits, const Frame& frame, Tile& tile) {
+  const terrain::RasterShape& shape = edits.shape();
+  const Step spacing = Step{1} << (tile.bits + frame.unitBits), pitch = shape.pitch;
+  const lattice::Point corner = frame.global(tile.corner);
+  // Of the posts that a square of `side` steps reads, by how much the curve between them may leave one another at most.
+  const auto swing = [&](Step x, Step z, Step side) {
+    const std::int64_t a = terrain::between(x, shape.originX, shape.pitch).sample - 1,
+                       b = terrain::between(z, shape.originZ, shape.pitch).sample - 1;
+    const std::int64_t posts = side / pitch + 4;
+    const terrain::Raster::Range range = edits.range(a, b, posts, posts);
+    return static_cast<float>(1.575 * (static_cast<double>(range.highest) - range.lowest) * lattice::kMetresPerStep);
+  };
+  const Step side = spacing << tile.cellBits;
+  if (swing(corner.x, corner.z, side) == 0) return;
+  const int blockSide = 1 << Tile::kBlockBits;
+  Tile rise(tile.corner, tile.bits, tile.cellBits);
+  const bool looks = spacing <= kPostsACell * pitch;
+  if (looks) sampleMap(edits, frame, rise);
+  for (int j = 0; j < tile.blocks(); ++j)
+    for (int i = 0; i < tile.blocks(); ++i) {
+      Slack most;
+      if (looks) {
+        for (int row = j * blockSide; row < (j + 1) * blockSide; ++row)
+          for (int column = i * blockSide; column < (i + 1) * blockSide; ++column) {
+            const Slack cell = rise.slackOf(column, row);
+            most = {std::max(most.below, cell.below), std::max(most.above, cell.above)};
+          }
+      } else {
+        most.below = most.above = swing(corner.x + (Step{i} << Tile::kBlockBits) * spacing,
+                                        corner.z + (Step{j} << Tile::kBlockBits) * spacing, spacing << Tile::kBlockBits);
+      }
+      Slack& slack = tile.slack[tile.block(i, j)];
+      slack = {slack.below + most.below, slack.above + most.above};
+    }
+}
+
 }  // namespace ridgecast::box

@@ -78,6 +78,7 @@ void Samples::fill(std::size_t number) {
     sampleMap(*map_, frame_, tile);
   else
     measure(tile);
+  if (const terrain::Raster* const edits = terrain_.edits(); edits && tile.bits + frame_.unitBits > 0) addEdits(*edits, frame_, tile);
   for (const Slack& slack : tile.slack) tile.most = std::max(tile.most, slack.most());
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/terrain/raster.h"
 #include "server/tileset/ramps.h"
 
 namespace ridgecast::tileset {
@@ -102,11 +103,21 @@ box::Result<box::BoxMesh> meshed(const terrain::Terrain& terrain, const box::Box
   return made;
 }
 
+bool isEdited(const terrain::Terrain& terrain, LeafAddress square) {
+  const terrain::Raster* const edits = terrain.edits();
+  if (!edits) return false;
+  const std::uint32_t pitch = edits->shape().pitch;
+  const std::int64_t posts = square.side() / pitch + 8;
+  const auto [lowest, highest] = edits->range(square.x() / pitch - 4, square.z() / pitch - 4, posts, posts);
+  return lowest != 0 || highest != 0;
+}
+
 // The vertices of a large tile need not lie between millimetres: a formula is meshed as if its tile were small, by steps of a
 // thousandth of the error. Draco then takes a tenth of the time, and 17 bits.
 box::Result<Tile> meshed(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
                          const box::Watch& watch) {
-  const int bits = terrain.raster() ? 0 : std::clamp(std::ilogb(wanted.box.error / 4), 0, wanted.square.level);
+  const int bits =
+      terrain.raster() || isEdited(terrain, wanted.square) ? 0 : std::clamp(std::ilogb(wanted.box.error / 4), 0, wanted.square.level);
   const auto up = [bits](Step v) { return -(-v >> bits); };
   const box::Box small{{wanted.box.low.x >> bits, wanted.box.low.z >> bits},
                        {up(wanted.box.high.x), up(wanted.box.high.z)},

@@ -47,7 +47,7 @@ class Heights {
     for (std::size_t k = 0; k < samples.size(); ++k) {
       samples.fill(k);
       Range range = rangeOf(samples[k]);
-      if (const terrain::Raster* map = terrain.raster()) {
+      if (const terrain::Raster* map = terrain.raster(); map && !terrain.edits()) {
         const terrain::RasterBounds bounds = terrain::boundsOf(map->shape());
         range = {std::max(range.low, bounds.lowest), std::min(range.high, bounds.highest)};
       }

@@ -11,6 +11,8 @@
 #include <memory>
 #include <random>
 
+#include "common/edits/edited_terrain.h"
+#include "common/edits/history.h"
 #include "common/terrain/raster.h"
 #include "tests/support/mesh_check.h"
 #include "tests/support/sanitized.h"
@@ -232,6 +234,30 @@ TEST(BoxMesh, KeepsItsErrorInRandomBoxes) {
   EXPECT_LE(refused, boxes / 20);
   EXPECT_GE(proven, boxes / 4);
   RecordProperty("closest", std::to_string(closest));
+}
+
+// Edits of half a metre to fifteen, in boxes whose first samples lie metres apart.
+TEST(BoxMesh, KeepsItsErrorOverEdits) {
+  std::mt19937_64 random(8);
+  const auto uniform = [&](double from, double to) { return std::uniform_real_distribution<double>(from, to)(random); };
+  const auto steps = [](double metres) { return static_cast<lattice::Step>(metres * lattice::kStepsPerMetre); };
+  for (int k = 0; k < (testing_support::kSanitized ? 2 : 8); ++k) {
+    std::shared_ptr<const terrain::Terrain> base = std::make_shared<Map>(1280u, 3u);
+    if (k % 2 == 0) base = terrain::create("archipelago", 4).value();
+    edits::History history(base);
+    for (int n = 0; n < 12; ++n)
+      ASSERT_TRUE(history.add({edits::Crater{{steps(uniform(-90, 90)), steps(uniform(-90, 90))},
+                                             steps(std::exp(uniform(-0.7, 2.7))),
+                                             static_cast<std::int32_t>(steps(uniform(0.3, 4)))},
+                               0}));
+    const edits::EditedTerrain terrain(base, history.layer());
+    const double error = std::exp(uniform(std::log(0.1), std::log(2)));
+    const auto made = make(terrain, boxAt(-100, -100, 200, 200, error), 2, 500'000);
+    ASSERT_TRUE(made) << made.error().message;
+    double covered = 0;
+    EXPECT_LE(worstError(*made, terrain, 4'000'000, &covered), made->error + 0.001) << base->name() << " " << error;
+    EXPECT_DOUBLE_EQ(covered, 1);
+  }
 }
 
 // A hill as high as the float next to the error, which is greater: the mesh was never done, for the hill neither passed nor got a vertex.
