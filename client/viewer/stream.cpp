@@ -136,6 +136,7 @@ void Stream::accept(const replica::Update& update) {
   s.hashOk = !update.wrong;
   s.settled = iteration.settled && !update.wrong;
   s.iteration = iteration.number;
+  s.edit = iteration.edit;
   s.triangles = client().scene().triangles();
   s.leaves = client().scene().leaves().size();
   s.effectiveThreshold = f.effectiveThreshold;

@@ -37,6 +37,7 @@ export interface Figures {
   triangles: number;
   leaves: number;
   settled: boolean; // for the newest pose that the engine has
+  edited: boolean; // the mesh knows of edits, the terrain's function does not
   pose: number; // that one's
   changes: number; // that the painter was given, since the page began
   hashOk: boolean;

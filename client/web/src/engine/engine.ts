@@ -154,6 +154,7 @@ export class Engine {
       triangles: scene.triangles,
       leaves: scene.leaves.size,
       settled: iteration.settled && applied.agrees && this.poses.allAnswered,
+      edited: iteration.edit > 0n,
       pose: this.poses.number,
       changes: this.painter.changes,
       hashOk: applied.agrees,

@@ -35,6 +35,7 @@ export class Viewer {
   private readonly canvas = element<HTMLCanvasElement>('view');
   private readonly place = readPlace(location);
   private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
+  private edited = false; // the ground: the mesh is not corrected onto what the terrain's function says
   private readonly hands = new Hands(this.canvas);
   private readonly notices = new Notices();
   private readonly welcome = new Welcome(this.notices);
@@ -270,7 +271,7 @@ export class Viewer {
   }
 
   private setLook(): void {
-    this.painter.send({ kind: 'look', look: { ...this.look } });
+    this.painter.send({ kind: 'look', look: { ...this.look, corrected: this.look.corrected && !this.edited } });
     this.toolbar.show(this.look, this.statistics.wanted);
     this.divider.show(this.look.mode === 'split', this.look.divider);
     this.showStatistics();
@@ -306,6 +307,10 @@ export class Viewer {
 
   private showStatistics(): void {
     const { look, flying, engine, painter } = this;
+    if (this.edited !== (engine.figures?.edited ?? false)) {
+      this.edited = !this.edited;
+      this.setLook();
+    }
     this.statistics.show({ look, flying, ground: engine.ground, figures: engine.figures, frames: painter.frames, atRest: this.atRest, others: engine.others.length });
   }
 
