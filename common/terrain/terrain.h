@@ -75,8 +75,8 @@ std::uint64_t contentHash(const Terrain& terrain);
 std::string_view prelude();
 std::string_view shading();
 
-// The texts around a terrain file that is compiled at run time (common/user_terrain): GLSL as C++ before prelude(), the loop over points after
-// the file.
+// The texts around a terrain file that is compiled at run time (common/user_terrain): GLSL as C++ before prelude(), the loop over points
+// after the file.
 std::string_view glslAsCpp();
 std::string_view batch();
 

@@ -44,7 +44,8 @@ struct Edit {
 
 class Log {
  public:
-  // Creates the file if there is none, or an empty one. Error: one sentence: not a log, another version, damaged, in use, cannot be written.
+  // Creates the file if there is none, or an empty one. Error: one sentence: not a log, another version, damaged, in use, cannot be
+  // written.
   static Outcome<std::unique_ptr<Log>> open(const std::filesystem::path& file, const World& ifNew);
   ~Log();
 
@@ -61,8 +62,8 @@ class Log {
   // Of the edit with this key; compacted ones are forgotten.
   std::optional<std::uint64_t> numberOf(const std::string& key);
 
-  // One transaction, on disk when it returns: these edits, numbered from last() + 1 on, and the tiles in which `after` differs from `before`
-  // within these posts. Error: nothing of it is kept, for instance because a key is there already.
+  // One transaction, on disk when it returns: these edits, numbered from last() + 1 on, and the tiles in which `after` differs from
+  // `before` within these posts. Error: nothing of it is kept, for instance because a key is there already.
   Outcome<void> append(std::span<const Edit> edits, const edits::Layer& before, const edits::Layer& after,
                        std::span<const edits::Posts> changed);
   // The tiles anew, from the layer as of last().

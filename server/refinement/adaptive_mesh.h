@@ -92,8 +92,9 @@ class AdaptiveMesh {
   void snap(VertexId v);
 
   // ---- other ground ----
-  // From now on this terrain, which differs from the one before within these areas. Call for each region that may hold a part of them, first
-  // raiseVertices(), then refreshTriangles(): vertices take their new heights, triangles new candidates with the next evaluateFresh().
+  // From now on this terrain, which differs from the one before within these areas. Call for each region that may hold a part of them,
+  // first raiseVertices(), then refreshTriangles(): vertices take their new heights, triangles new candidates with the next
+  // evaluateFresh().
   void setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed);
   void raiseVertices(RegionId region);     // one region
   void refreshTriangles(RegionId region);  // one region

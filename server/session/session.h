@@ -1,11 +1,11 @@
 #pragma once
 // Named worlds and their members.
 //
-// A Session is a terrain with its seed and parameters, seen by several cameras; its world never changes while it lives (a successor may take
-// its name: Directory::replace), its ground by edits alone (edits.h). The Directory holds the sessions by name. `default` always exists; the
-// others end after a while without members, and within seconds if nobody has said hello in them; the edits of those that have any are kept, if
-// there is a place for them. One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has its own mesh, replica
-// and pool (camera_session.h).
+// A Session is a terrain with its seed and parameters, seen by several cameras; its world never changes while it lives (a successor may
+// take its name: Directory::replace), its ground by edits alone (edits.h). The Directory holds the sessions by name. `default` always
+// exists; the others end after a while without members, and within seconds if nobody has said hello in them; the edits of those that have
+// any are kept, if there is a place for them. One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has
+// its own mesh, replica and pool (camera_session.h).
 
 #include <atomic>
 #include <chrono>

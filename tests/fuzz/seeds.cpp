@@ -90,6 +90,7 @@ void clientSeeds() {
                      M(wire::StepDone{1}), M(wire::PassOver{8}), M(heights), M(normals), M(rays), M(wire::AskGround{4, {5, 6}, 20, 0.5}),
                      M(wire::ChangeSettings{{wire::Metric::kArea, 2, 50'000, 0}})})
     write("client", framed<M>({m}));
+  write("client", framed<M>({hello, pose, wire::Edit{1, "key", R"({"op":"crater","x":0,"z":0,"radius":5,"depth":1})"}}));
   write("client", framed<M>({hello, resume, pose, wire::Acknowledge{1, 0}, second, wire::ResendLeaves{}, wire::Acknowledge{2, 5}}));
 }
 
@@ -108,6 +109,7 @@ void serverSeeds() {
   const wire::Moved moved{7, {1, {}, {1, 2}}, 5};
   write("server", framed<M>({wire::Members{{{7, wire::Role::kSensor, "seed", moved}, {8, wire::Role::kViewer, "", {}}}, {moved}, {9}}}));
   write("server", framed<M>({wire::Clock{wire::ClockMode::kStepped, 0, 5, 7, 1, {7, 8}, 2, "seed"}}));
+  write("server", framed<M>({wire::EditAnswer{1, 2, ""}, wire::Edited{{{3, "ann", R"({"edit":2,"op":"undo"})", {-256, 0, 256, 512}}}}}));
   write("server", framed<M>({wire::Answer{1, {1.5f}, {0, 1, 0}, {-1, 2}}}));
   write("server", framed<M>({wire::Ground{1, 0.5, {wholeOf(support::terrainLike(random, 2, 1))}}}));
   for (int n : {1, 2, 5}) {
@@ -162,6 +164,14 @@ void rasterSeeds() {
   std::array<std::uint16_t, kWidth * kHeight> samples;
   for (std::size_t k = 0; k < samples.size(); ++k) samples[k] = static_cast<std::uint16_t>(1000 + 37 * (k % 11));
   const std::string raw(reinterpret_cast<const char*>(samples.data()), sizeof samples);
+  for (const char* edit :
+       {R"({"op":"raise","x":1,"z":-2,"radius":5,"core":2,"by":1.5})", R"({"op":"lower","x":1e9,"z":0,"radius":3,"by":1})",
+        R"({"op":"crater","x":0,"z":0,"radius":12,"depth":4,"material":"gravel"})",
+        R"({"op":"level","x":0,"z":0,"radius":20,"height":110,"slope":0.5})", R"({"op":"level","polygon":[[0,0],[9,0],[4,8]],"height":99})",
+        R"({"op":"smooth","x":0,"z":0,"radius":8,"passes":4})", R"({"op":"road","line":[[0,0],[30,8]],"width":3,"grade":0.1})",
+        R"({"op":"road","line":[[0,0,100],[30,8,104]],"width":3})", R"({"op":"stamp","x":0,"z":0,"columns":2,"samples":[0,0.5,1,-1]})",
+        R"({"op":"undo","edit":1})"})
+    write("edit", edit);
   write("raster", '\3' + raw.substr(0, 2 * 17 * 17));
   write("raster", '\23' + raw.substr(0, 12));
   write("raster", " ncols 3\nnrows 2\nxllcorner 500\nyllcorner 7000\ncellsize 10\nnodata_value -1\n1.5 2 3\n4 -1 6e0\n");

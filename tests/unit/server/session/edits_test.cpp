@@ -21,7 +21,8 @@ constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kSt
 edits::Operation craterAt(double x) { return {edits::Crater{{m(x), 0}, m(5), static_cast<std::int32_t>(m(1))}, 0}; }
 
 struct Rig {
-  explicit Rig(std::function<void()> changed = [] {}) : edits(std::make_shared<Edits>(flatTerrain(), &executor, std::move(changed), Edits::Kept())) {}
+  explicit Rig(std::function<void()> changed = [] {})
+      : edits(std::make_shared<Edits>(flatTerrain(), &executor, std::move(changed), Edits::Kept())) {}
   std::future<Outcome<std::uint64_t>> ask(edits::Operation operation, const std::string& key = "") {
     auto promise = std::make_shared<std::promise<Outcome<std::uint64_t>>>();
     auto future = promise->get_future();
