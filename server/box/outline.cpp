@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 namespace ridgecast::box {
@@ -11,7 +12,7 @@ using triangulation::Point2;
 
 namespace {
 
-constexpr Step kSpacing = 32;  // steps between samples, at least; and at most 2^15 of them
+constexpr Step kSpacing = 32;  // steps between samples where the ground is not steep, at least; and at most 2^15 of them
 
 }  // namespace
 
@@ -21,19 +22,37 @@ std::vector<Point2> divided(const terrain::Terrain& terrain, const Frame& frame,
   if (alongX ? from.x > to.x : from.z > to.z) std::swap(from, to);  // adjoining boxes divide a shared side alike
   const Step begin = alongX ? from.x : from.z, end = alongX ? to.x : to.z;
   const Step spacing = std::max<Step>(kSpacing >> frame.unitBits, ((end - begin) >> 15) + 1);
-  std::vector<Step> x, z, at;
-  for (Step s = begin; s < end; s += spacing) at.push_back(s);
-  at.push_back(end);
-  for (Step s : at) {
-    const lattice::Point p =
-        frame.global(alongX ? Point2{static_cast<std::int32_t>(s), from.z} : Point2{from.x, static_cast<std::int32_t>(s)});
-    x.push_back(p.x);
-    z.push_back(p.z);
-  }
-  std::vector<std::int32_t> y(at.size());
-  terrain.heightSteps(x, z, y);
-  const auto snapped = [&](std::size_t k) { return static_cast<double>(lattice::roundTo(y[k], side.vertical)); };
   const double limit = side.error * lattice::kStepsPerMetre;
+  const auto place = [&](Step s) {
+    return frame.global(alongX ? Point2{static_cast<std::int32_t>(s), from.z} : Point2{from.x, static_cast<std::int32_t>(s)});
+  };
+  std::vector<Step> x, z, first;
+  for (Step s = begin; s < end; s += spacing) first.push_back(s);
+  first.push_back(end);
+  for (Step s : first) {
+    x.push_back(place(s).x);
+    z.push_back(place(s).z);
+  }
+  std::vector<std::int32_t> firstY(first.size());
+  terrain.heightSteps(x, z, firstY);
+  // What rises by more than the error from one sample to the next may be a wall anywhere between.
+  std::vector<Step> at;
+  std::vector<std::int32_t> y;
+  const std::function<void(Step, std::int32_t, Step, std::int32_t)> halve = [&](Step a, std::int32_t ya, Step b, std::int32_t yb) {
+    if (b - a > 1 && std::abs(yb - ya) > limit) {
+      const Step middle = (a + b) / 2;
+      const std::int32_t between = terrain.heightStep(place(middle));
+      halve(a, ya, middle, between);
+      halve(middle, between, b, yb);
+    } else {
+      at.push_back(b);
+      y.push_back(yb);
+    }
+  };
+  at.push_back(begin);
+  y.push_back(firstY.front());
+  for (std::size_t k = 1; k < first.size(); ++k) halve(first[k - 1], firstY[k - 1], first[k], firstY[k]);
+  const auto snapped = [&](std::size_t k) { return static_cast<double>(lattice::roundTo(y[k], side.vertical)); };
   std::vector<Point2> out;
   std::vector<std::pair<std::size_t, std::size_t>> pieces{{0, at.size() - 1}};
   while (!pieces.empty()) {

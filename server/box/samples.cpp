@@ -13,7 +13,7 @@ using triangulation::Point2;
 
 namespace {
 
-constexpr float kMargin = 3;  // of measured curvature, for what a finer grid would find
+constexpr float kMargin = 4;  // of measured curvature, for what a finer grid would find
 
 // Only where heights are the map's own do its posts say what lies between them: edits may lie on it.
 const terrain::Raster* ownMap(const terrain::Terrain& terrain) {

@@ -195,6 +195,15 @@ class Cliffs final : public terrain::Terrain {
   bool round_;
 };
 
+// A wall that crosses a side between two samples of it once was a ramp there.
+TEST(BoxMesh, FindsAWallAcrossItsSide) {
+  const Cliffs terrain(false);
+  const auto made = make(terrain, {{324, -10}, {1738, 1485}, 0.075}, 2, 200'000);
+  ASSERT_TRUE(made) << made.error().message;
+  double covered = 0;
+  EXPECT_LE(worstError(*made, terrain, 10 * made->samples, &covered), made->error + 0.001);
+}
+
 // Boxes anywhere, of all kinds of terrain, with errors from 5 cm to 50 m: ten times as many points as the mesher looked at find no greater
 // error. BOXES=1000 takes half an hour.
 TEST(BoxMesh, KeepsItsErrorInRandomBoxes) {
