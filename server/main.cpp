@@ -1,7 +1,8 @@
 // ridgecast-server: reads its settings, puts the rooms together, serves until SIGINT or SIGTERM, of which a second one does not wait for
 // clients. SIGHUP reads certificate and tokens again, SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready
 // again.
-// ridgecast-server healthy asks a running one whether it is well; ridgecast-server snapshot makes a file and serves nothing.
+// ridgecast-server healthy asks a running one whether it is well; ridgecast-server snapshot makes a file and serves nothing;
+// ridgecast-server edits looks after logs of edits.
 // Exit status: 0 after a signal, 1 when something failed while running, 2 when the settings cannot be met.
 
 #include <sys/socket.h>
@@ -27,6 +28,7 @@
 #include "common/user_terrain/probe.h"
 #include "common/user_terrain/raster_terrain.h"
 #include "server/config/config.h"
+#include "server/edits_command.h"
 #include "server/http/edits.h"
 #include "server/http/map_tiles.h"
 #include "server/http/queries.h"
@@ -239,6 +241,7 @@ int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "healthy") return healthy(argc - 1, argv + 1);
   if (const auto status = user_terrain::asProbe(argc, argv)) return *status;
   if (argc > 1 && std::string_view(argv[1]) == "snapshot") return runSnapshotCommand(argc - 1, argv + 1, environ);
+  if (argc > 1 && std::string_view(argv[1]) == "edits") return runEditsCommand(argc - 1, argv + 1, environ);
   const config::Parsed parsed = config::parse(argc, argv, environ);
   if (!parsed.config) return parsed.status;
   logging::setUp(parsed.config->logFormat, parsed.config->logLevel);

@@ -228,7 +228,8 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
   CLI::App app(
       "Streams endless terrain, triangulated for each camera. 'ridgecast-server token --help' tells how to make tokens;\n"
       "'ridgecast-server healthy' asks a running server with the same settings whether it is well;\n"
-      "'ridgecast-server snapshot FILE|FOLDER/ QUERY' makes a snapshot, or tiles, of the terrain without serving it.\n"
+      "'ridgecast-server snapshot FILE|FOLDER/ QUERY' makes a snapshot, or tiles, of the terrain without serving it;\n"
+      "'ridgecast-server edits list|export|import|compact|verify|backup FILE' looks after a session's log of edits.\n"
       "A setting's flag goes before its environment variable (--max-cameras: RIDGECAST_MAX_CAMERAS), that before the settings file.",
       "ridgecast-server");
   app.formatter(std::make_shared<FirstNames>());

@@ -1,0 +1,248 @@
+#include "server/edits_command.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/edits/json.h"
+#include "common/text/text.h"
+#include "common/user_terrain/catalogue.h"
+#include "server/config/config.h"
+#include "server/edit_log/log.h"
+
+namespace ridgecast {
+namespace {
+
+using edit_log::Edit;
+using edit_log::Log;
+using Json = nlohmann::ordered_json;
+
+constexpr std::size_t kAtATime = 1024;  // edits
+constexpr const char* kUsage =
+    "Say list, export, import, compact, verify or backup, then the log's file: ridgecast-server edits list session.edits.";
+
+int refuse(int status, const std::string& sentence) {
+  std::cerr << "ridgecast-server edits: " << sentence << "\n";
+  return status;
+}
+
+// The settings' terrain if they name one, otherwise the log's; with the log's seed and parameters.
+Outcome<std::shared_ptr<const terrain::Terrain>> terrainOf(const edit_log::World& world, user_terrain::Request request) {
+  if (request.terrain == user_terrain::Request().terrain) request.terrain = world.terrain;
+  request.seed = world.seed;
+  request.parameters = world.parameters;
+  return user_terrain::load(request, [](const std::string& complaint) { std::cerr << complaint << "\n"; });
+}
+
+// Calls f with every edit in order.
+template <class F>
+Outcome<void> forEach(Log& log, F&& f) {
+  for (std::uint64_t after = log.compacted(); after < log.last();) {
+    const auto edits = log.read(after, kAtATime);
+    if (!edits) return edits.error();
+    for (const Edit& e : *edits) f(e);
+    if (edits->empty()) break;
+    after = edits->back().number;
+  }
+  return {};
+}
+
+std::string timeOf(std::int64_t microseconds) {
+  const auto seconds = static_cast<std::time_t>(microseconds / 1'000'000);
+  std::tm parts{};
+  char text[32] = "?";
+  if (gmtime_r(&seconds, &parts)) std::strftime(text, sizeof text, "%Y-%m-%d %H:%M:%S", &parts);
+  return text;
+}
+
+// "crater depth 2 radius 5 x 0 z 0"; of lists only how long they are.
+std::string summaryOf(const edits::Operation& operation) {
+  const Json json = Json::parse(edits::toJson(operation));
+  std::string out = json["op"];
+  for (const auto& [name, value] : json.items())
+    if (name != "op")
+      out += " " + name + " " +
+             (value.is_array()    ? "of " + std::to_string(value.size())
+              : value.is_string() ? value.get<std::string>()
+                                  : value.dump());
+  return out;
+}
+
+int list(Log& log) {
+  if (log.compacted() > 0) std::printf("Edits 1 to %llu were compacted.\n", static_cast<unsigned long long>(log.compacted()));
+  std::printf("%8s  %-19s  %-16s  %s\n", "number", "time (UTC)", "author", "edit");
+  const auto printed = forEach(log, [](const Edit& e) {
+    std::string author = e.author;
+    std::ranges::replace_if(
+        author, [](unsigned char c) { return c < 32 || c == 127; }, '?');
+    std::printf("%8llu  %-19s  %-16s  %s\n", static_cast<unsigned long long>(e.number), timeOf(e.time).c_str(), author.c_str(),
+                summaryOf(e.operation).c_str());
+  });
+  return printed ? 0 : refuse(1, printed.error().message);
+}
+
+int writeOut(Log& log) {
+  if (log.compacted() > 0) std::cerr << "Edits 1 to " << log.compacted() << " were compacted: these lines do not make the ground alone.\n";
+  const auto written = forEach(log, [](const Edit& e) {
+    const Json line{
+        {"number", e.number}, {"key", e.key}, {"author", e.author}, {"time", e.time}, {"edit", Json::parse(edits::toJson(e.operation))}};
+    std::cout << line.dump(-1, ' ', false, Json::error_handler_t::replace) << "\n";
+  });
+  if (!written) return refuse(1, written.error().message);
+  return std::cout.flush() ? 0 : refuse(1, "Cannot write to standard output.");
+}
+
+// A line of export, as the edit that follows `last`.
+Outcome<Edit> parseLine(const std::string& line, std::uint64_t last) {
+  const Json json = Json::parse(line, nullptr, false);
+  if (!json.is_object() || !json.contains("edit")) return Error{R"(it is not a JSON object with an "edit")"};
+  Edit out{last + 1, "", "", 0, {}};
+  for (const auto& [name, value] : json.items()) {
+    const bool isText = name == "key" || name == "author", isNumber = name == "number" || name == "time";
+    if (!(isText && value.is_string()) && !(isNumber && value.is_number_integer()) && name != "edit")
+      return Error{"\"" + name.substr(0, 64) + "\" is not one of number, key, author, time and edit, or has another type"};
+  }
+  out.key = json.value("key", "");
+  out.author = json.value("author", "");
+  out.time = json.value(
+      "time",
+      std::int64_t{std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count()});
+  if (const auto number = json.value("number", out.number); number != out.number)
+    return Error{"its number is " + std::to_string(number) + ", but " + std::to_string(out.number) + " is next"};
+  auto operation = edits::fromJson(json["edit"].dump());
+  if (!operation) return operation.error();
+  out.operation = std::move(*operation);
+  return out;
+}
+
+Outcome<void> addLines(std::istream& in, Log& log, edits::History& history) {
+  std::size_t lineNumber = 0;
+  for (bool isOver = false; !isOver;) {
+    const std::shared_ptr<const edits::Layer> before = history.layer();
+    std::vector<Edit> edits;
+    std::vector<edits::Posts> changed;
+    while (edits.size() < kAtATime && !isOver) {
+      std::string line;
+      isOver = !std::getline(in, line);
+      if (isOver || line.find_first_not_of(" \r") == line.npos) continue;
+      const auto where = [&, n = ++lineNumber](const Error& e) { return Error{"Line " + std::to_string(n) + ": " + e.message}; };
+      auto edit = parseLine(line, history.last());
+      if (!edit) return where(edit.error());
+      auto prepared = history.prepare(std::move(edit->operation));
+      if (!prepared) return where(prepared.error());
+      const auto posts = history.add(*prepared);
+      if (!posts) return where(posts.error());
+      edit->operation = std::move(*prepared);
+      edits.push_back(std::move(*edit));
+      changed.push_back(*posts);
+    }
+    if (auto kept = log.append(edits, *before, *history.layer(), changed); !kept) return kept.error();
+  }
+  return {};
+}
+
+int import(const std::filesystem::path& file, std::istream& in, const user_terrain::Request& request) {
+  if (std::filesystem::exists(file)) return refuse(2, "'" + file.string() + "' exists already; name a new file.");
+  auto terrain = user_terrain::load(request, [](const std::string& complaint) { std::cerr << complaint << "\n"; });
+  if (!terrain) return refuse(2, terrain.error().message);
+  edit_log::World world{std::string((*terrain)->name()), request.seed, request.parameters, terrain::contentHash(**terrain)};
+  std::ranges::sort(world.parameters);
+  auto log = Log::open(file, world);
+  if (!log) return refuse(1, log.error().message);
+  edits::History history(*terrain);
+  if (auto added = addLines(in, **log, history); !added) {
+    log->reset();
+    std::error_code ignored;
+    std::filesystem::remove(file, ignored);
+    return refuse(1, added.error().message);
+  }
+  std::cout << file.string() << ": " << history.last() << " edits, " << history.layer()->tiles() << " tiles\n";
+  return 0;
+}
+
+int compact(Log& log, const user_terrain::Request& request) {
+  auto terrain = terrainOf(log.world(), request);
+  if (!terrain) return refuse(2, terrain.error().message);
+  // Also makes tiles anew that are no good.
+  if (auto history = edit_log::historyOf(log, *terrain); !history) return refuse(1, history.error().message);
+  if (auto compacted = log.compact(); !compacted) return refuse(1, compacted.error().message);
+  std::cout << "Edits 1 to " << log.last() << " are a part of the ground now and cannot be undone; the next is edit " << log.last() + 1
+            << ".\n";
+  return 0;
+}
+
+// Those that differ, and one of them.
+std::pair<std::size_t, edits::TileAddress> compare(const edits::Layer& a, const edits::Layer& b) {
+  std::pair<std::size_t, edits::TileAddress> out;
+  std::vector<edits::TileAddress> all = a.addresses();
+  std::ranges::copy(b.addresses(), std::back_inserter(all));
+  std::ranges::sort(all);
+  all.erase(std::unique(all.begin(), all.end()), all.end());
+  const edits::Tile none;
+  for (const edits::TileAddress at : all) {
+    const edits::Tile *const x = a.tile(at), *const y = b.tile(at);
+    if ((x ? *x : none) != (y ? *y : none) && out.first++ == 0) out.second = at;
+  }
+  return out;
+}
+
+int verify(Log& log, const user_terrain::Request& request) {
+  if (auto sound = log.check(); !sound) return refuse(1, sound.error().message);
+  auto terrain = terrainOf(log.world(), request);
+  if (!terrain) return refuse(2, terrain.error().message);
+  if (auto same = edit_log::checkTerrain(log, **terrain); !same) return refuse(1, same.error().message);
+  edits::History history(*terrain);
+  history.restore(log.compacted(), log.last(), nullptr, [&] { return log.past(log.last()); });
+  if (auto replayed = history.replay(); !replayed) return refuse(1, replayed.error().message);
+  const auto cached = log.layer();
+  if (!cached)
+    return refuse(1, cached.error().message + " The edits themselves are sound: the server makes the tiles again when it opens the log.");
+  if (const auto [count, at] = compare(*history.layer(), **cached); count > 0)
+    return refuse(1, std::to_string(count) + " cached tiles differ from what the edits make, for instance the one from " +
+                         std::to_string(at.posts().x0 / 2) + ", " + std::to_string(at.posts().z0 / 2) + " m on.");
+  std::cout << log.last() - log.compacted() << " edits after " << log.compacted() << " compacted ones, " << (*cached)->tiles()
+            << " tiles, hash " << text::hexadecimal((*cached)->hash()) << ": sound\n";
+  return 0;
+}
+
+}  // namespace
+
+int runEditsCommand(int argc, const char* const* argv, const char* const* environment) {
+  const std::string_view what = argc > 1 ? argv[1] : "";
+  if (argc < 3 || std::string_view(argv[2]).starts_with("--")) return refuse(2, kUsage);
+  const std::filesystem::path file = argv[2];
+  const bool hasOther = argc > 3 && !std::string_view(argv[3]).starts_with("--");
+  const std::string other = hasOther ? argv[3] : "";
+  std::vector<const char*> settings{argv[0]};
+  settings.insert(settings.end(), argv + (hasOther ? 4 : 3), argv + argc);
+  const config::Parsed parsed = config::parse(static_cast<int>(settings.size()), settings.data(), environment);
+  if (!parsed.config) return parsed.status;
+  const user_terrain::Request& request = parsed.config->terrain;
+
+  if (what == "import") {
+    std::ifstream lines(other);
+    if (hasOther && !lines) return refuse(2, "Cannot read '" + other + "'.");
+    return import(file, hasOther ? lines : std::cin, request);
+  }
+  std::error_code failed;
+  if (!std::filesystem::exists(file, failed)) return refuse(2, "There is no file '" + file.string() + "'.");
+  auto log = Log::open(file, {});
+  if (!log) return refuse(1, log.error().message);
+  if (what == "list") return list(**log);
+  if (what == "export") return writeOut(**log);
+  if (what == "compact") return compact(**log, request);
+  if (what == "verify") return verify(**log, request);
+  if (what != "backup" || !hasOther) return refuse(2, what == "backup" ? "Say where to: ridgecast-server edits backup FILE TO." : kUsage);
+  const auto made = (*log)->backUp(other);
+  return made ? 0 : refuse(1, made.error().message);
+}
+
+}  // namespace ridgecast
