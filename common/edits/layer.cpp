@@ -225,11 +225,13 @@ std::shared_ptr<const Layer> Layer::with(const std::vector<Change>& changes) con
   Writer writer(*this);
   for (const Change& c : changes) writer.set(c.address, c.tile);
   for (const Change& c : changes) {
-    if (c.tile)
+    if (c.tile) {
       forEachReader(c.address, *c.tile, [&](TileAddress reader) {
         if (!writer.layer().tile(reader)) writer.set(reader, zeroTile());
       });
-    // A tile that went, or is all 0, may be read for its neighbours' sake.
+      continue;
+    }
+    // A tile that went may be read for its neighbours' sake.
     for (std::int64_t j = -1; j <= 1; ++j)
       for (std::int64_t i = -1; i <= 1; ++i) {
         const TileAddress beside{c.address.i + i, c.address.j + j};
