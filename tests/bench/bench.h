@@ -53,5 +53,6 @@ Report heights(const Options&);
 Report deltas(const Options&);
 Report cameras(const Options&);
 Report snapshot(const Options&);
+Report edits(const Options&);
 
 }  // namespace ridgecast::bench

@@ -37,6 +37,7 @@ const Entry kEntries[] = {
     {"cameras", "many cameras on one server, real sockets, this machine", cameras},
     {"snapshot", "iterations of cameras beside people who ask for snapshots", snapshot},
     {"deltas", "what changed in a leaf against sending the leaf whole", deltas},
+    {"edits", "a log of edits: commits a second, cold starts from the cached ground and from the edits", edits},
     {"soak", "an hour's flight: budget, memory, soundness", soak},
     {"heights", "heights in batches against scalar double", heights},
 };
