@@ -139,6 +139,7 @@ class Measurer final : flight::Observer {
     if (width > 0) view.camera.projection.width = width;
     if (height > 0) view.camera.projection.height = height;
     view.horizon = client_.world().horizon;
+    view.edited = edited_;
     if (!terrain_) return view;
     const render::HeightBounds bounds = render::boundsAround(*terrain_, {view.camera.pose.x, view.camera.pose.z}, view.horizon);
     view.lowest = bounds.lowest;
@@ -149,6 +150,7 @@ class Measurer final : flight::Observer {
 
   Outcome<void> iterated(const replica::Update& update, double t, double latencyMs) override {
     const wire::Iteration& i = update.iteration;
+    edited_ = i.edit > 0;
     IterationResult result{
         i.number,      i.poseSequence, t,         i.figures,    update.milliseconds, latencyMs, scene_.triangles(), i.whole.size(),
         i.gone.size(), update.bytes,   i.settled, !update.wrong};
@@ -306,6 +308,7 @@ class Measurer final : flight::Observer {
   flight::Flight flight_;
   const double pictureEvery_;
   double nextPicture_;
+  bool edited_ = false;  // the ground, as of the last iteration
   bool exported_ = false, resting_ = false, lost_ = false;
   std::uint64_t pictures_ = 0, earlierBytes_ = 0, earlierReconnections_ = 0;  // earlier: in worlds that were left
   std::vector<render::Morph::Leaves> states_;                                 // of the standing camera, when popping is measured

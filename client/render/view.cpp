@@ -56,6 +56,7 @@ void setView(const Program& program, const View& view, std::uint32_t seed) {
   program.set("viewSize", static_cast<float>(projection.width), static_cast<float>(projection.height));
   program.set("viewSeed", seed);
   program.set("viewFiltered", view.filtered ? 1.0f : 0.0f);
+  program.set("viewEdited", view.edited ? 1.0f : 0.0f);
   if (view.heights) view.heights->bind(program);
 }
 

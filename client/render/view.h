@@ -19,6 +19,7 @@ struct View {
   double horizon = 0;     // metres from the camera at which both renderings end
   // Colours as seen by samples of the picture's width; otherwise point-sampled, with aliasing.
   bool filtered = true;
+  bool edited = false;  // members have changed the ground: where the mesh is elsewhere than the terrain's function says, the mesh is right
   // Bounds of the terrain within the horizon, so that the ray march can skip air. Metres, absolute; the defaults are always valid.
   double lowest = -131072, highest = 131072;
   const HeightTexture* heights = nullptr;  // for a height map's text: its known samples; outlives the view

@@ -9,7 +9,7 @@ layout(location = 0) out vec4 colour;
 
 vec3 shadeThroughAir(vec3 light, vec3 direction, float range) { return mix(skyColor(direction), light, clearness(range, viewHorizon)); }
 
-#if defined(SHADE_NEUTRAL) || defined(SHADE_RASTER)
+#ifndef SHADE_CARRIED
 // The normal of the mesh, from the positions beside this one (the nearer of the two on each axis, so that edges do not smear).
 vec3 shadeAlong(vec3 here, ivec2 at, ivec2 next) {
   ivec2 last = textureSize(shadeSurface, 0) - 1;
@@ -64,7 +64,15 @@ vec3 shadeGround(vec4 s, float range) {
     return shadeThroughAir(albedo * shadePlainLight(normal), direction, range);
   }
 #endif
-  return shadeTerrain(cell, fraction, height, footprint, direction, range, viewHorizon, viewSeed);
+  vec3 normal;
+  if (viewEdited > 0.0 && abs(viewCameraY + s.y - height) > 0.1 + 2.0 * viewFootprint(dot(s.xyz, viewForward))) {
+    // Members have changed the ground here, of which the terrain's function knows nothing: the mesh's own shape counts.
+    height = viewCameraY + s.y;
+    normal = shadeMeshNormal(s.xyz);
+  } else {
+    normal = terrainNormal(cell, fraction, footprint, viewSeed);
+  }
+  return shadeGroundAt(cell, fraction, height, normal, footprint, direction, range, viewHorizon, viewSeed);
 #endif
 }
 

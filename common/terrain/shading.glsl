@@ -56,10 +56,10 @@ float sunlight(ivec2 cell, vec2 fraction, float height, float footprint, uint se
   return smoothstep(0.0f, 1.0f, open);
 }
 
-// The colour of the surface in linear light, fog included. viewDirection: unit, from the eye to the point; distance: from the eye,
-// metres; horizon: where the world ends, metres.
-vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3 viewDirection, float distance, float horizon, uint seed) {
-  vec3 normal = terrainNormal(cell, fraction, footprint, seed);
+// The colour of a surface with this height and normal in linear light, fog included. viewDirection: unit, from the eye to the point;
+// distance: from the eye, metres; horizon: where the world ends, metres.
+vec3 shadeGroundAt(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, vec3 viewDirection, float distance, float horizon,
+                   uint seed) {
   vec3 albedo = terrainColor(cell, fraction, height, normal, footprint, seed);
   // Hollows see less of the sky: the height against its surroundings, 40 m and 300 m wide.
   float open = 1.0f;
@@ -76,6 +76,12 @@ vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3
   // What the sunlit ground around throws back, mostly onto faces turned away from the sun.
   light += vec3(0.16f, 0.14f, 0.11f) * (open * max(0.5f - 0.5f * dot(normal, vec3(kSunDirection.x, -0.3f, kSunDirection.z)), 0.0f));
   return mix(skyColor(viewDirection), albedo * light, clearness(distance, horizon));
+}
+
+// The same of the terrain's own surface.
+vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3 viewDirection, float distance, float horizon, uint seed) {
+  return shadeGroundAt(cell, fraction, height, terrainNormal(cell, fraction, footprint, seed), footprint, viewDirection, distance, horizon,
+                       seed);
 }
 
 // Linear light to what a display takes: a filmic curve (Narkowicz's fit to ACES, 2015), then the display's gamma.

@@ -98,6 +98,7 @@ export interface Look {
   nodes: boolean;
   candidates: boolean;
   corrected: boolean; // the mesh onto the true surface, where its function is known and a picture stays within its time
+  edited: boolean; // members have changed the ground: where the mesh is elsewhere than the terrain's function says, the mesh is right
 }
 
 export type ToPainter =

@@ -49,7 +49,7 @@ export class Painter {
   private world: World | undefined; // the newest
   private readonly neutral: Programs;
   private drawing: { programs: WorldPrograms; heights: Heights } | undefined;
-  private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
+  private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true, edited: false };
   private eye: Pick<View, 'pose' | 'verticalFov' | 'rests'> | undefined;
   private readonly wanted = { size: { width: 1, height: 1 } as Size, resize: false, picture: false, ground: undefined as Pose | undefined };
   private readonly turn = { scheduled: false, marchIsNext: false, shownOf: '' }; // in 'split' panes take turns; the look and the pictures that are shown
@@ -93,6 +93,7 @@ export class Painter {
         break;
       case 'look':
         this.look = message.look;
+        this.uniforms.all.viewEdited.value = message.look.edited ? 1 : 0;
         break;
       case 'ground':
         this.wanted.ground = message.pose;
@@ -202,7 +203,7 @@ export class Painter {
     return pane === this.march ? this.wants(pane) && this.drawing!.programs.canMarch : this.wants(pane) || !this.march.shown;
   }
   private get wantsCorrection(): boolean {
-    return this.look.corrected && this.look.mode !== 'march' && this.drawing!.programs.mayCorrect;
+    return this.look.corrected && !this.look.edited && this.look.mode !== 'march' && this.drawing!.programs.mayCorrect;
   }
   private get tools(): Tools {
     const { renderer, uniforms, leaves } = this, { programs } = this.drawing!;

@@ -59,6 +59,7 @@ export class ViewUniforms {
     viewHorizon: { value: 1 },
     viewSeed: { value: 0 },
     viewFiltered: { value: 1 },
+    viewEdited: { value: 0 },
     remainder: { value: [0, 0, 0] },
   };
 

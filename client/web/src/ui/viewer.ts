@@ -34,8 +34,7 @@ export class Viewer {
   readonly painter: PainterLink;
   private readonly canvas = element<HTMLCanvasElement>('view');
   private readonly place = readPlace(location);
-  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
-  private edited = false; // the ground: the mesh is not corrected onto what the terrain's function says
+  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true, edited: false };
   private readonly hands = new Hands(this.canvas);
   private readonly notices = new Notices();
   private readonly welcome = new Welcome(this.notices);
@@ -271,7 +270,7 @@ export class Viewer {
   }
 
   private setLook(): void {
-    this.painter.send({ kind: 'look', look: { ...this.look, corrected: this.look.corrected && !this.edited } });
+    this.painter.send({ kind: 'look', look: { ...this.look } });
     this.toolbar.show(this.look, this.statistics.wanted);
     this.divider.show(this.look.mode === 'split', this.look.divider);
     this.showStatistics();
@@ -307,8 +306,8 @@ export class Viewer {
 
   private showStatistics(): void {
     const { look, flying, engine, painter } = this;
-    if (this.edited !== (engine.figures?.edited ?? false)) {
-      this.edited = !this.edited;
+    if (look.edited !== (engine.figures?.edited ?? false)) {
+      look.edited = !look.edited;
       this.setLook();
     }
     this.statistics.show({ look, flying, ground: engine.ground, figures: engine.figures, frames: painter.frames, atRest: this.atRest, others: engine.others.length });
