@@ -94,7 +94,13 @@ Outcome<Edits::Kept> Directory::keptOf(const std::string& name, const WorldSpec&
   if (file.empty()) return kept;
   const edit_log::World world{spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)};
   if (!std::filesystem::exists(file)) {
-    kept.makeLog = [file, world] { return edit_log::Log::open(file, world); };
+    kept.makeLog = [file, world]() -> Outcome<std::unique_ptr<edit_log::Log>> {
+      std::error_code failed;
+      const std::filesystem::directory_iterator files(file.parent_path(), failed);
+      if (std::distance(begin(files), end(files)) >= kMostKept)
+        return Error{"The server keeps the edits of at most " + std::to_string(kMostKept) + " sessions; its operator can take some away."};
+      return edit_log::Log::open(file, world);
+    };
     return kept;
   }
   auto log = edit_log::Log::open(file, world);

@@ -70,6 +70,7 @@ struct WorldSpec {
 using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&, const std::stop_token& stop)>;
 
 inline constexpr std::string_view kDefaultName = "default";
+inline constexpr std::ptrdiff_t kMostKept = 4096;  // files in Resources::state, before another session's edits are refused
 inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // of a client's session that nobody has used; at most sessionIdle
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 inline constexpr std::uint32_t kMostMembers = 32'768;  // of a session: they fit into one wire::Members

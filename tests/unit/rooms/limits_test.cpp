@@ -37,7 +37,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"open at a time",
      {"OnlySoManyAreOpen", "OnlySoManyAtATimeAndNoneAfterTheEnd", "waitForRoomAndAreBounded", "QueuedStepsAreBoundedAndGoWithTheirOwner",
       "LockstepBoundsItsQueue"}},
-    {"edits: ", {"HostileOnesAreRefusedAndDisturbNobody", "MemoryIsBounded", "WhatWaitsIsBounded"}},
+    {"edits: ", {"HostileOnesAreRefusedAndDisturbNobody", "MemoryIsBounded", "WhatWaitsIsBounded", "OfOnlySoManySessionsAreKept"}},
     {"queries: ",
      {"WhatExceedsAMembersBudgetWaits", "ManyConnectionsOfOneClientHaveOneBudget", "LongRaysLeaveOthersTheirTurns",
       "WhoAsksForMuchPaysFromItsBudget"}},

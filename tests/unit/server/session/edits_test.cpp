@@ -3,12 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
 #include <future>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "server/session/camera_session.h"
+#include "tests/support/process.h"
 #include "tests/unit/server/session/scripted.h"
 
 namespace ridgecast::session {
@@ -115,6 +117,28 @@ TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
     EXPECT_NE(script->grounds.back().terrain, nullptr);
     camera->close();
   }
+}
+
+TEST(Edits, OfOnlySoManySessionsAreKept) {
+  const testing_support::ScratchFolder folder;
+  for (std::ptrdiff_t k = 1; k < kMostKept; ++k) std::ofstream(folder / ("s" + std::to_string(k) + ".edits"));
+  scheduling::Executor executor(1);
+  auto resources = std::make_shared<Resources>();
+  resources->executor = &executor;
+  resources->state = folder / "";
+  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  const auto edit = [&](Session& session) {
+    std::promise<Outcome<std::uint64_t>> made;
+    session.edits().ask({"", "ann", craterAt(0)}, [&](const Outcome<std::uint64_t>& number) { made.set_value(number); });
+    return made.get_future().get();
+  };
+  EXPECT_EQ(edit(*directory->find("default")).value(), 1u);
+  const auto other = directory->add("other", flatTerrain()).value();
+  const auto refused = edit(*other);
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("4096 sessions"), std::string::npos);
+  EXPECT_EQ(other->ground().edit, 0u);
+  EXPECT_EQ(edit(*directory->find("default")).value(), 2u);
 }
 
 }  // namespace
