@@ -277,11 +277,12 @@ inline void AdaptiveMesh::tryPoints(std::size_t begin, std::size_t count, int bi
 // An edit may be far narrower than the triangle that it lies in: points of its own are tried, too.
 void AdaptiveMesh::tryChanged(std::uint32_t slot, int bits, Scratch& scratch) const {
   constexpr int kAcross = 6;
+  constexpr lattice::Step kNarrow = 1 << 18;  // wider ones are found without
   const lattice::Area box = boxOf(scratch.fresh[slot]);
   const auto& v = mesh_.triangle(scratch.fresh[slot]).v;
   const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
   for (const lattice::Area& area : changed_) {
-    if (!area.meets(box)) continue;
+    if (!area.meets(box) || area.x1 - area.x0 > kNarrow || area.z1 - area.z0 > kNarrow) continue;
     const lattice::Point low{std::max(area.x0, box.x0), std::max(area.z0, box.z0)},
         high{std::min(area.x1, box.x1), std::min(area.z1, box.z1)};
     for (int j = 0; j < kAcross; ++j)

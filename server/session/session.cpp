@@ -1,6 +1,7 @@
 #include "server/session/session.h"
 
 #include <algorithm>
+#include <thread>
 
 #include "common/wire/wire.h"
 #include "server/session/camera_session.h"
@@ -81,10 +82,12 @@ std::shared_ptr<Session> Directory::find(std::string_view name) const {
 Outcome<std::optional<WorldSpec>> Directory::kept(const std::string& name) const {
   const std::filesystem::path file = logOf(resources_->state, name);
   if (file.empty() || !std::filesystem::exists(file)) return std::optional<WorldSpec>();
+  const std::lock_guard lock(mutex_);
+  if (const auto known = known_.find(name); known != known_.end()) return std::optional(known->second);
   const auto log = edit_log::Log::open(file, {});
   if (!log) return log.error();
   const edit_log::World& world = (*log)->world();
-  return std::optional(WorldSpec{world.terrain, world.seed, world.parameters, wire::ClockMode::kRealTime});
+  return std::optional(known_[name] = {world.terrain, world.seed, world.parameters, wire::ClockMode::kRealTime});
 }
 
 Outcome<Edits::Kept> Directory::keptOf(const std::string& name, const WorldSpec& spec,
@@ -104,6 +107,11 @@ Outcome<Edits::Kept> Directory::keptOf(const std::string& name, const WorldSpec&
     return kept;
   }
   auto log = edit_log::Log::open(file, world);
+  // A session of this name that has just ended has it open until its last answers have left.
+  for (int retries = 200; !log && !find(name) && retries > 0 && isKnown(name); --retries) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    log = edit_log::Log::open(file, world);
+  }
   if (!log) return log.error();
   if ((*log)->world().terrain != world.terrain || (*log)->world().seed != world.seed || (*log)->world().parameters != world.parameters)
     return Error{"The session '" + name + "' has edits of another world, " + (*log)->world().terrain + " with seed " +
@@ -113,6 +121,15 @@ Outcome<Edits::Kept> Directory::keptOf(const std::string& name, const WorldSpec&
   kept.log = std::move(*log);
   kept.history = std::move(*history);
   return kept;
+}
+
+bool Directory::isKnown(const std::string& name) const {
+  const std::lock_guard lock(mutex_);
+  return known_.contains(name);
+}
+
+void Directory::remember(const Session& session) {
+  if (!resources_->state.empty() && session.ground().edit > 0) known_[session.name()] = session.spec();
 }
 
 Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
@@ -150,6 +167,7 @@ std::shared_ptr<Session> Directory::remove(std::string_view name) {
   if (it == sessions_.end() || name == kDefaultName) return nullptr;
   std::shared_ptr<Session> session = std::move(it->second.session);
   sessions_.erase(it);
+  remember(*session);
   session->retire();
   return session;
 }
@@ -205,6 +223,7 @@ void Directory::sweep() {
       ++it;
       continue;
     }
+    remember(*kept.session);
     ended.push_back(std::move(kept.session));
     it = sessions_.erase(it);
   }

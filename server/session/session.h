@@ -70,7 +70,7 @@ struct WorldSpec {
 using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&, const std::stop_token& stop)>;
 
 inline constexpr std::string_view kDefaultName = "default";
-inline constexpr std::ptrdiff_t kMostKept = 4096;  // files in Resources::state, before another session's edits are refused
+inline constexpr std::ptrdiff_t kMostKept = 4096;                  // files in Resources::state, before another session's edits are refused
 inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // of a client's session that nobody has used; at most sessionIdle
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 inline constexpr std::uint32_t kMostMembers = 32'768;  // of a session: they fit into one wire::Members
@@ -202,12 +202,15 @@ class Directory : public std::enable_shared_from_this<Directory> {
     std::optional<std::chrono::steady_clock::time_point> idleSince;
   };
   Outcome<Edits::Kept> keptOf(const std::string& name, const WorldSpec& spec, const std::shared_ptr<const terrain::Terrain>& terrain) const;
+  bool isKnown(const std::string& name) const;
+  void remember(const Session& session);                      // under the lock: it ends, but its edits are kept
   std::optional<Full> fullFor(std::string_view maker) const;  // under the lock
   void sweepSoon();                                           // under the lock
   void sweep();
 
   mutable std::mutex mutex_;
   std::map<std::string, Kept, std::less<>> sessions_;
+  mutable std::map<std::string, WorldSpec> known_;  // of edits that are kept, as far as their worlds were looked at
   bool sweepSet_ = false;
 };
 
