@@ -101,26 +101,26 @@ Outcome<Posts> History::add(Operation operation) {
   std::shared_ptr<const Layer> next;
   const auto* undo = std::get_if<Undo>(&operation.what);
   if (undo) {
-    const std::uint64_t edit = toggle(undo->edit);
+    const std::uint64_t edit = addUndos(undo->edit, 1);
     next = edit == 0 ? layer_ : replayed(edit);
     if (edit != 0) {
       // Smoothing carries a change on.
       changed = entry(edit).area;
       for (std::size_t k = indexOf(edit) + 1; k < entries_.size(); ++k)
-        if (const Entry& e = entries_[k]; e.counts && marginOf(e.operation) > 0 && e.area.wider(marginOf(e.operation)).meets(changed))
+        if (const Entry& e = entries_[k]; e.counts() && marginOf(e.operation) > 0 && e.area.wider(marginOf(e.operation)).meets(changed))
           changed.add(e.area);
     }
   } else {
     next = layer_->with(changesOf(operation, *layer_, nullptr));
   }
   if (next->bytes() > mostBytes_ && next->bytes() > layer_->bytes()) {
-    if (undo) toggle(undo->edit);
+    if (undo) addUndos(undo->edit, -1);
     return Error{"The session's edits take " + std::to_string(mostBytes_ >> 20) +
                  " MiB, which is the most: undo some, or edit where there are edits already."};
   }
   layer_ = std::move(next);
   const Posts area = undo ? Posts() : changed;
-  entries_.push_back({std::move(operation), area, true});
+  entries_.push_back({std::move(operation), area});
   ++last_;
   return changed;
 }
@@ -129,7 +129,7 @@ void History::takeBack(std::shared_ptr<const Layer> before) {
   const Entry last = std::move(entries_.back());
   entries_.pop_back();
   --last_;
-  if (const auto* undo = std::get_if<Undo>(&last.operation.what)) toggle(undo->edit);
+  if (const auto* undo = std::get_if<Undo>(&last.operation.what)) addUndos(undo->edit, -1);
   layer_ = std::move(before);
 }
 
@@ -156,16 +156,16 @@ Outcome<void> History::readAll() {
       return Error{"Edit " + std::to_string(compacted_ + all.size() + 1) + " of the log undoes edit " + std::to_string(undo->edit) +
                    ", which is not there before it."};
     const Posts area = areaOf(o);
-    all.push_back({std::move(o), area, true});
+    all.push_back({std::move(o), area});
   }
   std::ranges::move(entries_, std::back_inserter(all));
   entries_ = std::move(all);
   base_ = std::move(past->base);
   read_ = nullptr;
-  // As toggle() by every undo among those that were read: each passes on how often it was toggled itself, and its own time.
+  // The last first: whether it counts is then known.
   for (std::size_t k = past->operations.size(); k-- > 0;)
-    if (const auto* undo = std::get_if<Undo>(&entries_[k].operation.what); undo && entries_[k].counts)
-      entries_[indexOf(undo->edit)].counts = !entries_[indexOf(undo->edit)].counts;
+    if (const auto* undo = std::get_if<Undo>(&entries_[k].operation.what); undo && entries_[k].counts())
+      ++entries_[indexOf(undo->edit)].undos;
   return {};
 }
 
@@ -173,22 +173,25 @@ Outcome<void> History::replay() {
   if (auto all = readAll(); !all) return all.error();
   layer_ = base_;
   for (const Entry& e : entries_)
-    if (e.counts) layer_ = layer_->with(changesOf(e.operation, *layer_, nullptr));
+    if (e.counts()) layer_ = layer_->with(changesOf(e.operation, *layer_, nullptr));
   return {};
 }
 
-std::uint64_t History::toggle(std::uint64_t edit) {
+std::uint64_t History::addUndos(std::uint64_t edit, int more) {
   for (;;) {
     Entry& entry = entries_[indexOf(edit)];
-    entry.counts = !entry.counts;
+    const bool counted = entry.counts();
+    entry.undos += more;
+    if (entry.counts() == counted) return 0;
     const auto* undo = std::get_if<Undo>(&entry.operation.what);
     if (!undo) return edit;
     edit = undo->edit;
+    more = entry.counts() ? 1 : -1;
   }
 }
 
 std::shared_ptr<const Layer> History::replayed(std::uint64_t edit) const {
-  const auto spreads = [](const Entry& e) { return e.counts && marginOf(e.operation) > 0; };
+  const auto spreads = [](const Entry& e) { return e.counts() && marginOf(e.operation) > 0; };
   TileSet changed = tilesOf(entry(edit).area);
   Posts bounds = boundsOf(changed);
   const auto add = [](TileSet& to, Posts& boundsOfIt, const Posts& posts) {
@@ -206,7 +209,7 @@ std::shared_ptr<const Layer> History::replayed(std::uint64_t edit) const {
 
   auto made = base_;
   for (const Entry& e : entries_)
-    if (e.counts && e.area.meets(neededBounds)) made = made->with(changesOf(e.operation, *made, &needed));
+    if (e.counts() && e.area.meets(neededBounds)) made = made->with(changesOf(e.operation, *made, &needed));
 
   std::map<TileAddress, std::shared_ptr<const Tile>> tiles;
   for (const TileAddress t : changed) {

@@ -31,7 +31,7 @@ class History {
   const std::shared_ptr<const Layer>& layer() const { return layer_; }
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
   // Of edits that this has added or read.
-  bool isUndone(std::uint64_t edit) const { return !entry(edit).counts; }
+  bool isUndone(std::uint64_t edit) const { return !entry(edit).counts(); }
   const Operation& operation(std::uint64_t edit) const { return entry(edit).operation; }
 
   // The operation as it is kept: checked, and a road that has no heights yet surveyed on the ground there is now. Error: why not.
@@ -59,7 +59,8 @@ class History {
   struct Entry {
     Operation operation;
     Posts area;
-    bool counts = true;
+    int undos = 0;  // that count, of this one
+    bool counts() const { return undos == 0; }
   };
   // The tiles that an operation changes, on a layer; `within`: those alone, null: all.
   std::vector<Layer::Change> changesOf(const Operation& operation, const Layer& on, const TileSet* within) const;
@@ -67,9 +68,9 @@ class History {
   std::size_t indexOf(std::uint64_t edit) const { return edit - 1 - (last_ - entries_.size()); }
   const Entry& entry(std::uint64_t edit) const { return entries_[indexOf(edit)]; }
   Outcome<void> readAll();
-  // An edit counts from now on, or no longer. Returns the edit whose ground that is about; 0: its undoing was undone before.
-  std::uint64_t toggle(std::uint64_t edit);
-  // The layer as it is after `edit` was toggled.
+  // One undo of this edit more or less counts. Returns the edit whose ground that is about; 0: none, for others count as well.
+  std::uint64_t addUndos(std::uint64_t edit, int more);
+  // The layer as it is after `edit` counts, or no longer.
   std::shared_ptr<const Layer> replayed(std::uint64_t edit) const;
 
   std::shared_ptr<const terrain::Terrain> terrain_;

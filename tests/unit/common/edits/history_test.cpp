@@ -168,6 +168,29 @@ TEST(History, AnUndoneUndoCountsAgain) {
   EXPECT_EQ(history.layer()->hash(), hash);
 }
 
+// An edit counts when no undo of it counts.
+TEST(History, UndosOfUndosAndOfTheSame) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  History history(terrain);
+  const auto crater = [](double x) { return Operation{Crater{{m(x), 0}, m(5), static_cast<std::int32_t>(m(2))}, 0}; };
+  std::vector<Operation> all{crater(0), {Undo{1}, 0}, {Undo{2}, 0}, {Undo{1}, 0}, {Undo{3}, 0}};
+  for (const Operation& o : all) ASSERT_TRUE(history.add(history.prepare(o).value()));
+  EXPECT_TRUE(history.isUndone(1));  // by 2, which counts again, and by 4
+  EXPECT_EQ(history.layer()->riseAt(0, 0), 0);
+  all.push_back({Undo{4}, 0});
+  ASSERT_TRUE(history.add(history.prepare(all.back()).value()));
+  EXPECT_TRUE(history.isUndone(1));  // by 2
+  all.push_back({Undo{2}, 0});
+  ASSERT_TRUE(history.add(history.prepare(all.back()).value()));
+  EXPECT_FALSE(history.isUndone(1));
+  EXPECT_EQ(history.layer()->riseAt(0, 0), -m(2));
+  History later(terrain);
+  later.restore(0, 7, history.layer(), [&]() -> Outcome<History::Past> { return History::Past{std::make_shared<const Layer>(), all}; });
+  ASSERT_TRUE(later.replay());
+  for (std::uint64_t n = 1; n <= 7; ++n) EXPECT_EQ(later.isUndone(n), history.isUndone(n)) << n;
+  EXPECT_EQ(later.layer()->hash(), history.layer()->hash());
+}
+
 TEST(History, RestoredWithItsLayerItIsTheSame) {
   const auto terrain = terrain::create("alpine", 1).value();
   History first(terrain), second(terrain);
