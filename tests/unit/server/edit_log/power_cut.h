@@ -1,7 +1,7 @@
 #pragma once
 // A disk for SQLite that forgets: what was written and not synced stays in memory. A power cut loses any of it, tears one write at a border
-// of 512 bytes, and may bring removed files back; nothing can be written until the power returns. SQLite's default while one of these lives.
-// One at a time.
+// of 512 bytes, and may bring removed files back; nothing can be written until the power returns. SQLite's default while one of these
+// lives. One at a time.
 
 #include <cstdint>
 #include <random>
