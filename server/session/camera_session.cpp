@@ -143,7 +143,8 @@ CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
 }
 
 CameraSession::Refusal CameraSession::attend(const wire::Edit& edit) {
-  if (*openEdits_ >= wire::kMaxEdits)
+  constexpr std::size_t kArrived = 2;  // answers that the client may have before their tickets are released here
+  if (*openEdits_ >= wire::kMaxEdits + kArrived)
     return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxEdits) +
                                                " edits wait for their answers: send the next when one has arrived."};
   ++*openEdits_;
