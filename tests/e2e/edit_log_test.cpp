@@ -34,7 +34,7 @@ class Edits : public testing::Test {
     EXPECT_EQ(imported.code, 0) << imported.output;
   }
   std::string write(const std::string& lines) {
-    const std::string file = (folder / "lines").string();
+    std::string file = (folder / "lines").string();
     std::ofstream(file) << lines;
     return file;
   }

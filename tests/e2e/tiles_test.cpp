@@ -293,7 +293,7 @@ TEST(Tiles, AndSnapshotsShowThePictureOnAMap) {
         const auto stripe = static_cast<std::size_t>(fromWest / 240);
         if (std::abs(fromWest - 240 * std::round(fromWest / 240)) < 100) continue;  // colours are means of their triangles' width
         ++seen.at(std::min<std::size_t>(stripe, 5));
-        for (std::size_t c = 0; stripe < 5 && c < 3; ++c) EXPECT_NEAR(colour[c], kStripes.at(stripe)[c] / 255, 0.1) << fromWest;
+        for (std::size_t c = 0; stripe < 5 && c < 3; ++c) EXPECT_NEAR(colour[c], kStripes.at(stripe)[c] / 255.0, 0.1) << fromWest;
       }
   };
   shoot({"--out", glb, "--origin", "world"});

@@ -13,7 +13,6 @@
 namespace ridgecast::edit_log {
 namespace {
 
-using testing::ElementsAre;
 using testing::HasSubstr;
 using testing_support::m;
 using testing_support::ScratchFolder;
