@@ -1,6 +1,5 @@
 #include "server/http/edits.h"
 
-#include <charconv>
 #include <chrono>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -11,6 +10,7 @@
 #include "common/edits/json.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
+#include "server/http/query_body.h"
 
 namespace ridgecast::http {
 
@@ -54,19 +54,13 @@ Answer make(const std::shared_ptr<session::Session>& session, edits::Operation o
   return whenSaid(std::move(said));
 }
 
-std::optional<std::uint64_t> wholeNumber(std::string_view text) {
-  std::uint64_t out = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);
-  return !text.empty() && error == std::errc() && end == text.data() + text.size() ? std::optional(out) : std::nullopt;
-}
-
 Answer list(const Request& request, const std::shared_ptr<session::Session>& session) {
   std::uint64_t since = 0, limit = kUsuallyListed;
   for (const auto& [name, value] : {std::pair("since", &since), std::pair("limit", &limit)}) {
-    const auto text = queryParameter(request.query(), name);
-    if (!text) return refused(400, metrics::Refusal::kRequest, text.error().message);
-    if (text->empty()) continue;
-    const auto number = wholeNumber(*text);
+    const auto given = queryParameter(request.query(), name);
+    if (!given) return refused(400, metrics::Refusal::kRequest, given.error().message);
+    if (given->empty()) continue;
+    const auto number = text::number<std::uint64_t>(*given);
     if (!number) return refused(400, metrics::Refusal::kRequest, std::string(name) + " is a whole number, such as " + name + "=17.");
     *value = *number;
   }
@@ -88,7 +82,7 @@ Answer list(const Request& request, const std::shared_ptr<session::Session>& ses
 }
 
 Answer post(const Request& request, std::shared_ptr<session::Session> session) {
-  if (text::trimmed(request.contentType.substr(0, request.contentType.find(';'))) != "application/json")
+  if (bodyTypeOf(request.contentType) != BodyType::kJson)
     return refused(415, metrics::Refusal::kRequest, "An edit's Content-Type is application/json.", {{"Accept", "application/json"}});
   if (request.idempotencyKey.size() > wire::kMaxEditKeyBytes)
     return refused(400, metrics::Refusal::kRequest, "An Idempotency-Key has at most " + std::to_string(wire::kMaxEditKeyBytes) + " bytes.");
@@ -115,7 +109,7 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
   session->use();
   if (request.reads()) return list(request, session);
   if (!isOne) return post(request, std::move(session));
-  const auto number = wholeNumber(rest.substr(kEdits.size() + 1));
+  const auto number = text::number<std::uint64_t>(rest.substr(kEdits.size() + 1));
   if (!number) return refused(400, metrics::Refusal::kRequest, "The path names the number of an edit, such as edits/17.");
   edits::Operation undo{edits::Undo{*number}, 0};
   if (auto checked = edits::check(undo); !checked) return invalid(checked.error());

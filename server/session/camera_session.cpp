@@ -376,8 +376,8 @@ void CameraSession::work(const conversation::SendTiles& wanted) {
 }
 
 void CameraSession::followGround() {
-  if (session_->ground().edit == edit_) return;
   auto [ground, changed] = session_->edits().since(edit_);
+  if (ground.edit == edit_) return;
   edit_ = ground.edit;
   mesh_->setGround(ground.terrain, changed);
   encoder_->setTerrain(std::move(ground.terrain));

@@ -21,10 +21,7 @@
 #include "common/edits/json.h"
 #include "server/http/edits.h"
 #include "server/http/queries.h"
-#include "server/logging/logging.h"
-#include "server/net/server.h"
-#include "server/scheduling/pool.h"
-#include "server/session/session.h"
+#include "tests/integration/loopback.h"
 #include "tests/support/sanitized.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
@@ -110,33 +107,15 @@ class Member {
   int iterations_ = 0;
 };
 
-class EditsTest : public testing::Test {
+class EditsTest : public LoopbackTest {
  protected:
   void SetUp() override {
-    logging::setUp(logging::Format::kText, logging::Level::kWarning);
-    executor = std::make_unique<scheduling::Executor>(2);
-    auto resources = std::make_shared<session::Resources>();
-    resources->executor = executor.get();
-    resources->makeMesh = session::pipelineMeshes();
-    resources->serverName = "integration";
-    directory = std::make_shared<session::Directory>(resources, base);
-    net::Settings settings;
-    settings.port = 0;
-    auto made = net::Server::listen(settings, directory, {http::queryRoute(directory), http::editsRoute(directory)});
-    ASSERT_TRUE(made) << made.error().message;
-    server = std::move(*made);
-  }
-  void TearDown() override {
-    if (server) server->shutdown();
-    executor.reset();
-    server.reset();
+    open();
+    listen({http::queryRoute(directory), http::editsRoute(directory)});
   }
   std::uint16_t port() const { return server->port(); }
 
   std::shared_ptr<const terrain::Terrain> base = terrain::create("alpine", 1).value();
-  std::unique_ptr<net::Server> server;
-  std::unique_ptr<scheduling::Executor> executor;
-  std::shared_ptr<session::Directory> directory;
 };
 
 TEST_F(EditsTest, AreNumberedAndInEverybodysGround) {

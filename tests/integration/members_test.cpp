@@ -21,10 +21,7 @@
 
 #include "client/connection/connection.h"
 #include "common/wire/wire.h"
-#include "server/logging/logging.h"
-#include "server/net/server.h"
-#include "server/scheduling/pool.h"
-#include "server/session/session.h"
+#include "tests/integration/loopback.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast {
@@ -60,29 +57,11 @@ wire::PoseMessage poseAt(std::uint64_t sequence) {
   return pose;
 }
 
-class MembersTest : public testing::Test {
+class MembersTest : public LoopbackTest {
  protected:
   void SetUp() override {
-    logging::setUp(logging::Format::kText, logging::Level::kWarning);
-    executor = std::make_unique<scheduling::Executor>(2);
-    auto resources = std::make_shared<session::Resources>();
-    resources->executor = executor.get();
-    resources->makeMesh = session::pipelineMeshes();
-    resources->serverName = "integration";
-    resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
-      return terrain::create(spec.terrain, spec.seed);
-    };
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
-    net::Settings settings;
-    settings.port = 0;
-    auto made = net::Server::listen(settings, directory);
-    ASSERT_TRUE(made) << made.error().message;
-    server = std::move(*made);
-  }
-  void TearDown() override {
-    if (server) server->shutdown();
-    executor.reset();
-    server.reset();
+    open([](const session::WorldSpec& spec, const std::stop_token&) { return terrain::create(spec.terrain, spec.seed); });
+    listen();
   }
   std::unique_ptr<Connection> join(const wire::Hello& hello, const std::string& session = "default") {
     const std::string url = "127.0.0.1:" + std::to_string(server->port()) + "?session=" + session;
@@ -90,9 +69,6 @@ class MembersTest : public testing::Test {
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
   }
-  std::unique_ptr<net::Server> server;
-  std::unique_ptr<scheduling::Executor> executor;
-  std::shared_ptr<session::Directory> directory;
 };
 
 TEST_F(MembersTest, EightMembersSeeEachOtherInTimeAndTheirClocksAgree) {

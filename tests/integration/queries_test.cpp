@@ -21,10 +21,7 @@
 #include "client/query/mesh_ground.h"
 #include "common/wire/wire.h"
 #include "server/http/queries.h"
-#include "server/logging/logging.h"
-#include "server/net/server.h"
-#include "server/scheduling/pool.h"
-#include "server/session/session.h"
+#include "tests/integration/loopback.h"
 #include "tests/support/sanitized.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
@@ -57,31 +54,16 @@ class Renamed final : public terrain::Terrain {
   std::shared_ptr<const terrain::Terrain> terrain_;
 };
 
-class QueriesTest : public testing::Test {
+class QueriesTest : public LoopbackTest {
  protected:
   void SetUp() override {
-    logging::setUp(logging::Format::kText, logging::Level::kWarning);
-    executor = std::make_unique<scheduling::Executor>(2);
-    auto resources = std::make_shared<session::Resources>();
-    resources->executor = executor.get();
-    resources->makeMesh = session::pipelineMeshes();
-    resources->serverName = "integration";
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    open();
     for (const auto& d : terrain::builtIn()) {
       const auto terrain = terrain::create(d.name, 11).value();
       directory->add(std::string(d.name), terrain).value();
       directory->add("renamed-" + std::string(d.name), std::make_shared<Renamed>(terrain)).value();
     }
-    net::Settings settings;
-    settings.port = 0;
-    auto made = net::Server::listen(settings, directory, {http::queryRoute(directory)});
-    ASSERT_TRUE(made) << made.error().message;
-    server = std::move(*made);
-  }
-  void TearDown() override {
-    if (server) server->shutdown();
-    executor.reset();
-    server.reset();
+    listen({http::queryRoute(directory)});
   }
   std::unique_ptr<Connection> join(const std::string& session, wire::Hello hello = {}) {
     hello.edits = true;
@@ -89,9 +71,6 @@ class QueriesTest : public testing::Test {
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
   }
-  std::unique_ptr<net::Server> server;
-  std::unique_ptr<scheduling::Executor> executor;
-  std::shared_ptr<session::Directory> directory;
 };
 
 struct Places {
