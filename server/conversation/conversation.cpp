@@ -181,8 +181,9 @@ Work Conversation::next(std::size_t queuedBytes) {
     tiles_.erase(tiles_.begin(), end);
     return work;
   }
-  owesAnswer_ = !poses_.empty() || std::exchange(groundIsNew_, false);
-  if (!poses_.empty()) {
+  isForGround_ = std::exchange(groundIsNew_, false) && !isForGround_;
+  owesAnswer_ = isForGround_ || !poses_.empty();
+  if (!poses_.empty() && !isForGround_) {
     pose_ = poses_.front();
     poses_.pop_front();
   }
@@ -195,8 +196,8 @@ Work Conversation::next(std::size_t queuedBytes) {
   if (lockstep_) {
     if (work.granted || pace_.limits()) work.insertions = pace_.insertions();
   } else {
-    tempo_.begin();
-    work.insertions = std::min(pace_.insertions(), tempo_.insertions());
+    if (!isForGround_) tempo_.begin();
+    work.insertions = std::min({pace_.insertions(), tempo_.insertions(), isForGround_ ? kMostForGround : Tempo::kMost});
   }
   return work;
 }

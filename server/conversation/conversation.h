@@ -10,6 +10,7 @@
 //
 // Free pacing: the newest pose wins. Iterations continue while the client has room and the pose is new or the mesh is not at rest. The
 // first iteration for a pose is always sent, later ones only if they change something; that the mesh is at rest is sent once.
+// New ground is answered first, at the last pose again: a new pose may take ten times as long.
 // Lock-step: exactly one iteration for each pose, in order.
 //
 // A reconnecting client lists the leaves it still holds between hello and its first pose; only differences are sent. The server's mesh
@@ -40,6 +41,7 @@ namespace ridgecast::conversation {
 inline constexpr std::size_t kMaxQueuedPoses = 64;  // lock-step: poses, and changes of settings, waiting for their iteration
 inline constexpr int kMostUnsent = 16;              // a mesh without a binding budget is at rest after 10 to 20 iterations
 inline constexpr std::size_t kTilesAtOnce = 16;
+inline constexpr std::uint32_t kMostForGround = 512;  // vertices that an iteration for new ground inserts
 // After n bytes of leaves that were requested again, no other such leaf is sent for n / kRepairBytesPerSecond.
 inline constexpr std::uint64_t kRepairBytesPerSecond = 1u << 20;
 
@@ -135,6 +137,7 @@ class Conversation {
   bool owesAnswer_ = false;                 // the current iteration is sent even if it changes nothing
   bool atRest_ = true;                      // nothing to do before another pose
   bool groundIsNew_ = false;                // since the last iteration
+  bool isForGround_ = false;                // the current iteration: poses wait, but for one iteration only
   int unsent_ = 0;                          // iterations before the first one sent to a reconnecting client
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;

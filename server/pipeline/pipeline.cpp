@@ -68,7 +68,7 @@ settings::Figures Pipeline::iterate(const camera::Camera& camera) {
   // refine
   s.fitBudget();
   s.motion.follow(camera, selection.fromNothing);
-  s.closely = s.closely && still && !selection.changed;
+  if (!still || selection.changed) s.lookAnew();
   refinement::View view = s.view();
   if (s.closely) view.closely = s.spacing();
   s.castHorizon(view, ground);
@@ -106,7 +106,7 @@ void Pipeline::change(const settings::Settings& granted) {
   // What the budget has raised the threshold to stays, until the mesh is small enough.
   s.effective = std::max(granted.threshold, s.effective > s.settings.threshold ? s.effective : 0.0);
   s.settings = granted;
-  if (other) s.settled = s.closely = false;
+  if (other) s.lookAnew();
 }
 
 void Pipeline::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
@@ -114,7 +114,7 @@ void Pipeline::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::s
   s.terrain = terrain;
   s.horizon.setTerrain(terrain);
   s.mesh.setGround(std::move(terrain), changed, *s.pool);
-  s.settled = s.closely = false;
+  s.lookAnew();
 }
 
 void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = std::min<std::size_t>(most, kMostInsertions); }

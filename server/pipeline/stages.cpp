@@ -146,16 +146,19 @@ void Pipeline::State::evaluate(const refinement::View* view) {
   pool->forEach(changed.size(), 4, [&, list = changed.data()](std::size_t k) { mesh.mesh().evaluateFresh(list[k]->region, view); });
 }
 
-void Pipeline::State::evaluateInView(const refinement::View& view) {
-  pool->forEach(mesh.leaves().size(), 4, [&](std::size_t k) {
-    const Leaf& leaf = *mesh.leaves()[k];
+void Pipeline::State::lookClosely(const refinement::View& view) {
+  std::vector<const Leaf*> some;
+  for (std::size_t triangles = 0; looked < mesh.leaves().size() && triangles < kLookedAtOnce; ++looked) {
+    const Leaf& leaf = *mesh.leaves()[looked];
     const triangulation::Point2 low = mesh.mesh().local({leaf.address.x(), leaf.address.z()});
     // Triangles straddle borders by less than half a side.
     const auto half = static_cast<std::int32_t>(leaf.address.side() / 2);
     const auto corner = [&](int i, int j) { return view.relative(low.x + i * half, low.z + j * half, 0); };
-    if (!view.sector.misses(std::array{corner(-1, -1), corner(-1, 3), corner(3, -1), corner(3, 3)}))
-      mesh.mesh().evaluateAll(leaf.region, view);
-  });
+    if (view.sector.misses(std::array{corner(-1, -1), corner(-1, 3), corner(3, -1), corner(3, 3)})) continue;
+    some.push_back(&leaf);
+    triangles += mesh.mesh().triangulation().triangleCount(leaf.region);
+  }
+  pool->forEach(some.size(), 4, [&](std::size_t k) { mesh.mesh().evaluateAll(some[k]->region, view); });
 }
 
 // ---- triangulate ----
@@ -216,11 +219,12 @@ void Pipeline::State::publish(bool otherLeaves) {
 }
 
 void Pipeline::State::settle(bool rests, refinement::View& view) {
-  settled = rests && (closely || isThesis());
-  if (!rests || settled) return;
+  const bool isLookedAt = isThesis() || (closely && looked == mesh.leaves().size());
+  settled = rests && isLookedAt;
+  if (isLookedAt || !(rests || closely)) return;
   closely = true;
   view.closely = spacing();
-  evaluateInView(view);
+  lookClosely(view);
 }
 
 settings::Figures Pipeline::State::describe(settings::Figures figures) const {

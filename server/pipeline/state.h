@@ -13,6 +13,8 @@ using generation::Leaf;
 
 // A close look tries points this many pixels apart for each pixel of the threshold, within bounds.
 inline constexpr double kClosely = 12, kLeastClosely = 4, kMostClosely = 100;
+// At least so many triangles an iteration, if there are: whole leaves, about a millisecond for each thousand.
+inline constexpr std::size_t kLookedAtOnce = 8'192;
 // At most so many insertions an iteration, the most wanted first, so that the newest camera is never far away.
 inline constexpr std::size_t kMostInsertions = 24'000;
 
@@ -46,12 +48,17 @@ struct Pipeline::State {
   std::uint32_t change(const refinement::View& view);
   // Chooses candidates for every fresh triangle. `view`: of the last findWork(), if there was one since triangles were generated.
   void evaluate(const refinement::View* view);
-  // The same for all triangles of the leaves that may be seen.
-  void evaluateInView(const refinement::View& view);
+  // Looks closely at some more of the leaves that may be seen.
+  void lookClosely(const refinement::View& view);
   // New versions and hashes for leaves whose triangles changed.
   void publish(bool otherLeaves);
-  // `rests`: this iteration changed nothing. The first time, looks closely for more to do; then the mesh is settled.
+  // `rests`: this iteration changed nothing. From then on looks closely for more to do; then the mesh is settled.
   void settle(bool rests, refinement::View& view);
+  // The camera moved, or something else has changed: looks anew.
+  void lookAnew() {
+    settled = closely = false;
+    looked = 0;
+  }
   // Fills in what there is and what the last iteration changed.
   settings::Figures describe(settings::Figures figures) const;
 
@@ -66,9 +73,10 @@ struct Pipeline::State {
   double fill = 0;         // of the budget
   double left = 0;         // the greatest error, as seen, of what the budget, or a limit to insertions, kept out
   std::uint32_t live = 0;  // triangles owned by leaves
-  // A camera at rest for which nothing is left to do looks closely, once, and at whatever changes after that. Only then is the mesh
-  // settled.
+  // A camera at rest for which nothing is left to do looks closely, once, iteration by iteration, and at whatever changes after that. Only
+  // then is the mesh settled.
   bool closely = false;
+  std::size_t looked = 0;  // leaves so far
   bool settled = false;
   Motion motion;
   std::uint64_t versions = 0, outside = 0;  // the last that was given away; of what is filed outside all leaves

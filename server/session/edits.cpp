@@ -22,7 +22,7 @@ lattice::Area around(const lattice::Area& a, const lattice::Area& b) {
 
 Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept)
     : terrain_(std::move(terrain)),
-      executor_(executor),
+      pool_(executor->makePool(1)),
       changed_(std::move(changed)),
       kept_(std::move(kept)),
       history_(kept_.history ? std::move(*kept_.history) : edits::History(terrain_)),
@@ -57,8 +57,10 @@ void Edits::ask(Edit edit, Done done) {
   {
     const std::lock_guard lock(mutex_);
     if (waiting_.size() < kMostWaiting) {
+      // Everybody waits for what is made.
+      if (waiting_.empty()) pool_->post([self = shared_from_this()] { self->makeAll(); }, scheduling::Pool::Turn::kAhead);
       waiting_.push_back({std::move(edit), std::move(done)});
-      return begin();
+      return;
     }
   }
   done(Error{"More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment."});
@@ -66,31 +68,25 @@ void Edits::ask(Edit edit, Done done) {
 
 void Edits::read(std::uint64_t after, std::size_t most, Read read) {
   const std::lock_guard lock(mutex_);
+  if (readings_.empty()) pool_->post([self = shared_from_this()] { self->readAll(); });
   readings_.push_back({after, most, std::move(read)});
-  begin();
 }
 
-void Edits::begin() {
-  if (!pool_) pool_ = executor_->makePool(1);
-  if (!works_) works_ = pool_->post([self = shared_from_this()] { self->work(); });
-}
-
-void Edits::work() {
-  std::vector<Waiting> waiting;
+void Edits::readAll() {
   std::vector<Reading> readings;
   {
     const std::lock_guard lock(mutex_);
-    waiting.swap(waiting_);
     readings.swap(readings_);
   }
-  if (!waiting.empty()) makeAll(waiting);
   for (const Reading& r : readings) r.read(list(r.after, r.most));
-  const std::lock_guard lock(mutex_);
-  works_ = false;
-  if (!waiting_.empty() || !readings_.empty()) begin();
 }
 
-void Edits::makeAll(std::vector<Waiting>& waiting) {
+void Edits::makeAll() {
+  std::vector<Waiting> waiting;
+  {
+    const std::lock_guard lock(mutex_);
+    waiting.swap(waiting_);
+  }
   const std::uint64_t before = history_.last();
   const auto layer = history_.layer();
   changedPosts_.clear();

@@ -85,15 +85,14 @@ class Edits : public std::enable_shared_from_this<Edits> {
     std::size_t most = 0;
     Read read;
   };
-  void begin();  // under the lock: the editing task, if it does not run
-  void work();
-  void makeAll(std::vector<Waiting>& waiting);
+  void makeAll();
+  void readAll();
   Outcome<std::uint64_t> make(Edit edit);
   Outcome<void> keep(std::uint64_t before, const edits::Layer& layer);  // on disk, what was made after `before`
   Outcome<std::vector<MadeEdit>> list(std::uint64_t after, std::size_t most);
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
-  scheduling::Executor* const executor_;
+  const std::shared_ptr<scheduling::Pool> pool_;
   const std::function<void()> changed_;
 
   // Of the editing task.
@@ -107,10 +106,8 @@ class Edits : public std::enable_shared_from_this<Edits> {
   mutable std::mutex mutex_;
   Ground ground_;
   std::deque<lattice::Area> areas_;  // of the last edits, up to ground_.edit
-  std::shared_ptr<scheduling::Pool> pool_;
   std::vector<Waiting> waiting_;
   std::vector<Reading> readings_;
-  bool works_ = false;
 };
 
 }  // namespace ridgecast::session

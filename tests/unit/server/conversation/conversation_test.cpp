@@ -72,6 +72,24 @@ TEST(Conversation, EveryMessageHasItsPlace) {
   }
 }
 
+// A new pose may take long: everybody sees an edit first.
+TEST(Conversation, NewGroundComesBeforeANewPoseButOnlyOnce) {
+  Conversation c = running();
+  const auto nextPose = [&] { return std::get<Iterate>(c.next(0)).pose.sequence; };
+  const Leaves leaves{leaf(0, 1)};
+  ASSERT_FALSE(c.receive(pose(1), Time{}));
+  c.groundChanged();  // before the first iteration: it has that ground
+  EXPECT_EQ(nextPose(), 1u);
+  EXPECT_TRUE(c.iterated(leaves, false));
+  ASSERT_FALSE(c.receive(pose(2), Time{}));
+  c.groundChanged();
+  EXPECT_EQ(nextPose(), 1u);
+  EXPECT_TRUE(c.iterated(leaves, false)) << "it is sent, whatever it changes";
+  c.groundChanged();  // edits without end do not keep a pose waiting
+  EXPECT_EQ(nextPose(), 2u);
+  EXPECT_TRUE(c.iterated(leaves, false));
+}
+
 TEST(Conversation, ClosedThereIsNoWork) {
   Conversation c = running();
   ASSERT_FALSE(c.receive(pose(1), Time{}));

@@ -97,6 +97,24 @@ TEST(Settled, KeepsTheThresholdAtRandomPoses) {
 }
 
 // Four points of a triangle miss it, and the mesh without it lies outside the picture.
+// A thread that looks closely has other cameras waiting: it looks at a part in each iteration.
+TEST(Settled, LooksCloselyPartByPart) {
+  Rig rig(built("alpine"), 0.5);
+  const auto camera = standing(*rig.terrain, 1191, 0, 300, 17.2, -0.3);
+  std::uint64_t most = 0, all = 0;
+  bool looks = false;
+  for (int n = 0; n < 300 && !rig.pipeline.settled(); ++n) {
+    const settings::Figures figures = rig.pipeline.iterate(camera);
+    looks = looks || (n > 0 && figures.inserted + figures.removed == 0);
+    if (!looks) continue;
+    most = std::max(most, figures.heights);
+    all += figures.heights;
+  }
+  EXPECT_TRUE(rig.pipeline.settled());
+  EXPECT_GT(all, 1'000'000u);
+  EXPECT_LT(most, all / 8);
+}
+
 TEST(Settled, SeesAFenceFromBelowFromAboveAndBehindTheGroundBeforeIt) {
   Rig rig(std::make_shared<Fence>());
   for (const auto& camera : {standing(*rig.terrain, 20, 600, 2, 0, 12), standing(*rig.terrain, 20, 600, 300, 0, -20),

@@ -290,6 +290,31 @@ TEST(Scheduling, QueueOfPostedTasksIsBounded) {
   EXPECT_TRUE(pool->post([] {}));
 }
 
+TEST(Scheduling, WhatIsAheadGoesBeforeAllThatWaits) {
+  Executor executor(1);
+  const auto first = executor.makePool(), second = executor.makePool(), other = executor.makePool();
+  std::promise<void> release, started, done;
+  auto gate = release.get_future().share();
+  first->post([&] {
+    started.set_value();
+    gate.wait();
+  });
+  started.get_future().wait();
+  std::string order;
+  first->post([&] { order += 'a'; });
+  other->post([&] { order += 'b'; });
+  second->post([&] { order += 'c'; });
+  second->post([&] { order += 'D'; }, Pool::Turn::kAhead);  // it waits already
+  const auto idle = executor.makePool();
+  idle->post([&] { order += 'E'; }, Pool::Turn::kAhead);
+  const auto last = executor.makePool();
+  last->post([&] { done.set_value(); });
+  release.set_value();
+  done.get_future().wait();
+  EXPECT_EQ(order.substr(0, 2), "ED");
+  EXPECT_EQ(order.size(), 5u) << order;
+}
+
 TEST(Scheduling, DroppedTasksAreDestroyedAndLateOnesRefused) {
   auto token = std::make_shared<int>(0);
   std::shared_ptr<Pool> pool;

@@ -193,7 +193,9 @@ TEST(Simulated, TheOwnerRemovesWhoIsNotDone) {
 }
 
 TEST(Simulated, SessionsEndWhenTheyWereEmptyForLongEnough) {
+  scheduling::Executor executor(1);
   auto resources = std::make_shared<Resources>();
+  resources->executor = &executor;
   SimulatedTimer& timer = simulateTime(*resources);
   resources->limits.sessionIdle = 1h;
   const auto directory = std::make_shared<Directory>(resources, flatTerrain());
@@ -214,7 +216,9 @@ TEST(Simulated, SessionsEndWhenTheyWereEmptyForLongEnough) {
 }
 
 TEST(Simulated, ASessionThatIsUsedWithoutMembersStays) {
+  scheduling::Executor executor(1);
   auto resources = std::make_shared<Resources>();
+  resources->executor = &executor;
   SimulatedTimer& timer = simulateTime(*resources);
   resources->limits.sessionIdle = 1h;
   const auto directory = std::make_shared<Directory>(resources, flatTerrain());
@@ -260,7 +264,9 @@ TEST(Simulated, WhoNeverAcknowledgesIsToldSo) {
 }
 
 TEST(Simulated, SessionsInWhichNobodySaidHelloEndWithinSeconds) {
+  scheduling::Executor executor(1);
   auto resources = std::make_shared<Resources>();
+  resources->executor = &executor;
   SimulatedTimer& timer = simulateTime(*resources);
   resources->limits.maxSessionsPerClient = 3;
   const auto directory = std::make_shared<Directory>(resources, flatTerrain());
