@@ -3,6 +3,7 @@
 #include <random>
 #include <vector>
 
+#include "common/edits/edited_terrain.h"
 #include "server/edit_log/log.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/usage.h"
@@ -57,6 +58,30 @@ double commits(const std::filesystem::path& file, const std::shared_ptr<const te
   return count / clock.seconds();
 }
 
+// How much longer heights take with edits, in batches as meshes ask for them, whose places lie within 32 m: the median of paired runs.
+double slowdown(const terrain::Terrain& plain, const terrain::Terrain& edited, lattice::Point corner, int batches) {
+  constexpr std::size_t kBatch = 256;
+  std::mt19937_64 random(3);
+  std::vector<double> ratios;
+  std::vector<lattice::Step> x(kBatch), z(kBatch);
+  std::vector<float> out(kBatch);
+  for (int run = 0; run < 9; ++run) {
+    double seconds[2] = {0, 0};
+    for (int batch = 0; batch < batches; ++batch) {
+      const auto near = [&](std::uint64_t metres) { return static_cast<lattice::Step>(random() % (metres * kMetre)); };
+      const lattice::Point place{corner.x + near(1500), corner.z + near(1500)};
+      for (std::size_t k = 0; k < kBatch; ++k) x[k] = place.x + near(32), z[k] = place.z + near(32);
+      for (const std::size_t which : {batch % 2, 1 - batch % 2}) {
+        const double start = cpuSeconds();
+        (which == 1 ? edited : plain).heights(x, z, out);
+        seconds[which] += cpuSeconds() - start;
+      }
+    }
+    ratios.push_back(seconds[1] / seconds[0]);
+  }
+  return median(ratios);
+}
+
 }  // namespace
 
 Report edits(const Options& options) {
@@ -87,6 +112,12 @@ Report edits(const Options& options) {
   report.add("cold_start", cpuSeconds() - start, "s");
   report.add("tiles", static_cast<double>(session.history.layer()->tiles()));
   report.add("layer", static_cast<double>(session.history.layer()->bytes()) / (1 << 20), "MiB");
+  for (const std::string name : {"alpine", "archipelago"}) {
+    const auto plain = terrain::create(name, 1).value();
+    const edits::EditedTerrain edited(plain, session.history.layer());
+    report.add("heights_" + name + "_edited", slowdown(*plain, edited, {0, 0}, options.quick ? 20 : 500), "times");
+    report.add("heights_" + name + "_elsewhere", slowdown(*plain, edited, {10'000 * kMetre, 0}, options.quick ? 20 : 500), "times");
+  }
   start = cpuSeconds();
   session.history.replay().value();
   report.add("replay", cpuSeconds() - start, "s");

@@ -116,11 +116,11 @@ async function fly(page: Page, settled: string, drawn: string): Promise<void> {
   }
 }
 
-/** Flies on and on in bends, 60 m at a time, without waiting for tiles. */
+/** Flies on and on in bends, 60 m at a time, without waiting for tiles; round and round, for a tileset ends somewhere. */
 async function cruise(page: Page, settled: string, drawn: string): Promise<void> {
   let view = { ...(await randomView()), pitch: -15 }, steps = 0;
   for (const end = Date.now() + 1000 * FLIGHT; Date.now() < end; ++steps) {
-    const heading = view.heading + 2 * Math.sin(steps / 40), east = view.east + 60 * Math.sin((heading * Math.PI) / 180), north = view.north + 60 * Math.cos((heading * Math.PI) / 180);
+    const heading = view.heading + 2 * Math.cos(steps / 40) + steps / 100, east = view.east + 60 * Math.sin((heading * Math.PI) / 180), north = view.north + 60 * Math.cos((heading * Math.PI) / 180);
     const [ground] = await heights([[east, -north]]);
     view = { ...view, east, north, heading, up: ground! + 300 };
     await page.evaluate(`ridgecast.look(${view.east}, ${view.north}, ${view.up}, ${view.heading}, ${view.pitch}); void (${settled})`);
