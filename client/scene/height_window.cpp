@@ -1,6 +1,7 @@
 #include "client/scene/height_window.h"
 
 #include <algorithm>
+#include <bitset>
 #include <cmath>
 #include <limits>
 
@@ -90,11 +91,20 @@ std::optional<std::array<std::int32_t, 16>> HeightWindow::around(std::int64_t i,
 }
 
 void HeightWindow::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
-  for (std::size_t k = 0; k < out.size(); ++k) {
-    const terrain::Between bx = terrain::between(x[k], shape_.originX, shape_.pitch),
-                           bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
-    const auto samples = around(bx.sample, bz.sample);
-    out[k] = samples ? terrain::cubicHeight(*samples, bx.steps, bz.steps, shape_.pitch) : std::numeric_limits<float>::quiet_NaN();
+  thread_local terrain::CubicPlaces places;
+  for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMost) {
+    const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMost);
+    std::bitset<terrain::CubicPlaces::kMost> unknown;
+    for (std::size_t k = 0; k < count; ++k) {
+      const terrain::Between bx = terrain::between(x[begin + k], shape_.originX, shape_.pitch),
+                             bz = terrain::between(z[begin + k], shape_.originZ, shape_.pitch);
+      const auto samples = around(bx.sample, bz.sample);
+      unknown[k] = !samples;
+      if (samples) places.set(k, *samples, bx.steps, bz.steps);
+    }
+    terrain::cubicHeights(places, static_cast<int>(count), shape_.pitch, &out[begin]);
+    for (std::size_t k = 0; k < count; ++k)
+      if (unknown[k]) out[begin + k] = std::numeric_limits<float>::quiet_NaN();
   }
 }
 

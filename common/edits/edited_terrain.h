@@ -1,6 +1,6 @@
 #pragma once
 // A terrain with a layer of edits on it: the heights of the one plus what the other raises them by. Height between posts is bicubic as that
-// of height maps (terrain::cubicHeight) and added to the terrain's in one float operation, so all machines agree to the bit. Where nobody
+// of height maps (terrain::cubicHeights) and added to the terrain's in one float operation, so all machines agree to the bit. Where nobody
 // edited, heights and colours are the terrain's own.
 
 #include <memory>

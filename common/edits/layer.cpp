@@ -192,26 +192,60 @@ std::int32_t Layer::riseAt(std::int64_t x, std::int64_t z) const {
 void Layer::raise(const Step* x, const Step* z, float* heights, std::size_t count) const {
   if (empty()) return;
   constexpr Step kNone = Step{1} << 62;
-  CellAddress last{kNone, kNone};
+  CellAddress cellAt{kNone, kNone};
   const Cell* held = nullptr;
+  thread_local terrain::CubicPlaces places;
+  std::array<std::size_t, terrain::CubicPlaces::kMost> whose;
+  std::size_t n = 0;
+  const auto flush = [&] {
+    std::array<float, terrain::CubicPlaces::kMost> rise;
+    terrain::cubicHeights(places, static_cast<int>(n), kPostSteps, rise.data());
+    for (std::size_t i = 0; i < n; ++i) heights[whose[i]] += rise[i];
+    n = 0;
+  };
   for (std::size_t k = 0; k < count; ++k) {
-    const CellAddress at{x[k] >> lattice::kCellBits, z[k] >> lattice::kCellBits};
-    if (!(at == last)) held = cell(last = at);
+    if (const CellAddress at{x[k] >> lattice::kCellBits, z[k] >> lattice::kCellBits}; !(at == cellAt)) held = cell(cellAt = at);
     if (!held) continue;
     const Tile* const here = tileOf(*held, {x[k] >> kTileStepBits, z[k] >> kTileStepBits});
     if (!here) continue;
-    const std::int64_t px = x[k] >> kPostBits, pz = z[k] >> kPostBits, inX = px & kInTile, inZ = pz & kInTile;
     std::array<std::int32_t, 16> around;
-    if (inX >= 1 && inX < kTileSide - 2 && inZ >= 1 && inZ < kTileSide - 2) {
-      for (std::int64_t j = 0; j < 4; ++j)
-        std::copy_n(&here->rise[slotOf(inX - 1, inZ - 1 + j)], 4, &around[static_cast<std::size_t>(4 * j)]);
-    } else {
-      for (std::int64_t j = 0; j < 4; ++j)
-        for (std::int64_t i = 0; i < 4; ++i) around[static_cast<std::size_t>(4 * j + i)] = riseAt(px - 1 + i, pz - 1 + j);
-    }
+    copyAround(*here, x[k] >> kPostBits, z[k] >> kPostBits, around);
     if (std::ranges::all_of(around, [](std::int32_t v) { return v == 0; })) continue;
-    heights[k] += terrain::cubicHeight(around, static_cast<std::int32_t>(x[k] & (kPostSteps - 1)),
-                                       static_cast<std::int32_t>(z[k] & (kPostSteps - 1)), kPostSteps);
+    places.set(n, around, static_cast<std::int32_t>(x[k] & (kPostSteps - 1)), static_cast<std::int32_t>(z[k] & (kPostSteps - 1)));
+    whose[n] = k;
+    if (++n == terrain::CubicPlaces::kMost) flush();
+  }
+  if (n > 0) flush();
+}
+
+// The 4 x 4 posts around a place after post (x, z), which lies in `here`.
+void Layer::copyAround(const Tile& here, std::int64_t x, std::int64_t z, std::array<std::int32_t, 16>& out) const {
+  const std::int64_t inX = x & kInTile, inZ = z & kInTile;
+  const auto copy = [&out](const Tile* tile, std::size_t at, std::size_t from, std::size_t count) {
+    if (tile)
+      std::copy_n(&tile->rise[from], count, &out[at]);
+    else
+      std::fill_n(&out[at], count, 0);
+  };
+  if (inX >= 1 && inX < kTileSide - 2 && inZ >= 1 && inZ < kTileSide - 2) {
+    for (std::int64_t j = 0; j < 4; ++j) std::copy_n(&here.rise[slotOf(inX - 1, inZ - 1 + j)], 4, &out[static_cast<std::size_t>(4 * j)]);
+    return;
+  }
+  // At a border: of up to two columns and two rows of tiles.
+  const auto left = static_cast<std::size_t>(std::min<std::int64_t>(4, kTileSide - ((x - 1) & kInTile)));
+  std::int64_t row = std::int64_t{1} << 62;
+  const Tile *first = nullptr, *second = nullptr;
+  for (std::int64_t j = 0; j < 4; ++j) {
+    const std::int64_t pz = z - 1 + j;
+    if (pz >> kTileBits != row) {
+      row = pz >> kTileBits;
+      const auto of = [&](std::int64_t column) { return column == x >> kTileBits && row == z >> kTileBits ? &here : tile({column, row}); };
+      first = of((x - 1) >> kTileBits);
+      if (left < 4) second = of((x + 2) >> kTileBits);
+    }
+    const auto at = static_cast<std::size_t>(4 * j);
+    copy(first, at, slotOf(x - 1, pz), left);
+    if (left < 4) copy(second, at + left, slotOf(0, pz), 4 - left);
   }
 }
 

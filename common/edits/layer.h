@@ -80,6 +80,7 @@ class Layer {
   class Writer;
   const Cell* cell(CellAddress address) const;
   static const Tile* tileOf(const Cell& cell, TileAddress address);
+  void copyAround(const Tile& here, std::int64_t x, std::int64_t z, std::array<std::int32_t, 16>& out) const;
 
   std::unordered_map<CellAddress, std::shared_ptr<const Cell>, HashOfCell> cells_;
   std::size_t tiles_ = 0, blocks_ = 0;

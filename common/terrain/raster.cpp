@@ -5,6 +5,7 @@
 #include <cstdlib>
 
 #include "common/terrain/embedded.h"
+#include "common/terrain/variants.h"
 
 namespace ridgecast::terrain {
 namespace {
@@ -16,7 +17,6 @@ namespace glsl {
 #include "common/terrain/glsl_as_cpp.h"
 #include "common/terrain/prelude.glsl"
 #include "common/terrain/raster_color.glsl"
-#include "common/terrain/raster_cubic.glsl"
 #pragma GCC diagnostic pop
 }  // namespace glsl
 
@@ -37,10 +37,8 @@ bool tileIsValid(const RasterShape& s, TileAddress tile) {
   return std::abs(tile.i) <= limit && std::abs(tile.j) <= limit;
 }
 
-float cubicHeight(const std::array<std::int32_t, 16>& s, std::int32_t beyondX, std::int32_t beyondZ, std::uint32_t pitch) {
-  const float inverse = inverseOf(pitch);
-  return glsl::rasterCubic({s[0], s[1], s[2], s[3]}, {s[4], s[5], s[6], s[7]}, {s[8], s[9], s[10], s[11]}, {s[12], s[13], s[14], s[15]},
-                           {static_cast<float>(beyondX) * inverse, static_cast<float>(beyondZ) * inverse});
+void cubicHeights(const CubicPlaces& places, int count, std::uint32_t pitch, float* out) {
+  variants().back().cubicHeights(places, count, pitch, out);
 }
 
 Colours rasterColours(const RasterShape& shape) {

@@ -83,8 +83,26 @@ constexpr Between between(lattice::Step v, lattice::Step origin, std::uint32_t p
   return {sample, static_cast<std::int32_t>(from - sample * size)};
 }
 
-// Metres between the 4 x 4 samples around a place, along x first. beyondX and beyondZ: steps after the second row and column.
-float cubicHeight(const std::array<std::int32_t, 16>& samples, std::int32_t beyondX, std::int32_t beyondZ, std::uint32_t pitch);
+// Places between samples, as a structure of arrays.
+struct CubicPlaces {
+  static constexpr std::size_t kMost = 64;
+  alignas(64) std::int32_t samples[16][kMost] = {};                   // 4 x 4 around each place, along x first
+  alignas(64) std::int32_t beyondX[kMost] = {}, beyondZ[kMost] = {};  // steps after the second column and row
+  void set(std::size_t place, const std::array<std::int32_t, 16>& around, std::int32_t x, std::int32_t z) {
+    for (std::size_t i = 0; i < around.size(); ++i) samples[i][place] = around[i];
+    beyondX[place] = x;
+    beyondZ[place] = z;
+  }
+};
+// Metres at the first `count` places.
+void cubicHeights(const CubicPlaces& places, int count, std::uint32_t pitch, float* out);
+inline float cubicHeight(const std::array<std::int32_t, 16>& around, std::int32_t x, std::int32_t z, std::uint32_t pitch) {
+  CubicPlaces places;
+  places.set(0, around, x, z);
+  float out = 0;
+  cubicHeights(places, 1, pitch, &out);
+  return out;
+}
 
 // The height map as a terrain file: its two functions and its constants. Needs what raster.glsl lists.
 std::string rasterSource(const RasterShape& shape);

@@ -9,6 +9,7 @@
 #include <string_view>
 
 #include "common/lattice/lattice.h"
+#include "common/terrain/raster.h"
 #include "common/terrain/terrain.h"
 
 namespace ridgecast::terrain {
@@ -32,6 +33,7 @@ inline constexpr std::size_t kBuiltIns = 3;
 struct Variant {
   std::string_view name;                     // "baseline", "avx2", "avx512"
   std::array<Functions, kBuiltIns> terrain;  // in the order of builtIn()
+  void (*cubicHeights)(const CubicPlaces& places, int count, std::uint32_t pitch, float* out);
 };
 
 inline Colours asColours(ColoursFunction f) {

@@ -59,11 +59,16 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
 
   void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override {
     std::array<std::int32_t, 16> around;
-    for (std::size_t k = 0; k < out.size(); ++k) {
-      const terrain::Between bx = terrain::between(x[k], shape_.originX, shape_.pitch),
-                             bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
-      samples(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
-      out[k] = terrain::cubicHeight(around, bx.steps, bz.steps, shape_.pitch);
+    thread_local terrain::CubicPlaces places;
+    for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMost) {
+      const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMost);
+      for (std::size_t k = 0; k < count; ++k) {
+        const terrain::Between bx = terrain::between(x[begin + k], shape_.originX, shape_.pitch),
+                               bz = terrain::between(z[begin + k], shape_.originZ, shape_.pitch);
+        samples(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
+        places.set(k, around, bx.steps, bz.steps);
+      }
+      terrain::cubicHeights(places, static_cast<int>(count), shape_.pitch, &out[begin]);
     }
   }
 

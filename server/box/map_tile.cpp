@@ -138,12 +138,18 @@ void sampleMap(const terrain::Raster& map, const Frame& frame, Tile& tile) {
   thread_local std::vector<std::int32_t> posts;
   fetch(map, x, z, posts);
   std::array<std::int32_t, 16> around;
+  terrain::CubicPlaces places;
   tile.height.resize(tile.count());
   for (std::size_t j = 0; j < across; ++j)
-    for (std::size_t i = 0; i < across; ++i) {
-      const std::int32_t* const first = &posts[(z.before[j] - 1) * x.posts() + x.before[i] - 1];
-      for (std::size_t row = 0; row < 4; ++row) std::copy_n(first + row * x.posts(), 4, &around[4 * row]);
-      tile.height[j * across + i] = terrain::cubicHeight(around, x.beyond[i], z.beyond[j], shape.pitch);
+    for (std::size_t begin = 0; begin < across; begin += terrain::CubicPlaces::kMost) {
+      const std::size_t count = std::min<std::size_t>(across - begin, terrain::CubicPlaces::kMost);
+      for (std::size_t k = 0; k < count; ++k) {
+        const std::size_t i = begin + k;
+        const std::int32_t* const first = &posts[(z.before[j] - 1) * x.posts() + x.before[i] - 1];
+        for (std::size_t row = 0; row < 4; ++row) std::copy_n(first + row * x.posts(), 4, &around[4 * row]);
+        places.set(k, around, x.beyond[i], z.beyond[j]);
+      }
+      terrain::cubicHeights(places, static_cast<int>(count), shape.pitch, &tile.height[j * across + begin]);
     }
   if (spacing == 1) return;  // every point of the lattice
   tile.slackBits = 0;

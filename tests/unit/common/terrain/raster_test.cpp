@@ -1,5 +1,6 @@
 // Height maps: the surface between samples against one computed another way, tiles on the wire, whatever comes for one.
 #include "common/terrain/raster.h"
+#include "common/terrain/variants.h"
 
 #include <gtest/gtest.h>
 
@@ -35,6 +36,34 @@ TEST(Raster, theSurfaceIsTheCubicThroughItsSamples) {
   }
 }
 
+TEST(Bicubic, EveryVariantReturnsTheSameBitsForAnyNumberOfPlaces) {
+  std::mt19937_64 random(5);
+  for (const int bits : {4, 12, 24})
+    for (const std::uint32_t pitch : {1u, 128u, 7680u}) {
+      CubicPlaces places;
+      for (std::size_t k = 0; k < CubicPlaces::kMost; ++k) {
+        std::array<std::int32_t, 16> s;
+        for (auto& v : s) v = static_cast<std::int32_t>(random() >> (64 - bits)) - (1 << (bits - 1));
+        places.set(k, s, static_cast<std::int32_t>(random() % pitch), static_cast<std::int32_t>(random() % pitch));
+      }
+      std::array<float, CubicPlaces::kMost> expected{};
+      for (std::size_t k = 0; k < expected.size(); ++k) {
+        std::array<std::int32_t, 16> s;
+        for (std::size_t i = 0; i < s.size(); ++i) s[i] = places.samples[i][k];
+        expected[k] = cubicHeight(s, places.beyondX[k], places.beyondZ[k], pitch);
+      }
+      for (const Variant& v : variants())
+        for (int count = 0; count <= static_cast<int>(CubicPlaces::kMost); ++count) {
+          std::array<float, CubicPlaces::kMost> out;
+          out.fill(-7);
+          v.cubicHeights(places, count, pitch, out.data());
+          for (std::size_t k = 0; k < out.size(); ++k)
+            ASSERT_EQ(std::bit_cast<std::uint32_t>(out[k]), std::bit_cast<std::uint32_t>(static_cast<int>(k) < count ? expected[k] : -7.0f))
+                << v.name << " " << k;
+        }
+    }
+}
+
 TEST(Raster, heightsKeepToTheBoundsThatAreTold) {
   std::mt19937 random(2);
   RasterShape shape{.pitch = 256, .width = 4, .height = 4, .lowest = -1000, .highest = 5000};
@@ -63,7 +92,7 @@ TEST(Raster, coordinatesFallBetweenSamplesOnBothSidesOfTheOrigin) {
 std::unique_ptr<Tile> tileOf(const std::function<std::int32_t(int, int)>& height) {
   auto tile = std::make_unique<Tile>();
   for (int z = 0; z < kTileSide; ++z)
-    for (int x = 0; x < kTileSide; ++x) (*tile)[static_cast<std::size_t>(z * kTileSide + x)] = height(x, z);
+    for (int x = 0; x < kTileSide; ++x) (*tile)[static_cast<std::size_t>(z) * kTileSide + static_cast<std::size_t>(x)] = height(x, z);
   return tile;
 }
 
