@@ -8,8 +8,11 @@
 #include <fstream>
 #include <iostream>
 #include <nlohmann/json.hpp>
+#include <ranges>
+#include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/edits/json.h"
@@ -76,15 +79,30 @@ std::string summaryOf(const edits::Operation& operation) {
   return out;
 }
 
+// Edits that do not count: an undo counts unless a later one, that counts, undoes it.
+Outcome<std::set<std::uint64_t>> undoneOf(Log& log) {
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> undos;  // its number, and whose
+  const auto read = forEach(log, [&](const Edit& e) {
+    if (const auto* const undo = std::get_if<edits::Undo>(&e.operation.what)) undos.emplace_back(e.number, undo->edit);
+  });
+  if (!read) return read.error();
+  std::set<std::uint64_t> undone;
+  for (auto [number, edit] : std::views::reverse(undos))
+    if (!undone.contains(number)) undone.insert(edit);
+  return undone;
+}
+
 int list(Log& log) {
+  const auto undone = undoneOf(log);
+  if (!undone) return refuse(1, undone.error().message);
   if (log.compacted() > 0) std::printf("Edits 1 to %llu were compacted.\n", static_cast<unsigned long long>(log.compacted()));
   std::printf("%8s  %-19s  %-16s  %s\n", "number", "time (UTC)", "author", "edit");
-  const auto printed = forEach(log, [](const Edit& e) {
+  const auto printed = forEach(log, [&](const Edit& e) {
     std::string author = e.author;
     std::ranges::replace_if(
         author, [](unsigned char c) { return c < 32 || c == 127; }, '?');
-    std::printf("%8llu  %-19s  %-16s  %s\n", static_cast<unsigned long long>(e.number), timeOf(e.time).c_str(), author.c_str(),
-                summaryOf(e.operation).c_str());
+    std::printf("%8llu  %-19s  %-16s  %s%s\n", static_cast<unsigned long long>(e.number), timeOf(e.time).c_str(), author.c_str(),
+                summaryOf(e.operation).c_str(), undone->contains(e.number) ? " (undone)" : "");
   });
   return printed ? 0 : refuse(1, printed.error().message);
 }

@@ -45,7 +45,7 @@ class Edits : public testing::Test {
 TEST_F(Edits, AreListedExportedAndImportedAgain) {
   const auto list = edits({"list", log});
   EXPECT_EQ(list.code, 0);
-  EXPECT_THAT(list.output, HasSubstr("ann               crater depth 4.0 radius 12.0 x 0.0 z 0.0\n"));
+  EXPECT_THAT(list.output, HasSubstr("ann               crater depth 4.0 radius 12.0 x 0.0 z 0.0 (undone)\n"));
   EXPECT_THAT(list.output, HasSubstr("1970-01-01 00:00:00"));
   const auto lines = edits({"export", log});
   EXPECT_EQ(lines.code, 0);
