@@ -66,9 +66,13 @@ TEST(Edits, WhoMissedManyIsToldFewAreasThatHoldThemAll) {
 
 TEST(Edits, WhatWaitsIsBounded) {
   Rig rig;
-  std::promise<void> go;
+  std::promise<void> go, began;
   const auto blocked = rig.executor.makePool(1);
-  ASSERT_TRUE(blocked->post([wait = go.get_future().share()] { wait.wait(); }));
+  ASSERT_TRUE(blocked->post([&began, wait = go.get_future().share()] {
+    began.set_value();
+    wait.wait();
+  }));
+  began.get_future().wait();  // or edits would go ahead
   std::vector<std::future<Outcome<std::uint64_t>>> waiting;
   for (std::size_t k = 0; k < Edits::kMostWaiting; ++k) waiting.push_back(rig.ask(craterAt(static_cast<double>(k))));
   const auto refused = rig.ask(craterAt(0)).get();  // at once
