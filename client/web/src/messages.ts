@@ -3,7 +3,7 @@
 
 import type { LeafAddress } from './codec/mesh';
 import type { Camera, Loss, Settings } from './stream/stream';
-import type { Pose } from './render/view';
+import type { Pose, Vec3 } from './render/view';
 
 // ---- the page to the engine ----
 
@@ -13,8 +13,33 @@ export type ToEngine =
   | { kind: 'pose'; camera: Camera; number: number } // the page counts them, from 1
   | { kind: 'candidates'; wanted: boolean } // for vertices
   | { kind: 'threshold'; pixels: number }
+  | { kind: 'edit'; id: number; key: string; operation: string } // sent if there is a connection
+  | { kind: 'brush'; brush: Brush }
   | { kind: 'hurry' } // try to connect now
   | { kind: 'stop' };
+
+/** What lies under a brush? */
+export interface Brush {
+  number: number;
+  from: Pose;
+  towards: Vec3; // through the pointer; any length
+  radius: number; // metres
+  line: readonly Place[]; // whose last piece ends at the brush
+}
+
+/** A place on the ground. */
+export interface Place {
+  x: number; // steps
+  z: number;
+  y: number; // metres
+}
+
+/** The ground under a brush, of the mesh that is held; nothing where the ray meets none. */
+export interface Touched {
+  at: Place;
+  outline: Place[]; // a circle
+  line: Place[]; // of the brush's, with places between its own
+}
 
 export interface WorldTold {
   terrain: string;
@@ -23,6 +48,7 @@ export interface WorldTold {
   camera: string; // its number, decimal
   lacks: string; // why the page has no functions of the terrain; empty: it has them
   threshold: number; // granted
+  takesEdits: boolean;
 }
 
 /** Somebody else in the session. */
@@ -56,6 +82,8 @@ export type FromEngine =
   | { kind: 'granted'; threshold: number }
   | { kind: 'notice'; sentence: string } // of the session's clock, to this member
   | { kind: 'members'; members: MemberTold[] } // all the others
+  | { kind: 'edit answer'; id: number; number: number; refusal: string } // number 0: refused
+  | { kind: 'touched'; number: number; touched: Touched | undefined } // the answer to a brush
   | ({ kind: 'lost' } & Loss)
   | { kind: 'figures'; figures: Figures }
   | { kind: 'ground'; metres: number }; // of the mesh below the newest pose

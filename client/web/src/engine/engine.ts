@@ -5,7 +5,8 @@ import type { DracoDecode } from '../codec/leaf';
 import type { Iteration, World } from '../generated/ridgecast/v1/stream_pb';
 import type { Figures, FromEngine, ToEngine } from '../messages';
 import { Replica } from '../replica/replica';
-import { Held, Loss, Settings, Socket, Stream } from '../stream/stream';
+import { touch } from '../scene/touch';
+import { Held, Loss, Settings, Socket, Stream, takesEdits } from '../stream/stream';
 import { MemberList } from './member_list';
 import { PainterPort } from './painter_port';
 import { Poses } from './poses';
@@ -70,6 +71,10 @@ export class Engine {
       case 'threshold':
         this.settings = { ...this.settings, threshold: message.pixels };
         return this.stream?.change(this.settings);
+      case 'edit':
+        return this.stream?.edit(message.id, message.key, message.operation);
+      case 'brush':
+        return this.tell({ kind: 'touched', number: message.brush.number, touched: this.replica && touch(this.replica.scene, message.brush) });
       case 'hurry':
         return this.stream?.hurry();
       case 'stop':
@@ -110,6 +115,7 @@ export class Engine {
         onClock: (clock) => {
           if (clock.notice.length > 0) this.tell({ kind: 'notice', sentence: text(clock.notice) });
         },
+        onEditAnswer: ({ id, number, refusal }) => this.tell({ kind: 'edit answer', id: Number(id), number: Number(number), refusal: text(refusal) }),
         onLost: (loss) => this.lost(loss),
       },
     );
@@ -137,6 +143,7 @@ export class Engine {
         camera: String(world.camera),
         lacks: source ? '' : world.heightMap ? 'This page has no samples of a height map' : 'The server keeps the terrain to itself',
         threshold: world.settings?.threshold ?? 0,
+        takesEdits: takesEdits(world),
       },
     });
     return held;

@@ -2,7 +2,7 @@
 // Comes back by itself after a loss, waiting longer after each failure and by chance.
 
 import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
-import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Clock, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, Settings as WireSettings, SettingsSchema, StepDoneSchema, World } from '../generated/ridgecast/v1/stream_pb';
+import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Clock, EditAnswer, EditSchema, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, Settings as WireSettings, SettingsSchema, StepDoneSchema, World } from '../generated/ridgecast/v1/stream_pb';
 import { LeafAddress, Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
@@ -55,6 +55,8 @@ export interface Listener {
   onGranted?(granted: WireSettings): void;
   /** Follows the session's clock: no step waits for more than the answer to it. */
   onClock?(clock: Clock): void;
+  /** What became of edit(). */
+  onEditAnswer?(answer: EditAnswer): void;
 }
 
 /** Why there is no connection. */
@@ -77,6 +79,8 @@ export interface Options {
 
 const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 const wireAddress = (a: LeafAddress): { level: number; i: bigint; j: bigint } => ({ level: a.level, i: BigInt(a.i), j: BigInt(a.j) });
+
+export const takesEdits = (world: World): boolean => world.revision >= 4;
 
 export class Stream {
   private socket: Socket | undefined;
@@ -138,6 +142,12 @@ export class Stream {
     if (this.world && this.world.revision >= 2) this.send({ case: 'changeSettings', value: create(SettingsSchema, { metric: Metric.PIXELS, ...this.settings }) });
   }
 
+  /** Operation: JSON. Sent once: an edit whose answer does not come is lost with the connection, and may be made all the same. */
+  edit(id: number, key: string, operation: string): void {
+    const bytes = (s: string): Uint8Array => new TextEncoder().encode(s);
+    if (this.world && takesEdits(this.world)) this.send({ case: 'edit', value: create(EditSchema, { id: BigInt(id), key: bytes(key), operation: bytes(operation) }) });
+  }
+
   /** All leaves. */
   resend(): void {
     this.send({ case: 'resendLeaves', value: create(ResendLeavesSchema) });
@@ -195,6 +205,7 @@ export class Stream {
       else if (kind.case === 'members' && this.world) this.listener.onMembers?.(kind.value);
       else if (kind.case === 'granted' && this.world) this.listener.onGranted?.(kind.value);
       else if (kind.case === 'clock' && this.world) this.follow(kind.value);
+      else if (kind.case === 'editAnswer' && this.world) this.listener.onEditAnswer?.(kind.value);
       else if (kind.case === 'error') {
         this.why = text(kind.value.message);
         this.final = kind.value.code === Error_Code.VERSION;

@@ -9,6 +9,8 @@ const LOOK_KEYS = 500; // pixels a second that an arrow key is worth
 export class Hands {
   /** Whether the key did something. */
   onKey: (code: string, repeated: boolean) => boolean = () => false;
+  /** Takes the wheel, and the double click, for something else than flying. */
+  onWheel: ((notches: number) => void) | undefined;
   private readonly held = new Set<string>();
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private turnX = 0;
@@ -23,7 +25,7 @@ export class Hands {
       const target = event.target as HTMLElement;
       const typing = target.closest('input, select, textarea, dialog') && !target.closest('dialog:not([open])'); // a closed one may keep the focus
       if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
-      if (event.code === 'Space' && target.closest('button, a, summary')) return; // it presses that
+      if ((event.code === 'Space' || event.code === 'Enter') && target.closest('button, a, summary')) return; // it presses that
       if (this.onKey(event.code, event.repeat)) event.preventDefault(); // it is not typed into what it opened
       if (event.key in SPEED_KEYS) this.wheel += SPEED_KEYS[event.key]!;
       this.held.add(event.code);
@@ -43,12 +45,14 @@ export class Hands {
         this.pointers.delete(event.pointerId);
         if (this.pointers.size === 0) canvas.classList.remove('held');
       });
-    canvas.addEventListener('dblclick', () => void (canvas.requestPointerLock() as unknown as Promise<void> | undefined)?.catch(() => {}));
+    canvas.addEventListener('dblclick', () => void (this.onWheel ? undefined : (canvas.requestPointerLock() as unknown as Promise<void> | undefined))?.catch(() => {}));
     canvas.addEventListener(
       'wheel',
       (event) => {
         event.preventDefault();
-        this.wheel -= Math.sign(event.deltaY);
+        const notches = -Math.sign(event.deltaY);
+        if (this.onWheel) this.onWheel(notches);
+        else this.wheel += notches;
       },
       { passive: false },
     );

@@ -4,6 +4,7 @@
 import type { FromEngine, FromPainter, Look, Mode, WorldTold } from '../messages';
 import type { Pose } from '../render/view';
 import { Divider } from './divider';
+import { Editor } from './editor';
 import { EngineLink } from './engine_link';
 import { Flying, beside } from './flying';
 import { Hands } from './hands';
@@ -40,6 +41,7 @@ export class Viewer {
   private readonly welcome = new Welcome(this.notices);
   private readonly statistics = new Statistics();
   private readonly members = new Members(element('members'));
+  private readonly editor: Editor;
   private readonly toolbar: Toolbar;
   private readonly worlds: Worlds;
   private readonly people: People;
@@ -65,6 +67,7 @@ export class Viewer {
       (message) => this.hearPainter(message),
       (sentence) => this.fail('No pictures', `${sentence || 'The part of the page that draws could not be loaded.'} Reload it.`),
     );
+    this.editor = new Editor(this.canvas, this.hands, { engine: (message) => this.engine.send(message), say: (sentence) => this.notices.note(sentence, 8000) });
     this.toolbar = new Toolbar({ mode: (mode) => this.setMode(mode), toggle: (name) => this.toggle(name), threshold: (pixelsOfError) => this.setThreshold(pixelsOfError) });
     this.worlds = new Worlds({ goTo: (world) => this.goTo(world), jump: (to) => this.jump(to) });
     this.people = new People({ fly: (to) => (this.flying.pose = beside(this.flying.pose, to)), renamed: () => this.connect() });
@@ -114,16 +117,18 @@ export class Viewer {
       help: () => element<HTMLDialogElement>('help-text').showModal(),
       worlds: () => void this.worlds.show(this.engine.world?.session, this.authorization()),
       people: () => this.people.show(this.flying.pose),
+      edit: () => void this.edit(),
+      undo: () => this.editor.undo(),
     };
     const keys = byCode(actions);
     listKeys(element('help-text').querySelector<HTMLElement>('.keys')!);
-    const repeated: Record<string, () => void> = { Comma: () => this.divider.by(-1), Period: () => this.divider.by(1) };
+    const repeated: Record<string, () => void> = { Comma: () => this.divider.by(-1), Period: () => this.divider.by(1), BracketLeft: () => this.editor.widen(-1), BracketRight: () => this.editor.widen(1), Enter: () => this.editor.endRoad() };
     hands.onKey = (code, again) => {
       const act = repeated[code] ?? (again ? undefined : keys[code]);
       act?.();
       return act !== undefined;
     };
-    for (const [id, action] of Object.entries({ picture: 'picture', gltf: 'gltf', link: 'link', help: 'help', place: 'worlds', people: 'people' })) element(id).addEventListener('click', actions[action]!);
+    for (const [id, action] of Object.entries({ picture: 'picture', gltf: 'gltf', link: 'link', help: 'help', place: 'worlds', people: 'people', editing: 'edit' })) element(id).addEventListener('click', actions[action]!);
     element('again').addEventListener('click', () => this.connect());
     element('token').addEventListener('submit', (event) => {
       event.preventDefault();
@@ -192,12 +197,18 @@ export class Viewer {
         return this.members.set(message.members);
       case 'granted':
         return this.toolbar.showThreshold(message.threshold);
+      case 'edit answer':
+        return this.editor.answered(message.id, message.number, message.refusal);
+      case 'touched':
+        return this.editor.touch(message.touched);
       case 'notice':
         return this.notices.note(message.sentence, 12_000);
     }
   }
 
-  private enter({ terrain, seed, session, lacks, threshold }: WorldTold): void {
+  private enter(world: WorldTold): void {
+    const { terrain, seed, session, lacks, threshold } = world;
+    this.editor.connected(world);
     this.makingSince = 0;
     this.notices.noProblem();
     this.notices.note('', 0);
@@ -206,6 +217,12 @@ export class Viewer {
     if (lacks && this.look.mode !== 'mesh') this.setMode('mesh');
     this.toolbar.allowTerrain(!lacks);
     this.toolbar.showThreshold(threshold);
+  }
+
+  private async edit(): Promise<void> {
+    if (this.editor.on) return this.editor.end();
+    const why = await this.editor.begin(this.engine.lost ? undefined : this.engine.world, this.authorization());
+    if (why) this.notices.note(why, 8000);
   }
 
   private showLost({ sentence, final, wantsToken }: Extract<FromEngine, { kind: 'lost' }>): void {
@@ -397,6 +414,7 @@ export class Viewer {
     this.saveAddress(pose, now);
     this.members.draw({ pose, ...lens }, innerWidth, innerHeight);
     this.people.draw(pose);
+    this.editor.draw({ pose, verticalFov: VERTICAL_FOV, width: innerWidth, height: innerHeight }, this.engine.figures?.changes ?? 0);
   }
 
   private showSpeed(): void {
