@@ -2,7 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <iterator>
 #include <utility>
+
+#include "common/edits/json.h"
+#include "tests/support/random_edits.h"
 
 namespace ridgecast::simulation {
 
@@ -12,10 +16,12 @@ void Liar::leave() {
 
 void Liar::lie() {
   if (line_) {
-    for (std::uint64_t n = random_() % 50 == 0 ? 200 : 1; n > 0; --n) line_->say(message());
+    const std::uint64_t kind = random_() % 100;
+    for (std::uint64_t n = kind < 2 ? 200 : 1; n > 0; --n) line_->say(kind == 0 ? edit() : message());
     return;
   }
-  line_ = Line::open(directory_, timer_, {}, [this](const wire::ServerMessage& heard) {
+  line_ = Line::open(server_, "liar", timer_, {}, [this](const wire::ServerMessage& heard) {
+    if (const auto* answer = std::get_if<wire::EditAnswer>(&heard)) take(*answer);
     const auto* error = std::get_if<wire::ErrorMessage>(&heard);
     if (!error) return;
     EXPECT_FALSE(error->message.empty());
@@ -24,6 +30,9 @@ void Liar::lie() {
   });
   if (!line_) return;
   wire::Hello hello;
+  hello.clientName = "liar";
+  hello.edits = random_() % 2 == 0;
+  hello.editsAfter = random_() % 3 == 0 ? random_() : random_() % 20;
   hello.points = random_() % 2 == 0;
   hello.members = hello.clock = true;
   hello.pacing = random_() % 2 == 0 ? wire::Pacing::kLockstep : wire::Pacing::kFree;
@@ -32,9 +41,60 @@ void Liar::lie() {
   if (random_() % 8 != 0) line_->say(hello);
 }
 
+void Liar::take(const wire::EditAnswer& answer) {
+  EXPECT_NE(answer.number == 0, answer.refusal.empty());
+  if (answer.number != 0) truth_.acknowledged(answer.number, "liar", {});
+}
+
+// The same few ids and keys for whatever it asks.
+wire::Edit Liar::edit() {
+  const std::uint64_t number = random_() % 9;
+  return {number, number % 3 == 0 ? "" : "key " + std::to_string(number), operation()};
+}
+
+std::string Liar::operation() {
+  static constexpr const char* kWrong[] = {
+      "",
+      "null",
+      "[]",
+      R"({"op":"undo"})",
+      R"({"op":"undo","edit":0})",
+      R"({"op":"undo","edit":-1})",
+      R"({"op":"undo","edit":1.5})",
+      R"({"op":"undo","edit":18446744073709551615})",
+      R"({"op":"undo","edit":1e300})",
+      R"({"op":"raise","x":1e18,"z":0,"radius":5,"by":1})",
+      R"({"op":"raise","x":0,"z":0,"radius":-5,"by":1})",
+      R"({"op":"raise","x":0,"z":0,"radius":1e9,"by":1})",
+      R"({"op":"raise","x":0,"z":0,"radius":5,"by":1e9})",
+      R"({"op":"crater","x":"0","z":null,"radius":5,"depth":1})",
+      R"({"op":"level","polygon":[[0,0],[1,1]],"height":0})",
+      R"({"op":"road","line":[[0,0],[0,0]],"width":5})",
+      R"({"op":"road","line":[[0,0,0],[1e7,0,0]],"width":5})",
+      R"({"op":"stamp","x":0,"z":0,"columns":0,"samples":[1,2]})",
+      R"({"op":"smooth","x":0,"z":0,"radius":64,"passes":1000000})",
+      R"({"op":"crater","op":"undo","x":0,"z":0,"radius":5,"depth":1,"edit":1})"};
+  std::string json = edits::toJson(testing_support::randomOperation(random_, near_));
+  switch (random_() % 6) {
+    case 0:
+      return kWrong[random_() % std::size(kWrong)];
+    case 1:
+      return json.substr(0, random_() % json.size());
+    case 2:
+      json[random_() % json.size()] = static_cast<char>(0x20 + random_() % 95);
+      return json;
+    case 3:
+      return std::string(random_() % 5000, '[');
+    case 4:
+      return R"({"op":"undo","edit":)" + std::to_string(random_() % 2 == 0 ? random_() : random_() % 50) + "}";
+    default:
+      return json;
+  }
+}
+
 wire::ClientMessage Liar::message() {
   const std::uint64_t number = random_() % 6, wild = random_();
-  switch (random_() % 14) {
+  switch (random_() % 18) {
     case 0:
       return wire::Acknowledge{number, wild};
     case 1:
@@ -63,6 +123,10 @@ wire::ClientMessage Liar::message() {
     }
     case 11:
       return wire::Hello{};
+    case 12:
+    case 13:
+    case 14:
+      return edit();
     default: {
       camera::Camera camera;
       camera.pose.x = static_cast<lattice::Step>(wild % 3'000'000);

@@ -4,17 +4,19 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 
-#include "server/session/session.h"
 #include "tests/simulation/line.h"
-#include "tests/simulation/member.h"
+#include "tests/simulation/server.h"
+#include "tests/simulation/truth.h"
 
 namespace ridgecast::simulation {
 
 class Liar {
  public:
   // All must outlive it.
-  Liar(session::Directory& directory, SimulatedTimer& timer, Random& random) : directory_(directory), timer_(timer), random_(random) {}
+  Liar(Server& server, Truth& truth, SimulatedTimer& timer, Random& random, lattice::Point near)
+      : server_(server), truth_(truth), timer_(timer), random_(random), near_(near) {}
   ~Liar() { leave(); }
 
   void lie();  // or connects, where it is not
@@ -22,10 +24,15 @@ class Liar {
 
  private:
   wire::ClientMessage message();
+  wire::Edit edit();
+  std::string operation();
+  void take(const wire::EditAnswer& answer);
 
-  session::Directory& directory_;
+  Server& server_;
+  Truth& truth_;
   SimulatedTimer& timer_;
   Random& random_;
+  const lattice::Point near_;
   std::shared_ptr<Line> line_;
 };
 

@@ -12,12 +12,15 @@ std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpre
 
 }  // namespace
 
-std::shared_ptr<Line> Line::open(session::Directory& directory, const SimulatedTimer& timer, Way way, Take take) {
-  const auto session = directory.find(session::kDefaultName);
-  auto place = session->enter();
+std::shared_ptr<Line> Line::open(Server& server, const std::string& client, const SimulatedTimer& timer, Way way, Take take) {
+  if (!server.runs()) return nullptr;
+  const auto session = server.session();
+  auto place = session->enter(client);
   if (!place) return nullptr;
-  auto line = std::make_shared<Line>(timer, way, directory.resources().limits.maxQueuedBytes, std::move(take));
+  session::Directory& directory = server.directory();
+  auto line = std::make_shared<Line>(server, timer, way, directory.resources().limits.maxQueuedBytes, std::move(take));
   line->camera_ = std::make_shared<session::CameraSession>(session, std::move(*place), directory.nextCameraId(), line);
+  server.add(line);
   return line;
 }
 
@@ -28,8 +31,32 @@ void Line::say(const wire::ClientMessage& message) {
     if (self->cut_) return;
     auto heard = wire::decodeClient(bytesOf(bytes));
     ASSERT_TRUE(heard) << heard.error().message;
-    self->camera_->receive(std::move(*heard));
+    self->hear(std::move(*heard));
   });
+}
+
+void Line::hear(wire::ClientMessage message) {
+  const bool isEdit = std::holds_alternative<wire::Edit>(message);
+  openEdits_ += isEdit;
+  server_.openEdits += isEdit;
+  camera_->receive(std::move(message));
+  if (failed_) {
+    server_.openEdits -= isEdit;  // it was refused with its sender, or nobody listens
+    return;
+  }
+  EXPECT_LE(openEdits_, wire::kMaxEdits + 2) << "more edits of one client are open than there may be";
+  EXPECT_LE(server_.openEdits, static_cast<std::int64_t>(session::Edits::kMostWaiting)) << "more edits wait than there may be";
+}
+
+void Line::leaves(const wire::ServerMessage& message) {
+  failed_ = failed_ || std::holds_alternative<wire::ErrorMessage>(message);
+  const auto* answer = std::get_if<wire::EditAnswer>(&message);
+  if (!answer) return;
+  if (answer->refusal.find("edits of this session wait") != std::string::npos) {
+    EXPECT_EQ(server_.openEdits, static_cast<std::int64_t>(session::Edits::kMostWaiting) + 1) << answer->refusal;
+  }
+  --openEdits_;
+  --server_.openEdits;
 }
 
 void Line::cut(Duration unheard) {
@@ -38,14 +65,22 @@ void Line::cut(Duration unheard) {
     cut_ = true;
   }
   timer_.at(timer_.now() + unheard, [self = shared_from_this()] {
-    std::exchange(self->camera_, nullptr)->close();
+    if (const auto camera = std::exchange(self->camera_, nullptr)) camera->close();
     std::vector<std::shared_ptr<const void>> freed;  // destroyed without the lock
     const std::lock_guard lock(self->mutex_);
     freed.swap(self->stuck_);
   });
 }
 
+void Line::fall() {
+  camera_.reset();
+  const std::lock_guard lock(mutex_);
+  cut_ = true;
+}
+
 void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket) {
+  if (server_.lostPower()) return;
+  leaves(message);
   const std::lock_guard lock(mutex_);
   if (std::holds_alternative<wire::Iteration>(message)) {
     EXPECT_LE(queued_, maxQueuedBytes_) << "an iteration was made for a client that takes none";

@@ -3,6 +3,7 @@
 // the client no faster than its bandwidth, the rest being queued on the server. It may be cut: what is under way is lost, and the server
 // hears of it later.
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -13,13 +14,12 @@
 
 #include "common/wire/wire.h"
 #include "server/session/camera_session.h"
+#include "tests/simulation/server.h"
 #include "tests/support/simulated_timer.h"
 
 namespace ridgecast::simulation {
 
 using testing_support::SimulatedTimer;
-using Time = session::Timer::Time;
-using Duration = Time::duration;
 
 class Line final : public session::Sender, public std::enable_shared_from_this<Line> {
  public:
@@ -30,10 +30,10 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   // Called on the simulation's thread.
   using Take = std::function<void(wire::ServerMessage)>;
 
-  // To a camera of its own in the default session. Null: there is no place.
-  static std::shared_ptr<Line> open(session::Directory& directory, const SimulatedTimer& timer, Way way, Take take);
-  Line(const SimulatedTimer& timer, Way way, std::size_t maxQueuedBytes, Take take)  // for open()
-      : timer_(timer), way_(way), maxQueuedBytes_(maxQueuedBytes), take_(std::move(take)) {}
+  // To a camera of its own in the default session, of this client. Null: there is no place, or the server does not run.
+  static std::shared_ptr<Line> open(Server& server, const std::string& client, const SimulatedTimer& timer, Way way, Take take);
+  Line(Server& server, const SimulatedTimer& timer, Way way, std::size_t maxQueuedBytes, Take take)  // for open()
+      : server_(server), timer_(timer), way_(way), maxQueuedBytes_(maxQueuedBytes), take_(std::move(take)) {}
 
   // The member's end.
   void say(const wire::ClientMessage& message);
@@ -41,11 +41,16 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   void cut(Duration unheard);
 
   // The server's end; any thread.
+  void fall();  // the server is gone, and this with it
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
   std::size_t queuedBytes() const override;
   void fail(wire::ErrorMessage message) override { send(std::move(message), {}); }
 
  private:
+  void hear(wire::ClientMessage message);
+  void leaves(const wire::ServerMessage& message);
+
+  Server& server_;
   const SimulatedTimer& timer_;
   const Way way_;
   const std::size_t maxQueuedBytes_;
@@ -57,6 +62,8 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   std::size_t queued_ = 0;
   std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave
   bool cut_ = false;
+  std::atomic<std::size_t> openEdits_{0};  // that have arrived and have no answer
+  std::atomic<bool> failed_{false};
 };
 
 }  // namespace ridgecast::simulation

@@ -2,18 +2,21 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <utility>
 
 namespace ridgecast::simulation {
 
 using namespace std::chrono_literals;
 
-Member::Member(std::string name, session::Directory& directory, SimulatedTimer& timer, Random& random, const Nature& nature)
-    : name_(std::move(name)), directory_(directory), timer_(timer), random_(random), nature_(nature) {
-  camera_.pose.x = static_cast<lattice::Step>(random_() % 2'000'000);
-  camera_.pose.z = static_cast<lattice::Step>(random_() % 2'000'000);
-  camera_.pose.y = 2500;
+Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature,
+               lattice::Point near)
+    : name_(std::move(name)), server_(server), truth_(truth), timer_(timer), random_(random), nature_(nature), editor_(name_, truth, random) {
+  camera_.pose.x = near.x + static_cast<lattice::Step>(random_() % 60'000);
+  camera_.pose.z = near.z + static_cast<lattice::Step>(random_() % 60'000);
+  camera_.pose.y = server_.terrain()->height({camera_.pose.x, camera_.pose.z}) + 20 + static_cast<double>(random_() % 200);
   camera_.pose.pitch = -0.4;
   camera_.projection = {.verticalFov = 1.0, .width = 160, .height = 90};
   heading_ = static_cast<double>(random_() % 628) / 100;
@@ -22,10 +25,13 @@ Member::Member(std::string name, session::Directory& directory, SimulatedTimer& 
 // ---- the line ----
 
 void Member::connect() {
-  line_ = Line::open(directory_, timer_, nature_.way, [this, number = ++connections_](wire::ServerMessage message) {
+  line_ = Line::open(server_, name_, timer_, nature_.way, [this, number = ++connections_](wire::ServerMessage message) {
     if (line_ && number == connections_) std::visit([this](auto& m) { take(m); }, message);
   });
-  if (line_) line_->say(nature_.hello);  // else the server has not yet noticed which lines are lost
+  if (!line_) return;  // the server does not run, or has not yet noticed which lines are lost
+  wire::Hello hello = nature_.hello;
+  hello.editsAfter = editor_.followed();
+  line_->say(hello);
 }
 
 void Member::lose(Duration unheard) {
@@ -35,16 +41,18 @@ void Member::lose(Duration unheard) {
   world_.reset();
   roster_ = {};
   clock_ = {};
-  lastNumber_ = undigested_ = lastStepDone_ = stepAsked_ = 0;
+  lastNumber_ = undigested_ = lastStepDone_ = stepAsked_ = edit_ = 0;
   lastPose_ = sequence_;
   settled_ = false;
   asked_.clear();
+  editor_.lost();
 }
 
 void Member::leave(Duration unheard) {
   lose(unheard);
   follower_ = {};
   followed_ = false;
+  editor_.forget();
 }
 
 // ---- what it does ----
@@ -102,6 +110,16 @@ void Member::setThreshold(double pixels) {
   line_->say(wire::ChangeSettings{settings});
 }
 
+void Member::edit() {
+  if (!connected()) return;
+  const double ahead = 30 + static_cast<double>(random_() % 120);
+  editor_.edit({camera_.pose.x - static_cast<lattice::Step>(ahead * std::sin(heading_) * lattice::kStepsPerMetre),
+                camera_.pose.z - static_cast<lattice::Step>(ahead * std::cos(heading_) * lattice::kStepsPerMetre)},
+               say_);
+}
+
+void Member::undo(std::uint64_t edit) { editor_.ask({edits::Undo{edit}, 0}, say_); }
+
 // ---- what it sees ----
 
 void Member::take(wire::World& world) {
@@ -109,7 +127,9 @@ void Member::take(wire::World& world) {
   if (!std::exchange(followed_, true)) follower_.follow({nature_.hello.points, world.shadedVertices, world.settings.triangleBudget});
   world_ = world;
   threshold_ = world.settings.threshold;
+  edit_ = world.edit;
   for (const wire::Resume& held : follower_.resume()) line_->say(held);
+  editor_.connected(world, say_);
   pose();
 }
 
@@ -123,6 +143,9 @@ void Member::take(wire::Iteration& iteration) {
   else
     EXPECT_GE(iteration.poseSequence, lastPose_) << name_;
   lastPose_ = iteration.poseSequence;
+  EXPECT_GE(iteration.edit, edit_) << name_ << "'s ground goes back";
+  edit_ = iteration.edit;
+  truth_.knows(edit_);
   timer_.at(timer_.now() + nature_.think, [this, iteration, number = connections_] {
     if (line_ && number == connections_) digest(iteration);
   });
@@ -163,16 +186,43 @@ void Member::take(const wire::Answer& answer) {
   const auto question = asked_.extract(answer.id);
   ASSERT_TRUE(question) << name_ << ": an answer to no question";
   ASSERT_EQ(answer.refusal, "") << name_;
-  const wire::Query& query = question.mapped();
-  std::vector<float> truth(query.x.size());
-  directory_.find(session::kDefaultName)->terrain()->heights(query.x, query.z, truth);
-  EXPECT_EQ(answer.heights, truth) << name_;
+  truth_.answered(question.mapped(), answer);
   saw(answer.id);
+}
+
+void Member::take(const wire::EditAnswer& answer) {
+  editor_.take(answer);
+  saw(answer.number);
+}
+
+void Member::take(const wire::Edited& edited) {
+  EXPECT_TRUE(nature_.hello.edits) << name_;
+  editor_.take(edited);
+  saw(editor_.followed());
 }
 
 void Member::take(const wire::ErrorMessage& error) { ADD_FAILURE() << name_ << " is refused: " << error.message; }
 
-bool Member::rests() const { return connected() && asked_.empty() && undigested_ == 0 && settled_ && threshold_ != 0; }
+bool Member::rests(std::uint64_t edit) const {
+  return connected() && asked_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 && edit_ == edit && !editor_.waits() &&
+         (!nature_.hello.edits || editor_.followed() == edit);
+}
+
+void Member::judge(const terrain::Terrain& ground) const {
+  constexpr std::int32_t kCoarsest = std::int32_t{1} << lattice::verticalBits(lattice::kMaxLevel);
+  std::size_t vertices = 0;
+  for (const auto& [address, leaf] : follower_.scene().leaves())
+    for (const mesh::LocalVertex& v : leaf.mesh->vertices) {
+      // Heights are snapped to the spacing of some level, of which this one is a multiple.
+      const std::int32_t spacing = std::min(v.y == 0 ? kCoarsest : v.y & -v.y, kCoarsest);
+      const lattice::Point p{address.x() + v.x, address.z() + v.z};
+      const std::int32_t truth = ground.heightStep(p);
+      ASSERT_LE(std::abs(v.y - truth), spacing / 2)
+          << name_ << " sees another ground than the log's at " << p.x << ", " << p.z << ": " << v.y << " instead of " << truth;
+      ++vertices;
+    }
+  EXPECT_GT(vertices, 0u) << name_;
+}
 
 std::string Member::state() const {
   if (!connected()) return name_ + " is not connected";

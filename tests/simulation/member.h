@@ -14,12 +14,12 @@
 #include "client/connection/roster.h"
 #include "client/connection/session_clock.h"
 #include "client/replica/follower.h"
-#include "server/session/session.h"
+#include "tests/simulation/editor.h"
 #include "tests/simulation/line.h"
+#include "tests/simulation/server.h"
+#include "tests/simulation/truth.h"
 
 namespace ridgecast::simulation {
-
-using Random = std::mt19937_64;
 
 class Member {
  public:
@@ -29,8 +29,8 @@ class Member {
     Duration think{};  // between an iteration's arrival and its acknowledgement
   };
 
-  // `camera` numbers the server's cameras. All must outlive it.
-  Member(std::string name, session::Directory& directory, SimulatedTimer& timer, Random& random, const Nature& nature);
+  // Begins around a place. All must outlive it.
+  Member(std::string name, Server& server, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature, lattice::Point near);
   ~Member() { leave({}); }
 
   // What it may do; nothing while it is not connected.
@@ -43,12 +43,17 @@ class Member {
   void takeClock();
   void step();
   void setThreshold(double pixels);
+  void edit();                   // the ground before it
+  void undo(std::uint64_t edit);  // until its answer has come
 
   bool connected() const { return line_ && world_.has_value(); }
   bool wantsToConnect() const { return !line_; }
   bool isLockstep() const { return nature_.hello.pacing == wire::Pacing::kLockstep; }
-  // Everything it has been told is taken, every question answered, and the mesh is at rest at its last pose.
-  bool rests() const;
+  bool mayAsk() const { return connected() && !editor_.waits(); }
+  bool wasRefused() const { return editor_.wasRefused(); }
+  // Everything it has been told is taken, every question answered, and the mesh is at rest at its last pose on the ground of this edit.
+  bool rests(std::uint64_t edit) const;
+  void judge(const terrain::Terrain& ground) const;  // its mesh: every vertex lies on this
   std::string state() const;                          // for a person
   std::uint64_t history() const { return history_; }  // a hash of what it has seen
 
@@ -61,6 +66,8 @@ class Member {
   void take(const wire::Answer& answer);
   void take(const wire::Granted& granted) { threshold_ = granted.settings.threshold; }
   void take(const wire::ErrorMessage& error);
+  void take(const wire::EditAnswer& answer);
+  void take(const wire::Edited& edited);
   template <class Other>
   void take(const Other&) {
     ADD_FAILURE() << name_ << " was sent what it did not ask for";
@@ -70,11 +77,14 @@ class Member {
   void saw(std::uint64_t what) { history_ = lattice::mix(history_ + what); }
 
   const std::string name_;
-  session::Directory& directory_;
+  Server& server_;
+  Truth& truth_;
   SimulatedTimer& timer_;
   Random& random_;
   const Nature nature_;
+  const Editor::Say say_ = [this](const wire::ClientMessage& message) { line_->say(message); };
 
+  Editor editor_;
   replica::Follower follower_;
   camera::Camera camera_;
   double heading_ = 0, threshold_ = 0;
@@ -86,7 +96,7 @@ class Member {
   std::optional<wire::World> world_;
   connection::Roster roster_;
   connection::SessionClock clock_;
-  std::uint64_t lastNumber_ = 0, lastPose_ = 0, undigested_ = 0, lastStepDone_ = 0, stepAsked_ = 0;
+  std::uint64_t lastNumber_ = 0, lastPose_ = 0, undigested_ = 0, lastStepDone_ = 0, stepAsked_ = 0, edit_ = 0;
   bool settled_ = false;
   std::map<std::uint64_t, wire::Query> asked_;
 };

@@ -11,13 +11,14 @@
 #include <thread>
 
 #include "common/edits/json.h"
+#include "tests/support/forgetful_disk.h"
 #include "tests/support/process.h"
-#include "tests/unit/server/edit_log/power_cut.h"
 #include "tests/unit/server/edit_log/session.h"
 
 namespace ridgecast::edit_log {
 namespace {
 
+using testing_support::ForgetfulDisk;
 using testing_support::ScratchFolder;
 
 int rounds() {

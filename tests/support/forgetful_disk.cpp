@@ -1,4 +1,4 @@
-#include "tests/unit/server/edit_log/power_cut.h"
+#include "tests/support/forgetful_disk.h"
 
 #include <sqlite3.h>
 
@@ -13,7 +13,7 @@
 
 #include "tests/support/process.h"
 
-namespace ridgecast::edit_log {
+namespace ridgecast::testing_support {
 namespace {
 
 struct Write {
@@ -53,10 +53,10 @@ sqlite3_vfs forgetful;
 
 void writeTo(const std::string& path, const std::string& bytes) { std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes; }
 
-void cutPower() {
+void cutPowerNow() {
   state->isOff = true;
   for (auto& [path, content] : state->open) {
-    std::string durable = testing_support::readText(path);
+    std::string durable = readText(path);
     const std::uint64_t share = state->random() % 5;  // of 4 writes are kept
     std::size_t torn = content->unsynced.empty() ? 0 : state->random() % content->unsynced.size();
     for (std::size_t k = 0; k < content->unsynced.size(); ++k) {
@@ -84,7 +84,7 @@ void cutPower() {
 // Whether the power is on, after one more operation.
 bool isOn() {
   if (state->isOff) return false;
-  if (state->untilCut != kNever && --state->untilCut == 0) cutPower();
+  if (state->untilCut != kNever && --state->untilCut == 0) cutPowerNow();
   return !state->isOff;
 }
 
@@ -99,7 +99,15 @@ Content* contentOf(sqlite3_file* file) { return state->isOff ? nullptr : of(file
 void sync(Content& content) {
   if (content.isNewJournal) state->removed.clear();
   content.isNewJournal = false;
-  if (!content.unsynced.empty()) writeTo(content.path, content.now);
+  std::fstream file(content.path, std::ios::binary | std::ios::in | std::ios::out);
+  for (const Write& write : content.unsynced) {
+    if (write.truncates) {
+      file.flush();
+      std::filesystem::resize_file(content.path, std::min(std::filesystem::file_size(content.path), static_cast<std::uintmax_t>(write.at)));
+    } else {
+      file.seekp(write.at).write(write.bytes.data(), static_cast<std::streamsize>(write.bytes.size()));
+    }
+  }
   content.unsynced.clear();
 }
 
@@ -170,7 +178,7 @@ int openFile(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int*
     return code;
   }
   auto& content = state->open[name];
-  if (!content) content = std::make_shared<Content>(Content{name, testing_support::readText(name), {}, isNewJournal});
+  if (!content) content = std::make_shared<Content>(Content{name, readText(name), {}, isNewJournal});
   state->removed.erase(name);
   of(file) = {{&kMethods}, content.get(), inner};
   return SQLITE_OK;
@@ -178,7 +186,7 @@ int openFile(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int*
 
 int removeFile(sqlite3_vfs*, const char* name, int syncsFolder) {
   if (!isOn()) return SQLITE_IOERR_DELETE;
-  if (!syncsFolder) state->removed[name] = testing_support::readText(name);
+  if (!syncsFolder) state->removed[name] = readText(name);
   return real->xDelete(real, name, syncsFolder);
 }
 
@@ -202,6 +210,9 @@ ForgetfulDisk::~ForgetfulDisk() {
 }
 
 void ForgetfulDisk::cutPowerAfter(std::uint64_t operations) { state->untilCut = operations; }
+void ForgetfulDisk::cutPower() {
+  if (!state->isOff) cutPowerNow();
+}
 void ForgetfulDisk::fillAfter(std::uint64_t operations) { state->untilFull = operations; }
 void ForgetfulDisk::restorePower() {
   state->isOff = false;
@@ -210,4 +221,4 @@ void ForgetfulDisk::restorePower() {
 bool ForgetfulDisk::isOff() const { return state->isOff; }
 std::uint64_t ForgetfulDisk::lost() const { return state->lost; }
 
-}  // namespace ridgecast::edit_log
+}  // namespace ridgecast::testing_support

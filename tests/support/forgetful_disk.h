@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <random>
 
-namespace ridgecast::edit_log {
+namespace ridgecast::testing_support {
 
 class ForgetfulDisk {
  public:
@@ -17,6 +17,7 @@ class ForgetfulDisk {
 
   // At the n-th write, sync or removal from now on, 1 or more.
   void cutPowerAfter(std::uint64_t operations);
+  void cutPower();
   // From the n-th write on the disk is full, for good or until the power returns.
   void fillAfter(std::uint64_t operations);
   void restorePower();
@@ -24,4 +25,4 @@ class ForgetfulDisk {
   std::uint64_t lost() const;  // writes that power cuts have undone or torn
 };
 
-}  // namespace ridgecast::edit_log
+}  // namespace ridgecast::testing_support

@@ -1,0 +1,74 @@
+#include "tests/simulation/editor.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "common/edits/json.h"
+#include "common/wire/wire.h"
+#include "tests/support/random_edits.h"
+
+namespace ridgecast::simulation {
+
+bool Editor::hasRoom() const { return open_.size() < wire::kMaxEdits; }
+
+void Editor::edit(lattice::Point near, const Say& say) {
+  if (!hasRoom()) return;
+  edits::Operation operation = testing_support::randomOperation(random_, near);
+  if (known_ > 0 && random_() % 4 == 0) operation = {edits::Undo{1 + random_() % (known_ + 2)}, 0};
+  const bool hasKey = random_() % 4 != 0;
+  Request request{{hasKey ? "key " + std::to_string(++keys_) : "", std::move(operation)}};
+  if (hasKey && random_() % 8 == 0 && open_.size() + 1 < wire::kMaxEdits) {  // twice, to be sure
+    request.sent = 1;
+    send(request, say);
+  }
+  send(std::move(request), say);
+}
+
+void Editor::ask(edits::Operation operation, const Say& say) {
+  send({{"key " + std::to_string(++keys_), std::move(operation)}}, say);
+}
+
+void Editor::send(Request request, const Say& say) {
+  ++request.sent;
+  say(wire::Edit{++ids_, request.asked.key, edits::toJson(request.asked.operation)});
+  open_[ids_] = std::move(request);
+}
+
+void Editor::connected(const wire::World& world, const Say& say) {
+  EXPECT_GE(world.edit, known_) << author_ << " is sent ground older than what it knows";
+  truth_.knows(world.edit);
+  known_ = std::max(known_, world.edit);
+  for (Request& request : std::exchange(lost_, {}))
+    if (hasRoom()) send(std::move(request), say);
+}
+
+void Editor::lost() {
+  for (auto& [id, request] : std::exchange(open_, {}))
+    if (!request.asked.key.empty() && random_() % 8 != 0) lost_.push_back(std::move(request));
+}
+
+void Editor::take(const wire::EditAnswer& answer) {
+  const auto request = open_.extract(answer.id);
+  ASSERT_TRUE(request) << author_ << ": an answer to no edit";
+  const auto& [asked, sent] = request.mapped();
+  wasRefused_ = answer.number == 0;
+  EXPECT_NE(wasRefused_, answer.refusal.empty()) << author_;
+  if (wasRefused_) {
+    if (sent == 1) truth_.refused(author_, asked.key);
+    return;
+  }
+  known_ = std::max(known_, answer.number);
+  truth_.acknowledged(answer.number, author_, asked);
+}
+
+void Editor::take(const wire::Edited& edited) {
+  for (const wire::MadeEdit& made : edited.edits) {
+    EXPECT_EQ(made.number, ++followed_) << author_ << " is not told of each edit once and in order";
+    truth_.told(made);
+  }
+  known_ = std::max(known_, followed_);
+}
+
+}  // namespace ridgecast::simulation

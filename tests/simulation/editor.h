@@ -1,0 +1,52 @@
+#pragma once
+// What a member does to the ground, over all its connections: it asks for edits, repeats those with a key whose answer was lost, undoes, and
+// follows everybody's.
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "common/edits/operation.h"
+#include "common/wire/messages.h"
+#include "tests/simulation/server.h"
+#include "tests/simulation/truth.h"
+
+namespace ridgecast::simulation {
+
+class Editor {
+ public:
+  using Say = std::function<void(const wire::ClientMessage&)>;
+  Editor(std::string author, Truth& truth, Random& random) : author_(std::move(author)), truth_(truth), random_(random) {}
+
+  void edit(lattice::Point near, const Say& say);
+  void ask(edits::Operation operation, const Say& say);  // with a key
+  void connected(const wire::World& world, const Say& say);
+  void lost();  // the connection
+  void take(const wire::EditAnswer& answer);
+  void take(const wire::Edited& edited);
+  void forget() { followed_ = 0; }  // what it followed
+
+  bool hasRoom() const;
+  bool waits() const { return !open_.empty(); }
+  bool wasRefused() const { return wasRefused_; }  // the last one
+  std::uint64_t followed() const { return followed_; }
+
+ private:
+  struct Request {
+    Truth::Asked asked;
+    std::uint64_t sent = 0;
+  };
+  void send(Request request, const Say& say);
+
+  const std::string author_;
+  Truth& truth_;
+  Random& random_;
+  std::map<std::uint64_t, Request> open_;  // by id
+  std::vector<Request> lost_;              // with their connection, before their answers came
+  std::uint64_t ids_ = 0, keys_ = 0, followed_ = 0, known_ = 0;
+  bool wasRefused_ = false;
+};
+
+}  // namespace ridgecast::simulation

@@ -1,0 +1,102 @@
+#include "tests/simulation/server.h"
+
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+#include <utility>
+
+#include "tests/simulation/line.h"
+
+namespace ridgecast::simulation {
+
+// The simulation's, for as long as the server lives.
+class Server::Clock final : public session::Timer {
+ public:
+  Clock(const testing_support::SimulatedTimer& timer, std::shared_ptr<std::atomic<bool>> alive) : timer_(timer), alive_(std::move(alive)) {}
+  Time now() const override { return timer_.now(); }
+  void at(Time when, std::function<void()> call) const override {
+    if (!*alive_) return;
+    timer_.at(when, [alive = alive_, call = std::move(call)] {
+      if (*alive) call();
+    });
+  }
+
+ private:
+  const testing_support::SimulatedTimer& timer_;
+  const std::shared_ptr<std::atomic<bool>> alive_;
+};
+
+Server::Server(std::shared_ptr<const terrain::Terrain> terrain, const session::Limits& limits, testing_support::SimulatedTimer& timer,
+               std::uint64_t seed)
+    : terrain_(std::move(terrain)), limits_(limits), timer_(timer), random_(seed) {
+  std::filesystem::create_directory(folder());
+}
+
+Server::~Server() {
+  if (executor_) fall(false);
+}
+
+bool Server::start() {
+  executor_ = std::make_unique<scheduling::Executor>(1);
+  marker_ = executor_->makePool();
+  alive_ = std::make_shared<std::atomic<bool>>(true);
+  openEdits = 0;
+  auto resources = std::make_shared<session::Resources>();
+  resources->executor = executor_.get();
+  resources->makeMesh = session::pipelineMeshes();
+  resources->serverName = "simulated";
+  resources->limits = limits_;
+  resources->state = folder();
+  resources->timer = std::make_unique<Clock>(timer_, alive_);
+  try {
+    directory_ = std::make_shared<session::Directory>(resources, terrain_);
+  } catch (const std::runtime_error& e) {
+    EXPECT_TRUE(disk_.isOff()) << e.what();
+    fall(false);
+  }
+  return runs();
+}
+
+void Server::fall(bool withPower) {
+  if (withPower) {
+    release();
+    settle();
+  } else {
+    disk_.cutPower();
+  }
+  *alive_ = false;
+  for (const auto& line : std::exchange(lines_, {}))
+    if (const auto open = line.lock()) open->fall();
+  release();
+  const std::weak_ptr<session::Session> session = directory_ ? this->session() : nullptr;
+  directory_.reset();
+  marker_.reset();
+  executor_.reset();
+  disk_.restorePower();
+  EXPECT_TRUE(session.expired()) << "something holds the session of a server that is gone";
+}
+
+void Server::settle() {
+  for (bool idle = isHeld() || !executor_; !idle;) {
+    std::promise<bool> looked;
+    ASSERT_TRUE(marker_->post([&] { looked.set_value(executor_->queued() == 0); }));
+    idle = looked.get_future().get();
+  }
+}
+
+void Server::hold() {
+  settle();
+  std::promise<void> began;
+  held_.emplace();
+  ASSERT_TRUE(marker_->post([&began, go = held_->get_future().share()] {
+    began.set_value();
+    go.wait();
+  }));
+  began.get_future().wait();  // or edits would go ahead
+}
+
+void Server::release() {
+  if (held_) std::exchange(held_, std::nullopt)->set_value();
+}
+
+}  // namespace ridgecast::simulation

@@ -1,0 +1,75 @@
+#pragma once
+// The server of a simulation: it keeps its edits on a disk that forgets, falls at any instant, and starts again from what is there. Its
+// one thread works only while the simulation waits, so that what happens depends on the seed alone.
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <future>
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "common/terrain/terrain.h"
+#include "server/scheduling/pool.h"
+#include "server/session/session.h"
+#include "tests/support/forgetful_disk.h"
+#include "tests/support/process.h"
+#include "tests/support/simulated_timer.h"
+
+namespace ridgecast::simulation {
+
+using Random = std::mt19937_64;
+using Time = session::Timer::Time;
+using Duration = Time::duration;
+
+class Line;
+
+class Server {
+ public:
+  // The timer goes on while the server does not, and outlives it.
+  Server(std::shared_ptr<const terrain::Terrain> terrain, const session::Limits& limits, testing_support::SimulatedTimer& timer,
+         std::uint64_t seed);
+  ~Server();
+
+  // False: the power went while it started.
+  bool start();
+  // Everybody's line is lost. `withPower`: it was stopped, and has written what it had; otherwise what was not synced may be lost.
+  void fall(bool withPower);
+  bool runs() const { return directory_ != nullptr; }
+  bool lostPower() const { return disk_.isOff(); }
+  testing_support::ForgetfulDisk& disk() { return disk_; }
+  std::filesystem::path folder() const { return folder_ / "state"; }
+
+  const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
+  // While it runs.
+  session::Directory& directory() const { return *directory_; }
+  std::shared_ptr<session::Session> session() const { return directory_->find(session::kDefaultName); }
+
+  // Until its thread has nothing to do, unless it is held.
+  void settle();
+  // Its thread does nothing until then.
+  void hold();
+  void release();
+  bool isHeld() const { return held_.has_value(); }
+
+  void add(const std::shared_ptr<Line>& line) { lines_.push_back(line); }
+  std::atomic<std::int64_t> openEdits{0};  // that have arrived and have no answer
+
+ private:
+  class Clock;
+  const std::shared_ptr<const terrain::Terrain> terrain_;
+  const session::Limits limits_;
+  testing_support::SimulatedTimer& timer_;
+  Random random_;  // the disk's own, for the server's thread
+  testing_support::ScratchFolder folder_;
+  testing_support::ForgetfulDisk disk_{random_};
+  std::unique_ptr<scheduling::Executor> executor_;
+  std::shared_ptr<scheduling::Pool> marker_;
+  std::shared_ptr<std::atomic<bool>> alive_;
+  std::shared_ptr<session::Directory> directory_;
+  std::optional<std::promise<void>> held_;
+  std::vector<std::weak_ptr<Line>> lines_;
+};
+
+}  // namespace ridgecast::simulation

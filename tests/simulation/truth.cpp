@@ -1,0 +1,174 @@
+#include "tests/simulation/truth.h"
+
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+
+#include <utility>
+
+#include "common/edits/edited_terrain.h"
+#include "common/edits/json.h"
+#include "tests/support/process.h"
+
+namespace ridgecast::simulation {
+namespace {
+
+std::string nameOf(const std::string& author, const std::string& key) { return key.empty() ? key : author + '\n' + key; }
+
+// Roads get stations and heights when they are made.
+bool isMadeOf(const edits::Operation& asked, const edits::Operation& made) {
+  const auto* road = std::get_if<edits::Road>(&asked.what);
+  if (!road || road->surveyed) return asked == made;
+  const auto* surveyed = std::get_if<edits::Road>(&made.what);
+  const auto sameEnd = [](const lattice::Vertex& a, const lattice::Vertex& b) { return a.x == b.x && a.z == b.z; };
+  return surveyed && asked.material == made.material && surveyed->width == road->width && surveyed->surveyed &&
+         sameEnd(surveyed->line.front(), road->line.front()) && sameEnd(surveyed->line.back(), road->line.back());
+}
+
+edits::Posts changedPosts(const edits::Layer& a, const edits::Layer& b) {
+  edits::Posts out;
+  static const edits::Tile kNone;
+  for (const edits::Layer* layer : {&a, &b})
+    for (const edits::TileAddress at : layer->addresses()) {
+      const edits::Tile *const before = a.tile(at), *const after = b.tile(at);
+      if (before == after) continue;
+      const edits::Tile &was = before ? *before : kNone, &is = after ? *after : kNone;
+      for (std::int64_t k = 0; k < edits::kTileSide * edits::kTileSide; ++k) {
+        const auto n = static_cast<std::size_t>(k);
+        if (was.rise[n] == is.rise[n] && was.material[n] == is.material[n]) continue;
+        const std::int64_t x = at.posts().x0 + k % edits::kTileSide, z = at.posts().z0 + k / edits::kTileSide;
+        out.add({x, z, x + 1, z + 1});
+      }
+    }
+  return out;
+}
+
+}  // namespace
+
+Truth::Truth(std::shared_ptr<const terrain::Terrain> terrain)
+    : terrain_(std::move(terrain)), history_(terrain_), layers_{history_.layer()} {}
+
+void Truth::acknowledged(std::uint64_t number, const std::string& author, const std::optional<Asked>& asked) {
+  knows(number);
+  const auto [known, isNew] = acked_.emplace(number, std::pair(author, asked));
+  const std::string name = asked ? nameOf(author, asked->key) : "";
+  if (!isNew && asked) {
+    EXPECT_EQ(nameOf(known->second.first, known->second.second ? known->second.second->key : ""), name) << "edit " << number << " is two";
+    EXPECT_FALSE(name.empty()) << "edit " << number << " is two";
+  }
+  if (!name.empty()) {
+    EXPECT_EQ(numbers_.emplace(name, number).first->second, number) << name << " was made twice";
+  }
+}
+
+void Truth::refused(const std::string& author, const std::string& key) {
+  if (!key.empty()) refused_.insert(nameOf(author, key));
+}
+
+void Truth::told(const wire::MadeEdit& made) {
+  knows(made.number);
+  const auto [known, isNew] = told_.emplace(made.number, made);
+  if (isNew) return;
+  EXPECT_EQ(known->second.author, made.author) << "edit " << made.number << " is not everybody's";
+  EXPECT_EQ(known->second.operation, made.operation) << "edit " << made.number << " is not everybody's";
+}
+
+void Truth::answered(const wire::Query& query, const wire::Answer& answer) {
+  knows(answer.edit);
+  answers_.push_back({query, answer.heights, answer.edit});
+}
+
+void Truth::knows(std::uint64_t edit) { known_ = std::max(known_, edit); }
+
+std::vector<Truth::Entry> Truth::read(const std::filesystem::path& folder) const {
+  // A copy, which SQLite may repair; the server shall find what the fall has left.
+  const testing_support::ScratchFolder copy;
+  std::filesystem::copy(folder, copy / "state");
+  const std::string file = copy / "state" / "default.edits";
+  std::vector<Entry> out;
+  sqlite3* database = nullptr;
+  sqlite3_stmt* rows = nullptr;
+  if (std::filesystem::exists(file)) {
+    EXPECT_EQ(sqlite3_open_v2(file.c_str(), &database, SQLITE_OPEN_READWRITE, "unix"), SQLITE_OK);
+    EXPECT_EQ(sqlite3_exec(database, "CREATE TABLE IF NOT EXISTS edits(number, key, author, edit)", nullptr, nullptr, nullptr), SQLITE_OK)
+        << sqlite3_errmsg(database);
+    EXPECT_EQ(sqlite3_prepare_v2(database, "SELECT number, key, author, edit FROM edits ORDER BY number", -1, &rows, nullptr), SQLITE_OK)
+        << sqlite3_errmsg(database);
+    const auto text = [&](int column) { return std::string(reinterpret_cast<const char*>(sqlite3_column_text(rows, column))); };
+    while (sqlite3_step(rows) == SQLITE_ROW) {
+      EXPECT_EQ(static_cast<std::uint64_t>(sqlite3_column_int64(rows, 0)), out.size() + 1) << "the log's numbers";
+      auto operation = edits::fromJson(text(3));
+      EXPECT_TRUE(operation) << text(3);
+      if (operation) out.push_back({text(2), text(1), text(3), std::move(*operation)});
+    }
+  }
+  sqlite3_finalize(rows);
+  sqlite3_close(database);
+  return out;
+}
+
+void Truth::judge(const std::filesystem::path& folder) {
+  const auto before = std::exchange(log_, read(folder));
+  ASSERT_GE(log_.size(), before.size()) << "the log has lost edits that a server began with";
+  EXPECT_TRUE(std::equal(before.begin(), before.end(), log_.begin())) << "the log has changed edits";
+  ASSERT_GE(log_.size(), known_) << "the log has lost edits that members know of";
+  while (history_.last() < log_.size()) {
+    ASSERT_TRUE(history_.add(log_[history_.last()].operation)) << "edit " << history_.last() + 1;
+    layers_.push_back(history_.layer());
+  }
+  EXPECT_EQ(history_.layer()->hash(), ground()->hash()) << "edits that are undone leave something";
+  judgeEdits();
+  for (const auto& [query, heights, edit] : std::exchange(answers_, {})) {
+    std::vector<float> truth(query.x.size());
+    edits::EditedTerrain(terrain_, layers_[edit]).heights(query.x, query.z, truth);
+    EXPECT_EQ(heights, truth) << "an answer as of edit " << edit;
+  }
+}
+
+void Truth::judgeEdits() const {
+  std::set<std::string> keys;
+  for (const Entry& entry : log_) {
+    if (entry.key.empty()) continue;
+    EXPECT_TRUE(keys.insert(entry.key).second) << entry.key << " is in the log twice";
+    EXPECT_FALSE(refused_.contains(entry.key)) << entry.key << " was refused, and is in the log";
+  }
+  for (const auto& [number, said] : acked_) {
+    const Entry& entry = log_[number - 1];
+    EXPECT_EQ(entry.author, said.first) << "edit " << number;
+    if (!said.second) continue;
+    EXPECT_EQ(entry.key, nameOf(said.first, said.second->key)) << "edit " << number;
+    EXPECT_TRUE(isMadeOf(said.second->operation, entry.operation)) << "edit " << number << " is " << entry.json;
+  }
+  for (const auto& [number, made] : told_) {
+    EXPECT_EQ(made.author, log_[number - 1].author) << "edit " << number;
+    EXPECT_EQ(made.operation, log_[number - 1].json) << "edit " << number;
+    judgeArea(made);
+  }
+}
+
+void Truth::judgeArea(const wire::MadeEdit& made) const {
+  const edits::Posts posts = changedPosts(*layers_[made.number - 1], *layers_[made.number]);
+  if (posts.empty()) return;
+  const lattice::Area changed = edits::groundOf(posts), &said = made.ground;
+  EXPECT_TRUE(said.x0 <= changed.x0 && said.z0 <= changed.z0 && said.x1 >= changed.x1 && said.z1 >= changed.z1)
+      << "edit " << made.number << " changes more than its area";
+}
+
+std::vector<std::uint64_t> Truth::counting() const {
+  std::vector<bool> counts(log_.size() + 1, true);
+  std::vector<std::uint64_t> out;
+  for (std::uint64_t n = log_.size(); n > 0; --n) {
+    const auto* undo = std::get_if<edits::Undo>(&log_[n - 1].operation.what);
+    if (undo && counts[n]) counts[undo->edit] = false;
+    if (!undo && counts[n]) out.push_back(n);
+  }
+  return out;
+}
+
+std::shared_ptr<const edits::Layer> Truth::ground() const {
+  edits::History anew(terrain_);
+  const auto numbers = counting();
+  for (auto n = numbers.rbegin(); n != numbers.rend(); ++n) EXPECT_TRUE(anew.add(log_[*n - 1].operation));
+  return anew.layer();
+}
+
+}  // namespace ridgecast::simulation

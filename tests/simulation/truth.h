@@ -1,0 +1,71 @@
+#pragma once
+// What members were told of the ground, and whether the log on the disk and a replay of it say the same.
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "common/edits/history.h"
+#include "common/edits/operation.h"
+#include "common/terrain/terrain.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::simulation {
+
+class Truth {
+ public:
+  explicit Truth(std::shared_ptr<const terrain::Terrain> terrain);
+
+  // What a member hears. `asked`: nothing for a liar's edit, of which only the author is known.
+  struct Asked {
+    std::string key;
+    edits::Operation operation;
+  };
+  void acknowledged(std::uint64_t number, const std::string& author, const std::optional<Asked>& asked);
+  void refused(const std::string& author, const std::string& key);  // an edit that was sent once
+  void told(const wire::MadeEdit& made);
+  void answered(const wire::Query& query, const wire::Answer& answer);
+  void knows(std::uint64_t edit);  // a mesh or an answer
+
+  // While no server runs: reads the log in this folder, as SQLite sees it without the product, and judges all of the above by it.
+  void judge(const std::filesystem::path& folder);
+  // Of the log when it was judged.
+  std::uint64_t last() const { return log_.size(); }
+  std::vector<std::uint64_t> counting() const;                   // edits that are not undone, and no undos
+  std::shared_ptr<const edits::Layer> ground() const;            // from a new history of those alone
+  std::uint64_t acknowledgements() const { return acked_.size(); }
+
+ private:
+  struct Entry {
+    std::string author, key, json;
+    edits::Operation operation;
+    friend bool operator==(const Entry&, const Entry&) = default;
+  };
+  struct Answered {
+    wire::Query query;
+    std::vector<float> heights;
+    std::uint64_t edit = 0;
+  };
+  std::vector<Entry> read(const std::filesystem::path& folder) const;
+  void judgeEdits() const;
+  void judgeArea(const wire::MadeEdit& made) const;
+
+  const std::shared_ptr<const terrain::Terrain> terrain_;
+  std::map<std::uint64_t, std::pair<std::string, std::optional<Asked>>> acked_;
+  std::map<std::string, std::uint64_t> numbers_;  // by author and key
+  std::set<std::string> refused_;
+  std::map<std::uint64_t, wire::MadeEdit> told_;
+  std::vector<Answered> answers_;
+  std::uint64_t known_ = 0;  // the last edit of which anybody knows
+
+  std::vector<Entry> log_;
+  edits::History history_;
+  std::vector<std::shared_ptr<const edits::Layer>> layers_;  // as of each edit; first the empty one
+};
+
+}  // namespace ridgecast::simulation
