@@ -26,9 +26,7 @@ void Editor::edit(lattice::Point near, const Say& say) {
   send(std::move(request), say);
 }
 
-void Editor::ask(edits::Operation operation, const Say& say) {
-  send({{"key " + std::to_string(++keys_), std::move(operation)}}, say);
-}
+void Editor::ask(edits::Operation operation, const Say& say) { send({{"key " + std::to_string(++keys_), std::move(operation)}}, say); }
 
 void Editor::send(Request request, const Say& say) {
   ++request.sent;

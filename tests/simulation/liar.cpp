@@ -53,27 +53,26 @@ wire::Edit Liar::edit() {
 }
 
 std::string Liar::operation() {
-  static constexpr const char* kWrong[] = {
-      "",
-      "null",
-      "[]",
-      R"({"op":"undo"})",
-      R"({"op":"undo","edit":0})",
-      R"({"op":"undo","edit":-1})",
-      R"({"op":"undo","edit":1.5})",
-      R"({"op":"undo","edit":18446744073709551615})",
-      R"({"op":"undo","edit":1e300})",
-      R"({"op":"raise","x":1e18,"z":0,"radius":5,"by":1})",
-      R"({"op":"raise","x":0,"z":0,"radius":-5,"by":1})",
-      R"({"op":"raise","x":0,"z":0,"radius":1e9,"by":1})",
-      R"({"op":"raise","x":0,"z":0,"radius":5,"by":1e9})",
-      R"({"op":"crater","x":"0","z":null,"radius":5,"depth":1})",
-      R"({"op":"level","polygon":[[0,0],[1,1]],"height":0})",
-      R"({"op":"road","line":[[0,0],[0,0]],"width":5})",
-      R"({"op":"road","line":[[0,0,0],[1e7,0,0]],"width":5})",
-      R"({"op":"stamp","x":0,"z":0,"columns":0,"samples":[1,2]})",
-      R"({"op":"smooth","x":0,"z":0,"radius":64,"passes":1000000})",
-      R"({"op":"crater","op":"undo","x":0,"z":0,"radius":5,"depth":1,"edit":1})"};
+  static constexpr const char* kWrong[] = {"",
+                                           "null",
+                                           "[]",
+                                           R"({"op":"undo"})",
+                                           R"({"op":"undo","edit":0})",
+                                           R"({"op":"undo","edit":-1})",
+                                           R"({"op":"undo","edit":1.5})",
+                                           R"({"op":"undo","edit":18446744073709551615})",
+                                           R"({"op":"undo","edit":1e300})",
+                                           R"({"op":"raise","x":1e18,"z":0,"radius":5,"by":1})",
+                                           R"({"op":"raise","x":0,"z":0,"radius":-5,"by":1})",
+                                           R"({"op":"raise","x":0,"z":0,"radius":1e9,"by":1})",
+                                           R"({"op":"raise","x":0,"z":0,"radius":5,"by":1e9})",
+                                           R"({"op":"crater","x":"0","z":null,"radius":5,"depth":1})",
+                                           R"({"op":"level","polygon":[[0,0],[1,1]],"height":0})",
+                                           R"({"op":"road","line":[[0,0],[0,0]],"width":5})",
+                                           R"({"op":"road","line":[[0,0,0],[1e7,0,0]],"width":5})",
+                                           R"({"op":"stamp","x":0,"z":0,"columns":0,"samples":[1,2]})",
+                                           R"({"op":"smooth","x":0,"z":0,"radius":64,"passes":1000000})",
+                                           R"({"op":"crater","op":"undo","x":0,"z":0,"radius":5,"depth":1,"edit":1})"};
   std::string json = edits::toJson(testing_support::randomOperation(random_, near_));
   switch (random_() % 6) {
     case 0:
@@ -121,8 +120,11 @@ wire::ClientMessage Liar::message() {
       query.x = query.z = {static_cast<lattice::Step>(wild >> 20)};
       return query;
     }
-    case 11:
-      return wire::Hello{};
+    case 11: {
+      wire::Hello again;
+      again.clientName = "liar";
+      return again;
+    }
     case 12:
     case 13:
     case 14:

@@ -39,6 +39,7 @@ void Line::hear(wire::ClientMessage message) {
   const bool isEdit = std::holds_alternative<wire::Edit>(message);
   openEdits_ += isEdit;
   server_.openEdits += isEdit;
+  server_.comes();
   camera_->receive(std::move(message));
   if (failed_) {
     server_.openEdits -= isEdit;  // it was refused with its sender, or nobody listens
@@ -65,6 +66,7 @@ void Line::cut(Duration unheard) {
     cut_ = true;
   }
   timer_.at(timer_.now() + unheard, [self = shared_from_this()] {
+    self->server_.comes();
     if (const auto camera = std::exchange(self->camera_, nullptr)) camera->close();
     std::vector<std::shared_ptr<const void>> freed;  // destroyed without the lock
     const std::lock_guard lock(self->mutex_);

@@ -13,10 +13,16 @@ using namespace std::chrono_literals;
 
 Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature,
                lattice::Point near)
-    : name_(std::move(name)), server_(server), truth_(truth), timer_(timer), random_(random), nature_(nature), editor_(name_, truth, random) {
+    : name_(std::move(name)),
+      server_(server),
+      truth_(truth),
+      timer_(timer),
+      random_(random),
+      nature_(nature),
+      editor_(name_, truth, random) {
   camera_.pose.x = near.x + static_cast<lattice::Step>(random_() % 60'000);
   camera_.pose.z = near.z + static_cast<lattice::Step>(random_() % 60'000);
-  camera_.pose.y = server_.terrain()->height({camera_.pose.x, camera_.pose.z}) + 20 + static_cast<double>(random_() % 200);
+  camera_.pose.y = server_.terrain()->height({camera_.pose.x, camera_.pose.z}) + 30 + static_cast<double>(random_() % 400);
   camera_.pose.pitch = -0.4;
   camera_.projection = {.verticalFov = 1.0, .width = 160, .height = 90};
   heading_ = static_cast<double>(random_() % 628) / 100;

@@ -43,7 +43,7 @@ class Member {
   void takeClock();
   void step();
   void setThreshold(double pixels);
-  void edit();                   // the ground before it
+  void edit();                    // the ground before it
   void undo(std::uint64_t edit);  // until its answer has come
 
   bool connected() const { return line_ && world_.has_value(); }
@@ -53,7 +53,7 @@ class Member {
   bool wasRefused() const { return editor_.wasRefused(); }
   // Everything it has been told is taken, every question answered, and the mesh is at rest at its last pose on the ground of this edit.
   bool rests(std::uint64_t edit) const;
-  void judge(const terrain::Terrain& ground) const;  // its mesh: every vertex lies on this
+  void judge(const terrain::Terrain& ground) const;   // its mesh: every vertex lies on this
   std::string state() const;                          // for a person
   std::uint64_t history() const { return history_; }  // a hash of what it has seen
 

@@ -12,17 +12,19 @@ namespace ridgecast::simulation {
 // The simulation's, for as long as the server lives.
 class Server::Clock final : public session::Timer {
  public:
-  Clock(const testing_support::SimulatedTimer& timer, std::shared_ptr<std::atomic<bool>> alive) : timer_(timer), alive_(std::move(alive)) {}
-  Time now() const override { return timer_.now(); }
+  Clock(Server& server, std::shared_ptr<std::atomic<bool>> alive) : server_(server), alive_(std::move(alive)) {}
+  Time now() const override { return server_.timer_.now(); }
   void at(Time when, std::function<void()> call) const override {
     if (!*alive_) return;
-    timer_.at(when, [alive = alive_, call = std::move(call)] {
-      if (*alive) call();
+    server_.timer_.at(when, [this, alive = alive_, call = std::move(call)] {
+      if (!*alive) return;
+      server_.comes();
+      call();
     });
   }
 
  private:
-  const testing_support::SimulatedTimer& timer_;
+  Server& server_;
   const std::shared_ptr<std::atomic<bool>> alive_;
 };
 
@@ -47,7 +49,7 @@ bool Server::start() {
   resources->serverName = "simulated";
   resources->limits = limits_;
   resources->state = folder();
-  resources->timer = std::make_unique<Clock>(timer_, alive_);
+  resources->timer = std::make_unique<Clock>(*this, alive_);
   try {
     directory_ = std::make_shared<session::Directory>(resources, terrain_);
   } catch (const std::runtime_error& e) {
@@ -77,7 +79,8 @@ void Server::fall(bool withPower) {
 }
 
 void Server::settle() {
-  for (bool idle = isHeld() || !executor_; !idle;) {
+  if (isHeld() || !executor_ || !std::exchange(hasNews_, false)) return;
+  for (bool idle = false; !idle;) {
     std::promise<bool> looked;
     ASSERT_TRUE(marker_->post([&] { looked.set_value(executor_->queued() == 0); }));
     idle = looked.get_future().get();
@@ -97,6 +100,7 @@ void Server::hold() {
 
 void Server::release() {
   if (held_) std::exchange(held_, std::nullopt)->set_value();
+  comes();
 }
 
 }  // namespace ridgecast::simulation

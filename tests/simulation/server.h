@@ -46,8 +46,9 @@ class Server {
   session::Directory& directory() const { return *directory_; }
   std::shared_ptr<session::Session> session() const { return directory_->find(session::kDefaultName); }
 
-  // Until its thread has nothing to do, unless it is held.
+  // Until its thread has nothing to do, unless it is held or nothing has come.
   void settle();
+  void comes() { hasNews_ = true; }  // a message, or the end of a line
   // Its thread does nothing until then.
   void hold();
   void release();
@@ -68,6 +69,7 @@ class Server {
   std::shared_ptr<scheduling::Pool> marker_;
   std::shared_ptr<std::atomic<bool>> alive_;
   std::shared_ptr<session::Directory> directory_;
+  bool hasNews_ = false;
   std::optional<std::promise<void>> held_;
   std::vector<std::weak_ptr<Line>> lines_;
 };

@@ -115,7 +115,6 @@ void Truth::judge(const std::filesystem::path& folder) {
     ASSERT_TRUE(history_.add(log_[history_.last()].operation)) << "edit " << history_.last() + 1;
     layers_.push_back(history_.layer());
   }
-  EXPECT_EQ(history_.layer()->hash(), ground()->hash()) << "edits that are undone leave something";
   judgeEdits();
   for (const auto& [query, heights, edit] : std::exchange(answers_, {})) {
     std::vector<float> truth(query.x.size());

@@ -36,8 +36,8 @@ class Truth {
   void judge(const std::filesystem::path& folder);
   // Of the log when it was judged.
   std::uint64_t last() const { return log_.size(); }
-  std::vector<std::uint64_t> counting() const;                   // edits that are not undone, and no undos
-  std::shared_ptr<const edits::Layer> ground() const;            // from a new history of those alone
+  std::vector<std::uint64_t> counting() const;         // edits that are not undone, and no undos
+  std::shared_ptr<const edits::Layer> ground() const;  // from a new history of those alone
   std::uint64_t acknowledgements() const { return acked_.size(); }
 
  private:
