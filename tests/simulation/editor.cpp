@@ -54,6 +54,10 @@ void Editor::take(const wire::EditAnswer& answer) {
   wasRefused_ = answer.number == 0;
   EXPECT_NE(wasRefused_, answer.refusal.empty()) << author_;
   if (wasRefused_) {
+    static constexpr const char* kReasons[] = {"Too many or too large edits", "edits of this session wait", "There is no edit",
+                                               "is undone already", "no room on the disk"};
+    EXPECT_TRUE(std::ranges::any_of(kReasons, [&](const char* r) { return answer.refusal.find(r) != std::string::npos; }))
+        << answer.refusal;
     if (sent == 1) truth_.refused(author_, asked.key);
     return;
   }

@@ -14,10 +14,14 @@ void Liar::leave() {
   if (line_) std::exchange(line_, nullptr)->cut({});
 }
 
+void Liar::flood() {
+  for (std::size_t n = 0; line_ && n < wire::kMaxEdits + 20; ++n) line_->say(edit());
+}
+
 void Liar::lie() {
   if (line_) {
-    const std::uint64_t kind = random_() % 100;
-    for (std::uint64_t n = kind < 2 ? 200 : 1; n > 0; --n) line_->say(kind == 0 ? edit() : message());
+    if (random_() % 100 == 0) return flood();
+    for (std::uint64_t n = random_() % 50 == 0 ? 200 : 1; n > 0; --n) line_->say(message());
     return;
   }
   line_ = Line::open(server_, "liar", timer_, {}, [this](const wire::ServerMessage& heard) {

@@ -19,7 +19,8 @@ class Liar {
       : server_(server), truth_(truth), timer_(timer), random_(random), near_(near) {}
   ~Liar() { leave(); }
 
-  void lie();  // or connects, where it is not
+  void lie();    // or connects, where it is not
+  void flood();  // with edits
   void leave();
 
  private:

@@ -8,6 +8,8 @@
 namespace ridgecast::simulation {
 namespace {
 
+constexpr Duration kBuffered = std::chrono::milliseconds(1);  // how long what is sent without a limit takes to leave, at most
+
 std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
 
 }  // namespace
@@ -28,7 +30,7 @@ void Line::say(const wire::ClientMessage& message) {
   if (cut_) return;
   said_ = std::max(said_, timer_.now() + way_.delay);
   timer_.at(said_, [self = shared_from_this(), bytes = wire::encode(message)] {
-    if (self->cut_) return;
+    if (self->cut_ || self->fell_) return;
     auto heard = wire::decodeClient(bytesOf(bytes));
     ASSERT_TRUE(heard) << heard.error().message;
     self->hear(std::move(*heard));
@@ -77,7 +79,7 @@ void Line::cut(Duration unheard) {
 void Line::fall() {
   camera_.reset();
   const std::lock_guard lock(mutex_);
-  cut_ = true;
+  fell_ = timer_.now() + kBuffered;
 }
 
 void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket) {
@@ -97,8 +99,8 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
     if (self->cut_) return self->stuck_.push_back(ticket);
     self->queued_ -= size;
   });
-  timer_.at(left_ + way_.delay, [self = shared_from_this(), bytes] {
-    if (self->cut_) return;
+  timer_.at(left_ + way_.delay, [self = shared_from_this(), bytes, left = left_] {
+    if (self->cut_ || left > self->fell_.value_or(left)) return;
     auto heard = wire::decodeServer(bytesOf(*bytes));
     ASSERT_TRUE(heard) << heard.error().message;
     self->take_(std::move(*heard));

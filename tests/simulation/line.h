@@ -9,6 +9,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -41,7 +42,8 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   void cut(Duration unheard);
 
   // The server's end; any thread.
-  void fall();  // the server is gone, and this with it
+  void fall();  // the server is gone: only what has left it may still arrive
+  bool hasFallen() const { return fell_.has_value(); }
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
   std::size_t queuedBytes() const override;
   void fail(wire::ErrorMessage message) override { send(std::move(message), {}); }
@@ -62,6 +64,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   std::size_t queued_ = 0;
   std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave
   bool cut_ = false;
+  std::optional<Time> fell_;
   std::atomic<std::size_t> openEdits_{0};  // that have arrived and have no answer
   std::atomic<bool> failed_{false};
 };

@@ -54,6 +54,12 @@ void Member::lose(Duration unheard) {
   editor_.lost();
 }
 
+void Member::fall() {
+  timer_.at(timer_.now() + nature_.way.delay + 2ms, [this, number = connections_] {
+    if (line_ && number == connections_) lose({});
+  });
+}
+
 void Member::leave(Duration unheard) {
   lose(unheard);
   follower_ = {};
@@ -210,8 +216,8 @@ void Member::take(const wire::Edited& edited) {
 void Member::take(const wire::ErrorMessage& error) { ADD_FAILURE() << name_ << " is refused: " << error.message; }
 
 bool Member::rests(std::uint64_t edit) const {
-  return connected() && asked_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 && edit_ == edit && !editor_.waits() &&
-         (!nature_.hello.edits || editor_.followed() == edit);
+  return connected() && !line_->hasFallen() && asked_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 && edit_ == edit &&
+         !editor_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
 }
 
 void Member::judge(const terrain::Terrain& ground) const {

@@ -36,6 +36,7 @@ class Member {
   // What it may do; nothing while it is not connected.
   void connect();
   void lose(Duration unheard);   // the line; the mesh is kept
+  void fall();                   // the server; it will notice
   void leave(Duration unheard);  // and forgets all
   void fly(double metres);
   void insist();  // in lock-step: the same pose again, once the last one was answered

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Plants faults in a copy of the tree, one after the other, and says which of them the simulation finds:  mutants.py [SEEDS]
+"""Plants faults in a copy of the tree, one after the other, and says which of them the simulation finds:  mutants.py [SEEDS [WORD]]
 
-Needs a configured build/test. The copy is build/mutants, with a build of its own."""
+WORD: only those whose file or text has it. Needs a configured build/test. The copy is build/mutants, with a build of its own."""
 import os
 import re
 import shutil
@@ -65,6 +65,48 @@ MUTANTS = [
     ("client/scene/point_mesh.cpp",
      "  if (!replaceLeaves(step)) return false;\n  open_.clear();\n",
      "  if (!replaceLeaves(step)) return false;\n"),
+    # Acknowledged before it is on the disk.
+    ("server/session/edits.cpp",
+     "  if (history_.last() > before) {\n    if (const auto isKept",
+     "  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k]);\n  waiting.clear();\n"
+     "  if (history_.last() > before) {\n    if (const auto isKept"),
+    ("server/edit_log/log.cpp", "PRAGMA synchronous = FULL", "PRAGMA synchronous = NORMAL"),
+    ("server/edit_log/log.cpp",
+     "if (auto begun = transaction.begin(); !begun) return begun.error();\n  std::uint64_t next = last_, sum = tilesHash_;",
+     "std::uint64_t next = last_, sum = tilesHash_;"),
+    # Keys.
+    ("server/session/edits.cpp", "if (!edit.key.empty()) keys_[edit.key] = history_.last();", ""),
+    ("server/session/edits.cpp", "if (const auto known = kept_.log->numberOf(edit.key)) return *known;", "{}"),
+    ("server/session/edits.cpp", "edit.key = edit.author + '\\n' + edit.key;", ""),
+    ("server/session/edits.cpp", "std::erase_if(keys_, [&](const auto& key) { return key.second == history_.last(); });", ""),
+    # Numbers and their order.
+    ("server/session/edits.cpp", "        made_.pop_back();\n", ""),
+    ("server/session/edits.cpp", "        history_.takeBack(layer);\n", "        history_.takeBack(history_.layer());\n"),
+    ("server/session/edits.cpp", "if (kept_.log && after < begins_) {", "if (false) {"),
+    ("server/session/edits.cpp", "std::max(after, begins_) - begins_; n", "std::max(after, begins_) - begins_ + (after % 8 == 7); n"),
+    ("server/session/camera_session.cpp", "told_ = message.edits.back().number;", "told_ = message.edits.front().number;"),
+    ("server/session/camera_session.cpp", "  told_ = hello.editsAfter;\n", "  told_ = 0;\n"),
+    ("server/session/camera_session.cpp", "    self->tells_ = false;\n    self->tellEdits();\n", "    self->tells_ = false;\n"),
+    # Undos.
+    ("common/edits/history.cpp", "    more = entry.counts() ? 1 : -1;\n", "    more = 1;\n"),
+    ("common/edits/history.cpp", "&entries_[k].operation.what); undo && entries_[k].counts())", "&entries_[k].operation.what); undo)"),
+    ("common/edits/history.cpp", "add(changed, bounds, e.area);", "{}"),
+    ("common/edits/history.cpp", "add(needed, neededBounds, e.area.wider(marginOf(e.operation)));", "{}"),
+    # Areas.
+    ("common/edits/operation.h", "lattice::Area{(p.x0 - 2) * kPostSteps,", "lattice::Area{p.x0 * kPostSteps,"),
+    ("common/edits/history.cpp", "          changed.add(e.area);\n", "          (void)e;\n"),
+    ("server/session/edits.cpp", "news.changed.back() = around(news.changed.back(), *area);", "news.changed.back() = *area;"),
+    ("server/session/edits.cpp", "areas_.push_back(made_[n - begins_].ground);", "areas_.push_back(made_.back().ground);"),
+    ("server/session/edits.cpp", "posts.empty() ? kEverywhere : edits::groundOf(posts)}", "edits::groundOf(posts)}"),
+    # Whoever should follow.
+    ("server/session/camera_session.cpp", "  conversation_.groundChanged();\n", ""),
+    ("server/session/camera_session.cpp", "  edit_ = ground.edit;\n  mesh_->", "  edit_ = ground.edit;\n  if (edit_ % 4 != 3) mesh_->"),
+    # Bounds.
+    ("server/session/edits.cpp", "waiting_.size() < kMostWaiting", "waiting_.size() <= kMostWaiting"),
+    ("server/session/camera_session.cpp", "*openEdits_ >= wire::kMaxEdits + kArrived", "*openEdits_ > wire::kMaxEdits + kArrived"),
+    # The cache on the disk.
+    ("server/edit_log/log.cpp", "  if (tilesOf_ == last_) return layerIn(false);", "  if (tilesOf_ <= last_) return layerIn(false);"),
+    ("server/edit_log/log.cpp", "if (isCached) tilesOf_ = next, tilesHash_ = sum;", "if (isCached) tilesOf_ = next;"),
 ]
 
 
@@ -87,7 +129,9 @@ def main() -> int:
     if not build():
         return 1
     found = 0
-    for file, before, after in MUTANTS:
+    word = sys.argv[2] if len(sys.argv) > 2 else ""
+    mutants = [m for m in MUTANTS if any(word in text for text in m)]
+    for file, before, after in mutants:
         path = COPY / file
         text = path.read_text()
         if text.count(before) != 1:
@@ -109,7 +153,7 @@ def main() -> int:
             print(f"{'found: ' + what if what else 'NOT FOUND':<16} {seconds:5.0f} s  {file}: {before.strip()}", flush=True)
         finally:
             path.write_text(text)
-    print(f"{found} of {len(MUTANTS)} found")
+    print(f"{found} of {len(mutants)} found")
     return 0
 
 

@@ -213,6 +213,7 @@ class World {
   void storm(std::uint64_t edits) {
     ++met.storms;
     server_->hold();
+    if (liar_ && edits == wire::kMaxEdits) liar_->flood();
     for (; edits > 0; --edits)
       for (const auto& member : members_) member->edit();
     run(std::chrono::milliseconds(random_() % 250));
@@ -226,7 +227,7 @@ class World {
     fell_ = true;
     server_->fall(withPower);
     if (liar_) liar_->leave();
-    for (const auto& member : members_) member->lose({});
+    for (const auto& member : members_) member->fall();
     truth_->judge(server_->folder());
     timer_.at(timer_.now() + between(0, 5), [this] { start(); });
   }

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "common/edits/edited_terrain.h"
@@ -70,6 +71,9 @@ void Truth::told(const wire::MadeEdit& made) {
   if (isNew) return;
   EXPECT_EQ(known->second.author, made.author) << "edit " << made.number << " is not everybody's";
   EXPECT_EQ(known->second.operation, made.operation) << "edit " << made.number << " is not everybody's";
+  lattice::Area& least = known->second.ground;  // of all that were told
+  least = {std::max(least.x0, made.ground.x0), std::max(least.z0, made.ground.z0), std::min(least.x1, made.ground.x1),
+           std::min(least.z1, made.ground.z1)};
 }
 
 void Truth::answered(const wire::Query& query, const wire::Answer& answer) {
@@ -147,8 +151,11 @@ void Truth::judgeEdits() const {
 void Truth::judgeArea(const wire::MadeEdit& made) const {
   const edits::Posts posts = changedPosts(*layers_[made.number - 1], *layers_[made.number]);
   if (posts.empty()) return;
-  const lattice::Area changed = edits::groundOf(posts), &said = made.ground;
-  EXPECT_TRUE(said.x0 <= changed.x0 && said.z0 <= changed.z0 && said.x1 >= changed.x1 && said.z1 >= changed.z1)
+  // A post is one of the four around a place along each axis, so it counts up to two posts away.
+  constexpr lattice::Step kPost = 128, kReach = 2 * kPost - 1;
+  const lattice::Area& said = made.ground;
+  EXPECT_TRUE(said.holds({posts.x0 * kPost - kReach, posts.z0 * kPost - kReach}) &&
+              said.holds({(posts.x1 - 1) * kPost + kReach, (posts.z1 - 1) * kPost + kReach}))
       << "edit " << made.number << " changes more than its area";
 }
 
