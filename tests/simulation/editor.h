@@ -1,6 +1,6 @@
 #pragma once
-// What a member does to the ground, over all its connections: it asks for edits, repeats those with a key whose answer was lost, undoes, and
-// follows everybody's.
+// What a member does to the ground, over all its connections: it asks for edits, repeats those with a key whose answer was lost, undoes,
+// and follows everybody's.
 
 #include <cstdint>
 #include <functional>

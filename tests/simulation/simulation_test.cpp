@@ -1,6 +1,6 @@
-// A server in one thread and simulated time: members fly, ask, edit the ground, step the clock, are slow, lose their lines and come back, or
-// lie; the server falls, its disk fills, as a number says. After each event the laws hold; in the end everybody holds the server's mesh on
-// the ground of the log, and when all have left nothing is left.
+// A server in one thread and simulated time: members fly, ask, edit the ground, step the clock, are slow, lose their lines and come back,
+// or lie; the server falls, its disk fills, as a number says. After each event the laws hold; in the end everybody holds the server's mesh
+// on the ground of the log, and when all have left nothing is left.
 //
 // SEEDS=10000: the seeds from 1 on, instead of 200 (3 under a sanitizer). SEED=17: this one alone, twice.
 #include <gtest/gtest.h>
