@@ -4,10 +4,10 @@ import table from '../../../../common/keys/keys.json';
 
 const rows = table.filter(({ where }) => where !== 'window');
 
-/** KeyboardEvent.code of a row's first stroke, where that is a letter or a digit. */
+/** KeyboardEvent.code of a row's first stroke, where that is a letter, a digit or a named key. */
 function codeOf(action: string): string {
   const stroke = rows.find((row) => row.action === action)?.keys.split(' / ')[0] ?? '';
-  return /^\d$/.test(stroke) ? `Digit${stroke}` : /^[A-Z]$/.test(stroke) ? `Key${stroke}` : '';
+  return /^\d$/.test(stroke) ? `Digit${stroke}` : /^[A-Z]$/.test(stroke) ? `Key${stroke}` : /^[A-Z][a-z]+$/.test(stroke) ? stroke : '';
 }
 
 /** By code, what the keys of these actions do. */

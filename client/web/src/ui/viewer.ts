@@ -119,10 +119,11 @@ export class Viewer {
       people: () => this.people.show(this.flying.pose),
       edit: () => void this.edit(),
       undo: () => this.editor.undo(),
+      road: () => this.editor.endRoad(),
     };
     const keys = byCode(actions);
     listKeys(element('help-text').querySelector<HTMLElement>('.keys')!);
-    const repeated: Record<string, () => void> = { Comma: () => this.divider.by(-1), Period: () => this.divider.by(1), BracketLeft: () => this.editor.widen(-1), BracketRight: () => this.editor.widen(1), Enter: () => this.editor.endRoad() };
+    const repeated: Record<string, () => void> = { Comma: () => this.divider.by(-1), Period: () => this.divider.by(1), BracketLeft: () => this.editor.widen(-1), BracketRight: () => this.editor.widen(1) };
     hands.onKey = (code, again) => {
       const act = repeated[code] ?? (again ? undefined : keys[code]);
       act?.();

@@ -20,7 +20,7 @@ std::string read(const std::string& file) {
 
 // What is held down is read by the devices themselves.
 bool isHeld(const Row& row) {
-  return std::set<std::string>{"fly", "rise", "sink", "sprint", "speed", "look", "divider"}.contains(row.action);
+  return std::set<std::string>{"fly", "rise", "sink", "sprint", "speed", "look", "divider", "radius"}.contains(row.action);
 }
 
 TEST(Keys, EachDoesOneThing) {
