@@ -51,8 +51,7 @@ struct Place {
   }
 
   void step() {
-    ground.follow();
-    ground.wait();
+    ground.followWaiting();
     world.stepSimulation(1.0f / kRate, 0);
   }
 };

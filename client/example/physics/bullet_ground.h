@@ -45,6 +45,19 @@ class BulletGround {
 
   // Before each step. Never waits: the ground ahead of the bodies is made by another thread.
   void follow() {
+    move();
+    take();
+  }
+  // The same, but waits until the ground around all bodies is there. Before every step, it makes runs repeat, bit for bit: Bullet's results
+  // depend on the order in which tiles come.
+  void followWaiting() {
+    move();
+    check(rc_standing_wait(standing_, 60));
+    take();
+  }
+
+ private:
+  void move() {
     const auto& bodies = world_.getNonStaticRigidBodies();
     btVector3 middle(0, 0, 0);
     for (int k = 0; k < bodies.size(); ++k) middle += bodies[k]->getWorldTransform().getOrigin() / btScalar(bodies.size());
@@ -55,15 +68,8 @@ class BulletGround {
       places_.push_back(z_ + bodies[k]->getWorldTransform().getOrigin().z());
     }
     check(rc_standing_move(standing_, places_.data(), places_.size() / 2));
-    take();
-  }
-  // Until the ground around all bodies is there. Called before each step, it makes runs repeat, bit for bit.
-  void wait() {
-    check(rc_standing_wait(standing_, 60));
-    take();
   }
 
- private:
   static constexpr int kCells = 32;
   struct Tile {
     explicit Tile(const rc_tile& t) : ground(t), shape(kCells + 1, kCells + 1, t.heights, t.lowest, t.highest, 1, false) {

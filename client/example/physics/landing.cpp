@@ -84,8 +84,7 @@ struct Flight {
     body.setActivationState(DISABLE_DEACTIVATION);
     body.getWorldTransform().setOrigin({0, above(start) + 60, 0});
     world.addRigidBody(&body);
-    ground.follow();
-    ground.wait();
+    ground.followWaiting();
   }
   ~Flight() { world.removeRigidBody(&body); }
 
@@ -107,7 +106,7 @@ struct Flight {
     updates.all.push_back(now() - begin);
     if (!ground.tile(x(), z())) {  // simulated time may run ahead of the thread that makes the ground
       ++waits;
-      ground.wait();
+      ground.followWaiting();
     }
     const double simulated = now();
     world.stepSimulation(1.0f / kRate, 4, 1.0f / (4 * kRate));
