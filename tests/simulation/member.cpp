@@ -23,6 +23,7 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
   camera_.pose.x = near.x + static_cast<lattice::Step>(random_() % 60'000);
   camera_.pose.z = near.z + static_cast<lattice::Step>(random_() % 60'000);
   camera_.pose.y = server_.terrain()->height({camera_.pose.x, camera_.pose.z}) + 30 + static_cast<double>(random_() % 400);
+  site_ = {camera_.pose.x, camera_.pose.z};
   camera_.pose.pitch = -0.4;
   camera_.projection = {.verticalFov = 1.0, .width = 160, .height = 90};
   heading_ = static_cast<double>(random_() % 628) / 100;
@@ -125,9 +126,10 @@ void Member::setThreshold(double pixels) {
 void Member::edit() {
   if (!connected()) return;
   const double ahead = 30 + static_cast<double>(random_() % 120);
-  editor_.edit({camera_.pose.x - static_cast<lattice::Step>(ahead * std::sin(heading_) * lattice::kStepsPerMetre),
-                camera_.pose.z - static_cast<lattice::Step>(ahead * std::cos(heading_) * lattice::kStepsPerMetre)},
-               say_);
+  if (random_() % 2 == 0)  // else where it was
+    site_ = {camera_.pose.x - static_cast<lattice::Step>(ahead * std::sin(heading_) * lattice::kStepsPerMetre),
+             camera_.pose.z - static_cast<lattice::Step>(ahead * std::cos(heading_) * lattice::kStepsPerMetre)};
+  editor_.edit(site_, say_);
 }
 
 void Member::undo(std::uint64_t edit) { editor_.ask({edits::Undo{edit}, 0}, say_); }

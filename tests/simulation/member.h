@@ -86,6 +86,7 @@ class Member {
   const Editor::Say say_ = [this](const wire::ClientMessage& message) { line_->say(message); };
 
   Editor editor_;
+  lattice::Point site_;  // what it edits
   replica::Follower follower_;
   camera::Camera camera_;
   double heading_ = 0, threshold_ = 0;
