@@ -200,10 +200,15 @@ class Meshing::Mesher {
       now_.next = 0;
       if (now_.full || now_.side == plan_.corners.size())
         now_.begun = true;
-      else
-        now_.points = divided(
-            terrain_, plan_.frame,
-            {plan_.corners[now_.side], plan_.corners[(now_.side + 1) % plan_.corners.size()], kSideShare * plan_.error, plan_.vertical});
+      else {
+        if (!now_.division)
+          now_.division.emplace(terrain_, plan_.frame,
+                                Side{plan_.corners[now_.side], plan_.corners[(now_.side + 1) % plan_.corners.size()],
+                                     kSideShare * plan_.error, plan_.vertical});
+        if (!now_.division->work([this] { return pauses(); })) return false;
+        now_.points = now_.division->take();
+        now_.division.reset();
+      }
       // Many points along a side would see the other ones: a grid keeps their triangles short.
       if (now_.side == 0 && now_.points.size() > kManyOnASide) {
         const auto grid = regions_.corners(plan_.corners[0], plan_.corners[2]);
@@ -431,6 +436,7 @@ class Meshing::Mesher {
     Stage stage = Stage::kSampling;
     std::size_t sampled = 0;  // tiles
     std::size_t side = 0, next = 0;
+    std::optional<Division> division;                       // of the side
     std::vector<Point2> points;                             // of the outline, to be inserted
     TriangleId hint = 0;                                    // near the last of them
     std::vector<Wanted> heap;                               // to be inserted one by one

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
-#include <utility>
 
 namespace ridgecast::box {
 
@@ -12,68 +10,97 @@ using triangulation::Point2;
 
 namespace {
 
-constexpr Step kSpacing = 32;  // steps between samples where the ground is not steep, at least; and at most 2^15 of them
+constexpr std::int32_t kSpacing = 32;  // steps between samples where the ground is not steep, at least; and at most 2^15 of them
+constexpr std::size_t kSamplesATime = 4096, kLooksATime = 32768;
 
 }  // namespace
 
-std::vector<Point2> divided(const terrain::Terrain& terrain, const Frame& frame, const Side& side) {
-  Point2 from = side.from, to = side.to;
-  const bool alongX = from.z == to.z;
-  if (alongX ? from.x > to.x : from.z > to.z) std::swap(from, to);  // adjoining boxes divide a shared side alike
-  const Step begin = alongX ? from.x : from.z, end = alongX ? to.x : to.z;
-  const Step spacing = std::max<Step>(kSpacing >> frame.unitBits, ((end - begin) >> 15) + 1);
-  const double limit = side.error * lattice::kStepsPerMetre;
-  const auto place = [&](Step s) {
-    return frame.global(alongX ? Point2{static_cast<std::int32_t>(s), from.z} : Point2{from.x, static_cast<std::int32_t>(s)});
-  };
-  std::vector<Step> x, z, first;
-  for (Step s = begin; s < end; s += spacing) first.push_back(s);
-  first.push_back(end);
-  for (Step s : first) {
-    x.push_back(place(s).x);
-    z.push_back(place(s).z);
+Division::Division(const terrain::Terrain& terrain, const Frame& frame, const Side& side)
+    : terrain_(terrain), frame_(frame), side_(side), alongX_(side.from.z == side.to.z), limit_(side.error * lattice::kStepsPerMetre) {
+  const auto [begin, end] = alongX_ ? std::minmax(side.from.x, side.to.x) : std::minmax(side.from.z, side.to.z);
+  end_ = end;
+  spacing_ = std::max(kSpacing >> frame.unitBits, ((end - begin) >> 15) + 1);
+  samples_.push_back({begin, terrain.heightStep(frame.global(place(begin)))});
+}
+
+bool Division::work(const std::function<bool()>& pauses) {
+  if (samples_.back().at < end_) {
+    if (!sample(pauses)) return false;
+    add(0, samples_.size() - 1);
   }
-  std::vector<std::int32_t> firstY(first.size());
-  terrain.heightSteps(x, z, firstY);
-  // What rises by more than the error from one sample to the next may be a wall anywhere between.
-  std::vector<Step> at;
-  std::vector<std::int32_t> y;
-  const std::function<void(Step, std::int32_t, Step, std::int32_t)> halve = [&](Step a, std::int32_t ya, Step b, std::int32_t yb) {
-    if (b - a > 1 && std::abs(yb - ya) > limit) {
-      const Step middle = (a + b) / 2;
-      const std::int32_t between = terrain.heightStep(place(middle));
-      halve(a, ya, middle, between);
-      halve(middle, between, b, yb);
+  return choose(pauses);
+}
+
+// What rises by more than the error from one sample to the next may be a wall anywhere between: halved until it does not.
+bool Division::sample(const std::function<bool()>& pauses) {
+  while (samples_.back().at < end_) {
+    if (pauses()) return false;
+    wanted_.clear();
+    if (rest_.empty()) {
+      for (std::int32_t at = samples_.back().at; at < end_ && wanted_.size() < kSamplesATime;)
+        wanted_.push_back(at = end_ - at > spacing_ ? at + spacing_ : end_);
+      evaluate();
+      for (std::size_t k = wanted_.size(); k-- > 0;) rest_.push_back({wanted_[k], heights_[k]});
     } else {
-      at.push_back(b);
-      y.push_back(yb);
-    }
-  };
-  at.push_back(begin);
-  y.push_back(firstY.front());
-  for (std::size_t k = 1; k < first.size(); ++k) halve(first[k - 1], firstY[k - 1], first[k], firstY[k]);
-  const auto snapped = [&](std::size_t k) { return static_cast<double>(lattice::roundTo(y[k], side.vertical)); };
-  std::vector<Point2> out;
-  std::vector<std::pair<std::size_t, std::size_t>> pieces{{0, at.size() - 1}};
-  while (!pieces.empty()) {
-    const auto [a, b] = pieces.back();
-    pieces.pop_back();
-    double worst = limit;
-    std::size_t where = 0;
-    for (std::size_t k = a + 1; k < b; ++k) {
-      const double t = static_cast<double>(at[k] - at[a]) / static_cast<double>(at[b] - at[a]);
-      const double off = std::abs(snapped(a) + t * (snapped(b) - snapped(a)) - y[k]);
-      if (off > worst) {
-        worst = off;
-        where = k;
+      const std::size_t gaps = std::min(rest_.size(), kSamplesATime), kept = rest_.size() - gaps;
+      const std::vector<Sample> ends(rest_.begin() + static_cast<std::ptrdiff_t>(kept), rest_.end());  // the nearest last
+      rest_.resize(kept);
+      const auto before = [&](std::size_t k) { return k + 1 < gaps ? ends[k + 1] : samples_.back(); };
+      for (std::size_t k = 0; k < gaps; ++k)
+        if (steep(before(k), ends[k])) wanted_.push_back((before(k).at + ends[k].at) / 2);
+      evaluate();
+      for (std::size_t k = 0, middle = 0; k < gaps; ++k) {
+        rest_.push_back(ends[k]);
+        if (!steep(before(k), ends[k])) continue;
+        rest_.push_back({wanted_[middle], heights_[middle]});
+        ++middle;
       }
     }
-    if (where == 0) continue;
-    out.push_back(alongX ? Point2{static_cast<std::int32_t>(at[where]), from.z} : Point2{from.x, static_cast<std::int32_t>(at[where])});
-    pieces.push_back({a, where});
-    pieces.push_back({where, b});
+    for (; !rest_.empty() && !steep(samples_.back(), rest_.back()); rest_.pop_back()) samples_.push_back(rest_.back());
   }
-  return out;
+  return true;
 }
+
+bool Division::choose(const std::function<bool()>& pauses) {
+  const auto snapped = [&](const Sample& s) { return static_cast<double>(lattice::roundTo(s.height, side_.vertical)); };
+  while (!pieces_.empty()) {
+    Piece& piece = pieces_.back();
+    const Sample &a = samples_[piece.from], &b = samples_[piece.to];
+    for (; piece.next < piece.to; ++piece.next) {
+      if (++looks_ % kLooksATime == 0 && pauses()) return false;
+      const Sample& s = samples_[piece.next];
+      const double t = static_cast<double>(s.at - a.at) / static_cast<double>(b.at - a.at);
+      const double off = std::abs(snapped(a) + t * (snapped(b) - snapped(a)) - s.height);
+      if (off > piece.worst) {
+        piece.worst = off;
+        piece.where = piece.next;
+      }
+    }
+    const auto [from, to, next, worst, where] = piece;
+    pieces_.pop_back();
+    if (where == 0) continue;
+    points_.push_back(place(samples_[where].at));
+    add(from, where);
+    add(where, to);
+  }
+  return true;
+}
+
+bool Division::steep(const Sample& a, const Sample& b) const { return b.at - a.at > 1 && std::abs(b.height - a.height) > limit_; }
+
+Point2 Division::place(std::int32_t at) const { return alongX_ ? Point2{at, side_.from.z} : Point2{side_.from.x, at}; }
+
+void Division::evaluate() {
+  std::vector<Step> x, z;
+  for (const std::int32_t at : wanted_) {
+    const lattice::Point p = frame_.global(place(at));
+    x.push_back(p.x);
+    z.push_back(p.z);
+  }
+  heights_.resize(wanted_.size());
+  terrain_.heightSteps(x, z, heights_);
+}
+
+void Division::add(std::size_t from, std::size_t to) { pieces_.push_back({from, to, from + 1, limit_, 0}); }
 
 }  // namespace ridgecast::box

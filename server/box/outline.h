@@ -1,6 +1,9 @@
 #pragma once
 // The sides of a box, each divided as a line, so that adjoining boxes share it to the bit.
 
+#include <cstddef>
+#include <functional>
+#include <utility>
 #include <vector>
 
 #include "common/terrain/terrain.h"
@@ -14,8 +17,43 @@ struct Side {
   int vertical;                    // the spacing of vertices' heights, as a power of two in steps
 };
 
-// Points between its ends with which the terrain along it stays within the error of straight lines (Douglas and Peucker 1973). Depends on
-// the two ends alone, not on which comes first.
-std::vector<triangulation::Point2> divided(const terrain::Terrain& terrain, const Frame& frame, const Side& side);
+// Finds points between a side's ends with which the terrain along it stays within the error of straight lines (Douglas and Peucker 1973).
+// They depend on the two ends alone, not on which comes first. One thread at a time.
+class Division {
+ public:
+  Division(const terrain::Terrain& terrain, const Frame& frame, const Side& side);
+  // False: pauses(), asked every few thousand heights, said so; the next call goes on there.
+  bool work(const std::function<bool()>& pauses);
+  std::vector<triangulation::Point2> take() { return std::move(points_); }  // once work() is done
+
+ private:
+  struct Sample {
+    std::int32_t at, height;  // units along the side; steps
+  };
+  struct Piece {
+    std::size_t from, to;  // samples
+    std::size_t next;      // the first that has not been looked at
+    double worst;          // steps: the farthest so far from the line between its ends,
+    std::size_t where;     // and which it is; 0: none
+  };
+  bool sample(const std::function<bool()>& pauses);
+  bool choose(const std::function<bool()>& pauses);
+  bool steep(const Sample& a, const Sample& b) const;
+  triangulation::Point2 place(std::int32_t at) const;
+  void evaluate();  // wanted_, into heights_
+  void add(std::size_t from, std::size_t to);
+
+  const terrain::Terrain& terrain_;
+  const Frame frame_;
+  const Side side_;
+  const bool alongX_;
+  const double limit_;  // steps
+  std::int32_t end_ = 0, spacing_ = 0;
+  std::vector<Sample> samples_, rest_;  // in order; those beyond, the nearest last
+  std::vector<std::int32_t> wanted_, heights_;
+  std::vector<Piece> pieces_;
+  std::size_t looks_ = 0;
+  std::vector<triangulation::Point2> points_;
+};
 
 }  // namespace ridgecast::box
