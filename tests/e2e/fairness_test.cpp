@@ -314,7 +314,7 @@ TEST_P(Fairness, TheHonestCameraFliesOn) {
   EXPECT_TRUE(server_->healthy()) << server_->process().output();
 }
 
-INSTANTIATE_TEST_SUITE_P(Beside, Fairness, testing::ValuesIn(kCases), [](const auto& info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(Beside, Fairness, testing::ValuesIn(kCases), [](const auto& one) { return std::string(one.param.name); });
 
 }  // namespace
 }  // namespace ridgecast

@@ -98,7 +98,9 @@ TEST(Guess, OnAPlaneIsThePlane) {
   Guesser guesser;
   forEachVertex(m.mesh, [&](triangulation::VertexId v) {
     const Guess guess = guesser.guess(m.mesh, v, [](triangulation::VertexId) { return true; });
-    if (guess.isSure) EXPECT_NEAR(guess.y, m.mesh.vertex(v).y, 3);
+    if (guess.isSure) {
+      EXPECT_NEAR(guess.y, m.mesh.vertex(v).y, 3);
+    }
   });
 }
 

@@ -97,7 +97,9 @@ TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
     const std::uint64_t before = session->ground().edit;
     auto client = std::make_shared<Client>();
     auto camera = std::make_shared<CameraSession>(session, session->enter().value(), directory->nextCameraId(), client);
-    camera->receive(wire::Hello{.pacing = pacing});
+    wire::Hello hello;
+    hello.pacing = pacing;
+    camera->receive(hello);
     ASSERT_TRUE(client->world());
     EXPECT_EQ(client->world()->edit, before);
     camera->receive(wire::PoseMessage{1, {}});
