@@ -107,6 +107,8 @@ MUTANTS = [
     # The cache on the disk.
     ("server/edit_log/log.cpp", "  if (tilesOf_ == last_) return layerIn(false);", "  if (tilesOf_ <= last_) return layerIn(false);"),
     ("server/edit_log/log.cpp", "if (isCached) tilesOf_ = next, tilesHash_ = sum;", "if (isCached) tilesOf_ = next;"),
+    ("server/edit_log/log.cpp", "if (before.tile(at) == after.tile(at)) continue;", "if (before.tile(at)) continue;"),
+    ("server/edit_log/log.cpp", "if (!tile) return sql_->removeTile.run(at.i, at.j);", "if (!tile) return {};"),
 ]
 
 

@@ -4,10 +4,12 @@
 #include <sqlite3.h>
 
 #include <algorithm>
+#include <functional>
 #include <utility>
 
 #include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
+#include "server/edit_log/tiles.h"
 #include "tests/support/process.h"
 
 namespace ridgecast::simulation {
@@ -83,35 +85,43 @@ void Truth::answered(const wire::Query& query, const wire::Answer& answer) {
 
 void Truth::knows(std::uint64_t edit) { known_ = std::max(known_, edit); }
 
-std::vector<Truth::Entry> Truth::read(const std::filesystem::path& folder) const {
+Truth::Log Truth::read(const std::filesystem::path& folder) const {
   // A copy, which SQLite may repair; the server shall find what the fall has left.
   const testing_support::ScratchFolder copy;
   std::filesystem::copy(folder, copy / "state");
   const std::string file = copy / "state" / "default.edits";
-  std::vector<Entry> out;
+  Log out;
+  if (!std::filesystem::exists(file)) return out;
   sqlite3* database = nullptr;
-  sqlite3_stmt* rows = nullptr;
-  if (std::filesystem::exists(file)) {
-    EXPECT_EQ(sqlite3_open_v2(file.c_str(), &database, SQLITE_OPEN_READWRITE, "unix"), SQLITE_OK);
-    EXPECT_EQ(sqlite3_exec(database, "CREATE TABLE IF NOT EXISTS edits(number, key, author, edit)", nullptr, nullptr, nullptr), SQLITE_OK)
-        << sqlite3_errmsg(database);
-    EXPECT_EQ(sqlite3_prepare_v2(database, "SELECT number, key, author, edit FROM edits ORDER BY number", -1, &rows, nullptr), SQLITE_OK)
-        << sqlite3_errmsg(database);
-    const auto text = [&](int column) { return std::string(reinterpret_cast<const char*>(sqlite3_column_text(rows, column))); };
-    while (sqlite3_step(rows) == SQLITE_ROW) {
-      EXPECT_EQ(static_cast<std::uint64_t>(sqlite3_column_int64(rows, 0)), out.size() + 1) << "the log's numbers";
-      auto operation = edits::fromJson(text(3));
-      EXPECT_TRUE(operation) << text(3);
-      if (operation) out.push_back({text(2), text(1), text(3), std::move(*operation)});
-    }
-  }
-  sqlite3_finalize(rows);
+  EXPECT_EQ(sqlite3_open_v2(file.c_str(), &database, SQLITE_OPEN_READWRITE, "unix"), SQLITE_OK);
+  const auto forEachRow = [&](const char* columns, const char* table, const char* order, const std::function<void(sqlite3_stmt*)>& f) {
+    const std::string create = std::string("CREATE TABLE IF NOT EXISTS ") + table + "(" + columns + ")";
+    EXPECT_EQ(sqlite3_exec(database, create.c_str(), nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(database);
+    const std::string select = std::string("SELECT ") + columns + " FROM " + table + " ORDER BY " + order;
+    sqlite3_stmt* rows = nullptr;
+    EXPECT_EQ(sqlite3_prepare_v2(database, select.c_str(), -1, &rows, nullptr), SQLITE_OK) << sqlite3_errmsg(database);
+    while (sqlite3_step(rows) == SQLITE_ROW) f(rows);
+    sqlite3_finalize(rows);
+  };
+  forEachRow("number, key, author, edit", "edits", "number", [&](sqlite3_stmt* row) {
+    const auto text = [&](int column) { return std::string(reinterpret_cast<const char*>(sqlite3_column_text(row, column))); };
+    EXPECT_EQ(static_cast<std::uint64_t>(sqlite3_column_int64(row, 0)), out.edits.size() + 1) << "the log's numbers";
+    auto operation = edits::fromJson(text(3));
+    EXPECT_TRUE(operation) << text(3);
+    if (operation) out.edits.push_back({text(2), text(1), text(3), std::move(*operation)});
+  });
+  forEachRow("i, j, tile", "tiles", "i, j", [&](sqlite3_stmt* row) {
+    const edits::TileAddress at{sqlite3_column_int64(row, 0), sqlite3_column_int64(row, 1)};
+    out.tiles[at] = edit_log::decodeTile(
+        {static_cast<const std::uint8_t*>(sqlite3_column_blob(row, 2)), static_cast<std::size_t>(sqlite3_column_bytes(row, 2))});
+  });
   sqlite3_close(database);
   return out;
 }
 
 void Truth::judge(const std::filesystem::path& folder) {
-  const auto before = std::exchange(log_, read(folder));
+  const Log log = read(folder);
+  const auto before = std::exchange(log_, log.edits);
   ASSERT_GE(log_.size(), before.size()) << "the log has lost edits that a server began with";
   EXPECT_TRUE(std::equal(before.begin(), before.end(), log_.begin())) << "the log has changed edits";
   ASSERT_GE(log_.size(), known_) << "the log has lost edits that members know of";
@@ -120,6 +130,7 @@ void Truth::judge(const std::filesystem::path& folder) {
     layers_.push_back(history_.layer());
   }
   judgeEdits();
+  judgeTiles(log.tiles);
   for (const auto& [query, heights, edit] : std::exchange(answers_, {})) {
     std::vector<float> truth(query.x.size());
     edits::EditedTerrain(terrain_, layers_[edit]).heights(query.x, query.z, truth);
@@ -145,6 +156,19 @@ void Truth::judgeEdits() const {
     EXPECT_EQ(made.author, log_[number - 1].author) << "edit " << number;
     EXPECT_EQ(made.operation, log_[number - 1].json) << "edit " << number;
     judgeArea(made);
+  }
+}
+
+// A server starts from them.
+void Truth::judgeTiles(const Tiles& tiles) const {
+  const edits::Layer& layer = *layers_.back();
+  static const edits::Tile kNone;
+  std::size_t kept = 0;
+  for (const edits::TileAddress at : layer.addresses()) kept += *layer.tile(at) != kNone;
+  EXPECT_EQ(tiles.size(), kept) << "cached tiles of " << log_.size() << " edits";
+  for (const auto& [at, tile] : tiles) {
+    const edits::Tile* const made = layer.tile(at);
+    ASSERT_TRUE(tile && made && *tile == *made) << "the cached tile " << at.i << ", " << at.j << " is not what the edits make";
   }
 }
 

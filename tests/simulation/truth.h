@@ -32,7 +32,8 @@ class Truth {
   void answered(const wire::Query& query, const wire::Answer& answer);
   void knows(std::uint64_t edit);  // a mesh or an answer
 
-  // While no server runs: reads the log in this folder, as SQLite sees it without the product, and judges all of the above by it.
+  // While no server runs: reads the log in this folder, as SQLite sees it without the product, and judges all of the above and the log's
+  // cached tiles by its edits.
   void judge(const std::filesystem::path& folder);
   // Of the log when it was judged.
   std::uint64_t last() const { return log_.size(); }
@@ -51,8 +52,14 @@ class Truth {
     std::vector<float> heights;
     std::uint64_t edit = 0;
   };
-  std::vector<Entry> read(const std::filesystem::path& folder) const;
+  using Tiles = std::map<edits::TileAddress, std::shared_ptr<const edits::Tile>>;
+  struct Log {
+    std::vector<Entry> edits;
+    Tiles tiles;  // of the layer that they make
+  };
+  Log read(const std::filesystem::path& folder) const;
   void judgeEdits() const;
+  void judgeTiles(const Tiles& tiles) const;
   void judgeArea(const wire::MadeEdit& made) const;
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
