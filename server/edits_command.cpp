@@ -30,7 +30,23 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kAtATime = 1024;  // edits
 constexpr const char* kUsage =
-    "Say list, export, import, compact, verify or backup, then the log's file: ridgecast-server edits list session.edits.";
+    "Say list, export, import, compact, verify or backup, then the log's file: ridgecast-server edits list session.edits; see --help.";
+constexpr const char* kHelp = R"(Usage: ridgecast-server edits COMMAND FILE
+
+Manages the log of a session's edits, FOLDER/SESSION.edits of --state FOLDER, while no server has it open.
+
+  list FILE                      Print a table of the edits
+  export FILE                    Write them to standard output, one JSON object a line: number, key, author, time (microseconds since 1970)
+                                 and edit
+  import FILE [FROM] [SETTINGS]  Make a new log from such lines, read from FROM or standard input; only "edit" is required
+  compact FILE [SETTINGS]        Make what they changed part of the ground; they can no longer be undone
+  verify FILE [SETTINGS]         Make the ground again from the edits and compare it with the cached tiles
+  backup FILE TO                 Copy the log
+
+SETTINGS are those of ridgecast-server that name the terrain, such as --terrain dem.tif. compact and verify need them only where the log's
+name of the terrain does not suffice.
+Exit status: 0; 1 after a failure; 2 after bad input.
+)";
 
 int refuse(int status, const std::string& sentence) {
   std::cerr << "ridgecast-server edits: " << sentence << "\n";
@@ -150,8 +166,9 @@ Outcome<void> addLines(std::istream& in, Log& log, edits::History& history) {
     while (edits.size() < kAtATime && !isOver) {
       std::string line;
       isOver = !std::getline(in, line);
+      ++lineNumber;
       if (isOver || line.find_first_not_of(" \r") == line.npos) continue;
-      const auto where = [&, n = ++lineNumber](const Error& e) { return Error{"Line " + std::to_string(n) + ": " + e.message}; };
+      const auto where = [&](const Error& e) { return Error{"Line " + std::to_string(lineNumber) + ": " + e.message}; };
       auto edit = parseLine(line, history.last());
       if (!edit) return where(edit.error());
       auto prepared = history.prepare(std::move(edit->operation));
@@ -235,6 +252,8 @@ int verify(Log& log, const user_terrain::Request& request) {
 
 int runEditsCommand(int argc, const char* const* argv, const char* const* environment) {
   const std::string_view what = argc > 1 ? argv[1] : "";
+  if (std::any_of(argv, argv + argc, [](std::string_view a) { return a == "--help" || a == "-h"; }))
+    return std::cout << kHelp << std::flush ? 0 : 1;
   if (argc < 3 || std::string_view(argv[2]).starts_with("--")) return refuse(2, kUsage);
   const std::filesystem::path file = argv[2];
   const bool hasOther = argc > 3 && !std::string_view(argv[3]).starts_with("--");

@@ -27,6 +27,20 @@
 namespace ridgecast {
 namespace {
 
+constexpr const char* kHelp = R"(Usage: ridgecast-server snapshot FILE|FOLDER/ QUERY [SETTINGS]
+
+Makes a snapshot of a terrain without serving it, for example
+  ridgecast-server snapshot out.glb 'box=all&error=1' --terrain dem.tif
+
+  FILE      .glb, .ply, .obj, or .json for the metadata only
+  FOLDER/   with the slash: 3D Tiles of a box, in a new or empty folder; without its tileset.json, written last, it is unfinished
+  QUERY     what follows the ? in a snapshot's URL, without camera=: a pose (x=0&z=0&altitude=150&yaw=0&pitch=-10) or a box
+            (x0=0&z0=0&x1=500&z1=500&error=1, in metres, up to 1,000 km wide; box=all: a whole height map)
+  SETTINGS  those of ridgecast-server that name the terrain, and --max-snapshot-triangles
+
+Exit status: 0; 1 after a failure; 2 after bad input.
+)";
+
 struct Taking {
   snapshot::Limits limits;
   unsigned threads;
@@ -137,8 +151,10 @@ int take(const config::Config& config, const std::string& out, const std::string
 }  // namespace
 
 int runSnapshotCommand(int argc, const char* const* argv, const char* const* environment) {
+  if (std::any_of(argv, argv + argc, [](std::string_view a) { return a == "--help" || a == "-h"; }))
+    return std::cout << kHelp << std::flush ? 0 : 1;
   if (argc < 3 || std::string_view(argv[1]).starts_with("-"))
-    return refuse(2, "Say FILE or FOLDER/, QUERY, then settings: ridgecast-server snapshot out.glb 'box=all&error=1' --terrain dem.tif.");
+    return refuse(2, "Say FILE or FOLDER/, QUERY, then settings: ridgecast-server snapshot out.glb 'box=all&error=1'; see --help.");
   std::vector<const char*> settings{argv[0]};
   settings.insert(settings.end(), argv + 3, argv + argc);
   const config::Parsed parsed = config::parse(static_cast<int>(settings.size()), settings.data(), environment);

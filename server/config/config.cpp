@@ -87,7 +87,7 @@ void addTerrain(CLI::App& app, Written& w) {
   app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl, each available as NAME")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");
   app.add_flag("--watch", c.watch,
-               "Look after the terrain files in use: their sessions go on with what was saved, if it is without errors");
+               "Reload terrain files when they are saved; a file with errors changes nothing");
   app.add_flag("--private-terrain", w.isPrivate,
                "Never send the terrain's text or samples; send colours and normals with the vertices instead");
 }
@@ -226,11 +226,12 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
   bool list = false, print = false;
   std::filesystem::path file;
   CLI::App app(
-      "Streams endless terrain, triangulated for each camera. 'ridgecast-server token --help' tells how to make tokens;\n"
-      "'ridgecast-server healthy' asks a running server with the same settings whether it is well;\n"
+      "Streams endless terrain, triangulated for each camera. 'ridgecast-server token' issues tokens;\n"
+      "'ridgecast-server healthy' checks a running server with the same settings;\n"
       "'ridgecast-server snapshot FILE|FOLDER/ QUERY' makes a snapshot, or tiles, of the terrain without serving it;\n"
-      "'ridgecast-server edits list|export|import|compact|verify|backup FILE' looks after a session's log of edits.\n"
-      "A setting's flag goes before its environment variable (--max-cameras: RIDGECAST_MAX_CAMERAS), that before the settings file.",
+      "'ridgecast-server edits list|export|import|compact|verify|backup FILE' manages a session's log of edits.\n"
+      "--help after token, snapshot or edits says more.\n"
+      "A flag overrides its environment variable (--max-cameras: RIDGECAST_MAX_CAMERAS), which overrides the settings file.",
       "ridgecast-server");
   app.formatter(std::make_shared<FirstNames>());
   app.get_formatter()->column_width(34);
@@ -240,7 +241,7 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
       ->type_name("FILE")
       ->configurable(false);
   app.add_flag("--print-config", print, "Print every setting and where it comes from")->configurable(false);
-  app.add_flag("--list-terrains", list, "List the terrains there are and their parameters")->configurable(false);
+  app.add_flag("--list-terrains", list, "List the available terrains and their parameters")->configurable(false);
   addListening(app, w);
   addTerrain(app, w);
   addAccess(app, w);

@@ -83,7 +83,8 @@ TEST_F(Edits, ThatAreWrongLeaveNoLog) {
       {R"({"edit":{"op":"undo","edit":3}})", "Line 1: There is no edit 3 to undo"},
       {R"({"edit":{"op":"crater","x":0,"z":0,"radius":2,"depth":4},"number":2})", "Line 1: its number is 2, but 1 is next"},
       {R"({"edit":{"op":"crater","x":0,"z":0,"radius":2,"depth":4},"author":2})", R"(Line 1: "author" is not one of)"},
-      {"{\"edit\":{\"op\":\"crater\",\"x\":0,\"z\":0,\"radius\":2,\"depth\":4}}\nx", "Line 2: "}};
+      {"{\"edit\":{\"op\":\"crater\",\"x\":0,\"z\":0,\"radius\":2,\"depth\":4}}\nx", "Line 2: "},
+      {"\n \nx", "Line 3: "}};
   for (const auto& [lines, sentence] : wrong) {
     const auto refused = edits({"import", file, write(lines)});
     EXPECT_EQ(refused.code, 1);
@@ -94,10 +95,15 @@ TEST_F(Edits, ThatAreWrongLeaveNoLog) {
 }
 
 TEST(EditsCommand, SaysWhatItWants) {
-  for (const std::vector<std::string>& bad : {std::vector<std::string>{}, {"list"}, {"list", "--help"}, {"list", "/nowhere/a.edits"}}) {
+  for (const std::vector<std::string>& bad : {std::vector<std::string>{}, {"list"}, {"list", "--quiet"}, {"list", "/nowhere/a.edits"}}) {
     const auto refused = edits(bad);
     EXPECT_EQ(refused.code, 2);
     EXPECT_THAT(refused.output, StartsWith("ridgecast-server edits: "));
+  }
+  for (const std::vector<std::string>& asks : {std::vector<std::string>{"--help"}, {"-h"}, {"list", "--help"}}) {
+    const auto said = edits(asks);
+    EXPECT_EQ(said.code, 0);
+    EXPECT_THAT(said.output, StartsWith("Usage: ridgecast-server edits COMMAND FILE"));
   }
 }
 
