@@ -86,8 +86,7 @@ void addTerrain(CLI::App& app, Written& w) {
       ->type_name("FILE");
   app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl, each available as NAME")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");
-  app.add_flag("--watch", c.watch,
-               "Reload terrain files when they are saved; a file with errors changes nothing");
+  app.add_flag("--watch", c.watch, "Reload terrain files when they are saved; a file with errors changes nothing");
   app.add_flag("--private-terrain", w.isPrivate,
                "Never send the terrain's text or samples; send colours and normals with the vertices instead");
 }
