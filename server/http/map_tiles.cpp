@@ -98,13 +98,15 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
                                 std::to_string(map::kFinestTileLevel) + ", X and Y below 2^Z.");
   const auto at = readPlace(request.query());
   if (!at) return openRefusal(400, at.error().message);
+  if (auto lacking = lacksEdit(request.edit, *session)) return opened(std::move(*lacking));
   session->use();
   const std::string etag = etagOf(*session, *wanted, *at);
-  Answer a = opened(madeBy({.work = [terrain = session->terrain(), sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours,
+  Answer a = opened(madeBy({.work = [ground = session->ground(), sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours,
                                      etag](const std::stop_token& stop) {
-    Answer made = colours ? coloursOf(*terrain, sheet, stop) : heightsOf(*terrain, sheet, stop);
+    Answer made = colours ? coloursOf(*ground.terrain, sheet, stop) : heightsOf(*ground.terrain, sheet, stop);
     if (made.status != 200) return made;
     made = opened(std::move(made));
+    made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
     made.etag = etag;
     return made;
   }}));

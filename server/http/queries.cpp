@@ -34,7 +34,10 @@ class Asking {
     session_->use();
   }
 
-  void ask(wire::Query query) { answering_.emplace(session_->terrain(), std::move(query)); }
+  void ask(wire::Query query) {
+    session::Ground ground = session_->ground();
+    answering_.emplace(std::move(ground.terrain), std::move(query), ground.edit);
+  }
   void ask(std::string body, BodyType type, std::optional<double> option) {
     body_.emplace(form_, type, std::move(body), option);
     type_ = type;
@@ -99,10 +102,14 @@ class Asking {
   }
 
   Answer whole() {
-    if (type_ == BodyType::kJson) return json(std::move(text_) + "]}\n");
     Answer a;
-    a.type = "application/octet-stream";
-    a.body = std::move(text_);
+    if (type_ == BodyType::kJson) {
+      a = json(std::move(text_) + "]}\n");
+    } else {
+      a.type = "application/octet-stream";
+      a.body = std::move(text_);
+    }
+    a.headers.emplace_back(kEditHeader, std::to_string(made_.edit));
     return a;
   }
 
@@ -159,7 +166,10 @@ std::optional<Answer> respond(const Request& request, session::Directory& direct
   const std::string client(request.client);
   const auto enter = posts ? posted(*form, *type, request.query(), client) : inUrl(*form, request.query(), client);
   if (!enter) return refused(400, metrics::Refusal::kRequest, enter.error().message);
-  return inSession(request, directory, *enter);
+  return inSession(request, directory, [enter = *enter, edit = std::string(request.edit)](std::shared_ptr<session::Session> session) {
+    if (auto lacking = lacksEdit(edit, *session)) return *lacking;
+    return enter(std::move(session));
+  });
 }
 
 }  // namespace

@@ -102,6 +102,17 @@ std::string page(const Request& request, const session::Directory& directory, st
 
 }  // namespace
 
+std::optional<Answer> lacksEdit(std::string_view edit, const session::Session& session) {
+  if (edit.empty()) return {};
+  const auto wanted = text::number<std::uint64_t>(edit);
+  if (!wanted) return refused(400, metrics::Refusal::kRequest, std::string(kEditHeader) + " is the number of an edit, such as 17.");
+  if (const std::uint64_t last = session.ground().edit; *wanted > last)
+    return refused(409, metrics::Refusal::kSession,
+                   "Edit " + std::to_string(*wanted) + " has not been made in session '" + session.name() + "'; its last edit is " +
+                       std::to_string(last) + ".");
+  return {};
+}
+
 std::string routeOf(std::string_view path) {
   for (const std::string_view known :
        {"/", "/healthz", "/readyz", "/metrics", "/version", "/v1/stream", "/v1/sessions", "/v1/heights", "/v1/normals", "/v1/rays"})

@@ -40,6 +40,7 @@ struct Request {  // the views live while the request is answered, not in later 
   std::string_view acceptEncoding;
   std::string_view contentType;
   std::string_view idempotencyKey;
+  std::string_view edit;                                            // Ridgecast-Edit: the number of an edit that the answer is to know
   std::string_view origin, fetchSite, authorization, subprotocols;  // headers; untrusted, checked by the filter before a route sees them
   access::Rights rights = access::Rights::all();                    // of the client
   std::string_view client = {};  // "token of NAME" or "address ADDRESS": whose share limited things come from
@@ -53,6 +54,9 @@ struct Later;
 struct OfBody;
 
 using Headers = std::vector<std::pair<std::string, std::string>>;
+
+// In requests as Request::edit; in answers about the ground the last edit that they know, 0: none.
+inline constexpr char kEditHeader[] = "Ridgecast-Edit";
 
 struct Answer {
   unsigned status = 200;
@@ -103,6 +107,9 @@ using Route = std::function<std::optional<Answer>(const Request& request)>;
 
 // `routes` are tried first, in order.
 Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
+
+// A refusal, if the session has not made the edit that the answer is to know (Request::edit).
+std::optional<Answer> lacksEdit(std::string_view edit, const session::Session& session);
 
 // The route of a path, of a fixed set, for the metrics: such as /v1/heights, /v1/sessions/{session}/snapshot.glb or other.
 std::string routeOf(std::string_view path);

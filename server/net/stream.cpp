@@ -398,6 +398,7 @@ Request requestOf(const http::request_header<>& header) {
           .acceptEncoding = header[http::field::accept_encoding],
           .contentType = header[http::field::content_type],
           .idempotencyKey = header["Idempotency-Key"],
+          .edit = header[ridgecast::http::kEditHeader],
           .origin = header[http::field::origin],
           .fetchSite = header["Sec-Fetch-Site"],
           .authorization = header[http::field::authorization],

@@ -20,6 +20,7 @@
 #include "common/edits/history.h"
 #include "common/edits/json.h"
 #include "server/http/edits.h"
+#include "server/http/map_tiles.h"
 #include "server/http/queries.h"
 #include "tests/integration/loopback.h"
 #include "tests/support/relay.h"
@@ -112,9 +113,18 @@ class EditsTest : public LoopbackTest {
  protected:
   void SetUp() override {
     open();
-    listen({http::queryRoute(directory), http::editsRoute(directory)});
+    listen({http::queryRoute(directory), http::editsRoute(directory), http::mapTileRoute(directory)});
   }
   std::uint16_t port() const { return server->port(); }
+  std::string ask(const std::string& method, const std::string& path, const std::string& body = "", const std::string& headers = "") const {
+    testing_support::SocketClient client(port());
+    client.send(method + " /v1/" + (path.starts_with("heights?") ? path : "sessions/default/" + path) + " HTTP/1.1\r\nHost: localhost\r\n" +
+                headers +
+                (body.empty() ? "" : "Content-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) + "\r\n") + "\r\n" +
+                body);
+    return client.answer();
+  }
+  static void has(const std::string& answer, const std::string& words) { EXPECT_NE(answer.find(words), std::string::npos) << answer; }
 
   std::shared_ptr<const terrain::Terrain> base = terrain::create("alpine", 1).value();
 };
@@ -278,14 +288,6 @@ TEST_F(EditsTest, AreInAnswersThatAreComputedHere) {
 }
 
 TEST_F(EditsTest, TravelByHttp) {
-  const auto ask = [&](const std::string& method, const std::string& path, const std::string& body = "", const std::string& headers = "") {
-    testing_support::SocketClient client(port());
-    client.send(method + " /v1/sessions/default/" + path + " HTTP/1.1\r\nHost: localhost\r\n" + headers +
-                (body.empty() ? "" : "Content-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) + "\r\n") + "\r\n" +
-                body);
-    return client.answer();
-  };
-  const auto has = [](const std::string& answer, const std::string& words) { EXPECT_NE(answer.find(words), std::string::npos) << answer; };
   const std::string made = ask("POST", "edits", craterAt(3, 4), "Idempotency-Key: a\r\n");
   has(made, " 201 ");
   has(made, "{\"number\": 1}");
@@ -304,6 +306,20 @@ TEST_F(EditsTest, TravelByHttp) {
   EXPECT_EQ(ask("GET", "edits?since=1").find("crater"), std::string::npos);
   has(ask("GET", "edits?since=-1"), " 400 ");
   has(ask("GET", "edits?limit=5000"), " 400 ");
+}
+
+TEST_F(EditsTest, AnswersByHttpSayWhichTheyKnow) {
+  const std::string ofPlace = "heights?at=3,4", tile = "heights/12/2048/2048.png?at=0,0";
+  for (const std::string& path : {ofPlace, tile}) {
+    has(ask("GET", path), "Ridgecast-Edit: 0\r\n");
+    has(ask("GET", path, "", "Ridgecast-Edit: 1\r\n"), "Edit 1 has not been made in session 'default'; its last edit is 0.");
+    has(ask("GET", path, "", "Ridgecast-Edit: last\r\n"), " 400 ");
+  }
+  has(ask("POST", "edits", craterAt(3, 4)), "{\"number\": 1}");
+  for (const std::string& path : {ofPlace, tile}) {
+    has(ask("GET", path, "", "Ridgecast-Edit: 1\r\n"), "Ridgecast-Edit: 1\r\n");
+    has(ask("GET", path, "", "Ridgecast-Edit: 2\r\n"), " 409 ");
+  }
 }
 
 // How long from an edit to each of sixteen checked meshes.
