@@ -144,10 +144,9 @@ def main() -> int:
                 sys.exit(f"{file}: '{after.strip()}' does not compile")
             began = time.monotonic()
             try:
-                run = subprocess.run([COPY / "build/test/bin/simulation_test"], env={**os.environ, "SEEDS": seeds}, capture_output=True,
-                                     text=True, timeout=3600)
-                seed = re.search(r"SEED=(\d+)", run.stdout)
-                what = f"seed {seed[1]}" if seed else f"exit {run.returncode}" if run.returncode else ""
+                run = subprocess.run([COPY / "build/test/bin/simulation_test"], env={**os.environ, "SEEDS": seeds, "SHORTEN": "0"},
+                                     capture_output=True, text=True, timeout=3600)
+                what = f"seed {re.findall(r'SEED=([0-9]+)', run.stdout)[-1]}" if run.returncode else ""
             except subprocess.TimeoutExpired:
                 what = "it hangs"
             found += bool(what)

@@ -1,0 +1,48 @@
+#pragma once
+// What happens in a simulation, as values: a run is a list of them from a seed. Each brings its own dice for what it does not say, so that it
+// does the same without those before it.
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tests/simulation/server.h"
+
+namespace ridgecast::simulation {
+
+enum class Kind {
+  kFly,        // metres; who is away connects
+  kLose,       // the line; the server hears of it after so many milliseconds
+  kLeave,      // as kLose, and everything is forgotten
+  kClock,      // is taken
+  kStep,       // the clock
+  kThreshold,  // pixels
+  kAsk,        // for heights
+  kEdit,
+  kLie,    // the liar
+  kWait,   // milliseconds, in which nobody does anything
+  kStorm,  // the server's thread has other things to do, while everybody edits so often
+  kStop,   // the server, with power
+  kCrash,  // without
+  kCut,    // the power, after so many operations of the disk
+  kFill,   // the disk, after so many writes
+};
+
+struct Event {
+  Kind kind = Kind::kFly;
+  std::uint64_t who = 0;     // of the members, modulo their number
+  std::uint64_t amount = 0;  // see Kind
+  std::uint64_t pause = 0;   // microseconds, afterwards
+  std::uint64_t dice = 0;
+};
+using Events = std::vector<Event>;
+
+// What this seed chooses, for about so long.
+Events eventsOf(std::uint64_t seed, bool withLiar, Duration time);
+
+// One a line: kind, who, amount, pause, dice. Empty lines and those that begin with # are skipped. Nothing: a line is something else.
+std::string toText(const Events& events);
+std::optional<Events> eventsFrom(const std::string& text);
+
+}  // namespace ridgecast::simulation

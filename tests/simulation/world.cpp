@@ -1,0 +1,243 @@
+#include "tests/simulation/world.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "common/edits/edited_terrain.h"
+
+namespace ridgecast::simulation {
+
+using namespace std::chrono_literals;
+
+Met met;
+
+namespace {
+
+const edits::Layer& layer(const terrain::Terrain& ground) {
+  static const edits::Layer kNone;
+  const auto* edited = dynamic_cast<const edits::EditedTerrain*>(&ground);
+  return edited ? *edited->layer() : kNone;
+}
+
+}  // namespace
+
+World::World(std::uint64_t seed) : random_(seed) {
+  session::Limits limits;
+  limits.window = static_cast<std::uint32_t>(1 + random_() % 4);
+  limits.maxQueuedBytes = random_() % 3 == 0 ? 20'000 : 8 << 20;
+  const char* const terrains[] = {"alpine", "canyon", "archipelago"};
+  terrain_ = terrain::create(terrains[random_() % 3], 5).value();
+  truth_.emplace(terrain_);
+  server_.emplace(terrain_, limits, timer_, seed);
+  EXPECT_TRUE(server_->start());
+  const lattice::Point site{static_cast<lattice::Step>(random_() % 2'000'000), static_cast<lattice::Step>(random_() % 2'000'000)};
+  for (std::uint64_t n = 2 + random_() % 4; n > 0; --n) admit(n, site);
+  if (hasLiar(seed)) liar_ = std::make_unique<Liar>(*server_, *truth_, timer_, random_, site);
+}
+
+void World::admit(std::uint64_t number, lattice::Point site) {
+  Member::Nature nature;
+  nature.hello.clientName = "member " + std::to_string(number);
+  nature.hello.settings.threshold = 4 + static_cast<double>(random_() % 20);
+  nature.hello.settings.triangleBudget = settings::kLeastBudget;
+  nature.hello.pacing = random_() % 3 == 0 ? wire::Pacing::kLockstep : wire::Pacing::kFree;
+  nature.hello.points = random_() % 4 != 0;
+  nature.hello.members = random_() % 2 == 0;
+  nature.hello.clock = random_() % 2 == 0;
+  nature.hello.edits = random_() % 2 == 0;
+  nature.way.delay = std::chrono::microseconds(random_() % 3 == 0 ? 0 : random_() % 200'000);
+  if (random_() % 3 == 0) nature.way.bytesPerSecond = 20'000 + static_cast<double>(random_() % 200'000);
+  if (random_() % 2 == 0) nature.think = std::chrono::milliseconds(random_() % 300);
+  members_.push_back(std::make_unique<Member>(nature.hello.clientName, *server_, *truth_, timer_, random_, nature, site));
+}
+
+void World::live(const Events& events) {
+  const auto before = random_;
+  for (const Event& event : events) {
+    if (testing::Test::HasFailure()) return;
+    random_.seed(event.dice);
+    act(event);
+    run(std::chrono::microseconds(event.pause));
+    judge();
+  }
+  random_ = before;
+}
+
+void World::calm() {
+  liar_.reset();
+  breaks_ = false;
+  server_->disk().restorePower();
+  for (int k = 0; k < 3000 && !testing::Test::HasFailure(); ++k) {
+    bool rest = true;
+    for (const auto& member : members_) {
+      if (member->wantsToConnect()) member->connect();
+      if (rests(*member)) continue;
+      rest = false;
+      member->insist();
+    }
+    if (rest) return;
+    run(100ms);
+  }
+  for (const auto& member : members_) EXPECT_TRUE(rests(*member)) << member->state();
+}
+
+void World::judgeEnd() {
+  if (testing::Test::HasFailure()) return;
+  const std::uint64_t ground = layer(*server_->session()->terrain()).hash(), last = server_->session()->ground().edit;
+  for (const auto& member : members_) member->lose(between(0, 20));
+  judgeEmptiness();
+  fall(true);
+  if (testing::Test::HasFailure()) return;
+  const auto truth = truth_->ground();
+  EXPECT_EQ(truth_->last(), last);
+  EXPECT_EQ(truth->hash(), ground);
+  const edits::EditedTerrain edited(terrain_, truth);
+  for (const auto& member : members_) member->judge(edited);
+  run(between(5, 6));
+  ASSERT_TRUE(server_->runs());
+  EXPECT_EQ(layer(*server_->session()->terrain()).hash(), ground) << "it starts with another ground";
+}
+
+void World::judgeEmptiness() {
+  const Duration time = met.time;
+  run(std::chrono::minutes(10));
+  met.time = time;
+  const session::Directory& directory = server_->directory();
+  EXPECT_EQ(directory.cameras(), 0u);
+  EXPECT_EQ(directory.triangles(), 0u);
+  EXPECT_TRUE(server_->session()->presence().state().members.empty());
+  EXPECT_EQ(timer_.pending(), 0u) << "something still waits for its time";
+}
+
+void World::undoAll() {
+  auto edits = truth_->counting();
+  std::ranges::shuffle(edits, random_);  // an older one may go before those that were made on it
+  for (const std::uint64_t edit : edits) {
+    Member& member = *members_[edit % members_.size()];
+    bool done = false;
+    for (int tries = 0; tries < 10 && !done; ++tries) {  // its budget may be spent
+      ASSERT_TRUE(member.mayAsk()) << member.state();
+      member.undo(edit);
+      for (int k = 0; k < 1000 && !member.mayAsk(); ++k) run(10ms);
+      done = !member.wasRefused();
+      if (!done) run(1s);
+    }
+    ASSERT_TRUE(done) << "edit " << edit << " cannot be undone";
+    ++met.undone;
+  }
+  EXPECT_EQ(layer(*server_->session()->terrain()).hash(), edits::Layer().hash()) << "all is undone, and something is left";
+}
+
+World::~World() {
+  met.edits += truth_->last();
+  met.acknowledgements += truth_->acknowledgements();
+  met.lostWrites += server_->disk().lost();
+}
+
+std::uint64_t World::history() const {
+  std::uint64_t sum = truth_->last();
+  for (const auto& member : members_) sum = lattice::mix(sum + member->history());
+  return sum;
+}
+
+Duration World::between(int least, int most) {
+  return std::chrono::seconds(least) + std::chrono::milliseconds(random_() % static_cast<std::uint64_t>(1000 * (most - least)));
+}
+
+// ---- events ----
+
+void World::act(const Event& event) {
+  Member& member = *members_[event.who % members_.size()];
+  const auto time = std::chrono::milliseconds(event.amount);
+  switch (event.kind) {
+    case Kind::kFly:
+      return member.wantsToConnect() ? member.connect() : member.fly(static_cast<double>(event.amount));
+    case Kind::kLose:
+      return member.lose(time);
+    case Kind::kLeave:
+      return member.leave(time);
+    case Kind::kClock:
+      return member.takeClock();
+    case Kind::kStep:
+      return member.step();
+    case Kind::kThreshold:
+      return member.setThreshold(static_cast<double>(event.amount));
+    case Kind::kAsk:
+      return member.ask();
+    case Kind::kEdit:
+      return member.edit();
+    case Kind::kLie:
+      return liar_ ? liar_->lie() : void();
+    case Kind::kWait:
+      return run(time);
+    case Kind::kStorm:
+      return storm(event.amount);
+    case Kind::kStop:
+    case Kind::kCrash:
+      return server_->runs() ? fall(event.kind == Kind::kStop) : void();
+    case Kind::kCut:
+      return server_->runs() ? server_->disk().cutPowerAfter(event.amount) : void();
+    case Kind::kFill:
+      if (!server_->runs()) return;
+      server_->disk().fillAfter(event.amount);
+      return timer_.at(timer_.now() + between(0, 3), [this] {
+        if (!server_->lostPower()) server_->disk().restorePower();
+      });
+  }
+}
+
+void World::storm(std::uint64_t edits) {
+  if (!server_->runs()) return;
+  ++met.storms;
+  server_->hold();
+  if (liar_ && edits == wire::kMaxEdits) liar_->flood();
+  for (; edits > 0; --edits)
+    for (const auto& member : members_) member->edit();
+  run(std::chrono::milliseconds(random_() % 250));
+  server_->release();
+  settle();
+}
+
+// What has happened is judged before it starts again.
+void World::fall(bool withPower) {
+  ++met.falls;
+  fell_ = true;
+  server_->fall(withPower);
+  if (liar_) liar_->leave();
+  for (const auto& member : members_) member->fall();
+  truth_->judge(server_->folder());
+  timer_.at(timer_.now() + between(0, 5), [this] { start(); });
+}
+
+void World::start() {
+  if (breaks_ && random_() % 8 == 0) server_->disk().cutPowerAfter(1 + random_() % 8);
+  if (!server_->start()) timer_.at(timer_.now() + between(0, 5), [this] { start(); });
+}
+
+// No step waits for a member for ever.
+void World::judge() {
+  if (!server_->runs()) return;
+  const wire::Clock clock = server_->session()->presence().state().clock;
+  if (clock.step != step_ || clock.waitsFor.empty() || fell_) {
+    fell_ = false;
+    step_ = clock.step;
+    stepSeen_ = timer_.now();
+  }
+  EXPECT_LE(timer_.now() - stepSeen_, session::Presence::kStepTimeout + 4s) << "step " << step_ << " waits";
+}
+
+void World::run(Duration time) {
+  met.time += time;
+  settle();
+  for (const Time end = timer_.now() + time; timer_.step(end);) settle();
+}
+
+void World::settle() {
+  server_->settle();
+  if (server_->runs() && server_->lostPower()) fall(false);
+}
+
+}  // namespace ridgecast::simulation

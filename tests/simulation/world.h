@@ -1,0 +1,70 @@
+#pragma once
+// A server with its disk, its session and members in one thread and simulated time. What a seed and events make of it is always the same.
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "common/terrain/terrain.h"
+#include "tests/simulation/event.h"
+#include "tests/simulation/liar.h"
+#include "tests/simulation/member.h"
+#include "tests/simulation/server.h"
+#include "tests/simulation/truth.h"
+
+namespace ridgecast::simulation {
+
+// What all worlds together have met.
+struct Met {
+  Duration time{};  // without that in which nobody is there
+  std::uint64_t edits = 0, acknowledgements = 0, falls = 0, storms = 0, undone = 0, lostWrites = 0;
+};
+extern Met met;
+
+// Judges by GoogleTest; stops at the first failure.
+class World {
+ public:
+  explicit World(std::uint64_t seed);
+  ~World();
+  static bool hasLiar(std::uint64_t seed) { return seed / 4 % 2 == 0; }
+
+  void live(const Events& events);  // the laws are judged after each
+  // The liar goes, nothing breaks any more, everybody else comes back, stays where it is and gets what is missing.
+  void calm();
+  // Everybody loses the line, and nothing is left. The server stops, and nothing but the log says what the ground is.
+  void judgeEnd();
+  bool canUndoAll() const { return truth_->counting().size() <= 100; }  // in a moment
+  // One member after the other undoes an edit, until nothing is left of any.
+  void undoAll();
+
+  std::uint64_t history() const;  // a hash of what members have seen
+
+ private:
+  Duration between(int least, int most);  // seconds
+  bool rests(const Member& member) const { return server_->runs() && member.rests(server_->session()->ground().edit); }
+  void admit(std::uint64_t number, lattice::Point site);
+
+  void act(const Event& event);
+  void storm(std::uint64_t edits);
+  void fall(bool withPower);
+  void start();
+  void judge();
+  void judgeEmptiness();
+
+  void run(Duration time);
+  void settle();
+
+  Random random_;
+  testing_support::SimulatedTimer timer_;
+  std::shared_ptr<const terrain::Terrain> terrain_;
+  std::optional<Truth> truth_;
+  std::optional<Server> server_;
+  std::vector<std::unique_ptr<Member>> members_;
+  std::unique_ptr<Liar> liar_;
+  bool breaks_ = true, fell_ = false;
+  std::uint64_t step_ = 0;
+  Time stepSeen_{};
+};
+
+}  // namespace ridgecast::simulation
