@@ -94,6 +94,16 @@ void clientSeeds() {
   write("client", framed<M>({hello, resume, pose, wire::Acknowledge{1, 0}, second, wire::ResendLeaves{}, wire::Acknowledge{2, 5}}));
 }
 
+// As conversation.cpp reads them: terms, hello, the world; then poses, each with its iteration, acknowledgement and time.
+void conversationSeeds() {
+  for (const char pacing : {40, 41, 42, 0, 1}) {
+    std::string bytes{3, pacing, 2, 4};
+    for (char k = 0; k < 20; ++k) bytes += {0, 2, static_cast<char>(4 + 16 * (k % 8)), k, static_cast<char>(5 * k), 6, 13 + 16 * 7};
+    write("conversation", bytes);
+    write("conversation", bytes.insert(2, {10, 26, 12, 13}));  // resumes, changes settings
+  }
+}
+
 void serverSeeds() {
   support::Random random(3);
   using M = wire::ServerMessage;
@@ -253,6 +263,7 @@ int main(int argc, char** argv) {
   }
   root = argv[1];
   clientSeeds();
+  conversationSeeds();
   serverSeeds();
   payloadSeeds();
   rasterSeeds();
