@@ -1,14 +1,14 @@
 // Valid messages in any order, time, queues and iterations, as a conversation sees them: nothing crashes, nobody is stuck, every bound is
 // kept, and a model of the client, which knows messages and leaves alone, holds the server's mesh after each iteration.
 #include <algorithm>
+#include <array>
+#include <bitset>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
-#include <map>
 #include <optional>
-#include <set>
 #include <span>
 #include <utility>
 #include <vector>
@@ -51,7 +51,8 @@ class Talk {
   }
 
  private:
-  static constexpr std::size_t kQueue = 1000;
+  static constexpr std::size_t kQueue = 1000, kLeaves = 16;
+  using Hashes = std::array<std::uint64_t, kLeaves>;  // of leaves; 0: none
 
   std::uint64_t number() {
     if (bytes_.empty()) return 0;
@@ -77,7 +78,13 @@ class Talk {
     out.candidates = how / 15 % 2 == 0 ? 0 : 100;
     return out;
   }
-  static LeafAddress address(std::uint64_t k) { return {static_cast<int>(k % 3), static_cast<std::int64_t>(k / 3) - 2, 5}; }
+  // All leaves that there are, in canonical order.
+  static LeafAddress address(std::size_t k) { return {static_cast<int>(k / 6), static_cast<std::int64_t>(k % 6) - 2, 5}; }
+  static std::size_t indexOf(const LeafAddress& at) {
+    const std::size_t k = static_cast<std::size_t>(at.level) * 6 + static_cast<std::size_t>(at.i + 2);
+    require(k < kLeaves && address(k) == at);
+    return k;
+  }
 
   void say(const wire::ClientMessage& message, bool isTooMuch = false) {
     const auto refusal = conversation_.receive(message, now_);
@@ -150,21 +157,21 @@ class Talk {
 
   void askAgain(const std::vector<LeafAddress>& leaves) {
     judgedAfter_ = sent_;
-    for (const auto& [at, hash] : held_)
-      if (leaves.empty() || std::ranges::count(leaves, at)) again_.insert(at);
+    for (std::size_t k = 0; k < kLeaves; ++k)
+      if (held_[k] != 0 && (leaves.empty() || std::ranges::count(leaves, address(k)))) again_[k] = true;
   }
 
   void resend(std::uint64_t more) {
     wire::ResendLeaves message;
-    for (; more > 0; more /= 2) message.leaves.push_back(address(number() % 16));
+    for (; more > 0; more /= 2) message.leaves.push_back(address(number() % kLeaves));
     say(message);
     askAgain(message.leaves);
   }
 
   void resume(std::uint64_t more) {
     wire::Resume message;
-    for (const std::uint64_t at : {more, more + 3, more + 7})
-      if (held_.emplace(address(at), at + 1).second) message.leaves.push_back({address(at), at + 1});
+    for (const std::uint64_t k : {more % kLeaves, (more + 3) % kLeaves, (more + 7) % kLeaves})
+      if (std::exchange(held_[k], k + 1) == 0) message.leaves.push_back({address(k), k + 1});
     say(message);
     hasResumed_ = true;
   }
@@ -270,11 +277,12 @@ class Talk {
     const std::uint64_t leaves = number() | number() << 8;
     if (more % 4 != 0) change(leaves);
     std::vector<mesh::LeafState> mesh;
-    for (const auto& [at, leaf] : mesh_) mesh.push_back(leaf);
+    for (const mesh::LeafState& leaf : mesh_)
+      if (leaf.version != 0) mesh.push_back(leaf);
     const bool settles = more / 4 % 2 == 0, comesToRest = !std::exchange(rests_, settles) && settles;
-    const bool wasEmpty = held_.empty();
+    const bool wasEmpty = held_ == Hashes{};
     const auto changes = conversation_.iterated(mesh, settles);
-    const bool differs = !again_.empty() || held_ != hashes();
+    const bool differs = again_.any() || held_ != hashes();
     if (!changes) {
       // Whoever resumes may wait for the detail that it had.
       const bool mayWait = hasResumed_ && sent_ == 0 && !isLockstep_ && rate() == 0 && !settles && !wasEmpty;
@@ -287,33 +295,35 @@ class Talk {
   }
 
   void change(std::uint64_t leaves) {
-    for (std::uint64_t k = 0; k < 12; ++k) {
+    for (std::size_t k = 0; k < kLeaves - 4; ++k) {
       if ((leaves >> k & 1) == 0) continue;
-      const LeafAddress at = address(k);
-      if ((leaves >> 12) % 4 == 0 && mesh_.erase(at) != 0) continue;
+      const bool goes = (leaves >> 12) % 4 == 0 && mesh_[k].version != 0;
       ++version_;
-      mesh_[at] = {at, version_, lattice::mix(version_), 1, version_};
+      mesh_[k] = goes ? mesh::LeafState{} : mesh::LeafState{address(k), version_, lattice::mix(version_) | 1, 1, version_};
     }
   }
-  std::map<LeafAddress, std::uint64_t> hashes() const {
-    std::map<LeafAddress, std::uint64_t> out;
-    for (const auto& [at, leaf] : mesh_) out[at] = leaf.hash;
+  Hashes hashes() const {
+    Hashes out;
+    std::ranges::transform(mesh_, out.begin(), &mesh::LeafState::hash);
     return out;
   }
 
   // What the client does with an iteration.
   void take(const replica::Changes& changes) {
     require(changes.number == ++sent_);
-    for (const LeafAddress& at : changes.gone) require(held_.erase(at) == 1);
-    for (const LeafAddress& at : changes.come) require(held_.emplace(at, mesh_.at(at).hash).second);
-    for (const LeafAddress& at : changes.touched) require(held_.contains(at));
-    for (const LeafAddress& at : changes.other) require(held_.contains(at)), held_[at] = mesh_.at(at).hash;
-    for (const LeafAddress& at : changes.whole) held_[at] = mesh_.at(at).hash, again_.erase(at);
-    require(std::ranges::none_of(again_, [&](const LeafAddress& at) { return mesh_.contains(at); }));
-    again_.clear();
-    require(held_ == hashes());
+    const Hashes now = hashes();
+    for (const LeafAddress& at : changes.gone) require(std::exchange(held_[indexOf(at)], 0) != 0);
+    for (const LeafAddress& at : changes.come) require(std::exchange(held_[indexOf(at)], now[indexOf(at)]) == 0);
+    for (const LeafAddress& at : changes.touched) require(held_[indexOf(at)] != 0);
+    for (const LeafAddress& at : changes.other) require(std::exchange(held_[indexOf(at)], now[indexOf(at)]) != 0);
+    for (const LeafAddress& at : changes.whole) held_[indexOf(at)] = now[indexOf(at)], again_[indexOf(at)] = false;
+    require(held_ == now);
     std::uint64_t hash = 0;
-    for (const auto& [at, leaf] : held_) hash += mesh::hashTerm(at, leaf);
+    for (std::size_t k = 0; k < kLeaves; ++k) {
+      require(!again_[k] || now[k] == 0);
+      if (now[k] != 0) hash += mesh::hashTerm(address(k), now[k]);
+    }
+    again_.reset();
     require(changes.meshHash == hash);
     unacknowledged_.emplace_back(sent_, hash);
   }
@@ -354,7 +364,7 @@ class Talk {
     if (!conversation_.runs()) return require(due.has_value());
     const bool hasRoom = unacknowledged_.size() < replica.window();
     const bool wants =
-        isLockstep_ ? !poses_.empty() : !poses_.empty() || (takenPose_ != 0 && (!rests_ || !changes_.empty() || !again_.empty()));
+        isLockstep_ ? !poses_.empty() : !poses_.empty() || (takenPose_ != 0 && (!rests_ || !changes_.empty() || again_.any()));
     require(due.has_value() == (queued_ <= kQueue && (!tiles_.empty() || (hasRoom && wants))));
     require(!due || *due < now_ + 60s);  // nobody waits for ever
   }
@@ -372,14 +382,14 @@ class Talk {
   std::deque<std::uint64_t> poses_;
   std::deque<std::pair<std::uint64_t, wire::Settings>> changes_;  // after which pose
   std::deque<terrain::TileAddress> tiles_;
-  std::set<LeafAddress> again_;
+  std::bitset<kLeaves> again_;
   // What it holds, and what was sent to it.
-  std::map<LeafAddress, std::uint64_t> held_;  // hashes
+  Hashes held_{};
   std::deque<std::pair<std::uint64_t, std::uint64_t>> unacknowledged_;
   std::uint64_t sent_ = 0, judgedAfter_ = 0;
   int repairs_ = 0, waited_ = 0;
   // The server's work.
-  std::map<LeafAddress, mesh::LeafState> mesh_;
+  std::array<mesh::LeafState, kLeaves> mesh_{};  // version 0: none
   std::uint64_t version_ = 0;
   bool greets_ = false, iterating_ = false, isForGround_ = false, groundIsNew_ = false, owes_ = false, rests_ = true;
   double unpaid_ = -1e9;  // as much as may be saved up
