@@ -34,6 +34,12 @@ std::string printable(std::string_view text) {
   return out;
 }
 
+std::string sentenceOf(std::string_view text) {
+  std::string out = printable(text);
+  while (out.ends_with(' ')) out.pop_back();
+  return out;
+}
+
 // What there is to know of an answer's header.
 struct Header {
   int status = 0;
@@ -77,9 +83,9 @@ class Download {
            std::stop_token stop)
       : url_(url), timeout_(timeout), take_(std::move(take)), tell_(tell), stop_(std::move(stop)) {}
 
-  // The number of bytes.
-  Outcome<std::uint64_t> run(const std::string& target) {
-    request_ = "GET " + target + " HTTP/1.1\r\nHost: " + where_ +
+  // The number of bytes. Error: also an answer of another status than 200, which status() and sentence() then have.
+  Outcome<std::uint64_t> run(const std::string& method, const std::string& target) {
+    request_ = method + " " + target + " HTTP/1.1\r\nHost: " + where_ +
                "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nPrefer: progress\r\nConnection: close\r\n" +
                (url_.token.empty() ? "" : "Authorization: Bearer " + url_.token + "\r\n") + "\r\n";
     dial(url_, resolver_, channel_, step_, [this](std::optional<std::string> wrong) {
@@ -100,6 +106,8 @@ class Download {
     report();
     return progress_.received;
   }
+  int status() const { return status_; }  // 0: no whole answer has come
+  const std::string& sentence() const { return sentence_; }
 
  private:
   void report() {
@@ -163,11 +171,11 @@ class Download {
   }
 
   void complete() {
-    if (header_->status != 200) {
-      std::string sentence = printable(text_);
-      while (sentence.ends_with(' ')) sentence.pop_back();
+    status_ = header_->status;
+    if (status_ != 200) {
+      sentence_ = sentenceOf(text_);
       const std::string later = header_->retryAfter.empty() ? "" : " (try again in " + header_->retryAfter + " s)";
-      return end("the server at " + where_ + " says: " + (sentence.empty() ? "HTTP " + std::to_string(header_->status) : sentence) + later);
+      return end("the server at " + where_ + " says: " + (sentence_.empty() ? "HTTP " + std::to_string(status_) : sentence_) + later);
     }
     ended_ = true;
   }
@@ -183,6 +191,8 @@ class Download {
   transport::Channel channel_{asio::ip::tcp::socket(context_)};
   Dialing step_ = Dialing::kResolving;
   std::string request_, text_;  // what was read of the header, then of a refusal's sentence
+  int status_ = 0;
+  std::string sentence_;
   std::array<char, 65'536> buffer_;
   std::optional<Header> header_;
   Progress progress_;
@@ -229,7 +239,7 @@ Outcome<std::uint64_t> download(const Url& url, const std::string& target, const
     out.write(bytes);
     return out.good() ? std::nullopt : std::optional(out.problem());
   };
-  auto bytes = Download(url, timeout, take, tell, {}).run(target);
+  auto bytes = Download(url, timeout, take, tell, {}).run("GET", target);
   if (bytes && !out.finish()) return Error{out.problem()};
   return bytes;
 }
@@ -242,9 +252,23 @@ Outcome<std::string> fetch(const Url& url, const std::string& target, std::size_
     return text.size() > most ? std::optional("the server's answer to " + target + " is larger than " + std::to_string(most) + " bytes")
                               : std::nullopt;
   };
-  auto bytes = Download(url, timeout, take, {}, std::move(stop)).run(target);
+  auto bytes = Download(url, timeout, take, {}, std::move(stop)).run("GET", target);
   if (!bytes) return bytes.error();
   return Outcome<std::string>(boost::system::in_place_value, std::move(text));
+}
+
+Outcome<HttpAnswer> request(const Url& url, const std::string& method, const std::string& target, std::chrono::milliseconds timeout,
+                            std::stop_token stop) {
+  std::string text;
+  const auto take = [&](std::string_view bytes) -> std::optional<std::string> {
+    text += bytes.substr(0, kMostSentence - text.size());
+    return std::nullopt;
+  };
+  const std::function<void(const Progress&)> tell;
+  Download one(url, timeout, take, tell, std::move(stop));
+  auto bytes = one.run(method, target);
+  if (!bytes && one.status() == 0) return bytes.error();
+  return HttpAnswer{one.status(), bytes ? sentenceOf(text) : one.sentence()};
 }
 
 }  // namespace ridgecast::connection

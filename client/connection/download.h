@@ -27,7 +27,16 @@ struct Progress {
 Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
                                 std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell);
 
-// The same into memory, of at most `most` bytes; also gives up when `stop` asks it to.
+// The answer to a request without a body, whatever its status.
+struct HttpAnswer {
+  int status = 0;
+  std::string text;  // its first 4 KiB, fit for a terminal
+};
+// Blocks. `target`: as download()'s. Errors: as download()'s, but for the server's refusals; given up because `stop` asks for it.
+Outcome<HttpAnswer> request(const Url& url, const std::string& method, const std::string& target, std::chrono::milliseconds timeout,
+                            std::stop_token stop = {});
+
+// As download() into memory, of at most `most` bytes; also gives up when `stop` asks it to.
 Outcome<std::string> fetch(const Url& url, const std::string& target, std::size_t most, std::chrono::milliseconds timeout,
                            std::stop_token stop = {});
 

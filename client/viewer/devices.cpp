@@ -12,12 +12,15 @@
 namespace ridgecast::viewer {
 namespace {
 
+constexpr double kStill = 6;    // screen coordinates that a click may move
+constexpr double kTwice = 0.5;  // seconds between two clicks that are one
+
 Devices& of(GLFWwindow* w) { return *static_cast<Devices*>(glfwGetWindowUserPointer(w)); }
 
 }  // namespace
 
-Devices::Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::vector<Action> actions)
-    : window_(window), state_(state), overlay_(overlay), actions_(std::move(actions)) {
+Devices::Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::vector<Action> actions, BrushHands brush)
+    : window_(window), state_(state), overlay_(overlay), actions_(std::move(actions)), brush_(std::move(brush)) {
   for (const Action& action : actions_)
     for (const keys::Row& row : keys::table())
       if (row.action == action.name)
@@ -25,11 +28,15 @@ Devices::Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::
   glfwSetWindowUserPointer(window, this);
   glfwSetKeyCallback(window, [](GLFWwindow* w, int key, int, int action, int with) {
     if (action != GLFW_REPEAT) of(w).onKey(key, action == GLFW_PRESS, (with & GLFW_MOD_CONTROL) != 0);
+    if (action != GLFW_RELEASE) of(w).onWidth(key);
   });
   glfwSetCharCallback(window, [](GLFWwindow* w, unsigned c) { of(w).overlay_.hear({Event::Kind::kText, static_cast<int>(c)}); });
   glfwSetScrollCallback(window, [](GLFWwindow* w, double x, double notches) {
     of(w).state_.changed = true;
-    if (!of(w).onOverlay()) of(w).input_.wheel += notches;
+    if (!of(w).onOverlay() && of(w).state_.edit.on)
+      of(w).brush_.widen(notches);
+    else if (!of(w).onOverlay())
+      of(w).input_.wheel += notches;
     of(w).overlay_.hear({Event::Kind::kWheel, 0, false, x, notches});
   });
   glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) { of(w).onMove(x, y); });
@@ -37,10 +44,13 @@ Devices::Devices(GLFWwindow* window, ViewerState& state, Overlay& overlay, std::
   glfwSetWindowFocusCallback(window, [](GLFWwindow* w, int focused) { of(w).overlay_.focus(focused == GLFW_TRUE); });
 }
 
-// "X", "F12", "Esc", "Ctrl+Q".
+bool Devices::Stroke::types() const { return (key < 256 || key == GLFW_KEY_ENTER) && !control; }
+
+// "X", "F12", "Esc", "Enter", "Ctrl+Q".
 Devices::Stroke Devices::strokeNamed(const std::string& name) {
   if (name.starts_with("Ctrl+")) return {strokeNamed(name.substr(5)).key, true};
   if (name == "Esc") return {GLFW_KEY_ESCAPE};
+  if (name == "Enter") return {GLFW_KEY_ENTER};
   if (name.size() > 1 && name.front() == 'F') return {GLFW_KEY_F1 - 1 + std::stoi(name.substr(1))};
   assert(name.size() == 1);
   return {name.front()};  // GLFW's numbers of letters and digits are those of ASCII
@@ -75,10 +85,20 @@ void Devices::onKey(int key, bool down, bool control) {
     if (stroke.key == key && stroke.control == control && !(typed && stroke.types())) action->perform();
 }
 
+void Devices::onWidth(int key) {
+  if (const int way = (key == GLFW_KEY_RIGHT_BRACKET) - (key == GLFW_KEY_LEFT_BRACKET); way != 0 && state_.edit.on && !typing())
+    brush_.widen(way);
+}
+
 double Devices::width() const {
   int width = 0, height = 0;
   glfwGetWindowSize(window_, &width, &height);
   return std::max(width, 1);
+}
+double Devices::height() const {
+  int width = 0, height = 0;
+  glfwGetWindowSize(window_, &width, &height);
+  return std::max(height, 1);
 }
 
 void Devices::moveDivider(double to) {
@@ -93,9 +113,10 @@ bool Devices::onOverlay() const {
 }
 
 void Devices::onMove(double x, double y) {
-  if (state_.mouseFree && state_.panel.open()) state_.changed = true;
+  if (state_.mouseFree && (state_.panel.open() || state_.edit.on)) state_.changed = true;
   if (dragging_) moveDivider(x / width());
-  if (!state_.mouseFree && lastCursor_) {
+  turning_ |= pressed_ && !pressed_->isNear(x, y);
+  if ((!state_.mouseFree || turning_) && lastCursor_) {
     input_.turnX += x - lastCursor_->first;
     input_.turnY += y - lastCursor_->second;
   }
@@ -106,15 +127,42 @@ void Devices::onMove(double x, double y) {
 void Devices::onButton(int button, bool down) {
   state_.changed = true;
   if (button == GLFW_MOUSE_BUTTON_LEFT) {
-    dragging_ = false;
-    if (down && state_.mouseFree && !onOverlay()) {
-      double x = 0, y = 0;
-      glfwGetCursorPos(window_, &x, &y);
-      dragging_ = state_.mode == Mode::kSplit && std::abs(x - state_.divider * width()) < 10;
-      if (!dragging_) freeMouse(false);
-    }
+    double x = 0, y = 0;
+    glfwGetCursorPos(window_, &x, &y);
+    down ? press(x, y) : release(x, y);
   }
   overlay_.hear({Event::Kind::kButton, button, down});
+}
+
+void Devices::press(double x, double y) {
+  if (!state_.mouseFree || onOverlay()) return;
+  dragging_ = state_.mode == Mode::kSplit && std::abs(x - state_.divider * width()) < 10;
+  if (dragging_) return;
+  if (state_.edit.on)
+    pressed_ = {x, y};
+  else
+    freeMouse(false);
+}
+
+void Devices::release(double x, double y) {
+  dragging_ = false;
+  const bool clicks = pressed_ && !std::exchange(turning_, false) && pressed_->isNear(x, y) && state_.edit.on;
+  pressed_.reset();
+  if (!clicks) return;
+  const Click click{x, y, nowInSeconds()};
+  const bool twice = clicked_ && clicked_->isNear(x, y) && click.at - clicked_->at < kTwice;
+  clicked_ = twice ? std::nullopt : std::optional(click);
+  brush_.click(x / width(), y / height());
+  if (twice) brush_.clickTwice();
+}
+
+bool Devices::Click::isNear(double otherX, double otherY) const { return std::hypot(x - otherX, y - otherY) <= kStill; }
+
+std::optional<std::pair<double, double>> Devices::pointer() const {
+  double x = 0, y = 0;
+  glfwGetCursorPos(window_, &x, &y);
+  if (!state_.mouseFree || !glfwGetWindowAttrib(window_, GLFW_HOVERED) || overlay_.takesMouse(x, y)) return std::nullopt;
+  return std::pair(x / width(), y / height());
 }
 
 void Devices::readPad(double seconds) {

@@ -177,6 +177,15 @@ void drawLines(const ViewerState& s) {
   }
 }
 
+// As on the page (client/web/src/style.css).
+void drawBrush(const EditMode& edit) {
+  ImDrawList* list = ImGui::GetBackgroundDrawList();
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  const auto at = [&size](const Spot& spot) { return ImVec2(static_cast<float>(spot.x) * size.x, static_cast<float>(spot.y) * size.y); };
+  for (const Segment& line : edit.lines) list->AddLine(at(line.first), at(line.second), IM_COL32(13, 19, 26, 191), 4.5f);
+  for (const Segment& line : edit.lines) list->AddLine(at(line.first), at(line.second), IM_COL32(255, 209, 102, 255), 2);
+}
+
 void drawFigures(const ViewerState& state) {
   const Statistics& s = state.statistics;
   const Motion& m = state.motion;
@@ -313,16 +322,31 @@ template <class Fill>
 void Overlay::place(const char* name, Extent& extent, float x, float y, float height, const Fill& fill) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   const float bottom = size.y - namesHeight() - kMargin;
-  const ImVec2 at(x > 0 ? size.x - kMargin : kMargin, y > 0 ? bottom : kMargin);
+  const ImVec2 at(x > 0 ? size.x - kMargin : kMargin, y > 0 ? bottom : top_);
   const Box drawn = box(name, at, ImVec2(x, y), theme::kGlass, height, kBehind, fill);
   extent = {static_cast<float>(drawn.area.right - drawn.area.left), static_cast<float>(drawn.area.bottom - drawn.area.top)};
   if (drawn.scrolls) areas_.push_back(drawn.area);
 }
 
+// At the top; what lies below begins at top_.
+EditRequests Overlay::drawBar(const EditMode& edit) {
+  top_ = kMargin;
+  if (!edit.on) return {};
+  EditRequests requests;
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  const Area area = box("edit", ImVec2(size.x / 2, kMargin), ImVec2(0.5f, 0), theme::kGlass, size.y, kBehind, [&] {
+                      requests = drawEditBar(edit, mostWidth());
+                    }).area;
+  areas_.push_back(area);
+  if (ImGui::IsPopupOpen(nullptr, ImGuiPopupFlags_AnyPopup)) areas_.push_back({0, 0, double{size.x}, double{size.y}});
+  top_ += static_cast<float>(area.bottom);
+  return requests;
+}
+
 // Help or plots at the right, figures and legends at the left. What is at the right takes the place of what it would cover.
 void Overlay::drawBoxes(const ViewerState& state) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const float height = size.y - namesHeight() - 2 * kMargin;
+  const float height = size.y - namesHeight() - top_ - kMargin;
   if (state.help)
     place("help", right_, 1, 0, height, [] { drawHelp(); });
   else if (state.plots)
@@ -345,17 +369,21 @@ Requests Overlay::draw(ViewerState& state) {
   ImGuiIO& io = ImGui::GetIO();
   io.ConfigFlags = state.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
   if (!ImGui::IsAnyItemActive()) dress(state.panel.textScale);  // once the slider is let go
-  begin(state.panel.open());
+  begin(state.panel.open() || state.edit.on);
   drawLines(state);
+  drawBrush(state.edit);
   drawDivider(state);
   areas_.clear();
-  const Extent boxes[] = {figures_, legend_, right_};
+  const Extent boxes[] = {figures_, legend_, right_, {top_, 0}};
+  const EditRequests edit = drawBar(state.edit);
   drawBoxes(state);
-  state.changed |= !std::ranges::equal(boxes, std::array{figures_, legend_, right_});  // their places hang together
+  state.changed |= !std::ranges::equal(boxes, std::array{figures_, legend_, right_, Extent{top_, 0}});  // their places hang together
   if (!state.message.empty()) drawMessage(state.message);
   if (!state.hint.empty()) drawHint(state.hint);
   Requests requests;
   if (state.panel.open()) requests = drawPanel(state, areas_.emplace_back());
+  requests.edit = edit;
+  state.changed |= !events_.empty();
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
   return requests;

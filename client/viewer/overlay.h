@@ -41,6 +41,7 @@ class Overlay {
   };
   void dress(float textScale);
   void begin(bool panel);
+  EditRequests drawBar(const EditMode& edit);
   void drawBoxes(const ViewerState& state);
   template <class Fill>
   void place(const char* name, Extent& extent, float x, float y, float height, const Fill& fill);
@@ -51,6 +52,7 @@ class Overlay {
   double mouseX_ = 0, mouseY_ = 0;
   std::vector<Area> areas_;          // that take the mouse, as last drawn
   Extent figures_, legend_, right_;  // right: help or plots
+  float top_ = 0;                    // below which these begin
 };
 
 }  // namespace ridgecast::viewer

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "client/viewer/theme.h"
+#include "common/edits/json.h"
 #include "common/settings/settings.h"
 #include "common/wire/messages.h"
 
@@ -120,7 +121,56 @@ void drawPeople(Panel& p, const std::vector<Outlines::Member>& members, Requests
   ImGui::TextDisabled("Others see it from your next connection on.");
 }
 
+// In the line of the last item if there is room.
+void inLine(float right, float width) {
+  ImGui::SameLine();
+  if (ImGui::GetCursorPosX() + width > right) ImGui::NewLine();
+}
+
+bool tool(const char* name, float right, bool chosen = false) {
+  inLine(right, ImGui::CalcTextSize(name).x + 2 * ImGui::GetStyle().FramePadding.x);
+  if (chosen) {
+    ImGui::PushStyleColor(ImGuiCol_Button, theme::packed(theme::kAccent));
+    ImGui::PushStyleColor(ImGuiCol_ButtonHovered, theme::packed(theme::kAccent));
+    ImGui::PushStyleColor(ImGuiCol_Text, theme::packed(theme::kOnAccent));
+  }
+  const bool pressed = ImGui::Button(name);
+  if (chosen) ImGui::PopStyleColor(3);
+  return pressed;
+}
+
 }  // namespace
+
+EditRequests drawEditBar(const EditMode& edit, float width) {
+  EditRequests requests;
+  const float right = ImGui::GetCursorPosX() + width, letter = ImGui::GetFontSize();
+  ImGui::Dummy({0, 0});
+  for (std::size_t k = 0; k < kToolNames.size(); ++k)
+    if (const auto which = static_cast<Tool>(k); tool(kToolNames[k], right, which == edit.tool)) requests.tool = which;
+  const auto material = [](std::uint32_t k) { return k == 0 ? "as it is" : edits::kMaterialNames[k - 1]; };
+  inLine(right, 7 * letter);
+  ImGui::SetNextItemWidth(7 * letter);
+  if (ImGui::BeginCombo("##material", material(edit.material), ImGuiComboFlags_HeightLargest)) {
+    for (std::uint32_t k = 0; k <= edits::kMaterials; ++k)
+      if (ImGui::Selectable(material(k), k == edit.material)) requests.material = k;
+    ImGui::EndCombo();
+  }
+  requests.notches -= tool("-", right);
+  requests.notches += tool("+", right);
+  const float words = std::max(ImGui::CalcTextSize(edit.words.c_str()).x, 14 * letter);  // what follows stays where it is
+  inLine(right, words);
+  const float after = ImGui::GetCursorPosX() + words;
+  ImGui::AlignTextToFramePadding();
+  ImGui::TextUnformatted(edit.words.c_str());
+  ImGui::SameLine(after);
+  ImGui::Dummy({0, 0});
+  requests.here = tool("Here", right);
+  ImGui::BeginDisabled(!edit.mayUndo);
+  requests.undo = tool("Undo", right);
+  ImGui::EndDisabled();
+  if (edit.tool == Tool::kRoad) requests.endRoad = tool("End road", right);
+  return requests;
+}
 
 Requests drawPanel(ViewerState& s, Area& area) {
   Requests requests;

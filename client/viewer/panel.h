@@ -1,5 +1,5 @@
 #pragma once
-// The dialogs: settings, worlds and places, who is here. Drawn by Dear ImGui. Internal to the room.
+// The dialogs: settings, worlds and places, who is here; and the bar of the edit mode. Drawn by Dear ImGui. Internal to the room.
 
 #include <cstdint>
 #include <optional>
@@ -9,11 +9,20 @@
 
 namespace ridgecast::viewer {
 
-// What the user requested in the panel since the last frame.
+// What the user pressed in the bar of the edit mode since the last frame.
+struct EditRequests {
+  std::optional<Tool> tool;
+  std::optional<std::uint32_t> material;
+  int notches = 0;  // of the brush's size
+  bool here = false, endRoad = false, undo = false;
+};
+
+// What the user requested since the last frame, in the panel and the bar.
 struct Requests {
   bool settings = false, jump = false, world = false, vsync = false;
   std::optional<std::uint64_t> flyTo;  // a member's camera
   std::optional<std::string> session;  // to enter
+  EditRequests edit;
 };
 
 struct Area {
@@ -22,5 +31,8 @@ struct Area {
 
 // The open dialog. `area`: where it takes the mouse.
 Requests drawPanel(ViewerState& state, Area& area);
+
+// The tools of the edit mode, into the box that is being drawn, of a width that its text wraps at.
+EditRequests drawEditBar(const EditMode& edit, float width);
 
 }  // namespace ridgecast::viewer

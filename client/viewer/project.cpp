@@ -29,6 +29,13 @@ std::optional<Spot> spotOf(const camera::Camera& camera, const camera::Vec3& at)
               0.5 - 0.5 * dot(at, camera::up(camera.pose)) / (depth * tangent), depth};
 }
 
+camera::Vec3 towards(const camera::Camera& camera, double x, double y) {
+  const camera::Vec3 f = camera::forward(camera.pose), r = camera::right(camera.pose), u = camera::up(camera.pose);
+  const double tangent = std::tan(camera.projection.verticalFov / 2);
+  const double right = tangent * camera.projection.aspect() * (2 * x - 1), up = tangent * (1 - 2 * y);
+  return {f.x + right * r.x + up * u.x, f.y + right * r.y + up * u.y, f.z + right * r.z + up * u.z};
+}
+
 std::optional<Segment> segmentOf(const camera::Camera& camera, const camera::Vec3& a, const camera::Vec3& b) {
   const camera::Vec3 f = camera::forward(camera.pose), r = camera::right(camera.pose), u = camera::up(camera.pose);
   const double tangent = std::tan(camera.projection.verticalFov / 2), wide = tangent * camera.projection.aspect();

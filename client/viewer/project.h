@@ -21,6 +21,9 @@ camera::Vec3 between(const camera::Pose& from, const camera::Pose& to);
 // A point in metres from the camera; empty if it lies behind.
 std::optional<Spot> spotOf(const camera::Camera& camera, const camera::Vec3& at);
 
+// From the camera through a place of the window, in shares as Spot's; of any length.
+camera::Vec3 towards(const camera::Camera& camera, double x, double y);
+
 // The part of a line in front of the camera, clipped by the window's sides; empty if there is none.
 using Segment = std::pair<Spot, Spot>;
 std::optional<Segment> segmentOf(const camera::Camera& camera, const camera::Vec3& a, const camera::Vec3& b);

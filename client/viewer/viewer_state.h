@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/viewer/editing.h"
 #include "client/viewer/leaf_colours.h"
 #include "client/viewer/project.h"
 #include "client/viewer/worlds.h"
@@ -73,6 +74,16 @@ struct Outlines {
   };
   std::vector<Member> members;  // all in the session, the nearest first
   std::vector<Segment> frozen;
+};
+
+// The brush, while the user edits the ground, and the bar with its tools.
+struct EditMode {
+  bool on = false;
+  Tool tool = Tool::kCrater;
+  std::uint32_t material = 0;  // of edits::Operation
+  std::string words;           // what the brush does
+  bool mayUndo = false;
+  std::vector<Segment> lines;  // on the ground: the outline, and a road that is being drawn
 };
 
 struct Motion {
@@ -154,6 +165,7 @@ struct ViewerState {
   Statistics statistics;
   Outlines outlines;
   Panel panel;
+  EditMode edit;
   bool changed = true;  // since the window was drawn
 
   double meshShare() const { return mode == Mode::kSplit ? divider : mode == Mode::kMesh ? 1 : 0; }  // of the width, from the left
@@ -172,6 +184,7 @@ struct ViewerState {
     panel.dialog = Dialog::kNone;
     lines.frozen.reset();
     motion = {};
+    edit = {};
     statistics = {};
     changed = true;
   }

@@ -49,7 +49,8 @@ WorldWindow::WorldWindow(const ViewOptions& options, const Start& start, Window&
       ground_(drawing, stream_.client()),
       pictures_(std::in_place, std::move(passes)),
       overlay_(window.handle(), state.panel.textScale),
-      devices_(window.handle(), state, overlay_, actions()),
+      editor_(stream_.client(), stream_.url(), state),
+      devices_(window.handle(), state, overlay_, actions(), brushHands()),
       controls_(startPose(start, ground_), start.speed),
       start_(start),
       placed_(ground_.height(start.at) ? std::nullopt : std::optional(controls_.pose())),
@@ -122,10 +123,25 @@ std::vector<Action> WorldWindow::actions() {
           {"leaves", cycle(s.lines.borders, 3), GLFW_GAMEPAD_BUTTON_BACK},
           {"frozen", [this] { toggleFrozen(); }, GLFW_GAMEPAD_BUTTON_LEFT_THUMB},
           {"candidates", [this] { stream_.requestCandidates(!state_.lines.candidates); }},
+          {"edit", [this] { toggleEditing(); }},
+          {"undo", [this] { editor_.undo(); }},
+          {"road", [this] { editor_.endRoad(); }},
           {"walk", [this] { toggleWalking(); }, GLFW_GAMEPAD_BUTTON_B},
           {"corrected", [this] { toggleCorrected(); }},
           {"record", [this] { toggleRecord(); }},
           {"path", [this] { togglePath(); }}};
+}
+
+BrushHands WorldWindow::brushHands() {
+  return {[this](double x, double y) {
+            editor_.click(camera(), {x, y});
+          },
+          [this] { editor_.endRoad(); }, [this](double notches) { editor_.widen(notches); }};
+}
+
+void WorldWindow::toggleEditing() {
+  devices_.freeMouse(true);
+  editor_.toggle();
 }
 
 void WorldWindow::toggleWalking() {
@@ -150,6 +166,8 @@ void WorldWindow::goBack() {
     devices_.freeMouse(true);
   else if (state_.help)
     state_.help = false;
+  else if (state_.edit.on)
+    editor_.end();
   else if (Clock::now() < state_.mayQuitUntil)
     quit();
   else {
@@ -210,6 +228,7 @@ void WorldWindow::grant(const Requests& requests) {
   if (requests.world) stream_.enterWorld();
   if (requests.session) stream_.enterSession(*requests.session);
   if (requests.flyTo) flyTo(*requests.flyTo);
+  if (state_.edit.on) editor_.grant(requests.edit, camera());
 }
 
 void WorldWindow::jump() {
@@ -333,6 +352,7 @@ Outcome<void> WorldWindow::draw(bool last) {
   const camera::Camera seen = camera();
   if (recorder_) recorder_->add(nowInSeconds(), seen.pose);
   const bool newHeights = ground_.follow({seen.pose.x, seen.pose.z});
+  editor_.update(seen, devices_.pointer(), stream_.sceneVersion());
   if (!state_.hint.empty() && Clock::now() > state_.hintEnds) {
     state_.hint.clear();
     state_.changed = true;

@@ -7,6 +7,7 @@
 
 #include "client/viewer/compiling.h"
 #include "client/viewer/devices.h"
+#include "client/viewer/editor.h"
 #include "client/viewer/ground.h"
 #include "client/viewer/path_recorder.h"
 #include "client/viewer/pictures.h"
@@ -41,6 +42,8 @@ class WorldWindow {
   using Clock = std::chrono::steady_clock;
 
   std::vector<Action> actions();
+  BrushHands brushHands();
+  void toggleEditing();
   void goBack();
   void quit();
   void toggleWalking();
@@ -75,6 +78,7 @@ class WorldWindow {
   Ground ground_;
   std::optional<Pictures> pictures_;  // never empty
   Overlay overlay_;
+  Editor editor_;
   Devices devices_;
   Controls controls_;
   const Start start_;

@@ -1,6 +1,5 @@
 #include "common/edits/json.h"
 
-#include <array>
 #include <cmath>
 #include <initializer_list>
 #include <nlohmann/json.hpp>
@@ -10,8 +9,6 @@ namespace {
 
 using Json = nlohmann::json;
 using lattice::Step;
-
-constexpr std::array<const char*, kMaterials> kMaterialNames{"earth", "rock", "gravel", "sand", "grass", "asphalt", "concrete", "snow"};
 
 double metres(std::int64_t steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
 double share(std::uint32_t of256) { return of256 / 256.0; }

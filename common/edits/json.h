@@ -12,6 +12,7 @@
 // All but undo may have a "material": "earth", "rock", "gravel", "sand", "grass", "asphalt", "concrete" or "snow". Left out: core 0,
 // slope 1 (of a road 0.667), passes 4, grade 0.1, spacing 0.5.
 
+#include <array>
 #include <string>
 #include <string_view>
 
@@ -19,6 +20,10 @@
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::edits {
+
+// Of materials 1 to kMaterials.
+inline constexpr std::array<const char*, kMaterials> kMaterialNames{"earth", "rock",    "gravel",   "sand",
+                                                                    "grass", "asphalt", "concrete", "snow"};
 
 // One line.
 std::string toJson(const Operation& operation);

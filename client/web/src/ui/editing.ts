@@ -38,6 +38,7 @@ const apart = (a: Place, b: Place): number => Math.hypot(a.x - b.x, a.z - b.z) /
 export class Editing {
   tool: Tool = 'crater';
   radius = 8; // metres
+  material = ''; // of the ground that an edit makes; empty: as it is
   private corners: Place[] = [];
   private open: Open[] = [];
   private made: number[] = []; // of one's own, the last last; one that somebody else has undone is found out when it is its turn
@@ -90,13 +91,14 @@ export class Editing {
   endRoad(): void {
     if (this.tool !== 'road') return;
     if (this.corners.length < 2) return this.to.say('A road has at least two corners: click where it begins, and where it goes.');
-    this.ask({ op: 'road', line: this.corners.map(({ x, z }) => [metres(x), metres(z)]), width: 2 * this.radius });
-    this.corners = [];
+    if (this.ask({ op: 'road', line: this.corners.map(({ x, z }) => [metres(x), metres(z)]), width: 2 * this.radius })) this.corners = [];
   }
 
   /** The last corner of a road that is being drawn, else the last edit of one's own. */
   undo(): void {
-    if (this.corners.pop()) return;
+    if (!this.corners.pop()) this.undoEdit();
+  }
+  private undoEdit(): void {
     const edit = this.made.pop();
     if (edit === undefined) return this.to.say('There is no edit of yours to undo.');
     if (!this.ask({ op: 'undo', edit }, edit)) this.made.push(edit);
@@ -110,7 +112,7 @@ export class Editing {
     if (number > 0) return this.to.say(undoes > 0 ? `Edit ${undoes} undone.` : `Edit ${number} made.`);
     if (undoes === 0) return this.to.say(refusal);
     // Somebody else undid it, or nobody can any more: the one before is the last that counts.
-    if (/^Edit \d+ (is undone already|was compacted)/.test(refusal)) return this.undo();
+    if (/^Edit \d+ (is undone already|was compacted)/.test(refusal)) return this.undoEdit();
     this.made = [...this.made, undoes].sort((a, b) => a - b);
     this.to.say(refusal);
   }
@@ -148,7 +150,8 @@ export class Editing {
       this.to.say(`The server has not answered ${MOST_OPEN} edits yet; try again in a moment.`);
       return false;
     }
-    const edit: Open = { id: ++this.ids, key: this.to.newKey(), operation: JSON.stringify(operation), times: 0, undoes };
+    const whole = undoes === 0 && this.material ? { ...operation, material: this.material } : operation;
+    const edit: Open = { id: ++this.ids, key: this.to.newKey(), operation: JSON.stringify(whole), times: 0, undoes };
     this.open.push(edit);
     this.send(edit);
     return true;

@@ -39,10 +39,15 @@ export class Editor {
   ) {
     this.editing = new Editing({ send: (edit) => to.engine({ kind: 'edit', ...edit }), say: to.say, newKey });
     for (const button of this.tools) button.addEventListener('click', () => this.act(() => this.editing.choose(button.dataset['tool'] as Tool)));
+    const material = element<HTMLSelectElement>('material');
+    material.addEventListener('change', () => {
+      this.editing.material = material.value;
+      canvas.focus({ preventScroll: true });
+    });
     for (const [id, act] of Object.entries({ narrower: () => this.widen(-1), wider: () => this.widen(1), here: () => this.ask('use', this.at), 'end-road': () => this.endRoad(), undo: () => this.undo() }))
       element(id).addEventListener('click', act);
     // Who clicks goes on flying; keys keep the focus where it is.
-    this.bar.addEventListener('click', (event) => event.detail > 0 && canvas.focus({ preventScroll: true }));
+    this.bar.addEventListener('click', (event) => event.detail > 0 && event.target !== material && canvas.focus({ preventScroll: true }));
     this.listen();
   }
 

@@ -98,6 +98,28 @@ TEST_F(DownloadTest, RefusalsAreTheServersOwnSentence) {
   EXPECT_EQ(files(), 0u);
 }
 
+TEST_F(DownloadTest, OtherRequestsAreAnsweredWhateverTheStatus) {
+  for (const std::string answer :
+       {"HTTP/1.1 403 No\r\nContent-Length: 7\r\n\r\nNo\x1b no\n", "HTTP/1.1 200 OK\r\nContent-Length: 7\r\n\r\nNo\x1b no\n"}) {
+    std::string head;
+    RawServer server([&](RawConnection& c) {
+      head = c.readHead();
+      c.send(answer);
+      c.drain();
+    });
+    Url url;
+    url.port = server.port();
+    const auto got = request(url, "DELETE", "/v1/a", testing_support::kTimeout);
+    ASSERT_TRUE(got) << got.error().message;
+    EXPECT_EQ(std::to_string(got->status), answer.substr(9, 3));
+    EXPECT_EQ(got->text, "No? no");
+    EXPECT_THAT(head, testing::StartsWith("DELETE /v1/a HTTP/1.1\r\n"));
+  }
+  Url url;
+  url.port = test::closedPort();
+  EXPECT_FALSE(request(url, "DELETE", "/v1/a", testing_support::kTimeout));
+}
+
 TEST_F(DownloadTest, HalfAFileIsNone) {
   for (const char* answer : {"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\nhalf", "HTTP/1.1 200 OK\r\nContent-Le",
                              "SSH-2.0-nobody\r\n\r\n", "HTTP/1.1 200 OK\r\nContent-Length: 99999999999999999999999\r\n\r\nx"}) {

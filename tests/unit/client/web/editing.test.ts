@@ -48,6 +48,16 @@ test('each tool makes its operation, in metres', () => {
   assert.deepEqual([x * 256, z * 256], [2 ** 50 - 1, 1 - 2 ** 50]);
 });
 
+test('an edit has the material of the brush, an undo has none', () => {
+  const { editing, operation, answer } = begin();
+  editing.material = 'asphalt';
+  editing.use(place(0, 0));
+  assert.equal((operation() as { material: string }).material, 'asphalt');
+  answer(1);
+  editing.undo();
+  assert.deepEqual(operation(), { op: 'undo', edit: 1 });
+});
+
 test('the radius keeps to what the server takes of each tool, in whole steps', () => {
   const { editing } = begin();
   for (const [tool, most] of [['crater', 256], ['smooth', 64], ['road', 32]] as const) {
@@ -114,8 +124,12 @@ test('an undo is of one\'s own last edit that counts', () => {
   // Somebody else has undone 5: then 3 is the last.
   editing.undo();
   assert.equal(undoes(), 5);
+  editing.choose('road'); // a road that was begun meanwhile keeps its corner
+  editing.use(place(0, 0));
   answer(0, 'Edit 5 is undone already; undo the edit that undid it to have it back.');
   assert.equal(undoes(), 3);
+  assert.equal(editing.line.length, 1);
+  editing.rest();
   // A server that has no time now leaves it to be undone.
   answer(0, 'The edits of this client look at too many posts; try again.');
   assert.match(said.at(-1)!, /too many posts/);

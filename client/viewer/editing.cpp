@@ -1,0 +1,160 @@
+#include "client/viewer/editing.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <utility>
+
+#include "common/edits/json.h"
+
+namespace ridgecast::viewer {
+namespace {
+
+using lattice::Step;
+
+constexpr double kNotch = 1.15;
+constexpr double kSameCorner = 128;  // steps: the second click of a double click
+constexpr std::uint32_t kPasses = 8;
+
+Step mostRadius(Tool tool) {
+  return tool == Tool::kSmooth ? edits::kMostRadius / 4 : tool == Tool::kRoad ? edits::kMostRadius / 8 : edits::kMostRadius;
+}
+
+double apart(const lattice::Vertex& a, const lattice::Vertex& b) {
+  return std::hypot(static_cast<double>(a.x - b.x), static_cast<double>(a.z - b.z));
+}
+
+// Two digits that count.
+std::string metres(double steps) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.2g", steps * lattice::kMetresPerStep);
+  std::snprintf(text, sizeof text, "%g m", std::strtod(text, nullptr));
+  return text;
+}
+
+// Somebody else undid it, or nobody can any more.
+bool isOver(const std::string& refusal) {
+  unsigned long long number = 0;
+  int read = 0;
+  if (std::sscanf(refusal.c_str(), "Edit %llu%n", &number, &read) != 1) return false;
+  const std::string rest = refusal.substr(static_cast<std::size_t>(read));
+  return rest.starts_with(" is undone already") || rest.starts_with(" was compacted");
+}
+
+}  // namespace
+
+std::int32_t Editing::depth() const { return static_cast<std::int32_t>(std::max<Step>(1, std::llround(static_cast<double>(radius_) / 3))); }
+std::int32_t Editing::rise() const { return static_cast<std::int32_t>(std::llround(static_cast<double>(radius_) / 4)); }
+
+std::string Editing::words() const {
+  const std::string radius = "radius " + metres(static_cast<double>(radius_));
+  switch (tool_) {
+    case Tool::kCrater:
+      return radius + ", " + metres(depth()) + " deep";
+    case Tool::kRaise:
+      return radius + ", up " + metres(rise());
+    case Tool::kLower:
+      return radius + ", down " + metres(rise());
+    case Tool::kLevel:
+      return radius + ", at the height of its middle";
+    case Tool::kSmooth:
+      return radius;
+    case Tool::kRoad:
+      break;
+  }
+  return metres(2 * static_cast<double>(radius_)) + " wide, " + (corners_.empty() ? "click its corners" : "double click ends it");
+}
+
+void Editing::choose(Tool tool) {
+  tool_ = tool;
+  corners_.clear();
+  widen(0);
+}
+
+void Editing::widen(double notches) {
+  radius_ = std::clamp<Step>(std::llround(std::min(static_cast<double>(radius_) * std::pow(kNotch, notches), 1e9)), edits::kLeastRadius,
+                             mostRadius(tool_));
+}
+
+void Editing::use(const lattice::Vertex& at) {
+  if (tool_ != Tool::kRoad) return void(ask(operationAt(at)));
+  if (!corners_.empty() && apart(corners_.back(), at) < kSameCorner) return;
+  if (corners_.size() == edits::kMostCorners)
+    return to_.say("A road has at most " + std::to_string(edits::kMostCorners) + " corners; end it and go on from there.");
+  corners_.push_back(at);
+}
+
+void Editing::endRoad() {
+  if (tool_ != Tool::kRoad) return;
+  if (corners_.size() < 2) return to_.say("A road has at least two corners: click where it begins, and where it goes.");
+  edits::Road road;
+  road.line = corners_;
+  road.width = 2 * radius_;
+  if (ask({road, material_})) corners_.clear();
+}
+
+void Editing::undo() { corners_.empty() ? undoEdit() : corners_.pop_back(); }
+
+void Editing::undoEdit() {
+  if (made_.empty()) return to_.say("There is no edit of yours to undo.");
+  const std::uint64_t edit = made_.back();
+  if (ask({edits::Undo{edit}, 0}, edit)) made_.pop_back();
+}
+
+void Editing::keep(std::uint64_t number) {
+  made_.insert(std::ranges::lower_bound(made_, number), number);
+  if (made_.size() > kMostUndone) made_.erase(made_.begin());
+}
+
+void Editing::hear(std::uint64_t id, const Outcome<std::uint64_t>& made) {
+  const auto found = std::ranges::find(open_, id, [](const Open& o) { return o.edit.id; });
+  if (found == open_.end()) return;  // answered twice
+  const std::uint64_t undoes = found->undoes;
+  open_.erase(found);
+  if (made) {
+    if (undoes == 0) keep(*made);
+    return to_.say(undoes > 0 ? "Edit " + std::to_string(undoes) + " undone." : "Edit " + std::to_string(*made) + " made.");
+  }
+  const std::string& refusal = made.error().message;
+  if (undoes > 0 && isOver(refusal)) return undoEdit();  // the one before is the last that counts
+  if (undoes > 0) keep(undoes);
+  to_.say(refusal);
+}
+
+void Editing::connected() {
+  const auto dropped = std::erase_if(open_, [](const Open& o) { return o.times >= kMostTimes; });
+  if (dropped > 0) to_.say("The connection was lost again and again before an edit was answered; look whether it is made.");
+  for (Open& open : open_) send(open);
+}
+
+edits::Operation Editing::operationAt(const lattice::Vertex& at) const {
+  const lattice::Point place{at.x, at.z};
+  edits::Operation out;
+  out.material = material_;
+  if (tool_ == Tool::kCrater)
+    out.what = edits::Crater{place, radius_, depth()};
+  else if (tool_ == Tool::kLevel)
+    out.what = edits::Level{{place}, radius_, at.y};
+  else if (tool_ == Tool::kSmooth)
+    out.what = edits::Smooth{place, radius_, kPasses};
+  else
+    out.what = edits::Raise{place, radius_, 0, tool_ == Tool::kLower ? -rise() : rise()};
+  return out;
+}
+
+bool Editing::ask(const edits::Operation& operation, std::uint64_t undoes) {
+  if (open_.size() == kMostOpen) {
+    to_.say("The server has not answered " + std::to_string(kMostOpen) + " edits yet; try again in a moment.");
+    return false;
+  }
+  send(open_.emplace_back(Open{{++ids_, to_.newKey(), edits::toJson(operation)}, undoes, 0}));
+  return true;
+}
+
+void Editing::send(Open& open) {
+  ++open.times;
+  to_.send(open.edit);
+}
+
+}  // namespace ridgecast::viewer

@@ -1,0 +1,81 @@
+#pragma once
+// What a person does to the ground, without a window, as on the page (client/web/src/ui/editing.ts): the brush and its radius, the corners
+// of a road, edits that wait for their answers, and what may be undone. An edit that is not answered goes again over the next connection;
+// by its key it is made once. Values only. Bounds: kMostCorners corners, kMostOpen edits without an answer, kMostUndone to undo.
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/edits/operation.h"
+#include "common/lattice/lattice.h"
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::viewer {
+
+enum class Tool { kCrater, kRaise, kLower, kLevel, kSmooth, kRoad };
+inline constexpr std::array<const char*, 6> kToolNames{"Crater", "Raise", "Lower", "Level", "Smooth", "Road"};
+
+class Editing {
+ public:
+  static constexpr std::size_t kMostOpen = 16, kMostUndone = 1024;
+  static constexpr int kMostTimes = 3;  // that an edit is sent
+
+  struct To {
+    std::function<void(const wire::Edit& edit)> send;
+    std::function<void(const std::string& sentence)> say;
+    std::function<std::string()> newKey;  // unlike any other, of anybody
+  };
+  explicit Editing(To to) : to_(std::move(to)) {}
+
+  Tool tool() const { return tool_; }
+  std::uint32_t material() const { return material_; }
+  lattice::Step radius() const { return radius_; }                          // of a road: half its width
+  const std::vector<lattice::Vertex>& corners() const { return corners_; }  // of a road that is being drawn
+  bool mayUndo() const { return !corners_.empty() || !made_.empty(); }
+  std::string words() const;  // what the brush does where it is used
+
+  void choose(Tool tool);
+  void paint(std::uint32_t material) { material_ = material; }  // of edits::Operation
+  void widen(double notches);
+  void rest() { corners_.clear(); }  // leaves a road that was begun
+
+  void use(const lattice::Vertex& at);
+  void endRoad();
+  // The last corner of a road that is being drawn, otherwise one's own last edit that still counts.
+  void undo();
+
+  // The answer to what was sent with this id: the edit's number, or why there is none.
+  void hear(std::uint64_t id, const Outcome<std::uint64_t>& made);
+  // Another connection has begun, to the same world.
+  void connected();
+
+ private:
+  struct Open {
+    wire::Edit edit;
+    std::uint64_t undoes = 0;  // 0: it is no undo
+    int times = 0;
+  };
+  edits::Operation operationAt(const lattice::Vertex& at) const;
+  std::int32_t depth() const;
+  std::int32_t rise() const;
+  void undoEdit();
+  bool ask(const edits::Operation& operation, std::uint64_t undoes = 0);
+  void send(Open& open);
+  void keep(std::uint64_t number);
+
+  const To to_;
+  Tool tool_ = Tool::kCrater;
+  std::uint32_t material_ = 0;
+  lattice::Step radius_ = 8 * 256;
+  std::vector<lattice::Vertex> corners_;
+  std::vector<Open> open_;
+  std::vector<std::uint64_t> made_;  // ascending; one that somebody else has undone is found out when it is its turn
+  std::uint64_t ids_ = 0;
+};
+
+}  // namespace ridgecast::viewer
