@@ -2,7 +2,7 @@
 // clients. SIGHUP reads certificate and tokens again, SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready
 // again.
 // ridgecast-server healthy checks a running one; ridgecast-server snapshot makes a file and serves nothing; ridgecast-server edits manages
-// logs of edits.
+// logs of edits; ridgecast-server replay repeats recordings.
 // Exit status: 0 after a signal, 1 when something failed while running, 2 when the settings cannot be met.
 
 #include <sys/socket.h>
@@ -39,6 +39,8 @@
 #include "server/logging/logging.h"
 #include "server/net/health.h"
 #include "server/net/server.h"
+#include "server/recording/recorder.h"
+#include "server/replay_command.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 #include "server/snapshot_command.h"
@@ -144,7 +146,8 @@ void report(const std::vector<std::string>& ignoredVariables) {
   if (!names.empty()) logging::info("ignores variables that Kubernetes sets for Services: " + names);
 }
 
-int serve(const config::Config& config, const sigset_t& signals) {
+// `begin`: called once the server listens; what it returns lives as long as it serves. Empty: nothing.
+int serve(const config::Config& config, const sigset_t& signals, const BeginServing& begin) {
   report(config.ignoredVariables);
   auto terrain = user_terrain::load(config.terrain, warn);  // before any thread begins
   if (!terrain) return refuse(terrain.error().message);
@@ -157,6 +160,12 @@ int serve(const config::Config& config, const sigset_t& signals) {
   else
     logging::info("the browser viewer is not beside this program; / says how to connect otherwise");
 
+  std::unique_ptr<recording::Recorder> recorder;  // outlives those who are recorded
+  if (!config.record.empty()) {
+    auto opened = recording::Recorder::open(config.record, config.recordBytes);
+    if (!opened) return refuse(opened.error().message);
+    recorder = std::move(*opened);
+  }
   std::unique_ptr<net::Server> server;  // before the executor, so that it is destroyed after it: tasks send through it
   scheduling::Executor executor(config.threads);
   auto resources = std::make_shared<session::Resources>();
@@ -165,6 +174,10 @@ int serve(const config::Config& config, const sigset_t& signals) {
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
   resources->limits = config.limits;
   resources->state = config.state;
+  if (recorder)
+    resources->record = [r = recorder.get()](recording::World world, std::vector<recording::Edited> past, session::Timer::Time now) {
+      return r->begin(std::move(world), std::move(past), now);
+    };
   const auto requestOf = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec) {
     user_terrain::Request made = request;
     if (spec.terrain != own) {
@@ -194,7 +207,7 @@ int serve(const config::Config& config, const sigset_t& signals) {
                           std::make_shared<http::AnswerCache>(std::size_t{config.cacheMemory} << 20)};
   routes.insert(routes.begin(), {http::snapshotRoute(directory, maker), http::tilesetRoute(directory, maker)});
   routes.push_back(http::queryRoute(directory));
-  routes.push_back(http::editsRoute(directory));
+  if (config.limits.takesEdits) routes.push_back(http::editsRoute(directory));
   routes.push_back(http::mapTileRoute(directory));
   routes.push_back(http::terrainsRoute(resources->makeTerrain ? std::optional(config.terrain.folder) : std::nullopt));
   auto listening = net::Server::listen(config.net, directory, std::move(routes));
@@ -213,10 +226,17 @@ int serve(const config::Config& config, const sigset_t& signals) {
         directory, [requestOf](const session::WorldSpec& spec) { return user_terrain::filesOf(requestOf(spec)); }, makeTerrain,
         [&](const session::Session& session) { server->sendAway(session); });
 
+  std::shared_ptr<void> begun;
+  if (begin) {
+    auto made = begin(*directory);
+    if (!made) return refuse(made.error().message);
+    begun = std::move(*made);
+  }
   notify("READY=1\nSTATUS=Serving at " + server->url());
   untilEnded(*server, signals);
   letSignalsEndIt();
   watch.reset();
+  begun.reset();
   notify("STOPPING=1\nSTATUS=Waiting for clients to leave");
   server->shutdown();
   if (!config.portFile.empty()) {
@@ -224,6 +244,24 @@ int serve(const config::Config& config, const sigset_t& signals) {
     std::filesystem::remove(config.portFile, ignored);
   }
   return 0;
+}
+
+// With signals and log set up; the exit status.
+int serveBySettings(const config::Config& config, const BeginServing& begin) {
+  logging::setUp(config.logFormat, config.logLevel);
+  // Blocked before any thread begins, so that only sigwait sees them.
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  for (const int signal : {SIGTERM, SIGHUP, SIGUSR1, SIGUSR2}) sigaddset(&signals, signal);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+  try {
+    return serve(config, signals, begin);
+  } catch (const std::exception& e) {
+    std::cerr << "ridgecast-server: " << e.what() << "\n";
+    return 1;
+  }
 }
 
 // ridgecast-server healthy, with the server's settings: for containers' checks.
@@ -242,21 +280,8 @@ int main(int argc, char** argv) {
   if (const auto status = user_terrain::asProbe(argc, argv)) return *status;
   if (argc > 1 && std::string_view(argv[1]) == "snapshot") return runSnapshotCommand(argc - 1, argv + 1, environ);
   if (argc > 1 && std::string_view(argv[1]) == "edits") return runEditsCommand(argc - 1, argv + 1, environ);
+  if (argc > 1 && std::string_view(argv[1]) == "replay") return runReplayCommand(argc - 1, argv + 1, environ, serveBySettings);
   const config::Parsed parsed = config::parse(argc, argv, environ);
   if (!parsed.config) return parsed.status;
-  logging::setUp(parsed.config->logFormat, parsed.config->logLevel);
-
-  // Blocked before any thread begins, so that only sigwait sees them.
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGINT);
-  for (const int signal : {SIGTERM, SIGHUP, SIGUSR1, SIGUSR2}) sigaddset(&signals, signal);
-  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-  std::signal(SIGPIPE, SIG_IGN);
-  try {
-    return serve(*parsed.config, signals);
-  } catch (const std::exception& e) {
-    std::cerr << "ridgecast-server: " << e.what() << "\n";
-    return 1;
-  }
+  return serveBySettings(*parsed.config, {});
 }

@@ -1,5 +1,5 @@
 #pragma once
-// Little-endian base 128 integers (LEB128) of at most 35 bits, and zigzag for signed ones.
+// Little-endian base 128 integers (LEB128), and zigzag for signed ones.
 
 #include <cstdint>
 #include <span>
@@ -23,10 +23,31 @@ class Reader {
     v = bytes_[at_++];
     return true;
   }
-  // At most five bytes.
-  bool varint(std::uint64_t& v) {
+  // At most five bytes, 35 bits.
+  bool varint(std::uint64_t& v) { return varint(v, 35); }
+  // At most ten bytes; bits beyond 64 are dropped.
+  bool longVarint(std::uint64_t& v) { return varint(v, 70); }
+  bool zigzagged(std::int64_t& v) {
+    std::uint64_t u = 0;
+    if (!varint(u)) return false;
+    v = unzigzag(u);
+    return true;
+  }
+  bool bytes(std::uint64_t count, std::span<const std::uint8_t>& out) {
+    if (count > bytes_.size() - at_) {
+      at_ = bytes_.size();
+      return false;
+    }
+    out = bytes_.subspan(at_, count);
+    at_ += count;
+    return true;
+  }
+  std::span<const std::uint8_t> rest() const { return bytes_.subspan(at_); }
+
+ private:
+  bool varint(std::uint64_t& v, int bits) {
     v = 0;
-    for (int shift = 0; shift < 35; shift += 7) {
+    for (int shift = 0; shift < bits; shift += 7) {
       std::uint8_t b = 0;
       if (!byte(b)) return false;
       v |= std::uint64_t{b & 0x7fu} << shift;
@@ -35,15 +56,7 @@ class Reader {
     at_ = bytes_.size();
     return false;
   }
-  bool zigzagged(std::int64_t& v) {
-    std::uint64_t u = 0;
-    if (!varint(u)) return false;
-    v = unzigzag(u);
-    return true;
-  }
-  std::span<const std::uint8_t> rest() const { return bytes_.subspan(at_); }
 
- private:
   std::span<const std::uint8_t> bytes_;
   std::size_t at_ = 0;
 };

@@ -157,6 +157,9 @@ void addLimits(CLI::App& app, Written& w) {
 
 void addOperation(CLI::App& app, Written& w) {
   app.add_option("--state", w.config.state, "Folder in which the edits of sessions are kept; without it they end with their session");
+  app.add_option("--record", w.config.record, "Folder in which every session is recorded, for 'ridgecast-server replay'")->type_name("DIR");
+  addNumber(app, "--record-bytes", w.config.recordBytes, "Bytes of all recordings in that folder; the oldest parts are deleted", 1'048'576,
+            std::uint64_t{1} << 50);
   addSeconds(app, "--drain-delay", w.config.net.drainDelay,
              "Seconds after SIGTERM in which the server serves as before while /readyz says 503: balancers lag", 0, 3600);
   addSeconds(app, "--drain", w.config.net.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
@@ -228,8 +231,9 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
       "Streams endless terrain, triangulated for each camera. 'ridgecast-server token' issues tokens;\n"
       "'ridgecast-server healthy' checks a running server with the same settings;\n"
       "'ridgecast-server snapshot FILE|FOLDER/ QUERY' makes a snapshot, or tiles, of the terrain without serving it;\n"
-      "'ridgecast-server edits list|export|import|compact|verify|backup FILE' manages a session's log of edits.\n"
-      "--help after token, snapshot or edits says more.\n"
+      "'ridgecast-server edits list|export|import|compact|verify|backup FILE' manages a session's log of edits;\n"
+      "'ridgecast-server replay FILE|DIR' repeats recordings (--record) and compares every mesh.\n"
+      "--help after token, snapshot, edits or replay says more.\n"
       "A flag overrides its environment variable (--max-cameras: RIDGECAST_MAX_CAMERAS), which overrides the settings file.",
       "ridgecast-server");
   app.formatter(std::make_shared<FirstNames>());

@@ -20,9 +20,11 @@ struct Config {
   net::Settings net;
   session::Limits limits;
   snapshot::Limits snapshots;
-  std::uint32_t cacheMemory = 64;   // MiB of made snapshots and tiles
-  user_terrain::Request terrain;    // of the default session, with its seed
-  std::filesystem::path state;      // of the sessions' edits; empty: not kept
+  std::uint32_t cacheMemory = 64;  // MiB of made snapshots and tiles
+  user_terrain::Request terrain;   // of the default session, with its seed
+  std::filesystem::path state;     // of the sessions' edits; empty: not kept
+  std::filesystem::path record;    // folder of recordings; empty: none are made
+  std::uint64_t recordBytes = std::uint64_t{1} << 30;
   bool watch = false;               // sessions follow their terrain files
   unsigned threads = 0;             // 0: as many as the hardware has
   std::filesystem::path portFile;   // empty: none

@@ -83,6 +83,13 @@ wire::World worldOf(const Session& session, const wire::Settings& granted, std::
   return world;
 }
 
+void noteQuestion(const Session& session, std::uint64_t camera, std::size_t places, const wire::ClientMessage& question) {
+  recording::Asked asked{camera, static_cast<std::uint32_t>(places)};
+  if (places <= 64) asked.message = wire::encode(question);
+  if (asked.message.size() > recording::Asked::kMostBytes) asked.message.clear();
+  session.note(std::move(asked));
+}
+
 }  // namespace
 
 CameraSession::CameraSession(std::shared_ptr<Session> session, CameraPlace place, std::uint64_t id, std::shared_ptr<Sender> sender)
@@ -127,6 +134,7 @@ CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
 }
 
 CameraSession::Refusal CameraSession::attend(wire::Query& query) {
+  if (session_->observer()) noteQuestion(*session_, id_, query.rays.size() + query.x.size(), query);
   if (!queries_) queries_ = std::make_shared<Queries>(session_, sender_, place_.budgets);
   if (queries_->ask(std::move(query))) return {};
   return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
@@ -134,6 +142,7 @@ CameraSession::Refusal CameraSession::attend(wire::Query& query) {
 }
 
 CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
+  if (session_->observer()) noteQuestion(*session_, id_, 1, ask);
   if (!grounds_)
     grounds_ = std::make_shared<Grounds>([session = session_] { return session->ground(); }, conversation_.granted().triangleBudget,
                                          session_->resources().questions().grounds, sender_);
@@ -152,7 +161,9 @@ CameraSession::Refusal CameraSession::attend(const wire::Edit& edit) {
     sender->send(number ? wire::EditAnswer{id, *number, {}} : wire::EditAnswer{id, 0, number.error().message}, ticketOf(open));
   };
   auto operation = edits::fromJson(edit.operation);
-  if (!operation) {
+  if (!session_->resources().limits.takesEdits) {
+    answer(Error{"This session plays a recording; its ground changes as it was recorded."});
+  } else if (!operation) {
     answer(operation.error());
   } else if (auto early = place_.budgets->spendEdit(*operation, session_->resources().timer->now()); !early) {
     answer(early.error());
@@ -303,6 +314,7 @@ void CameraSession::run() {
     figures_.holds(0, false);
   }
   for (const TakeCopy& done : disappointed) done(nullptr);
+  if (freed || failed) session_->note(recording::Left{id_});
   if (freed || failed) giveMemoryBackSoon(session_->resources());
 }
 
@@ -314,6 +326,7 @@ void CameraSession::work(const conversation::Greet&) {
   edit_ = edit;
   mesh_ = session_->resources().makeMesh(terrain, granted, pool_);
   encoder_ = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
+  session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, edit});
   // Under the lock: once it has received the world, a client may send anything.
   const std::lock_guard lock(mutex_);
   conversation_.greeted();
@@ -375,12 +388,13 @@ void CameraSession::work(const conversation::SendTiles& wanted) {
   sender_->send(std::move(message));
 }
 
-void CameraSession::followGround() {
+std::vector<lattice::Area> CameraSession::followGround() {
   auto [ground, changed] = session_->edits().since(edit_);
-  if (ground.edit == edit_) return;
+  if (ground.edit == edit_) return {};
   edit_ = ground.edit;
   mesh_->setGround(ground.terrain, changed);
   encoder_->setTerrain(std::move(ground.terrain));
+  return std::move(changed);
 }
 
 void CameraSession::work(const conversation::Iterate& order) {
@@ -391,13 +405,16 @@ void CameraSession::work(const conversation::Iterate& order) {
     sender_->send(wire::Granted{*order.granted});
   }
   if (order.insertions) mesh_->setInsertionLimit(*order.insertions);
-  followGround();
+  std::vector<lattice::Area> changed = followGround();
   wire::Iteration iteration;
   iteration.edit = edit_;
   iteration.figures = mesh_->iterate(order.pose.camera);
   figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
   iteration.poseSequence = order.pose.sequence;
   iteration.settled = mesh_->settled();
+  if (session_->observer())
+    session_->note(recording::Iterated{id_, order.granted, iteration.figures.insertionLimit, edit_, std::move(changed), order.pose.sequence,
+                                       order.pose.camera, iteration.settled, recording::hashOf(mesh_->leaves())});
   effectiveThreshold_ = iteration.figures.effectiveThreshold;
   std::optional<replica::Changes> changes;
   std::uint32_t candidates = 0;

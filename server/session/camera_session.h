@@ -67,7 +67,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void work(const conversation::SendTiles& wanted);
   void work(const conversation::Iterate& order);
   void workOnCopy();
-  void followGround();  // the mesh, if there were edits
+  std::vector<lattice::Area> followGround();  // the mesh, if there were edits; returns where it changed
 
   const std::shared_ptr<Session> session_;
   const CameraPlace place_;

@@ -20,10 +20,12 @@ lattice::Area around(const lattice::Area& a, const lattice::Area& b) {
 
 }  // namespace
 
-Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept)
+Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept,
+             Made made)
     : terrain_(std::move(terrain)),
       pool_(executor->makePool(1)),
       changed_(std::move(changed)),
+      noted_(std::move(made)),
       kept_(std::move(kept)),
       history_(kept_.history ? std::move(*kept_.history) : edits::History(terrain_)),
       begins_(history_.last()),
@@ -103,6 +105,7 @@ void Edits::makeAll() {
       for (Outcome<std::uint64_t>& number : numbers)
         if (number && *number > before) number = isKept.error();
     } else {
+      for (std::uint64_t n = before; noted_ && n < history_.last(); ++n) noted_(made_[n - begins_]);
       {
         const std::lock_guard lock(mutex_);
         ground_ = {std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()};

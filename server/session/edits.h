@@ -56,8 +56,11 @@ class Edits : public std::enable_shared_from_this<Edits> {
     std::optional<edits::History> history;  // the log's
     std::function<Outcome<std::unique_ptr<edit_log::Log>>()> makeLog;
   };
-  // `changed` is called by the editing task after each change of the ground. `executor` as Resources::executor.
-  Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept);
+  // `changed` is called by the editing task after each change of the ground, `made` by it for each edit that is kept, before anybody has its
+  // ground. `executor` as Resources::executor.
+  using Made = std::function<void(const MadeEdit&)>;
+  Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept,
+        Made made = {});
 
   Ground ground() const;
   // The ground now, and where it differs from that of `edit`: at most kMostAreas.
@@ -94,6 +97,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   const std::shared_ptr<const terrain::Terrain> terrain_;
   const std::shared_ptr<scheduling::Pool> pool_;
   const std::function<void()> changed_;
+  const Made noted_;
 
   // Of the editing task.
   Kept kept_;

@@ -23,7 +23,10 @@ std::size_t bytesOf(const wire::Members& news) {
 
 }  // namespace
 
-Presence::Presence(const Timer& timer, wire::ClockMode clock) : timer_(timer), clock_(timer.now(), clock) {}
+Presence::Presence(const Timer& timer, wire::ClockMode clock, std::shared_ptr<recording::Observer> observer)
+    : timer_(timer), observer_(std::move(observer)), clock_(timer.now(), clock) {
+  noteClock();
+}
 
 void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender,
                     const std::optional<wire::PoseMessage>& pose) {
@@ -208,7 +211,15 @@ bool Presence::passOver(std::uint64_t camera, const std::string& why) {
   return true;
 }
 
+void Presence::noteClock() const {
+  if (!observer_) return;
+  const Timer::Time now = timer_.now();
+  const wire::Clock clock = clock_.state(now);
+  observer_->note(now, recording::Clocked{clock.mode, clock.rate, clock.time, clock.owner, clock.step});
+}
+
 void Presence::clockChanged() {
+  noteClock();
   watchStep();
   for (auto& [id, entry] : entries_) entry.clockStale = entry.wantsClock;
   notifyOfClock();

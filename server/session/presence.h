@@ -23,6 +23,7 @@
 
 #include "common/wire/messages.h"
 #include "server/conversation/pace.h"
+#include "server/recording/events.h"
 #include "server/session/clock.h"
 #include "server/session/sender.h"
 #include "server/session/timer.h"
@@ -36,8 +37,9 @@ class Presence : public std::enable_shared_from_this<Presence> {
 
   static constexpr std::chrono::seconds kStepTimeout{30};
 
-  // `timer` must outlive this. `clock`: how the clock begins, in real time or stepped.
-  explicit Presence(const Timer& timer, wire::ClockMode clock = wire::ClockMode::kRealTime);
+  // `timer` must outlive this. `clock`: how the clock begins, in real time or stepped. `observer`: told of the clock; null: nobody.
+  explicit Presence(const Timer& timer, wire::ClockMode clock = wire::ClockMode::kRealTime,
+                    std::shared_ptr<recording::Observer> observer = {});
 
   // `hello` has its name, role and requests; `pose` is its newest. The world must have been sent.
   void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose);
@@ -84,6 +86,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void notifyMembers();
   bool notify(Entry& entry);  // returns whether it is up to date
   void clockChanged();
+  void noteClock() const;
   void notifyOfClock();
   void sendClock(Entry& entry, std::uint64_t echo, std::string notice = {});
   std::string whyNotYours() const;
@@ -91,6 +94,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
   bool passOver(std::uint64_t camera, const std::string& why);  // false: no step waits for it anyway
 
   const Timer& timer_;
+  const std::shared_ptr<recording::Observer> observer_;
   mutable std::mutex mutex_;
   std::map<std::uint64_t, Entry> entries_;
   std::uint64_t version_ = 0;

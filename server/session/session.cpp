@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <thread>
 
+#include "common/edits/json.h"
 #include "common/wire/wire.h"
+#include "server/logging/logging.h"
 #include "server/session/camera_session.h"
 
 namespace ridgecast::session {
@@ -19,6 +21,32 @@ bool raise(std::atomic<std::uint32_t>& counter, std::uint32_t limit) {
 
 std::filesystem::path logOf(const std::filesystem::path& state, const std::string& session) {
   return state.empty() ? std::filesystem::path() : state / (session + ".edits");
+}
+
+constexpr std::size_t kMostPast = 16u << 20;  // bytes of edits with which a recording begins
+
+// Null: nobody records, or the ground cannot be told.
+std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, const std::string& name, const WorldSpec& spec,
+                                                    const terrain::Terrain& terrain, std::uint64_t contentHash, const Edits::Kept& kept) {
+  if (!resources.record) return nullptr;
+  const auto refuse = [&](const std::string& why) {
+    logging::warning({.session = name}, "is not recorded: " + why);
+    return nullptr;
+  };
+  std::vector<recording::Edited> past;
+  if (kept.log && kept.log->compacted() > 0) return refuse("edits of its ground were compacted, and cannot be repeated");
+  for (std::size_t bytes = 0; kept.log && past.size() < kept.log->last();) {
+    auto edits = kept.log->read(past.size(), wire::kMaxMadeEdits);
+    if (!edits) return refuse(edits.error().message);
+    for (const edit_log::Edit& e : *edits) {
+      past.push_back({e.number, e.author, edits::toJson(e.operation)});
+      bytes += past.back().operation.size();
+    }
+    if (bytes > kMostPast) return refuse("its ground has more than " + std::to_string(kMostPast >> 20) + " MiB of edits");
+  }
+  recording::World world{
+      name, spec.terrain, spec.seed, spec.parameters, contentHash, static_cast<bool>(terrain.colours()), resources.serverName};
+  return resources.record(std::move(world), std::move(past), resources.timer->now());
 }
 
 }  // namespace
@@ -37,13 +65,18 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       resources_(std::move(resources)),
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
       places_(std::move(places)),
-      presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock)),
+      observer_(beginRecording(*resources_, name_, spec_, *terrain, contentHash_, kept)),
+      presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock, observer_)),
       edits_(std::make_shared<Edits>(
           std::move(terrain), resources_->executor,
           [live = live_] {
             for (const auto& camera : live->all()) camera->groundChanged();
           },
-          std::move(kept))) {}
+          std::move(kept),
+          [observer = observer_, resources = resources_](const MadeEdit& made) {
+            if (observer)
+              observer->note(resources->timer->now(), recording::Edited{made.number, made.edit.author, edits::toJson(made.edit.operation)});
+          })) {}
 
 std::uint64_t Session::groundHash() const {
   const std::uint64_t edit = ground().edit;

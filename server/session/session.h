@@ -27,6 +27,7 @@
 #include "common/terrain/terrain.h"
 #include "server/metrics/figures.h"
 #include "server/pipeline/pipeline.h"
+#include "server/recording/events.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
 #include "server/session/edits.h"
@@ -50,6 +51,7 @@ struct Limits {
   std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: unlimited
   pipeline::Limits mesh;
   bool sendsTerrain = true;  // false: World's terrain_source stays empty
+  bool takesEdits = true;    // of members; false: the ground is that of a recording
 };
 
 using pipeline::IteratingMesh;
@@ -75,6 +77,9 @@ inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // of a clien
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 inline constexpr std::uint32_t kMostMembers = 32'768;  // of a session: they fit into one wire::Members
 
+// Begins a session's recording. `past`: the edits that have made its ground.
+using Record = std::function<std::shared_ptr<recording::Observer>(recording::World, std::vector<recording::Edited> past, Timer::Time now)>;
+
 // Shared by the cameras of all sessions.
 struct Resources {
   // Not owned: a task may be the last owner of anything here, and an executor cannot be destroyed by its own threads. Destroyed after the
@@ -83,6 +88,7 @@ struct Resources {
   MakeMesh makeMesh;
   MakeTerrain makeTerrain;      // for sessions that clients create; empty: not allowed
   std::filesystem::path state;  // folder of the sessions' logs of edits; empty: edits are forgotten when their session ends
+  Record record;                // empty: sessions are not recorded
   std::string serverName;
   Limits limits;
   std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
@@ -127,6 +133,11 @@ class Session {
   std::uint32_t members() const { return *members_ & ~kEnded; }
   Presence& presence() const { return *presence_; }
   LiveCameras& live() const { return *live_; }
+  recording::Observer* observer() const { return observer_.get(); }  // null: it is not recorded
+  // Tells the observer, of what happens now.
+  void note(recording::Event event) const {
+    if (observer_) observer_->note(resources_->timer->now(), std::move(event));
+  }
 
   // `client`: whose budgets the camera shares (Places::budgetsOf). Error: the session or the server is full, or the session has just ended.
   Outcome<CameraPlace> enter(const std::string& client = {});
@@ -151,6 +162,7 @@ class Session {
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> members_;
   std::shared_ptr<Places> places_;
+  std::shared_ptr<recording::Observer> observer_;
   std::shared_ptr<Presence> presence_;
   std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
   std::shared_ptr<Edits> edits_;
@@ -189,6 +201,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::uint32_t cameras() const { return places_->cameras(); }
   std::uint64_t triangles() const { return places_->triangles(); }  // set aside for the cameras
   std::uint64_t nextCameraId() { return ++lastCameraId_; }
+  void startCameraIdsAfter(std::uint64_t last) { lastCameraId_ = last; }  // before anybody has one
 
  private:
   std::shared_ptr<const Resources> resources_;

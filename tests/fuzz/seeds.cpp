@@ -19,7 +19,9 @@
 #include "common/wire/wire.h"
 #include "server/access/jwt.h"
 #include "server/access/tokens.h"
+#include "server/recording/format.h"
 #include "tests/support/leaf_meshes.h"
+#include "tests/support/recorded_events.h"
 
 namespace {
 
@@ -254,6 +256,17 @@ void textSeeds() {
   write("tile", {rough.begin(), rough.end()});
 }
 
+void recordingSeeds() {
+  for (const std::size_t count : {3, 30, 300}) {
+    recording::Encoder encoder;
+    recording::Bytes block;
+    for (const recording::Record& r : testing_support::recordedEvents(count, count)) encoder.put(r, block);
+    const recording::Bytes frame = recording::compress(block);
+    write("recording", '\0' + std::string(block.begin(), block.end()));
+    write("recording", '\1' + std::string(frame.begin(), frame.end()));
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -268,6 +281,7 @@ int main(int argc, char** argv) {
   payloadSeeds();
   rasterSeeds();
   textSeeds();
+  recordingSeeds();
   std::printf("%d seeds in %s\n", written, argv[1]);
   return 0;
 }

@@ -17,13 +17,14 @@ namespace ridgecast {
 class LoopbackTest : public testing::Test {
  protected:
   // Alpine as the default session; others may be added before listen(). `makeTerrain`: for sessions that clients create.
-  void open(session::MakeTerrain makeTerrain = {}) {
+  void open(session::MakeTerrain makeTerrain = {}, session::Record record = {}) {
     logging::setUp(logging::Format::kText, logging::Level::kWarning);
     executor = std::make_unique<scheduling::Executor>(2);
     auto resources = std::make_shared<session::Resources>();
     resources->executor = executor.get();
     resources->makeMesh = session::pipelineMeshes();
     resources->makeTerrain = std::move(makeTerrain);
+    resources->record = std::move(record);
     resources->serverName = "integration";
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
   }

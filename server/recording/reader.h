@@ -1,0 +1,83 @@
+#pragma once
+// The records of a recording, part by part, from its files.
+//
+// A recording's parts lie side by side as NAME.0001.recording, NAME.0002.recording, ...; NAME is the session and when it began. Each part
+// can be read by itself: it begins with the world, the edits so far and the members that were there.
+
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+#include "server/recording/format.h"
+
+namespace ridgecast::recording {
+
+inline constexpr std::string_view kExtension = ".recording";
+
+// NAME.NNNN.recording of a session's name and a time, or of any name.
+std::string partName(const std::string& name, unsigned part);
+// NAME and NNNN of a file. Nothing: it is not named like a part.
+std::optional<std::pair<std::string, unsigned>> nameOf(const std::filesystem::path& file);
+
+// The recordings at a path: of a part, it and those after it; of a folder, each recording in it with all its parts, by name. Error: one
+// sentence: no such file, or no recording there.
+Outcome<std::vector<std::vector<std::filesystem::path>>> recordingsAt(const std::filesystem::path& path);
+
+// The content of a part, frame by frame. Memory: kMostBlockBytes and what zstd needs for that.
+class Blocks {
+ public:
+  explicit Blocks(std::istream& in);
+  ~Blocks();
+  // The next whole block. Nothing: the end, or nothing whole follows.
+  std::optional<std::span<const std::uint8_t>> next();
+  // Why no more can be read, in one sentence; empty: the file ends with a whole block.
+  const std::string& problem() const { return problem_; }
+  bool wasCutOff() const { return wasCutOff_; }  // the problem is only that the last block was not written in whole
+
+ private:
+  struct State;
+  std::istream& in_;
+  std::unique_ptr<State> state_;
+  std::string problem_;
+  bool wasCutOff_ = false;
+};
+
+// Not thread-safe.
+class Reader {
+ public:
+  // Error: one sentence: the first part cannot be read, or is no recording.
+  static Outcome<std::unique_ptr<Reader>> open(std::vector<std::filesystem::path> parts);
+  ~Reader();
+
+  const World& world() const { return world_; }
+  // The next record, without what a later part repeats of the earlier ones. Nothing: the end.
+  std::optional<Record> next();
+  // Why the recording ends before its files do, in one sentence with the time; empty: it does not. A last block that is not whole is no
+  // damage: wasCutOff().
+  const std::string& damage() const { return damage_; }
+  bool wasCutOff() const { return wasCutOff_; }
+  double seconds() const { return static_cast<double>(time_) / 1e6; }  // of the last record
+
+ private:
+  struct Part;
+  explicit Reader(std::vector<std::filesystem::path> parts);
+  Outcome<Record> nextOfPart();  // error with an empty message: the part is over
+  bool openNext();
+
+  std::vector<std::filesystem::path> parts_;
+  std::size_t opened_ = 0;
+  std::unique_ptr<Part> part_;
+  World world_;
+  std::uint64_t lastEdit_ = 0;
+  std::optional<Record> clock_;  // the last Clocked
+  std::int64_t time_ = 0;
+  std::string damage_;
+  bool wasCutOff_ = false;
+};
+
+}  // namespace ridgecast::recording

@@ -1,0 +1,319 @@
+#include "server/recording/recorder.h"
+
+#include <fcntl.h>
+#include <pthread.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <condition_variable>
+#include <cstring>
+#include <ctime>
+#include <deque>
+#include <map>
+#include <mutex>
+#include <string>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+#include "server/logging/logging.h"
+#include "server/recording/format.h"
+#include "server/recording/reader.h"
+#include "server/scheduling/pool.h"
+
+namespace ridgecast::recording {
+
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+constexpr auto kEvery = 1s;                               // between two blocks of a recording
+constexpr std::size_t kFullBlock = 256u << 10;            // of records: written at once
+constexpr std::size_t kEventBytes = sizeof(Record) + 64;  // in the queue, about
+
+std::size_t bytesOf(const Event& event) {
+  std::size_t bytes = kEventBytes;
+  if (const auto* e = std::get_if<Iterated>(&event)) bytes += e->changed.size() * sizeof(lattice::Area);
+  if (const auto* e = std::get_if<Edited>(&event)) bytes += e->operation.size();
+  if (const auto* e = std::get_if<Asked>(&event)) bytes += e->message.size();
+  return bytes;
+}
+
+std::string stampOf(std::int64_t microseconds) {
+  const std::time_t seconds = microseconds / 1'000'000;
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  char text[48];
+  std::snprintf(text, sizeof text, "%04d%02d%02dT%02d%02d%02d.%06d", utc.tm_year + 1900, utc.tm_mon + 1, utc.tm_mday, utc.tm_hour,
+                utc.tm_min, utc.tm_sec, static_cast<int>(microseconds % 1'000'000));
+  return text;
+}
+
+}  // namespace
+
+// One session's recording. The writing thread's but for what `ended` says.
+struct Writing {
+  std::string session, name;
+  World world;
+  Observer::Instant began;
+  std::atomic<bool> ended{false};  // takes nothing more
+  // What a part begins with.
+  std::vector<Edited> edits;
+  std::size_t editBytes = 0;
+  std::optional<Record> clock;
+  std::map<std::uint64_t, Joined> members;
+  // The part.
+  unsigned part = 0;
+  int file = -1;
+  std::uint64_t size = 0;
+  Encoder encoder;
+  Bytes block;
+  Observer::Instant written{};
+};
+
+struct Recorder::State {
+  fs::path folder;
+  std::uint64_t bytes = 0, partBytes = 0;
+
+  std::mutex mutex;
+  std::condition_variable changed;
+  struct Waiting {
+    std::shared_ptr<Writing> of;
+    Record record;
+    bool isEnd = false;
+  };
+  std::vector<Waiting> waiting;
+  std::size_t waitingBytes = 0;
+  bool ends = false;
+  Usage usage;
+  std::thread thread;
+
+  // The thread's.
+  std::map<const Writing*, std::shared_ptr<Writing>> open;
+  std::deque<std::pair<fs::path, std::uint64_t>> old;  // closed parts, the oldest first, with their bytes
+  std::uint64_t total = 0;                             // of all parts
+
+  bool push(const std::shared_ptr<Writing>& of, Record&& record, bool isEnd);
+  void run();
+  void take(Waiting& w);
+  void apply(Writing& w, const Event& event);
+  bool begin(Writing& w);  // the next part
+  bool flush(Writing& w);
+  bool makeRoom(std::uint64_t bytes);
+  void close(Writing& w);
+  void stop(Writing& w, const std::string& why);
+};
+
+class Recorder::Session final : public Observer {
+ public:
+  Session(std::shared_ptr<State> state, std::shared_ptr<Writing> writing) : state_(std::move(state)), writing_(std::move(writing)) {}
+  ~Session() override { state_->push(writing_, {}, true); }
+  void note(Instant when, Event event) override {
+    if (writing_->ended) return;
+    const auto time = std::chrono::duration_cast<std::chrono::microseconds>(when - writing_->began).count();
+    if (!state_->push(writing_, {time, std::move(event)}, false) && !writing_->ended.exchange(true))
+      logging::error({.session = writing_->session}, "the recording ends: the disk is slower than what is to be recorded");
+  }
+
+ private:
+  const std::shared_ptr<State> state_;
+  const std::shared_ptr<Writing> writing_;
+};
+
+Outcome<std::unique_ptr<Recorder>> Recorder::open(const fs::path& folder, std::uint64_t bytes) {
+  std::error_code failed;
+  fs::create_directories(folder, failed);
+  if (!fs::is_directory(folder, failed)) return Error{"--record '" + folder.string() + "' is no folder and cannot be made one."};
+  if (access(folder.c_str(), W_OK) != 0)
+    return Error{"--record '" + folder.string() + "' cannot be written: " + std::strerror(errno) + "."};
+  auto state = std::make_shared<State>();
+  state->folder = folder;
+  state->bytes = std::max(bytes, kLeastBytes);
+  state->partBytes = state->bytes / 16;
+  std::vector<std::pair<fs::file_time_type, fs::path>> found;
+  for (const auto& entry : fs::directory_iterator(folder, failed))
+    if (nameOf(entry.path())) found.emplace_back(entry.last_write_time(failed), entry.path());
+  std::ranges::sort(found);
+  for (const auto& [time, file] : found) {
+    state->old.emplace_back(file, fs::file_size(file, failed));
+    state->total += state->old.back().second;
+  }
+  return std::unique_ptr<Recorder>(new Recorder(std::move(state)));
+}
+
+Recorder::Recorder(std::shared_ptr<State> state) : state_(std::move(state)) {
+  state_->thread = std::thread([s = state_.get()] { s->run(); });
+}
+
+Recorder::~Recorder() {
+  {
+    const std::lock_guard lock(state_->mutex);
+    state_->ends = true;
+  }
+  state_->changed.notify_all();
+  state_->thread.join();
+}
+
+Recorder::Usage Recorder::usage() const {
+  const std::lock_guard lock(state_->mutex);
+  return state_->usage;
+}
+
+std::shared_ptr<Observer> Recorder::begin(World world, std::vector<Edited> past, Observer::Instant now) {
+  auto writing = std::make_shared<Writing>();
+  writing->began = now;
+  world.began = std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+  writing->session = world.session;
+  writing->name = world.session + "." + stampOf(world.began);
+  writing->world = std::move(world);
+  for (const Edited& e : past) writing->editBytes += e.operation.size();
+  writing->edits = std::move(past);
+  return std::make_shared<Session>(state_, std::move(writing));
+}
+
+bool Recorder::State::push(const std::shared_ptr<Writing>& of, Record&& record, bool isEnd) {
+  const std::lock_guard lock(mutex);
+  const std::size_t size = bytesOf(record.event);
+  if (!isEnd && waitingBytes + size > kMostWaiting) return false;
+  waitingBytes += size;
+  waiting.push_back({of, std::move(record), isEnd});
+  if (waitingBytes > kMostWaiting / 4) changed.notify_all();
+  return true;
+}
+
+void Recorder::State::run() {
+  scheduling::lowerPriority(10);
+  pthread_setname_np(pthread_self(), "recorder");
+  for (bool isLast = false; !isLast;) {
+    std::vector<Waiting> taken;
+    {
+      std::unique_lock lock(mutex);
+      changed.wait_for(lock, kEvery / 2, [&] { return ends || waitingBytes > kMostWaiting / 4; });
+      isLast = ends;
+      taken.swap(waiting);
+      waitingBytes = 0;
+    }
+    for (Waiting& w : taken) take(w);
+    const auto now = Observer::Instant::clock::now();
+    const auto written = open;  // flush() may end one
+    for (const auto& [key, w] : written)
+      if (isLast || now - w->written >= kEvery) flush(*w);
+    timespec spent{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &spent);
+    const std::lock_guard lock(mutex);
+    usage.seconds = static_cast<double>(spent.tv_sec) + static_cast<double>(spent.tv_nsec) / 1e9;
+  }
+  while (!open.empty()) close(*open.begin()->second);
+}
+
+void Recorder::State::take(Waiting& waits) {
+  Writing& w = *waits.of;
+  if (waits.isEnd) {
+    if (open.contains(&w) && flush(w)) close(w);
+    return;
+  }
+  if (w.ended && !open.contains(&w)) return;  // was stopped
+  if (!open.contains(&w)) {
+    open.emplace(&w, waits.of);
+    if (!begin(w)) return;
+  }
+  apply(w, waits.record.event);
+  if (std::holds_alternative<Clocked>(waits.record.event)) w.clock = waits.record;
+  if (w.editBytes > partBytes / 4 && flush(w))
+    return stop(w, "its edits alone have more than " + std::to_string(partBytes / 4) + " bytes; --record-bytes can be raised");
+  if (!w.encoder.put(waits.record, w.block) && std::holds_alternative<Edited>(waits.record.event))
+    return stop(w, "an edit has more than " + std::to_string(kMostRecordBytes) + " bytes");
+  if (w.block.size() >= kFullBlock) flush(w);
+}
+
+// What the next part must know.
+void Recorder::State::apply(Writing& w, const Event& event) {
+  if (const auto* joined = std::get_if<Joined>(&event)) {
+    Joined& known = w.members[joined->camera] = *joined;
+    known.again = true;
+  } else if (const auto* left = std::get_if<Left>(&event)) {
+    w.members.erase(left->camera);
+  } else if (const auto* edited = std::get_if<Edited>(&event)) {
+    w.edits.push_back(*edited);
+    w.editBytes += edited->operation.size();
+  } else if (const auto* iterated = std::get_if<Iterated>(&event)) {
+    const auto member = w.members.find(iterated->camera);
+    if (member == w.members.end()) return;
+    if (iterated->granted) member->second.granted = *iterated->granted;
+    member->second.edit = iterated->edit;
+  }
+}
+
+bool Recorder::State::begin(Writing& w) {
+  const fs::path file = folder / partName(w.name, ++w.part);
+  w.file = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
+  if (w.file < 0) return stop(w, "'" + file.string() + "' cannot be made: " + std::strerror(errno)), false;
+  if (w.part == 1) logging::info({.session = w.session}, "is recorded to " + file.string());
+  w.size = 0;
+  w.encoder = {};
+  w.written = Observer::Instant::clock::now();
+  std::int64_t time = w.clock ? w.clock->time : 0;
+  w.encoder.put({time, w.world}, w.block);
+  for (const Edited& e : w.edits) {
+    w.encoder.put({time, e}, w.block);
+    if (w.block.size() >= kFullBlock && !flush(w)) return false;
+  }
+  if (w.clock) w.encoder.put(*w.clock, w.block);
+  for (const auto& [camera, joined] : w.members) w.encoder.put({time, joined}, w.block);
+  return true;
+}
+
+bool Recorder::State::flush(Writing& w) {
+  w.written = Observer::Instant::clock::now();
+  if (w.block.empty()) return true;
+  const Bytes frame = compress(w.block);
+  w.block.clear();
+  if (!makeRoom(frame.size())) return stop(w, "no room is left in --record-bytes beside what else is being recorded"), false;
+  for (std::size_t done = 0; done < frame.size();) {
+    const ssize_t n = ::write(w.file, frame.data() + done, frame.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return stop(w, std::string("it cannot be written: ") + std::strerror(errno)), false;
+    done += static_cast<std::size_t>(n);
+  }
+  w.size += frame.size();
+  total += frame.size();
+  {
+    const std::lock_guard lock(mutex);
+    usage.bytes += frame.size();
+  }
+  if (w.size < partBytes) return true;
+  ::close(w.file);
+  w.file = -1;
+  old.emplace_back(folder / partName(w.name, w.part), w.size);
+  return begin(w);
+}
+
+bool Recorder::State::makeRoom(std::uint64_t more) {
+  while (total + more > bytes && !old.empty()) {
+    std::error_code ignored;
+    fs::remove(old.front().first, ignored);
+    total -= old.front().second;
+    old.pop_front();
+  }
+  return total + more <= bytes;
+}
+
+void Recorder::State::close(Writing& w) {
+  if (w.file >= 0) {
+    ::close(w.file);
+    old.emplace_back(folder / partName(w.name, w.part), w.size);
+  }
+  w.file = -1;
+  w.ended = true;
+  open.erase(&w);
+}
+
+void Recorder::State::stop(Writing& w, const std::string& why) {
+  if (!w.ended.exchange(true)) logging::error({.session = w.session}, "the recording ends: " + why);
+  close(w);
+}
+
+}  // namespace ridgecast::recording

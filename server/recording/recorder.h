@@ -1,0 +1,50 @@
+#pragma once
+// Writes recordings: one for each session that lives, as parts in one folder (reader.h).
+//
+//   note() --> queue (kMostWaiting bytes) --> one thread of low priority: codes, compresses, writes a block a second
+//
+// A block reaches the operating system in one write, so that after kill -9 all but the last second is there. A recording that cannot be
+// kept (the disk is full or too slow, its edits alone take a quarter of the room) ends with a sentence in the log, and disturbs nobody.
+//
+// Bound: the folder's recordings have at most `bytes` together. A part has a sixteenth of them; the oldest parts go first, those of
+// earlier runs included, but never one that is being written: if nothing else is left, the recording that wants to write ends.
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+#include "server/recording/events.h"
+
+namespace ridgecast::recording {
+
+class Recorder {
+ public:
+  static constexpr std::size_t kMostWaiting = std::size_t{8} << 20;
+  static constexpr std::uint64_t kLeastBytes = std::uint64_t{1} << 20;
+
+  // Makes the folder if there is none. Error: one sentence: it cannot be made or written.
+  static Outcome<std::unique_ptr<Recorder>> open(const std::filesystem::path& folder, std::uint64_t bytes);
+  ~Recorder();  // writes what waits; nobody notes anything more
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+
+  // A session begins `now`, on the ground that these edits have made, the first one's number being 1. Its recording ends with the
+  // observer, which outlives the recorder only without being used.
+  std::shared_ptr<Observer> begin(World world, std::vector<Edited> past, Observer::Instant now);
+
+  struct Usage {
+    std::uint64_t bytes = 0;  // written so far
+    double seconds = 0;       // of a processor, by the writing thread
+  };
+  Usage usage() const;
+
+ private:
+  struct State;
+  class Session;
+  explicit Recorder(std::shared_ptr<State> state);
+  const std::shared_ptr<State> state_;
+};
+
+}  // namespace ridgecast::recording

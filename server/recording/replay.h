@@ -1,0 +1,58 @@
+#pragma once
+// Repeats what a recording holds: makes every camera's meshes from the recorded inputs, as fast as the threads go, and compares each
+// iteration's hash with the recorded one.
+//
+// A camera's mesh has a history that its points alone do not tell: candidates, pages that sleep, vertices that rest, the threshold that the
+// budget has raised, the way of the camera. A mesh begun anew from recorded points would go on differently, and all of the state is tens of
+// megabytes. So there is one kind of checkpoint, which costs nothing: where a camera joins, its mesh begins from nothing. From a time on,
+// a camera is repeated since its last beginning before that time, and judged after it. A camera whose beginning is in a part that was
+// deleted cannot be repeated until it joins again; those iterations are counted as unknown.
+
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+#include "common/terrain/terrain.h"
+#include "server/recording/reader.h"
+#include "server/scheduling/pool.h"
+
+namespace ridgecast::recording {
+
+struct Span {
+  double from = 0, until = std::numeric_limits<double>::infinity();  // seconds of the recording; iterations in between are judged
+};
+
+struct Difference {
+  std::uint64_t camera = 0, iteration = 0;  // the iteration of its mesh, from 1
+  double seconds = 0;                       // of the recording
+  std::uint64_t recorded = 0, repeated = 0;
+};
+
+struct Summary {
+  std::uint64_t cameras = 0;     // meshes that began
+  std::uint64_t iterations = 0;  // judged
+  std::uint64_t before = 0;      // repeated on the way to `from`
+  std::uint64_t unknown = 0;     // of cameras whose beginning is not there
+  std::uint64_t edits = 0, questions = 0;
+  double seconds = 0;               // of the last record that was read
+  std::optional<Difference> first;  // in the order of the recording
+  std::string damage{};             // Reader::damage()
+  bool wasCutOff = false;
+};
+
+inline constexpr std::size_t kMostQueued = 4096;
+
+// `parts` as of Reader::open; `terrain` is the recording's: checkTerrain. Ends at the first difference. Error: one sentence: a file cannot
+// be read, or its content makes no sense. Memory: a mesh for each camera that lives, and at most kMostQueued iterations that wait.
+Outcome<Summary> replay(const std::vector<std::filesystem::path>& parts, std::shared_ptr<const terrain::Terrain> terrain,
+                        scheduling::Executor& executor, const Span& span);
+
+// Error: one sentence, if the terrain has another content than the recorded one.
+Outcome<void> checkTerrain(const World& world, const terrain::Terrain& terrain);
+
+}  // namespace ridgecast::recording

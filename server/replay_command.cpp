@@ -1,0 +1,202 @@
+#include "server/replay_command.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/text/text.h"
+#include "common/user_terrain/catalogue.h"
+#include "server/config/config.h"
+#include "server/logging/logging.h"
+#include "server/playback/playback.h"
+#include "server/recording/paths.h"
+#include "server/recording/replay.h"
+#include "server/scheduling/pool.h"
+
+namespace ridgecast {
+namespace {
+
+using Parts = std::vector<std::filesystem::path>;
+
+constexpr const char* kHelp = R"(Usage: ridgecast-server replay FILE|DIR [OPTIONS] [SETTINGS]
+
+Repeats what ridgecast-server --record DIR recorded: makes every camera's meshes again from their inputs, and compares each with the
+recorded one by its hash.
+
+  FILE           a part, NAME.0001.recording, and those after it
+  DIR            all recordings in it
+  --from TIME    Compare from this time on, in seconds of the recording. A mesh has a history, so each camera is repeated from where it
+                 joined, as far as it is still there at that time
+  --until TIME   End there
+  --export DIR   Write each camera's flight as a path, which ridgecast-client fly --path follows, instead
+  --serve        Play one recording in real time, instead, to onlookers who join the default session: its members fly and the ground
+                 changes as recorded. Who takes the session's clock pauses it, changes its speed or steps ahead; --from skips to a time
+  --threads N    Threads; 0, the default: one for each core. They change nothing but the time it takes
+  SETTINGS       Those of ridgecast-server that name the terrain, such as --terrain dem.tif, where the recorded name does not suffice; with
+                 --serve all, such as --port
+
+Exit status: 0 if all meshes are equal; 1 if one differs, or after a failure; 2 after bad input.
+)";
+
+struct Options {
+  recording::Span span;
+  std::filesystem::path paths;  // --export; empty: none
+  bool serves = false;
+};
+
+int refuse(int status, const std::string& sentence) {
+  std::cerr << "ridgecast-server replay: " << sentence << "\n";
+  return status;
+}
+
+std::string count(std::uint64_t n, const char* one) { return std::to_string(n) + " " + one + (n == 1 ? "" : "s"); }
+
+// The settings' terrain if they name one, otherwise the recorded one; with the recorded seed and parameters.
+void nameTerrain(const recording::World& world, user_terrain::Request& request) {
+  if (request.terrain == user_terrain::Request().terrain) request.terrain = world.terrain;
+  request.seed = world.seed;
+  request.parameters = world.parameters;
+  request.colours = world.colours;
+}
+
+// Error: there is no such terrain, or it is not the recorded one.
+Outcome<std::shared_ptr<const terrain::Terrain>> terrainOf(const recording::World& world, user_terrain::Request request) {
+  nameTerrain(world, request);
+  auto terrain = user_terrain::load(request, [](const std::string& complaint) { std::cerr << complaint << "\n"; });
+  if (!terrain) return terrain.error();
+  if (auto same = recording::checkTerrain(world, **terrain); !same) return same.error();
+  return terrain;
+}
+
+int exportAll(const std::vector<Parts>& recordings, const Options& options) {
+  std::size_t files = 0;
+  for (const Parts& parts : recordings) {
+    const auto written = recording::exportPaths(parts, options.paths, options.span);
+    if (!written) return refuse(1, written.error().message);
+    files += *written;
+  }
+  std::cout << count(files, "path") << " in " << options.paths.string() << "\n";
+  return 0;
+}
+
+int play(const std::vector<Parts>& recordings, config::Config config, const Options& options, const Serve& serve) {
+  if (recordings.size() != 1)
+    return refuse(2, "There are " + count(recordings.size(), "recording") + "; --serve takes one: name its first part.");
+  auto reader = recording::Reader::open(recordings[0]);
+  if (!reader) return refuse(2, reader.error().message);
+  const recording::World& world = (*reader)->world();
+  if (auto terrain = terrainOf(world, config.terrain); !terrain) return refuse(2, terrain.error().message);
+  nameTerrain(world, config.terrain);
+  config.limits.maxSessions = 1;
+  config.limits.takesEdits = false;
+  config.state.clear();
+  config.record.clear();
+  config.watch = false;
+  return serve(config, [&](session::Directory& directory) -> Outcome<std::shared_ptr<void>> {
+    auto begun = playback::Playback::begin(recordings[0], directory, directory.find(session::kDefaultName), options.span.from);
+    if (!begun) return begun.error();
+    return std::shared_ptr<void>(std::move(*begun));
+  });
+}
+
+// Adds to `all`. The exit status.
+int repeat(const Parts& parts, const config::Config& config, const Options& options, scheduling::Executor& executor,
+           recording::Summary& all) {
+  auto reader = recording::Reader::open(parts);
+  if (!reader) return refuse(2, reader.error().message);
+  const std::string session = (*reader)->world().session;
+  auto terrain = terrainOf((*reader)->world(), config.terrain);
+  if (!terrain) return refuse(2, terrain.error().message);
+  reader->reset();
+  const auto summary = recording::replay(parts, std::move(*terrain), executor, options.span);
+  if (!summary) return refuse(1, parts.front().string() + ": " + summary.error().message);
+  if (summary->wasCutOff) std::cerr << parts.back().string() << ": its last block was not written in whole; it ends before that.\n";
+  if (summary->unknown > 0)
+    std::cerr << parts.front().string() << ": " << count(summary->unknown, "iteration")
+              << " of cameras that joined in an earlier part cannot be repeated.\n";
+  all.cameras += summary->cameras;
+  all.iterations += summary->iterations;
+  all.before += summary->before;
+  all.edits += summary->edits;
+  all.questions += summary->questions;
+  all.seconds += std::max(0.0, summary->seconds - options.span.from);
+  if (const auto& first = summary->first) {
+    std::cout << "Session " << session << ", camera " << first->camera << ", iteration " << first->iteration << " at "
+              << text::rounded(first->seconds, 9) << " s differs: the recorded hash is " << text::hexadecimal(first->recorded)
+              << ", the repeated one " << text::hexadecimal(first->repeated) << ".\n";
+    return 1;
+  }
+  return summary->damage.empty() ? 0 : refuse(1, summary->damage);
+}
+
+int repeatAll(const std::vector<Parts>& recordings, const config::Config& config, const Options& options) {
+  scheduling::Executor executor(config.threads);
+  recording::Summary all;
+  const auto start = std::chrono::steady_clock::now();
+  for (const Parts& parts : recordings)
+    if (const int status = repeat(parts, config, options, executor, all)) return status;
+  const double took = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  std::cout << count(recordings.size(), "session") << ", " << count(all.cameras, "camera") << ", " << count(all.iterations, "iteration")
+            << ", all equal; " << count(all.edits, "edit") << ", " << count(all.questions, "question") << "; ";
+  if (all.before > 0) std::cout << count(all.before, "iteration") << " repeated before that; ";
+  std::cout << text::rounded(all.seconds, 4) << " s in " << text::rounded(took, 3) << " s, " << text::rounded(all.seconds / took, 3)
+            << " times real time\n";
+  return 0;
+}
+
+// Takes `name` and its value, if any, out of the arguments. Error: there is no value.
+Outcome<std::optional<std::string>> take(std::vector<const char*>& arguments, std::string_view name) {
+  const auto at = std::ranges::find(arguments, name);
+  if (at == arguments.end()) return std::optional<std::string>();
+  if (at + 1 == arguments.end()) return Error{std::string(name) + " takes a value; see --help."};
+  const std::string value = *(at + 1);
+  arguments.erase(at, at + 2);
+  return std::optional(value);
+}
+
+// Takes this command's own options out of the arguments.
+Outcome<Options> takeOptions(std::vector<const char*>& arguments) {
+  Options options;
+  for (const auto& [name, time] : {std::pair{"--from", &options.span.from}, {"--until", &options.span.until}}) {
+    const auto value = take(arguments, name);
+    if (!value) return value.error();
+    if (!*value) continue;
+    const auto seconds = text::number<double>(**value);
+    if (!seconds || *seconds < 0) return Error{std::string(name) + " takes a time in seconds, such as 12.5."};
+    *time = *seconds;
+  }
+  const auto folder = take(arguments, "--export");
+  if (!folder) return folder.error();
+  options.paths = folder->value_or("");
+  options.serves = std::erase_if(arguments, [](std::string_view a) { return a == "--serve"; }) > 0;
+  return options;
+}
+
+}  // namespace
+
+int runReplayCommand(int argc, const char* const* argv, const char* const* environment, const Serve& serve) {
+  if (std::any_of(argv, argv + argc, [](std::string_view a) { return a == "--help" || a == "-h"; }))
+    return std::cout << kHelp << std::flush ? 0 : 1;
+  if (argc < 2 || std::string_view(argv[1]).starts_with("-"))
+    return refuse(2, "Say which recording: ridgecast-server replay FILE or DIR; see --help.");
+  std::vector<const char*> settings{argv[0]};
+  settings.insert(settings.end(), argv + 2, argv + argc);
+  const auto options = takeOptions(settings);
+  if (!options) return refuse(2, options.error().message);
+  const config::Parsed parsed = config::parse(static_cast<int>(settings.size()), settings.data(), environment);
+  if (!parsed.config) return parsed.status;
+  const auto recordings = recording::recordingsAt(argv[1]);
+  if (!recordings) return refuse(2, recordings.error().message);
+  if (options->serves) return play(*recordings, *parsed.config, *options, serve);
+  logging::setUp(parsed.config->logFormat, logging::Level::kWarning);
+  return options->paths.empty() ? repeatAll(*recordings, *parsed.config, *options) : exportAll(*recordings, *options);
+}
+
+}  // namespace ridgecast

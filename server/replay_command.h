@@ -1,0 +1,23 @@
+#pragma once
+// ridgecast-server replay: repeats recordings (server/recording) and compares every mesh with the recorded one, plays one to onlookers, or
+// writes its flights as paths; --help says how.
+
+#include <functional>
+#include <memory>
+
+#include "common/outcome/outcome.h"
+#include "server/config/config.h"
+#include "server/session/session.h"
+
+namespace ridgecast {
+
+// Called once a server listens; what it returns lives as long as the server serves. Error: one sentence; then it does not serve.
+using BeginServing = std::function<Outcome<std::shared_ptr<void>>(session::Directory& directory)>;
+// Serves by these settings until a signal comes; the exit status.
+using Serve = std::function<int(const config::Config& config, const BeginServing& begin)>;
+
+// argv[0] is "replay". The exit status: 0 if all is equal; 1 after a difference or a failure; 2 after bad input, with one sentence on
+// standard error.
+int runReplayCommand(int argc, const char* const* argv, const char* const* environment, const Serve& serve);
+
+}  // namespace ridgecast

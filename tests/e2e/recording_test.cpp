@@ -1,0 +1,241 @@
+// Recordings as people make and use them: a real server is recorded, killed, replayed, played to onlookers; flights are flown again.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "client/connection/connection.h"
+#include "tests/support/flier.h"
+#include "tests/support/process.h"
+#include "tests/support/server_process.h"
+#include "tests/support/waiting.h"
+
+namespace ridgecast {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+using namespace testing_support;
+using testing::HasSubstr;
+
+constexpr const char* kCrater = R"({"op":"crater","x":1600,"z":3000,"radius":20,"depth":6})";
+
+class RecordingEndToEnd : public testing::Test {
+ protected:
+  static wire::Settings coarse() {
+    wire::Settings settings;
+    settings.threshold = 5;
+    settings.triangleBudget = 50'000;
+    return settings;
+  }
+  camera::Camera at(int step) const {
+    camera::Camera camera;
+    camera.pose.x = 400'000 + 3000 * step;
+    camera.pose.z = 800'000 - 2000 * step;
+    camera.pose.y = 2300 - step;
+    camera.pose.yaw = -0.3 + 0.01 * step;
+    camera.pose.pitch = -0.25;
+    return camera;
+  }
+  Finished replay(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), {RIDGECAST_SERVER, "replay"});
+    return runProgram(arguments);
+  }
+  std::uintmax_t recordedBytes() const {
+    std::uintmax_t sum = 0;
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(recordings, none)) sum += entry.file_size(none);
+    return sum;
+  }
+
+  ScratchFolder folder;
+  const fs::path recordings = folder / "recordings";
+};
+
+TEST_F(RecordingEndToEnd, RecordReplayExportAndFlyAgain) {
+  {
+    ServerProcess server(RIDGECAST_SERVER, {"--record", recordings.string(), "--seed", "3"});
+    std::optional<Flier> lockstep(std::in_place, server.url(), coarse()), free(std::in_place, server.url(), coarse(), wire::Pacing::kFree);
+    for (int k = 0; k < 20; ++k) {
+      if (k == 10) {
+        ASSERT_TRUE(lockstep->connection()->edit({0, "", kCrater}).get());
+      }
+      lockstep->step(at(k));
+      free->send(at(2 * k));
+      while (free->take(20ms)) {
+      }
+    }
+    lockstep.reset();
+    free.reset();
+    EXPECT_EQ(server.stop(), 0);
+  }
+  for (const char* threads : {"1", "2", "8"}) {
+    const Finished whole = replay({recordings.string(), "--threads", threads});
+    EXPECT_EQ(whole.code, 0) << whole.output;
+    EXPECT_THAT(whole.output, HasSubstr("1 session, 2 cameras, "));
+    EXPECT_THAT(whole.output, HasSubstr(", all equal; 1 edit, 0 questions; "));
+  }
+  const Finished later = replay({recordings.string(), "--from", "0.3"});
+  EXPECT_EQ(later.code, 0) << later.output;
+  EXPECT_THAT(later.output, HasSubstr("all equal"));
+  const Finished other = replay({recordings.string(), "--terrain", "canyon"});
+  EXPECT_EQ(other.code, 2);
+  EXPECT_THAT(other.output, HasSubstr("content hash"));
+  // The flights, and one of them again.
+  const fs::path paths = folder / "paths";
+  const Finished written = replay({recordings.string(), "--export", paths.string()});
+  EXPECT_EQ(written.output, "2 paths in " + paths.string() + "\n");
+  fs::path path;
+  for (const auto& entry : fs::directory_iterator(paths))
+    if (entry.path().filename().string().ends_with(".camera-1.json")) path = entry.path();
+  const auto json = nlohmann::json::parse(readText(path));
+  EXPECT_EQ(json["terrain"], "alpine");
+  EXPECT_EQ(json["seed"], 3);
+  ASSERT_EQ(json["keyframes"].size(), 20u);
+  EXPECT_EQ(json["keyframes"][19]["x"], (400'000 + 3000 * 19) / 256.0);
+  EXPECT_EQ(json["keyframes"][19]["y"], 2281);
+  ServerProcess server(RIDGECAST_SERVER, {"--seed", "3"});
+  const Finished flown = runProgram({RIDGECAST_CLIENT, "fly", server.url(), "--path", path.string(), "--out", (folder / "out").string(),
+                                     "--size", "64x48", "--threshold", "5", "--frames-every", "99"});
+  EXPECT_EQ(flown.code, 0) << flown.output;
+}
+
+TEST_F(RecordingEndToEnd, AfterKillItIsReplayedToItsLastRecord) {
+  ServerProcess server(RIDGECAST_SERVER, {"--record", recordings.string()});
+  Flier flier(server.url(), coarse());
+  std::uintmax_t before = 0;
+  int steps = 0;
+  ASSERT_TRUE(await([&] {  // two blocks with iterations in them
+    flier.step(at(steps++ % 40));
+    if (before == 0 && steps > 2) before = recordedBytes();
+    return before > 0 && recordedBytes() > before + 500;
+  }));
+  server.process().signal(SIGKILL);
+  server.process().wait(60s);
+  const Finished replayed = replay({recordings.string()});
+  EXPECT_EQ(replayed.code, 0) << replayed.output;
+  EXPECT_THAT(replayed.output, HasSubstr("1 session, 1 camera, "));
+  EXPECT_THAT(replayed.output, HasSubstr("all equal"));
+  // With the last block torn, too.
+  fs::path part;
+  for (const auto& entry : fs::directory_iterator(recordings)) part = entry.path();
+  fs::resize_file(part, fs::file_size(part) - 3);
+  const Finished torn = replay({part.string()});
+  EXPECT_EQ(torn.code, 0) << torn.output;
+  EXPECT_THAT(torn.output, HasSubstr("was not written in whole"));
+  EXPECT_THAT(torn.output, HasSubstr("all equal"));
+}
+
+TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
+  {
+    ServerProcess server(RIDGECAST_SERVER, {"--record", recordings.string()});
+    {
+      Flier flier(server.url(), coarse());
+      for (int k = 0; k < 10; ++k) flier.step(at(k));
+      std::this_thread::sleep_for(3s);  // in which it can be seen
+      ASSERT_TRUE(flier.connection()->edit({0, "", kCrater}).get());
+    }
+    EXPECT_EQ(server.stop(), 0);
+  }
+  const std::string portFile = (folder / "port").string();
+  Process player({RIDGECAST_SERVER, "replay", recordings.string(), "--serve", "--port", "0", "--port-file", portFile, "--quiet"});
+  ASSERT_TRUE(await([&] { return !readText(portFile).empty() || !player.running(); })) << player.output();
+  wire::Hello hello;
+  hello.members = hello.clock = hello.edits = true;
+  const auto url = connection::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
+  auto onlooker = connection::Connection::open(url, hello, kTimeout).value();
+  EXPECT_GT(onlooker->world().camera, 1u);
+  const auto member = [&]() -> std::optional<wire::Member> {
+    const auto roster = onlooker->others();
+    if (!roster || !roster->others().contains(1)) return {};
+    return roster->others().at(1).member;
+  };
+  EXPECT_TRUE(await([&] {
+    const auto seen = member();
+    return seen && seen->moved && seen->moved->pose.sequence == 10 && seen->moved->pose.camera == at(9);
+  }));
+  const auto refused = onlooker->edit({0, "", kCrater}).get();
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("plays a recording"));
+  // Who takes the clock skips ahead to the end.
+  onlooker->setClock({true, wire::ClockMode::kStepped, 0});
+  onlooker->step({3'600'000'000, false});
+  EXPECT_TRUE(await([&] { return !onlooker->takeEdits().empty(); }));
+  EXPECT_TRUE(await([&] { return !member(); }));
+  EXPECT_FALSE(onlooker->error());
+}
+
+// Ticks of a processor that the process has taken, and its recording thread.
+std::pair<double, double> ticks(pid_t process) {
+  double all = 0, recorder = 0;
+  for (const auto& task : fs::directory_iterator("/proc/" + std::to_string(process) + "/task")) {
+    std::istringstream stat(readText(task.path() / "stat"));
+    std::string field;
+    double spent = 0;
+    for (int k = 1; stat >> field; ++k)
+      if (k == 14 || k == 15) spent += std::stod(field);  // utime, stime; the names of our threads have no spaces
+    all += spent;
+    if (readText(task.path() / "comm") == "recorder\n") recorder += spent;
+  }
+  return {all, recorder};
+}
+
+TEST_F(RecordingEndToEnd, TakesLittle) {
+  if (!measures()) GTEST_SKIP() << "MEASURE is not set";
+  constexpr int kFliers = 8, kSeconds = 60;
+  ServerProcess server(RIDGECAST_SERVER, {"--record", recordings.string()});
+  std::vector<std::thread> fliers;
+  for (int n = 0; n < kFliers; ++n)
+    fliers.emplace_back([&, n] {
+      Flier flier(server.url(), coarse(), wire::Pacing::kFree);
+      const auto start = std::chrono::steady_clock::now();
+      for (int k = 0; k < 10 * kSeconds; ++k) {  // 50 m/s along a curve
+        camera::Camera camera = at(0);
+        const double t = k * 0.1;
+        camera.pose.x += static_cast<lattice::Step>(12'800 * t) + n * 500'000;
+        camera.pose.z += static_cast<lattice::Step>(256 * 100 * std::sin(t / 5));
+        camera.pose.y += 40 * std::sin(t / 3 + n);
+        camera.pose.yaw = std::sin(t / 5) - n;
+        flier.send(camera);
+        for (const auto next = start + k * 100ms; std::chrono::steady_clock::now() < next;) flier.take(5ms);
+      }
+    });
+  std::this_thread::sleep_for(std::chrono::seconds(kSeconds - 2));
+  const auto [all, recorder] = ticks(server.process().id());
+  for (std::thread& flier : fliers) flier.join();
+  server.stop();
+  const Finished replayed = replay({recordings.string()});
+  EXPECT_EQ(replayed.code, 0) << replayed.output;
+  const double each = static_cast<double>(recordedBytes()) / kFliers / kSeconds;
+  std::printf("%.0f bytes a second and camera; the recording thread takes %.2f %% of the server's time\n%s", each, 100 * recorder / all,
+              replayed.output.c_str());
+  EXPECT_LT(each, 1000);
+  EXPECT_LT(recorder / all, 0.01);
+}
+
+TEST_F(RecordingEndToEnd, SaysWhatItWants) {
+  for (const std::vector<std::string>& bad :
+       {std::vector<std::string>{}, {"/nowhere"}, {(folder / "").string()}, {"/nowhere", "--from", "-1"}}) {
+    const Finished refused = replay(bad);
+    EXPECT_EQ(refused.code, 2) << refused.output;
+    EXPECT_THAT(refused.output, testing::StartsWith("ridgecast-server replay: "));
+  }
+  EXPECT_THAT(replay({"--help"}).output, testing::StartsWith("Usage: ridgecast-server replay FILE|DIR"));
+}
+
+}  // namespace
+}  // namespace ridgecast

@@ -1,0 +1,164 @@
+#include "server/recording/recorder.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "server/logging/logging.h"
+#include "server/recording/reader.h"
+#include "tests/support/process.h"
+#include "tests/support/recorded_events.h"
+
+namespace ridgecast::recording {
+namespace {
+
+namespace fs = std::filesystem;
+using testing_support::recordedEvents;
+using testing_support::recordedWorld;
+using testing_support::ScratchFolder;
+
+class RecorderTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    logging::setUp(logging::Format::kText, logging::Level::kOff);
+    fs::create_directory(folder);
+  }
+  void note(Observer& observer, const Record& record) { observer.note(start + std::chrono::microseconds(record.time), record.event); }
+  std::vector<std::vector<fs::path>> recordings() const { return recordingsAt(folder).value(); }
+  std::uint64_t bytes() const {
+    std::uint64_t sum = 0;
+    for (const auto& entry : fs::directory_iterator(folder)) sum += entry.file_size();
+    return sum;
+  }
+  static std::vector<Record> all(std::vector<fs::path> parts, std::string* damage = nullptr) {
+    auto reader = Reader::open(std::move(parts)).value();
+    std::vector<Record> out;
+    while (auto record = reader->next()) out.push_back(std::move(*record));
+    if (damage) *damage = reader->damage();
+    return out;
+  }
+
+  ScratchFolder scratch;
+  fs::path folder = scratch / "recordings";
+  const Observer::Instant start = Observer::Instant::clock::now();
+};
+
+TEST_F(RecorderTest, WritesWhatItIsTold) {
+  const auto records = recordedEvents(1, 3000);
+  {
+    const auto recorder = Recorder::open(folder, 1 << 24).value();
+    const auto observer = recorder->begin(recordedWorld(), {{1, "bob", "before"}}, start);
+    for (std::size_t k = 1; k < records.size(); ++k) note(*observer, records[k]);
+  }
+  const auto read = all(recordings().at(0));
+  ASSERT_EQ(read.size(), records.size());  // one edit more, and the world is taken off
+  EXPECT_EQ(std::get<Edited>(read[0].event), (Edited{1, "bob", "before"}));
+  EXPECT_EQ(std::vector(read.begin() + 1, read.end()), std::vector(records.begin() + 1, records.end()));
+}
+
+TEST_F(RecorderTest, PartsContinueEachOtherAndEachStandsAlone) {
+  const auto records = recordedEvents(2, 200'000);
+  {
+    const auto recorder = Recorder::open(folder, 16 << 20).value();  // parts of 1 MiB
+    const auto observer = recorder->begin(recordedWorld(), {}, start);
+    std::size_t told = 0;
+    for (std::size_t k = 1; k < records.size(); ++k) {
+      note(*observer, records[k]);
+      if (++told % 5000 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));  // within what may wait
+    }
+  }
+  const auto parts = recordings().at(0);
+  ASSERT_GT(parts.size(), 2u);
+  std::string damage;
+  const auto read = all(parts, &damage);
+  EXPECT_EQ(damage, "");
+  EXPECT_EQ(read, std::vector(records.begin() + 1, records.end()));
+  // From the second part on: all edits are there, members are there again, and iterations are the same.
+  const auto later = all({parts.begin() + 1, parts.end()});
+  std::uint64_t edits = 0;
+  std::set<std::uint64_t> again;
+  std::vector<Iterated> iterated, expected;
+  for (const Record& r : later) {
+    if (const auto* e = std::get_if<Edited>(&r.event)) {
+      EXPECT_EQ(e->number, ++edits);
+    }
+    if (const auto* j = std::get_if<Joined>(&r.event); j && j->again) again.insert(j->camera);
+    if (const auto* i = std::get_if<Iterated>(&r.event)) iterated.push_back(*i);
+  }
+  EXPECT_GT(again.size(), 1u);
+  for (const Record& r : records)
+    if (const auto* i = std::get_if<Iterated>(&r.event)) expected.push_back(*i);
+  ASSERT_LT(iterated.size(), expected.size());
+  EXPECT_TRUE(std::equal(iterated.rbegin(), iterated.rend(), expected.rbegin()));
+}
+
+TEST_F(RecorderTest, TheOldestPartsGo) {
+  std::ofstream(folder / "old.0001.recording") << std::string(900'000, 'x');
+  const auto records = recordedEvents(3, 100'000);
+  constexpr std::uint64_t kBytes = 1 << 20;
+  {
+    const auto recorder = Recorder::open(folder, kBytes).value();
+    const auto observer = recorder->begin(recordedWorld(), {}, start);
+    std::size_t told = 0;
+    for (std::size_t k = 1; k < records.size(); ++k) {
+      if (std::holds_alternative<Edited>(records[k].event)) continue;  // which would fill it
+      note(*observer, records[k]);
+      if (++told % 2000 == 0) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(10));
+        EXPECT_LE(bytes(), kBytes);
+      }
+    }
+  }
+  EXPECT_LE(bytes(), kBytes);
+  EXPECT_GT(bytes(), kBytes / 2);
+  EXPECT_FALSE(fs::exists(folder / "old.0001.recording"));
+  const auto parts = recordings().at(0);
+  EXPECT_GT(nameOf(parts.front())->second, 1u);
+  EXPECT_EQ(all(parts).back(), records.back());
+}
+
+TEST_F(RecorderTest, WhatCannotBeKeptEndsTheRecordingAlone) {
+  {
+    const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+    const auto lost = recorder->begin(recordedWorld(), {}, start);
+    fs::remove_all(folder);
+    lost->note(start, Joined{1, "", {}, {}, {}, 0});
+  }
+  EXPECT_FALSE(fs::exists(folder));
+  {
+    const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+    World other = recordedWorld();
+    other.session = "other";
+    const auto big = recorder->begin(other, {}, start);
+    for (std::uint64_t n = 1; n <= 100; ++n) big->note(start, Edited{n, "", std::string(1000, 'e')});  // more than a quarter of a part
+    const auto good = recorder->begin(recordedWorld(), {}, start);
+    good->note(start, Joined{2, "", {}, {}, {}, 0});
+  }
+  const auto found = recordings();
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_GT(all(found[0]).size(), 10u);
+  EXPECT_LT(all(found[0]).size(), 20u);
+  EXPECT_EQ(all(found[1]).size(), 1u);
+}
+
+TEST_F(RecorderTest, AFloodEndsTheRecordingInsteadOfWaiting) {
+  const auto recorder = Recorder::open(folder, 1 << 24).value();
+  const auto observer = recorder->begin(recordedWorld(), {}, start);
+  for (int k = 0; k < 100; ++k) observer->note(start, Edited{1, "", std::string(Recorder::kMostWaiting / 2, 'e')});
+}
+
+TEST_F(RecorderTest, WhatIsNoRecordingIsRefused) {
+  EXPECT_FALSE(recordingsAt(folder));
+  EXPECT_FALSE(recordingsAt(folder / "nothing"));
+  std::ofstream(folder / "a.0001.recording") << "something else";
+  EXPECT_NE(Reader::open(recordings().at(0)).error().message.find("is not a recording"), std::string::npos);
+  EXPECT_FALSE(Recorder::open(folder / "a.0001.recording", 1 << 20));
+}
+
+}  // namespace
+}  // namespace ridgecast::recording
