@@ -48,7 +48,7 @@ std::int32_t Editing::depth() const { return static_cast<std::int32_t>(std::max<
 std::int32_t Editing::rise() const { return static_cast<std::int32_t>(std::llround(static_cast<double>(radius_) / 4)); }
 
 std::string Editing::words() const {
-  const std::string radius = "radius " + metres(static_cast<double>(radius_));
+  std::string radius = "radius " + metres(static_cast<double>(radius_));
   switch (tool_) {
     case Tool::kCrater:
       return radius + ", " + metres(depth()) + " deep";

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "common/terrain/raster.h"
+#include "common/terrain/terrain.h"
 #include "common/text/text.h"
 
 namespace ridgecast::user_terrain {
@@ -14,6 +15,12 @@ namespace {
 std::optional<std::uint32_t> count(std::string_view text) {
   const auto v = text::number<std::uint32_t>(text);
   return v && *v >= 2 ? v : std::nullopt;
+}
+
+std::string builtInNames() {
+  std::string out;
+  for (const terrain::Description& d : terrain::builtIn()) out.append(out.empty() ? "" : ", ").append(d.name);
+  return out;
 }
 
 bool isHeight(double v) { return std::abs(v) <= terrain::kMaxSample * lattice::kMetresPerStep; }
@@ -61,12 +68,24 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
     o.bigEndian = value == "big";
   } else if (name == "type" && (value == "unsigned" || value == "signed")) {
     o.isSigned = value == "signed";
+  } else if (name == "detail") {
+    Detail detail;
+    detail.terrain = text::takePart(value, ':');
+    const auto factor = text::number<double>(text::takePart(value, ':'));
+    const auto parts = value.empty() ? std::optional<std::uint32_t>(0) : count(value);
+    const auto isBuiltIn = std::ranges::any_of(terrain::builtIn(), [&](const terrain::Description& d) { return d.name == detail.terrain; });
+    if (!isBuiltIn || !factor || !(*factor > 0 && *factor <= 4) || !parts || *parts > 64)
+      return wrong("detail is TERRAIN:FACTOR or TERRAIN:FACTOR:PARTS, such as alpine:0.2:8: " + builtInNames() +
+                   ", a factor above 0 and up to 4, and 2 to 64 samples in the place of one");
+    detail.factor = *factor;
+    detail.parts = *parts;
+    o.detail = detail;
   } else if (name == "place" && (value == "centre" || value == "geo")) {
     o.geographic = value == "geo";
   } else {
     return wrong(
         "there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, nodata=METRES|fill, project=local, "
-        "place=centre|geo, and for raw files size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
+        "place=centre|geo, detail=TERRAIN:FACTOR[:PARTS], and for raw files size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
   }
   return {};
 }

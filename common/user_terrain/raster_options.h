@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <string_view>
 
 #include "common/outcome/outcome.h"
@@ -12,6 +13,14 @@ namespace ridgecast::user_terrain {
 
 // How the grid continues beyond the map's edge. Mirror does not repeat the outermost sample, so slopes stay continuous.
 enum class Edge { kClamp, kMirror, kRepeat, kConstant };
+
+// What is added between a coarse map's samples (detail.h).
+struct Detail {
+  std::string terrain;      // a built-in one
+  double factor = 0;        // of its heights
+  std::uint32_t parts = 0;  // samples in the place of one, along each axis; 0: at most 8
+  friend bool operator==(const Detail&, const Detail&) = default;
+};
 
 struct RasterOptions {
   std::optional<double> pitch;          // pitch=METRES between samples; default: a GeoTIFF's, otherwise 1
@@ -25,6 +34,7 @@ struct RasterOptions {
   bool bigEndian = false;               // order=little|big, of a raw file
   bool isSigned = false;                // type=unsigned|signed, of a raw file
   bool geographic = false;              // place=centre|geo: the map's middle at x 0, z 0, or easting at x and northing at -z
+  std::optional<Detail> detail;         // detail=TERRAIN:FACTOR[:PARTS]
   std::filesystem::path drape;          // a picture on it, --drape FILE (drape.h); empty: none
   friend bool operator==(const RasterOptions&, const RasterOptions&) = default;
 };

@@ -12,6 +12,7 @@
 
 #include "common/text/text.h"
 #include "common/user_terrain/degrees.h"
+#include "common/user_terrain/detail.h"
 #include "common/user_terrain/drape.h"
 #include "common/user_terrain/raster_file.h"
 
@@ -208,8 +209,20 @@ terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& 
   return origin;
 }
 
-std::shared_ptr<const Map> finished(Samples samples, terrain::RasterShape shape, const RasterOptions& options, terrain::RasterOrigin origin,
-                                    std::optional<Drape> drape = {}) {
+// `crs`: empty: the header's. `taken`: bytes in use.
+Outcome<std::shared_ptr<const Map>> finished(const std::string& name, Samples samples, terrain::RasterShape shape,
+                                             const RasterHeader& header, const std::string& crs, const RasterOptions& options,
+                                             const MapLimits& limits, std::uint64_t taken, std::optional<Drape> drape = {}) {
+  if (options.detail) {
+    auto detailed = withDetail(name, samples, shape, options, limits.inMemory - std::min(taken, limits.inMemory),
+                               limits.total - std::min(taken, limits.total));
+    if (!detailed) return detailed.error();
+    RasterOptions done = options;
+    done.detail.reset();
+    return finished(name, std::move(detailed->samples), detailed->shape, header, crs, done, limits, taken, std::move(drape));
+  }
+  terrain::RasterOrigin origin = originOf(header, options, shape);
+  if (!crs.empty()) origin.crs = crs;
   const Found found = measure(samples);
   const auto constant = static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre));
   const bool isConstant = options.edge == Edge::kConstant;
@@ -222,7 +235,8 @@ std::shared_ptr<const Map> finished(Samples samples, terrain::RasterShape shape,
     shape.content = lattice::mix(shape.content ^ drape->content());
     origin.drape = drape->describe();
   }
-  return std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin), std::move(drape)});
+  return std::shared_ptr<const Map>(
+      std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin), std::move(drape)}));
 }
 
 // `used`: bytes of the other maps in use.
@@ -252,8 +266,10 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
     if (!picture) return picture.error();
     drape = std::move(*picture);
   }
-  if (!options.project)
-    return std::shared_ptr<const Map>(finished(std::move(*samples), *shape, options, originOf(header, options, *shape), std::move(drape)));
+  if (!options.project) {
+    const std::uint64_t all = taken + (drape ? drape->bytes() : 0);
+    return finished(name, std::move(*samples), *shape, header, {}, options, limits, all, std::move(drape));
+  }
 
   const auto pitch = options.pitch ? std::optional(shape->pitch) : std::nullopt;
   auto made = onPlane(name, *samples, *header.degrees, pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
@@ -266,9 +282,8 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   header.northing = *header.pitch * (header.height - 1) / 2;
   shape = shapeOf(name, header, options);
   if (!shape) return shape.error();
-  terrain::RasterOrigin origin = originOf(header, options, *shape);
-  origin.crs = made->crs;
-  return std::shared_ptr<const Map>(finished(std::move(made->samples), *shape, options, std::move(origin)));
+  const std::uint64_t all = taken + made->samples.bytes();
+  return finished(name, std::move(made->samples), *shape, header, made->crs, options, limits, all);
 }
 
 // The maps in use, by file and options.

@@ -3,15 +3,23 @@
 
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <random>
+#include <string>
+#include <vector>
 
 #include "client/render/context.h"
 #include "client/render/picture.h"
+#include "client/replica/client.h"
+#include "client/scene/height_window.h"
+#include "common/user_terrain/raster_terrain.h"
 #include "tests/support/geo_tiff.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -50,17 +58,25 @@ class TerrainFlight : public testing::Test {
   std::string output_;
 };
 
+// 300 x 200 samples of 5 cm.
+void writeHills(const std::string& file) {
+  std::ofstream map(file, std::ios::binary);
+  for (int z = 0; z < 200; ++z)
+    for (int x = 0; x < 300; ++x) {
+      const int v = static_cast<int>(9000 + 4000 * std::sin(x * 0.11) * std::cos(z * 0.09) + 1500 * std::sin(x * 0.31 + z * 0.4));
+      map.put(static_cast<char>(v & 255)).put(static_cast<char>(v >> 8));
+    }
+}
+
+std::vector<std::string> served(const std::string& map, const std::vector<std::string>& how) {
+  std::vector<std::string> arguments{"--terrain", map};
+  for (const std::string& option : how) arguments.insert(arguments.end(), {"--raster", option});
+  return arguments;
+}
+
 TEST_F(TerrainFlight, OverAHeightMapTheMeshLooksLikeTheRayMarch) {
-  {
-    std::ofstream map(folder_ / "hills.r16", std::ios::binary);
-    for (int z = 0; z < 200; ++z)
-      for (int x = 0; x < 300; ++x) {
-        const int v = static_cast<int>(9000 + 4000 * std::sin(x * 0.11) * std::cos(z * 0.09) + 1500 * std::sin(x * 0.31 + z * 0.4));
-        map.put(static_cast<char>(v & 255)).put(static_cast<char>(v >> 8));
-      }
-  }
-  ServerProcess server(RIDGECAST_SERVER, {"--terrain", (folder_ / "hills.r16").string(), "--raster", "size=300x200", "--raster", "pitch=25",
-                                          "--raster", "scale=0.05", "--raster", "edge=mirror"});
+  writeHills(folder_ / "hills.r16");
+  ServerProcess server(RIDGECAST_SERVER, served(folder_ / "hills.r16", {"size=300x200", "pitch=25", "scale=0.05", "edge=mirror"}));
   SocketClient client(server.port());
   client.send("GET /v1/sessions HTTP/1.1\r\nHost: localhost\r\n\r\n");
   const std::string answer = client.answer();
@@ -75,6 +91,53 @@ TEST_F(TerrainFlight, OverAHeightMapTheMeshLooksLikeTheRayMarch) {
   EXPECT_EQ(summary["hash_mismatches"], 0);
   EXPECT_GT(summary["ssim_settled"], 0.93) << output_;
   EXPECT_GT(summary["ssim_settled_terrain"], 0.9);
+}
+
+TEST_F(TerrainFlight, DetailOnAMapIsTheSameGroundOnEverySide) {
+  const std::string map = folder_ / "hills.r16";
+  writeHills(map);
+  const std::vector<std::string> how{"size=300x200", "pitch=25", "scale=0.05", "edge=mirror", "detail=alpine:0.4"};
+  ServerProcess server(RIDGECAST_SERVER, served(map, how));
+  std::mt19937_64 random(2);
+  std::vector<lattice::Step> x, z;
+  std::string places;
+  for (int k = 0; k < 5000; ++k) {
+    x.push_back(500 * 256 + static_cast<lattice::Step>(random() % 300'000) - 150'000);
+    z.push_back(900 * 256 + static_cast<lattice::Step>(random() % 300'000) - 150'000);
+    for (const lattice::Step v : {x.back(), z.back()}) {
+      const double metres = static_cast<double>(v) * lattice::kMetresPerStep;
+      places.append(reinterpret_cast<const char*>(&metres), sizeof metres);
+    }
+  }
+  // The server's.
+  SocketClient http(server.port());
+  http.send("POST /v1/heights HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/octet-stream\r\nContent-Length: " +
+            std::to_string(places.size()) + "\r\n\r\n" + places);
+  const std::string answer = http.answer();
+  std::vector<float> told(x.size()), own(x.size()), held(x.size());
+  ASSERT_EQ(answer.size() - answer.find("\r\n\r\n") - 4, 4 * told.size()) << answer.substr(0, 300);
+  std::memcpy(told.data(), &answer[answer.size() - 4 * told.size()], 4 * told.size());
+  // Of the file, as every program that links the library has it.
+  user_terrain::RasterOptions options;
+  for (const std::string& option : how) ASSERT_TRUE(user_terrain::addRasterOption(option, options));
+  const auto terrain = user_terrain::loadRaster(map, options, 1).value();
+  terrain->heights(x, z, own);
+  EXPECT_EQ(told, own);
+  // Of the tiles that a client gets, for the march.
+  const auto client = replica::Client::open(connection::parseUrl(server.url()).value(), {}).value();
+  const wire::World world = client->world();
+  ASSERT_TRUE(world.heightMap);
+  EXPECT_EQ(world.heightMap->pitch, 800u);
+  EXPECT_EQ(world.terrainSource, terrain->source());
+  scene::HeightWindow window(world.terrainName, world.terrainSource, world.seed, *world.heightMap, 1000);
+  window.moveTo({500 * 256, 900 * 256});
+  ASSERT_TRUE(await([&] { return client->exchangeTiles(window), window.complete(); }));
+  window.heights(x, z, held);
+  EXPECT_EQ(told, held);
+  // And the shader's, in a picture; the mesh of it all is the server's.
+  const auto summary = fly(server, {"--no-remote-shaders"});
+  EXPECT_EQ(summary["hash_mismatches"], 0);
+  EXPECT_GT(summary["ssim_settled"], 0.9) << output_;
 }
 
 // A picture of blue and red stripes across the view: the mesh has them where the ray march has them.

@@ -168,10 +168,13 @@ TEST(Tiles, RandomOnesKeepTheirErrorWhereverTheyLie) {
   ScratchFolder folder;
   const std::string map = folder / "map.r16";
   writeMap(map);
-  for (const std::string& terrain : {std::string("alpine"), std::string("canyon"), std::string("archipelago"), map}) {
+  const std::string detailed = folder / "detailed.r16";
+  writeMap(detailed);
+  for (const std::string& terrain : {std::string("alpine"), std::string("canyon"), std::string("archipelago"), map, detailed}) {
     std::vector<std::string> arguments{"--terrain", terrain, "--max-snapshot-seconds", "600"};
-    if (terrain == map)
+    if (terrain == map || terrain == detailed)
       for (const char* how : {"size=700x500", "pitch=5", "scale=0.05", "edge=mirror"}) arguments.insert(arguments.end(), {"--raster", how});
+    if (terrain == detailed) arguments.insert(arguments.end(), {"--raster", "detail=alpine:0.5:4"});
     ServerProcess server(RIDGECAST_SERVER, arguments);
     std::vector<double> share, milliseconds, again, bytes;
     for (int k = 0; k < tiles / 4; ++k) {
