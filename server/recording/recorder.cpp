@@ -28,9 +28,8 @@ namespace ridgecast::recording {
 namespace {
 
 namespace fs = std::filesystem;
-using namespace std::chrono_literals;
 
-constexpr auto kEvery = 1s;                               // between two blocks of a recording
+constexpr std::chrono::milliseconds kEvery{1000};         // between two blocks of a recording
 constexpr std::size_t kFullBlock = 256u << 10;            // of records: written at once
 constexpr std::size_t kEventBytes = sizeof(Record) + 64;  // in the queue, about
 
