@@ -140,6 +140,33 @@ TEST_F(RecordingEndToEnd, AfterKillItIsReplayedToItsLastRecord) {
   EXPECT_THAT(torn.output, HasSubstr("all equal"));
 }
 
+TEST_F(RecordingEndToEnd, BeginsWithTheEditsThatWereKept) {
+  const std::string state = (folder / "state").string();
+  const auto fly = [&](const std::vector<std::string>& arguments, const std::string& edit) {
+    ServerProcess server(RIDGECAST_SERVER, arguments);
+    {
+      Flier flier(server.url(), coarse());
+      for (int k = 0; k < 6; ++k) {
+        flier.step(at(k));
+        if (k == 2) {
+          ASSERT_TRUE(flier.connection()->edit({0, "", edit}).get());
+        }
+      }
+    }
+    EXPECT_EQ(server.stop(), 0);
+  };
+  fly({"--state", state}, kCrater);
+  const std::vector<std::string> recorded{"--state", state, "--record", recordings.string()};
+  fly(recorded, R"({"op":"undo","edit":1})");
+  const Finished replayed = replay({recordings.string()});
+  EXPECT_EQ(replayed.code, 0) << replayed.output;
+  EXPECT_THAT(replayed.output, HasSubstr("1 camera, 6 iterations, all equal; 2 edits, "));
+  // Edits that were compacted cannot be repeated: there is no other recording.
+  ASSERT_EQ(runProgram({RIDGECAST_SERVER, "edits", "compact", state + "/default.edits"}).code, 0);
+  fly(recorded, kCrater);
+  EXPECT_THAT(replay({recordings.string()}).output, HasSubstr("1 session, 1 camera, 6 iterations"));
+}
+
 TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   {
     ServerProcess server(RIDGECAST_SERVER, {"--record", recordings.string()});
