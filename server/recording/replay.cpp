@@ -97,9 +97,10 @@ class Repeated : public std::enable_shared_from_this<Repeated> {
   void tell(const Job& job, std::uint64_t hash, std::string error) {
     Progress& p = *progress_;
     const std::lock_guard lock(p.mutex);
+    const bool isMade = !differs_ && error.empty();
+    if (isMade) ++(job.isJudged ? p.iterations : p.before);
     if (!error.empty() && p.error.empty()) p.error = std::move(error);
-    if (!differs_ && error.empty()) ++(job.isJudged ? p.iterations : p.before);
-    if (!differs_ && job.isJudged && hash != job.given.hash) {
+    if (isMade && job.isJudged && hash != job.given.hash) {
       differs_ = true;  // what follows would differ, too
       if (!p.first || job.position < p.position) {
         p.first = Difference{camera_, iteration_, job.seconds, job.given.hash, hash};
