@@ -41,7 +41,7 @@ Event choose(Random& random, bool withLiar) {
     case 2:
       return {Kind::kClock, who};
     case 3:
-      return {Kind::kThreshold, who, 4 + random() % 30};
+      return {Kind::kThreshold, who, 10 + random() % 40};
     case 4:
     case 5:
     case 6:
@@ -69,7 +69,7 @@ Events eventsOf(std::uint64_t seed, bool withLiar, Duration time) {
   Events out;
   for (Duration sum{}; sum < time;) {
     Event event = choose(random, withLiar);
-    event.pause = random() % 60'000;
+    event.pause = random() % 120'000;
     event.dice = random() >> 32;
     sum += std::chrono::microseconds(event.pause) + std::chrono::milliseconds(event.kind == Kind::kWait ? event.amount : 0);
     out.push_back(event);

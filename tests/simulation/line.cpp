@@ -22,7 +22,7 @@ std::shared_ptr<Line> Line::open(Server& server, const std::string& client, cons
   session::Directory& directory = server.directory();
   auto line = std::make_shared<Line>(server, timer, way, directory.resources().limits.maxQueuedBytes, std::move(take));
   line->camera_ = std::make_shared<session::CameraSession>(session, std::move(*place), directory.nextCameraId(), line);
-  server.add(line);
+  server.add(line, line->camera_);
   return line;
 }
 
@@ -76,6 +76,11 @@ void Line::cut(Duration unheard) {
   });
 }
 
+Time Line::quietFrom() const {
+  const std::lock_guard lock(mutex_);
+  return std::max(said_, left_ + way_.delay);
+}
+
 void Line::fall() {
   camera_.reset();
   const std::lock_guard lock(mutex_);
@@ -89,15 +94,19 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
   if (std::holds_alternative<wire::Iteration>(message)) {
     EXPECT_LE(queued_, maxQueuedBytes_) << "an iteration was made for a client that takes none";
   }
+  const bool isMembers = std::holds_alternative<wire::Members>(message);
+  queuedMembers_ += isMembers;
+  EXPECT_LE(queuedMembers_, 1u) << "news of members wait for a client behind others";
   auto bytes = std::make_shared<const std::string>(wire::encode(message));
   queued_ += bytes->size();
   if (cut_) return stuck_.push_back(std::move(ticket));
   left_ = std::max(left_, timer_.now()) +
           std::chrono::duration_cast<Duration>(std::chrono::duration<double>(bytes->size() / way_.bytesPerSecond));
-  timer_.at(left_, [self = shared_from_this(), size = bytes->size(), ticket = std::move(ticket)] {
+  timer_.at(left_, [self = shared_from_this(), size = bytes->size(), ticket = std::move(ticket), isMembers] {
     const std::lock_guard hold(self->mutex_);
     if (self->cut_) return self->stuck_.push_back(ticket);
     self->queued_ -= size;
+    self->queuedMembers_ -= isMembers;
   });
   timer_.at(left_ + way_.delay, [self = shared_from_this(), bytes, left = left_] {
     if (self->cut_ || left > self->fell_.value_or(left)) return;

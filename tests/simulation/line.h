@@ -40,6 +40,8 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   void say(const wire::ClientMessage& message);
   // `unheard`: how long the server takes the line for open.
   void cut(Duration unheard);
+  // When all that was said and sent until now has arrived.
+  Time quietFrom() const;
 
   // The server's end; any thread.
   void fall();  // the server is gone: only what has left it may still arrive
@@ -61,7 +63,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   Time said_{};  // when the last of the member's messages arrives
   mutable std::mutex mutex_;
   Time left_{};  // when the last of the server's messages leaves
-  std::size_t queued_ = 0;
+  std::size_t queued_ = 0, queuedMembers_ = 0;
   std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave
   bool cut_ = false;
   std::optional<Time> fell_;

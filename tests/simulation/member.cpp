@@ -22,7 +22,9 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
       editor_(name_, truth, random) {
   camera_.pose.x = near.x + static_cast<lattice::Step>(random_() % 60'000);
   camera_.pose.z = near.z + static_cast<lattice::Step>(random_() % 60'000);
-  camera_.pose.y = server_.terrain()->height({camera_.pose.x, camera_.pose.z}) + 30 + static_cast<double>(random_() % 400);
+  // High up a mesh has a quarter of the leaves, and all that is judged here happens the same.
+  const double altitude = 30 + static_cast<double>(random_() % 5 == 0 ? random_() % 400 : 4000 + random_() % 6000);
+  camera_.pose.y = server_.terrain()->height({camera_.pose.x, camera_.pose.z}) + altitude;
   site_ = {camera_.pose.x, camera_.pose.z};
   camera_.pose.pitch = -0.4;
   camera_.projection = {.verticalFov = 1.0, .width = 160, .height = 90};
@@ -236,6 +238,15 @@ void Member::judge(const terrain::Terrain& ground) const {
       ++vertices;
     }
   EXPECT_GT(vertices, 0u) << name_;
+}
+
+void Member::judgeWait() const {
+  constexpr Duration kMost = 2s;
+  if (!line_ || line_->hasFallen() || undigested_ > 0 || timer_.now() - line_->quietFrom() <= kMost) return;
+  EXPECT_TRUE(world_) << name_ << " waits for the world";
+  EXPECT_TRUE(asked_.empty()) << name_ << " waits for an answer";
+  EXPECT_FALSE(editor_.waits()) << name_ << " waits for the answer to an edit";
+  EXPECT_TRUE(lastPose_ == sequence_ && (isLockstep() || settled_)) << name_ << " waits for an iteration: " << state();
 }
 
 std::string Member::state() const {

@@ -55,6 +55,7 @@ class Member {
   // Everything it has been told is taken, every question answered, and the mesh is at rest at its last pose on the ground of this edit.
   bool rests(std::uint64_t edit) const;
   void judge(const terrain::Terrain& ground) const;   // its mesh: every vertex lies on this
+  void judgeWait() const;                             // the server owes it nothing, once all has arrived
   std::string state() const;                          // for a person
   std::uint64_t history() const { return history_; }  // a hash of what it has seen
 

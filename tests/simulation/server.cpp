@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <stdexcept>
 #include <utility>
 
@@ -76,6 +77,15 @@ void Server::fall(bool withPower) {
   executor_.reset();
   disk_.restorePower();
   EXPECT_TRUE(session.expired()) << "something holds the session of a server that is gone";
+}
+
+void Server::add(const std::shared_ptr<Line>& line, const std::shared_ptr<session::CameraSession>& camera) {
+  lines_.push_back(line);
+  cameras_.push_back(camera);
+}
+
+bool Server::hasCameras() const {
+  return !std::ranges::all_of(cameras_, [](const auto& camera) { return camera.expired(); });
 }
 
 void Server::settle() {

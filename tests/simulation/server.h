@@ -12,6 +12,7 @@
 
 #include "common/terrain/terrain.h"
 #include "server/scheduling/pool.h"
+#include "server/session/camera_session.h"
 #include "server/session/session.h"
 #include "tests/support/forgetful_disk.h"
 #include "tests/support/process.h"
@@ -54,7 +55,8 @@ class Server {
   void release();
   bool isHeld() const { return held_.has_value(); }
 
-  void add(const std::shared_ptr<Line>& line) { lines_.push_back(line); }
+  void add(const std::shared_ptr<Line>& line, const std::shared_ptr<session::CameraSession>& camera);
+  bool hasCameras() const;                 // as objects: memory that was not given back
   std::atomic<std::int64_t> openEdits{0};  // that have arrived and have no answer
 
  private:
@@ -72,6 +74,7 @@ class Server {
   bool hasNews_ = false;
   std::optional<std::promise<void>> held_;
   std::vector<std::weak_ptr<Line>> lines_;
+  std::vector<std::weak_ptr<session::CameraSession>> cameras_;
 };
 
 }  // namespace ridgecast::simulation

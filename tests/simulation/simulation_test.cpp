@@ -21,7 +21,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr Duration kLife = 10s;
+constexpr Duration kLife = 20s;
 
 Events eventsOf(std::uint64_t seed) { return simulation::eventsOf(seed, World::hasLiar(seed), kLife); }
 

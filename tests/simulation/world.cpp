@@ -41,7 +41,7 @@ World::World(std::uint64_t seed) : random_(seed) {
 void World::admit(std::uint64_t number, lattice::Point site) {
   Member::Nature nature;
   nature.hello.clientName = "member " + std::to_string(number);
-  nature.hello.settings.threshold = 4 + static_cast<double>(random_() % 20);
+  nature.hello.settings.threshold = 10 + static_cast<double>(random_() % 40);
   nature.hello.settings.triangleBudget = settings::kLeastBudget;
   nature.hello.pacing = random_() % 3 == 0 ? wire::Pacing::kLockstep : wire::Pacing::kFree;
   nature.hello.points = random_() % 4 != 0;
@@ -80,6 +80,7 @@ void World::calm() {
     }
     if (rest) return;
     run(100ms);
+    judge();
   }
   for (const auto& member : members_) EXPECT_TRUE(rests(*member)) << member->state();
 }
@@ -108,6 +109,7 @@ void World::judgeEmptiness() {
   const session::Directory& directory = server_->directory();
   EXPECT_EQ(directory.cameras(), 0u);
   EXPECT_EQ(directory.triangles(), 0u);
+  EXPECT_FALSE(server_->hasCameras());
   EXPECT_TRUE(server_->session()->presence().state().members.empty());
   EXPECT_EQ(timer_.pending(), 0u) << "something still waits for its time";
 }
@@ -217,7 +219,7 @@ void World::start() {
   if (!server_->start()) timer_.at(timer_.now() + between(0, 5), [this] { start(); });
 }
 
-// No step waits for a member for ever.
+// No step waits for a member for ever, and no member for the server.
 void World::judge() {
   if (!server_->runs()) return;
   const wire::Clock clock = server_->session()->presence().state().clock;
@@ -227,6 +229,7 @@ void World::judge() {
     stepSeen_ = timer_.now();
   }
   EXPECT_LE(timer_.now() - stepSeen_, session::Presence::kStepTimeout + 4s) << "step " << step_ << " waits";
+  for (const auto& member : members_) member->judgeWait();
 }
 
 void World::run(Duration time) {
