@@ -10,8 +10,8 @@
 namespace ridgecast::simulation {
 namespace {
 
-constexpr std::string_view kNames[] = {"fly", "lose", "leave", "clock", "step",  "threshold", "ask", "edit",
-                                       "lie", "wait", "storm", "stop",  "crash", "cut",       "fill"};
+constexpr std::string_view kNames[] = {"fly",  "lose", "leave", "mute",  "clock", "step",  "threshold", "ask",
+                                       "edit", "lie",  "wait",  "storm", "stop",  "crash", "cut",       "fill"};
 static_assert(std::size(kNames) == static_cast<std::size_t>(Kind::kFill) + 1);
 
 Event chooseBreak(Random& random) {
@@ -39,7 +39,7 @@ Event choose(Random& random, bool withLiar) {
     case 1:
       return {Kind::kLeave, who, random() % 40'000};
     case 2:
-      return {Kind::kClock, who};
+      return random() % 2 == 0 ? Event{Kind::kClock, who} : Event{Kind::kMute, who, random() % 20'000};
     case 3:
       return {Kind::kThreshold, who, 10 + random() % 40};
     case 4:

@@ -15,6 +15,7 @@ enum class Kind {
   kFly,        // metres; who is away connects
   kLose,       // the line; the server hears of it after so many milliseconds
   kLeave,      // as kLose, and everything is forgotten
+  kMute,       // the line is dead, and its member notices after so many milliseconds
   kClock,      // is taken
   kStep,       // the clock
   kThreshold,  // pixels

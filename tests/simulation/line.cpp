@@ -14,13 +14,14 @@ std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpre
 
 }  // namespace
 
-std::shared_ptr<Line> Line::open(Server& server, const std::string& client, const SimulatedTimer& timer, Way way, Take take) {
-  if (!server.runs()) return nullptr;
-  const auto session = server.session();
+std::shared_ptr<Line> Line::open(Server& server, const std::string& name, const std::string& client, const SimulatedTimer& timer, Way way,
+                                 Take take) {
+  const auto session = server.runs() ? server.enter(name) : nullptr;
+  if (!session) return nullptr;
   auto place = session->enter(client);
   if (!place) return nullptr;
   session::Directory& directory = server.directory();
-  auto line = std::make_shared<Line>(server, timer, way, directory.resources().limits.maxQueuedBytes, std::move(take));
+  auto line = std::make_shared<Line>(server, name, timer, way, std::move(take));
   line->camera_ = std::make_shared<session::CameraSession>(session, std::move(*place), directory.nextCameraId(), line);
   server.add(line, line->camera_);
   return line;
@@ -40,15 +41,15 @@ void Line::say(const wire::ClientMessage& message) {
 void Line::hear(wire::ClientMessage message) {
   const bool isEdit = std::holds_alternative<wire::Edit>(message);
   openEdits_ += isEdit;
-  server_.openEdits += isEdit;
+  sessionEdits_ += isEdit;
   server_.comes();
   camera_->receive(std::move(message));
   if (failed_) {
-    server_.openEdits -= isEdit;  // it was refused with its sender, or nobody listens
+    sessionEdits_ -= isEdit;  // it was refused with its sender, or nobody listens
     return;
   }
   EXPECT_LE(openEdits_, wire::kMaxEdits + 2) << "more edits of one client are open than there may be";
-  EXPECT_LE(server_.openEdits, static_cast<std::int64_t>(session::Edits::kMostWaiting)) << "more edits wait than there may be";
+  EXPECT_LE(sessionEdits_, static_cast<std::int64_t>(session::Edits::kMostWaiting)) << "more edits wait than there may be";
 }
 
 void Line::leaves(const wire::ServerMessage& message) {
@@ -56,10 +57,10 @@ void Line::leaves(const wire::ServerMessage& message) {
   const auto* answer = std::get_if<wire::EditAnswer>(&message);
   if (!answer) return;
   if (answer->refusal.find("edits of this session wait") != std::string::npos) {
-    EXPECT_EQ(server_.openEdits, static_cast<std::int64_t>(session::Edits::kMostWaiting) + 1) << answer->refusal;
+    EXPECT_EQ(sessionEdits_, static_cast<std::int64_t>(session::Edits::kMostWaiting) + 1) << answer->refusal;
   }
   --openEdits_;
-  --server_.openEdits;
+  --sessionEdits_;
 }
 
 void Line::cut(Duration unheard) {

@@ -31,21 +31,27 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   // Called on the simulation's thread.
   using Take = std::function<void(wire::ServerMessage)>;
 
-  // To a camera of its own in the default session, of this client. Null: there is no place, or the server does not run.
-  static std::shared_ptr<Line> open(Server& server, const std::string& client, const SimulatedTimer& timer, Way way, Take take);
-  Line(Server& server, const SimulatedTimer& timer, Way way, std::size_t maxQueuedBytes, Take take)  // for open()
-      : server_(server), timer_(timer), way_(way), maxQueuedBytes_(maxQueuedBytes), take_(std::move(take)) {}
+  // To a camera of its own in this session, of this client. Null: there is no place, or the server does not run.
+  static std::shared_ptr<Line> open(Server& server, const std::string& session, const std::string& client, const SimulatedTimer& timer,
+                                    Way way, Take take);
+  Line(Server& server, const std::string& session, const SimulatedTimer& timer, Way way, Take take)  // for open()
+      : server_(server),
+        sessionEdits_(server.openEdits(session)),
+        timer_(timer),
+        way_(way),
+        maxQueuedBytes_(server.directory().resources().limits.maxQueuedBytes),
+        take_(std::move(take)) {}
 
   // The member's end.
   void say(const wire::ClientMessage& message);
   // `unheard`: how long the server takes the line for open.
   void cut(Duration unheard);
+  bool isOpen() const { return !cut_ && !fell_; }
   // When all that was said and sent until now has arrived.
   Time quietFrom() const;
 
   // The server's end; any thread.
   void fall();  // the server is gone: only what has left it may still arrive
-  bool hasFallen() const { return fell_.has_value(); }
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
   std::size_t queuedBytes() const override;
   void fail(wire::ErrorMessage message) override { send(std::move(message), {}); }
@@ -55,6 +61,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   void leaves(const wire::ServerMessage& message);
 
   Server& server_;
+  std::atomic<std::int64_t>& sessionEdits_;
   const SimulatedTimer& timer_;
   const Way way_;
   const std::size_t maxQueuedBytes_;

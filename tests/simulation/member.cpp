@@ -34,7 +34,7 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
 // ---- the line ----
 
 void Member::connect() {
-  line_ = Line::open(server_, name_, timer_, nature_.way, [this, number = ++connections_](wire::ServerMessage message) {
+  line_ = Line::open(server_, nature_.session, name_, timer_, nature_.way, [this, number = ++connections_](wire::ServerMessage message) {
     if (line_ && number == connections_) std::visit([this](auto& m) { take(m); }, message);
   });
   if (!line_) return;  // the server does not run, or has not yet noticed which lines are lost
@@ -55,6 +55,14 @@ void Member::lose(Duration unheard) {
   settled_ = false;
   asked_.clear();
   editor_.lost();
+}
+
+void Member::mute(Duration noticed) {
+  if (!line_) return;
+  line_->cut(2 * noticed);
+  timer_.at(timer_.now() + noticed, [this, noticed, number = connections_] {
+    if (line_ && number == connections_) lose(noticed);
+  });
 }
 
 void Member::fall() {
@@ -95,9 +103,22 @@ void Member::ask() {
   if (!connected() || asked_.size() >= wire::kMaxQueries) return;
   wire::Query query;
   query.id = ++questions_;
-  for (std::uint64_t n = random_() % 8 == 0 ? 8000 : random_() % 200; n > 0; --n) {
-    query.x.push_back(static_cast<lattice::Step>(random_() % 10'000'000));
-    query.z.push_back(static_cast<lattice::Step>(random_() % 10'000'000));
+  constexpr std::int64_t kNear = 50 * lattice::kStepsPerMetre;
+  const auto near = [&](lattice::Step middle) { return middle - kNear + static_cast<lattice::Step>(random_() % (2 * kNear)); };
+  switch (random_() % 4) {
+    case 0:
+      query.kind = wire::QueryKind::kRays;
+      for (std::uint64_t n = random_() % 8; n > 0; --n)
+        query.rays.push_back({near(site_.x), near(site_.z), camera_.pose.y, 0.1, -1, 0.2 * static_cast<double>(n), 5000});
+      break;
+    case 1:
+      query.kind = wire::QueryKind::kNormals;
+      [[fallthrough]];
+    default:
+      for (std::uint64_t n = random_() % 8 == 0 ? 8000 : random_() % 200; n > 0; --n) {
+        query.x.push_back(near(site_.x));
+        query.z.push_back(near(site_.z));
+      }
   }
   asked_[query.id] = query;
   line_->say(query);
@@ -220,7 +241,7 @@ void Member::take(const wire::Edited& edited) {
 void Member::take(const wire::ErrorMessage& error) { ADD_FAILURE() << name_ << " is refused: " << error.message; }
 
 bool Member::rests(std::uint64_t edit) const {
-  return connected() && !line_->hasFallen() && asked_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 && edit_ == edit &&
+  return connected() && line_->isOpen() && asked_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 && edit_ == edit &&
          !editor_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
 }
 
@@ -242,7 +263,7 @@ void Member::judge(const terrain::Terrain& ground) const {
 
 void Member::judgeWait() const {
   constexpr Duration kMost = 2s;
-  if (!line_ || line_->hasFallen() || undigested_ > 0 || timer_.now() - line_->quietFrom() <= kMost) return;
+  if (!line_ || !line_->isOpen() || undigested_ > 0 || timer_.now() - line_->quietFrom() <= kMost) return;
   EXPECT_TRUE(world_) << name_ << " waits for the world";
   EXPECT_TRUE(asked_.empty()) << name_ << " waits for an answer";
   EXPECT_FALSE(editor_.waits()) << name_ << " waits for the answer to an edit";

@@ -27,6 +27,7 @@ class Member {
     wire::Hello hello;
     Line::Way way;
     Duration think{};  // between an iteration's arrival and its acknowledgement
+    std::string session{session::kDefaultName};
   };
 
   // Begins around a place. All must outlive it.
@@ -36,6 +37,7 @@ class Member {
   // What it may do; nothing while it is not connected.
   void connect();
   void lose(Duration unheard);   // the line; the mesh is kept
+  void mute(Duration noticed);   // the line is dead, and nobody knows
   void fall();                   // the server; it will notice
   void leave(Duration unheard);  // and forgets all
   void fly(double metres);
@@ -49,6 +51,7 @@ class Member {
 
   bool connected() const { return line_ && world_.has_value(); }
   bool wantsToConnect() const { return !line_; }
+  const std::string& session() const { return nature_.session; }
   bool isLockstep() const { return nature_.hello.pacing == wire::Pacing::kLockstep; }
   bool mayAsk() const { return connected() && !editor_.waits(); }
   bool wasRefused() const { return editor_.wasRefused(); }

@@ -43,7 +43,7 @@ bool Server::start() {
   executor_ = std::make_unique<scheduling::Executor>(1);
   marker_ = executor_->makePool();
   alive_ = std::make_shared<std::atomic<bool>>(true);
-  openEdits = 0;
+  for (auto& [session, open] : openEdits_) open = 0;
   auto resources = std::make_shared<session::Resources>();
   resources->executor = executor_.get();
   resources->makeMesh = session::pipelineMeshes();
@@ -58,6 +58,12 @@ bool Server::start() {
     fall(false);
   }
   return runs();
+}
+
+std::shared_ptr<session::Session> Server::enter(const std::string& name) {
+  if (auto session = this->session(name)) return session;
+  auto made = directory_->add(name, terrain_);
+  return made ? *made : nullptr;
 }
 
 void Server::fall(bool withPower) {

@@ -6,8 +6,11 @@
 #include <cstdint>
 #include <filesystem>
 #include <future>
+#include <map>
 #include <memory>
 #include <random>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "common/terrain/terrain.h"
@@ -45,7 +48,9 @@ class Server {
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
   // While it runs.
   session::Directory& directory() const { return *directory_; }
-  std::shared_ptr<session::Session> session() const { return directory_->find(session::kDefaultName); }
+  std::shared_ptr<session::Session> session(std::string_view name = session::kDefaultName) const { return directory_->find(name); }
+  // Makes it where it does not live. Null: it cannot be made now.
+  std::shared_ptr<session::Session> enter(const std::string& name);
 
   // Until its thread has nothing to do, unless it is held or nothing has come.
   void settle();
@@ -56,8 +61,9 @@ class Server {
   bool isHeld() const { return held_.has_value(); }
 
   void add(const std::shared_ptr<Line>& line, const std::shared_ptr<session::CameraSession>& camera);
-  bool hasCameras() const;                 // as objects: memory that was not given back
-  std::atomic<std::int64_t> openEdits{0};  // that have arrived and have no answer
+  bool hasCameras() const;  // as objects: memory that was not given back
+  // Edits that have arrived and have no answer.
+  std::atomic<std::int64_t>& openEdits(const std::string& session) { return openEdits_[session]; }
 
  private:
   class Clock;
@@ -73,6 +79,7 @@ class Server {
   std::shared_ptr<session::Directory> directory_;
   bool hasNews_ = false;
   std::optional<std::promise<void>> held_;
+  std::map<std::string, std::atomic<std::int64_t>> openEdits_;  // by session
   std::vector<std::weak_ptr<Line>> lines_;
   std::vector<std::weak_ptr<session::CameraSession>> cameras_;
 };

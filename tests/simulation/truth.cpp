@@ -9,6 +9,7 @@
 
 #include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
+#include "common/ground/ground.h"
 #include "server/edit_log/tiles.h"
 #include "tests/support/process.h"
 
@@ -47,8 +48,8 @@ edits::Posts changedPosts(const edits::Layer& a, const edits::Layer& b) {
 
 }  // namespace
 
-Truth::Truth(std::shared_ptr<const terrain::Terrain> terrain)
-    : terrain_(std::move(terrain)), history_(terrain_), layers_{history_.layer()} {}
+Truth::Truth(std::shared_ptr<const terrain::Terrain> terrain, std::string session)
+    : terrain_(std::move(terrain)), session_(std::move(session)), history_(terrain_), layers_{history_.layer()} {}
 
 void Truth::acknowledged(std::uint64_t number, const std::string& author, const std::optional<Asked>& asked) {
   knows(number);
@@ -80,7 +81,7 @@ void Truth::told(const wire::MadeEdit& made) {
 
 void Truth::answered(const wire::Query& query, const wire::Answer& answer) {
   knows(answer.edit);
-  answers_.push_back({query, answer.heights, answer.edit});
+  answers_.push_back({query, answer});
 }
 
 void Truth::knows(std::uint64_t edit) { known_ = std::max(known_, edit); }
@@ -89,7 +90,7 @@ Truth::Log Truth::read(const std::filesystem::path& folder) const {
   // A copy, which SQLite may repair; the server shall find what the fall has left.
   const testing_support::ScratchFolder copy;
   std::filesystem::copy(folder, copy / "state");
-  const std::string file = copy / "state" / "default.edits";
+  const std::string file = copy / "state" / (session_ + ".edits");
   Log out;
   if (!std::filesystem::exists(file)) return out;
   sqlite3* database = nullptr;
@@ -131,11 +132,25 @@ void Truth::judge(const std::filesystem::path& folder) {
   }
   judgeEdits();
   judgeTiles(log.tiles);
-  for (const auto& [query, heights, edit] : std::exchange(answers_, {})) {
-    std::vector<float> truth(query.x.size());
-    edits::EditedTerrain(terrain_, layers_[edit]).heights(query.x, query.z, truth);
-    EXPECT_EQ(heights, truth) << "an answer as of edit " << edit;
+  for (const Answered& answered : std::exchange(answers_, {})) judgeAnswer(answered);
+}
+
+void Truth::judgeAnswer(const Answered& answered) const {
+  const auto& [query, answer] = answered;
+  const edits::EditedTerrain edited(terrain_, layers_[answer.edit]);
+  std::vector<float> heights, normals;
+  std::vector<double> distances;
+  if (query.kind == wire::QueryKind::kHeights) {
+    heights.resize(query.x.size());
+    edited.heights(query.x, query.z, heights);
+  } else if (query.kind == wire::QueryKind::kNormals) {
+    normals.resize(3 * query.x.size());
+    ground::normals(edited, query.x, query.z, ground::kDefaultSpacing, normals);
   }
+  for (const wire::Ray& ray : query.rays) distances.push_back(ground::cast(edited, ray));
+  EXPECT_EQ(answer.heights, heights) << "an answer as of edit " << answer.edit;
+  EXPECT_EQ(answer.normals, normals) << "an answer as of edit " << answer.edit;
+  EXPECT_EQ(answer.distances, distances) << "an answer as of edit " << answer.edit;
 }
 
 void Truth::judgeEdits() const {

@@ -19,7 +19,8 @@ namespace ridgecast::simulation {
 
 class Truth {
  public:
-  explicit Truth(std::shared_ptr<const terrain::Terrain> terrain);
+  // Of this session.
+  Truth(std::shared_ptr<const terrain::Terrain> terrain, std::string session);
 
   // What a member hears. `asked`: nothing for a liar's edit, of which only the author is known.
   struct Asked {
@@ -49,8 +50,7 @@ class Truth {
   };
   struct Answered {
     wire::Query query;
-    std::vector<float> heights;
-    std::uint64_t edit = 0;
+    wire::Answer answer;
   };
   using Tiles = std::map<edits::TileAddress, std::shared_ptr<const edits::Tile>>;
   struct Log {
@@ -60,9 +60,11 @@ class Truth {
   Log read(const std::filesystem::path& folder) const;
   void judgeEdits() const;
   void judgeTiles(const Tiles& tiles) const;
+  void judgeAnswer(const Answered& answered) const;
   void judgeArea(const wire::MadeEdit& made) const;
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
+  const std::string session_;
   std::map<std::uint64_t, std::pair<std::string, std::optional<Asked>>> acked_;
   std::map<std::string, std::uint64_t> numbers_;  // by author and key
   std::set<std::string> refused_;

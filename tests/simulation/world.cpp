@@ -16,6 +16,8 @@ Met met;
 
 namespace {
 
+const std::string kDefault{session::kDefaultName}, kOther = "other";  // sessions
+
 const edits::Layer& layer(const terrain::Terrain& ground) {
   static const edits::Layer kNone;
   const auto* edited = dynamic_cast<const edits::EditedTerrain*>(&ground);
@@ -27,15 +29,17 @@ const edits::Layer& layer(const terrain::Terrain& ground) {
 World::World(std::uint64_t seed) : random_(seed) {
   session::Limits limits;
   limits.window = static_cast<std::uint32_t>(1 + random_() % 4);
-  limits.maxQueuedBytes = random_() % 3 == 0 ? 20'000 : 8 << 20;
+  constexpr std::size_t kQueues[] = {2000, 20'000, 8 << 20};
+  limits.maxQueuedBytes = kQueues[random_() % 3];
+  if (random_() % 2 == 0) limits.sessionIdle = 1s;
   const char* const terrains[] = {"alpine", "canyon", "archipelago"};
   terrain_ = terrain::create(terrains[random_() % 3], 5).value();
-  truth_.emplace(terrain_);
+  for (const std::string& name : {kDefault, kOther}) truths_.try_emplace(name, terrain_, name);
   server_.emplace(terrain_, limits, timer_, seed);
   EXPECT_TRUE(server_->start());
   const lattice::Point site{static_cast<lattice::Step>(random_() % 2'000'000), static_cast<lattice::Step>(random_() % 2'000'000)};
   for (std::uint64_t n = 2 + random_() % 4; n > 0; --n) admit(n, site);
-  if (hasLiar(seed)) liar_ = std::make_unique<Liar>(*server_, *truth_, timer_, random_, site);
+  if (hasLiar(seed)) liar_ = std::make_unique<Liar>(*server_, truths_.at(kDefault), timer_, random_, site);
 }
 
 void World::admit(std::uint64_t number, lattice::Point site) {
@@ -51,7 +55,9 @@ void World::admit(std::uint64_t number, lattice::Point site) {
   nature.way.delay = std::chrono::microseconds(random_() % 3 == 0 ? 0 : random_() % 200'000);
   if (random_() % 3 == 0) nature.way.bytesPerSecond = 20'000 + static_cast<double>(random_() % 200'000);
   if (random_() % 2 == 0) nature.think = std::chrono::milliseconds(random_() % 300);
-  members_.push_back(std::make_unique<Member>(nature.hello.clientName, *server_, *truth_, timer_, random_, nature, site));
+  if (number > 1 && random_() % 4 == 0) nature.session = kOther;
+  Truth& truth = truths_.at(nature.session);
+  members_.push_back(std::make_unique<Member>(nature.hello.clientName, *server_, truth, timer_, random_, nature, site));
 }
 
 void World::live(const Events& events) {
@@ -87,19 +93,28 @@ void World::calm() {
 
 void World::judgeEnd() {
   if (testing::Test::HasFailure()) return;
-  const std::uint64_t ground = layer(*server_->session()->terrain()).hash(), last = server_->session()->ground().edit;
+  std::map<std::string, std::pair<std::uint64_t, std::uint64_t>> grounds;  // the hash, and the last edit
+  for (const auto& [name, truth] : truths_)
+    if (const auto session = server_->session(name)) grounds[name] = {layer(*session->terrain()).hash(), session->ground().edit};
   for (const auto& member : members_) member->lose(between(0, 20));
   judgeEmptiness();
   fall(true);
   if (testing::Test::HasFailure()) return;
-  const auto truth = truth_->ground();
-  EXPECT_EQ(truth_->last(), last);
-  EXPECT_EQ(truth->hash(), ground);
-  const edits::EditedTerrain edited(terrain_, truth);
-  for (const auto& member : members_) member->judge(edited);
+  for (const auto& [name, ground] : grounds) {
+    const auto truth = truths_.at(name).ground();
+    EXPECT_EQ(truth->hash(), ground.first) << name;
+    EXPECT_EQ(truths_.at(name).last(), ground.second) << name;
+    const edits::EditedTerrain edited(terrain_, truth);
+    for (const auto& member : members_)
+      if (member->session() == name) member->judge(edited);
+  }
   run(between(5, 6));
   ASSERT_TRUE(server_->runs());
-  EXPECT_EQ(layer(*server_->session()->terrain()).hash(), ground) << "it starts with another ground";
+  for (const auto& [name, ground] : grounds) {
+    const auto session = server_->enter(name);
+    ASSERT_TRUE(session) << name;
+    EXPECT_EQ(layer(*session->terrain()).hash(), ground.first) << name << " starts with another ground";
+  }
 }
 
 void World::judgeEmptiness() {
@@ -110,15 +125,19 @@ void World::judgeEmptiness() {
   EXPECT_EQ(directory.cameras(), 0u);
   EXPECT_EQ(directory.triangles(), 0u);
   EXPECT_FALSE(server_->hasCameras());
+  EXPECT_EQ(directory.all().size(), 1u) << "a session goes on without members";
   EXPECT_TRUE(server_->session()->presence().state().members.empty());
   EXPECT_EQ(timer_.pending(), 0u) << "something still waits for its time";
 }
 
 void World::undoAll() {
-  auto edits = truth_->counting();
+  auto edits = truths_.at(kDefault).counting();
+  std::vector<Member*> editors;
+  for (const auto& member : members_)
+    if (member->session() == kDefault) editors.push_back(member.get());
   std::ranges::shuffle(edits, random_);  // an older one may go before those that were made on it
   for (const std::uint64_t edit : edits) {
-    Member& member = *members_[edit % members_.size()];
+    Member& member = *editors[edit % editors.size()];
     bool done = false;
     for (int tries = 0; tries < 10 && !done; ++tries) {  // its budget may be spent
       ASSERT_TRUE(member.mayAsk()) << member.state();
@@ -134,15 +153,22 @@ void World::undoAll() {
 }
 
 World::~World() {
-  met.edits += truth_->last();
-  met.acknowledgements += truth_->acknowledgements();
+  for (const auto& [name, truth] : truths_) met.edits += truth.last(), met.acknowledgements += truth.acknowledgements();
   met.lostWrites += server_->disk().lost();
 }
 
 std::uint64_t World::history() const {
-  std::uint64_t sum = truth_->last();
+  std::uint64_t sum = 0;
+  for (const auto& [name, truth] : truths_) sum = lattice::mix(sum + truth.last());
   for (const auto& member : members_) sum = lattice::mix(sum + member->history());
   return sum;
+}
+
+bool World::canUndoAll() const { return truths_.at(kDefault).counting().size() <= 100; }
+
+bool World::rests(const Member& member) const {
+  const auto session = server_->runs() ? server_->session(member.session()) : nullptr;
+  return session && member.rests(session->ground().edit);
 }
 
 Duration World::between(int least, int most) {
@@ -161,6 +187,8 @@ void World::act(const Event& event) {
       return member.lose(time);
     case Kind::kLeave:
       return member.leave(time);
+    case Kind::kMute:
+      return member.mute(time);
     case Kind::kClock:
       return member.takeClock();
     case Kind::kStep:
@@ -210,7 +238,7 @@ void World::fall(bool withPower) {
   server_->fall(withPower);
   if (liar_) liar_->leave();
   for (const auto& member : members_) member->fall();
-  truth_->judge(server_->folder());
+  for (auto& [name, truth] : truths_) truth.judge(server_->folder());
   timer_.at(timer_.now() + between(0, 5), [this] { start(); });
 }
 

@@ -1,9 +1,11 @@
 #pragma once
-// A server with its disk, its session and members in one thread and simulated time. What a seed and events make of it is always the same.
+// A server with its disk, its sessions and members in one thread and simulated time. What a seed and events make of it is always the same.
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "common/terrain/terrain.h"
@@ -34,15 +36,15 @@ class World {
   void calm();
   // Everybody loses the line, and nothing is left. The server stops, and nothing but the log says what the ground is.
   void judgeEnd();
-  bool canUndoAll() const { return truth_->counting().size() <= 100; }  // in a moment
-  // One member after the other undoes an edit, until nothing is left of any.
+  bool canUndoAll() const;  // in a moment
+  // One member of the default session after the other undoes an edit, until nothing is left of any.
   void undoAll();
 
   std::uint64_t history() const;  // a hash of what members have seen
 
  private:
   Duration between(int least, int most);  // seconds
-  bool rests(const Member& member) const { return server_->runs() && member.rests(server_->session()->ground().edit); }
+  bool rests(const Member& member) const;
   void admit(std::uint64_t number, lattice::Point site);
 
   void act(const Event& event);
@@ -58,7 +60,7 @@ class World {
   Random random_;
   testing_support::SimulatedTimer timer_;
   std::shared_ptr<const terrain::Terrain> terrain_;
-  std::optional<Truth> truth_;
+  std::map<std::string, Truth> truths_;  // by session
   std::optional<Server> server_;
   std::vector<std::unique_ptr<Member>> members_;
   std::unique_ptr<Liar> liar_;
