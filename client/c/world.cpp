@@ -225,12 +225,12 @@ rc_status rc_world_mesh(rc_world* world, double x, double z, const rc_mesh** out
 rc_status rc_world_leaves(rc_world* world, rc_leaf* out, size_t room, size_t* count) {
   return alone(world, [&](const world::World& w) {
     std::vector<rc_leaf> all;
-    for (const auto& [address, leaf] : w.scene().leaves())
+    for (const auto& [address, leaf] : w.scene().index())
       all.push_back({.i = address.i,
                      .j = address.j,
                      .side = metres(address.side()),
                      .version = leaf.version,
-                     .triangles = leaf.mesh->triangles.size(),
+                     .triangles = leaf.triangles,
                      .level = address.level});
     return writeAll(all, out, room, count, "rc_leaf");
   });
@@ -238,11 +238,10 @@ rc_status rc_world_leaves(rc_world* world, rc_leaf* out, size_t room, size_t* co
 
 rc_status rc_world_leaf(rc_world* world, int32_t level, int64_t i, int64_t j, const rc_mesh** out) {
   return alone(world, [&](const world::World& w) {
-    const auto& leaves = w.scene().leaves();
-    const auto leaf =
-        std::ranges::find_if(leaves, [&](const auto& l) { return l.first.level == level && l.first.i == i && l.first.j == j; });
-    if (leaf == leaves.end() || !out) return fail(RC_INVALID, "there is no such leaf now: rc_world_leaves lists them");
-    *out = made(world::meshOf({*leaf}, {leaf->first.x(), leaf->first.z()}));
+    const lattice::LeafAddress address{level, i, j};
+    const scene::HeldLeaf* const leaf = w.scene().leaf(address);
+    if (!leaf || !out) return fail(RC_INVALID, "there is no such leaf now: rc_world_leaves lists them");
+    *out = made(world::meshOf({{address, *leaf}}, {address.x(), address.z()}));
     return RC_OK;
   });
 }

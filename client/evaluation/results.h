@@ -88,7 +88,7 @@ struct IterationResult {
   std::uint64_t bytes = 0;  // of its message
   bool settled = false;
   bool hashOk = false;                            // the mesh held afterwards is the server's
-  double uploadMs = kNothing, drawMs = kNothing;  // bringing the graphics card up to date, and drawing
+  double uploadMs = kNothing, drawMs = kNothing;  // making leaves and bringing the graphics card up to date, and drawing
 };
 
 struct Stage {

@@ -43,8 +43,8 @@ std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray) {
   const double originY = ray.y * lattice::kStepsPerMetre;
   double nearest = ray.reach * lattice::kStepsPerMetre;
   std::optional<MeshHit> hit;
-  for (const auto& [address, leaf] : scene.leaves()) {
-    if (leaf.mesh->triangles.empty()) continue;
+  for (const auto& [address, leaf] : scene.index()) {
+    if (leaf.triangles == 0) continue;
     const Vec corner{static_cast<double>(address.x() - ray.x), 0, static_cast<double>(address.z() - ray.z)};
     const auto vec = [&](const mesh::LocalVertex& v) { return Vec{corner.x + v.x, v.y - originY, corner.z + v.z}; };
     // Slabs of the leaf's box.
@@ -60,8 +60,9 @@ std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray) {
       to = std::min(to, std::max(least / direction, greatest / direction));
     }
     if (from > to) continue;
-    for (const mesh::Triangle& t : leaf.mesh->triangles) {  // Moeller and Trumbore 1997
-      const Vec a = vec(leaf.mesh->vertices[t[0]]), ab = vec(leaf.mesh->vertices[t[1]]) - a, ac = vec(leaf.mesh->vertices[t[2]]) - a;
+    const mesh::LeafMesh& made = *scene.leaf(address)->mesh;
+    for (const mesh::Triangle& t : made.triangles) {  // Moeller and Trumbore 1997
+      const Vec a = vec(made.vertices[t[0]]), ab = vec(made.vertices[t[1]]) - a, ac = vec(made.vertices[t[2]]) - a;
       const Vec p = cross(d, ac);
       const double determinant = dot(ab, p);
       if (determinant == 0) continue;

@@ -7,7 +7,19 @@ namespace ridgecast::replica {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
-using Prepared = scene::Scene::Prepared;
+
+namespace {
+
+// What `work` returns, and how long it took.
+template <class Work>
+auto timed(double& milliseconds, const Work& work) {
+  const auto began = Clock::now();
+  auto done = work();
+  milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - began).count();
+  return done;
+}
+
+}  // namespace
 
 Outcome<std::unique_ptr<Client>> Client::open(const connection::Url& url, const wire::Hello& hello, const Options& options) {
   wire::Hello follows = hello;
@@ -45,8 +57,8 @@ std::optional<Update> Client::receive(std::chrono::milliseconds timeout) {
   auto received = connection_->receive(timeout);
   if (!received) return std::nullopt;
   Decoding decoding{std::move(*received)};
-  auto prepared = decode(decoding);
-  return answer(std::move(decoding), std::move(prepared));
+  Follower::Answer answered = timed(decoding.milliseconds, [&] { return follower_.apply(decoding.received.iteration); });
+  return answer(std::move(decoding), std::move(answered));
 }
 
 Outcome<Update> Client::await(std::uint64_t sequence, std::chrono::milliseconds timeout) {
@@ -74,28 +86,21 @@ std::optional<Update> Client::poll(std::chrono::milliseconds soon, const std::fu
     auto received = connection_->receive(0ms);
     if (!received) return std::nullopt;
     decoding_ = std::make_unique<Decoding>(Decoding{std::move(*received)});
+    scene().leaves();  // after receive() some may not be made
     decoding_->prepared = std::async(std::launch::async, [this, decoding = decoding_.get(), ready] {
-      auto prepared = decode(*decoding);
+      auto prepared = timed(decoding->milliseconds, [&] { return follower_.prepare(decoding->received.iteration); });
       if (ready) ready();
       return prepared;
     });
   }
   if (decoding_->prepared.wait_for(soon) != std::future_status::ready) return std::nullopt;
   const std::unique_ptr<Decoding> decoding = std::move(decoding_);
-  auto prepared = decoding->prepared.get();
-  return answer(std::move(*decoding), std::move(prepared));
+  Follower::Answer answered = follower_.take(decoding->received.iteration, decoding->prepared.get());
+  return answer(std::move(*decoding), std::move(answered));
 }
 
-Outcome<Prepared> Client::decode(Decoding& decoding) {
-  const auto began = Clock::now();
-  auto prepared = follower_.prepare(decoding.received.iteration);
-  decoding.milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - began).count();
-  return prepared;
-}
-
-Update Client::answer(Decoding&& decoding, Outcome<Prepared> prepared) {
+Update Client::answer(Decoding&& decoding, Follower::Answer answer) {
   Update update{std::move(decoding.received.iteration), decoding.received.bytes, decoding.milliseconds, {}};
-  Follower::Answer answer = follower_.take(update.iteration, std::move(prepared));
   if (answer.resend) (*connection_)->resend(*answer.resend);
   (*connection_)->acknowledge(answer.acknowledge);
   update.wrong = std::move(answer.wrong);

@@ -30,7 +30,7 @@ namespace ridgecast::replica {
 struct Update {
   wire::Iteration iteration;
   std::uint64_t bytes = 0;     // of its message
-  double milliseconds = 0;     // of decoding
+  double milliseconds = 0;     // of decoding; after poll() with all leaves made
   std::optional<Error> wrong;  // why the mesh held is not the server's, and leaves were requested again; nothing: it is
 };
 
@@ -65,7 +65,7 @@ class Client {
   Outcome<bool> exchangeTiles(scene::HeightWindow& window);
 
   // As receive(), but does not wait for an iteration to come, and at most `soon` until it is decoded. Decoding continues on its own thread,
-  // which calls `ready`; a later call returns the iteration. scene() may be read meanwhile.
+  // which calls `ready`; a later call returns the iteration. scene() may be read meanwhile. Makes all leaves: for windows.
   std::optional<Update> poll(std::chrono::milliseconds soon, const std::function<void()>& ready);
 
  private:
@@ -75,8 +75,7 @@ class Client {
     std::future<Outcome<scene::Scene::Prepared>> prepared{};
   };
   Client(const connection::Url& url, wire::Hello hello, const Options& options) : url_(url), hello_(std::move(hello)), options_(options) {}
-  Outcome<scene::Scene::Prepared> decode(Decoding& decoding);
-  Update answer(Decoding&& decoding, Outcome<scene::Scene::Prepared> prepared);
+  Update answer(Decoding&& decoding, Follower::Answer answer);
 
   const connection::Url url_;
   const wire::Hello hello_;

@@ -9,13 +9,19 @@
 namespace ridgecast::replica {
 
 Follower::Answer Follower::take(const wire::Iteration& iteration, Outcome<scene::Scene::Prepared> prepared) {
+  if (!prepared) return answer(iteration, prepared.error());
+  scene_.take(std::move(*prepared));
+  return answer(iteration, {});
+}
+
+Follower::Answer Follower::answer(const wire::Iteration& iteration, const Outcome<void>& applied) {
   Answer answer;
-  prepared ? scene_.take(std::move(*prepared)) : scene_.clear();
-  if (!prepared || scene_.hash() != iteration.meshHash)
+  if (!applied) scene_.clear();
+  if (!applied || scene_.hash() != iteration.meshHash)
     answer.wrong = Error{"the mesh held after iteration " + std::to_string(iteration.number) + " is not the server's (" +
-                         (prepared ? "its hash differs" : prepared.error().message) + ")"};
+                         (applied ? "its hash differs" : applied.error().message) + ")"};
   const bool asked = std::exchange(asked_, answer.wrong.has_value());
-  if (answer.wrong && (!asked || !prepared)) answer.resend.emplace();
+  if (answer.wrong && (!asked || !applied)) answer.resend.emplace();
   answer.acknowledge = {iteration.number, scene_.hash()};
   return answer;
 }

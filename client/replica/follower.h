@@ -29,11 +29,10 @@ class Follower {
   // Before the first iteration.
   void follow(const scene::Scene::Following& what) { scene_.follow(what); }
 
-  // Iterations in the order of the connection.
-  Answer apply(const wire::Iteration& iteration) { return take(iteration, prepare(iteration)); }
+  // Iterations in the order of the connection. Leaves are made when they are read.
+  Answer apply(const wire::Iteration& iteration) { return answer(iteration, scene_.apply(iteration)); }
 
-  // The same in two: prepare() decodes and may run on another thread while scene() is only read; take() is a matter of microseconds.
-  // Nothing may be applied in between.
+  // The same in two steps, and with all leaves made: see Scene::prepare().
   Outcome<scene::Scene::Prepared> prepare(const wire::Iteration& iteration) { return scene_.prepare(iteration); }
   Answer take(const wire::Iteration& iteration, Outcome<scene::Scene::Prepared> prepared);
 
@@ -43,6 +42,8 @@ class Follower {
   const scene::Scene& scene() const { return scene_; }
 
  private:
+  Answer answer(const wire::Iteration& iteration, const Outcome<void>& applied);
+
   scene::Scene scene_;
   bool asked_ = false;  // for all leaves, and they have not come yet
 };

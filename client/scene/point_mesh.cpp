@@ -83,7 +83,10 @@ void PointMesh::reserve(std::size_t points) {
 triangulation::Moves PointMesh::moves() {
   triangulation::Moves told;
   told.triangles = [this](std::span<const triangulation::Move> all) {
-    for (const auto& [from, to] : all) setTerm(to, terms_[from]);
+    for (const auto& [from, to] : all) {
+      setTerm(to, terms_[from]);
+      if (const RegionId region = mesh_->regionOf(to); region != kOutside) addToBounds(region, to);
+    }
   };
   if (shaded_)
     told.vertices = [this](std::span<const triangulation::Move> all) {
@@ -118,6 +121,8 @@ void PointMesh::addRegion(LeafAddress leaf) {
   regions_[leaf] = region;
   leaves_.resize(mesh_->regionLimit());
   leaves_[region] = leaf;
+  bounds_.resize(mesh_->regionLimit());
+  bounds_[region] = {};
 }
 
 // Puts the anchor near the middle of the leaves. False: they, or the points held, reach too far.
@@ -136,7 +141,12 @@ bool PointMesh::centre() {
   bool isNear = true;
   forEachVertex([&](VertexId v) { isNear = isNear && distance(absolute(mesh_->vertex(v).point()), to) < kReach; });
   if (!isNear) return false;
-  if (!mesh_->empty()) mesh_->translate(static_cast<std::int32_t>(anchor_.x - to.x), static_cast<std::int32_t>(anchor_.z - to.z));
+  if (!mesh_->empty()) {
+    const auto dx = static_cast<std::int32_t>(anchor_.x - to.x), dz = static_cast<std::int32_t>(anchor_.z - to.z);
+    mesh_->translate(dx, dz);
+    for (Bounds& b : bounds_)
+      if (!b.empty()) b = {{b.low.x + dx, b.low.z + dz, b.low.y}, {b.high.x + dx, b.high.z + dz, b.high.y}};
+  }
   anchor_ = to;
   return true;
 }
@@ -176,7 +186,9 @@ bool PointMesh::replaceLeaves(const Step& step) {
   for (const auto& [leaf, region] : former) {
     const auto heir = std::find_if(come.begin(), come.end(), [&, of = leaf](const LeafAddress& c) { return c.isAncestorOf(of); });
     if (heir != come.end()) {
-      mesh_->adopt(region, regions_.at(*heir));
+      const RegionId to = regions_.at(*heir);
+      mesh_->adopt(region, to);
+      bounds_[to].add(bounds_[region].low, bounds_[region].high);
       open -= area(leaf);
     } else {
       mesh_->refile(region, told);
@@ -248,15 +260,13 @@ triangulation::VertexId PointMesh::insert(const Vertex& p, TriangleId& hint) {
   }
 }
 
-// A triangle near a point of the square, to search from: at the nearest of a few vertices of each page, which share a line of the cache.
-TriangleId PointMesh::hintFor(LeafAddress square, triangulation::Point2 p, TriangleId otherwise) const {
-  const auto region = regions_.find(square);
-  if (region == regions_.end()) return otherwise;
+// A vertex near a point of the region: the nearest of a few of each page, which share a line of the cache.
+triangulation::VertexId PointMesh::hintFor(RegionId region, triangulation::Point2 p) const {
   constexpr int kOfEachPage = 4;
   const triangulation::VertexPages& pages = mesh_->vertexPages();
   VertexId nearest = kNoVertex;
   std::int64_t least = std::numeric_limits<std::int64_t>::max();
-  for (std::uint32_t page : pages.pagesOf(region->second)) {
+  for (std::uint32_t page : pages.pagesOf(region)) {
     auto alive = pages.aliveMask(page);
     for (int k = 0; k < kOfEachPage && alive != 0; ++k, alive &= alive - 1) {
       const VertexId v = pages.slotAt(page, static_cast<std::uint32_t>(std::countr_zero(alive)));
@@ -265,7 +275,34 @@ TriangleId PointMesh::hintFor(LeafAddress square, triangulation::Point2 p, Trian
       if (distance < least) least = distance, nearest = v;
     }
   }
-  return nearest == kNoVertex ? otherwise : mesh_->edgeOf(nearest) >> 2;
+  return nearest;
+}
+
+// Brings the vertices that change() looks at into the cache.
+void PointMesh::prefetch(std::span<const points::Change> changes) const {
+  const triangulation::VertexPages& pages = mesh_->vertexPages();
+  std::vector<RegionId> regions;
+  for (const points::Change& change : changes)
+    if (const auto region = regions_.find(change.square); region != regions_.end()) {
+      regions.push_back(region->second);
+      for (std::uint32_t page : pages.pagesOf(region->second)) pages.prefetch(page);
+    }
+  for (RegionId region : regions)
+    for (std::uint32_t page : pages.pagesOf(region)) pages.forEachBlock(page, [&](std::uint32_t block) { mesh_->prefetchVertices(block); });
+}
+
+// Where the search for each point that comes begins, found before any comes: so the triangles can be brought into the cache.
+void PointMesh::findHints(std::span<const points::Change> changes) {
+  hints_.clear();
+  for (const points::Change& change : changes) {
+    const LeafAddress& square = change.square;
+    const auto region = regions_.find(square);
+    const auto dx = static_cast<std::int32_t>(square.x() - anchor_.x), dz = static_cast<std::int32_t>(square.z() - anchor_.z);
+    for (const points::Place& p : change.inserted) {
+      hints_.push_back(region == regions_.end() ? kNoVertex : hintFor(region->second, {dx + p.x, dz + p.z}));
+      if (hints_.back() != kNoVertex) mesh_->prefetch(mesh_->edgeOf(hints_.back()) >> 2);
+    }
+  }
 }
 
 bool PointMesh::begin(std::span<const Held> leaves) {
@@ -342,6 +379,7 @@ void PointMesh::allow(std::size_t changes) {
 
 bool PointMesh::change(std::span<const points::Change> changes, std::vector<Resolved>& resolved) {
   std::vector<Vertex> begins;  // three of these begin an empty mesh
+  prefetch(changes);
   for (const points::Change& change : changes) {
     Resolved& r = resolved.emplace_back();
     const bool needsList = !change.removed.empty() || !change.raised.empty();
@@ -365,11 +403,19 @@ bool PointMesh::change(std::span<const points::Change> changes, std::vector<Reso
   }
   if (mesh_->empty() && !begins.empty() && !start(begins)) return false;
   TriangleId hint = mesh_->empty() ? 0 : mesh_->anyTriangle();
+  findHints(changes);
+  auto known = hints_.begin();
   for (std::size_t n = 0; n < changes.size(); ++n) {
     const points::Change& change = changes[n];
     const auto dx = static_cast<std::int32_t>(change.square.x() - anchor_.x), dz = static_cast<std::int32_t>(change.square.z() - anchor_.z);
     for (const points::Place& p : change.inserted) {
-      hint = hintFor(change.square, {dx + p.x, dz + p.z}, hint);
+      constexpr std::ptrdiff_t kAhead = 3;
+      if (hints_.end() - known > kAhead && known[kAhead] != kNoVertex) {
+        const TriangleId soon = mesh_->edgeOf(known[kAhead]) >> 2;
+        mesh_->prefetchCorners(soon);
+        mesh_->prefetchNeighbours(soon);
+      }
+      if (const VertexId near = *known++; near != kNoVertex) hint = mesh_->edgeOf(near) >> 2;
       const VertexId v = insert({dx + p.x, dz + p.z, 0, triangulation::kNoEdge}, hint);
       if (v == kNoVertex || !mesh_->vertexPages().fresh(v)) return false;
       resolved[n].inserted.push_back(v);
@@ -411,66 +457,6 @@ bool PointMesh::readHeights(std::span<const points::Change> changes, std::span<c
 bool PointMesh::setHeight(VertexId v, std::int32_t y) {
   mesh_->setHeight(v, y);
   return std::abs(y) <= lattice::kMaxHeight;
-}
-
-// ---- leaves, made ----
-
-std::vector<PointMesh::Changed> PointMesh::takeChanged() {
-  std::vector<Changed> changed;
-  for (RegionId region = kOutside + 1; region < mesh_->regionLimit(); ++region) {
-    if (!mesh_->takeChanged(region)) continue;
-    if (mesh_->sparse(region)) mesh_->compact(region, moves());
-    changed.push_back({leaves_[region], hashOf(region)});
-  }
-  std::sort(changed.begin(), changed.end(), [](const Changed& a, const Changed& b) { return a.leaf < b.leaf; });
-  return changed;
-}
-
-// Of the region's triangles only the fresh ones and those that are gone are looked at.
-std::uint64_t PointMesh::hashOf(RegionId region) {
-  triangulation::TrianglePages& pages = mesh_->trianglePages();
-  std::uint64_t sum = 0;
-  for (std::uint32_t page : pages.pagesOf(region)) {
-    pages.forEachIn(page, pages.freshMask(page), [&](TriangleId t) {
-      setTerm(t, termOf(t));
-      pages.clearFresh(t);
-    });
-    for (std::uint32_t k = 0; k < Pages::kBlocks; ++k) {
-      const std::uint32_t block = pages.blockOf(page, k);
-      if (block == triangulation::kNoSlot) continue;
-      BlockHash& hash = hashes_[block];
-      const auto alive = static_cast<std::uint16_t>(pages.aliveMask(page) >> (k * Pages::kBlock));
-      for (unsigned dead = hash.terms & ~alive; dead != 0; dead &= dead - 1)
-        hash.sum -= terms_[block * Pages::kBlock + static_cast<TriangleId>(std::countr_zero(dead))];
-      hash.terms &= alive;
-      sum += hash.sum;
-    }
-  }
-  return sum;
-}
-
-void PointMesh::setTerm(TriangleId t, std::uint64_t term) {
-  BlockHash& hash = hashes_[t / Pages::kBlock];
-  const auto bit = static_cast<std::uint16_t>(1u << t % Pages::kBlock);
-  if (hash.terms & bit) hash.sum -= terms_[t];
-  hash.terms |= bit;
-  hash.sum += terms_[t] = term;
-}
-
-std::uint64_t PointMesh::termOf(TriangleId t) const {
-  lattice::Vertex v[3];
-  for (unsigned k = 0; k < 3; ++k) {
-    const Vertex& p = mesh_->vertex(mesh_->triangle(t).v[k]);
-    v[k] = {anchor_.x + p.x, anchor_.z + p.z, p.y};
-  }
-  return mesh::hashTriangle(v[0], v[1], v[2]);
-}
-
-PointMesh::Leaf PointMesh::extract(LeafAddress leaf) {
-  Leaf out{extractor_.extract(*mesh_, regions_.at(leaf), leaf, anchor_), {}};
-  if (shaded_)
-    for (VertexId v : extractor_.vertices()) out.shades.push_back(shades_[v]);
-  return out;
 }
 
 }  // namespace ridgecast::scene

@@ -22,16 +22,20 @@ std::string nameOf(const lattice::LeafAddress& a) {
   return "leaf (level " + std::to_string(a.level) + ", " + std::to_string(a.i) + ", " + std::to_string(a.j) + ")";
 }
 
-HeldLeaf hold(mesh::LeafMesh&& mesh, std::uint64_t hash, float error) {
-  HeldLeaf leaf;
-  leaf.error = error;
-  leaf.hash = hash;
+void hold(HeldLeaf& leaf, mesh::LeafMesh&& mesh) {
+  leaf.triangles = static_cast<std::uint32_t>(mesh.triangles.size());
+  leaf.low = leaf.high = {};
   if (!mesh.vertices.empty()) leaf.low = leaf.high = mesh.vertices.front();
   for (const mesh::LocalVertex& v : mesh.vertices) {
     leaf.low = {std::min(leaf.low.x, v.x), std::min(leaf.low.z, v.z), std::min(leaf.low.y, v.y)};
     leaf.high = {std::max(leaf.high.x, v.x), std::max(leaf.high.z, v.z), std::max(leaf.high.y, v.y)};
   }
   leaf.mesh = std::make_shared<const mesh::LeafMesh>(std::move(mesh));
+}
+
+HeldLeaf emptyLeaf(const lattice::LeafAddress& address) {
+  HeldLeaf leaf;
+  hold(leaf, {address, {}, {}});
   return leaf;
 }
 
@@ -101,25 +105,24 @@ class Preparation {
 
   void subtract(const lattice::LeafAddress& address, const HeldLeaf& leaf) {
     out_.hash -= mesh::hashTerm(address, leaf.hash);
-    out_.triangles -= leaf.mesh->triangles.size();
+    out_.triangles -= leaf.triangles;
   }
-  void put(HeldLeaf&& leaf) {
-    const lattice::LeafAddress address = leaf.mesh->address;
+  void put(const lattice::LeafAddress& address, HeldLeaf&& leaf) {
     out_.hash += mesh::hashTerm(address, leaf.hash);
-    out_.triangles += leaf.mesh->triangles.size();
+    out_.triangles += leaf.triangles;
     out_.fresh[address] = std::move(leaf);
   }
   // The leaf that is held and stays; null: there is none.
   const HeldLeaf* held(const lattice::LeafAddress& address) const {
-    const auto it = scene_.leaves().find(address);
-    return it == scene_.leaves().end() || out_.gone.contains(address) ? nullptr : &it->second;
+    const auto it = scene_.index().find(address);
+    return it == scene_.index().end() || out_.gone.contains(address) ? nullptr : &it->second;
   }
 
   Outcome<void> drop() {
     for (const lattice::LeafAddress& address : iteration_.gone) {
-      const auto leaf = scene_.leaves().find(address);
-      if (leaf == scene_.leaves().end() && scene_.lost()) continue;
-      if (leaf == scene_.leaves().end()) return wrong(address, " is gone but was not held");
+      const auto leaf = scene_.index().find(address);
+      if (leaf == scene_.index().end() && scene_.lost()) continue;
+      if (leaf == scene_.index().end()) return wrong(address, " is gone but was not held");
       if (!out_.gone.insert(address).second) return wrong(address, " is gone twice");
       subtract(address, leaf->second);
     }
@@ -129,7 +132,7 @@ class Preparation {
   // What comes has its place, and there is room for it.
   Outcome<void> expect() {
     std::uint64_t announced = out_.triangles;
-    std::size_t count = scene_.leaves().size() - out_.gone.size();
+    std::size_t count = scene_.index().size() - out_.gone.size();
     const auto claim = [&](const lattice::LeafAddress& address) -> Outcome<void> {
       if (!lattice::addressIsValid(address)) return wrong(address, " lies beyond the lattice");
       if (!out_.fresh.emplace(address, HeldLeaf{}).second) return wrong(address, " is there twice");
@@ -139,7 +142,7 @@ class Preparation {
       if (auto claimed = claim(whole.address); !claimed) return claimed;
       announced += whole.triangles;
       if (const HeldLeaf* before = held(whole.address)) {
-        announced -= before->mesh->triangles.size();
+        announced -= before->triangles;
         subtract(whole.address, *before);
       } else {
         ++count;
@@ -162,17 +165,20 @@ class Preparation {
     spread(decoded.size(), bytes, [&](std::size_t k) { decoded[k] = decode(iteration_.whole[k]); });
     for (Decoded& d : decoded) {
       if (d.error) return *d.error;
-      put(std::move(d.leaf));
+      const lattice::LeafAddress address = d.leaf.mesh->address;
+      put(address, std::move(d.leaf));
     }
-    for (const lattice::LeafAddress& address : iteration_.come) put(hold(mesh::LeafMesh{address, {}, {}}, 0, 0));
+    for (const lattice::LeafAddress& address : iteration_.come) put(address, emptyLeaf(address));
     return {};
   }
 
   Decoded decode(const wire::LeafWhole& whole) const {
     Outcome<mesh::LeafMesh> mesh = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
     if (!mesh) return {{}, wrong(whole.address, ": " + mesh.error().message)};
-    const std::uint64_t hash = mesh::hashLeaf(*mesh);
-    HeldLeaf leaf = hold(std::move(*mesh), hash, whole.error);
+    HeldLeaf leaf;
+    leaf.hash = mesh::hashLeaf(*mesh);
+    leaf.error = whole.error;
+    hold(leaf, std::move(*mesh));
     if (shaded_) leaf.shades = shadesOf(*leaf.mesh, whole.shades);
     if (shaded_ && !leaf.shades) return {{}, wrong(whole.address, ": its shades are not those of its vertices")};
     return {std::move(leaf), {}};
@@ -183,24 +189,40 @@ class Preparation {
     if (!points_ || iteration_.points.empty()) return {};
     const bool anew = iteration_.number == 1 || !iteration_.whole.empty();
     if (anew) out_.lost = !begin();
-    if (out_.lost) return {};
+    if (out_.lost) return lose();
     const std::vector<lattice::LeafAddress> none;
     out_.lost = !points_->follow({anew ? none : iteration_.gone, iteration_.come, iteration_.points, iteration_.shades});
-    if (out_.lost) return {};
+    if (out_.lost) return lose();
     auto error = iteration_.errors.begin();
-    for (const auto& [address, hash] : points_->takeChanged()) {
-      const auto come = out_.fresh.find(address);
-      const bool isWhole = come != out_.fresh.end() && !come->second.mesh->triangles.empty();
+    for (const PointMesh::Changed& changed : points_->takeChanged()) {
+      const auto come = out_.fresh.find(changed.leaf);
+      const bool isWhole = come != out_.fresh.end() && come->second.triangles != 0;
       if (isWhole) continue;
-      const HeldLeaf* const before = come != out_.fresh.end() ? &come->second : held(address);
-      if (!before || (hash == before->hash && come == out_.fresh.end())) continue;
-      PointMesh::Leaf made = points_->extract(address);
-      HeldLeaf leaf = hold(std::move(made.mesh), hash, error == iteration_.errors.end() ? 0 : *error++);
-      if (shaded_) leaf.shades = std::make_shared<const Shades>(std::move(made.shades));
-      subtract(address, *before);
-      put(std::move(leaf));
+      const HeldLeaf* const before = come != out_.fresh.end() ? &come->second : held(changed.leaf);
+      if (!before || (changed.hash == before->hash && come == out_.fresh.end())) continue;
+      subtract(changed.leaf, *before);
+      HeldLeaf leaf;
+      leaf.low = changed.low, leaf.high = changed.high;
+      leaf.triangles = changed.triangles;
+      leaf.hash = changed.hash;
+      leaf.error = error == iteration_.errors.end() ? 0 : *error++;
+      put(changed.leaf, std::move(leaf));
     }
-    if (out_.triangles > kMaxTriangles) return tooMuch(out_.triangles, "triangles", kMaxTriangles);
+    out_.lost = out_.triangles > kMaxTriangles;
+    return lose();
+  }
+
+  // What was not made of points that were followed before cannot be made any more.
+  Outcome<void> lose() {
+    if (!out_.lost) return {};
+    const auto empty = [this](const lattice::LeafAddress& address, const HeldLeaf& leaf) {
+      if (leaf.mesh) return;
+      subtract(address, leaf);
+      put(address, emptyLeaf(address));
+    };
+    for (const auto& [address, leaf] : out_.fresh) empty(address, leaf);
+    for (const auto& [address, leaf] : scene_.index())
+      if (held(address) && !out_.fresh.contains(address)) empty(address, leaf);
     return {};
   }
 
@@ -232,17 +254,44 @@ std::int64_t side(const mesh::LocalVertex& a, const mesh::LocalVertex& b, std::i
 }  // namespace
 
 Outcome<void> Scene::apply(const wire::Iteration& iteration) {
-  auto prepared = prepare(iteration);
+  auto prepared = decode(iteration);
   if (!prepared) return prepared.error();
   take(std::move(*prepared));
   return {};
 }
 
 Outcome<Scene::Prepared> Scene::prepare(const wire::Iteration& iteration) {
+  auto prepared = decode(iteration);
+  if (prepared)
+    for (auto& [address, leaf] : prepared->fresh) make(leaf, address);
+  return prepared;
+}
+
+Outcome<Scene::Prepared> Scene::decode(const wire::Iteration& iteration) {
   if (iteration.number == 0 || (iteration_ != 0 && iteration.number != iteration_ + 1))
     return Error{"iteration " + std::to_string(iteration.number) + ": out of order, " + std::to_string(iteration_ + 1) + " was expected"};
   if (following_.points && !points_) points_ = std::make_unique<PointMesh>(following_.shades, following_.triangles);
   return Preparation(iteration, *this, points_.get(), following_.shades).run();
+}
+
+void Scene::make(HeldLeaf& leaf, const lattice::LeafAddress& address) const {
+  if (leaf.mesh) return;
+  PointMesh::Leaf made = points_->extract(address);
+  hold(leaf, std::move(made.mesh));
+  if (following_.shades) leaf.shades = std::make_shared<const Shades>(std::move(made.shades));
+}
+
+const Leaves& Scene::leaves() const {
+  if (!std::exchange(made_, true))
+    for (auto& [address, leaf] : leaves_) make(leaf, address);
+  return leaves_;
+}
+
+const HeldLeaf* Scene::leaf(const lattice::LeafAddress& address) const {
+  const auto it = leaves_.find(address);
+  if (it == leaves_.end()) return nullptr;
+  make(it->second, address);
+  return &it->second;
 }
 
 void Scene::take(Prepared&& prepared) {
@@ -250,6 +299,7 @@ void Scene::take(Prepared&& prepared) {
   for (const lattice::LeafAddress& address : prepared.gone) leaves_.erase(address);
   for (auto& [address, leaf] : prepared.fresh) {
     leaf.version = version_;
+    made_ = made_ && leaf.mesh;
     leaves_[address] = std::move(leaf);
   }
   hash_ = prepared.hash;
@@ -259,6 +309,7 @@ void Scene::take(Prepared&& prepared) {
 }
 
 void Scene::follow(const Following& what) {
+  leaves();  // of the points that go
   following_ = what;
   points_.reset();
 }
@@ -278,9 +329,10 @@ void Scene::clear() {
 }
 
 std::optional<Scene::Place> Scene::locate(lattice::Point at) const {
-  for (const auto& [address, leaf] : leaves_) {
+  for (auto& [address, leaf] : leaves_) {
     const std::int64_t x = at.x - address.x(), z = at.z - address.z();
     if (x < leaf.low.x || x > leaf.high.x || z < leaf.low.z || z > leaf.high.z) continue;
+    make(leaf, address);
     for (const mesh::Triangle& t : leaf.mesh->triangles) {
       const mesh::LocalVertex &a = leaf.mesh->vertices[t[0]], &b = leaf.mesh->vertices[t[1]], &c = leaf.mesh->vertices[t[2]];
       const std::int64_t wa = side(b, c, x, z), wb = side(c, a, x, z), wc = side(a, b, x, z);

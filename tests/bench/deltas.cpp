@@ -35,7 +35,7 @@ class Stream {
   }
 
   struct Cost {
-    double bytes = 0, server = 0, client = 0;  // of the message; seconds of coding and decoding
+    double bytes = 0, server = 0, client = 0, made = 0;  // of the message; seconds of coding, of decoding, of that and making all leaves
   };
   Cost send(const pipeline::Pipeline& pipeline) {
     Cost cost;
@@ -48,6 +48,8 @@ class Stream {
     began = processorTime();
     const auto applied = scene_.apply(iteration);
     cost.client = processorTime() - began;
+    scene_.leaves();
+    cost.made = processorTime() - began;
     if (!applied) throw std::runtime_error(applied.error().message);
     if (scene_.hash() != iteration.meshHash)
       throw std::runtime_error("iteration " + std::to_string(iteration.number) + ": the client holds another mesh");
@@ -64,7 +66,7 @@ class Stream {
 struct Flown {
   double seconds = 0, changes = 0;                 // of path; vertices that came and went
   Stream::Cost points, whole;                      // sums
-  std::vector<double> decode;                      // seconds, of points, each iteration
+  std::vector<double> decode, made;                // seconds, of points, each iteration
   double begin = 0, beginWhole = 0, vertices = 0;  // bytes until the first pose is settled; vertices then
 };
 
@@ -87,10 +89,12 @@ Flown fly(const std::string& file, double most) {
     const settings::Figures figures = pipeline.iterate(camera);
     f.changes += figures.inserted + figures.removed;
     const auto add = [](Stream::Cost& sum, const Stream::Cost& cost) {
-      sum = {sum.bytes + cost.bytes, sum.server + cost.server, sum.client + cost.client};
-      return cost.client;
+      sum = {sum.bytes + cost.bytes, sum.server + cost.server, sum.client + cost.client, sum.made + cost.made};
     };
-    f.decode.push_back(add(f.points, points.send(pipeline)));
+    const Stream::Cost cost = points.send(pipeline);
+    f.decode.push_back(cost.client);
+    f.made.push_back(cost.made);
+    add(f.points, cost);
     add(f.whole, whole.send(pipeline));
   };
   for (int k = 0; k < 60 && !pipeline.settled(); ++k) frame(0);
@@ -100,6 +104,7 @@ Flown fly(const std::string& file, double most) {
   f.points = f.whole = {};
   f.changes = 0;
   f.decode.clear();
+  f.made.clear();
   for (int n = 1; n <= static_cast<int>(f.seconds * 10); ++n) frame(n * 0.1);
   return f;
 }
@@ -118,6 +123,7 @@ Report deltas(const Options& options) {
     Flown f = fly(file, options.quick ? 4 : 1e9);
     const std::string of = name == "alpine" ? "" : name + "_";
     std::ranges::sort(f.decode);
+    std::ranges::sort(f.made);
     report.add(of + "bytes_per_second", f.points.bytes / f.seconds, "B/s");
     report.add(of + "whole_bytes_per_second", f.whole.bytes / f.seconds, "B/s");
     report.add(of + "bytes_per_change", f.points.bytes / f.changes, "B");
@@ -126,14 +132,17 @@ Report deltas(const Options& options) {
     report.add(of + "server_us_per_change", 1e6 * f.points.server / f.changes, "us");
     report.add(of + "whole_server_us_per_change", 1e6 * f.whole.server / f.changes, "us");
     report.add(of + "client_us_per_change", 1e6 * f.points.client / f.changes, "us");
+    report.add(of + "made_us_per_change", 1e6 * f.points.made / f.changes, "us");
     report.add(of + "whole_client_us_per_change", 1e6 * f.whole.client / f.changes, "us");
     report.add(of + "decode_ms_p50", 1e3 * f.decode[f.decode.size() / 2], "ms");
     report.add(of + "decode_ms_p99", 1e3 * f.decode[f.decode.size() * 99 / 100], "ms");
+    report.add(of + "made_ms_p50", 1e3 * f.made[f.made.size() / 2], "ms");
+    report.add(of + "made_ms_p99", 1e3 * f.made[f.made.size() * 99 / 100], "ms");
     report.note(name + ": " + std::to_string(static_cast<int>(f.changes / (10 * f.seconds))) + " vertices come or go in an iteration");
   }
   report.note(
       "default settings, ten iterations a second, from the settled first picture on; processor time of one thread; bytes of whole "
-      "messages");
+      "messages; made: decoded, and all leaves made that changed");
   return report;
 }
 

@@ -71,7 +71,7 @@ export interface Figures {
   bytes: number; // of iterations, since the page began
   decoded: number; // triangles that came, since the page began
   candidates: number; // for vertices, where they are wanted
-  decodeMs: number; // of this iteration
+  decodeMs: number; // of this iteration, until the painter is given what changed
   hashes: number; // iterations whose hash was compared, since the page began
   mismatches: number;
   latencyMs: number; // from a pose to its iteration; 0: unknown
@@ -93,7 +93,7 @@ export type FromEngine =
 export interface LeafBuffers {
   key: string;
   address: LeafAddress;
-  corners: Int32Array; // x, z, y of three corners a triangle, steps from the leaf's corner
+  corners: Int32Array; // x, z, y of three corners a triangle, steps from the leaf's corner; all leaves' of a change in one buffer
   low: readonly [number, number, number];
   high: readonly [number, number, number];
 }

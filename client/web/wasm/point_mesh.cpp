@@ -22,6 +22,7 @@ std::vector<std::byte> given;
 std::vector<mesh::LeafMesh> leaves;  // to begin with
 std::vector<scene::PointMesh::Changed> changes;
 mesh::LeafMesh made;
+std::vector<mesh::LocalVertex> corners;
 struct Made {
   const mesh::LocalVertex* vertices;
   std::size_t vertexCount;
@@ -29,7 +30,7 @@ struct Made {
   std::size_t triangleCount;
 } view;
 
-static_assert(sizeof(scene::PointMesh::Changed) == 32 && sizeof(Made) == 16 && sizeof(mesh::LocalVertex) == 12 &&
+static_assert(sizeof(scene::PointMesh::Changed) == 64 && sizeof(Made) == 16 && sizeof(mesh::LocalVertex) == 12 &&
               sizeof(mesh::Triangle) == 12);
 
 // The next `count` of what was given.
@@ -90,8 +91,13 @@ EXPORT(takeChanged) std::size_t takeChanged() {
   return changes.size();
 }
 EXPORT(changed) const scene::PointMesh::Changed* changed() { return changes.data(); }
-EXPORT(extract) const Made* extract(std::size_t k) {
-  made = held.extract(changes[k].leaf).mesh;
+EXPORT(extract) const Made* extract(std::int32_t level, std::int64_t i, std::int64_t j) {
+  made = held.extract({level, i, j}).mesh;
   view = {made.vertices.data(), made.vertices.size(), made.triangles.data(), made.triangles.size()};
   return &view;
+}
+EXPORT(corners) const mesh::LocalVertex* cornersOf(std::int32_t level, std::int64_t i, std::int64_t j) {
+  corners.clear();
+  held.corners({level, i, j}, corners);
+  return corners.data();
 }

@@ -4,6 +4,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import type { Iteration, World } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
 import { Replica } from '../../../client/web/src/replica/replica';
+import type { HeldLeaf } from '../../../client/web/src/scene/draft';
 import { Camera, Stream } from '../../../client/web/src/stream/stream';
 import { hashLeaf, hashTerm, parts } from '../../support/web';
 import { NodeSocket } from './node_socket';
@@ -35,8 +36,9 @@ async function fly(server: Server, replica: Replica, cameras: Camera[], more: { 
           const damaged = more.damage && iteration.number % 4n === 0n && iteration.points.length > 8;
           if (damaged) iteration.points[(++damages * 7919) % iteration.points.length]! ^= 1 << damages % 8;
           const began = performance.now();
-          const { decoded, agrees, acknowledge } = replica.apply(iteration);
+          const { fresh, corners, decoded, agrees, acknowledge } = replica.apply(iteration);
           times.push(performance.now() - began);
+          if (iteration.number % 8n === 0n) checkCorners(fresh, corners);
           triangles += decoded;
           assert.equal(agrees, !damaged, `iteration ${iteration.number}`);
           assert.equal(requests, damages);
@@ -57,6 +59,16 @@ async function fly(server: Server, replica: Replica, cameras: Camera[], more: { 
 
 const flight = (x: number, z: number, steps: number, speed = 12_000): Camera[] =>
   Array.from({ length: steps }, (_, k) => ({ x: x + k * speed, z: z - k * 3 * speed, y: 2600, yaw: -0.3 + 0.02 * k, pitch: -0.2, verticalFov: 1.0472, width: 640, height: 360 }));
+
+/** What is drawn are the triangles that the hashes tell of. */
+function checkCorners(fresh: readonly HeldLeaf[], corners: Int32Array): void {
+  let at = 0;
+  for (const { address, triangles, hash } of fresh) {
+    const vertices = corners.subarray(at, (at += 9 * triangles));
+    assert.equal(hashLeaf({ address, vertices, triangles: Uint32Array.from({ length: 3 * triangles }, (_, k) => k) }), hash);
+  }
+  assert.equal(at, corners.length);
+}
 
 /** The hashes that points were compared by are those of the leaves that are held, reckoned by other code. */
 function checkHashes({ scene }: Replica): void {

@@ -37,7 +37,7 @@ export class Replica {
     this.scene.reconnect();
     this.connection = { answers };
     this.asked = false;
-    return [...this.scene.leaves.values()].map(({ mesh, hash }) => ({ address: mesh.address, hash }));
+    return [...this.scene.leaves.values()].map(({ address, hash }) => ({ address, hash }));
   }
 
   /** Applies all of it; asks for everything again, once, where that is not what the server holds. A Refusal that is thrown ends the connection; then nothing is held. */

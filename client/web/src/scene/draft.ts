@@ -3,31 +3,65 @@
 import { DracoDecode, decodeLeaf } from '../codec/leaf';
 import { LeafAddress, LeafMesh, Refusal, addressIsValid, keyOf, nameOf } from '../codec/mesh';
 import type { Iteration, LeafWhole, LeafAddress as WireAddress } from '../generated/ridgecast/v1/stream_pb';
-import type { PointMesh } from './point_mesh';
+import { ChangedLeaf, Corner, PointMesh } from './point_mesh';
 
 // Most that is held, whatever a server sends.
 const MAX_TRIANGLES = 8_000_000;
 const MAX_LEAVES = 65_536;
 
-export interface HeldLeaf {
-  readonly mesh: LeafMesh;
-  readonly hash: bigint;
-  readonly low: readonly [number, number, number]; // least x, z, y of its vertices; 0 when empty
-  readonly high: readonly [number, number, number];
-}
+/** A leaf that points made has its triangles when somebody reads them, and only until it is replaced. */
+export class HeldLeaf {
+  private constructor(
+    readonly address: LeafAddress,
+    readonly hash: bigint,
+    readonly triangles: number, // how many there are
+    readonly low: Corner, // hold its vertices; 0 when empty
+    readonly high: Corner,
+    private made: LeafMesh | PointMesh,
+  ) {}
 
-function hold(mesh: LeafMesh, hash: bigint): HeldLeaf {
-  const low: [number, number, number] = [0, 0, 0], high: [number, number, number] = [0, 0, 0];
-  for (let c = 0; c < 3 && mesh.vertices.length > 0; ++c) {
-    let least = mesh.vertices[c]!, most = least;
-    for (let k = c + 3; k < mesh.vertices.length; k += 3) {
-      const v = mesh.vertices[k]!;
-      if (v < least) least = v;
-      if (v > most) most = v;
-    }
-    low[c] = least, high[c] = most;
+  static changed({ address, hash, triangles, low, high }: ChangedLeaf, points: PointMesh): HeldLeaf {
+    return new HeldLeaf(address, hash, triangles, low, high, points);
   }
-  return { mesh, hash, low, high };
+
+  static of(mesh: LeafMesh, hash: bigint): HeldLeaf {
+    const low: [number, number, number] = [0, 0, 0], high: [number, number, number] = [0, 0, 0];
+    for (let c = 0; c < 3 && mesh.vertices.length > 0; ++c) {
+      let least = mesh.vertices[c]!, most = least;
+      for (let k = c + 3; k < mesh.vertices.length; k += 3) {
+        const v = mesh.vertices[k]!;
+        if (v < least) least = v;
+        if (v > most) most = v;
+      }
+      low[c] = least, high[c] = most;
+    }
+    return new HeldLeaf(mesh.address, hash, mesh.triangles.length / 3, low, high, mesh);
+  }
+
+  static empty(address: LeafAddress): HeldLeaf {
+    return HeldLeaf.of({ address, vertices: new Int32Array(0), triangles: new Uint32Array(0) }, 0n);
+  }
+
+  get isMade(): boolean {
+    return !(this.made instanceof PointMesh);
+  }
+
+  get mesh(): LeafMesh {
+    if (this.made instanceof PointMesh) this.made = this.made.extract(this.address);
+    return this.made;
+  }
+
+  /** Fills `to` with its triangles' corners, nine numbers each. */
+  putCorners(to: Int32Array): void {
+    if (this.made instanceof PointMesh) return this.made.corners(this.address, to);
+    const { vertices, triangles } = this.made;
+    for (let k = 0, at = 0; k < triangles.length; ++k, at += 3) {
+      const v = 3 * triangles[k]!;
+      to[at] = vertices[v]!;
+      to[at + 1] = vertices[v + 1]!;
+      to[at + 2] = vertices[v + 2]!;
+    }
+  }
 }
 
 function addressOf(wire: WireAddress | undefined): LeafAddress {
@@ -70,7 +104,7 @@ export class Draft {
     let announced = this.triangles;
     const wholes = iteration.whole.map((leaf) => {
       const address = addressOf(leaf.address), held = this.claim(address);
-      announced += leaf.triangles - (held ? held.mesh.triangles.length / 3 : 0);
+      announced += leaf.triangles - (held?.triangles ?? 0);
       return address;
     });
     const come = iteration.come.map((wire) => {
@@ -86,16 +120,23 @@ export class Draft {
     this.follow(isAnew ? [] : [...this.gone.values()], come, iteration.points);
   }
 
-  private subtract({ mesh, hash }: HeldLeaf): void {
-    this.hash -= this.points.hashTerm(mesh.address, hash);
-    this.triangles -= mesh.triangles.length / 3;
+  /** What is drawn in the place of the fresh leaves. */
+  corners(): Int32Array {
+    const leaves = [...this.fresh.values()], all = new Int32Array(leaves.reduce((sum, { triangles }) => sum + 9 * triangles, 0));
+    let at = 0;
+    for (const leaf of leaves) leaf.putCorners(all.subarray(at, (at += 9 * leaf.triangles)));
+    return all;
   }
-  private keep(mesh: LeafMesh, hash: bigint, had = 0): void {
-    const triangles = mesh.triangles.length / 3;
-    this.hash += this.points.hashTerm(mesh.address, hash);
-    this.triangles += triangles;
-    this.decoded += Math.max(0, triangles - had);
-    this.fresh.set(keyOf(mesh.address), hold(mesh, hash));
+
+  private subtract({ address, hash, triangles }: HeldLeaf): void {
+    this.hash -= this.points.hashTerm(address, hash);
+    this.triangles -= triangles;
+  }
+  private keep(leaf: HeldLeaf, had = 0): void {
+    this.hash += this.points.hashTerm(leaf.address, leaf.hash);
+    this.triangles += leaf.triangles;
+    this.decoded += Math.max(0, leaf.triangles - had);
+    this.fresh.set(keyOf(leaf.address), leaf);
   }
   /** The leaf that is held and stays. */
   private held(key: string): HeldLeaf | undefined {
@@ -125,7 +166,7 @@ export class Draft {
     try {
       const mesh = decodeLeaf(payload, address, vertices, triangles, draco), held = this.held(keyOf(address));
       if (held) this.subtract(held);
-      this.keep(mesh, this.points.hashLeaf(mesh));
+      this.keep(HeldLeaf.of(mesh, this.points.hashLeaf(mesh)));
     } catch (error) {
       throw error instanceof Refusal ? new Refusal(`${nameOf(address)}: ${error.message}`) : error;
     }
@@ -133,7 +174,7 @@ export class Draft {
 
   /** The leaves that the points begin with, before others come. */
   private *heldOrWhole(): Generator<LeafMesh> {
-    for (const [key, { mesh }] of this.before.leaves) if (!this.gone.has(key) && !this.fresh.has(key)) yield mesh;
+    for (const [key, leaf] of this.before.leaves) if (!this.gone.has(key) && !this.fresh.has(key)) yield leaf.mesh;
     for (const { mesh } of this.fresh.values()) yield mesh;
   }
 
@@ -143,15 +184,24 @@ export class Draft {
 
   // Points that do not fit leave the mesh as it is, to be requested again.
   private follow(gone: LeafAddress[], come: LeafAddress[], payload: Uint8Array): void {
-    for (const address of come) this.keep({ address, vertices: new Int32Array(0), triangles: new Uint32Array(0) }, 0n);
+    for (const address of come) this.keep(HeldLeaf.empty(address));
     this.lost ||= !this.points.follow(gone, come, payload);
-    if (this.lost) return;
-    for (const { address, hash, extract } of this.points.takeChanged()) {
-      const key = keyOf(address), before = this.fresh.get(key) ?? this.held(key);
-      if (!before || before.hash === hash) continue;
+    if (this.lost) return this.lose();
+    for (const changed of this.points.takeChanged()) {
+      const key = keyOf(changed.address), before = this.fresh.get(key) ?? this.held(key);
+      if (!before || before.hash === changed.hash) continue;
       this.subtract(before);
-      this.keep(extract(), hash, before.mesh.triangles.length / 3);
+      this.keep(HeldLeaf.changed(changed, this.points), before.triangles);
     }
     this.judge(this.triangles);
+  }
+
+  // What was not made of points that were followed before cannot be made any more.
+  private lose(): void {
+    for (const [key, leaf] of this.before.leaves)
+      if (!leaf.isMade && !this.gone.has(key) && !this.fresh.has(key)) {
+        this.subtract(leaf);
+        this.keep(HeldLeaf.empty(leaf.address));
+      }
   }
 }

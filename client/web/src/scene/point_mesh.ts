@@ -13,17 +13,21 @@ interface Functions {
   follow(gone: number, come: number, bytes: number): number;
   takeChanged(): number;
   changed(): number;
-  extract(k: number): number;
+  extract(level: number, i: bigint, j: bigint): number;
+  corners(level: number, i: bigint, j: bigint): number;
 }
 
-const ADDRESS = 24, CHANGED = 32; // bytes of LeafAddress and PointMesh::Changed: level, i and j in eight each; then the hash
+const ADDRESS = 24, CHANGED = 64; // bytes of LeafAddress and PointMesh::Changed: level, i and j in eight each; then hash, triangles, low and high
 const whole = (hash: bigint): bigint => BigInt.asUintN(64, hash);
+
+export type Corner = readonly [x: number, z: number, y: number]; // steps from the leaf's corner
 
 export interface ChangedLeaf {
   readonly address: LeafAddress;
   readonly hash: bigint;
-  /** Only before the next takeChanged(). */
-  readonly extract: () => LeafMesh;
+  readonly triangles: number; // how many there are
+  readonly low: Corner; // hold its vertices, which may span less
+  readonly high: Corner;
 }
 
 /** Where memory ends, its functions throw a Refusal, and nothing is held. */
@@ -79,16 +83,26 @@ export class PointMesh {
       return Array.from({ length: count }, (_, k) => {
         const at = CHANGED * k;
         const address = { level: view.getInt32(at, true), i: Number(view.getBigInt64(at + 8, true)), j: Number(view.getBigInt64(at + 16, true)) };
-        return { address, hash: view.getBigUint64(at + 24, true), extract: () => this.extract(address, k) };
+        const corner = (k: number): Corner => [view.getInt32(k, true), view.getInt32(k + 4, true), view.getInt32(k + 8, true)];
+        return { address, hash: view.getBigUint64(at + 24, true), triangles: view.getUint32(at + 32, true), low: corner(at + 36), high: corner(at + 48) };
       });
     });
   }
 
-  private extract(address: LeafAddress, k: number): LeafMesh {
+  /** A leaf that points made, as it is now. */
+  extract({ level, i, j }: LeafAddress): LeafMesh {
     return this.guarded(() => {
-      const at = this.wasm.extract(k), { buffer } = this.wasm.memory;
+      const at = this.wasm.extract(level, BigInt(i), BigInt(j)), { buffer } = this.wasm.memory;
       const [vertices, vertexCount, triangles, triangleCount] = new Uint32Array(buffer, at, 4) as unknown as [number, number, number, number];
-      return { address, vertices: new Int32Array(buffer, vertices, 3 * vertexCount).slice(), triangles: new Uint32Array(buffer, triangles, 3 * triangleCount).slice() };
+      return { address: { level, i, j }, vertices: new Int32Array(buffer, vertices, 3 * vertexCount).slice(), triangles: new Uint32Array(buffer, triangles, 3 * triangleCount).slice() };
+    });
+  }
+
+  /** The same as corners of triangles, nine numbers each; fills `to`. */
+  corners({ level, i, j }: LeafAddress, to: Int32Array): void {
+    this.guarded(() => {
+      const at = this.wasm.corners(level, BigInt(i), BigInt(j));
+      to.set(new Int32Array(this.wasm.memory.buffer, at, to.length));
     });
   }
 

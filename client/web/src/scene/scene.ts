@@ -10,6 +10,7 @@ import type { PointMesh } from './point_mesh';
 export interface Change {
   readonly gone: readonly LeafAddress[];
   readonly fresh: readonly HeldLeaf[]; // new, or in the place of what was held
+  readonly corners: Int32Array; // of their triangles, leaf by leaf, nine numbers each
   readonly decoded: number; // triangles of leaves that came, and those by which others grew
 }
 
@@ -50,10 +51,10 @@ export class Scene {
 
   /** Height in metres of the mesh at a point given in steps; nothing where no triangle lies. */
   height(x: number, z: number): number | undefined {
-    for (const { mesh, low, high } of this.leaves.values()) {
-      const lx = x - cornerX(mesh.address), lz = z - cornerZ(mesh.address);
+    for (const leaf of this.leaves.values()) {
+      const { address, low, high } = leaf, lx = x - cornerX(address), lz = z - cornerZ(address);
       if (lx < low[0] || lx > high[0] || lz < low[1] || lz > high[1]) continue;
-      const v = mesh.vertices, t = mesh.triangles;
+      const { vertices: v, triangles: t } = leaf.mesh;
       const side = (a: number, b: number): number => (v[3 * b + 1]! - v[3 * a + 1]!) * (lx - v[3 * a]!) - (v[3 * b]! - v[3 * a]!) * (lz - v[3 * a + 1]!);
       for (let k = 0; k < t.length; k += 3) {
         const a = t[k]!, b = t[k + 1]!, c = t[k + 2]!;
@@ -69,13 +70,13 @@ export class Scene {
     if (iteration.number === 0n || (this.last !== 0n && iteration.number !== this.last + 1n)) throw new Refusal(`out of order, ${this.last + 1n} was expected`);
     const draft = new Draft(this, this.points);
     draft.fill(iteration, this.draco);
-    const { gone, fresh, decoded } = draft;
+    const { gone, fresh, decoded } = draft, corners = draft.corners();
     for (const key of gone.keys()) this.leaves.delete(key);
     for (const [key, leaf] of fresh) this.leaves.set(key, leaf);
     this.hash = BigInt.asUintN(64, draft.hash);
     this.triangles = draft.triangles;
     this.lost = draft.lost;
     this.last = iteration.number;
-    return { gone: [...gone.values()], fresh: [...fresh.values()], decoded };
+    return { gone: [...gone.values()], fresh: [...fresh.values()], corners, decoded };
   }
 }

@@ -30,7 +30,7 @@ export function touch(scene: Scene, brush: Brush): Touched | undefined {
 function hit({ leaves }: Scene, { from, towards }: Brush): Place | undefined {
   const [dx, dy, dz] = towards, ahead: { leaf: HeldLeaf; begins: number; origin: Vec3 }[] = [];
   for (const leaf of leaves.values()) {
-    const { address } = leaf.mesh; // x, z, y of the eye from its corner, steps
+    const { address } = leaf; // x, z, y of the eye from its corner, steps
     const origin: Vec3 = [from.x - cornerX(address) + from.remainderX, from.z - cornerZ(address) + from.remainderZ, from.y * STEPS_PER_METRE];
     const begins = entry(leaf, origin, [dx, dz, dy]);
     if (begins !== undefined) ahead.push({ leaf, begins, origin });
@@ -47,8 +47,8 @@ function hit({ leaves }: Scene, { from, towards }: Brush): Place | undefined {
 }
 
 /** How far along the ray a leaf's box begins, 0 inside; nothing: it does not meet it. */
-function entry({ mesh, low, high }: HeldLeaf, origin: Vec3, towards: Vec3): number | undefined {
-  if (mesh.triangles.length === 0) return undefined;
+function entry({ triangles, low, high }: HeldLeaf, origin: Vec3, towards: Vec3): number | undefined {
+  if (triangles === 0) return undefined;
   let begins = 0, ends = Infinity;
   for (let c = 0; c < 3; ++c) {
     const by = towards[c]!, a = low[c]! - origin[c]!, b = high[c]! - origin[c]!;

@@ -60,7 +60,7 @@ struct Stream {
 
   void connect() {
     underWay.clear();
-    const bool follows = between(random, 0, 5) != 0;
+    follows = between(random, 0, 5) != 0;
     server = Replica(static_cast<std::uint32_t>(between(random, 1, 4)), follows);
     encoder.emplace(terrain, executor.makePool(), encoding::Form{follows, false, false});
     const auto held = follower.resume();
@@ -100,7 +100,7 @@ struct Stream {
   void receive() {
     const wire::Iteration iteration = std::move(underWay.front());
     underWay.pop_front();
-    const auto answer = follower.apply(iteration);
+    const auto answer = follow(iteration);
     EXPECT_EQ(answer.acknowledge.meshHash, follower.scene().hash());
     EXPECT_EQ(answer.wrong.has_value(), follower.scene().hash() != iteration.meshHash || follower.scene().iteration() == 0);
     if (answer.resend) {
@@ -114,6 +114,21 @@ struct Stream {
     }
     ++counts.hopeless;  // the server hangs up, the client comes back
     connect();
+  }
+
+  // Leaves are read at any time, or made at once.
+  Follower::Answer follow(const wire::Iteration& iteration) {
+    if (between(random, 0, 2) == 0) {
+      follower.scene().leaves();
+      return follower.take(iteration, follower.prepare(iteration));
+    }
+    auto answer = follower.apply(iteration);
+    for (const auto& [address, leaf] : follower.scene().index())
+      if (between(random, 0, 9) == 0) {
+        const std::uint64_t hash = leaf.hash;
+        EXPECT_EQ(mesh::hashLeaf(*follower.scene().leaf(address)->mesh), hash);
+      }
+    return answer;
   }
 
   mesh::LeafMesh anything(LeafAddress address) {
@@ -130,11 +145,12 @@ struct Stream {
       EXPECT_TRUE(held == mesh.extract(leaf.address));
     }
     EXPECT_EQ(follower.scene().hash(), server.meshHash());
-    EXPECT_FALSE(follower.scene().lost());
+    EXPECT_FALSE(follows && follower.scene().lost());
   }
 
   Random random;
   double x = 0;
+  bool follows = false;  // points
   std::shared_ptr<const terrain::Terrain> terrain = *terrain::create("alpine", 1);
   scheduling::Executor executor;
   pipeline::Pipeline mesh;

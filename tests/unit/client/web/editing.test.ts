@@ -4,7 +4,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import type { Brush, Place } from '../../../../client/web/src/messages';
 import type { Pose } from '../../../../client/web/src/render/view';
-import type { HeldLeaf } from '../../../../client/web/src/scene/draft';
+import { HeldLeaf } from '../../../../client/web/src/scene/draft';
 import { Scene } from '../../../../client/web/src/scene/scene';
 import { touch } from '../../../../client/web/src/scene/touch';
 import { Editing } from '../../../../client/web/src/ui/editing';
@@ -188,8 +188,7 @@ function slope(): Scene {
       const a = j * (n + 1) + i, b = a + 1, c = a + n + 1, d = c + 1;
       triangles.push(a, c, b, b, c, d);
     }
-  const ys = vertices.filter((_, k) => k % 3 === 2);
-  const leaf: HeldLeaf = { mesh: { address: AT, vertices: Int32Array.from(vertices), triangles: Uint32Array.from(triangles) }, hash: 0n, low: [0, 0, Math.min(...ys)], high: [SIDE, SIDE, Math.max(...ys)] };
+  const leaf = HeldLeaf.of({ address: AT, vertices: Int32Array.from(vertices), triangles: Uint32Array.from(triangles) }, 0n);
   const scene = new Scene(undefined as never, undefined as never);
   scene.leaves.set('0', leaf);
   return scene;

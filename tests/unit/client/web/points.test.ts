@@ -13,8 +13,9 @@ function holdsTheLeaf(points: PointMesh): void {
   const [changed, ...others] = points.takeChanged();
   assert.equal(others.length, 0);
   assert.equal(changed!.hash, hashLeaf(leaf));
-  const made = changed!.extract();
+  const made = points.extract(changed!.address);
   assert.deepEqual(canonical(address, made.vertices, made.triangles), leaf);
+  assert.deepEqual([changed!.triangles, changed!.low, changed!.high], [2, [0, 0, 0], [600, 512, 9]]);
 }
 
 test('what is no payload is refused, and the mesh can begin again', () => {

@@ -83,6 +83,35 @@ TEST(HeldPoints, MakeTheServersMeshOverFlightsDivesAndJumps) {
   }
 }
 
+TEST(HeldPoints, MakeALeafWhenItIsReadAndNoOther) {
+  Flight f("canyon");
+  std::size_t unmade = 0, looked = 0;
+  for (int k = 0; k < 60; ++k) {
+    f.apply(f.iterate(testing_support::straight(*f.terrain, 0.7 * k)));
+    for (const mesh::LeafState& state : f.mesh->leaves()) {
+      const scene::HeldLeaf& leaf = f.scene.index().at(state.address);
+      const mesh::LeafMesh made = f.mesh->extract(state.address);
+      EXPECT_EQ(leaf.triangles, made.triangles.size());
+      EXPECT_EQ(leaf.hash, mesh::hashLeaf(made));
+      for (const mesh::LocalVertex& v : made.vertices) {
+        EXPECT_TRUE(v.x >= leaf.low.x && v.z >= leaf.low.z && v.y >= leaf.low.y);
+        EXPECT_TRUE(v.x <= leaf.high.x && v.z <= leaf.high.z && v.y <= leaf.high.y);
+      }
+      unmade += !leaf.mesh;
+      if (++looked % 101 != 0) continue;
+      mesh::LeafMesh held = *f.scene.leaf(state.address)->mesh;
+      mesh::canonicalize(held);
+      EXPECT_TRUE(held == made);
+    }
+    ASSERT_FALSE(testing::Test::HasFailure()) << k;
+  }
+  EXPECT_GT(unmade, looked / 2);
+  const lattice::Point at{f.mesh->leaves().front().address.x(), f.mesh->leaves().front().address.z()};
+  const std::optional<double> height = f.scene.height(at);
+  f.expectSameLeaves();
+  EXPECT_EQ(f.scene.height(at), height);
+}
+
 TEST(HeldPoints, FollowAMeshThatBeginsAnewWithOtherSettings) {
   Flight f("canyon");
   for (int k = 0; k < 30; ++k) {
