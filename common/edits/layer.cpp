@@ -111,6 +111,22 @@ const Tile* Layer::tileOf(const Cell& cell, TileAddress a) {
   return block ? (*block)[static_cast<std::size_t>(((a.j & kInBlock) << kBlockBits) | (a.i & kInBlock))].get() : nullptr;
 }
 
+// Remembers the last cell.
+class Layer::CellFinder {
+ public:
+  explicit CellFinder(const Layer& layer) : layer_(layer) {}
+  const Tile* tile(TileAddress a) {
+    constexpr int kShift = kBlockBits + kCellBits;
+    if (const CellAddress at{a.i >> kShift, a.j >> kShift}; !(at == at_)) cell_ = layer_.cell(at_ = at);
+    return cell_ ? tileOf(*cell_, a) : nullptr;
+  }
+
+ private:
+  const Layer& layer_;
+  CellAddress at_{std::int64_t{1} << 62, 0};
+  const Cell* cell_ = nullptr;
+};
+
 const Tile* Layer::tile(TileAddress a) const {
   const Cell* const c = cell({a.i >> (kBlockBits + kCellBits), a.j >> (kBlockBits + kCellBits)});
   return c ? tileOf(*c, a) : nullptr;
@@ -189,33 +205,111 @@ std::int32_t Layer::riseAt(std::int64_t x, std::int64_t z) const {
   return t ? t->rise[slotOf(x, z)] : 0;
 }
 
+namespace {
+
+// The places of a call whose posts are not all 0, computed many at a time and added.
+class Sums {
+ public:
+  explicit Sums(float* heights) : heights_(heights) {}
+  void add(std::size_t place, const std::array<std::int32_t, 16>& around, Step x, Step z) {
+    std::int32_t any = 0;
+    for (const std::int32_t v : around) any |= v;
+    if (any == 0) return;
+    places_.set(count_, around, static_cast<std::int32_t>(x & (kPostSteps - 1)), static_cast<std::int32_t>(z & (kPostSteps - 1)));
+    whose_[count_] = place;
+    if (++count_ == terrain::CubicPlaces::kMost) flush();
+  }
+  void flush() {
+    if (count_ == 0) return;
+    std::array<float, terrain::CubicPlaces::kMost> rise;
+    terrain::cubicHeights(places_, static_cast<int>(count_), kPostSteps, rise.data());
+    for (std::size_t k = 0; k < count_; ++k) heights_[whose_[k]] += rise[k];
+    count_ = 0;
+  }
+
+ private:
+  float* const heights_;
+  static thread_local terrain::CubicPlaces places_;
+  std::array<std::size_t, terrain::CubicPlaces::kMost> whose_;
+  std::size_t count_ = 0;
+};
+thread_local terrain::CubicPlaces Sums::places_;
+
+// Places that are looked at together, and when all posts around them are copied first: at most so many for each place. Meshes ask for
+// 256 places within 32 m, which takes 17.5 posts for each.
+constexpr std::size_t kTogether = 256, kPostsAPlace = 20;
+// These lie in at most so many tiles: c x r posts in (c / 16 + 2) (r / 16 + 2), with c and r at least 4.
+constexpr std::size_t kMostCopied = kTogether * kPostsAPlace, kMostTiles = kMostCopied / 256 + (kMostCopied / 4 + 4) / 8 + 4;
+
+}  // namespace
+
 void Layer::raise(const Step* x, const Step* z, float* heights, std::size_t count) const {
   if (empty()) return;
-  constexpr Step kNone = Step{1} << 62;
-  CellAddress cellAt{kNone, kNone};
-  const Cell* held = nullptr;
-  thread_local terrain::CubicPlaces places;
-  std::array<std::size_t, terrain::CubicPlaces::kMost> whose;
-  std::size_t n = 0;
-  const auto flush = [&] {
-    std::array<float, terrain::CubicPlaces::kMost> rise;
-    terrain::cubicHeights(places, static_cast<int>(n), kPostSteps, rise.data());
-    for (std::size_t i = 0; i < n; ++i) heights[whose[i]] += rise[i];
-    n = 0;
-  };
-  for (std::size_t k = 0; k < count; ++k) {
-    if (const CellAddress at{x[k] >> lattice::kCellBits, z[k] >> lattice::kCellBits}; !(at == cellAt)) held = cell(cellAt = at);
-    if (!held) continue;
-    const Tile* const here = tileOf(*held, {x[k] >> kTileStepBits, z[k] >> kTileStepBits});
-    if (!here) continue;
-    std::array<std::int32_t, 16> around;
-    copyAround(*here, x[k] >> kPostBits, z[k] >> kPostBits, around);
-    if (std::ranges::all_of(around, [](std::int32_t v) { return v == 0; })) continue;
-    places.set(n, around, static_cast<std::int32_t>(x[k] & (kPostSteps - 1)), static_cast<std::int32_t>(z[k] & (kPostSteps - 1)));
-    whose[n] = k;
-    if (++n == terrain::CubicPlaces::kMost) flush();
+  for (std::size_t begin = 0; begin < count; begin += kTogether) {
+    const std::size_t some = std::min(count - begin, kTogether);
+    Step x0 = x[begin], x1 = x0, z0 = z[begin], z1 = z0;
+    for (std::size_t k = begin; k < begin + some; ++k) {
+      x0 = std::min(x0, x[k]), x1 = std::max(x1, x[k]);
+      z0 = std::min(z0, z[k]), z1 = std::max(z1, z[k]);
+    }
+    const Posts posts{(x0 >> kPostBits) - 1, (z0 >> kPostBits) - 1, (x1 >> kPostBits) + 3, (z1 >> kPostBits) + 3};
+    // Compared without multiplying what may be large.
+    const auto most = static_cast<std::int64_t>(kPostsAPlace * some);
+    if (posts.x1 - posts.x0 <= most / (posts.z1 - posts.z0))
+      raiseTogether(posts, x + begin, z + begin, heights + begin, some);
+    else
+      raiseApart(x + begin, z + begin, heights + begin, some);
   }
-  if (n > 0) flush();
+}
+
+// From a copy of all posts around the places.
+void Layer::raiseTogether(const Posts& posts, const Step* x, const Step* z, float* heights, std::size_t count) const {
+  const std::int64_t i0 = posts.x0 >> kTileBits, i1 = (posts.x1 - 1) >> kTileBits, j0 = posts.z0 >> kTileBits,
+                     j1 = (posts.z1 - 1) >> kTileBits;
+  std::array<const Tile*, kMostTiles> tiles;
+  std::size_t known = 0;
+  bool any = false;
+  CellFinder finder(*this);
+  for (std::int64_t j = j0; j <= j1; ++j)
+    for (std::int64_t i = i0; i <= i1; ++i) any |= (tiles[known++] = finder.tile({i, j})) != nullptr;
+  if (!any) return;
+  thread_local std::array<std::int32_t, kMostCopied> copied;
+  const std::int64_t columns = posts.x1 - posts.x0;
+  known = 0;
+  for (std::int64_t j = j0; j <= j1; ++j)
+    for (std::int64_t i = i0; i <= i1; ++i) {
+      const Tile* const from = tiles[known++];
+      const std::int64_t first = std::max(posts.x0, i << kTileBits), last = std::min(posts.x1, (i + 1) << kTileBits);
+      for (std::int64_t row = std::max(posts.z0, j << kTileBits); row < std::min(posts.z1, (j + 1) << kTileBits); ++row) {
+        std::int32_t* const to = &copied[static_cast<std::size_t>((row - posts.z0) * columns + first - posts.x0)];
+        if (from)
+          std::copy_n(&from->rise[slotOf(first, row)], last - first, to);
+        else
+          std::fill_n(to, last - first, 0);
+      }
+    }
+  Sums sums(heights);
+  std::array<std::int32_t, 16> around;
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::int64_t first = ((z[k] >> kPostBits) - 1 - posts.z0) * columns + (x[k] >> kPostBits) - 1 - posts.x0;
+    const std::int32_t* row = &copied[static_cast<std::size_t>(first)];
+    for (std::size_t j = 0; j < 4; ++j, row += columns) std::copy_n(row, 4, &around[4 * j]);
+    sums.add(k, around, x[k], z[k]);
+  }
+  sums.flush();
+}
+
+void Layer::raiseApart(const Step* x, const Step* z, float* heights, std::size_t count) const {
+  CellFinder finder(*this);
+  Sums sums(heights);
+  std::array<std::int32_t, 16> around;
+  for (std::size_t k = 0; k < count; ++k) {
+    const Tile* const here = finder.tile({x[k] >> kTileStepBits, z[k] >> kTileStepBits});
+    if (!here) continue;
+    copyAround(*here, x[k] >> kPostBits, z[k] >> kPostBits, around);
+    sums.add(k, around, x[k], z[k]);
+  }
+  sums.flush();
 }
 
 // The 4 x 4 posts around a place after post (x, z), which lies in `here`.

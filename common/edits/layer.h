@@ -78,8 +78,11 @@ class Layer {
     }
   };
   class Writer;
+  class CellFinder;
   const Cell* cell(CellAddress address) const;
   static const Tile* tileOf(const Cell& cell, TileAddress address);
+  void raiseTogether(const Posts& posts, const lattice::Step* x, const lattice::Step* z, float* heights, std::size_t count) const;
+  void raiseApart(const lattice::Step* x, const lattice::Step* z, float* heights, std::size_t count) const;
   void copyAround(const Tile& here, std::int64_t x, std::int64_t z, std::array<std::int32_t, 16>& out) const;
 
   std::unordered_map<CellAddress, std::shared_ptr<const Cell>, HashOfCell> cells_;

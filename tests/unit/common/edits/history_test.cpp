@@ -126,6 +126,11 @@ TEST(History, HeightsBetweenPostsAreBicubic) {
   const Layer& layer = *history.layer();
   const EditedTerrain edited(terrain, history.layer());
   int raised = 0;
+  struct Place {
+    Step x, z;
+    float height;
+  };
+  std::vector<Place> places;
   for (int k = 0; k < 20'000; ++k) {
     const Step x = m(4880) + static_cast<Step>(random() % 61'440), z = m(580) + static_cast<Step>(random() % 61'440);
     std::array<std::int32_t, 16> around;
@@ -140,8 +145,19 @@ TEST(History, HeightsBetweenPostsAreBicubic) {
         any ? own + terrain::cubicHeight(around, static_cast<std::int32_t>(x & 127), static_cast<std::int32_t>(z & 127), 128) : own;
     ASSERT_EQ(height, wanted);
     raised += height != own;
+    places.push_back({x, z, wanted});
   }
   EXPECT_GT(raised, 3000);
+  // Whoever asks for many at a time, from all over or square by square of so many metres, gets the same.
+  for (const Step side : {m(1000), m(90), m(32), m(8), m(2)}) {
+    std::ranges::stable_sort(places, {}, [side](const Place& p) { return std::pair(p.x / side, p.z / side); });
+    std::vector<Step> x, z;
+    std::vector<float> wanted;
+    for (const Place& p : places) x.push_back(p.x), z.push_back(p.z), wanted.push_back(p.height);
+    std::vector<float> heights(x.size());
+    edited.heights(x, z, heights);
+    EXPECT_EQ(heights, wanted) << side;
+  }
 }
 
 TEST(History, AnEditThatWasNotKeptLeavesNothing) {
