@@ -45,6 +45,7 @@ Report delaunay(const Options&);
 Report screening(const Options&);
 Report iteration(const Options&);
 Report threads(const Options&);
+Report contention(const Options&);
 Report greedy(const Options&);
 Report box(const Options&);
 Report error(const Options&);

@@ -31,6 +31,7 @@ const Entry kEntries[] = {
     {"screening", "a pass over all candidates against reading their arrays", screening},
     {"iteration", "whole iterations of a moving and of a hovering camera", iteration},
     {"threads", "two threads against one on a moving camera", threads},
+    {"contention", "what cameras on different cores take from each other", contention},
     {"greedy", "triangles against greedy insertion for the same error on a square", greedy},
     {"box", "the mesh of a box against greedy insertion over a height map", box},
     {"error", "the error on screen, measured by rays, against what was asked for", error},
