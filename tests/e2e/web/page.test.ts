@@ -12,6 +12,7 @@ import { test } from 'node:test';
 import { promisify } from 'node:util';
 import { errorColour } from '../../../client/web/src/render/colours';
 import type { Report } from '../../../client/web/src/main';
+import type { Camera } from '../../../client/web/src/stream/stream';
 import { PATIENCE, Viewer, closeAll, launch, missing } from './browser';
 import { contrast, decodePng, ssim } from './picture';
 import { Replay, record } from './replay';
@@ -269,6 +270,36 @@ test('its own thread stays free while 100,000 triangles a second come', async (t
     if (attempt === 2) assert.fail(flights.join('; '));
   }
   t.diagnostic(flights.join('; '));
+});
+
+test('decodes an iteration of the evaluation\'s flight within 4 ms', { skip: process.env['MEASURE'] ? false : 'MEASURE=1 measures it' }, async (t) => {
+  const { keyframes } = JSON.parse(readFileSync(join(needed('RIDGECAST_SOURCE'), 'client/evaluation/paths/alpine.json'), 'utf8')) as { keyframes: ({ t: number } & typeof POSE)[] };
+  const at = (seconds: number): Camera => {
+    const to = Math.max(1, keyframes.findIndex((key) => key.t >= seconds)), a = keyframes[to - 1]!, b = keyframes[to]!;
+    const of = (name: keyof typeof POSE): number => a[name] + ((b[name] - a[name]) * (seconds - a.t)) / (b.t - a.t);
+    return { x: Math.round(256 * of('x')), z: Math.round(256 * of('z')), y: of('y'), yaw: (of('yaw') * Math.PI) / 180, pitch: (of('pitch') * Math.PI) / 180, verticalFov: 1.0472, width: 1280, height: 720 };
+  };
+  const first = 40, cameras = [...Array.from({ length: first }, () => at(0)), ...Array.from({ length: 400 }, (_, k) => at(0.1 * k))];
+  const replay = new Replay(needed('RIDGECAST_PAGE'), await record(server.ws, cameras, 0));
+  const viewer = await Viewer.open(browser, 'about:blank', { width: 160, height: 90 });
+  await viewer.page.addInitScript(() => {
+    const own = globalThis as unknown as { decoded: number[]; Worker: typeof Worker };
+    own.decoded = [];
+    own.Worker = class extends Worker {
+      constructor(url: string | URL, options?: WorkerOptions) {
+        super(url, options);
+        this.addEventListener('message', ({ data }) => data.kind === 'figures' && own.decoded.push(data.figures.decodeMs));
+      }
+    };
+  });
+  await viewer.page.goto(`${await replay.listen()}/${place()}`);
+  await viewer.until('at the end', (r) => r.figures?.iteration === cameras.length);
+  const times = (await viewer.page.evaluate(() => (globalThis as unknown as { decoded: number[] }).decoded)).slice(first).sort((a, b) => a - b);
+  const share = (percent: number): number => times[Math.floor((times.length * percent) / 100)]!;
+  t.diagnostic(`${times.length} iterations decoded: median ${share(50).toFixed(2)} ms, p90 ${share(90).toFixed(2)}, p99 ${share(99).toFixed(2)}`);
+  assert.ok(share(99) <= 4, `p99 ${share(99)} ms`);
+  await viewer.close();
+  replay.close();
 });
 
 /** A page that draws nothing goes on saying why, and is no member of the session. */
