@@ -61,7 +61,8 @@ struct Iterated {
   std::uint64_t pose = 0;                       // sequence
   camera::Camera view{};
   bool settled = false;
-  std::uint64_t hash = 0;  // hashOf the leaves
+  // hashOf the leaves. Of an iteration at the pose of the one before, the low half alone is kept; the high half is then 0.
+  std::uint64_t hash = 0;
   friend bool operator==(const Iterated&, const Iterated&) = default;
 };
 

@@ -30,8 +30,8 @@ class Out {
   bool operator()(const bool& v) { return bytes_.push_back(v), true; }
   bool operator()(const std::int64_t& v) { return (*this)(codec::zigzag(v)); }
   bool operator()(const double& v) { return fixed(std::bit_cast<std::uint64_t>(v)); }
-  bool fixed(const std::uint64_t& v) {
-    for (int k = 0; k < 64; k += 8) bytes_.push_back(static_cast<std::uint8_t>(v >> k));
+  bool fixed(const std::uint64_t& v, int bytes = 8) {
+    for (int k = 0; k < 8 * bytes; k += 8) bytes_.push_back(static_cast<std::uint8_t>(v >> k));
     return true;
   }
   bool operator()(const std::string& v) {
@@ -99,11 +99,11 @@ class In {
     v = std::bit_cast<double>(bits);
     return std::isfinite(v);
   }
-  bool fixed(std::uint64_t& v) {
+  bool fixed(std::uint64_t& v, int count = 8) {
     std::span<const std::uint8_t> bytes;
-    if (!reader_.bytes(8, bytes)) return false;
+    if (!reader_.bytes(static_cast<std::uint64_t>(count), bytes)) return false;
     v = 0;
-    for (int k = 0; k < 8; ++k) v |= std::uint64_t{bytes[static_cast<std::size_t>(k)]} << (8 * k);
+    for (int k = 0; k < count; ++k) v |= std::uint64_t{bytes[static_cast<std::size_t>(k)]} << (8 * k);
     return true;
   }
   bool operator()(std::string& v) {
@@ -193,7 +193,7 @@ requires std::is_same_v<std::remove_const_t<E>, Asked>
 bool walk(Walk& w, E& e, Known&) { return w(e.camera) && w(e.places) && w(e.message); }
 
 // Which of an iteration's fields are others than those known.
-enum : std::uint32_t { kView = 1, kProjection = 2, kGranted = 4, kInsertions = 8, kEdit = 16, kSettled = 32, kAllFlags = 63 };
+enum : std::uint32_t { kView = 1, kProjection = 2, kGranted = 4, kInsertions = 8, kEdit = 16, kSettled = 32, kHash = 64, kAllFlags = 127 };
 
 // To the bit: -0 is not 0.
 bool isSame(const camera::Pose& a, const camera::Pose& b) {
@@ -205,7 +205,7 @@ std::uint32_t flagsOf(const Iterated& e, const Known& known) {
   return (isSame(e.view.pose, known.last.pose) && e.pose == known.pose ? 0u : kView) |
          (e.view.projection == known.last.projection ? 0u : kProjection) | (e.granted ? kGranted : 0u) |
          (e.insertions == known.insertions ? 0u : kInsertions) | (e.edit == known.edit && e.changed.empty() ? 0u : kEdit) |
-         (e.settled ? kSettled : 0u);
+         (e.settled ? kSettled : 0u) | (e.hash == known.hash ? 0u : kHash);
 }
 
 bool isOnLattice(const lattice::Area& a) {
@@ -235,6 +235,7 @@ bool walkIteration(Walk& w, E& e, const Known& known) {
     e.insertions = known.insertions;
     e.edit = known.edit;
     e.settled = flags & kSettled;
+    e.hash = known.hash;
   }
   const auto pose = [&](auto field) { return w.near(e.view.pose.*field, goOn(last.*field, before.*field)); };
   if ((flags & kView) && !(w.near(e.pose, known.pose) && pose(&camera::Pose::x) && pose(&camera::Pose::z) && pose(&camera::Pose::y) &&
@@ -249,7 +250,8 @@ bool walkIteration(Walk& w, E& e, const Known& known) {
   if ((flags & kEdit) &&
       !(w(e.edit) && w.list(e.changed, [&](auto& a) { return w(a.x0) && w(a.z0) && w(a.x1) && w(a.z1) && isOnLattice(a); })))
     return false;
-  return w.fixed(e.hash);
+  if (!(flags & kHash)) return true;
+  return (flags & kView) ? w.fixed(e.hash, 8) : w.fixed(e.hash, 4);
 }
 
 void learn(Known& known, const Iterated& e) {
@@ -258,6 +260,7 @@ void learn(Known& known, const Iterated& e) {
   known.pose = e.pose;
   known.edit = e.edit;
   known.insertions = e.insertions;
+  known.hash = e.hash;
 }
 
 // What a record does to the cameras that are known. False: it is about one that is not, or there are too many.

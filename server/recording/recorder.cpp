@@ -158,7 +158,9 @@ Recorder::~Recorder() {
 
 Recorder::Usage Recorder::usage() const {
   const std::lock_guard lock(state_->mutex);
-  return state_->usage;
+  Usage usage = state_->usage;
+  usage.waitingBytes = state_->waitingBytes;
+  return usage;
 }
 
 std::shared_ptr<Observer> Recorder::begin(World world, std::vector<Edited> past, Observer::Instant now) {

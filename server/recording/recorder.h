@@ -35,8 +35,9 @@ class Recorder {
   std::shared_ptr<Observer> begin(World world, std::vector<Edited> past, Observer::Instant now);
 
   struct Usage {
-    std::uint64_t bytes = 0;  // written so far
-    double seconds = 0;       // of a processor, by the writing thread
+    std::uint64_t bytes = 0;       // written so far
+    double seconds = 0;            // of a processor, by the writing thread
+    std::size_t waitingBytes = 0;  // in the queue
   };
   Usage usage() const;
 

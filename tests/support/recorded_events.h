@@ -51,6 +51,8 @@ inline std::vector<recording::Record> recordedEvents(std::uint64_t seed, std::si
     } else {
       Iterated& i = cameras[below(cameras.size())];
       camera::Pose& pose = i.view.pose;
+      const camera::Pose before = pose;
+      const std::uint64_t sequence = i.pose;
       if (below(8) == 0) {
         pose.x = static_cast<lattice::Step>(random()) >> 14;
         pose.y = share() * 1e4;
@@ -68,7 +70,8 @@ inline std::vector<recording::Record> recordedEvents(std::uint64_t seed, std::si
       if (i.edit != edits) i.changed.push_back({-5, static_cast<lattice::Step>(below(1u << 30)), 7, 1 << 30});
       i.edit = edits;
       i.settled = below(2);
-      i.hash = random();
+      if (below(8) > 0) i.hash = random();
+      if (pose == before && i.pose == sequence) i.hash &= 0xffffffffu;
       out.push_back({time, i});
     }
   }

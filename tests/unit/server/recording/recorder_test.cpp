@@ -6,13 +6,13 @@
 #include <fstream>
 #include <set>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "server/logging/logging.h"
 #include "server/recording/reader.h"
 #include "tests/support/process.h"
 #include "tests/support/recorded_events.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::recording {
 namespace {
@@ -29,6 +29,9 @@ class RecorderTest : public testing::Test {
     fs::create_directory(folder);
   }
   void note(Observer& observer, const Record& record) { observer.note(start + std::chrono::microseconds(record.time), record.event); }
+  static void waitFor(const Recorder& recorder) {  // within what may wait
+    EXPECT_TRUE(testing_support::await([&] { return recorder.usage().waitingBytes < Recorder::kMostWaiting / 8; }));
+  }
   std::vector<std::vector<fs::path>> recordings() const { return recordingsAt(folder).value(); }
   std::uint64_t bytes() const {
     std::uint64_t sum = 0;
@@ -69,7 +72,7 @@ TEST_F(RecorderTest, PartsContinueEachOtherAndEachStandsAlone) {
     std::size_t told = 0;
     for (std::size_t k = 1; k < records.size(); ++k) {
       note(*observer, records[k]);
-      if (++told % 5000 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));  // within what may wait
+      if (++told % 2000 == 0) waitFor(*recorder);
     }
   }
   const auto parts = recordings().at(0);
@@ -109,7 +112,7 @@ TEST_F(RecorderTest, TheOldestPartsGo) {
       if (std::holds_alternative<Edited>(records[k].event)) continue;  // which would fill it
       note(*observer, records[k]);
       if (++told % 2000 == 0) {
-        std::this_thread::sleep_for(std::chrono::milliseconds(10));
+        waitFor(*recorder);
         EXPECT_LE(bytes(), kBytes);
       }
     }
