@@ -42,6 +42,8 @@ void Line::hear(wire::ClientMessage message) {
   const bool isEdit = std::holds_alternative<wire::Edit>(message);
   openEdits_ += isEdit;
   sessionEdits_ += isEdit;
+  if (const auto* hello = std::get_if<wire::Hello>(&message)) isLockstep_ = hello->pacing == wire::Pacing::kLockstep;
+  if (const auto* pose = std::get_if<wire::PoseMessage>(&message)) newestPose_ = pose->sequence;
   server_.comes();
   camera_->receive(std::move(message));
   if (failed_) {
@@ -61,6 +63,13 @@ void Line::leaves(const wire::ServerMessage& message) {
   }
   --openEdits_;
   --sessionEdits_;
+}
+
+void Line::judge(const wire::Iteration& iteration) {
+  EXPECT_LE(queued_, maxQueuedBytes_) << "an iteration was made for a client that takes none";
+  const std::uint64_t before = std::exchange(edit_, iteration.edit);
+  if (isLockstep_ || iteration.edit > before) return;  // new ground comes first
+  EXPECT_EQ(iteration.poseSequence, newestPose_) << "an iteration was made for another pose than the newest";
 }
 
 void Line::cut(Duration unheard) {
@@ -92,9 +101,7 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
   if (server_.lostPower()) return;
   leaves(message);
   const std::lock_guard lock(mutex_);
-  if (std::holds_alternative<wire::Iteration>(message)) {
-    EXPECT_LE(queued_, maxQueuedBytes_) << "an iteration was made for a client that takes none";
-  }
+  if (const auto* iteration = std::get_if<wire::Iteration>(&message)) judge(*iteration);
   const bool isMembers = std::holds_alternative<wire::Members>(message);
   queuedMembers_ += isMembers;
   EXPECT_LE(queuedMembers_, 1u) << "news of members wait for a client behind others";

@@ -59,6 +59,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
  private:
   void hear(wire::ClientMessage message);
   void leaves(const wire::ServerMessage& message);
+  void judge(const wire::Iteration& iteration);
 
   Server& server_;
   std::atomic<std::int64_t>& sessionEdits_;
@@ -76,6 +77,9 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   std::optional<Time> fell_;
   std::atomic<std::size_t> openEdits_{0};  // that have arrived and have no answer
   std::atomic<bool> failed_{false};
+  std::atomic<std::uint64_t> newestPose_{0};  // that has arrived
+  std::atomic<bool> isLockstep_{false};
+  std::uint64_t edit_ = 0;  // of the last iteration
 };
 
 }  // namespace ridgecast::simulation

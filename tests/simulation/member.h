@@ -42,7 +42,7 @@ class Member {
   void leave(Duration unheard);  // and forgets all
   void fly(double metres);
   void insist();  // in lock-step: the same pose again, once the last one was answered
-  void ask();
+  void ask(bool much = false);
   void takeClock();
   void step();
   void setThreshold(double pixels);

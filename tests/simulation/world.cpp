@@ -47,6 +47,7 @@ void World::admit(std::uint64_t number, lattice::Point site) {
   nature.hello.clientName = "member " + std::to_string(number);
   nature.hello.settings.threshold = 10 + static_cast<double>(random_() % 40);
   nature.hello.settings.triangleBudget = settings::kLeastBudget;
+  if (random_() % 4 == 0) nature.hello.settings.bytesPerSecond = 50'000 + random_() % 100'000;
   nature.hello.pacing = random_() % 3 == 0 ? wire::Pacing::kLockstep : wire::Pacing::kFree;
   nature.hello.points = random_() % 4 != 0;
   nature.hello.members = random_() % 2 == 0;
@@ -76,6 +77,18 @@ void World::calm() {
   liar_.reset();
   breaks_ = false;
   server_->disk().restorePower();
+  rest();
+  for (const auto& member : members_) {
+    if (testing::Test::HasFailure()) return;
+    // At rest, with a queue that takes its time, and nothing else that comes.
+    member->ask(true);
+    member->setThreshold(10 + static_cast<double>(random_() % 40));
+    if (random_() % 2 == 0) member->fly(1);
+  }
+  rest();
+}
+
+void World::rest() {
   for (int k = 0; k < 3000 && !testing::Test::HasFailure(); ++k) {
     bool rest = true;
     for (const auto& member : members_) {

@@ -32,7 +32,8 @@ class World {
   static bool hasLiar(std::uint64_t seed) { return seed / 4 % 2 == 0; }
 
   void live(const Events& events);  // the laws are judged after each
-  // The liar goes, nothing breaks any more, everybody else comes back, stays where it is and gets what is missing.
+  // The liar goes, nothing breaks any more, everybody else comes back, stays where it is and gets what is missing; then once more what
+  // it asks for.
   void calm();
   // Everybody loses the line, and nothing is left. The server stops, and nothing but the log says what the ground is.
   void judgeEnd();
@@ -51,6 +52,7 @@ class World {
   void storm(std::uint64_t edits);
   void fall(bool withPower);
   void start();
+  void rest();
   void judge();
   void judgeEmptiness();
 
