@@ -244,6 +244,17 @@ bool Member::rests(std::uint64_t edit) const {
          !editor_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
 }
 
+bool Member::knows(const std::vector<wire::Member>& members) const {
+  if (!nature_.hello.members) return true;
+  const auto& others = roster_.others();
+  return others.size() + 1 == members.size() && std::ranges::all_of(members, [&](const wire::Member& member) {
+           if (member.camera == world_->camera) return true;
+           const auto known = others.find(member.camera);
+           const auto poseOf = [](const wire::Member& m) { return m.moved ? m.moved->pose.sequence : 0; };
+           return known != others.end() && poseOf(known->second.member) == poseOf(member);
+         });
+}
+
 void Member::judge(const terrain::Terrain& ground) const {
   constexpr std::int32_t kCoarsest = std::int32_t{1} << lattice::verticalBits(lattice::kMaxLevel);
   std::size_t vertices = 0;
