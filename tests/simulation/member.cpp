@@ -244,10 +244,12 @@ bool Member::rests(std::uint64_t edit) const {
          !editor_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
 }
 
-bool Member::knows(const std::vector<wire::Member>& members) const {
+bool Member::knows(const session::Presence::State& state) const {
+  const wire::Clock& clock = clock_.said();
+  if (nature_.hello.clock && (clock.step != state.clock.step || clock.owner != state.clock.owner)) return false;
   if (!nature_.hello.members) return true;
   const auto& others = roster_.others();
-  return others.size() + 1 == members.size() && std::ranges::all_of(members, [&](const wire::Member& member) {
+  return others.size() + 1 == state.members.size() && std::ranges::all_of(state.members, [&](const wire::Member& member) {
            if (member.camera == world_->camera) return true;
            const auto known = others.find(member.camera);
            const auto poseOf = [](const wire::Member& m) { return m.moved ? m.moved->pose.sequence : 0; };

@@ -181,7 +181,7 @@ bool World::canUndoAll() const { return truths_.at(kDefault).counting().size() <
 
 bool World::rests(const Member& member) const {
   const auto session = server_->runs() ? server_->session(member.session()) : nullptr;
-  return session && member.rests(session->ground().edit) && member.knows(session->presence().state().members);
+  return session && member.rests(session->ground().edit) && member.knows(session->presence().state());
 }
 
 Duration World::between(int least, int most) {
