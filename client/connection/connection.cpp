@@ -126,6 +126,14 @@ struct Connection::Impl final : WebSocket::Listener {
     } else if (auto* come = std::get_if<wire::HeightTiles>(&message)) {
       if (come->tiles.size() > unanswered_ - tiles_.size()) return "sent tiles of heights that were not requested";
       std::move(come->tiles.begin(), come->tiles.end(), std::back_inserter(tiles_));
+    } else if (auto* squares = std::get_if<wire::Squares>(&message)) {
+      if (squares->squares.size() > squaresOpen_) return "sent squares of edits that were not requested";
+      squaresOpen_ -= squares->squares.size();
+      found_.squares.push_back(std::move(*squares));
+    } else if (auto* found = std::get_if<wire::FoundEdits>(&message)) {
+      if (findsOpen_ == 0) return "sent what cannot be: where edits are, without being asked";
+      --findsOpen_;
+      found_.found.push_back(std::move(*found));
     } else if (const auto* members = std::get_if<wire::Members>(&message)) {
       if (const auto applied = roster_.apply(*members, now); !applied) return "sent what cannot be: " + applied.error().message;
     } else if (const auto* said = std::get_if<wire::Clock>(&message)) {
@@ -221,6 +229,8 @@ struct Connection::Impl final : WebSocket::Listener {
   std::uint64_t waitingBytes_ = 0;   // of their frames, at most one of the largest
   std::size_t unanswered_ = 0;       // tiles that are requested and not taken, including those that came
   std::vector<wire::HeightTile> tiles_;
+  std::size_t squaresOpen_ = 0, findsOpen_ = 0;  // requested and not answered
+  Connection::EditsFound found_;
   std::uint64_t lastEdit_ = hello_.editsAfter;
   std::vector<wire::MadeEdit> edits_;
   Roster roster_;
@@ -262,6 +272,22 @@ void Connection::want(const wire::WantTiles& wanted) {
   impl_->put([&] {
     impl_->unanswered_ += wanted.tiles.size();
     return impl_->outbox_.put(wanted), std::optional<std::string>();
+  });
+}
+
+void Connection::want(const wire::WantSquares& wanted) {
+  if (world().revision < 5) return;
+  impl_->put([&] {
+    impl_->squaresOpen_ += wanted.squares.size();
+    return impl_->outbox_.put(wanted), std::optional<std::string>();
+  });
+}
+
+void Connection::find(const wire::FindEdits& find) {
+  if (world().revision < 5) return;
+  impl_->put([&] {
+    ++impl_->findsOpen_;
+    return impl_->outbox_.put(find), std::optional<std::string>();
   });
 }
 
@@ -319,6 +345,11 @@ std::vector<wire::HeightTile> Connection::takeTiles() {
   const std::lock_guard lock(impl_->mutex_);
   impl_->unanswered_ -= impl_->tiles_.size();
   return std::exchange(impl_->tiles_, {});
+}
+
+Connection::EditsFound Connection::takeEditsFound() {
+  const std::lock_guard lock(impl_->mutex_);
+  return std::exchange(impl_->found_, {});
 }
 
 SessionClock Connection::clock() const { return impl_->copyOf(impl_->clock_); }

@@ -79,6 +79,16 @@ class Connection {
   // Those that have come since the last call.
   std::vector<wire::HeightTile> takeTiles();
 
+  // Squares of the posts that edits have raised, as tiles above: at most wire::kMaxWantedSquares unanswered; and where there are any: at
+  // most wire::kMaxFinds. They leave only to a server that knows them (World::revision 5).
+  void want(const wire::WantSquares& wanted);
+  void find(const wire::FindEdits& find);
+  struct EditsFound {
+    std::vector<wire::FoundEdits> found;
+    std::vector<wire::Squares> squares;
+  };
+  EditsFound takeEditsFound();
+
   // The next iteration, in order; nothing when none arrived within `timeout` (0: do not wait) or when the connection has ended and
   // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations and 256 MiB; a
   // server that sends more is disconnected.

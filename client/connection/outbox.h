@@ -79,6 +79,8 @@ class Outbox {
   void put(const wire::Resume& resume) { resumes_.push_back(resume); }            // the owner's scene bounds them
   void put(const wire::ResendLeaves& resend);                                     // beside those that wait
   void put(const wire::WantTiles& wanted) { wants_.push_back(wanted); }           // bounded by what may be unanswered
+  void put(const wire::WantSquares& wanted) { wants_.push_back(wanted); }         // the same
+  void put(const wire::FindEdits& find) { wants_.push_back(find); }               // the same
   void put(const wire::Settings& settings) { settings_ = settings; }              // in the place of earlier ones
 
   // The most urgent message; nothing when none may leave now.
@@ -93,7 +95,7 @@ class Outbox {
   std::deque<wire::Resume> resumes_;
   std::optional<wire::ResendLeaves> resend_;
   std::optional<wire::Acknowledge> acknowledge_;
-  std::deque<wire::WantTiles> wants_;
+  std::deque<wire::ClientMessage> wants_;
   std::optional<wire::Settings> settings_;
   std::deque<wire::PoseMessage> poses_;
   std::deque<wire::ClientMessage> messages_;

@@ -1,5 +1,6 @@
 #include "client/replica/client.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 
@@ -42,7 +43,8 @@ Outcome<void> Client::enterOtherWorld() {
   decoding_.reset();  // reads the mesh held
   follower_ = {};
   connection_ = std::move(*opened);
-  tilesFrom_ = 0;
+  tilesFrom_ = editsFrom_ = 0;
+  edit_ = world().edit;
   follower_.follow({hello_.points, world().shadedVertices, world().settings.triangleBudget});
   return {};
 }
@@ -77,8 +79,24 @@ Outcome<bool> Client::exchangeTiles(scene::HeightWindow& window) {
   const auto tiles = (*connection_)->takeTiles();
   for (const wire::HeightTile& tile : tiles)
     if (auto put = window.put(tile); !put) return put.error();
-  if (auto missing = window.take(); !missing.empty()) (*connection_)->want({std::move(missing)});
+  if (auto missing = window.take(); !missing.empty()) (*connection_)->want(wire::WantTiles{std::move(missing)});
   return !tiles.empty();
+}
+
+Outcome<bool> Client::exchangeEdits(scene::HeldEdits& edits) {
+  if (world().revision < 5 || world().terrainSource.empty()) return false;
+  if (std::exchange(editsFrom_, connection_->reconnections()) != connection_->reconnections()) edits.reconnected(edit_ = world().edit);
+  const auto [found, squares] = (*connection_)->takeEditsFound();
+  for (const wire::FoundEdits& f : found)
+    if (auto put = edits.put(f); !put) return put.error();
+  for (const wire::Squares& s : squares)
+    if (auto put = edits.put(s); !put) return put.error();
+  edits.know(edit_);
+  if (const auto [find, want] = edits.take(); find || !want.squares.empty()) {
+    if (find) (*connection_)->find(*find);
+    if (!want.squares.empty()) (*connection_)->want(want);
+  }
+  return !found.empty() || !squares.empty();
 }
 
 std::optional<Update> Client::poll(std::chrono::milliseconds soon, const std::function<void()>& ready) {
@@ -104,6 +122,7 @@ Update Client::answer(Decoding&& decoding, Follower::Answer answer) {
   if (answer.resend) (*connection_)->resend(*answer.resend);
   (*connection_)->acknowledge(answer.acknowledge);
   update.wrong = std::move(answer.wrong);
+  edit_ = std::max(edit_, update.iteration.edit);
   if (!update.wrong) connection_->applied();
   return update;
 }

@@ -19,6 +19,7 @@
 #include "client/connection/reconnecting.h"
 #include "client/replica/follower.h"
 #include "client/scene/height_window.h"
+#include "client/scene/held_edits.h"
 #include "client/scene/scene.h"
 #include "common/camera/camera.h"
 #include "common/outcome/outcome.h"
@@ -64,6 +65,10 @@ class Client {
   // Error: the server sent no tile, or one that was not requested.
   Outcome<bool> exchangeTiles(scene::HeightWindow& window);
 
+  // The same with edits of the ground: takes what has come, and asks for what they lack as of the newest iteration. Does nothing where the
+  // terrain is private or the server does not tell (World::revision below 5).
+  Outcome<bool> exchangeEdits(scene::HeldEdits& edits);
+
   // As receive(), but does not wait for an iteration to come, and at most `soon` until it is decoded. Decoding continues on its own thread,
   // which calls `ready`; a later call returns the iteration. scene() may be read meanwhile. Makes all leaves: for windows.
   std::optional<Update> poll(std::chrono::milliseconds soon, const std::function<void()>& ready);
@@ -83,7 +88,8 @@ class Client {
   Follower follower_;
   std::unique_ptr<connection::ReconnectingConnection> connection_;  // never null
   std::uint64_t sequence_ = 0, resumed_ = 0;
-  std::uint64_t tilesFrom_ = 0;  // the reconnection that tiles are requested of
+  std::uint64_t tilesFrom_ = 0, editsFrom_ = 0;  // the reconnection that tiles, and edits, are requested of
+  std::uint64_t edit_ = 0;                       // the newest that the mesh knows
   std::unique_ptr<Decoding> decoding_;
 };
 

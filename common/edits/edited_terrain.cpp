@@ -4,6 +4,17 @@
 
 namespace ridgecast::edits {
 
+namespace glsl {
+namespace {
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-function"
+#include "common/terrain/glsl_as_cpp.h"
+
+#include "common/terrain/material_color.glsl"
+#pragma GCC diagnostic pop
+}  // namespace
+}  // namespace glsl
+
 EditedTerrain::EditedTerrain(std::shared_ptr<const terrain::Terrain> base, std::shared_ptr<const Layer> layer)
     : base_(std::move(base)), layer_(std::move(layer)), rise_(layer_) {}
 
@@ -28,7 +39,7 @@ void Rise::samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::in
 
 terrain::Raster::Range Rise::range(std::int64_t x, std::int64_t z, std::int64_t columns, std::int64_t rows) const {
   Range out;
-  layer_->forEachTile({x, z, x + columns, z + rows}, [&](const Tile& tile) {
+  layer_->forEachTile({x, z, x + columns, z + rows}, [&](TileAddress, const Tile& tile) {
     const auto [low, high] = std::ranges::minmax(tile.rise);
     out = {std::min(out.lowest, low), std::max(out.highest, high)};
   });
@@ -47,16 +58,14 @@ terrain::Colours EditedTerrain::colours() const {
   };
 }
 
+std::shared_ptr<const Layer> layerOf(const terrain::Terrain& terrain) {
+  const auto* edited = dynamic_cast<const EditedTerrain*>(&terrain);
+  return edited && !edited->layer()->empty() ? edited->layer() : nullptr;
+}
+
 std::array<float, 3> colourOf(std::uint8_t material) {
-  static constexpr std::array<std::array<float, 3>, kMaterials> kColours{{{0.16f, 0.10f, 0.06f},
-                                                                          {0.20f, 0.19f, 0.18f},
-                                                                          {0.30f, 0.28f, 0.25f},
-                                                                          {0.52f, 0.41f, 0.26f},
-                                                                          {0.07f, 0.14f, 0.03f},
-                                                                          {0.04f, 0.04f, 0.045f},
-                                                                          {0.42f, 0.41f, 0.39f},
-                                                                          {0.85f, 0.88f, 0.92f}}};
-  return kColours[std::clamp<std::size_t>(material, 1, kMaterials) - 1];
+  const glsl::vec3 c = glsl::materialColor(material);
+  return {c.x, c.y, c.z};
 }
 
 }  // namespace ridgecast::edits

@@ -45,6 +45,9 @@ class EditedTerrain final : public terrain::Terrain {
   Rise rise_;
 };
 
+// The layer on a terrain; null: nobody has edited it.
+std::shared_ptr<const Layer> layerOf(const terrain::Terrain& terrain);
+
 // Linear red, green and blue of materials 1 to kMaterials: earth, rock, gravel, sand, grass, asphalt, concrete, snow.
 std::array<float, 3> colourOf(std::uint8_t material);
 

@@ -152,7 +152,7 @@ std::vector<TileAddress> Layer::addresses() const {
   return out;
 }
 
-void Layer::forEachTile(const Posts& posts, const std::function<void(const Tile&)>& f) const {
+void Layer::forEachTile(const Posts& posts, const std::function<void(TileAddress, const Tile&)>& f) const {
   if (posts.empty() || empty()) return;
   constexpr int kCellShift = kTileBits + kBlockBits + kCellBits, kBlockShift = kTileBits + kBlockBits;
   const auto inCell = [&](CellAddress at, const Cell& cell) {
@@ -170,7 +170,8 @@ void Layer::forEachTile(const Posts& posts, const std::function<void(const Tile&
         const auto [l0, l1] = within(posts.z0, posts.z1, (at.j << kCellBits) + j, kTileBits, kBlockBits);
         for (std::int64_t l = l0; l <= l1; ++l)
           for (std::int64_t k = k0; k <= k1; ++k)
-            if (const auto& tile = (*block)[static_cast<std::size_t>((l << kBlockBits) | k)]) f(*tile);
+            if (const auto& tile = (*block)[static_cast<std::size_t>((l << kBlockBits) | k)])
+              f({(((at.i << kCellBits) + i) << kBlockBits) + k, (((at.j << kCellBits) + j) << kBlockBits) + l}, *tile);
       }
   };
   const std::int64_t i0 = posts.x0 >> kCellShift, i1 = (posts.x1 - 1) >> kCellShift, j0 = posts.z0 >> kCellShift,

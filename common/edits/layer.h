@@ -44,7 +44,7 @@ class Layer {
   bool empty() const { return tiles_ == 0; }
   std::vector<TileAddress> addresses() const;  // ascending
   // Those that meet the posts.
-  void forEachTile(const Posts& posts, const std::function<void(const Tile&)>& f) const;
+  void forEachTile(const Posts& posts, const std::function<void(TileAddress, const Tile&)>& f) const;
   // Equal for layers with equal ground, whatever made them.
   std::uint64_t hash() const;
 

@@ -113,6 +113,10 @@ std::uint64_t contentHash(const Terrain& terrain) {
 
 std::string_view prelude() { return embedded::prelude; }
 std::string_view shading() { return embedded::shading; }
+
+std::string_view beforeEdited() { return embedded::edited_before; }
+
+std::string edited() { return std::string(embedded::edited).append(embedded::raster_cubic).append(embedded::material_color); }
 std::string_view glslAsCpp() { return embedded::glsl_as_cpp; }
 std::string_view batch() { return embedded::batch; }
 

@@ -75,6 +75,10 @@ std::uint64_t contentHash(const Terrain& terrain);
 std::string_view prelude();
 std::string_view shading();
 
+// GLSL before and after a terrain's source that adds edits to its heights and colours (edited.glsl says what it needs).
+std::string_view beforeEdited();
+std::string edited();
+
 // The texts around a terrain file that is compiled at run time (common/user_terrain): GLSL as C++ before prelude(), the loop over points
 // after the file.
 std::string_view glslAsCpp();

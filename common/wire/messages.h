@@ -17,8 +17,8 @@
 namespace ridgecast::wire {
 
 inline constexpr std::uint32_t kProtocolVersion = 1;
-// Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over; 4: edits.
-inline constexpr std::uint32_t kRevision = 4;
+// Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over; 4: edits; 5: their posts.
+inline constexpr std::uint32_t kRevision = 5;
 
 using lattice::Candidate;
 using settings::Figures;
@@ -128,8 +128,20 @@ struct Edit {
   std::string operation;  // edits::fromJson
 };
 
+// Where has the ground changed? Answered by FoundEdits.
+struct FindEdits {
+  lattice::Point at;
+  double radius = 0;        // metres: which squares within it have edits; 0: none are named
+  std::uint64_t since = 0;  // an edit
+};
+
+// Squares of posts (edits::Square) that the client would like to hold.
+struct WantSquares {
+  std::vector<terrain::TileAddress> squares;
+};
+
 using ClientMessage = std::variant<Hello, PoseMessage, Acknowledge, ResendLeaves, Resume, AskClock, SetClock, ClockStep, StepDone, Query,
-                                   AskGround, WantTiles, ChangeSettings, PassOver, Edit>;
+                                   AskGround, WantTiles, ChangeSettings, PassOver, Edit, FindEdits, WantSquares>;
 
 struct World {
   std::uint32_t protocolVersion = kProtocolVersion;
@@ -255,6 +267,21 @@ struct Edited {
   std::vector<MadeEdit> edits;  // numbers ascend by 1
 };
 
+struct FoundEdits {
+  std::uint64_t edit = 0;                     // the last that it knows
+  std::vector<lattice::Area> changed;         // since FindEdits::since
+  std::vector<terrain::TileAddress> squares;  // that have edits, the nearest first
+};
+
+struct Square {
+  terrain::TileAddress address;
+  std::vector<std::uint8_t> rises, materials;  // edits::encode
+};
+struct Squares {
+  std::uint64_t edit = 0;  // the last that they know
+  std::vector<Square> squares;
+};
+
 struct HeightTile {
   terrain::TileAddress address;
   std::vector<std::uint8_t> samples;    // terrain::encodeTile
@@ -271,7 +298,7 @@ struct Granted {
 
 struct UnknownKind {};  // of a later revision: to be ignored
 
-using ServerMessage =
-    std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles, Granted, EditAnswer, Edited, UnknownKind>;
+using ServerMessage = std::variant<World, Iteration, ErrorMessage, Members, Clock, Answer, Ground, HeightTiles, Granted, EditAnswer, Edited,
+                                   FoundEdits, Squares, UnknownKind>;
 
 }  // namespace ridgecast::wire

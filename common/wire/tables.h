@@ -180,11 +180,19 @@ TABLE(Edit,
     FIELD(key, key, Text{kMaxEditKeyBytes}),
     FIELD(operation, operation, Bytes{kMaxClientMessageBytes}));
 
+TABLE(FindEdits,
+    FIELD(x, at.x, kPlace),
+    FIELD(z, at.z, kPlace),
+    FIELD(radius, radius, Range{0.0, kMaxReach, "m"}),
+    FIELD(since, since));
+
+TABLE(WantSquares, FIELD(squares, squares, Entries{kMaxSquares}));
+
 TABLE(ClientMessage,
     KIND(hello, Hello), KIND(pose, PoseMessage), KIND(acknowledge, Acknowledge), KIND(resend_leaves, ResendLeaves), KIND(resume, Resume),
     KIND(ask_clock, AskClock), KIND(set_clock, SetClock), KIND(step, ClockStep), KIND(step_done, StepDone), KIND(query, Query),
     KIND(ask_ground, AskGround), KIND(want_tiles, WantTiles), SETTINGS(change_settings, ChangeSettings), KIND(pass_over, PassOver),
-    KIND(edit, Edit));
+    KIND(edit, Edit), KIND(find_edits, FindEdits), KIND(want_squares, WantSquares));
 
 // ---- server to client ----
 
@@ -338,6 +346,18 @@ TABLE(Edited,
       return true;
     }));
 
+TABLE(Area, FIELD(x0, x0, kEdge), FIELD(z0, z0, kEdge), FIELD(x1, x1, kEdge), FIELD(z1, z1, kEdge));
+TABLE(FoundEdits,
+    FIELD(edit, edit),
+    FIELD(changed, changed, Entries{kMaxFoundAreas}),
+    FIELD(squares, squares, Entries{kMaxFoundSquares}));
+
+TABLE(Square,
+    FIELD(address, address),
+    FIELD(rises, rises, Bytes{terrain::kMaxTileBytes}),
+    FIELD(materials, materials, Bytes{terrain::kMaxTileBytes}));
+TABLE(Squares, FIELD(edit, edit), FIELD(squares, squares, Entries{kMaxSquares}));
+
 TABLE(HeightTile,
     FIELD(address, address),
     FIELD(samples, samples, Bytes{terrain::kMaxTileBytes}),
@@ -352,6 +372,7 @@ TABLE(ServerMessage,
     KIND(ground, Ground),
     KIND(edit_answer, EditAnswer),
     KIND(edited, Edited, Encoded{&kMaxSmallMessageBytes}),
+    KIND(found_edits, FoundEdits), KIND(squares, Squares),
     KIND(height_tiles, HeightTiles), SETTINGS(granted, Granted));
 
 }  // namespace ridgecast::wire

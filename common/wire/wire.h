@@ -47,9 +47,14 @@ inline constexpr std::size_t kMaxQueries = 64;        // of one client that are 
 inline constexpr std::size_t kMaxGrounds = 4;         // the same
 inline constexpr std::uint32_t kMaxSpacing = 65'536;  // steps
 inline constexpr std::size_t kMaxEditKeyBytes = 64;
-inline constexpr std::size_t kMaxEdits = 64;       // of one client that are not answered
-inline constexpr std::size_t kMaxMadeEdits = 256;  // of an Edited
-inline constexpr double kMaxReach = 1e5;           // metres
+inline constexpr std::size_t kMaxEdits = 64;           // of one client that are not answered
+inline constexpr std::size_t kMaxMadeEdits = 256;      // of an Edited
+inline constexpr std::size_t kMaxSquares = 64;         // of one WantSquares or Squares
+inline constexpr std::size_t kMaxWantedSquares = 256;  // that are not answered yet
+inline constexpr std::size_t kMaxFinds = 4;            // of one client that are not answered
+inline constexpr std::size_t kMaxFoundSquares = 4096;  // of a FoundEdits
+inline constexpr std::size_t kMaxFoundAreas = 64;      // of a FoundEdits
+inline constexpr double kMaxReach = 1e5;               // metres
 
 // Whether a session's name can be one: 1..kMaxSessionBytes of [A-Za-z0-9._-].
 bool sessionNameIsValid(std::string_view name);

@@ -33,7 +33,9 @@ constexpr std::array<Kind, std::variant_size_v<wire::ClientMessage>> kKinds{{{"h
                                                                              {"request for tiles", false},
                                                                              {"change of settings", true},
                                                                              {"request to pass over", true},
-                                                                             {"edit", true}}};
+                                                                             {"edit", true},
+                                                                             {"question for edits", true},
+                                                                             {"request for squares", true}}};
 
 constexpr std::size_t kBytesACandidate = 15;  // approximately
 
@@ -137,6 +139,24 @@ Conversation::Refusal Conversation::take(const wire::WantTiles& request) {
   return {};
 }
 
+Conversation::Refusal Conversation::take(const wire::FindEdits& find) {
+  if (!terms_.sendsEdits) return ErrorMessage{ErrorCode::kInvalid, "Edits were asked for, but this world's terrain is private."};
+  if (finds_.size() >= wire::kMaxFinds)
+    return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxFinds) +
+                                               " questions for edits wait: send the next when an answer has arrived."};
+  finds_.push_back(find);
+  return {};
+}
+
+Conversation::Refusal Conversation::take(const wire::WantSquares& request) {
+  if (!terms_.sendsEdits) return ErrorMessage{ErrorCode::kInvalid, "Squares were requested, but this world's terrain is private."};
+  if (squares_.size() + request.squares.size() > wire::kMaxWantedSquares)
+    return ErrorMessage{ErrorCode::kLimit,
+                        "More than " + std::to_string(wire::kMaxWantedSquares) + " squares wait to be sent; request fewer at a time."};
+  squares_.insert(squares_.end(), request.squares.begin(), request.squares.end());
+  return {};
+}
+
 Conversation::Refusal Conversation::take(const wire::ChangeSettings& change) {
   if (!lockstep_) changes_.clear();
   if (changes_.size() >= kMaxQueuedPoses)
@@ -160,7 +180,10 @@ void Conversation::groundChanged() {
 bool Conversation::hasWork(std::size_t queuedBytes) const {
   if (!runs()) return stage_ == Stage::kExpectsWorld;
   if (queuedBytes > terms_.maxQueuedBytes) return false;
-  if (!tiles_.empty()) return true;
+  return !tiles_.empty() || hasEdits() || hasIteration();
+}
+
+bool Conversation::hasIteration() const {
   if (!replica_.hasRoom()) return false;
   if (lockstep_) return !poses_.empty();
   return !poses_.empty() || (pose_.sequence != 0 && (!atRest_ || !changes_.empty() || replica_.owes()));
@@ -181,6 +204,19 @@ Work Conversation::next(std::size_t queuedBytes) {
     tiles_.erase(tiles_.begin(), end);
     return work;
   }
+  if (hasEdits() && !(editsWait_ && hasIteration())) {
+    editsWait_ = true;
+    if (!finds_.empty()) {
+      const wire::FindEdits find = finds_.front();
+      finds_.pop_front();
+      return find;
+    }
+    const auto end = squares_.begin() + static_cast<std::ptrdiff_t>(std::min(squares_.size(), kSquaresAtOnce));
+    SendSquares work{{squares_.begin(), end}};
+    squares_.erase(squares_.begin(), end);
+    return work;
+  }
+  editsWait_ = false;
   isForGround_ = std::exchange(groundIsNew_, false) && !isForGround_;
   owesAnswer_ = isForGround_ || !poses_.empty();
   if (!poses_.empty() && !isForGround_) {

@@ -40,7 +40,7 @@ namespace ridgecast::conversation {
 
 inline constexpr std::size_t kMaxQueuedPoses = 64;  // lock-step: poses, and changes of settings, waiting for their iteration
 inline constexpr int kMostUnsent = 16;              // a mesh without a binding budget is at rest after 10 to 20 iterations
-inline constexpr std::size_t kTilesAtOnce = 16;
+inline constexpr std::size_t kTilesAtOnce = 16, kSquaresAtOnce = 4;
 inline constexpr std::uint32_t kMostForGround = 512;  // vertices that an iteration for new ground inserts
 // After n bytes of leaves that were requested again, no other such leaf is sent for n / kRepairBytesPerSecond.
 inline constexpr std::uint64_t kRepairBytesPerSecond = 1u << 20;
@@ -53,6 +53,7 @@ struct Terms {
   std::optional<terrain::RasterShape> heightMap;  // its tiles may be requested
   // Of leaves sent again, on all connections of this client.
   std::shared_ptr<SharedBudget> repairs = std::make_shared<SharedBudget>(kRepairBytesPerSecond);
+  bool sendsEdits = true;  // the posts of edited ground may be requested
 };
 
 // What to do next.
@@ -60,12 +61,15 @@ struct Greet {};  // send the world, then call greeted()
 struct SendTiles {
   std::vector<terrain::TileAddress> tiles;
 };
+struct SendSquares {
+  std::vector<terrain::TileAddress> squares;
+};
 struct Iterate {
   wire::PoseMessage pose;
   std::optional<wire::Settings> granted;    // apply from this iteration on; tell the client first
   std::optional<std::uint32_t> insertions;  // at most, from this iteration on
 };
-using Work = std::variant<std::monostate, Greet, SendTiles, Iterate>;
+using Work = std::variant<std::monostate, Greet, SendTiles, wire::FindEdits, SendSquares, Iterate>;
 
 // Not thread-safe.
 class Conversation {
@@ -119,10 +123,14 @@ class Conversation {
   }
   Refusal take(const wire::Resume& resume);
   Refusal take(const wire::WantTiles& request);
+  Refusal take(const wire::FindEdits& find);
+  Refusal take(const wire::WantSquares& request);
   Refusal take(const wire::ChangeSettings& change);
   Refusal take(const auto&) { return {}; }
   Refusal outOfPlace(const wire::ClientMessage& message) const;
   bool hasWork(std::size_t queuedBytes) const;
+  bool hasIteration() const;
+  bool hasEdits() const { return !finds_.empty() || !squares_.empty(); }
 
   const Terms terms_;
   Stage stage_ = Stage::kExpectsHello;
@@ -130,15 +138,18 @@ class Conversation {
   wire::Settings granted_;
   bool lockstep_ = false;
   std::uint64_t lastSequence_ = 0;
-  std::deque<wire::PoseMessage> poses_;     // lock-step: at most kMaxQueuedPoses; free: at most one, the newest
-  std::deque<Change> changes_;              // as poses_
-  std::deque<terrain::TileAddress> tiles_;  // requested, at most wire::kMaxWantedTiles; sent before the next iteration
-  wire::PoseMessage pose_;                  // sequence 0: none yet
-  bool owesAnswer_ = false;                 // the current iteration is sent even if it changes nothing
-  bool atRest_ = true;                      // nothing to do before another pose
-  bool groundIsNew_ = false;                // since the last iteration
-  bool isForGround_ = false;                // the current iteration: poses wait, but for one iteration only
-  int unsent_ = 0;                          // iterations before the first one sent to a reconnecting client
+  std::deque<wire::PoseMessage> poses_;       // lock-step: at most kMaxQueuedPoses; free: at most one, the newest
+  std::deque<Change> changes_;                // as poses_
+  std::deque<terrain::TileAddress> tiles_;    // requested, at most wire::kMaxWantedTiles; sent before the next iteration
+  std::deque<wire::FindEdits> finds_;         // at most wire::kMaxFinds; answered in turn with iterations
+  std::deque<terrain::TileAddress> squares_;  // at most wire::kMaxWantedSquares; the same
+  bool editsWait_ = false;                    // the last work was theirs
+  wire::PoseMessage pose_;                    // sequence 0: none yet
+  bool owesAnswer_ = false;                   // the current iteration is sent even if it changes nothing
+  bool atRest_ = true;                        // nothing to do before another pose
+  bool groundIsNew_ = false;                  // since the last iteration
+  bool isForGround_ = false;                  // the current iteration: poses wait, but for one iteration only
+  int unsent_ = 0;                            // iterations before the first one sent to a reconnecting client
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;
   Pace pace_;

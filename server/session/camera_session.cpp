@@ -6,7 +6,9 @@
 #include <optional>
 #include <utility>
 
+#include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
+#include "common/edits/square.h"
 #include "common/wire/wire.h"
 #include "server/memory/memory.h"
 
@@ -56,6 +58,7 @@ conversation::Terms termsOf(const Session& session, const CameraPlace& place) {
                             {place.budgets, &place.budgets->repairs}};
   const auto terrain = session.terrain();
   if (const terrain::Raster* raster = terrain->raster(); raster && limits.sendsTerrain) terms.heightMap = raster->shape();
+  terms.sendsEdits = limits.sendsTerrain;
   return terms;
 }
 
@@ -384,6 +387,35 @@ void CameraSession::work(const conversation::SendTiles& wanted) {
   {
     const std::lock_guard lock(mutex_);
     conversation_.sent(message, session_->resources().timer->now());
+  }
+  sender_->send(std::move(message));
+}
+
+void CameraSession::work(const wire::FindEdits& find) {
+  auto [ground, changed] = session_->edits().since(find.since);
+  wire::FoundEdits message{ground.edit, std::move(changed), {}};
+  if (const auto layer = edits::layerOf(*ground.terrain); layer && find.radius > 0)
+    message.squares = edits::squaresAround(*layer, find.at, find.radius, wire::kMaxFoundSquares);
+  {
+    const std::lock_guard lock(mutex_);
+    conversation_.sent(12 * message.squares.size() + 32 * message.changed.size(), session_->resources().timer->now());
+  }
+  sender_->send(std::move(message));
+}
+
+void CameraSession::work(const conversation::SendSquares& wanted) {
+  const auto ground = session_->ground();
+  const auto layer = edits::layerOf(*ground.terrain);
+  wire::Squares message{ground.edit, {}};
+  std::size_t bytes = 0;
+  for (const terrain::TileAddress address : wanted.squares) {
+    edits::SquareBytes square = layer ? edits::encode(edits::squareOf(*layer, address)) : edits::SquareBytes();
+    bytes += square.rises.size() + square.materials.size() + 16;
+    message.squares.push_back({address, std::move(square.rises), std::move(square.materials)});
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    conversation_.sent(bytes, session_->resources().timer->now());
   }
   sender_->send(std::move(message));
 }

@@ -65,6 +65,8 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   void work(std::monostate) {}
   void work(const conversation::Greet&);
   void work(const conversation::SendTiles& wanted);
+  void work(const wire::FindEdits& find);
+  void work(const conversation::SendSquares& wanted);
   void work(const conversation::Iterate& order);
   void workOnCopy();
   std::vector<lattice::Area> followGround();  // the mesh, if there were edits; returns where it changed

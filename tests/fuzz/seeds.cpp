@@ -122,6 +122,8 @@ void serverSeeds() {
   write("server", framed<M>({wire::Members{{{7, wire::Role::kSensor, "seed", moved}, {8, wire::Role::kViewer, "", {}}}, {moved}, {9}}}));
   write("server", framed<M>({wire::Clock{wire::ClockMode::kStepped, 0, 5, 7, 1, {7, 8}, 2, "seed"}}));
   write("server", framed<M>({wire::EditAnswer{1, 2, ""}, wire::Edited{{{3, "ann", R"({"edit":2,"op":"undo"})", {-256, 0, 256, 512}}}}}));
+  write("server",
+        framed<M>({wire::FoundEdits{3, {{-256, 0, 256, 512}}, {{1, -2}}}, wire::Squares{3, {{{1, -2}, {0x30, 2, 0, 9}, {0x30}}}}}));
   write("server", framed<M>({wire::Answer{1, {1.5f}, {0, 1, 0}, {-1, 2}}}));
   write("server", framed<M>({wire::Ground{1, 0.5, {wholeOf(support::terrainLike(random, 2, 1))}}}));
   for (int n : {1, 2, 5}) {

@@ -15,6 +15,7 @@
 
 #include "client/connection/connection.h"
 #include "client/query/ground.h"
+#include "client/replica/client.h"
 #include "client/replica/follower.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
@@ -162,6 +163,53 @@ TEST_F(EditsTest, AreNumberedAndInEverybodysGround) {
   float own = 0;
   base->heights(query.x, query.z, {&own, 1});
   EXPECT_EQ(b.connection().ask(query).get()->heights[0], own);
+}
+
+// Whoever draws asks for the posts alone, and has the server's ground.
+TEST_F(EditsTest, PostsThatAreFetchedGiveTheServersGround) {
+  Member editor(port(), "ann");
+  const auto client = replica::Client::open({"127.0.0.1", std::to_string(port()), "default"}, wire::Hello{});
+  ASSERT_TRUE(client) << client.error().message;
+  scene::HeldEdits held((*client)->world().horizon);
+  held.moveTo({0, 0});
+  camera::Camera camera;
+  camera.pose.y = base->height({0, 0}) + 60;
+  std::uint64_t sequence = 0;
+  const auto follow = [&](std::uint64_t edit) {
+    const auto deadline = Time::now() + kTimeout;
+    camera.pose.yaw += 0.01;
+    for (sequence = (*client)->send(camera); Time::now() < deadline;) {
+      const auto update = (*client)->receive(10ms);
+      const auto exchanged = (*client)->exchangeEdits(held);
+      ASSERT_TRUE(exchanged) << exchanged.error().message;
+      if (held.complete() && directory->find("default")->ground().edit == edit && held.known() == edit) return;
+    }
+    FAIL() << "the edits did not come";
+  };
+  follow(0);
+  EXPECT_EQ(held.version(), 0u);
+  std::mt19937_64 random(9);
+  std::uint64_t edit = 0;
+  for (const char* const operation :
+       {R"({"op":"crater","x":10,"z":-80,"radius":20,"depth":6,"material":"earth"})",
+        R"({"op":"road","line":[[-150,0],[0,60],[900,40]],"width":8,"material":"asphalt"})",
+        R"({"op":"level","x":-90,"z":-60,"radius":30,"height":300})", R"({"op":"smooth","x":0,"z":50,"radius":30})",
+        R"({"op":"undo","edit":1})", R"({"op":"undo","edit":3})"}) {
+    const auto made = editor.edit(operation);
+    ASSERT_TRUE(made) << made.error().message;
+    ASSERT_EQ(made->number, ++edit);
+    follow(edit);
+    const auto theirs = directory->find("default")->terrain();
+    const edits::EditedTerrain mine(base, held.layer());
+    for (int k = 0; k < 5000; ++k) {
+      const lattice::Point p{static_cast<Step>(random() % m(1200)) - m(250), static_cast<Step>(random() % m(400)) - m(200)};
+      float a = 0, b = 0;
+      mine.heights({&p.x, 1}, {&p.z, 1}, {&a, 1});
+      theirs->heights({&p.x, 1}, {&p.z, 1}, {&b, 1});
+      ASSERT_EQ(a, b) << operation;
+      ASSERT_EQ(held.layer()->materialAt(p), dynamic_cast<const edits::EditedTerrain&>(*theirs).layer()->materialAt(p));
+    }
+  }
 }
 
 TEST_F(EditsTest, WhoeverComesLateOrWasAwayHoldsTheSame) {

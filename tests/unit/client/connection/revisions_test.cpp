@@ -48,7 +48,7 @@ TEST(Revisions, ALaterServersNewsAreIgnored) {
 TEST(Revisions, AnEarlierServerIsNotToldWhatItDoesNotKnow) {
   const auto kindOf = [](const wire::ClientMessage& m) { return m.index(); };
   const std::vector<std::size_t> since{kindOf(wire::PoseMessage{}), kindOf(wire::Query{}), kindOf(wire::ChangeSettings{}),
-                                       kindOf(wire::PassOver{}), kindOf(wire::Edit{})};
+                                       kindOf(wire::PassOver{}),    kindOf(wire::Edit{}),  kindOf(wire::FindEdits{})};
   for (std::uint32_t revision = 0; revision <= wire::kRevision; ++revision) {
     std::promise<std::set<std::size_t>> kinds;
     RawServer server([&](RawConnection& peer) {
@@ -73,6 +73,7 @@ TEST(Revisions, AnEarlierServerIsNotToldWhatItDoesNotKnow) {
     connection->change({.threshold = 2});
     connection->passOver(7);
     connection->edit({});
+    connection->find({});
     connection->send({.sequence = 1, .camera = {}});
     EXPECT_EQ(kinds.get_future().get(), std::set(since.begin(), since.begin() + revision + 1)) << revision;
     if (revision == 0) expectContains(answer.get().error().message, "is of a version that answers no queries");

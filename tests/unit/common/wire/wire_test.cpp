@@ -393,6 +393,25 @@ TEST(WireRefuses, TooMuch) {
   EXPECT_NE(messageOf(decodeServer(bytesOf(half + half))).find("Iteration.gone must be at most 65,536"), std::string::npos);
 }
 
+TEST(Wire, PostsOfEditsSurvive) {
+  const FindEdits find = roundTrip(FindEdits{{-5, lattice::kMaxPosition}, 33'500, 7});
+  EXPECT_EQ(find.at, (lattice::Point{-5, lattice::kMaxPosition}));
+  EXPECT_EQ(find.radius, 33'500);
+  EXPECT_EQ(find.since, 7u);
+  const FoundEdits found = roundTrip(FoundEdits{9, {{-1, -2, 3, 4}}, {{-7, 8}, {0, 0}}});
+  EXPECT_EQ(found.edit, 9u);
+  EXPECT_EQ(found.changed, (std::vector<lattice::Area>{{-1, -2, 3, 4}}));
+  EXPECT_EQ(found.squares, (std::vector<terrain::TileAddress>{{-7, 8}, {0, 0}}));
+  EXPECT_EQ(roundTrip(WantSquares{{{-7, 8}}}).squares, (std::vector<terrain::TileAddress>{{-7, 8}}));
+  const Squares squares = roundTrip(Squares{9, {{{-7, 8}, {1, 2}, {3}}, {{1, 1}, {}, {}}}});
+  EXPECT_EQ(squares.edit, 9u);
+  ASSERT_EQ(squares.squares.size(), 2u);
+  EXPECT_EQ(squares.squares[0].rises, (std::vector<std::uint8_t>{1, 2}));
+  EXPECT_EQ(squares.squares[0].materials, (std::vector<std::uint8_t>{3}));
+  EXPECT_FALSE(decodeClient(bytesOf(encode(ClientMessage(FindEdits{{}, 2 * kMaxReach, 0})))));
+  EXPECT_FALSE(decodeServer(bytesOf(encode(ServerMessage(Squares{1, {{{}, std::vector<std::uint8_t>(terrain::kMaxTileBytes + 1), {}}}})))));
+}
+
 // Entries that protobuf could not even parse: the refusal names the list, so it was counted before anything was built.
 TEST(WireRefuses, TooManyEntriesBeforeTheyAreBuilt) {
   const auto nested = [](const std::string& tag, const std::string& content) {
@@ -412,6 +431,7 @@ TEST(WireRefuses, TooManyEntriesBeforeTheyAreBuilt) {
        std::vector<std::pair<std::string, std::string>>{{"ResendLeaves.leaves", nested("\x22", list("\x0a", kMaxResendLeaves))},
                                                         {"Resume.leaves", nested("\x2a", list("\x0a", kMaxResumeLeaves))},
                                                         {"Rays.rays", nested("\x52", nested("\x22", list("\x0a", kMaxRays)))},
+                                                        {"WantSquares.squares", nested("\xca\x01", list("\x0a", kMaxSquares))},
                                                         {"WantTiles.tiles", nested(far, list("\x0a", kMaxTiles))}}) {
     const auto decoded = decodeClient(bytesOf(bytes));
     ASSERT_FALSE(decoded) << name;
@@ -424,6 +444,9 @@ TEST(WireRefuses, TooManyEntriesBeforeTheyAreBuilt) {
                                                         {"Members.joined", nested("\x22", list("\x0a", kMaxMembers))},
                                                         {"Members.moved", nested("\x22", list("\x12", kMaxMembers))},
                                                         {"Ground.leaves", nested("\x3a", list("\x1a", kMaxIterationLeaves))},
+                                                        {"FoundEdits.changed", nested("\x52", list("\x12", kMaxFoundAreas))},
+                                                        {"FoundEdits.squares", nested("\x52", list("\x1a", kMaxFoundSquares))},
+                                                        {"Squares.squares", nested("\x5a", list("\x12", kMaxSquares))},
                                                         {"HeightTiles.tiles", nested(far, list("\x0a", kMaxTiles))}}) {
     const auto decoded = decodeServer(bytesOf(bytes));
     ASSERT_FALSE(decoded) << name;

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "common/mesh/leaf_mesh.h"
+#include "common/wire/wire.h"
 
 namespace ridgecast::conversation {
 namespace {
@@ -53,7 +54,7 @@ TEST(Conversation, EveryMessageHasItsPlace) {
   const std::vector<wire::ClientMessage> all{pose(1),          wire::Acknowledge{}, wire::ResendLeaves{}, wire::Resume{},
                                              wire::AskClock{}, wire::SetClock{},    wire::ClockStep{},    wire::StepDone{},
                                              wire::Query{},    wire::AskGround{},   wire::WantTiles{},    wire::ChangeSettings{},
-                                             wire::PassOver{}};
+                                             wire::PassOver{}, wire::FindEdits{},   wire::WantSquares{}};
   for (const wire::ClientMessage& message : all) {
     Conversation fresh(terms());
     const auto refusal = fresh.receive(message, Time{});
@@ -70,6 +71,41 @@ TEST(Conversation, EveryMessageHasItsPlace) {
     Conversation later = running();
     EXPECT_FALSE(later.receive(message, Time{})) << message.index();
   }
+}
+
+// Edits and iterations take turns, so that neither waits for all of the other.
+TEST(Conversation, EditsComeInTurnWithIterationsAndAreBounded) {
+  Conversation c = running();
+  const Leaves leaves{leaf(0, 1)};
+  ASSERT_FALSE(c.receive(wire::FindEdits{{}, 100, 0}, Time{}));
+  ASSERT_FALSE(c.receive(wire::WantSquares{std::vector<terrain::TileAddress>(9)}, Time{}));
+  EXPECT_TRUE(c.due(0));
+  ASSERT_FALSE(c.receive(pose(1), Time{}));
+  EXPECT_TRUE(std::holds_alternative<wire::FindEdits>(c.next(0)));
+  std::vector<std::size_t> sizes;
+  int iterations = 0;
+  for (bool wasIteration = false; c.due(0); wasIteration = !wasIteration) {
+    const auto work = c.next(0);
+    if (const auto* squares = std::get_if<SendSquares>(&work)) {
+      sizes.push_back(squares->squares.size());
+      continue;
+    }
+    ASSERT_TRUE(std::holds_alternative<Iterate>(work));
+    ++iterations;
+    c.iterated(leaves, sizes.size() >= 3);
+    if (sizes.size() < 3) ASSERT_FALSE(c.receive(pose(static_cast<std::uint64_t>(iterations) + 1), Time{}));
+  }
+  EXPECT_EQ(sizes, (std::vector<std::size_t>{4, 4, 1}));
+  EXPECT_GE(iterations, 3);
+  for (int k = 0; k < 4; ++k) ASSERT_FALSE(c.receive(wire::WantSquares{std::vector<terrain::TileAddress>(64)}, Time{}));
+  EXPECT_THAT(c.receive(wire::WantSquares{std::vector<terrain::TileAddress>(1)}, Time{})->message, HasSubstr("More than 256 squares wait"));
+  for (std::size_t k = 0; k < wire::kMaxFinds; ++k) ASSERT_FALSE(c.receive(wire::FindEdits{}, Time{}));
+  EXPECT_THAT(c.receive(wire::FindEdits{}, Time{})->message, HasSubstr("More than 4 questions for edits wait"));
+  Terms secret = terms();
+  secret.sendsEdits = false;
+  Conversation closed = running(hello(), secret);
+  EXPECT_THAT(closed.receive(wire::FindEdits{}, Time{})->message, HasSubstr("private"));
+  EXPECT_THAT(closed.receive(wire::WantSquares{}, Time{})->message, HasSubstr("private"));
 }
 
 // A new pose may take long: everybody sees an edit first.
