@@ -15,10 +15,12 @@
 #include "client/evaluation/popping.h"
 #include "client/exit/exit.h"
 #include "client/render/context.h"
+#include "client/render/edit_texture.h"
 #include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
 #include "client/replica/client.h"
 #include "common/camera/path.h"
+#include "common/edits/edited_terrain.h"
 #include "common/settings/settings.h"
 
 namespace ridgecast::evaluation {
@@ -61,7 +63,9 @@ class Measurer final : flight::Observer {
         client_(client),
         scene_(client.scene()),
         terrain_(std::move(drawer.drawing.terrain)),
+        edited_(terrain_),
         window_(std::move(drawer.drawing.window)),
+        edits_(client.world().horizon),
         renderer_(std::move(drawer.renderer)),
         recorder_(std::move(recorder)),
         flight_(
@@ -109,12 +113,16 @@ class Measurer final : flight::Observer {
     return {};
   }
 
-  // Waits for a height map's tiles around the camera, so that the same flight gives the same pictures.
-  Outcome<void> fetchTiles(lattice::Point p) {
-    window_->moveTo(p);
-    for (const auto began = Clock::now(); !window_->complete();) {
-      auto exchanged = client_.exchangeTiles(*window_);
+  // Waits for a height map's tiles and for edits around the camera, so that the same flight gives the same pictures.
+  Outcome<void> fetchGround(lattice::Point p) {
+    if (!terrain_) return {};
+    edits_.moveTo(p);
+    if (window_) window_->moveTo(p);
+    for (const auto began = Clock::now();;) {
+      auto exchanged = client_.exchangeEdits(edits_);
+      if (exchanged && window_) exchanged = client_.exchangeTiles(*window_);
       if (!exchanged) return exchanged.error();
+      if (edits_.complete() && (!window_ || window_->complete())) break;
       const auto lost = client_.connection()->error();
       if (lost && options_.realtime) break;  // it comes back
       if (lost) return *lost;
@@ -123,14 +131,22 @@ class Measurer final : flight::Observer {
         return Error{"the server has not sent the heights around the camera for " + std::to_string(kTilesTimeout / 1s) + " s"};
       std::this_thread::sleep_for(1ms);
     }
-    texture_->update(*window_, static_cast<std::size_t>(render::HeightTexture::kTiles * render::HeightTexture::kTiles));
+    if (window_) texture_->update(*window_, static_cast<std::size_t>(render::HeightTexture::kTiles * render::HeightTexture::kTiles));
+    editTexture_.update(edits_, p, scene::HeldEdits::kMostHeld);
+    if (std::exchange(editsSeen_, edits_.version()) == edits_.version()) return {};
+    edited_ = std::make_shared<edits::EditedTerrain>(terrain_, edits_.layer());
+    lastMarch_ = References{1};
     return {};
   }
 
+  Outcome<void> fetchGroundHere() {
+    const camera::Pose& pose = flight_.camera().pose;
+    return fetchGround({pose.x, pose.z});
+  }
+
   Outcome<double> ground(lattice::Point p) {
-    if (window_)
-      if (auto fetched = fetchTiles(p); !fetched) return fetched.error();
-    return terrain_ && (!window_ || window_->knows(p)) ? terrain_->height(p) : scene_.height(p).value_or(0);
+    if (auto fetched = fetchGround(p); !fetched) return fetched.error();
+    return terrain_ && (!window_ || window_->knows(p)) ? edited_->height(p) : scene_.height(p).value_or(0);
   }
 
   render::View view(std::uint32_t width = 0, std::uint32_t height = 0) const {
@@ -139,18 +155,17 @@ class Measurer final : flight::Observer {
     if (width > 0) view.camera.projection.width = width;
     if (height > 0) view.camera.projection.height = height;
     view.horizon = client_.world().horizon;
-    view.edited = edited_;
     if (!terrain_) return view;
-    const render::HeightBounds bounds = render::boundsAround(*terrain_, {view.camera.pose.x, view.camera.pose.z}, view.horizon);
+    const render::HeightBounds bounds = render::boundsAround(*edited_, {view.camera.pose.x, view.camera.pose.z}, view.horizon);
     view.lowest = bounds.lowest;
     view.highest = bounds.highest;
     view.heights = texture_ ? &*texture_ : nullptr;
+    view.edits = &editTexture_;
     return view;
   }
 
   Outcome<void> iterated(const replica::Update& update, double t, double latencyMs) override {
     const wire::Iteration& i = update.iteration;
-    edited_ = i.edit > 0;
     IterationResult result{
         i.number,      i.poseSequence, t,         i.figures,    update.milliseconds, latencyMs, scene_.triangles(), i.whole.size(),
         i.gone.size(), update.bytes,   i.settled, !update.wrong};
@@ -194,6 +209,7 @@ class Measurer final : flight::Observer {
     earlierReconnections_ += client_.connection().reconnections();
     if (auto entered = client_.enterOtherWorld(); !entered) return entered;
     terrain_.reset();  // before what it is drawn with
+    edited_.reset();
     auto drawer = Drawer::create(client_.world(), options_.remoteShaders);
     if (!drawer) return drawer.error();
     terrain_ = std::move(drawer->drawing.terrain);
@@ -201,6 +217,8 @@ class Measurer final : flight::Observer {
     renderer_ = std::move(drawer->renderer);
     texture_.reset();
     if (window_) texture_.emplace(window_->shape());
+    edited_ = terrain_;
+    edits_ = scene::HeldEdits(client_.world().horizon);
     lastMarch_ = References{1};
     states_.clear();
     lost_ = false;
@@ -225,6 +243,7 @@ class Measurer final : flight::Observer {
 
   Outcome<void> takePicture(const std::string& name, bool atRest) {
     ++pictures_;
+    if (auto fetched = fetchGroundHere(); !fetched) return fetched.error();
     // Where the terrain is not known there is nothing to compare with.
     if (!terrain_) return recorder_.meshPicture(name, renderer_, scene_, view(), options_.supersample);
     auto compared = recorder_.picture(
@@ -267,7 +286,8 @@ class Measurer final : flight::Observer {
     if (!options_.exportFile.empty() && !exported_)
       if (auto written = exportMesh(); !written) return written;
     if (options_.atRest) {
-      if (auto measured = options_.atRest({renderer_, scene_, view(), terrain_.get(), recorder_.summary().isSettled}); !measured)
+      if (auto fetched = fetchGroundHere(); !fetched) return fetched;
+      if (auto measured = options_.atRest({renderer_, scene_, view(), edited_.get(), recorder_.summary().isSettled}); !measured)
         return measured;
     } else if (options_.pictures) {
       if (auto drawn = takePicture("settled", true); !drawn) return drawn;
@@ -301,16 +321,18 @@ class Measurer final : flight::Observer {
   const FlyOptions& options_;
   replica::Client& client_;
   const scene::Scene& scene_;
-  std::shared_ptr<const terrain::Terrain> terrain_;
-  std::shared_ptr<scene::HeightWindow> window_;  // of a height map; otherwise null
+  std::shared_ptr<const terrain::Terrain> terrain_, edited_;  // edited_: with edits_
+  std::shared_ptr<scene::HeightWindow> window_;               // of a height map; otherwise null
   std::optional<render::HeightTexture> texture_;
+  scene::HeldEdits edits_;
+  std::uint64_t editsSeen_ = 0;
+  render::EditTexture editTexture_;
   render::Renderer renderer_;
   Recorder recorder_;
   References lastMarch_{1};  // the picture at rest often is where the last one was
   flight::Flight flight_;
   const double pictureEvery_;
   double nextPicture_;
-  bool edited_ = false;  // the ground, as of the last iteration
   bool exported_ = false, resting_ = false, lost_ = false;
   std::uint64_t pictures_ = 0, earlierBytes_ = 0, earlierReconnections_ = 0;  // earlier: in worlds that were left
   std::vector<render::Morph::Leaves> states_;                                 // of the standing camera, when popping is measured

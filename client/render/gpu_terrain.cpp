@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "client/render/edit_texture.h"
 #include "client/render/gl_objects.h"
 #include "client/render/height_texture.h"
 #include "client/render/surface.h"
@@ -29,10 +30,11 @@ void main() {
 
 class GpuTerrain final : public terrain::Terrain {
  public:
-  GpuTerrain(std::string name, const TerrainText& text, const HeightTexture* heights, Program program)
+  GpuTerrain(std::string name, const TerrainText& text, const HeightTexture* heights, const EditTexture* edits, Program program)
       : name_(std::move(name)),
         text_(text),
         window_(heights),
+        edits_(edits),
         program_(std::move(program)),
         result_(GL_RGBA32F, kSide, kSide),
         points_(makeTexture(GL_RGBA32I, kSide, kSide)) {}
@@ -65,6 +67,7 @@ class GpuTerrain final : public terrain::Terrain {
     glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, kSide, rows, GL_RGBA_INTEGER, GL_INT, texels.data());
     program_.set("viewSeed", text_.seed);
     if (window_) window_->bind(program_);
+    EditTexture::bind(edits_, program_);
     program_.drawFullScreen();
     std::vector<float> drawn(static_cast<std::size_t>(rows) * kSide);
     glPixelStorei(GL_PACK_ALIGNMENT, 4);
@@ -75,6 +78,7 @@ class GpuTerrain final : public terrain::Terrain {
   std::string name_;
   TerrainText text_;
   const HeightTexture* window_;
+  const EditTexture* edits_;
   Program program_;
   Target result_;
   GlObject points_;
@@ -82,10 +86,11 @@ class GpuTerrain final : public terrain::Terrain {
 
 }  // namespace
 
-Outcome<std::shared_ptr<const terrain::Terrain>> gpuTerrain(std::string name, const TerrainText& text, const HeightTexture* heights) {
+Outcome<std::shared_ptr<const terrain::Terrain>> gpuTerrain(std::string name, const TerrainText& text, const HeightTexture* heights,
+                                                            const EditTexture* edits) {
   auto program = buildTerrainProgram("heights", text, kHeights);
   if (!program) return program.error();
-  return std::shared_ptr<const terrain::Terrain>(std::make_shared<GpuTerrain>(std::move(name), text, heights, std::move(*program)));
+  return std::shared_ptr<const terrain::Terrain>(std::make_shared<GpuTerrain>(std::move(name), text, heights, edits, std::move(*program)));
 }
 
 }  // namespace ridgecast::render

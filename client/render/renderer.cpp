@@ -16,7 +16,7 @@ namespace ridgecast::render {
 HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre, double radius) {
   if (const terrain::Raster* raster = terrain.raster()) {
     const terrain::RasterBounds bounds = terrain::boundsOf(raster->shape());
-    return {bounds.lowest, bounds.highest};
+    return withEdits({bounds.lowest, bounds.highest}, terrain.edits(), centre, radius);
   }
   constexpr double kMargin = 400;
   constexpr lattice::Step kSpacing = 128 << lattice::kStepBits;
@@ -34,7 +34,20 @@ HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre
     low = std::min(low, *least);
     high = std::max(high, *greatest);
   }
-  return {low - kMargin, high + kMargin};
+  return withEdits({low - kMargin, high + kMargin}, terrain.edits(), centre, radius);
+}
+
+HeightBounds withEdits(HeightBounds own, const terrain::Raster* edits, lattice::Point centre, double radius) {
+  if (!edits) return own;
+  terrain::RasterShape shape = edits->shape();
+  const auto reach = static_cast<lattice::Step>(radius * lattice::kStepsPerMetre);
+  const auto post = [&](lattice::Step v) { return terrain::between(v, 0, shape.pitch).sample; };
+  const std::int64_t x = post(centre.x - reach), z = post(centre.z - reach);
+  const auto range = edits->range(x, z, post(centre.x + reach) - x + 1, post(centre.z + reach) - z + 1);
+  shape.lowest = range.lowest;
+  shape.highest = range.highest;
+  const terrain::RasterBounds rise = terrain::boundsOf(shape);
+  return {own.lowest + std::min(0.0, rise.lowest), own.highest + std::max(0.0, rise.highest)};
 }
 
 double Renderer::processMilliseconds() {

@@ -20,11 +20,13 @@
 namespace ridgecast::render {
 
 // Bounds of the terrain's heights within `radius` metres around a point: sampled every 128 m, with a margin of 400 m for what lies between.
-// A height map's are those of all its samples.
+// A height map's are those of all its samples. With the terrain's edits, if it has any.
 struct HeightBounds {
   double lowest = 0, highest = 0;
 };
 HeightBounds boundsAround(const terrain::Terrain& terrain, lattice::Point centre, double radius);
+// Bounds of the ground with these edits, where `own` are those of the terrain's.
+HeightBounds withEdits(HeightBounds own, const terrain::Raster* edits, lattice::Point centre, double radius);
 
 // What draws a world. Error: a shader that the driver does not compile.
 struct Passes {

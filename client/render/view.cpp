@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 
+#include "client/render/edit_texture.h"
 #include "client/render/height_texture.h"
 #include "common/lattice/lattice.h"
 #include "common/shaders/shaders.h"
@@ -24,8 +25,11 @@ View supersampled(const View& view, std::uint32_t n) {
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main) {
   std::string noise(terrain::prelude());
   if (terrain.raster) noise += HeightTexture::accessor(terrain.draped);
-  const std::array<Program::Piece, 5> pieces = {{{"noise", noise},
+  const std::string edited = terrain.neutral ? "" : terrain::edited();
+  const std::array<Program::Piece, 7> pieces = {{{"noise", noise},
+                                                 {"edits' names", terrain.neutral ? "" : terrain::beforeEdited()},
                                                  {"terrain", terrain.neutral ? shaders::neutral_terrain : std::string_view(terrain.source)},
+                                                 {"edits", edited},
                                                  {"shading", terrain::shading()},
                                                  {"view", shaders::view},
                                                  {what, main}}};
@@ -56,7 +60,7 @@ void setView(const Program& program, const View& view, std::uint32_t seed) {
   program.set("viewSize", static_cast<float>(projection.width), static_cast<float>(projection.height));
   program.set("viewSeed", seed);
   program.set("viewFiltered", view.filtered ? 1.0f : 0.0f);
-  program.set("viewEdited", view.edited ? 1.0f : 0.0f);
+  EditTexture::bind(view.edits, program);
   if (view.heights) view.heights->bind(program);
 }
 

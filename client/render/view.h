@@ -12,6 +12,7 @@
 
 namespace ridgecast::render {
 
+class EditTexture;
 class HeightTexture;
 
 struct View {
@@ -19,10 +20,10 @@ struct View {
   double horizon = 0;     // metres from the camera at which both renderings end
   // Colours as seen by samples of the picture's width; otherwise point-sampled, with aliasing.
   bool filtered = true;
-  bool edited = false;  // members have changed the ground: where the mesh is elsewhere than the terrain's function says, the mesh is right
   // Bounds of the terrain within the horizon, so that the ray march can skip air. Metres, absolute; the defaults are always valid.
   double lowest = -131072, highest = 131072;
   const HeightTexture* heights = nullptr;  // for a height map's text: its known samples; outlives the view
+  const EditTexture* edits = nullptr;      // what members have made of the ground; the same
 };
 
 // The camera with n x n samples for each pixel.
@@ -38,7 +39,7 @@ struct TerrainText {
   bool draped = false;   // and a picture lies on it
 };
 
-// A full-screen program of version line, terrain prelude, terrain, shading, view.glsl and `main`.
+// A full-screen program of version line, terrain prelude, terrain with edits around it, shading, view.glsl and `main`.
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main);
 
 // Sets the uniforms of view.glsl; the program must be in use.

@@ -1,8 +1,10 @@
 #pragma once
-// What this client knows of the terrain itself: its function, or the tiles of a height map around the camera. Main thread only.
+// What this client knows of the ground itself: the terrain's function, or the tiles of a height map around the camera, and what members
+// have made of it. Main thread only.
 
 #include <optional>
 
+#include "client/render/edit_texture.h"
 #include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
 #include "client/render/renderer.h"
@@ -18,15 +20,21 @@ class Ground {
   bool hasFunction() const { return terrain_ != nullptr; }
   // Metres, of the mesh where the terrain is not known; empty if neither is.
   std::optional<double> height(lattice::Point p) const;
-  // Fetches the tiles around the camera. Whether the samples used for drawing have changed.
+  // Fetches tiles and edits around the camera. Whether what is drawn has changed.
   bool follow(lattice::Point camera);
   double knownReach() const { return tiles_ ? tiles_->knownReach() : 0; }  // metres; 0: everywhere
   render::View view(const camera::Camera& camera);
 
  private:
   replica::Client& client_;
+  bool followEdits(lattice::Point camera);
+
   std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here
-  std::shared_ptr<scene::HeightWindow> tiles_;       // of a height map, the same terrain; otherwise null
+  scene::HeldEdits edits_;
+  std::uint64_t editsSeen_ = 0;
+  std::shared_ptr<const terrain::Terrain> edited_;  // terrain_ with these edits
+  render::EditTexture editTexture_;
+  std::shared_ptr<scene::HeightWindow> tiles_;  // of a height map, the same terrain; otherwise null
   std::optional<render::HeightTexture> texture_;
   std::optional<lattice::Point> boundsAt_;
   render::HeightBounds bounds_;

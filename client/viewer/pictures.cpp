@@ -35,10 +35,9 @@ render::Structure Pictures::structure(const Stream& stream, const ViewerState& s
   return structure;
 }
 
-Outcome<bool> Pictures::update(render::View view, const Stream& stream, ViewerState& state, bool newHeights) {
-  view.edited = state.statistics.edit > 0;
+Outcome<bool> Pictures::update(const render::View& view, const Stream& stream, ViewerState& state, bool newHeights) {
   mesh_.setSmooth(state.smooth);
-  mesh_.setCorrected(state.corrected && !view.edited);  // the terrain's function knows of no edits
+  mesh_.setCorrected(state.corrected);
   const Lines& l = state.lines;
   const bool aged = l.borders == Borders::kAge && stream.ages().moving(nowInSeconds()) && Clock::now() - structured_ > kAgeInterval;
   const std::tuple now(state.mode == Mode::kDifference, l.wireframe, l.borders, l.frozen, l.candidates ? stream.candidates() : nullptr,

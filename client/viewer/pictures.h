@@ -17,7 +17,7 @@ class Pictures {
   Pictures(const Pictures&) = delete;
   // Brings up to date what the mode shows. Returns whether there is something new. `newHeights`: the heights below the view have changed.
   // Error: the window is larger than the driver can draw.
-  Outcome<bool> update(render::View view, const Stream& stream, ViewerState& state, bool newHeights);
+  Outcome<bool> update(const render::View& view, const Stream& stream, ViewerState& state, bool newHeights);
   // Whether an update with nothing new would draw finer.
   bool refining(Mode mode) const { return mode != Mode::kMesh && !march_.isFinest(); }
   // Whether the pictures shown are final.

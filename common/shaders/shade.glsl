@@ -64,14 +64,7 @@ vec3 shadeGround(vec4 s, float range) {
     return shadeThroughAir(albedo * shadePlainLight(normal), direction, range);
   }
 #endif
-  vec3 normal;
-  if (viewEdited > 0.0 && abs(viewCameraY + s.y - height) > 0.1 + 2.0 * viewFootprint(dot(s.xyz, viewForward))) {
-    // Members have changed the ground here, of which the terrain's function knows nothing: the mesh's own shape counts.
-    height = viewCameraY + s.y;
-    normal = shadeMeshNormal(s.xyz);
-  } else {
-    normal = terrainNormal(cell, fraction, footprint, viewSeed);
-  }
+  vec3 normal = terrainNormal(cell, fraction, footprint, viewSeed);
   return shadeGroundAt(cell, fraction, height, normal, footprint, direction, range, viewHorizon, viewSeed);
 #endif
 }

@@ -10,7 +10,6 @@ uniform vec2 viewSize;         // of the picture, in samples
 uniform float viewHorizon;     // metres
 uniform uint viewSeed;
 uniform float viewFiltered;    // 1 or 0
-uniform float viewEdited;      // 1 or 0: the ground is no longer all the terrain's
 
 // Where an offset from the camera lies; metres, x and z.
 void viewLocate(vec2 offset, out ivec2 cell, out vec2 fraction) {
