@@ -62,8 +62,8 @@ export interface Figures {
   iteration: number;
   triangles: number;
   leaves: number;
-  settled: boolean; // for the newest pose that the engine has
-  edited: boolean; // the mesh knows of edits, the terrain's function does not
+  settled: boolean; // for the newest pose that the engine has, with all edits around it
+  edit: number; // the last that the mesh knows; 0: none
   pose: number; // that one's
   changes: number; // that the painter was given, since the page began
   hashOk: boolean;
@@ -107,9 +107,20 @@ export interface Candidates {
   threshold: number; // pixels: the error that one becomes a vertex for
 }
 
+/** Posts that edits have raised: 128 x 128, each 16 x its rise + its material (common/terrain/edited.glsl). */
+export interface EditSquare {
+  key: string;
+  i: number; // sides
+  j: number;
+  posts: Int32Array;
+  lowest: number; // of the rises, and 0: steps
+  highest: number;
+}
+
 export type ToPainterFromEngine =
   | { kind: 'world'; source: string; seed: number; horizon: number }
   | { kind: 'change'; gone: string[]; fresh: LeafBuffers[]; clear: boolean }
+  | { kind: 'squares'; gone: string[]; fresh: EditSquare[] } // taken as changes are
   | { kind: 'candidates'; candidates: Candidates | undefined };
 
 /** The painter has taken a change: the engine acknowledges only then, so that changes never pile up here. */
@@ -126,7 +137,6 @@ export interface Look {
   nodes: boolean;
   candidates: boolean;
   corrected: boolean; // the mesh onto the true surface, where its function is known and a picture stays within its time
-  edited: boolean; // members have changed the ground: where the mesh is elsewhere than the terrain's function says, the mesh is right
 }
 
 export type ToPainter =

@@ -6,7 +6,8 @@ import type { Iteration, World } from '../generated/ridgecast/v1/stream_pb';
 import type { Figures, FromEngine, ToEngine } from '../messages';
 import { Replica } from '../replica/replica';
 import { touch } from '../scene/touch';
-import { Held, Loss, Settings, Socket, Stream, takesEdits } from '../stream/stream';
+import { Held, Loss, Settings, Socket, Stream, takesEdits, tellsEdits } from '../stream/stream';
+import { HeldEdits } from './held_edits';
 import { MemberList } from './member_list';
 import { PainterPort } from './painter_port';
 import { Poses } from './poses';
@@ -47,6 +48,8 @@ export class Engine {
   private candidates = 0; // of the last iteration
   private bytes = 0;
   private figures: Figures | undefined;
+  private edits: HeldEdits | undefined; // of a world that tells them
+  private meshIsSettled = false;
 
   constructor(
     private readonly tell: (message: FromEngine) => void,
@@ -65,6 +68,7 @@ export class Engine {
         this.poses.newest = message.camera;
         this.poses.number = message.number;
         this.poses.add(this.stream?.pose(message.camera) ?? 0n);
+        this.followEdits();
         return this.tellGround();
       case 'candidates':
         return this.wantCandidates(message.wanted);
@@ -116,6 +120,14 @@ export class Engine {
           if (clock.notice.length > 0) this.tell({ kind: 'notice', sentence: text(clock.notice) });
         },
         onEditAnswer: ({ id, number, refusal }) => this.tell({ kind: 'edit answer', id: Number(id), number: Number(number), refusal: text(refusal) }),
+        onFoundEdits: (found) => {
+          this.edits?.found(found);
+          this.followEdits();
+        },
+        onSquares: (squares) => {
+          this.edits?.put(squares);
+          this.followEdits();
+        },
         onLost: (loss) => this.lost(loss),
       },
     );
@@ -133,6 +145,9 @@ export class Engine {
     const held = this.replica!.resume(world, this.stream!);
     if (held.length === 0) this.painter.clear();
     const source = world.heightMap ? '' : text(world.terrainSource); // which needs samples that the page does not ask for
+    this.forgetEdits();
+    this.edits = source && tellsEdits(world) ? new HeldEdits(world.horizon) : undefined;
+    this.edits?.know(world.edit);
     this.painter.send({ kind: 'world', source, seed: world.seed, horizon: world.horizon });
     this.tell({
       kind: 'world',
@@ -152,6 +167,7 @@ export class Engine {
   private take(iteration: Iteration, bytes: number): void {
     const began = performance.now(), { scene, totals } = this.replica!;
     const applied = this.replica!.apply(iteration);
+    this.edits?.know(iteration.edit);
     this.bytes += bytes;
     this.showCandidates(iteration); // before the change, which the painter counts
     this.painter.show(applied, applied.acknowledge);
@@ -160,8 +176,8 @@ export class Engine {
       iteration: Number(iteration.number),
       triangles: scene.triangles,
       leaves: scene.leaves.size,
-      settled: iteration.settled && applied.agrees && this.poses.allAnswered,
-      edited: iteration.edit > 0n,
+      settled: (this.meshIsSettled = iteration.settled && applied.agrees && this.poses.allAnswered) && this.hasAllEdits,
+      edit: Number(iteration.edit),
       pose: this.poses.number,
       changes: this.painter.changes,
       hashOk: applied.agrees,
@@ -172,7 +188,29 @@ export class Engine {
       decodeMs: performance.now() - began,
       latencyMs,
     });
+    this.followEdits();
     this.tellGround();
+  }
+
+  /** Asks for what is lacking of the edits around the camera, and hands over what has come. */
+  private followEdits(): void {
+    const { edits, stream } = this, { newest } = this.poses;
+    if (!edits || !stream || !newest) return;
+    edits.moveTo(newest.x, newest.z);
+    const { find, want } = edits.take();
+    if (find) stream.findEdits(find.x, find.z, find.radius, find.since);
+    if (want.length > 0) stream.wantSquares(want);
+    const { fresh, gone } = edits.changes();
+    if (fresh.length > 0 || gone.length > 0) this.painter.showSquares(gone, fresh);
+    const { figures, painter } = this, settled = this.meshIsSettled && this.hasAllEdits;
+    if (figures && (figures.changes !== painter.changes || figures.settled !== settled)) this.tellFigures({ ...figures, changes: painter.changes, settled });
+  }
+  private get hasAllEdits(): boolean {
+    return this.edits?.complete ?? true;
+  }
+  private forgetEdits(): void {
+    const held = this.edits?.all ?? [];
+    if (held.length > 0) this.painter.showSquares(held, []);
   }
 
   private lost(loss: Loss): void {

@@ -1,7 +1,7 @@
 // The engine's end of its port to the painter: leaves as buffers, and what is to happen when the painter has taken them.
 
 import { keyOf } from '../codec/mesh';
-import type { FromPainterToEngine, ToPainterFromEngine } from '../messages';
+import type { EditSquare, FromPainterToEngine, ToPainterFromEngine } from '../messages';
 import type { Change } from '../scene/scene';
 
 export class PainterPort {
@@ -23,15 +23,21 @@ export class PainterPort {
   show(change: Change, taken: () => void): void {
     let at = 0;
     const fresh = change.fresh.map(({ address, triangles, low, high }) => ({ key: keyOf(address), address, corners: change.corners.subarray(at, (at += 9 * triangles)), low, high }));
-    this.change({ kind: 'change', gone: change.gone.map(keyOf), fresh, clear: false }, taken, [change.corners.buffer as ArrayBuffer]);
+    this.change({ kind: 'change', gone: change.gone.map(keyOf), fresh, clear: false }, [change.corners], taken);
+  }
+  showSquares(gone: string[], fresh: EditSquare[]): void {
+    this.change({ kind: 'squares', gone, fresh }, fresh.map((square) => square.posts));
   }
   clear(): void {
-    this.change({ kind: 'change', gone: [], fresh: [], clear: true }, () => {});
+    this.change({ kind: 'change', gone: [], fresh: [], clear: true }, []);
   }
 
-  private change(message: Extract<ToPainterFromEngine, { kind: 'change' }>, taken: () => void, transfer: Transferable[] = []): void {
+  private change(message: ToPainterFromEngine, arrays: readonly Int32Array[], taken: () => void = () => {}): void {
     this.untaken.push(taken);
     ++this.changes;
-    this.send(message, transfer);
+    this.send(
+      message,
+      arrays.map((array) => array.buffer as ArrayBuffer),
+    );
   }
 }

@@ -1,6 +1,7 @@
 // What the terrain's own functions say of the ground of one world: the height somewhere, and between which heights the ray march has to look.
 
 import { FloatType, NearestFilter, RGBAFormat, WebGLRenderTarget, type WebGLRenderer } from 'three';
+import type { Edits } from './edits';
 import type { Pose, ViewUniforms } from './view';
 import type { WorldPrograms } from './world_programs';
 
@@ -9,13 +10,14 @@ const BOUNDS_MARGIN = 4000; // metres that the camera may fly before it is looke
 const HEIGHT_MARGIN = 400; // metres for what lies between the samples
 
 export class Heights {
-  private bounds: Pose | undefined; // where it was looked last
+  private bounds: { at: Pose; low: number; high: number } | undefined; // of the heights there, where it was looked last
   private looking = false;
 
   constructor(
     private readonly renderer: WebGLRenderer,
     private readonly uniforms: ViewUniforms,
     private readonly programs: WorldPrograms,
+    private readonly edits: Edits,
     private readonly horizon: number,
   ) {}
 
@@ -28,7 +30,7 @@ export class Heights {
     return this.bounds !== undefined;
   }
   boundsAreDue(at: Pose): boolean {
-    return !this.looking && (!this.bounds || Math.hypot(at.x - this.bounds.x, at.z - this.bounds.z) > BOUNDS_MARGIN * 256);
+    return !this.looking && (!this.bounds || Math.hypot(at.x - this.bounds.at.x, at.z - this.bounds.at.z) > BOUNDS_MARGIN * 256);
   }
   async findBounds(at: Pose): Promise<void> {
     this.looking = true;
@@ -37,13 +39,19 @@ export class Heights {
       if (!heights) return;
       let low = Infinity, high = -Infinity;
       for (let k = 0; k < heights.length; k += 4) (low = Math.min(low, heights[k]!)), (high = Math.max(high, heights[k]!));
-      this.bounds = at;
-      const { own } = this.programs.current; // whoever wants bounds marches
-      own.marchLowest.value = low - HEIGHT_MARGIN;
-      own.marchHighest.value = high + HEIGHT_MARGIN;
+      this.bounds = { at, low, high };
+      this.setBounds();
     } finally {
       this.looking = false;
     }
+  }
+
+  /** What lies between samples of the ground, and edits anywhere, widen the bounds. */
+  setBounds(): void {
+    if (!this.bounds) return;
+    const { own } = this.programs.current, { low, high } = this.bounds, { below, above } = this.edits.bounds; // whoever wants bounds marches
+    own.marchLowest.value = low - HEIGHT_MARGIN + below;
+    own.marchHighest.value = high + HEIGHT_MARGIN + above;
   }
 
   /** Of each point of a grid four numbers, the first its height; `spacing` in metres. */

@@ -5,6 +5,7 @@ import { LinearSRGBColorSpace, NoToneMapping, WebGLRenderer } from 'three';
 import type { FromPainter, FromPainterToEngine, Look, ToPainter, ToPainterFromEngine } from '../messages';
 import { Card, Part } from './card';
 import { Dots } from './dots';
+import { Edits } from './edits';
 import { Heights } from './heights';
 import { Leaves } from './leaves';
 import { MarchPane, MeshPane, Pane, Tools } from './panes';
@@ -45,11 +46,12 @@ export class Painter {
   private readonly march = new MarchPane();
   private readonly card: Card;
   private readonly renderer: WebGLRenderer;
+  private readonly edits: Edits;
   private readonly presenter: Presenter;
   private world: World | undefined; // the newest
   private readonly neutral: Programs;
   private drawing: { programs: WorldPrograms; heights: Heights } | undefined;
-  private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true, edited: false };
+  private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
   private eye: Pick<View, 'pose' | 'verticalFov' | 'rests'> | undefined;
   private readonly wanted = { size: { width: 1, height: 1 } as Size, resize: false, picture: false, ground: undefined as Pose | undefined };
   private readonly turn = { scheduled: false, marchIsNext: false, shownOf: '' }; // in 'split' panes take turns; the look and the pictures that are shown
@@ -73,6 +75,7 @@ export class Painter {
     this.card = new Card(gl);
     this.renderer = rendererOn(canvas, gl);
     this.presenter = new Presenter(this.renderer);
+    this.edits = new Edits(this.renderer, this.uniforms);
     this.neutral = new Programs('', this.uniforms);
     void this.neutral.compile(['shade'], this.renderer); // before the world arrives
     canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver started anew, or memory ran out). Reload the page.', true));
@@ -93,7 +96,6 @@ export class Painter {
         break;
       case 'look':
         this.look = message.look;
-        this.uniforms.all.viewEdited.value = message.look.edited ? 1 : 0;
         break;
       case 'ground':
         this.wanted.ground = message.pose;
@@ -111,10 +113,16 @@ export class Painter {
       this.dots.set(message.candidates);
     } else {
       ++this.heard.changes;
-      this.leaves.apply(message.gone, message.fresh, message.clear);
+      if (message.kind === 'squares') this.takeSquares(message);
+      else this.leaves.apply(message.gone, message.fresh, message.clear);
       this.engine.postMessage({ kind: 'taken' } satisfies FromPainterToEngine);
     }
     this.schedule();
+  }
+
+  private takeSquares({ fresh, gone }: Extract<ToPainterFromEngine, { kind: 'squares' }>): void {
+    this.edits.apply(fresh, gone);
+    this.drawing?.heights.setBounds();
   }
 
   private problem(sentence: string, fatal: boolean): void {
@@ -133,7 +141,7 @@ export class Painter {
     this.march.dispose();
     uniforms.all.viewSeed.value = next.seed;
     const programs = new WorldPrograms(next.source, uniforms, this.neutral, renderer, { changed: () => this.schedule(), complain: (sentence) => this.problem(sentence, false) });
-    this.drawing = { programs, heights: new Heights(renderer, uniforms, programs, next.horizon) };
+    this.drawing = { programs, heights: new Heights(renderer, uniforms, programs, this.edits, next.horizon) };
     this.schedule();
   }
 
@@ -158,6 +166,7 @@ export class Painter {
     this.compileMore();
     if (!this.eye || (!this.leaves.areThere && !this.mesh.shown && !this.shows(this.march))) return;
     this.resize();
+    this.edits.moveTo(this.eye.pose);
     const view: View = { ...this.eye, ...this.wanted.size, horizon: this.world.horizon };
     const now = performance.now();
     const { parts, more } = this.drawPortions(view, now);
@@ -203,11 +212,11 @@ export class Painter {
     return pane === this.march ? this.wants(pane) && this.drawing!.programs.canMarch : this.wants(pane) || !this.march.shown;
   }
   private get wantsCorrection(): boolean {
-    return this.look.corrected && !this.look.edited && this.look.mode !== 'march' && this.drawing!.programs.mayCorrect;
+    return this.look.corrected && this.look.mode !== 'march' && this.drawing!.programs.mayCorrect;
   }
   private get tools(): Tools {
-    const { renderer, uniforms, leaves } = this, { programs } = this.drawing!;
-    return { renderer, uniforms, leaves, programs: programs.current, canCorrect: this.wantsCorrection && programs.canCorrect };
+    const { renderer, uniforms, leaves, edits } = this, { programs } = this.drawing!;
+    return { renderer, uniforms, leaves, edits, programs: programs.current, canCorrect: this.wantsCorrection && programs.canCorrect };
   }
 
   private drawPortions(view: View, now: number): { parts: Part[]; more: boolean } {

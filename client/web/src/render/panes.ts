@@ -5,6 +5,7 @@
 
 import { FloatType, LinearFilter, NearestFilter, RGBAFormat, WebGLRenderTarget, WebGLRenderer } from 'three';
 import type { Look } from '../messages';
+import type { Edits } from './edits';
 import type { Rectangle } from './full_screen';
 import type { Leaves } from './leaves';
 import type { Programs } from './programs';
@@ -46,6 +47,7 @@ export interface Tools {
   uniforms: ViewUniforms;
   programs: Programs;
   leaves: Leaves;
+  edits: Pick<Edits, 'version'>;
   canCorrect: boolean; // the mesh is to be corrected, and can be
 }
 
@@ -277,8 +279,8 @@ export class MeshPane extends Pane {
   constructor() {
     super(true, new Rate(5e-3, 4096)); // pessimistic until it was measured
   }
-  override ofNow({ leaves, programs }: Tools, { wireframe, nodes }: Look): string {
-    return `${leaves.version} ${programs.isNeutral} ${wireframe} ${nodes}`;
+  override ofNow({ leaves, edits, programs }: Tools, { wireframe, nodes }: Look): string {
+    return `${leaves.version} ${edits.version} ${programs.isNeutral} ${wireframe} ${nodes}`;
   }
   protected override costBefore(): number {
     return this.perMesh.each;
@@ -340,8 +342,8 @@ export class MarchPane extends Pane {
   constructor() {
     super(false, new Rate(3e-2));
   }
-  override ofNow(): string {
-    return '';
+  override ofNow({ edits }: Tools): string {
+    return `${edits.version}`;
   }
   protected override costBefore(view: View): number {
     return Skyline.columnsOf(view) * view.height * this.perSkyline.each;

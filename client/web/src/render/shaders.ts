@@ -2,7 +2,11 @@
 // around the terrain's own functions, which arrive with the world.
 
 import { COARSEST_LEVEL, LEVELS_IN_GLSL } from './colours';
+import edited from '../../../../common/terrain/edited.glsl?raw';
+import editedBefore from '../../../../common/terrain/edited_before.glsl?raw';
+import materialColor from '../../../../common/terrain/material_color.glsl?raw';
 import prelude from '../../../../common/terrain/prelude.glsl?raw';
+import rasterCubic from '../../../../common/terrain/raster_cubic.glsl?raw';
 import shading from '../../../../common/terrain/shading.glsl?raw';
 import correct from '../../../../common/shaders/correct.glsl?raw';
 import dots from '../../../../common/shaders/dots.glsl?raw';
@@ -90,6 +94,7 @@ void main() { colour = vec4(texture(picture, gl_FragCoord.xy / windowSize).rgb, 
 
 /** The programs that hold the terrain's functions; an empty source is a world whose text is private. */
 export function terrainShaders(source: string): { skyline: string; march: string; correct: string; shade: string; heights: string } {
-  const around = (main: string): string => `${HEAD}${prelude}\n${source || neutralTerrain}\n${shading}\n${view}\n${main}`;
+  const terrain = source ? `${editedBefore}\n${source}\n${edited}\n${rasterCubic}\n${materialColor}` : neutralTerrain;
+  const around = (main: string): string => `${HEAD}${prelude}\n${terrain}\n${shading}\n${view}\n${main}`;
   return { skyline: around(`#define SKYLINE\n${march}`), march: around(march), correct: around(correct), shade: around(`${OVERLAY}${source ? '' : '#define SHADE_NEUTRAL\n'}${shade}`), heights: around(HEIGHTS) };
 }

@@ -1,5 +1,7 @@
 // What a picture shows: a camera in a world, as the shaders take it. Positions are split into whole cells, whole steps and a remainder.
 
+import type { Texture } from 'three';
+
 export const STEPS_PER_METRE = 256;
 const CELL = 2 ** 20; // steps
 
@@ -59,7 +61,10 @@ export class ViewUniforms {
     viewHorizon: { value: 1 },
     viewSeed: { value: 0 },
     viewFiltered: { value: 1 },
-    viewEdited: { value: 0 },
+    editsTable: { value: null as Texture | null },
+    editsPosts: { value: null as Texture | null },
+    editsCell: { value: [0, 0] },
+    editsHeld: { value: 0 },
     remainder: { value: [0, 0, 0] },
   };
 

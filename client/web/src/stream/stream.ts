@@ -2,7 +2,7 @@
 // Comes back by itself after a loss, waiting longer after each failure and by chance.
 
 import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
-import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Clock, EditAnswer, EditSchema, Error_Code, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, Settings as WireSettings, SettingsSchema, StepDoneSchema, World } from '../generated/ridgecast/v1/stream_pb';
+import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Clock, EditAnswer, EditSchema, Error_Code, FindEditsSchema, FoundEdits, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, Settings as WireSettings, SettingsSchema, Squares, StepDoneSchema, WantSquaresSchema, World } from '../generated/ridgecast/v1/stream_pb';
 import { LeafAddress, Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
@@ -57,6 +57,9 @@ export interface Listener {
   onClock?(clock: Clock): void;
   /** What became of edit(). */
   onEditAnswer?(answer: EditAnswer): void;
+  /** The answers to findEdits() and wantSquares(). */
+  onFoundEdits?(found: FoundEdits): void;
+  onSquares?(squares: Squares): void;
 }
 
 /** Why there is no connection. */
@@ -81,6 +84,8 @@ const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 const wireAddress = (a: LeafAddress): { level: number; i: bigint; j: bigint } => ({ level: a.level, i: BigInt(a.i), j: BigInt(a.j) });
 
 export const takesEdits = (world: World): boolean => world.revision >= 4;
+/** Whether a world tells the posts of its edits: not where the terrain is private. */
+export const tellsEdits = (world: World): boolean => world.revision >= 5 && world.terrainSource.length > 0;
 
 export class Stream {
   private socket: Socket | undefined;
@@ -148,6 +153,14 @@ export class Stream {
     if (this.world && takesEdits(this.world)) this.send({ case: 'edit', value: create(EditSchema, { id: BigInt(id), key: bytes(key), operation: bytes(operation) }) });
   }
 
+  /** Only where the world tellsEdits(). */
+  findEdits(x: number, z: number, radius: number, since: bigint): void {
+    this.send({ case: 'findEdits', value: create(FindEditsSchema, { x: BigInt(x), z: BigInt(z), radius, since }) });
+  }
+  wantSquares(squares: { i: bigint; j: bigint }[]): void {
+    this.send({ case: 'wantSquares', value: create(WantSquaresSchema, { squares }) });
+  }
+
   /** All leaves. */
   resend(): void {
     this.send({ case: 'resendLeaves', value: create(ResendLeavesSchema) });
@@ -206,6 +219,8 @@ export class Stream {
       else if (kind.case === 'granted' && this.world) this.listener.onGranted?.(kind.value);
       else if (kind.case === 'clock' && this.world) this.follow(kind.value);
       else if (kind.case === 'editAnswer' && this.world) this.listener.onEditAnswer?.(kind.value);
+      else if (kind.case === 'foundEdits' && this.world) this.listener.onFoundEdits?.(kind.value);
+      else if (kind.case === 'squares' && this.world) this.listener.onSquares?.(kind.value);
       else if (kind.case === 'error') {
         this.why = text(kind.value.message);
         this.final = kind.value.code === Error_Code.VERSION;

@@ -35,7 +35,7 @@ export class Viewer {
   readonly painter: PainterLink;
   private readonly canvas = element<HTMLCanvasElement>('view');
   private readonly place = readPlace(location);
-  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true, edited: false };
+  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
   private readonly hands = new Hands(this.canvas);
   private readonly notices = new Notices();
   private readonly welcome = new Welcome(this.notices);
@@ -324,10 +324,6 @@ export class Viewer {
 
   private showStatistics(): void {
     const { look, flying, engine, painter } = this;
-    if (look.edited !== (engine.figures?.edited ?? false)) {
-      look.edited = !look.edited;
-      this.setLook();
-    }
     this.statistics.show({ look, flying, ground: engine.ground, figures: engine.figures, frames: painter.frames, atRest: this.atRest, others: engine.others.length });
   }
 

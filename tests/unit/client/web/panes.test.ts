@@ -8,7 +8,7 @@ import { MarchPane, MeshPane, Pane, Tools } from '../../../../client/web/src/ren
 import { View, ViewUniforms } from '../../../../client/web/src/render/view';
 
 const FRAME = 16, KNOWN = 33; // ms: of the page, and until it knows that the camera rests
-const LOOK: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true, edited: false };
+const LOOK: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
 
 /** A graphics card: the milliseconds that it takes for a mesh, and for a sample of each kind. */
 class Card {
@@ -31,6 +31,7 @@ class Card {
       renderer: { capabilities: { maxTextureSize: 8192 } },
       uniforms: new ViewUniforms(),
       programs: { isNeutral: false, own, shade, march, skyline },
+      edits: { version: 0 },
       leaves: { version: 1, draw: () => void (this.owed += this.mesh) },
       canCorrect: false,
     } as unknown as Tools;
