@@ -95,7 +95,7 @@ void World::rest() {
       if (member->wantsToConnect()) member->connect();
       if (rests(*member)) continue;
       rest = false;
-      member->insist();
+      if (!hasAll(*member)) member->insist();
     }
     if (rest) return;
     run(100ms);
@@ -179,9 +179,13 @@ std::uint64_t World::history() const {
 
 bool World::canUndoAll() const { return truths_.at(kDefault).counting().size() <= 100; }
 
-bool World::rests(const Member& member) const {
+bool World::hasAll(const Member& member) const {
   const auto session = server_->runs() ? server_->session(member.session()) : nullptr;
-  return session && member.rests(session->ground().edit) && member.knows(session->presence().state());
+  return session && member.rests(session->ground().edit);
+}
+
+bool World::rests(const Member& member) const {
+  return hasAll(member) && member.knows(server_->session(member.session())->presence().state());
 }
 
 Duration World::between(int least, int most) {

@@ -44,8 +44,9 @@ class World {
   std::uint64_t history() const;  // a hash of what members have seen
 
  private:
-  Duration between(int least, int most);  // seconds
-  bool rests(const Member& member) const;
+  Duration between(int least, int most);    // seconds
+  bool hasAll(const Member& member) const;  // of its own
+  bool rests(const Member& member) const;   // and knows of the others
   void admit(std::uint64_t number, lattice::Point site);
 
   void act(const Event& event);
