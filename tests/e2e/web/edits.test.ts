@@ -8,6 +8,7 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { test } from 'node:test';
 import { Viewer, closeAll, launch, missing } from './browser';
+import { decodePng, ssim } from './picture';
 import { Server, needed, sleep } from './server';
 
 const why = missing();
@@ -158,6 +159,40 @@ test('fingers: a tap on the ground', async () => {
   assert.ok(off < expected.distance / 300, `${off} m off`);
   await page.tap('#undo');
   await says(viewer, /^Edit 1 undone\.$/);
+});
+
+test('ray march and corrected mesh show edited ground, as the desktop client does, from the edit on', async (t) => {
+  const small = { width: 160, height: 90 }, at = `&session=shown&terrain=alpine&seed=1`;
+  const viewer = await Viewer.open(browser, `${server.http}/#x=1400&z=3640&y=2690&yaw=-5&pitch=-25&threshold=1&mode=march${at}`, small);
+  const shown = async (what: string, edit: number): Promise<ReturnType<typeof decodePng>> => {
+    await viewer.until(what, (r) => r.drawn && r.figures!.edit === edit);
+    const png = await viewer.picture();
+    return decodePng(png);
+  };
+  const before = await shown('unedited', 0);
+  const made = await fetch(`${server.http}/v1/sessions/shown/edits`, {
+    method: 'POST',
+    headers: { 'Content-Type': 'application/json' },
+    body: JSON.stringify({ op: 'raise', x: 1408, z: 3540, radius: 40, core: 20, by: 30, material: 'asphalt' }),
+  });
+  assert.equal(made.status, 201);
+  const march = await shown('edited', 1);
+  const folder = mkdtempSync(join(tmpdir(), 'ridgecast-shown-')), file = join(folder, 'march.png');
+  const height = ((await (await fetch(`${server.http}/v1/heights?at=1400,3640&session=shown`)).json()) as { heights: number[] }).heights[0]!;
+  const pose = ['--x', '1400', '--z', '3640', '--altitude', String(2690 - height), '--yaw', '-5', '--pitch', '-25', '--size', '160x90', '--supersample', '1'];
+  execFileSync(needed('RIDGECAST_CLIENT'), ['picture', `${server.http.replace('http', 'ws')}?session=shown`, ...pose, '--draw', 'march', '--out', file], { stdio: 'ignore' });
+  const alike = ssim(march, decodePng(readFileSync(file)));
+  rmSync(folder, { recursive: true, force: true });
+  const changed = ssim(march, before);
+  await viewer.page.keyboard.press('Digit1');
+  const mesh = await shown('corrected', 1), corrected = ssim(march, mesh);
+  t.diagnostic(`SSIM of the page's ray march with the desktop client's ${alike.toFixed(4)}, with the one before the edit ${changed.toFixed(4)}, with the corrected mesh ${corrected.toFixed(4)}`);
+  assert.ok(alike > 0.97 && changed < 0.92 && corrected > 0.92);
+  // Undone, it is the picture of before.
+  await fetch(`${server.http}/v1/sessions/shown/edits/1`, { method: 'DELETE' });
+  await viewer.page.keyboard.press('Digit2');
+  assert.ok(ssim(await shown('undone', 2), before) > 0.9999);
+  assert.deepEqual(viewer.complaints, []);
 });
 
 test('who lacks the right is told, and connected still', async () => {
