@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <array>
 
+#include "common/edits/square.h"
+
 namespace ridgecast::render {
 namespace {
 
@@ -78,9 +80,9 @@ bool EditTexture::update(const scene::HeldEdits& edits, lattice::Point camera, s
 // Room for so many squares; a larger texture begins empty. posts_ is bound afterwards.
 void EditTexture::grow(std::size_t squares) {
   if (posts_) glBindTexture(GL_TEXTURE_2D, posts_->name());
-  if (squares <= static_cast<std::size_t>(columns_ * columns_)) return;
+  if (squares <= static_cast<std::size_t>(columns_) * static_cast<std::size_t>(columns_)) return;
   columns_ = std::max(columns_, 4);
-  while (static_cast<std::size_t>(columns_ * columns_) < squares) columns_ *= 2;
+  while (static_cast<std::size_t>(columns_) * static_cast<std::size_t>(columns_) < squares) columns_ *= 2;
   posts_ = makeTexture();
   glBindTexture(GL_TEXTURE_2D, posts_->name());
   for (int level = 0; level < kLevels; ++level)

@@ -14,14 +14,13 @@ namespace {
 constexpr double kSlack = 1500;            // metres that the camera may move before squares are looked for again
 constexpr std::int64_t kMostNamed = 1024;  // squares of a changed area; more are looked for
 
-constexpr lattice::Step kSquare = lattice::Step{1} << edits::kSquareStepBits;
+constexpr lattice::Step kSquare = lattice::Step{1} << edits::kSquareStepBits, kHalf = kSquare / 2;
 
 }  // namespace
 
 double HeldEdits::distance(SquareAddress a) const {
-  return std::hypot(static_cast<double>((2 * a.i + 1) * kSquare / 2 - camera_.x),
-                    static_cast<double>((2 * a.j + 1) * kSquare / 2 - camera_.z)) *
-         lattice::kMetresPerStep;
+  const auto away = [](std::int64_t side, lattice::Step from) { return static_cast<double>(side * kSquare + kHalf - from); };
+  return std::hypot(away(a.i, camera_.x), away(a.j, camera_.z)) * lattice::kMetresPerStep;
 }
 
 void HeldEdits::moveTo(lattice::Point camera) {
