@@ -25,9 +25,12 @@ View supersampled(const View& view, std::uint32_t n) {
 Outcome<Program> buildTerrainProgram(std::string_view what, const TerrainText& terrain, std::string_view main) {
   std::string noise(terrain::prelude());
   if (terrain.raster) noise += HeightTexture::accessor(terrain.draped);
-  const std::string edited = terrain.neutral ? "" : terrain::edited();
-  const std::array<Program::Piece, 7> pieces = {{{"noise", noise},
-                                                 {"edits' names", terrain.neutral ? "" : terrain::beforeEdited()},
+  std::string edited;
+  if (!terrain.neutral) {
+    noise += terrain::beforeEdited();
+    edited = terrain::edited();
+  }
+  const std::array<Program::Piece, 6> pieces = {{{"noise", noise},
                                                  {"terrain", terrain.neutral ? shaders::neutral_terrain : std::string_view(terrain.source)},
                                                  {"edits", edited},
                                                  {"shading", terrain::shading()},
