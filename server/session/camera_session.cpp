@@ -336,8 +336,7 @@ void CameraSession::work(const conversation::Greet&) {
   if (!conversation_.runs()) return;
   session_->use();
   session_->live().add(id_, weak_from_this());
-  sender_->send(worldOf(*session_, granted, id_));
-  session_->presence().join(id_, hello, sender_, conversation_.newestPose());
+  session_->presence().join(id_, hello, sender_, conversation_.newestPose(), worldOf(*session_, granted, id_));
   session_->presence().setBudget(id_, granted.bytesPerSecond);
   told_ = hello.editsAfter;
   tellEdits();

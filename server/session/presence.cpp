@@ -29,7 +29,7 @@ Presence::Presence(const Timer& timer, wire::ClockMode clock, std::shared_ptr<re
 }
 
 void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender,
-                    const std::optional<wire::PoseMessage>& pose) {
+                    const std::optional<wire::PoseMessage>& pose, std::optional<wire::World> world) {
   const std::lock_guard lock(mutex_);
   Entry& entry = entries_[camera];
   entry.member = {camera, hello.role, hello.clientName, {}};
@@ -41,6 +41,7 @@ void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_
     entry.member.moved = wire::Moved{camera, *pose, clock_.time(timer_.now())};
     entry.movedAt = version_;
   }
+  if (world) entry.sender->send(std::move(*world));
   if (entry.wantsClock) {
     clock_.follow(camera);
     sendClock(entry, 0);

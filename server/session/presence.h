@@ -41,8 +41,10 @@ class Presence : public std::enable_shared_from_this<Presence> {
   explicit Presence(const Timer& timer, wire::ClockMode clock = wire::ClockMode::kRealTime,
                     std::shared_ptr<recording::Observer> observer = {});
 
-  // `hello` has its name, role and requests; `pose` is its newest. The world must have been sent.
-  void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose);
+  // `hello` has its name, role and requests; `pose` is its newest. `world` is sent first: whoever has received it is a member, for whom
+  // steps wait. None: it was sent before, or there is no sender.
+  void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose,
+            std::optional<wire::World> world = {});
   void receive(std::uint64_t camera, const wire::PoseMessage& pose);  // unknown cameras are ignored, here and below
   void leave(std::uint64_t camera);
   void setBudget(std::uint64_t camera, std::uint64_t bytesPerSecond);  // 0: none

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <condition_variable>
+#include <future>
 #include <thread>
 
 namespace ridgecast::session {
@@ -102,6 +103,24 @@ TEST_F(PresenceTest, MembersSeeEachOtherComeMoveAndGo) {
   presence->receive(2, pose(2));
   EXPECT_EQ(a->complaint + b->complaint, "");
   EXPECT_FALSE(b->table.contains(2)) << "nobody is told of itself";
+}
+
+// A step that was taken after a client had received its world, and before it was a member, did not wait for it.
+TEST_F(PresenceTest, WhoeverHasTheWorldIsAMember) {
+  struct Entering final : Sender {
+    explicit Entering(const Presence& of) : presence(of) {}
+    void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
+      if (std::holds_alternative<wire::World>(message))
+        members = std::async(std::launch::async, [this] { return presence.state().members.size(); });
+    }
+    std::size_t queuedBytes() const override { return 0; }
+    void fail(wire::ErrorMessage) override {}
+    const Presence& presence;
+    std::future<std::size_t> members;
+  };
+  const auto entering = std::make_shared<Entering>(*presence);
+  presence->join(1, {}, entering, {}, wire::World{});
+  EXPECT_EQ(entering->members.get(), 1u);
 }
 
 TEST_F(PresenceTest, WhoDidNotAskIsToldNothingButIsSeen) {
