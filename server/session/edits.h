@@ -56,8 +56,8 @@ class Edits : public std::enable_shared_from_this<Edits> {
     std::optional<edits::History> history;  // the log's
     std::function<Outcome<std::unique_ptr<edit_log::Log>>()> makeLog;
   };
-  // `changed` is called by the editing task after each change of the ground, `made` by it for each edit that is kept, before anybody has its
-  // ground. `executor` as Resources::executor.
+  // `changed` is called by the editing task after each change of the ground, `made` by it for each edit that is kept, before anybody has
+  // its ground. `executor` as Resources::executor.
   using Made = std::function<void(const MadeEdit&)>;
   Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept,
         Made made = {});

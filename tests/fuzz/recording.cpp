@@ -1,4 +1,5 @@
-// A recording: the file of a part (first byte odd), or the records of a block. Whatever is read can be written, and is read again as it was.
+// A recording: the file of a part (first byte odd), or the records of a block. Whatever is read can be written, and is read again as it
+// was.
 #include <cstdint>
 #include <cstdlib>
 #include <sstream>

@@ -1,6 +1,6 @@
 #pragma once
-// What happens in a simulation, as values: a run is a list of them from a seed. Each brings its own dice for what it does not say, so that it
-// does the same without those before it.
+// What happens in a simulation, as values: a run is a list of them from a seed. Each brings its own dice for what it does not say, so that
+// it does the same without those before it.
 
 #include <cstdint>
 #include <optional>
