@@ -41,7 +41,7 @@ class FourRows {
   template <class Fill>
   void moveTo(std::int64_t z, const Fill& fill) {
     const bool next = z == at_ + 1;
-    if (next) std::ranges::rotate(rows_, rows_.begin() + 1);
+    if (next) std::rotate(rows_.begin(), rows_.begin() + 1, rows_.end());
     for (std::size_t k = next ? 3 : 0; k < 4; ++k) fill(z - 1 + static_cast<std::int64_t>(k), std::span(rows_[k]));
     at_ = z;
   }
