@@ -71,12 +71,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::span<const std::uint8_t> all(bytes);
   if (!points.follow({gone, come, all.first(cut), {}})) return 0;
   if (!points.follow({{}, {}, all.subspan(cut), {}})) return 0;
-  for (const auto& [address, hash] : points.takeChanged()) {
-    mesh::LeafMesh leaf = points.extract(address).mesh;
+  for (const scene::PointMesh::Changed& changed : points.takeChanged()) {
+    mesh::LeafMesh leaf = points.extract(changed.leaf).mesh;
+    require(leaf.triangles.size() == changed.triangles);
     for (const mesh::Triangle& t : leaf.triangles)
       require(support::doubledArea(leaf.vertices[t[0]], leaf.vertices[t[1]], leaf.vertices[t[2]]) > 0);
     mesh::canonicalize(leaf);
-    require(mesh::isCanonical(leaf) && mesh::hashLeaf(leaf) == hash);
+    require(mesh::isCanonical(leaf) && mesh::hashLeaf(leaf) == changed.hash);
   }
   return 0;
 }
