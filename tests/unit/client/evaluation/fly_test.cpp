@@ -15,7 +15,7 @@
 #include "client/render/context.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/wire.h"
-#include "tests/unit/client/connection/raw_server.h"
+#include "tests/unit/client/connection/raw_world.h"
 
 namespace ridgecast::evaluation {
 namespace {
@@ -25,16 +25,10 @@ using test::RawServer;
 
 std::string worldBytes(std::uint64_t contentHashOffset = 0) {
   const auto terrain = *terrain::create("alpine", 3);
-  wire::World world;
-  world.serverName = "raw";
-  world.session = "default";
-  world.terrainName = "alpine";
+  wire::World world = test::rawWorld();
   world.terrainSource = std::string(terrain->source());
   world.seed = 3;
   world.contentHash = terrain::contentHash(*terrain) + contentHashOffset;
-  world.horizon = 2000;
-  world.settings = {wire::Metric::kPixels, 1, 1000};
-  world.window = 3;
   return wire::encode(wire::ServerMessage(world));
 }
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "common/wire/wire.h"
-#include "tests/unit/client/connection/raw_server.h"
+#include "tests/unit/client/connection/raw_world.h"
 
 namespace ridgecast::flight {
 namespace {
@@ -25,14 +25,7 @@ struct Script {
   void operator()(RawConnection& peer) {
     peer.upgrade();
     peer.readFrame();
-    wire::World world;
-    world.serverName = "raw";
-    world.session = "default";
-    world.terrainName = "alpine";
-    world.horizon = 2000;
-    world.settings = {wire::Metric::kPixels, 1, 1000};
-    world.window = 3;
-    peer.sendFrame(wire::encode(wire::ServerMessage(world)));
+    peer.sendFrame(wire::encode(wire::ServerMessage(test::rawWorld())));
     std::uint64_t number = 0;
     for (std::string frame = peer.readFrame(); !frame.empty(); frame = peer.readFrame()) {
       const auto message = wire::decodeClient({reinterpret_cast<const std::uint8_t*>(frame.data()), frame.size()});

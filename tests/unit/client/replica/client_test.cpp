@@ -13,7 +13,7 @@
 #include "common/wire/wire.h"
 #include "tests/support/leaf_meshes.h"
 #include "tests/support/waiting.h"
-#include "tests/unit/client/connection/raw_server.h"
+#include "tests/unit/client/connection/raw_world.h"
 
 namespace ridgecast::replica {
 namespace {
@@ -28,14 +28,8 @@ connection::Url at(const RawServer& server) { return {.host = "127.0.0.1", .port
 void greet(RawConnection& peer, std::uint64_t contentHash) {
   peer.upgrade();
   peer.readFrame();  // hello
-  wire::World world;
-  world.serverName = "raw";
-  world.session = "default";
-  world.terrainName = "alpine";
+  wire::World world = test::rawWorld();
   world.contentHash = contentHash;
-  world.horizon = 2000;
-  world.settings = {wire::Metric::kPixels, 1, 1000};
-  world.window = 3;
   peer.sendFrame(wire::encode(wire::ServerMessage(world)));
 }
 

@@ -19,7 +19,7 @@
 #include "common/wire/wire.h"
 #include "tests/support/leaf_meshes.h"
 #include "tests/support/waiting.h"
-#include "tests/unit/client/connection/raw_server.h"
+#include "tests/unit/client/connection/raw_world.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -36,13 +36,7 @@ connection::Url at(const RawServer& server, const std::string& token = "") {
 void greet(RawConnection& peer, std::uint32_t revision = wire::kRevision) {
   peer.upgrade();
   peer.readFrame();  // hello
-  wire::World world;
-  world.serverName = "raw";
-  world.session = "default";
-  world.terrainName = "alpine";
-  world.horizon = 2000;
-  world.settings = {wire::Metric::kPixels, 1, 1000};
-  world.window = 3;
+  wire::World world = test::rawWorld();
   world.revision = revision;
   peer.sendFrame(wire::encode(wire::ServerMessage(world)));
 }
