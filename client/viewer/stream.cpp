@@ -136,9 +136,8 @@ void Stream::accept(const replica::Update& update) {
   s.hashOk = !update.wrong;
   s.settled = iteration.settled && !update.wrong;
   s.iteration = iteration.number;
-  s.edit = iteration.edit;
   s.triangles = client().scene().triangles();
-  s.leaves = client().scene().leaves().size();
+  s.leaves = client().scene().index().size();
   s.effectiveThreshold = f.effectiveThreshold;
   if (const auto pose = sent_.find(iteration.poseSequence); pose != sent_.end()) {
     s.latencyMs = std::chrono::duration<double, std::milli>(Clock::now() - pose->second).count();

@@ -146,7 +146,6 @@ struct Statistics {
   std::size_t candidates = 0;
   double candidateUnit = 1;  // pixels, see errorColour()
   bool settled = false, hashOk = true;
-  std::uint64_t edit = 0;  // the last that the mesh knows
   bool corrected = false;  // the mesh that is shown
   bool atRest = false;     // nothing is drawn, because nothing changes
   Building building;
