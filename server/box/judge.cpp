@@ -8,117 +8,20 @@
 #include <optional>
 #include <utility>
 
+#include "server/box/shape.h"
+
 namespace ridgecast::box {
 
 using triangulation::Point2;
 
 namespace {
 
-constexpr float kTrust = 0.05f;        // of the error: more slack than this asks for finer samples, less counts as error
-constexpr std::int64_t kGlance = 400;  // samples, about, at most
-// Of a spacing. Less than any distance between a side and a sample beside it, more than the rounding of where a side crosses a line.
-constexpr double kHair = 0x1p-44;
-constexpr float kNear = 4e-6f;  // of a spacing: what floats do not tell apart in a tile
+constexpr float kTrust = 0.05f;  // of the error: more slack than this asks for finer samples, less counts as error
+constexpr float kNear = 4e-6f;   // of a spacing: what floats do not tell apart in a tile
 
 }  // namespace
 
-// Where the triangle begins and ends on the parallel lines of a grid, in spacings from the grid's corner. A side's function, positive
-// inside, is a whole number below 2^53 at the grid's points, so only the last multiplication and kHair decide what lies on it.
-struct Judge::Lines {
-  std::array<double, 3> at, by, per;  // the sides' functions on line 0; a line on, so much more; spacings for each of their units
-  std::array<double, 3> from, to;     // 0, or without end where the side is no lower or no upper end
-
-  struct Part {
-    float from, to;
-  };
-  static constexpr Part kNone{1e30f, -1e30f};
-  std::pair<double, double> on(std::int32_t line) const {
-    double first = -1e30, last = 1e30;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double where = (at[k] + by[k] * line) * per[k];
-      first = std::max(first, where + from[k]);
-      last = std::min(last, where + to[k]);
-    }
-    return {first, last};
-  }
-  Part near(std::int32_t line) const {
-    const auto [first, last] = on(line);
-    return {static_cast<float>(first), static_cast<float>(last)};
-  }
-};
-
-// The triangle, from its smallest corner on, so that nothing depends on how it came about.
-struct Judge::Shape {
-  std::array<Point2, 3> corner;
-  std::array<std::int64_t, 3> dx, dz;          // of the edges, from corner k to the next
-  std::array<double, 3> perX = {}, perZ = {};  // 1 / dx, 1 / dz; 0 where there is none
-  Point2 low, high;
-  std::array<double, 3> height;  // of the corners, metres
-  double gx, gz;                 // the plane: metres a unit
-
-  explicit Shape(const Corners& v) {
-    std::size_t first = 0;
-    for (std::size_t k = 1; k < 3; ++k)
-      if (triangulation::smaller(v[k].at, v[first].at)) first = k;
-    for (std::size_t k = 0; k < 3; ++k) {
-      corner[k] = v[(first + k) % 3].at;
-      height[k] = v[(first + k) % 3].y * lattice::kMetresPerStep;
-    }
-    for (std::size_t k = 0; k < 3; ++k) {
-      dx[k] = std::int64_t{corner[(k + 1) % 3].x} - corner[k].x;
-      dz[k] = std::int64_t{corner[(k + 1) % 3].z} - corner[k].z;
-      if (dx[k] != 0) perX[k] = 1 / static_cast<double>(dx[k]);
-      if (dz[k] != 0) perZ[k] = 1 / static_cast<double>(dz[k]);
-    }
-    low = {std::min({corner[0].x, corner[1].x, corner[2].x}), std::min({corner[0].z, corner[1].z, corner[2].z})};
-    high = {std::max({corner[0].x, corner[1].x, corner[2].x}), std::max({corner[0].z, corner[1].z, corner[2].z})};
-    const double area = static_cast<double>(twiceArea()), up = height[1] - height[0], over = height[2] - height[0];
-    gx = (static_cast<double>(dz[0]) * over + static_cast<double>(dz[2]) * up) / area;
-    gz = -(static_cast<double>(dx[0]) * over + static_cast<double>(dx[2]) * up) / area;
-  }
-  std::int64_t twiceArea() const { return triangulation::orientation(corner[0], corner[1], corner[2]); }
-  double at(double x, double z) const { return height[0] + gx * (x - corner[0].x) + gz * (z - corner[0].z); }
-  bool holds(Point2 p) const {
-    return triangulation::holds(corner[0], corner[1], corner[2], p) && p != corner[0] && p != corner[1] && p != corner[2];
-  }
-  // Side k's function: positive on the triangle's side of it.
-  std::int64_t inside(std::size_t k, std::int32_t x, std::int32_t z) const {
-    return dz[k] * (std::int64_t{x} - corner[k].x) - dx[k] * (std::int64_t{z} - corner[k].z);
-  }
-  // Whether the triangle has no part strictly inside low..high, by its sides.
-  bool misses(Point2 from, Point2 to) const {
-    for (std::size_t k = 0; k < 3; ++k)
-      if (inside(k, dz[k] > 0 ? to.x : from.x, dx[k] > 0 ? from.z : to.z) <= 0) return true;
-    return false;
-  }
-  // Of a grid with points so many units apart, a power of two, along x (z = its corner's and further) or along z.
-  Lines lines(Point2 grid, double spacing, bool alongX) const {
-    Lines lines;
-    const double share = 1 / spacing;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double along = alongX ? static_cast<double>(dz[k]) : -static_cast<double>(dx[k]);
-      lines.at[k] = static_cast<double>(inside(k, grid.x, grid.z));
-      lines.by[k] = (alongX ? -static_cast<double>(dx[k]) : static_cast<double>(dz[k])) * spacing;
-      lines.per[k] = (alongX ? -perZ[k] : perX[k]) * share;
-      lines.from[k] = along > 0 ? 0 : -1e30;
-      lines.to[k] = along < 0 ? 0 : 1e30;
-    }
-    return lines;
-  }
-  // Along an edge, a bilinear cell is a parabola: beyond its ends in the cell by at most this times the cell's twist.
-  float bulge(double spacing) const {
-    const double share = 1 / (spacing * spacing);
-    double most = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto x = static_cast<double>(dx[k]), z = static_cast<double>(dz[k]);
-      most = std::max(most, std::min({std::abs(x * perZ[k]), std::abs(z * perX[k]), std::abs(x * z) * share}));
-    }
-    return static_cast<float>(most / 4);
-  }
-};
-
 struct Judge::Search {
-  int bits = 0;                            // of a glance: units between samples, as a power of two, at least
   std::vector<Open>* tooCoarse = nullptr;  // null: it is over once something fails
   float worst = 0, passed = 0;             // metres; with slack, what lies between samples that pass
   Point2 at = {};                          // where the worst is, or beside it
@@ -127,14 +30,6 @@ struct Judge::Search {
   bool over(float error) const { return worst > error && !tooCoarse; }
   Worst found() const { return {std::max(worst, passed), at.x, at.z, admissible}; }
 };
-
-Worst Judge::glance(const Corners& corners) const {
-  const Shape shape(corners);
-  const auto cells = static_cast<std::uint64_t>(shape.twiceArea() / (2 * kGlance));
-  Search search{.bits = static_cast<int>(std::bit_width(cells) + 1) / 2};
-  samples_.forEach(shape.low, shape.high, [&](std::size_t tile) { skim(samples_[tile], shape, search); });
-  return search.found();
-}
 
 Worst Judge::verdict(const Corners& corners, std::vector<Open>& tooCoarse) const {
   const Shape shape(corners);
@@ -164,51 +59,6 @@ std::optional<Point2> Judge::beside(const Shape& shape, double x, double z) cons
     if (shape.holds(p) && p.x > low_.x && p.x < high_.x && p.z > low_.z && p.z < high_.z) return p;
   }
   return {};
-}
-
-namespace {
-
-// Whole numbers of a place in a grid, which is above -1.
-std::int32_t floorOf(double at) { return static_cast<std::int32_t>(at + 1) - 1; }
-std::int32_t firstFrom(double at) { return floorOf(at - kHair) + 1; }
-std::int32_t lastTo(double at) { return floorOf(at + kHair); }
-
-}  // namespace
-
-// At some of the tile's samples. Its last ones, unless all are looked at, are the next tile's first.
-void Judge::skim(const Tile& tile, const Shape& shape, Search& search) const {
-  const int strideBits = std::clamp(search.bits - tile.bits, 0, tile.cellBits), bits = tile.bits + strideBits, stride = 1 << strideBits;
-  const std::int32_t last = ((tile.cells() + 1) >> strideBits) - 1;
-  const auto first = [&](std::int32_t from, std::int32_t corner) { return from <= corner ? 0 : (from - corner + (1 << bits) - 1) >> bits; };
-  const auto final = [&](std::int32_t to, std::int32_t corner) { return std::min(last, (to - corner) >> bits); };
-  // In strides.
-  const std::int32_t top = first(std::max(shape.low.z, low_.z + 1), tile.corner.z),
-                     bottom = final(std::min(shape.high.z, high_.z - 1), tile.corner.z),
-                     left = first(std::max(shape.low.x, low_.x + 1), tile.corner.x),
-                     right = final(std::min(shape.high.x, high_.x - 1), tile.corner.x);
-  if (top > bottom || left > right) return;
-  const double spacing = stride * tile.spacing();
-  const Lines lines = shape.lines(tile.corner, spacing, true);
-  const auto slope = static_cast<float>(shape.gx * spacing);
-  for (std::int32_t j = top; j <= bottom; ++j) {
-    const auto [begin, end] = lines.on(j);
-    const std::int32_t from = firstFrom(std::max<double>(begin, left)), to = lastTo(std::min<double>(end, right));
-    if (from > to) continue;
-    const std::int32_t z = tile.corner.z + (j << bits);
-    const auto base = static_cast<float>(shape.at(tile.corner.x + (from << bits), z));
-    const float* const height = &tile.height[tile.index(from << strideBits, j << strideBits)];
-    std::int32_t worst = -1;
-    for (std::int32_t n = 0; n <= to - from; ++n) {
-      const float off = std::abs(height[n * stride] - (base + static_cast<float>(n) * slope));
-      if (off > search.worst) {
-        search.worst = off;
-        worst = n;
-      }
-    }
-    if (worst < 0) continue;
-    search.at = {tile.corner.x + ((from + worst) << bits), z};
-    search.admissible = shape.holds(search.at);
-  }
 }
 
 // A tile's cells around a triangle.

@@ -44,6 +44,8 @@ struct Open {  // whether the triangle's part in an area passes, which takes fin
   Area area;
 };
 
+struct Shape;
+
 class Judge {
  public:
   // `error` in metres.
@@ -59,11 +61,8 @@ class Judge {
   std::optional<Worst> passes(const Corners& corners) const;
 
  private:
-  struct Lines;
-  struct Shape;
   struct Search;
   struct Around;
-  void skim(const Tile& tile, const Shape& shape, Search& search) const;
   void look(std::size_t tile, const Area& area, const Shape& shape, Search& search) const;
   void cell(Around& around, std::int32_t i, std::int32_t j, const Shape& shape, Search& search) const;
   std::optional<triangulation::Point2> beside(const Shape& shape, double x, double z) const;

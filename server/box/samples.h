@@ -96,8 +96,8 @@ class Samples {
     const int shift = bits_ + kCellBits;
     const auto clamped = [](std::int32_t v, std::int32_t most) { return v < 0 ? 0 : v >= most ? most - 1 : v; };
     const std::int32_t i1 = clamped((high.x - first_.x) >> shift, across_), j1 = clamped((high.z - first_.z) >> shift, down_);
-    for (std::int32_t j = clamped((low.z - first_.z - 1) >> shift, down_); j <= j1; ++j)
-      for (std::int32_t i = clamped((low.x - first_.x - 1) >> shift, across_); i <= i1; ++i)
+    for (std::int32_t j = clamped((low.z - first_.z) >> shift, down_); j <= j1; ++j)
+      for (std::int32_t i = clamped((low.x - first_.x) >> shift, across_); i <= i1; ++i)
         f(static_cast<std::size_t>(j) * static_cast<std::size_t>(across_) + static_cast<std::size_t>(i));
   }
 

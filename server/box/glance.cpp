@@ -1,0 +1,170 @@
+// Where a triangle is farthest from its samples, in floats: nothing is proven by it.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+
+#include "server/box/judge.h"
+#include "server/box/shape.h"
+
+namespace ridgecast::box {
+
+using triangulation::Point2;
+
+namespace {
+
+constexpr std::int64_t kGlance = 400;  // samples, about, at most
+constexpr float kBeside = 1e-4f;       // of a stride: what counts as on an edge
+
+constexpr std::int32_t kLanes = 8;
+typedef float Floats __attribute__((vector_size(4 * kLanes)));
+typedef std::int32_t Ints __attribute__((vector_size(4 * kLanes)));
+typedef double Doubles __attribute__((vector_size(8 * kLanes)));
+
+// The sides of a triangle across the rows of a grid: two of them begin a row, two end it, of which one may stand there twice.
+struct Sides {
+  std::array<float, 4> x, z, slope;  // a corner; along x for each unit along z
+};
+
+// A triangle and a tile's samples of which every 2^bits-th is looked at: a stride. In strides from the tile's corner.
+struct Scan {
+  const float* height;
+  std::int32_t across;  // heights from row to row
+  int bits;
+  std::int32_t top, bottom, left, right;
+  Sides sides;
+  double base, down;  // the triangle's plane: metres at the corner, a stride
+  float along;
+};
+struct Farthest {
+  float off;
+  std::int32_t column, row;  // negative: no sample is farther off than was known
+};
+
+template <bool kAll>
+inline __attribute__((always_inline)) Farthest scanned(const Scan& scan, float off) {
+  constexpr Floats zero{}, count{0, 1, 2, 3, 4, 5, 6, 7};
+  constexpr Ints next{0, 1, 2, 3, 4, 5, 6, 7};
+  const Sides& side = scan.sides;
+  Floats most = zero + off;
+  Ints where = next * 0 - 1;
+  for (std::int32_t j = scan.top; j <= scan.bottom; j += kLanes) {
+    const Floats row = static_cast<float>(j) + count;
+    const auto on = [&](std::size_t k) { return (row - side.z[k]) * side.slope[k] + side.x[k]; };
+    const Floats a = on(0), b = on(1), c = on(2), d = on(3);
+    const auto left = static_cast<float>(scan.left), right = static_cast<float>(scan.right);
+    Floats begin = a > b ? a : b, end = c < d ? c : d;
+    begin = begin > left ? begin : zero + left;
+    begin = begin < right + 1 ? begin : zero + (right + 1);
+    end = end < right ? end : zero + right;
+    end = end > left - 1 ? end : zero + (left - 1);
+    std::array<std::int32_t, kLanes> from, to;
+    std::array<float, kLanes> base;
+    const Ints first = __builtin_convertvector(begin + (1 - kBeside), Ints), last = __builtin_convertvector(end + (1 + kBeside), Ints) - 1;
+    const Floats level = __builtin_convertvector(scan.base + scan.down * __builtin_convertvector(row, Doubles), Floats);
+    std::memcpy(&from, &first, sizeof from);
+    std::memcpy(&to, &last, sizeof to);
+    std::memcpy(&base, &level, sizeof base);
+    const std::int32_t rows = scan.bottom - j < kLanes - 1 ? scan.bottom - j + 1 : kLanes;
+    for (std::int32_t r = 0; r < rows; ++r) {
+      const auto k = static_cast<std::size_t>(r);
+      const float* const height = scan.height + ((j + r) * scan.across << scan.bits);
+      for (std::int32_t n = from[k]; n <= to[k]; n += kLanes) {
+        Floats h;
+        if constexpr (kAll)
+          std::memcpy(&h, height + n, sizeof h);
+        else
+          for (std::int32_t lane = 0; lane < kLanes; ++lane) h[lane] = height[(n + lane < to[k] ? n + lane : to[k]) << scan.bits];
+        const Ints column = n + next;
+        const Floats miss = h - (base[k] + __builtin_convertvector(column, Floats) * scan.along), far = miss > zero ? miss : -miss;
+        const Ints better = (far > most) & (column <= to[k]);
+        most = better ? far : most;
+        where = better ? column + ((j + r) << 16) : where;
+      }
+    }
+  }
+  Farthest found{off, 0, -1};
+  std::int32_t at = -1;
+  for (std::int32_t lane = 0; lane < kLanes; ++lane)
+    if (where[lane] >= 0 && (most[lane] > found.off || (most[lane] == found.off && where[lane] < at))) {
+      found.off = most[lane];
+      at = where[lane];
+    }
+  if (at >= 0) found = {found.off, at & 0xffff, at >> 16};
+  return found;
+}
+
+// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
+#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define RIDGECAST_VECTOR_CLONES
+#endif
+RIDGECAST_VECTOR_CLONES Farthest scanAll(const Scan& scan, float off) { return scanned<true>(scan, off); }
+RIDGECAST_VECTOR_CLONES Farthest scanSome(const Scan& scan, float off) { return scanned<false>(scan, off); }
+
+struct Edges {  // numbers of edges, as in Sides
+  std::array<std::size_t, 4> side;
+  std::array<float, 4> slope;
+};
+Edges edgesOf(const Shape& shape) {
+  Edges edges{};
+  std::size_t begins = 0, ends = 0;
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (shape.dz[k] > 0) {
+      edges.side[1] = k;
+      if (begins++ == 0) edges.side[0] = k;
+    }
+    if (shape.dz[k] < 0) {
+      edges.side[3] = k;
+      if (ends++ == 0) edges.side[2] = k;
+    }
+  }
+  for (std::size_t k = 0; k < 4; ++k)
+    edges.slope[k] = static_cast<float>(shape.dx[edges.side[k]]) / static_cast<float>(shape.dz[edges.side[k]]);
+  return edges;
+}
+
+}  // namespace
+
+Worst Judge::glance(const Corners& corners) const {
+  const Shape shape(corners);
+  const auto wanted = static_cast<std::uint64_t>(shape.twiceArea() / (2 * kGlance));
+  const int atLeast = static_cast<int>(std::bit_width(wanted) + 1) / 2;  // bits between samples
+  const Edges edges = edgesOf(shape);
+  const Point2 from{std::max(shape.low.x, low_.x + 1), std::max(shape.low.z, low_.z + 1)},
+      to{std::min(shape.high.x, high_.x - 1), std::min(shape.high.z, high_.z - 1)};
+  Worst worst{0, 0, 0, false};
+  samples_.forEach(from, to, [&](std::size_t number) {
+    const Tile& tile = samples_[number];
+    const int strideBits = std::clamp(atLeast - tile.bits, 0, tile.cellBits), bits = tile.bits + strideBits;
+    // The tile's last samples are the next one's first.
+    const std::int32_t last = (tile.cells() >> strideBits) - 1, round = (1 << bits) - 1;
+    const double stride = static_cast<double>(std::int64_t{1} << bits);
+    Scan scan{.height = tile.height.data(),
+              .across = tile.across(),
+              .bits = strideBits,
+              .top = std::max(0, (from.z - tile.corner.z + round) >> bits),
+              .bottom = std::min(last, (to.z - tile.corner.z) >> bits),
+              .left = std::max(0, (from.x - tile.corner.x + round) >> bits),
+              .right = std::min(last, (to.x - tile.corner.x) >> bits),
+              .sides = {.x = {}, .z = {}, .slope = edges.slope},
+              .base = shape.at(tile.corner.x, tile.corner.z),
+              .down = shape.gz * stride,
+              .along = static_cast<float>(shape.gx * stride)};
+    if (scan.top > scan.bottom || scan.left > scan.right) return;
+    const auto share = static_cast<float>(1 / stride);
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Point2 p = shape.corner[edges.side[k]];
+      scan.sides.x[k] = static_cast<float>(p.x - tile.corner.x) * share;
+      scan.sides.z[k] = static_cast<float>(p.z - tile.corner.z) * share;
+    }
+    const Farthest found = strideBits == 0 ? scanAll(scan, worst.error) : scanSome(scan, worst.error);
+    if (found.row < 0) return;
+    worst = {found.off, tile.corner.x + (found.column << bits), tile.corner.z + (found.row << bits), false};
+  });
+  worst.admissible = worst.error > 0 && shape.holds(worst.at());
+  return worst;
+}
+
+}  // namespace ridgecast::box
