@@ -2,10 +2,10 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cstring>
 
 #include "server/box/judge.h"
 #include "server/box/shape.h"
+#include "server/box/vectors.h"
 
 namespace ridgecast::box {
 
@@ -15,11 +15,6 @@ namespace {
 
 constexpr std::int64_t kGlance = 400;  // samples, about, at most
 constexpr float kBeside = 1e-4f;       // of a stride: what counts as on an edge
-
-constexpr std::int32_t kLanes = 8;
-typedef float Floats __attribute__((vector_size(4 * kLanes)));
-typedef std::int32_t Ints __attribute__((vector_size(4 * kLanes)));
-typedef double Doubles __attribute__((vector_size(8 * kLanes)));
 
 // The sides of a triangle across the rows of a grid: two of them begin a row, two end it, of which one may stand there twice.
 struct Sides {
@@ -43,17 +38,16 @@ struct Farthest {
 
 template <bool kAll>
 inline __attribute__((always_inline)) Farthest scanned(const Scan& scan, float off) {
-  constexpr Floats zero{}, count{0, 1, 2, 3, 4, 5, 6, 7};
-  constexpr Ints next{0, 1, 2, 3, 4, 5, 6, 7};
+  const Floats zero{};
   const Sides& side = scan.sides;
   Floats most = zero + off;
-  Ints where = next * 0 - 1;
+  Ints where = kNext * 0 - 1;
   for (std::int32_t j = scan.top; j <= scan.bottom; j += kLanes) {
-    const Floats row = static_cast<float>(j) + count;
-    const auto on = [&](std::size_t k) { return (row - side.z[k]) * side.slope[k] + side.x[k]; };
-    const Floats a = on(0), b = on(1), c = on(2), d = on(3);
+    const Floats row = __builtin_convertvector(j + kNext, Floats);
+    std::array<Floats, 4> on;
+    for (std::size_t k = 0; k < on.size(); ++k) on[k] = (row - side.z[k]) * side.slope[k] + side.x[k];
     const auto left = static_cast<float>(scan.left), right = static_cast<float>(scan.right);
-    Floats begin = a > b ? a : b, end = c < d ? c : d;
+    Floats begin = on[0] > on[1] ? on[0] : on[1], end = on[2] < on[3] ? on[2] : on[3];
     begin = begin > left ? begin : zero + left;
     begin = begin < right + 1 ? begin : zero + (right + 1);
     end = end < right ? end : zero + right;
@@ -62,9 +56,9 @@ inline __attribute__((always_inline)) Farthest scanned(const Scan& scan, float o
     std::array<float, kLanes> base;
     const Ints first = __builtin_convertvector(begin + (1 - kBeside), Ints), last = __builtin_convertvector(end + (1 + kBeside), Ints) - 1;
     const Floats level = __builtin_convertvector(scan.base + scan.down * __builtin_convertvector(row, Doubles), Floats);
-    std::memcpy(&from, &first, sizeof from);
-    std::memcpy(&to, &last, sizeof to);
-    std::memcpy(&base, &level, sizeof base);
+    store(first, from.data());
+    store(last, to.data());
+    store(level, base.data());
     const std::int32_t rows = scan.bottom - j < kLanes - 1 ? scan.bottom - j + 1 : kLanes;
     for (std::int32_t r = 0; r < rows; ++r) {
       const auto k = static_cast<std::size_t>(r);
@@ -72,10 +66,10 @@ inline __attribute__((always_inline)) Farthest scanned(const Scan& scan, float o
       for (std::int32_t n = from[k]; n <= to[k]; n += kLanes) {
         Floats h;
         if constexpr (kAll)
-          std::memcpy(&h, height + n, sizeof h);
+          load(h, height + n);
         else
           for (std::int32_t lane = 0; lane < kLanes; ++lane) h[lane] = height[(n + lane < to[k] ? n + lane : to[k]) << scan.bits];
-        const Ints column = n + next;
+        const Ints column = n + kNext;
         const Floats miss = h - (base[k] + __builtin_convertvector(column, Floats) * scan.along), far = miss > zero ? miss : -miss;
         const Ints better = (far > most) & (column <= to[k]);
         most = better ? far : most;
@@ -94,12 +88,6 @@ inline __attribute__((always_inline)) Farthest scanned(const Scan& scan, float o
   return found;
 }
 
-// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define RIDGECAST_VECTOR_CLONES
-#endif
 RIDGECAST_VECTOR_CLONES Farthest scanAll(const Scan& scan, float off) { return scanned<true>(scan, off); }
 RIDGECAST_VECTOR_CLONES Farthest scanSome(const Scan& scan, float off) { return scanned<false>(scan, off); }
 

@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "server/box/cells.h"
 #include "server/box/shape.h"
 
 namespace ridgecast::box {
@@ -17,7 +18,6 @@ using triangulation::Point2;
 namespace {
 
 constexpr float kTrust = 0.05f;  // of the error: more slack than this asks for finer samples, less counts as error
-constexpr float kNear = 4e-6f;   // of a spacing: what floats do not tell apart in a tile
 
 }  // namespace
 
@@ -63,75 +63,62 @@ std::optional<Point2> Judge::beside(const Shape& shape, double x, double z) cons
 
 // A tile's cells around a triangle.
 struct Judge::Around {
-  static constexpr std::size_t kLines = (1 << Samples::kCellBits) + 1;
+  Cells cells;
+  Parts columns;            // of the triangle, from line i0 on; crossed when the first cell needs them
+  float bulge = -1;         // as of Shape, then too
+  std::uint64_t asked = 0;  // blocks that must be finer
+  Point2 low, high;         // cells that ask for that
 
-  const Tile& tile;
-  std::int32_t i0, j0, i1, j1;                  // cells
-  float bulge = 0;                              // as of Shape
-  std::array<float, 3> u, v;                    // the corners, in spacings
-  std::array<Lines::Part, kLines> row, column;  // of the triangle, on the lines from j0 and i0 on
-  std::array<float, kLines * kLines> off;       // of the samples from the triangle's plane, metres, along x first
-  std::uint64_t asked = 0;                      // blocks that must be finer
-  Point2 low, high;                             // cells that ask for that
-
-  Around(const Tile& of, const Area& area)
-      : tile(of),
-        i0(std::max((area.low.x - of.corner.x) >> of.bits, 0)),
-        j0(std::max((area.low.z - of.corner.z) >> of.bits, 0)),
-        i1(std::min((area.high.x - 1 - of.corner.x) >> of.bits, of.cells() - 1)),
-        j1(std::min((area.high.z - 1 - of.corner.z) >> of.bits, of.cells() - 1)) {}
-  bool empty(const Shape& shape) const { return i0 > i1 || j0 > j1 || shape.misses(point(i0, j0), point(i1 + 1, j1 + 1)); }
-  std::int32_t width() const { return i1 - i0 + 2; }
-  std::size_t index(std::int32_t i, std::int32_t j) const { return static_cast<std::size_t>((j - j0) * width() + i - i0); }
-  Point2 point(std::int32_t i, std::int32_t j) const { return {tile.corner.x + (i << tile.bits), tile.corner.z + (j << tile.bits)}; }
-  // Fills `off`: the greatest.
-  float measure(const Shape& shape) {
-    const auto slope = static_cast<float>(shape.gx * tile.spacing());
-    float most = 0;
-    for (std::int32_t j = j0; j <= j1 + 1; ++j) {
-      const Point2 first = point(i0, j);
-      const double exact = shape.at(first.x, first.z);
-      const auto base = static_cast<float>(exact), rest = static_cast<float>(exact - base);
-      const float* const height = &tile.height[tile.index(i0, j)];
-      float* const to = &off[index(i0, j)];
-      for (std::int32_t n = 0; n < width(); ++n) {
-        to[n] = height[n] - base - (rest + static_cast<float>(n) * slope);
-        most = std::max(most, std::abs(to[n]));
-      }
-    }
-    return most;
+  Around(const Tile& tile, const Area& area) {
+    cells.tile = &tile;
+    cells.i0 = std::max((area.low.x - tile.corner.x) >> tile.bits, 0);
+    cells.j0 = std::max((area.low.z - tile.corner.z) >> tile.bits, 0);
+    cells.i1 = std::min((area.high.x - 1 - tile.corner.x) >> tile.bits, tile.cells() - 1);
+    cells.j1 = std::min((area.high.z - 1 - tile.corner.z) >> tile.bits, tile.cells() - 1);
   }
-  // Fills the others.
-  void cross(const Shape& shape) {
-    bulge = shape.bulge(tile.spacing());
-    const Lines along = shape.lines(tile.corner, tile.spacing(), true), across = shape.lines(tile.corner, tile.spacing(), false);
+  const Tile& tile() const { return *cells.tile; }
+  bool empty(const Shape& shape) const {
+    return cells.i0 > cells.i1 || cells.j0 > cells.j1 || shape.misses(point(cells.i0, cells.j0), point(cells.i1 + 1, cells.j1 + 1));
+  }
+  Point2 point(std::int32_t i, std::int32_t j) const {
+    return {tile().corner.x + (i << tile().bits), tile().corner.z + (j << tile().bits)};
+  }
+  // Lines of the tile between two places.
+  static void cross(Parts& parts, const Shape& shape, const Tile& tile, bool alongX, std::int32_t first, std::int32_t last) {
+    const std::int32_t corner = alongX ? tile.corner.z : tile.corner.x, low = alongX ? shape.low.z : shape.low.x,
+                       high = alongX ? shape.high.z : shape.high.x;
+    parts.cross(shape.lines(tile.corner, tile.spacing(), alongX), first, last - first + 1, -((corner - low) >> tile.bits),
+                (high - corner) >> tile.bits);
+  }
+  void judge(const Shape& shape, float error) {
+    const double spacing = tile().spacing();
     for (std::size_t k = 0; k < 3; ++k) {
-      u[k] = static_cast<float>((shape.corner[k].x - tile.corner.x) / tile.spacing());
-      v[k] = static_cast<float>((shape.corner[k].z - tile.corner.z) / tile.spacing());
+      cells.u[k] = static_cast<float>((shape.corner[k].x - tile().corner.x) / spacing);
+      cells.v[k] = static_cast<float>((shape.corner[k].z - tile().corner.z) / spacing);
     }
-    for (std::int32_t j = j0; j <= j1 + 1; ++j) {
-      const std::int32_t z = point(i0, j).z;
-      row[static_cast<std::size_t>(j - j0)] = z < shape.low.z || z > shape.high.z ? Lines::kNone : along.near(j);
-    }
-    for (std::int32_t i = i0; i <= i1 + 1; ++i) {
-      const std::int32_t x = point(i, j0).x;
-      column[static_cast<std::size_t>(i - i0)] = x < shape.low.x || x > shape.high.x ? Lines::kNone : across.near(i);
-    }
+    const Point2 first = point(cells.i0, cells.j0);
+    cells.base = shape.at(first.x, first.z);
+    cells.down = shape.gz * spacing;
+    cells.along = static_cast<float>(shape.gx * spacing);
+    cross(cells.rows, shape, tile(), true, cells.j0, cells.j1 + 1);
+    cells.judge(error);
   }
-  // Cells of row j that the triangle meets, in spacings.
-  Lines::Part met(std::int32_t j) const {
-    const auto &above = row[static_cast<std::size_t>(j - j0)], &below = row[static_cast<std::size_t>(j - j0) + 1];
-    Lines::Part part{std::min(above.from, below.from), std::max(above.to, below.to)};
-    for (std::size_t k = 0; k < 3; ++k)
-      if (v[k] >= static_cast<float>(j) && v[k] <= static_cast<float>(j + 1)) part = {std::min(part.from, u[k]), std::max(part.to, u[k])};
-    return {std::max(part.from, static_cast<float>(i0)), std::min(part.to, static_cast<float>(i1 + 1))};
-  }
+  // f(i, j) for the cells that did not pass at once, until it is false.
   template <class F>
-  void forEachPlace(std::int32_t i, std::int32_t j, F&& f) const;
+  void forEachSuspicious(const Shape& shape, F&& f) {
+    for (std::int32_t i = cells.i0; i <= cells.i1; ++i)
+      for (std::uint32_t rows = cells.suspicious[static_cast<std::size_t>(i)]; rows != 0; rows &= rows - 1) {
+        if (bulge < 0) {
+          bulge = shape.bulge(tile().spacing());
+          cross(columns, shape, tile(), false, cells.i0, cells.i1 + 1);
+        }
+        if (!f(i, cells.j0 + std::countr_zero(rows))) return;
+      }
+  }
   void ask(std::int32_t i, std::int32_t j) {
     low = asked == 0 ? Point2{i, j} : Point2{std::min(low.x, i), std::min(low.z, j)};
     high = asked == 0 ? Point2{i, j} : Point2{std::max(high.x, i), std::max(high.z, j)};
-    asked |= std::uint64_t{1} << tile.block(i >> Tile::kBlockBits, j >> Tile::kBlockBits);
+    asked |= std::uint64_t{1} << tile().block(i >> Tile::kBlockBits, j >> Tile::kBlockBits);
   }
   // The triangle's part in cells that asked.
   Area open(const Shape& shape) const {
@@ -143,19 +130,14 @@ struct Judge::Around {
 void Judge::look(std::size_t number, const Area& area, const Shape& shape, Search& search) const {
   if (search.over(error_)) return;
   Around around(samples_[number], area);
-  const Tile& tile = around.tile;
+  const Tile& tile = around.tile();
   if (around.empty(shape)) return;
-  if (const float most = around.measure(shape) + tile.most; most <= error_) {
-    search.passed = std::max(search.passed, most);
-    return;
-  }
-  around.cross(shape);
-  for (std::int32_t j = around.j0; j <= around.j1; ++j) {
-    const auto [from, to] = around.met(j);
-    if (from > to) continue;
-    const std::int32_t last = std::min(static_cast<std::int32_t>(to - kNear), around.i1);
-    for (auto i = static_cast<std::int32_t>(from + kNear); i <= last && !search.over(error_); ++i) cell(around, i, j, shape, search);
-  }
+  around.judge(shape, error_);
+  search.passed = std::max(search.passed, around.cells.passed);
+  around.forEachSuspicious(shape, [&](std::int32_t i, std::int32_t j) {
+    cell(around, i, j, shape, search);
+    return !search.over(error_);
+  });
   if (search.worst > error_ && search.admissible) return;  // whatever finer samples say
   const Area open = around.open(shape);
   for (; around.asked != 0; around.asked &= around.asked - 1) {
@@ -169,55 +151,70 @@ void Judge::look(std::size_t number, const Area& area, const Shape& shape, Searc
   }
 }
 
-// f(u, v, off) at the corners of the triangle's part of a cell, in spacings from the cell's corner. Instead of those that it does not have,
-// `off` is not a number, which is neither greater nor smaller: a branch here is never foreseen.
-template <class F>
-void Judge::Around::forEachPlace(std::int32_t i, std::int32_t j, F&& f) const {
-  constexpr float none = std::numeric_limits<float>::quiet_NaN();
-  const float *const here = &off[index(i, j)], *const next = here + width();
-  const float across = here[1] - here[0], down = next[0] - here[0], twist = next[1] - next[0] - across;
-  const auto left = static_cast<float>(i), top = static_cast<float>(j);
-  for (std::size_t k = 0; k < 2; ++k) {
-    const auto at = static_cast<float>(k);
-    const Lines::Part& line = row[static_cast<std::size_t>(j - j0) + k];
-    const float from = std::max(line.from - left, 0.0f), to = std::min(line.to - left, 1.0f),
-                base = from <= to ? here[0] + at * down : none;
-    f(from, at, base + from * (across + at * twist));
-    f(to, at, base + to * (across + at * twist));
-  }
-  for (std::size_t k = 0; k < 2; ++k) {
-    const auto at = static_cast<float>(k);
-    const Lines::Part& line = column[static_cast<std::size_t>(i - i0) + k];
-    const float from = std::max(line.from - top, 0.0f), to = std::min(line.to - top, 1.0f),
-                base = from <= to ? here[0] + at * across : none;
-    f(at, from, base + from * (down + at * twist));
-    f(at, to, base + to * (down + at * twist));
-  }
-  for (std::size_t k = 0; k < 3; ++k) {
-    const float x = u[k] - left, z = v[k] - top;
-    const bool in = (x >= 0) & (x <= 1) & (z >= 0) & (z <= 1);
-    f(x, z, (in ? here[0] : none) + x * across + z * (down + x * twist));
-  }
-}
+namespace {
 
-// Between the grid's lines and within them, the difference of a bilinear surface and a plane is greatest at the corners of the triangle's
-// part, but for the bulge along its edges.
-void Judge::cell(Around& around, std::int32_t i, std::int32_t j, const Shape& shape, Search& search) const {
-  const Tile& tile = around.tile;
-  const float *const here = &around.off[around.index(i, j)], *const next = here + around.width();
-  const Slack slack = tile.slackOf(i, j);
-  float highest = std::max(std::max(here[0], here[1]), std::max(next[0], next[1])),
-        lowest = std::min(std::min(here[0], here[1]), std::min(next[0], next[1]));
-  if (const float all = std::max(highest + slack.above, slack.below - lowest); all <= error_) {
-    search.passed = std::max(search.passed, all);
-    return;
+typedef float Four __attribute__((vector_size(16)));
+typedef std::int32_t FourInts __attribute__((vector_size(16)));
+
+// The corners of a triangle's part of a cell, in spacings from the cell's corner, and what the bilinear surface is off there: where the
+// lines above and below begin and end, those on the left and the right, and the triangle's own. Some are not there.
+struct Places {
+  std::array<Four, 3> x, z, off;
+  std::array<FourInts, 3> there;
+
+  Places(const Cells& cells, const Parts& columns, std::int32_t i, std::int32_t j) {
+    const float *const here = &cells.offAt(i, j), *const next = here + Cells::kAcross;
+    const float across = here[1] - here[0], down = next[0] - here[0], twist = next[1] - next[0] - across;
+    const Four far{0, 0, 1, 1};
+    const auto n = static_cast<std::size_t>(j - cells.j0), m = static_cast<std::size_t>(i - cells.i0);
+    x[0] = between(cells.rows, n, static_cast<float>(i), there[0]);
+    z[0] = far;
+    off[0] = here[0] + far * down + x[0] * (across + far * twist);
+    x[1] = far;
+    z[1] = between(columns, m, static_cast<float>(j), there[1]);
+    off[1] = here[0] + far * across + z[1] * (down + far * twist);
+    x[2] = Four{cells.u[0], cells.u[1], cells.u[2], cells.u[2]} - static_cast<float>(i);
+    z[2] = Four{cells.v[0], cells.v[1], cells.v[2], cells.v[2]} - static_cast<float>(j);
+    off[2] = here[0] + x[2] * across + z[2] * (down + x[2] * twist);
+    there[2] = (x[2] >= 0) & (x[2] <= 1) & (z[2] >= 0) & (z[2] <= 1);
   }
-  // Only the triangle's part.
-  std::swap(highest, lowest);
-  around.forEachPlace(i, j, [&](float, float, float off) {
-    highest = std::max(highest, off);
-    lowest = std::min(lowest, off);
-  });
+  // Two lines from their number on: from, to, from, to.
+  static Four between(const Parts& parts, std::size_t line, float corner, FourInts& there) {
+    const Four from = Four{parts.from[line], parts.from[line], parts.from[line + 1], parts.from[line + 1]} - corner,
+               to = Four{parts.to[line], parts.to[line], parts.to[line + 1], parts.to[line + 1]} - corner;
+    const Four begin = from > 0 ? from : Four{}, end = to < 1 ? to : Four{} + 1;
+    there = begin <= end;
+    return Four{begin[0], end[0], begin[2], end[2]};
+  }
+  // The least and the greatest, which lie between these.
+  std::pair<float, float> range(float least, float greatest) const {
+    Four low = Four{} + greatest, high = Four{} + least;
+    for (std::size_t k = 0; k < 3; ++k) {
+      low = (there[k] & (off[k] < low)) ? off[k] : low;
+      high = (there[k] & (off[k] > high)) ? off[k] : high;
+    }
+    return {std::min(std::min(low[0], low[1]), std::min(low[2], low[3])), std::max(std::max(high[0], high[1]), std::max(high[2], high[3]))};
+  }
+  // Where it is that much off.
+  std::pair<float, float> find(float wanted) const {
+    for (std::size_t k = 3; k-- > 0;)
+      for (int lane = 4; lane-- > 0;)
+        if (there[k][lane] != 0 && off[k][lane] == wanted) return {x[k][lane], z[k][lane]};
+    return {0, 0};
+  }
+};
+
+}  // namespace
+
+// Only the triangle's part. Between the grid's lines and within them, the difference of a bilinear surface and a plane is greatest at the
+// part's corners, but for the bulge along its edges.
+void Judge::cell(Around& around, std::int32_t i, std::int32_t j, const Shape& shape, Search& search) const {
+  const Tile& tile = around.tile();
+  const float *const here = &around.cells.offAt(i, j), *const next = here + Cells::kAcross;
+  const Slack slack = tile.slackOf(i, j);
+  const Places places(around.cells, around.columns, i, j);
+  const auto [lowest, highest] = places.range(std::min(std::min(here[0], here[1]), std::min(next[0], next[1])),
+                                              std::max(std::max(here[0], here[1]), std::max(next[0], next[1])));
   const bool up = highest + slack.above >= slack.below - lowest;
   const float hidden = (up ? slack.above : slack.below) + around.bulge * std::abs(next[1] - next[0] - here[1] + here[0]),
               off = up ? highest : -lowest, most = off + hidden;
@@ -227,10 +224,7 @@ void Judge::cell(Around& around, std::int32_t i, std::int32_t j, const Shape& sh
   }
   const bool open = hidden > kTrust * error_ && tile.bits > 0;
   if (open && off <= error_) return around.ask(i, j);
-  float u = 0, v = 0;
-  around.forEachPlace(i, j, [&](float x, float z, float there) {
-    if (there == (up ? off : -off)) u = x, v = z;
-  });
+  const auto [u, v] = places.find(up ? off : -off);
   const float a = std::round(u), b = std::round(v);
   const bool sample = std::abs(u - a) < kNear && std::abs(v - b) < kNear;
   const bool sure = off - (sample ? 0 : up ? slack.below : slack.above) > error_;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <utility>
 
 #include "common/lattice/lattice.h"
 #include "common/triangulation/predicates.h"
@@ -15,28 +14,10 @@
 namespace ridgecast::box {
 
 // Where the triangle begins and ends on the parallel lines of a grid, in spacings from the grid's corner. A side's function, positive
-// inside, is a whole number below 2^53 at the grid's points, so only the last multiplication and kHair decide what lies on it.
+// inside, is a whole number below 2^53 at the grid's points, so only the last multiplication rounds.
 struct Lines {
   std::array<double, 3> at, by, per;  // the sides' functions on line 0; a line on, so much more; spacings for each of their units
   std::array<double, 3> from, to;     // 0, or without end where the side is no lower or no upper end
-
-  struct Part {
-    float from, to;
-  };
-  static constexpr Part kNone{1e30f, -1e30f};
-  std::pair<double, double> on(std::int32_t line) const {
-    double first = -1e30, last = 1e30;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double where = (at[k] + by[k] * line) * per[k];
-      first = std::max(first, where + from[k]);
-      last = std::min(last, where + to[k]);
-    }
-    return {first, last};
-  }
-  Part near(std::int32_t line) const {
-    const auto [first, last] = on(line);
-    return {static_cast<float>(first), static_cast<float>(last)};
-  }
 };
 
 // The triangle, from its smallest corner on, so that nothing depends on how it came about.
