@@ -30,7 +30,7 @@ struct Span {  // columns in a row of cells
 };
 
 // The columns that the triangle meets in each row of cells.
-inline __attribute__((always_inline)) void span(const Cells& cells, Span& spans) {
+RIDGECAST_INLINE void span(const Cells& cells, Span& spans) {
   const Floats zero{};
   for (std::int32_t k = 0; k <= cells.j1 - cells.j0; k += kLanes) {
     const auto n = static_cast<std::size_t>(k);
@@ -61,7 +61,7 @@ inline __attribute__((always_inline)) void span(const Cells& cells, Span& spans)
 }
 
 // Of a row of eight cells, from `column` on.
-inline __attribute__((always_inline)) void slackOf(const Tile& tile, std::int32_t column, std::int32_t row, Floats& below, Floats& above) {
+RIDGECAST_INLINE void slackOf(const Tile& tile, std::int32_t column, std::int32_t row, Floats& below, Floats& above) {
   const Slack* const slack = &tile.slack[static_cast<std::size_t>(row >> tile.slackBits) << (tile.cellBits - tile.slackBits)];
   if (tile.slackBits == 0) {
     Floats low, high;

@@ -37,7 +37,7 @@ struct Farthest {
 };
 
 template <bool kAll>
-inline __attribute__((always_inline)) Farthest scanned(const Scan& scan, float off) {
+RIDGECAST_INLINE Farthest scanned(const Scan& scan, float off) {
   const Floats zero{};
   const Sides& side = scan.sides;
   Floats most = zero + off;

@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "server/box/vectors.h"
+
 namespace ridgecast::box {
 
 using lattice::Step;
@@ -14,106 +16,161 @@ namespace {
 
 // The tile's samples along one axis, among the posts around them.
 struct Axis {
-  struct Cell {
-    std::size_t first, last;  // intervals between posts that it meets, counted as the posts before them
-    float from, to;           // in the first, if it is the last
-    bool operator==(const Cell& o) const { return first == o.first && last == o.last; }
-  };
-  std::int64_t zero;                 // the first post's number
-  std::vector<std::size_t> before;   // by sample: the post before it, counted from the first
-  std::vector<std::int32_t> beyond;  // steps from that post to it
-  std::vector<Cell> cells;
+  std::int64_t zero;                     // the first post's number
+  std::vector<std::size_t> before;       // by sample: the post before it, counted from the first
+  std::vector<std::int32_t> beyond;      // steps from that post to it
+  std::vector<std::size_t> first, last;  // by cell: intervals between posts that it meets, counted as the posts before them
+  std::vector<float> from, to;           // in the first, if it is the last
 
   void place(Step at, Step spacing, std::size_t samples, Step origin, std::uint32_t pitch) {
-    zero = terrain::between(at, origin, pitch).sample - 1;
+    terrain::Between found = terrain::between(at, origin, pitch);
+    zero = found.sample - 1;
     before.resize(samples);
     beyond.resize(samples);
+    const Step whole = spacing / pitch;
+    const auto rest = static_cast<std::int32_t>(spacing % pitch), full = static_cast<std::int32_t>(pitch);
     for (std::size_t k = 0; k < samples; ++k) {
-      const terrain::Between found = terrain::between(at + static_cast<Step>(k) * spacing, origin, pitch);
       before[k] = static_cast<std::size_t>(found.sample - zero);
       beyond[k] = found.steps;
+      const bool over = found.steps + rest >= full;
+      found.sample += whole + over;
+      found.steps += over ? rest - full : rest;
     }
-    cells.resize(samples - 1);
     const auto share = [&](std::int32_t steps) { return static_cast<float>(steps) / static_cast<float>(pitch); };
-    for (std::size_t k = 0; k + 1 < samples; ++k)
-      cells[k] = beyond[k + 1] > 0 ? Cell{before[k], before[k + 1], share(beyond[k]), share(beyond[k + 1])}
-                                   : Cell{before[k], before[k + 1] - 1, share(beyond[k]), 1};
+    first.resize(samples - 1);
+    last.resize(samples - 1);
+    from.resize(samples - 1);
+    to.resize(samples - 1);
+    for (std::size_t k = 0; k + 1 < samples; ++k) {
+      const bool onPost = beyond[k + 1] == 0;
+      first[k] = before[k];
+      last[k] = before[k + 1] - onPost;
+      from[k] = share(beyond[k]);
+      to[k] = onPost ? 1 : share(beyond[k + 1]);
+    }
   }
   std::size_t posts() const { return before.back() + 3; }
 };
 
+// Slack of many places; whole vectors may be written beyond their end.
+struct Slacks {
+  std::vector<float> below, above;
+  void resize(std::size_t n) {
+    below.resize(n + kLanes);
+    above.resize(n + kLanes);
+  }
+};
+
+RIDGECAST_INLINE void most(Floats& a, const Floats& b) { a = b > a ? b : a; }
+
 // Along a row of posts a, b, c, d the bicubic (Catmull-Rom) is a cubic between b and c whose second derivative runs straight from
 // P = 2 a - 5 b + 4 c - d to Q = 2 d - 5 c + 4 b - a. From p to q on a part of width w, it is off the chord by w^2 t (1 - t) / 6 *
 // (p (2 - t) + q (1 + t)), at most w^2 (|p + q| / 16 + |p - q| / 124): below it where p and q are positive, above it where they are
-// negative, so both are bounded by themselves. Here of a cell, along the line of posts that begins at `line`, in steps for w = 1.
-Slack bend(const Axis::Cell& cell, const std::int32_t* line, std::size_t apart) {
-  Slack most;
-  for (std::size_t k = cell.first; k <= cell.last; ++k) {
-    const std::int32_t* const post = line + (k - 1) * apart;
-    const auto a = static_cast<float>(post[0]), b = static_cast<float>(post[apart]), c = static_cast<float>(post[2 * apart]),
-               d = static_cast<float>(post[3 * apart]);
-    const float p = 2 * a - 5 * b + 4 * c - d, q = 2 * d - 5 * c + 4 * b - a;
-    if (cell.first != cell.last) {
-      most = {std::max({most.below, p / 8, q / 8}), std::max({most.above, -p / 8, -q / 8})};
-      continue;
-    }
-    const float u = p + (q - p) * cell.from, v = p + (q - p) * cell.to;
-    const auto off = [](float begin, float end) {
-      begin = std::max(begin, 0.0f), end = std::max(end, 0.0f);
-      return (begin + end) / 16 + std::abs(begin - end) / 124;
-    };
-    most = {off(u, v), off(-u, -v)};
+// negative, so both are bounded by themselves. Here in steps for w = 1, of eight rows side by side.
+RIDGECAST_INLINE void curvature(const std::int32_t* posts, std::size_t apart, Floats& p, Floats& q) {
+  std::array<Floats, 4> at;
+  for (std::size_t k = 0; k < 4; ++k) {
+    Ints post;
+    load(post, posts + k * apart);
+    at[k] = __builtin_convertvector(post, Floats);
   }
-  return most;
+  p = 2 * at[0] - 5 * at[1] + 4 * at[2] - at[3];
+  q = 2 * at[3] - 5 * at[2] + 4 * at[1] - at[0];
+}
+RIDGECAST_INLINE void off(const Floats& begin, const Floats& end, float* to) {
+  const Floats zero{}, a = begin > zero ? begin : zero, b = end > zero ? end : zero, apart = a - b;
+  store((a + b) / 16 + (apart > zero ? apart : -apart) / 124, to);
 }
 
-// Across, four rows are blended with weights of which the middle two sum to at most 9/8 and the outer two, which are negative, to 1/8.
-// `along` begins with the first row's, for one cell along it.
-Slack blended(const Slack* along, std::size_t apart, const Axis::Cell& across) {
-  Slack middle, outer;
-  const auto widen = [&](Slack& slack, std::size_t row) {
-    const Slack& at = along[row * apart];
-    slack = {std::max(slack.below, at.below), std::max(slack.above, at.above)};
-  };
-  for (std::size_t n = across.first; n <= across.last; ++n) {
-    widen(middle, n);
-    widen(middle, n + 1);
-    widen(outer, n - 1);
-    widen(outer, n + 2);
+// By cell and line of `lines` lines of posts side by side.
+RIDGECAST_VECTOR_CLONES void bend(const Axis& axis, const std::int32_t* posts, std::size_t lines, Slacks& out) {
+  for (std::size_t cell = 0; cell < axis.first.size(); ++cell) {
+    const std::size_t first = axis.first[cell], last = axis.last[cell];
+    for (std::size_t k = 0; k < lines; k += kLanes) {
+      float *const below = &out.below[cell * lines + k], *const above = &out.above[cell * lines + k];
+      Floats p, q;
+      if (first == last) {
+        curvature(posts + (first - 1) * lines + k, lines, p, q);
+        const Floats u = p + (q - p) * axis.from[cell], v = p + (q - p) * axis.to[cell];
+        off(u, v, below);
+        off(-u, -v, above);
+        continue;
+      }
+      Floats highest{}, lowest{};
+      for (std::size_t n = first; n <= last; ++n) {
+        curvature(posts + (n - 1) * lines + k, lines, p, q);
+        most(highest, p);
+        most(highest, q);
+        most(lowest, -p);
+        most(lowest, -q);
+      }
+      store(highest / 8, below);
+      store(lowest / 8, above);
+    }
   }
-  return {1.125f * middle.below + 0.125f * outer.above, 1.125f * middle.above + 0.125f * outer.below};
+}
+
+// Across, four lines are blended with weights of which the middle two sum to at most 9/8 and the outer two, which are negative, to 1/8. By
+// line of cells and cell along it.
+RIDGECAST_VECTOR_CLONES void blend(const Axis& axis, const Slacks& bends, std::size_t lines, std::size_t count, Slacks& between,
+                                   Slacks& out) {
+  const std::size_t cells = axis.first.size(), begin = axis.first.front(), end = axis.last.back();
+  const auto outermost = [](const float* from, std::size_t apart, Floats& to) __attribute__((always_inline)) {
+    Floats other;
+    load(to, from);
+    load(other, from + apart);
+    most(to, other);
+  };
+  for (std::size_t line = 0; line < count; ++line) {
+    for (std::size_t n = begin; n <= end; n += kLanes) {
+      const float *const b = &bends.below[line * lines + n], *const a = &bends.above[line * lines + n];
+      Floats middleBelow, middleAbove, outerBelow, outerAbove;
+      outermost(b, 1, middleBelow);
+      outermost(a, 1, middleAbove);
+      outermost(b - 1, 3, outerBelow);
+      outermost(a - 1, 3, outerAbove);
+      store(1.125f * middleBelow + 0.125f * outerAbove, &between.below[n]);
+      store(1.125f * middleAbove + 0.125f * outerBelow, &between.above[n]);
+    }
+    for (std::size_t k = 0; k < cells; ++k) {
+      float below = 0, above = 0;
+      for (std::size_t n = axis.first[k]; n <= axis.last[k]; ++n) {
+        below = std::max(below, between.below[n]);
+        above = std::max(above, between.above[n]);
+      }
+      out.below[line * cells + k] = below;
+      out.above[line * cells + k] = above;
+    }
+  }
 }
 
 // Off the bilinear surface it is by no more than the sum of both directions.
 void prove(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts, float scale, Tile& tile) {
-  const std::size_t columns = x.posts(), rows = z.posts(), cells = static_cast<std::size_t>(tile.cells());
-  // By line of posts and cell.
-  thread_local std::vector<Slack> alongX, alongZ;
-  alongX.resize(rows * cells);
-  alongZ.resize(columns * cells);
+  const std::size_t columns = x.posts(), rows = z.posts(), cells = x.first.size();
+  thread_local std::vector<std::int32_t> turned;
+  turned.resize(columns * rows + kLanes);
   for (std::size_t j = 0; j < rows; ++j)
-    for (std::size_t k = 0; k < cells; ++k) alongX[j * cells + k] = bend(x.cells[k], &posts[j * columns], 1);
-  for (std::size_t i = 0; i < columns; ++i)
-    for (std::size_t k = 0; k < cells; ++k) alongZ[i * cells + k] = bend(z.cells[k], &posts[i], columns);
+    for (std::size_t i = 0; i < columns; ++i) turned[i * rows + j] = posts[j * columns + i];
+  thread_local Slacks bends, between, byColumn, byRow;
+  bends.resize(cells * std::max(rows, columns));
+  between.resize(std::max(rows, columns));
+  byColumn.resize(cells * cells);
+  byRow.resize(cells * cells);
+  bend(x, turned.data(), rows, bends);
+  blend(z, bends, rows, cells, between, byColumn);
+  bend(z, posts.data(), columns, bends);
+  blend(x, bends, columns, cells, between, byRow);
   tile.slack.resize(cells * cells);
-  // Cells between the same posts have the same rows of posts.
-  const auto same = [](const Axis& axis, std::size_t cell) { return cell > 0 && axis.cells[cell] == axis.cells[cell - 1]; };
-  thread_local std::vector<Slack> first;
-  first.resize(cells);
-  for (std::size_t j = 0; j < cells; ++j) {
-    Slack second;
-    for (std::size_t i = 0; i < cells; ++i) {
-      if (!same(z, j)) first[i] = blended(&alongX[i], cells, z.cells[j]);
-      if (!same(x, i)) second = blended(&alongZ[j], cells, x.cells[i]);
-      tile.slack[j * cells + i] = {scale * (first[i].below + second.below), scale * (first[i].above + second.above)};
-    }
-  }
+  for (std::size_t j = 0; j < cells; ++j)
+    for (std::size_t i = 0; i < cells; ++i)
+      tile.slack[j * cells + i] = {scale * (byColumn.below[i * cells + j] + byRow.below[j * cells + i]),
+                                   scale * (byColumn.above[i * cells + j] + byRow.above[j * cells + i])};
 }
 
 // The posts around a tile, which may be a few more than a map gives at a time.
 void fetch(const terrain::Raster& map, const Axis& x, const Axis& z, std::vector<std::int32_t>& posts) {
   constexpr std::size_t most = terrain::kTileSide;
-  posts.resize(x.posts() * z.posts());
+  posts.resize(x.posts() * z.posts() + kLanes);  // whole vectors are read
   thread_local std::vector<std::int32_t> part;
   for (std::size_t j = 0; j < z.posts(); j += most)
     for (std::size_t i = 0; i < x.posts(); i += most) {
@@ -123,6 +180,44 @@ void fetch(const terrain::Raster& map, const Axis& x, const Axis& z, std::vector
                   static_cast<std::int32_t>(rows), part.data());
       for (std::size_t row = 0; row < rows; ++row) std::copy_n(&part[row * columns], columns, &posts[(j + row) * x.posts() + i]);
     }
+}
+
+// The heights of a tile, row by row.
+void evaluate(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts, std::uint32_t pitch, float* out) {
+  constexpr std::size_t kMost = terrain::CubicPlaces::kMost, kRound = 4;
+  const std::size_t columns = x.posts(), across = x.before.size(), room = (across + kRound - 1) / kRound * kRound;
+  // By row of posts, for each sample the four posts around it: first all first ones, then all second ones.
+  thread_local std::vector<std::int32_t> around;
+  around.resize(z.posts() * 4 * room);
+  for (std::size_t row = 0; row < z.posts(); ++row)
+    for (std::size_t n = 0; n < 4; ++n) {
+      const std::int32_t* const from = &posts[row * columns + n];
+      std::int32_t* const to = &around[(row * 4 + n) * room];
+      for (std::size_t k = 0; k < across; ++k) to[k] = from[x.before[k] - 1];
+    }
+  thread_local terrain::CubicPlaces places;
+  std::size_t count = 0;  // of them
+  const auto flush = [&] {
+    terrain::cubicHeights(places, static_cast<int>(count), pitch, out);
+    out += count;
+    count = 0;
+  };
+  for (std::size_t j = 0; j < across; ++j)
+    for (std::size_t begin = 0; begin < across;) {
+      if (count + kRound > kMost) flush();
+      const std::size_t part = std::min(across - begin, (kMost - count) / kRound * kRound);
+      for (std::size_t n = 0; n < 16; ++n) {
+        const std::int32_t* const from = &around[((z.before[j] - 1) * 4 + n) * room + begin];
+        for (std::size_t k = 0; k < part; k += kRound) std::copy_n(from + k, kRound, &places.samples[n][count + k]);
+      }
+      for (std::size_t k = 0; k < part; ++k) {
+        places.beyondX[count + k] = x.beyond[begin + k];
+        places.beyondZ[count + k] = z.beyond[j];
+      }
+      count += part;
+      begin += part;
+    }
+  flush();
 }
 
 }  // namespace
@@ -137,20 +232,8 @@ void sampleMap(const terrain::Raster& map, const Frame& frame, Tile& tile) {
   z.place(corner.z, spacing, across, shape.originZ, shape.pitch);
   thread_local std::vector<std::int32_t> posts;
   fetch(map, x, z, posts);
-  std::array<std::int32_t, 16> around;
-  terrain::CubicPlaces places;
   tile.height.resize(tile.count());
-  for (std::size_t j = 0; j < across; ++j)
-    for (std::size_t begin = 0; begin < across; begin += terrain::CubicPlaces::kMost) {
-      const std::size_t count = std::min<std::size_t>(across - begin, terrain::CubicPlaces::kMost);
-      for (std::size_t k = 0; k < count; ++k) {
-        const std::size_t i = begin + k;
-        const std::int32_t* const first = &posts[(z.before[j] - 1) * x.posts() + x.before[i] - 1];
-        for (std::size_t row = 0; row < 4; ++row) std::copy_n(first + row * x.posts(), 4, &around[4 * row]);
-        places.set(k, around, x.beyond[i], z.beyond[j]);
-      }
-      terrain::cubicHeights(places, static_cast<int>(count), shape.pitch, &tile.height[j * across + begin]);
-    }
+  evaluate(x, z, posts, shape.pitch, tile.height.data());
   if (spacing == 1) return;  // every point of the lattice
   tile.slackBits = 0;
   const double share = static_cast<double>(spacing) / shape.pitch;

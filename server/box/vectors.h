@@ -4,6 +4,14 @@
 #include <cstdint>
 #include <cstring>
 
+// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
+#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define RIDGECAST_VECTOR_CLONES
+#endif
+#define RIDGECAST_INLINE inline __attribute__((always_inline))
+
 namespace ridgecast::box {
 
 inline constexpr std::int32_t kLanes = 8;
@@ -15,19 +23,12 @@ inline constexpr Ints kNext{0, 1, 2, 3, 4, 5, 6, 7};
 
 // From and to anywhere in memory.
 template <class Vector, class T>
-inline __attribute__((always_inline)) void load(Vector& vector, const T* from) {
+RIDGECAST_INLINE void load(Vector& vector, const T* from) {
   std::memcpy(&vector, from, sizeof vector);
 }
 template <class Vector, class T>
-inline __attribute__((always_inline)) void store(const Vector& vector, T* to) {
+RIDGECAST_INLINE void store(const Vector& vector, T* to) {
   std::memcpy(to, &vector, sizeof vector);
 }
 
 }  // namespace ridgecast::box
-
-// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define RIDGECAST_VECTOR_CLONES
-#endif
