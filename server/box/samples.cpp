@@ -55,9 +55,10 @@ bool Samples::halves(std::uint64_t most) {
   return true;
 }
 
-void Samples::add(Point2 corner, int bits, int cellBits) {
+Tile& Samples::add(Point2 corner, int bits, int cellBits) {
   tiles_.push_back(std::make_unique<Tile>(corner, bits, cellBits));
   count_ += tiles_.back()->count();
+  return *tiles_.back();
 }
 
 void Samples::refine(const Block& at) {
@@ -66,7 +67,7 @@ void Samples::refine(const Block& at) {
   tile.finer[at.block] = static_cast<std::int32_t>(tiles_.size());
   const auto i = static_cast<std::int32_t>(at.block) % tile.blocks(), j = static_cast<std::int32_t>(at.block) / tile.blocks();
   const int shift = tile.bits + Tile::kBlockBits;
-  add({tile.corner.x + (i << shift), tile.corner.z + (j << shift)}, tile.bits - 1, Tile::kBlockBits + 1);
+  add({tile.corner.x + (i << shift), tile.corner.z + (j << shift)}, tile.bits - 1, Tile::kBlockBits + 1).coarser = &tile;
 }
 
 bool Samples::proves() const { return map_ && spacing() <= kPostsACell * map_->shape().pitch; }
@@ -84,33 +85,53 @@ void Samples::fill(std::size_t number) {
 
 void Samples::ask(Tile& tile) const {
   const int across = tile.across();
-  const std::size_t size = tile.count();
   thread_local std::vector<Step> x, z;
-  x.resize(size);
-  z.resize(size);
-  tile.height.resize(size);
+  thread_local std::vector<float> asked;
+  x.resize(tile.count());
+  z.resize(tile.count());
+  asked.resize(tile.count());
+  tile.height.resize(tile.count());
+  // f(i, j), but where a coarser tile has the sample.
+  const auto forEach = [&](auto&& f) {
+    for (int j = 0; j < across; ++j) {
+      const int known = tile.coarser && j % 2 == 0 ? 1 : 0;
+      for (int i = known; i < across; i += 1 + known) f(i, j);
+    }
+  };
   const lattice::Point corner = frame_.global(tile.corner);
   const int shift = tile.bits + frame_.unitBits;
-  for (int j = 0; j < across; ++j)
-    for (int i = 0; i < across; ++i) {
-      x[tile.index(i, j)] = corner.x + (Step{i} << shift);
-      z[tile.index(i, j)] = corner.z + (Step{j} << shift);
-    }
-  terrain_.heights(x, z, tile.height);
+  std::size_t count = 0;
+  forEach([&](int i, int j) {
+    x[count] = corner.x + (Step{i} << shift);
+    z[count++] = corner.z + (Step{j} << shift);
+  });
+  terrain_.heights({x.data(), count}, {z.data(), count}, {asked.data(), count});
+  forEach([&, k = std::size_t{0}](int i, int j) mutable { tile.height[tile.index(i, j)] = asked[k++]; });
+  if (!tile.coarser) return;
+  const Tile& known = *tile.coarser;
+  const std::int32_t i0 = (tile.corner.x - known.corner.x) >> known.bits, j0 = (tile.corner.z - known.corner.z) >> known.bits;
+  for (int j = 0; j < across; j += 2)
+    for (int i = 0; i < across; i += 2) tile.height[tile.index(i, j)] = known.height[known.index(i0 + i / 2, j0 + j / 2)];
 }
 
 void Samples::measure(Tile& tile) const {
   ask(tile);
   if (tile.bits + frame_.unitBits == 0) return;  // every point of the lattice
-  const int across = tile.across(), cells = tile.cells(), side = 1 << Tile::kBlockBits;
+  const std::size_t across = static_cast<std::size_t>(tile.across()), cells = across - 1;
+  constexpr int side = 1 << Tile::kBlockBits;
+  // Those on the tile's border are their neighbours'.
   thread_local std::vector<float> bend;
   bend.resize(tile.count());
-  for (int j = 0; j < across; ++j)
-    for (int i = 0; i < across; ++i) {
-      const int a = std::clamp(i, 1, cells - 1), b = std::clamp(j, 1, cells - 1);
-      const auto h = [&](int p, int q) { return tile.height[tile.index(a + p, b + q)]; };
-      bend[tile.index(i, j)] = std::abs(h(-1, 0) - 2 * h(0, 0) + h(1, 0)) + std::abs(h(0, -1) - 2 * h(0, 0) + h(0, 1));
-    }
+  for (std::size_t j = 1; j < cells; ++j) {
+    const float* const h = &tile.height[j * across];
+    float* const to = &bend[j * across];
+    for (std::size_t i = 1; i < cells; ++i)
+      to[i] = std::abs(h[i - 1] - 2 * h[i] + h[i + 1]) + std::abs((h + i)[-static_cast<std::ptrdiff_t>(across)] - 2 * h[i] + h[i + across]);
+    to[0] = to[1];
+    to[cells] = to[cells - 1];
+  }
+  std::copy_n(&bend[across], across, bend.begin());
+  std::copy_n(&bend[(cells - 1) * across], across, &bend[cells * across]);
   for (int j = 0; j < tile.blocks(); ++j)
     for (int i = 0; i < tile.blocks(); ++i) {
       float most = 0;

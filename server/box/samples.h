@@ -51,6 +51,7 @@ struct Tile {
   std::vector<Slack> slack;         // by square, along x first
   float most = 0;                   // of all slack
   std::vector<std::int32_t> finer;  // by block: another tile, or negative; empty: no block is refined
+  const Tile* coarser = nullptr;    // whose block it refines: every second of its samples is there
   std::int32_t cells() const { return 1 << cellBits; }
   std::int32_t across() const { return cells() + 1; }
   std::size_t count() const { return static_cast<std::size_t>(across()) * static_cast<std::size_t>(across()); }  // heights
@@ -103,7 +104,7 @@ class Samples {
 
  private:
   void lay();
-  void add(triangulation::Point2 corner, int bits, int cellBits);
+  Tile& add(triangulation::Point2 corner, int bits, int cellBits);
   void ask(Tile& tile) const;
   void measure(Tile& tile) const;
 
