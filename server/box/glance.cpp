@@ -13,22 +13,22 @@ using triangulation::Point2;
 
 namespace {
 
-constexpr std::int64_t kGlance = 400;  // samples, about, at most
-constexpr float kBeside = 1e-4f;       // of a stride: what counts as on an edge
+// Rows are as far apart as on a square grid with so many samples in the triangle, about, at most; of each row all are looked at.
+constexpr std::int64_t kGlance = 200;
+constexpr float kBeside = 1e-4f;  // of a spacing: what counts as on an edge
 
 // The sides of a triangle across the rows of a grid: two of them begin a row, two end it, of which one may stand there twice.
 struct Sides {
   std::array<float, 4> x, z, slope;  // a corner; along x for each unit along z
 };
 
-// A triangle and a tile's samples of which every 2^bits-th is looked at: a stride. In strides from the tile's corner.
+// A triangle and a tile's samples, in spacings from the tile's corner, of which rows `stride` apart are looked at, from top to bottom.
 struct Scan {
   const float* height;
   std::int32_t across;  // heights from row to row
-  int bits;
-  std::int32_t top, bottom, left, right;
+  std::int32_t stride, top, bottom, left, right;
   Sides sides;
-  double base, down;  // the triangle's plane: metres at the corner, a stride
+  double base, down;  // the triangle's plane: metres at the corner, a spacing
   float along;
 };
 struct Farthest {
@@ -36,17 +36,16 @@ struct Farthest {
   std::int32_t column, row;  // negative: no sample is farther off than was known
 };
 
-template <bool kAll>
-RIDGECAST_INLINE Farthest scanned(const Scan& scan, float off) {
+RIDGECAST_VECTOR_CLONES Farthest scanned(const Scan& scan, float off) {
   const Floats zero{};
   const Sides& side = scan.sides;
+  const auto left = static_cast<float>(scan.left), right = static_cast<float>(scan.right);
   Floats most = zero + off;
   Ints where = kNext * 0 - 1;
-  for (std::int32_t j = scan.top; j <= scan.bottom; j += kLanes) {
-    const Floats row = __builtin_convertvector(j + kNext, Floats);
+  for (std::int32_t top = scan.top; top <= scan.bottom; top += kLanes * scan.stride) {
+    const Floats row = __builtin_convertvector(top + kNext * scan.stride, Floats);
     std::array<Floats, 4> on;
     for (std::size_t k = 0; k < on.size(); ++k) on[k] = (row - side.z[k]) * side.slope[k] + side.x[k];
-    const auto left = static_cast<float>(scan.left), right = static_cast<float>(scan.right);
     Floats begin = on[0] > on[1] ? on[0] : on[1], end = on[2] < on[3] ? on[2] : on[3];
     begin = begin > left ? begin : zero + left;
     begin = begin < right + 1 ? begin : zero + (right + 1);
@@ -59,21 +58,18 @@ RIDGECAST_INLINE Farthest scanned(const Scan& scan, float off) {
     store(first, from.data());
     store(last, to.data());
     store(level, base.data());
-    const std::int32_t rows = scan.bottom - j < kLanes - 1 ? scan.bottom - j + 1 : kLanes;
-    for (std::int32_t r = 0; r < rows; ++r) {
-      const auto k = static_cast<std::size_t>(r);
-      const float* const height = scan.height + ((j + r) * scan.across << scan.bits);
+    for (std::size_t k = 0; k < from.size(); ++k) {
+      const std::int32_t j = top + static_cast<std::int32_t>(k) * scan.stride;
+      if (j > scan.bottom) break;
+      const float* const height = scan.height + j * scan.across;
       for (std::int32_t n = from[k]; n <= to[k]; n += kLanes) {
         Floats h;
-        if constexpr (kAll)
-          load(h, height + n);
-        else
-          for (std::int32_t lane = 0; lane < kLanes; ++lane) h[lane] = height[(n + lane < to[k] ? n + lane : to[k]) << scan.bits];
+        load(h, height + n);
         const Ints column = n + kNext;
         const Floats miss = h - (base[k] + __builtin_convertvector(column, Floats) * scan.along), far = miss > zero ? miss : -miss;
         const Ints better = (far > most) & (column <= to[k]);
         most = better ? far : most;
-        where = better ? column + ((j + r) << 16) : where;
+        where = better ? column + (j << 16) : where;
       }
     }
   }
@@ -87,9 +83,6 @@ RIDGECAST_INLINE Farthest scanned(const Scan& scan, float off) {
   if (at >= 0) found = {found.off, at & 0xffff, at >> 16};
   return found;
 }
-
-RIDGECAST_VECTOR_CLONES Farthest scanAll(const Scan& scan, float off) { return scanned<true>(scan, off); }
-RIDGECAST_VECTOR_CLONES Farthest scanSome(const Scan& scan, float off) { return scanned<false>(scan, off); }
 
 struct Edges {  // numbers of edges, as in Sides
   std::array<std::size_t, 4> side;
@@ -118,38 +111,37 @@ Edges edgesOf(const Shape& shape) {
 Worst Judge::glance(const Corners& corners) const {
   const Shape shape(corners);
   const auto wanted = static_cast<std::uint64_t>(shape.twiceArea() / (2 * kGlance));
-  const int atLeast = static_cast<int>(std::bit_width(wanted) + 1) / 2;  // bits between samples
+  const int atLeast = static_cast<int>(std::bit_width(wanted) + 1) / 2;  // bits between rows
   const Edges edges = edgesOf(shape);
   const Point2 from{std::max(shape.low.x, low_.x + 1), std::max(shape.low.z, low_.z + 1)},
       to{std::min(shape.high.x, high_.x - 1), std::min(shape.high.z, high_.z - 1)};
   Worst worst{0, 0, 0, false};
   samples_.forEach(from, to, [&](std::size_t number) {
     const Tile& tile = samples_[number];
-    const int strideBits = std::clamp(atLeast - tile.bits, 0, tile.cellBits), bits = tile.bits + strideBits;
     // The tile's last samples are the next one's first.
-    const std::int32_t last = (tile.cells() >> strideBits) - 1, round = (1 << bits) - 1;
-    const double stride = static_cast<double>(std::int64_t{1} << bits);
+    const std::int32_t last = tile.cells() - 1, stride = 1 << std::clamp(atLeast - tile.bits, 0, tile.cellBits);
+    const auto onward = [&](std::int32_t v, std::int32_t apart) { return (apart - 1 - (-v >> tile.bits)) & -apart; };
     Scan scan{.height = tile.height.data(),
               .across = tile.across(),
-              .bits = strideBits,
-              .top = std::max(0, (from.z - tile.corner.z + round) >> bits),
-              .bottom = std::min(last, (to.z - tile.corner.z) >> bits),
-              .left = std::max(0, (from.x - tile.corner.x + round) >> bits),
-              .right = std::min(last, (to.x - tile.corner.x) >> bits),
+              .stride = stride,
+              .top = std::max(0, onward(from.z - tile.corner.z, stride)),
+              .bottom = std::min(last, (to.z - tile.corner.z) >> tile.bits),
+              .left = std::max(0, onward(from.x - tile.corner.x, 1)),
+              .right = std::min(last, (to.x - tile.corner.x) >> tile.bits),
               .sides = {.x = {}, .z = {}, .slope = edges.slope},
               .base = shape.at(tile.corner.x, tile.corner.z),
-              .down = shape.gz * stride,
-              .along = static_cast<float>(shape.gx * stride)};
+              .down = shape.gz * tile.spacing(),
+              .along = static_cast<float>(shape.gx * tile.spacing())};
     if (scan.top > scan.bottom || scan.left > scan.right) return;
-    const auto share = static_cast<float>(1 / stride);
+    const auto share = static_cast<float>(1 / tile.spacing());
     for (std::size_t k = 0; k < 4; ++k) {
       const Point2 p = shape.corner[edges.side[k]];
       scan.sides.x[k] = static_cast<float>(p.x - tile.corner.x) * share;
       scan.sides.z[k] = static_cast<float>(p.z - tile.corner.z) * share;
     }
-    const Farthest found = strideBits == 0 ? scanAll(scan, worst.error) : scanSome(scan, worst.error);
+    const Farthest found = scanned(scan, worst.error);
     if (found.row < 0) return;
-    worst = {found.off, tile.corner.x + (found.column << bits), tile.corner.z + (found.row << bits), false};
+    worst = {found.off, tile.corner.x + (found.column << tile.bits), tile.corner.z + (found.row << tile.bits), false};
   });
   worst.admissible = worst.error > 0 && shape.holds(worst.at());
   return worst;

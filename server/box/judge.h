@@ -52,7 +52,7 @@ class Judge {
   Judge(const Samples& samples, triangulation::Point2 low, triangulation::Point2 high, float error)
       : samples_(samples), low_(low), high_(high), error_(error) {}
 
-  // Some hundred samples at most, spread evenly, without slack: where to insert first.
+  // Evenly spread rows of samples, without slack: where to insert first.
   Worst glance(const Corners& corners) const;
   // Everywhere. `tooCoarse` receives what is open until a block is refined: then ask about each. What fails already is not asked about.
   Worst verdict(const Corners& corners, std::vector<Open>& tooCoarse) const;
