@@ -389,15 +389,14 @@ class Meshing::Mesher {
   }
   // Whether there were blocks that must be finer.
   bool refine() {
-    std::vector<Block> blocks;
+    bool any = false;
     for (std::size_t k = 0; k < regions_.size(); ++k) {
-      for (const Question& q : asked_[k]) blocks.push_back(q.open.block);
+      for (const Question& q : asked_[k])
+        if (samples_.finer(q.open.block) < 0) samples_.refine(q.open.block);
+      any = any || !asked_[k].empty();
       std::swap(asked_[k], answered_[k]);
     }
-    std::sort(blocks.begin(), blocks.end());
-    blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
-    for (const Block& block : blocks) samples_.refine(block);
-    return !blocks.empty();
+    return any;
   }
 
   float worst(bool admissible) const {

@@ -121,7 +121,7 @@ Worst Judge::glance(const Corners& corners) const {
     // The tile's last samples are the next one's first.
     const std::int32_t last = tile.cells() - 1, stride = 1 << std::clamp(atLeast - tile.bits, 0, tile.cellBits);
     const auto onward = [&](std::int32_t v, std::int32_t apart) { return (apart - 1 - (-v >> tile.bits)) & -apart; };
-    Scan scan{.height = tile.height.data(),
+    Scan scan{.height = tile.height,
               .across = tile.across(),
               .stride = stride,
               .top = std::max(0, onward(from.z - tile.corner.z, stride)),

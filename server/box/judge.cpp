@@ -41,7 +41,7 @@ Worst Judge::verdict(const Corners& corners, std::vector<Open>& tooCoarse) const
 Worst Judge::verdict(const Corners& corners, const Open& open, std::vector<Open>& tooCoarse) const {
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
-  look(static_cast<std::size_t>(samples_[open.block.tile].finer[open.block.block]), open.area, shape, search);
+  look(static_cast<std::size_t>(samples_.finer(open.block)), open.area, shape, search);
   return search.found();
 }
 
@@ -130,7 +130,6 @@ struct Judge::Around {
 void Judge::look(std::size_t number, const Area& area, const Shape& shape, Search& search) const {
   if (search.over(error_)) return;
   Around around(samples_[number], area);
-  const Tile& tile = around.tile();
   if (around.empty(shape)) return;
   around.judge(shape, error_);
   search.passed = std::max(search.passed, around.cells.passed);
@@ -142,8 +141,8 @@ void Judge::look(std::size_t number, const Area& area, const Shape& shape, Searc
   const Area open = around.open(shape);
   for (; around.asked != 0; around.asked &= around.asked - 1) {
     const auto block = static_cast<std::size_t>(std::countr_zero(around.asked));
-    if (!tile.finer.empty() && tile.finer[block] >= 0)
-      look(static_cast<std::size_t>(tile.finer[block]), open, shape, search);
+    if (const std::int32_t finer = samples_.finer({number, block}); finer >= 0)
+      look(static_cast<std::size_t>(finer), open, shape, search);
     else if (search.tooCoarse)
       search.tooCoarse->push_back({{number, block}, open});
     else

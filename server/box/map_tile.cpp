@@ -160,7 +160,6 @@ void prove(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts,
   blend(z, bends, rows, cells, between, byColumn);
   bend(z, posts.data(), columns, bends);
   blend(x, bends, columns, cells, between, byRow);
-  tile.slack.resize(cells * cells);
   for (std::size_t j = 0; j < cells; ++j)
     for (std::size_t i = 0; i < cells; ++i)
       tile.slack[j * cells + i] = {scale * (byColumn.below[i * cells + j] + byRow.below[j * cells + i]),
@@ -232,10 +231,8 @@ void sampleMap(const terrain::Raster& map, const Frame& frame, Tile& tile) {
   z.place(corner.z, spacing, across, shape.originZ, shape.pitch);
   thread_local std::vector<std::int32_t> posts;
   fetch(map, x, z, posts);
-  tile.height.resize(tile.count());
-  evaluate(x, z, posts, shape.pitch, tile.height.data());
+  evaluate(x, z, posts, shape.pitch, tile.height);
   if (spacing == 1) return;  // every point of the lattice
-  tile.slackBits = 0;
   const double share = static_cast<double>(spacing) / shape.pitch;
   prove(x, z, posts, static_cast<float>(share * share * lattice::kMetresPerStep), tile);
 }
@@ -255,7 +252,11 @@ void addEdits(const terrain::Raster& edits, const Frame& frame, Tile& tile) {
   const Step side = spacing << tile.cellBits;
   if (swing(corner.x, corner.z, side) == 0) return;
   const int blockSide = 1 << Tile::kBlockBits;
-  Tile rise(tile.corner, tile.bits, tile.cellBits);
+  Tile rise{.corner = tile.corner, .bits = tile.bits, .cellBits = tile.cellBits, .slackBits = 0};
+  std::vector<float> height(rise.count());
+  std::vector<Slack> between(rise.squares());
+  rise.height = height.data();
+  rise.slack = between.data();
   const bool looks = spacing <= kPostsACell * pitch;
   if (looks) sampleMap(edits, frame, rise);
   for (int j = 0; j < tile.blocks(); ++j)

@@ -38,49 +38,63 @@ void Samples::lay() {
 }
 
 float Samples::slack() const {
-  double sum = 0, count = 0;
-  for (const auto& tile : tiles_) {
-    for (const Slack& slack : tile->slack) sum += static_cast<double>(slack.most());
-    count += static_cast<double>(tile->slack.size());
-  }
-  return static_cast<float>(sum / count);
+  double sum = 0;
+  for (const Tile& tile : tiles_) sum += static_cast<double>(tile.rough);
+  return static_cast<float>(sum / static_cast<double>(tiles_.size()));
 }
 
 bool Samples::halves(std::uint64_t most) {
   if (bits_ == 0 || 4 * count_ > most) return false;
   tiles_.clear();
+  heights_ = {};
+  slacks_ = {};
   count_ = 0;
   --bits_;
   lay();
   return true;
 }
 
-Tile& Samples::add(Point2 corner, int bits, int cellBits) {
-  tiles_.push_back(std::make_unique<Tile>(corner, bits, cellBits));
-  count_ += tiles_.back()->count();
-  return *tiles_.back();
+void Samples::add(Point2 corner, int bits, int cellBits, std::int32_t coarser) {
+  Tile tile{.corner = corner,
+            .bits = bits,
+            .cellBits = cellBits,
+            .slackBits = proves() && bits + frame_.unitBits > 0 ? 0 : Tile::kBlockBits,
+            .coarser = coarser};
+  tile.height = heights_.take(tile.count());
+  tile.slack = slacks_.take(tile.squares());
+  tiles_.push_back(tile);
+  count_ += tile.count();
 }
 
 void Samples::refine(const Block& at) {
-  Tile& tile = *tiles_[at.tile];
-  if (tile.finer.empty()) tile.finer.assign(static_cast<std::size_t>(tile.blocks()) * static_cast<std::size_t>(tile.blocks()), -1);
-  tile.finer[at.block] = static_cast<std::int32_t>(tiles_.size());
+  Tile& tile = tiles_[at.tile];
+  if (tile.finer < 0) {
+    tile.finer = static_cast<std::int32_t>(finer_.size());
+    finer_.resize(finer_.size() + static_cast<std::size_t>(tile.blocks()) * static_cast<std::size_t>(tile.blocks()), -1);
+  }
+  finer_[static_cast<std::size_t>(tile.finer) + at.block] = static_cast<std::int32_t>(tiles_.size());
   const auto i = static_cast<std::int32_t>(at.block) % tile.blocks(), j = static_cast<std::int32_t>(at.block) / tile.blocks();
   const int shift = tile.bits + Tile::kBlockBits;
-  add({tile.corner.x + (i << shift), tile.corner.z + (j << shift)}, tile.bits - 1, Tile::kBlockBits + 1).coarser = &tile;
+  add({tile.corner.x + (i << shift), tile.corner.z + (j << shift)}, tile.bits - 1, Tile::kBlockBits + 1,
+      static_cast<std::int32_t>(at.tile));
 }
 
 bool Samples::proves() const { return map_ && spacing() <= kPostsACell * map_->shape().pitch; }
 
 void Samples::fill(std::size_t number) {
-  Tile& tile = *tiles_[number];
-  tile.slack.assign(std::size_t{1} << 2 * (tile.cellBits - tile.slackBits), Slack{});
+  Tile& tile = tiles_[number];
+  std::fill_n(tile.slack, tile.squares(), Slack{});
   if (proves())
     sampleMap(*map_, frame_, tile);
   else
     measure(tile);
   if (const terrain::Raster* const edits = terrain_.edits(); edits && tile.bits + frame_.unitBits > 0) addEdits(*edits, frame_, tile);
-  for (const Slack& slack : tile.slack) tile.most = std::max(tile.most, slack.most());
+  float sum = 0;
+  for (std::size_t k = 0; k < tile.squares(); ++k) {
+    sum += tile.slack[k].most();
+    tile.most = std::max(tile.most, tile.slack[k].most());
+  }
+  tile.rough = sum / static_cast<float>(tile.squares());
 }
 
 void Samples::ask(Tile& tile) const {
@@ -90,11 +104,10 @@ void Samples::ask(Tile& tile) const {
   x.resize(tile.count());
   z.resize(tile.count());
   asked.resize(tile.count());
-  tile.height.resize(tile.count());
   // f(i, j), but where a coarser tile has the sample.
   const auto forEach = [&](auto&& f) {
     for (int j = 0; j < across; ++j) {
-      const int known = tile.coarser && j % 2 == 0 ? 1 : 0;
+      const int known = tile.coarser >= 0 && j % 2 == 0 ? 1 : 0;
       for (int i = known; i < across; i += 1 + known) f(i, j);
     }
   };
@@ -107,8 +120,8 @@ void Samples::ask(Tile& tile) const {
   });
   terrain_.heights({x.data(), count}, {z.data(), count}, {asked.data(), count});
   forEach([&, k = std::size_t{0}](int i, int j) mutable { tile.height[tile.index(i, j)] = asked[k++]; });
-  if (!tile.coarser) return;
-  const Tile& known = *tile.coarser;
+  if (tile.coarser < 0) return;
+  const Tile& known = tiles_[static_cast<std::size_t>(tile.coarser)];
   const std::int32_t i0 = (tile.corner.x - known.corner.x) >> known.bits, j0 = (tile.corner.z - known.corner.z) >> known.bits;
   for (int j = 0; j < across; j += 2)
     for (int i = 0; i < across; i += 2) tile.height[tile.index(i, j)] = known.height[known.index(i0 + i / 2, j0 + j / 2)];

@@ -8,10 +8,10 @@
 // Frame: units of 2^unitBits steps, relative to an anchor, as the mesh's points; heights in metres. One thread at a time, but for fill().
 
 #include <algorithm>
-#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "common/lattice/lattice.h"
@@ -42,22 +42,21 @@ struct Slack {
 struct Tile {
   static constexpr int kBlockBits = 2;
 
-  Tile(triangulation::Point2 at, int bitsApart, int bitsAcross) : corner(at), bits(bitsApart), cellBits(bitsAcross) {}
-
   triangulation::Point2 corner;
-  std::int32_t bits, cellBits;      // its samples are 2^bits units apart, and 2^cellBits + 1 along a side
-  std::vector<float> height;        // metres, along x first
-  int slackBits = kBlockBits;       // the slack is known of squares of 2^slackBits cells
-  std::vector<Slack> slack;         // by square, along x first
-  float most = 0;                   // of all slack
-  std::vector<std::int32_t> finer;  // by block: another tile, or negative; empty: no block is refined
-  const Tile* coarser = nullptr;    // whose block it refines: every second of its samples is there
+  std::int32_t bits, cellBits;  // its samples are 2^bits units apart, and 2^cellBits + 1 along a side
+  std::int32_t slackBits;       // the slack is known of squares of 2^slackBits cells
+  float* height = nullptr;      // metres, along x first
+  Slack* slack = nullptr;       // by square, along x first
+  float most = 0, rough = 0;    // of all slack; on average
+  std::int32_t finer = -1;      // where its blocks' tiles are named; negative: no block is refined
+  std::int32_t coarser = -1;    // the tile whose block it refines: every second of its samples is there
   std::int32_t cells() const { return 1 << cellBits; }
   std::int32_t across() const { return cells() + 1; }
   std::size_t count() const { return static_cast<std::size_t>(across()) * static_cast<std::size_t>(across()); }  // heights
-  std::int32_t blocks() const { return cells() >> kBlockBits; }                                                  // along a side
-  double spacing() const { return static_cast<double>(std::int64_t{1} << bits); }                                // units
-  std::int32_t side() const { return cells() << bits; }                                                          // units
+  std::size_t squares() const { return std::size_t{1} << 2 * (cellBits - slackBits); }
+  std::int32_t blocks() const { return cells() >> kBlockBits; }                    // along a side
+  double spacing() const { return static_cast<double>(std::int64_t{1} << bits); }  // units
+  std::int32_t side() const { return cells() << bits; }                            // units
   std::size_t index(std::int32_t i, std::int32_t j) const {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(across()) + static_cast<std::size_t>(i);
   }
@@ -70,7 +69,27 @@ struct Tile {
 };
 struct Block {
   std::size_t tile = 0, block = 0;
-  friend constexpr auto operator<=>(const Block&, const Block&) = default;
+};
+
+// Memory for many small arrays that are given back together.
+template <class T>
+class Shelf {
+ public:
+  T* take(std::size_t count) {
+    if (count > left_) {
+      left_ = std::max(count, kLength);
+      boards_.push_back(std::make_unique_for_overwrite<T[]>(left_));
+      next_ = boards_.back().get();
+    }
+    left_ -= count;
+    return std::exchange(next_, next_ + count);
+  }
+
+ private:
+  static constexpr std::size_t kLength = 1 << 18;
+  std::vector<std::unique_ptr<T[]>> boards_;
+  T* next_ = nullptr;
+  std::size_t left_ = 0;
 };
 
 class Samples {
@@ -82,14 +101,20 @@ class Samples {
 
   std::size_t size() const { return tiles_.size(); }  // tiles
   std::uint64_t count() const { return count_; }      // heights
-  const Tile& operator[](std::size_t k) const { return *tiles_[k]; }
+  const Tile& operator[](std::size_t k) const { return tiles_[k]; }
   lattice::Step spacing() const { return lattice::Step{1} << (bits_ + frame_.unitBits); }  // steps, at first
   bool proves() const;                                                                     // slack is a proof everywhere
   void fill(std::size_t tile);  // asks for its heights; different tiles at the same time
   float slack() const;          // of all tiles, on average, metres
   // Lays the first samples half as far apart, to be filled, unless that takes more than `most`. Before any block is refined.
   bool halves(std::uint64_t most);
-  void refine(const Block& block);  // half the spacing, in a tile at the end, to be filled; bits > 0
+  // Half the spacing, in a tile at the end, to be filled; bits > 0.
+  void refine(const Block& block);
+  // The tile that refines a block, or negative.
+  std::int32_t finer(const Block& at) const {
+    const std::int32_t names = tiles_[at.tile].finer;
+    return names < 0 ? -1 : finer_[static_cast<std::size_t>(names) + at.block];
+  }
 
   // f(tile) for the first tiles that meet low..high.
   template <class F>
@@ -104,7 +129,7 @@ class Samples {
 
  private:
   void lay();
-  Tile& add(triangulation::Point2 corner, int bits, int cellBits);
+  void add(triangulation::Point2 corner, int bits, int cellBits, std::int32_t coarser = -1);
   void ask(Tile& tile) const;
   void measure(Tile& tile) const;
 
@@ -115,7 +140,10 @@ class Samples {
   triangulation::Point2 first_;
   int bits_;
   std::int32_t across_, down_;
-  std::vector<std::unique_ptr<Tile>> tiles_;
+  std::vector<Tile> tiles_;
+  std::vector<std::int32_t> finer_;  // tiles, by block of each tile that has refined ones; or negative
+  Shelf<float> heights_;
+  Shelf<Slack> slacks_;
   std::uint64_t count_ = 0;
 };
 

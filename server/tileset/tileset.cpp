@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <unordered_map>
 #include <utility>
 
@@ -30,7 +31,7 @@ struct Range {  // metres
 };
 
 Range rangeOf(const box::Tile& tile) {
-  const auto [low, high] = std::ranges::minmax(tile.height);
+  const auto [low, high] = std::ranges::minmax(std::span(tile.height, tile.count()));
   const double slack = tile.most;
   return {low - slack, high + slack};
 }
