@@ -60,14 +60,14 @@ class BuiltIn final : public Terrain {
   Functions functions_;
 };
 
+}  // namespace
+
 std::int32_t toSteps(float metres) {
   if (std::isnan(metres)) return 0;
   // A float times 256 is exact in a double, and so is the sum with one half.
   const double steps = std::floor(static_cast<double>(metres) * lattice::kStepsPerMetre + 0.5);
   return static_cast<std::int32_t>(std::clamp(steps, -double{lattice::kMaxHeight}, double{lattice::kMaxHeight}));
 }
-
-}  // namespace
 
 std::span<const Variant> variants() {
   static const std::vector<Variant> usable = usableVariants();

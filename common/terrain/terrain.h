@@ -30,6 +30,9 @@ class Raster;
 using Colours = std::function<void(const lattice::Step* x, const lattice::Step* z, const float* height, const std::array<float, 3>* normal,
                                    float footprint, std::array<float, 3>* out, std::size_t count, std::uint32_t seed)>;
 
+// Rounded to the nearest step and clamped to +-lattice::kMaxHeight; NaN becomes 0.
+std::int32_t toSteps(float metres);
+
 // A terrain with its seed. Immutable; every member may be called from any thread.
 class Terrain {
  public:
@@ -44,7 +47,7 @@ class Terrain {
   // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.
   virtual void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const = 0;
 
-  // The same, rounded to the nearest step and clamped to +-lattice::kMaxHeight (NaN becomes 0).
+  // The same, by toSteps().
   void heightSteps(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::int32_t> out) const;
   std::int32_t heightStep(lattice::Point p) const;
   double height(lattice::Point p) const;  // metres, of heightStep

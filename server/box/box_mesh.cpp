@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "common/terrain/terrain.h"
 #include "common/triangulation/triangulation.h"
 #include "server/box/filing.h"
 #include "server/box/judge.h"
@@ -36,7 +37,7 @@ constexpr float kRough = 0.4f;                 // of the error: where slack is m
 constexpr std::uint32_t kVerticesARegion = 6;  // from which they work side by side
 constexpr std::size_t kManyOnASide = 1000;
 // Between two looks at the clock: some hundred microseconds, or a few milliseconds.
-constexpr std::size_t kInsertions = 64, kVerdicts = 16, kSamplesATime = 8192;
+constexpr std::size_t kInsertions = 64, kVerdicts = 16, kSamplesATime = 1024;
 
 struct Wanted {
   float error;
@@ -164,7 +165,9 @@ class Meshing::Mesher {
     return nearest > plan_.error ? std::nextafter(nearest, 0.0f) : nearest;
   }
   std::int32_t heightAt(Point2 p) const {
-    return static_cast<std::int32_t>(lattice::roundTo(terrain_.heightStep(plan_.frame.global(p)), plan_.vertical));
+    const std::optional<float> known = samples_.at(p);
+    return static_cast<std::int32_t>(
+        lattice::roundTo(known ? terrain::toSteps(*known) : terrain_.heightStep(plan_.frame.global(p)), plan_.vertical));
   }
   Corners cornersOf(TriangleId t) const {
     const auto& v = mesh_.triangle(t).v;
@@ -173,13 +176,16 @@ class Meshing::Mesher {
 
   // False: the turn is over.
   bool sample() {
-    while (now_.sampled < samples_.size()) {
-      if (pauses()) return false;
-      const std::size_t first = now_.sampled;
-      for (std::size_t heights = 0; now_.sampled < samples_.size() && heights < kSamplesATime; ++now_.sampled)
-        heights += samples_[now_.sampled].count();
-      pool_.forEach(now_.sampled - first, 1, [&](std::size_t k) { samples_.fill(first + k); });
-    }
+    if (now_.sampled == samples_.size()) return true;
+    const std::size_t some = std::max<std::size_t>(1, kSamplesATime / samples_[now_.sampled].count()),
+                      parts = (samples_.size() - now_.sampled + some - 1) / some;
+    const auto fill = [&](std::size_t part) {
+      const std::size_t first = now_.sampled + part * some;
+      for (std::size_t k = first; k < std::min(first + some, samples_.size()); ++k) samples_.fill(k);
+      return true;
+    };
+    if (!once(parts, fill)) return false;
+    now_.sampled = samples_.size();
     return true;
   }
 
@@ -227,6 +233,18 @@ class Meshing::Mesher {
       if (!f(k)) done = false;
     });
     return done;
+  }
+  // The same, each once, in as many turns as it takes.
+  template <class F>
+  bool once(std::size_t n, F&& f) {
+    now_.did.resize(n);
+    const auto unlessDone = [&](std::size_t k) {
+      if (!now_.did[k]) now_.did[k] = !pauses() && f(k);
+      return now_.did[k] != 0;
+    };
+    if (!all(n, unlessDone)) return false;
+    now_.did.clear();
+    return true;
   }
   // f(t) for the fresh triangles of a region, which are judged by it. False: the turn is over.
   template <class F>
@@ -307,13 +325,7 @@ class Meshing::Mesher {
   bool byColour(F&& f) {
     for (; now_.colour < Regions::kColours && !now_.full; ++now_.colour) {
       const auto& regions = regions_.colour(now_.colour);
-      now_.swept.resize(regions.size());
-      const auto once = [&](std::size_t k) {
-        if (!now_.swept[k]) now_.swept[k] = !pauses() && f(regions[k]);
-        return now_.swept[k] != 0;
-      };
-      if (!all(regions.size(), once)) return false;
-      now_.swept.clear();
+      if (!once(regions.size(), [&](std::size_t k) { return f(regions[k]); })) return false;
       vertices_ = mesh_.liveVertices();
       now_.full = 2 * vertices_ > plan_.most;
     }
@@ -399,13 +411,16 @@ class Meshing::Mesher {
     return any;
   }
 
-  float worst(bool admissible) const {
-    float most = 0;
-    for (RegionId r : regions_)
-      mesh_.trianglePages().forEach(r, [&](TriangleId t) {
-        if (worst_[t].admissible == admissible) most = std::max(most, worst_[t].error);
+  float worst(bool admissible) {
+    std::vector<float> most(regions_.size());
+    pool_.forEach(most.size(), 8, [&](std::size_t k) {
+      float here = 0;  // not in memory that others write to
+      mesh_.trianglePages().forEach(regions_[k], [&](TriangleId t) {
+        if (worst_[t].admissible == admissible) here = std::max(here, worst_[t].error);
       });
-    return most;
+      most[k] = here;
+    });
+    return *std::max_element(most.begin(), most.end());
   }
 
   BoxMesh made() {
@@ -420,11 +435,9 @@ class Meshing::Mesher {
   }
   // False: the turn is over.
   bool file() {
-    if (!filing_) filing_.emplace(mesh_, plan_.frame, plan_.low, plan_.high);
-    for (; now_.next < regions_.size(); ++now_.next) {
-      if (pauses()) return false;
-      filing_->add(regions_[now_.next]);
-    }
+    if (!filing_) filing_.emplace(mesh_, plan_.frame, plan_.low, plan_.high, regions_.size());
+    if (now_.next == 0 && !once(regions_.size(), [&](std::size_t k) { return filing_->add(k, regions_[k]), true; })) return false;
+    now_.next = 1;
     while (!filing_->finish(pool_))
       if (pauses()) return false;
     return true;
@@ -440,7 +453,7 @@ class Meshing::Mesher {
     TriangleId hint = 0;                                    // near the last of them
     std::vector<Wanted> heap;                               // to be inserted one by one
     std::size_t colour = 0;                                 // of the sweep
-    std::vector<std::uint8_t> swept;                        // by region of the colour; bytes, for threads write them side by side
+    std::vector<std::uint8_t> did;                          // of what is done at the same time; bytes, for threads write them side by side
     float limit = 0;                                        // of the sweep, metres; 0: there is none
     float lowest = std::numeric_limits<float>::infinity();  // of the limits so far
     std::uint32_t outline = 0;                              // vertices of it

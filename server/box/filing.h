@@ -14,25 +14,23 @@
 
 namespace ridgecast::box {
 
-// In pieces of at most some milliseconds. The mesh, which does not change any more, must outlive it. One thread.
+// In pieces of at most some milliseconds. The mesh, which does not change any more, must outlive it.
 class Filing {
  public:
-  Filing(const triangulation::Triangulation& mesh, const Frame& frame, lattice::Point low, lattice::Point high);
-  void add(triangulation::RegionId region);
-  bool finish(scheduling::Pool& pool);  // some leaves of what was added; true: there are no more
+  Filing(const triangulation::Triangulation& mesh, const Frame& frame, lattice::Point low, lattice::Point high, std::size_t regions);
+  void add(std::size_t k, triangulation::RegionId region);  // as the k-th; different ones at the same time
+  bool finish(scheduling::Pool& pool);                      // some leaves, once all is added; true: there are no more. One thread
   std::vector<mesh::LeafMesh> take() { return std::move(leaves_); }
 
  private:
-  struct Leaf {
-    mesh::LeafMesh mesh;
-    std::vector<triangulation::VertexId> ids;  // three a triangle
-  };
-  void finish(mesh::LeafMesh& leaf, const std::vector<triangulation::VertexId>& ids) const;
+  using Corners = std::vector<triangulation::VertexId>;  // three a triangle
+  void finish(mesh::LeafMesh& leaf, const std::vector<const Corners*>& parts) const;
 
   const triangulation::Triangulation& mesh_;
   const Frame frame_;
   int level_ = 0;
-  std::map<lattice::LeafAddress, Leaf> filed_;
+  std::vector<std::map<lattice::LeafAddress, Corners>> added_;
+  std::map<lattice::LeafAddress, std::vector<const Corners*>> filed_;
   std::vector<mesh::LeafMesh> leaves_;
 };
 

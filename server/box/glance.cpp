@@ -116,12 +116,12 @@ Worst Judge::glance(const Corners& corners) const {
   const Point2 from{std::max(shape.low.x, low_.x + 1), std::max(shape.low.z, low_.z + 1)},
       to{std::min(shape.high.x, high_.x - 1), std::min(shape.high.z, high_.z - 1)};
   Worst worst{0, 0, 0, false};
-  samples_.forEach(from, to, [&](std::size_t number) {
+  const auto scan = [&](std::size_t number) {
     const Tile& tile = samples_[number];
     // The tile's last samples are the next one's first.
     const std::int32_t last = tile.cells() - 1, stride = 1 << std::clamp(atLeast - tile.bits, 0, tile.cellBits);
     const auto onward = [&](std::int32_t v, std::int32_t apart) { return (apart - 1 - (-v >> tile.bits)) & -apart; };
-    Scan scan{.height = tile.height,
+    Scan rows{.height = tile.height,
               .across = tile.across(),
               .stride = stride,
               .top = std::max(0, onward(from.z - tile.corner.z, stride)),
@@ -132,17 +132,18 @@ Worst Judge::glance(const Corners& corners) const {
               .base = shape.at(tile.corner.x, tile.corner.z),
               .down = shape.gz * tile.spacing(),
               .along = static_cast<float>(shape.gx * tile.spacing())};
-    if (scan.top > scan.bottom || scan.left > scan.right) return;
+    if (rows.top > rows.bottom || rows.left > rows.right) return;
     const auto share = static_cast<float>(1 / tile.spacing());
     for (std::size_t k = 0; k < 4; ++k) {
       const Point2 p = shape.corner[edges.side[k]];
-      scan.sides.x[k] = static_cast<float>(p.x - tile.corner.x) * share;
-      scan.sides.z[k] = static_cast<float>(p.z - tile.corner.z) * share;
+      rows.sides.x[k] = static_cast<float>(p.x - tile.corner.x) * share;
+      rows.sides.z[k] = static_cast<float>(p.z - tile.corner.z) * share;
     }
-    const Farthest found = scanned(scan, worst.error);
+    const Farthest found = scanned(rows, worst.error);
     if (found.row < 0) return;
     worst = {found.off, tile.corner.x + (found.column << tile.bits), tile.corner.z + (found.row << tile.bits), false};
-  });
+  };
+  samples_.forEach(from, to, scan, std::max(0, atLeast - samples_[0].bits - Samples::kCellBits));
   worst.admissible = worst.error > 0 && shape.holds(worst.at());
   return worst;
 }

@@ -79,6 +79,22 @@ void Samples::refine(const Block& at) {
       static_cast<std::int32_t>(at.tile));
 }
 
+std::optional<float> Samples::at(Point2 p) const {
+  std::optional<float> height;
+  forEach(p, p, [&](std::size_t number) {
+    for (;;) {
+      const Tile& tile = tiles_[number];
+      if (tile.rough < 0) return;
+      const std::int32_t x = p.x - tile.corner.x, z = p.z - tile.corner.z, i = x >> tile.bits, j = z >> tile.bits;
+      if ((i << tile.bits) == x && (j << tile.bits) == z) height = tile.height[tile.index(i, j)];
+      const std::int32_t next = height ? -1 : finer({number, tile.block(i >> Tile::kBlockBits, j >> Tile::kBlockBits)});
+      if (next < 0) return;
+      number = static_cast<std::size_t>(next);
+    }
+  });
+  return height;
+}
+
 bool Samples::proves() const { return map_ && spacing() <= kPostsACell * map_->shape().pitch; }
 
 void Samples::fill(std::size_t number) {

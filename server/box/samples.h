@@ -11,6 +11,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -47,7 +48,8 @@ struct Tile {
   std::int32_t slackBits;       // the slack is known of squares of 2^slackBits cells
   float* height = nullptr;      // metres, along x first
   Slack* slack = nullptr;       // by square, along x first
-  float most = 0, rough = 0;    // of all slack; on average
+  float most = 0;               // of all slack, metres
+  float rough = -1;             // all slack, on average; negative: it is not filled yet
   std::int32_t finer = -1;      // where its blocks' tiles are named; negative: no block is refined
   std::int32_t coarser = -1;    // the tile whose block it refines: every second of its samples is there
   std::int32_t cells() const { return 1 << cellBits; }
@@ -110,20 +112,24 @@ class Samples {
   bool halves(std::uint64_t most);
   // Half the spacing, in a tile at the end, to be filled; bits > 0.
   void refine(const Block& block);
+  // The height at a sample that is filled, metres.
+  std::optional<float> at(triangulation::Point2 p) const;
   // The tile that refines a block, or negative.
   std::int32_t finer(const Block& at) const {
     const std::int32_t names = tiles_[at.tile].finer;
     return names < 0 ? -1 : finer_[static_cast<std::size_t>(names) + at.block];
   }
 
-  // f(tile) for the first tiles that meet low..high.
+  // f(tile) for the first tiles that meet low..high, or of each square of 2^skip x 2^skip of them for one.
   template <class F>
-  void forEach(triangulation::Point2 low, triangulation::Point2 high, F&& f) const {
+  void forEach(triangulation::Point2 low, triangulation::Point2 high, F&& f, int skip = 0) const {
     const int shift = bits_ + kCellBits;
     const auto clamped = [](std::int32_t v, std::int32_t most) { return v < 0 ? 0 : v >= most ? most - 1 : v; };
-    const std::int32_t i1 = clamped((high.x - first_.x) >> shift, across_), j1 = clamped((high.z - first_.z) >> shift, down_);
-    for (std::int32_t j = clamped((low.z - first_.z) >> shift, down_); j <= j1; ++j)
-      for (std::int32_t i = clamped((low.x - first_.x) >> shift, across_); i <= i1; ++i)
+    const std::int32_t i1 = clamped((high.x - first_.x) >> shift, across_), j1 = clamped((high.z - first_.z) >> shift, down_),
+                       apart = 1 << skip;
+    const auto first = [&](std::int32_t v, std::int32_t most) { return (clamped(v >> shift, most) + apart - 1) & -apart; };
+    for (std::int32_t j = first(low.z - first_.z, down_); j <= j1; j += apart)
+      for (std::int32_t i = first(low.x - first_.x, across_); i <= i1; i += apart)
         f(static_cast<std::size_t>(j) * static_cast<std::size_t>(across_) + static_cast<std::size_t>(i));
   }
 
