@@ -60,15 +60,15 @@ RIDGECAST_INLINE void span(const Cells& cells, Span& spans) {
   }
 }
 
-// Of a row of eight cells, from `column` on.
+// Of a row of four cells, from `column` on.
 RIDGECAST_INLINE void slackOf(const Tile& tile, std::int32_t column, std::int32_t row, Floats& below, Floats& above) {
   const Slack* const slack = &tile.slack[static_cast<std::size_t>(row >> tile.slackBits) << (tile.cellBits - tile.slackBits)];
   if (tile.slackBits == 0) {
     Floats low, high;
     load(low, &slack[column].below);
     load(high, &slack[column + kLanes / 2].below);
-    below = __builtin_shufflevector(low, high, 0, 2, 4, 6, 8, 10, 12, 14);
-    above = __builtin_shufflevector(low, high, 1, 3, 5, 7, 9, 11, 13, 15);
+    below = __builtin_shufflevector(low, high, 0, 2, 4, 6);
+    above = __builtin_shufflevector(low, high, 1, 3, 5, 7);
     return;
   }
   std::array<float, kLanes> b, a;

@@ -152,19 +152,16 @@ void Judge::look(std::size_t number, const Area& area, const Shape& shape, Searc
 
 namespace {
 
-typedef float Four __attribute__((vector_size(16)));
-typedef std::int32_t FourInts __attribute__((vector_size(16)));
-
 // The corners of a triangle's part of a cell, in spacings from the cell's corner, and what the bilinear surface is off there: where the
 // lines above and below begin and end, those on the left and the right, and the triangle's own. Some are not there.
 struct Places {
-  std::array<Four, 3> x, z, off;
-  std::array<FourInts, 3> there;
+  std::array<Floats, 3> x, z, off;
+  std::array<Ints, 3> there;
 
   Places(const Cells& cells, const Parts& columns, std::int32_t i, std::int32_t j) {
     const float *const here = &cells.offAt(i, j), *const next = here + Cells::kAcross;
     const float across = here[1] - here[0], down = next[0] - here[0], twist = next[1] - next[0] - across;
-    const Four far{0, 0, 1, 1};
+    const Floats far{0, 0, 1, 1};
     const auto n = static_cast<std::size_t>(j - cells.j0), m = static_cast<std::size_t>(i - cells.i0);
     x[0] = between(cells.rows, n, static_cast<float>(i), there[0]);
     z[0] = far;
@@ -172,22 +169,22 @@ struct Places {
     x[1] = far;
     z[1] = between(columns, m, static_cast<float>(j), there[1]);
     off[1] = here[0] + far * across + z[1] * (down + far * twist);
-    x[2] = Four{cells.u[0], cells.u[1], cells.u[2], cells.u[2]} - static_cast<float>(i);
-    z[2] = Four{cells.v[0], cells.v[1], cells.v[2], cells.v[2]} - static_cast<float>(j);
+    x[2] = Floats{cells.u[0], cells.u[1], cells.u[2], cells.u[2]} - static_cast<float>(i);
+    z[2] = Floats{cells.v[0], cells.v[1], cells.v[2], cells.v[2]} - static_cast<float>(j);
     off[2] = here[0] + x[2] * across + z[2] * (down + x[2] * twist);
     there[2] = (x[2] >= 0) & (x[2] <= 1) & (z[2] >= 0) & (z[2] <= 1);
   }
   // Two lines from their number on: from, to, from, to.
-  static Four between(const Parts& parts, std::size_t line, float corner, FourInts& there) {
-    const Four from = Four{parts.from[line], parts.from[line], parts.from[line + 1], parts.from[line + 1]} - corner,
-               to = Four{parts.to[line], parts.to[line], parts.to[line + 1], parts.to[line + 1]} - corner;
-    const Four begin = from > 0 ? from : Four{}, end = to < 1 ? to : Four{} + 1;
+  static Floats between(const Parts& parts, std::size_t line, float corner, Ints& there) {
+    const Floats from = Floats{parts.from[line], parts.from[line], parts.from[line + 1], parts.from[line + 1]} - corner,
+                 to = Floats{parts.to[line], parts.to[line], parts.to[line + 1], parts.to[line + 1]} - corner;
+    const Floats begin = from > 0 ? from : Floats{}, end = to < 1 ? to : Floats{} + 1;
     there = begin <= end;
-    return Four{begin[0], end[0], begin[2], end[2]};
+    return Floats{begin[0], end[0], begin[2], end[2]};
   }
   // The least and the greatest, which lie between these.
   std::pair<float, float> range(float least, float greatest) const {
-    Four low = Four{} + greatest, high = Four{} + least;
+    Floats low = Floats{} + greatest, high = Floats{} + least;
     for (std::size_t k = 0; k < 3; ++k) {
       low = (there[k] & (off[k] < low)) ? off[k] : low;
       high = (there[k] & (off[k] > high)) ? off[k] : high;

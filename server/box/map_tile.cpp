@@ -66,7 +66,7 @@ RIDGECAST_INLINE void most(Floats& a, const Floats& b) { a = b > a ? b : a; }
 // Along a row of posts a, b, c, d the bicubic (Catmull-Rom) is a cubic between b and c whose second derivative runs straight from
 // P = 2 a - 5 b + 4 c - d to Q = 2 d - 5 c + 4 b - a. From p to q on a part of width w, it is off the chord by w^2 t (1 - t) / 6 *
 // (p (2 - t) + q (1 + t)), at most w^2 (|p + q| / 16 + |p - q| / 124): below it where p and q are positive, above it where they are
-// negative, so both are bounded by themselves. Here in steps for w = 1, of eight rows side by side.
+// negative, so both are bounded by themselves. Here in steps for w = 1, of four rows side by side.
 RIDGECAST_INLINE void curvature(const std::int32_t* posts, std::size_t apart, Floats& p, Floats& q) {
   std::array<Floats, 4> at;
   for (std::size_t k = 0; k < 4; ++k) {

@@ -1,5 +1,5 @@
 #pragma once
-// Internal to the room: what is looked at eight samples, or lines of a grid, at a time.
+// Internal to the room: what is looked at four samples, or lines of a grid, at a time: as many as every machine has vectors for.
 
 #include <cstdint>
 #include <cstring>
@@ -14,12 +14,12 @@
 
 namespace ridgecast::box {
 
-inline constexpr std::int32_t kLanes = 8;
+inline constexpr std::int32_t kLanes = 4;
 typedef float Floats __attribute__((vector_size(4 * kLanes)));
 typedef std::int32_t Ints __attribute__((vector_size(4 * kLanes)));
 typedef double Doubles __attribute__((vector_size(8 * kLanes)));
 
-inline constexpr Ints kNext{0, 1, 2, 3, 4, 5, 6, 7};
+inline constexpr Ints kNext{0, 1, 2, 3};
 
 // From and to anywhere in memory.
 template <class Vector, class T>
