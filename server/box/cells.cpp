@@ -102,7 +102,7 @@ RIDGECAST_VECTOR_CLONES void judgeCells(Cells& cells, float error) {
       load(next, height + 1);
       here = here - level - (rest + step);
       next = next - level - (rest + nextStep);
-      float* const to = &cells.off[static_cast<std::size_t>(k * Cells::kAcross + start)];
+      float* const to = &cells.off[Cells::place(start, k)];
       store(here, to);
       store(next, to + 1);
       most = here > next ? here : next;

@@ -24,7 +24,7 @@ struct Parts {
 
 // Without initialisers: most of it is never touched.
 struct Cells {
-  static constexpr std::int32_t kAcross = (1 << Samples::kCellBits) + 1;
+  static constexpr std::size_t kAcross = (1 << Samples::kCellBits) + 1;
 
   const Tile* tile;
   std::int32_t i0, j0, i1, j1;
@@ -37,7 +37,8 @@ struct Cells {
   std::array<std::uint32_t, kAcross - 1> suspicious;  // by column: a bit for each row, from j0 on
   float passed;                                       // metres: the most of all other cells, with slack
 
-  const float& offAt(std::int32_t i, std::int32_t j) const { return off[static_cast<std::size_t>((j - j0) * kAcross + i)]; }
+  static std::size_t place(std::int32_t i, std::int32_t k) { return static_cast<std::size_t>(k) * kAcross + static_cast<std::size_t>(i); }
+  const float& offAt(std::int32_t i, std::int32_t j) const { return off[place(i, j - j0)]; }
   // `rows` are crossed. What is off by at most `error` at its four corners, with slack, passes in all of it.
   void judge(float error);
 };
