@@ -118,10 +118,11 @@ Posts aroundLine(const Line& line, Step reach) {
   return out;
 }
 
-// The ground held between a bank that rises and one that falls from `height`.
+// The ground held between a bank that rises and one that falls from `height`; where these have not met it, they run out to it at last.
 std::int32_t banked(std::int32_t ground, std::int32_t height, std::int64_t distance, std::uint32_t slope) {
   const std::int64_t give = (distance * slope) >> 8;
-  return static_cast<std::int32_t>(std::clamp<std::int64_t>(ground, height - give, height + give));
+  const std::int64_t by = std::clamp<std::int64_t>(ground, height - give, height + give) - ground;
+  return static_cast<std::int32_t>(ground + by * std::min(kBank - distance, kRunOut) / kRunOut);
 }
 
 std::int64_t squareOf(std::int64_t x, std::int64_t z) { return x * x + z * z; }

@@ -20,7 +20,8 @@ inline constexpr int kPostBits = 7;  // steps between posts, as a power of two: 
 inline constexpr lattice::Step kPostSteps = lattice::Step{1} << kPostBits;
 inline constexpr std::int32_t kMostRise = std::int32_t{1} << 20;  // steps, +-: 4,096 m from the terrain's own height
 inline constexpr lattice::Step kLeastRadius = kPostSteps, kMostRadius = lattice::Step{1} << 16;  // 0.5 to 256 m
-inline constexpr lattice::Step kBank = lattice::Step{1} << 13;        // how far level ground and roads reach beyond their border: 32 m
+inline constexpr lattice::Step kBank = lattice::Step{1} << 13;    // how far level ground and roads reach beyond their border: 32 m
+inline constexpr lattice::Step kRunOut = lattice::Step{1} << 11;  // of that, in which banks run out to ground that they have not met: 8 m
 inline constexpr lattice::Step kMostLength = lattice::Step{1} << 19;  // of a road: 2,048 m
 inline constexpr std::size_t kMostCorners = 256, kMostStations = 1024;
 inline constexpr std::uint32_t kMostSlope = 1u << 16;  // 1/256: 256 m a metre, a wall
@@ -45,7 +46,7 @@ struct Crater {
 };
 
 // Level at `height` inside a polygon, or a circle around its only corner. Outside, up to kBank from the border, the ground keeps within
-// a bank that rises and falls from there by `slope`.
+// a bank that rises and falls from there by `slope`; over the last kRunOut, whatever is left runs out evenly.
 struct Level {
   std::vector<lattice::Point> corners;
   lattice::Step radius = 0;   // of a circle; polygons: 0

@@ -60,7 +60,30 @@ TEST(Edits, LevelGroundIsLevelAndItsBanksAreNoSteeper) {
   for (double z = 0; z <= 80; z += 4)
     for (double x = 0; x <= 80; x += 4) EXPECT_EQ(g.height(x, z), height) << x << " " << z;
   // On a bank of half a metre a metre, or where the ground is within it anyway.
-  for (double d = 0.5; d < 32; d += 0.5) EXPECT_LE(std::abs(g.height(80 + d, 40) - height), m(d) / 2 + 2) << d;
+  for (double d = 0.5; d <= 24; d += 0.5) EXPECT_LE(std::abs(g.height(80 + d, 40) - height), m(d) / 2 + 2) << d;
+}
+
+// On ground that is steeper than they are.
+TEST(Edits, BanksThatDoNotMeetTheGroundRunOutOverTheirLastEightMetres) {
+  Ground g;
+  const std::int32_t height = g.base->heightStep({0, 0}) + m(60);
+  Road road;
+  road.line = {{m(-40), m(100), height}, {m(40), m(100), height}};
+  road.surveyed = true;
+  road.width = m(8);
+  g.apply({Level{{{0, 0}}, m(10), height, 64}, 0});
+  g.apply({road, 0});
+  const auto check = [&](double border, double x, double z) {
+    EXPECT_GT(g.rise(x * (border + 24), z * (border + 24)), m(20)) << "a bank that has not met the ground";
+    for (double d = 24; d < 32; d += 0.5) {
+      const std::int32_t rise = g.rise(x * (border + d), z * (border + d));
+      EXPECT_LE(rise - g.rise(x * (border + d + 0.5), z * (border + d + 0.5)), g.rise(x * (border + 24), z * (border + 24)) / 12) << d;
+    }
+    EXPECT_EQ(g.rise(x * (border + 32), z * (border + 32)), 0);
+  };
+  check(10, 0, -1);
+  check(10, -1, 0);
+  check(104, 0, 1);
 }
 
 TEST(Edits, ALevelCircleIsRound) {
