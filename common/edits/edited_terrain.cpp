@@ -19,8 +19,7 @@ EditedTerrain::EditedTerrain(std::shared_ptr<const terrain::Terrain> base, std::
     : base_(std::move(base)), layer_(std::move(layer)), rise_(layer_) {}
 
 void EditedTerrain::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
-  base_->heights(x, z, out);
-  layer_->raise(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}));
+  layer_->heights(*base_, x, z, out);
 }
 
 const terrain::RasterShape& Rise::shape() const {
@@ -40,7 +39,7 @@ void Rise::samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::in
 terrain::Raster::Range Rise::range(std::int64_t x, std::int64_t z, std::int64_t columns, std::int64_t rows) const {
   Range out;
   layer_->forEachTile({x, z, x + columns, z + rows}, [&](TileAddress, const Tile& tile) {
-    const auto [low, high] = std::ranges::minmax(tile.rise);
+    const auto [low, high] = std::ranges::minmax(tile.posts().rise);
     out = {std::min(out.lowest, low), std::max(out.highest, high)};
   });
   return out;

@@ -48,7 +48,7 @@ class EditedTerrain final : public terrain::Terrain {
 // The layer on a terrain; null: nobody has edited it.
 std::shared_ptr<const Layer> layerOf(const terrain::Terrain& terrain);
 
-// Linear red, green and blue of materials 1 to kMaterials: earth, rock, gravel, sand, grass, asphalt, concrete, snow.
+// Linear red, green and blue of materials 1 to kMaterials: earth, rock, gravel, sand, grass, asphalt, concrete, snow. On every terrain.
 std::array<float, 3> colourOf(std::uint8_t material);
 
 }  // namespace ridgecast::edits

@@ -45,9 +45,7 @@ std::vector<std::int32_t> ownHeights(const terrain::Terrain& terrain, const Post
 
 std::int32_t limited(std::int64_t rise) { return static_cast<std::int32_t>(std::clamp<std::int64_t>(rise, -kMostRise, kMostRise)); }
 
-bool isZero(const Tile& tile) { return tile == Tile(); }
-
-std::shared_ptr<Tile> copyOf(const Tile* tile) { return tile ? std::make_shared<Tile>(*tile) : std::make_shared<Tile>(); }
+TilePosts postsOf(const Tile* tile) { return tile ? tile->posts() : TilePosts(); }
 
 // One pass: weights 1 2 1 along both axes, nearest whole steps. The result is a post narrower on each side.
 std::vector<std::int32_t> passed(const std::vector<std::int32_t>& from, std::int64_t columns, std::int64_t rows) {
@@ -214,12 +212,12 @@ std::shared_ptr<const Layer> History::replayed(std::uint64_t edit) const {
   std::map<TileAddress, std::shared_ptr<const Tile>> tiles;
   for (const TileAddress t : changed) {
     const Tile* const tile = made->tile(t);
-    tiles[t] = tile && !isZero(*tile) ? std::make_shared<const Tile>(*tile) : nullptr;
+    tiles[t] = tile && !tile->isZero() ? std::make_shared<const Tile>(tile->posts()) : nullptr;
     // Tiles beside it that were there for its sake alone.
     for (std::int64_t j = -1; j <= 1; ++j)
       for (std::int64_t i = -1; i <= 1; ++i)
         if (const TileAddress beside{t.i + i, t.j + j}; !changed.contains(beside))
-          if (const Tile* const there = layer_->tile(beside); there && isZero(*there)) tiles[beside] = nullptr;
+          if (const Tile* const there = layer_->tile(beside); there && there->isZero()) tiles[beside] = nullptr;
   }
   std::vector<Layer::Change> changes;
   for (auto& [address, tile] : tiles) changes.push_back({address, std::move(tile)});
@@ -237,25 +235,21 @@ std::vector<Layer::Change> History::changesOf(const Operation& operation, const 
     const Posts posts = address.posts();
     const lattice::Point middle{(posts.x0 + kTileSide / 2) << kPostBits, (posts.z0 + kTileSide / 2) << kPostBits};
     if (!brush.reaches(middle, kHalfDiagonal)) return;
-    const Tile* const before = on.tile(address);
+    const TilePosts before = postsOf(on.tile(address));
     std::vector<std::int32_t> own;
     if (reads) own = ownHeights(*terrain_, posts);
-    std::shared_ptr<Tile> after;
+    TilePosts after = before;
     for (std::size_t k = 0; k < kTileSide * kTileSide; ++k) {
       const lattice::Point post{(posts.x0 + static_cast<std::int64_t>(k) % kTileSide) << kPostBits,
                                 (posts.z0 + static_cast<std::int64_t>(k) / kTileSide) << kPostBits};
-      const std::int32_t rise = before ? before->rise[k] : 0, base = reads ? own[k] : 0;
+      const std::int32_t rise = before.rise[k], base = reads ? own[k] : 0;
       const auto result = brush.at(post, base + rise);
       if (!result) continue;
       const std::int32_t next = limited(std::int64_t{result->height} - base);
-      const std::uint8_t was = before ? before->material[k] : 0;
-      const auto material = static_cast<std::uint8_t>(result->paints && operation.material != 0 ? operation.material : was);
-      if (next == rise && material == was) continue;
-      if (!after) after = copyOf(before);
-      after->rise[k] = next;
-      after->material[k] = material;
+      after.rise[k] = next;
+      if (result->paints && operation.material != 0) after.material[k] = static_cast<std::uint8_t>(operation.material);
     }
-    if (after) out.push_back({address, std::move(after)});
+    if (after != before) out.push_back({address, std::make_shared<const Tile>(after)});
   };
   if (within) {
     for (const TileAddress t : *within)
@@ -278,7 +272,7 @@ std::vector<Layer::Change> History::smoothed(const Operation& operation, const L
   std::int64_t columns = seen.x1 - seen.x0, rows = seen.z1 - seen.z0;
   for (std::uint32_t pass = 0; pass < smooth.passes; ++pass, columns -= 2, rows -= 2) after = passed(after, columns, rows);
 
-  std::map<TileAddress, std::shared_ptr<Tile>> tiles;
+  std::map<TileAddress, TilePosts> tiles;
   for (std::int64_t z = area.z0; z < area.z1; ++z)
     for (std::int64_t x = area.x0; x < area.x1; ++x) {
       const TileAddress address{x >> kTileBits, z >> kTileBits};
@@ -288,14 +282,13 @@ std::vector<Layer::Change> History::smoothed(const Operation& operation, const L
       const std::int64_t before = heights[static_cast<std::size_t>((z - seen.z0) * (seen.x1 - seen.x0) + x - seen.x0)],
                          next = after[static_cast<std::size_t>((z - area.z0) * (area.x1 - area.x0) + x - area.x0)];
       if (next == before && operation.material == 0) continue;
-      auto& tile = tiles[address];
-      if (!tile) tile = copyOf(on.tile(address));
+      TilePosts& tile = tiles.contains(address) ? tiles[address] : tiles[address] = postsOf(on.tile(address));
       const auto slot = static_cast<std::size_t>((z & (kTileSide - 1)) * kTileSide + (x & (kTileSide - 1)));
-      tile->rise[slot] = limited(tile->rise[slot] + next - before);
-      if (operation.material != 0) tile->material[slot] = static_cast<std::uint8_t>(operation.material);
+      tile.rise[slot] = limited(tile.rise[slot] + next - before);
+      if (operation.material != 0) tile.material[slot] = static_cast<std::uint8_t>(operation.material);
     }
   std::vector<Layer::Change> out;
-  for (auto& [address, tile] : tiles) out.push_back({address, std::move(tile)});
+  for (const auto& [address, tile] : tiles) out.push_back({address, std::make_shared<const Tile>(tile)});
   return out;
 }
 

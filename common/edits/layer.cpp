@@ -1,6 +1,7 @@
 #include "common/edits/layer.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "common/terrain/raster.h"
 
@@ -10,17 +11,13 @@ using lattice::Step;
 
 namespace {
 
-constexpr std::int64_t kInTile = kTileSide - 1;
-
-std::size_t slotOf(std::int64_t x, std::int64_t z) { return static_cast<std::size_t>((z & kInTile) * kTileSide + (x & kInTile)); }
-
 // The neighbours of a tile that read its posts where they are not 0: a place reads from one post before it to two after it.
 template <class F>
 void forEachReader(TileAddress a, const Tile& tile, F&& f) {
   std::int64_t x0 = kTileSide, x1 = -1, z0 = kTileSide, z1 = -1;
   for (std::int64_t z = 0; z < kTileSide; ++z)
     for (std::int64_t x = 0; x < kTileSide; ++x)
-      if (tile.rise[slotOf(x, z)] != 0) {
+      if (tile.rise(slotOf(x, z)) != 0) {
         x0 = std::min(x0, x), x1 = std::max(x1, x);
         z0 = std::min(z0, z), z1 = std::max(z1, z);
       }
@@ -38,6 +35,21 @@ const std::shared_ptr<const Tile>& zeroTile() {
 
 }  // namespace
 
+Tile::Tile(const TilePosts& posts) : material_(posts.material) {
+  const auto [least, most] = std::ranges::minmax(posts.rise);
+  using Narrow = std::numeric_limits<std::int16_t>;
+  if (least < Narrow::min() || most > Narrow::max())
+    wide_ = std::make_unique<const std::array<std::int32_t, kTileSide * kTileSide>>(posts.rise);
+  else
+    std::ranges::transform(posts.rise, rise_.begin(), [](std::int32_t v) { return static_cast<std::int16_t>(v); });
+}
+
+TilePosts Tile::posts() const {
+  TilePosts out{.rise = {}, .material = material_};
+  for (std::size_t k = 0; k < out.rise.size(); ++k) out.rise[k] = rise(k);
+  return out;
+}
+
 // The parts of a layer that are being written are copied once, then written in place.
 class Layer::Writer {
  public:
@@ -48,7 +60,12 @@ class Layer::Writer {
     std::shared_ptr<const Tile>& slot = blockOf(a)[slotIn(a)];
     layer_->tiles_ += (tile ? 1 : 0);
     layer_->tiles_ -= (slot ? 1 : 0);
+    layer_->wide_ += tile && tile->isWide() ? 1 : 0;
+    layer_->wide_ -= slot && slot->isWide() ? 1 : 0;
+    layer_->tileBytes_ += tile ? tile->bytes() : 0;
+    layer_->tileBytes_ -= slot ? slot->bytes() : 0;
     slot = std::move(tile);
+    if (slot) layer_->around_.add(a.posts());
   }
   const Layer& layer() const { return *layer_; }
 
@@ -60,6 +77,7 @@ class Layer::Writer {
       }
     for (const auto& [address, cell] : cells_)
       if (std::ranges::none_of(*cell, [](const auto& block) { return bool(block); })) layer_->cells_.erase(address);
+    if (layer_->empty()) layer_->around_ = {};
     return std::move(layer_);
   }
 
@@ -104,28 +122,6 @@ const Layer::Cell* Layer::cell(CellAddress address) const {
   const auto it = cells_.find(address);
   return it == cells_.end() ? nullptr : it->second.get();
 }
-
-const Tile* Layer::tileOf(const Cell& cell, TileAddress a) {
-  constexpr std::int64_t kInBlock = (1 << kBlockBits) - 1, kInCell = (1 << kCellBits) - 1;
-  const auto& block = cell[static_cast<std::size_t>((((a.j >> kBlockBits) & kInCell) << kCellBits) | ((a.i >> kBlockBits) & kInCell))];
-  return block ? (*block)[static_cast<std::size_t>(((a.j & kInBlock) << kBlockBits) | (a.i & kInBlock))].get() : nullptr;
-}
-
-// Remembers the last cell.
-class Layer::CellFinder {
- public:
-  explicit CellFinder(const Layer& layer) : layer_(layer) {}
-  const Tile* tile(TileAddress a) {
-    constexpr int kShift = kBlockBits + kCellBits;
-    if (const CellAddress at{a.i >> kShift, a.j >> kShift}; !(at == at_)) cell_ = layer_.cell(at_ = at);
-    return cell_ ? tileOf(*cell_, a) : nullptr;
-  }
-
- private:
-  const Layer& layer_;
-  CellAddress at_{std::int64_t{1} << 62, 0};
-  const Cell* cell_ = nullptr;
-};
 
 const Tile* Layer::tile(TileAddress a) const {
   const Cell* const c = cell({a.i >> (kBlockBits + kCellBits), a.j >> (kBlockBits + kCellBits)});
@@ -189,7 +185,7 @@ void Layer::forEachTile(const Posts& posts, const std::function<void(TileAddress
 std::uint64_t Layer::hash() const {
   std::uint64_t sum = 0;
   for (const TileAddress a : addresses()) {
-    const Tile& t = *tile(a);
+    const TilePosts t = tile(a)->posts();
     for (std::int64_t k = 0; k < kTileSide * kTileSide; ++k) {
       const auto slot = static_cast<std::size_t>(k);
       if (t.rise[slot] == 0 && t.material[slot] == 0) continue;
@@ -203,151 +199,13 @@ std::uint64_t Layer::hash() const {
 
 std::int32_t Layer::riseAt(std::int64_t x, std::int64_t z) const {
   const Tile* const t = tile({x >> kTileBits, z >> kTileBits});
-  return t ? t->rise[slotOf(x, z)] : 0;
-}
-
-namespace {
-
-// The places of a call whose posts are not all 0, computed many at a time and added.
-class Sums {
- public:
-  explicit Sums(float* heights) : heights_(heights) {}
-  void add(std::size_t place, const std::array<std::int32_t, 16>& around, Step x, Step z) {
-    std::int32_t any = 0;
-    for (const std::int32_t v : around) any |= v;
-    if (any == 0) return;
-    places_.set(count_, around, static_cast<std::int32_t>(x & (kPostSteps - 1)), static_cast<std::int32_t>(z & (kPostSteps - 1)));
-    whose_[count_] = place;
-    if (++count_ == terrain::CubicPlaces::kMost) flush();
-  }
-  void flush() {
-    if (count_ == 0) return;
-    std::array<float, terrain::CubicPlaces::kMost> rise;
-    terrain::cubicHeights(places_, static_cast<int>(count_), kPostSteps, rise.data());
-    for (std::size_t k = 0; k < count_; ++k) heights_[whose_[k]] += rise[k];
-    count_ = 0;
-  }
-
- private:
-  float* const heights_;
-  static thread_local terrain::CubicPlaces places_;
-  std::array<std::size_t, terrain::CubicPlaces::kMost> whose_;
-  std::size_t count_ = 0;
-};
-thread_local terrain::CubicPlaces Sums::places_;
-
-// Places that are looked at together, and when all posts around them are copied first: at most so many for each place. Meshes ask for
-// 256 places within 32 m, which takes 17.5 posts for each.
-constexpr std::size_t kTogether = 256, kPostsAPlace = 20;
-// These lie in at most so many tiles: c x r posts in (c / 16 + 2) (r / 16 + 2), with c and r at least 4.
-constexpr std::size_t kMostCopied = kTogether * kPostsAPlace, kMostTiles = kMostCopied / 256 + (kMostCopied / 4 + 4) / 8 + 4;
-
-}  // namespace
-
-void Layer::raise(const Step* x, const Step* z, float* heights, std::size_t count) const {
-  if (empty()) return;
-  for (std::size_t begin = 0; begin < count; begin += kTogether) {
-    const std::size_t some = std::min(count - begin, kTogether);
-    Step x0 = x[begin], x1 = x0, z0 = z[begin], z1 = z0;
-    for (std::size_t k = begin; k < begin + some; ++k) {
-      x0 = std::min(x0, x[k]), x1 = std::max(x1, x[k]);
-      z0 = std::min(z0, z[k]), z1 = std::max(z1, z[k]);
-    }
-    const Posts posts{(x0 >> kPostBits) - 1, (z0 >> kPostBits) - 1, (x1 >> kPostBits) + 3, (z1 >> kPostBits) + 3};
-    // Compared without multiplying what may be large.
-    const auto most = static_cast<std::int64_t>(kPostsAPlace * some);
-    if (posts.x1 - posts.x0 <= most / (posts.z1 - posts.z0))
-      raiseTogether(posts, x + begin, z + begin, heights + begin, some);
-    else
-      raiseApart(x + begin, z + begin, heights + begin, some);
-  }
-}
-
-// From a copy of all posts around the places.
-void Layer::raiseTogether(const Posts& posts, const Step* x, const Step* z, float* heights, std::size_t count) const {
-  const std::int64_t i0 = posts.x0 >> kTileBits, i1 = (posts.x1 - 1) >> kTileBits, j0 = posts.z0 >> kTileBits,
-                     j1 = (posts.z1 - 1) >> kTileBits;
-  std::array<const Tile*, kMostTiles> tiles;
-  std::size_t known = 0;
-  bool any = false;
-  CellFinder finder(*this);
-  for (std::int64_t j = j0; j <= j1; ++j)
-    for (std::int64_t i = i0; i <= i1; ++i) any |= (tiles[known++] = finder.tile({i, j})) != nullptr;
-  if (!any) return;
-  thread_local std::array<std::int32_t, kMostCopied> copied;
-  const std::int64_t columns = posts.x1 - posts.x0;
-  known = 0;
-  for (std::int64_t j = j0; j <= j1; ++j)
-    for (std::int64_t i = i0; i <= i1; ++i) {
-      const Tile* const from = tiles[known++];
-      const std::int64_t first = std::max(posts.x0, i << kTileBits), last = std::min(posts.x1, (i + 1) << kTileBits);
-      for (std::int64_t row = std::max(posts.z0, j << kTileBits); row < std::min(posts.z1, (j + 1) << kTileBits); ++row) {
-        std::int32_t* const to = &copied[static_cast<std::size_t>((row - posts.z0) * columns + first - posts.x0)];
-        if (from)
-          std::copy_n(&from->rise[slotOf(first, row)], last - first, to);
-        else
-          std::fill_n(to, last - first, 0);
-      }
-    }
-  Sums sums(heights);
-  std::array<std::int32_t, 16> around;
-  for (std::size_t k = 0; k < count; ++k) {
-    const std::int64_t first = ((z[k] >> kPostBits) - 1 - posts.z0) * columns + (x[k] >> kPostBits) - 1 - posts.x0;
-    const std::int32_t* row = &copied[static_cast<std::size_t>(first)];
-    for (std::size_t j = 0; j < 4; ++j, row += columns) std::copy_n(row, 4, &around[4 * j]);
-    sums.add(k, around, x[k], z[k]);
-  }
-  sums.flush();
-}
-
-void Layer::raiseApart(const Step* x, const Step* z, float* heights, std::size_t count) const {
-  CellFinder finder(*this);
-  Sums sums(heights);
-  std::array<std::int32_t, 16> around;
-  for (std::size_t k = 0; k < count; ++k) {
-    const Tile* const here = finder.tile({x[k] >> kTileStepBits, z[k] >> kTileStepBits});
-    if (!here) continue;
-    copyAround(*here, x[k] >> kPostBits, z[k] >> kPostBits, around);
-    sums.add(k, around, x[k], z[k]);
-  }
-  sums.flush();
-}
-
-// The 4 x 4 posts around a place after post (x, z), which lies in `here`.
-void Layer::copyAround(const Tile& here, std::int64_t x, std::int64_t z, std::array<std::int32_t, 16>& out) const {
-  const std::int64_t inX = x & kInTile, inZ = z & kInTile;
-  const auto copy = [&out](const Tile* tile, std::size_t at, std::size_t from, std::size_t count) {
-    if (tile)
-      std::copy_n(&tile->rise[from], count, &out[at]);
-    else
-      std::fill_n(&out[at], count, 0);
-  };
-  if (inX >= 1 && inX < kTileSide - 2 && inZ >= 1 && inZ < kTileSide - 2) {
-    for (std::int64_t j = 0; j < 4; ++j) std::copy_n(&here.rise[slotOf(inX - 1, inZ - 1 + j)], 4, &out[static_cast<std::size_t>(4 * j)]);
-    return;
-  }
-  // At a border: of up to two columns and two rows of tiles.
-  const auto left = static_cast<std::size_t>(std::min<std::int64_t>(4, kTileSide - ((x - 1) & kInTile)));
-  std::int64_t row = std::int64_t{1} << 62;
-  const Tile *first = nullptr, *second = nullptr;
-  for (std::int64_t j = 0; j < 4; ++j) {
-    const std::int64_t pz = z - 1 + j;
-    if (pz >> kTileBits != row) {
-      row = pz >> kTileBits;
-      const auto of = [&](std::int64_t column) { return column == x >> kTileBits && row == z >> kTileBits ? &here : tile({column, row}); };
-      first = of((x - 1) >> kTileBits);
-      if (left < 4) second = of((x + 2) >> kTileBits);
-    }
-    const auto at = static_cast<std::size_t>(4 * j);
-    copy(first, at, slotOf(x - 1, pz), left);
-    if (left < 4) copy(second, at + left, slotOf(0, pz), 4 - left);
-  }
+  return t ? t->rise(slotOf(x, z)) : 0;
 }
 
 std::uint8_t Layer::materialAt(lattice::Point p) const {
   const std::int64_t x = (p.x + kPostSteps / 2) >> kPostBits, z = (p.z + kPostSteps / 2) >> kPostBits;
   const Tile* const t = tile({x >> kTileBits, z >> kTileBits});
-  return t ? t->material[slotOf(x, z)] : 0;
+  return t ? t->material(slotOf(x, z)) : 0;
 }
 
 std::shared_ptr<const Layer> Layer::with(const std::vector<Change>& changes) const {

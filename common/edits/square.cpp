@@ -31,10 +31,11 @@ Square squareOf(const Layer& layer, SquareAddress address) {
   forEachTileIn(address, [&](TileAddress at, std::int64_t x, std::int64_t z) {
     const Tile* const tile = layer.tile(at);
     if (!tile) return;
+    const TilePosts posts = tile->posts();
     for (std::int64_t row = 0; row < kTileSide; ++row) {
       const auto from = static_cast<std::size_t>(row * kTileSide), to = static_cast<std::size_t>((z + row) * kSquareSide + x);
-      std::copy_n(&tile->rise[from], kTileSide, &out.rises[to]);
-      std::copy_n(&tile->material[from], kTileSide, &out.materials[to]);
+      std::copy_n(&posts.rise[from], kTileSide, &out.rises[to]);
+      std::copy_n(&posts.material[from], kTileSide, &out.materials[to]);
     }
   });
   return out;
@@ -43,20 +44,19 @@ Square squareOf(const Layer& layer, SquareAddress address) {
 std::shared_ptr<const Layer> withSquare(const Layer& layer, SquareAddress address, const Square* square) {
   std::vector<Layer::Change> changes;
   forEachTileIn(address, [&](TileAddress at, std::int64_t x, std::int64_t z) {
-    auto tile = square ? std::make_shared<Tile>() : nullptr;
-    for (std::int64_t row = 0; tile && row < kTileSide; ++row) {
+    TilePosts posts;
+    for (std::int64_t row = 0; square && row < kTileSide; ++row) {
       const auto from = static_cast<std::size_t>((z + row) * kSquareSide + x), to = static_cast<std::size_t>(row * kTileSide);
-      std::copy_n(&square->rises[from], kTileSide, &tile->rise[to]);
-      for (std::size_t k = 0; k < kTileSide; ++k) tile->material[to + k] = static_cast<std::uint8_t>(square->materials[from + k]);
+      std::copy_n(&square->rises[from], kTileSide, &posts.rise[to]);
+      for (std::size_t k = 0; k < kTileSide; ++k) posts.material[to + k] = static_cast<std::uint8_t>(square->materials[from + k]);
     }
-    if (tile && *tile == Tile()) tile = nullptr;
-    changes.push_back({at, std::move(tile)});
+    changes.push_back({at, posts == TilePosts() ? nullptr : std::make_shared<const Tile>(posts)});
   });
   // Tiles beside it that are there for its neighbours' sake alone: the layer puts back those that still are.
   const TileAddress first{address.i * kTiles - 1, address.j * kTiles - 1}, last{first.i + kTiles + 1, first.j + kTiles + 1};
   for (std::int64_t j = first.j; j <= last.j; ++j)
     for (std::int64_t i = first.i; i <= last.i; i += j == first.j || j == last.j ? 1 : kTiles + 1)
-      if (const Tile* const beside = layer.tile({i, j}); beside && *beside == Tile()) changes.push_back({{i, j}, nullptr});
+      if (const Tile* const beside = layer.tile({i, j}); beside && beside->isZero()) changes.push_back({{i, j}, nullptr});
   std::ranges::sort(changes, {}, &Layer::Change::address);
   return layer.with(changes);
 }
@@ -69,7 +69,7 @@ std::vector<SquareAddress> squaresAround(const Layer& layer, lattice::Point cent
   layer.forEachTile({least.i * kSquareSide, least.j * kSquareSide, (greatest.i + 1) * kSquareSide, (greatest.j + 1) * kSquareSide},
                     [&](TileAddress at, const Tile& tile) {
                       const SquareAddress square{at.i >> (terrain::kTileBits - kTileBits), at.j >> (terrain::kTileBits - kTileBits)};
-                      if (!found.contains(square) && tile != Tile()) found.insert(square);
+                      if (!found.contains(square) && !tile.isZero()) found.insert(square);
                     });
   std::vector<std::pair<double, SquareAddress>> near;
   for (const SquareAddress a : found) {

@@ -41,6 +41,8 @@ void cubicHeights(const CubicPlaces& places, int count, std::uint32_t pitch, flo
   variants().back().cubicHeights(places, count, pitch, out);
 }
 
+Extent extentOf(const lattice::Step* x, const lattice::Step* z, std::size_t count) { return variants().back().extentOf(x, z, count); }
+
 Colours rasterColours(const RasterShape& shape) {
   const auto lowest = static_cast<float>(shape.lowest * lattice::kMetresPerStep),
              highest = static_cast<float>(shape.highest * lattice::kMetresPerStep);

@@ -104,6 +104,12 @@ inline float cubicHeight(const std::array<std::int32_t, 16>& around, std::int32_
   return out;
 }
 
+// The least and greatest of `count` places along both axes; count at least 1.
+struct Extent {
+  lattice::Step x0 = 0, z0 = 0, x1 = 0, z1 = 0;
+};
+Extent extentOf(const lattice::Step* x, const lattice::Step* z, std::size_t count);
+
 // The height map as a terrain file: its two functions and its constants. Needs what raster.glsl lists.
 std::string rasterSource(const RasterShape& shape);
 

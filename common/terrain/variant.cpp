@@ -62,6 +62,18 @@ void betweenSamples(const CubicPlaces& places, int count, std::uint32_t pitch, f
   Cubic().heights(places, count, static_cast<float>(1.0 / pitch), out);
 }
 
+Extent placesExtent(const lattice::Step* __restrict x, const lattice::Step* __restrict z, std::size_t count) {
+  lattice::Step x0 = x[0], x1 = x0, z0 = z[0], z1 = z0;
+#pragma omp simd reduction(min : x0, z0) reduction(max : x1, z1)
+  for (std::size_t k = 0; k < count; ++k) {
+    x0 = x[k] < x0 ? x[k] : x0;
+    x1 = x[k] > x1 ? x[k] : x1;
+    z0 = z[k] < z0 ? z[k] : z0;
+    z1 = z[k] > z1 ? z[k] : z1;
+  }
+  return {x0, z0, x1, z1};
+}
+
 }  // namespace
 }  // namespace RIDGECAST_VARIANT
 
@@ -74,7 +86,8 @@ Variant RIDGECAST_JOIN(RIDGECAST_VARIANT, Variant)() {
   using namespace RIDGECAST_VARIANT;
   return {{RIDGECAST_TEXT(RIDGECAST_VARIANT), sizeof(RIDGECAST_TEXT(RIDGECAST_VARIANT)) - 1},
           {{{&heights<alpine>, &colours<alpine>}, {&heights<canyon>, &colours<canyon>}, {&heights<archipelago>, &colours<archipelago>}}},
-          &betweenSamples};
+          &betweenSamples,
+          &placesExtent};
 }
 
 }  // namespace ridgecast::terrain

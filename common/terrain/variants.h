@@ -34,6 +34,7 @@ struct Variant {
   std::string_view name;                     // "baseline", "avx2", "avx512"
   std::array<Functions, kBuiltIns> terrain;  // in the order of builtIn()
   void (*cubicHeights)(const CubicPlaces& places, int count, std::uint32_t pitch, float* out);
+  Extent (*extentOf)(const lattice::Step* x, const lattice::Step* z, std::size_t count);
 };
 
 inline Colours asColours(ColoursFunction f) {

@@ -54,7 +54,7 @@ std::vector<edits::TileAddress> tilesOf(std::span<const edits::Posts> changed) {
 // Tiles that are all 0 are not kept: Layer::with() puts them where they are needed.
 const edits::Tile* keptTile(const edits::Layer& layer, edits::TileAddress at) {
   const edits::Tile* const tile = layer.tile(at);
-  return tile && *tile != edits::Tile() ? tile : nullptr;
+  return tile && !tile->isZero() ? tile : nullptr;
 }
 
 }  // namespace
@@ -236,7 +236,7 @@ Outcome<void> Log::put(edits::TileAddress at, const edits::Tile* tile, std::uint
     if (*row) sum -= old.number(0);
   }
   if (!tile) return sql_->removeTile.run(at.i, at.j);
-  encodeTile(*tile, sql_->bytes);
+  encodeTile(tile->posts(), sql_->bytes);
   const std::uint64_t hash = hashOf(at, sql_->bytes);
   sum += hash;
   return sql_->putTile.run(at.i, at.j, Bytes(sql_->bytes), hash);

@@ -19,7 +19,7 @@ std::int64_t guess(const std::array<std::int32_t, kPosts>& rise, std::size_t k) 
 
 }  // namespace
 
-void encodeTile(const edits::Tile& tile, std::vector<std::uint8_t>& out) {
+void encodeTile(const edits::TilePosts& tile, std::vector<std::uint8_t>& out) {
   out.clear();
   std::uint64_t zeros = 0;
   const auto flush = [&] {
@@ -52,18 +52,18 @@ std::shared_ptr<const edits::Tile> decodeTile(std::span<const std::uint8_t> byte
     if (isWhole && v == 0) isWhole = in.varint(zeros);
     return codec::unzigzag(v);
   };
-  auto tile = std::make_shared<edits::Tile>();
+  edits::TilePosts tile;
   for (std::size_t k = 0; k < kPosts && isWhole; ++k) {
-    const std::int64_t rise = guess(tile->rise, k) + get();
+    const std::int64_t rise = guess(tile.rise, k) + get();
     isWhole = isWhole && rise >= -edits::kMostRise && rise <= edits::kMostRise;
-    tile->rise[k] = static_cast<std::int32_t>(rise);
+    tile.rise[k] = static_cast<std::int32_t>(rise);
   }
   for (std::size_t k = 0; k < kPosts && isWhole; ++k) {
-    const std::int64_t material = (k == 0 ? 0 : tile->material[k - 1]) + get();
+    const std::int64_t material = (k == 0 ? 0 : tile.material[k - 1]) + get();
     isWhole = isWhole && material >= 0 && material <= std::int64_t{edits::kMaterials};
-    tile->material[k] = static_cast<std::uint8_t>(material);
+    tile.material[k] = static_cast<std::uint8_t>(material);
   }
-  return isWhole && zeros == 0 && in.rest().empty() ? tile : nullptr;
+  return isWhole && zeros == 0 && in.rest().empty() ? std::make_shared<const edits::Tile>(tile) : nullptr;
 }
 
 std::uint64_t hashOfBytes(std::span<const std::uint8_t> bytes, std::uint64_t start) {

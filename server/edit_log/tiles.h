@@ -12,7 +12,7 @@
 
 namespace ridgecast::edit_log {
 
-void encodeTile(const edits::Tile& tile, std::vector<std::uint8_t>& out);  // replaces what was there
+void encodeTile(const edits::TilePosts& tile, std::vector<std::uint8_t>& out);  // replaces what was there
 // Null: these are not the bytes of a tile.
 std::shared_ptr<const edits::Tile> decodeTile(std::span<const std::uint8_t> bytes);
 

@@ -35,7 +35,7 @@ edits::Posts changedPosts(const edits::Layer& a, const edits::Layer& b) {
     for (const edits::TileAddress at : layer->addresses()) {
       const edits::Tile *const before = a.tile(at), *const after = b.tile(at);
       if (before == after) continue;
-      const edits::Tile &was = before ? *before : kNone, &is = after ? *after : kNone;
+      const edits::TilePosts was = (before ? *before : kNone).posts(), is = (after ? *after : kNone).posts();
       for (std::int64_t k = 0; k < edits::kTileSide * edits::kTileSide; ++k) {
         const auto n = static_cast<std::size_t>(k);
         if (was.rise[n] == is.rise[n] && was.material[n] == is.material[n]) continue;
@@ -177,9 +177,8 @@ void Truth::judgeEdits() const {
 // A server starts from them.
 void Truth::judgeTiles(const Tiles& tiles) const {
   const edits::Layer& layer = *layers_.back();
-  static const edits::Tile kNone;
   std::size_t kept = 0;
-  for (const edits::TileAddress at : layer.addresses()) kept += *layer.tile(at) != kNone;
+  for (const edits::TileAddress at : layer.addresses()) kept += !layer.tile(at)->isZero();
   EXPECT_EQ(tiles.size(), kept) << "cached tiles of " << log_.size() << " edits";
   for (const auto& [at, tile] : tiles) {
     const edits::Tile* const made = layer.tile(at);

@@ -124,6 +124,10 @@ TEST(History, HeightsBetweenPostsAreBicubic) {
   std::mt19937_64 random(9);
   for (int k = 0; k < 12; ++k) ASSERT_TRUE(history.add(history.prepare(randomOperation(random, {m(5000), m(700)})).value()));
   const Layer& layer = *history.layer();
+  std::size_t wide = 0;
+  for (const TileAddress a : layer.addresses()) wide += layer.tile(a)->isWide();
+  EXPECT_GT(wide, 50u);
+  EXPECT_GT(layer.tiles() - wide, 50u);
   const EditedTerrain edited(terrain, history.layer());
   int raised = 0;
   struct Place {

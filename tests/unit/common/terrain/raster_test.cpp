@@ -4,9 +4,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <random>
+#include <tuple>
+#include <vector>
 
 #include "common/terrain/shades.h"
 
@@ -61,6 +64,24 @@ TEST(Bicubic, EveryVariantReturnsTheSameBitsForAnyNumberOfPlaces) {
             ASSERT_EQ(std::bit_cast<std::uint32_t>(out[k]), std::bit_cast<std::uint32_t>(static_cast<int>(k) < count ? expected[k] : -7.0f))
                 << v.name << " " << k;
         }
+    }
+}
+
+TEST(Extent, OfPlacesIsFoundByEveryVariant) {
+  std::mt19937_64 random(6);
+  for (const int bits : {3, 30, 51})
+    for (std::size_t count = 1; count <= 40; ++count) {
+      std::vector<lattice::Step> x(count), z(count);
+      for (std::size_t k = 0; k < count; ++k) {
+        x[k] = static_cast<lattice::Step>(random() >> (64 - bits)) - (lattice::Step{1} << (bits - 1));
+        z[k] = static_cast<lattice::Step>(random() >> (64 - bits)) - (lattice::Step{1} << (bits - 1));
+      }
+      const auto [x0, x1] = std::ranges::minmax(x);
+      const auto [z0, z1] = std::ranges::minmax(z);
+      for (const Variant& v : variants()) {
+        const Extent e = v.extentOf(x.data(), z.data(), count);
+        ASSERT_EQ(std::tie(e.x0, e.z0, e.x1, e.z1), std::tie(x0, z0, x1, z1)) << v.name;
+      }
     }
 }
 

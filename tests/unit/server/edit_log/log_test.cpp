@@ -22,7 +22,7 @@ edits::Operation crater(double x) { return {edits::Crater{{m(x), 0}, m(5), m(2)}
 TEST(Tiles, ComeBackAsTheyWere) {
   std::mt19937_64 random(1);
   for (int round = 0; round < 2000; ++round) {
-    edits::Tile tile;
+    edits::TilePosts tile;
     const int kind = round % 4;
     for (std::size_t k = 0; k < tile.rise.size(); ++k) {
       if (kind == 1) tile.rise[k] = static_cast<std::int32_t>(k * 3 % 100);
@@ -34,7 +34,8 @@ TEST(Tiles, ComeBackAsTheyWere) {
     encodeTile(tile, bytes);
     const auto back = decodeTile(bytes);
     ASSERT_TRUE(back);
-    ASSERT_EQ(*back, tile);
+    ASSERT_EQ(back->posts(), tile);
+    ASSERT_EQ(*back, edits::Tile(tile));
     // Neither cut off nor continued is it a tile.
     EXPECT_FALSE(decodeTile({bytes.data(), random() % bytes.size()}));
     bytes.push_back(0);
@@ -53,8 +54,8 @@ TEST(Tiles, AreRefusedWhenTheyAreNone) {
       ++refused;
       continue;
     }
-    for (const std::int32_t rise : tile->rise) ASSERT_LE(std::abs(rise), edits::kMostRise);
-    for (const std::uint8_t material : tile->material) ASSERT_LE(material, edits::kMaterials);
+    for (const std::int32_t rise : tile->posts().rise) ASSERT_LE(std::abs(rise), edits::kMostRise);
+    for (const std::uint8_t material : tile->posts().material) ASSERT_LE(material, edits::kMaterials);
   }
   EXPECT_GT(refused, 10'000);
 }
