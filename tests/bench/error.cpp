@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "tests/bench/bench.h"
+#include "tests/bench/edited_views.h"
 #include "tests/bench/pictures.h"
 #include "tests/bench/random_poses.h"
 #include "tests/support/flight.h"
@@ -88,6 +89,7 @@ double trianglesAt(const std::vector<Row>& rows, double ssim) {
 }  // namespace
 
 Report error(const Options& options) {
+  if (options.arguments == std::vector<std::string>{"--edits"}) return errorOfEditedViews(options);
   if (!options.arguments.empty()) return errorOfRandomPoses(options);
   const auto terrain = terrain::create("alpine", 1).value();
   const auto camera = testing_support::straight(*terrain, 0);

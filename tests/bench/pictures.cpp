@@ -11,7 +11,8 @@
 
 namespace ridgecast::bench {
 
-Pictures::Pictures(const std::string& programFolder, const std::string& terrain, const camera::Camera& camera)
+Pictures::Pictures(const std::string& programFolder, const std::string& terrain, const camera::Camera& camera,
+                   const std::vector<std::string>& moreOfServer)
     : client_(programFolder + "/ridgecast-client") {
   if (!std::filesystem::exists(client_)) {
     progress("no ridgecast-client beside this program: nothing is drawn");
@@ -30,8 +31,9 @@ Pictures::Pictures(const std::string& programFolder, const std::string& terrain,
     path["keyframes"].push_back(key);
   }
   std::ofstream(folder_ / "still.json") << path;
-  server_ =
-      std::make_unique<testing_support::ServerProcess>(programFolder + "/ridgecast-server", std::vector<std::string>{"--terrain", terrain});
+  std::vector<std::string> arguments{"--terrain", terrain};
+  arguments.insert(arguments.end(), moreOfServer.begin(), moreOfServer.end());
+  server_ = std::make_unique<testing_support::ServerProcess>(programFolder + "/ridgecast-server", arguments);
 }
 
 Pictures::Similarity Pictures::settled(const std::string& metric, double threshold) {

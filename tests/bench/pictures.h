@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "common/camera/camera.h"
 #include "tests/support/server_process.h"
@@ -12,7 +13,8 @@ namespace ridgecast::bench {
 class Pictures {
  public:
   // Starts the server beside this program. Where there is no client, or it cannot draw, settled() answers NaN and says why once.
-  Pictures(const std::string& programFolder, const std::string& terrain, const camera::Camera& camera);
+  Pictures(const std::string& programFolder, const std::string& terrain, const camera::Camera& camera,
+           const std::vector<std::string>& moreOfServer = {});
 
   struct Similarity {
     double all, terrain;  // mean SSIM of the picture, and of the terrain's pixels

@@ -73,7 +73,8 @@ Wanted read(const std::vector<std::string>& arguments) {
     } else if (name == "--out") {
       w.out = value;
     } else {
-      throw std::runtime_error("error takes --poses, --seed, --terrain, --raster, --altitude, --threshold, --speed and --out, not " + name);
+      throw std::runtime_error(
+          "error takes --poses, --seed, --terrain, --raster, --altitude, --threshold, --speed and --out, or --edits alone, not " + name);
     }
   }
   if (w.poses == 0) throw std::runtime_error("--poses takes 1 or more");
