@@ -49,6 +49,7 @@ export class Engine {
   private bytes = 0;
   private figures: Figures | undefined;
   private edits: HeldEdits | undefined; // of a world that tells them
+  private editsOf = ''; // its session
   private meshIsSettled = false;
 
   constructor(
@@ -145,9 +146,7 @@ export class Engine {
     const held = this.replica!.resume(world, this.stream!);
     if (held.length === 0) this.painter.clear();
     const source = world.heightMap ? '' : text(world.terrainSource); // which needs samples that the page does not ask for
-    this.forgetEdits();
-    this.edits = source && tellsEdits(world) ? new HeldEdits(world.horizon) : undefined;
-    this.edits?.know(world.edit);
+    this.enterEdits(world, source);
     this.painter.send({ kind: 'world', source, seed: world.seed, horizon: world.horizon });
     this.tell({
       kind: 'world',
@@ -208,9 +207,14 @@ export class Engine {
   private get hasAllEdits(): boolean {
     return this.edits?.complete ?? true;
   }
-  private forgetEdits(): void {
+  private enterEdits(world: World, source: string): void {
+    const of = source && tellsEdits(world) ? `${world.contentHash} ${text(world.session)}` : '';
+    if (this.edits && of === this.editsOf) return this.edits.reconnected(world.edit);
     const held = this.edits?.all ?? [];
     if (held.length > 0) this.painter.showSquares(held, []);
+    this.edits = of ? new HeldEdits(world.horizon) : undefined;
+    this.editsOf = of;
+    this.edits?.know(world.edit);
   }
 
   private lost(loss: Loss): void {

@@ -13,6 +13,7 @@ const MOST_FOUND = 4096; // squares of a FoundEdits
 const MOST_NAMED = 1024; // squares of a changed area; more are looked for
 const SLACK = 1500 * 256; // steps that the camera may move before squares are looked for again
 const SIDE = TILE_SIDE * 128; // steps
+const OUTDATED = -1n; // good as of no edit
 const MOST_RISE = 2 ** 20, MATERIALS = 8;
 
 interface Known {
@@ -56,6 +57,21 @@ export class HeldEdits {
     if (Math.floor(x / SIDE) !== Math.floor(camera.x / SIDE) || Math.floor(z / SIDE) !== Math.floor(camera.z / SIDE)) this.sorted = false;
     this.camera = { x, z };
     if (foundAt && Math.hypot(x - foundAt.x, z - foundAt.z) > SLACK) this.foundAt = undefined;
+  }
+
+  /** On another connection to the session, whose last edit is this: everything is fetched again, for its edits may have ended with it and
+   *  begun anew. What is held stays until then. */
+  reconnected(edit: bigint): void {
+    this.pending.clear();
+    this.finding = this.named = false;
+    this.foundAt = undefined;
+    this.last = edit;
+    this.edit = 0n;
+    for (const [key, known] of [...this.known]) {
+      known.needs = 0n;
+      if (known.held !== undefined) known.held = OUTDATED;
+      if (edit === 0n) this.drop(key);
+    }
   }
 
   /** The session has this edit. */
