@@ -220,15 +220,15 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   logging::info("listening on " + server->url() + " with " + std::to_string(executor.threads()) + " threads, terrain " +
                 std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 
+  const auto sendAway = [&](const session::Session& session) { server->sendAway(session); };
   std::optional<Watch> watch;
   if (config.watch)
     watch.emplace(
-        directory, [requestOf](const session::WorldSpec& spec) { return user_terrain::filesOf(requestOf(spec)); }, makeTerrain,
-        [&](const session::Session& session) { server->sendAway(session); });
+        directory, [requestOf](const session::WorldSpec& spec) { return user_terrain::filesOf(requestOf(spec)); }, makeTerrain, sendAway);
 
   std::shared_ptr<void> begun;
   if (begin) {
-    auto made = begin(*directory);
+    auto made = begin(*directory, sendAway);
     if (!made) return refuse(made.error().message);
     begun = std::move(*made);
   }

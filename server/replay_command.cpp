@@ -37,7 +37,8 @@ recorded one by its hash.
   --until TIME   End there
   --export DIR   Write each camera's flight as a path, which ridgecast-client fly --path follows, instead
   --serve        Play one recording in real time, instead, to onlookers who join the default session: its members fly and the ground
-                 changes as recorded. Who takes the session's clock pauses it, changes its speed or steps ahead; --from skips to a time
+                 changes as recorded. Who takes the session's clock (V in window and page) pauses it, changes its speed and goes to any
+                 time; --from begins at one
   --threads N    Threads; 0, the default: one for each core. They change nothing but the time it takes
   SETTINGS       Those of ridgecast-server that name the terrain, such as --terrain dem.tif, where the recorded name does not suffice; with
                  --serve all, such as --port
@@ -99,8 +100,8 @@ int play(const std::vector<Parts>& recordings, config::Config config, const Opti
   config.state.clear();
   config.record.clear();
   config.watch = false;
-  return serve(config, [&](session::Directory& directory) -> Outcome<std::shared_ptr<void>> {
-    auto begun = playback::Playback::begin(recordings[0], directory, directory.find(session::kDefaultName), options.span.from);
+  return serve(config, [&](session::Directory& directory, const auto& sendAway) -> Outcome<std::shared_ptr<void>> {
+    auto begun = playback::Playback::begin(recordings[0], directory, directory.find(session::kDefaultName), options.span.from, sendAway);
     if (!begun) return begun.error();
     return std::shared_ptr<void>(std::move(*begun));
   });

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/wire/wire.h"
+
 namespace ridgecast::connection {
 
 namespace {
@@ -20,7 +22,8 @@ double SessionClock::spreadOf(const Sample& sample, Instant now) {
 std::uint64_t SessionClock::time(Instant now) const {
   if (said_.mode == wire::ClockMode::kStepped || !best_) return said_.time;
   const double time = best_->time + microseconds(now - best_->at) * said_.rate;
-  return static_cast<std::uint64_t>(std::max(0.0, time));
+  const double most = static_cast<double>(said_.end == 0 ? wire::kMaxTime : said_.end);  // where it stands
+  return static_cast<std::uint64_t>(std::clamp(time, 0.0, most));
 }
 
 std::chrono::microseconds SessionClock::uncertainty(Instant now) const {

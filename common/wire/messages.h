@@ -17,8 +17,9 @@
 namespace ridgecast::wire {
 
 inline constexpr std::uint32_t kProtocolVersion = 1;
-// Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over; 4: edits; 5: their posts.
-inline constexpr std::uint32_t kRevision = 5;
+// Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over; 4: edits; 5: their posts; 6:
+// a clock that is set to a time.
+inline constexpr std::uint32_t kRevision = 6;
 
 using lattice::Candidate;
 using settings::Figures;
@@ -75,7 +76,8 @@ struct AskClock {
 struct SetClock {
   bool own = true;
   ClockMode mode = ClockMode::kRealTime;
-  double rate = 1;  // kScaled
+  double rate = 1;         // kScaled
+  std::uint64_t time = 0;  // microseconds; 0: no jump
 };
 
 struct ClockStep {
@@ -231,7 +233,8 @@ struct Clock {
   std::uint64_t step = 0;
   std::vector<std::uint64_t> waitsFor;
   std::uint64_t echo = 0;
-  std::string notice{};  // one sentence for a person; mostly empty
+  std::string notice{};   // one sentence for a person; mostly empty
+  std::uint64_t end = 0;  // microseconds, of a recording; 0: it is none
 };
 
 struct Answer {

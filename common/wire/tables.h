@@ -130,7 +130,8 @@ TABLE(AskClock, FIELD(echo, echo));
 TABLE(SetClock,
     FIELD(own, own),
     FIELD(mode, mode, OneOf{ENUM(ClockMode)}),
-    FIELD(rate, rate, kRate));
+    FIELD(rate, rate, kRate),
+    FIELD(time, time, kMicroseconds));
 
 TABLE(Step,
     FIELD(time, time, Range{std::uint64_t{1}, kMaxStepTime, "microseconds"}),
@@ -313,7 +314,8 @@ TABLE(Clock,
     FIELD(owner, owner), FIELD(step, step),
     FIELD(waits_for, waitsFor, Entries{kMaxMembers}),
     FIELD(echo, echo),
-    FIELD(notice, notice, Bytes{kMaxErrorBytes}));
+    FIELD(notice, notice, Bytes{kMaxErrorBytes}),
+    FIELD(end, end, kMicroseconds));
 
 TABLE(Answer,
     FIELD(id, id),

@@ -161,8 +161,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server leaves; connect again.", shared_->settings.reconnectUrl};
     why_ = metrics::name(metrics::Refusal::kDraining);
     if (shared_->takesStreams) {
-      last = {wire::ErrorCode::kGoingAway, "The session has new ground; connect again.", {}};
-      why_ = "ground";
+      last = {wire::ErrorCode::kGoingAway, "The session begins again; connect again.", {}};
+      why_ = "successor";
     }
     farewell(wire::encode(wire::ServerMessage(last)), {websocket::close_code::going_away, last.message});
   }
@@ -207,9 +207,12 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     auto message = wire::decodeClient({static_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
     buffer_.clear();
     if (!message) return fail({wire::ErrorCode::kMalformed, message.error().message});
-    if (const auto right = neededFor(*message); right && !grant_.rights.has(*right))
-      return fail(metrics::Refusal::kRight,
-                  {wire::ErrorCode::kInvalid, "The token lacks the right '" + std::string(access::name(*right)) + "'."});
+    if (const auto right = neededFor(*message); right && !grant_.rights.has(*right)) {
+      const std::string why = "The token lacks the right '" + std::string(access::name(*right)) + "'.";
+      if (*right != access::Right::kClock || !greeted_) return fail(metrics::Refusal::kRight, {wire::ErrorCode::kInvalid, why});
+      session().presence().tell(camera_->id(), why);  // as to anybody else who cannot set the clock now
+      return readNext();
+    }
     if (!greeted_) {
       greeted_ = true;
       timer_.cancel();

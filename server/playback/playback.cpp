@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <condition_variable>
 #include <mutex>
 #include <stop_token>
@@ -27,30 +28,59 @@ constexpr std::size_t kMostEdits = session::Edits::kMostWaiting / 2;  // under w
 }  // namespace
 
 struct Playback::State {
-  std::unique_ptr<Reader> reader;
+  std::vector<std::filesystem::path> parts;
+  session::Directory* directory = nullptr;
+  SendAway sendAway;
   std::shared_ptr<session::Session> session;
-  double from = 0;
+  std::shared_ptr<const terrain::Terrain> terrain;  // without edits
+  // The time that somebody wants to go back to, microseconds; 0: nobody does.
+  std::shared_ptr<std::atomic<std::uint64_t>> backTo = std::make_shared<std::atomic<std::uint64_t>>(0);
+  // Of this session.
+  std::unique_ptr<Reader> reader;
   std::optional<Record> next;
-  std::shared_ptr<std::atomic<std::size_t>> openEdits = std::make_shared<std::atomic<std::size_t>>(0);
+  std::shared_ptr<std::atomic<std::size_t>> openEdits;
   std::map<std::uint64_t, std::uint64_t> poses;  // the last sequence, of members
   std::jthread thread;                           // last, so that it ends first
 
   void run(const std::stop_token& stop) {
     std::mutex mutex;
     std::condition_variable_any pause;
-    next = reader->next();
-    while (next && !stop.stop_requested()) {
-      const double now = from + static_cast<double>(session->presence().state().clock.time) / 1e6;
-      while (next && static_cast<double>(next->time) / 1e6 <= now && *openEdits < kMostEdits && !stop.stop_requested()) {
-        std::visit([this](const auto& e) { take(e); }, next->event);
-        next = reader->next();
-      }
-      std::unique_lock lock(mutex);
-      pause.wait_for(lock, stop, kTurn, [] { return false; });
+    for (std::unique_lock lock(mutex); !stop.stop_requested(); pause.wait_for(lock, stop, kTurn, [] { return false; })) {
+      if (const std::uint64_t time = backTo->exchange(0)) goBack(time);
+      advance(stop);
     }
-    if (next) return;
-    for (const auto& [camera, sequence] : poses) session->presence().leave(camera);
-    logging::info({.session = session->name()}, "the recording is over" + (reader->damage().empty() ? "" : ": " + reader->damage()));
+  }
+
+  void begin(std::unique_ptr<Reader> begun, const wire::Clock& clock) {
+    reader = std::move(begun);
+    next = reader->next();
+    openEdits = std::make_shared<std::atomic<std::size_t>>(0);
+    poses.clear();
+    session->presence().play(clock, [to = backTo](std::uint64_t time) { *to = time; });
+  }
+
+  void goBack(std::uint64_t time) {
+    auto begun = Reader::open(parts);
+    if (!begun) return logging::warning({.session = session->name()}, begun.error().message);
+    wire::Clock clock = session->presence().state().clock;
+    clock.time = time;
+    const auto before = session;
+    if (!directory->replace(before, terrain)) return;
+    session = directory->find(before->name());
+    begin(std::move(*begun), clock);
+    sendAway(*before);
+  }
+
+  // To the clock's time.
+  void advance(const std::stop_token& stop) {
+    const auto now = static_cast<std::int64_t>(session->presence().state().clock.time);
+    while (next && next->time <= now && *openEdits < kMostEdits && !stop.stop_requested()) {
+      std::visit([this](const auto& e) { take(e); }, next->event);
+      next = reader->next();
+      if (next) continue;
+      for (const auto& [camera, sequence] : poses) session->presence().leave(camera);
+      logging::info({.session = session->name()}, "the recording is over" + (reader->damage().empty() ? "" : ": " + reader->damage()));
+    }
   }
 
   void take(const auto&) {}
@@ -83,7 +113,7 @@ Playback::Playback(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Playback::~Playback() = default;
 
 Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesystem::path>& parts, session::Directory& directory,
-                                                   std::shared_ptr<session::Session> session, double from) {
+                                                   std::shared_ptr<session::Session> session, double from, SendAway sendAway) {
   std::uint64_t last = 0;
   auto scanned = Reader::open(parts);
   if (!scanned) return scanned.error();
@@ -92,12 +122,18 @@ Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesy
   directory.startCameraIdsAfter(last);
   auto reader = Reader::open(parts);
   if (!reader) return reader.error();
+  wire::Clock clock;
+  clock.end = std::max<std::uint64_t>(1, static_cast<std::uint64_t>(std::llround((*scanned)->seconds() * 1e6)));
+  clock.time = static_cast<std::uint64_t>(std::min(from * 1e6, static_cast<double>(clock.end)));
   auto state = std::make_unique<State>();
-  state->reader = std::move(*reader);
+  state->parts = parts;
+  state->directory = &directory;
+  state->sendAway = std::move(sendAway);
+  state->terrain = session->terrain();
   state->session = std::move(session);
-  state->from = from;
   State* const s = state.get();
   std::unique_ptr<Playback> out(new Playback(std::move(state)));
+  s->begin(std::move(*reader), clock);
   s->thread = std::jthread([s](const std::stop_token& stop) { s->run(stop); });
   return out;
 }

@@ -6,10 +6,20 @@
 
 namespace ridgecast::session {
 
+void Clock::play(const wire::Clock& recording, Instant now) {
+  since_ = now;
+  end_ = recording.end;
+  time_ = upToEnd(recording.time);
+  mode_ = recording.mode;
+  rate_ = recording.rate;
+}
+
+std::uint64_t Clock::upToEnd(std::uint64_t time) const { return std::min(end_ == 0 ? wire::kMaxTime : end_, time); }
+
 std::uint64_t Clock::time(Instant now) const {
   if (mode_ == wire::ClockMode::kStepped) return time_;
   const double passed = std::max(0.0, std::chrono::duration<double, std::micro>(now - since_).count()) * rate_;
-  return std::min(wire::kMaxTime, time_ + static_cast<std::uint64_t>(std::min(passed, 1e18)));
+  return upToEnd(time_ + static_cast<std::uint64_t>(std::min(passed, 1e18)));
 }
 
 wire::Clock Clock::state(Instant now) const {
@@ -19,6 +29,7 @@ wire::Clock Clock::state(Instant now) const {
   out.time = time(now);
   out.owner = owner_;
   out.step = step_;
+  out.end = end_;
   out.waitsFor.assign(waitsFor_.begin(), waitsFor_.end());
   return out;
 }
@@ -53,6 +64,7 @@ bool Clock::set(std::uint64_t member, const wire::SetClock& set, Instant now) {
   }
   mode_ = set.mode;
   rate_ = mode_ == wire::ClockMode::kRealTime ? 1 : mode_ == wire::ClockMode::kScaled ? set.rate : 0;
+  if (waitsFor_.empty()) time_ = std::max(time_, upToEnd(set.time));
   return true;
 }
 
@@ -85,7 +97,7 @@ bool Clock::passOver(std::uint64_t member) {
 
 void Clock::begin(const wire::ClockStep& step) {
   ++step_;
-  time_ = std::min(wire::kMaxTime, time_ + step.time);
+  time_ = upToEnd(time_ + step.time);
   if (!step.wait) return;
   waitsFor_ = followers_;
   waitsFor_.erase(owner_);  // nobody waits for the owner

@@ -6,7 +6,9 @@
 // When the owner leaves, the clock continues as it is (a stepped one stands still) until another member takes it.
 //
 // A step may wait: the next one starts only when every member that followed the clock at its start has done it, left or been passed over.
-// Meanwhile further steps queue up, at most kMaxQueuedSteps. Owner or mode changes drop them.
+// Meanwhile further steps queue up, at most kMaxQueuedSteps. Owner or mode changes drop them, and the clock does not jump.
+//
+// Time does not go back. A recording's clock begins anywhere in it and stands at its end.
 
 #include <chrono>
 #include <cstdint>
@@ -25,6 +27,9 @@ class Clock {
   explicit Clock(Instant now, wire::ClockMode mode = wire::ClockMode::kRealTime)
       : since_(now), mode_(mode), rate_(mode == wire::ClockMode::kStepped ? 0 : 1) {}
 
+  // Before anybody follows it: time, mode, rate and end of a recording's.
+  void play(const wire::Clock& recording, Instant now);
+
   wire::Clock state(Instant now) const;
   std::uint64_t time(Instant now) const;  // microseconds
   std::uint64_t owner() const { return owner_; }
@@ -35,7 +40,7 @@ class Clock {
   void follow(std::uint64_t member) { followers_.insert(member); }
   bool leave(std::uint64_t member, Instant now);
 
-  // Returns whether the state changed; it does not if the clock belongs to another member.
+  // Returns whether the state changed; it does not if the clock belongs to another member. An earlier time is ignored.
   bool set(std::uint64_t member, const wire::SetClock& set, Instant now);
   enum class Stepped { kBegins, kQueues, kNotYours, kNotStepped, kTooMany };
   Stepped step(std::uint64_t member, const wire::ClockStep& step);
@@ -44,11 +49,13 @@ class Clock {
   bool passOver(std::uint64_t member);
 
  private:
+  std::uint64_t upToEnd(std::uint64_t time) const;
   void begin(const wire::ClockStep& step);
   void goOn();  // to the next queued steps, if nobody is waited for
 
   Instant since_;           // the instant at which the clock showed time_
   std::uint64_t time_ = 0;  // microseconds
+  std::uint64_t end_ = 0;   // of a recording; 0: there is none
   wire::ClockMode mode_;
   double rate_;
   std::uint64_t owner_ = 0, step_ = 0;

@@ -28,6 +28,13 @@ Presence::Presence(const Timer& timer, wire::ClockMode clock, std::shared_ptr<re
   noteClock();
 }
 
+void Presence::play(const wire::Clock& recording, std::function<void(std::uint64_t time)> goBack) {
+  const std::lock_guard lock(mutex_);
+  goBack_ = std::move(goBack);
+  clock_.play(recording, timer_.now());
+  clockChanged();
+}
+
 void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender,
                     const std::optional<wire::PoseMessage>& pose, std::optional<wire::World> world) {
   const std::lock_guard lock(mutex_);
@@ -140,9 +147,15 @@ void Presence::receive(std::uint64_t camera, const wire::SetClock& set) {
   const std::lock_guard lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return;
-  const bool changed = clock_.set(camera, set, timer_.now());
+  const Timer::Time now = timer_.now();
+  const bool changed = clock_.set(camera, set, now);
   if (changed) clockChanged();
-  if (!changed || !it->second.wantsClock) sendClock(it->second, 0, changed ? std::string() : whyNotYours());
+  const bool goesBack = changed && set.own && set.time != 0 && set.time < clock_.time(now);
+  if (goesBack && goBack_) goBack_(set.time);
+  std::string notice;
+  if (!changed) notice = whyNotYours();
+  if (goesBack && !goBack_) notice = "Time goes back in recordings alone.";
+  if (!notice.empty() || !it->second.wantsClock) sendClock(it->second, 0, std::move(notice));
 }
 
 Clock::Stepped Presence::step(std::uint64_t camera, const wire::ClockStep& step) {
@@ -175,6 +188,11 @@ void Presence::tell(std::string sentence) {
   const std::lock_guard lock(mutex_);
   for (auto& [id, entry] : entries_)
     if (entry.wantsMembers || entry.wantsClock) sendClock(entry, 0, sentence);
+}
+
+void Presence::tell(std::uint64_t camera, std::string sentence) {
+  const std::lock_guard lock(mutex_);
+  if (const auto it = entries_.find(camera); it != entries_.end()) sendClock(it->second, 0, std::move(sentence));
 }
 
 std::string Presence::whyNotYours() const {

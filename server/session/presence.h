@@ -9,11 +9,14 @@
 // A member that is not done with a step kStepTimeout after it began is passed over, as is one that the clock's owner names. That member and
 // the owner get one sentence about it, as does a member whose message to the clock has no effect.
 //
+// Who sets a recording's clock to an earlier time has it begin again there, in a successor of the session: nobody sees time go back here.
+//
 // Any thread. Messages are handed to the members' senders under a lock; senders do not call back.
 // Bounds: one entry a member; of departed members, at most those that it was notified of.
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -41,6 +44,10 @@ class Presence : public std::enable_shared_from_this<Presence> {
   explicit Presence(const Timer& timer, wire::ClockMode clock = wire::ClockMode::kRealTime,
                     std::shared_ptr<recording::Observer> observer = {});
 
+  // The session is a recording: its clock has this time, mode, rate and end. `goBack` is called with the time, in microseconds, that its
+  // owner wants to go back to; it does not call back.
+  void play(const wire::Clock& recording, std::function<void(std::uint64_t time)> goBack);
+
   // `hello` has its name, role and requests; `pose` is its newest. `world` is sent first: whoever has received it is a member, for whom
   // steps wait. None: it was sent before, or there is no sender.
   void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose,
@@ -58,8 +65,9 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void receive(std::uint64_t camera, const wire::StepDone& done);
   void receive(std::uint64_t camera, const wire::PassOver& pass);
 
-  // A sentence for the people at all members with `members` or `clock` in hello, as Clock.notice; cut to wire::kMaxErrorBytes.
+  // A sentence for the people at this member, or at all members with `members` or `clock` in hello, as Clock.notice; cut to wire::kMaxErrorBytes.
   void tell(std::string sentence);
+  void tell(std::uint64_t camera, std::string sentence);
 
   struct State {
     wire::Clock clock;
@@ -103,6 +111,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
   Timer::Time lastNotified_{};
   bool membersDue_ = false, clockDue_ = false, stepDue_ = false;
   Clock clock_;
+  std::function<void(std::uint64_t time)> goBack_;  // of a recording
   std::uint64_t watchedStep_ = 0;
   Timer::Time stepBegan_{};  // that one
 };

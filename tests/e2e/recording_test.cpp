@@ -204,6 +204,22 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   EXPECT_TRUE(await([&] { return !onlooker->takeEdits().empty(); }));
   EXPECT_TRUE(await([&] { return !member(); }));
   EXPECT_FALSE(onlooker->error());
+  const wire::Clock over = onlooker->clock().said();
+  EXPECT_GT(over.end, 3'000'000u);
+  EXPECT_EQ(over.time, over.end);
+  // To an earlier time the session begins again, with the ground and the members of then, and stands as it did.
+  onlooker->setClock({true, wire::ClockMode::kStepped, 0, 1});
+  ASSERT_TRUE(await([&] { return onlooker->error().has_value(); }));
+  EXPECT_THAT(onlooker->error()->message, HasSubstr("The session begins again"));
+  onlooker = connection::Connection::open(url, hello, kTimeout).value();
+  ASSERT_TRUE(onlooker->waitForClock(0, kTimeout));
+  EXPECT_EQ(onlooker->clock().said().time, 1u);
+  EXPECT_EQ(onlooker->clock().said().end, over.end);
+  EXPECT_EQ(onlooker->world().edit, 0u);
+  EXPECT_FALSE(member());
+  onlooker->setClock({true, wire::ClockMode::kStepped, 0, over.end - 1});
+  EXPECT_TRUE(await([&] { return !onlooker->takeEdits().empty(); }));
+  EXPECT_FALSE(onlooker->error());
 }
 
 // Ticks of a processor that the process has taken, and its recording thread.

@@ -284,7 +284,7 @@ TEST(WorldsWatched, GoOnWithTheGroundThatWasSaved) {
 
   save("mine.glsl", "90.0");
   ASSERT_TRUE(sentAway(*own)) << server.process().output();
-  EXPECT_THAT(own->connection().error()->message, HasSubstr("new ground"));
+  EXPECT_THAT(own->connection().error()->message, HasSubstr("begins again"));
   const std::uint64_t before = own->world().contentHash;
   own = arrives("");
   EXPECT_NEAR(*own->scene().height({0, 0}), 90, 0.1);

@@ -109,7 +109,7 @@ wire::ClientMessage Liar::message() {
     case 4:
       return wire::AskClock{wild};
     case 5:
-      return wire::SetClock{wild % 2 == 0, wire::ClockMode::kScaled, static_cast<double>(number)};
+      return wire::SetClock{wild % 2 == 0, wire::ClockMode::kScaled, static_cast<double>(number), wild % 100'000'000};
     case 6:
       return wire::ClockStep{1000, true};
     case 7:

@@ -1,6 +1,7 @@
 // Peers of neighbouring revisions work together: what one does not know the other leaves out or says in a sentence.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <future>
 #include <set>
 #include <vector>
@@ -44,7 +45,7 @@ TEST(Revisions, ALaterServersNewsAreIgnored) {
   EXPECT_EQ(received->iteration.number, 1u);
 }
 
-// Each revision's messages go to servers of this revision and later ones alone.
+// Each revision's kinds of messages go to servers of this revision and later ones alone.
 TEST(Revisions, AnEarlierServerIsNotToldWhatItDoesNotKnow) {
   const auto kindOf = [](const wire::ClientMessage& m) { return m.index(); };
   const std::vector<std::size_t> since{kindOf(wire::PoseMessage{}), kindOf(wire::Query{}), kindOf(wire::ChangeSettings{}),
@@ -56,7 +57,7 @@ TEST(Revisions, AnEarlierServerIsNotToldWhatItDoesNotKnow) {
       peer.readFrame();
       peer.sendFrame(worldOf(revision));
       std::set<std::size_t> seen;
-      while (seen.size() < revision + 1) {
+      while (seen.size() < std::min<std::size_t>(revision + 1, since.size())) {
         const std::string frame = peer.readFrame();
         const auto message = wire::decodeClient({reinterpret_cast<const std::uint8_t*>(frame.data()), frame.size()});
         if (!message) break;
@@ -75,7 +76,8 @@ TEST(Revisions, AnEarlierServerIsNotToldWhatItDoesNotKnow) {
     connection->edit({});
     connection->find({});
     connection->send({.sequence = 1, .camera = {}});
-    EXPECT_EQ(kinds.get_future().get(), std::set(since.begin(), since.begin() + revision + 1)) << revision;
+    EXPECT_EQ(kinds.get_future().get(), std::set(since.begin(), since.begin() + std::min<std::ptrdiff_t>(revision + 1, std::ssize(since))))
+        << revision;
     if (revision == 0) expectContains(answer.get().error().message, "is of a version that answers no queries");
   }
 }

@@ -52,6 +52,15 @@ TEST(SessionClock, IsGoodToHalfARoundTrip) {
   }
 }
 
+TEST(SessionClock, OfARecordingStandsAtItsEnd) {
+  SessionClock clock;
+  wire::Clock said = running(9'000'000);
+  said.end = 10'000'000;
+  clock.hear(said, Instant{1h});
+  EXPECT_NEAR(static_cast<double>(clock.time(Instant{1h} + 500ms)), 9.5e6, 1e3);
+  EXPECT_EQ(clock.time(Instant{2h}), 10'000'000u);
+}
+
 TEST(SessionClock, AChangeOfRateIsFollowedAtOnce) {
   SessionClock clock;
   Instant now{};

@@ -115,7 +115,7 @@ TEST(WireSession, MembersSurvive) {
 }
 
 TEST(WireSession, ClockMessagesSurvive) {
-  Clock in{ClockMode::kScaled, 2.5, kMaxTime, 3, 4, {5, 6}, 7, "Member 5 was passed over."};
+  Clock in{ClockMode::kScaled, 2.5, kMaxTime, 3, 4, {5, 6}, 7, "Member 5 was passed over.", kMaxTime - 1};
   const Clock out = throughClient(in);
   EXPECT_EQ(out.mode, in.mode);
   EXPECT_EQ(out.rate, in.rate);
@@ -125,11 +125,13 @@ TEST(WireSession, ClockMessagesSurvive) {
   EXPECT_EQ(out.waitsFor, in.waitsFor);
   EXPECT_EQ(out.echo, in.echo);
   EXPECT_EQ(out.notice, in.notice);
+  EXPECT_EQ(out.end, in.end);
   EXPECT_EQ(throughServer(AskClock{12}).echo, 12u);
-  const SetClock set = throughServer(SetClock{true, ClockMode::kStepped, 0.5});
+  const SetClock set = throughServer(SetClock{true, ClockMode::kStepped, 0.5, kMaxTime});
   EXPECT_TRUE(set.own);
   EXPECT_EQ(set.mode, ClockMode::kStepped);
   EXPECT_EQ(set.rate, 0.5);
+  EXPECT_EQ(set.time, kMaxTime);
   const ClockStep step = throughServer(ClockStep{kMaxStepTime, true});
   EXPECT_EQ(step.time, kMaxStepTime);
   EXPECT_TRUE(step.wait);

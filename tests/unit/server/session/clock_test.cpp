@@ -111,6 +111,40 @@ TEST(Clock, TimeNeverPassesWhatFitsOnTheWire) {
   EXPECT_EQ(clock.time(kStart + std::chrono::hours(24 * 365 * 100)), wire::kMaxTime);
 }
 
+TEST(Clock, IsSetToLaterTimesAlone) {
+  Clock clock(kStart);
+  EXPECT_TRUE(clock.set(1, {true, ClockMode::kScaled, 2, 60'000'000}, kStart + 1s));
+  EXPECT_EQ(clock.time(kStart + 2s), 62'000'000u);
+  EXPECT_TRUE(clock.set(1, {true, ClockMode::kStepped, 0, 30'000'000}, kStart + 3s));
+  EXPECT_EQ(clock.time(kStart + 9s), 64'000'000u) << "it stands where it was";
+  EXPECT_FALSE(clock.set(2, {true, ClockMode::kStepped, 0, 70'000'000}, kStart + 9s));
+  EXPECT_TRUE(clock.set(1, {true, ClockMode::kStepped, 0, 70'000'000}, kStart + 9s));
+  EXPECT_EQ(clock.time(kStart + 9s), 70'000'000u);
+  clock.follow(2);
+  EXPECT_EQ(clock.step(1, {10, true}), Stepped::kBegins);
+  EXPECT_TRUE(clock.set(1, {true, ClockMode::kStepped, 0, 80'000'000}, kStart + 9s));
+  EXPECT_EQ(clock.time(kStart + 9s), 70'000'010u) << "not while a step waits";
+}
+
+TEST(Clock, OfARecordingStandsAtItsEnd) {
+  Clock clock(kStart);
+  wire::Clock recording;
+  recording.mode = ClockMode::kScaled;
+  recording.rate = 4;
+  recording.time = 10'000'000;
+  recording.end = 20'000'000;
+  clock.play(recording, kStart + 5s);
+  EXPECT_EQ(clock.state(kStart + 5s).end, 20'000'000u);
+  EXPECT_EQ(clock.time(kStart + 6s), 14'000'000u);
+  EXPECT_EQ(clock.time(kStart + 1h), 20'000'000u);
+  EXPECT_TRUE(clock.set(1, {true, ClockMode::kStepped, 0, 15'000'000}, kStart + 6s));
+  EXPECT_EQ(clock.time(kStart + 1h), 15'000'000u);
+  EXPECT_EQ(clock.step(1, {90'000'000, false}), Stepped::kBegins);
+  EXPECT_EQ(clock.time(kStart + 1h), 20'000'000u);
+  EXPECT_TRUE(clock.set(1, {true, ClockMode::kRealTime, 1, 25'000'000}, kStart + 2h));
+  EXPECT_EQ(clock.time(kStart + 3h), 20'000'000u);
+}
+
 // Whatever is said in whatever order: the clock never goes back, and no step begins while somebody waits.
 TEST(Clock, LawsHoldForRandomConversations) {
   std::mt19937 random(5);
@@ -127,7 +161,9 @@ TEST(Clock, LawsHoldForRandomConversations) {
       switch (random() % 8) {
         case 0:
           mayGoOn = mayGoOn || clock.owner() == member || clock.owner() == 0;
-          clock.set(member, {random() % 5 != 0, static_cast<ClockMode>(random() % 3), static_cast<double>(random() % 3)}, now);
+          clock.set(member,
+                    {random() % 5 != 0, static_cast<ClockMode>(random() % 3), static_cast<double>(random() % 3), random() % 1'000'000},
+                    now);
           break;
         case 1:
           clock.follow(member);

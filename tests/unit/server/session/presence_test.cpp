@@ -195,6 +195,28 @@ TEST_F(PresenceTest, TheClockIsToldToThoseWhoFollowAndToThoseWhoAsk) {
   EXPECT_EQ(presence->state().clock.mode, wire::ClockMode::kStepped);
 }
 
+TEST_F(PresenceTest, TimeGoesBackInRecordingsAlone) {
+  const auto owner = join(1, "owner");
+  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 50'000'000});
+  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 20'000'000});
+  ASSERT_TRUE(owner->wait([](Listener& l) { return !l.clocks.empty() && !l.clocks.back().notice.empty(); }));
+  EXPECT_EQ(owner->clocks.back().notice, "Time goes back in recordings alone.");
+  EXPECT_EQ(presence->state().clock.time, 50'000'000u);
+  std::vector<std::uint64_t> wanted;
+  wire::Clock recording;
+  recording.time = 60'000'000;
+  recording.end = 90'000'000;
+  presence->play(recording, [&](std::uint64_t time) { wanted.push_back(time); });
+  ASSERT_TRUE(owner->wait([](Listener& l) { return l.clocks.back().end == 90'000'000; }));
+  presence->receive(2, wire::SetClock{true, wire::ClockMode::kStepped, 0, 10});
+  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 70'000'000});
+  EXPECT_TRUE(wanted.empty());
+  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 30'000'000});
+  EXPECT_EQ(wanted, std::vector<std::uint64_t>{30'000'000});
+  EXPECT_EQ(presence->state().clock.time, 70'000'000u) << "nobody here sees time go back";
+  for (std::size_t k = 1; k < owner->clocks.size(); ++k) EXPECT_GE(owner->clocks[k].time, owner->clocks[k - 1].time);
+}
+
 TEST_F(PresenceTest, StepsMergeForAMemberThatDoesNotReadAndOnesThatWaitArrive) {
   join(1, "owner");
   const auto slow = join(2, "slow", false);
