@@ -113,7 +113,7 @@ bool Devices::onOverlay() const {
 }
 
 void Devices::onMove(double x, double y) {
-  if (state_.mouseFree && (state_.panel.open() || state_.edit.on)) state_.changed = true;
+  if (state_.mouseFree && (state_.panel.open() || state_.edit.on || state_.clock.on)) state_.changed = true;
   if (dragging_) moveDivider(x / width());
   turning_ |= pressed_ && !pressed_->isNear(x, y);
   if ((!state_.mouseFree || turning_) && lastCursor_) {

@@ -328,19 +328,18 @@ void Overlay::place(const char* name, Extent& extent, float x, float y, float he
   if (drawn.scrolls) areas_.push_back(drawn.area);
 }
 
-// At the top; what lies below begins at top_.
-EditRequests Overlay::drawBar(const EditMode& edit) {
-  top_ = kMargin;
-  if (!edit.on) return {};
-  EditRequests requests;
+// At the top, one below the other; what lies below begins at top_.
+void Overlay::drawBars(ViewerState& state, Requests& requests) {
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const Area area = box("edit", ImVec2(size.x / 2, kMargin), ImVec2(0.5f, 0), theme::kGlass, size.y, kBehind, [&] {
-                      requests = drawEditBar(edit, mostWidth());
-                    }).area;
-  areas_.push_back(area);
+  top_ = kMargin;
+  const auto bar = [&](const char* name, const auto& fill) {
+    const Area area = box(name, ImVec2(size.x / 2, top_), ImVec2(0.5f, 0), theme::kGlass, size.y, kBehind, fill).area;
+    areas_.push_back(area);
+    top_ = static_cast<float>(area.bottom) + kMargin;
+  };
+  if (state.edit.on) bar("edit", [&] { requests.edit = drawEditBar(state.edit, mostWidth()); });
+  if (state.clock.on) bar("clock", [&] { requests.clock = drawClockBar(state.clock, mostWidth()); });
   if (ImGui::IsPopupOpen(nullptr, ImGuiPopupFlags_AnyPopup)) areas_.push_back({0, 0, double{size.x}, double{size.y}});
-  top_ += static_cast<float>(area.bottom);
-  return requests;
 }
 
 // Help or plots at the right, figures and legends at the left. What is at the right takes the place of what it would cover.
@@ -369,20 +368,19 @@ Requests Overlay::draw(ViewerState& state) {
   ImGuiIO& io = ImGui::GetIO();
   io.ConfigFlags = state.mouseFree ? io.ConfigFlags & ~ImGuiConfigFlags_NoMouse : io.ConfigFlags | ImGuiConfigFlags_NoMouse;
   if (!ImGui::IsAnyItemActive()) dress(state.panel.textScale);  // once the slider is let go
-  begin(state.panel.open() || state.edit.on);
+  begin(state.panel.open() || state.edit.on || state.clock.on);
   drawLines(state);
   drawBrush(state.edit);
   drawDivider(state);
   areas_.clear();
   const Extent boxes[] = {figures_, legend_, right_, {top_, 0}};
-  const EditRequests edit = drawBar(state.edit);
+  Requests requests;
+  drawBars(state, requests);
   drawBoxes(state);
   state.changed |= !std::ranges::equal(boxes, std::array{figures_, legend_, right_, Extent{top_, 0}});  // their places hang together
   if (!state.message.empty()) drawMessage(state.message);
   if (!state.hint.empty()) drawHint(state.hint);
-  Requests requests;
-  if (state.panel.open()) requests = drawPanel(state, areas_.emplace_back());
-  requests.edit = edit;
+  if (state.panel.open()) drawPanel(state, requests, areas_.emplace_back());
   state.changed |= !events_.empty();
   ImGui::Render();
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());

@@ -41,7 +41,7 @@ class Overlay {
   };
   void dress(float textScale);
   void begin(bool panel);
-  EditRequests drawBar(const EditMode& edit);
+  void drawBars(ViewerState& state, Requests& requests);
   void drawBoxes(const ViewerState& state);
   template <class Fill>
   void place(const char* name, Extent& extent, float x, float y, float height, const Fill& fill);

@@ -172,8 +172,43 @@ EditRequests drawEditBar(const EditMode& edit, float width) {
   return requests;
 }
 
-Requests drawPanel(ViewerState& s, Area& area) {
-  Requests requests;
+std::optional<wire::SetClock> drawClockBar(ClockBar& clock, float width) {
+  std::optional<wire::SetClock> request;
+  const float right = ImGui::GetCursorPosX() + width, letter = ImGui::GetFontSize();
+  const auto words = [&](const std::string& text, float least) {
+    const float room = std::max(ImGui::CalcTextSize(text.c_str()).x, least * letter);  // what follows stays where it is
+    inLine(right, room);
+    const float after = ImGui::GetCursorPosX() + room;
+    ImGui::AlignTextToFramePadding();
+    ImGui::TextUnformatted(text.c_str());
+    ImGui::SameLine(after);
+    ImGui::Dummy({0, 0});
+  };
+  ImGui::Dummy({0, 0});
+  words(clockText(clock.dragged ? static_cast<std::uint64_t>(*clock.dragged * 1e6f) : clock.time) +
+            (clock.end == 0 ? "" : " / " + clockText(clock.end)),
+        clock.end == 0 ? 4 : 8);
+  ImGui::BeginDisabled(!clock.driver.empty());
+  if (clock.end != 0 && clock.jumps) {
+    float at = clock.dragged.value_or(static_cast<float>(clock.time) / 1e6f);
+    inLine(right, 14 * letter);
+    ImGui::SetNextItemWidth(14 * letter);
+    ImGui::SliderFloat("##time", &at, 0, static_cast<float>(clock.end) / 1e6f, "", ImGuiSliderFlags_AlwaysClamp | ImGuiSliderFlags_NoInput);
+    if (ImGui::IsItemDeactivatedAfterEdit()) request = movedTo(clock, static_cast<std::uint64_t>(at * 1e6f));
+    clock.dragged = ImGui::IsItemActive() ? std::optional(at) : std::nullopt;
+    if (tool("-10 s", right)) request = movedBy(clock, -kClockSkip);
+  }
+  if (tool(clock.isOver() ? "Again" : clock.runs ? "Pause" : "Go on", right)) request = toggled(clock);
+  if (clock.jumps && tool("+10 s", right)) request = movedBy(clock, kClockSkip);
+  if (tool("Slower", right)) request = faster(clock, false);
+  words(rateText(clock.rate), 2.5f);
+  if (tool("Faster", right)) request = faster(clock, true);
+  ImGui::EndDisabled();
+  if (!clock.driver.empty()) words(clock.driver + " drives it", 0);
+  return request;
+}
+
+void drawPanel(ViewerState& s, Requests& requests, Area& area) {
   Panel& p = s.panel;
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   ImGui::SetNextWindowPos(ImVec2(size.x / 2, size.y / 2), ImGuiCond_Appearing, ImVec2(0.5f, 0.5f));
@@ -204,7 +239,6 @@ Requests drawPanel(ViewerState& s, Area& area) {
   p.typed = false;
   if (!open) p.dialog = Dialog::kNone;
   ImGui::End();
-  return requests;
 }
 
 }  // namespace ridgecast::viewer

@@ -1,5 +1,5 @@
 #pragma once
-// The dialogs: settings, worlds and places, who is here; and the bar of the edit mode. Drawn by Dear ImGui. Internal to the room.
+// The dialogs: settings, worlds and places, who is here; and the bars of the edit mode and the clock. Drawn by Dear ImGui. Internal to the room.
 
 #include <cstdint>
 #include <optional>
@@ -17,12 +17,13 @@ struct EditRequests {
   bool here = false, endRoad = false, undo = false;
 };
 
-// What the user requested since the last frame, in the panel and the bar.
+// What the user requested since the last frame, in the panel and the bars.
 struct Requests {
   bool settings = false, jump = false, world = false, vsync = false;
   std::optional<std::uint64_t> flyTo;  // a member's camera
   std::optional<std::string> session;  // to enter
   EditRequests edit;
+  std::optional<wire::SetClock> clock;
 };
 
 struct Area {
@@ -30,9 +31,11 @@ struct Area {
 };
 
 // The open dialog. `area`: where it takes the mouse.
-Requests drawPanel(ViewerState& state, Area& area);
+void drawPanel(ViewerState& state, Requests& requests, Area& area);
 
 // The tools of the edit mode, into the box that is being drawn, of a width that its text wraps at.
 EditRequests drawEditBar(const EditMode& edit, float width);
+// The session's clock, likewise.
+std::optional<wire::SetClock> drawClockBar(ClockBar& clock, float width);
 
 }  // namespace ridgecast::viewer

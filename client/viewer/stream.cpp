@@ -17,6 +17,7 @@ namespace {
 using namespace std::chrono_literals;
 constexpr auto kPoseInterval = 33ms;  // at most 30 poses a second
 constexpr auto kSoon = 2ms;           // shorter work is waited for
+constexpr auto kBriefly = 500ms;      // shorter losses are not shown
 
 using Clock = std::chrono::steady_clock;
 
@@ -93,15 +94,21 @@ void Stream::watchConnection() {
     std::fprintf(stderr, "ridgecast-client: the server has another world now; entering it\n");
     state_.changed = true;
     if (!next_) next_.emplace(link_.url, link_.settings, ownName(state_.panel.name.data()));
-  } else if (why && !lost_) {
-    state_.message =
-        "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Ctrl+Q quits.";
-    std::fprintf(stderr, "ridgecast-client: %s; trying again\n", why->message.c_str());
-    state_.changed = true;
-  } else if (!why && lost_) {
-    state_.message.clear();
+  } else if (why) {
+    if (!lost_) {
+      std::fprintf(stderr, "ridgecast-client: %s; trying again\n", why->message.c_str());
+      lostAt_ = Clock::now();
+      loss_ = "The connection to the server is lost: " + why->message + "\nThe picture shows what had arrived; trying again. Ctrl+Q quits.";
+    }
+    // A recording that begins again is back at once.
+    if (state_.message != loss_ && Clock::now() - lostAt_ > kBriefly) {
+      state_.message = loss_;
+      state_.changed = true;
+    }
+  } else if (lost_) {
     std::fprintf(stderr, "ridgecast-client: connected again\n");
-    state_.tell("connected again");
+    if (!state_.message.empty()) state_.tell("connected again");
+    state_.message.clear();
     showSettings();
     others_.reset();
     othersSeen_ = clockSeen_ = step_ = 0;
@@ -112,8 +119,11 @@ void Stream::watchConnection() {
 // No step waits for more than the answer to it; what the server says about the clock is shown.
 void Stream::followClock() {
   connection::Connection& connection = *client().connection();
-  if (!connection.waitForClock(clockSeen_, 0ms)) return;
+  const bool isNew = connection.waitForClock(clockSeen_, 0ms);
+  if (!isNew && (!state_.clock.on || !state_.clock.runs)) return;
   const connection::SessionClock clock = connection.clock();
+  showClock(clock);
+  if (!isNew) return;
   clockSeen_ = clock.version();
   if (clock.said().step > step_) connection.stepDone({clock.said().step});
   step_ = clock.said().step;
@@ -121,6 +131,38 @@ void Stream::followClock() {
   notice_ = clock.notice();
   std::fprintf(stderr, "%s\n", notice_.c_str());
   state_.tell(notice_, kNoticeTime);
+}
+
+void Stream::showClock(const connection::SessionClock& clock) {
+  const wire::Clock& said = clock.said();
+  ClockBar& bar = state_.clock;
+  const std::string before = clockText(bar.time) + bar.driver;
+  if (!bar.known) bar.on = said.end != 0;  // whoever looks at a recording wants it
+  bar.known = true;
+  bar.jumps = client().world().revision >= 6;
+  bar.time = clock.time(Clock::now());
+  bar.end = said.end;
+  bar.runs = said.rate > 0;
+  if (bar.runs) bar.rate = said.rate;
+  bar.driver.clear();
+  if (said.owner != 0 && said.owner != client().world().camera) {
+    const auto owner = others_ ? others_->others().find(said.owner) : std::map<std::uint64_t, connection::Other>::const_iterator{};
+    bar.driver = others_ && owner != others_->others().end() ? nameOf(owner->second.member) : "Member " + std::to_string(said.owner);
+  }
+  if (clock.version() != clockSeen_ || (bar.on && before != clockText(bar.time) + bar.driver)) state_.changed = true;
+}
+
+void Stream::setClock(const wire::SetClock& set) {
+  if (lost_ || !state_.clock.known) return state_.tell("no connection to a server with a clock");
+  if (set.time != 0 && !state_.clock.jumps) return state_.tell("this server is older than clocks that are set to a time");
+  if (!state_.clock.driver.empty()) return state_.tell(state_.clock.driver + " drives the clock");
+  connection::Connection& connection = *client().connection();
+  connection.setClock(set);
+  connection.setClock({.own = false});
+  // So that the next key, which may be pressed before the server answers, goes on from there.
+  state_.clock.runs = set.mode != wire::ClockMode::kStepped;
+  state_.clock.rate = set.rate;
+  if (set.time != 0) state_.clock.time = set.time;
 }
 
 void Stream::accept(const replica::Update& update) {

@@ -73,6 +73,9 @@ class Stream {
   void requestSettings();  // the panel's
   void requestWorlds();    // the server's sessions and terrains, for the panel
 
+  // Takes the session's clock for as long as that takes, so that everybody may drive it; says so if somebody else has it.
+  void setClock(const wire::SetClock& set);
+
   // Opens the world whose name is in the panel, unless one is being opened.
   void enterWorld();
   void enterSession(const std::string& name);  // one that the server has
@@ -85,6 +88,7 @@ class Stream {
   void accept(const replica::Update& update);
   void sendPose(const camera::Camera& camera);
   void followClock();
+  void showClock(const connection::SessionClock& clock);
   void showSettings();
   void showWorlds();
 
@@ -93,6 +97,8 @@ class Stream {
   std::optional<Arrival> next_;
   std::optional<WorldsQuestion> question_;
   bool lost_ = false, otherWorld_ = false;
+  std::chrono::steady_clock::time_point lostAt_{};
+  std::string loss_;  // what the window says of it
   wire::Settings shownSettings_;
   std::optional<connection::Roster> others_;
   std::uint64_t othersSeen_ = 0, clockSeen_ = 0, step_ = 0;  // versions; the clock's newest step

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/viewer/clock_bar.h"
 #include "client/viewer/editing.h"
 #include "client/viewer/leaf_colours.h"
 #include "client/viewer/project.h"
@@ -165,6 +166,7 @@ struct ViewerState {
   Outlines outlines;
   Panel panel;
   EditMode edit;
+  ClockBar clock;
   bool changed = true;  // since the window was drawn
 
   double meshShare() const { return mode == Mode::kSplit ? divider : mode == Mode::kMesh ? 1 : 0; }  // of the width, from the left
@@ -184,6 +186,7 @@ struct ViewerState {
     lines.frozen.reset();
     motion = {};
     edit = {};
+    clock = {};
     statistics = {};
     changed = true;
   }

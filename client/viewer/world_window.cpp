@@ -103,6 +103,12 @@ std::vector<Action> WorldWindow::actions() {
   const auto cycle = [](auto& what, int count) {
     return [&what, count] { what = static_cast<std::decay_t<decltype(what)>>((static_cast<int>(what) + 1) % count); };
   };
+  // By keys only while the clock is shown: it is everybody's.
+  const auto drive = [this](auto how) {
+    return [this, how] {
+      if (state_.clock.on) stream_.setClock(how(state_.clock));
+    };
+  };
   return {{"back", [this] { goBack(); }},
           {"quit", [this] { quit(); }},
           {"help", toggle(s.help), GLFW_GAMEPAD_BUTTON_START},
@@ -126,6 +132,12 @@ std::vector<Action> WorldWindow::actions() {
           {"edit", [this] { toggleEditing(); }},
           {"undo", [this] { editor_.undo(); }},
           {"road", [this] { editor_.endRoad(); }},
+          {"clock", toggle(s.clock.on)},
+          {"pause", drive([](const ClockBar& c) { return toggled(c); })},
+          {"slower", drive([](const ClockBar& c) { return faster(c, false); })},
+          {"faster", drive([](const ClockBar& c) { return faster(c, true); })},
+          {"rewind", drive([](const ClockBar& c) { return movedBy(c, -kClockSkip); })},
+          {"skip", drive([](const ClockBar& c) { return movedBy(c, kClockSkip); })},
           {"walk", [this] { toggleWalking(); }, GLFW_GAMEPAD_BUTTON_B},
           {"corrected", [this] { toggleCorrected(); }},
           {"record", [this] { toggleRecord(); }},
@@ -227,6 +239,7 @@ void WorldWindow::grant(const Requests& requests) {
   if (requests.jump) jump();
   if (requests.world) stream_.enterWorld();
   if (requests.session) stream_.enterSession(*requests.session);
+  if (requests.clock) stream_.setClock(*requests.clock);
   if (requests.flyTo) flyTo(*requests.flyTo);
   if (state_.edit.on) editor_.grant(requests.edit, camera());
 }

@@ -16,6 +16,7 @@ const report = () => ({
   drawn: viewer.drawn,
   others: engine.others,
   pose: flying.pose,
+  clock: viewer.clock.time,
 });
 /** What tests read. */
 export type Report = ReturnType<typeof report>;

@@ -15,6 +15,7 @@ export type ToEngine =
   | { kind: 'threshold'; pixels: number }
   | { kind: 'edit'; id: number; key: string; operation: string } // sent if there is a connection
   | { kind: 'brush'; brush: Brush }
+  | { kind: 'set clock'; set: ClockSet }
   | { kind: 'hurry' } // try to connect now
   | { kind: 'stop' };
 
@@ -49,6 +50,21 @@ export interface WorldTold {
   lacks: string; // why the page has no functions of the terrain; empty: it has them
   threshold: number; // granted
   takesEdits: boolean;
+  jumpsClock: boolean; // its clock may be set to a time
+}
+
+/** The session's clock, as the server told of it. */
+export interface ClockTold {
+  time: number; // microseconds, `at` then
+  at: number; // milliseconds since 1970
+  rate: number; // session seconds a second; 0: it stands
+  end: number; // microseconds, of a recording; 0: it is none
+  owner: string; // a camera's number; 0: nobody
+}
+/** How it is to go on; everybody may drive it afterwards. */
+export interface ClockSet {
+  rate: number; // 0: it stands
+  time: number; // microseconds; 0: no jump
 }
 
 /** Somebody else in the session. */
@@ -80,6 +96,7 @@ export interface Figures {
 export type FromEngine =
   | { kind: 'world'; world: WorldTold }
   | { kind: 'granted'; threshold: number }
+  | { kind: 'clock'; clock: ClockTold }
   | { kind: 'notice'; sentence: string } // of the session's clock, to this member
   | { kind: 'members'; members: MemberTold[] } // all the others
   | { kind: 'edit answer'; id: number; number: number; refusal: string } // number 0: refused

@@ -96,7 +96,7 @@ test('flies, and comes back after the server started anew', async (t) => {
   const { port } = server;
   await server.stop();
   await viewer.until('without a connection', (r) => !r.connected);
-  assert.match(await viewer.page.innerText('#note'), /trying again/);
+  await viewer.page.waitForFunction(() => /trying again/.test(document.getElementById('note')!.innerText));
   server = await Server.start(['--terrain', 'alpine', '--seed', '1'], port);
   const back = await viewer.until('connected again', (r) => r.connected && r.atRest);
   assert.equal(back.figures!.mismatches, 0);

@@ -65,6 +65,7 @@ for (const [size, name, more, least] of [
     const isPhone = size === PHONE;
     if (isPhone) await press('#more');
     for (const toggle of ['nodes', 'candidates', 'figures']) await press(`[data-toggle=${toggle}]`);
+    await press('#timing');
     await hasNoFaults(viewer, 'the page');
     assert.deepEqual(await misfits(viewer, least), []);
     for (const [opener, dialog] of [['#help', '#help-text'], ['#people', '#who'], ['#place', '#worlds']] as const) {
@@ -232,7 +233,7 @@ test('steps do not wait for a page, and one that is passed over is told', async 
     socket.onmessage = ({ data }) => {
       const { kind } = fromBinary(ServerMessageSchema, new Uint8Array(data as ArrayBuffer));
       if (kind.case === 'world') {
-        send({ case: 'setClock', value: { $typeName: 'ridgecast.v1.SetClock', own: true, mode: 2, rate: 0 } });
+        send({ case: 'setClock', value: { $typeName: 'ridgecast.v1.SetClock', own: true, mode: 2, rate: 0, time: 0n } });
         step();
       }
       if (kind.case !== 'clock') return;
@@ -246,6 +247,12 @@ test('steps do not wait for a page, and one that is passed over is told', async 
   });
   await viewer.page.waitForFunction(() => /passed over at step/.test(document.getElementById('note')!.innerText));
   assert.ok(done >= 3n);
+  // Its clock is somebody else's.
+  await viewer.page.keyboard.press('KeyV');
+  await viewer.page.waitForFunction(() => /^Guest \d+ drives it$/.test(document.getElementById('clock-driver')!.textContent!));
+  assert.ok(await viewer.page.isDisabled('#clock-pause'));
+  await viewer.page.keyboard.press('KeyZ');
+  await viewer.page.waitForFunction(() => /^Guest \d+ drives the clock$/.test(document.getElementById('note')!.innerText));
   socket.onclose = null;
   socket.close();
   assert.deepEqual(viewer.complaints, []);

@@ -27,11 +27,11 @@ export class Server {
     readonly port: number,
   ) {}
 
-  /** Port 0: any free one. */
-  static async start(args: string[] = [], port = 0): Promise<Server> {
+  /** Port 0: any free one. `command`: what comes before the settings, such as replay DIR. */
+  static async start(args: string[] = [], port = 0, command: string[] = []): Promise<Server> {
     const folder = mkdtempSync(join(tmpdir(), 'ridgecast-web-'));
     const file = join(folder, 'port');
-    const child = spawn(needed('RIDGECAST_SERVER'), ['--port', String(port), '--port-file', file, '--quiet', ...args], {
+    const child = spawn(needed('RIDGECAST_SERVER'), [...command, '--port', String(port), '--port-file', file, '--quiet', ...args], {
       stdio: ['ignore', 'inherit', 'inherit'],
       env: environment(),
     });
@@ -54,10 +54,10 @@ export class Server {
     return `https://127.0.0.1:${this.port}`;
   }
 
-  async stop(): Promise<void> {
-    if (this.child.exitCode === null) {
+  async stop(signal: NodeJS.Signals = 'SIGTERM'): Promise<void> {
+    if (this.child.exitCode === null && this.child.signalCode === null) {
       const ended = new Promise((done) => this.child.once('exit', done));
-      this.child.kill('SIGTERM');
+      this.child.kill(signal);
       await Promise.race([ended, sleep(120_000, true)]);
       this.child.kill('SIGKILL');
     }

@@ -6,7 +6,7 @@ import type { Iteration, World } from '../generated/ridgecast/v1/stream_pb';
 import type { Figures, FromEngine, ToEngine } from '../messages';
 import { Replica } from '../replica/replica';
 import { touch } from '../scene/touch';
-import { Held, Loss, Settings, Socket, Stream, takesEdits, tellsEdits } from '../stream/stream';
+import { Held, Loss, Settings, Socket, Stream, jumpsClock, takesEdits, tellsEdits } from '../stream/stream';
 import { HeldEdits } from './held_edits';
 import { MemberList } from './member_list';
 import { PainterPort } from './painter_port';
@@ -80,6 +80,8 @@ export class Engine {
         return this.stream?.edit(message.id, message.key, message.operation);
       case 'brush':
         return this.tell({ kind: 'touched', number: message.brush.number, touched: this.replica && touch(this.replica.scene, message.brush) });
+      case 'set clock':
+        return this.stream?.setClock(message.set.rate, message.set.time);
       case 'hurry':
         return this.stream?.hurry();
       case 'stop':
@@ -118,6 +120,8 @@ export class Engine {
         },
         onGranted: (granted) => this.tell({ kind: 'granted', threshold: granted.threshold }),
         onClock: (clock) => {
+          const { rate, time, end, owner } = clock, at = performance.timeOrigin + performance.now();
+          this.tell({ kind: 'clock', clock: { time: Number(time), at, rate, end: Number(end), owner: String(owner) } });
           if (clock.notice.length > 0) this.tell({ kind: 'notice', sentence: text(clock.notice) });
         },
         onEditAnswer: ({ id, number, refusal }) => this.tell({ kind: 'edit answer', id: Number(id), number: Number(number), refusal: text(refusal) }),
@@ -158,6 +162,7 @@ export class Engine {
         lacks: source ? '' : world.heightMap ? 'This page has no samples of a height map' : 'The server keeps the terrain to itself',
         threshold: world.settings?.threshold ?? 0,
         takesEdits: takesEdits(world),
+        jumpsClock: jumpsClock(world),
       },
     });
     return held;

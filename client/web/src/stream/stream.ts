@@ -2,7 +2,7 @@
 // Comes back by itself after a loss, waiting longer after each failure and by chance.
 
 import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
-import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Clock, EditAnswer, EditSchema, Error_Code, FindEditsSchema, FoundEdits, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, Settings as WireSettings, SettingsSchema, Squares, StepDoneSchema, WantSquaresSchema, World } from '../generated/ridgecast/v1/stream_pb';
+import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Clock, ClockMode, EditAnswer, EditSchema, Error_Code, FindEditsSchema, FoundEdits, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, SetClockSchema, Settings as WireSettings, SettingsSchema, Squares, StepDoneSchema, WantSquaresSchema, World } from '../generated/ridgecast/v1/stream_pb';
 import { LeafAddress, Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
@@ -83,6 +83,7 @@ export interface Options {
 const text = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 const wireAddress = (a: LeafAddress): { level: number; i: bigint; j: bigint } => ({ level: a.level, i: BigInt(a.i), j: BigInt(a.j) });
 
+export const jumpsClock = (world: World): boolean => world.revision >= 6;
 export const takesEdits = (world: World): boolean => world.revision >= 4;
 /** Whether a world tells the posts of its edits: not where the terrain is private. */
 export const tellsEdits = (world: World): boolean => world.revision >= 5 && world.terrainSource.length > 0;
@@ -151,6 +152,12 @@ export class Stream {
   edit(id: number, key: string, operation: string): void {
     const bytes = (s: string): Uint8Array => new TextEncoder().encode(s);
     if (this.world && takesEdits(this.world)) this.send({ case: 'edit', value: create(EditSchema, { id: BigInt(id), key: bytes(key), operation: bytes(operation) }) });
+  }
+
+  /** Takes the clock for as long as that takes. Rate 0: it stands; time: microseconds, 0: no jump. */
+  setClock(rate: number, time: number): void {
+    const mode = rate === 0 ? ClockMode.CLOCK_STEPPED : rate === 1 ? ClockMode.CLOCK_REAL_TIME : ClockMode.CLOCK_SCALED;
+    for (const own of [true, false]) this.send({ case: 'setClock', value: create(SetClockSchema, { own, mode, rate, time: BigInt(time) }) });
   }
 
   /** Only where the world tellsEdits(). */

@@ -6,8 +6,9 @@ const rows = table.filter(({ where }) => where !== 'window');
 
 /** KeyboardEvent.code of a row's first stroke, where that is a letter, a digit or a named key. */
 function codeOf(action: string): string {
+  const named: Record<string, string> = { ';': 'Semicolon', "'": 'Quote' };
   const stroke = rows.find((row) => row.action === action)?.keys.split(' / ')[0] ?? '';
-  return /^\d$/.test(stroke) ? `Digit${stroke}` : /^[A-Z]$/.test(stroke) ? `Key${stroke}` : /^[A-Z][a-z]+$/.test(stroke) ? stroke : '';
+  return /^\d$/.test(stroke) ? `Digit${stroke}` : /^[A-Z]$/.test(stroke) ? `Key${stroke}` : /^[A-Z][a-z]+$/.test(stroke) ? stroke : (named[stroke] ?? '');
 }
 
 /** By code, what the keys of these actions do. */

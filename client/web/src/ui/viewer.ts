@@ -3,6 +3,7 @@
 
 import type { FromEngine, FromPainter, Look, Mode, WorldTold } from '../messages';
 import type { Pose } from '../render/view';
+import { Clock } from './clock';
 import { Divider } from './divider';
 import { Editor } from './editor';
 import { EngineLink } from './engine_link';
@@ -22,6 +23,7 @@ import { World, Worlds } from './worlds';
 const VERTICAL_FOV = Math.PI / 3;
 const MAX_PIXELS = 2.5e6; // of the canvas; more are not worth their time
 const UNKNOWN_GROUND = 3000; // metres
+const BRIEFLY = 500; // ms: shorter losses are not told of
 
 function pixels(): { width: number; height: number } {
   const ratio = Math.min(devicePixelRatio || 1, Math.sqrt(MAX_PIXELS / Math.max(1, innerWidth * innerHeight)));
@@ -44,6 +46,7 @@ export class Viewer {
   private readonly editor: Editor;
   private readonly toolbar: Toolbar;
   private readonly worlds: Worlds;
+  readonly clock: Clock;
   private readonly people: People;
   private readonly divider = new Divider((share) => {
     this.look.divider = share;
@@ -52,6 +55,7 @@ export class Viewer {
   private token: string;
   private ground: 'known' | 'wanted' | 'of the mesh'; // the height at the start: of the mesh where the terrain's own is not to be had
   private mayConnect = false; // pictures can be drawn: no painter, no connection
+  private losing = 0; // timer: a recording that begins again is back at once
   private makingSince = 0; // when a world was asked for that the server may have to compile; 0: none is waited for
   private readonly frames = { last: performance.now(), savedAt: 0, speed: 0 }; // the last; when the address was brought up to date; the speed shown
 
@@ -70,6 +74,7 @@ export class Viewer {
     this.editor = new Editor(this.canvas, this.hands, { engine: (message) => this.engine.send(message), say: (sentence) => this.notices.note(sentence, 8000) });
     this.toolbar = new Toolbar({ mode: (mode) => this.setMode(mode), toggle: (name) => this.toggle(name), threshold: (pixelsOfError) => this.setThreshold(pixelsOfError) });
     this.worlds = new Worlds({ goTo: (world) => this.goTo(world), jump: (to) => this.jump(to) });
+    this.clock = new Clock({ set: (set) => this.engine.send({ kind: 'set clock', set }), say: (sentence) => this.notices.note(sentence) });
     this.people = new People({ fly: (to) => (this.flying.pose = beside(this.flying.pose, to)), renamed: () => this.connect() });
     this.people.take(this.place.name);
     this.listen();
@@ -120,6 +125,12 @@ export class Viewer {
       edit: () => void this.edit(),
       undo: () => this.editor.undo(),
       road: () => this.editor.endRoad(),
+      clock: () => this.clock.show(!this.clock.isShown),
+      pause: () => this.clock.toggle(),
+      slower: () => this.clock.slower(),
+      faster: () => this.clock.faster(),
+      rewind: () => this.clock.rewind(),
+      skip: () => this.clock.skip(),
     };
     const keys = byCode(actions);
     listKeys(element('help-text').querySelector<HTMLElement>('.keys')!);
@@ -129,7 +140,7 @@ export class Viewer {
       act?.();
       return act !== undefined;
     };
-    for (const [id, action] of Object.entries({ picture: 'picture', gltf: 'gltf', link: 'link', help: 'help', place: 'worlds', people: 'people', editing: 'edit' })) element(id).addEventListener('click', actions[action]!);
+    for (const [id, action] of Object.entries({ picture: 'picture', gltf: 'gltf', link: 'link', help: 'help', place: 'worlds', people: 'people', editing: 'edit', timing: 'clock' })) element(id).addEventListener('click', actions[action]!);
     element('again').addEventListener('click', () => this.connect());
     element('token').addEventListener('submit', (event) => {
       event.preventDefault();
@@ -202,6 +213,8 @@ export class Viewer {
         return this.editor.answered(message.id, message.number, message.refusal);
       case 'touched':
         return this.editor.touch(message.touched);
+      case 'clock':
+        return this.clock.set(message.clock, this.engine.others);
       case 'notice':
         return this.notices.note(message.sentence, 12_000);
     }
@@ -210,7 +223,9 @@ export class Viewer {
   private enter(world: WorldTold): void {
     const { terrain, seed, session, lacks, threshold } = world;
     this.editor.connected(world);
+    this.clock.enter(world);
     this.makingSince = 0;
+    clearTimeout(this.losing);
     this.notices.noProblem();
     this.notices.note('', 0);
     this.notices.light('on', `${terrain}, seed ${seed}${session === 'default' ? '' : ` · ${session}`}`);
@@ -229,10 +244,11 @@ export class Viewer {
   private showLost({ sentence, final, wantsToken }: Extract<FromEngine, { kind: 'lost' }>): void {
     const { notices } = this;
     this.makingSince = 0;
+    clearTimeout(this.losing);
     notices.light(final ? 'off' : 'wait', final ? 'not connected' : 'reconnecting');
     if (wantsToken) notices.problem('This server asks for a token', this.token ? `${sentence} Give another one.` : 'Ask whoever runs it for one.', 'token');
     else if (final) notices.problem('Not connected', sentence, 'again');
-    else if (this.engine.figures) notices.note(`${sentence} The picture shows what had arrived; trying again.`, 0);
+    else if (this.engine.figures) this.losing = window.setTimeout(() => notices.note(`${sentence} The picture shows what had arrived; trying again.`, 0), BRIEFLY);
     else notices.problem('No connection to the server', `${sentence} Trying again.`, 'again');
   }
 
@@ -411,6 +427,7 @@ export class Viewer {
     this.saveAddress(pose, now);
     this.members.draw({ pose, ...lens }, innerWidth, innerHeight);
     this.people.draw(pose);
+    this.clock.draw();
     this.editor.draw({ pose, verticalFov: VERTICAL_FOV, width: innerWidth, height: innerHeight }, this.engine.figures?.changes ?? 0);
   }
 

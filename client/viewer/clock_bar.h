@@ -1,0 +1,39 @@
+#pragma once
+// The session's clock in the window: what is shown of it, and what buttons and keys ask of the server. As on the page
+// (client/web/src/ui/clock.ts). Values only.
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "common/wire/messages.h"
+
+namespace ridgecast::viewer {
+
+inline constexpr double kSlowestClock = 0.25, kFastestClock = 16;  // session seconds a second
+inline constexpr std::int64_t kClockSkip = 10'000'000;             // microseconds
+
+struct ClockBar {
+  bool on = false;
+  bool known = false;               // the server has told of a clock
+  bool jumps = false;               // it may be set to a time (World::revision)
+  std::uint64_t time = 0, end = 0;  // microseconds; end: of a recording, otherwise 0
+  bool runs = true;
+  double rate = 1;                    // that it runs at, or goes on with
+  std::string driver{};               // who else has it; empty: nobody
+  std::optional<float> dragged = {};  // seconds, where the slider is held
+  bool isOver() const { return end != 0 && time >= end; }
+};
+
+std::string clockText(std::uint64_t microseconds);  // "1:02.3", "1:00:02.3"; tenths, rounded down
+std::string rateText(double rate);                  // "0.25 x"
+
+// Pauses it or lets it go on; a recording that is over begins again.
+wire::SetClock toggled(const ClockBar& clock);
+// Twice as fast, or half.
+wire::SetClock faster(const ClockBar& clock, bool isFaster);
+// By so much; back in recordings alone, and no further than to the beginning and the end.
+wire::SetClock movedBy(const ClockBar& clock, std::int64_t microseconds);
+wire::SetClock movedTo(const ClockBar& clock, std::uint64_t microseconds);
+
+}  // namespace ridgecast::viewer

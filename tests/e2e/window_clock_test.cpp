@@ -1,0 +1,109 @@
+// The session's clock driven by keys that are really pressed: in a world, and in a recording of a server that was killed.
+
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "client/connection/connection.h"
+#include "tests/e2e/window.h"
+#include "tests/support/flier.h"
+#include "tests/support/server_process.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace testing_support;
+
+class WindowClock : public WindowTest {
+ protected:
+  void look(const std::string& url) {
+    open({"--threshold", "20", "--reduced-motion"}, url);
+    ASSERT_TRUE(opened()) << viewer_->output();
+    press({"f", "1"});
+  }
+  void join(const std::string& url) {
+    wire::Hello hello;
+    hello.clock = true;
+    onlooker_ = connection::Connection::open(connection::parseUrl(url).value(), hello, kTimeout).value();
+  }
+  // The clock as another member sees it, once nobody has it and it is as wanted.
+  bool hears(const auto& wanted) {
+    return await([&] {
+      const wire::Clock said = onlooker_->clock().said();
+      return onlooker_->waitForClock(0, 100ms) && said.owner == 0 && wanted(said);
+    });
+  }
+  std::unique_ptr<connection::Connection> onlooker_;
+};
+
+TEST_F(WindowClock, KeysDriveItWhileItIsShown) {
+  ServerProcess server(RIDGECAST_SERVER);
+  look(server.url());
+  join(server.url());
+  press({"z", "v", "apostrophe"});
+  EXPECT_TRUE(hears([](const wire::Clock& said) { return said.mode == wire::ClockMode::kScaled && said.rate == 2; })) << "z did nothing";
+  press({"z"});
+  ASSERT_TRUE(hears([](const wire::Clock& said) { return said.mode == wire::ClockMode::kStepped; }));
+  const std::uint64_t before = onlooker_->clock().said().time;
+  press({"0"});
+  EXPECT_TRUE(hears([&](const wire::Clock& said) { return said.time == before + 10'000'000; }));
+  press({"9"});
+  EXPECT_TRUE(says("Time goes back in recordings alone.")) << viewer_->output();
+  press({"semicolon", "semicolon", "z"});  // what it goes on with
+  EXPECT_TRUE(hears([](const wire::Clock& said) { return said.mode == wire::ClockMode::kScaled && said.rate == 0.5; }));
+  // Somebody else's is theirs.
+  onlooker_->setClock({true, wire::ClockMode::kRealTime, 1});
+  ASSERT_TRUE(await([&] { return onlooker_->clock().said().owner == onlooker_->world().camera; }));
+  press({"z"});
+  shot();
+  EXPECT_EQ(onlooker_->clock().said().mode, wire::ClockMode::kRealTime);
+  onlooker_->setClock({.own = false});
+  EXPECT_TRUE(await([&] {  // at first the window may not have heard that it is free
+    press({"z"});
+    return onlooker_->clock().said().mode == wire::ClockMode::kStepped;
+  }));
+  close();
+}
+
+TEST_F(WindowClock, ARecordingIsPausedAndGoesBack) {
+  const std::string recordings = (folder_ / "recordings").string();
+  {
+    ServerProcess server(RIDGECAST_SERVER, {"--record", recordings});
+    Flier flier(server.url(), {.threshold = 20});
+    camera::Camera camera;
+    camera.pose = {.x = 1400 * 256, .z = 3600 * 256, .y = 2700};
+    for (int k = 0; k < 40; ++k) {
+      camera.pose.x += 512;
+      flier.step(camera);
+      std::this_thread::sleep_for(100ms);
+    }
+    std::this_thread::sleep_for(2s);  // a block
+    server.process().signal(SIGKILL);
+    server.process().wait(60s);
+  }
+  const std::string portFile = (folder_ / "port").string();
+  Process player({RIDGECAST_SERVER, "replay", recordings, "--serve", "--port", "0", "--port-file", portFile, "--quiet"});
+  ASSERT_TRUE(await([&] { return !readText(portFile).empty() || !player.running(); })) << player.output();
+  const std::string url = "ws://127.0.0.1:" + std::to_string(std::stoul(readText(portFile)));
+  join(url);
+  onlooker_->setClock({true, wire::ClockMode::kStepped, 0});
+  onlooker_->setClock({.own = false});
+  look(url);
+  press({"0"});  // the clock is shown by itself
+  ASSERT_TRUE(hears([](const wire::Clock& said) { return said.end > 2'000'000 && said.time == said.end; }));
+  const std::uint64_t end = onlooker_->clock().said().end;
+  press({"9"});
+  EXPECT_TRUE(says("connected again")) << viewer_->output();
+  ASSERT_TRUE(await([&] { return onlooker_->error().has_value(); }));
+  join(url);
+  ASSERT_TRUE(hears([&](const wire::Clock& said) { return said.end == end && said.time == (end > 10'000'000 ? end - 10'000'000 : 1); }));
+  press({"z"});
+  EXPECT_TRUE(hears([](const wire::Clock& said) { return said.mode == wire::ClockMode::kRealTime; }));
+  close();
+}
+
+}  // namespace
+}  // namespace ridgecast
