@@ -140,6 +140,25 @@ TEST_F(RecordingEndToEnd, AfterKillItIsReplayedToItsLastRecord) {
   EXPECT_THAT(torn.output, HasSubstr("all equal"));
 }
 
+// The same program: terrain, refinement and the C library then choose their functions for a processor without AVX and FMA.
+TEST_F(RecordingEndToEnd, AProcessorWithoutAvxMakesTheSameMeshes) {
+  if (!programExists("qemu-x86_64")) GTEST_SKIP() << "qemu-x86_64 is not installed (package qemu-user)";
+  {
+    ServerProcess server(RIDGECAST_SERVER, {"--record", recordings.string()});
+    Flier flier(server.url(), coarse());
+    for (int k = 0; k < 8; ++k) {
+      if (k == 4) {
+        ASSERT_TRUE(flier.connection()->edit({0, "", kCrater}).get());
+      }
+      flier.step(at(5 * k));
+    }
+    EXPECT_EQ(server.stop(), 0);
+  }
+  const Finished replayed = runProgram({"qemu-x86_64", "-cpu", "Nehalem", RIDGECAST_SERVER, "replay", recordings.string()});
+  EXPECT_EQ(replayed.code, 0) << replayed.output;
+  EXPECT_THAT(replayed.output, HasSubstr("1 camera, 8 iterations, all equal; 1 edit, "));
+}
+
 TEST_F(RecordingEndToEnd, BeginsWithTheEditsThatWereKept) {
   const std::string state = (folder / "state").string();
   const auto fly = [&](const std::vector<std::string>& arguments, const std::string& edit) {
