@@ -443,9 +443,6 @@ void CameraSession::work(const conversation::Iterate& order) {
   figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
   iteration.poseSequence = order.pose.sequence;
   iteration.settled = mesh_->settled();
-  if (session_->observer())
-    session_->note(recording::Iterated{id_, order.granted, iteration.figures.insertionLimit, edit_, std::move(changed), order.pose.sequence,
-                                       order.pose.camera, iteration.settled, recording::hashOf(mesh_->leaves())});
   effectiveThreshold_ = iteration.figures.effectiveThreshold;
   std::optional<replica::Changes> changes;
   std::uint32_t candidates = 0;
@@ -454,6 +451,10 @@ void CameraSession::work(const conversation::Iterate& order) {
     changes = conversation_.iterated(mesh_->leaves(), iteration.settled);
     candidates = conversation_.granted().candidates;
   }
+  if (session_->observer())
+    session_->note(recording::Iterated{id_, order.granted, iteration.figures.insertionLimit, edit_, std::move(changed), order.pose.sequence,
+                                       order.pose.camera, iteration.settled,
+                                       changes ? changes->meshHash : recording::hashOf(mesh_->leaves())});
   if (!changes) return figures.iterated(iteration.figures);
   const auto start = std::chrono::steady_clock::now();
   encoder_->encode(std::move(*changes), *mesh_, iteration);
