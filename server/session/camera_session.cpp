@@ -148,7 +148,8 @@ CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
   if (session_->observer()) noteQuestion(*session_, id_, 1, ask);
   if (!grounds_)
     grounds_ = std::make_shared<Grounds>([session = session_] { return session->ground(); }, conversation_.granted().triangleBudget,
-                                         session_->resources().questions().grounds, sender_);
+                                         session_->resources().questions().grounds, sender_, Grounds::kTimeout,
+                                         session_->resources().limits.groundTurn);
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
                       "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};

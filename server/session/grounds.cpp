@@ -51,12 +51,13 @@ struct Grounds::Work {
 };
 
 Grounds::Grounds(std::function<Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue,
-                 std::shared_ptr<Sender> sender, std::chrono::seconds timeout)
+                 std::shared_ptr<Sender> sender, std::chrono::seconds timeout, std::chrono::milliseconds turn)
     : ground_(std::move(ground)),
       triangleBudget_(triangleBudget),
       queue_(std::move(queue)),
       sender_(std::move(sender)),
-      timeout_(timeout) {}
+      timeout_(timeout),
+      turn_(turn) {}
 
 Grounds::~Grounds() = default;
 
@@ -110,7 +111,7 @@ void Grounds::run(PlaceQueue::Place place) {
 }
 
 std::optional<wire::Ground> Grounds::turn(Work& work) const {
-  const auto until = Clock::now() + kTurn;
+  const auto until = Clock::now() + turn_;
   if (work.watch.over() && work.isTrial()) return unfit(work, "");
   if (work.watch.over())
     return refusal(work, "This ground was not ready within " + text::rounded(work.watch.seconds, 3) +

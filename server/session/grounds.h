@@ -4,7 +4,7 @@
 // the answer names an error that fits, for it was tried. That depends on terrain and triangles alone: the same question gets the same
 // answer, or on a busy server none in time.
 //
-// An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns of kTurn, as tasks of the pool
+// An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns, as tasks of the pool
 // that the questions of all cameras share, once there is a place (Questions). Bounds: wire::kMaxGrounds requests that wait or whose answers
 // have not left; one of them in work; each is answered within kTimeout.
 
@@ -29,10 +29,10 @@ namespace ridgecast::session {
 class Grounds final : public PlaceQueue::Worker, public std::enable_shared_from_this<Grounds> {
  public:
   static constexpr std::chrono::seconds kTimeout{30};  // from ask() on
-  static constexpr std::chrono::milliseconds kTurn{2};
 
+  // `turn`: how long it works before others have their turn.
   Grounds(std::function<Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<PlaceQueue> queue, std::shared_ptr<Sender> sender,
-          std::chrono::seconds timeout = kTimeout);
+          std::chrono::seconds timeout = kTimeout, std::chrono::milliseconds turn = std::chrono::milliseconds(2));
   ~Grounds() override;
   bool ask(const wire::AskGround& ask);  // false: too many are open
   void close();                          // sends nothing more and abandons current work; any thread
@@ -57,6 +57,7 @@ class Grounds final : public PlaceQueue::Worker, public std::enable_shared_from_
   const std::shared_ptr<PlaceQueue> queue_;
   const std::shared_ptr<Sender> sender_;
   const std::chrono::seconds timeout_;
+  const std::chrono::milliseconds turn_;
   std::stop_source stop_;
 
   std::mutex mutex_;

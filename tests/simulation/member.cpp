@@ -54,6 +54,7 @@ void Member::lose(Duration unheard) {
   lastPose_ = sequence_;
   settled_ = false;
   asked_.clear();
+  grounds_.clear();
   editor_.lost();
 }
 
@@ -111,6 +112,8 @@ void Member::ask(bool much) {
       for (std::uint64_t n = random_() % 8; n > 0; --n)
         query.rays.push_back({near(site_.x), near(site_.z), camera_.pose.y, 0.1, -1, 0.2 * static_cast<double>(n), 5000});
       break;
+    case 3:
+      return askGround();
     case 1:
       query.kind = wire::QueryKind::kNormals;
       [[fallthrough]];
@@ -122,6 +125,13 @@ void Member::ask(bool much) {
   }
   asked_[query.id] = query;
   line_->say(query);
+}
+
+void Member::askGround() {
+  if (!connected() || grounds_.size() >= wire::kMaxGrounds) return;
+  const wire::AskGround ask{++questions_, site_, 1 + static_cast<double>(random_() % 30), 0.2 + static_cast<double>(random_() % 20) / 10};
+  grounds_[ask.id] = ask;
+  line_->say(ask);
 }
 
 void Member::takeClock() {
@@ -226,6 +236,13 @@ void Member::take(const wire::Answer& answer) {
   saw(answer.id);
 }
 
+void Member::take(const wire::Ground& ground) {
+  const auto question = grounds_.extract(ground.id);
+  ASSERT_TRUE(question) << name_ << ": a ground for no question";
+  truth_.answered(question.mapped(), ground);
+  saw(ground.id + ground.leaves.size());
+}
+
 void Member::take(const wire::EditAnswer& answer) {
   editor_.take(answer);
   saw(answer.number);
@@ -240,8 +257,8 @@ void Member::take(const wire::Edited& edited) {
 void Member::take(const wire::ErrorMessage& error) { ADD_FAILURE() << name_ << " is refused: " << error.message; }
 
 bool Member::rests(std::uint64_t edit) const {
-  return connected() && line_->isOpen() && asked_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 && edit_ == edit &&
-         !editor_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
+  return connected() && line_->isOpen() && asked_.empty() && grounds_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 &&
+         edit_ == edit && !editor_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
 }
 
 bool Member::knows(const session::Presence::State& state) const {
@@ -278,6 +295,7 @@ void Member::judgeWait() const {
   if (!line_ || !line_->isOpen() || undigested_ > 0 || timer_.now() - line_->quietFrom() <= most) return;
   EXPECT_TRUE(world_) << name_ << " waits for the world";
   EXPECT_TRUE(asked_.empty()) << name_ << " waits for an answer";
+  EXPECT_TRUE(grounds_.empty()) << name_ << " waits for a ground";
   EXPECT_FALSE(editor_.waits()) << name_ << " waits for the answer to an edit";
   EXPECT_TRUE(lastPose_ == sequence_ && (isLockstep() || settled_)) << name_ << " waits for an iteration: " << state();
 }

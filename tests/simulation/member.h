@@ -43,6 +43,7 @@ class Member {
   void fly(double metres);
   void insist();  // in lock-step: the same pose again, once the last one was answered
   void ask(bool much = false);
+  void askGround();
   void takeClock();
   void step();
   void setThreshold(double pixels);
@@ -70,6 +71,7 @@ class Member {
   void take(const wire::Members& news);
   void take(const wire::Clock& clock);
   void take(const wire::Answer& answer);
+  void take(const wire::Ground& ground);
   void take(const wire::Granted& granted) { threshold_ = granted.settings.threshold; }
   void take(const wire::ErrorMessage& error);
   void take(const wire::EditAnswer& answer);
@@ -106,6 +108,7 @@ class Member {
   std::uint64_t lastNumber_ = 0, lastPose_ = 0, undigested_ = 0, lastStepDone_ = 0, stepAsked_ = 0, edit_ = 0;
   bool settled_ = false;
   std::map<std::uint64_t, wire::Query> asked_;
+  std::map<std::uint64_t, wire::AskGround> grounds_;  // likewise
 };
 
 }  // namespace ridgecast::simulation

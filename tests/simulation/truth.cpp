@@ -4,9 +4,13 @@
 #include <sqlite3.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <functional>
+#include <span>
 #include <utility>
 
+#include "common/codec/codec.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
 #include "common/ground/ground.h"
@@ -84,6 +88,11 @@ void Truth::answered(const wire::Query& query, const wire::Answer& answer) {
   answers_.push_back({query, answer});
 }
 
+void Truth::answered(const wire::AskGround& ask, const wire::Ground& ground) {
+  knows(ground.edit);
+  grounds_.push_back({ask, ground});
+}
+
 void Truth::knows(std::uint64_t edit) { known_ = std::max(known_, edit); }
 
 Truth::Log Truth::read(const std::filesystem::path& folder) const {
@@ -133,6 +142,43 @@ void Truth::judge(const std::filesystem::path& folder) {
   judgeEdits();
   judgeTiles(log.tiles);
   for (const Answered& answered : std::exchange(answers_, {})) judgeAnswer(answered);
+  for (const Meshed& meshed : std::exchange(grounds_, {})) judgeGround(meshed);
+}
+
+// Triangles with their middles in the circle are no farther from the true ground than was asked, or there is a reason.
+void Truth::judgeGround(const Meshed& meshed) const {
+  const auto& [ask, ground] = meshed;
+  EXPECT_EQ(ground.leaves.empty(), !ground.refusal.empty()) << ground.refusal;
+  EXPECT_LE(ground.error, ask.error);
+  std::vector<lattice::Step> x, z;  // where the triangles have their middles
+  std::vector<double> y;
+  for (const wire::LeafWhole& whole : ground.leaves) {
+    const auto leaf = codec::decodeLeaf(whole.payload, whole.address, whole.vertices, whole.triangles);
+    ASSERT_TRUE(leaf) << leaf.error().message;
+    for (const mesh::Triangle& t : leaf->triangles) {
+      std::array<lattice::Step, 3> sum{};
+      for (const std::uint32_t v : t) {
+        sum[0] += leaf->vertices[v].x;
+        sum[1] += leaf->vertices[v].y;
+        sum[2] += leaf->vertices[v].z;
+      }
+      const lattice::Step middleX = whole.address.x() + sum[0] / 3, middleZ = whole.address.z() + sum[2] / 3;
+      if (std::hypot(middleX - ask.at.x, middleZ - ask.at.z) > ask.radius * lattice::kStepsPerMetre) continue;
+      // Middles are rounded, and a wall is high within a step.
+      for (const auto& [dx, dz] : {std::pair{0, 0}, {1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+        x.push_back(middleX + dx);
+        z.push_back(middleZ + dz);
+      }
+      y.push_back(static_cast<double>(sum[1]) / 3 * lattice::kMetresPerStep);
+    }
+  }
+  std::vector<float> heights(x.size());
+  edits::EditedTerrain(terrain_, layers_[ground.edit]).heights(x, z, heights);
+  for (std::size_t k = 0; k < y.size(); ++k) {
+    const auto [low, high] = std::ranges::minmax(std::span(heights).subspan(5 * k, 5));
+    ASSERT_GE(y[k], static_cast<double>(low) - ask.error - 0.05) << "a ground as of edit " << ground.edit;
+    ASSERT_LE(y[k], static_cast<double>(high) + ask.error + 0.05) << "a ground as of edit " << ground.edit;
+  }
 }
 
 void Truth::judgeAnswer(const Answered& answered) const {

@@ -31,6 +31,7 @@ class Truth {
   void refused(const std::string& author, const std::string& key);  // an edit that was sent once
   void told(const wire::MadeEdit& made);
   void answered(const wire::Query& query, const wire::Answer& answer);
+  void answered(const wire::AskGround& ask, const wire::Ground& ground);
   void knows(std::uint64_t edit);  // a mesh or an answer
 
   // While no server runs: reads the log in this folder, as SQLite sees it without the product, and judges all of the above and the log's
@@ -52,6 +53,10 @@ class Truth {
     wire::Query query;
     wire::Answer answer;
   };
+  struct Meshed {
+    wire::AskGround ask;
+    wire::Ground ground;
+  };
   using Tiles = std::map<edits::TileAddress, std::shared_ptr<const edits::Tile>>;
   struct Log {
     std::vector<Entry> edits;
@@ -61,6 +66,7 @@ class Truth {
   void judgeEdits() const;
   void judgeTiles(const Tiles& tiles) const;
   void judgeAnswer(const Answered& answered) const;
+  void judgeGround(const Meshed& meshed) const;
   void judgeArea(const wire::MadeEdit& made) const;
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
@@ -70,6 +76,7 @@ class Truth {
   std::set<std::string> refused_;
   std::map<std::uint64_t, wire::MadeEdit> told_;
   std::vector<Answered> answers_;
+  std::vector<Meshed> grounds_;
   std::uint64_t known_ = 0;  // the last edit of which anybody knows
 
   std::vector<Entry> log_;
