@@ -35,7 +35,7 @@ constexpr double kSideShare = 0.7;             // of the error: allowed for the 
 constexpr float kFall = 0.75f;                 // what must be inserted falls by this from sweep to sweep
 constexpr float kRough = 0.4f;                 // of the error: where slack is more on average, nearly all samples would be refined
 constexpr std::uint32_t kVerticesARegion = 6;  // from which they work side by side
-constexpr std::size_t kManyOnASide = 1000;
+constexpr std::size_t kManyOnASide = 200;
 // Between two looks at the clock: some hundred microseconds, or a few milliseconds.
 constexpr std::size_t kInsertions = 64, kVerdicts = 16, kSamplesATime = 1024;
 
