@@ -4,12 +4,8 @@
 #include <cstdint>
 #include <cstring>
 
-// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define RIDGECAST_VECTOR_CLONES
-#endif
+#include "common/terrain/vector_clones.h"
+
 #define RIDGECAST_INLINE inline __attribute__((always_inline))
 
 namespace ridgecast::box {

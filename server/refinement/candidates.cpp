@@ -13,16 +13,10 @@
 #include <bit>
 #include <cmath>
 
+#include "common/terrain/vector_clones.h"
 #include "server/refinement/adaptive_mesh.h"
 #include "server/refinement/bounds.h"
 #include "server/refinement/triangle.h"
-
-// Compiled for several instruction sets, chosen when the program starts; nothing is contracted, so the results are the same in each.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define RIDGECAST_VECTOR_CLONES
-#endif
 
 namespace ridgecast::refinement {
 

@@ -4,6 +4,7 @@
 #include <limits>
 #include <utility>
 
+#include "common/terrain/vector_clones.h"
 #include "server/refinement/view.h"
 
 namespace ridgecast::refinement {
@@ -68,12 +69,6 @@ inline __attribute__((always_inline)) PageLook look(const PageCandidates& page, 
       result.wanted |= static_cast<PageScreen::Mask>(wanted[k / kWidth][k % kWidth] != 0) << k;
   return result;
 }
-// Compiled for several instruction sets, chosen when the program starts; the arithmetic is the same in each.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define RIDGECAST_VECTOR_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define RIDGECAST_VECTOR_CLONES
-#endif
 RIDGECAST_VECTOR_CLONES PageLook inPixels(const PageCandidates& page, const Eye& eye) { return look<false>(page, eye); }
 RIDGECAST_VECTOR_CLONES PageLook byArea(const PageCandidates& page, const Eye& eye) { return look<true>(page, eye); }
 
