@@ -282,7 +282,9 @@ std::vector<Layer::Change> History::smoothed(const Operation& operation, const L
       const std::int64_t before = heights[static_cast<std::size_t>((z - seen.z0) * (seen.x1 - seen.x0) + x - seen.x0)],
                          next = after[static_cast<std::size_t>((z - area.z0) * (area.x1 - area.x0) + x - area.x0)];
       if (next == before && operation.material == 0) continue;
-      TilePosts& tile = tiles.contains(address) ? tiles[address] : tiles[address] = postsOf(on.tile(address));
+      const auto [found, isNew] = tiles.try_emplace(address);
+      TilePosts& tile = found->second;
+      if (isNew) tile = postsOf(on.tile(address));
       const auto slot = static_cast<std::size_t>((z & (kTileSide - 1)) * kTileSide + (x & (kTileSide - 1)));
       tile.rise[slot] = limited(tile.rise[slot] + next - before);
       if (operation.material != 0) tile.material[slot] = static_cast<std::uint8_t>(operation.material);

@@ -57,7 +57,7 @@ class Layer::Writer {
 
   void set(TileAddress a, std::shared_ptr<const Tile> tile) {
     if (!tile && !layer_->tile(a)) return;
-    std::shared_ptr<const Tile>& slot = blockOf(a)[slotIn(a)];
+    std::shared_ptr<const Tile>& slot = blockOf(a)[slotInBlock(a)];
     layer_->tiles_ += (tile ? 1 : 0);
     layer_->tiles_ -= (slot ? 1 : 0);
     layer_->wide_ += tile && tile->isWide() ? 1 : 0;
@@ -90,14 +90,9 @@ class Layer::Writer {
   struct HashOfKey {
     std::size_t operator()(const Key& k) const { return lattice::mix(HashOfCell()(k.cell) + k.slot); }
   };
-  static std::size_t slotIn(TileAddress a) {
-    constexpr std::int64_t kIn = (1 << kBlockBits) - 1;
-    return static_cast<std::size_t>(((a.j & kIn) << kBlockBits) | (a.i & kIn));
-  }
   Block& blockOf(TileAddress a) {
-    constexpr std::int64_t kIn = (1 << kCellBits) - 1;
     const CellAddress at{a.i >> (kBlockBits + kCellBits), a.j >> (kBlockBits + kCellBits)};
-    const Key key{at, static_cast<std::size_t>((((a.j >> kBlockBits) & kIn) << kCellBits) | ((a.i >> kBlockBits) & kIn))};
+    const Key key{at, slotInCell(a.i >> kBlockBits, a.j >> kBlockBits)};
     std::shared_ptr<Block>& block = blocks_[key];
     if (block) return *block;
     std::shared_ptr<Cell>& cell = cells_[at];

@@ -120,10 +120,13 @@ class Layer {
     constexpr std::int64_t kIn = (1 << kCellBits) - 1;
     return static_cast<std::size_t>((j & kIn) << kCellBits | (i & kIn));
   }
-  static const Tile* tileOf(const Cell& cell, TileAddress a) {
+  static std::size_t slotInBlock(TileAddress a) {
     constexpr std::int64_t kIn = (1 << kBlockBits) - 1;
+    return static_cast<std::size_t>((a.j & kIn) << kBlockBits | (a.i & kIn));
+  }
+  static const Tile* tileOf(const Cell& cell, TileAddress a) {
     const auto& block = cell[slotInCell(a.i >> kBlockBits, a.j >> kBlockBits)];
-    return block ? (*block)[static_cast<std::size_t>((a.j & kIn) << kBlockBits | (a.i & kIn))].get() : nullptr;
+    return block ? (*block)[slotInBlock(a)].get() : nullptr;
   }
 
   std::unordered_map<CellAddress, std::shared_ptr<const Cell>, HashOfCell> cells_;

@@ -57,8 +57,8 @@ class Layer::Finder {
   explicit Finder(const Layer& layer) : layer_(layer) {}
 
   const Tile* tileAt(Step x, Step z) {
-    if (((x ^ x_) | (z ^ z_)) >> lattice::kCellBits != 0) enter(x, z);
-    return cell_ ? tileOf(*cell_, {x >> kTileStepBits, z >> kTileStepBits}) : nullptr;
+    const Cell* const cell = cellAt(x, z);
+    return cell ? tileOf(*cell, {x >> kTileStepBits, z >> kTileStepBits}) : nullptr;
   }
 
   // False: no tile meets them.
@@ -69,9 +69,8 @@ class Layer::Finder {
     if (i1 - i0 >= kMostBlocks || j1 - j0 >= kMostBlocks / (i1 - i0 + 1)) return true;
     for (std::int64_t j = j0; j <= j1; ++j)
       for (std::int64_t i = i0; i <= i1; ++i) {
-        const Step x = i << (kShift + kPostBits), z = j << (kShift + kPostBits);
-        if (((x ^ x_) | (z ^ z_)) >> lattice::kCellBits != 0) enter(x, z);
-        if (cell_ && (*cell_)[slotInCell(i, j)]) return true;
+        const Cell* const cell = cellAt(i << (kShift + kPostBits), j << (kShift + kPostBits));
+        if (cell && (*cell)[slotInCell(i, j)]) return true;
       }
     return false;
   }
@@ -110,9 +109,12 @@ class Layer::Finder {
   }
 
  private:
-  void enter(Step x, Step z) {
-    x_ = x, z_ = z;
-    cell_ = layer_.cell({x >> lattice::kCellBits, z >> lattice::kCellBits});
+  const Cell* cellAt(Step x, Step z) {
+    if (((x ^ x_) | (z ^ z_)) >> lattice::kCellBits != 0) {
+      x_ = x, z_ = z;
+      cell_ = layer_.cell({x >> lattice::kCellBits, z >> lattice::kCellBits});
+    }
+    return cell_;
   }
   const Layer& layer_;
   Step x_ = std::int64_t{1} << 62, z_ = 0;  // a place in the cell
