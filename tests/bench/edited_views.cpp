@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "common/edits/edited_terrain.h"
-#include "server/edit_log/log.h"
 #include "server/pipeline/pipeline.h"
+#include "tests/bench/edit_session.h"
 #include "tests/bench/pictures.h"
 #include "tests/support/flight.h"
 #include "tests/support/process.h"
@@ -75,20 +75,13 @@ testing_support::ScreenError settled(const std::shared_ptr<const terrain::Terrai
 Report errorOfEditedViews(const Options& options) {
   const std::shared_ptr<const terrain::Terrain> plain = terrain::create("alpine", 1).value();
   const testing_support::ScratchFolder state;
-  edits::History history(plain);
+  std::shared_ptr<const edits::Layer> layer;
   {
-    const auto log =
-        edit_log::Log::open(state / "default.edits", {std::string(plain->name()), plain->seed(), {}, terrain::contentHash(*plain)}).value();
-    for (edits::Operation& o : operations(*plain)) {
-      edits::Operation prepared = history.prepare(std::move(o)).value();
-      const auto before = history.layer();
-      const std::vector changed{history.add(prepared).value()};
-      log->append(std::vector{edit_log::Edit{history.last(), "", "somebody", 1'700'000'000'000'000, std::move(prepared)}}, *before,
-                  *history.layer(), changed)
-          .value();
-    }
+    EditSession session = EditSession::open(state / "default.edits", plain);
+    for (edits::Operation& o : operations(*plain)) session.append({session.history.prepare(std::move(o)).value()});
+    layer = session.history.layer();
   }
-  const auto edited = std::make_shared<const edits::EditedTerrain>(plain, history.layer());
+  const auto edited = std::make_shared<const edits::EditedTerrain>(plain, layer);
   Report report;
   report.note("alpine, a field of 40 craters, a road and a levelled site; threshold 1, 1280x720, from the same places before and after");
   report.note("| view | p99 px before | after | SSIM before | after |");

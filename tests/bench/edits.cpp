@@ -6,41 +6,16 @@
 #include <vector>
 
 #include "common/edits/edited_terrain.h"
-#include "server/edit_log/log.h"
 #include "server/pipeline/pipeline.h"
 #include "tests/bench/bench.h"
+#include "tests/bench/edit_session.h"
 #include "tests/bench/usage.h"
 #include "tests/support/process.h"
 
 namespace ridgecast::bench {
 namespace {
 
-using edit_log::Edit;
-using edit_log::Log;
-
 constexpr lattice::Step kMetre = lattice::kStepsPerMetre;
-
-struct Session {
-  std::unique_ptr<Log> log;
-  edits::History history;
-
-  void append(std::vector<edits::Operation> operations) {
-    const std::shared_ptr<const edits::Layer> before = history.layer();
-    std::vector<Edit> edits;
-    std::vector<edits::Posts> changed;
-    for (edits::Operation& o : operations) {
-      changed.push_back(history.add(o).value());
-      edits.push_back({history.last(), "", "somebody", 1'700'000'000'000'000, std::move(o)});
-    }
-    log->append(edits, *before, *history.layer(), changed).value();
-  }
-};
-
-Session open(const std::filesystem::path& file, const std::shared_ptr<const terrain::Terrain>& terrain) {
-  auto log = Log::open(file, {std::string(terrain->name()), terrain->seed(), {}, terrain::contentHash(*terrain)}).value();
-  auto history = edit_log::historyOf(*log, terrain, std::size_t{4} << 30).value();
-  return {std::move(log), std::move(history)};
-}
 
 // 2 m wide, on a square of 1,600 m.
 edits::Operation smallEdit(std::mt19937_64& random) {
@@ -50,7 +25,7 @@ edits::Operation smallEdit(std::mt19937_64& random) {
 }
 
 double commits(const std::filesystem::path& file, const std::shared_ptr<const terrain::Terrain>& terrain, std::size_t group, int count) {
-  Session session = open(file, terrain);
+  EditSession session = EditSession::open(file, terrain);
   std::mt19937_64 random(1);
   const Clock clock;
   for (int k = 0; k < count; ++k) {
@@ -168,7 +143,7 @@ Report edits(const Options& options) {
   const std::size_t count = options.quick ? 20'000 : 1'000'000;
   const auto file = folder / "small";
   {
-    Session session = open(file, terrain);
+    EditSession session = EditSession::open(file, terrain);
     std::mt19937_64 random(2);
     const double before = cpuSeconds();
     while (session.history.last() < count) {
@@ -181,7 +156,7 @@ Report edits(const Options& options) {
   }
   report.add("bytes_an_edit_in_the_file", static_cast<double>(std::filesystem::file_size(file)) / static_cast<double>(count), "B");
   double start = cpuSeconds();
-  Session session = open(file, terrain);
+  EditSession session = EditSession::open(file, terrain);
   report.add("cold_start", cpuSeconds() - start, "s");
   report.add("tiles", static_cast<double>(session.history.layer()->tiles()));
   report.add("layer", static_cast<double>(session.history.layer()->bytes()) / (1 << 20), "MiB");
@@ -207,12 +182,12 @@ Report edits(const Options& options) {
   // Ground as large as a session may have.
   const auto large = folder / "large";
   {
-    Session made = open(large, terrain);
+    EditSession made = EditSession::open(large, terrain);
     for (int k = 0; k < (options.quick ? 4 : 192); ++k)
       made.append({{edits::Raise{{k % 12 * 600 * kMetre, k / 12 * 600 * kMetre}, 256 * kMetre, 0, 9999}, 1}});
   }
   start = cpuSeconds();
-  const Session largest = open(large, terrain);
+  const EditSession largest = EditSession::open(large, terrain);
   report.add("large_cold_start", cpuSeconds() - start, "s");
   report.add("large_tiles", static_cast<double>(largest.history.layer()->tiles()));
   report.add("large_layer", static_cast<double>(largest.history.layer()->bytes()) / (1 << 20), "MiB");
