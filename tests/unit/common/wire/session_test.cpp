@@ -1,4 +1,4 @@
-// Members, clock, queries and grounds survive the wire; what is out of range is refused with the field's name.
+// Sessions' names; members, clock, queries and grounds survive the wire; what is out of range is refused with the field's name.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -280,6 +280,13 @@ TEST(WireSession, WhatIsOutOfRangeIsRefusedByName) {
   expectNames(whyClient([&](auto& m) { m.mutable_clock()->set_rate(kNan); }), "Clock.rate");
   expectNames(whyClient([&](auto& m) { m.mutable_ground()->set_error(kNan); }), "Ground.error");
   expectNames(whyClient([](auto& m) { m.mutable_answer()->mutable_heights()->Resize(static_cast<int>(5 << 20), 0); }), "16 MiB");
+}
+
+TEST(SessionNames, AreShortAndPlain) {
+  for (const char* good : {"default", "a", "A.b_c-9", "1"}) EXPECT_TRUE(sessionNameIsValid(good));
+  for (const char* bad : {"", "a b", "a/b", "a%20", "\xc3\xa4"}) EXPECT_FALSE(sessionNameIsValid(bad));
+  EXPECT_TRUE(sessionNameIsValid(std::string(64, 'x')));
+  EXPECT_FALSE(sessionNameIsValid(std::string(65, 'x')));
 }
 
 }  // namespace
