@@ -61,9 +61,9 @@ class Meshing::Mesher {
       : terrain_(terrain),
         pool_(pool),
         watch_(std::move(watch)),
-        plan_(box, terrain.raster(), most),
+        plan_(box, terrain, most),
         samples_(terrain, plan_.frame, plan_.corners[0], plan_.corners[2], plan_.bits),
-        judge_(samples_, plan_.corners[0], plan_.corners[2], error()),
+        judge_(samples_, plan_.corners[0], plan_.corners[2], plan_.kept),
         regions_(plan_.corners[0], plan_.corners[2]),
         mesh_(most + 64, regions_) {
     all_.allowAll();
@@ -96,7 +96,7 @@ class Meshing::Mesher {
     for (;;) switch (now_.stage) {
         case Stage::kSampling:
           if (!sample()) return {};
-          if (!now_.begun && samples_.slack() > kRough * error() && samples_.halves(plan_.samples / 4)) {
+          if (!now_.begun && samples_.slack() > kRough * plan_.kept && samples_.halves(plan_.samples / 4)) {
             now_.sampled = 0;
             break;
           }
@@ -107,10 +107,10 @@ class Meshing::Mesher {
           if (now_.full) return tooManyTriangles(plan_.error, plan_.most, 0);
           now_.stage = Stage::kFirst;
           now_.outline = vertices_;
-          collect(error());
+          collect(plan_.kept);
           break;
         case Stage::kFirst:  // one by one, until there is room for many hands
-          if (!insertWorst(error(), now_.outline + kVerticesARegion * static_cast<std::uint32_t>(regions_.size()))) return {};
+          if (!insertWorst(plan_.kept, now_.outline + kVerticesARegion * static_cast<std::uint32_t>(regions_.size()))) return {};
           if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
           now_.heap.clear();
           now_.stage = Stage::kSweeps;
@@ -118,14 +118,14 @@ class Meshing::Mesher {
         case Stage::kSweeps:
           if (now_.limit == 0) {
             const float most = worst(true);
-            if (most <= plan_.error) {
+            if (most <= plan_.kept) {
               now_.stage = Stage::kVerdicts;
               forgetVerdicts();
               break;
             }
             // A few triangles that other regions left behind are not worth a sweep of their own.
             now_.reached = std::min(most, now_.lowest);
-            now_.limit = now_.lowest = std::max(error(), kFall * now_.reached);
+            now_.limit = now_.lowest = std::max(plan_.kept, kFall * now_.reached);
           }
           if (!sweep(true)) return {};
           if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
@@ -135,11 +135,11 @@ class Meshing::Mesher {
           if (refine()) {
             if (samples_.count() > plan_.samples) return tooRough(plan_.error, plan_.samples);
             now_.stage = Stage::kSampling;
-          } else if (worst(true) <= plan_.error) {
-            if (const float stuck = worst(false); stuck > plan_.error) return tooSteep(stuck);
+          } else if (worst(true) <= plan_.kept) {
+            if (const float stuck = worst(false); stuck > plan_.kept) return tooSteep(stuck);
             now_.stage = Stage::kThinning;
           } else {
-            now_.limit = error();
+            now_.limit = plan_.kept;
             now_.stage = Stage::kMending;
           }
           break;
@@ -149,7 +149,7 @@ class Meshing::Mesher {
           now_.stage = Stage::kVerdicts;
           break;
         case Stage::kThinning:
-          if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, error(), worst_.get()), true; })) return {};
+          if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, plan_.kept, worst_.get()), true; })) return {};
           now_.stage = Stage::kFiling;
           now_.next = 0;
           break;
@@ -159,11 +159,6 @@ class Meshing::Mesher {
       }
   }
 
-  // The greatest number that is not above it, so that every comparison says the same.
-  float error() const {
-    const auto nearest = static_cast<float>(plan_.error);
-    return nearest > plan_.error ? std::nextafter(nearest, 0.0f) : nearest;
-  }
   std::int32_t heightAt(Point2 p) const {
     const std::optional<float> known = samples_.at(p);
     return static_cast<std::int32_t>(
@@ -427,7 +422,7 @@ class Meshing::Mesher {
     return {.leaves = filing_->take(),
             .low = plan_.low,
             .high = plan_.high,
-            .error = std::max(worst(true), worst(false)),
+            .error = std::min(std::max(worst(true), worst(false)) + plan_.noise, plan_.error),
             .proven = samples_.proves(),
             .spacing = static_cast<double>(samples_.spacing()) * lattice::kMetresPerStep,
             .samples = samples_.count(),

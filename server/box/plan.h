@@ -1,5 +1,5 @@
 #pragma once
-// What follows from a box before any height is known: area, units, spacings.
+// What follows from a box before its samples are taken: area, units, spacings.
 
 #include <array>
 #include <cstdint>
@@ -13,7 +13,9 @@
 namespace ridgecast::box {
 
 struct Plan {
-  double error;              // metres
+  double error;              // metres, as promised
+  double noise = 0;          // metres of it that a formula's rounding may take between samples, as measured; at most a quarter
+  float kept = 0;            // the rest, rounded down so that every comparison says the same: what samples are held to
   std::uint32_t most;        // triangles
   int vertical = 0;          // spacing of vertices' heights, as a power of two in steps
   lattice::Point low, high;  // the box, widened
@@ -22,8 +24,7 @@ struct Plan {
   int bits = 0;                                  // of the first samples, as a power of two in units
   std::array<triangulation::Point2, 4> corners;  // of the box, counter-clockwise from the lowest
 
-  // `map`: of the terrain, if it is one.
-  Plan(const Box& box, const terrain::Raster* map, std::uint32_t mostTriangles);
+  Plan(const Box& box, const terrain::Terrain& terrain, std::uint32_t mostTriangles);
 };
 
 }  // namespace ridgecast::box

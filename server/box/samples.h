@@ -4,6 +4,7 @@
 // Between its points the grid stands for the surface that is bilinear in each cell. `slack` bounds how far the terrain is from it: for a
 // height map cell by cell, below and above, by the second differences of its posts, which bound the curvature of the bicubic between them
 // (map_tile.h); for a formula block by block, by the second differences of the samples, with a margin, which is a measurement and no proof.
+// What a formula's rounding makes of slopes is left out: the plan leaves room for it.
 //
 // Frame: units of 2^unitBits steps, relative to an anchor, as the mesh's points; heights in metres. One thread at a time, but for fill().
 
