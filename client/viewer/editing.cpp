@@ -97,7 +97,7 @@ void Editing::endRoad() {
 void Editing::undo() { corners_.empty() ? undoEdit() : corners_.pop_back(); }
 
 void Editing::undoEdit() {
-  if (made_.empty()) return to_.say("There is no edit of yours to undo.");
+  if (made_.empty()) return to_.say("You have no edit to undo.");
   const std::uint64_t edit = made_.back();
   if (ask({edits::Undo{edit}, 0}, edit)) made_.pop_back();
 }
@@ -124,7 +124,7 @@ void Editing::hear(std::uint64_t id, const Outcome<std::uint64_t>& made) {
 
 void Editing::connected() {
   const auto dropped = std::erase_if(open_, [](const Open& o) { return o.times >= kMostTimes; });
-  if (dropped > 0) to_.say("The connection was lost again and again before an edit was answered; look whether it is made.");
+  if (dropped > 0) to_.say("The connection was lost again and again before an edit was answered; check whether it was made.");
   for (Open& open : open_) send(open);
 }
 

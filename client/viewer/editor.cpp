@@ -52,8 +52,8 @@ void Editor::say(const std::string& sentence) {
 void Editor::toggle() {
   if (state_.edit.on) return end();
   if (right_.valid()) return;
-  if (client_.connection().error()) return say("There is no connection to a server whose ground could be edited.");
-  if (client_.world().revision < 4) return say("This server is older than edits of the ground; it takes none.");
+  if (client_.connection().error()) return say("Without a connection to a server, the ground cannot be edited.");
+  if (client_.world().revision < 4) return say("This server is too old for edits of the ground.");
   if (url_.token.empty()) return begin();
   // An undo of nothing: refused to all, and to those without the right because of that.
   right_ =

@@ -231,7 +231,7 @@ void drawHelp() {
   ImGui::TextUnformatted("gamepad");
   ImGui::SameLine(column);
   ImGui::TextUnformatted("sticks fly and look, triggers down and up, shoulders speed,\nA sprint, B walk, X mode, Y wireframe, Start this");
-  ImGui::TextUnformatted("Letters are places on a US keyboard.");
+  ImGui::TextUnformatted("Letters name key positions on a US keyboard.");
 }
 
 void drawMessage(const std::string& message) {

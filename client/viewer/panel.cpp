@@ -38,7 +38,7 @@ bool drawDetail(Panel& p) {
   released(ImGui::SliderFloat("threshold", &p.threshold, thesis ? 1e-7f : 0.1f, thesis ? 1e-2f : 50.0f, thesis ? "%.2e" : "%.2f",
                               ImGuiSliderFlags_Logarithmic));
   released(ImGui::SliderInt("thousand triangles", &p.triangles, 10, 2000, "%d", ImGuiSliderFlags_Logarithmic));
-  released(ImGui::SliderInt("kB/s, 0: all", &p.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic));
+  released(ImGui::SliderInt("kB/s, 0: unlimited", &p.kilobytes, 0, 20000, "%d", ImGuiSliderFlags_Logarithmic));
   return changed;
 }
 
@@ -47,7 +47,7 @@ void drawSettings(Panel& p, bool& smooth, Requests& requests) {
   if (p.live)
     requests.settings = drawDetail(p);
   else
-    ImGui::TextUnformatted("This server changes no settings on the way.");
+    ImGui::TextUnformatted("This server cannot change settings during a stream.");
   ImGui::Text("granted: %s", p.granted.c_str());
   ImGui::Separator();
   ImGui::TextDisabled("This window");
@@ -118,7 +118,7 @@ void drawPeople(Panel& p, const std::vector<Outlines::Member>& members, Requests
   ImGui::Separator();
   ImGui::Checkbox("show them in the picture", &p.members);
   ImGui::InputText("your name", p.name.data(), p.name.size());
-  ImGui::TextDisabled("Others see it from your next connection on.");
+  ImGui::TextDisabled("Others see it after your next connection.");
 }
 
 // In the line of the last item if there is room.
@@ -198,13 +198,13 @@ std::optional<wire::SetClock> drawClockBar(ClockBar& clock, float width) {
     clock.dragged = ImGui::IsItemActive() ? std::optional(at) : std::nullopt;
     if (tool("-10 s", right)) request = movedBy(clock, -kClockSkip);
   }
-  if (tool(clock.isOver() ? "Again" : clock.runs ? "Pause" : "Go on", right)) request = toggled(clock);
+  if (tool(clock.isOver() ? "Again" : clock.runs ? "Pause" : "Resume", right)) request = toggled(clock);
   if (clock.jumps && tool("+10 s", right)) request = movedBy(clock, kClockSkip);
   if (tool("Slower", right)) request = faster(clock, false);
   words(rateText(clock.rate), 2.5f);
   if (tool("Faster", right)) request = faster(clock, true);
   ImGui::EndDisabled();
-  if (!clock.driver.empty()) words(clock.driver + " drives it", 0);
+  if (!clock.driver.empty()) words(clock.driver + " owns it", 0);
   return request;
 }
 

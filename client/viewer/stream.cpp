@@ -154,8 +154,8 @@ void Stream::showClock(const connection::SessionClock& clock) {
 
 void Stream::setClock(const wire::SetClock& set) {
   if (lost_ || !state_.clock.known) return state_.tell("no connection to a server with a clock");
-  if (set.time != 0 && !state_.clock.jumps) return state_.tell("this server is older than clocks that are set to a time");
-  if (!state_.clock.driver.empty()) return state_.tell(state_.clock.driver + " drives the clock");
+  if (set.time != 0 && !state_.clock.jumps) return state_.tell("this server is too old to set its clock to a time");
+  if (!state_.clock.driver.empty()) return state_.tell(state_.clock.driver + " owns the clock");
   connection::Connection& connection = *client().connection();
   connection.setClock(set);
   connection.setClock({.own = false});

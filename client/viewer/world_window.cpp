@@ -184,7 +184,7 @@ void WorldWindow::goBack() {
     quit();
   else {
     state_.mayQuitUntil = Clock::now() + kHintTime;
-    state_.tell("Esc again ends the program, as Ctrl+Q does");
+    state_.tell("Press Esc again to quit, or Ctrl+Q");
   }
 }
 
@@ -389,7 +389,7 @@ void WorldWindow::present(const camera::Camera& camera, bool last) {
   if (std::exchange(wantsScreenshot_, false)) {
     const std::filesystem::path file = freeName(".png");
     screenshot(camera.projection, file);
-    state_.tell("The picture is kept in " + file.string() + ".");
+    state_.tell("The picture is saved in " + file.string() + ".");
   }
   glfwSwapBuffers(window_.handle());
   if (framesCounted_++ > 0) state_.statistics.plots.frame.add(secondsSince(presentedAt_) * 1e3);

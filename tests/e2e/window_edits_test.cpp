@@ -117,7 +117,7 @@ TEST_F(WindowEdits, AClickMakesACraterBelowTheMouseAndUndoTakesItBack) {
   EXPECT_EQ(edits().at(1), (Json{{"op", "undo"}, {"edit", 1}}));
   EXPECT_EQ(heightAt(x, z), height);
   press({"u"});
-  EXPECT_TRUE(says("There is no edit of yours to undo.")) << viewer_->output();
+  EXPECT_TRUE(says("You have no edit to undo.")) << viewer_->output();
   // Without the mode a key and a click do what they always do.
   press({"i", "u"});
   EXPECT_TRUE(shows([](const render::Picture& now) { return brushAround(now, kX, kY, 150) == 0; })) << "the brush stays";

@@ -96,7 +96,7 @@ test('a click makes a crater below the pointer, undo takes it back, and the mesh
   assert.deepEqual((await editsOf('clicks')).slice(1), [{ op: 'undo', edit: 1 }]);
   await viewer.until('as it was', (r) => r.atRest && r.figures!.mismatches === 0 && r.figures!.iteration > edited.figures!.iteration);
   await page.keyboard.press('KeyU');
-  await says(viewer, /no edit of yours/);
+  await says(viewer, /no edit to undo/);
 
   // Keys alone: the brush in the middle of the picture.
   await page.mouse.move(-1, -1);
@@ -109,7 +109,7 @@ test('a click makes a crater below the pointer, undo takes it back, and the mesh
   // One that somebody else has undone is not one's last.
   await fetch(`${server.http}/v1/sessions/clicks/edits/3`, { method: 'DELETE' });
   await page.click('#undo');
-  await says(viewer, /no edit of yours/);
+  await says(viewer, /no edit to undo/);
   assert.equal((await editsOf('clicks')).length, 4);
   assert.equal((await viewer.report()).figures!.mismatches, 0);
   assert.deepEqual(viewer.complaints, []);

@@ -249,10 +249,10 @@ test('steps do not wait for a page, and one that is passed over is told', async 
   assert.ok(done >= 3n);
   // Its clock is somebody else's.
   await viewer.page.keyboard.press('KeyV');
-  await viewer.page.waitForFunction(() => /^Guest \d+ drives it$/.test(document.getElementById('clock-driver')!.textContent!));
+  await viewer.page.waitForFunction(() => /^Guest \d+ owns it$/.test(document.getElementById('clock-driver')!.textContent!));
   assert.ok(await viewer.page.isDisabled('#clock-pause'));
   await viewer.page.keyboard.press('KeyZ');
-  await viewer.page.waitForFunction(() => /^Guest \d+ drives the clock$/.test(document.getElementById('note')!.innerText));
+  await viewer.page.waitForFunction(() => /^Guest \d+ owns the clock$/.test(document.getElementById('note')!.innerText));
   socket.onclose = null;
   socket.close();
   assert.deepEqual(viewer.complaints, []);

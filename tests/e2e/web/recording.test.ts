@@ -49,7 +49,7 @@ test('onlookers of a recorded flight drive its clock', async () => {
   const shows = (id: string, what: RegExp): Promise<unknown> =>
     page.waitForFunction(([id, source]) => new RegExp(source!).test(document.getElementById(id!)!.textContent!), [id, what.source]);
   const stands = async (): Promise<Report> => {
-    await shows('clock-pause', /^(Go on|Again)$/);
+    await shows('clock-pause', /^(Resume|Again)$/);
     const before = await onlooker.report();
     await sleep(300);
     const after = await onlooker.report();

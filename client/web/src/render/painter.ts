@@ -78,7 +78,7 @@ export class Painter {
     this.edits = new Edits(this.renderer, this.uniforms);
     this.neutral = new Programs('', this.uniforms);
     void this.neutral.compile(['shade'], this.renderer); // before the world arrives
-    canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver started anew, or memory ran out). Reload the page.', true));
+    canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver restarted, or memory ran out). Reload the page.', true));
     engine.onmessage = (event: MessageEvent<ToPainterFromEngine>) => this.hearEngine(event.data);
     tell({ kind: 'ready' });
   }

@@ -79,9 +79,9 @@ export class Clock {
     if (!this.isShown || !told) return;
     const jumps = this.world?.jumpsClock === true, isRecording = told.end > 0;
     this.say('clock-time', clockText(this.isHeld ? Number(slider.value) * 1e6 : time) + (isRecording ? ` / ${clockText(told.end)}` : ''));
-    this.say('clock-pause', this.isOver ? 'Again' : told.rate > 0 ? 'Pause' : 'Go on');
+    this.say('clock-pause', this.isOver ? 'Again' : told.rate > 0 ? 'Pause' : 'Resume');
     this.say('clock-rate', `${this.rate} x`);
-    this.say('clock-driver', this.driver ? `${this.driver} drives it` : '');
+    this.say('clock-driver', this.driver ? `${this.driver} owns it` : '');
     slider.hidden = element('clock-back').hidden = !isRecording || !jumps;
     element('clock-ahead').hidden = !jumps;
     slider.max = String(told.end / 1e6);
@@ -123,7 +123,7 @@ export class Clock {
   private drive(rate: number, time: number): boolean {
     const { told, driver, world } = this;
     if (!this.isShown || !told) return false;
-    const why = driver ? `${driver} drives the clock` : time > 0 && !world?.jumpsClock ? 'This server is older than clocks that are set to a time.' : '';
+    const why = driver ? `${driver} owns the clock` : time > 0 && !world?.jumpsClock ? 'This server is too old to set its clock to a time.' : '';
     if (why) return this.on.say(why), false;
     // So that the next key, which may be pressed before the server answers, goes on from there.
     this.told = { ...told, rate, time: time || this.time, at: performance.timeOrigin + performance.now() };

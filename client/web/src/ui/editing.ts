@@ -100,7 +100,7 @@ export class Editing {
   }
   private undoEdit(): void {
     const edit = this.made.pop();
-    if (edit === undefined) return this.to.say('There is no edit of yours to undo.');
+    if (edit === undefined) return this.to.say('You have no edit to undo.');
     if (!this.ask({ op: 'undo', edit }, edit)) this.made.push(edit);
   }
 
@@ -127,7 +127,7 @@ export class Editing {
     this.session = session;
     const given = this.open.filter((edit) => edit.times < MOST_TIMES), dropped = this.open.length - given.length;
     this.open = given;
-    if (dropped > 0) this.to.say('The connection was lost again and again before an edit was answered; look whether it is made.');
+    if (dropped > 0) this.to.say('The connection was lost again and again before an edit was answered; check whether it was made.');
     for (const edit of given) this.send(edit);
   }
 

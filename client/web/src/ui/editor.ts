@@ -53,8 +53,8 @@ export class Editor {
 
   /** Why there is no editing, in a sentence; empty: there is. */
   async begin(world: WorldTold | undefined, authorization: Record<string, string>): Promise<string> {
-    if (!world) return 'There is no connection to a server whose ground could be edited.';
-    if (!world.takesEdits) return 'This server is older than edits of the ground; it takes none.';
+    if (!world) return 'Without a connection to a server, the ground cannot be edited.';
+    if (!world.takesEdits) return 'This server is too old for edits of the ground.';
     if ('Authorization' in authorization) {
       // An undo of nothing: refused to all, and to those without the right because of that.
       const answer = await fetch(`./v1/sessions/${encodeURIComponent(world.session)}/edits/0`, { method: 'DELETE', headers: authorization }).catch(() => undefined);

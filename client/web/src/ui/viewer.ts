@@ -82,7 +82,7 @@ export class Viewer {
 
   begin(): void {
     if (!('transferControlToOffscreen' in this.canvas) || typeof OffscreenCanvas === 'undefined')
-      return this.fail('This browser is too old', 'The viewer draws in a worker (OffscreenCanvas), which Chrome 69, Firefox 105 and Safari 17 and those after them can.');
+      return this.fail('This browser is too old', 'The viewer draws in a worker (OffscreenCanvas), which needs Chrome 69, Firefox 105, Safari 17 or newer.');
     const canvas = this.canvas.transferControlToOffscreen(), { port1, port2 } = new MessageChannel();
     this.engine.send({ kind: 'painter', port: port1 }, [port1]);
     this.painter.send({ kind: 'begin', canvas, engine: port2 }, [canvas, port2]);
@@ -269,7 +269,7 @@ export class Viewer {
         return message.metres === undefined ? this.beginHigh() : this.beginAbove(message.metres);
       case 'picture':
         this.keep(message.png, 'png');
-        return this.notices.note('The picture is kept in your downloads.');
+        return this.notices.note('The picture is saved in your downloads.');
     }
   }
 
@@ -290,7 +290,7 @@ export class Viewer {
       const answer = await fetch(`./v1/sessions/${world.session}/snapshot.glb?camera=${world.camera}`, { headers: this.authorization() });
       if (!answer.ok) throw new Error((await answer.text()).trim().slice(0, 300));
       this.keep(await answer.blob(), 'glb');
-      notices.note('The mesh is kept in your downloads.');
+      notices.note('The mesh is saved in your downloads.');
     } catch (error) {
       notices.note(`The server gives no mesh: ${sentenceOf(error)}`, 8000);
     }

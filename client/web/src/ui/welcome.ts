@@ -12,7 +12,7 @@ export class Welcome {
 
   show(triangles: number, hasPicture: boolean): void {
     if (this.over || (!hasPicture && triangles === 0)) return;
-    if (!hasPicture) return this.notices.aside(`${triangles.toLocaleString('en')} triangles have come`, 0);
+    if (!hasPicture) return this.notices.aside(`${triangles.toLocaleString('en')} triangles received`, 0);
     this.over = true;
     if (remembered('welcomed')) return this.notices.aside('', 0);
     remember('welcomed', 'yes');

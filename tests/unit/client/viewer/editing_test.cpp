@@ -176,7 +176,7 @@ TEST(Editing, AnUndoIsOfOnesOwnLastEditThatCounts) {
   const std::size_t count = page.sent.size();
   page.editing.undo();
   EXPECT_EQ(page.sent.size(), count);
-  EXPECT_EQ(page.said.back(), "There is no edit of yours to undo.");
+  EXPECT_EQ(page.said.back(), "You have no edit to undo.");
 }
 
 TEST(Editing, WhatIsNotAnsweredGoesAgainOverTheNextConnectionWithItsKeyAFewTimes) {
@@ -193,7 +193,7 @@ TEST(Editing, WhatIsNotAnsweredGoesAgainOverTheNextConnectionWithItsKeyAFewTimes
   EXPECT_NE(page.sent[2].key, page.sent[0].key);
   for (int k = 0; k < 9; ++k) page.editing.connected();
   EXPECT_EQ(page.sent.size(), 5u);
-  EXPECT_NE(page.said.back().find("look whether it is made"), std::string::npos);
+  EXPECT_NE(page.said.back().find("check whether it was made"), std::string::npos);
 }
 
 TEST(Editing, OnlySoManyWait) {

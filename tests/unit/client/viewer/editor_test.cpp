@@ -231,8 +231,8 @@ TEST(Editor, SaysWhyThereIsNoEditing) {
     EXPECT_TRUE(revision == 3 || await([&] { return client->receive(std::chrono::milliseconds(1)), client->connection().error(); }));
     editor.toggle();
     EXPECT_FALSE(state.edit.on);
-    EXPECT_EQ(state.hint, revision == 3 ? "This server is older than edits of the ground; it takes none."
-                                        : "There is no connection to a server whose ground could be edited.");
+    EXPECT_EQ(state.hint, revision == 3 ? "This server is too old for edits of the ground."
+                                        : "Without a connection to a server, the ground cannot be edited.");
     client.reset();
   }
 }

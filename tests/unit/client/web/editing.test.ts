@@ -140,7 +140,7 @@ test('an undo is of one\'s own last edit that counts', () => {
   const count = sent.length;
   editing.undo();
   assert.equal(sent.length, count);
-  assert.equal(said.at(-1), 'There is no edit of yours to undo.');
+  assert.equal(said.at(-1), 'You have no edit to undo.');
 });
 
 test('what is not answered goes again over the next connection, with its key, a few times', () => {
@@ -155,7 +155,7 @@ test('what is not answered goes again over the next connection, with its key, a 
   assert.notEqual(sent[2]!.key, sent[0]!.key);
   for (let k = 0; k < 9; ++k) editing.connected('default');
   assert.equal(sent.length, 5);
-  assert.match(said.at(-1)!, /look whether it is made/);
+  assert.match(said.at(-1)!, /check whether it was made/);
   // Nothing of one session goes to another.
   editing.use(place(0, 0));
   editing.connected('elsewhere');
