@@ -55,7 +55,7 @@ struct Shared {
 };
 
 constexpr const char* kColourHelp =
-    "refine also where colours of vertices are off by more than this share of full red, green or blue, 0.01 to 1; default: ignore colour";
+    "also refine where colours of vertices are off by more than this share of full red, green or blue, 0.01 to 1; default: ignore colour";
 
 // `draws`: the command refines and draws its own mesh.
 void addShared(CLI::App& command, Shared& shared, bool draws) {
@@ -135,7 +135,7 @@ Run viewCommand(CLI::App& command) {
   command.add_option("--screenshot", view->screenshot, "write a PNG of the window when it closes")->type_name("FILE.png");
   command.add_option("--path", *path, "follow this camera path, as `fly` does; O stops and restarts it")->type_name("FILE.json");
   command.add_flag("!--no-vsync", view->vsync, "do not wait for the screen's refresh");
-  command.add_flag("--invert-y", view->invertY, "invert vertical looking, of mouse and sticks");
+  command.add_flag("--invert-y", view->invertY, "invert looking up and down, by mouse and sticks");
   command.add_flag("--reduced-motion", view->reducedMotion, "show changes of the mesh at once, without morphing");
   command.add_option("--name", view->name, "your name, as the others see it")->type_name("NAME");
   addNumber(command, "--text-scale", view->textScale, 0.5, 4.0, "text size, relative to the screen's own scale");
@@ -165,7 +165,7 @@ Run flyCommand(CLI::App& command) {
   command.add_option("--export", fly->exportFile, "write the held mesh as uncompressed glTF")->type_name("FILE.glb");
   addNumber(command, "--export-at", fly->exportAt, 0.0, 86400.0, "path time of the export, seconds; default: at the end, settled");
   addNumber(command, "--settle-limit", fly->settleLimit, 0.0, 86400.0, "longest wait for the mesh to settle at the end, seconds");
-  command.add_flag("--realtime", fly->realtime, "fly by the clock instead of in lock-step");
+  command.add_flag("--realtime", fly->realtime, "fly in real time instead of in lock-step");
   addNumber(command, "--seconds", fly->seconds, 0.0, 86400.0, "fly only this much of the path");
   command.add_flag("--corrected", fly->corrected, "also draw and compare the mesh corrected onto the true surface along each ray");
   command.add_flag("--uploads", fly->measureFrames,
@@ -239,7 +239,7 @@ Run evaluateCommand(CLI::App& command) {
   command.add_option("--repeats", evaluate->repeats, "repeats of what is timed; default: 3, quick 1")
       ->check(CLI::Range(1, 100).description(""));
   addNumber(command, "--seconds", evaluate->seconds, 0.0, 86400.0, "seconds of each flight; default: 20 (the finest: whole), quick 3");
-  command.add_flag("--report", evaluate->reportOnly, "measure nothing: report the results in the folder so far");
+  command.add_flag("--report", evaluate->reportOnly, "measure nothing: report the results that are in the folder");
   command.add_option("--server", evaluate->server, "server program; default: ridgecast-server beside this one")->type_name("FILE");
   return [=] {
     if (!size->empty())
@@ -287,7 +287,7 @@ void addOffline(CLI::App& command, SnapshotWords& words) {
       ->needs(terrain)
       ->allow_extra_args(false)
       ->type_name("NAME=NUMBER");
-  command.add_option("--raster", offline.raster, "how to read a height map, as of ridgecast-server; repeatable")
+  command.add_option("--raster", offline.raster, "how to read a height map, as for ridgecast-server; repeatable")
       ->needs(terrain)
       ->allow_extra_args(false)
       ->type_name("NAME=VALUE");
@@ -316,7 +316,7 @@ void addTiles(CLI::App& command, snapshot::SnapshotOptions& shot, CLI::Option* f
                           ->type_name("DIR");
   command
       .add_option("--at", shot.at,
-                  "where on Earth the middle of the tiles' box lies, degrees and metres; default: by the map's CRS, if it is UTM")
+                  "where on Earth the middle of the tiles' box lies, degrees and metres; default: the map's place, if its CRS is UTM")
       ->needs(tiles)
       ->type_name("LON,LAT[,HEIGHT]");
 }
@@ -354,7 +354,7 @@ Run snapshotCommand(CLI::App& command) {
       ->capture_default_str();
   command
       .add_option("--texture", shot->texture,
-                  "colours as a picture of so many pixels along the box's longer side, in a .glb; default: of vertices")
+                  "colours as a picture with this many pixels along the box's longer side, in a .glb; default: colours of vertices")
       ->needs(box)
       ->type_name("PIXELS");
   command.add_flag("--draco", shot->draco, "compress with Draco");
@@ -392,7 +392,7 @@ int main(int argc, char** argv) {
   add(app, run, "fly", "Without a window: fly a path, draw both renderings, compare and measure", flyCommand);
   add(app, run, "picture", "Without a window: a PNG of the settled mesh from one pose", pictureCommand);
   add(app, run, "evaluate", "Fly over all terrains with its own servers: tables, plots and one HTML report", evaluateCommand);
-  add(app, run, "snapshot", "A glTF, PLY or OBJ file of a pose, a live camera or a box, by a server or of a terrain", snapshotCommand);
+  add(app, run, "snapshot", "A glTF, PLY or OBJ file of a pose, a live camera or a box, from a server or a terrain", snapshotCommand);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -43,7 +43,7 @@ Manages the log of a session's edits, FOLDER/SESSION.edits of --state FOLDER, wh
   verify FILE [SETTINGS]         Make the ground again from the edits and compare it with the cached tiles
   backup FILE TO                 Copy the log
 
-SETTINGS are those of ridgecast-server that name the terrain, such as --terrain dem.tif. compact and verify need them only where the log's
+SETTINGS are those of ridgecast-server that name the terrain, such as --terrain dem.tif. compact and verify need them only if the log's
 name of the terrain does not suffice.
 Exit status: 0; 1 after a failure; 2 after bad input.
 )";

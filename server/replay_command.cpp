@@ -32,15 +32,15 @@ recorded one by its hash.
 
   FILE           a part, NAME.0001.recording, and those after it
   DIR            all recordings in it
-  --from TIME    Compare from this time on, in seconds of the recording. A mesh has a history, so each camera is repeated from where it
-                 joined, as far as it is still there at that time
+  --from TIME    Compare from this time, in seconds of the recording. A mesh has a history, so each camera that is still there at that
+                 time is repeated from where it joined
   --until TIME   End there
-  --export DIR   Write each camera's flight as a path, which ridgecast-client fly --path follows, instead
-  --serve        Play one recording in real time, instead, to onlookers who join the default session: its members fly and the ground
-                 changes as recorded. Who takes the session's clock (V in window and page) pauses it, changes its speed and goes to any
-                 time; --from begins at one
+  --export DIR   Instead, write each camera's flight as a path for ridgecast-client fly --path
+  --serve        Instead, play one recording in real time to onlookers who join the default session: its members fly and the ground
+                 changes as recorded. The session's clock (V in window and page) pauses it, changes its speed and goes to any time;
+                 --from says where it begins
   --threads N    Threads; 0, the default: one for each core. They change nothing but the time it takes
-  SETTINGS       Those of ridgecast-server that name the terrain, such as --terrain dem.tif, where the recorded name does not suffice; with
+  SETTINGS       Those of ridgecast-server that name the terrain, such as --terrain dem.tif, if the recorded name does not suffice; with
                  --serve all, such as --port
 
 Exit status: 0 if all meshes are equal; 1 if one differs, or after a failure; 2 after bad input.

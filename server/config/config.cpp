@@ -117,7 +117,7 @@ void addAccess(CLI::App& app, Written& w) {
           "Public keys of JSON Web Tokens (RS256, ES256), PEM or a JSON Web Key Set; repeatable; SIGHUP reloads it");
   addList(app, "--allow-origin", n.allowedOrigins, "ORIGIN", "Another origin whose pages may connect, such as https://example.org; *: any");
   addList(app, "--allowed-host", w.allowedHosts, "NAME",
-          "Another host name to answer to without tokens, besides its addresses and localhost; *: any");
+          "Another host name that a server without tokens answers to, besides its addresses and localhost; *: any");
   addList(app, "--trusted-proxy", w.trustedProxies, "CIDR", "Networks whose X-Forwarded-For is trusted, such as 10.0.0.0/8");
   app.add_flag("--allow-insecure", n.allowInsecure, "Permit addresses other than loopback without TLS or without tokens");
 }
@@ -131,7 +131,7 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--max-sessions-per-client", c.limits.maxSessionsPerClient,
             "Sessions at a time made by one token's holder or, without tokens, one address; 0: unlimited", 0, 65535);
   addSeconds(app, "--session-idle", c.limits.sessionIdle,
-             "Seconds after which a session without members ends, 5 at most if nobody has said hello; the default session never ends", 1,
+             "Seconds after which a session without members ends, at most 5 if nobody has said hello; the default session never ends", 1,
              31'536'000);
   addNumber(app, "--max-connections", c.net.maxConnections, "Connections at a time", 1, 65535);
   addNumber(app, "--max-connections-per-address", c.net.maxConnectionsPerAddress,
@@ -139,7 +139,7 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--max-header-bytes", c.net.maxHeaderBytes, "Longest header of an HTTP request", 1024, 65536);
   addNumber(app, "--max-message-bytes", c.net.maxMessageBytes, "Longest message of a client", 1024, wire::kMaxClientMessageBytes);
   app.add_option("--max-messages-per-second", c.net.maxMessagesPerSecond,
-                 "Messages of one client on average, bursts of twice as many; 0: unlimited")
+                 "Messages of one client a second on average, twice as many in bursts; 0: unlimited")
       ->capture_default_str();
   addNumber(app, "--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted", 10'000, 50'000'000);
   addNumber(app, "--max-total-triangles", c.limits.maxTotalTriangles,
@@ -147,7 +147,7 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--max-snapshot-triangles", c.snapshots.triangles, "Largest snapshot, in triangles", 10'000, 20'000'000);
   addNumber(app, "--max-snapshot-seconds", c.snapshots.seconds, "Time limit of a snapshot, in seconds", 1, 600);
   addNumber(app, "--snapshot-share", w.snapshotShare, "Percent of all cores that snapshots get while cameras work", 1, 100);
-  addNumber(app, "--cache-memory", c.cacheMemory, "MiB of snapshots and tiles that are kept for those who ask again", 0, 65536);
+  addNumber(app, "--cache-memory", c.cacheMemory, "MiB of snapshots and tiles kept for repeated requests", 0, 65536);
   addNumber(app, "--window", c.limits.window, "Iterations that a client may leave unacknowledged", 1, wire::kMaxWindow);
   app.add_option("--max-bytes-per-second", c.limits.maxBytesPerSecond, "Bytes a second of one client's iterations; 0: unlimited")
       ->capture_default_str();
@@ -158,10 +158,10 @@ void addLimits(CLI::App& app, Written& w) {
 void addOperation(CLI::App& app, Written& w) {
   app.add_option("--state", w.config.state, "Folder in which the edits of sessions are kept; without it they end with their session");
   app.add_option("--record", w.config.record, "Folder in which every session is recorded, for 'ridgecast-server replay'")->type_name("DIR");
-  addNumber(app, "--record-bytes", w.config.recordBytes, "Bytes of all recordings in that folder; the oldest parts are deleted", 1'048'576,
-            std::uint64_t{1} << 50);
+  addNumber(app, "--record-bytes", w.config.recordBytes,
+            "Largest total of the recordings in that folder, in bytes; the oldest parts are deleted", 1'048'576, std::uint64_t{1} << 50);
   addSeconds(app, "--drain-delay", w.config.net.drainDelay,
-             "Seconds after SIGTERM in which the server serves as before while /readyz says 503: balancers lag", 0, 3600);
+             "Seconds after SIGTERM during which the server serves as before while /readyz says 503, because balancers lag", 0, 3600);
   addSeconds(app, "--drain", w.config.net.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
   app.add_option("--reconnect-url", w.config.net.reconnectUrl,
                  "URL for clients to reconnect to when this server leaves; default: the same address")
