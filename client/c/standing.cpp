@@ -48,7 +48,7 @@ rc_status rc_standing_move(rc_standing* standing, const double* places, size_t c
     std::vector<lattice::Point> bodies(count);
     for (std::size_t k = 0; k < count; ++k) {
       const auto x = query::toSteps(places[2 * k]), z = query::toSteps(places[2 * k + 1]);
-      if (!x || !z) return fail(RC_INVALID, "body " + std::to_string(k) + " is no pair of numbers within 4.398e12 m of the origin");
+      if (!x || !z) return fail(RC_INVALID, "body " + std::to_string(k) + " is not a pair of numbers within 4.398e12 m of the origin");
       bodies[k] = {*x, *z};
     }
     const auto moved = standing->ground->move(bodies);

@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kPart = 4096;  // places at a time, where they are computed here: their steps stay in the cache
 
 rc_status beyond(std::size_t place) {
-  return fail(RC_INVALID, "place " + std::to_string(place) + " is no pair of numbers within 4.398e12 m of the origin");
+  return fail(RC_INVALID, "place " + std::to_string(place) + " is not a pair of numbers within 4.398e12 m of the origin");
 }
 
 // Calls body(x, z, first) for parts of the places; first: how many were before.

@@ -96,7 +96,7 @@ class Download {
       context_.poll();
       if (Clock::now() - told_ >= kTellEvery) report();
       if (!ended_ && Clock::now() - lastWord_ > timeout_)
-        end(header_ ? "the server sends nothing any more"
+        end(header_ ? "the server stopped sending"
                     : "no answer from " + where_ + " within " + std::to_string(timeout_.count() / 1000) + " s");
       if (!ended_ && stop_.stop_requested()) end("given up");
       if (context_.stopped()) context_.restart();
@@ -146,11 +146,11 @@ class Download {
     while (!header_) {
       const auto blank = text_.find("\r\n\r\n");
       if (blank == std::string::npos) {
-        if (text_.size() > kMostHeader) end("what answers at " + where_ + " is no Ridgecast server; check host and port");
+        if (text_.size() > kMostHeader) end("what answers at " + where_ + " is not a Ridgecast server; check host and port");
         return;
       }
       header_ = parse(std::string_view(text_).substr(0, blank));
-      if (!header_) return end("what answers at " + where_ + " is no Ridgecast server; check host and port");
+      if (!header_) return end("what answers at " + where_ + " is not a Ridgecast server; check host and port");
       text_.erase(0, blank + 4);
       if (header_->status / 100 == 1) {  // word of the work; the answer itself follows
         progress_.work = header_->progress;

@@ -14,7 +14,7 @@ namespace {
 constexpr std::size_t kMaxUrlBytes = 2048;
 
 Error wrong(std::string_view text, const std::string& why) {
-  return {std::string("'").append(text.substr(0, 80)) + "' is no server's address: " + why +
+  return {std::string("'").append(text.substr(0, 80)) + "' is not a server's address: " + why +
           " (for example ws://127.0.0.1:7070?session=default)"};
 }
 
@@ -44,7 +44,7 @@ void parseScheme(std::string_view& rest, Url& url) {
 
 // Host and port. What is wrong with them, if anything.
 const char* parseHost(std::string_view host, Url& url) {
-  if (host.find('@') != host.npos) return "user names do not belong into it";
+  if (host.find('@') != host.npos) return "it must not have a user name";
   std::size_t end = host.find(':');
   const bool isAddress6 = host.starts_with('[');
   if (isAddress6) {
@@ -74,7 +74,7 @@ const char* parseQuery(std::string_view query, Url& url) {
     } else if (parameter.starts_with("terrain=") || parameter.starts_with("seed=") || parameter.starts_with("param=") ||
                parameter.starts_with("clock=")) {
       if (!consistsOf(parameter, kAlphanumeric, "._-+%="))
-        return "terrain, seed, param and clock have letters, digits and . _ - + % = alone";
+        return "terrain, seed, param and clock have only letters, digits and . _ - + % =";
       url.world.append(url.world.empty() ? "" : "&").append(parameter);
     }
   }

@@ -115,7 +115,7 @@ struct WebSocket::Impl {
       return text + "; is there a ridgecast-server, and a session '" + url_.session + "'?";
     }
     if (heard_) return "the server at " + where_ + " went away while it prepared the terrain (" + e.message() + "); try again";
-    return "what answers at " + where_ + " is no Ridgecast server (" + e.message() + "); check host and port";
+    return "what answers at " + where_ + " is not a Ridgecast server (" + e.message() + "); check host and port";
   }
 
   std::string late() const {

@@ -48,7 +48,7 @@ int picture(const PictureOptions& options) {
   const nlohmann::json pose{
       {"t", 0}, {"x", options.x}, {"z", options.z}, {"altitude", options.altitude}, {"yaw", options.yaw}, {"pitch", options.pitch}};
   if (scratch.path().empty() || !writeText(path, nlohmann::json{{"fov", options.fov}, {"keyframes", {pose}}}.dump()))
-    return fail(kRuntimeFailure, {"cannot write to the folder for temporary files; choose another by TMPDIR"});
+    return fail(kRuntimeFailure, {"cannot write to the folder for temporary files; choose another with TMPDIR"});
   FlyOptions flight;
   flight.url = options.url;
   flight.path = path;

@@ -139,7 +139,7 @@ Outcome<MeshCase> meshCaseFrom(std::string_view text) {
   const double threshold = std::strtod(number.c_str(), &end);
   if (metric == "default" || !settings::metricNamed(metric) || number.empty() || *end || !(threshold > 0 && threshold <= 1e6))
     return Error{std::string("'").append(text).append(
-        "' is no METRIC:THRESHOLD: pixels, area or thesis, a colon and a number above 0, as in area:0.3")};
+        "' is not METRIC:THRESHOLD: pixels, area or thesis, a colon and a number above 0, as in area:0.3")};
   return MeshCase{metric, threshold};
 }
 

@@ -35,8 +35,8 @@ std::string withoutExponent(const std::string& text) {
 }  // namespace
 
 Outcome<lattice::Step> parseMetres(std::string_view text) {
-  const Error wrong{"'" + std::string(text.substr(0, 40)) + "' is no place: give a number of metres from -" + std::to_string(kMostMetres) +
-                    " to " + std::to_string(kMostMetres)};
+  const Error wrong{"'" + std::string(text.substr(0, 40)) + "' is not a place: give a number of metres from -" +
+                    std::to_string(kMostMetres) + " to " + std::to_string(kMostMetres)};
   std::string digits;
   for (const char c : text)
     if (c != '_' && c != '\'' && c != ' ') digits += c;

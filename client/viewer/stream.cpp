@@ -312,9 +312,9 @@ void Stream::enterWorld() {
   state_.changed = true;
   if (!plain || terrain.size() > 40)
     return void(state_.panel.problem =
-                    "'" + terrain.substr(0, 60) + "' is no terrain's name: at most 40 letters, digits, . _ -, such as canyon");
+                    "'" + terrain.substr(0, 60) + "' is not a terrain's name: at most 40 letters, digits, . _ -, such as canyon");
   if (parsed.ec != std::errc() || parsed.ptr != seed.data() + seed.size())
-    return void(state_.panel.problem = "'" + seed + "' is no seed: give a whole number from 0 to 4294967295");
+    return void(state_.panel.problem = "'" + seed + "' is not a seed: give a whole number from 0 to 4294967295");
   connection::Url url = link_.url;
   url.session = terrain + "-" + std::to_string(number);
   url.world = "terrain=" + terrain + "&seed=" + std::to_string(number);

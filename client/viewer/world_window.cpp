@@ -197,7 +197,7 @@ void WorldWindow::toggleFrozen() {
 }
 
 void WorldWindow::togglePath() {
-  if (!path_) return state_.tell("no path yet: R records one, or give one by --path FILE.json");
+  if (!path_) return state_.tell("no path yet: R records one, or give one with --path FILE.json");
   state_.motion.following = !state_.motion.following;
   pathBegan_ = Clock::now();
 }

@@ -204,7 +204,7 @@ Outcome<Path> readPath(const std::filesystem::path& file) {
   if (std::filesystem::is_directory(file, failed)) return Error{name + " is a directory; a JSON file is needed"};
   const auto text = text::readFile(file, kMaxText);
   if (!text) return Error{name + " cannot be read; does it exist?"};
-  if (text->size() > kMaxText) return Error{name + " is larger than 1 MiB; that is no camera path"};
+  if (text->size() > kMaxText) return Error{name + " is larger than 1 MiB; that is not a camera path"};
   Outcome<Path> path = parsePath(*text);
   if (!path) return Error{name + ": " + path.error().message};
   return path;

@@ -49,7 +49,8 @@ class AscFile final : public RasterFile {
       if (word.empty()) return Error{name_ + ": it ends in row " + std::to_string(row_) + "; it is cut off"};
       const auto value = text::number<double>(word);
       if (!value || word.size() > kMostWord)
-        return Error{name_ + ": '" + shown(word) + "' at column " + std::to_string(x) + ", row " + std::to_string(row_) + " is no number"};
+        return Error{name_ + ": '" + shown(word) + "' at column " + std::to_string(x) + ", row " + std::to_string(row_) +
+                     " is not a number"};
       out[x] = *value;
     }
     if (++row_ == header_.height && !next().empty()) return Error{name_ + ": it has more samples than ncols x nrows; correct the header"};
@@ -74,7 +75,7 @@ class AscFile final : public RasterFile {
     };
     const std::uint64_t columns = count(kColumns), rows = count(kRows);
     if (columns == 0 || rows == 0 || !(values[kCell].value_or(0) > 0))
-      return Error{name_ + ": this is no ASCII grid, or a broken one: it begins with ncols, nrows and cellsize, each above 0"};
+      return Error{name_ + ": this is not an ASCII grid, or a broken one: it begins with ncols, nrows and cellsize, each above 0"};
     if (auto fine = checkClaim(name_, columns, rows, 2, size + 1, false); !fine) return fine.error();  // a digit and a blank each
     header_.width = static_cast<std::uint32_t>(columns);
     header_.height = static_cast<std::uint32_t>(rows);

@@ -182,7 +182,7 @@ Outcome<void> checkText(std::string_view file, std::string_view text) {
         refuse(std::string(word.substr(0, 64)) + ": GLSL keeps names with two underscores to itself");
       i = stop;
     }
-    if (wrong.size() == before && s.find_first_of("\"'") != std::string_view::npos) refuse("GLSL has no texts in quotes");
+    if (wrong.size() == before && s.find_first_of("\"'") != std::string_view::npos) refuse("GLSL has no text in quotation marks");
   }
   if (!wrong.empty()) return joined(file, std::move(wrong));
   return {};

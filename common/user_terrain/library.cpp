@@ -101,7 +101,7 @@ Error complaint(std::string_view file, std::string_view output) {
   if (const std::size_t place = output.find(mark); place != std::string_view::npos)
     std::from_chars(output.data() + place + mark.size(), output.data() + output.size(), number);
   return Error{std::string(file) + ":" + (number ? std::to_string(number) + ":" : "") +
-               " this GLSL has no counterpart for heights: " + std::string(what) + "; say it in simpler GLSL"};
+               " this GLSL has no counterpart for heights: " + std::string(what) + "; write it in simpler GLSL"};
 }
 
 }  // namespace
@@ -113,7 +113,7 @@ Outcome<std::shared_ptr<const Library>> Library::open(const std::filesystem::pat
   library->heights_ = reinterpret_cast<terrain::HeightsFunction>(dlsym(handle, kEntry));
   library->colours_ = reinterpret_cast<terrain::ColoursFunction>(dlsym(handle, kColours));
   library->trace_ = reinterpret_cast<TraceFunction>(dlsym(handle, kTrace));
-  if (!library->heights_) return Error{file.string() + " is no compiled terrain; remove it"};
+  if (!library->heights_) return Error{file.string() + " is not a compiled terrain; remove it"};
   return std::shared_ptr<const Library>(std::move(library));
 }
 

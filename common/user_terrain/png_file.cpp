@@ -25,7 +25,7 @@ class PngFile final : public RasterFile {
     file_ = std::fopen(name_.c_str(), "rb");
     if (!file_) return Error{"cannot read " + name_};
     unsigned char signature[8];
-    if (std::fread(signature, 1, 8, file_) != 8 || png_sig_cmp(signature, 0, 8) != 0) return Error{name_ + ": this is no PNG"};
+    if (std::fread(signature, 1, 8, file_) != 8 || png_sig_cmp(signature, 0, 8) != 0) return Error{name_ + ": this is not a PNG"};
     png_ = png_create_read_struct(PNG_LIBPNG_VER_STRING, this, &PngFile::failed, [](png_structp, png_const_charp) {});
     if (png_) info_ = png_create_info_struct(png_);
     if (!info_) return Error{name_ + ": no memory to read it with"};

@@ -38,7 +38,7 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
     o.pitch = *v;
   } else if (name == "scale" || name == "offset") {
     const auto v = text::number<double>(value);
-    if (!v || std::abs(*v) > 1e9 || (name == "scale" && *v == 0)) return wrong("a finite number is wanted, and no scale of 0");
+    if (!v || std::abs(*v) > 1e9 || (name == "scale" && *v == 0)) return wrong("it must be a finite number, and scale must not be 0");
     (name == "scale" ? o.scale : o.offset) = *v;
   } else if (name == "edge") {
     if (value == "clamp")
@@ -50,11 +50,11 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
     else if (const auto v = text::number<double>(value); v && isHeight(*v))
       o.edge = Edge::kConstant, o.constant = *v;
     else
-      return wrong("beyond the map's edge goes on clamp, mirror, repeat, or a height in metres");
+      return wrong("edge is clamp, mirror, repeat or a height in metres: how the ground continues beyond the map");
   } else if (name == "nodata") {
     const auto v = text::number<double>(value);
     if (value != "fill" && (!v || !isHeight(*v)))
-      return wrong("nodata is a height in metres for samples that are none, or fill: from their neighbours");
+      return wrong("nodata is a height in metres for missing samples, or fill: from their neighbours");
     o.fill = value == "fill";
     o.noData = v;
   } else if (name == "project" && value == "local") {

@@ -140,10 +140,10 @@ Outcome<void> replace(const std::string& name, const Missing& missing, const Ras
   if (missing.count == 0) return {};
   if (options.fill) {
     if (fillMissing(samples)) return {};
-    return Error{name + ": all its samples are none (NoData), so there is nothing to fill them from"};
+    return Error{name + ": all its samples are missing (NoData), so there is nothing to fill them from"};
   }
   if (!options.noData)
-    return Error{name + ": " + std::to_string(missing.count) + " samples are none (NoData), the first at column " +
+    return Error{name + ": " + std::to_string(missing.count) + " samples are missing (NoData), the first at column " +
                  std::to_string(missing.x) + ", row " + std::to_string(missing.z) +
                  ": say what stands there with --raster nodata=METRES, or fill them from their neighbours with nodata=fill"};
   const auto instead = static_cast<std::int32_t>(std::llround(*options.noData * lattice::kStepsPerMetre));

@@ -80,7 +80,7 @@ class TiffFile final : public RasterFile {
     complaint.clear();
     warning.clear();
     tiff_ = TIFFOpen(name_.c_str(), "rm");  // not mapped: a file that shrinks must not kill the server
-    if (!tiff_) return broken("this is no TIFF, or a broken one");
+    if (!tiff_) return broken("this is not a TIFF, or a broken one");
     if (!warning.empty())
       return Error{name_ + ": a part of what it says about itself cannot be read (" + warning + "); it is cut off or broken"};
     std::uint16_t bits = 1, format = SAMPLEFORMAT_UINT, packing = COMPRESSION_NONE;
@@ -172,7 +172,7 @@ class TiffFile final : public RasterFile {
     } else {
       rowBytes_ = static_cast<std::size_t>(TIFFScanlineSize64(tiff_));
       if (rowBytes_ < std::uint64_t{header_.width} * pixelBytes_ || rowBytes_ > kMostRowBytes)
-        return broken("its rows have a length that cannot be");
+        return broken("its rows have an impossible length");
     }
     const std::uint32_t pieces = tileWidth_ ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_);
     for (std::uint32_t k = 0; k < pieces; ++k) {
@@ -185,7 +185,7 @@ class TiffFile final : public RasterFile {
     buffer_.resize(rowBytes_ * (tileWidth_ ? tileHeight_ : 1));
     if (tileWidth_) tile_.resize(static_cast<std::size_t>(TIFFTileSize64(tiff_)));
     if (tileWidth_ && tile_.size() < std::size_t{tileWidth_} * tileHeight_ * pixelBytes_)
-      return broken("its tiles have a length that cannot be");
+      return broken("its tiles have an impossible length");
     return {};
   }
 

@@ -25,8 +25,9 @@ Outcome<std::string> parseHostName(std::string_view text) {
   const bool isName = !text.empty() && text.size() <= kLongest && text::hasOnly(text, "-_.") && text.front() != '.' &&
                       text.find("..") == std::string_view::npos;
   if (text != "*" && !isName && !(text.size() <= kLongest && hostName(text) == text && parseAddress(text)))
-    return Error{"'" + std::string(text.substr(0, 60)) +
-                 "' is no host name: --allowed-host takes one without scheme, port and path, such as terrain.example.org, or * for any."};
+    return Error{
+        "'" + std::string(text.substr(0, 60)) +
+        "' is not a host name: --allowed-host takes one without scheme, port and path, such as terrain.example.org, or * for any."};
   return Outcome<std::string>(boost::system::in_place_value, text.ends_with('.') ? text.substr(0, text.size() - 1) : text);
 }
 

@@ -34,7 +34,7 @@ Outcome<Rights> rightsOf(const json& claims) {
   Rights rights;
   if (claim->is_array())
     for (const json& one : *claim) {
-      if (!one.is_string()) return Error{"The token's rights are no list of names."};
+      if (!one.is_string()) return Error{"The token's rights are not a list of names."};
       const auto right = parseRights(one.get_ref<const std::string&>());
       if (!right) return right.error();
       rights = rights | *right;
@@ -49,7 +49,7 @@ Outcome<Grant> verifyJwt(std::string_view token, std::span<const Key> keys, Time
   const auto first = token.find('.');
   const auto second = first == std::string_view::npos ? first : token.find('.', first + 1);
   if (token.size() > kMaxTokenBytes || second == std::string_view::npos || token.find('.', second + 1) != std::string_view::npos)
-    return Error{"The token is no JSON Web Token."};
+    return Error{"The token is not a JSON Web Token."};
   const auto signature = fromBase64url(token.substr(second + 1));
   const auto signer = signature
                           ? std::ranges::find_if(keys, [&](const Key& key) { return key.verifies(token.substr(0, second), *signature); })
@@ -57,7 +57,7 @@ Outcome<Grant> verifyJwt(std::string_view token, std::span<const Key> keys, Time
   if (signer == keys.end()) return Error{"The token's signature is wrong."};
 
   const json header = parsed(token.substr(0, first)), claims = parsed(token.substr(first + 1, second - first - 1));
-  if (!header.is_object() || !claims.is_object()) return Error{"The token is no JSON Web Token."};
+  if (!header.is_object() || !claims.is_object()) return Error{"The token is not a JSON Web Token."};
   const auto algorithm = header.find("alg");
   if (algorithm == header.end() || *algorithm != signer->algorithm())
     return Error{"The token names another algorithm than its key's, " + std::string(signer->algorithm()) + "."};
@@ -77,7 +77,7 @@ Outcome<Grant> verifyJwt(std::string_view token, std::span<const Key> keys, Time
   grant.rights = *rights;
   if (const auto session = claims.find("session"); session != claims.end()) {
     if (!session->is_string() || !wire::sessionNameIsValid(session->get_ref<const std::string&>()))
-      return Error{"The token's session is no session's name."};
+      return Error{"The token's session is not a session's name."};
     grant.session = session->get<std::string>();
   }
   if (const auto sub = claims.find("sub"); sub != claims.end() && sub->is_string() && holderNameIsValid(sub->get_ref<const std::string&>()))

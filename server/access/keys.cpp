@@ -133,7 +133,7 @@ Outcome<std::vector<Key>> Key::readPem(const std::string& text) {
 Outcome<std::vector<Key>> Key::readSet(const std::string& text) {
   const json set = json::parse(text, nullptr, false);
   const auto members = set.find("keys");
-  if (!set.is_object() || members == set.end() || !members->is_array()) return Error{"it is no set of keys (RFC 7517)"};
+  if (!set.is_object() || members == set.end() || !members->is_array()) return Error{"it is not a set of keys (RFC 7517)"};
   std::vector<Key> keys;
   for (const json& member : *members) {
     if (!member.is_object() || !is(member, "use", "sig")) continue;

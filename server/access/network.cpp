@@ -57,7 +57,7 @@ Address household(const Address& address) {
 
 Outcome<Network> Network::parse(std::string_view text) {
   const auto wrong = [&](const char* why) {
-    return Error{"'" + std::string(text.substr(0, 60)) + "' is no network: " + why +
+    return Error{"'" + std::string(text.substr(0, 60)) + "' is not a network: " + why +
                  " (for example 10.0.0.0/8, 2001:db8::/32 or 192.0.2.7)."};
   };
   const auto slash = std::min(text.find('/'), text.size());
@@ -69,7 +69,7 @@ Outcome<Network> Network::parse(std::string_view text) {
   network.address_ = *address;
   const unsigned most = host.find(':') == std::string_view::npos ? 32 : 128;
   const unsigned bits = slash < text.size() ? text::number<unsigned>(text.substr(slash + 1)).value_or(most + 1) : most;
-  if (bits > most) return wrong("behind the / belongs a number of bits");
+  if (bits > most) return wrong("a number of bits belongs after the /");
   network.bits_ = bits + (most == 32 ? 96 : 0);
   for (unsigned bit = network.bits_; bit < 128; ++bit)
     if (network.address_[bit / 8] & (0x80u >> (bit % 8))) return wrong("it has bits beyond its prefix");

@@ -31,7 +31,7 @@ Outcome<Rights> parseRights(std::string_view text) {
     const auto found = std::ranges::find(kNames, one, &std::pair<Right, std::string_view>::second);
     if (found == kNames.end())
       return Error{"'" + std::string(one.substr(0, 40)) +
-                   "' is no right; rights are view, create, query, snapshot, clock, admin and edit, with commas between them."};
+                   "' is not a right; rights are view, create, query, snapshot, clock, admin and edit, with commas between them."};
     rights = rights | found->first;
   }
   return rights;

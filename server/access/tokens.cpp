@@ -99,7 +99,7 @@ Outcome<std::shared_ptr<const Tokens>> Tokens::load(const Files& files) {
 }
 
 Outcome<Grant> Tokens::judge(std::string_view token, Time now) const {
-  if (token.empty() || token.size() > kMaxTokenBytes) return Error{"The token has no length that a token can have."};
+  if (token.empty() || token.size() > kMaxTokenBytes) return Error{"The token is too short or too long to be one."};
   if (!keys_.empty() && token.find('.') != std::string_view::npos) return verifyJwt(token, keys_, now);
   const auto found = byHash_.find(hex(sha256(token)));
   if (found == byHash_.end()) return Error{"The token is not known here."};

@@ -206,7 +206,7 @@ Outcome<Config> finish(Written&& w) {
   if (!c.state.empty()) {
     std::error_code failed;
     std::filesystem::create_directories(c.state, failed);
-    if (!std::filesystem::is_directory(c.state)) return Error{"--state '" + c.state.string() + "' is no folder and cannot be made one."};
+    if (!std::filesystem::is_directory(c.state)) return Error{"--state '" + c.state.string() + "' is not a folder and cannot be created."};
     if (c.watch) return Error{"--watch changes the ground under edits that --state keeps; leave one of them out."};
   }
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);

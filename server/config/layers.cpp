@@ -105,7 +105,7 @@ Outcome<std::vector<FileSetting>> readSettingsFile(const std::filesystem::path& 
     setting.line = key.source().begin.line;
     const std::string where = file.string() + ":" + std::to_string(setting.line) + ": ";
     if (node.is_table() || node.is_array_of_tables())
-      return Error{where + "'" + setting.key + "' is a section; settings stand one a line, such as max-cameras = 64."};
+      return Error{where + "'" + setting.key + "' is a section; settings are one a line, such as max-cameras = 64."};
     if (const toml::array* list = node.as_array()) {
       setting.list = true;
       for (const toml::node& one : *list) {

@@ -22,7 +22,7 @@ Error errorOf(sqlite3* database, const std::string& file) {
     case SQLITE_NOMEM:
       return {"Cannot read " + name + ": there is no memory left."};
     default:
-      return {"Cannot read or write " + name + detail + "; see that its folder exists, is writable and on a sound disk."};
+      return {"Cannot read or write " + name + detail + "; check that its folder exists, is writable and on a sound disk."};
   }
 }
 

@@ -82,7 +82,7 @@ Figures::Figures()
       bytesReceived(registry.counter("ridgecast_received_bytes_total", "Bytes of messages received.")),
       messagesReceived(registry.counter("ridgecast_received_messages_total", "Messages received.")),
       connections(registry.counter("ridgecast_connections_total", "Connections accepted.")),
-      tlsHandshakes(registry.counter("ridgecast_tls_handshakes_total", "TLS handshakes that came to their end.")),
+      tlsHandshakes(registry.counter("ridgecast_tls_handshakes_total", "TLS handshakes completed.")),
       streams(registry.counter("ridgecast_streams_total", "Streams opened.")),
       streamsOpen(registry.gauge("ridgecast_streams", "Streams that are open.")) {
   for (std::size_t k = 0; k < stages.size(); ++k)

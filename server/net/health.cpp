@@ -9,7 +9,7 @@ namespace ridgecast::net {
 std::optional<Error> checkHealth(const Settings& settings) {
   const bool admin = settings.adminPort != 0;
   if (!admin && !settings.tlsCertificate.empty())
-    return Error{"This asks in plain HTTP, and the server has TLS: give it a port for that with --admin-port."};
+    return Error{"This command requests plain HTTP, and the server has TLS: give the server a plain port with --admin-port."};
   std::string host = admin && !settings.adminHost.empty() ? settings.adminHost : settings.host;
   if (host == "0.0.0.0") host = "127.0.0.1";
   if (host == "::") host = "::1";

@@ -202,7 +202,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     setAside();
     if (path == "/healthz" || path == "/readyz" || path == "/metrics" || path == "/version")
       return send(answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes));
-    send(plain(404, "The admin port has /healthz, /readyz, /metrics and /version alone."));
+    send(plain(404, "The admin port has only /healthz, /readyz, /metrics and /version."));
   }
 
   void upgrade(std::shared_ptr<session::Session> session) {

@@ -36,7 +36,7 @@ std::optional<Answer> removal(const std::shared_ptr<Shared>& server, const Reque
   if (!session) return http::plain(404, "There is no session named '" + name.substr(0, 64) + "' here.");
   if (!rest.empty()) {
     if (text::takePart(rest, '/') == "members") camera = text::number<std::uint64_t>(rest);
-    if (!camera) return http::plain(404, "What can be ended is /v1/sessions/NAME and /v1/sessions/NAME/members/ID.");
+    if (!camera) return http::plain(404, "Only /v1/sessions/NAME and /v1/sessions/NAME/members/ID can be ended.");
     if (!session->live().find(*camera)) return http::plain(404, "No member of session '" + name + "' has this number.");
   } else if (session = server->directory->remove(name); !session) {
     return http::plain(409, "The session '" + name + "' never ends; its members can be sent away one by one.");
@@ -81,13 +81,13 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
                                     {"connections", shared->settings.maxConnections},
                                     {"sessions", limits.maxSessions},
                                     {"triangles", static_cast<double>(limits.maxTotalTriangles)}})
-    registry.compute("ridgecast_limit", "What each may come to; 0: unlimited.", [value = limit] { return value; }, {{"of", name}});
+    registry.compute("ridgecast_limit", "The limit of each; 0: unlimited.", [value = limit] { return value; }, {{"of", name}});
   gauge("ridgecast_saturation", "How full the server is, 0 to 1: the fullest of cameras, connections, sessions and triangles.", saturation);
   gauge("ridgecast_certificate_expiry_seconds", "When the certificate expires, seconds since 1970; 0: no TLS.",
         [](Shared& s) -> double { return s.certificateExpiry; });
   gauge("ridgecast_last_reload_successful", "1 if the last reload of certificate and tokens succeeded, or there was none.",
         [](Shared& s) -> double { return s.reloaded ? 1 : 0; });
-  registry.compute("ridgecast_queued_bytes", "Bytes that wait in the way out to clients.", of([](Shared& s) {
+  registry.compute("ridgecast_queued_bytes", "Bytes that wait to be sent to clients.", of([](Shared& s) {
                      const std::lock_guard lock(s.mutex);
                      std::size_t bytes = 0;
                      for (const auto& [stream, weak] : s.streams) bytes += stream->waitingBytes();
@@ -101,11 +101,11 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
       {"worlds", [](Shared& s) -> double { return s.worlds.jobs.waiting(); }}};
   for (const auto& [name, depth] : queues)
     registry.compute("ridgecast_queue_depth",
-                     "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, tiles, snapshots, worlds that are made.",
+                     "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, tiles, snapshots, worlds to compile.",
                      of(depth), {{"queue", name}});
   registry.compute("ridgecast_memory_limit_bytes", "What this process may use; 0: unknown.",
                    [limit = static_cast<double>(memory::available())] { return limit; });
-  gauge("ridgecast_ready", "1 where new streams are taken.", [](Shared& s) -> double { return s.ready ? 1 : 0; });
+  gauge("ridgecast_ready", "1 if new streams are accepted.", [](Shared& s) -> double { return s.ready ? 1 : 0; });
   registry.compute(
       "ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
       {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}, {"commit", std::string(version::commit())}});

@@ -55,7 +55,7 @@ class ListeningServer final : public Server {
                     : shared_->filter.requiresTokens() ? "TLS"
                                                        : "TLS and tokens") +
                    ": everybody who reaches the port could use it or listen in; give --tls-cert and --tls-key, and --token-file or "
-                   "--jwt-secret-file, or listen on 127.0.0.1, or say --allow-insecure if it is meant."};
+                   "--jwt-secret-file, or listen on 127.0.0.1, or say --allow-insecure if that is intended."};
     if (auto error = reload()) return error;
     if (auto error = listener_.open(*endpoint)) return error;
     if (settings.adminPort != 0) {

@@ -125,7 +125,7 @@ class Recorder::Session final : public Observer {
 Outcome<std::unique_ptr<Recorder>> Recorder::open(const fs::path& folder, std::uint64_t bytes) {
   std::error_code failed;
   fs::create_directories(folder, failed);
-  if (!fs::is_directory(folder, failed)) return Error{"--record '" + folder.string() + "' is no folder and cannot be made one."};
+  if (!fs::is_directory(folder, failed)) return Error{"--record '" + folder.string() + "' is not a folder and cannot be created."};
   if (access(folder.c_str(), W_OK) != 0)
     return Error{"--record '" + folder.string() + "' cannot be written: " + std::strerror(errno) + "."};
   auto state = std::make_shared<State>();

@@ -292,7 +292,7 @@ Outcome<void> checkTerrain(const World& world, const terrain::Terrain& terrain) 
   if (hash == world.contentHash) return {};
   return Error{"The recording was made on terrain " + world.terrain + " with content hash " + text::hexadecimal(world.contentHash) +
                ", but this is " + std::string(terrain.name()) + " with " + text::hexadecimal(hash) +
-               ": replay it with the terrain and the version of then."};
+               ": replay it with the terrain and the version that it was recorded with."};
 }
 
 }  // namespace ridgecast::recording

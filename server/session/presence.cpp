@@ -154,7 +154,7 @@ void Presence::receive(std::uint64_t camera, const wire::SetClock& set) {
   if (goesBack && goBack_) goBack_(set.time);
   std::string notice;
   if (!changed) notice = whyNotYours();
-  if (goesBack && !goBack_) notice = "Time goes back in recordings alone.";
+  if (goesBack && !goBack_) notice = "Time goes back only in recordings.";
   if (!notice.empty() || !it->second.wantsClock) sendClock(it->second, 0, std::move(notice));
 }
 

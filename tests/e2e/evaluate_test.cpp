@@ -118,7 +118,7 @@ TEST_F(Evaluate, RefusesRefinementsThatAreNone) {
   wrong.insert(wrong.end(), {"--refined", "pixels:1,area"});
   const auto refused = runProgram(wrong);
   EXPECT_EQ(refused.code, 2);
-  EXPECT_THAT(refused.output, HasSubstr("'area' is no METRIC:THRESHOLD"));
+  EXPECT_THAT(refused.output, HasSubstr("'area' is not METRIC:THRESHOLD"));
 }
 
 // Each place is ray-marched once, whatever flies there.

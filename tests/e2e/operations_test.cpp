@@ -192,7 +192,7 @@ TEST(Operations, TheAdminPortTakesNeitherTokenNorTls) {
   EXPECT_THAT(get(port, "/metrics"), testing::StartsWith("# HELP "));
   EXPECT_THAT(get(port, "/version"), HasSubstr("ridgecast-server"));
   for (const char* elsewhere : {"/", "/v1/sessions", "/v1/heights?at=0,0", "/v1/stream"})
-    EXPECT_EQ(get(port, elsewhere), "The admin port has /healthz, /readyz, /metrics and /version alone.\n") << elsewhere;
+    EXPECT_EQ(get(port, elsewhere), "The admin port has only /healthz, /readyz, /metrics and /version.\n") << elsewhere;
   EXPECT_EQ(runProgram({RIDGECAST_SERVER, "healthy", "--admin-port", admin}).code, 0);
   const auto figures = scrape(port);
   for (const char* reason : {"tls", "token", "host"})

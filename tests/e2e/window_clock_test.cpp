@@ -51,7 +51,7 @@ TEST_F(WindowClock, KeysDriveItWhileItIsShown) {
   press({"0"});
   EXPECT_TRUE(hears([&](const wire::Clock& said) { return said.time == before + 10'000'000; }));
   press({"9"});
-  EXPECT_TRUE(says("Time goes back in recordings alone.")) << viewer_->output();
+  EXPECT_TRUE(says("Time goes back only in recordings.")) << viewer_->output();
   press({"semicolon", "semicolon", "z"});  // what it goes on with
   EXPECT_TRUE(hears([](const wire::Clock& said) { return said.mode == wire::ClockMode::kScaled && said.rate == 0.5; }));
   // Somebody else's is theirs.

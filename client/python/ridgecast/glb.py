@@ -26,13 +26,13 @@ def read_glb(file: "Union[str, PathLike[str], bytes]") -> Mesh:
     try:
         return _read(data)
     except (AttributeError, IndexError, KeyError, RecursionError, TypeError, struct.error, ValueError) as e:
-        raise e if isinstance(e, Invalid) else Invalid(f"this is no sound binary glTF file: {type(e).__name__} {e}") from None
+        raise e if isinstance(e, Invalid) else Invalid(f"this binary glTF file is damaged: {type(e).__name__} {e}") from None
 
 
 def _read(data: bytes) -> Mesh:
     magic, gltf_version, length, size, kind = struct.unpack_from("<4sIII4s", data)
     if magic != b"glTF" or gltf_version != 2 or kind != b"JSON" or length > len(data):
-        raise Invalid("this is no whole binary glTF 2.0 file")
+        raise Invalid("this is not a whole binary glTF 2.0 file")
     gltf = json.loads(data[20:20 + size])
     if gltf.get("extensionsRequired"):
         raise Invalid(f"this file needs {', '.join(gltf['extensionsRequired'])}: ask for a snapshot without compression")

@@ -17,7 +17,7 @@ def program(required: bool = True) -> Optional[str]:
     beside = Path(__file__).parent / "ridgecast-server"
     found = str(beside) if beside.exists() else shutil.which("ridgecast-server")
     if found is None and required:
-        raise Refused("there is no ridgecast-server in PATH: install it, or this package by its wheel")
+        raise Refused("there is no ridgecast-server in PATH: install it, or install this package from its wheel")
     return found
 
 

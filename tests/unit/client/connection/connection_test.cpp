@@ -74,7 +74,7 @@ TEST(Connection, ServerThatIsSomethingElse) {
 
 TEST(Connection, ServerThatHangsUp) {
   RawServer server([](RawConnection& peer) { peer.readHead(); });
-  expectContains(errorOf(at(server.port())), "no Ridgecast server");
+  expectContains(errorOf(at(server.port())), "not a Ridgecast server");
 }
 
 TEST(Connection, HttpServerWithoutAStream) {

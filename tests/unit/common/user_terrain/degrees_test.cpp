@@ -127,19 +127,19 @@ TEST_F(DegreesTest, AsciiGridsInMetresHaveAPlace) {
 TEST_F(DegreesTest, BrokenAsciiGridsGiveAMessage) {
   const std::string head = "ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n";
   for (const auto& [text, said] : std::vector<std::pair<std::string, std::string>>{
-           {"", "this is no ASCII grid"},
-           {"1 2 3", "this is no ASCII grid"},
+           {"", "this is not an ASCII grid"},
+           {"1 2 3", "this is not an ASCII grid"},
            {"ncols x\n", "'ncols x' does not belong"},
            {"ncols 3\nncols 3\n", "'ncols 3' does not belong"},
            {"dx 3\n", "'dx 3' does not belong"},
-           {"ncols 3.5\nnrows 2\ncellsize 1\n1", "this is no ASCII grid"},
-           {"ncols 3\nnrows 2\ncellsize -1\n1", "this is no ASCII grid"},
+           {"ncols 3.5\nnrows 2\ncellsize 1\n1", "this is not an ASCII grid"},
+           {"ncols 3\nnrows 2\ncellsize -1\n1", "this is not an ASCII grid"},
            {"ncols 1000000\nnrows 1000000\ncellsize 1\n1", "it claims 1000000 x 1000000 samples"},
            {head + "1 2 3 4 5", "it ends in row 1; it is cut off"},
-           {head + "1 2 3 4 x 6", "'x' at column 1, row 1 is no number"},
-           {head + "1 2 3 4 nan 6", "is no number"},
+           {head + "1 2 3 4 x 6", "'x' at column 1, row 1 is not a number"},
+           {head + "1 2 3 4 nan 6", "is not a number"},
            {head + "1 2 3 4 5 6 7", "more samples than ncols x nrows"},
-           {head + "1 2 3 4 5 " + std::string(500, '6'), "is no number"}})
+           {head + "1 2 3 4 5 " + std::string(500, '6'), "is not a number"}})
     EXPECT_THAT(complaint(write("map.asc", text)), testing::AllOf(HasSubstr("map.asc: "), HasSubstr(said))) << text;
 }
 
@@ -159,7 +159,7 @@ TEST_F(DegreesTest, SrtmFilesAreReadByTheirNames) {
   EXPECT_THAT(complaint(write("N47E011.hgt", bytes.substr(1))), HasSubstr("no square of 16-bit samples"));
   EXPECT_THAT(complaint(write("N47E011.hgt", "")), HasSubstr("at least 2 x 2"));
   bytes[0] = '\x80', bytes[1] = 0;
-  EXPECT_THAT(complaint(write("N47E011.hgt", bytes), {"pitch=30"}), HasSubstr("1 samples are none"));
+  EXPECT_THAT(complaint(write("N47E011.hgt", bytes), {"pitch=30"}), HasSubstr("1 samples are missing"));
 }
 
 std::vector<std::int32_t> filled(std::uint32_t width, std::uint32_t height, const std::function<std::int32_t(int, int)>& sample,

@@ -343,7 +343,7 @@ TEST_F(RasterFiles, AChangedMapIsNotShared) {
 TEST_F(RasterFiles, whatIsNoHeightIsReplacedOnlyWhenSaidSo) {
   Tiff t{.noData = "-32768", .sample = [](int x, int z) { return x == 4 && z == 2 ? NAN : x == 9 ? -32768 : 10; }};
   tiff("map.tif", t);
-  EXPECT_THAT(complaint(file("map.tif")), HasSubstr("41 samples are none (NoData), the first at column 9, row 0"));
+  EXPECT_THAT(complaint(file("map.tif")), HasSubstr("41 samples are missing (NoData), the first at column 9, row 0"));
   const auto terrain = load(file("map.tif"), {"nodata=-3"});
   const terrain::RasterShape& s = terrain->raster()->shape();
   EXPECT_EQ(terrain->height({s.originX + 4 * s.pitch, s.originZ + 2 * s.pitch}), -3);

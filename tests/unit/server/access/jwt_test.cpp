@@ -161,7 +161,7 @@ TEST_F(KeyFiles, SayWhatIsWrong) {
   EXPECT_THAT(Key::readPublic(folder_ / "none").error().message, testing::HasSubstr("Cannot read"));
   EXPECT_THAT(complaint(""), testing::HasSubstr("no public key"));
   EXPECT_THAT(complaint(std::string(70'000, 'x')), testing::HasSubstr("64 KiB"));
-  EXPECT_THAT(complaint("{"), testing::HasSubstr("no set of keys"));
+  EXPECT_THAT(complaint("{"), testing::HasSubstr("not a set of keys"));
   EXPECT_THAT(complaint(R"({"keys":[]})"), testing::HasSubstr("no key for RS256 or ES256"));
   EXPECT_THAT(complaint(R"({"keys":[{"kty":"RSA","n":"AQ","e":"AQAB"}]})"),
               testing::AnyOf(testing::HasSubstr("broken"), testing::HasSubstr("bits")));

@@ -78,8 +78,8 @@ TEST_F(TokensTest, SaysWhatIsWrong) {
   EXPECT_EQ(complaint("lab view * never" + hash), "");
   EXPECT_THAT(complaint("lab view * never" + hash + "\n\nlab view *"), HasSubstr("Line 3"));
   EXPECT_THAT(complaint("lab view *"), HasSubstr("3 words instead of 5"));
-  EXPECT_THAT(complaint("lab see * never" + hash), HasSubstr("'see' is no right"));
-  EXPECT_THAT(complaint("lab view, * never" + hash), HasSubstr("is no right"));
+  EXPECT_THAT(complaint("lab see * never" + hash), HasSubstr("'see' is not a right"));
+  EXPECT_THAT(complaint("lab view, * never" + hash), HasSubstr("is not a right"));
   EXPECT_THAT(complaint("lab view a/b never" + hash), HasSubstr("session"));
   EXPECT_THAT(complaint("lab view * tomorrow" + hash), HasSubstr("2027-01-01T00:00:00Z"));
   EXPECT_THAT(complaint("lab view * 2027-02-30T00:00:00Z" + hash), HasSubstr("2027-01-01T00:00:00Z"));

@@ -168,7 +168,7 @@ TEST_F(ConfigTest, SaysWhatIsWrongAndWhere) {
                         Case{{}, {"RIDGECAST_MAX_CAMERAS=0"}, "", {"RIDGECAST_MAX_CAMERAS", "not in range"}},
                         Case{{}, {"RIDGECAST_QUIET=perhaps"}, "", {"RIDGECAST_QUIET"}},
                         Case{{}, {"RIDGECAST_TRUSTED_PROXY=10.0.0.1/8"}, "", {"10.0.0.1/8"}},
-                        Case{{"--allowed-host", "https://terrain.example.org"}, {}, "", {"https://terrain", "no host name"}},
+                        Case{{"--allowed-host", "https://terrain.example.org"}, {}, "", {"https://terrain", "not a host name"}},
                         Case{{}, {}, "max_cameras = 3", {"settings", ":1", "max_cameras", "not a setting"}},
                         Case{{}, {}, "\nconfig = \"x\"", {":2", "config"}}, Case{{}, {}, "max-cameras = 70000", {":1", "not in range"}},
                         Case{{}, {}, "max-cameras = [3, 4]", {":1", "one value"}}, Case{{}, {}, "max-cameras = 3.5", {":1", "max-cameras"}},

@@ -125,7 +125,7 @@ TEST(Log, IsOpenOnce) {
 
 TEST(Log, SaysWhyItCannotBeMade) {
   const ScratchFolder folder;
-  EXPECT_THAT(Log::open(folder / "none" / "a.edits", {}).error().message, HasSubstr("see that its folder exists"));
+  EXPECT_THAT(Log::open(folder / "none" / "a.edits", {}).error().message, HasSubstr("check that its folder exists"));
 }
 
 TEST(Log, IsOfOneTerrain) {

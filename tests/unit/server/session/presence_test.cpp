@@ -200,7 +200,7 @@ TEST_F(PresenceTest, TimeGoesBackInRecordingsAlone) {
   presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 50'000'000});
   presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 20'000'000});
   ASSERT_TRUE(owner->wait([](Listener& l) { return !l.clocks.empty() && !l.clocks.back().notice.empty(); }));
-  EXPECT_EQ(owner->clocks.back().notice, "Time goes back in recordings alone.");
+  EXPECT_EQ(owner->clocks.back().notice, "Time goes back only in recordings.");
   EXPECT_EQ(presence->state().clock.time, 50'000'000u);
   std::vector<std::uint64_t> wanted;
   wire::Clock recording;
