@@ -86,7 +86,8 @@ struct Connection::Impl final : WebSocket::Listener {
 
   void received(std::span<const std::uint8_t> frame) override {
     auto message = wire::decodeServer(frame);
-    const auto wrong = message ? take(*message, frame.size()) : std::optional("sent what cannot be read: " + message.error().message);
+    const auto wrong =
+        message ? take(*message, frame.size()) : std::optional("sent something that cannot be read: " + message.error().message);
     if (wrong) return socket_.end("the server at " + socket_.where() + " " + *wrong);
     write();
   }
@@ -107,11 +108,11 @@ struct Connection::Impl final : WebSocket::Listener {
     changed_.notify_all();
     if (world) return greet(std::move(*world));
     if (auto* answer = std::get_if<wire::Answer>(&message); answer && !outbox_.queries.take(answer->id, std::move(*answer)))
-      return "sent what cannot be: an answer to no query";
+      return "broke the protocol: an answer to no query";
     if (auto* ground = std::get_if<wire::Ground>(&message); ground && !outbox_.grounds.take(ground->id, std::move(*ground)))
-      return "sent what cannot be: a ground that was not requested";
+      return "broke the protocol: a ground that was not requested";
     if (auto* edit = std::get_if<wire::EditAnswer>(&message); edit && !outbox_.edits.take(edit->id, std::move(*edit)))
-      return "sent what cannot be: an answer to no edit";
+      return "broke the protocol: an answer to no edit";
     return keep(message, bytes);
   }
 
@@ -131,17 +132,17 @@ struct Connection::Impl final : WebSocket::Listener {
       squaresOpen_ -= squares->squares.size();
       found_.squares.push_back(std::move(*squares));
     } else if (auto* found = std::get_if<wire::FoundEdits>(&message)) {
-      if (findsOpen_ == 0) return "sent what cannot be: where edits are, without being asked";
+      if (findsOpen_ == 0) return "broke the protocol: where edits are, without being asked";
       --findsOpen_;
       found_.found.push_back(std::move(*found));
     } else if (const auto* members = std::get_if<wire::Members>(&message)) {
-      if (const auto applied = roster_.apply(*members, now); !applied) return "sent what cannot be: " + applied.error().message;
+      if (const auto applied = roster_.apply(*members, now); !applied) return "broke the protocol: " + applied.error().message;
     } else if (const auto* said = std::get_if<wire::Clock>(&message)) {
       clock_.hear(*said, now);
       return skipStep();
     } else if (auto* edited = std::get_if<wire::Edited>(&message)) {
       for (wire::MadeEdit& made : edited->edits) {
-        if (!hello_.edits || made.number != lastEdit_ + 1) return "sent what cannot be: edits that leave a gap, or that nobody wanted";
+        if (!hello_.edits || made.number != lastEdit_ + 1) return "broke the protocol: edits that leave a gap, or that nobody wanted";
         if (edits_.size() >= Connection::kMaxEdits)
           return "sent more than " + std::to_string(Connection::kMaxEdits) + " edits that nobody has taken yet";
         lastEdit_ = made.number;

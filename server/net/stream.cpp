@@ -158,7 +158,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
 
   void goAway() {
-    wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server leaves; connect again.", shared_->settings.reconnectUrl};
+    wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server is leaving; connect again.", shared_->settings.reconnectUrl};
     why_ = metrics::name(metrics::Refusal::kDraining);
     if (shared_->takesStreams) {
       last = {wire::ErrorCode::kGoingAway, "The session begins again; connect again.", {}};

@@ -233,7 +233,7 @@ export class Stream {
         this.final = kind.value.code === Error_Code.VERSION;
       } else if (kind.case === 'iteration') throw new Refusal('an iteration before the world');
     } catch (error) {
-      this.why = `The server sent what cannot be understood: ${error instanceof Error ? error.message : error}.`;
+      this.why = `The server sent something that cannot be understood: ${error instanceof Error ? error.message : error}.`;
       if (!(error instanceof Refusal)) console.warn(error);
       this.socket?.close();
       void this.lost(1002, '');
