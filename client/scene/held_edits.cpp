@@ -35,13 +35,16 @@ void HeldEdits::know(std::uint64_t edit) { last_ = std::max(last_, edit); }
 
 void HeldEdits::reconnected(std::uint64_t edit) {
   pending_.clear();
-  finding_ = false;
-  if (edit < edit_) {
-    while (!known_.empty()) drop(known_.begin()->first);
-    foundAt_.reset();
-    edit_ = 0;
-  }
+  finding_ = named_ = false;
+  foundAt_.reset();
   last_ = edit;
+  edit_ = 0;
+  for (auto& [address, known] : known_) {
+    known.needs = 0;
+    known.isOld = true;
+  }
+  if (edit == 0)
+    while (!known_.empty()) drop(known_.begin()->first);
 }
 
 HeldEdits::Questions HeldEdits::take() {
@@ -74,7 +77,7 @@ void HeldEdits::sort() {
     if (k < kMostHeld)
       nearest_.push_back(all[k].second);
     else if (Known& known = known_[all[k].second]; known.held) {
-      const Known again{known.needs, {}};
+      const Known again{known.needs, {}, false};
       drop(all[k].second);
       known_[all[k].second] = again;
       sorted_ = true;
@@ -144,6 +147,7 @@ Outcome<void> HeldEdits::put(const wire::Squares& squares) {
       continue;
     }
     known->second.held = squares.edit;
+    known->second.isOld = false;
     layer_ = edits::withSquare(*layer_, square.address, *decoded ? &**decoded : nullptr);
     ++version_;
     if (*decoded)

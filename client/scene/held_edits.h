@@ -31,7 +31,8 @@ class HeldEdits {
   void moveTo(lattice::Point camera);
   // The session has this edit.
   void know(std::uint64_t edit);
-  // On another connection, to a world whose last edit is this: what was asked is forgotten, and all that is held if the world has fewer.
+  // On another connection to the session, whose last edit is this: what was asked is forgotten, and everything is fetched again, for its
+  // edits may have ended with it and begun anew. What is held stays until then.
   void reconnected(std::uint64_t edit);
 
   // What to ask now; it is pending until its answer is put.
@@ -56,7 +57,8 @@ class HeldEdits {
   struct Known {
     std::uint64_t needs = 0;            // good as of this edit
     std::optional<std::uint64_t> held;  // is good as of this one
-    bool good() const { return held && *held >= needs; }
+    bool isOld = false;                 // of an earlier connection
+    bool good() const { return held && !isOld && *held >= needs; }
   };
   void changed(const lattice::Area& area, std::uint64_t edit);
   void name(const lattice::Area& area, std::uint64_t edit);

@@ -182,6 +182,24 @@ TEST(HeldEdits, OfAServerThatLostItsEditsAreDropped) {
   EXPECT_TRUE(held.complete());
 }
 
+// The session ended with its edits, and others have made as many since then.
+TEST(HeldEdits, OfASessionThatBeganAnewAreReplaced) {
+  Session before, after;
+  HeldEdits held(kReach);
+  before.edit({edits::Crater{{0, 0}, m(20), static_cast<std::int32_t>(m(4))}, 0});
+  before.edit({edits::Raise{{m(300), 0}, m(20), 0, 512}, 0});
+  held.moveTo({0, 0});
+  held.know(before.last());
+  before.complete(held);
+  after.edit({edits::Raise{{m(20), 0}, m(20), 0, 256}, 0});
+  after.edit({edits::Raise{{0, m(600)}, m(20), 0, 256}, 0});
+  held.reconnected(after.last());
+  EXPECT_FALSE(held.complete());
+  expectEqual(*held.layer(), *before.layer(), {0, 0});  // until the new ground has come
+  after.complete(held);
+  expectEqual(*held.layer(), *after.layer(), {0, 0});
+}
+
 TEST(HeldEdits, RefuseWhatWasNotAskedFor) {
   HeldEdits held(kReach);
   EXPECT_FALSE(held.put(wire::FoundEdits{}));
