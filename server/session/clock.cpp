@@ -64,7 +64,7 @@ bool Clock::set(std::uint64_t member, const wire::SetClock& set, Instant now) {
   }
   mode_ = set.mode;
   rate_ = mode_ == wire::ClockMode::kRealTime ? 1 : mode_ == wire::ClockMode::kScaled ? set.rate : 0;
-  if (waitsFor_.empty()) time_ = std::max(time_, upToEnd(set.time));
+  if (waitsFor_.empty() && (end_ != 0 || set.time <= time_ + wire::kMaxStepTime)) time_ = std::max(time_, upToEnd(set.time));
   return true;
 }
 

@@ -40,7 +40,8 @@ class Clock {
   void follow(std::uint64_t member) { followers_.insert(member); }
   bool leave(std::uint64_t member, Instant now);
 
-  // Returns whether the state changed; it does not if the clock belongs to another member. An earlier time is ignored.
+  // Returns whether the state changed; it does not if the clock belongs to another member. An earlier time is ignored, and so is one
+  // more than kMaxStepTime ahead, unless the clock is a recording's.
   bool set(std::uint64_t member, const wire::SetClock& set, Instant now);
   enum class Stepped { kBegins, kQueues, kNotYours, kNotStepped, kTooMany };
   Stepped step(std::uint64_t member, const wire::ClockStep& step);

@@ -1,11 +1,13 @@
 #include "server/session/presence.h"
-#include "tests/support/waiting.h"
 
 #include <gtest/gtest.h>
 
 #include <condition_variable>
 #include <future>
 #include <thread>
+
+#include "common/wire/wire.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast::session {
 namespace {
@@ -201,6 +203,9 @@ TEST_F(PresenceTest, TimeGoesBackInRecordingsAlone) {
   presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 20'000'000});
   ASSERT_TRUE(owner->wait([](Listener& l) { return !l.clocks.empty() && !l.clocks.back().notice.empty(); }));
   EXPECT_EQ(owner->clocks.back().notice, "Time goes back only in recordings.");
+  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, wire::kMaxTime});
+  ASSERT_TRUE(owner->wait([](Listener& l) { return l.clocks.back().notice.starts_with("A jump"); }));
+  EXPECT_EQ(owner->clocks.back().time, 50'000'000u);
   EXPECT_EQ(presence->state().clock.time, 50'000'000u);
   std::vector<std::uint64_t> wanted;
   wire::Clock recording;
