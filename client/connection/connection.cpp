@@ -162,6 +162,7 @@ struct Connection::Impl final : WebSocket::Listener {
     socket_.greeted();
     world_ = std::move(world);
     granted_ = world_.settings;
+    lastEdit_ = std::max(lastEdit_, world_.compacted);
     hasWorld_ = true;
     if (hello_.clock && world_.revision >= 1) requestClock(0);
     return std::nullopt;

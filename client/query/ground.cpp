@@ -84,7 +84,7 @@ void Ground::know(std::uint64_t edit) {
 
 Ground::Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout)
     : ask_(std::move(ask)), timeout_(timeout), takeEdits_(std::move(takeEdits)) {
-  if (followsEdits && world.edit <= kMostFollowed) local_ = builtInOf(world);
+  if (followsEdits && world.edit <= kMostFollowed && world.compacted == 0) local_ = builtInOf(world);
   if (local_) edited_ = std::make_shared<Edited>(local_);
   know(world.edit);
 }

@@ -162,6 +162,7 @@ struct World {
   std::optional<terrain::RasterShape> heightMap{};  // nothing: heights are a formula, or private
   bool shadedVertices = false;                      // colours and normals travel with the vertices
   std::uint64_t edit = 0;                           // the last of the ground
+  std::uint64_t compacted = 0;                      // edits up to this one are told to nobody
 };
 
 struct LeafWhole {

@@ -222,7 +222,7 @@ TABLE(World,
     FIELD(settings, settings),
     FIELD(window, window, Range{1u, kMaxWindow}),
     FIELD(camera, camera), FIELD(revision, revision), FIELD(height_map, heightMap), FIELD(shaded_vertices, shadedVertices),
-    FIELD(edit, edit));
+    FIELD(edit, edit), FIELD(compacted, compacted));
 
 TABLE(Figures,
     FIELD(select_ms, selectMs, kMs),

@@ -13,6 +13,8 @@
 #include <thread>
 #include <vector>
 
+#include "client/connection/connection.h"
+#include "client/query/ground.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
 #include "common/edits/json.h"
@@ -20,6 +22,7 @@
 #include "tests/support/random_edits.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -155,6 +158,37 @@ TEST(DurableSession, ComesBackWithItsWorldAndItsEdits) {
   ServerProcess server(RIDGECAST_SERVER, arguments);
   EXPECT_EQ(bodyOf(ask(server.port(), world))["heights"][0].get<float>(), after);
   EXPECT_EQ(editsOf(server.port(), "site").size(), 1u);
+}
+
+TEST(DurableSession, CompactedEditsAreInTheAnswersOfThoseWhoComeLater) {
+  const testing_support::ScratchFolder folder;
+  const std::vector<std::string> arguments{"--state", folder / "state"};
+  const auto crater = [](int x) { return R"({"op":"crater","z":0,"radius":10,"depth":4,"x":)" + std::to_string(x) + "}"; };
+  {
+    ServerProcess server(RIDGECAST_SERVER, arguments);
+    for (int x : {0, 100, 200}) EXPECT_EQ(bodyOf(post(server.port(), "default", crater(x)))["number"], 1 + x / 100);
+  }
+  ASSERT_EQ(testing_support::runProgram({RIDGECAST_SERVER, "edits", "compact", (folder / "state/default.edits").string()}).code, 0);
+  ServerProcess server(RIDGECAST_SERVER, arguments);
+  wire::Hello hello;
+  hello.edits = true;
+  const auto member =
+      connection::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello, testing_support::kTimeout);
+  ASSERT_TRUE(member);
+  const query::Ground ground(**member, testing_support::kTimeout);
+  EXPECT_EQ(ground.source(), query::Ground::Source::kServer) << "the edits are not told, so the ground cannot be computed here";
+  const auto base = terrain::create("alpine", 1).value();
+  const auto depthAt = [&](int x) { return base->height({x * 256, 0}) - ground.height(x, 0).value(); };
+  EXPECT_NEAR(depthAt(100), 4, 0.1);
+  EXPECT_EQ(bodyOf(post(server.port(), "default", crater(300)))["number"], 4);
+  const auto heard = [&] {
+    for (const auto until = std::chrono::steady_clock::now() + testing_support::kTimeout; std::chrono::steady_clock::now() < until;)
+      if (const auto edits = (*member)->takeEdits(); !edits.empty()) return edits.front().number;
+    return std::uint64_t{0};
+  };
+  EXPECT_EQ(heard(), 4u);
+  EXPECT_NEAR(depthAt(300), 4, 0.1);
+  EXPECT_FALSE((*member)->error());
 }
 
 TEST(DurableSession, WhatCannotBeKeptIsSaidAtTheStart) {
