@@ -235,6 +235,7 @@ std::vector<Layer::Change> History::changesOf(const Operation& operation, const 
     const Posts posts = address.posts();
     const lattice::Point middle{(posts.x0 + kTileSide / 2) << kPostBits, (posts.z0 + kTileSide / 2) << kPostBits};
     if (!brush.reaches(middle, kHalfDiagonal)) return;
+    looked_ += brush.effort() * static_cast<std::uint64_t>(area.within(posts).count());
     const TilePosts before = postsOf(on.tile(address));
     std::vector<std::int32_t> own;
     if (reads) own = ownHeights(*terrain_, posts);
@@ -264,6 +265,7 @@ std::vector<Layer::Change> History::changesOf(const Operation& operation, const 
 std::vector<Layer::Change> History::smoothed(const Operation& operation, const Layer& on, const TileSet* within) const {
   const auto& smooth = std::get<Smooth>(operation.what);
   const Posts area = areaOf(operation), seen = area.wider(smooth.passes);
+  looked_ += static_cast<std::uint64_t>(seen.count());
   std::vector<std::int32_t> heights = ownHeights(*terrain_, seen);
   std::size_t k = 0;
   for (std::int64_t z = seen.z0; z < seen.z1; ++z)

@@ -30,6 +30,8 @@ class History {
   std::uint64_t compacted() const { return compacted_; }  // those up to this number are a part of the ground for good
   const std::shared_ptr<const Layer>& layer() const { return layer_; }
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
+  // Posts looked at so far, weighed by their effort; an undo makes edits again.
+  std::uint64_t looked() const { return looked_; }
   // Of edits that this has added or read.
   bool isUndone(std::uint64_t edit) const { return !entry(edit).counts(); }
   const Operation& operation(std::uint64_t edit) const { return entry(edit).operation; }
@@ -76,6 +78,7 @@ class History {
   std::shared_ptr<const terrain::Terrain> terrain_;
   std::size_t mostBytes_;
   std::uint64_t compacted_ = 0, last_ = 0;
+  mutable std::uint64_t looked_ = 0;
   Read read_;                   // the past before entries_; empty: entries_ and base_ have all
   std::vector<Entry> entries_;  // the newest, up to last_
   std::shared_ptr<const Layer> base_ = std::make_shared<const Layer>(), layer_ = base_;

@@ -6,6 +6,7 @@
 // Cost: an operation looks at the posts of its area (areaOf), at most kMostPosts; those that read the ground also evaluate the terrain
 // there.
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <variant>
@@ -101,6 +102,7 @@ struct Posts {
   bool meets(const Posts& o) const { return x0 < o.x1 && o.x0 < x1 && z0 < o.z1 && o.z0 < z1; }
   std::int64_t count() const { return empty() ? 0 : (x1 - x0) * (z1 - z0); }
   Posts wider(std::int64_t by) const { return {x0 - by, z0 - by, x1 + by, z1 + by}; }
+  Posts within(const Posts& o) const { return {std::max(x0, o.x0), std::max(z0, o.z0), std::min(x1, o.x1), std::min(z1, o.z1)}; }
   void add(const Posts& o);
   friend bool operator==(const Posts&, const Posts&) = default;
 };
@@ -136,6 +138,8 @@ std::int64_t rootOf(std::int64_t square);
 class Brush {
  public:
   explicit Brush(const Operation& operation);
+  // What looking at one post costs, beside one of a simple operation: polygons and roads have many sides.
+  std::uint64_t effort() const { return 1 + segments_.size() / 128; }
   // Whether any post within `radius` steps of a place may change.
   bool reaches(lattice::Point middle, lattice::Step radius) const;
   struct Result {

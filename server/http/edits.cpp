@@ -42,15 +42,15 @@ Answer whenSaid(std::shared_ptr<Said> said) {
 Answer invalid(const Error& e) { return refused(422, metrics::Refusal::kRequest, e.message); }
 
 Answer make(const std::shared_ptr<session::Session>& session, edits::Operation operation, std::string key, const std::string& client) {
-  if (auto early = session->budgetsOf(client)->spendEdit(operation, session->resources().timer->now()); !early)
-    return refused(429, metrics::Refusal::kBusy, early.error().message, {{"Retry-After", "1"}});
   auto said = std::make_shared<Said>();
-  session->edits().ask({std::move(key), client, std::move(operation)}, [said](const Outcome<std::uint64_t>& number) {
+  const auto say = [said](const Outcome<std::uint64_t>& number) {
     if (!number) return said->set(invalid(number.error()));
     Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");
     made.status = 201;
     said->set(std::move(made));
-  });
+  };
+  if (auto early = session->edit({std::move(key), client, std::move(operation)}, session->budgetsOf(client), say); !early)
+    return refused(429, metrics::Refusal::kBusy, early.error().message, {{"Retry-After", "1"}});
   return whenSaid(std::move(said));
 }
 

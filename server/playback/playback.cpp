@@ -105,7 +105,8 @@ struct Playback::State {
     auto operation = edits::fromJson(edited.operation);
     if (!operation) return logging::warning({.session = session->name()}, "an edit of the recording: " + operation.error().message);
     ++*openEdits;
-    session->edits().ask({"", edited.author, std::move(*operation)}, [open = openEdits](const Outcome<std::uint64_t>&) { --*open; });
+    session->edits().ask({"", edited.author, std::move(*operation)},
+                         [open = openEdits](const Outcome<std::uint64_t>&, std::uint64_t) { --*open; });
   }
 };
 

@@ -68,6 +68,7 @@ wire::World worldOf(const Session& session, const wire::Settings& granted, std::
   const Resources& resources = session.resources();
   wire::World world;
   world.edit = ground.edit;
+  world.compacted = session.edits().compacted();
   world.serverName = resources.serverName;
   world.session = session.name();
   world.terrainName = terrain.name();
@@ -169,11 +170,9 @@ CameraSession::Refusal CameraSession::attend(const wire::Edit& edit) {
     answer(Error{"This session plays a recording; its ground changes as it was recorded."});
   } else if (!operation) {
     answer(operation.error());
-  } else if (auto early = place_.budgets->spendEdit(*operation, session_->resources().timer->now()); !early) {
+  } else if (auto early = session_->edit({edit.key, conversation_.hello().clientName, std::move(*operation)}, place_.budgets, answer);
+             !early) {
     answer(early.error());
-  } else {
-    session_->use();
-    session_->edits().ask({edit.key, conversation_.hello().clientName, std::move(*operation)}, answer);
   }
   return {};
 }
@@ -339,7 +338,7 @@ void CameraSession::work(const conversation::Greet&) {
   session_->live().add(id_, weak_from_this());
   session_->presence().join(id_, hello, sender_, conversation_.newestPose(), worldOf(*session_, granted, id_));
   session_->presence().setBudget(id_, granted.bytesPerSecond);
-  told_ = hello.editsAfter;
+  told_ = std::max(hello.editsAfter, session_->edits().compacted());
   tellEdits();
 }
 

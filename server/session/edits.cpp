@@ -65,7 +65,7 @@ void Edits::ask(Edit edit, Done done) {
       return;
     }
   }
-  done(Error{"More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment."});
+  done(Error{"More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment."}, 0);
 }
 
 void Edits::read(std::uint64_t after, std::size_t most, Read read) {
@@ -93,8 +93,12 @@ void Edits::makeAll() {
   const auto layer = history_.layer();
   changedPosts_.clear();
   std::vector<Outcome<std::uint64_t>> numbers;
-  numbers.reserve(waiting.size());
-  for (Waiting& w : waiting) numbers.push_back(make(std::move(w.edit)));
+  std::vector<std::uint64_t> posts;
+  for (Waiting& w : waiting) {
+    const std::uint64_t looked = history_.looked();
+    numbers.push_back(make(std::move(w.edit)));
+    posts.push_back(history_.looked() - looked);
+  }
   if (history_.last() > before) {
     if (const auto isKept = keep(before, *layer); !isKept) {
       while (history_.last() > before) {
@@ -115,7 +119,7 @@ void Edits::makeAll() {
       changed_();
     }
   }
-  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k]);
+  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k], posts[k]);
 }
 
 Outcome<std::uint64_t> Edits::make(Edit edit) {

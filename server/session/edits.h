@@ -62,6 +62,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept,
         Made made = {});
 
+  std::uint64_t compacted() const { return history_.compacted(); }  // never changes
   Ground ground() const;
   // The ground now, and where it differs from that of `edit`: at most kMostAreas.
   struct News {
@@ -70,8 +71,9 @@ class Edits : public std::enable_shared_from_this<Edits> {
   };
   News since(std::uint64_t edit) const;
 
-  // The edit's number, or one sentence: why it was not made. Called by the editing task, or at once when too many wait.
-  using Done = std::function<void(const Outcome<std::uint64_t>& number)>;
+  // The edit's number, or one sentence: why it was not made; and how many posts that took. Called by the editing task, or at once when too
+  // many wait.
+  using Done = std::function<void(const Outcome<std::uint64_t>& number, std::uint64_t posts)>;
   void ask(Edit edit, Done done);
 
   // The edits after a number, in order, at most `most`; called by the editing task.

@@ -7,13 +7,14 @@
 
 namespace ridgecast::session {
 
-Outcome<void> Budgets::spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now) {
+Outcome<std::uint64_t> Budgets::spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now) {
   if (const auto owed = edits.free() - now; owed > kEditDebt)
     return Error{"Too many or too large edits at once; send it again in " +
                  std::to_string(std::chrono::ceil<std::chrono::milliseconds>(owed - kEditDebt).count()) + " ms."};
-  const auto posts = static_cast<std::uint64_t>(std::min(edits::areaOf(operation).count(), edits::kMostPosts));
-  edits.spend(now, std::max(posts, kLeastEditedPosts));
-  return {};
+  const auto area = static_cast<std::uint64_t>(std::min(edits::areaOf(operation).count(), edits::kMostPosts));
+  const std::uint64_t posts = std::max(area, kLeastEditedPosts);
+  edits.spend(now, posts);
+  return posts;
 }
 
 using settings::kLeastBudget;

@@ -30,8 +30,12 @@ inline constexpr std::chrono::milliseconds kEditDebt{250};
 struct Budgets {
   conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond};
   conversation::SharedBudget edits{kEditedPostsPerSecond};
-  // An edit's cost, unless those before it are not paid for yet. Error: one sentence.
-  Outcome<void> spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now);
+  // An edit's posts, unless those before it are not paid for yet. Error: one sentence.
+  Outcome<std::uint64_t> spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now);
+  // It was made, and looked at so many: an undo makes other edits again.
+  void spendRest(std::uint64_t spent, std::uint64_t looked, conversation::Budget::Clock::time_point now) {
+    if (looked > spent) edits.spend(now, looked - spent);
+  }
   conversation::Budget::Clock::time_point free() const { return std::max({queries.free(), repairs.free(), edits.free()}); }
 };
 

@@ -1,6 +1,7 @@
 #include "server/session/session.h"
 
 #include <algorithm>
+#include <random>
 #include <thread>
 
 #include "common/edits/json.h"
@@ -17,6 +18,11 @@ bool raise(std::atomic<std::uint32_t>& counter, std::uint32_t limit) {
   while (now < limit)
     if (counter.compare_exchange_weak(now, now + 1)) return true;
   return false;
+}
+
+std::uint64_t anyNumber() {
+  std::random_device device;
+  return std::uint64_t{device()} << 32 | device();
 }
 
 std::filesystem::path logOf(const std::filesystem::path& state, const std::string& session) {
@@ -62,6 +68,7 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
     : name_(std::move(name)),
       spec_(std::move(spec)),
       contentHash_(terrain::contentHash(*terrain)),
+      nonce_(anyNumber()),
       resources_(std::move(resources)),
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
       places_(std::move(places)),
@@ -80,7 +87,19 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
 
 std::uint64_t Session::groundHash() const {
   const std::uint64_t edit = ground().edit;
-  return edit == 0 ? contentHash_ : lattice::mix(contentHash_ + edit);
+  return edit == 0 ? contentHash_ : lattice::mix(contentHash_ + edit) ^ nonce_;
+}
+
+Outcome<void> Session::edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Outcome<std::uint64_t>&)> done) {
+  const auto spent = budgets->spendEdit(edit.operation, resources_->timer->now());
+  if (!spent) return spent.error();
+  use();
+  edits_->ask(std::move(edit), [resources = resources_, budgets = std::move(budgets), spent = *spent, done = std::move(done)](
+                                   const Outcome<std::uint64_t>& number, std::uint64_t posts) {
+    budgets->spendRest(spent, posts, resources->timer->now());
+    done(number);
+  });
+  return {};
 }
 
 Outcome<CameraPlace> Session::enter(const std::string& client) {

@@ -127,6 +127,8 @@ class Session {
   Ground ground() const { return edits_->ground(); }
   std::shared_ptr<const terrain::Terrain> terrain() const { return ground().terrain; }  // of ground()
   Edits& edits() const { return *edits_; }
+  // Asks for it, unless what these budgets pay for owes too much: one sentence. `done` as Edits::Done.
+  Outcome<void> edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Outcome<std::uint64_t>& number)> done);
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
   std::uint64_t groundHash() const;                           // of world and edits: another for other ground
@@ -160,6 +162,7 @@ class Session {
   std::atomic<std::uint64_t> uses_{0};
   std::atomic<bool> isRetired_{false};
   std::uint64_t contentHash_;
+  const std::uint64_t nonce_;  // the next session of this name may give its edits the same numbers
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> members_;
   std::shared_ptr<Places> places_;

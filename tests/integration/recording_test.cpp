@@ -77,7 +77,7 @@ class RecordingTest : public LoopbackTest {
   }
   void edit(const std::string& session, const edits::Operation& operation) {
     std::promise<void> made;
-    directory->find(session)->edits().ask({"", "ann", operation}, [&](const Outcome<std::uint64_t>& number) {
+    directory->find(session)->edits().ask({"", "ann", operation}, [&](const Outcome<std::uint64_t>& number, std::uint64_t) {
       EXPECT_TRUE(number);
       made.set_value();
     });

@@ -68,7 +68,7 @@ MUTANTS = [
     # Acknowledged before it is on the disk.
     ("server/session/edits.cpp",
      "  if (history_.last() > before) {\n    if (const auto isKept",
-     "  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k]);\n  waiting.clear();\n"
+     "  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k], 0);\n  waiting.clear();\n"
      "  if (history_.last() > before) {\n    if (const auto isKept"),
     ("server/edit_log/log.cpp", "PRAGMA synchronous = FULL", "PRAGMA synchronous = NORMAL"),
     ("server/edit_log/log.cpp",
@@ -85,7 +85,7 @@ MUTANTS = [
     ("server/session/edits.cpp", "if (kept_.log && after < begins_) {", "if (false) {"),
     ("server/session/edits.cpp", "std::max(after, begins_) - begins_; n", "std::max(after, begins_) - begins_ + (after % 8 == 7); n"),
     ("server/session/camera_session.cpp", "told_ = message.edits.back().number;", "told_ = message.edits.front().number;"),
-    ("server/session/camera_session.cpp", "  told_ = hello.editsAfter;\n", "  told_ = 0;\n"),
+    ("server/session/camera_session.cpp", "  told_ = std::max(hello.editsAfter, session_->edits().compacted());\n", "  told_ = 0;\n"),
     ("server/session/camera_session.cpp", "    self->tells_ = false;\n    self->tellEdits();\n", "    self->tells_ = false;\n"),
     # Undos.
     ("common/edits/history.cpp", "    more = entry.counts() ? 1 : -1;\n", "    more = 1;\n"),

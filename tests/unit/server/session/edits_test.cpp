@@ -28,7 +28,8 @@ struct Rig {
   std::future<Outcome<std::uint64_t>> ask(edits::Operation operation, const std::string& key = "") {
     auto promise = std::make_shared<std::promise<Outcome<std::uint64_t>>>();
     auto future = promise->get_future();
-    edits->ask({key, "ann", std::move(operation)}, [promise](const Outcome<std::uint64_t>& number) { promise->set_value(number); });
+    edits->ask({key, "ann", std::move(operation)},
+               [promise](const Outcome<std::uint64_t>& number, std::uint64_t) { promise->set_value(number); });
     return future;
   }
   scheduling::Executor executor{1};
@@ -109,7 +110,7 @@ TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
     camera->receive(wire::Acknowledge{first->number, first->meshHash});
     ASSERT_TRUE(client->quiet());
     std::promise<void> made;
-    session->edits().ask({"", "bob", craterAt(0)}, [&](const Outcome<std::uint64_t>&) { made.set_value(); });
+    session->edits().ask({"", "bob", craterAt(0)}, [&](const Outcome<std::uint64_t>&, std::uint64_t) { made.set_value(); });
     made.get_future().wait();
     if (!free) {  // nothing comes by itself, for a pose has exactly one
       EXPECT_TRUE(client->quiet());
@@ -135,7 +136,7 @@ TEST(Edits, OfOnlySoManySessionsAreKept) {
   const auto directory = std::make_shared<Directory>(resources, flatTerrain());
   const auto edit = [&](Session& session) {
     std::promise<Outcome<std::uint64_t>> made;
-    session.edits().ask({"", "ann", craterAt(0)}, [&](const Outcome<std::uint64_t>& number) { made.set_value(number); });
+    session.edits().ask({"", "ann", craterAt(0)}, [&](const Outcome<std::uint64_t>& number, std::uint64_t) { made.set_value(number); });
     return made.get_future().get();
   };
   EXPECT_EQ(edit(*directory->find("default")).value(), 1u);
@@ -145,6 +146,53 @@ TEST(Edits, OfOnlySoManySessionsAreKept) {
   EXPECT_NE(refused.error().message.find("4096 sessions"), std::string::npos);
   EXPECT_EQ(other->ground().edit, 0u);
   EXPECT_EQ(edit(*directory->find("default")).value(), 2u);
+}
+
+// What makes other edits again costs as much as they do.
+TEST(Edits, AnUndoIsPaidFor) {
+  scheduling::Executor executor(1);
+  auto resources = std::make_shared<Resources>();
+  resources->executor = &executor;
+  Directory directory(resources, flatTerrain());
+  const auto session = directory.find("default");
+  const auto budgets = std::make_shared<Budgets>();
+  const auto ask = [&](edits::Operation operation) {
+    auto promise = std::make_shared<std::promise<std::uint64_t>>();
+    auto made = promise->get_future();
+    const auto asked = session->edit({"", "ann", std::move(operation)}, budgets, [promise](const auto& n) { promise->set_value(*n); });
+    return asked ? Outcome<std::uint64_t>(made.get()) : asked.error();
+  };
+  const edits::Operation wide{edits::Level{{{m(-200), m(-200)}, {m(-200), m(200)}, {m(200), m(200)}, {m(200), m(-200)}}, 0, 0, 256}, 0};
+  const std::chrono::duration<double> cost(static_cast<double>(edits::areaOf(wide).count()) / static_cast<double>(kEditedPostsPerSecond));
+  for (std::uint64_t number = 1; number <= 4; ++number)
+    for (Outcome<std::uint64_t> made = ask(wide);; made = ask(wide)) {
+      if (made) break;
+      std::this_thread::sleep_for(10ms);
+    }
+  const auto start = budgets->edits.free();
+  while (!ask({edits::Undo{1}, 0})) std::this_thread::sleep_for(10ms);
+  EXPECT_GT(budgets->edits.free() - start, 2.9 * cost) << "edits 2 to 4 were made again";
+}
+
+// Files kept by a ground's hash must not be another ground's.
+TEST(Edits, AreAnotherGroundInTheNextSessionOfThatName) {
+  scheduling::Executor executor(1);
+  auto resources = std::make_shared<Resources>();
+  resources->executor = &executor;
+  const auto hashAfter = [&](double x) {
+    Directory directory(resources, flatTerrain());
+    const auto session = directory.find("default");
+    const std::uint64_t before = session->groundHash();
+    std::promise<void> made;
+    session->edits().ask({"", "ann", craterAt(x)}, [&](const Outcome<std::uint64_t>&, std::uint64_t) { made.set_value(); });
+    made.get_future().wait();
+    EXPECT_NE(session->groundHash(), before);
+    EXPECT_EQ(session->groundHash(), session->groundHash());
+    return std::pair(before, session->groundHash());
+  };
+  const auto first = hashAfter(0), second = hashAfter(50);
+  EXPECT_EQ(first.first, second.first);
+  EXPECT_NE(first.second, second.second);
 }
 
 }  // namespace
