@@ -148,6 +148,10 @@ std::optional<Record> Reader::next() {
       if (isLast) return {};
       if (!openNext()) return stop("The file cannot be read.");
       const auto begins = nextOfPart();
+      if (!begins && opened_ == parts_.size() && (begins.error().message.empty() || part_->blocks.wasCutOff())) {
+        wasCutOff_ = true;  // nothing whole is in it yet
+        continue;
+      }
       if (!begins || !(begins->event == Event(world_))) return stop("It does not continue the part before it.");
       continue;
     }

@@ -100,6 +100,35 @@ TEST_F(RecorderTest, PartsContinueEachOtherAndEachStandsAlone) {
   EXPECT_TRUE(std::equal(iterated.rbegin(), iterated.rend(), expected.rbegin()));
 }
 
+// A crash leaves it empty, or with a piece of its first block.
+TEST_F(RecorderTest, ALastPartThatWasOnlyBegunIsNoDamage) {
+  const auto records = recordedEvents(4, 2000);
+  {
+    const auto recorder = Recorder::open(folder, 16 << 20).value();
+    const auto observer = recorder->begin(recordedWorld(), {}, start);
+    for (std::size_t k = 1; k < records.size(); ++k) note(*observer, records[k]);
+  }
+  const fs::path first = recordings().at(0).at(0), second = folder / partName(nameOf(first)->first, 2);
+  const auto expected = all({first});
+  fs::copy_file(first, second);
+  for (const std::uintmax_t size : {fs::file_size(first) - 1, std::uintmax_t{1000}, std::uintmax_t{1}, std::uintmax_t{0}}) {
+    fs::resize_file(second, size);
+    auto reader = Reader::open({first, second}).value();
+    std::vector<Record> read;
+    while (auto record = reader->next()) read.push_back(std::move(*record));
+    EXPECT_EQ(read, expected) << size;
+    EXPECT_EQ(reader->damage(), "") << size;
+    EXPECT_TRUE(reader->wasCutOff()) << size;
+  }
+  // Before another part, or with something else in it, it is damaged.
+  std::string damage;
+  all({first, second, first}, &damage);
+  EXPECT_NE(damage.find("does not continue"), std::string::npos) << damage;
+  std::ofstream(second) << "something else";
+  all({first, second}, &damage);
+  EXPECT_NE(damage.find("does not continue"), std::string::npos) << damage;
+}
+
 TEST_F(RecorderTest, TheOldestPartsGo) {
   std::ofstream(folder / "old.0001.recording") << std::string(900'000, 'x');
   const auto records = recordedEvents(3, 100'000);
