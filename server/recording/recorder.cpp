@@ -33,10 +33,12 @@ constexpr std::chrono::milliseconds kEvery{1000};         // between two blocks 
 constexpr std::size_t kFullBlock = 256u << 10;            // of records: written at once
 constexpr std::size_t kEventBytes = sizeof(Record) + 64;  // in the queue, about
 
+std::size_t bytesOf(const Edited& edited) { return edited.author.size() + edited.operation.size(); }
+
 std::size_t bytesOf(const Event& event) {
   std::size_t bytes = kEventBytes;
   if (const auto* e = std::get_if<Iterated>(&event)) bytes += e->changed.size() * sizeof(lattice::Area);
-  if (const auto* e = std::get_if<Edited>(&event)) bytes += e->operation.size();
+  if (const auto* e = std::get_if<Edited>(&event)) bytes += bytesOf(*e);
   if (const auto* e = std::get_if<Asked>(&event)) bytes += e->message.size();
   return bytes;
 }
@@ -100,7 +102,8 @@ struct Recorder::State {
   void take(Waiting& w);
   void apply(Writing& w, const Event& event);
   bool begin(Writing& w);  // the next part
-  bool flush(Writing& w);
+  bool write(Writing& w);  // the block
+  bool flush(Writing& w);  // likewise; a full part is followed by the next
   bool makeRoom(std::uint64_t bytes);
   void close(Writing& w);
   void stop(Writing& w, const std::string& why);
@@ -170,7 +173,7 @@ std::shared_ptr<Observer> Recorder::begin(World world, std::vector<Edited> past,
   writing->session = world.session;
   writing->name = world.session + "." + stampOf(world.began);
   writing->world = std::move(world);
-  for (const Edited& e : past) writing->editBytes += e.operation.size();
+  for (const Edited& e : past) writing->editBytes += bytesOf(e);
   writing->edits = std::move(past);
   return std::make_shared<Session>(state_, std::move(writing));
 }
@@ -201,7 +204,10 @@ void Recorder::State::run() {
     const auto now = Observer::Instant::clock::now();
     const auto written = open;  // flush() may end one
     for (const auto& [key, w] : written)
-      if (isLast || now - w->written >= kEvery) flush(*w);
+      if (isLast)
+        write(*w);
+      else if (now - w->written >= kEvery)
+        flush(*w);
     timespec spent{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &spent);
     const std::lock_guard lock(mutex);
@@ -213,17 +219,17 @@ void Recorder::State::run() {
 void Recorder::State::take(Waiting& waits) {
   Writing& w = *waits.of;
   if (waits.isEnd) {
-    if (open.contains(&w) && flush(w)) close(w);
+    if (open.contains(&w) && write(w)) close(w);
     return;
   }
   if (w.ended && !open.contains(&w)) return;  // was stopped
   if (!open.contains(&w)) {
     open.emplace(&w, waits.of);
-    if (!begin(w)) return;
+    if (w.editBytes <= partBytes / 4 && !begin(w)) return;  // otherwise it ends below, without a file
   }
   apply(w, waits.record.event);
   if (std::holds_alternative<Clocked>(waits.record.event)) w.clock = waits.record;
-  if (w.editBytes > partBytes / 4 && flush(w))
+  if (w.editBytes > partBytes / 4 && write(w))
     return stop(w, "its edits alone have more than " + std::to_string(partBytes / 4) + " bytes; --record-bytes can be raised");
   if (!w.encoder.put(waits.record, w.block) && std::holds_alternative<Edited>(waits.record.event))
     return stop(w, "an edit has more than " + std::to_string(kMostRecordBytes) + " bytes");
@@ -239,7 +245,7 @@ void Recorder::State::apply(Writing& w, const Event& event) {
     w.members.erase(left->camera);
   } else if (const auto* edited = std::get_if<Edited>(&event)) {
     w.edits.push_back(*edited);
-    w.editBytes += edited->operation.size();
+    w.editBytes += bytesOf(*edited);
   } else if (const auto* iterated = std::get_if<Iterated>(&event)) {
     const auto member = w.members.find(iterated->camera);
     if (member == w.members.end()) return;
@@ -260,14 +266,14 @@ bool Recorder::State::begin(Writing& w) {
   w.encoder.put({time, w.world}, w.block);
   for (const Edited& e : w.edits) {
     w.encoder.put({time, e}, w.block);
-    if (w.block.size() >= kFullBlock && !flush(w)) return false;
+    if (w.block.size() >= kFullBlock && !write(w)) return false;  // a part begins no other
   }
   if (w.clock) w.encoder.put(*w.clock, w.block);
   for (const auto& [camera, joined] : w.members) w.encoder.put({time, joined}, w.block);
   return true;
 }
 
-bool Recorder::State::flush(Writing& w) {
+bool Recorder::State::write(Writing& w) {
   w.written = Observer::Instant::clock::now();
   if (w.block.empty()) return true;
   const Bytes frame = compress(w.block);
@@ -285,6 +291,11 @@ bool Recorder::State::flush(Writing& w) {
     const std::lock_guard lock(mutex);
     usage.bytes += frame.size();
   }
+  return true;
+}
+
+bool Recorder::State::flush(Writing& w) {
+  if (!write(w)) return false;
   if (w.size < partBytes) return true;
   ::close(w.file);
   w.file = -1;

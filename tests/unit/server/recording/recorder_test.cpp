@@ -4,6 +4,8 @@
 
 #include <filesystem>
 #include <fstream>
+#include <memory>
+#include <random>
 #include <set>
 #include <string>
 #include <vector>
@@ -176,6 +178,34 @@ TEST_F(RecorderTest, WhatCannotBeKeptEndsTheRecordingAlone) {
   EXPECT_GT(all(found[0]).size(), 10u);
   EXPECT_LT(all(found[0]).size(), 20u);
   EXPECT_EQ(all(found[1]).size(), 1u);
+}
+
+// They once began part after part, without end, and deleted all other recordings.
+TEST_F(RecorderTest, KeptEditsThatHaveNoRoomEndTheRecordingAtOnce) {
+  std::ofstream(folder / "old.0001.recording") << std::string(900'000, 'x');
+  std::mt19937_64 random(5);
+  const auto noise = [&random](std::size_t size) {  // which does not compress
+    std::string out(size, ' ');
+    for (char& c : out) c = static_cast<char>(random());
+    return out;
+  };
+  constexpr std::size_t kPart = Recorder::kLeastBytes / 16;
+  World big = recordedWorld(), named = recordedWorld(), fits = recordedWorld();
+  big.session = "big", named.session = "named", fits.session = "fits";
+  {
+    const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+    std::vector<Edited> large, byNames;
+    for (std::uint64_t n = 1; n <= 8; ++n) large.push_back({n, "", noise(kPart)});
+    for (std::uint64_t n = 1; n <= 2 * kPart / 64; ++n) byNames.push_back({n, noise(64), ""});
+    const std::vector<std::shared_ptr<Observer>> observers{recorder->begin(big, large, start), recorder->begin(named, byNames, start),
+                                                           recorder->begin(fits, {{1, "", noise(kPart / 4)}}, start)};
+    for (const auto& observer : observers) observer->note(start, Joined{1, "", {}, {}, {}, 0});
+  }
+  const auto found = recordings();
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_EQ(nameOf(found[0].at(0))->first.substr(0, 5), "fits.");
+  EXPECT_EQ(all(found[0]).size(), 2u);
+  EXPECT_EQ(found[1].at(0), folder / "old.0001.recording");
 }
 
 TEST_F(RecorderTest, AFloodEndsTheRecordingInsteadOfWaiting) {
