@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <pthread.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -78,6 +79,7 @@ struct Writing {
 struct Recorder::State {
   fs::path folder;
   std::uint64_t bytes = 0, partBytes = 0;
+  int folderLock = -1;  // -1: its file system has none
 
   std::mutex mutex;
   std::condition_variable changed;
@@ -131,7 +133,13 @@ Outcome<std::unique_ptr<Recorder>> Recorder::open(const fs::path& folder, std::u
   if (!fs::is_directory(folder, failed)) return Error{"--record '" + folder.string() + "' is not a folder and cannot be created."};
   if (access(folder.c_str(), W_OK) != 0)
     return Error{"--record '" + folder.string() + "' cannot be written: " + std::strerror(errno) + "."};
+  const int folderLock = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (folderLock >= 0 && flock(folderLock, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+    ::close(folderLock);
+    return Error{"--record '" + folder.string() + "' is in use by another program; stop the server that has it, or name another folder."};
+  }
   auto state = std::make_shared<State>();
+  state->folderLock = folderLock;
   state->folder = folder;
   state->bytes = std::max(bytes, kLeastBytes);
   state->partBytes = state->bytes / 16;
@@ -157,6 +165,7 @@ Recorder::~Recorder() {
   }
   state_->changed.notify_all();
   state_->thread.join();
+  if (state_->folderLock >= 0) ::close(state_->folderLock);
 }
 
 Recorder::Usage Recorder::usage() const {

@@ -24,7 +24,8 @@ class Recorder {
   static constexpr std::size_t kMostWaiting = std::size_t{8} << 20;
   static constexpr std::uint64_t kLeastBytes = std::uint64_t{1} << 20;
 
-  // Makes the folder if there is none. Error: one sentence: it cannot be made or written.
+  // Makes the folder if there is none. It is locked while this lives: others' parts would be taken for old ones. Error: one sentence: it
+  // cannot be made or written, or is in use.
   static Outcome<std::unique_ptr<Recorder>> open(const std::filesystem::path& folder, std::uint64_t bytes);
   ~Recorder();  // writes what waits; nobody notes anything more
   Recorder(const Recorder&) = delete;

@@ -214,6 +214,16 @@ TEST_F(RecorderTest, AFloodEndsTheRecordingInsteadOfWaiting) {
   for (int k = 0; k < 100; ++k) observer->note(start, Edited{1, "", std::string(Recorder::kMostWaiting / 2, 'e')});
 }
 
+// It would delete the parts that the first one writes.
+TEST_F(RecorderTest, AFolderTakesOneRecorderAtATime) {
+  auto first = Recorder::open(folder, 1 << 20).value();
+  const auto second = Recorder::open(folder, 1 << 20);
+  ASSERT_FALSE(second);
+  EXPECT_NE(second.error().message.find("is in use by another program"), std::string::npos);
+  first.reset();
+  EXPECT_TRUE(Recorder::open(folder, 1 << 20));
+}
+
 TEST_F(RecorderTest, WhatIsNoRecordingIsRefused) {
   EXPECT_FALSE(recordingsAt(folder));
   EXPECT_FALSE(recordingsAt(folder / "nothing"));
