@@ -146,7 +146,7 @@ void report(const std::vector<std::string>& ignoredVariables) {
   if (!names.empty()) logging::info("ignores variables that Kubernetes sets for Services: " + names);
 }
 
-// `begin`: called once the server listens; what it returns lives as long as it serves. Empty: nothing.
+// `begin` may be empty.
 int serve(const config::Config& config, const sigset_t& signals, const BeginServing& begin) {
   report(config.ignoredVariables);
   auto terrain = user_terrain::load(config.terrain, warn);  // before any thread begins
@@ -203,6 +203,12 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   } catch (const std::runtime_error& e) {  // the edits that are kept of its ground
     return refuse(e.what());
   }
+  StartServing start;
+  if (begin) {
+    auto begun = begin(*directory);
+    if (!begun) return refuse(begun.error().message);
+    start = std::move(*begun);
+  }
   const http::Maker maker{std::make_shared<snapshot::Snapshots>(config.snapshots, 0, &executor),
                           std::make_shared<http::AnswerCache>(std::size_t{config.cacheMemory} << 20)};
   routes.insert(routes.begin(), {http::snapshotRoute(directory, maker), http::tilesetRoute(directory, maker)});
@@ -226,17 +232,12 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
     watch.emplace(
         directory, [requestOf](const session::WorldSpec& spec) { return user_terrain::filesOf(requestOf(spec)); }, makeTerrain, sendAway);
 
-  std::shared_ptr<void> begun;
-  if (begin) {
-    auto made = begin(*directory, sendAway);
-    if (!made) return refuse(made.error().message);
-    begun = std::move(*made);
-  }
+  if (start) start(sendAway);
   notify("READY=1\nSTATUS=Serving at " + server->url());
   untilEnded(*server, signals);
   letSignalsEndIt();
   watch.reset();
-  begun.reset();
+  start = nullptr;
   notify("STOPPING=1\nSTATUS=Waiting for clients to leave");
   server->shutdown();
   if (!config.portFile.empty()) {

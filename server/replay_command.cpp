@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -100,10 +101,10 @@ int play(const std::vector<Parts>& recordings, config::Config config, const Opti
   config.state.clear();
   config.record.clear();
   config.watch = false;
-  return serve(config, [&](session::Directory& directory, const auto& sendAway) -> Outcome<std::shared_ptr<void>> {
-    auto begun = playback::Playback::begin(recordings[0], directory, directory.find(session::kDefaultName), options.span.from, sendAway);
+  return serve(config, [&](session::Directory& directory) -> Outcome<StartServing> {
+    auto begun = playback::Playback::begin(recordings[0], directory, directory.find(session::kDefaultName), options.span.from);
     if (!begun) return begun.error();
-    return std::shared_ptr<void>(std::move(*begun));
+    return StartServing([playback = std::shared_ptr(std::move(*begun))](const auto& sendAway) { playback->start(sendAway); });
   });
 }
 
@@ -177,6 +178,8 @@ Outcome<Options> takeOptions(std::vector<const char*>& arguments) {
   if (!folder) return folder.error();
   options.paths = folder->value_or("");
   options.serves = std::erase_if(arguments, [](std::string_view a) { return a == "--serve"; }) > 0;
+  if (options.serves && (folder->has_value() || std::isfinite(options.span.until)))
+    return Error{"--serve takes neither --until nor --export; see --help."};
   return options;
 }
 

@@ -51,12 +51,15 @@ struct Playback::State {
     }
   }
 
-  void begin(std::unique_ptr<Reader> begun, const wire::Clock& clock) {
+  void begin(std::unique_ptr<Reader> begun) {
     reader = std::move(begun);
     next = reader->next();
     openEdits = std::make_shared<std::atomic<std::size_t>>(0);
     poses.clear();
-    session->presence().play(clock, [to = backTo](std::uint64_t time) { *to = time; });
+  }
+
+  void play(const session::Session& in, const wire::Clock& clock) const {
+    in.presence().play(clock, [to = backTo](std::uint64_t time) { *to = time; });
   }
 
   void goBack(std::uint64_t time) {
@@ -65,9 +68,9 @@ struct Playback::State {
     wire::Clock clock = session->presence().state().clock;
     clock.time = time;
     const auto before = session;
-    if (!directory->replace(before, terrain)) return;
+    if (!directory->replace(before, terrain, [&](const session::Session& successor) { play(successor, clock); })) return;
     session = directory->find(before->name());
-    begin(std::move(*begun), clock);
+    begin(std::move(*begun));
     sendAway(*before);
   }
 
@@ -114,7 +117,7 @@ Playback::Playback(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Playback::~Playback() = default;
 
 Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesystem::path>& parts, session::Directory& directory,
-                                                   std::shared_ptr<session::Session> session, double from, SendAway sendAway) {
+                                                   std::shared_ptr<session::Session> session, double from) {
   std::uint64_t last = 0;
   auto scanned = Reader::open(parts);
   if (!scanned) return scanned.error();
@@ -129,14 +132,16 @@ Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesy
   auto state = std::make_unique<State>();
   state->parts = parts;
   state->directory = &directory;
-  state->sendAway = std::move(sendAway);
   state->terrain = session->terrain();
   state->session = std::move(session);
-  State* const s = state.get();
-  std::unique_ptr<Playback> out(new Playback(std::move(state)));
-  s->begin(std::move(*reader), clock);
-  s->thread = std::jthread([s](const std::stop_token& stop) { s->run(stop); });
-  return out;
+  state->begin(std::move(*reader));
+  state->play(*state->session, clock);
+  return std::unique_ptr<Playback>(new Playback(std::move(state)));
+}
+
+void Playback::start(SendAway sendAway) {
+  state_->sendAway = std::move(sendAway);
+  state_->thread = std::jthread([s = state_.get()](const std::stop_token& stop) { s->run(stop); });
 }
 
 }  // namespace ridgecast::playback

@@ -20,12 +20,13 @@ class Playback {
  public:
   using SendAway = std::function<void(const session::Session&)>;  // the members of this session, which has a successor
 
-  // `session`: of the recording's world, in `directory`, new, in which nobody else makes edits; onlookers get the numbers after those of
-  // the recording. Plays from `from` on, in seconds of the recording. What is given must outlive this. Error: one sentence: the recording
-  // cannot be read.
+  // Before anybody can enter: reads the recording once, which may take seconds, and sets the clock. `session`: of the recording's world, in
+  // `directory`, new, in which nobody else makes edits; onlookers get the numbers after those of the recording. From `from` on, in seconds
+  // of the recording. What is given must outlive this. Error: one sentence: the recording cannot be read.
   static Outcome<std::unique_ptr<Playback>> begin(const std::vector<std::filesystem::path>& parts, session::Directory& directory,
-                                                  std::shared_ptr<session::Session> session, double from, SendAway sendAway);
+                                                  std::shared_ptr<session::Session> session, double from);
   ~Playback();
+  void start(SendAway sendAway);  // plays from now on; once
 
  private:
   struct State;

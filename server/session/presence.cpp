@@ -267,6 +267,7 @@ void Presence::notifyOfClock() {
 }
 
 void Presence::sendClock(Entry& entry, std::uint64_t echo, std::string notice) {
+  if (!entry.sender) return;  // a recording's member
   wire::Clock clock = clock_.state(timer_.now());
   clock.echo = echo;
   clock.notice = std::move(notice);

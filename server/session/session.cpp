@@ -202,8 +202,10 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_p
   return session;
 }
 
-bool Directory::replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain) {
+bool Directory::replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
+                        const std::function<void(const Session& successor)>& prepare) {
   auto successor = std::make_shared<Session>(session->name(), std::move(terrain), session->spec(), resources_, places_);
+  if (prepare) prepare(*successor);
   const std::lock_guard lock(mutex_);
   const auto it = sessions_.find(session->name());
   if (it == sessions_.end() || it->second.session != session) return false;

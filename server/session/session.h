@@ -188,8 +188,9 @@ class Directory : public std::enable_shared_from_this<Directory> {
                                         std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
                                         wire::ClockMode clock = wire::ClockMode::kRealTime);
   // A session of the same name, maker and spec with another ground takes the place of this one, which is retired: its members have their
-  // places until they leave. Returns false if it has ended already.
-  bool replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain);
+  // places until they leave. `prepare` is called with the successor before anybody can find it. Returns false if it has ended already.
+  bool replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
+               const std::function<void(const Session& successor)>& prepare = {});
   // Ends a session for the operator: its name is free, and whoever enters it now must connect again. The caller sends its members away.
   // Null: there is none, or it is the default one.
   std::shared_ptr<Session> remove(std::string_view name);

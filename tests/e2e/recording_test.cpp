@@ -1,6 +1,9 @@
 // Recordings as people make and use them: a real server is recorded, killed, replayed, played to onlookers; flights are flown again.
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
@@ -50,6 +53,16 @@ class RecordingEndToEnd : public testing::Test {
     camera.pose.yaw = -0.3 + 0.01 * step;
     camera.pose.pitch = -0.25;
     return camera;
+  }
+  // One camera's flight, in one part.
+  fs::path record(int steps) {
+    ServerProcess server(RIDGECAST_SERVER, {"--record", recordings.string()});
+    {
+      Flier flier(server.url(), coarse());
+      for (int k = 0; k < steps; ++k) flier.step(at(k));
+    }
+    EXPECT_EQ(server.stop(), 0);
+    return fs::directory_iterator(recordings)->path();
   }
   Finished replay(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), {RIDGECAST_SERVER, "replay"});
@@ -241,6 +254,31 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   EXPECT_FALSE(onlooker->error());
 }
 
+// Whoever joined before had a number and a clock that the recording then took.
+TEST_F(RecordingEndToEnd, ListensOnceTheRecordingIsRead) {
+  const fs::path first = record(3);
+  std::string name = first.filename().string();
+  const fs::path second = recordings / name.replace(name.find(".0001."), 6, ".0002.");
+  ASSERT_EQ(mkfifo(second.c_str(), 0600), 0);  // reading it waits for us
+  const std::string portFile = (folder / "port").string();
+  Process player({RIDGECAST_SERVER, "replay", recordings.string(), "--serve", "--port", "0", "--port-file", portFile, "--quiet"});
+  int pipe = -1;
+  ASSERT_TRUE(await([&] { return (pipe = ::open(second.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC)) >= 0 || !player.running(); }));
+  ASSERT_GE(pipe, 0) << player.output();
+  EXPECT_FALSE(fs::exists(portFile));
+  fs::remove(second);
+  std::ofstream(second).flush();  // a part that was only begun
+  ::close(pipe);
+  ASSERT_TRUE(await([&] { return !readText(portFile).empty() || !player.running(); })) << player.output();
+  wire::Hello hello;
+  hello.clock = true;
+  const auto url = connection::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
+  const auto onlooker = connection::Connection::open(url, hello, kTimeout).value();
+  EXPECT_EQ(onlooker->world().camera, 2u);
+  ASSERT_TRUE(onlooker->waitForClock(0, kTimeout));
+  EXPECT_GT(onlooker->clock().said().end, 0u);
+}
+
 // Ticks of a processor that the process has taken, and its recording thread.
 std::pair<double, double> ticks(pid_t process) {
   double all = 0, recorder = 0;
@@ -296,6 +334,8 @@ TEST_F(RecordingEndToEnd, SaysWhatItWants) {
     EXPECT_EQ(refused.code, 2) << refused.output;
     EXPECT_THAT(refused.output, testing::StartsWith("ridgecast-server replay: "));
   }
+  for (const char* other : {"--until", "--export"})
+    EXPECT_THAT(replay({"/nowhere", "--serve", other, "5"}).output, HasSubstr("--serve takes neither --until nor --export"));
   EXPECT_THAT(replay({"--help"}).output, testing::StartsWith("Usage: ridgecast-server replay FILE|DIR"));
 }
 

@@ -169,8 +169,13 @@ TEST_F(SessionTest, ASuccessorTakesNameSpecAndMakersShare) {
   start(limits);
   const auto old = directory->add("alps", flatTerrain(5), {{"tallest", 3}}, "client").value();
   const auto member = old->enter();
-  EXPECT_TRUE(directory->replace(old, flatTerrain(6)));
+  const Session* prepared = nullptr;
+  EXPECT_TRUE(directory->replace(old, flatTerrain(6), [&](const Session& successor) {
+    prepared = &successor;
+    EXPECT_EQ(directory->find("alps"), old);
+  }));
   const auto now = directory->find("alps");
+  EXPECT_EQ(now.get(), prepared);
   EXPECT_NE(now, old);
   EXPECT_EQ(now->spec(), old->spec());
   EXPECT_NE(now->contentHash(), old->contentHash());

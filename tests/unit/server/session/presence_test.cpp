@@ -134,6 +134,16 @@ TEST_F(PresenceTest, WhoDidNotAskIsToldNothingButIsSeen) {
   EXPECT_TRUE(silent->times.empty() && silent->clocks.empty());
 }
 
+TEST_F(PresenceTest, ARecordingsMemberHasNoSenderAndIsToldNothing) {
+  wire::Hello hello;
+  hello.clock = true;
+  presence->join(1, hello, nullptr, {});
+  presence->receive(1, wire::AskClock{});
+  presence->receive(1, wire::SetClock{});
+  const auto other = join(2);
+  EXPECT_TRUE(other->wait([](Listener& l) { return l.table.contains(1); }));
+}
+
 TEST_F(PresenceTest, AtMostTwentyASecond) {
   const auto a = join(1);
   join(2);
