@@ -77,15 +77,22 @@ Outcome<std::shared_ptr<const terrain::Terrain>> terrainOf(const recording::Worl
   return terrain;
 }
 
+void tellCutOff(const Parts& parts) {
+  std::cerr << parts.back().string() << ": its last block was not written in whole; it ends before that.\n";
+}
+
 int exportAll(const std::vector<Parts>& recordings, const Options& options) {
   std::size_t files = 0;
+  int status = 0;
   for (const Parts& parts : recordings) {
     const auto written = recording::exportPaths(parts, options.paths, options.span);
     if (!written) return refuse(1, written.error().message);
-    files += *written;
+    files += written->files;
+    if (written->wasCutOff) tellCutOff(parts);
+    if (!written->damage.empty()) status = refuse(1, written->damage);
   }
   std::cout << count(files, "path") << " in " << options.paths.string() << "\n";
-  return 0;
+  return status;
 }
 
 int play(const std::vector<Parts>& recordings, config::Config config, const Options& options, const Serve& serve) {
@@ -119,7 +126,7 @@ int repeat(const Parts& parts, const config::Config& config, const Options& opti
   reader->reset();
   const auto summary = recording::replay(parts, std::move(*terrain), executor, options.span);
   if (!summary) return refuse(1, parts.front().string() + ": " + summary.error().message);
-  if (summary->wasCutOff) std::cerr << parts.back().string() << ": its last block was not written in whole; it ends before that.\n";
+  if (summary->wasCutOff) tellCutOff(parts);
   if (summary->unknown > 0)
     std::cerr << parts.front().string() << ": " << count(summary->unknown, "iteration")
               << " of cameras that joined in an earlier part cannot be repeated.\n";

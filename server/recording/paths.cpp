@@ -88,7 +88,7 @@ class Export {
 
 }  // namespace
 
-Outcome<std::size_t> exportPaths(const std::vector<std::filesystem::path>& parts, const std::filesystem::path& folder, const Span& span) {
+Outcome<Exported> exportPaths(const std::vector<std::filesystem::path>& parts, const std::filesystem::path& folder, const Span& span) {
   auto reader = Reader::open(parts);
   if (!reader) return reader.error();
   std::error_code failed;
@@ -104,7 +104,9 @@ Outcome<std::size_t> exportPaths(const std::vector<std::filesystem::path>& parts
     if (!iterated || seconds < span.from) continue;
     if (auto taken = paths.take(*iterated, record->time); !taken) return taken.error();
   }
-  return paths.end();
+  const auto files = paths.end();
+  if (!files) return files.error();
+  return Exported{*files, (*reader)->damage(), (*reader)->wasCutOff()};
 }
 
 }  // namespace ridgecast::recording

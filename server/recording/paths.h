@@ -4,8 +4,9 @@
 // A keyframe for each pose that an iteration took, at the time of the recording since the first of its file; poses within a millisecond
 // are one, the last. Heights are absolute. A flight of more than kMostKeyframes or 24 h goes on in another file.
 
-#include <cstdint>
+#include <cstddef>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "common/outcome/outcome.h"
@@ -15,8 +16,14 @@ namespace ridgecast::recording {
 
 inline constexpr std::size_t kMostKeyframes = 8000;  // of a path's 10,000, so that its text stays below 1 MiB
 
-// Writes NAME.camera-3.json, NAME.camera-3.2.json, ... into a folder; NAME is the recording's. Returns how many files. Error: one sentence.
-// Bound: kMostKeyframes of each camera at a time.
-Outcome<std::size_t> exportPaths(const std::vector<std::filesystem::path>& parts, const std::filesystem::path& folder, const Span& span);
+struct Exported {
+  std::size_t files = 0;
+  std::string damage{};  // Reader::damage(): they end there
+  bool wasCutOff = false;
+};
+
+// Writes NAME.camera-3.json, NAME.camera-3.2.json, ... into a folder; NAME is the recording's. Error: one sentence. Bound: kMostKeyframes
+// of each camera at a time.
+Outcome<Exported> exportPaths(const std::vector<std::filesystem::path>& parts, const std::filesystem::path& folder, const Span& span);
 
 }  // namespace ridgecast::recording

@@ -279,6 +279,21 @@ TEST_F(RecordingEndToEnd, ListensOnceTheRecordingIsRead) {
   EXPECT_GT(onlooker->clock().said().end, 0u);
 }
 
+TEST_F(RecordingEndToEnd, WhatIsExportedOfADamagedRecordingIsSaidToBeShort) {
+  const fs::path part = record(5);
+  const std::string out = (folder / "paths").string();
+  const std::string whole = readText(part);
+  std::ofstream(part) << whole << whole.substr(0, whole.size() / 2);
+  const Finished torn = replay({part.string(), "--export", out});
+  EXPECT_EQ(torn.code, 0) << torn.output;
+  EXPECT_THAT(torn.output, HasSubstr("was not written in whole"));
+  std::ofstream(part) << whole << "something else";
+  const Finished damaged = replay({part.string(), "--export", out});
+  EXPECT_EQ(damaged.code, 1) << damaged.output;
+  EXPECT_THAT(damaged.output, HasSubstr(" s is not read."));
+  EXPECT_THAT(damaged.output, HasSubstr("1 path in " + out));
+}
+
 // Ticks of a processor that the process has taken, and its recording thread.
 std::pair<double, double> ticks(pid_t process) {
   double all = 0, recorder = 0;
