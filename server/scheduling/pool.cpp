@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cassert>
 #include <chrono>
 #include <condition_variable>
 #include <deque>
@@ -100,6 +101,7 @@ struct Executor::State {
   }
   void serve();
   void serveShortTasks();
+  void serveAll();
   // Under the lock, which is released meanwhile; `last` is let go of then, for it may be the last owner.
   void workFor(const std::shared_ptr<Pool::Impl>& pool, std::unique_lock<std::mutex>& lock, std::shared_ptr<Pool::Impl>& last);
   void help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept;
@@ -202,6 +204,16 @@ void Executor::State::serveShortTasks() {
   }
 }
 
+void Executor::State::serveAll() {
+  std::shared_ptr<Pool::Impl> last;  // released without the lock
+  std::unique_lock lock(mutex);
+  while (!ready.empty()) {
+    std::shared_ptr<Pool::Impl> pool = take(false);
+    workFor(pool, lock, last);
+    last = std::move(pool);
+  }
+}
+
 Executor::Executor(unsigned threads, const Executor* first, double share) : state_(std::make_shared<State>()) {
   const unsigned cores = std::max(1u, std::thread::hardware_concurrency());
   state_->threads = threads ? threads : cores;
@@ -211,6 +223,13 @@ Executor::Executor(unsigned threads, const Executor* first, double share) : stat
   }
   if (state_->threads > 1) state_->workers.emplace_back([state = state_.get()] { state->serveShortTasks(); });
   for (unsigned k = 0; k < state_->threads; ++k) state_->workers.emplace_back([state = state_.get()] { state->serve(); });
+}
+
+Executor::Executor(WithoutThreads) : state_(std::make_shared<State>()) {}
+
+void Executor::work() {
+  assert(state_->workers.empty());
+  state_->serveAll();
 }
 
 Executor::~Executor() {

@@ -26,6 +26,9 @@ class Executor {
   // take `share` of all cores, 0 < share <= 1, whatever else runs: no less, as a low priority would, and no more even if a core is free,
   // for what works takes cache and memory from the others.
   explicit Executor(unsigned threads, const Executor* first = nullptr, double share = 1);
+  // Without threads: tasks wait for work(). What a program makes then depends on its calls alone.
+  struct WithoutThreads {};
+  explicit Executor(WithoutThreads);
   ~Executor();  // waits for the tasks in flight; tasks still queued are dropped
   Executor(const Executor&) = delete;
   Executor& operator=(const Executor&) = delete;
@@ -33,6 +36,8 @@ class Executor {
   unsigned threads() const;
   // Posted tasks that no thread has begun, of all pools. Any thread.
   std::size_t queued() const;
+  // Without threads: the calling one runs all posted tasks, also those that they post.
+  void work();
   // limit 0: min(4, threads). The pool may outlive the executor only without being used.
   std::shared_ptr<Pool> makePool(unsigned limit = 0);
 

@@ -44,7 +44,6 @@ void Line::hear(wire::ClientMessage message) {
   sessionEdits_ += isEdit;
   if (const auto* hello = std::get_if<wire::Hello>(&message)) isLockstep_ = hello->pacing == wire::Pacing::kLockstep;
   if (const auto* pose = std::get_if<wire::PoseMessage>(&message)) newestPose_ = pose->sequence;
-  server_.comes();
   camera_->receive(std::move(message));
   if (failed_) {
     sessionEdits_ -= isEdit;  // it was refused with its sender, or nobody listens
@@ -73,34 +72,23 @@ void Line::judge(const wire::Iteration& iteration) {
 }
 
 void Line::cut(Duration unheard) {
-  {
-    const std::lock_guard lock(mutex_);
-    cut_ = true;
-  }
+  cut_ = true;
   timer_.at(timer_.now() + unheard, [self = shared_from_this()] {
-    self->server_.comes();
     if (const auto camera = std::exchange(self->camera_, nullptr)) camera->close();
-    std::vector<std::shared_ptr<const void>> freed;  // destroyed without the lock
-    const std::lock_guard lock(self->mutex_);
-    freed.swap(self->stuck_);
+    self->stuck_.clear();
   });
 }
 
-Time Line::quietFrom() const {
-  const std::lock_guard lock(mutex_);
-  return std::max(said_, left_ + way_.delay);
-}
+Time Line::quietFrom() const { return std::max(said_, left_ + way_.delay); }
 
 void Line::fall() {
   camera_.reset();
-  const std::lock_guard lock(mutex_);
   fell_ = timer_.now() + kBuffered;
 }
 
 void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket) {
   if (server_.lostPower()) return;
   leaves(message);
-  const std::lock_guard lock(mutex_);
   if (const auto* iteration = std::get_if<wire::Iteration>(&message)) judge(*iteration);
   const bool isMembers = std::holds_alternative<wire::Members>(message);
   queuedMembers_ += isMembers;
@@ -111,7 +99,6 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
   left_ = std::max(left_, timer_.now()) +
           std::chrono::duration_cast<Duration>(std::chrono::duration<double>(bytes->size() / way_.bytesPerSecond));
   timer_.at(left_, [self = shared_from_this(), size = bytes->size(), ticket = std::move(ticket), isMembers] {
-    const std::lock_guard hold(self->mutex_);
     if (self->cut_) return self->stuck_.push_back(ticket);
     self->queued_ -= size;
     self->queuedMembers_ -= isMembers;
@@ -122,11 +109,6 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
     ASSERT_TRUE(heard) << heard.error().message;
     self->take_(std::move(*heard));
   });
-}
-
-std::size_t Line::queuedBytes() const {
-  const std::lock_guard lock(mutex_);
-  return queued_;
 }
 
 }  // namespace ridgecast::simulation

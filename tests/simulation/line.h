@@ -3,12 +3,10 @@
 // the client no faster than its bandwidth, the rest being queued on the server. It may be cut: what is under way is lost, and the server
 // hears of it later.
 
-#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -28,7 +26,6 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
     Duration delay{};             // each way
     double bytesPerSecond = 1e9;  // to the client
   };
-  // Called on the simulation's thread.
   using Take = std::function<void(wire::ServerMessage)>;
 
   // To a camera of its own in this session, of this client. Null: there is no place, or the server does not run.
@@ -50,10 +47,10 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   // When all that was said and sent until now has arrived.
   Time quietFrom() const;
 
-  // The server's end; any thread.
+  // The server's end.
   void fall();  // the server is gone: only what has left it may still arrive
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
-  std::size_t queuedBytes() const override;
+  std::size_t queuedBytes() const override { return queued_; }
   void fail(wire::ErrorMessage message) override { send(std::move(message), {}); }
 
  private:
@@ -62,24 +59,22 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   void judge(const wire::Iteration& iteration);
 
   Server& server_;
-  std::atomic<std::int64_t>& sessionEdits_;
+  std::int64_t& sessionEdits_;
   const SimulatedTimer& timer_;
   const Way way_;
   const std::size_t maxQueuedBytes_;
   const Take take_;
   std::shared_ptr<session::CameraSession> camera_;
   Time said_{};  // when the last of the member's messages arrives
-  mutable std::mutex mutex_;
   Time left_{};  // when the last of the server's messages leaves
   std::size_t queued_ = 0, queuedMembers_ = 0;
   std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave
   bool cut_ = false;
   std::optional<Time> fell_;
-  std::atomic<std::size_t> openEdits_{0};  // that have arrived and have no answer
-  std::atomic<bool> failed_{false};
-  std::atomic<std::uint64_t> newestPose_{0};  // that has arrived
-  std::atomic<bool> isLockstep_{false};
-  std::uint64_t edit_ = 0;  // of the last iteration
+  std::size_t openEdits_ = 0;  // that have arrived and have no answer
+  bool failed_ = false, isLockstep_ = false;
+  std::uint64_t newestPose_ = 0;  // that has arrived
+  std::uint64_t edit_ = 0;        // of the last iteration
 };
 
 }  // namespace ridgecast::simulation

@@ -13,23 +13,21 @@ namespace ridgecast::simulation {
 // The simulation's, for as long as the server lives.
 class Server::Clock final : public session::Timer {
  public:
-  Clock(Server& server, std::shared_ptr<std::atomic<bool>> alive) : server_(server), alive_(std::move(alive)) {}
-  Time now() const override { return server_.timer_.now(); }
+  Clock(const testing_support::SimulatedTimer& timer, std::shared_ptr<const bool> alive) : timer_(timer), alive_(std::move(alive)) {}
+  Time now() const override { return timer_.now(); }
   void at(Time when, std::function<void()> call) const override {
     if (!*alive_) return;
-    server_.timer_.at(when, [this, alive = alive_, call = std::move(call)] {
-      if (!*alive) return;
-      server_.comes();
-      call();
+    timer_.at(when, [alive = alive_, call = std::move(call)] {
+      if (*alive) call();
     });
   }
 
  private:
-  Server& server_;
-  const std::shared_ptr<std::atomic<bool>> alive_;
+  const testing_support::SimulatedTimer& timer_;
+  const std::shared_ptr<const bool> alive_;
 };
 
-Server::Server(std::shared_ptr<const terrain::Terrain> terrain, const session::Limits& limits, testing_support::SimulatedTimer& timer,
+Server::Server(std::shared_ptr<const terrain::Terrain> terrain, const session::Limits& limits, const testing_support::SimulatedTimer& timer,
                std::uint64_t seed)
     : terrain_(std::move(terrain)), limits_(limits), timer_(timer), random_(seed) {
   std::filesystem::create_directory(folder());
@@ -40,9 +38,8 @@ Server::~Server() {
 }
 
 bool Server::start() {
-  executor_ = std::make_unique<scheduling::Executor>(1);
-  marker_ = executor_->makePool();
-  alive_ = std::make_shared<std::atomic<bool>>(true);
+  executor_ = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});
+  alive_ = std::make_shared<bool>(true);
   for (auto& [session, open] : openEdits_) open = 0;
   auto resources = std::make_shared<session::Resources>();
   resources->executor = executor_.get();
@@ -50,7 +47,7 @@ bool Server::start() {
   resources->serverName = "simulated";
   resources->limits = limits_;
   resources->state = folder();
-  resources->timer = std::make_unique<Clock>(*this, alive_);
+  resources->timer = std::make_unique<Clock>(timer_, alive_);
   try {
     directory_ = std::make_shared<session::Directory>(resources, terrain_);
   } catch (const std::runtime_error& e) {
@@ -79,7 +76,6 @@ void Server::fall(bool withPower) {
   release();
   const std::weak_ptr<session::Session> session = directory_ ? this->session() : nullptr;
   directory_.reset();
-  marker_.reset();
   executor_.reset();
   disk_.restorePower();
   EXPECT_TRUE(session.expired()) << "something holds the session of a server that is gone";
@@ -95,28 +91,12 @@ bool Server::hasCameras() const {
 }
 
 void Server::settle() {
-  if (isHeld() || !executor_ || !std::exchange(hasNews_, false)) return;
-  for (bool idle = false; !idle;) {
-    std::promise<bool> looked;
-    ASSERT_TRUE(marker_->post([&] { looked.set_value(executor_->queued() == 0); }));
-    idle = looked.get_future().get();
-  }
+  if (executor_ && !isHeld_) executor_->work();
 }
 
 void Server::hold() {
   settle();
-  std::promise<void> began;
-  held_.emplace();
-  ASSERT_TRUE(marker_->post([&began, go = held_->get_future().share()] {
-    began.set_value();
-    go.wait();
-  }));
-  began.get_future().wait();  // or edits would go ahead
-}
-
-void Server::release() {
-  if (held_) std::exchange(held_, std::nullopt)->set_value();
-  comes();
+  isHeld_ = true;
 }
 
 }  // namespace ridgecast::simulation

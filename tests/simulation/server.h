@@ -1,11 +1,9 @@
 #pragma once
 // The server of a simulation: it keeps its edits on a disk that forgets, falls at any instant, and starts again from what is there. Its
-// one thread works only while the simulation waits, so that what happens depends on the seed alone.
+// tasks run on the simulation's thread, so that what happens depends on the seed alone.
 
-#include <atomic>
 #include <cstdint>
 #include <filesystem>
-#include <future>
 #include <map>
 #include <memory>
 #include <random>
@@ -32,7 +30,7 @@ class Line;
 class Server {
  public:
   // The timer goes on while the server does not, and outlives it.
-  Server(std::shared_ptr<const terrain::Terrain> terrain, const session::Limits& limits, testing_support::SimulatedTimer& timer,
+  Server(std::shared_ptr<const terrain::Terrain> terrain, const session::Limits& limits, const testing_support::SimulatedTimer& timer,
          std::uint64_t seed);
   ~Server();
 
@@ -52,34 +50,30 @@ class Server {
   // Makes it where it does not live. Null: it cannot be made now.
   std::shared_ptr<session::Session> enter(const std::string& name);
 
-  // Until its thread has nothing to do, unless it is held or nothing has come.
+  // Until it has nothing to do, unless it is held.
   void settle();
-  void comes() { hasNews_ = true; }  // a message, or the end of a line
-  // Its thread does nothing until then.
+  // It does nothing until then.
   void hold();
-  void release();
-  bool isHeld() const { return held_.has_value(); }
+  void release() { isHeld_ = false; }
 
   void add(const std::shared_ptr<Line>& line, const std::shared_ptr<session::CameraSession>& camera);
   bool hasCameras() const;  // as objects: memory that was not given back
   // Edits that have arrived and have no answer.
-  std::atomic<std::int64_t>& openEdits(const std::string& session) { return openEdits_[session]; }
+  std::int64_t& openEdits(const std::string& session) { return openEdits_[session]; }
 
  private:
   class Clock;
   const std::shared_ptr<const terrain::Terrain> terrain_;
   const session::Limits limits_;
-  testing_support::SimulatedTimer& timer_;
-  Random random_;  // the disk's own, for the server's thread
+  const testing_support::SimulatedTimer& timer_;
+  Random random_;  // the disk's own
   testing_support::ScratchFolder folder_;
   testing_support::ForgetfulDisk disk_{random_};
   std::unique_ptr<scheduling::Executor> executor_;
-  std::shared_ptr<scheduling::Pool> marker_;
-  std::shared_ptr<std::atomic<bool>> alive_;
+  std::shared_ptr<bool> alive_;
   std::shared_ptr<session::Directory> directory_;
-  bool hasNews_ = false;
-  std::optional<std::promise<void>> held_;
-  std::map<std::string, std::atomic<std::int64_t>> openEdits_;  // by session
+  bool isHeld_ = false;
+  std::map<std::string, std::int64_t> openEdits_;  // by session
   std::vector<std::weak_ptr<Line>> lines_;
   std::vector<std::weak_ptr<session::CameraSession>> cameras_;
 };

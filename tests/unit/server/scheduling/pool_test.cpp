@@ -271,6 +271,28 @@ TEST(Scheduling, LongTasksLeaveAThreadToShortOnes) {
   EXPECT_TRUE(testing_support::await([&] { return done == pools.size(); }));
 }
 
+TEST(Scheduling, WithoutThreadsAllIsDoneByWhoCalls) {
+  Executor executor{Executor::WithoutThreads{}};
+  const auto one = executor.makePool(), other = executor.makePool();
+  std::string order;
+  ASSERT_TRUE(one->post([&] {
+    order += 'a';
+    other->post([&] { order += 'c'; });
+  }));
+  ASSERT_TRUE(other->post([&] {
+    other->forEach(3, 1, [&](std::size_t k) { order += std::to_string(k); });
+    order += 'b';
+  }));
+  one->forEach(2, 1, [&](std::size_t) { order += '-'; });
+  EXPECT_EQ(order, "--");
+  EXPECT_EQ(executor.queued(), 2u);
+  executor.work();
+  EXPECT_EQ(order, "--a012bc");
+  EXPECT_EQ(executor.queued(), 0u);
+  executor.work();
+  EXPECT_EQ(order, "--a012bc");
+}
+
 TEST(Scheduling, QueueOfPostedTasksIsBounded) {
   std::atomic<int> ran{0};
   std::promise<void> release, started;
