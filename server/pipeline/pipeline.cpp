@@ -112,7 +112,7 @@ void Pipeline::change(const settings::Settings& granted) {
 void Pipeline::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
   State& s = *state_;
   s.terrain = terrain;
-  s.horizon.setTerrain(terrain);
+  s.horizon.setTerrain(terrain, changed);
   s.mesh.setGround(std::move(terrain), changed, *s.pool);
   s.lookAnew();
 }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "common/lattice/lattice.h"
 
@@ -57,6 +58,10 @@ Direction directionOf(int ray) {
       return {w, -u};
   }
 }
+lattice::Point placeOn(const Direction& ray, double distance, const camera::Pose& from) {
+  return {from.x + static_cast<lattice::Step>(std::lrint(ray.x * distance * lattice::kStepsPerMetre)),
+          from.z + static_cast<lattice::Step>(std::lrint(ray.z * distance * lattice::kStepsPerMetre))};
+}
 // The ray at or before a direction of any length but none; the next one is beyond it.
 std::size_t rayAt(double x, double z) {
   const double share = kQuarter / (std::abs(x) + std::abs(z));
@@ -66,6 +71,34 @@ std::size_t rayAt(double x, double z) {
 
 }  // namespace
 
+void Horizon::setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
+  terrain_ = std::move(terrain);
+  isOnOtherGround_ = true;
+  for (int ray = 0; ray < kRays; ++ray)
+    if (std::ranges::any_of(changed, [&](const lattice::Area& area) { return isOver(ray, area); }))
+      known_[static_cast<std::size_t>(ray)] = 0;
+}
+
+// Whether any of its samples lies there.
+bool Horizon::isOver(int ray, const lattice::Area& area) const {
+  const Direction direction = directionOf(ray);
+  // The stretch of the ray between the sides of the area, along one axis and then along the other.
+  double from = 0, to = distances().back();
+  const auto clip = [&](double along, lattice::Step low, lattice::Step high, lattice::Step middle) {
+    const double near = (static_cast<double>(low - middle) - 1) * lattice::kMetresPerStep,
+                 far = (static_cast<double>(high - middle) + 1) * lattice::kMetresPerStep;
+    if (along == 0) {
+      if (near > 0 || far < 0) to = -1;
+      return;
+    }
+    from = std::max(from, std::min(near / along, far / along));
+    to = std::min(to, std::max(near / along, far / along));
+  };
+  clip(direction.x, area.x0, area.x1, centre_.x);
+  clip(direction.z, area.z0, area.z1, centre_.z);
+  return std::ranges::any_of(distances(), [&](double r) { return r >= from && r <= to && area.holds(placeOn(direction, r, centre_)); });
+}
+
 const std::vector<int>& Horizon::follow(const camera::Camera& camera, double above, bool moving, double widening) {
   const camera::Pose& pose = camera.pose;
   const auto offset = [&] {
@@ -74,7 +107,7 @@ const std::vector<int>& Horizon::follow(const camera::Camera& camera, double abo
   };
   offset_ = offset();
   const double way = std::sqrt(offset_.x * offset_.x + offset_.y * offset_.y + offset_.z * offset_.z);
-  if (!centred_ || way > (moving ? kStay + kStayShare * std::max(0.0, above) : 0)) {
+  if (!centred_ || way > (moving && !std::exchange(isOnOtherGround_, false) ? kStay + kStayShare * std::max(0.0, above) : 0)) {
     centre_ = pose;
     centred_ = true;
     offset_ = {0, 0, 0};
@@ -103,8 +136,9 @@ void Horizon::cast(int ray) {
   std::array<lattice::Step, kSamples> x, z;
   std::array<float, kSamples> y;
   for (std::size_t k = 0; k < kSamples; ++k) {
-    x[k] = centre_.x + static_cast<lattice::Step>(std::lrint(direction.x * r[k] * lattice::kStepsPerMetre));
-    z[k] = centre_.z + static_cast<lattice::Step>(std::lrint(direction.z * r[k] * lattice::kStepsPerMetre));
+    const lattice::Point p = placeOn(direction, r[k], centre_);
+    x[k] = p.x;
+    z[k] = p.z;
   }
   terrain_->heights(x, z, y);
   float* out = &steepest_[static_cast<std::size_t>(ray) * kSamples];

@@ -12,9 +12,11 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "common/camera/camera.h"
+#include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
 
 namespace ridgecast::refinement {
@@ -29,11 +31,8 @@ class Horizon {
   static constexpr double kFirst = 32;  // metres: the nearest sample; the last is 31 km away
 
   explicit Horizon(std::shared_ptr<const terrain::Terrain> terrain) : terrain_(std::move(terrain)) {}
-  // Other ground from now on: all rays are cast again.
-  void setTerrain(std::shared_ptr<const terrain::Terrain> terrain) {
-    terrain_ = std::move(terrain);
-    centred_ = false;
-  }
+  // Other ground from now on, within these areas alone: rays over them are cast again, and all of them if the eye is not at the centre.
+  void setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed);
 
   // Where the eye is now; `above`: metres over the ground; `moving`: it was elsewhere before. The rays that are to be cast before the next
   // hidden(), by number.
@@ -47,9 +46,11 @@ class Horizon {
   std::uint64_t heights() const { return heights_; }  // named to be evaluated so far
 
  private:
+  bool isOver(int ray, const lattice::Area& area) const;
+
   std::shared_ptr<const terrain::Terrain> terrain_;
   camera::Pose centre_;
-  bool centred_ = false;
+  bool centred_ = false, isOnOtherGround_ = false;
   camera::Vec3 offset_{};  // metres, from the centre to the eye
   std::vector<std::uint8_t> known_ = std::vector<std::uint8_t>(kRays, 0);
   std::vector<float> steepest_;  // [ray][sample]: largest tangent of the elevation from the first sample up to this one

@@ -4,8 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 #include <numbers>
 #include <random>
+#include <vector>
+
+#include "common/edits/edited_terrain.h"
+#include "common/edits/history.h"
 
 namespace ridgecast::refinement {
 namespace {
@@ -73,6 +78,48 @@ TEST(Horizon, HidesWhatTheGroundCoversAndHardlyAnythingElse) {
     EXPECT_LE(sum.seenCalledHidden, sum.seen / 100) << name;
     EXPECT_GE(sum.coveredCalledHidden, sum.covered * 8 / 10) << name << ": " << sum.coveredCalledHidden << " of " << sum.covered;
   }
+}
+
+// After edits it hides what a new one hides, and casts the rays over them alone.
+TEST(Horizon, OtherGroundIsCastAgain) {
+  const std::shared_ptr<const terrain::Terrain> base = terrain::create("alpine", 1).value();
+  std::mt19937 rng(3);
+  std::uniform_real_distribution<double> unit(0, 1);
+  std::size_t again = 0, all = 0;
+  for (int n = 0; n < 20; ++n) {
+    auto camera = above(*base, 900.0 * n, -700.0 * n, 60, n);
+    Horizon kept(base), fresh(base);
+    for (int ray : kept.follow(camera, 60, false, kWide)) kept.cast(ray);
+    edits::History history(base);
+    std::vector<lattice::Area> changed;
+    for (int k = 0; k < 3; ++k) {
+      const double turn = n + 4 * unit(rng), r = 300 * std::pow(30.0, unit(rng));
+      const lattice::Point at{camera.pose.x - static_cast<lattice::Step>(256 * r * std::sin(turn)),
+                              camera.pose.z - static_cast<lattice::Step>(256 * r * std::cos(turn))};
+      changed.push_back(edits::groundOf(history.add({edits::Raise{at, 256 * 60, 0, 256 * 100}, 0}).value()));
+    }
+    const auto edited = std::make_shared<const edits::EditedTerrain>(base, history.layer());
+    kept.setTerrain(edited, changed);
+    fresh = Horizon(edited);
+    const std::size_t rays = fresh.follow(camera, 60, false, kWide).size();
+    again += kept.follow(camera, 60, false, kWide).size();
+    all += rays;
+    for (int ray : kept.follow(camera, 60, false, kWide)) kept.cast(ray);
+    for (int ray : fresh.follow(camera, 60, false, kWide)) fresh.cast(ray);
+    const camera::Vec3 ahead = camera::forward(camera.pose), right = camera::right(camera.pose);
+    int hidden = 0;
+    for (int k = 0; k < 1000; ++k) {
+      const double r = 20 * std::pow(500.0, unit(rng)), side = (unit(rng) - 0.5) * r;
+      const camera::Vec3 p{ahead.x * r + right.x * side, -60 - 200 * unit(rng), ahead.z * r + right.z * side};
+      hidden += fresh.hidden(p, 0);
+      ASSERT_EQ(kept.hidden(p, 0), fresh.hidden(p, 0)) << p.x << ", " << p.y << ", " << p.z;
+    }
+    EXPECT_GT(hidden, 0);
+    camera.pose.x += 256;
+    EXPECT_GE(kept.follow(camera, 60, false, kWide).size(), rays) << "the eye is elsewhere";
+  }
+  EXPECT_GT(again, 0u);
+  EXPECT_LT(again, all / 2);
 }
 
 TEST(Horizon, CastsOnlyWhatIsMissing) {
