@@ -227,7 +227,7 @@ std::shared_ptr<const Layer> History::replayed(std::uint64_t edit) const {
 std::vector<Layer::Change> History::changesOf(const Operation& operation, const Layer& on, const TileSet* within) const {
   if (std::holds_alternative<Undo>(operation.what)) return {};
   if (std::holds_alternative<Smooth>(operation.what)) return smoothed(operation, on, within);
-  const Brush brush(operation);
+  Brush brush(operation);
   const Posts area = areaOf(operation);
   const bool reads = readsGround(operation);
   std::vector<Layer::Change> out;

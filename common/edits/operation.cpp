@@ -224,21 +224,21 @@ Brush::Brush(const Operation& operation) : operation_(operation) {
       add({a.x, a.z, level->height}, {b.x, b.z, level->height});
     }
   }
+  near_ = segments_;
+}
+
+Brush::Nearest Brush::nearestOf(const Segment& s, std::int64_t x, std::int64_t z) {
+  const std::int64_t px = x - s.x, pz = z - s.z, along = px * s.dx + pz * s.dz;
+  // The share of the segment at which its nearest point lies, in 2^-16.
+  const std::int64_t t = along <= 0 ? 0 : along >= s.square ? 65'536 : along * 65'536 / s.square;
+  return {squareOf(px - ((s.dx * t) >> 16), pz - ((s.dz * t) >> 16)), s.y + static_cast<std::int32_t>((s.dy * t) >> 16)};
 }
 
 Brush::Nearest Brush::toLine(std::int64_t x, std::int64_t z) const {
-  std::int64_t least = std::int64_t{1} << 60;
-  Nearest out;
-  for (const Segment& s : segments_) {
-    const std::int64_t px = x - s.x, pz = z - s.z;
-    // The share of the segment at which its nearest point lies, in 2^-16.
-    const std::int64_t t = s.square == 0 ? 0 : std::clamp<std::int64_t>((px * s.dx + pz * s.dz) * 65'536 / s.square, 0, 65'536);
-    const std::int64_t square = squareOf(px - ((s.dx * t) >> 16), pz - ((s.dz * t) >> 16));
-    if (square >= least) continue;
-    least = square;
-    out.height = s.y + static_cast<std::int32_t>((s.dy * t) >> 16);
-  }
-  out.distance = rootOf(least);
+  Nearest out{std::int64_t{1} << 60, 0};
+  for (const Segment& s : near_)
+    if (const Nearest nearest = nearestOf(s, x, z); nearest.distance < out.distance) out = nearest;
+  out.distance = rootOf(out.distance);
   return out;
 }
 
@@ -253,9 +253,16 @@ bool Brush::inside(std::int64_t x, std::int64_t z) const {
   return odd;
 }
 
-bool Brush::reaches(Point middle, Step radius) const {
+bool Brush::reaches(Point middle, Step radius) {
+  if (segments_.empty()) return true;
+  const std::int64_t x = middle.x - origin_.x, z = middle.z - origin_.z;
+  near_ = segments_;
+  const std::int64_t distance = toLine(x, z).distance;
+  // The others are nowhere the nearest. Nearest points are off by steps, as whole numbers are.
+  constexpr std::int64_t kOff = 64;
+  std::erase_if(near_, [&](const Segment& s) { return rootOf(nearestOf(s, x, z).distance) > distance + 2 * radius + kOff; });
   const auto* road = std::get_if<Road>(&operation_.what);
-  return !road || toLine(middle.x - origin_.x, middle.z - origin_.z).distance <= road->width / 2 + kBank + radius + 2;
+  return !road || distance <= road->width / 2 + kBank + radius + 2;
 }
 
 std::optional<Brush::Result> Brush::at(Point post, std::int32_t ground) const {

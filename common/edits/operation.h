@@ -140,8 +140,8 @@ class Brush {
   explicit Brush(const Operation& operation);
   // What looking at one post costs, beside one of a simple operation: polygons and roads have many sides.
   std::uint64_t effort() const { return 1 + segments_.size() / 128; }
-  // Whether any post within `radius` steps of a place may change.
-  bool reaches(lattice::Point middle, lattice::Step radius) const;
+  // Whether any post within `radius` steps of a place may change. From then on at() is asked for those alone, until the next call.
+  bool reaches(lattice::Point middle, lattice::Step radius);
   struct Result {
     std::int32_t height = 0;  // steps
     bool paints = false;      // the operation's material is the ground's now
@@ -151,19 +151,20 @@ class Brush {
 
  private:
   struct Nearest {
-    std::int64_t distance = 0;  // steps
+    std::int64_t distance = 0;  // steps; of nearestOf() its square
     std::int32_t height = 0;    // of the line there
   };
+  struct Segment {
+    std::int64_t x, z, dx, dz, square;
+    std::int32_t y, dy;
+  };
+  static Nearest nearestOf(const Segment& segment, std::int64_t x, std::int64_t z);
   Nearest toLine(std::int64_t x, std::int64_t z) const;
   bool inside(std::int64_t x, std::int64_t z) const;
 
   const Operation& operation_;
   lattice::Point origin_;  // what lines are counted from
-  struct Segment {
-    std::int64_t x, z, dx, dz, square;
-    std::int32_t y, dy;
-  };
-  std::vector<Segment> segments_;
+  std::vector<Segment> segments_, near_;
 };
 
 }  // namespace ridgecast::edits

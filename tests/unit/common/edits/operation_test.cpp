@@ -143,6 +143,33 @@ TEST(Edits, ARoadKeepsItsGradeAndCutsAsDeepAsItFillsHigh) {
   for (double d = -1; d <= 1; d += 0.5) EXPECT_NEAR(g.height(x - d * 0.37, z + d * 0.93), station.y, m(0.35));
 }
 
+// What a brush says of a post near a place is what it says without having been asked about the place, even where two stretches of a line
+// are equally near.
+TEST(Edits, ABrushKeepsAllThatAPlaceNeeds) {
+  std::mt19937_64 random(7);
+  for (int n = 0; n < 300; ++n) {
+    Road road{{}, true, m(3)};
+    for (int k = 0; k < 12; ++k)
+      road.line.push_back(
+          {m(static_cast<double>(random() % 9 * 8)), m(static_cast<double>(random() % 9 * 8)), static_cast<std::int32_t>(random() % 100)});
+    const Operation operation{std::move(road), 0};
+    Brush brush(operation);
+    for (int k = 0; k < 100; ++k) {
+      const lattice::Point place{m(static_cast<double>(random() % 120) - 30), m(static_cast<double>(random() % 120) - 30)};
+      const lattice::Point post{place.x + m(static_cast<double>(random() % 9) - 4), place.z + m(static_cast<double>(random() % 9) - 4)};
+      const bool reaches = brush.reaches(place, m(6));
+      const auto said = brush.at(post, 5000), anew = Brush(operation).at(post, 5000);
+      if (anew) {
+        ASSERT_TRUE(reaches);
+      }
+      ASSERT_EQ(said.has_value(), anew.has_value());
+      if (said) {
+        ASSERT_EQ(said->height, anew->height);
+      }
+    }
+  }
+}
+
 TEST(Edits, AStampIsLinearBetweenItsSamples) {
   Ground g;
   g.apply({Stamp{{0, 0}, 3, 3, 4, {0, 0, 0, 0, 1024, 0, 0, 0, 0}}, 0});
