@@ -276,18 +276,23 @@ bool Member::knows(const session::Presence::State& state) const {
 
 void Member::judge(const terrain::Terrain& ground) const {
   constexpr std::int32_t kCoarsest = std::int32_t{1} << lattice::verticalBits(lattice::kMaxLevel);
-  std::size_t vertices = 0;
+  std::vector<lattice::Step> x, z;
+  std::vector<std::int32_t> y;
   for (const auto& [address, leaf] : follower_.scene().leaves())
     for (const mesh::LocalVertex& v : leaf.mesh->vertices) {
-      // Heights are snapped to the spacing of some level, of which this one is a multiple.
-      const std::int32_t spacing = std::min(v.y == 0 ? kCoarsest : v.y & -v.y, kCoarsest);
-      const lattice::Point p{address.x() + v.x, address.z() + v.z};
-      const std::int32_t truth = ground.heightStep(p);
-      ASSERT_LE(std::abs(v.y - truth), spacing / 2)
-          << name_ << " sees another ground than the log's at " << p.x << ", " << p.z << ": " << v.y << " instead of " << truth;
-      ++vertices;
+      x.push_back(address.x() + v.x);
+      z.push_back(address.z() + v.z);
+      y.push_back(v.y);
     }
-  EXPECT_GT(vertices, 0u) << name_;
+  std::vector<std::int32_t> truth(y.size());
+  ground.heightSteps(x, z, truth);
+  for (std::size_t k = 0; k < y.size(); ++k) {
+    // Heights are snapped to the spacing of some level, of which this one is a multiple.
+    const std::int32_t spacing = std::min(y[k] == 0 ? kCoarsest : y[k] & -y[k], kCoarsest);
+    ASSERT_LE(std::abs(y[k] - truth[k]), spacing / 2)
+        << name_ << " sees another ground than the log's at " << x[k] << ", " << z[k] << ": " << y[k] << " instead of " << truth[k];
+  }
+  EXPECT_FALSE(y.empty()) << name_;
 }
 
 void Member::judgeWait() const {
