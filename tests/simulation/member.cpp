@@ -83,7 +83,8 @@ void Member::leave(Duration unheard) {
 
 void Member::pose() {
   settled_ = false;
-  line_->say(wire::PoseMessage{++sequence_, camera_, {}});
+  ++sequence_;
+  line_->say(wire::PoseMessage{sequence_, camera_, std::vector<std::uint8_t>(nature_.stateBytes, static_cast<std::uint8_t>(sequence_))});
 }
 
 void Member::fly(double metres) {
@@ -223,8 +224,10 @@ void Member::take(const wire::Clock& clock) {
   }
   clock_.hear(clock, timer_.now());
   saw(clock.time);
-  if (!clock_.waitsFor(world_->camera) || clock.step <= lastStepDone_) return;
+  const bool wasPassedOver = clock.notice.starts_with("Member " + std::to_string(world_->camera) + " was passed over");
+  if (!wasPassedOver && (!clock_.waitsFor(world_->camera) || clock.step <= lastStepDone_)) return;
   lastStepDone_ = clock.step;
+  if (!wasPassedOver && random_() % 32 == 0) return;  // it forgets
   line_->say(wire::StepDone{clock.step});
 }
 
@@ -263,13 +266,17 @@ bool Member::rests(std::uint64_t edit) const {
 
 bool Member::knows(const session::Presence::State& state) const {
   const wire::Clock& clock = clock_.said();
-  if (nature_.hello.clock && (clock.step != state.clock.step || clock.owner != state.clock.owner)) return false;
+  const auto isSame = [&](const auto field) { return clock.*field == state.clock.*field; };
+  if (nature_.hello.clock && !(isSame(&wire::Clock::step) && isSame(&wire::Clock::owner) && isSame(&wire::Clock::waitsFor))) return false;
   if (!nature_.hello.members) return true;
   const auto& others = roster_.others();
   return others.size() + 1 == state.members.size() && std::ranges::all_of(state.members, [&](const wire::Member& member) {
            if (member.camera == world_->camera) return true;
            const auto known = others.find(member.camera);
-           const auto poseOf = [](const wire::Member& m) { return m.moved ? m.moved->pose.sequence : 0; };
+           const auto poseOf = [](const wire::Member& m) {
+             return m.moved ? std::pair(m.moved->pose.sequence, m.moved->pose.state)
+                            : std::pair(std::uint64_t{0}, std::vector<std::uint8_t>());
+           };
            return known != others.end() && poseOf(known->second.member) == poseOf(member);
          });
 }

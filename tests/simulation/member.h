@@ -26,7 +26,8 @@ class Member {
   struct Nature {
     wire::Hello hello;
     Line::Way way;
-    Duration think{};  // between an iteration's arrival and its acknowledgement
+    Duration think{};            // between an iteration's arrival and its acknowledgement
+    std::size_t stateBytes = 0;  // of its own in each pose
     std::string session{session::kDefaultName};
   };
 

@@ -57,6 +57,7 @@ void World::admit(std::uint64_t number, lattice::Point site) {
   nature.way.delay = std::chrono::microseconds(random_() % 3 == 0 ? 0 : random_() % 200'000);
   if (random_() % 3 == 0) nature.way.bytesPerSecond = 20'000 + static_cast<double>(random_() % 200'000);
   if (random_() % 2 == 0) nature.think = std::chrono::milliseconds(random_() % 300);
+  if (random_() % 2 == 0) nature.stateBytes = random_() % (wire::kMaxStateBytes + 1);
   if (number > 1 && random_() % 4 == 0) nature.session = kOther;
   Truth& truth = truths_.at(nature.session);
   members_.push_back(std::make_unique<Member>(nature.hello.clientName, *server_, truth, timer_, random_, nature, site));
@@ -91,15 +92,19 @@ void World::calm() {
 
 void World::rest() {
   for (int k = 0; k < 3000 && !testing::Test::HasFailure(); ++k) {
-    bool rest = true;
+    bool rest = true, isIdle = true;
     for (const auto& member : members_) {
       if (member->wantsToConnect()) member->connect();
       if (rests(*member)) continue;
       rest = false;
-      if (!hasAll(*member)) member->insist();
+      if (hasAll(*member)) continue;
+      isIdle = false;
+      member->insist();
     }
     if (rest) return;
+    const Duration time = met.time;
     run(100ms);
+    if (isIdle) met.time = time;
     judge();
   }
   for (const auto& member : members_) EXPECT_TRUE(rests(*member)) << member->state();
@@ -186,7 +191,9 @@ bool World::hasAll(const Member& member) const {
 }
 
 bool World::rests(const Member& member) const {
-  return hasAll(member) && member.knows(server_->session(member.session())->presence().state());
+  if (!hasAll(member)) return false;
+  const auto state = server_->session(member.session())->presence().state();
+  return member.knows(state) && state.clock.waitsFor.empty();
 }
 
 Duration World::between(int least, int most) {

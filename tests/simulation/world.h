@@ -19,7 +19,7 @@ namespace ridgecast::simulation {
 
 // What all worlds together have met.
 struct Met {
-  Duration time{};  // without that in which nobody is there
+  Duration time{};  // without that in which nobody is there, or nothing but a step waits
   std::uint64_t edits = 0, acknowledgements = 0, falls = 0, storms = 0, undone = 0, lostWrites = 0;
 };
 extern Met met;
@@ -46,7 +46,7 @@ class World {
  private:
   Duration between(int least, int most);    // seconds
   bool hasAll(const Member& member) const;  // of its own
-  bool rests(const Member& member) const;   // and knows of the others
+  bool rests(const Member& member) const;   // and knows of the others, and no step waits
   void admit(std::uint64_t number, lattice::Point site);
 
   void act(const Event& event);
