@@ -139,7 +139,8 @@ rc_status rc_world_clock(rc_world* world, rc_clock* out) {
            .owner = said.owner,
            .step = said.step,
            .rate = said.rate,
-           .mode = static_cast<std::int32_t>(said.mode)},
+           .mode = static_cast<std::int32_t>(said.mode),
+           .end = static_cast<std::int64_t>(said.end)},
           out);
     return RC_OK;
   });
@@ -151,6 +152,11 @@ rc_status rc_world_set_clock(rc_world* world, int32_t mode, double rate, double 
     if (mode == RC_SCALED && !(rate > 0 && rate <= 1000)) return fail(RC_INVALID, "a clock's rate is above 0 and at most 1000");
     return statusOf(w.setClock(static_cast<wire::ClockMode>(mode), mode == RC_SCALED ? rate : 1, wait));
   });
+}
+
+rc_status rc_world_jump(rc_world* world, int64_t time, double timeout) {
+  return waiting(world, timeout,
+                 [&](world::World& w, Milliseconds wait) { return statusOf(w.jump(std::chrono::microseconds(time), wait)); });
 }
 
 rc_status rc_world_step(rc_world* world, int64_t time, double timeout) {

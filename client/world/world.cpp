@@ -129,20 +129,57 @@ Result<void> World::clockUntil(Instant until, const Done& done) {
   }
 }
 
+// Waits until the clock is this member's and satisfies `done`.
+template <class Done>
+Result<void> World::takeClock(const wire::SetClock& set, Instant until, const Done& done) {
+  const std::uint64_t before = client_->connection()->clock().version();
+  client_->connection()->setClock(set);
+  bool refused = false;
+  auto taken = clockUntil(until, [&](const connection::SessionClock& clock) {
+    const wire::Clock& said = clock.said();
+    refused = clock.version() > before && said.owner != 0 && said.owner != camera();
+    return refused || (said.owner == camera() && done(said, clock.version() > before));
+  });
+  if (taken && refused)
+    return Failure{Fault::kRefused, "member " + std::to_string(client_->connection()->clock().said().owner) + " owns the clock"};
+  return taken;
+}
+
 Result<void> World::setClock(wire::ClockMode mode, double rate, Milliseconds timeout) {
   const auto until = Clock::now() + timeout;
   if (auto there = connected(until); !there) return there;
-  const std::uint64_t before = client_->connection()->clock().version();
-  client_->connection()->setClock({.own = true, .mode = mode, .rate = rate});
-  bool refused = false;
-  auto set = clockUntil(until, [&](const connection::SessionClock& clock) {
-    const wire::Clock& said = clock.said();
-    refused = clock.version() > before && said.owner != 0 && said.owner != camera();
-    return refused || (said.owner == camera() && said.mode == mode && (mode != wire::ClockMode::kScaled || said.rate == rate));
+  return takeClock({.own = true, .mode = mode, .rate = rate}, until, [&](const wire::Clock& said, bool) {
+    return said.mode == mode && (mode != wire::ClockMode::kScaled || said.rate == rate);
   });
-  if (set && refused)
-    return Failure{Fault::kRefused, "member " + std::to_string(client_->connection()->clock().said().owner) + " owns the clock"};
-  return set;
+}
+
+Result<void> World::jump(Microseconds time, Milliseconds timeout) {
+  if (time < 0us || time.count() > static_cast<std::int64_t>(wire::kMaxTime))
+    return Failure{Fault::kInvalid, "a clock's time is 0 to 2^53 microseconds"};
+  const auto to = std::max<std::uint64_t>(static_cast<std::uint64_t>(time.count()), 1);  // 0 says that it does not jump
+  std::optional<Instant> sent;
+  for (const auto until = Clock::now() + timeout;;) {
+    if (auto there = connected(until); !there) return there;
+    if (auto heard = clockUntil(until, [](const connection::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard;
+    const auto clock = client_->connection()->clock();
+    const auto now = Clock::now();
+    const wire::Clock& said = clock.said();
+    const std::uint64_t is = clock.time(now), end = said.end == 0 ? to : std::min(to, said.end);
+    if (sent) {  // the connection was lost since then
+      const double passed = std::chrono::duration<double, std::micro>(now - *sent).count() * said.rate;
+      if (is >= end && static_cast<double>(is - end) <= passed + static_cast<double>(clock.uncertainty(now).count())) return {};
+    }
+    const bool isBack = is > to;
+    if (isBack && said.end == 0) return Failure{Fault::kRefused, "time goes back in recordings alone"};
+    sent = now;
+    bool stands = false;
+    auto set = takeClock({true, said.mode, said.rate, to}, until, [&](const wire::Clock& heard, bool isNew) {
+      stands = isNew && !heard.waitsFor.empty();
+      return !isBack && (stands || heard.time >= end);
+    });
+    if (set && stands) return Failure{Fault::kRefused, "the clock does not jump while a step is under way"};
+    if (set || set.error().fault != Fault::kLost) return set;
+  }
 }
 
 Result<void> World::step(Microseconds time, Milliseconds timeout) {

@@ -10,7 +10,7 @@
 // |--------------------------------|---------------------------|-------------------------------------------------------------------------|
 // | heights, normals, hits         | any, if isLocal()         | for the server, if not isLocal()                                        |
 // | terrain, info, isLocal         | any                       | terrain().heights() and the like for the server, if not isLocal()       |
-// | all others                     | one at a time (the owner) | join, ground, setClock, step, nextStep, fly, receive: at most `timeout` |
+// | all others                     | one at a time (the owner) | those with a `timeout`: at most that                                    |
 //
 // While the connection is away, a call waits for it within its timeout and then goes on.
 
@@ -91,6 +91,10 @@ class World {
   connection::SessionClock clock();
   // Takes the clock, where nobody has it, and sets it.
   Result<void> setClock(wire::ClockMode mode, double rate, Milliseconds timeout);
+  // Takes the clock, where nobody has it, and moves it to this time: ahead by at most an hour, but not while a step is under way; in a recording
+  // also back.
+  // Then the recording begins again there, and the connection with it.
+  Result<void> jump(Microseconds time, Milliseconds timeout);
   // Moves a clock that is stepped, or nobody's, by `time`, and waits until every member that follows it has done the step. After
   // kTimeout the step is still under way: a time of 0 goes on waiting for it. (Another time replaces one that has not left, as after
   // kLost.)
@@ -125,6 +129,8 @@ class World {
   Result<void> query(const Ask& ask);
   template <class Done>
   Result<void> clockUntil(Instant until, const Done& done);
+  template <class Done>
+  Result<void> takeClock(const wire::SetClock& set, Instant until, const Done& done);
   Failure waitedFor() const;
 
   const std::unique_ptr<replica::Client> client_;

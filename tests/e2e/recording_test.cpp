@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "client/connection/connection.h"
+#include "client/world/world.h"
 #include "tests/support/flier.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
@@ -252,6 +253,16 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   onlooker->setClock({true, wire::ClockMode::kStepped, 0, over.end - 1});
   EXPECT_TRUE(await([&] { return !onlooker->takeEdits().empty(); }));
   EXPECT_FALSE(onlooker->error());
+  // A program's calls: they come back by themselves.
+  onlooker.reset();
+  const auto program = world::World::join("127.0.0.1:" + std::to_string(std::stoul(readText(portFile))), {.camera = false}).value();
+  const std::chrono::microseconds end(over.end);
+  for (const auto to : {end - 1us, 1'000'000us, 2'000'000us, 5us, end + 1s}) {
+    const auto jumped = program->jump(to, kTimeout);
+    ASSERT_TRUE(jumped) << jumped.error().message;
+    EXPECT_EQ(program->clock().said().time, static_cast<std::uint64_t>(std::min(to, end).count()));
+    EXPECT_EQ(program->clock().said().mode, wire::ClockMode::kStepped);
+  }
 }
 
 // Whoever joined before had a number and a clock that the recording then took.

@@ -87,6 +87,11 @@ class Clock:
         return self.MODES[self._state().mode]
 
     @property
+    def end(self) -> Optional[float]:
+        """Of a recording, the time at which its clock stands; None: this is no recording."""
+        return self._state().end * 1e-6 or None
+
+    @property
     def owner(self) -> Optional[int]:
         """The number of the member that owns the clock; None: nobody."""
         return int(self._state().owner) or None
@@ -96,6 +101,13 @@ class Clock:
         if mode not in self.MODES:
             raise Invalid(f"a clock is one of {', '.join(self.MODES)}, not {mode!r}")
         interruptible(lambda: lib.rc_world_set_clock(self._world._handle, self.MODES.index(mode), rate, timeout))
+
+    def jump(self, seconds: float, timeout: float = 10.0) -> None:
+        """Takes the clock if nobody owns it, and moves it to this time: ahead, or, in a recording, back.
+
+        A recording then begins again there, and the connection with it. Raises Refused while a step is under way.
+        """
+        interruptible(lambda: lib.rc_world_jump(self._world._handle, round(seconds * 1e6), timeout))
 
     def step(self, seconds: float, timeout: float = 10.0) -> None:
         """Takes the clock if nobody owns it, advances it, and waits until all members that follow it have done the step.

@@ -237,6 +237,10 @@ class WorldTest(unittest.TestCase):
             self.assertEqual((world.clock.mode, world.clock.time), ("stepped", 0))
             world.clock.step(0.25)
             self.assertEqual(world.clock.time, 0.25)
+            world.clock.jump(3600.5)
+            self.assertEqual((world.clock.mode, world.clock.time, world.clock.end), ("stepped", 3600.5, None))
+            self.assertRaisesRegex(rc.Refused, "recordings", world.clock.jump, 1)
+            self.assertRaises(rc.Invalid, world.clock.jump, -1)
             self.assertRaises(rc.Refused, rc.join, self.server.url, session="still", terrain="alpine", clock="real-time")
 
     def test_steps_wait_for_those_who_follow(self) -> None:
