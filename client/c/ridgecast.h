@@ -202,8 +202,7 @@ rc_status rc_world_clock(rc_world* world, rc_clock* out);
 /* Takes the clock if nobody owns it, and sets it. `rate`: for RC_SCALED. */
 rc_status rc_world_set_clock(rc_world* world, int32_t mode, double rate, double timeout);
 /* Takes the clock if nobody owns it, and moves it to `time`: ahead by at most an hour, but not while a step is under way; in a
-   recording also back. Then the
-   recording begins again there, and the connection with it. RC_REFUSED: the message says why. */
+   recording also back: it begins again there, and the connection with it. RC_REFUSED: the message says why. */
 rc_status rc_world_jump(rc_world* world, int64_t time, double timeout);
 /* Takes the clock if nobody owns it, advances it by `time`, and waits until all members that follow it have done the step. RC_TIMEOUT: the
    message names those that have not; call again with time 0 to go on waiting. RC_LOST: whether it was done is unknown; read the clock. */

@@ -170,7 +170,8 @@ Result<void> World::jump(Microseconds time, Milliseconds timeout) {
       if (is >= end && static_cast<double>(is - end) <= passed + static_cast<double>(clock.uncertainty(now).count())) return {};
     }
     const bool isBack = is > to;
-    if (isBack && said.end == 0) return Failure{Fault::kRefused, "time goes back in recordings alone"};
+    if (isBack && said.end == 0) return Failure{Fault::kRefused, "time goes back only in recordings"};
+    if (said.end == 0 && to > is + wire::kMaxStepTime) return Failure{Fault::kRefused, "a jump takes the clock at most an hour ahead"};
     sent = now;
     bool stands = false;
     auto set = takeClock({true, said.mode, said.rate, to}, until, [&](const wire::Clock& heard, bool isNew) {

@@ -91,9 +91,8 @@ class World {
   connection::SessionClock clock();
   // Takes the clock, where nobody has it, and sets it.
   Result<void> setClock(wire::ClockMode mode, double rate, Milliseconds timeout);
-  // Takes the clock, where nobody has it, and moves it to this time: ahead by at most an hour, but not while a step is under way; in a recording
-  // also back.
-  // Then the recording begins again there, and the connection with it.
+  // Takes the clock, where nobody has it, and moves it to this time: ahead by at most an hour, but not while a step is under way; in a
+  // recording also back: it begins again there, and the connection with it.
   Result<void> jump(Microseconds time, Milliseconds timeout);
   // Moves a clock that is stepped, or nobody's, by `time`, and waits until every member that follows it has done the step. After
   // kTimeout the step is still under way: a time of 0 goes on waiting for it. (Another time replaces one that has not left, as after
