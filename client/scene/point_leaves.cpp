@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <utility>
 
 namespace ridgecast::scene {
 
@@ -68,6 +69,7 @@ std::uint64_t PointMesh::hashOf(RegionId region) {
       if (block == triangulation::kNoSlot) continue;
       BlockHash& hash = hashes_[block];
       const auto alive = static_cast<std::uint16_t>(pages.aliveMask(page) >> (k * Pages::kBlock));
+      if (hash.terms & ~alive) hash.isDrawn = false;
       for (unsigned dead = hash.terms & ~alive; dead != 0; dead &= dead - 1)
         hash.sum -= terms_[block * Pages::kBlock + static_cast<TriangleId>(std::countr_zero(dead))];
       hash.terms &= alive;
@@ -82,6 +84,7 @@ void PointMesh::setTerm(TriangleId t, std::uint64_t term) {
   const auto bit = static_cast<std::uint16_t>(1u << t % Pages::kBlock);
   if (hash.terms & bit) hash.sum -= terms_[t];
   hash.terms |= bit;
+  hash.isDrawn = false;
   hash.sum += terms_[t] = term;
 }
 
@@ -105,15 +108,35 @@ PointMesh::Leaf PointMesh::extract(LeafAddress leaf) {
   return out;
 }
 
-void PointMesh::corners(LeafAddress leaf, std::vector<mesh::LocalVertex>& to) {
-  const RegionId region = regions_.at(leaf);
+void PointMesh::draw(std::span<const Changed> leaves, Drawing& to) {
+  to.ends.clear(), to.blocks.clear(), to.changed.clear(), to.corners.clear();
+  const triangulation::TrianglePages& pages = mesh_->trianglePages();
+  for (const Changed& changed : leaves) {
+    for (std::uint32_t page : pages.pagesOf(regions_.at(changed.leaf)))
+      for (std::uint32_t k = 0; k < Pages::kBlocks; ++k) {
+        const auto alive = static_cast<std::uint16_t>(pages.aliveMask(page) >> (k * kBlock));
+        if (alive == 0) continue;
+        const std::uint32_t block = pages.blockOf(page, k);
+        to.blocks.push_back(block);
+        if (!std::exchange(hashes_[block].isDrawn, true)) drawBlock(block, alive, changed.leaf, to);
+      }
+    to.ends.push_back(static_cast<std::uint32_t>(to.blocks.size()));
+  }
+}
+
+void PointMesh::drawBlock(std::uint32_t block, std::uint32_t alive, LeafAddress leaf, Drawing& to) {
   const auto dx = static_cast<std::int32_t>(anchor_.x - leaf.x()), dz = static_cast<std::int32_t>(anchor_.z - leaf.z());
-  mesh_->trianglePages().forEach(region, [&](TriangleId t) {
-    for (VertexId v : mesh_->triangle(t).v) {
+  to.changed.push_back(block);
+  const std::size_t before = to.corners.size();
+  to.corners.resize(before + std::size_t{3} * kBlock);
+  for (; alive != 0; alive &= alive - 1) {
+    const auto slot = static_cast<std::uint32_t>(std::countr_zero(alive));
+    mesh::LocalVertex* corner = &to.corners[before + std::size_t{3} * slot];
+    for (VertexId v : mesh_->triangle(block * kBlock + slot).v) {
       const Vertex& p = mesh_->vertex(v);
-      to.push_back({dx + p.x, dz + p.z, p.y});
+      *corner++ = {dx + p.x, dz + p.z, p.y};
     }
-  });
+  }
 }
 
 }  // namespace ridgecast::scene

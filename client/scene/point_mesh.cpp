@@ -187,6 +187,8 @@ bool PointMesh::replaceLeaves(const Step& step) {
     const auto heir = std::find_if(come.begin(), come.end(), [&, of = leaf](const LeafAddress& c) { return c.isAncestorOf(of); });
     if (heir != come.end()) {
       const RegionId to = regions_.at(*heir);
+      for (std::uint32_t page : mesh_->trianglePages().pagesOf(region))  // they lie elsewhere in their heir's frame
+        mesh_->trianglePages().forEachBlock(page, [&](std::uint32_t block) { hashes_[block].isDrawn = false; });
       mesh_->adopt(region, to);
       bounds_[to].add(bounds_[region].low, bounds_[region].high);
       open -= area(leaf);

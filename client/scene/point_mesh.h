@@ -55,8 +55,16 @@ class PointMesh final : public triangulation::Partition {
   std::vector<Changed> takeChanged();
   // As it is now; costs more than following does.
   Leaf extract(lattice::LeafAddress leaf);
-  // Adds the corners of its triangles, three each: in less time, for who draws without indices.
-  void corners(lattice::LeafAddress leaf, std::vector<mesh::LocalVertex>& to);
+  // For pictures, which need no indices. Triangles lie in numbered blocks of kBlock slots; a block is one leaf's. A copy of all blocks that
+  // takes what is told here draws the leaves, and little of it changes in an iteration.
+  static constexpr std::uint32_t kBlock = triangulation::TrianglePages::kBlock;
+  struct Drawing {
+    std::vector<std::uint32_t> ends, blocks;  // of each leaf, where its blocks end in `blocks`; the numbers of all its blocks now
+    std::vector<std::uint32_t> changed;       // those that are not as they were told last
+    std::vector<mesh::LocalVertex> corners;   // three for each slot of a changed block, of the leaf's frame; all 0 without a triangle
+  };
+  // Tells of leaves that takeChanged() told of.
+  void draw(std::span<const Changed> leaves, Drawing& to);
   void clear();
 
   triangulation::RegionId regionAt(triangulation::Point2 p) const override;
@@ -116,6 +124,7 @@ class PointMesh final : public triangulation::Partition {
   Changed look(RegionId region);
   std::uint64_t termOf(triangulation::TriangleId t) const;
   std::uint64_t hashOf(RegionId region);
+  void drawBlock(std::uint32_t block, std::uint32_t alive, lattice::LeafAddress leaf, Drawing& to);
   void setTerm(triangulation::TriangleId t, std::uint64_t term);
 
   std::unique_ptr<triangulation::Triangulation> mesh_;
@@ -141,6 +150,7 @@ class PointMesh final : public triangulation::Partition {
   struct BlockHash {
     std::uint64_t sum = 0;    // of the terms of its triangles in `terms`
     std::uint16_t terms = 0;  // which there are, also of triangles that are gone meanwhile
+    bool isDrawn = false;     // as it is
     static_assert(Pages::kBlock <= 16);
   };
   std::vector<BlockHash> hashes_;                // by block of triangles

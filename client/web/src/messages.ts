@@ -4,6 +4,7 @@
 import type { LeafAddress } from './codec/mesh';
 import type { Camera, Loss, Settings } from './stream/stream';
 import type { Pose, Vec3 } from './render/view';
+import type { Drawing } from './scene/point_mesh';
 
 // ---- the page to the engine ----
 
@@ -107,10 +108,9 @@ export type FromEngine =
 
 // ---- the engine to the painter, over a port of their own ----
 
-export interface LeafBuffers {
+export interface DrawnLeaf {
   key: string;
   address: LeafAddress;
-  corners: Int32Array; // x, z, y of three corners a triangle, steps from the leaf's corner; all leaves' of a change in one buffer
   low: readonly [number, number, number];
   high: readonly [number, number, number];
 }
@@ -136,7 +136,7 @@ export interface EditSquare {
 
 export type ToPainterFromEngine =
   | { kind: 'world'; source: string; seed: number; horizon: number }
-  | { kind: 'change'; gone: string[]; fresh: LeafBuffers[]; clear: boolean }
+  | { kind: 'change'; gone: string[]; fresh: DrawnLeaf[]; drawing?: Drawing; clear: boolean } // the drawing of the fresh ones
   | { kind: 'squares'; gone: string[]; fresh: EditSquare[] } // taken as changes are
   | { kind: 'candidates'; candidates: Candidates | undefined };
 

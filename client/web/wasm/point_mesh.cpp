@@ -22,15 +22,20 @@ std::vector<std::byte> given;
 std::vector<mesh::LeafMesh> leaves;  // to begin with
 std::vector<scene::PointMesh::Changed> changes;
 mesh::LeafMesh made;
-std::vector<mesh::LocalVertex> corners;
+scene::PointMesh::Drawing drawing;
 struct Made {
   const mesh::LocalVertex* vertices;
   std::size_t vertexCount;
   const mesh::Triangle* triangles;
   std::size_t triangleCount;
 } view;
+struct Drawn {
+  const std::uint32_t *ends, *blocks, *changed;
+  const mesh::LocalVertex* corners;
+  std::size_t blockCount, changedCount;
+} drawn;
 
-static_assert(sizeof(scene::PointMesh::Changed) == 64 && sizeof(Made) == 16 && sizeof(mesh::LocalVertex) == 12 &&
+static_assert(sizeof(scene::PointMesh::Changed) == 64 && sizeof(Made) == 16 && sizeof(Drawn) == 24 && sizeof(mesh::LocalVertex) == 12 &&
               sizeof(mesh::Triangle) == 12);
 
 // The next `count` of what was given.
@@ -96,8 +101,10 @@ EXPORT(extract) const Made* extract(std::int32_t level, std::int64_t i, std::int
   view = {made.vertices.data(), made.vertices.size(), made.triangles.data(), made.triangles.size()};
   return &view;
 }
-EXPORT(corners) const mesh::LocalVertex* cornersOf(std::int32_t level, std::int64_t i, std::int64_t j) {
-  corners.clear();
-  held.corners({level, i, j}, corners);
-  return corners.data();
+// Those that were taken last.
+EXPORT(draw) const Drawn* draw() {
+  held.draw(changes, drawing);
+  drawn = {drawing.ends.data(),    drawing.blocks.data(), drawing.changed.data(),
+           drawing.corners.data(), drawing.blocks.size(), drawing.changed.size()};
+  return &drawn;
 }

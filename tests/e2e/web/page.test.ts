@@ -272,6 +272,32 @@ test('its own thread stays free while 100,000 triangles a second come', async (t
   t.diagnostic(flights.join('; '));
 });
 
+/** Milliseconds that the engine took for each message of its stream while `work` went on: by its thread's clock, which stands while others have the processor, and by the wall's. */
+async function engineTimes(work: () => Promise<void>): Promise<{ processor: number[]; wall: number[] }> {
+  interface Event { name: string; ph: string; pid: number; tid: number; ts: number; dur: number; tdur?: number }
+  const devices = await browser.newBrowserCDPSession(), events: Event[] = [];
+  devices.on('Tracing.dataCollected', ({ value }) => void events.push(...(value as unknown as Event[])));
+  await devices.send('Tracing.start', { transferMode: 'ReportEvents', traceConfig: { includedCategories: ['devtools.timeline'] } });
+  await work();
+  const complete = new Promise((done) => devices.once('Tracing.tracingComplete', done));
+  await devices.send('Tracing.end');
+  await complete;
+  await devices.detach();
+  events.sort((a, b) => a.ts - b.ts);
+  const received = events.filter((e) => e.name === 'WebSocketReceive'), thread = received[0]!;
+  const calls = events.filter((e) => e.name === 'FunctionCall' && e.pid === thread.pid && e.tid === thread.tid && e.tdur !== undefined);
+  const took = received.map(({ ts }) => calls.find((call) => call.ts + call.dur >= ts)!);
+  assert.ok(took.every(Boolean));
+  return { processor: took.map((call) => call.tdur! / 1000), wall: took.map((call) => call.dur / 1000) };
+}
+
+// Takes changes and draws nothing.
+const BLIND_PAINTER = `self.onmessage = ({ data: { kind, engine } }) => {
+  if (kind !== 'begin') return;
+  engine.onmessage = ({ data }) => data.kind === 'change' && engine.postMessage({ kind: 'taken' });
+  self.postMessage({ kind: 'ready' });
+};`;
+
 test('decodes an iteration of the evaluation\'s flight within 4 ms', { skip: process.env['MEASURE'] ? false : 'MEASURE=1 measures it' }, async (t) => {
   const { keyframes } = JSON.parse(readFileSync(join(needed('RIDGECAST_SOURCE'), 'client/evaluation/paths/alpine.json'), 'utf8')) as { keyframes: ({ t: number } & typeof POSE)[] };
   const at = (seconds: number): Camera => {
@@ -279,27 +305,25 @@ test('decodes an iteration of the evaluation\'s flight within 4 ms', { skip: pro
     const of = (name: keyof typeof POSE): number => a[name] + ((b[name] - a[name]) * (seconds - a.t)) / (b.t - a.t);
     return { x: Math.round(256 * of('x')), z: Math.round(256 * of('z')), y: of('y'), yaw: (of('yaw') * Math.PI) / 180, pitch: (of('pitch') * Math.PI) / 180, verticalFov: 1.0472, width: 1280, height: 720 };
   };
-  const first = 40, cameras = [...Array.from({ length: first }, () => at(0)), ...Array.from({ length: 400 }, (_, k) => at(0.1 * k))];
-  const replay = new Replay(needed('RIDGECAST_PAGE'), await record(server.ws, cameras, 0));
-  const viewer = await Viewer.open(browser, 'about:blank', { width: 160, height: 90 });
-  await viewer.page.addInitScript(() => {
-    const own = globalThis as unknown as { decoded: number[]; Worker: typeof Worker };
-    own.decoded = [];
-    own.Worker = class extends Worker {
-      constructor(url: string | URL, options?: WorkerOptions) {
-        super(url, options);
-        this.addEventListener('message', ({ data }) => data.kind === 'figures' && own.decoded.push(data.figures.decodeMs));
-      }
+  const flown = 400, cameras = [...Array.from({ length: 40 }, () => at(0)), ...Array.from({ length: flown }, (_, k) => at(0.1 * k))];
+  const messages = await record(server.ws, cameras, 0), worst: number[] = [];
+  for (const draws of [false, true]) {
+    const replay = new Replay(needed('RIDGECAST_PAGE'), messages), viewer = await Viewer.open(browser, 'about:blank', { width: 160, height: 90 });
+    if (!draws) await viewer.page.route('**/painter.worker*.js', (route) => route.fulfill({ contentType: 'text/javascript', body: BLIND_PAINTER }));
+    const { processor, wall } = await engineTimes(async () => {
+      await viewer.page.goto(`${await replay.listen()}/${place()}`);
+      await viewer.until('at the end', (r) => r.figures?.iteration === cameras.length);
+    });
+    const say = (name: string, times: number[]): string => {
+      const sorted = times.slice(-flown).sort((a, b) => a - b), share = (percent: number): string => sorted[Math.floor((flown * percent) / 100)]!.toFixed(2);
+      return `${name} median ${share(50)} ms, p90 ${share(90)}, p99 ${share(99)}, worst ${sorted.at(-1)!.toFixed(2)}`;
     };
-  });
-  await viewer.page.goto(`${await replay.listen()}/${place()}`);
-  await viewer.until('at the end', (r) => r.figures?.iteration === cameras.length);
-  const times = (await viewer.page.evaluate(() => (globalThis as unknown as { decoded: number[] }).decoded)).slice(first).sort((a, b) => a - b);
-  const share = (percent: number): number => times[Math.floor((times.length * percent) / 100)]!;
-  t.diagnostic(`${times.length} iterations decoded: median ${share(50).toFixed(2)} ms, p90 ${share(90).toFixed(2)}, p99 ${share(99).toFixed(2)}`);
-  assert.ok(share(99) <= 4, `p99 ${share(99)} ms`);
-  await viewer.close();
-  replay.close();
+    t.diagnostic(`${draws ? 'drawing' : 'without drawing'}: ${say('processor', processor)}; ${say('wall', wall)}`);
+    worst.push(processor.slice(-flown).sort((a, b) => a - b)[Math.floor(flown * 0.99)]!);
+    await viewer.close();
+    replay.close();
+  }
+  assert.ok(worst.every((ms) => ms <= 4), `p99 ${worst.map((ms) => ms.toFixed(2)).join(', ')} ms`);
 });
 
 /** A page that draws nothing goes on saying why, and is no member of the session. */

@@ -2,9 +2,11 @@
 
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
+import { LeafAddress, keyOf } from '../../../client/web/src/codec/mesh';
 import type { Iteration, World } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
 import { Replica } from '../../../client/web/src/replica/replica';
-import type { HeldLeaf } from '../../../client/web/src/scene/draft';
+import { BLOCK } from '../../../client/web/src/scene/point_mesh';
+import type { Change, Scene } from '../../../client/web/src/scene/scene';
 import { Camera, Stream } from '../../../client/web/src/stream/stream';
 import { hashLeaf, hashTerm, parts } from '../../support/web';
 import { NodeSocket } from './node_socket';
@@ -14,10 +16,10 @@ import { Server } from './server';
 const forms = { plain: 0, draco: 0, points: 0, come: 0, gone: 0 }; // how leaves came and went
 
 /** Flies in lock-step; resolves once `cameras` have had their iterations. */
-async function fly(server: Server, replica: Replica, cameras: Camera[], more: { damage?: boolean } = {}): Promise<{ triangles: number; damages: number; times: number[] }> {
+async function fly(server: Server, replica: Replica, cameras: Camera[], more: { damage?: boolean; copy?: Copy } = {}): Promise<{ triangles: number; damages: number; times: number[] }> {
   return new Promise((resolve, reject) => {
     let next = 0, triangles = 0, damages = 0, requests = 0;
-    const times: number[] = [];
+    const times: number[] = [], copy = more.copy ?? new Copy();
     const socket = new NodeSocket(`${server.ws}/v1/stream`);
     const stream: Stream = new Stream(
       { open: () => socket, clientName: 'test', settings: { threshold: 1, candidates: 0 }, lockstep: true },
@@ -36,9 +38,10 @@ async function fly(server: Server, replica: Replica, cameras: Camera[], more: { 
           const damaged = more.damage && iteration.number % 4n === 0n && iteration.points.length > 8;
           if (damaged) iteration.points[(++damages * 7919) % iteration.points.length]! ^= 1 << damages % 8;
           const began = performance.now();
-          const { fresh, corners, decoded, agrees, acknowledge } = replica.apply(iteration);
+          const applied = replica.apply(iteration), { decoded, agrees, acknowledge } = applied;
           times.push(performance.now() - began);
-          if (iteration.number % 8n === 0n) checkCorners(fresh, corners);
+          copy.apply(applied);
+          if (iteration.number % 16n === 0n && agrees) copy.check(replica.scene);
           triangles += decoded;
           assert.equal(agrees, !damaged, `iteration ${iteration.number}`);
           assert.equal(requests, damages);
@@ -60,14 +63,31 @@ async function fly(server: Server, replica: Replica, cameras: Camera[], more: { 
 const flight = (x: number, z: number, steps: number, speed = 12_000): Camera[] =>
   Array.from({ length: steps }, (_, k) => ({ x: x + k * speed, z: z - k * 3 * speed, y: 2600, yaw: -0.3 + 0.02 * k, pitch: -0.2, verticalFov: 1.0472, width: 640, height: 360 }));
 
-/** What is drawn are the triangles that the hashes tell of. */
-function checkCorners(fresh: readonly HeldLeaf[], corners: Int32Array): void {
-  let at = 0;
-  for (const { address, triangles, hash } of fresh) {
-    const vertices = corners.subarray(at, (at += 9 * triangles));
-    assert.equal(hashLeaf({ address, vertices, triangles: Uint32Array.from({ length: 3 * triangles }, (_, k) => k) }), hash);
+/** What somebody draws who keeps a copy of the blocks. */
+class Copy {
+  private readonly leaves = new Map<string, { address: LeafAddress; blocks: Uint32Array }>();
+  private readonly blocks = new Map<number, Int32Array>();
+
+  apply({ gone, drawn, drawing: { ends, blocks, changed, corners } }: Change): void {
+    for (const address of gone) this.leaves.delete(keyOf(address));
+    changed.forEach((block, k) => this.blocks.set(block, corners.subarray(BLOCK * k, BLOCK * (k + 1))));
+    drawn.forEach(({ address }, k) => this.leaves.set(keyOf(address), { address, blocks: blocks.subarray(k === 0 ? 0 : ends[k - 1], ends[k]) }));
   }
-  assert.equal(at, corners.length);
+
+  /** They are the triangles that the hashes tell of. */
+  check({ leaves }: Scene): void {
+    assert.deepEqual([...this.leaves.keys()].sort(), [...leaves.keys()].sort());
+    const owned = [...this.leaves.values()].flatMap(({ blocks }) => [...blocks]);
+    assert.equal(new Set(owned).size, owned.length);
+    for (const [key, { address, blocks }] of this.leaves) {
+      const vertices: number[] = [];
+      for (const block of blocks) {
+        const corners = this.blocks.get(block)!;
+        for (let at = 0; at < BLOCK; at += 9) if (corners.subarray(at, at + 9).some((v) => v !== 0)) vertices.push(...corners.subarray(at, at + 9));
+      }
+      assert.equal(hashLeaf({ address, vertices: Int32Array.from(vertices), triangles: Uint32Array.from({ length: vertices.length / 3 }, (_, k) => k) }), leaves.get(key)!.hash);
+    }
+  }
 }
 
 /** The hashes that points were compared by are those of the leaves that are held, reckoned by other code. */
@@ -86,8 +106,8 @@ for (const terrain of ['alpine', 'canyon'])
     t.after(() => server.stop());
     const { draco, points } = await parts();
 
-    const replica = new Replica(draco, points), { scene } = replica;
-    const { triangles, times } = await fly(server, replica, flight(358_400, 921_600, 120));
+    const replica = new Replica(draco, points), { scene } = replica, copy = new Copy();
+    const { triangles, times } = await fly(server, replica, flight(358_400, 921_600, 120), { copy });
     times.sort((a, b) => a - b);
     t.diagnostic(`${triangles} triangles came; an iteration took ${times[60]!.toFixed(1)} ms, one ${times[118]!.toFixed(1)}; ${JSON.stringify(forms)}`);
     assert.ok(scene.triangles > 10_000);
@@ -96,7 +116,8 @@ for (const terrain of ['alpine', 'canyon'])
 
     await t.test('resumes on a new connection', async () => {
       const before = scene.triangles;
-      const { triangles: again } = await fly(server, replica, flight(358_400 + 119 * 12_000, 921_600 - 119 * 36_000, 3, 0));
+      const { triangles: again } = await fly(server, replica, flight(358_400 + 119 * 12_000, 921_600 - 119 * 36_000, 3, 0), { copy });
+      copy.check(scene);
       assert.ok(again < before / 2, `${again} of ${before} came again`);
     });
     await t.test('far away', () => fly(server, new Replica(draco, points), flight(2 ** 50 - 2 ** 30, -(2 ** 49), 6)));

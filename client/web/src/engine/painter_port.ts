@@ -21,9 +21,8 @@ export class PainterPort {
   }
 
   show(change: Change, taken: () => void): void {
-    let at = 0;
-    const fresh = change.fresh.map(({ address, triangles, low, high }) => ({ key: keyOf(address), address, corners: change.corners.subarray(at, (at += 9 * triangles)), low, high }));
-    this.change({ kind: 'change', gone: change.gone.map(keyOf), fresh, clear: false }, [change.corners], taken);
+    const { gone, drawn, drawing } = change, fresh = drawn.map(({ address, low, high }) => ({ key: keyOf(address), address, low, high }));
+    this.change({ kind: 'change', gone: gone.map(keyOf), fresh, drawing, clear: false }, Object.values(drawing), taken);
   }
   showSquares(gone: string[], fresh: EditSquare[]): void {
     this.change({ kind: 'squares', gone, fresh }, fresh.map((square) => square.posts));
@@ -32,7 +31,7 @@ export class PainterPort {
     this.change({ kind: 'change', gone: [], fresh: [], clear: true }, []);
   }
 
-  private change(message: ToPainterFromEngine, arrays: readonly Int32Array[], taken: () => void = () => {}): void {
+  private change(message: ToPainterFromEngine, arrays: readonly (Int32Array | Uint32Array)[], taken: () => void = () => {}): void {
     this.untaken.push(taken);
     ++this.changes;
     this.send(

@@ -1,21 +1,21 @@
-// The leaves of the mesh in one buffer on the graphics card, drawn in one call. The buffer has blocks of 32 triangles; a leaf has as many
-// as it needs, anywhere. A table that is written for each picture tells the vertex shader, block by block, where the leaf lies from the
+// The leaves of the mesh in one buffer on the graphics card, drawn in one call: a copy of the blocks of triangles that they lie in. A table that is written for each picture tells the vertex shader, block by block, where the leaf lies from the
 // camera's own step.
 
 import { BufferAttribute, BufferGeometry, Camera, DataTexture, DoubleSide, GLSL3, IntType, LessDepth, Mesh, NoBlending, RGBAIntegerFormat, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
 import { cornerX, cornerZ } from '../codec/mesh';
-import type { LeafBuffers } from '../messages';
+import type { DrawnLeaf, ToPainterFromEngine } from '../messages';
+import { BLOCK } from '../scene/point_mesh';
 import { MESH_FRAGMENT, MESH_VERTEX } from './shaders';
 import { STEPS_PER_METRE, View, ViewUniforms, mayBeSeen } from './view';
 
 const NEAR = 0.1; // metres before the camera where the mesh is cut off
 const FARTHEST = 2 ** 30; // steps: a stale mesh after a jump; offsets stay within 32 bits
-const BLOCK = 96; // vertices
-const COLUMNS = 256; // blocks in a row of the table
+const COLUMNS = 512; // blocks in a row of the table
 
+type Change = Extract<ToPainterFromEngine, { kind: 'change' }>;
 interface Slot {
-  leaf: Omit<LeafBuffers, 'corners'>;
-  blocks: number[];
+  leaf: DrawnLeaf;
+  blocks: Uint32Array; // their numbers
 }
 
 /** Integers of all blocks, for vertices and for the table. */
@@ -26,7 +26,7 @@ class Store {
   private readonly positions: BufferAttribute;
 
   constructor(rows: number, before?: Store) {
-    this.positions = new BufferAttribute(new Int32Array(3 * BLOCK * COLUMNS * rows), 3);
+    this.positions = new BufferAttribute(new Int32Array(BLOCK * COLUMNS * rows), 3);
     this.positions.gpuType = IntType;
     if (before) this.positions.array.set(before.positions.array);
     this.geometry.setAttribute('position', this.positions);
@@ -38,10 +38,8 @@ class Store {
     return this.places.length / 4;
   }
   put(block: number, corners: Int32Array): void {
-    const at = 3 * BLOCK * block;
-    this.positions.array.fill(0, at + corners.length, at + 3 * BLOCK); // triangles without area
-    this.positions.array.set(corners, at);
-    this.positions.addUpdateRange(at, 3 * BLOCK);
+    this.positions.array.set(corners, BLOCK * block);
+    this.positions.addUpdateRange(BLOCK * block, BLOCK);
     this.positions.needsUpdate = true;
   }
   dispose(): void {
@@ -55,10 +53,9 @@ export class Leaves {
   private readonly scene = new Scene();
   private readonly camera = new Camera();
   private readonly slots = new Map<string, Slot>();
-  private readonly free: number[] = []; // blocks below `end`
-  private end = 0;
+  private end = 0; // of the blocks that were used
   private store = new Store(8);
-  private readonly own = { leafTable: { value: null as DataTexture | null }, leafColumns: { value: COLUMNS }, leafBlock: { value: BLOCK }, edges: { value: 0 }, near: { value: NEAR } };
+  private readonly own = { leafTable: { value: null as DataTexture | null }, leafColumns: { value: COLUMNS }, leafBlock: { value: BLOCK / 3 }, edges: { value: 0 }, near: { value: NEAR } };
   private readonly mesh: Mesh<BufferGeometry, RawShaderMaterial>;
 
   constructor(view: ViewUniforms) {
@@ -79,17 +76,20 @@ export class Leaves {
     this.camera.matrixWorldAutoUpdate = false;
   }
 
-  apply(gone: readonly string[], fresh: readonly LeafBuffers[], clear: boolean): void {
+  apply({ gone, fresh, drawing, clear }: Change): void {
     ++this.version;
-    for (const key of clear ? [...this.slots.keys()] : gone) this.drop(key);
-    for (const leaf of fresh) {
-      this.drop(leaf.key);
-      if (leaf.corners.length > 0) this.put(leaf);
-    }
+    if (clear) this.slots.clear(), (this.end = 0);
+    for (const key of gone) this.slots.delete(key);
+    if (!drawing) return;
+    const { ends, blocks, changed, corners } = drawing;
+    for (const block of changed) if (block >= this.end) this.end = block + 1;
+    while (this.end > this.store.blocks) this.grow();
+    changed.forEach((block, k) => this.store.put(block, corners.subarray(BLOCK * k, BLOCK * (k + 1))));
+    fresh.forEach((leaf, k) => this.slots.set(leaf.key, { leaf, blocks: blocks.slice(k === 0 ? 0 : ends[k - 1], ends[k]) }));
   }
 
   get areThere(): boolean {
-    return this.slots.size > 0;
+    return this.end > 0;
   }
 
   /** Clears the surface and draws into it. */
@@ -97,7 +97,7 @@ export class Leaves {
     this.own.edges.value = edges ? 1 : 0;
     this.place(view);
     this.own.leafTable.value = this.store.table;
-    this.store.geometry.setDrawRange(0, this.end * BLOCK);
+    this.store.geometry.setDrawRange(0, (this.end * BLOCK) / 3);
     renderer.setRenderTarget(surface);
     renderer.clear();
     if (this.end > 0) renderer.render(this.scene, this.camera);
@@ -123,28 +123,10 @@ export class Leaves {
     table.needsUpdate = true;
   }
 
-  private put({ corners, ...leaf }: LeafBuffers): void {
-    const blocks: number[] = [];
-    for (let at = 0; at < corners.length; at += 3 * BLOCK) {
-      const block = this.free.pop() ?? this.end++;
-      if (block >= this.store.blocks) this.grow();
-      this.store.put(block, corners.subarray(at, at + 3 * BLOCK));
-      blocks.push(block);
-    }
-    this.slots.set(leaf.key, { leaf, blocks });
-  }
-
   private grow(): void {
     const before = this.store;
     this.store = new Store((2 * before.blocks) / COLUMNS, before);
     this.mesh.geometry = this.store.geometry;
     before.dispose();
-  }
-
-  private drop(key: string): void {
-    const slot = this.slots.get(key);
-    if (!slot) return;
-    this.free.push(...slot.blocks);
-    this.slots.delete(key);
   }
 }

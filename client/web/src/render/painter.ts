@@ -114,7 +114,7 @@ export class Painter {
     } else {
       ++this.heard.changes;
       if (message.kind === 'squares') this.takeSquares(message);
-      else this.leaves.apply(message.gone, message.fresh, message.clear);
+      else this.leaves.apply(message);
       this.engine.postMessage({ kind: 'taken' } satisfies FromPainterToEngine);
     }
     this.schedule();

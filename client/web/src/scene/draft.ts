@@ -50,18 +50,6 @@ export class HeldLeaf {
     if (this.made instanceof PointMesh) this.made = this.made.extract(this.address);
     return this.made;
   }
-
-  /** Fills `to` with its triangles' corners, nine numbers each. */
-  putCorners(to: Int32Array): void {
-    if (this.made instanceof PointMesh) return this.made.corners(this.address, to);
-    const { vertices, triangles } = this.made;
-    for (let k = 0, at = 0; k < triangles.length; ++k, at += 3) {
-      const v = 3 * triangles[k]!;
-      to[at] = vertices[v]!;
-      to[at + 1] = vertices[v + 1]!;
-      to[at + 2] = vertices[v + 2]!;
-    }
-  }
 }
 
 function addressOf(wire: WireAddress | undefined): LeafAddress {
@@ -84,6 +72,7 @@ export class Draft {
   hash: bigint; // of what the leaves become, as the next two
   triangles: number;
   lost: boolean;
+  changed: ChangedLeaf[] = []; // that points may have changed; none where they were lost
   decoded = 0; // triangles of leaves that came, and those by which others grew
   private readonly named = new Set<string>(); // keys that come or are whole
   private count: number; // of leaves
@@ -118,14 +107,6 @@ export class Draft {
     const isAnew = iteration.number === 1n || wholes.length > 0;
     if (isAnew) this.lost = !this.points.begin(this.heldOrWhole());
     this.follow(isAnew ? [] : [...this.gone.values()], come, iteration.points);
-  }
-
-  /** What is drawn in the place of the fresh leaves. */
-  corners(): Int32Array {
-    const leaves = [...this.fresh.values()], all = new Int32Array(leaves.reduce((sum, { triangles }) => sum + 9 * triangles, 0));
-    let at = 0;
-    for (const leaf of leaves) leaf.putCorners(all.subarray(at, (at += 9 * leaf.triangles)));
-    return all;
   }
 
   private subtract({ address, hash, triangles }: HeldLeaf): void {
@@ -187,7 +168,8 @@ export class Draft {
     for (const address of come) this.keep(HeldLeaf.empty(address));
     this.lost ||= !this.points.follow(gone, come, payload);
     if (this.lost) return this.lose();
-    for (const changed of this.points.takeChanged()) {
+    this.changed = this.points.takeChanged();
+    for (const changed of this.changed) {
       const key = keyOf(changed.address), before = this.fresh.get(key) ?? this.held(key);
       if (!before || before.hash === changed.hash) continue;
       this.subtract(before);

@@ -14,7 +14,7 @@ interface Functions {
   takeChanged(): number;
   changed(): number;
   extract(level: number, i: bigint, j: bigint): number;
-  corners(level: number, i: bigint, j: bigint): number;
+  draw(): number;
 }
 
 const ADDRESS = 24, CHANGED = 64; // bytes of LeafAddress and PointMesh::Changed: level, i and j in eight each; then hash, triangles, low and high
@@ -29,6 +29,15 @@ export interface ChangedLeaf {
   readonly low: Corner; // hold its vertices, which may span less
   readonly high: Corner;
 }
+
+/** Of the leaves that takeChanged() told of last, for a copy of the blocks of 16 triangles that they lie in (PointMesh::draw). */
+export interface Drawing {
+  readonly ends: Uint32Array; // of each leaf, where its blocks end in `blocks`
+  readonly blocks: Uint32Array; // the numbers of all its blocks now
+  readonly changed: Uint32Array; // those that are not as they were told last
+  readonly corners: Int32Array; // of those, x, z, y of three corners of each triangle, steps from their leaf's corner; 0 where there is none
+}
+export const BLOCK = 16 * 9; // numbers of a block
 
 /** Where memory ends, its functions throw a Refusal, and nothing is held. */
 export class PointMesh {
@@ -98,11 +107,18 @@ export class PointMesh {
     });
   }
 
-  /** The same as corners of triangles, nine numbers each; fills `to`. */
-  corners({ level, i, j }: LeafAddress, to: Int32Array): void {
-    this.guarded(() => {
-      const at = this.wasm.corners(level, BigInt(i), BigInt(j));
-      to.set(new Int32Array(this.wasm.memory.buffer, at, to.length));
+  /** `leaves`: as many as takeChanged() told of last, or none. */
+  draw(leaves: number): Drawing {
+    if (leaves === 0) return { ends: new Uint32Array(0), blocks: new Uint32Array(0), changed: new Uint32Array(0), corners: new Int32Array(0) };
+    return this.guarded(() => {
+      const at = this.wasm.draw(), { buffer } = this.wasm.memory;
+      const [ends, blocks, changed, corners, blockCount, changedCount] = new Uint32Array(buffer, at, 6) as unknown as [number, number, number, number, number, number];
+      return {
+        ends: new Uint32Array(buffer, ends, leaves).slice(),
+        blocks: new Uint32Array(buffer, blocks, blockCount).slice(),
+        changed: new Uint32Array(buffer, changed, changedCount).slice(),
+        corners: new Int32Array(buffer, corners, BLOCK * changedCount).slice(),
+      };
     });
   }
 

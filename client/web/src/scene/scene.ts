@@ -4,13 +4,14 @@ import type { DracoDecode } from '../codec/leaf';
 import { LeafAddress, Refusal, cornerX, cornerZ } from '../codec/mesh';
 import type { Iteration } from '../generated/ridgecast/v1/stream_pb';
 import { Draft, HeldLeaf } from './draft';
-import type { PointMesh } from './point_mesh';
+import type { ChangedLeaf, Drawing, PointMesh } from './point_mesh';
 
 /** What an iteration did to the leaves held, for whoever draws them. */
 export interface Change {
   readonly gone: readonly LeafAddress[];
   readonly fresh: readonly HeldLeaf[]; // new, or in the place of what was held
-  readonly corners: Int32Array; // of their triangles, leaf by leaf, nine numbers each
+  readonly drawn: readonly ChangedLeaf[]; // to be drawn anew; where points were lost, what is drawn stays
+  readonly drawing: Drawing; // of those
   readonly decoded: number; // triangles of leaves that came, and those by which others grew
 }
 
@@ -70,13 +71,13 @@ export class Scene {
     if (iteration.number === 0n || (this.last !== 0n && iteration.number !== this.last + 1n)) throw new Refusal(`out of order, ${this.last + 1n} was expected`);
     const draft = new Draft(this, this.points);
     draft.fill(iteration, this.draco);
-    const { gone, fresh, decoded } = draft, corners = draft.corners();
+    const { gone, fresh, decoded, changed: drawn } = draft, drawing = this.points.draw(drawn.length);
     for (const key of gone.keys()) this.leaves.delete(key);
     for (const [key, leaf] of fresh) this.leaves.set(key, leaf);
     this.hash = BigInt.asUintN(64, draft.hash);
     this.triangles = draft.triangles;
     this.lost = draft.lost;
     this.last = iteration.number;
-    return { gone: [...gone.values()], fresh: [...fresh.values()], corners, decoded };
+    return { gone: [...gone.values()], fresh: [...fresh.values()], drawn, drawing, decoded };
   }
 }
