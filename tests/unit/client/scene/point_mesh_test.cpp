@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "tests/support/leaf_meshes.h"
 
@@ -74,6 +75,81 @@ TEST(PointMesh, TrianglesHaveNoPointInTheirCircleWhateverIsTakenBack) {
                           m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
       EXPECT_GE(inside, 0);  // x and z: clockwise is positive
     }
+  }
+}
+
+// What somebody draws who keeps a copy of the blocks: the leaves' triangles, although only what changed is told.
+class Copy {
+ public:
+  void follow(PointMesh& mesh) {
+    const std::vector<PointMesh::Changed> changed = mesh.takeChanged();
+    PointMesh::Drawing drawing;
+    mesh.draw(changed, drawing);
+    constexpr std::size_t size = std::size_t{3} * PointMesh::kBlock;
+    ASSERT_EQ(drawing.corners.size(), size * drawing.changed.size());
+    told_ = drawing.changed.size();
+    for (std::size_t k = 0; k < told_; ++k)
+      blocks_[drawing.changed[k]].assign(drawing.corners.begin() + static_cast<std::ptrdiff_t>(size * k),
+                                         drawing.corners.begin() + static_cast<std::ptrdiff_t>(size * (k + 1)));
+    ASSERT_EQ(drawing.ends.size(), changed.size());
+    std::size_t at = 0;
+    for (std::size_t n = 0; n < changed.size(); ++n) {
+      mesh::LeafMesh leaf{changed[n].leaf, {}, {}};
+      for (; at < drawing.ends[n]; ++at) add(blocks_[drawing.blocks[at]], leaf);
+      EXPECT_EQ(leaf.triangles.size(), changed[n].triangles);
+      EXPECT_EQ(mesh::hashLeaf(leaf), mesh::hashLeaf(mesh.extract(changed[n].leaf).mesh)) << changed[n].leaf.i << ' ' << changed[n].leaf.j;
+    }
+  }
+  std::size_t told() const { return told_; }
+  std::size_t blocks() const { return blocks_.size(); }
+
+ private:
+  static void add(const std::vector<mesh::LocalVertex>& corners, mesh::LeafMesh& leaf) {
+    for (std::size_t k = 0; k < corners.size(); k += 3) {
+      if (corners[k] == mesh::LocalVertex{} && corners[k + 1] == mesh::LocalVertex{}) continue;
+      const auto n = static_cast<std::uint32_t>(leaf.vertices.size());
+      leaf.vertices.insert(leaf.vertices.end(), &corners[k], &corners[k] + 3);
+      leaf.triangles.push_back({n, n + 1, n + 2});
+    }
+  }
+  std::map<std::uint32_t, std::vector<mesh::LocalVertex>> blocks_;
+  std::size_t told_ = 0;
+};
+
+TEST(PointMesh, ACopyOfTheBlocksThatChangeDrawsTheLeaves) {
+  Random random(2);
+  PointMesh mesh(false);
+  std::vector<points::Place> places;
+  for (int k = 0; k < 3000; ++k)
+    places.push_back(
+        {static_cast<std::int32_t>(between(random, 0, kLeaf.side() - 1)), static_cast<std::int32_t>(between(random, 0, kLeaf.side() - 1))});
+  places = sorted(places);
+  const LeafAddress stays{4, 1, 0};
+  const std::vector<LeafAddress> parent{kLeaf}, children{{3, 0, 0}, {3, 0, 1}, {3, 1, 0}, {3, 1, 1}}, whole{kLeaf, stays};
+  ASSERT_TRUE(mesh.follow({{}, whole, payloadOf(whole, whole, {kLeaf, {}, {}, places}, 0), {}}));
+  Copy copy;
+  copy.follow(mesh);
+  const auto turn = [&](const std::vector<LeafAddress>& gone, const std::vector<LeafAddress>& come) {
+    std::vector<std::uint8_t> payload;
+    points::Writer writer(payload);
+    std::vector<LeafAddress> held = come;
+    held.push_back(stays);
+    std::vector<points::Change> none;
+    writer.changes(
+        {held, come, {}}, [](const LeafAddress&) { return 0; }, none);
+    writer.finish();
+    EXPECT_TRUE(mesh.follow({gone, come, payload, {}}));
+    copy.follow(mesh);
+  };
+  for (int n = 0; n < 8; ++n) {
+    const auto first = static_cast<std::uint32_t>(between(random, 0, static_cast<std::int64_t>(places.size()) - 4));
+    const points::Change change{kLeaf, {first, first + 2, first + 3}, {}, {}};
+    ASSERT_TRUE(mesh.follow({{}, {}, payloadOf(whole, {}, change, static_cast<std::uint32_t>(places.size())), {}}));
+    for (std::uint32_t k : {3u, 2u, 0u}) places.erase(places.begin() + first + k);
+    copy.follow(mesh);
+    EXPECT_LT(copy.told(), copy.blocks() / 4);
+    turn(parent, children);
+    turn(children, parent);
   }
 }
 
