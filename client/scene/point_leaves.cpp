@@ -69,7 +69,7 @@ std::uint64_t PointMesh::hashOf(RegionId region) {
       if (block == triangulation::kNoSlot) continue;
       BlockHash& hash = hashes_[block];
       const auto alive = static_cast<std::uint16_t>(pages.aliveMask(page) >> (k * Pages::kBlock));
-      if (hash.terms & ~alive) hash.isDrawn = false;
+      hash.drawn &= static_cast<std::uint16_t>(~hash.terms | alive);
       for (unsigned dead = hash.terms & ~alive; dead != 0; dead &= dead - 1)
         hash.sum -= terms_[block * Pages::kBlock + static_cast<TriangleId>(std::countr_zero(dead))];
       hash.terms &= alive;
@@ -84,7 +84,7 @@ void PointMesh::setTerm(TriangleId t, std::uint64_t term) {
   const auto bit = static_cast<std::uint16_t>(1u << t % Pages::kBlock);
   if (hash.terms & bit) hash.sum -= terms_[t];
   hash.terms |= bit;
-  hash.isDrawn = false;
+  hash.drawn &= static_cast<std::uint16_t>(~bit);
   hash.sum += terms_[t] = term;
 }
 
@@ -118,7 +118,7 @@ void PointMesh::draw(std::span<const Changed> leaves, Drawing& to) {
         if (alive == 0) continue;
         const std::uint32_t block = pages.blockOf(page, k);
         to.blocks.push_back(block);
-        if (!std::exchange(hashes_[block].isDrawn, true)) drawBlock(block, alive, changed.leaf, to);
+        drawBlock(block, alive, changed.leaf, to);
       }
     to.ends.push_back(static_cast<std::uint32_t>(to.blocks.size()));
   }
@@ -126,13 +126,15 @@ void PointMesh::draw(std::span<const Changed> leaves, Drawing& to) {
 
 void PointMesh::drawBlock(std::uint32_t block, std::uint32_t alive, LeafAddress leaf, Drawing& to) {
   const auto dx = static_cast<std::int32_t>(anchor_.x - leaf.x()), dz = static_cast<std::int32_t>(anchor_.z - leaf.z());
-  to.changed.push_back(block);
-  const std::size_t before = to.corners.size();
-  to.corners.resize(before + std::size_t{3} * kBlock);
-  for (; alive != 0; alive &= alive - 1) {
-    const auto slot = static_cast<std::uint32_t>(std::countr_zero(alive));
-    mesh::LocalVertex* corner = &to.corners[before + std::size_t{3} * slot];
-    for (VertexId v : mesh_->triangle(block * kBlock + slot).v) {
+  constexpr auto all = static_cast<std::uint16_t>((1u << kBlock) - 1);
+  for (unsigned changed = all & ~std::exchange(hashes_[block].drawn, all); changed != 0; changed &= changed - 1) {
+    const auto place = static_cast<std::uint32_t>(std::countr_zero(changed));
+    const TriangleId t = block * kBlock + place;
+    to.changed.push_back(t);
+    to.corners.resize(to.corners.size() + 3);
+    if ((alive >> place & 1) == 0) continue;
+    mesh::LocalVertex* corner = &to.corners.back() - 2;
+    for (VertexId v : mesh_->triangle(t).v) {
       const Vertex& p = mesh_->vertex(v);
       *corner++ = {dx + p.x, dz + p.z, p.y};
     }

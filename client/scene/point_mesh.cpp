@@ -188,7 +188,7 @@ bool PointMesh::replaceLeaves(const Step& step) {
     if (heir != come.end()) {
       const RegionId to = regions_.at(*heir);
       for (std::uint32_t page : mesh_->trianglePages().pagesOf(region))  // they lie elsewhere in their heir's frame
-        mesh_->trianglePages().forEachBlock(page, [&](std::uint32_t block) { hashes_[block].isDrawn = false; });
+        mesh_->trianglePages().forEachBlock(page, [&](std::uint32_t block) { hashes_[block].drawn = 0; });
       mesh_->adopt(region, to);
       bounds_[to].add(bounds_[region].low, bounds_[region].high);
       open -= area(leaf);

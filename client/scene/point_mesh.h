@@ -55,13 +55,13 @@ class PointMesh final : public triangulation::Partition {
   std::vector<Changed> takeChanged();
   // As it is now; costs more than following does.
   Leaf extract(lattice::LeafAddress leaf);
-  // For pictures, which need no indices. Triangles lie in numbered blocks of kBlock slots; a block is one leaf's. A copy of all blocks that
-  // takes what is told here draws the leaves, and little of it changes in an iteration.
+  // For pictures, which need no indices. Triangles lie in numbered slots: block n has those from n x kBlock on, and is one leaf's. A copy of
+  // all slots that takes what is told here draws the leaves, and little of it changes in an iteration.
   static constexpr std::uint32_t kBlock = triangulation::TrianglePages::kBlock;
   struct Drawing {
     std::vector<std::uint32_t> ends, blocks;  // of each leaf, where its blocks end in `blocks`; the numbers of all its blocks now
-    std::vector<std::uint32_t> changed;       // those that are not as they were told last
-    std::vector<mesh::LocalVertex> corners;   // three for each slot of a changed block, of the leaf's frame; all 0 without a triangle
+    std::vector<std::uint32_t> changed;       // slots in these that are not as they were told last, block by block
+    std::vector<mesh::LocalVertex> corners;   // three for each of them, of the leaf's frame; all 0 without a triangle
   };
   // Tells of leaves that takeChanged() told of.
   void draw(std::span<const Changed> leaves, Drawing& to);
@@ -150,7 +150,7 @@ class PointMesh final : public triangulation::Partition {
   struct BlockHash {
     std::uint64_t sum = 0;    // of the terms of its triangles in `terms`
     std::uint16_t terms = 0;  // which there are, also of triangles that are gone meanwhile
-    bool isDrawn = false;     // as it is
+    std::uint16_t drawn = 0;  // slots that are as they were told
     static_assert(Pages::kBlock <= 16);
   };
   std::vector<BlockHash> hashes_;                // by block of triangles

@@ -5,7 +5,7 @@ import { test } from 'node:test';
 import { LeafAddress, keyOf } from '../../../client/web/src/codec/mesh';
 import type { Iteration, World } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
 import { Replica } from '../../../client/web/src/replica/replica';
-import { BLOCK } from '../../../client/web/src/scene/point_mesh';
+import { BLOCK, SLOT } from '../../../client/web/src/scene/point_mesh';
 import type { Change, Scene } from '../../../client/web/src/scene/scene';
 import { Camera, Stream } from '../../../client/web/src/stream/stream';
 import { hashLeaf, hashTerm, parts } from '../../support/web';
@@ -63,14 +63,14 @@ async function fly(server: Server, replica: Replica, cameras: Camera[], more: { 
 const flight = (x: number, z: number, steps: number, speed = 12_000): Camera[] =>
   Array.from({ length: steps }, (_, k) => ({ x: x + k * speed, z: z - k * 3 * speed, y: 2600, yaw: -0.3 + 0.02 * k, pitch: -0.2, verticalFov: 1.0472, width: 640, height: 360 }));
 
-/** What somebody draws who keeps a copy of the blocks. */
+/** What somebody draws who keeps a copy of the slots. */
 class Copy {
   private readonly leaves = new Map<string, { address: LeafAddress; blocks: Uint32Array }>();
-  private readonly blocks = new Map<number, Int32Array>();
+  private readonly slots = new Map<number, Int32Array>();
 
   apply({ gone, drawn, drawing: { ends, blocks, changed, corners } }: Change): void {
     for (const address of gone) this.leaves.delete(keyOf(address));
-    changed.forEach((block, k) => this.blocks.set(block, corners.subarray(BLOCK * k, BLOCK * (k + 1))));
+    changed.forEach((slot, k) => this.slots.set(slot, corners.subarray(SLOT * k, SLOT * (k + 1))));
     drawn.forEach(({ address }, k) => this.leaves.set(keyOf(address), { address, blocks: blocks.subarray(k === 0 ? 0 : ends[k - 1], ends[k]) }));
   }
 
@@ -81,10 +81,11 @@ class Copy {
     assert.equal(new Set(owned).size, owned.length);
     for (const [key, { address, blocks }] of this.leaves) {
       const vertices: number[] = [];
-      for (const block of blocks) {
-        const corners = this.blocks.get(block)!;
-        for (let at = 0; at < BLOCK; at += 9) if (corners.subarray(at, at + 9).some((v) => v !== 0)) vertices.push(...corners.subarray(at, at + 9));
-      }
+      for (const block of blocks)
+        for (let k = 0; k < BLOCK; ++k) {
+          const corners = this.slots.get(BLOCK * block + k)!;
+          if (corners.some((v) => v !== 0)) vertices.push(...corners);
+        }
       assert.equal(hashLeaf({ address, vertices: Int32Array.from(vertices), triangles: Uint32Array.from({ length: vertices.length / 3 }, (_, k) => k) }), leaves.get(key)!.hash);
     }
   }

@@ -1,10 +1,10 @@
-// The leaves of the mesh in one buffer on the graphics card, drawn in one call: a copy of the blocks of triangles that they lie in. A table that is written for each picture tells the vertex shader, block by block, where the leaf lies from the
+// The leaves of the mesh in one buffer on the graphics card, drawn in one call: a copy of the slots that they lie in. A table that is written for each picture tells the vertex shader, block by block, where the leaf lies from the
 // camera's own step.
 
 import { BufferAttribute, BufferGeometry, Camera, DataTexture, DoubleSide, GLSL3, IntType, LessDepth, Mesh, NoBlending, RGBAIntegerFormat, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
 import { cornerX, cornerZ } from '../codec/mesh';
 import type { DrawnLeaf, ToPainterFromEngine } from '../messages';
-import { BLOCK } from '../scene/point_mesh';
+import { BLOCK, SLOT } from '../scene/point_mesh';
 import { MESH_FRAGMENT, MESH_VERTEX } from './shaders';
 import { STEPS_PER_METRE, View, ViewUniforms, mayBeSeen } from './view';
 
@@ -26,7 +26,7 @@ class Store {
   private readonly positions: BufferAttribute;
 
   constructor(rows: number, before?: Store) {
-    this.positions = new BufferAttribute(new Int32Array(BLOCK * COLUMNS * rows), 3);
+    this.positions = new BufferAttribute(new Int32Array(SLOT * BLOCK * COLUMNS * rows), 3);
     this.positions.gpuType = IntType;
     if (before) this.positions.array.set(before.positions.array);
     this.geometry.setAttribute('position', this.positions);
@@ -37,9 +37,15 @@ class Store {
   get blocks(): number {
     return this.places.length / 4;
   }
-  put(block: number, corners: Int32Array): void {
-    this.positions.array.set(corners, BLOCK * block);
-    this.positions.addUpdateRange(BLOCK * block, BLOCK);
+  /** Slots and their numbers; those of a block, which travel together, lie together. */
+  put(slots: Uint32Array, corners: Int32Array): void {
+    const { array } = this.positions;
+    let last = -1, from = 0;
+    for (const slot of slots) {
+      const block = Math.floor(slot / BLOCK);
+      if (block !== last) this.positions.addUpdateRange(SLOT * BLOCK * (last = block), SLOT * BLOCK);
+      for (let at = SLOT * slot, end = at + SLOT; at < end; ) array[at++] = corners[from++]!;
+    }
     this.positions.needsUpdate = true;
   }
   dispose(): void {
@@ -55,7 +61,7 @@ export class Leaves {
   private readonly slots = new Map<string, Slot>();
   private end = 0; // of the blocks that were used
   private store = new Store(8);
-  private readonly own = { leafTable: { value: null as DataTexture | null }, leafColumns: { value: COLUMNS }, leafBlock: { value: BLOCK / 3 }, edges: { value: 0 }, near: { value: NEAR } };
+  private readonly own = { leafTable: { value: null as DataTexture | null }, leafColumns: { value: COLUMNS }, leafBlock: { value: 3 * BLOCK }, edges: { value: 0 }, near: { value: NEAR } };
   private readonly mesh: Mesh<BufferGeometry, RawShaderMaterial>;
 
   constructor(view: ViewUniforms) {
@@ -82,9 +88,9 @@ export class Leaves {
     for (const key of gone) this.slots.delete(key);
     if (!drawing) return;
     const { ends, blocks, changed, corners } = drawing;
-    for (const block of changed) if (block >= this.end) this.end = block + 1;
+    for (const block of blocks) if (block >= this.end) this.end = block + 1;
     while (this.end > this.store.blocks) this.grow();
-    changed.forEach((block, k) => this.store.put(block, corners.subarray(BLOCK * k, BLOCK * (k + 1))));
+    this.store.put(changed, corners);
     fresh.forEach((leaf, k) => this.slots.set(leaf.key, { leaf, blocks: blocks.slice(k === 0 ? 0 : ends[k - 1], ends[k]) }));
   }
 
@@ -97,7 +103,7 @@ export class Leaves {
     this.own.edges.value = edges ? 1 : 0;
     this.place(view);
     this.own.leafTable.value = this.store.table;
-    this.store.geometry.setDrawRange(0, (this.end * BLOCK) / 3);
+    this.store.geometry.setDrawRange(0, 3 * BLOCK * this.end);
     renderer.setRenderTarget(surface);
     renderer.clear();
     if (this.end > 0) renderer.render(this.scene, this.camera);

@@ -30,14 +30,14 @@ export interface ChangedLeaf {
   readonly high: Corner;
 }
 
-/** Of the leaves that takeChanged() told of last, for a copy of the blocks of 16 triangles that they lie in (PointMesh::draw). */
+/** Of the leaves that takeChanged() told of last, for a copy of the slots that their triangles lie in, BLOCK to a block (PointMesh::draw). */
 export interface Drawing {
   readonly ends: Uint32Array; // of each leaf, where its blocks end in `blocks`
   readonly blocks: Uint32Array; // the numbers of all its blocks now
-  readonly changed: Uint32Array; // those that are not as they were told last
-  readonly corners: Int32Array; // of those, x, z, y of three corners of each triangle, steps from their leaf's corner; 0 where there is none
+  readonly changed: Uint32Array; // slots in these that are not as they were told last, block by block
+  readonly corners: Int32Array; // of those, x, z, y of three corners, steps from their leaf's corner; 0 where there is no triangle
 }
-export const BLOCK = 16 * 9; // numbers of a block
+export const BLOCK = 16, SLOT = 9; // slots of a block, numbers of a slot
 
 /** Where memory ends, its functions throw a Refusal, and nothing is held. */
 export class PointMesh {
@@ -117,7 +117,7 @@ export class PointMesh {
         ends: new Uint32Array(buffer, ends, leaves).slice(),
         blocks: new Uint32Array(buffer, blocks, blockCount).slice(),
         changed: new Uint32Array(buffer, changed, changedCount).slice(),
-        corners: new Int32Array(buffer, corners, BLOCK * changedCount).slice(),
+        corners: new Int32Array(buffer, corners, SLOT * changedCount).slice(),
       };
     });
   }
