@@ -46,7 +46,7 @@ class Store {
       if (block !== last) this.positions.addUpdateRange(SLOT * BLOCK * (last = block), SLOT * BLOCK);
       for (let at = SLOT * slot, end = at + SLOT; at < end; ) array[at++] = corners[from++]!;
     }
-    this.positions.needsUpdate = true;
+    if (last >= 0) this.positions.needsUpdate = true; // without a range it would be all of it
   }
   dispose(): void {
     this.geometry.dispose();
