@@ -5,7 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <numbers>
 #include <utility>
+
+#include "server/http/map_tiles.h"
+#include "server/map/mercator.h"
 
 namespace ridgecast::simulation {
 
@@ -114,7 +118,7 @@ void Member::ask(bool much) {
         query.rays.push_back({near(site_.x), near(site_.z), camera_.pose.y, 0.1, -1, 0.2 * static_cast<double>(n), 5000});
       break;
     case 3:
-      return askGround();
+      return random_() % 16 == 0 ? askMap() : askGround();
     case 1:
       query.kind = wire::QueryKind::kNormals;
       [[fallthrough]];
@@ -133,6 +137,37 @@ void Member::askGround() {
   const wire::AskGround ask{++questions_, site_, 1 + static_cast<double>(random_() % 30), 0.2 + static_cast<double>(random_() % 20) / 10};
   grounds_[ask.id] = ask;
   line_->say(ask);
+}
+
+void Member::askMap() {
+  if (!server_.runs() || !server_.session(nature_.session)) return;
+  // The tile at a place, where the world's origin lies at 0, 0.
+  constexpr int kLevel = 16;
+  constexpr double kSide = 2 * std::numbers::pi * 6'378'137 / (1 << kLevel) * lattice::kStepsPerMetre;
+  const auto number = [](lattice::Step v) {
+    return static_cast<std::uint32_t>((1 << (kLevel - 1)) + std::floor(static_cast<double>(v) / kSide));
+  };
+  const map::TileAddress tile{kLevel, number(site_.x), number(site_.z)};
+  const std::string target = "/v1/sessions/" + nature_.session + "/heights/" + std::to_string(kLevel) + "/" + std::to_string(tile.x) + "/" +
+                             std::to_string(tile.y) + ".png?at=0,0";
+  const std::string edit = std::to_string(truth_.known());
+  http::Request request;
+  request.method = "GET";
+  request.target = target;
+  request.edit = edit;
+  const auto answer = http::mapTileRoute(server_.sharedDirectory())(request);
+  ASSERT_TRUE(answer && answer->later) << name_ << " asks for a tile: " << (answer ? answer->body : target);
+  // Made sometime later, of the ground of then.
+  timer_.at(timer_.now() + std::chrono::milliseconds(random_() % 2000),
+            [this, tile, later = answer->later, server = std::weak_ptr(server_.sharedDirectory())] {
+              if (server.expired()) return;
+              const http::Answer made = later->work({});
+              ASSERT_EQ(made.status, 200u) << made.body;
+              const auto known = std::ranges::find(made.headers, http::kEditHeader, [](const auto& header) { return header.first; });
+              ASSERT_NE(known, made.headers.end());
+              truth_.answered(map::sheetOf(tile, {}), std::stoull(known->second), made.etag, made.body);
+              saw(made.body.size());
+            });
 }
 
 void Member::takeClock() {

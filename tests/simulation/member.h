@@ -45,6 +45,7 @@ class Member {
   void insist();  // in lock-step: the same pose again, once the last one was answered
   void ask(bool much = false);
   void askGround();
+  void askMap();  // over HTTP, for a tile of heights that knows all edits of which anybody knows
   void takeClock();
   void step();
   void setThreshold(double pixels);

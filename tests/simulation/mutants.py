@@ -101,6 +101,8 @@ MUTANTS = [
     # Whoever should follow.
     ("server/session/camera_session.cpp", "  conversation_.groundChanged();\n", ""),
     ("server/session/camera_session.cpp", "  edit_ = ground.edit;\n  mesh_->", "  edit_ = ground.edit;\n  if (edit_ % 4 != 3) mesh_->"),
+    ("server/http/map_tiles.cpp", "text::hexadecimal(session.groundHash())", "text::hexadecimal(session.contentHash())"),
+    ("server/http/map_tiles.cpp", "std::to_string(ground.edit)", "std::to_string(ground.edit / 2)"),
     # Bounds.
     ("server/session/edits.cpp", "waiting_.size() < kMostWaiting", "waiting_.size() <= kMostWaiting"),
     ("server/session/camera_session.cpp", "*openEdits_ >= wire::kMaxEdits + kArrived", "*openEdits_ > wire::kMaxEdits + kArrived"),

@@ -15,6 +15,8 @@
 #include "common/edits/json.h"
 #include "common/ground/ground.h"
 #include "server/edit_log/tiles.h"
+#include "server/map/mercator.h"
+#include "server/map/picture.h"
 #include "tests/support/process.h"
 
 namespace ridgecast::simulation {
@@ -93,6 +95,12 @@ void Truth::answered(const wire::AskGround& ask, const wire::Ground& ground) {
   grounds_.push_back({ask, ground});
 }
 
+void Truth::answered(const map::Sheet& sheet, std::uint64_t edit, const std::string& etag, std::string file) {
+  knows(edit);
+  EXPECT_EQ(files_.emplace(etag, file).first->second, file) << "two files have one ETag";
+  mapped_.push_back({sheet, edit, std::move(file)});
+}
+
 void Truth::knows(std::uint64_t edit) { known_ = std::max(known_, edit); }
 
 Truth::Log Truth::read(const std::filesystem::path& folder) const {
@@ -143,6 +151,7 @@ void Truth::judge(const std::filesystem::path& folder) {
   judgeTiles(log.tiles);
   for (const Answered& answered : std::exchange(answers_, {})) judgeAnswer(answered);
   for (const Meshed& meshed : std::exchange(grounds_, {})) judgeGround(meshed);
+  for (const Mapped& mapped : std::exchange(mapped_, {})) judgeMap(mapped);
 }
 
 // Triangles with their middles in the circle are no farther from the true ground than was asked, or there is a reason.
@@ -179,6 +188,13 @@ void Truth::judgeGround(const Meshed& meshed) const {
     ASSERT_GE(y[k], static_cast<double>(low) - ask.error - 0.05) << "a ground as of edit " << ground.edit;
     ASSERT_LE(y[k], static_cast<double>(high) + ask.error + 0.05) << "a ground as of edit " << ground.edit;
   }
+}
+
+void Truth::judgeMap(const Mapped& mapped) const {
+  const std::vector<float> heights = map::heights(edits::EditedTerrain(terrain_, layers_[mapped.edit]), mapped.sheet);
+  std::vector<std::uint8_t> rgb(3 * heights.size());
+  for (std::size_t k = 0; k < heights.size(); ++k) map::terrarium(heights[k], &rgb[3 * k]);
+  EXPECT_EQ(mapped.file, map::png(rgb, mapped.sheet.columns, mapped.sheet.rows)) << "a tile of heights as of edit " << mapped.edit;
 }
 
 void Truth::judgeAnswer(const Answered& answered) const {

@@ -14,6 +14,7 @@
 #include "common/edits/operation.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
+#include "server/map/sheet.h"
 
 namespace ridgecast::simulation {
 
@@ -32,7 +33,9 @@ class Truth {
   void told(const wire::MadeEdit& made);
   void answered(const wire::Query& query, const wire::Answer& answer);
   void answered(const wire::AskGround& ask, const wire::Ground& ground);
-  void knows(std::uint64_t edit);  // a mesh or an answer
+  void answered(const map::Sheet& sheet, std::uint64_t edit, const std::string& etag, std::string file);  // a tile of heights
+  void knows(std::uint64_t edit);                                                                         // a mesh or an answer
+  std::uint64_t known() const { return known_; }  // the last edit of which anybody knows
 
   // While no server runs: reads the log in this folder, as SQLite sees it without the product, and judges all of the above and the log's
   // cached tiles by its edits.
@@ -57,6 +60,11 @@ class Truth {
     wire::AskGround ask;
     wire::Ground ground;
   };
+  struct Mapped {
+    map::Sheet sheet;
+    std::uint64_t edit = 0;
+    std::string file;
+  };
   using Tiles = std::map<edits::TileAddress, std::shared_ptr<const edits::Tile>>;
   struct Log {
     std::vector<Entry> edits;
@@ -67,6 +75,7 @@ class Truth {
   void judgeTiles(const Tiles& tiles) const;
   void judgeAnswer(const Answered& answered) const;
   void judgeGround(const Meshed& meshed) const;
+  void judgeMap(const Mapped& mapped) const;
   void judgeArea(const wire::MadeEdit& made) const;
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
@@ -77,7 +86,9 @@ class Truth {
   std::map<std::uint64_t, wire::MadeEdit> told_;
   std::vector<Answered> answers_;
   std::vector<Meshed> grounds_;
-  std::uint64_t known_ = 0;  // the last edit of which anybody knows
+  std::vector<Mapped> mapped_;
+  std::map<std::string, std::string> files_;  // by ETag
+  std::uint64_t known_ = 0;
 
   std::vector<Entry> log_;
   edits::History history_;
