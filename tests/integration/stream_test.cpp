@@ -237,7 +237,7 @@ TEST_F(StreamTest, AServerThatGoesIsToldOfAndItsSuccessorTakesOver) {
   stop();
   for (std::thread& p : pilots) p.join();
   for (const std::string& end : ends)
-    EXPECT_THAT(end, AnyOf(HasSubstr("leaves"), HasSubstr("shutting down"), HasSubstr("closed"), HasSubstr("ended")));
+    EXPECT_THAT(end, AnyOf(HasSubstr("leaving"), HasSubstr("shutting down"), HasSubstr("closed"), HasSubstr("ended")));
   start();  // on the same port
   Flier again(url(), coarse());
   for (int k = 0; k < 3; ++k) again.step(cameraAt(k));
