@@ -174,10 +174,11 @@ void Member::takeClock() {
   if (connected() && nature_.hello.clock) line_->say(wire::SetClock{true, wire::ClockMode::kStepped, 0});
 }
 
-// The next step, when the last one is done.
+// The next step, when the last one is done; where nobody has the clock, it is taken first.
 void Member::step() {
   if (!connected() || !nature_.hello.clock) return;
   const wire::Clock& said = clock_.said();
+  if (said.owner == 0) return takeClock();
   if (said.owner != world_->camera || said.mode != wire::ClockMode::kStepped || !said.waitsFor.empty() || stepAsked_ > said.step) return;
   stepAsked_ = said.step + 1;
   line_->say(wire::ClockStep{20'000, true});
@@ -259,10 +260,13 @@ void Member::take(const wire::Clock& clock) {
   }
   clock_.hear(clock, timer_.now());
   saw(clock.time);
+  if (clock.step > before.step || before.waitsFor != clock.waitsFor) {
+    if (random_() % 8 != 0) step();  // and the next
+  }
   const bool wasPassedOver = clock.notice.starts_with("Member " + std::to_string(world_->camera) + " was passed over");
   if (!wasPassedOver && (!clock_.waitsFor(world_->camera) || clock.step <= lastStepDone_)) return;
   lastStepDone_ = clock.step;
-  if (!wasPassedOver && random_() % 32 == 0) return;  // it forgets
+  if (!wasPassedOver && random_() % 4 == 0) return;  // it forgets
   line_->say(wire::StepDone{clock.step});
 }
 

@@ -97,9 +97,8 @@ void World::rest() {
       if (member->wantsToConnect()) member->connect();
       if (rests(*member)) continue;
       rest = false;
-      if (hasAll(*member)) continue;
-      isIdle = false;
-      member->insist();
+      isIdle = isIdle && knowsAll(*member);
+      if (!hasAll(*member)) member->insist();
     }
     if (rest) return;
     const Duration time = met.time;
@@ -190,10 +189,12 @@ bool World::hasAll(const Member& member) const {
   return session && member.rests(session->ground().edit);
 }
 
+bool World::knowsAll(const Member& member) const {
+  return hasAll(member) && member.knows(server_->session(member.session())->presence().state());
+}
+
 bool World::rests(const Member& member) const {
-  if (!hasAll(member)) return false;
-  const auto state = server_->session(member.session())->presence().state();
-  return member.knows(state) && state.clock.waitsFor.empty();
+  return knowsAll(member) && server_->session(member.session())->presence().state().clock.waitsFor.empty();
 }
 
 Duration World::between(int least, int most) {

@@ -44,9 +44,10 @@ class World {
   std::uint64_t history() const;  // a hash of what members have seen
 
  private:
-  Duration between(int least, int most);    // seconds
-  bool hasAll(const Member& member) const;  // of its own
-  bool rests(const Member& member) const;   // and knows of the others, and no step waits
+  Duration between(int least, int most);      // seconds
+  bool hasAll(const Member& member) const;    // of its own
+  bool knowsAll(const Member& member) const;  // and of the others
+  bool rests(const Member& member) const;     // and no step waits
   void admit(std::uint64_t number, lattice::Point site);
 
   void act(const Event& event);
