@@ -14,6 +14,7 @@
 #include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
 #include "common/ground/ground.h"
+#include "server/edit_log/log.h"
 #include "server/edit_log/tiles.h"
 #include "server/map/mercator.h"
 #include "server/map/picture.h"
@@ -134,6 +135,9 @@ Truth::Log Truth::read(const std::filesystem::path& folder) const {
         {static_cast<const std::uint8_t*>(sqlite3_column_blob(row, 2)), static_cast<std::size_t>(sqlite3_column_bytes(row, 2))});
   });
   sqlite3_close(database);
+  if (out.edits.empty()) return out;
+  const auto log = edit_log::Log::open(file, {});
+  EXPECT_TRUE(log && (*log)->layer()) << "a server would have to make all edits again";
   return out;
 }
 
