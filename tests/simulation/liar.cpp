@@ -15,12 +15,16 @@ void Liar::leave() {
 }
 
 void Liar::flood() {
-  for (std::size_t n = 0; line_ && n < wire::kMaxEdits + 20; ++n) line_->say(edit());
+  for (std::size_t n = 0; line_ && n < wire::kMaxEdits + 20; ++n)
+    line_->say(wire::Edit{n, "", edits::toJson(testing_support::randomOperation(random_, near_))});
 }
 
 void Liar::lie() {
   if (line_) {
-    if (random_() % 100 == 0) return flood();
+    if (random_() % 100 == 0) {
+      for (std::size_t n = 0; n < wire::kMaxEdits + 20; ++n) line_->say(edit());
+      return;
+    }
     for (std::uint64_t n = random_() % 50 == 0 ? 200 : 1; n > 0; --n) line_->say(message());
     return;
   }

@@ -20,7 +20,7 @@ class Liar {
   ~Liar() { leave(); }
 
   void lie();    // or connects, where it is not
-  void flood();  // with edits
+  void flood();  // with edits that are right
   void leave();
 
  private:
