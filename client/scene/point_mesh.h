@@ -55,8 +55,8 @@ class PointMesh final : public triangulation::Partition {
   std::vector<Changed> takeChanged();
   // As it is now; costs more than following does.
   Leaf extract(lattice::LeafAddress leaf);
-  // For pictures, which need no indices. Triangles lie in numbered slots: block n has those from n x kBlock on, and is one leaf's. A copy of
-  // all slots that takes what is told here draws the leaves, and little of it changes in an iteration.
+  // For pictures, which need no indices. Triangles lie in numbered slots: block n has those from n x kBlock on, and is one leaf's. A copy
+  // of all slots that takes what is told here draws the leaves, and little of it changes in an iteration.
   static constexpr std::uint32_t kBlock = triangulation::TrianglePages::kBlock;
   struct Drawing {
     std::vector<std::uint32_t> ends, blocks;  // of each leaf, where its blocks end in `blocks`; the numbers of all its blocks now

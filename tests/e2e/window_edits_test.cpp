@@ -54,8 +54,8 @@ class WindowEdits : public WindowTest {
   }
   // Where the terrain lies below a pixel, by the server's ray: x, z, and how far away; the camera's rotation is written out once more.
   std::array<double, 3> groundBelow(int px, int py) const {
-    const double pitch = -60 * std::numbers::pi / 180, focal = kHeight / 2 / std::tan(std::numbers::pi / 6);
-    const double right = px - kWidth / 2, up = kHeight / 2 - py, y = heightAt(1400, 3600) + 150;
+    const double pitch = -60 * std::numbers::pi / 180, focal = kHeight / 2.0 / std::tan(std::numbers::pi / 6);
+    const double right = px - kWidth / 2.0, up = kHeight / 2.0 - py, y = heightAt(1400, 3600) + 150;
     const double ahead = focal * std::cos(pitch) - up * std::sin(pitch), rise = focal * std::sin(pitch) + up * std::cos(pitch);
     const double length = std::hypot(right, rise, ahead);
     const std::array<double, 3> d{right / length, rise / length, -ahead / length};

@@ -29,7 +29,6 @@ using recording::Iterated;
 using recording::Record;
 using testing_support::await;
 using testing_support::Flier;
-using testing_support::kTimeout;
 using Parts = std::vector<std::filesystem::path>;
 
 constexpr int kSteps = testing_support::kSanitized ? 8 : 30;
