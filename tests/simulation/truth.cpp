@@ -175,10 +175,11 @@ void Truth::judgeGround(const Meshed& meshed) const {
         sum[1] += leaf->vertices[v].y;
         sum[2] += leaf->vertices[v].z;
       }
-      const lattice::Step middleX = whole.address.x() + sum[0] / 3, middleZ = whole.address.z() + sum[2] / 3;
+      // Rounded down: the middle lies between this place and the next along x and z.
+      const auto third = [](lattice::Step v) { return (v - ((v % 3) + 3) % 3) / 3; };
+      const lattice::Step middleX = whole.address.x() + third(sum[0]), middleZ = whole.address.z() + third(sum[2]);
       if (std::hypot(middleX - ask.at.x, middleZ - ask.at.z) > ask.radius * lattice::kStepsPerMetre) continue;
-      // Middles are rounded, and a wall is high within a step.
-      for (const auto& [dx, dz] : {std::pair{0, 0}, {1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+      for (const auto& [dx, dz] : {std::pair{0, 0}, {1, 0}, {0, 1}, {1, 1}}) {  // a wall is high within a step
         x.push_back(middleX + dx);
         z.push_back(middleZ + dz);
       }
@@ -188,7 +189,7 @@ void Truth::judgeGround(const Meshed& meshed) const {
   std::vector<float> heights(x.size());
   edits::EditedTerrain(terrain_, layers_[ground.edit]).heights(x, z, heights);
   for (std::size_t k = 0; k < y.size(); ++k) {
-    const auto [low, high] = std::ranges::minmax(std::span(heights).subspan(5 * k, 5));
+    const auto [low, high] = std::ranges::minmax(std::span(heights).subspan(4 * k, 4));
     ASSERT_GE(y[k], static_cast<double>(low) - ask.error - 0.05) << "a ground as of edit " << ground.edit;
     ASSERT_LE(y[k], static_cast<double>(high) + ask.error + 0.05) << "a ground as of edit " << ground.edit;
   }
