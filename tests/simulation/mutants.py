@@ -70,7 +70,7 @@ MUTANTS = [
      "  if (history_.last() > before) {\n    if (const auto isKept",
      "  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k], 0);\n  waiting.clear();\n"
      "  if (history_.last() > before) {\n    if (const auto isKept"),
-    ("server/edit_log/log.cpp", "PRAGMA synchronous = FULL", "PRAGMA synchronous = NORMAL"),
+    ("server/edit_log/log.cpp", "PRAGMA synchronous = EXTRA", "PRAGMA synchronous = NORMAL"),
     ("server/edit_log/log.cpp",
      "if (auto begun = transaction.begin(); !begun) return begun.error();\n  std::uint64_t next = last_, sum = tilesHash_;",
      "std::uint64_t next = last_, sum = tilesHash_;"),

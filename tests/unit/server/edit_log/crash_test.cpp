@@ -98,6 +98,30 @@ TEST(Crashes, KilledAtAnyInstantTheLogHasWhatItAcknowledged) {
   std::printf("%d kills, %zu edits acknowledged, %zu that were not\n", rounds(), all, unacknowledged);
 }
 
+// A journal from the making that came back, because its folder was not synced, once undid what followed.
+TEST(Crashes, ALogWhoseMakingWasCutOffKeepsWhatFollows) {
+  std::mt19937_64 random(5);
+  for (std::uint64_t round = 0; round < 400; ++round) {
+    const ScratchFolder folder;
+    const std::filesystem::path file = folder / "a";
+    ForgetfulDisk disk(random);
+    disk.cutPowerAfter(1 + round % 40);
+    static_cast<void>(Log::open(file, worldOf(*alpine())));  // perhaps
+    disk.cutPower();
+    disk.restorePower();
+    {
+      auto session = Session::open(file);
+      ASSERT_TRUE(session) << session.error().message;
+      ASSERT_TRUE(session->append(1, random));
+      disk.cutPower();
+    }
+    disk.restorePower();
+    const auto log = Log::open(file, worldOf(*alpine()));
+    ASSERT_TRUE(log) << log.error().message;
+    ASSERT_EQ((*log)->last(), 1u) << "round " << round;
+  }
+}
+
 // What a log must have.
 struct Truth {
   std::uint64_t compacted = 0;
