@@ -77,9 +77,9 @@ void HeldEdits::sort() {
     if (k < kMostHeld)
       nearest_.push_back(all[k].second);
     else if (Known& known = known_[all[k].second]; known.held) {
-      const Known again{known.needs, {}, false};
+      const std::uint64_t needs = known.needs;
       drop(all[k].second);
-      known_[all[k].second] = again;
+      known_[all[k].second].needs = needs;
       sorted_ = true;
     }
   }

@@ -232,14 +232,15 @@ void Recorder::State::take(Waiting& waits) {
     return;
   }
   if (w.ended && !open.contains(&w)) return;  // was stopped
+  const std::uint64_t mostEditBytes = partBytes / 4;
   if (!open.contains(&w)) {
     open.emplace(&w, waits.of);
-    if (w.editBytes <= partBytes / 4 && !begin(w)) return;  // otherwise it ends below, without a file
+    if (w.editBytes <= mostEditBytes && !begin(w)) return;  // otherwise it ends below, without a file
   }
   apply(w, waits.record.event);
   if (std::holds_alternative<Clocked>(waits.record.event)) w.clock = waits.record;
-  if (w.editBytes > partBytes / 4 && write(w))
-    return stop(w, "its edits alone have more than " + std::to_string(partBytes / 4) + " bytes; --record-bytes can be raised");
+  if (w.editBytes > mostEditBytes && write(w))
+    return stop(w, "its edits alone have more than " + std::to_string(mostEditBytes) + " bytes; --record-bytes can be raised");
   if (!w.encoder.put(waits.record, w.block) && std::holds_alternative<Edited>(waits.record.event))
     return stop(w, "an edit has more than " + std::to_string(kMostRecordBytes) + " bytes");
   if (w.block.size() >= kFullBlock) flush(w);

@@ -16,6 +16,8 @@ void Clock::play(const wire::Clock& recording, Instant now) {
 
 std::uint64_t Clock::upToEnd(std::uint64_t time) const { return std::min(end_ == 0 ? wire::kMaxTime : end_, time); }
 
+bool Clock::isTooFarAhead(std::uint64_t time, Instant now) const { return end_ == 0 && time > this->time(now) + wire::kMaxStepTime; }
+
 std::uint64_t Clock::time(Instant now) const {
   if (mode_ == wire::ClockMode::kStepped) return time_;
   const double passed = std::max(0.0, std::chrono::duration<double, std::micro>(now - since_).count()) * rate_;
@@ -64,7 +66,7 @@ bool Clock::set(std::uint64_t member, const wire::SetClock& set, Instant now) {
   }
   mode_ = set.mode;
   rate_ = mode_ == wire::ClockMode::kRealTime ? 1 : mode_ == wire::ClockMode::kScaled ? set.rate : 0;
-  if (waitsFor_.empty() && (end_ != 0 || set.time <= time_ + wire::kMaxStepTime)) time_ = std::max(time_, upToEnd(set.time));
+  if (waitsFor_.empty() && !isTooFarAhead(set.time, now)) time_ = std::max(time_, upToEnd(set.time));
   return true;
 }
 

@@ -40,8 +40,11 @@ class Clock {
   void follow(std::uint64_t member) { followers_.insert(member); }
   bool leave(std::uint64_t member, Instant now);
 
+  // Of a jump: more than kMaxStepTime, and the clock is not a recording's.
+  bool isTooFarAhead(std::uint64_t time, Instant now) const;
+
   // Returns whether the state changed; it does not if the clock belongs to another member. An earlier time is ignored, and so is one
-  // more than kMaxStepTime ahead, unless the clock is a recording's.
+  // too far ahead.
   bool set(std::uint64_t member, const wire::SetClock& set, Instant now);
   enum class Stepped { kBegins, kQueues, kNotYours, kNotStepped, kTooMany };
   Stepped step(std::uint64_t member, const wire::ClockStep& step);

@@ -181,12 +181,9 @@ TEST(DurableSession, CompactedEditsAreInTheAnswersOfThoseWhoComeLater) {
   const auto depthAt = [&](int x) { return base->height({x * 256, 0}) - ground.height(x, 0).value(); };
   EXPECT_NEAR(depthAt(100), 4, 0.1);
   EXPECT_EQ(bodyOf(post(server.port(), "default", crater(300)))["number"], 4);
-  const auto heard = [&] {
-    for (const auto until = std::chrono::steady_clock::now() + testing_support::kTimeout; std::chrono::steady_clock::now() < until;)
-      if (const auto edits = (*member)->takeEdits(); !edits.empty()) return edits.front().number;
-    return std::uint64_t{0};
-  };
-  EXPECT_EQ(heard(), 4u);
+  decltype((*member)->takeEdits()) heard;
+  ASSERT_TRUE(testing_support::await([&] { return !(heard = (*member)->takeEdits()).empty(); }));
+  EXPECT_EQ(heard.front().number, 4u);
   EXPECT_NEAR(depthAt(300), 4, 0.1);
   EXPECT_FALSE((*member)->error());
 }

@@ -103,7 +103,7 @@ class Clock:
         interruptible(lambda: lib.rc_world_set_clock(self._world._handle, self.MODES.index(mode), rate, timeout))
 
     def jump(self, seconds: float, timeout: float = 10.0) -> None:
-        """Takes the clock if nobody owns it, and moves it to this time: ahead, or, in a recording, back.
+        """Takes the clock if nobody owns it, and moves it to this time: ahead by at most an hour, or, in a recording, back.
 
         A recording then begins again there, and the connection with it. Raises Refused while a step is under way.
         """

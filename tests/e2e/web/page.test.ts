@@ -314,12 +314,12 @@ test('decodes an iteration of the evaluation\'s flight within 4 ms', { skip: pro
       await viewer.page.goto(`${await replay.listen()}/${place()}`);
       await viewer.until('at the end', (r) => r.figures?.iteration === cameras.length);
     });
-    const say = (name: string, times: number[]): string => {
-      const sorted = times.slice(-flown).sort((a, b) => a - b), share = (percent: number): string => sorted[Math.floor((flown * percent) / 100)]!.toFixed(2);
-      return `${name} median ${share(50)} ms, p90 ${share(90)}, p99 ${share(99)}, worst ${sorted.at(-1)!.toFixed(2)}`;
-    };
-    t.diagnostic(`${draws ? 'drawing' : 'without drawing'}: ${say('processor', processor)}; ${say('wall', wall)}`);
-    worst.push(processor.slice(-flown).sort((a, b) => a - b)[Math.floor(flown * 0.99)]!);
+    const sorted = (times: number[]): number[] => times.slice(-flown).sort((a, b) => a - b);
+    const share = (times: number[], percent: number): number => times[Math.floor((flown * percent) / 100)]!;
+    const say = (times: number[]): string => `median ${share(times, 50).toFixed(2)} ms, p90 ${share(times, 90).toFixed(2)}, p99 ${share(times, 99).toFixed(2)}, worst ${times.at(-1)!.toFixed(2)}`;
+    const own = sorted(processor);
+    t.diagnostic(`${draws ? 'drawing' : 'without drawing'}: processor ${say(own)}; wall ${say(sorted(wall))}`);
+    worst.push(share(own, 99));
     await viewer.close();
     replay.close();
   }

@@ -1,5 +1,5 @@
-// The leaves of the mesh in one buffer on the graphics card, drawn in one call: a copy of the slots that they lie in. A table that is written for each picture tells the vertex shader, block by block, where the leaf lies from the
-// camera's own step.
+// The leaves of the mesh in one buffer on the graphics card, drawn in one call: a copy of the slots that they lie in.
+// A table that is written for each picture tells the vertex shader, block by block, where the leaf lies from the camera's own step.
 
 import { BufferAttribute, BufferGeometry, Camera, DataTexture, DoubleSide, GLSL3, IntType, LessDepth, Mesh, NoBlending, RGBAIntegerFormat, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
 import { cornerX, cornerZ } from '../codec/mesh';
@@ -13,9 +13,9 @@ const FARTHEST = 2 ** 30; // steps: a stale mesh after a jump; offsets stay with
 const COLUMNS = 512; // blocks in a row of the table
 
 type Change = Extract<ToPainterFromEngine, { kind: 'change' }>;
-interface Slot {
+interface Held {
   leaf: DrawnLeaf;
-  blocks: Uint32Array; // their numbers
+  blocks: Uint32Array; // numbers of those that it lies in
 }
 
 /** Integers of all blocks, for vertices and for the table. */
@@ -58,7 +58,7 @@ export class Leaves {
   version = 0; // grows whenever what would be drawn changes
   private readonly scene = new Scene();
   private readonly camera = new Camera();
-  private readonly slots = new Map<string, Slot>();
+  private readonly held = new Map<string, Held>();
   private end = 0; // of the blocks that were used
   private store = new Store(8);
   private readonly own = { leafTable: { value: null as DataTexture | null }, leafColumns: { value: COLUMNS }, leafBlock: { value: 3 * BLOCK }, edges: { value: 0 }, near: { value: NEAR } };
@@ -84,14 +84,14 @@ export class Leaves {
 
   apply({ gone, fresh, drawing, clear }: Change): void {
     ++this.version;
-    if (clear) this.slots.clear(), (this.end = 0);
-    for (const key of gone) this.slots.delete(key);
+    if (clear) this.held.clear(), (this.end = 0);
+    for (const key of gone) this.held.delete(key);
     if (!drawing) return;
     const { ends, blocks, changed, corners } = drawing;
     for (const block of blocks) if (block >= this.end) this.end = block + 1;
     while (this.end > this.store.blocks) this.grow();
     this.store.put(changed, corners);
-    fresh.forEach((leaf, k) => this.slots.set(leaf.key, { leaf, blocks: blocks.slice(k === 0 ? 0 : ends[k - 1], ends[k]) }));
+    fresh.forEach((leaf, k) => this.held.set(leaf.key, { leaf, blocks: blocks.slice(k === 0 ? 0 : ends[k - 1], ends[k]) }));
   }
 
   get areThere(): boolean {
@@ -114,7 +114,7 @@ export class Leaves {
     const { pose } = view, { places, table } = this.store;
     const y = Math.floor(pose.y * STEPS_PER_METRE), metres = 1 / STEPS_PER_METRE;
     places.fill(-1);
-    for (const { leaf, blocks } of this.slots.values()) {
+    for (const { leaf, blocks } of this.held.values()) {
       const x = cornerX(leaf.address) - pose.x, z = cornerZ(leaf.address) - pose.z;
       const { low, high } = leaf;
       if (Math.abs(x) >= FARTHEST || Math.abs(z) >= FARTHEST) continue;

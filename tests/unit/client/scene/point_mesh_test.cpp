@@ -38,6 +38,13 @@ std::vector<points::Place> sorted(std::vector<points::Place> places) {
   return places;
 }
 
+std::vector<points::Place> randomPlaces(Random& random, int count) {
+  const auto coordinate = [&random] { return static_cast<std::int32_t>(between(random, 0, kLeaf.side() - 1)); };
+  std::vector<points::Place> places;
+  for (int k = 0; k < count; ++k) places.push_back({coordinate(), coordinate()});
+  return sorted(std::move(places));
+}
+
 bool follows(PointMesh& mesh, const std::vector<points::Place>& places) {
   const std::vector<LeafAddress> come{kLeaf};
   return mesh.follow({{}, come, payloadOf(come, come, {kLeaf, {}, {}, places}, 0), {}});
@@ -46,11 +53,7 @@ bool follows(PointMesh& mesh, const std::vector<points::Place>& places) {
 TEST(PointMesh, TrianglesHaveNoPointInTheirCircleWhateverIsTakenBack) {
   Random random(1);
   PointMesh mesh(false);
-  std::vector<points::Place> places;
-  for (int k = 0; k < 300; ++k)
-    places.push_back(
-        {static_cast<std::int32_t>(between(random, 0, kLeaf.side() - 1)), static_cast<std::int32_t>(between(random, 0, kLeaf.side() - 1))});
-  places = sorted(places);
+  const std::vector<points::Place> places = randomPlaces(random, 300);
   ASSERT_TRUE(follows(mesh, places));
   // Every third goes.
   points::Change change{kLeaf, {}, {}, {}};
@@ -117,11 +120,7 @@ class Copy {
 TEST(PointMesh, ACopyOfTheSlotsThatChangeDrawsTheLeaves) {
   Random random(2);
   PointMesh mesh(false);
-  std::vector<points::Place> places;
-  for (int k = 0; k < 3000; ++k)
-    places.push_back(
-        {static_cast<std::int32_t>(between(random, 0, kLeaf.side() - 1)), static_cast<std::int32_t>(between(random, 0, kLeaf.side() - 1))});
-  places = sorted(places);
+  std::vector<points::Place> places = randomPlaces(random, 3000);
   const LeafAddress stays{4, 1, 0};
   const std::vector<LeafAddress> parent{kLeaf}, children{{3, 0, 0}, {3, 0, 1}, {3, 1, 0}, {3, 1, 1}}, whole{kLeaf, stays};
   ASSERT_TRUE(mesh.follow({{}, whole, payloadOf(whole, whole, {kLeaf, {}, {}, places}, 0), {}}));

@@ -165,10 +165,7 @@ TEST(Edits, AnUndoIsPaidFor) {
   const edits::Operation wide{edits::Level{{{m(-200), m(-200)}, {m(-200), m(200)}, {m(200), m(200)}, {m(200), m(-200)}}, 0, 0, 256}, 0};
   const std::chrono::duration<double> cost(static_cast<double>(edits::areaOf(wide).count()) / static_cast<double>(kEditedPostsPerSecond));
   for (std::uint64_t number = 1; number <= 4; ++number)
-    for (Outcome<std::uint64_t> made = ask(wide);; made = ask(wide)) {
-      if (made) break;
-      std::this_thread::sleep_for(10ms);
-    }
+    while (!ask(wide)) std::this_thread::sleep_for(10ms);
   const auto start = budgets->edits.free();
   while (!ask({edits::Undo{1}, 0})) std::this_thread::sleep_for(10ms);
   EXPECT_GT(budgets->edits.free() - start, 2.9 * cost) << "edits 2 to 4 were made again";
