@@ -186,10 +186,9 @@ class AdaptiveMesh {
   // The triangle's term; what the slot held before leaves the page's sum.
   void setHash(TriangleId t, std::uint64_t term) {
     PageScreen& page = screens_[mesh_.trianglePages().pageOf(t)];
-    const Mask bit = Mask{1} << mesh_.trianglePages().indexOf(t);
-    if (page.hashed & bit) page.hash -= hashes_[t];
-    page.hash += term;
-    page.hashed |= bit;
+    const std::uint32_t k = mesh_.trianglePages().indexOf(t);
+    page.hash += term - (hashes_[t] & -(page.hashed >> k & 1));  // nobody could predict a branch
+    page.hashed |= Mask{1} << k;
     hashes_[t] = term;
   }
   // The page of a candidate or a vertex is checked next time, whatever is known of it.
@@ -223,6 +222,7 @@ class AdaptiveMesh {
     __builtin_prefetch(&screens_[mesh_.trianglePages().pageOf(t)], 1);
   }
   float& errorOf(TriangleId t) { return candidates_[t / Candidates::kSlots].error[t % Candidates::kSlots]; }
+  void prefetchRecords(std::size_t k, const Scratch& scratch) const;
   void prefetchCorners(std::size_t k, const Scratch& scratch) const;
 
   // screening.cpp

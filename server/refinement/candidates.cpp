@@ -28,9 +28,9 @@ namespace {
 
 // (least height / spacing)^2 from which on snapping is harmless: a fifth of the height is then 1.4 spacings.
 constexpr double kRoomy = 49;
-constexpr unsigned kPoints = 4;                               // tried in a triangle
-constexpr std::size_t kRecordsAhead = 16, kCornersAhead = 8;  // triangles
-constexpr std::size_t kBatch = 64;                            // triangles at a time; scratch stays in the first-level cache
+constexpr unsigned kPoints = 4;                                // tried in a triangle
+constexpr std::size_t kRecordsAhead = 32, kCornersAhead = 16;  // triangles
+constexpr std::size_t kBatch = 64;                             // triangles at a time; scratch stays in the first-level cache
 
 // A batch of triangles as a structure of arrays.
 struct Batch {
@@ -158,11 +158,10 @@ float asSeen(const View& view, Point2 p, std::int32_t y, float onMesh, float err
 struct AdaptiveMesh::Scratch {
   Batch batch;
   std::vector<TriangleId> fresh;
-  std::vector<Trial> trials;
+  std::vector<Trial> trials;  // those of a triangle together
   std::vector<lattice::Step> x, z;
   std::vector<std::int32_t> y;
   std::vector<Candidate> best;
-  std::vector<float> most;  // what each is worth
   std::vector<Point2> points;
   std::vector<Tint> tints;
   std::vector<float> smeared;  // of each trial, steps: what its colour counts for; empty: nothing
@@ -176,11 +175,14 @@ void AdaptiveMesh::beginScreen(std::uint32_t page, double travel) {
   screens_[page] = {travel, 0, 0, std::numeric_limits<float>::max(), 0, 0, 0, 0, 0, 0};
 }
 
-inline void AdaptiveMesh::prefetchCorners(std::size_t k, const Scratch& scratch) const {
+inline void AdaptiveMesh::prefetchRecords(std::size_t k, const Scratch& scratch) const {
   if (k >= scratch.fresh.size()) return;
-  const TriangleId t = scratch.fresh[k];
-  mesh_.prefetchCorners(t);
-  __builtin_prefetch(&hashes_[t]);
+  mesh_.prefetch(scratch.fresh[k]);
+  __builtin_prefetch(&hashes_[scratch.fresh[k]], 1);
+}
+
+inline void AdaptiveMesh::prefetchCorners(std::size_t k, const Scratch& scratch) const {
+  if (k < scratch.fresh.size()) mesh_.prefetchCorners(scratch.fresh[k]);
 }
 
 void AdaptiveMesh::evaluateAll(RegionId region, const View& view) {
@@ -195,7 +197,7 @@ void AdaptiveMesh::evaluateFresh(RegionId region, const View* view) {
   if (scratch.fresh.empty()) return;
   const int level = regions_[region].level, bits = lattice::horizontalBits(level);
   const View* const closely = metric_ != Metric::kThesis && view && view->closely > 0 ? view : nullptr;
-  for (std::size_t k = 0; k < std::min(kRecordsAhead, scratch.fresh.size()); ++k) mesh_.prefetch(scratch.fresh[k]);
+  for (std::size_t k = 0; k < kRecordsAhead; ++k) prefetchRecords(k, scratch);
   for (std::size_t k = 0; k < kCornersAhead; ++k) prefetchCorners(k, scratch);
   for (std::size_t begin = 0; begin < scratch.fresh.size(); begin += kBatch) {
     const std::size_t count = std::min(kBatch, scratch.fresh.size() - begin);
@@ -230,7 +232,7 @@ inline void AdaptiveMesh::readBatch(std::size_t begin, std::size_t count, Scratc
   const auto hashOf = [this](const Vertex& p) { return mesh::hashVertex({anchor_.x + p.x, anchor_.z + p.z, p.y}); };
   for (std::size_t i = 0; i < count; ++i) {
     const TriangleId t = scratch.fresh[begin + i];
-    if (begin + i + kRecordsAhead < scratch.fresh.size()) mesh_.prefetch(scratch.fresh[begin + i + kRecordsAhead]);
+    prefetchRecords(begin + i + kRecordsAhead, scratch);
     prefetchCorners(begin + i + kCornersAhead, scratch);
     mesh_.trianglePages().clearFresh(t);
     const auto& v = mesh_.triangle(t).v;
@@ -304,7 +306,7 @@ void AdaptiveMesh::tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch
 
 // The worst of each triangle's points, by the terrain's heights there.
 inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& scratch) {
-  auto& [batch, fresh, trials, px, pz, py, best, most, points, tints, smeared] = scratch;
+  auto& [batch, fresh, trials, px, pz, py, best, points, tints, smeared] = scratch;
   px.resize(trials.size());
   pz.resize(trials.size());
   py.resize(trials.size());
@@ -317,16 +319,20 @@ inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& s
   smeared.clear();  // the worker may have done another camera's mesh before
   if (colour_.on()) judgeColours(level, scratch);
   best.assign(fresh.size(), {{0, 0}, 0, 0.0f});
-  if (closely) most.assign(fresh.size(), 0.0f);
-  for (std::size_t k = 0; k < trials.size(); ++k) {
-    const auto& [slot, p, y] = trials[k];
-    float error = std::abs(y - static_cast<float>(lattice::snapHeight(py[k], level)));
-    if (!smeared.empty()) error = std::max(error, smeared[k]);
-    float& least = closely ? most[slot] : best[slot].error;
-    const float worth = closely ? asSeen(*closely, p, py[k], y, error) : error;
-    if (worth <= least) continue;
-    least = worth;
-    best[slot] = {p, py[k], error};
+  const auto errorAt = [&](std::size_t k) {
+    const float error = std::abs(trials[k].y - static_cast<float>(lattice::snapHeight(py[k], level)));
+    return smeared.empty() ? error : std::max(error, smeared[k]);
+  };
+  for (std::size_t k = 0; k < trials.size();) {
+    const std::uint32_t slot = trials[k].slot;
+    std::size_t worst = k;
+    float most = 0;
+    for (; k < trials.size() && trials[k].slot == slot; ++k) {
+      const float error = errorAt(k), worth = closely ? asSeen(*closely, trials[k].point, py[k], trials[k].y, error) : error;
+      worst = worth > most ? k : worst;
+      most = std::max(most, worth);
+    }
+    if (most > 0) best[slot] = {trials[worst].point, py[worst], errorAt(worst)};
   }
   if (const Measure measure(metric_); measure.byArea)
     for (std::size_t k = 0; k < fresh.size(); ++k) best[k].error *= static_cast<float>(measure.weight(areaOf(mesh_, fresh[k])));
@@ -368,7 +374,9 @@ inline void AdaptiveMesh::storeCandidates(RegionId region, const View* view, Scr
     else
       wakeCandidate(fresh[k], region);
   }
-  for (const std::int32_t y : scratch.y) state.ground.add({y, y});
+  HeightRange seen;
+  for (const std::int32_t y : scratch.y) seen.add({y, y});
+  state.ground.add(seen);
 }
 
 }  // namespace ridgecast::refinement
