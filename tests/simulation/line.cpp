@@ -20,9 +20,8 @@ std::shared_ptr<Line> Line::open(Server& server, const std::string& name, const 
   if (!session) return nullptr;
   auto place = session->enter(client);
   if (!place) return nullptr;
-  session::Directory& directory = server.directory();
   auto line = std::make_shared<Line>(server, name, timer, way, std::move(take));
-  line->camera_ = std::make_shared<session::CameraSession>(session, std::move(*place), directory.nextCameraId(), line);
+  line->camera_ = std::make_shared<session::CameraSession>(session, std::move(*place), server.directory()->nextCameraId(), line);
   server.add(line, line->camera_);
   return line;
 }

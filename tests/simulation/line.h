@@ -36,7 +36,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
         sessionEdits_(server.openEdits(session)),
         timer_(timer),
         way_(way),
-        maxQueuedBytes_(server.directory().resources().limits.maxQueuedBytes),
+        maxQueuedBytes_(server.directory()->resources().limits.maxQueuedBytes),
         take_(std::move(take)) {}
 
   // The member's end.

@@ -155,11 +155,11 @@ void Member::askMap() {
   request.method = "GET";
   request.target = target;
   request.edit = edit;
-  const auto answer = http::mapTileRoute(server_.sharedDirectory())(request);
+  const auto answer = http::mapTileRoute(server_.directory())(request);
   ASSERT_TRUE(answer && answer->later) << name_ << " asks for a tile: " << (answer ? answer->body : target);
   // Made sometime later, of the ground of then.
   timer_.at(timer_.now() + std::chrono::milliseconds(random_() % 2000),
-            [this, tile, later = answer->later, server = std::weak_ptr(server_.sharedDirectory())] {
+            [this, tile, later = answer->later, server = std::weak_ptr(server_.directory())] {
               if (server.expired()) return;
               const http::Answer made = later->work({});
               ASSERT_EQ(made.status, 200u) << made.body;

@@ -45,8 +45,7 @@ class Server {
 
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
   // While it runs.
-  session::Directory& directory() const { return *directory_; }
-  const std::shared_ptr<session::Directory>& sharedDirectory() const { return directory_; }
+  const std::shared_ptr<session::Directory>& directory() const { return directory_; }
   std::shared_ptr<session::Session> session(std::string_view name = session::kDefaultName) const { return directory_->find(name); }
   // Makes it where it does not live. Null: it cannot be made now.
   std::shared_ptr<session::Session> enter(const std::string& name);

@@ -142,7 +142,7 @@ void World::judgeEmptiness() {
   const Duration time = met.time;
   run(std::chrono::minutes(10));
   met.time = time;
-  const session::Directory& directory = server_->directory();
+  const session::Directory& directory = *server_->directory();
   EXPECT_EQ(directory.cameras(), 0u);
   EXPECT_EQ(directory.triangles(), 0u);
   EXPECT_FALSE(server_->hasCameras());
