@@ -87,8 +87,29 @@ async function open(path: string, more: Record<string, string> = {}): Promise<Pa
   return page;
 }
 
-/** Looks, waits until all is there (`settled` draws first, or it would judge the last view), and counts background pixels 3 degrees and more below the horizontal, where there is only ground. */
-async function background(page: Page, view: View, settled: string, drawn: string): Promise<number> {
+/** What a page is asked: it draws, and says whether all is there; and it draws, and says where the picture is. */
+interface Asked {
+  settled: string;
+  drawn: string;
+}
+const THREE: Asked = {
+  settled: 'ridgecast.draw(), (({ downloading, parsing, visible }) => visible > 0 && downloading + parsing === 0)(ridgecast.tiles.stats)',
+  drawn: '(ridgecast.draw(), { gl: ridgecast.renderer.getContext(), tangent: Math.tan(Math.PI / 6), up: ridgecast.camera.matrixWorld.elements[5], forward: -ridgecast.camera.matrixWorld.elements[9] })',
+};
+const CESIUM: Asked = {
+  // Not scene.render(), which leaves it to others to see that the camera moves: Cesium requests nothing in the two frames after that.
+  settled: 'ridgecast.viewer.render(), ridgecast.tileset.tilesLoaded',
+  drawn: `(() => {
+    const { viewer, scene, frame, Cesium } = ridgecast, camera = scene.camera;
+    viewer.render();
+    const up = new Cesium.Cartesian3(frame[8], frame[9], frame[10]), along = (v) => Cesium.Cartesian3.dot(v, up);
+    const gl = scene.canvas.getContext('webgl2');
+    return { gl, tangent: Math.tan(camera.frustum.fovy / 2), up: along(camera.upWC), forward: along(camera.directionWC) };
+  })()`,
+};
+
+/** Looks, waits until all is there, and counts background pixels 3 degrees and more below the horizontal, where there is only ground. */
+async function background(page: Page, view: View, { settled, drawn }: Asked): Promise<number> {
   await page.evaluate(`ridgecast.look(${view.east}, ${view.north}, ${view.up}, ${view.heading}, ${view.pitch})`);
   for (let calm = 0; calm < 3; await sleep(100)) calm = (await page.evaluate(settled)) ? calm + 1 : 0;
   // Pixels from below, 4 bytes each, and the upright, right and forward axes' vertical parts, of a view 60 degrees high (or wide).
@@ -108,38 +129,35 @@ async function background(page: Page, view: View, settled: string, drawn: string
   })()`);
 }
 
-async function fly(page: Page, settled: string, drawn: string): Promise<void> {
+async function fly(page: Page, asked: Asked): Promise<void> {
   for (let k = 0; k < VIEWS; ++k) {
     const view = await randomView();
-    assert.equal(await background(page, view, settled, drawn), 0, JSON.stringify(view));
+    const holes = await background(page, view, asked);
     assert.deepEqual(await page.evaluate('ridgecast.failed'), []);
+    assert.equal(holes, 0, JSON.stringify(view));
   }
 }
 
 /** Flies on and on in bends, 60 m at a time, without waiting for tiles; round and round, for a tileset ends somewhere. */
-async function cruise(page: Page, settled: string, drawn: string): Promise<void> {
+async function cruise(page: Page, asked: Asked): Promise<void> {
   let view = { ...(await randomView()), pitch: -15 }, steps = 0;
   for (const end = Date.now() + 1000 * FLIGHT; Date.now() < end; ++steps) {
     const heading = view.heading + 2 * Math.cos(steps / 40) + steps / 100, east = view.east + 60 * Math.sin((heading * Math.PI) / 180), north = view.north + 60 * Math.cos((heading * Math.PI) / 180);
     const [ground] = await heights([[east, -north]]);
     view = { ...view, east, north, heading, up: ground! + 300 };
-    await page.evaluate(`ridgecast.look(${view.east}, ${view.north}, ${view.up}, ${view.heading}, ${view.pitch}); void (${settled})`);
+    await page.evaluate(`ridgecast.look(${view.east}, ${view.north}, ${view.up}, ${view.heading}, ${view.pitch}); void (${asked.settled})`);
   }
-  assert.equal(await background(page, view, settled, drawn), 0, JSON.stringify(view));
+  assert.equal(await background(page, view, asked), 0, JSON.stringify(view));
   assert.deepEqual(await page.evaluate('ridgecast.failed'), [], `of ${steps} steps`);
 }
 
-// In three.js.
-const SETTLED = 'ridgecast.draw(), (({ downloading, parsing, visible }) => visible > 0 && downloading + parsing === 0)(ridgecast.tiles.stats)';
-const DRAWN = `(ridgecast.draw(), { gl: ridgecast.renderer.getContext(), tangent: Math.tan(Math.PI / 6), up: ridgecast.camera.matrixWorld.elements[5], forward: -ridgecast.camera.matrixWorld.elements[9] })`;
-
 test('three.js shows ground wherever there is ground', { timeout: 1000 * PATIENCE }, async () => {
   const page = await open('/three/');
-  await fly(page, SETTLED, DRAWN);
-  await cruise(page, SETTLED, DRAWN);
+  await fly(page, THREE);
+  await cruise(page, THREE);
   // The glaring background is found where it is.
   await page.evaluate('ridgecast.tiles.group.visible = false');
-  assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, 'true', DRAWN)) > 1000);
+  assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, { ...THREE, settled: 'true' })) > 1000);
 });
 
 test('three.js shows a folder of tiles from any file server', { timeout: 10 * PATIENCE, skip: 'TERRAIN' in process.env && 'a map in UTM lies on Earth, far from the origin' }, async (t) => {
@@ -160,24 +178,16 @@ test('three.js shows a folder of tiles from any file server', { timeout: 10 * PA
     const east = random(-300, 300), north = random(-300, 300); // so that the box fills the view
     const [ground] = await heights([[east, -north]]);
     const view = { east, north, up: ground! + random(50, 300), heading: random(0, 360), pitch: random(-90, -85) };
-    assert.equal(await background(page, view, SETTLED, DRAWN), 0, JSON.stringify(view));
+    assert.equal(await background(page, view, THREE), 0, JSON.stringify(view));
     assert.deepEqual(await page.evaluate('ridgecast.failed'), []);
   }
-  assert.ok((await background(page, { east: 9000, north: 0, up: 3000, heading: 0, pitch: -90 }, 'true', DRAWN)) > 1000, 'there is nothing beyond the box');
+  assert.ok((await background(page, { east: 9000, north: 0, up: 3000, heading: 0, pitch: -90 }, { ...THREE, settled: 'true' })) > 1000, 'there is nothing beyond the box');
 });
 
 test('CesiumJS shows ground wherever there is ground, at its height', { timeout: 1000 * PATIENCE }, async () => {
   const page = await open('/cesium/');
-  const drawn = `(() => {
-    const { scene, frame, Cesium } = ridgecast, camera = scene.camera;
-    scene.render();
-    const up = new Cesium.Cartesian3(frame[8], frame[9], frame[10]), along = (v) => Cesium.Cartesian3.dot(v, up);
-    const gl = scene.canvas.getContext('webgl2');
-    return { gl, tangent: Math.tan(camera.frustum.fovy / 2), up: along(camera.upWC), forward: along(camera.directionWC) };
-  })()`;
-  const settled = 'ridgecast.scene.render(), ridgecast.tileset.tilesLoaded';
-  await fly(page, settled, drawn);
-  await cruise(page, settled, drawn);
+  await fly(page, CESIUM);
+  await cruise(page, CESIUM);
   const places: [number, number][] = Array.from({ length: 5 }, () => [random(-300, 300), random(-300, 300)]);
   const found = (await page.evaluate(`(async () => {
     const { Cesium, frame, scene } = ridgecast;
@@ -187,3 +197,17 @@ test('CesiumJS shows ground wherever there is ground, at its height', { timeout:
   const truth = await heights(places);
   found.forEach((height, k) => assert.ok(Math.abs(height - truth[k]!) <= 0.4 + 0.3, `${height} instead of ${truth[k]}`)); // Cesium's depth has its own error
 });
+
+for (const [path, asked] of [['/three/', THREE], ['/cesium/', CESIUM]] as const)
+  test(`${path} asks again for what a busy server refuses`, { timeout: 10 * PATIENCE }, async () => {
+    const page = await open(path), refused = new Set<string>();
+    await page.route(/3dtiles.*\.glb/, async (route) => {
+      const url = route.request().url();
+      if (refused.has(url)) return route.continue();
+      refused.add(url);
+      return route.fulfill({ status: 503, headers: { 'Retry-After': '1' } });
+    });
+    assert.equal(await background(page, await randomView(), asked), 0);
+    assert.ok(refused.size > 0);
+    assert.deepEqual(await page.evaluate('ridgecast.failed'), []);
+  });

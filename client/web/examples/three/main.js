@@ -32,6 +32,16 @@ tiles.errorTarget = Number(asked.get('error') ?? 8); // pixels
 tiles.group.rotation.x = -Math.PI / 2; // 3D Tiles have z up, three.js has y
 tiles.setCamera(camera);
 scene.add(tiles.group);
+tiles.registerPlugin({
+  name: 'PATIENT',
+  async fetchData(url, options) {
+    for (;;) {
+      const answer = await fetch(url, options);
+      if (answer.status !== 503) return answer;
+      await new Promise((done) => setTimeout(done, 1000 * (answer.headers.get('Retry-After') ?? 1))); // the server is busy
+    }
+  },
+});
 const failed = [];
 tiles.addEventListener('load-error', ({ url, error }) => failed.push(`${url}: ${error.message}`));
 
