@@ -28,13 +28,13 @@ if (scene.moon) scene.moon.show = false;
 scene.light = new Cesium.DirectionalLight({ direction: new Cesium.Cartesian3(0, 0, -1), intensity: 3 });
 
 const url = `/v1/sessions/${asked.get('session') ?? 'default'}/3dtiles/tileset.json?${where}`;
-async function isBusy(resource, { statusCode, responseHeaders }) {
+async function askAgainIfBusy(resource, { statusCode, responseHeaders }) {
   if (statusCode !== 503) return false;
   await new Promise((done) => setTimeout(done, 1000 * (responseHeaders['retry-after'] ?? 1)));
   Object.assign(resource.request, { throttle: false, throttleByServer: false }); // where there are many, Cesium would take the tile for empty
   return true;
 }
-const tileset = await Cesium.Cesium3DTileset.fromUrl(new Cesium.Resource({ url, retryAttempts: 100, retryCallback: isBusy }), {
+const tileset = await Cesium.Cesium3DTileset.fromUrl(new Cesium.Resource({ url, retryAttempts: 100, retryCallback: askAgainIfBusy }), {
   maximumScreenSpaceError: Number(asked.get('error') ?? 8), // pixels
 });
 const failed = [];
