@@ -1,8 +1,8 @@
 // The pass over a page of candidates: most of what screening costs.
 #include "server/refinement/metric.h"
 
+#include <algorithm>
 #include <limits>
-#include <utility>
 
 #include "common/terrain/vector_clones.h"
 #include "server/refinement/view.h"
@@ -11,30 +11,57 @@ namespace ridgecast::refinement {
 
 namespace {
 
+constexpr unsigned kWidth = triangulation::TrianglePages::kBlock, kVectors = triangulation::TrianglePages::kBlocks;
+static_assert(kWidth == 16);
+typedef float Floats __attribute__((vector_size(4 * kWidth)));
+typedef std::int32_t Ints __attribute__((vector_size(4 * kWidth)));
+
+#define INLINE inline __attribute__((always_inline))
+// Halves: the low ones of both for k = 0, the high ones for 1. Quarters: the first and third of both, or the second and fourth.
+template <int k>
+INLINE void halves(const Ints& a, const Ints& b, Ints& out) {
+  constexpr int n = 8 * k, m = n + 16;
+  out =
+      __builtin_shufflevector(a, b, n, n + 1, n + 2, n + 3, n + 4, n + 5, n + 6, n + 7, m, m + 1, m + 2, m + 3, m + 4, m + 5, m + 6, m + 7);
+}
+template <int k>
+INLINE void quarters(const Ints& a, const Ints& b, Ints& out) {
+  constexpr int n = 4 * k, m = n + 16;
+  out = __builtin_shufflevector(a, b, n, n + 1, n + 2, n + 3, n + 8, n + 9, n + 10, n + 11, m, m + 1, m + 2, m + 3, m + 8, m + 9, m + 10,
+                                m + 11);
+}
+INLINE float largest(const Floats& v) {
+  const auto a = __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7), b = __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15);
+  const auto half = a > b ? a : b;
+  const auto c = __builtin_shufflevector(half, half, 0, 1, 2, 3), d = __builtin_shufflevector(half, half, 4, 5, 6, 7);
+  const auto quarter = c > d ? c : d;
+  return std::max(std::max(quarter[0], quarter[1]), std::max(quarter[2], quarter[3]));
+}
+INLINE std::uint32_t united(const Ints& v) {  // the bits that any lane has
+  const auto half = __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7) | __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15);
+  const auto quarter = __builtin_shufflevector(half, half, 0, 1, 2, 3) | __builtin_shufflevector(half, half, 4, 5, 6, 7);
+  return static_cast<std::uint32_t>(quarter[0] | quarter[1] | quarter[2] | quarter[3]);
+}
+
 // Sixteen candidates at a time: the square of what is seen, and of the threshold, both times d^(2 p + 2).
 template <bool kByArea>
-inline __attribute__((always_inline)) PageLook look(const PageCandidates& page, const Eye& eye) {
-  constexpr unsigned kWidth = triangulation::TrianglePages::kBlock, kVectors = triangulation::TrianglePages::kBlocks;
-  typedef float Floats __attribute__((vector_size(4 * kWidth)));
-  typedef std::int32_t Ints __attribute__((vector_size(4 * kWidth)));
+INLINE PageLook look(const PageCandidates& page, const Eye& eye) {
   const Floats zero{}, nearest2 = zero + kNearest * kNearest;
   Floats steepest = zero, mostSeen = zero, nearest = zero + std::numeric_limits<float>::max();
   Ints wanted[kVectors]{}, any{};
-  constexpr auto lanes = std::make_index_sequence<kWidth>();
   for (unsigned k = 0; k < kVectors; ++k) {
     if (!page[k]) continue;
-    const auto& lines = reinterpret_cast<const Ints(&)[4]>(*page[k]);
     // Each line is four of x, z, y and error: sixteen of one are gathered.
-    Ints x, z, y, error;
-    const auto gather = [&]<std::size_t... lane>(Ints & out, auto field, std::index_sequence<lane...>) __attribute__((always_inline)) {
-      const Ints low = __builtin_shufflevector(lines[0], lines[1], (lane / 4 % 2 * 16 + field * 4 + lane % 4)...),
-                 high = __builtin_shufflevector(lines[2], lines[3], (lane / 4 % 2 * 16 + field * 4 + lane % 4)...);
-      out = __builtin_shufflevector(low, high, (lane / 8 * 16 + lane % 8)...);
-    };
-    gather(x, std::integral_constant<std::size_t, 0>(), lanes);
-    gather(z, std::integral_constant<std::size_t, 1>(), lanes);
-    gather(y, std::integral_constant<std::size_t, 2>(), lanes);
-    gather(error, std::integral_constant<std::size_t, 3>(), lanes);
+    const auto& lines = reinterpret_cast<const Ints(&)[4]>(*page[k]);
+    Ints places[2], rest[2], x, z, y, error;
+    for (unsigned pair = 0; pair < 2; ++pair) {
+      halves<0>(lines[2 * pair], lines[2 * pair + 1], places[pair]);
+      halves<1>(lines[2 * pair], lines[2 * pair + 1], rest[pair]);
+    }
+    quarters<0>(places[0], places[1], x);
+    quarters<1>(places[0], places[1], z);
+    quarters<0>(rest[0], rest[1], y);
+    quarters<1>(rest[0], rest[1], error);
     const Floats dx = __builtin_convertvector(x - eye.x, Floats), dz = __builtin_convertvector(z - eye.z, Floats),
                  dy = __builtin_convertvector(y, Floats) - eye.y;
     const Floats flat = dx * dx + dz * dz, d2 = flat + dy * dy, n = d2 < nearest2 ? nearest2 : d2;
@@ -49,24 +76,11 @@ inline __attribute__((always_inline)) PageLook look(const PageCandidates& page, 
     mostSeen = seen > mostSeen ? seen : mostSeen;
     nearest = n < nearest ? n : nearest;
   }
-  // Halves against each other until all lanes hold the same.
-  const auto fold = [&]<std::size_t... lane>(auto apart, std::index_sequence<lane...>) __attribute__((always_inline)) {
-    const Floats s = __builtin_shufflevector(steepest, steepest, (lane ^ apart)...),
-                 d = __builtin_shufflevector(nearest, nearest, (lane ^ apart)...),
-                 m = __builtin_shufflevector(mostSeen, mostSeen, (lane ^ apart)...);
-    steepest = s > steepest ? s : steepest;
-    mostSeen = m > mostSeen ? m : mostSeen;
-    nearest = d < nearest ? d : nearest;
-    any |= __builtin_shufflevector(any, any, (lane ^ apart)...);
-  };
-  fold(std::integral_constant<std::size_t, 8>(), lanes);
-  fold(std::integral_constant<std::size_t, 4>(), lanes);
-  fold(std::integral_constant<std::size_t, 2>(), lanes);
-  fold(std::integral_constant<std::size_t, 1>(), lanes);
-  PageLook result{0, steepest[0], mostSeen[0], nearest[0]};
-  if (any[0] != 0)
-    for (unsigned k = 0; k < kVectors * kWidth; ++k)
-      result.wanted |= static_cast<PageScreen::Mask>(wanted[k / kWidth][k % kWidth] != 0) << k;
+  PageLook result{0, largest(steepest), largest(mostSeen), -largest(-nearest)};
+  if (united(any) != 0) {
+    const Ints bits = {1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768};
+    for (unsigned k = 0; k < kVectors; ++k) result.wanted |= PageScreen::Mask{united(wanted[k] & bits)} << (k * kWidth);
+  }
   return result;
 }
 RIDGECAST_VECTOR_CLONES PageLook inPixels(const PageCandidates& page, const Eye& eye) { return look<false>(page, eye); }

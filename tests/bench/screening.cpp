@@ -1,6 +1,7 @@
 // A pass over all candidates against merely reading the arrays it reads.
 #include <algorithm>
 #include <memory>
+#include <numeric>
 
 #include "server/generation/camera_mesh.h"
 #include "server/pipeline/pipeline.h"
@@ -39,29 +40,21 @@ Report screening(const Options& options) {
     evaluate();
   }
   const auto& pages = m.triangulation().trianglePages();
-  std::size_t slots = 0;
-  for (const generation::Leaf* leaf : mesh.leaves())
-    for (std::uint32_t page : pages.pagesOf(leaf->region))
-      for (const refinement::Candidates* block : m.candidatesOf(page)) slots += block ? triangulation::TrianglePages::kBlock : 0;
-
+  const double live = m.triangulation().liveTriangles();
   std::vector<double> read, screen;
-  std::uint64_t sink = 0;
+  std::uint32_t sum[16]{};
   for (int round = 0; round < 31; ++round) {
     double start = cpuSeconds();
     for (const generation::Leaf* leaf : mesh.leaves())
       for (std::uint32_t page : pages.pagesOf(leaf->region)) {
         // The page's own record and mask are read by the pass, too.
         const refinement::PageScreen& known = m.screen(page);
-        std::uint32_t sum =
-            static_cast<std::uint32_t>(known.dormant + known.blank + pages.aliveMask(page)) + static_cast<std::uint32_t>(known.travel < 0);
+        sum[0] += static_cast<std::uint32_t>(known.dormant + known.blank + pages.aliveMask(page));
         for (const refinement::Candidates* block : m.candidatesOf(page))
-          for (std::uint32_t k = 0; block && k < triangulation::TrianglePages::kBlock; ++k) {
-            const refinement::Candidates& c = block[k / refinement::Candidates::kSlots];
-            const std::uint32_t n = k % refinement::Candidates::kSlots;
-            sum += static_cast<std::uint32_t>(c.x[n]) + static_cast<std::uint32_t>(c.z[n]) + static_cast<std::uint32_t>(c.y[n]) +
-                   static_cast<std::uint32_t>(c.error[n] > 1e9f);
+          for (std::size_t line = 0; block && line < triangulation::TrianglePages::kBlock / refinement::Candidates::kSlots; ++line) {
+            const auto& words = reinterpret_cast<const std::uint32_t(&)[16]>(block[line]);
+            for (std::size_t k = 0; k < 16; ++k) sum[k] += words[k];
           }
-        sink += sum;
       }
     read.push_back(cpuSeconds() - start);
     // A camera far travelled: nothing is skipped, every page is looked at. The threshold is above all errors, as when nothing is to be done.
@@ -82,11 +75,11 @@ Report screening(const Options& options) {
   const double idleMs = 1e3 * (cpuSeconds() - start) / 50;
 
   Report report;
-  report.note(std::to_string(m.triangulation().liveTriangles()) + " triangles in " + std::to_string(slots) +
-              " slots; one thread, processor time" + (sink == 1 ? " " : ""));
+  report.note(std::to_string(m.triangulation().liveTriangles()) + " triangles; one thread, processor time" +
+              (std::accumulate(sum, sum + 16, 0u) == 1 ? " " : ""));
   report.add("ratio_to_read", median(screen) / median(read), "of reading the arrays once");
-  report.add("read_ns", 1e9 * median(read) / static_cast<double>(slots), "ns a slot");
-  report.add("screen_ns", 1e9 * median(screen) / static_cast<double>(slots), "ns a slot");
+  report.add("read_ns", 1e9 * median(read) / live, "ns a triangle");
+  report.add("screen_ns", 1e9 * median(screen) / live, "ns a triangle");
   report.add("idle_iteration_ms", idleMs, "ms");
   report.add("idle_triangles", last.triangles, "live in the idle iteration");
   return report;
