@@ -57,7 +57,7 @@ Report screening(const Options& options) {
           }
       }
     read.push_back(cpuSeconds() - start);
-    // A camera far travelled: nothing is skipped, every page is looked at. The threshold is above all errors, as when nothing is to be done.
+    // A camera far travelled: nothing is skipped, every page is looked at. The threshold is above all errors: nothing is to be done.
     const refinement::View view(camera, m.anchor(), travel += 1e12, 0, false);
     start = cpuSeconds();
     find(view, 50);
