@@ -36,6 +36,7 @@ export async function launch(switches: string[] = SOFTWARE): Promise<Browser> {
 interface Watched {
   ridgecast?: Report;
   longTasks: { start: number; ms: number }[];
+  notes: string[]; // that nobody waited for yet
 }
 
 export class Viewer {
@@ -58,6 +59,11 @@ export class Viewer {
       new PerformanceObserver((list) => {
         for (const entry of list.getEntries()) own.longTasks.push({ start: entry.startTime, ms: entry.duration });
       }).observe({ type: 'longtask', buffered: true });
+      own.notes = [];
+      document.addEventListener('DOMContentLoaded', () => {
+        const note = document.getElementById('note');
+        if (note) new MutationObserver(() => own.notes.push(note.textContent ?? '')).observe(note, { childList: true, characterData: true, subtree: true });
+      });
     });
     await page.goto(url);
     return viewer;
@@ -110,6 +116,14 @@ export class Viewer {
       const box = document.getElementById('problem')!;
       return box.hidden ? '' : box.innerText.replace(/\s+/g, ' ').trim();
     });
+  }
+
+  /** Waits until the page has said so in a note since the one that was waited for last: notes go by themselves, on a busy machine before anybody looks. */
+  async said(what: RegExp): Promise<void> {
+    await this.page.waitForFunction((source) => {
+      const { notes } = globalThis as unknown as Watched, k = notes.findIndex((note) => new RegExp(source).test(note));
+      return k >= 0 && notes.splice(0, k + 1);
+    }, what.source);
   }
 
   /** Milliseconds of the longest task of the page's own thread since it had run so long. */

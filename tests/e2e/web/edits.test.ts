@@ -42,9 +42,6 @@ async function editsWhen(session: string, count: number): Promise<Edit[]> {
   }
   throw new Error(`there are not ${count} edits`);
 }
-const says = (viewer: Viewer, what: RegExp): Promise<unknown> =>
-  viewer.page.waitForFunction(([source]) => new RegExp(source!).test(document.getElementById('note')!.textContent ?? ''), [what.source]);
-
 /** Where the terrain itself lies below a pixel, by the server's ray; the rotation of the camera is written out once more. */
 async function groundBelow(session: string, px: number, py: number): Promise<{ x: number; z: number; distance: number }> {
   const yaw = (PLACE.yaw * Math.PI) / 180, pitch = (PLACE.pitch * Math.PI) / 180, focal = SIZE.height / 2 / Math.tan(Math.PI / 6);
@@ -81,7 +78,7 @@ test('a click makes a crater below the pointer, undo takes it back, and the mesh
   assert.equal(speed, '50 m/s');
 
   await page.mouse.click(px, py);
-  await says(viewer, /^Edit 1 made\.$/);
+  await viewer.said(/^Edit 1 made\.$/);
   const [crater] = await editsOf('clicks') as [Edit];
   assert.equal(crater.op, 'crater');
   assert.ok(Math.abs(crater.radius - 32.4) < 0.3);
@@ -92,11 +89,11 @@ test('a click makes a crater below the pointer, undo takes it back, and the mesh
   assert.equal(edited.figures!.mismatches, 0);
 
   await page.keyboard.press('KeyU');
-  await says(viewer, /^Edit 1 undone\.$/);
+  await viewer.said(/^Edit 1 undone\.$/);
   assert.deepEqual((await editsOf('clicks')).slice(1), [{ op: 'undo', edit: 1 }]);
   await viewer.until('as it was', (r) => r.atRest && r.figures!.mismatches === 0 && r.figures!.iteration > edited.figures!.iteration);
   await page.keyboard.press('KeyU');
-  await says(viewer, /no edit to undo/);
+  await viewer.said(/no edit to undo/);
 
   // Keys alone: the brush in the middle of the picture.
   await page.mouse.move(-1, -1);
@@ -109,7 +106,7 @@ test('a click makes a crater below the pointer, undo takes it back, and the mesh
   // One that somebody else has undone is not one's last.
   await fetch(`${server.http}/v1/sessions/clicks/edits/3`, { method: 'DELETE' });
   await page.click('#undo');
-  await says(viewer, /no edit to undo/);
+  await viewer.said(/no edit to undo/);
   assert.equal((await editsOf('clicks')).length, 4);
   assert.equal((await viewer.report()).figures!.mismatches, 0);
   assert.deepEqual(viewer.complaints, []);
@@ -124,14 +121,14 @@ test('a road follows clicks until a double click; a refusal is said in the serve
   await page.mouse.click(300, 310);
   await page.mouse.click(340, 305);
   await page.mouse.dblclick(370, 320);
-  await says(viewer, /^Edit 1 made\.$/);
+  await viewer.said(/^Edit 1 made\.$/);
   assert.equal((await editsOf('roads'))[0]!.op, 'road');
   assert.equal(await page.evaluate(() => document.pointerLockElement), null);
   // Over all the mountains to the valley behind them.
   await page.mouse.click(350, 320);
   await page.mouse.click(240, 140);
   await page.keyboard.press('Enter');
-  await says(viewer, /2048 m/);
+  await viewer.said(/2048 m/);
   assert.equal((await editsOf('roads')).length, 1);
   await page.mouse.move(300, 300);
   await page.mouse.down();
@@ -158,7 +155,7 @@ test('fingers: a tap on the ground', async () => {
   const off = Math.hypot(edit.x - expected.x, edit.z - expected.z);
   assert.ok(off < expected.distance / 300, `${off} m off`);
   await page.tap('#undo');
-  await says(viewer, /^Edit 1 undone\.$/);
+  await viewer.said(/^Edit 1 undone\.$/);
 });
 
 test('ray march and corrected mesh show edited ground, as the desktop client does, from the edit on', async (t) => {
@@ -212,7 +209,7 @@ test('who lacks the right is told, and connected still', async () => {
         return viewer;
       };
       const one = await open(viewing);
-      await says(one, /lacks the right 'edit'/);
+      await one.said(/lacks the right 'edit'/);
       assert.ok(await one.page.isHidden('#edit'));
       assert.ok((await one.report()).connected);
       const two = await open(editing);

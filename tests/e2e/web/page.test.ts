@@ -96,7 +96,7 @@ test('flies, and comes back after the server started anew', async (t) => {
   const { port } = server;
   await server.stop();
   await viewer.until('without a connection', (r) => !r.connected);
-  await viewer.page.waitForFunction(() => /trying again/.test(document.getElementById('note')!.innerText));
+  await viewer.said(/trying again/);
   server = await Server.start(['--terrain', 'alpine', '--seed', '1'], port);
   const back = await viewer.until('connected again', (r) => r.connected && r.atRest);
   assert.equal(back.figures!.mismatches, 0);
@@ -406,7 +406,7 @@ test('says what is wrong', async (t) => {
       assert.equal(frames!.corrected, false);
       for (const [key, said] of [['KeyT', /no samples of a height map: the mesh is drawn as it is/], ['Digit2', /no samples of a height map: there is no ray march/]] as const) {
         await viewer.page.keyboard.press(key);
-        assert.match(await viewer.page.innerText('#note'), said);
+        await viewer.said(said);
       }
       assert.deepEqual(viewer.complaints, []);
       await viewer.close();

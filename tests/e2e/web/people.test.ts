@@ -95,7 +95,7 @@ test('keys press buttons, change speed and divider, and keep their focus', async
 
   await page.focus('#view');
   await page.keyboard.press('+');
-  await page.waitForFunction(() => /Speed 72 m\/s/.test(document.getElementById('note')!.innerText));
+  await viewer.said(/Speed 72 m\/s/);
   const divider = (): Promise<number> => page.getAttribute('#divider', 'aria-valuenow').then(Number);
   await page.keyboard.press('.');
   assert.equal(await divider(), 52);
@@ -220,12 +220,6 @@ test('a world of the terrains that the server offers, with their parameters', as
 test('steps do not wait for a page, and one that is passed over is told', async () => {
   const viewer = await Viewer.open(browser, `${server.http}/${PLACE}&session=stepped&terrain=canyon`, { width: 320, height: 180 });
   const { world } = await viewer.until('connected', (r) => r.connected && r.figures !== undefined);
-  await viewer.page.waitForSelector('#note', { state: 'hidden' }); // it has welcomed
-  // Notes go by themselves, on a busy machine before anybody has looked.
-  await viewer.page.evaluate(() => {
-    const note = document.getElementById('note')!;
-    new MutationObserver(() => (note.dataset['all'] = `${note.dataset['all'] ?? ''}\n${note.innerText}`)).observe(note, { childList: true, characterData: true, subtree: true });
-  });
   const socket = new NodeSocket(`${server.ws}/v1/stream?session=stepped`);
   let done = 0n;
   const send = (kind: NonNullable<Parameters<typeof create<typeof ClientMessageSchema>>[1]>['kind']): void => socket.send(toBinary(ClientMessageSchema, create(ClientMessageSchema, { kind })));
@@ -250,14 +244,14 @@ test('steps do not wait for a page, and one that is passed over is told', async 
       if (done >= 3n) send({ case: 'passOver', value: { $typeName: 'ridgecast.v1.PassOver', camera: BigInt(world!.camera) } });
     };
   });
-  await viewer.page.waitForFunction(() => /passed over at step/.test(document.getElementById('note')!.dataset['all'] ?? ''));
+  await viewer.said(/passed over at step/);
   assert.ok(done >= 3n);
   // Its clock is somebody else's.
   await viewer.page.keyboard.press('KeyV');
   await viewer.page.waitForFunction(() => /^Guest \d+ owns it$/.test(document.getElementById('clock-driver')!.textContent!));
   assert.ok(await viewer.page.isDisabled('#clock-pause'));
   await viewer.page.keyboard.press('KeyZ');
-  await viewer.page.waitForFunction(() => /^Guest \d+ owns the clock$/.test(document.getElementById('note')!.innerText));
+  await viewer.said(/^Guest \d+ owns the clock$/);
   socket.onclose = null;
   socket.close();
   assert.deepEqual(viewer.complaints, []);

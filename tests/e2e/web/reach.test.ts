@@ -170,7 +170,7 @@ test('over TLS, with a token', async (t) => {
     const looks = await Viewer.open(browser, `${guarded.https}/#x=1400&z=3600&y=2830&threshold=8&token=${token('view')}`, SMALL, { ignoreHTTPSErrors: true });
     await looks.until('connected', (r) => r.connected && r.figures !== undefined);
     await looks.page.keyboard.press('KeyG');
-    await looks.page.waitForFunction(() => /snapshot/.test(document.getElementById('note')!.innerText));
+    await looks.said(/snapshot/);
   } finally {
     await guarded.stop();
     rmSync(folder, { recursive: true, force: true });
