@@ -29,12 +29,17 @@ camera::Camera above(const terrain::Terrain& terrain, double x, double z, double
 // By how much (a tangent) the ground before a point rises above the line of sight to it; negative: it is seen.
 double covered(const terrain::Terrain& terrain, const camera::Camera& camera, const camera::Vec3& p) {
   const double flat = std::hypot(p.x, p.z), slope = p.y / flat;
-  double most = -1e9;
-  for (double r = 8; r < flat * 0.97; r += std::max(0.5, 0.0005 * r)) {
-    const lattice::Point at{camera.pose.x + static_cast<lattice::Step>(p.x / flat * r * lattice::kStepsPerMetre),
-                            camera.pose.z + static_cast<lattice::Step>(p.z / flat * r * lattice::kStepsPerMetre)};
-    most = std::max(most, (terrain.height(at) - camera.pose.y) / r - slope);
+  std::vector<double> r;
+  std::vector<lattice::Step> x, z;
+  for (double next = 8; next < flat * 0.97; next += std::max(0.5, 0.0005 * next)) {
+    r.push_back(next);
+    x.push_back(camera.pose.x + static_cast<lattice::Step>(p.x / flat * next * lattice::kStepsPerMetre));
+    z.push_back(camera.pose.z + static_cast<lattice::Step>(p.z / flat * next * lattice::kStepsPerMetre));
   }
+  std::vector<float> y(r.size());
+  terrain.heights(x, z, y);
+  double most = -1e9;
+  for (std::size_t k = 0; k < r.size(); ++k) most = std::max(most, (y[k] - camera.pose.y) / r[k] - slope);
   return most;
 }
 
