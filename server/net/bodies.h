@@ -19,6 +19,7 @@ class Bodies : public std::enable_shared_from_this<Bodies> {
   enum class Full { kAll, kShare };
   using Room = std::shared_ptr<const void>;  // given back with its last copy
   std::variant<Room, Full> take(const std::string& client, std::size_t bytes) {
+    if (bytes == 0) return Room();
     const std::lock_guard lock(mutex_);
     const auto own = byClient_.find(client);
     if (bytes + (own == byClient_.end() ? 0 : own->second) > kMost / 2) return Full::kShare;

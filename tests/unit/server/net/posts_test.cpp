@@ -11,6 +11,7 @@
 
 #include "server/http/queries.h"
 #include "server/logging/logging.h"
+#include "server/net/bodies.h"
 #include "server/net/server.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
@@ -156,6 +157,15 @@ TEST_F(PostsTest, OneClientHasHalfOfTheRoomForBodies) {
   EXPECT_THAT(ask(post(kPlaces, "/v1/heights", from("192.0.2.3"))), testing::EndsWith(heights)) << "a brief one has room";
   held.clear();
   EXPECT_TRUE(testing_support::await([&] { return hold("192.0.2.1").starts_with("HTTP/1.1 100"); }));
+}
+
+// It wrote where nothing was, once its client had no other.
+TEST(BodiesTest, AnEmptyOneIsGivenBackLast) {
+  const auto bodies = std::make_shared<Bodies>();
+  auto some = std::get<Bodies::Room>(bodies->take("192.0.2.1", 10)), empty = std::get<Bodies::Room>(bodies->take("192.0.2.1", 0));
+  some.reset();
+  empty.reset();
+  EXPECT_TRUE(std::holds_alternative<Bodies::Room>(bodies->take("192.0.2.1", Bodies::kMost / 2)));
 }
 
 TEST_F(PostsTest, LargeOnesHoldNobodyUp) {
