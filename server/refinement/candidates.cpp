@@ -319,7 +319,7 @@ inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& s
   smeared.clear();  // the worker may have done another camera's mesh before
   if (colour_.on()) judgeColours(level, scratch);
   best.assign(fresh.size(), {{0, 0}, 0, 0.0f});
-  const auto errorAt = [&scratch, level](std::size_t k) {
+  const auto errorAt = [&scratch, level](std::size_t k) {  // Clang 14 captures no structured bindings
     const float error = std::abs(scratch.trials[k].y - static_cast<float>(lattice::snapHeight(scratch.y[k], level)));
     return scratch.smeared.empty() ? error : std::max(error, scratch.smeared[k]);
   };
