@@ -32,7 +32,8 @@ std::optional<MeshHeight> heightOf(const scene::Scene& scene, lattice::Point at)
 std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray);
 
 // The ground around a point, as its own scene: all triangles over the circle. Waits for the server. Errors: a radius or error
-// out of range; the server's refusal, which names an error that fits; an undecodable answer. `error` is what was reached: at most what was requested.
+// out of range; the server's refusal, which names an error that fits; an undecodable answer. `error` is what was reached: at most what was
+// requested.
 struct Patch {
   scene::Scene scene;
   double error = 0;

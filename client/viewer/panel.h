@@ -1,5 +1,6 @@
 #pragma once
-// The dialogs: settings, worlds and places, who is here; and the bars of the edit mode and the clock. Drawn by Dear ImGui. Internal to the room.
+// The dialogs: settings, worlds and places, who is here; and the bars of the edit mode and the clock. Drawn by Dear ImGui. Internal to the
+// room.
 
 #include <cstdint>
 #include <optional>

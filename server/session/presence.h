@@ -65,7 +65,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void receive(std::uint64_t camera, const wire::StepDone& done);
   void receive(std::uint64_t camera, const wire::PassOver& pass);
 
-  // A sentence for the people at this member, or at all members with `members` or `clock` in hello, as Clock.notice; cut to wire::kMaxErrorBytes.
+  // A sentence for the people at this member, or at all members with `members` or `clock` in hello, as Clock.notice; cut to
+  // wire::kMaxErrorBytes.
   void tell(std::string sentence);
   void tell(std::uint64_t camera, std::string sentence);
 

@@ -12,14 +12,14 @@
 namespace ridgecast::bench {
 
 struct Insertion {
-  std::int32_t x, z;         // |.| < 2^26
-  std::uint32_t corner;      // an earlier insertion that is a corner of the triangle that holds this point; its own index: none
+  std::int32_t x, z;     // |.| < 2^26
+  std::uint32_t corner;  // an earlier insertion that is a corner of the triangle that holds this point; its own index: none
 };
 
 struct DelaunayInput {
   std::vector<Insertion> insertions;
-  std::vector<std::uint32_t> at;         // our id of the triangle that each point falls into: the engine knows it. Not in the file
-  std::vector<std::uint32_t> removals;   // indices of insertions
+  std::vector<std::uint32_t> at;        // our id of the triangle that each point falls into: the engine knows it. Not in the file
+  std::vector<std::uint32_t> removals;  // indices of insertions
 
   std::uint64_t hash() const {
     std::uint64_t h = 14695981039346656037ull;

@@ -169,7 +169,7 @@ TEST_F(Neighbours, ClientsThatStopOrReadAByteASecondCostAFixedBound) {
   EXPECT_TRUE(kSanitized || peak < memory + 6 * 60) << memory << " MiB, then " << peak;
   clients.clear();
   relays.clear();
-  const auto comesBack = [&] { 
+  const auto comesBack = [&] {
     return fly(500ms), kSanitized || residentMib(server_->process().id()) < memory + 0.5 * (peak - memory) + 30;
   };
   EXPECT_TRUE(await(comesBack)) << residentMib(server_->process().id());

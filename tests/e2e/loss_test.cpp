@@ -22,8 +22,7 @@ std::string enterLossyNetwork() {
     return std::string("this process may not have a network namespace of its own: ") + std::strerror(errno);
   if (std::system("ip link set lo up") != 0) return "its network namespace has no loopback: iproute2 is missing, or may not change it";
   // 100 ms there and back, up to 10 ms more each way, 10 Mbit/s, 1 % of the packets lost.
-  if (std::system("tc qdisc add dev lo root netem delay 55ms 5ms loss 1% rate 10mbit limit 10000") != 0)
-    return "the kernel has no netem";
+  if (std::system("tc qdisc add dev lo root netem delay 55ms 5ms loss 1% rate 10mbit limit 10000") != 0) return "the kernel has no netem";
   return {};
 }
 

@@ -1,5 +1,5 @@
-// Bytes from a client, one message after the other, as a session sees them: nothing crashes, what is accepted survives its own encoding, and
-// the replica keeps its word whatever is acknowledged, asked for again or claimed to be held.
+// Bytes from a client, one message after the other, as a session sees them: nothing crashes, what is accepted survives its own encoding,
+// and the replica keeps its word whatever is acknowledged, asked for again or claimed to be held.
 #include <cstdint>
 #include <cstdlib>
 #include <vector>

@@ -22,8 +22,8 @@ std::uint64_t edgeKey(std::uint32_t a, std::uint32_t b) { return (std::uint64_t{
 std::string MeshReport::text() const {
   std::ostringstream out;
   out << leaves << " leaves, " << vertices << " vertices, " << triangles << " triangles; heights " << heights << ", clockwise " << clockwise
-      << ", overused " << overused << ", misfiled " << misfiled << ", cracks " << cracks << ", notDelaunay " << notDelaunay << ", notCanonical "
-      << notCanonical;
+      << ", overused " << overused << ", misfiled " << misfiled << ", cracks " << cracks << ", notDelaunay " << notDelaunay
+      << ", notCanonical " << notCanonical;
   return out.str();
 }
 
@@ -45,8 +45,10 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
     std::vector<std::uint32_t> local;
     for (const auto& v : leaf.vertices) {
       const auto [it, added] = ids.try_emplace({x0 + v.x, z0 + v.z}, static_cast<std::uint32_t>(points.size()));
-      if (added) points.push_back({x0 + v.x, z0 + v.z, v.y});
-      else if (points[it->second].y != v.y) ++report.heights;
+      if (added)
+        points.push_back({x0 + v.x, z0 + v.z, v.y});
+      else if (points[it->second].y != v.y)
+        ++report.heights;
       local.push_back(it->second);
     }
     for (const auto& t : leaf.triangles) {
@@ -193,13 +195,15 @@ MeshReport checkMesh(const std::vector<mesh::LeafMesh>& leaves) {
       continue;
     }
     if (loop.size() == 3) {
-      const std::int64_t sx = points[loop[0]].x + points[loop[1]].x + points[loop[2]].x, sz = points[loop[0]].z + points[loop[1]].z + points[loop[2]].z;
+      const std::int64_t sx = points[loop[0]].x + points[loop[1]].x + points[loop[2]].x,
+                         sz = points[loop[0]].z + points[loop[1]].z + points[loop[2]].z;
       if (std::none_of(leaves.begin(), leaves.end(), [&](const mesh::LeafMesh& l) { return inSquare(l, sx, sz); })) continue;
     }
     report.cracks += loop.size() == 3 || coveredShare(polygonOf(loop)) > 1 - 1e-9;
   }
   // The largest goes round the whole mesh.
-  const auto whole = std::max_element(around.begin(), around.end(), [&](const Outline& a, const Outline& b) { return areaOf(a.points) < areaOf(b.points); });
+  const auto whole = std::max_element(around.begin(), around.end(),
+                                      [&](const Outline& a, const Outline& b) { return areaOf(a.points) < areaOf(b.points); });
   for (auto it = around.begin(); it != around.end(); ++it) report.cracks += it != whole && coveredShare(*it) > 1 - 1e-9;
   return report;
 }

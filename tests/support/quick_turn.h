@@ -35,8 +35,8 @@ inline int holes(const scene::Scene& scene, const camera::Pose& pose) {
   return count;
 }
 
-// Eleven seconds, and as many more as a slow machine takes for a flight worth its name; the latencies that the client counts afterwards are those
-// from the fourth on. Empty, or what went wrong.
+// Eleven seconds, and as many more as a slow machine takes for a flight worth its name; the latencies that the client counts afterwards
+// are those from the fourth on. Empty, or what went wrong.
 inline std::string quickTurn(Traveller& client, const PathCamera& path) {
   using Clock = std::chrono::steady_clock;
   const auto since = [](Clock::time_point t) { return std::chrono::duration<double>(Clock::now() - t).count(); };
@@ -64,8 +64,8 @@ inline std::string quickTurn(Traveller& client, const PathCamera& path) {
   return wrong;
 }
 
-// The turn, and what it must leave behind on a line of 100 ms there and back; the test's properties say how long poses waited, and MEASURE=1
-// limits that.
+// The turn, and what it must leave behind on a line of 100 ms there and back; the test's properties say how long poses waited, and
+// MEASURE=1 limits that.
 inline void expectQuickTurn(Traveller& client, const PathCamera& path, double mostP50, double mostP99) {
   EXPECT_EQ(quickTurn(client, path), "");
   EXPECT_EQ(client.mismatches(), 0u);

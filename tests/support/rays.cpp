@@ -26,7 +26,8 @@ std::vector<Hit> castRays(const terrain::Terrain& terrain, const camera::Camera&
   return castRays(terrain, camera, directions, 1);
 }
 
-// Marches all rays at once, in batches: steps of an eighth of the gap, at most four pixels so that a fence before an abyss is met, then bisection.
+// Marches all rays at once, in batches: steps of an eighth of the gap, at most four pixels so that a fence before an abyss is met, then
+// bisection.
 std::vector<Hit> castRays(const terrain::Terrain& terrain, const camera::Camera& camera, const std::vector<camera::Vec3>& directions,
                           double finer) {
   const double perRadian = camera::pixelsPerRadian(camera.projection);
@@ -85,7 +86,8 @@ HeldMesh::HeldMesh(const pipeline::Pipeline& pipeline) {
 }
 
 std::vector<HeldMesh::Height> HeldMesh::at(const std::vector<Hit>& hits) const {
-  // Triangles stand out of their leaf's square by less than half a side: each leaf looks at the hits in the cells of its own size around it.
+  // Triangles stand out of their leaf's square by less than half a side: each leaf looks at the hits in the cells of its own size around
+  // it.
   std::vector<Height> heights(hits.size());
   std::unordered_map<lattice::LeafAddress, std::vector<std::size_t>, lattice::LeafAddressHash> cells;
   int least = lattice::kMaxLevel, most = 0;
@@ -134,8 +136,8 @@ std::vector<HeldMesh::Height> HeldMesh::at(const std::vector<Hit>& hits) const {
 
 namespace {
 
-// What is left of an error where the ground jumps within one place of the lattice: by how much the mesh's height lies outside what the ground has
-// there. Vertices cannot lie between places.
+// What is left of an error where the ground jumps within one place of the lattice: by how much the mesh's height lies outside what the
+// ground has there. Vertices cannot lie between places.
 std::vector<double> besideJumps(const terrain::Terrain& terrain, const std::vector<Hit>& hits, const std::vector<HeldMesh::Height>& held) {
   constexpr int kAcross = 5;  // places looked at, each way
   std::vector<lattice::Step> x, z;

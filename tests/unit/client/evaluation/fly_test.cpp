@@ -38,7 +38,8 @@ class Fly : public testing::Test {
     if (auto context = render::HeadlessContext::create(); !context) GTEST_SKIP() << "no OpenGL here: " << context.error().message;
     std::filesystem::create_directories(folder_);
     std::ofstream(folder_ / "path.json") << R"({"terrain": "alpine", "seed": 3, "keyframes": [
-      {"t": 0, "x": 0, "z": 0, "altitude": 100, "yaw": 0, "pitch": -10}, {"t": 1, "x": 10, "z": 0, "altitude": 100, "yaw": 0, "pitch": -10}]})";
+      {"t": 0, "x": 0, "z": 0, "altitude": 100, "yaw": 0, "pitch": -10},
+      {"t": 1, "x": 10, "z": 0, "altitude": 100, "yaw": 0, "pitch": -10}]})";
   }
   void TearDown() override { std::filesystem::remove_all(folder_); }
 

@@ -253,8 +253,8 @@ TEST_F(Drawing, TheRayMarchDoesNotStepOverCliffs) {
 }
 
 // The true heights of a leaf on a grid of so many cells a side.
-// Level ground at 100 m, an abyss of a kilometre south of z = 0, and on its rim a fence 150 m high and 4 m wide: what the overshoot of a height map's
-// edge is like. A march that stepped by the gap alone jumped over it and drew streaks.
+// Level ground at 100 m, an abyss of a kilometre south of z = 0, and on its rim a fence 150 m high and 4 m wide: what the overshoot of a
+// height map's edge is like. A march that stepped by the gap alone jumped over it and drew streaks.
 const char* const kFence = R"(
 float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {
   float z = (float(cell.y) + fraction.y) * 4096.0;
@@ -276,7 +276,8 @@ class Fence : public terrain::Terrain {
   }
 };
 
-// Against a march on the processor that is sixteen times finer and skips nothing: nearly every ray meets the ground at the same distance, whatever the pose.
+// Against a march on the processor that is sixteen times finer and skips nothing: nearly every ray meets the ground at the same distance,
+// whatever the pose.
 TEST_F(Drawing, TheRayMarchMeetsWhatAMuchFinerOneMeets) {
   constexpr std::uint32_t kWidth = 160, kHeight = 90;
   std::mt19937_64 random(3);
@@ -289,10 +290,12 @@ TEST_F(Drawing, TheRayMarchMeetsWhatAMuchFinerOneMeets) {
     for (int k = 0; k < 4; ++k) {
       const bool fence = ground == terrains.front();
       const double x = between(-1e5, 1e5), z = fence ? between(100, 900) : between(-1e5, 1e5),
-                   altitude = std::exp(between(std::log(1.5), std::log(3000))), foot = ground->height({std::llround(x * 256), std::llround(z * 256)});
+                   altitude = std::exp(between(std::log(1.5), std::log(3000))),
+                   foot = ground->height({std::llround(x * 256), std::llround(z * 256)});
       // At the fence from the abyss upwards, and from above.
       const double y = !fence ? foot + altitude : k % 2 ? between(300, 900) : between(-890, 150);
-      View view = viewFrom(x, y, z, fence ? between(-0.6, 0.6) : between(0, 6.28), fence ? std::atan2(100 - y, z) + between(-0.05, 0.15) : between(-1.4, 0.5), kWidth, kHeight);
+      View view = viewFrom(x, y, z, fence ? between(-0.6, 0.6) : between(0, 6.28),
+                           fence ? std::atan2(100 - y, z) + between(-0.05, 0.15) : between(-1.4, 0.5), kWidth, kHeight);
       if (fence) view.camera.projection.verticalFov = 0.2;  // so that it is several samples wide
       view.horizon = 20'000;
       view.highest = 9000;

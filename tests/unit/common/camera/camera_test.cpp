@@ -126,7 +126,8 @@ TEST(Frustum, MeetsATriangleExactlyWhereAPointOfItIsSeen) {
       double a = between(random, 0, 1), b = between(random, 0, 1);
       if (a + b > 1) a = 1 - a, b = 1 - b;
       const auto mix = [&](double u, double v, double w) { return u + a * (v - u) + b * (w - u); };
-      seen = frustum.contains({mix(corners[0].x, corners[1].x, corners[2].x), mix(corners[0].y, corners[1].y, corners[2].y) + between(random, -lift, lift),
+      seen = frustum.contains({mix(corners[0].x, corners[1].x, corners[2].x),
+                               mix(corners[0].y, corners[1].y, corners[2].y) + between(random, -lift, lift),
                                mix(corners[0].z, corners[1].z, corners[2].z)});
     }
     const bool meets = frustum.meets(corners, lift);
