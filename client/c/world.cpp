@@ -35,7 +35,7 @@ Outcome<lattice::Point> pointOf(double x, double z) {
   return lattice::Point{*atX, *atZ};
 }
 
-double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+using lattice::metres;
 
 world::Options optionsOf(const rc_join_options& given, Milliseconds timeout) {
   world::Options options{.name = given.name ? given.name : "",

@@ -11,7 +11,7 @@
 namespace ridgecast::evaluation {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 enum class In { kAlways, kIfMeasured, kNoTable };  // kNoTable: nor among the numbers of runs.csv
 
@@ -102,18 +102,18 @@ void eachField(Is<IterationResult> auto& r, const auto& field) {
 }
 
 std::string write(const auto& results, int indent) {
-  Json out;
+  OrderedJson out;
   eachField(results, [&](const char* key, const auto& value, In in = In::kAlways) {
-    Json json = value;
+    OrderedJson json = value;
     if (json.is_number_float() && std::isnan(json.get<double>())) json = nullptr;
     if (in != In::kIfMeasured || !json.empty()) out[key] = std::move(json);
   });
-  return out.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n";
+  return out.dump(indent, ' ', false, OrderedJson::error_handler_t::replace) + "\n";
 }
 
 // False: it is no object.
 bool read(const std::string& text, auto& results) {
-  const Json json = Json::parse(text, nullptr, false);
+  const OrderedJson json = OrderedJson::parse(text, nullptr, false);
   eachField(results, [&](const char* key, auto& value, In = In::kAlways) {
     if (const auto it = json.find(key); it != json.end() && !it->is_null()) it->get_to(value);
   });

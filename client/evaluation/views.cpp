@@ -16,7 +16,7 @@
 namespace ridgecast::evaluation {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 using render::Picture;
 
 constexpr std::array<ViewCase, 9> kViews = {{{"alpine", "low", 2000, 1500, 60, 0, -5},
@@ -32,10 +32,12 @@ constexpr std::array<int, 4> kSteps = {1, 2, 3, 4};  // of the correction
 constexpr int kMostSteps = 10;                       // as good as it gets, for what is missing
 constexpr float kFiner = 2;                          // steps of the march that judges the march
 
-Json figures(const Similarity& s) { return {{"ssim", s.mean}, {"terrain", s.terrain ? Json(*s.terrain) : Json(nullptr)}}; }
-Json figures(const PixelError& e) { return {{"median", e.median}, {"p99", e.p99}, {"worst", e.worst}}; }
+OrderedJson figures(const Similarity& s) {
+  return {{"ssim", s.mean}, {"terrain", s.terrain ? OrderedJson(*s.terrain) : OrderedJson(nullptr)}};
+}
+OrderedJson figures(const PixelError& e) { return {{"median", e.median}, {"p99", e.p99}, {"worst", e.worst}}; }
 
-Json figures(const Missing& m) {
+OrderedJson figures(const Missing& m) {
   return {{"total", m.total},     {"silhouettes", m.silhouettes}, {"geometry", m.geometry},
           {"shading", m.shading}, {"marcher", m.marcher},         {"silhouette_windows", m.windows}};
 }
@@ -65,15 +67,15 @@ struct Both {
 std::span<const ViewCase> viewCases() { return kViews; }
 
 std::string pathOf(const ViewCase& view) {
-  const Json key = {{"t", 0}, {"x", view.x}, {"z", view.z}, {"altitude", view.altitude}, {"yaw", view.yaw}, {"pitch", view.pitch}};
-  return Json{{"terrain", view.terrain}, {"seed", 1}, {"keyframes", Json::array({key})}}.dump(2);
+  const OrderedJson key = {{"t", 0}, {"x", view.x}, {"z", view.z}, {"altitude", view.altitude}, {"yaw", view.yaw}, {"pitch", view.pitch}};
+  return OrderedJson{{"terrain", view.terrain}, {"seed", 1}, {"keyframes", OrderedJson::array({key})}}.dump(2);
 }
 
 struct ViewMeasurement::State {
   ViewCase view;
   ViewSettings settings;
   std::filesystem::path folder;
-  Json json;
+  OrderedJson json;
   std::vector<Both> marches;   // for each of the samples
   std::vector<float> marched;  // positions, of one sample a pixel
   std::optional<Picture> finer;
@@ -111,7 +113,7 @@ struct ViewMeasurement::State {
   }
 
   // Mesh and corrected mesh against the march with the k-th number of samples: "pictures", and with the first "missing".
-  Outcome<void> compare(std::size_t k, const AtRest& at, Json& out) const {
+  Outcome<void> compare(std::size_t k, const AtRest& at, OrderedJson& out) const {
     auto drawn = both(at.renderer.drawMesh(at.scene.leaves(), at.view, settings.samples[k]), at, settings.samples[k]);
     if (!drawn) return drawn.error();
     const std::vector<float> seen = k == 0 ? at.renderer.positions() : std::vector<float>();
@@ -139,7 +141,7 @@ struct ViewMeasurement::State {
   }
 
   // Mesh, corrected mesh and ray march in turn, one sample a pixel, filtered: what else the machine does hits all of them.
-  Outcome<void> timed(const AtRest& at, Json& out) const {
+  Outcome<void> timed(const AtRest& at, OrderedJson& out) const {
     const auto note = [&out](const char* name, const Outcome<render::Renderer::Drawn>& drawn) -> Outcome<void> {
       if (!drawn) return drawn.error();
       out[std::string(name) + "_ms"].push_back(drawn->milliseconds);
@@ -163,7 +165,7 @@ ViewMeasurement::ViewMeasurement(const ViewCase& view, ViewSettings settings, st
   state_->folder = std::move(folder);
   state_->json = {{"terrain", view.terrain},   {"view", view.name}, {"x", view.x},        {"z", view.z},
                   {"altitude", view.altitude}, {"yaw", view.yaw},   {"pitch", view.pitch}};
-  state_->json["meshes"] = Json::array();
+  state_->json["meshes"] = OrderedJson::array();
 }
 
 ViewMeasurement::~ViewMeasurement() = default;
@@ -173,7 +175,7 @@ Outcome<void> ViewMeasurement::measure(const MeshCase& mesh, const AtRest& at) {
   if (!at.terrain) return Error{"this client does not know the terrain: there is no ray march to compare with"};
   if (s.marches.empty())
     if (auto made = s.reference(at); !made) return made;
-  Json out = {{"metric", mesh.metric}, {"threshold", mesh.threshold}, {"triangles", at.scene.triangles()}, {"settled", at.settled}};
+  OrderedJson out = {{"metric", mesh.metric}, {"threshold", mesh.threshold}, {"triangles", at.scene.triangles()}, {"settled", at.settled}};
   const auto pixelError = [&at] { return figures(pixelErrorOf(at.renderer.positions(), at.view.camera, *at.terrain)); };
   if (auto first = at.renderer.drawMesh(at.scene.leaves(), at.view); !first) return first.error();  // uploads
   out["pixel_error"] = pixelError();
@@ -184,13 +186,13 @@ Outcome<void> ViewMeasurement::measure(const MeshCase& mesh, const AtRest& at) {
   for (const int steps : kSteps) {
     auto drawn = at.renderer.drawCorrected(at.scene.leaves(), at.view, 1, steps);
     if (!drawn) return drawn.error();
-    Json one = figures(similarity(drawn->picture, s.marches.front().filtered));
+    OrderedJson one = figures(similarity(drawn->picture, s.marches.front().filtered));
     one["steps"] = steps;
     one["ms"] = drawn->milliseconds;
     out["correction"].push_back(std::move(one));
   }
   if (auto timed = s.timed(at, out["times"]); !timed) return timed;
-  const Json& last = out["pictures"][std::min(2 * s.kept, out["pictures"].size() - 2)];
+  const OrderedJson& last = out["pictures"][std::min(2 * s.kept, out["pictures"].size() - 2)];
   std::fprintf(stderr, "%s %s, %s %g: %llu triangles%s, SSIM %.4f, corrected %.4f, with %d samples\n", std::string(s.view.terrain).c_str(),
                std::string(s.view.name).c_str(), mesh.metric.c_str(), mesh.threshold, static_cast<unsigned long long>(at.scene.triangles()),
                at.settled ? "" : " (still refining)", last["mesh"]["ssim"].get<double>(), last["corrected"]["ssim"].get<double>(),
@@ -201,7 +203,8 @@ Outcome<void> ViewMeasurement::measure(const MeshCase& mesh, const AtRest& at) {
 
 Outcome<void> ViewMeasurement::finish() {
   const std::filesystem::path file = state_->folder / "view.json", part = state_->folder / "view.json.part";
-  if (auto written = writeText(part, state_->json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"); !written) return written;
+  if (auto written = writeText(part, state_->json.dump(2, ' ', false, OrderedJson::error_handler_t::replace) + "\n"); !written)
+    return written;
   std::error_code failed;
   std::filesystem::rename(part, file, failed);
   if (failed) return cannotWrite(file);

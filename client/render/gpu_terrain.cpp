@@ -16,8 +16,8 @@
 namespace ridgecast::render {
 namespace {
 
-constexpr std::uint32_t kSide = 64;
-constexpr std::size_t kMost = kSide * kSide;  // points a draw
+constexpr std::uint32_t kPointsSide = 64;
+constexpr std::size_t kMost = kPointsSide * kPointsSide;  // points a draw
 
 constexpr std::string_view kHeights = R"(
 uniform isampler2D heightPoints;
@@ -36,8 +36,8 @@ class GpuTerrain final : public terrain::Terrain {
         window_(heights),
         edits_(edits),
         program_(std::move(program)),
-        result_(GL_RGBA32F, kSide, kSide),
-        points_(makeTexture(GL_RGBA32I, kSide, kSide)) {}
+        result_(GL_RGBA32F, kPointsSide, kPointsSide),
+        points_(makeTexture(GL_RGBA32I, kPointsSide, kPointsSide)) {}
   std::string_view name() const override { return name_; }
   std::string_view source() const override { return text_.source; }
   std::uint32_t seed() const override { return text_.seed; }
@@ -52,26 +52,26 @@ class GpuTerrain final : public terrain::Terrain {
  private:
   void draw(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
     constexpr lattice::Step kInCell = (lattice::Step{1} << lattice::kCellBits) - 1;
-    const auto rows = static_cast<GLsizei>((out.size() + kSide - 1) / kSide);
-    std::vector<std::int32_t> texels(static_cast<std::size_t>(rows) * kSide * 4);
+    const auto rows = static_cast<GLsizei>((out.size() + kPointsSide - 1) / kPointsSide);
+    std::vector<std::int32_t> texels(static_cast<std::size_t>(rows) * kPointsSide * 4);
     for (std::size_t i = 0; i < out.size(); ++i) {
       texels[4 * i] = lattice::cellOf(x[i]);
       texels[4 * i + 1] = lattice::cellOf(z[i]);
       texels[4 * i + 2] = static_cast<std::int32_t>(x[i] & kInCell);
       texels[4 * i + 3] = static_cast<std::int32_t>(z[i] & kInCell);
     }
-    drawInto(result_.framebuffer(), kSide, static_cast<std::uint32_t>(rows));
+    drawInto(result_.framebuffer(), kPointsSide, static_cast<std::uint32_t>(rows));
     program_.use();
     program_.sample("heightPoints", 0, points_.name());
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
-    glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, kSide, rows, GL_RGBA_INTEGER, GL_INT, texels.data());
+    glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, kPointsSide, rows, GL_RGBA_INTEGER, GL_INT, texels.data());
     program_.set("viewSeed", text_.seed);
     if (window_) window_->bind(program_);
     EditTexture::bind(edits_, program_);
     program_.drawFullScreen();
-    std::vector<float> drawn(static_cast<std::size_t>(rows) * kSide);
+    std::vector<float> drawn(static_cast<std::size_t>(rows) * kPointsSide);
     glPixelStorei(GL_PACK_ALIGNMENT, 4);
-    glReadPixels(0, 0, kSide, rows, GL_RED, GL_FLOAT, drawn.data());
+    glReadPixels(0, 0, kPointsSide, rows, GL_RED, GL_FLOAT, drawn.data());
     std::copy_n(drawn.begin(), out.size(), out.begin());
   }
 

@@ -10,7 +10,7 @@ namespace ridgecast::render {
 namespace {
 
 constexpr std::int32_t kUnknown = std::numeric_limits<std::int32_t>::min();
-constexpr GLint kSide = static_cast<GLint>(HeightTexture::kTiles) * terrain::kTileSide;
+constexpr GLint kTexels = static_cast<GLint>(HeightTexture::kTiles) * terrain::kTileSide;
 
 constexpr std::string_view kAccessor = R"(
 uniform isampler2D rasterWindow;
@@ -37,19 +37,19 @@ vec4 rasterPicture(vec2 index, float footprint) {
 HeightTexture::HeightTexture(const terrain::RasterShape& shape) : shape_(shape), texture_(makeTexture()) {
   glActiveTexture(GL_TEXTURE3);
   glBindTexture(GL_TEXTURE_2D, texture_.name());
-  const std::vector<std::int32_t> unknown(std::size_t{kSide} * kSide, kUnknown);
+  const std::vector<std::int32_t> unknown(std::size_t{kTexels} * kTexels, kUnknown);
   glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
   for (int level = 0; level < kLevels; ++level)
-    glTexImage2D(GL_TEXTURE_2D, level, GL_R32I, kSide >> level, kSide >> level, 0, GL_RED_INTEGER, GL_INT, unknown.data());
+    glTexImage2D(GL_TEXTURE_2D, level, GL_R32I, kTexels >> level, kTexels >> level, 0, GL_RED_INTEGER, GL_INT, unknown.data());
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST_MIPMAP_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAX_LEVEL, kLevels - 1);
   if (shape.draped) {
     picture_ = makeTexture();
     glBindTexture(GL_TEXTURE_2D, picture_->name());
-    const std::vector<std::uint8_t> none(std::size_t{4} * kSide * kSide);
+    const std::vector<std::uint8_t> none(std::size_t{4} * kTexels * kTexels);
     for (int level = 0; level < kLevels; ++level)
-      glTexImage2D(GL_TEXTURE_2D, level, GL_SRGB8_ALPHA8, kSide >> level, kSide >> level, 0, GL_RGBA, GL_UNSIGNED_BYTE, none.data());
+      glTexImage2D(GL_TEXTURE_2D, level, GL_SRGB8_ALPHA8, kTexels >> level, kTexels >> level, 0, GL_RGBA, GL_UNSIGNED_BYTE, none.data());
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_REPEAT);

@@ -85,7 +85,7 @@ struct Dot {
 };
 static_assert(sizeof(Dot) == 24);
 
-double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+using lattice::metres;
 
 Outcome<Program> meshProgram(std::string_view what, std::string_view main) {
   const std::array<Program::Piece, 2> pieces = {{{"seen", kSeen}, {what, main}}};

@@ -17,7 +17,7 @@
 namespace ridgecast::viewer {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 constexpr std::size_t kMostBytes = 64 * 1024;
 // Of Mode and Borders, in their order.
@@ -27,30 +27,30 @@ constexpr std::array<const char*, 3> kBorders = {"none", "level", "age"};
 // Reads fields of an object that may hold anything; keeps the first complaint.
 class Reader {
  public:
-  explicit Reader(const Json& object) : object_(object) {}
+  explicit Reader(const OrderedJson& object) : object_(object) {}
   template <class Number>
   void number(const char* name, Number& out, double least, double most) {
-    const Json* const value = find(name);
+    const OrderedJson* const value = find(name);
     if (!value) return;
     const double number = value->is_number() ? value->get<double>() : most + 1;
     if (!(number >= least && number <= most)) return complain(name, "a number from " + text(least) + " to " + text(most));
     out = static_cast<Number>(number);
   }
   void flag(const char* name, bool& out) {
-    const Json* const value = find(name);
+    const OrderedJson* const value = find(name);
     if (value && !value->is_boolean()) return complain(name, "true or false");
     if (value) out = value->get<bool>();
   }
   template <class Enum, std::size_t n>
   void choice(const char* name, Enum& out, const std::array<const char*, n>& names) {
-    const Json* const value = find(name);
+    const OrderedJson* const value = find(name);
     if (!value) return;
     const auto found = std::ranges::find_if(names, [value](const char* one) { return *value == one; });
     if (found == names.end()) return complain(name, std::string("one of its words, such as ") + names.front());
     out = static_cast<Enum>(found - names.begin());
   }
   void words(const char* name, std::string& out, std::size_t most) {
-    const Json* const value = find(name);
+    const OrderedJson* const value = find(name);
     if (value && (!value->is_string() || value->get_ref<const std::string&>().size() > most))
       return complain(name, "a text of at most " + std::to_string(most) + " bytes");
     if (value) out = value->get<std::string>();
@@ -65,15 +65,15 @@ class Reader {
   const std::string& problem() const { return problem_; }
 
  private:
-  static std::string text(double number) { return Json(number).dump(); }
-  const Json* find(const char* name) const {
+  static std::string text(double number) { return OrderedJson(number).dump(); }
+  const OrderedJson* find(const char* name) const {
     const auto found = object_.find(name);
     return found == object_.end() ? nullptr : &*found;
   }
   void complain(const char* name, const std::string& right) {
     if (problem_.empty()) problem_ = std::string("'") + name + "' should be " + right;
   }
-  const Json& object_;
+  const OrderedJson& object_;
   std::string problem_;
 };
 
@@ -90,7 +90,7 @@ class Writer {
   }
   void words(const char* name, const std::string& value, std::size_t) { object[name] = value; }
   void metres(const char* name, lattice::Step value) { object[name] = formatMetres(value); }
-  Json object = Json::object();
+  OrderedJson object = OrderedJson::object();
 };
 
 template <class Visitor, class R>
@@ -122,10 +122,10 @@ void visitPlace(Visitor& v, P& p) {
   v.number("pitch", p.pitch, -89, 89);
 }
 
-Json objectOf(const Remembered& remembered) {
+OrderedJson objectOf(const Remembered& remembered) {
   Writer writer;
   visitFields(writer, remembered);
-  Json places = Json::array();
+  OrderedJson places = OrderedJson::array();
   for (const Remembered::Place& place : remembered.places) {
     Writer one;
     visitPlace(one, place);
@@ -135,7 +135,7 @@ Json objectOf(const Remembered& remembered) {
   return std::move(writer.object);
 }
 
-Outcome<Remembered> rememberedFrom(const Json& json) {
+Outcome<Remembered> rememberedFrom(const OrderedJson& json) {
   if (!json.is_object()) return Error{"it is not a JSON object"};
   Remembered out;
   Reader reader(json);
@@ -145,7 +145,7 @@ Outcome<Remembered> rememberedFrom(const Json& json) {
   if (places == json.end()) return out;
   if (!places->is_array() || places->size() > Remembered::kMostPlaces)
     return Error{"'places' should be a list of at most " + std::to_string(Remembered::kMostPlaces)};
-  for (const Json& entry : *places) {
+  for (const OrderedJson& entry : *places) {
     Remembered::Place place;
     Reader one(entry);
     if (entry.is_object()) visitPlace(one, place);
@@ -201,7 +201,7 @@ Outcome<Remembered> readRemembered(const std::filesystem::path& file) {
   const auto text = text::readFile(file, kMostBytes);
   if (!text) return wrong("it is not a file that can be read");
   if (text->size() > kMostBytes) return wrong("it is larger than 64 KiB");
-  const Json json = Json::parse(*text, nullptr, false);
+  const OrderedJson json = OrderedJson::parse(*text, nullptr, false);
   auto read = json.is_discarded() ? Outcome<Remembered>(Error{"it is not JSON"}) : rememberedFrom(json);
   if (!read) return wrong(read.error().message);
   return read;
@@ -211,11 +211,11 @@ Outcome<void> keepChanges(const std::filesystem::path& file, const Remembered& f
   auto read = readRemembered(file);
   Remembered held = read ? std::move(*read) : Remembered{};
   for (auto place = last.places.rbegin(); place != last.places.rend(); ++place) held.visit(*place);
-  const Json before = objectOf(first), after = objectOf(last);
-  Json json = objectOf(held);
+  const OrderedJson before = objectOf(first), after = objectOf(last);
+  OrderedJson json = objectOf(held);
   for (const auto& [name, value] : after.items())
     if (name != "places" && value != before[name]) json[name] = value;
-  return replace(file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  return replace(file, json.dump(2, ' ', false, OrderedJson::error_handler_t::replace) + "\n");
 }
 
 }  // namespace ridgecast::viewer

@@ -10,7 +10,7 @@ namespace {
 using Json = nlohmann::json;
 using lattice::Step;
 
-double metres(std::int64_t steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+using lattice::metres;
 double share(std::uint32_t of256) { return of256 / 256.0; }
 
 // Reads fields one after another; what is wrong first is kept, and all that follows is 0.

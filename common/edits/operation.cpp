@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::int64_t kOne = 1 << 15;  // of weights
 
-std::string metres(std::int64_t steps) {
+std::string metresText(std::int64_t steps) {
   std::string out = std::to_string(static_cast<double>(steps) / lattice::kStepsPerMetre);
   out.erase(out.find_last_not_of('0') + 1);
   if (out.back() == '.') out.pop_back();
@@ -30,8 +30,8 @@ Outcome<void> checkPlace(Point p) {
 
 Outcome<void> checkLength(const char* what, Step value, Step least, Step most) {
   if (value >= least && value <= most) return {};
-  return Error{std::string("An edit's ") + what + " is " + metres(value) + " m; it must be " + metres(least) + " to " + metres(most) +
-               " m."};
+  return Error{std::string("An edit's ") + what + " is " + metresText(value) + " m; it must be " + metresText(least) + " to " +
+               metresText(most) + " m."};
 }
 
 Outcome<void> checkSlope(const char* what, std::uint32_t slope) {
@@ -48,7 +48,7 @@ Outcome<void> checkLine(const char* what, const std::vector<Corner>& line, std::
   for (const Corner& c : line) {
     if (auto place = checkPlace({c.x, c.z}); !place) return place;
     if (std::abs(c.x - line[0].x) > kMostLength || std::abs(c.z - line[0].z) > kMostLength)
-      return Error{std::string(what) + " spans more than " + metres(kMostLength) + " m; make several edits."};
+      return Error{std::string(what) + " spans more than " + metresText(kMostLength) + " m; make several edits."};
   }
   return {};
 }
@@ -86,7 +86,7 @@ Outcome<void> checkKind(const Road& o) {
   for (std::size_t k = 1; k < o.line.size(); ++k)
     length += std::hypot(static_cast<double>(o.line[k].x - o.line[k - 1].x), static_cast<double>(o.line[k].z - o.line[k - 1].z));
   if (length > static_cast<double>(kMostLength))
-    return Error{"A road is longer than " + metres(kMostLength) + " m; build it in pieces, each from the end of the one before."};
+    return Error{"A road is longer than " + metresText(kMostLength) + " m; build it in pieces, each from the end of the one before."};
   if (o.surveyed)
     for (const lattice::Vertex& v : o.line)
       if (auto height = checkLength("height", v.y, -lattice::kMaxHeight, lattice::kMaxHeight); !height) return height;

@@ -25,7 +25,7 @@ constexpr char kDraco[] = "KHR_draco_mesh_compression";
 constexpr std::size_t kMostBytes = 0xf0000000u;
 constexpr double kNear = 0.5, kFar = 40'000;  // metres, of the camera
 
-double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+using lattice::metres;
 
 // Every coordinate of a leaf, in steps, must be an exact float.
 bool isExact(const mesh::LeafMesh& leaf) {

@@ -23,6 +23,7 @@ using Step = std::int64_t;
 inline constexpr int kStepBits = 8;  // steps a metre, as a power of two
 inline constexpr double kStepsPerMetre = 256.0;
 inline constexpr double kMetresPerStep = 1.0 / 256.0;
+constexpr double metres(Step steps) { return static_cast<double>(steps) * kMetresPerStep; }
 inline constexpr int kFinestSideBits = 13;  // a level 0 leaf is 2^13 steps = 32 m wide
 inline constexpr int kMaxLevel = 10;        // 32,768 m; coarser leaves do not exist
 inline constexpr int kCellBits = 20;        // terrain functions see cells of 2^20 steps = 4,096 m

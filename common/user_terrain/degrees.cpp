@@ -64,9 +64,9 @@ std::array<double, 4> weights(double t) {
   return {((2 - t) * t - 1) * t / 2, ((3 * t - 5) * t * t + 2) / 2, ((4 - 3 * t) * t + 1) * t / 2, (t - 1) * t * t / 2};
 }
 
-class Source {
+class DegreeSamples {
  public:
-  Source(const Samples& samples, const DegreeGrid& grid) : samples_(samples), grid_(grid) {}
+  DegreeSamples(const Samples& samples, const DegreeGrid& grid) : samples_(samples), grid_(grid) {}
   std::int32_t at(const Place& p) const {
     const double u = std::clamp((p.longitude - grid_.west) / grid_.stepX, 0.0, samples_.width() - 1.0),
                  v = std::clamp((grid_.north - p.latitude) / grid_.stepY, 0.0, samples_.height() - 1.0);
@@ -138,7 +138,7 @@ Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const D
                  " samples, more than there is room for: say a larger --raster pitch=METRES"};
   auto made = Samples::create(static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height), inMemory);
   if (!made) return Error{name + ": " + made.error().message};
-  const Source from(source, grid);
+  const DegreeSamples from(source, grid);
   for (std::uint32_t j = 0; j < made->height(); ++j) {
     const double north = (static_cast<double>(down) - j) * metres;
     const auto row = made->row(j);

@@ -11,7 +11,7 @@ using triangulation::Point2;
 namespace {
 
 constexpr std::int32_t kSpacing = 32;  // steps between samples where the ground is not steep, at least; and at most 2^15 of them
-constexpr std::size_t kSamplesATime = 4096, kLooksATime = 32768;
+constexpr std::size_t kPlacesATime = 4096, kLooksATime = 32768;
 
 }  // namespace
 
@@ -37,12 +37,12 @@ bool Division::sample(const std::function<bool()>& pauses) {
     if (pauses()) return false;
     wanted_.clear();
     if (rest_.empty()) {
-      for (std::int32_t at = samples_.back().at; at < end_ && wanted_.size() < kSamplesATime;)
+      for (std::int32_t at = samples_.back().at; at < end_ && wanted_.size() < kPlacesATime;)
         wanted_.push_back(at = end_ - at > spacing_ ? at + spacing_ : end_);
       evaluate();
       for (std::size_t k = wanted_.size(); k-- > 0;) rest_.push_back({wanted_[k], heights_[k]});
     } else {
-      const std::size_t gaps = std::min(rest_.size(), kSamplesATime), kept = rest_.size() - gaps;
+      const std::size_t gaps = std::min(rest_.size(), kPlacesATime), kept = rest_.size() - gaps;
       const std::vector<Sample> ends(rest_.begin() + static_cast<std::ptrdiff_t>(kept), rest_.end());  // the nearest last
       rest_.resize(kept);
       const auto before = [&](std::size_t k) { return k + 1 < gaps ? ends[k + 1] : samples_.back(); };

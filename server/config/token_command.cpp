@@ -56,7 +56,7 @@ bool appendLine(const std::filesystem::path& file, const std::string& line) {
   return close(descriptor) == 0 && written;
 }
 
-int refuse(const std::string& sentence) {
+int refuseCommand(const std::string& sentence) {
   std::cerr << "ridgecast-server token: " << sentence << "\n";
   return 2;
 }
@@ -81,37 +81,38 @@ int runTokenCommand(int argc, const char* const* argv) {
   } catch (const CLI::Success& e) {
     return app.exit(e);
   } catch (const CLI::ParseError& e) {
-    return refuse(std::string(e.what()) + "; see --help.");
+    return refuseCommand(std::string(e.what()) + "; see --help.");
   }
   access::Grant grant;
   const auto parsed = access::parseRights(rights);
-  if (!parsed) return refuse(parsed.error().message);
+  if (!parsed) return refuseCommand(parsed.error().message);
   grant.rights = *parsed;
-  if (!access::holderNameIsValid(holder)) return refuse("--holder has 1 to 64 letters, digits, '.', '_', '-' or '@'.");
+  if (!access::holderNameIsValid(holder)) return refuseCommand("--holder has 1 to 64 letters, digits, '.', '_', '-' or '@'.");
   grant.name = holder;
   if (!session.empty() && !wire::sessionNameIsValid(session))
-    return refuse("--session has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
+    return refuseCommand("--session has 1 to " + std::to_string(wire::kMaxSessionBytes) +
+                         " letters, digits, dots, underscores or hyphens.");
   grant.session = session;
   const auto now = std::chrono::floor<std::chrono::seconds>(std::chrono::system_clock::now());
   if (expires.empty() && !secretFile.empty()) expires = "12h";
   if (!expires.empty()) {
     const auto duration = parseDuration(expires);
-    if (!duration) return refuse("--expires takes a number and s, m, h or d, such as 12h, not '" + expires + "'.");
+    if (!duration) return refuseCommand("--expires takes a number and s, m, h or d, such as 12h, not '" + expires + "'.");
     grant.expires = now + *duration;
   }
   if (secretFile.empty() && tokenFile.empty())
-    return refuse("Name where to add the token or what to sign it with: --token-file FILE or --jwt-secret-file FILE.");
+    return refuseCommand("Name where to add the token or what to sign it with: --token-file FILE or --jwt-secret-file FILE.");
   // Opened before a token exists that nobody gets.
   const int out = outFile.empty() ? STDOUT_FILENO : open(outFile.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-  if (out < 0 || (!outFile.empty() && fchmod(out, 0600) != 0)) return refuse("Cannot write to '" + outFile.string() + "'.");
-  const auto hand = [&](const std::string& token) { return writeLine(out, token) ? 0 : refuse("Cannot write the token."); };
+  if (out < 0 || (!outFile.empty() && fchmod(out, 0600) != 0)) return refuseCommand("Cannot write to '" + outFile.string() + "'.");
+  const auto hand = [&](const std::string& token) { return writeLine(out, token) ? 0 : refuseCommand("Cannot write the token."); };
   if (!secretFile.empty()) {
     const auto secret = access::loadSecret(secretFile);
-    if (!secret) return refuse(secret.error().message);
+    if (!secret) return refuseCommand(secret.error().message);
     return hand(access::issueJwt(grant, *secret, now));
   }
   const access::NewToken made = access::makeToken(grant);
-  if (!appendLine(tokenFile, made.line)) return refuse("Cannot write to '" + tokenFile.string() + "'.");
+  if (!appendLine(tokenFile, made.line)) return refuseCommand("Cannot write to '" + tokenFile.string() + "'.");
   return hand(made.token);
 }
 

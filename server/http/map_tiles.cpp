@@ -17,8 +17,8 @@ namespace ridgecast::http {
 
 namespace {
 
-constexpr std::string_view kPrefix = "/v1/sessions/";
-constexpr int kVersion = 1;  // part of the ETag: change it when the same question gives another file
+constexpr std::string_view kTilesPrefix = "/v1/sessions/";
+constexpr int kTileVersion = 1;  // part of the ETag: change it when the same question gives another file
 
 struct Wanted {
   std::string_view session;
@@ -28,8 +28,8 @@ struct Wanted {
 
 // Empty: the path is not of a tile.
 std::optional<Wanted> readPath(std::string_view path) {
-  if (!path.starts_with(kPrefix)) return std::nullopt;
-  path.remove_prefix(kPrefix.size());
+  if (!path.starts_with(kTilesPrefix)) return std::nullopt;
+  path.remove_prefix(kTilesPrefix.size());
   Wanted out;
   out.session = text::takePart(path, '/');
   const std::string_view kind = text::takePart(path, '/');
@@ -79,14 +79,14 @@ Answer coloursOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const
 
 std::string etagOf(const session::Session& session, const Wanted& wanted, const map::Place& at) {
   std::string text = text::hexadecimal(session.groundHash()) + (wanted.colours ? " colours" : " heights");
-  for (const std::uint64_t v : {std::uint64_t{kVersion}, static_cast<std::uint64_t>(wanted.tile->level), std::uint64_t{wanted.tile->x},
+  for (const std::uint64_t v : {std::uint64_t{kTileVersion}, static_cast<std::uint64_t>(wanted.tile->level), std::uint64_t{wanted.tile->x},
                                 std::uint64_t{wanted.tile->y}})
     text += " " + std::to_string(v);
   text += " " + text::rounded(at.longitude, 17) + " " + text::rounded(at.latitude, 17);
   return access::hex(access::sha256(text)).substr(0, 32);
 }
 
-std::optional<Answer> respond(const Request& request, const session::Directory& directory) {
+std::optional<Answer> answerTile(const Request& request, const session::Directory& directory) {
   const auto wanted = readPath(request.path());
   if (!wanted) return std::nullopt;
   if (request.method == "OPTIONS") return preflight();
@@ -117,7 +117,7 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
 }  // namespace
 
 Route mapTileRoute(std::shared_ptr<session::Directory> directory) {
-  return [directory = std::move(directory)](const Request& request) { return respond(request, *directory); };
+  return [directory = std::move(directory)](const Request& request) { return answerTile(request, *directory); };
 }
 
 }  // namespace ridgecast::http

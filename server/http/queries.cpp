@@ -154,7 +154,7 @@ Outcome<Enter> inUrl(const QueryForm& form, std::string_view query, const std::s
   });
 }
 
-std::optional<Answer> respond(const Request& request, session::Directory& directory) {
+std::optional<Answer> answerQuery(const Request& request, session::Directory& directory) {
   const QueryForm* form = queryFormOf(request.path());
   if (!form) return std::nullopt;
   const bool posts = request.method == "POST";
@@ -175,7 +175,7 @@ std::optional<Answer> respond(const Request& request, session::Directory& direct
 }  // namespace
 
 Route queryRoute(std::shared_ptr<session::Directory> directory) {
-  return [directory = std::move(directory)](const Request& request) { return respond(request, *directory); };
+  return [directory = std::move(directory)](const Request& request) { return answerQuery(request, *directory); };
 }
 
 }  // namespace ridgecast::http

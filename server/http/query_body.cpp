@@ -27,7 +27,7 @@ constexpr char kSpacing[] = "spacing is the distance to each side for the slope,
 constexpr char kReach[] = "reach is the length of the rays, 0 to 100000 metres.";
 
 using wire::QueryKind;
-constexpr std::size_t kAtATime = 256;  // of JSON
+constexpr std::size_t kValuesATime = 256;  // of JSON
 constexpr std::array<QueryForm, 3> kForms{{
     {QueryKind::kHeights, "/v1/heights", "at", "at", 2, kMaxHttpPlaces, kMaxPostedPlaces, kPlace, "spacing", kSpacing},
     {QueryKind::kNormals, "/v1/normals", "at", "at", 2, kMaxHttpPlaces, kMaxPostedPlaces, kPlace, "spacing", kSpacing},
@@ -134,7 +134,7 @@ std::optional<Outcome<wire::Query>> BodyReader::read() {
     std::memcpy(numbers_.data(), body_.data(), body_.size());
     return queryOf(form_, numbers_, option_);
   }
-  for (std::size_t k = 0; k < kAtATime; ++k) {
+  for (std::size_t k = 0; k < kValuesATime; ++k) {
     const bool right = in_ == In::kStart ? (in_ = In::kObject, take("{")) : in_ == In::kObject ? member() : one();
     if (numbers_.size() > form_.mostInBody * form_.numbers) return countError(form_);
     if (!right)

@@ -14,7 +14,7 @@ namespace {
 using snapshot::Problem;
 using snapshot::Snapshots;
 
-constexpr std::string_view kPrefix = "/v1/sessions/";
+constexpr std::string_view kFilesPrefix = "/v1/sessions/";
 
 Answer answerOf(const Problem& problem) {
   switch (problem.kind) {
@@ -76,8 +76,8 @@ Route sessionFileRoute(
     std::function<Answer(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer) {
   return [directory = std::move(directory), isThere, answer = std::move(answer)](const Request& request) -> std::optional<Answer> {
     std::string_view path = request.path();
-    if (!path.starts_with(kPrefix)) return std::nullopt;
-    path.remove_prefix(kPrefix.size());
+    if (!path.starts_with(kFilesPrefix)) return std::nullopt;
+    path.remove_prefix(kFilesPrefix.size());
     const auto slash = path.find('/');
     if (slash == std::string_view::npos) return std::nullopt;
     const std::string_view name = path.substr(0, slash), file = path.substr(slash + 1);

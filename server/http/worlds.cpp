@@ -227,7 +227,6 @@ Answer sessionsAnswer(const session::Directory& directory) {
 
 Route terrainsRoute(std::optional<std::filesystem::path> folder) {
   const auto answer = [folder = std::move(folder)](std::stop_token) {
-    using Json = nlohmann::ordered_json;
     Json terrains = Json::array();
     const auto entries = folder ? user_terrain::list(*folder) : std::vector<user_terrain::Entry>();
     if (!entries) return refused(503, metrics::Refusal::kRequest, entries.error().message);

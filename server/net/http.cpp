@@ -25,7 +25,6 @@ namespace {
 
 namespace asio = boost::asio;
 namespace beast = boost::beast;
-namespace http = beast::http;
 using asio::ip::tcp;
 using beast::error_code;
 
@@ -58,7 +57,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     return socket.remote_endpoint(ignored);
   }
   // The values of all lines of this name, in order, as one list.
-  static std::string allOf(const http::fields& fields, beast::string_view name) {
+  static std::string allOf(const beast::http::fields& fields, beast::string_view name) {
     std::string all;
     for (auto [line, end] = fields.equal_range(name); line != end; ++line) all.append(all.empty() ? "" : ",").append(line->value());
     return all;
@@ -96,15 +95,16 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     parser_->header_limit(shared_->settings.maxHeaderBytes);
     parser_->body_limit(boost::none);  // who reads a body has a limit
     stream_.expires_after(timeout());
-    http::async_read_header(stream_, buffer_, *parser_, [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
+    beast::http::async_read_header(stream_, buffer_, *parser_,
+                                   [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
   }
 
   void hasRead(error_code ec) {
-    if (ec == http::error::header_limit || ec == http::error::buffer_overflow)
+    if (ec == beast::http::error::header_limit || ec == beast::http::error::buffer_overflow)
       return refuse(431, metrics::Refusal::kHeader,
                     "The request's header has more than " + std::to_string(shared_->settings.maxHeaderBytes) + " bytes, the limit.");
-    if (ec && ec != http::error::end_of_stream && ec != http::error::partial_message &&
-        ec.category() == http::make_error_code(http::error::bad_method).category())
+    if (ec && ec != beast::http::error::end_of_stream && ec != beast::http::error::partial_message &&
+        ec.category() == beast::http::make_error_code(beast::http::error::bad_method).category())
       return refuse(400, metrics::Refusal::kRequest, "This is not an HTTP request (" + ec.message() + ").");
     if (ec == asio::error::operation_aborted && answered_ == 0) shared_->figures->refused(metrics::Refusal::kTimeout);
     if (ec) return close();
@@ -138,7 +138,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (request.upgrade && hasBody())
       return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
     setAside(a.ofBody != nullptr);
-    ifNoneMatch_ = header[http::field::if_none_match];
+    ifNoneMatch_ = header[beast::http::field::if_none_match];
     wantsProgress_ = header.version() == 11 && header["Prefer"].find("progress") != beast::string_view::npos;
     proceed(std::move(a));
   }
@@ -163,14 +163,14 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                           {{"Retry-After", "1"}}));
     }
     room_ = std::get<Bodies::Room>(std::move(room));
-    const bool waits = parser_->get()[http::field::expect] == "100-continue";
+    const bool waits = parser_->get()[beast::http::field::expect] == "100-continue";
     body_.emplace(std::move(*parser_));
     body_->body_limit(ofBody->most);
     stream_.expires_after(shared_->settings.timeout + std::chrono::seconds(length / kSlowest));
     const auto read = [self = shared_from_this(), ofBody = std::move(ofBody)](error_code ec, std::size_t) {
       if (ec) return self->close();
-      http::async_read(self->stream_, self->buffer_, *self->body_,
-                       [self, ofBody](error_code failed, std::size_t) { self->hasReadBody(failed, *ofBody); });
+      beast::http::async_read(self->stream_, self->buffer_, *self->body_,
+                              [self, ofBody](error_code failed, std::size_t) { self->hasReadBody(failed, *ofBody); });
     };
     if (!waits) return read({}, 0);
     word_ = "HTTP/1.1 100 Continue\r\n\r\n";
@@ -178,8 +178,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void hasReadBody(error_code ec, const OfBody& ofBody) {
-    if (ec == http::error::body_limit) return refuse(413, metrics::Refusal::kRequest, ofBody.tooLong);
-    if (ec.category() == http::make_error_code(http::error::bad_method).category())
+    if (ec == beast::http::error::body_limit) return refuse(413, metrics::Refusal::kRequest, ofBody.tooLong);
+    if (ec.category() == beast::http::make_error_code(beast::http::error::bad_method).category())
       return refuse(400, metrics::Refusal::kRequest, "The body is not whole (" + ec.message() + ").");
     if (ec == asio::error::operation_aborted) shared_->figures->refused(metrics::Refusal::kTimeout);
     if (ec) return close();
@@ -191,7 +191,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   // What the answer needs of the request.
   void setAside(bool readsBody = false) {
     keepAlive_ = parser_->keep_alive() && shared_->ready && (readsBody || !hasBody()) && ++answered_ < 1000;
-    head_ = parser_->get().method() == http::verb::head;
+    head_ = parser_->get().method() == beast::http::verb::head;
     path_ = requestOf(parser_->get()).path().substr(0, 100);
   }
 
@@ -345,11 +345,11 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       a.status = 304;
       a.body.clear();
     }
-    http::response<http::string_body> response(static_cast<http::status>(a.status), 11);
-    response.set(http::field::server, kServerName);
-    if (!known) response.set(http::field::content_type, a.type);
-    response.set(http::field::cache_control, a.etag.empty() ? "no-store" : "no-cache");
-    if (!a.etag.empty()) response.set(http::field::etag, '"' + a.etag + '"');
+    beast::http::response<beast::http::string_body> response(static_cast<beast::http::status>(a.status), 11);
+    response.set(beast::http::field::server, kServerName);
+    if (!known) response.set(beast::http::field::content_type, a.type);
+    response.set(beast::http::field::cache_control, a.etag.empty() ? "no-store" : "no-cache");
+    if (!a.etag.empty()) response.set(beast::http::field::etag, '"' + a.etag + '"');
     response.set("X-Content-Type-Options", "nosniff");
     response.keep_alive(keepAlive_);
     for (const auto& [name, value] : a.headers) response.set(name, value);
@@ -362,7 +362,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     timeoutEnds_ = std::chrono::steady_clock::now() + shared_->settings.timeout + std::chrono::seconds(response_.body().size() / kSlowest);
     if (head_) {
       stream_.expires_after(shared_->settings.timeout);
-      http::async_write_header(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t) { self->sent(ec); });
+      beast::http::async_write_header(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t) { self->sent(ec); });
     } else {
       write();
     }
@@ -371,7 +371,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   // Writes a piece at a time. Closes if the client takes a piece too late, or all of them too slowly.
   void write() {
     stream_.expires_at(std::min(timeoutEnds_, std::chrono::steady_clock::now() + shared_->settings.timeout));
-    http::async_write_some(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t bytes) {
+    beast::http::async_write_some(stream_, *serializer_, [self = shared_from_this()](error_code ec, std::size_t bytes) {
       self->shared_->figures->bytesSent.Increment(bytes);
       ec || self->serializer_->is_done() ? self->sent(ec) : self->write();
     });
@@ -411,15 +411,15 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   Counted counted_;
   const std::shared_ptr<Shared> shared_;
   beast::flat_buffer buffer_;
-  std::optional<http::request_parser<http::empty_body>> parser_;
-  http::response<http::string_body> response_;
-  std::optional<http::response_serializer<http::string_body>> serializer_;
+  std::optional<beast::http::request_parser<beast::http::empty_body>> parser_;
+  beast::http::response<beast::http::string_body> response_;
+  std::optional<beast::http::response_serializer<beast::http::string_body>> serializer_;
   int answered_ = 0;
 
   // Of the current request.
   access::Grant grant_;
   std::string who_;  // the client, as Request::client
-  std::optional<http::request_parser<http::string_body>> body_;
+  std::optional<beast::http::request_parser<beast::http::string_body>> body_;
   Bodies::Room room_;        // for it
   std::string path_;         // for metrics and log, at most 100 bytes
   std::string sessionName_;  // the session's name as received, for the log

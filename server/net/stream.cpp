@@ -22,7 +22,6 @@ namespace {
 
 namespace asio = boost::asio;
 namespace beast = boost::beast;
-namespace http = beast::http;
 namespace websocket = beast::websocket;
 using beast::error_code;
 
@@ -89,7 +88,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     shared_->fewer.notify_all();
   }
 
-  void start(http::request<http::empty_body> request) {
+  void start(beast::http::request<beast::http::empty_body> request) {
     {
       const std::lock_guard lock(shared_->mutex);
       shared_->streams.emplace(this, weak_from_this());
@@ -101,10 +100,11 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     timeout.idle_timeout = shared_->settings.idle;
     timeout.keep_alive_pings = true;
     ws_.set_option(timeout);
-    ws_.set_option(
-        websocket::stream_base::decorator([offered = request_[http::field::sec_websocket_protocol]](websocket::response_type& response) {
-          response.set(http::field::server, kServerName);
-          if (offered.find(kSubprotocol) != beast::string_view::npos) response.set(http::field::sec_websocket_protocol, kSubprotocol);
+    ws_.set_option(websocket::stream_base::decorator(
+        [offered = request_[beast::http::field::sec_websocket_protocol]](websocket::response_type& response) {
+          response.set(beast::http::field::server, kServerName);
+          if (offered.find(kSubprotocol) != beast::string_view::npos)
+            response.set(beast::http::field::sec_websocket_protocol, kSubprotocol);
         }));
     ws_.read_message_max(0);  // counted here, so that the client gets an error before the close
     ws_.auto_fragment(false);
@@ -333,7 +333,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   access::Grant grant_;
   access::Rate rate_;
   conversation::Budget messageBytes_{kMessageBytesPerSecond};
-  http::request<http::empty_body> request_;
+  beast::http::request<beast::http::empty_body> request_;
   Stage stage_ = Stage::kAccepting;
   std::shared_ptr<session::CameraSession> camera_;
   beast::flat_buffer buffer_;
@@ -392,24 +392,24 @@ void Stream::accepted(error_code ec) {
 
 }  // namespace
 
-Request requestOf(const http::request_header<>& header) {
+Request requestOf(const beast::http::request_header<>& header) {
   return {.method = header.method_string(),
           .target = header.target(),
-          .host = header[http::field::host],
+          .host = header[beast::http::field::host],
           .upgrade = websocket::is_upgrade(header),
-          .webSocketVersion = header[http::field::sec_websocket_version],
-          .acceptEncoding = header[http::field::accept_encoding],
-          .contentType = header[http::field::content_type],
+          .webSocketVersion = header[beast::http::field::sec_websocket_version],
+          .acceptEncoding = header[beast::http::field::accept_encoding],
+          .contentType = header[beast::http::field::content_type],
           .idempotencyKey = header["Idempotency-Key"],
           .edit = header[ridgecast::http::kEditHeader],
-          .origin = header[http::field::origin],
+          .origin = header[beast::http::field::origin],
           .fetchSite = header["Sec-Fetch-Site"],
-          .authorization = header[http::field::authorization],
-          .subprotocols = header[http::field::sec_websocket_protocol]};
+          .authorization = header[beast::http::field::authorization],
+          .subprotocols = header[beast::http::field::sec_websocket_protocol]};
 }
 
 void startStream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
-                 std::string peer, access::Grant grant, http::request<http::empty_body> request) {
+                 std::string peer, access::Grant grant, beast::http::request<beast::http::empty_body> request) {
   std::make_shared<Stream>(std::move(channel), std::move(counted), std::move(shared), std::move(session), std::move(peer), std::move(grant))
       ->start(std::move(request));
 }

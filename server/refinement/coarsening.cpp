@@ -23,7 +23,7 @@ using triangulation::VertexPages;
 
 namespace {
 
-constexpr std::size_t kAhead = 8;  // pages whose bounds are fetched ahead of the one at hand
+constexpr std::size_t kLossesAhead = 8;  // pages whose bounds are fetched ahead of the one at hand
 constexpr float kNone = std::numeric_limits<float>::max();
 
 Place placeOf(const Vertex& v) { return {v.x, v.z, v.y}; }
@@ -76,7 +76,7 @@ void AdaptiveMesh::collectDueLosses(RegionId region, const View& view, double re
   state.nextLossCheck = std::numeric_limits<double>::infinity();
   const auto& all = mesh_.vertexPages().pagesOf(region);
   for (std::size_t n = 0; n < all.size(); ++n) {
-    if (n + kAhead < all.size()) __builtin_prefetch(&losses_[all[n + kAhead]]);
+    if (n + kLossesAhead < all.size()) __builtin_prefetch(&losses_[all[n + kLossesAhead]]);
     PageLosses& known = losses_[all[n]];
     if (!same) setNextCheck(known, skipped, view.measure.power());
     if (view.travel < known.nextCheck) {

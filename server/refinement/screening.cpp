@@ -26,7 +26,7 @@ constexpr double kSpeck = 0.25;  // square pixels
 constexpr double kWakeHidden = 0.15;
 constexpr double kThesisArea = 0.5, kThesisDistance = 40;
 // So many triangles, and pages' bounds, are fetched ahead of the one at hand.
-constexpr std::size_t kAhead = 8;
+constexpr std::size_t kChecksAhead = 8;
 
 double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
@@ -157,7 +157,7 @@ void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped,
   state.nextCheck = {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
   const auto& all = mesh_.trianglePages().pagesOf(region);
   for (std::size_t n = 0; n < all.size(); ++n) {
-    if (n + kAhead < all.size()) __builtin_prefetch(&checks_[all[n + kAhead]]);
+    if (n + kChecksAhead < all.size()) __builtin_prefetch(&checks_[all[n + kChecksAhead]]);
     NextCheck& next = checks_[all[n]];
     if (!same) setNextCheck(next, screens_[all[n]], skipped, view);
     if (view.travel < next.travel && view.turn < next.turn) {
@@ -209,10 +209,10 @@ void AdaptiveMesh::checkPage(std::uint32_t number, const View& view, double thre
 // Appends those that are worth a vertex; the others become dormant.
 void AdaptiveMesh::judgeWanted(const std::vector<TriangleId>& wanted, const View& view, std::vector<Pending>& out) {
   // The triangles lie anywhere in memory: they are fetched well before they are judged.
-  for (std::size_t n = 0; n < wanted.size() + kAhead; ++n) {
+  for (std::size_t n = 0; n < wanted.size() + kChecksAhead; ++n) {
     if (n < wanted.size()) mesh_.prefetchCorners(wanted[n]);
-    if (n < kAhead) continue;
-    const TriangleId t = wanted[n - kAhead];
+    if (n < kChecksAhead) continue;
+    const TriangleId t = wanted[n - kChecksAhead];
     const Candidate c = candidate(t);
     const auto [priority, until] = judge(mesh_, view, t, c);
     if (priority > 0) {

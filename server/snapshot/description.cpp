@@ -13,7 +13,7 @@ using Json = nlohmann::json;
 
 namespace {
 
-double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+using lattice::metres;
 
 Json parametersOf(const terrain::Terrain& terrain) {
   Json out = Json::object();

@@ -56,7 +56,7 @@ Outcome<Welded> weld(const gltf::Document& document) {
   return out;
 }
 
-double metres(Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+using lattice::metres;
 
 double srgb(std::uint16_t linear) {
   const double v = linear / 65535.0;

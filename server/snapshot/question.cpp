@@ -17,9 +17,7 @@ constexpr double kMostMetres = 4e12;
 constexpr std::array<std::string_view, 3> kOrigins{"cell", "centre", "world"};
 constexpr double kRadians = std::numbers::pi / 180;
 
-std::string text(double v) { return text::rounded(v, 12); }
-
-double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+using lattice::metres;
 lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre)); }
 
 OfPose poseOf(Parameters& p, const Limits& limits) {
@@ -66,8 +64,8 @@ OfBox boxOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
   for (int k = 0; k < 2; ++k) {
     const double side = corner[k + 2] - corner[k];
     if (!(side >= 1 && side <= limits.boxSide))
-      p.refuse("The box is " + text(side) + " m wide from " + names[k] + " to " + names[k + 2] + "; it must be 1 to " +
-               text(limits.boxSide) + " m.");
+      p.refuse("The box is " + text::rounded(side, 12) + " m wide from " + names[k] + " to " + names[k + 2] + "; it must be 1 to " +
+               text::rounded(limits.boxSide, 12) + " m.");
   }
   out.low = {steps(corner[0]), steps(corner[1])};
   out.high = {steps(corner[2]), steps(corner[3])};

@@ -38,9 +38,7 @@ namespace {
 constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr int kVersion = 5;  // part of the ETag: change it when the same question gives another file
 
-double metres(lattice::Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
-
-std::string text(double v) { return text::rounded(v, 3); }
+using lattice::metres;
 
 double shortened(double v) { return std::round(v * 1e9) / 1e9; }  // degrees that were given in degrees
 
@@ -161,9 +159,9 @@ Result<Made> ofPose(const session::Ground& ground, const OfPose& of, const Limit
     figures = pipeline.iterate(camera);
     watch.has(static_cast<std::uint32_t>(figures.triangles));
     if (figures.effectiveThreshold > of.threshold * 1.0001)
-      return Problem{Problem::Kind::kTooMuch, "This pose at a threshold of " + text(of.threshold) + " pixels takes more than " +
+      return Problem{Problem::Kind::kTooMuch, "This pose at a threshold of " + text::rounded(of.threshold, 3) + " pixels takes more than " +
                                                   std::to_string(limits.triangles) + " triangles, the limit; a threshold of " +
-                                                  text(of.threshold * 2) + " pixels takes about a third of them."};
+                                                  text::rounded(of.threshold * 2, 3) + " pixels takes about a third of them."};
   } while (!pipeline.settled());
   const auto& leaves = pipeline.leaves();
   out.own.resize(leaves.size());

@@ -20,7 +20,7 @@ using Json = nlohmann::json;
 
 namespace {
 
-double metres(Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; }
+using lattice::metres;
 
 struct Range {  // metres
   double low = std::numeric_limits<double>::max(), high = std::numeric_limits<double>::lowest();
