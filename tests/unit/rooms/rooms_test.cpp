@@ -1,4 +1,6 @@
-// The rooms form a ladder: each includes only rooms that its CMake target links, links only those that it includes, and none includes itself through others.
+// The rooms form a ladder: each includes only rooms that its CMake target links, links only those that it includes, and none includes
+// itself through others. Those that start threads link Threads::Threads, from which tests know whether the thread sanitizer has something
+// to judge.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -31,12 +33,13 @@ std::string read(const fs::path& file) {
 
 struct Room {
   std::set<std::string> links, includes;  // names of rooms
+  bool linksThreads = false, startsThreads = false;
 };
 
 // What ridgecast_room() and target_link_libraries() say, and what the sources include. A folder holds one room.
 std::map<std::string, Room> roomsOf(const fs::path& root, std::vector<std::string>& wrong) {
   static const std::regex declaration(R"((ridgecast_room|target_link_libraries)\(\s*(\w+)([^)]*)\))"), word(R"(ridgecast_\w+)"),
-      comment("#[^\n]*"), include("(?:^|\n)#include \"([^\"]+)\"");
+      comment("#[^\n]*"), include("(?:^|\n)#include \"([^\"]+)\""), thread(R"(std::(jthread|async|thread(?!::))\b)");
   std::map<std::string, Room> rooms;
   std::map<std::string, std::string> roomOfFolder;
   std::vector<fs::path> sources;
@@ -55,6 +58,7 @@ std::map<std::string, Room> roomsOf(const fs::path& root, std::vector<std::strin
         if ((*call)[1] != "ridgecast_room" && !rooms.contains(name)) continue;  // a program
         for (std::sregex_iterator link(arguments.begin(), arguments.end(), word); link != std::sregex_iterator(); ++link)
           rooms[name].links.insert(link->str());
+        if (arguments.find("Threads::Threads") != std::string::npos) rooms[name].linksThreads = true;
         rooms[name];
       }
     }
@@ -66,6 +70,7 @@ std::map<std::string, Room> roomsOf(const fs::path& root, std::vector<std::strin
   for (const fs::path& source : sources) {
     const std::string from = roomOf(source), text = read(source);
     if (from.empty()) continue;
+    if (std::regex_search(text, thread)) rooms[from].startsThreads = true;
     for (std::sregex_iterator line(text.begin(), text.end(), include), end; line != end; ++line)
       if (const std::string to = roomOf(root / (*line)[1].str()); !to.empty() && to != from) rooms[from].includes.insert(to);
   }
@@ -80,6 +85,8 @@ std::vector<std::string> faults(const fs::path& root) {
       if (!room.links.contains(other)) wrong.push_back(name + " includes " + other + " and does not link it");
     for (const std::string& other : room.links)
       if (rooms.contains(other) && !room.includes.contains(other)) wrong.push_back(name + " links " + other + " and does not include it");
+    if (room.startsThreads && !room.linksThreads) wrong.push_back(name + " starts threads and does not link Threads::Threads");
+    if (!room.startsThreads && room.linksThreads) wrong.push_back(name + " links Threads::Threads and starts no thread");
   }
   std::map<std::string, int> state;  // 1: on the way, 2: done
   const std::function<void(const std::string&, std::string)> walk = [&](const std::string& name, std::string way) {
@@ -115,6 +122,13 @@ TEST(Rooms, APlantedFaultIsFound) {
   EXPECT_THAT(faults(root), ElementsAre(HasSubstr("links ridgecast_high and does not include it")));
   write("common/low/low.h", "#pragma once\n#include \"server/high/high.h\"\n");
   EXPECT_THAT(faults(root), ElementsAre(HasSubstr("a circle")));
+  write("common/low/CMakeLists.txt", "ridgecast_room(ridgecast_low)\n");
+  write("common/low/low.h", "#pragma once\ninline std::jthread idle() { return {}; }\n");
+  EXPECT_THAT(faults(root), ElementsAre(HasSubstr("starts threads")));
+  write("common/low/CMakeLists.txt", "ridgecast_room(ridgecast_low LINKS Threads::Threads)\n");
+  EXPECT_THAT(faults(root), IsEmpty());
+  write("common/low/low.h", "#pragma once\ninline std::thread::id idle() { return {}; }\n");
+  EXPECT_THAT(faults(root), ElementsAre(HasSubstr("starts no thread")));
   fs::remove_all(root);
 }
 
