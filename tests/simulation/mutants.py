@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""Plants faults in a copy of the tree, one after the other, and says which of them the simulation finds:  mutants.py [SEEDS [WORD]]
+"""Plants faults in a copy of the tree, one after the other, and says which of them are found, by the simulation or by the test that a
+fault names:  mutants.py [SEEDS [WORD]]
 
-WORD: only those whose file or text has it. Needs a configured build/test. The copy is build/mutants, with a build of its own."""
+SEEDS: simulated for a fault, by default 2000. WORD: only the faults whose file, text or test has it. The copy is build/mutants, with builds
+of its own."""
 import os
 import re
 import shutil
@@ -12,7 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 COPY = ROOT / "build/mutants"
-# file, what stands there once, what stands there instead
+# File, what stands there once, what stands there instead; where it is not the simulation that must find it, the preset and the test.
 MUTANTS = [
     ("server/replica/replica.h", "unacknowledged_.size() < window_;", "unacknowledged_.size() <= window_;"),
     ("server/replica/replica.cpp", "    meshHash_ -= mesh::hashTerm(held->address, held->hash);\n", ""),
@@ -112,11 +114,35 @@ MUTANTS = [
     ("server/edit_log/log.cpp", "if (isCached) tilesOf_ = next, tilesHash_ = sum;", "if (isCached) tilesOf_ = next;"),
     ("server/edit_log/log.cpp", "if (before.tile(at) == after.tile(at)) continue;", "if (before.tile(at)) continue;"),
     ("server/edit_log/log.cpp", "if (!tile) return sql_->removeTile.run(at.i, at.j);", "if (!tile) return {};"),
+    # Rooms outside the simulation.
+    ("common/triangulation/predicates.h", "if (m == &b) return orientation(c, a, d) < 0;", "if (m == &b) return orientation(c, a, d) > 0;",
+     "test triangulation_test"),
+    ("server/access/jwt.cpp", "if (now >= *grant.expires)", "if (now > *grant.expires)", "test access_test"),
+    ("server/map/mercator.cpp", "(std::ldexp(tile.y, 8) + 0.5)", "std::ldexp(tile.y, 8)", "test map_test"),
+    ("server/tileset/earth.cpp", "37 * n3 / 96", "37 * n3 / 69", "test tileset_test"),
+    ("server/quadtree/quadtree.cpp", "const double merges = side / kMerge,", "const double merges = side / kSplit,", "test quadtree_test"),
+    # Memory.
+    ("common/codec/codec.cpp", "b >= vertices || c >= vertices", "b >= vertices || c > vertices", "asan codec_test"),
+    ("common/user_terrain/tiff_file.cpp", "buffer_.resize(rowBytes_ * (tileWidth_ ? tileHeight_ : 1));", "buffer_.resize(rowBytes_);",
+     "asan raster_files_test"),
+    ("common/points/points.cpp", "std::min(number(n, static_cast<std::uint32_t>(std::abs(v))), 1u << 30)",
+     "number(n, static_cast<std::uint32_t>(std::abs(v)))", "asan points_test"),
+    ("client/scene/point_mesh.cpp", "  reserve(vertices.size());\n  allow(", "  allow(", "asan scene_test"),
+    # Threads.
+    ("client/standing/standing_ground.cpp", "    const std::lock_guard lock(mutex_);\n    ends_ = true;\n", "    ends_ = true;\n",
+     "tsan standing_ground_test"),
+    ("server/http/jobs.cpp", "std::size_t Jobs::waiting() const {\n  const std::lock_guard lock(mutex_);\n", "std::size_t Jobs::waiting() const {\n",
+     "tsan net_test"),
+    ("server/recording/recorder.cpp", "bool isEnd) {\n  const std::lock_guard lock(mutex);\n", "bool isEnd) {\n", "tsan recording_test"),
+    ("server/session/timer.cpp", "    const std::lock_guard lock(state_->mutex);\n    state_->ends = true;\n", "    state_->ends = true;\n",
+     "tsan integration_stream"),
 ]
 
 
-def build() -> bool:
-    done = subprocess.run(["ninja", "-C", COPY / "build/test", "simulation_test"], capture_output=True, text=True)
+def build(preset: str, test: str) -> bool:
+    if not (COPY / "build" / preset / "build.ninja").exists():
+        subprocess.run(["cmake", "--preset", preset], cwd=COPY, stdout=subprocess.DEVNULL, check=True)
+    done = subprocess.run(["ninja", "-C", COPY / "build" / preset, test], capture_output=True, text=True)
     if done.returncode:
         print(done.stdout[-2000:])
     return done.returncode == 0
@@ -130,26 +156,30 @@ def main() -> int:
         if not copy.exists() or copy.read_bytes() != original.read_bytes():
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(original, copy)  # as new as it is to the build
-    subprocess.run(["cmake", "--preset", "test"], cwd=COPY, stdout=subprocess.DEVNULL, check=True)
-    if not build():
-        return 1
+    tsan = f"halt_on_error=1:suppressions={ROOT}/tests/support/tsan-suppressions.txt"
+    env = {**os.environ, "SEEDS": seeds, "SHORTEN": "0", "TSAN_OPTIONS": tsan}
     found = 0
     word = sys.argv[2] if len(sys.argv) > 2 else ""
     mutants = [m for m in MUTANTS if any(word in text for text in m)]
-    for file, before, after in mutants:
+    sound = set()
+    for file, before, after, *by in mutants:
+        preset, test = by[0].split() if by else ("test", "simulation_test")
+        program = [COPY / "build" / preset / "bin" / test]
+        if test not in sound and (not build(preset, test) or (by and subprocess.run(program, env=env, capture_output=True).returncode)):
+            sys.exit(f"{test} fails without a fault")
+        sound.add(test)
         path = COPY / file
         text = path.read_text()
         if text.count(before) != 1:
             sys.exit(f"{file}: '{before.strip()}' stands there {text.count(before)} times, not once")
         path.write_text(text.replace(before, after))
         try:
-            if not build():
+            if not build(preset, test):
                 sys.exit(f"{file}: '{after.strip()}' does not compile")
             began = time.monotonic()
             try:
-                run = subprocess.run([COPY / "build/test/bin/simulation_test"], env={**os.environ, "SEEDS": seeds, "SHORTEN": "0"},
-                                     capture_output=True, text=True, timeout=3600)
-                what = f"seed {re.findall(r'SEED=([0-9]+)', run.stdout)[-1]}" if run.returncode else ""
+                run = subprocess.run(program, env=env, capture_output=True, text=True, timeout=3600)
+                what = "" if not run.returncode else " ".join(by) if by else f"seed {re.findall(r'SEED=([0-9]+)', run.stdout)[-1]}"
             except subprocess.TimeoutExpired:
                 what = "it hangs"
             found += bool(what)

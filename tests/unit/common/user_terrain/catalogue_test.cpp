@@ -20,6 +20,7 @@
 #include "common/user_terrain/library.h"
 #include "common/user_terrain/probe.h"
 #include "common/user_terrain/scratch.h"
+#include "tests/support/sanitized.h"
 #include "tests/unit/common/terrain/points.h"
 
 namespace ridgecast::user_terrain {
@@ -75,9 +76,7 @@ class Files : public testing::Test {
 // fork() calls what pthread_atfork registers; vfork() and posix_spawn() do not. A sanitizer may replace vfork by fork.
 std::atomic<int> forks = 0;
 TEST_F(Files, WhateverIsCompiledTheProcessIsNeverCopied) {
-#ifdef __SANITIZE_THREAD__
-  GTEST_SKIP() << "the thread sanitizer's vfork is fork";
-#endif
+  if (testing_support::kSanitized) GTEST_SKIP() << "the thread sanitizer's vfork is fork";
   ASSERT_EQ(pthread_atfork([] { ++forks; }, nullptr, nullptr), 0);
   EXPECT_EQ(at("return 2.0;\n"), 2.0f);
   EXPECT_EQ(forks, 0);

@@ -1,0 +1,1 @@
+// The unit with which headers.h is precompiled.
