@@ -3,26 +3,20 @@
 // Private to the room.
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cstddef>
-#include <ctime>
 #include <exception>
 #include <functional>
 #include <thread>
 
-namespace ridgecast::scheduling {
+#include "server/scheduling/threads.h"
 
-inline std::chrono::nanoseconds threadCpuTime() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
-}
+namespace ridgecast::scheduling {
 
 // What loops give way to.
 struct Courtesy {
-  const std::atomic<unsigned>* others = nullptr;  // threads that work for the executor that goes first; null: there is none
-  double rests = 0;                               // as long as was worked, times this, while there are others
+  const Atomic<unsigned>* others = nullptr;  // threads that work for the executor that goes first; null: there is none
+  double rests = 0;                          // as long as was worked, times this, while there are others
 
   // Of the calling thread's work, in or between loops, since it was last here.
   void rest() const {
@@ -61,7 +55,7 @@ class Loop {
  private:
   const std::function<void(std::size_t)>& task_;
   const Courtesy& courtesy_;
-  std::atomic<bool> failed_{false};
+  Atomic<bool> failed_{false};
   std::exception_ptr failure_;
 };
 

@@ -1,10 +1,8 @@
 #include "server/scheduling/pool.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cassert>
 #include <chrono>
-#include <condition_variable>
 #include <deque>
 #include <mutex>
 #include <thread>
@@ -13,10 +11,12 @@
 
 #include "server/scheduling/loop.h"
 #include "server/scheduling/region.h"
+#include "server/scheduling/threads.h"
 
 // One lock for the executor guards who works for whom; it is taken when a thread changes the pool it works for, not for every task.
 //
-// Nothing can deadlock: whoever calls a loop works on it, and waits only for tasks that a thread has already started.
+// Nothing can deadlock: whoever calls a loop works on it, and waits only for tasks that a thread has already started. No wake-up is lost:
+// scheduling_interleaving_test tries all orders.
 
 namespace ridgecast::scheduling {
 
@@ -40,7 +40,7 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
   bool queued = false;
   bool closed = false;
   std::chrono::nanoseconds usual = kUnknown;  // of a task: the longest lately
-  std::atomic<bool> takesMore{true};          // inFlight < limit and not queued; also read without the lock, as a hint
+  Atomic<bool> takesMore{true};               // inFlight < limit and not queued; also read without the lock, as a hint
 
   ~Impl();
   Region* regionThatWantsHelp() const {
@@ -55,34 +55,33 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
 };
 
 struct Executor::State {
-  std::mutex mutex;
-  std::condition_variable work;
+  Mutex mutex;
+  Condition work;
   std::deque<std::shared_ptr<Pool::Impl>> ready;  // pools with work and room, served in turn
-  std::atomic<std::size_t> waiting{0};            // ready.size()
+  Atomic<std::size_t> waiting{0};                 // ready.size()
   unsigned longTasks = 0;                         // in flight
-  std::condition_variable shortWork;              // of the thread for short tasks
+  Condition shortWork;                            // of the thread for short tasks
   std::unordered_set<Pool::Impl*> pools;
   unsigned idle = 0;
   bool roused = false;  // one is to wake without there being work yet
   bool stop = false;
   unsigned threads = 1;
-  std::vector<std::thread> workers;
-  std::atomic<unsigned> working{0};    // threads that run a task; a hint
+  std::vector<Thread> workers;
+  Atomic<unsigned> working{0};         // threads that run a task; a hint
   std::shared_ptr<const State> first;  // the executor that goes before this one, or none
   Courtesy courtesy;                   // towards it
 
   // All under the lock.
-  bool enqueue(Pool::Impl& pool) {
-    if (stop || pool.queued || pool.inFlight >= pool.limit) return false;
-    if (pool.posted.empty() && !pool.regionThatWantsHelp()) return false;
-    pool.queued = true;
-    pool.noteChange();
-    ready.push_back(pool.shared_from_this());
-    waiting = ready.size();
-    return true;
-  }
-  void summon(Pool::Impl& pool) {
-    if (enqueue(pool) && idle > 0) work.notify_one();
+  // Puts a pool that has work and room at the back of the row and wakes `takers` threads for it. Only a thread that takes from the row
+  // itself before it sleeps may wake none.
+  void summon(Pool::Impl& pool, std::size_t takers = 1) {
+    if (!stop && !pool.queued && pool.inFlight < pool.limit && (!pool.posted.empty() || pool.regionThatWantsHelp())) {
+      pool.queued = true;
+      pool.noteChange();
+      ready.push_back(pool.shared_from_this());
+      waiting = ready.size();
+      for (std::size_t k = std::min<std::size_t>(takers, idle); k > 0; --k) work.notify_one();
+    }
     if (longTasks >= threads && pool.queued && pool.hasShortTask()) shortWork.notify_one();  // it may have been queued for a loop
   }
   void advance(const Pool::Impl& pool) {
@@ -102,8 +101,10 @@ struct Executor::State {
   void serve();
   void serveShortTasks();
   void serveAll();
-  // Under the lock, which is released meanwhile; `last` is let go of then, for it may be the last owner.
-  void workFor(const std::shared_ptr<Pool::Impl>& pool, std::unique_lock<std::mutex>& lock, std::shared_ptr<Pool::Impl>& last);
+  // Under the lock, which is released meanwhile; `last` is let go of then, for it may be the last owner. `takers`: as summon(), if there is
+  // more to do.
+  void workFor(const std::shared_ptr<Pool::Impl>& pool, std::unique_lock<Mutex>& lock, std::shared_ptr<Pool::Impl>& last,
+               std::size_t takers);
   void help(Pool::Impl& pool, Region* region, std::function<void()> task) noexcept;
 };
 
@@ -134,8 +135,8 @@ void Executor::State::help(Pool::Impl& pool, Region* region, std::function<void(
   working.fetch_sub(1, std::memory_order_relaxed);
 }
 
-void Executor::State::workFor(const std::shared_ptr<Pool::Impl>& pool, std::unique_lock<std::mutex>& lock,
-                              std::shared_ptr<Pool::Impl>& last) {
+void Executor::State::workFor(const std::shared_ptr<Pool::Impl>& pool, std::unique_lock<Mutex>& lock, std::shared_ptr<Pool::Impl>& last,
+                              std::size_t takers) {
   Region* const region = pool->regionThatWantsHelp();
   const bool isLong = !region && !pool->posted.empty() && pool->isLong();
   pool->queued = false;
@@ -162,7 +163,7 @@ void Executor::State::workFor(const std::shared_ptr<Pool::Impl>& pool, std::uniq
   if (region && --region->helpers == 0) region->helpersGone.notify_one();
   --pool->inFlight;
   pool->noteChange();
-  enqueue(*pool);
+  summon(*pool, takers);
 }
 
 void Executor::State::serve() {
@@ -181,7 +182,7 @@ void Executor::State::serve() {
     }
     if (stop) return;
     std::shared_ptr<Pool::Impl> pool = take(false);
-    workFor(pool, lock, last);
+    workFor(pool, lock, last, 0);
     last = std::move(pool);
   }
 }
@@ -192,7 +193,7 @@ void Executor::State::serveShortTasks() {
   for (;;) {
     if (stop) return;
     if (std::shared_ptr<Pool::Impl> pool = take(true)) {
-      workFor(pool, lock, last);
+      workFor(pool, lock, last, 1);  // this thread may take no more: the long tasks may have ended
       last = std::move(pool);
     } else if (last) {
       lock.unlock();
@@ -209,7 +210,7 @@ void Executor::State::serveAll() {
   std::unique_lock lock(mutex);
   while (!ready.empty()) {
     std::shared_ptr<Pool::Impl> pool = take(false);
-    workFor(pool, lock, last);
+    workFor(pool, lock, last, 0);
     last = std::move(pool);
   }
 }
@@ -308,10 +309,7 @@ void Pool::Impl::run(Region& region, std::size_t helpersUseful, const std::funct
     regions.push_back(&region);
     if (outside) ++inFlight;
     noteChange();
-    if (executor->enqueue(*this)) {
-      const std::size_t room = limit - inFlight;
-      for (std::size_t k = std::min<std::size_t>({helpersUseful, room, executor->idle}); k > 0; --k) executor->work.notify_one();
-    }
+    executor->summon(*this, std::min<std::size_t>(helpersUseful, limit - std::min(limit, inFlight)));
   }
   {
     const WorkingFor mark(this);

@@ -5,44 +5,18 @@
 // helper has left, so no helper ever sees a region that is gone.
 
 #include <algorithm>
-#include <atomic>
 #include <cassert>
-#include <chrono>
-#include <condition_variable>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <mutex>
-#include <thread>
 #include <utility>
 #include <vector>
 
 #include "server/scheduling/pool.h"
+#include "server/scheduling/threads.h"
 
 namespace ridgecast::scheduling {
-
-// A thread that runs dry looks around this long before it sleeps: an iteration is a row of short loops, and waking a thread takes longer.
-inline constexpr std::chrono::microseconds kSpin{100};
-
-inline void pause() {
-#if defined(__x86_64__) || defined(__i386__)
-  __builtin_ia32_pause();
-#else
-  std::this_thread::yield();
-#endif
-}
-
-template <class Condition>
-bool spinUntil(const Condition& condition) {
-  const auto end = std::chrono::steady_clock::now() + kSpin;
-  do {
-    for (int k = 0; k < 16; ++k) {
-      if (condition()) return true;
-      pause();
-    }
-  } while (std::chrono::steady_clock::now() < end);
-  return false;
-}
 
 inline bool never() { return false; }
 
@@ -52,8 +26,8 @@ class Region {
   // Works until nothing is left to start, or until `leave()` after any task. Must not throw.
   virtual void help(const std::function<bool()>& leave) noexcept = 0;
 
-  std::atomic<unsigned> helpers{0};  // changed under the executor's lock
-  std::condition_variable helpersGone;
+  Atomic<unsigned> helpers{0};  // changed under the executor's lock
+  Condition helpersGone;
 
  protected:
   ~Region() = default;
@@ -84,7 +58,7 @@ class Range final : public Region {
  private:
   const std::size_t count_, grain_;
   const std::function<void(std::size_t)>& body_;
-  std::atomic<std::size_t> next_{0};
+  Atomic<std::size_t> next_{0};
 };
 
 // forEachOrdered: a heap of tasks that are ready, under a lock of its own.
@@ -177,11 +151,11 @@ class Ordered final : public Region {
   const std::function<void()> callHelp_;
   std::vector<std::uint32_t> missing_;  // predecessors that are not done
   std::vector<std::uint32_t> first_, followers_;
-  std::mutex mutex_;
-  std::condition_variable wake_;      // the caller's
+  Mutex mutex_;
+  Condition wake_;                    // the caller's
   std::vector<std::uint32_t> ready_;  // a heap, least first
-  std::atomic<std::size_t> readyCount_{0};
-  std::atomic<bool> finished_{false};
+  Atomic<std::size_t> readyCount_{0};
+  Atomic<bool> finished_{false};
   std::size_t done_ = 0;
   bool callerWaits_ = false;
 };

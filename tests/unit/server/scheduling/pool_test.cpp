@@ -271,6 +271,34 @@ TEST(Scheduling, LongTasksLeaveAThreadToShortOnes) {
   EXPECT_TRUE(testing_support::await([&] { return done == pools.size(); }));
 }
 
+// The thread for short tasks ends one of a pool that takes one at a time, while the others sleep.
+TEST(Scheduling, WhatAShortTaskLeavesBehindIsBegun) {
+  std::promise<void> longGate, shortGate, begun, done;
+  const std::shared_future<void> longOpen = longGate.get_future().share(), shortOpen = shortGate.get_future().share();
+  std::atomic<unsigned> inFlight{0};
+  Executor executor(2);  // last, so that its tasks end before what they use
+  const auto one = executor.makePool(), other = executor.makePool(), edits = executor.makePool(1);
+  for (int k = 0; k < 50; ++k) runOn(*edits, [] {});  // known as short
+  for (const auto& pool : {one, other})
+    ASSERT_TRUE(pool->post([&, longOpen] {
+      ++inFlight;
+      longOpen.wait();
+      --inFlight;
+    }));
+  ASSERT_TRUE(testing_support::await([&] { return inFlight == 2; }));
+  ASSERT_TRUE(edits->post([&, shortOpen] {
+    begun.set_value();
+    shortOpen.wait();
+  }));
+  begun.get_future().wait();
+  ASSERT_TRUE(edits->post([&] { done.set_value(); }));
+  longGate.set_value();
+  ASSERT_TRUE(testing_support::await([&] { return inFlight == 0; }));
+  std::this_thread::sleep_for(20ms);  // nothing says when they sleep; until then they would find it by themselves
+  shortGate.set_value();
+  EXPECT_EQ(done.get_future().wait_for(testing_support::kTimeout), std::future_status::ready);
+}
+
 TEST(Scheduling, WithoutThreadsAllIsDoneByWhoCalls) {
   Executor executor{Executor::WithoutThreads{}};
   const auto one = executor.makePool(), other = executor.makePool();

@@ -1,0 +1,53 @@
+#pragma once
+// What the room's threads wait with and measure by: the system's. A test puts its own in their place (RIDGECAST_CONTROLLED_THREADS), so that
+// it decides which thread goes on at every lock, wait, notification and atomic, and can try all orders. Private to the room.
+#ifndef RIDGECAST_CONTROLLED_THREADS
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <ctime>
+#include <mutex>
+#include <thread>
+
+namespace ridgecast::scheduling {
+
+using Mutex = std::mutex;
+using Condition = std::condition_variable;
+using Thread = std::thread;
+template <class T>
+using Atomic = std::atomic<T>;
+
+inline std::chrono::nanoseconds threadCpuTime() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
+}
+
+// A thread that runs dry looks around this long before it sleeps: an iteration is a row of short loops, and waking a thread takes longer.
+inline constexpr std::chrono::microseconds kSpin{100};
+
+inline void pause() {
+#if defined(__x86_64__) || defined(__i386__)
+  __builtin_ia32_pause();
+#else
+  std::this_thread::yield();
+#endif
+}
+
+// Whether the condition came to hold meanwhile.
+template <class Predicate>
+bool spinUntil(const Predicate& condition) {
+  const auto end = std::chrono::steady_clock::now() + kSpin;
+  do {
+    for (int k = 0; k < 16; ++k) {
+      if (condition()) return true;
+      pause();
+    }
+  } while (std::chrono::steady_clock::now() < end);
+  return false;
+}
+
+}  // namespace ridgecast::scheduling
+
+#endif
