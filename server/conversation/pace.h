@@ -22,6 +22,8 @@ class Budget {
 
   // The earliest time for the next expense.
   Clock::time_point free() const { return free_; }
+  // All credit is saved up: a new budget could spend no more.
+  bool isFull(Clock::time_point now) const { return free_ + kCredit <= now; }
 
   void spend(Clock::time_point now, std::uint64_t amount) {
     if (!limits()) return;
@@ -43,6 +45,10 @@ class SharedBudget {
   Budget::Clock::time_point free() const {
     const std::lock_guard lock(mutex_);
     return budget_.free();
+  }
+  bool isFull(Budget::Clock::time_point now) const {
+    const std::lock_guard lock(mutex_);
+    return budget_.isFull(now);
   }
   void spend(Budget::Clock::time_point now, std::uint64_t amount) {
     const std::lock_guard lock(mutex_);

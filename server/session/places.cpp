@@ -34,7 +34,7 @@ Outcome<std::shared_ptr<Places::Place>> Places::enter() {
 std::shared_ptr<Budgets> Places::budgetsOf(const std::string& client, conversation::Budget::Clock::time_point now) {
   if (client.empty()) return std::make_shared<Budgets>();
   const std::lock_guard lock(mutex_);
-  std::erase_if(budgets_, [&](const auto& entry) { return entry.second.use_count() == 1 && entry.second->free() <= now; });
+  std::erase_if(budgets_, [&](const auto& entry) { return entry.second.use_count() == 1 && entry.second->areFull(now); });
   auto& own = budgets_[client];
   if (!own) own = std::make_shared<Budgets>();
   return own;

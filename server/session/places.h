@@ -36,7 +36,10 @@ struct Budgets {
   void spendRest(std::uint64_t spent, std::uint64_t looked, conversation::Budget::Clock::time_point now) {
     if (looked > spent) edits.spend(now, looked - spent);
   }
-  conversation::Budget::Clock::time_point free() const { return std::max({queries.free(), repairs.free(), edits.free()}); }
+  // New ones could spend no more.
+  bool areFull(conversation::Budget::Clock::time_point now) const {
+    return queries.isFull(now) && repairs.isFull(now) && edits.isFull(now);
+  }
 };
 
 // Any thread.
@@ -61,8 +64,8 @@ class Places : public std::enable_shared_from_this<Places> {
   };
   // Error: there are as many cameras as there may be, or no triangles are left for another.
   Outcome<std::shared_ptr<Place>> enter();
-  // `client`: as http::Request::client; empty: nobody, who shares with nobody. They outlive the client's connections until they are paid
-  // back; `now` is a time of the session's timer.
+  // `client`: as http::Request::client; empty: nobody, who shares with nobody. They outlive the client's connections until they are
+  // full again; `now` is a time of the session's timer.
   std::shared_ptr<Budgets> budgetsOf(const std::string& client, conversation::Budget::Clock::time_point now);
   std::uint32_t cameras() const;
   std::uint64_t triangles() const;  // set aside for all

@@ -26,6 +26,7 @@
 #include "tests/integration/loopback.h"
 #include "tests/support/relay.h"
 #include "tests/support/sanitized.h"
+#include "tests/support/simulated_timer.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
 
@@ -112,8 +113,9 @@ class Member {
 
 class EditsTest : public LoopbackTest {
  protected:
-  void SetUp() override {
-    open();
+  void SetUp() override { serve(std::make_unique<session::SteadyTimer>()); }
+  void serve(std::unique_ptr<const session::Timer> timer) {
+    open({}, {}, std::move(timer));
     listen({http::queryRoute(directory), http::editsRoute(directory), http::mapTileRoute(directory)});
   }
   std::uint16_t port() const { return server->port(); }
@@ -354,6 +356,22 @@ TEST_F(EditsTest, TravelByHttp) {
   EXPECT_EQ(ask("GET", "edits?since=1").find("crater"), std::string::npos);
   has(ask("GET", "edits?since=-1"), " 400 ");
   has(ask("GET", "edits?limit=5000"), " 400 ");
+}
+
+// The server's time stands still.
+class EditsInAnInstantTest : public EditsTest {
+  void SetUp() override { serve(std::make_unique<testing_support::SimulatedTimer>()); }
+};
+
+TEST_F(EditsInAnInstantTest, OneAfterTheOtherByHttpAreAsManyAsAtOnce) {
+  const std::string edit = craterAt(3, 4, 60);
+  const auto posts = static_cast<std::uint64_t>(edits::areaOf(edits::fromJson(edit).value()).count());
+  // A quarter of a second that was saved up, and one that is owed.
+  const std::uint64_t most = session::kEditedPostsPerSecond / 2 / posts + 1;
+  ASSERT_GT(posts, session::kLeastEditedPosts);
+  for (std::uint64_t k = 0; k < most; ++k) has(ask("POST", "edits", edit), " 201 ");
+  for (int k = 0; k < 3; ++k) has(ask("POST", "edits", edit), " 429 ");
+  EXPECT_EQ(directory->find(session::kDefaultName)->ground().edit, most);
 }
 
 TEST_F(EditsTest, AnswersByHttpSayWhichTheyKnow) {

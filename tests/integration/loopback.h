@@ -17,7 +17,8 @@ namespace ridgecast {
 class LoopbackTest : public testing::Test {
  protected:
   // Alpine as the default session; others may be added before listen(). `makeTerrain`: for sessions that clients create.
-  void open(session::MakeTerrain makeTerrain = {}, session::Record record = {}) {
+  void open(session::MakeTerrain makeTerrain = {}, session::Record record = {},
+            std::unique_ptr<const session::Timer> timer = std::make_unique<session::SteadyTimer>()) {
     logging::setUp(logging::Format::kText, logging::Level::kWarning);
     executor = std::make_unique<scheduling::Executor>(2);
     auto resources = std::make_shared<session::Resources>();
@@ -25,6 +26,7 @@ class LoopbackTest : public testing::Test {
     resources->makeMesh = session::pipelineMeshes();
     resources->makeTerrain = std::move(makeTerrain);
     resources->record = std::move(record);
+    resources->timer = std::move(timer);
     resources->serverName = "integration";
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
   }

@@ -152,6 +152,32 @@ TEST_F(SessionTest, PlacesAreBoundedAndGivenBack) {
   EXPECT_EQ(directory->cameras(), 1u);
 }
 
+// Connections come and go, as with HTTP: each asks for its client's budgets, spends, and lets them go.
+TEST(Budgets, OfAClientAreForgottenWhenTheyAreFullAndNotBefore) {
+  const auto places = std::make_shared<Places>(1, 0);
+  const edits::Operation small{edits::Raise{{0, 0}, edits::kLeastRadius, 0, 256}, 0};
+  const conversation::Budget::Clock::time_point begin{1h}, end = begin + 10s;
+  std::uint64_t made = 0;
+  for (auto now = begin; now < end; now += 1ms) made += places->budgetsOf("a", now)->spendEdit(small, now) ? 1 : 0;
+  constexpr std::uint64_t kASecond = kEditedPostsPerSecond / kLeastEditedPosts;
+  EXPECT_GE(made, 10 * kASecond);
+  EXPECT_LE(made, 10 * kASecond + kASecond / 2 + 1) << "a quarter of a second that was saved up, and one that is owed";
+
+  std::weak_ptr<Budgets> own = places->budgetsOf("a", end);
+  const auto paid = own.lock()->edits.free();
+  places->budgetsOf("b", paid);
+  EXPECT_FALSE(own.expired()) << "its credit is not saved up";
+  places->budgetsOf("b", paid + 250ms);
+  EXPECT_TRUE(own.expired());
+
+  own = places->budgetsOf("a", end);
+  own.lock()->queries.spend(end, kHeightsPerSecond);
+  places->budgetsOf("b", end + 999ms);
+  EXPECT_FALSE(own.expired());
+  places->budgetsOf("b", end + 1s);
+  EXPECT_TRUE(own.expired());
+}
+
 TEST_F(SessionTest, DirectoryKnowsSessionsByName) {
   start();
   EXPECT_TRUE(directory->find("default"));
