@@ -234,6 +234,19 @@ TEST(Interleaving, FollowersInALoopMeet) {
   });
 }
 
+TEST(Interleaving, AHelperThatLeavesForOthersPassesTheLoopOn) {
+  tryAll([] {
+    Executor executor(2);
+    const auto pool = executor.makePool(2), other = executor.makePool(2);
+    int done = 0;
+    begin();
+    pool->forEachOrdered({{}, {0}}, [&](std::size_t k) {
+      for (int n = 0; n < 2 && k == 0; ++n) other->post([&] { until([&] { return done == 2; }, "the loop has ended"); });
+      ++done;
+    });
+  });
+}
+
 TEST(Interleaving, ALoopWaitsForWhatIsMissing) {
   tryAll([] {
     Executor executor(2);
