@@ -64,6 +64,12 @@ class Fields {
       if (*value == kMaterialNames[k]) return k + 1;
     return static_cast<std::uint32_t>(fail("material", "must be earth, rock, gravel, sand, grass, asphalt, concrete or snow"));
   }
+  template <class T>
+  T narrow(const char* name, Step v) {
+    if (v >= 0 && static_cast<std::uint64_t>(v) <= std::uint64_t{std::numeric_limits<T>::max()}) return static_cast<T>(v);
+    if (std::is_signed_v<T> && v < 0 && v >= -Step{std::numeric_limits<std::int32_t>::max()}) return static_cast<T>(v);
+    return static_cast<T>(fail(name, "is out of range"));
+  }
   double fail(const char* name, const std::string& what) {
     if (wrong_.empty()) wrong_ = std::string("An edit's \"") + name + "\" " + what + ".";
     return 0;
@@ -85,12 +91,6 @@ class Fields {
   Step inSteps(const char* name, double v) {
     if (!(std::abs(v) <= 1e13)) return static_cast<Step>(fail(name, "is beyond all there is"));
     return static_cast<Step>(std::floor(v * lattice::kStepsPerMetre + 0.5));
-  }
-  template <class T>
-  T narrow(const char* name, Step v) {
-    if (v >= 0 && static_cast<std::uint64_t>(v) <= std::uint64_t{std::numeric_limits<T>::max()}) return static_cast<T>(v);
-    if (std::is_signed_v<T> && v < 0 && v >= -Step{std::numeric_limits<std::int32_t>::max()}) return static_cast<T>(v);
-    return static_cast<T>(fail(name, "is out of range"));
   }
 
   const Json& object_;
@@ -136,13 +136,14 @@ Road road(Fields& f) {
 
 Stamp stamp(Fields& f) {
   Stamp o{place(f), 0, 0, 1, f.list("samples", std::size_t{kMostStampSide} * kMostStampSide)};
-  const std::uint64_t columns = f.whole("columns"), spacing = static_cast<std::uint64_t>(f.steps("spacing", 0.5));
+  const std::uint64_t columns = f.whole("columns");
+  const Step spacing = f.steps("spacing", 0.5);
   if (columns < 2 || columns > kMostStampSide || o.samples.size() % columns != 0)
     f.fail("columns", "must be 2 to 256 and divide the number of samples");
-  if (spacing % static_cast<std::uint64_t>(kPostSteps) != 0) f.fail("spacing", "must be a multiple of 0.5 m");
+  if (spacing % kPostSteps != 0) f.fail("spacing", "must be a multiple of 0.5 m");
   o.width = static_cast<std::uint32_t>(columns);
   o.height = columns == 0 ? 0 : static_cast<std::uint32_t>(o.samples.size() / columns);
-  o.spacing = static_cast<std::uint32_t>(spacing / static_cast<std::uint64_t>(kPostSteps));
+  o.spacing = f.narrow<std::uint32_t>("spacing", spacing / kPostSteps);
   return o;
 }
 

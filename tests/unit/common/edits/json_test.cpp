@@ -53,6 +53,17 @@ TEST(EditJson, NamesWhatIsWrong) {
   has(deep, "JSON object");
 }
 
+TEST(EditJson, NumbersAreCheckedBeforeTheyAreNarrowed) {
+  const auto stamp = [](const std::string& spacing) {
+    return fromJson(R"({"op":"stamp","x":0,"z":0,"columns":2,"samples":[1,2,3,4],"spacing":)" + spacing + "}");
+  };
+  ASSERT_TRUE(stamp("0.5"));
+  for (const char* const spacing : {"2147483648.5", "-2147483647.5", "4294967296.5", "1e12", "8.5", "0", "-0.5"}) {
+    const auto kept = stamp(spacing);
+    EXPECT_FALSE(kept) << spacing << " m is kept as " << toJson(*kept);
+  }
+}
+
 TEST(EditJson, EveryPrefixIsRefused) {
   const std::string whole = R"({"op":"road","line":[[0,0],[50,5],[60,-3]],"width":3,"material":"gravel"})";
   ASSERT_TRUE(fromJson(whole));
