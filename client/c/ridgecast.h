@@ -214,7 +214,7 @@ rc_status rc_world_pass_over(rc_world* world, uint64_t member);
 
 /* Changes the ground for everybody: a JSON object such as {"op": "crater", "x": 0, "z": 0, "radius": 12, "depth": 4} (PROTOCOL.md, Edits).
    Writes its number: then it is kept, and heights and meshes know it. `key`, at most 64 bytes: an edit that is sent again with it is made
-   once; null: another one for each call. RC_REFUSED: the message says why. */
+   once; null: another one for each call. RC_TIMEOUT: the same call goes on waiting. RC_REFUSED: it was not made; the message says why. */
 rc_status rc_world_edit(rc_world* world, const char* operation, const char* key, double timeout, uint64_t* number);
 
 /* ---- cameras: where a member is, and the mesh that the server keeps for what it sees ---- */

@@ -225,10 +225,11 @@ Result<std::uint64_t> World::edit(const std::string& operation, std::string key,
   }
   for (;;) {
     if (auto there = connected(until); !there) return there.error();
-    auto answer = client_->connection()->edit({0, key, operation});
-    if (answer.wait_until(until) != std::future_status::ready)
+    if (!edit_.answer.valid() || edit_.key != key || edit_.operation != operation || edit_.connection != reconnections())
+      edit_ = {key, operation, reconnections(), client_->connection()->edit({0, key, operation})};
+    if (edit_.answer.wait_until(until) != std::future_status::ready)
       return Failure{Fault::kTimeout, "the server did not answer an edit within " + std::to_string(timeout.count()) + " ms"};
-    const auto made = answer.get();
+    const auto made = edit_.answer.get();
     if (made) {
       ground_.know(made->number);
       return made->number;

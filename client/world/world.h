@@ -16,6 +16,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <future>
 #include <memory>
 #include <optional>
 #include <span>
@@ -104,8 +105,9 @@ class World {
   void passOver(std::uint64_t member) { client_->connection()->passOver(member); }
 
   // Changes the ground for everybody: an operation as JSON (common/edits/json.h). Returns its number: then it is kept, and in answers and
-  // meshes that come from now on. `key`: what is sent again with it, by this name, is made once; empty: another one for each call, so that
-  // a connection that is lost meanwhile makes no edit twice. kRefused: the server's sentence.
+  // meshes that come from now on. `key`: what is sent again with it, by the same client under the same name, is made once; empty: another
+  // one for each call, so that a connection that is lost meanwhile makes no edit twice. After kTimeout, the same call goes on waiting.
+  // kRefused: the server's sentence.
   Result<std::uint64_t> edit(const std::string& operation, std::string key, Milliseconds timeout);
 
   std::vector<connection::Other> others();
@@ -139,6 +141,14 @@ class World {
   query::Ground ground_;
   std::uint64_t step_ = 0;               // returned last by nextStep()
   std::optional<std::uint64_t> stepOf_;  // reconnections() then
+
+  // Of edit(): the one that was sent last.
+  struct SentEdit {
+    std::string key, operation;
+    std::uint64_t connection = 0;  // reconnections() then
+    std::future<Outcome<wire::EditAnswer>> answer;
+  };
+  SentEdit edit_;
 
   // Of step(): first `unsent_` is to be sent, then the clock's step `awaited_` to be done. A connection that is lost in between leaves
   // nobody to say whether it was.

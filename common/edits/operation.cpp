@@ -209,6 +209,15 @@ Road survey(const Road& road, const std::vector<std::int32_t>& ground) {
   return out;
 }
 
+bool isMadeOf(const Operation& asked, const Operation& made) {
+  const auto *from = std::get_if<Road>(&asked.what), *to = std::get_if<Road>(&made.what);
+  if (!from || !to || from->surveyed || !to->surveyed) return asked == made;
+  return asked.material == made.material && from->width == to->width && from->grade == to->grade && from->slope == to->slope &&
+         std::ranges::equal(stationsOf(*from), to->line, {}, {}, [](const lattice::Vertex& v) {
+           return Point{v.x, v.z};
+         });
+}
+
 Brush::Brush(const Operation& operation) : operation_(operation) {
   const auto add = [this](const lattice::Vertex& a, const lattice::Vertex& b) {
     const Step dx = b.x - a.x, dz = b.z - a.z;

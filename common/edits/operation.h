@@ -128,6 +128,9 @@ inline std::int64_t marginOf(const Operation& o) { return std::holds_alternative
 std::vector<lattice::Point> stationsOf(const Road& road);
 Road survey(const Road& road, const std::vector<std::int32_t>& ground);
 
+// Whether `made` is what becomes of `asked` when it is made: the same or, of a road without heights, one that was surveyed. Both are valid.
+bool isMadeOf(const Operation& asked, const Operation& made);
+
 // Whether the new height depends on the height there, and not only the difference on the place.
 bool readsGround(const Operation& operation);
 

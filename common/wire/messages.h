@@ -263,7 +263,8 @@ struct EditAnswer {
 
 struct MadeEdit {
   std::uint64_t number = 0;
-  std::string author;
+  std::string author;     // the client as the server knows it
+  std::string name;       // what it calls itself
   std::string operation;  // JSON
   lattice::Area ground;   // that it changed, at most
 };

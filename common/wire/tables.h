@@ -338,6 +338,7 @@ TABLE(EditAnswer,
 TABLE(MadeEdit,
     FIELD(number, number, atLeast(std::uint64_t{1})),
     FIELD(author, author, kName),
+    FIELD(name, name, kName),
     FIELD(operation, operation, Bytes{kMaxSmallMessageBytes}),
     FIELD(x0, ground.x0, kEdge), FIELD(z0, ground.z0, kEdge), FIELD(x1, ground.x1, kEdge), FIELD(z1, ground.z1, kEdge));
 TABLE(Edited,

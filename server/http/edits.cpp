@@ -1,12 +1,15 @@
 #include "server/http/edits.h"
 
 #include <chrono>
+#include <functional>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
+#include "common/edits/author.h"
 #include "common/edits/json.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
@@ -20,6 +23,7 @@ using Clock = std::chrono::steady_clock;
 
 // What the editing task has to say, once it has.
 struct Said {
+  bool isAsked = false;  // of the work, one turn after the other
   std::mutex mutex;
   std::optional<Answer> answer;
   void set(Answer a) {
@@ -28,9 +32,11 @@ struct Said {
   }
 };
 
-// Looks every 2 ms, so that no thread waits.
-Answer whenSaid(std::shared_ptr<Said> said) {
-  return madeBy({.work = [said = std::move(said)](const std::stop_token&) {
+// Asks when the answer has its place, so that whoever is told that there is none has asked for nothing. Looks every 2 ms, so that no
+// thread waits.
+Answer whenSaid(std::function<void(const std::shared_ptr<Said>& said)> ask) {
+  return madeBy({.work = [said = std::make_shared<Said>(), ask = std::move(ask)](const std::stop_token&) {
+    if (!std::exchange(said->isAsked, true)) ask(said);
     const std::lock_guard lock(said->mutex);
     if (said->answer) return *said->answer;
     Answer later;
@@ -41,17 +47,32 @@ Answer whenSaid(std::shared_ptr<Said> said) {
 
 Answer invalid(const Error& e) { return refused(422, metrics::Refusal::kRequest, e.message); }
 
-Answer make(const std::shared_ptr<session::Session>& session, edits::Operation operation, std::string key, const std::string& client) {
-  auto said = std::make_shared<Said>();
-  const auto say = [said](const Outcome<std::uint64_t>& number) {
-    if (!number) return said->set(invalid(number.error()));
-    Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");
-    made.status = 201;
-    said->set(std::move(made));
-  };
-  if (auto early = session->edit({std::move(key), client, std::move(operation)}, session->budgetsOf(client), say); !early)
-    return refused(429, metrics::Refusal::kBusy, early.error().message, {{"Retry-After", "1"}});
-  return whenSaid(std::move(said));
+Answer make(std::shared_ptr<session::Session> session, edits::Operation operation, std::string key, const std::string& client) {
+  auto edit = std::make_shared<session::Edit>(session::Edit{std::move(key), edits::toText({client, {}}), std::move(operation)});
+  return whenSaid([session = std::move(session), edit = std::move(edit), client](const std::shared_ptr<Said>& said) {
+    session->edit(std::move(*edit), session->budgetsOf(client), [said](const session::Edits::Answer& number) {
+      if (!number) {
+        const std::string& why = number.error().message;
+        return said->set(number.isForNow ? refused(429, metrics::Refusal::kBusy, why, {{"Retry-After", "1"}}) : invalid(number.error()));
+      }
+      Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");
+      made.status = 201;
+      said->set(std::move(made));
+    });
+  });
+}
+
+std::string quoted(const std::string& text) { return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace); }
+
+Answer listed(std::uint64_t last, const std::vector<session::MadeEdit>& made) {
+  std::string out = "{\"last\": " + std::to_string(last) + ", \"edits\": [";
+  for (const session::MadeEdit& m : made) {
+    const edits::Author author = edits::authorOf(m.edit.author);
+    out += std::string(out.back() == '}' ? ",\n" : "\n") + "{\"number\": " + std::to_string(m.number) +
+           ", \"author\": " + quoted(author.client) + ", \"name\": " + quoted(author.name) +
+           ", \"edit\": " + edits::toJson(m.edit.operation) + "}";
+  }
+  return json(out + "\n]}\n");
 }
 
 Answer list(const Request& request, const std::shared_ptr<session::Session>& session) {
@@ -65,20 +86,12 @@ Answer list(const Request& request, const std::shared_ptr<session::Session>& ses
     *value = *number;
   }
   if (limit > kMostListed) return refused(400, metrics::Refusal::kRequest, "limit is at most " + std::to_string(kMostListed) + ".");
-  auto said = std::make_shared<Said>();
-  const std::uint64_t last = session->ground().edit;
-  session->edits().read(since, limit, [said, last](const Outcome<std::vector<session::MadeEdit>>& made) {
-    if (!made) return said->set(refused(500, metrics::Refusal::kInternal, made.error().message));
-    std::string out = "{\"last\": " + std::to_string(last) + ", \"edits\": [";
-    for (std::size_t k = 0; k < made->size(); ++k) {
-      const session::MadeEdit& m = (*made)[k];
-      out += std::string(k > 0 ? ",\n" : "\n") + "{\"number\": " + std::to_string(m.number) +
-             ", \"author\": " + nlohmann::json(m.edit.author).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) +
-             ", \"edit\": " + edits::toJson(m.edit.operation) + "}";
-    }
-    said->set(json(out + "\n]}\n"));
+  return whenSaid([since, limit, session](const std::shared_ptr<Said>& said) {
+    const std::uint64_t last = session->ground().edit;
+    session->edits().read(since, limit, [said, last](const Outcome<std::vector<session::MadeEdit>>& made) {
+      said->set(made ? listed(last, *made) : refused(500, metrics::Refusal::kInternal, made.error().message));
+    });
   });
-  return whenSaid(std::move(said));
 }
 
 Answer post(const Request& request, std::shared_ptr<session::Session> session) {

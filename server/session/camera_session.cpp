@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "common/edits/author.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
 #include "common/edits/square.h"
@@ -18,6 +19,8 @@ namespace {
 
 using wire::ErrorCode;
 using wire::ErrorMessage;
+
+static_assert(edits::kMostAuthorBytes == wire::kMaxNameBytes);
 
 constexpr std::chrono::milliseconds kEditPause{5};    // between two messages about edits
 constexpr std::chrono::milliseconds kQueueRetry{20};  // while more is queued for a client than it may have for its next iteration
@@ -170,9 +173,9 @@ CameraSession::Refusal CameraSession::attend(const wire::Edit& edit) {
     answer(Error{"This session plays a recording; its ground changes as it was recorded."});
   } else if (!operation) {
     answer(operation.error());
-  } else if (auto early = session_->edit({edit.key, conversation_.hello().clientName, std::move(*operation)}, place_.budgets, answer);
-             !early) {
-    answer(early.error());
+  } else {
+    std::string author = edits::toText({place_.client, conversation_.hello().clientName});
+    session_->edit({edit.key, std::move(author), std::move(*operation)}, place_.budgets, answer);
   }
   return {};
 }
@@ -204,7 +207,8 @@ void CameraSession::tell(const Outcome<std::vector<MadeEdit>>& edits) {
     std::string json = edits::toJson(made.edit.operation);
     bytes += json.size();
     if (!message.edits.empty() && bytes > wire::kMaxSmallMessageBytes / 4) break;
-    message.edits.push_back({made.number, made.edit.author, std::move(json), made.ground});
+    edits::Author author = edits::authorOf(made.edit.author);
+    message.edits.push_back({made.number, std::move(author.client), std::move(author.name), std::move(json), made.ground});
   }
   if (!conversation_.runs()) return;
   if (!message.edits.empty()) {

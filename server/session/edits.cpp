@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <iterator>
 #include <string>
 #include <utility>
 
+#include "common/edits/author.h"
 #include "common/edits/edited_terrain.h"
 
 namespace ridgecast::session {
@@ -16,6 +18,18 @@ constexpr lattice::Area kEverywhere{-kBeyond, -kBeyond, kBeyond, kBeyond};
 
 lattice::Area around(const lattice::Area& a, const lattice::Area& b) {
   return {std::min(a.x0, b.x0), std::min(a.z0, b.z0), std::max(a.x1, b.x1), std::max(a.z1, b.z1)};
+}
+
+Edits::Answer forNow(std::string sentence) {
+  Edits::Answer out(Error{std::move(sentence)});
+  out.isForNow = true;
+  return out;
+}
+
+// `number`: of the edit that has the key; 0: it waits.
+Edits::Answer ofAnother(std::uint64_t number) {
+  return Error{"The key is that of another edit, " + (number > 0 ? "number " + std::to_string(number) : std::string("which waits")) +
+               "; give this one a key of its own."};
 }
 
 }  // namespace
@@ -55,17 +69,38 @@ Edits::News Edits::since(std::uint64_t edit) const {
   return news;
 }
 
-void Edits::ask(Edit edit, Done done) {
+void Edits::ask(Edit edit, Done done, Pay pay) {
+  if (!edit.key.empty()) edit.key = edit.author + '\n' + edit.key;
+  std::optional<Answer> answer;
   {
     const std::lock_guard lock(mutex_);
-    if (waiting_.size() < kMostWaiting) {
+    answer = atOnce(edit, static_cast<bool>(pay), done);
+    if (!answer && done) {
       // Everybody waits for what is made.
       if (waiting_.empty()) pool_->post([self = shared_from_this()] { self->makeAll(); }, scheduling::Pool::Turn::kAhead);
-      waiting_.push_back({std::move(edit), std::move(done)});
-      return;
+      const auto& waits = waiting_.emplace_back(std::make_shared<Waiting>(std::move(edit), std::move(pay)));
+      waits->done.push_back(std::move(done));
+      if (!waits->edit.key.empty()) open_[waits->edit.key] = waits;
     }
   }
-  done(Error{"More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment."}, 0);
+  if (answer) done(*answer, 0);
+}
+
+std::optional<Edits::Answer> Edits::atOnce(const Edit& edit, bool pays, Done& done) {
+  if (const auto open = open_.find(edit.key); open != open_.end()) {
+    if (!edits::isMadeOf(edit.operation, open->second->edit.operation)) return ofAnother(0);
+    open->second->done.push_back(std::exchange(done, nullptr));
+    return {};
+  }
+  if (const auto made = keys_.find(edit.key); made != keys_.end()) {
+    const std::uint64_t number = made->second;
+    return edits::isMadeOf(edit.operation, made_[number - begins_ - 1].edit.operation) ? Answer(number) : ofAnother(number);
+  }
+  const auto isOwn = [client = edits::clientOf(edit.author)](const auto& w) { return w->pay && edits::clientOf(w->edit.author) == client; };
+  if (pays && static_cast<std::size_t>(std::ranges::count_if(waiting_, isOwn)) >= kMostWaitingOfOne)
+    return forNow("More than " + std::to_string(kMostWaitingOfOne) + " of your edits wait to be made; send it again in a moment.");
+  if (waiting_.size() < kMostWaiting) return {};
+  return forNow("More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment.");
 }
 
 void Edits::read(std::uint64_t after, std::size_t most, Read read) {
@@ -84,7 +119,7 @@ void Edits::readAll() {
 }
 
 void Edits::makeAll() {
-  std::vector<Waiting> waiting;
+  std::vector<std::shared_ptr<Waiting>> waiting;
   {
     const std::lock_guard lock(mutex_);
     waiting.swap(waiting_);
@@ -92,69 +127,82 @@ void Edits::makeAll() {
   const std::uint64_t before = history_.last();
   const auto layer = history_.layer();
   changedPosts_.clear();
-  std::vector<Outcome<std::uint64_t>> numbers;
-  std::vector<std::uint64_t> posts;
-  for (Waiting& w : waiting) {
+  std::vector<MadeEdit> made;
+  for (const auto& w : waiting) {
     const std::uint64_t looked = history_.looked();
-    numbers.push_back(make(std::move(w.edit)));
-    posts.push_back(history_.looked() - looked);
+    w->answer = make(*w, made);
+    w->posts = history_.looked() - looked;
   }
-  if (history_.last() > before) {
-    if (const auto isKept = keep(before, *layer); !isKept) {
-      while (history_.last() > before) {
-        std::erase_if(keys_, [&](const auto& key) { return key.second == history_.last(); });
-        made_.pop_back();
-        history_.takeBack(layer);
-      }
-      for (Outcome<std::uint64_t>& number : numbers)
-        if (number && *number > before) number = isKept.error();
-    } else {
-      for (std::uint64_t n = before; noted_ && n < history_.last(); ++n) noted_(made_[n - begins_]);
-      {
-        const std::lock_guard lock(mutex_);
-        ground_ = {std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()};
-        for (std::uint64_t n = before; n < history_.last(); ++n) areas_.push_back(made_[n - begins_].ground);
-        if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
-      }
-      changed_();
+  if (const auto isKept = keep(made, *layer); !isKept) {
+    while (history_.last() > before) history_.takeBack(layer);
+    for (const auto& w : waiting)
+      if (w->answer && *w->answer > before) w->answer = Answer(isKept.error());
+    made.clear();
+  }
+  if (noted_) std::ranges::for_each(made, noted_);
+  {
+    const std::lock_guard lock(mutex_);
+    if (!made.empty()) ground_ = {std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()};
+    for (const MadeEdit& m : made) {
+      areas_.push_back(m.ground);
+      if (!m.edit.key.empty()) keys_[m.edit.key] = m.number;
     }
+    std::ranges::move(made, std::back_inserter(made_));
+    if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
+    for (const auto& w : waiting) open_.erase(w->edit.key);  // nobody joins any more
   }
-  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k], posts[k]);
+  if (!made.empty()) changed_();
+  for (const auto& w : waiting)
+    for (const Done& done : w->done) done(w->answer, std::exchange(w->posts, 0));
 }
 
-Outcome<std::uint64_t> Edits::make(Edit edit) {
-  if (!edit.key.empty()) {
-    edit.key = edit.author + '\n' + edit.key;
-    if (const auto known = keys_.find(edit.key); known != keys_.end()) return known->second;
-    if (kept_.log)
-      if (const auto known = kept_.log->numberOf(edit.key)) return *known;
+std::optional<Edits::Answer> Edits::known(const Edit& edit) {
+  if (edit.key.empty() || !kept_.log) return {};
+  const auto sameOf = [&](std::uint64_t number) -> Outcome<bool> {
+    const auto made = kept_.log->read(number - 1, 1);
+    if (!made) return made.error();
+    return !made->empty() && edits::isMadeOf(edit.operation, made->front().operation);
+  };
+  if (const auto number = kept_.log->numberOf(edit.key)) {
+    const auto isSame = sameOf(*number);
+    if (!isSame) return Answer(isSame.error());
+    return *isSame ? Answer(*number) : ofAnother(*number);
   }
-  auto prepared = history_.prepare(std::move(edit.operation));
+  // In older logs a key was that of a name alone. Whose it was nobody knows: it is known again by its edit.
+  const std::string former = edit.key.substr(edit.key.find('\n') + 1);
+  if (former.find('\n') == former.npos) return {};
+  if (const auto number = kept_.log->numberOf(former))
+    if (const auto isSame = sameOf(*number); isSame && *isSame) return Answer(*number);
+  return {};
+}
+
+Edits::Answer Edits::make(const Waiting& waiting, std::vector<MadeEdit>& made) {
+  const Edit& edit = waiting.edit;
+  if (const auto answer = known(edit)) return *answer;
+  if (waiting.pay)
+    if (auto paid = waiting.pay(edit.operation); !paid) return forNow(paid.error().message);
+  auto prepared = history_.prepare(edit.operation);
   if (!prepared) return prepared.error();
-  edit.operation = std::move(*prepared);
-  const auto changed = history_.add(edit.operation);
+  const auto changed = history_.add(*prepared);
   if (!changed) return changed.error();
   changedPosts_.push_back(*changed);
-  if (!edit.key.empty()) keys_[edit.key] = history_.last();
-  made_.push_back({history_.last(), std::move(edit), edits::groundOf(*changed)});
+  made.push_back({history_.last(), {edit.key, edit.author, std::move(*prepared)}, edits::groundOf(*changed)});
   return history_.last();
 }
 
-Outcome<void> Edits::keep(std::uint64_t before, const edits::Layer& layer) {
+Outcome<void> Edits::keep(const std::vector<MadeEdit>& made, const edits::Layer& before) {
+  if (made.empty()) return {};
   if (!kept_.log && kept_.makeLog) {
-    auto made = kept_.makeLog();
-    if (!made) return made.error();
-    kept_.log = std::move(*made);
+    auto log = kept_.makeLog();
+    if (!log) return log.error();
+    kept_.log = std::move(*log);
   }
   if (!kept_.log) return {};
   const std::int64_t now =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
   std::vector<edit_log::Edit> entries;
-  for (std::uint64_t n = before; n < history_.last(); ++n) {
-    const MadeEdit& made = made_[n - begins_];
-    entries.push_back({made.number, made.edit.key, made.edit.author, now, made.edit.operation});
-  }
-  return kept_.log->append(entries, layer, *history_.layer(), changedPosts_);
+  for (const MadeEdit& m : made) entries.push_back({m.number, m.edit.key, m.edit.author, now, m.edit.operation});
+  return kept_.log->append(entries, before, *history_.layer(), changedPosts_);
 }
 
 Outcome<std::vector<MadeEdit>> Edits::list(std::uint64_t after, std::size_t most) {

@@ -1,11 +1,12 @@
 #pragma once
 // What members have done to a session's ground: takes edits in, gives them their numbers, and has the ground that follows from them.
 //
-//   ask() --> waits (kMostWaiting) --> applied by a task, all that wait together --> kept on disk, if the session has a log
+//   ask() --> waits (kMostWaiting) --> paid for and applied by a task, all that wait together --> kept on disk, if the session has a log
 //         --> everybody's ground, done(number), and the cameras are told
 //
 // An edit is acknowledged by its number, and not before it is on disk and in ground(). A session's edits are made by one task at a time:
-// those that come meanwhile share the next write. Any thread, unless said otherwise.
+// those that come meanwhile share the next write. An edit that is asked for again with its key is neither paid for nor made again: it has
+// the number that it had, or joins the one that waits. Any thread, unless said otherwise.
 
 #include <cstdint>
 #include <deque>
@@ -15,6 +16,7 @@
 #include <optional>
 #include <string>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "common/edits/history.h"
@@ -33,8 +35,8 @@ struct Ground {
 };
 
 struct Edit {
-  std::string key;     // of its author; what is asked again with its key is made once. Empty: none
-  std::string author;  // for people
+  std::string key;     // of its author, without line feeds; what is asked again with its key is made once. Empty: none
+  std::string author;  // edits::toText
   edits::Operation operation;
 };
 
@@ -46,8 +48,8 @@ struct MadeEdit {
 
 class Edits : public std::enable_shared_from_this<Edits> {
  public:
-  static constexpr std::size_t kMostWaiting = 256;
-  static constexpr std::size_t kRecent = 4096;  // edits whose areas and keys are remembered
+  static constexpr std::size_t kMostWaiting = 256, kMostWaitingOfOne = kMostWaiting / 2;  // of one client that pays
+  static constexpr std::size_t kRecent = 4096;                                            // edits whose areas and keys are remembered
   static constexpr std::size_t kMostAreas = 64;
 
   // Where edits are kept: a log, or how to make one for the first edit; neither: in memory alone.
@@ -71,10 +73,18 @@ class Edits : public std::enable_shared_from_this<Edits> {
   };
   News since(std::uint64_t edit) const;
 
-  // The edit's number, or one sentence: why it was not made; and how many posts that took. Called by the editing task, or at once when too
-  // many wait.
-  using Done = std::function<void(const Outcome<std::uint64_t>& number, std::uint64_t posts)>;
-  void ask(Edit edit, Done done);
+  // The edit's number, or one sentence: why it was not made.
+  struct Answer : Outcome<std::uint64_t> {
+    using Outcome<std::uint64_t>::result;
+    bool isForNow = false;  // refused because too much waits, or is not paid for yet: the same may be asked again
+  };
+  // `posts`: how many that took; 0 of an edit that was made before. Called by the editing task, or at once when too many wait or the key
+  // says all.
+  using Done = std::function<void(const Answer& number, std::uint64_t posts)>;
+  // Error: it is too early. Called by the editing task when it is this edit's turn; none: it costs nothing.
+  using Pay = std::function<Outcome<void>(const edits::Operation& operation)>;
+  // One edit has as many `done` as it was asked for meanwhile; whoever asks bounds that.
+  void ask(Edit edit, Done done, Pay pay = {});
 
   // The edits after a number, in order, at most `most`; called by the editing task.
   using Read = std::function<void(Outcome<std::vector<MadeEdit>> edits)>;
@@ -82,8 +92,13 @@ class Edits : public std::enable_shared_from_this<Edits> {
 
  private:
   struct Waiting {
-    Edit edit;
-    Done done;
+    Waiting(Edit e, Pay p) : edit(std::move(e)), pay(std::move(p)) {}
+    const Edit edit;  // with the whole key: the author's text, a line feed, and the author's key
+    const Pay pay;
+    std::vector<Done> done;  // of the same edit
+    // Of the editing task.
+    Answer answer{0};
+    std::uint64_t posts = 0;
   };
   struct Reading {
     std::uint64_t after = 0;
@@ -92,8 +107,10 @@ class Edits : public std::enable_shared_from_this<Edits> {
   };
   void makeAll();
   void readAll();
-  Outcome<std::uint64_t> make(Edit edit);
-  Outcome<void> keep(std::uint64_t before, const edits::Layer& layer);  // on disk, what was made after `before`
+  std::optional<Answer> atOnce(const Edit& edit, bool pays, Done& done);  // under the lock; takes `done` where it joins
+  std::optional<Answer> known(const Edit& edit);                          // from the log
+  Answer make(const Waiting& waiting, std::vector<MadeEdit>& made);
+  Outcome<void> keep(const std::vector<MadeEdit>& made, const edits::Layer& before);  // on disk
   Outcome<std::vector<MadeEdit>> list(std::uint64_t after, std::size_t most);
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
@@ -104,15 +121,16 @@ class Edits : public std::enable_shared_from_this<Edits> {
   // Of the editing task.
   Kept kept_;
   edits::History history_;
-  std::uint64_t begins_;                                 // the last edit of the log when this began
-  std::vector<MadeEdit> made_;                           // since then
-  std::vector<edits::Posts> changedPosts_;               // of the edits that are being made
-  std::unordered_map<std::string, std::uint64_t> keys_;  // of made_, to the number of the edit
+  const std::uint64_t begins_;              // the last edit of the log when this began
+  std::vector<edits::Posts> changedPosts_;  // of the edits that are being made
 
   mutable std::mutex mutex_;
   Ground ground_;
-  std::deque<lattice::Area> areas_;  // of the last edits, up to ground_.edit
-  std::vector<Waiting> waiting_;
+  std::deque<lattice::Area> areas_;                      // of the last edits, up to ground_.edit
+  std::vector<MadeEdit> made_;                           // after begins_, up to ground_.edit; the editing task alone adds to it
+  std::unordered_map<std::string, std::uint64_t> keys_;  // of made_, to the number of the edit
+  std::vector<std::shared_ptr<Waiting>> waiting_;
+  std::unordered_map<std::string, std::shared_ptr<Waiting>> open_;  // those with a key that wait or are being made
   std::vector<Reading> readings_;
 };
 

@@ -90,16 +90,21 @@ std::uint64_t Session::groundHash() const {
   return edit == 0 ? contentHash_ : lattice::mix(contentHash_ + edit) ^ nonce_;
 }
 
-Outcome<void> Session::edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Outcome<std::uint64_t>&)> done) {
-  const auto spent = budgets->spendEdit(edit.operation, resources_->timer->now());
-  if (!spent) return spent.error();
+void Session::edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Edits::Answer&)> done) {
   use();
-  edits_->ask(std::move(edit), [resources = resources_, budgets = std::move(budgets), spent = *spent, done = std::move(done)](
-                                   const Outcome<std::uint64_t>& number, std::uint64_t posts) {
-    budgets->spendRest(spent, posts, resources->timer->now());
-    done(number);
-  });
-  return {};
+  const auto spent = std::make_shared<std::uint64_t>(0);
+  edits_->ask(
+      std::move(edit),
+      [resources = resources_, budgets, spent, done = std::move(done)](const Edits::Answer& number, std::uint64_t posts) {
+        budgets->spendRest(*spent, posts, resources->timer->now());
+        done(number);
+      },
+      [resources = resources_, budgets, spent](const edits::Operation& operation) -> Outcome<void> {
+        const auto now = budgets->spendEdit(operation, resources->timer->now());
+        if (!now) return now.error();
+        *spent = *now;
+        return {};
+      });
 }
 
 Outcome<CameraPlace> Session::enter(const std::string& client) {
@@ -110,7 +115,7 @@ Outcome<CameraPlace> Session::enter(const std::string& client) {
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
-  return CameraPlace{std::move(*onServer), Place(nullptr, [members = members_](const void*) { --*members; }), budgetsOf(client)};
+  return CameraPlace{std::move(*onServer), Place(nullptr, [members = members_](const void*) { --*members; }), budgetsOf(client), client};
 }
 
 bool Session::end() {

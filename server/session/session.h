@@ -115,6 +115,7 @@ struct CameraPlace {
   std::shared_ptr<Places::Place> onServer;
   Place inSession;
   std::shared_ptr<Budgets> budgets;
+  std::string client;  // as http::Request::client; empty: nobody knows
 };
 
 // Immutable except for its members, their clock and their edits; any thread.
@@ -127,8 +128,8 @@ class Session {
   Ground ground() const { return edits_->ground(); }
   std::shared_ptr<const terrain::Terrain> terrain() const { return ground().terrain; }  // of ground()
   Edits& edits() const { return *edits_; }
-  // Asks for it, unless what these budgets pay for owes too much: one sentence. `done` as Edits::Done.
-  Outcome<void> edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Outcome<std::uint64_t>& number)> done);
+  // Asks for it; what it costs is these budgets'. `done` as Edits::Done.
+  void edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Edits::Answer& number)> done);
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
   std::uint64_t groundHash() const;                           // of world and edits: another for other ground

@@ -160,6 +160,37 @@ TEST(DurableSession, ComesBackWithItsWorldAndItsEdits) {
   EXPECT_EQ(editsOf(server.port(), "site").size(), 1u);
 }
 
+TEST(DurableSession, KnowsKeysAndAuthorsAgain) {
+  const testing_support::ScratchFolder folder;
+  const std::vector<std::string> arguments{"--state", folder / "state"};
+  const auto crater = [](int x) { return R"({"op":"crater","z":0,"radius":10,"depth":4,"x":)" + std::to_string(x) + "}"; };
+  const std::string road = R"({"op":"road","line":[[0,0],[120,40],[300,-20]],"width":8})";
+  const auto join = [](const ServerProcess& server, const std::string& name) {
+    wire::Hello hello;
+    hello.clientName = name;
+    return connection::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello, testing_support::kTimeout).value();
+  };
+  for (int round = 0; round < 2; ++round) {
+    ServerProcess server(RIDGECAST_SERVER, arguments);
+    const auto ann = join(server, "ann"), liar = join(server, "address 127.0.0.1");
+    const auto edit = [](connection::Connection& by, const std::string& operation) { return by.edit({0, "k", operation}).get(); };
+    EXPECT_EQ(edit(*ann, road).value().number, 1u);
+    EXPECT_EQ(edit(*liar, crater(0)).value().number, 2u);
+    EXPECT_EQ(bodyOf(post(server.port(), "default", crater(100), "k"))["number"], 3);
+    EXPECT_EQ(edit(*ann, road).value().number, 1u);
+    const auto another = edit(*ann, crater(0));
+    ASSERT_FALSE(another);
+    EXPECT_NE(another.error().message.find("another edit, number 1"), std::string::npos) << another.error().message;
+    EXPECT_NE(post(server.port(), "default", crater(0), "k").find(" 422 "), std::string::npos);
+    const auto kept = editsOf(server.port(), "default");
+    ASSERT_EQ(kept.size(), 3u) << "round " << round;
+    for (const Json& one : kept) EXPECT_EQ(one["author"], "address 127.0.0.1");
+    EXPECT_EQ(kept[0]["name"], "ann");
+    EXPECT_EQ(kept[1]["name"], "address 127.0.0.1");
+    EXPECT_EQ(kept[2]["name"], "");
+  }
+}
+
 TEST(DurableSession, CompactedEditsAreInTheAnswersOfThoseWhoComeLater) {
   const testing_support::ScratchFolder folder;
   const std::vector<std::string> arguments{"--state", folder / "state"};

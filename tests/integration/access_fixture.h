@@ -38,6 +38,7 @@ class AccessTest : public testing::Test {
     settings.drain = 2s;
   }
   void TearDown() override { stop(); }
+  virtual std::vector<http::Route> routes() { return {}; }  // beside the server's own
   void start() {
     stop();
     executor = std::make_unique<scheduling::Executor>(2);
@@ -48,7 +49,7 @@ class AccessTest : public testing::Test {
       return terrain::create(spec.terrain, spec.seed);
     };
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
-    auto made = net::Server::listen(settings, directory);
+    auto made = net::Server::listen(settings, directory, routes());
     ASSERT_TRUE(made) << made.error().message;
     server = std::move(*made);
   }

@@ -137,6 +137,20 @@ TEST(CWorld, ChangesTheGroundForEverybody) {
   EXPECT_EQ(rc_world_edit(a.get(), nullptr, nullptr, kWait, &number), RC_INVALID);
 }
 
+// Each slice goes on waiting for the edit, however dear it is.
+TEST(CWorld, AnEditThatIsWaitedForInSlicesIsMadeOnce) {
+  ServerProcess server(RIDGECAST_SERVER);
+  const World world = join(server.url());
+  const char* const wide = R"({"op": "level", "polygon": [[-350, -350], [350, -350], [350, 350], [-350, 350]], "height": 300})";
+  std::uint64_t number = 0;
+  for (int round = 0; round < 2; ++round) {
+    rc_status status = RC_TIMEOUT;
+    for (int k = 0; k < 100'000 && status == RC_TIMEOUT; ++k) status = rc_world_edit(world.get(), wide, "once", 0.001, &number);
+    ASSERT_EQ(status, RC_OK) << rc_message();
+    EXPECT_EQ(number, 1u);
+  }
+}
+
 TEST(CTerrain, HasTheBitsOfTheTerrainFarOutToo) {
   rc_terrain_options options{};
   options.size = sizeof options;

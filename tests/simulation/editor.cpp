@@ -22,6 +22,7 @@ void Editor::edit(lattice::Point near, const Say& say) {
   if (hasKey && random_() % 8 == 0 && open_.size() + 1 < wire::kMaxEdits) {  // twice, to be sure
     request.sent = 1;
     send(request, say);
+    if (random_() % 4 == 0) request.asked.operation = testing_support::randomOperation(random_, near);  // or another by mistake
   }
   send(std::move(request), say);
 }
@@ -54,8 +55,9 @@ void Editor::take(const wire::EditAnswer& answer) {
   wasRefused_ = answer.number == 0;
   EXPECT_NE(wasRefused_, answer.refusal.empty()) << author_;
   if (wasRefused_) {
-    static constexpr const char* kReasons[] = {"Too many or too large edits", "edits of this session wait", "There is no edit",
-                                               "is undone already", "no room on the disk"};
+    static constexpr const char* kReasons[] = {
+        "Too many or too large edits", "edits of this session wait", "of your edits wait",     "There is no edit",
+        "is undone already",           "no room on the disk",        "is that of another edit"};
     EXPECT_TRUE(std::ranges::any_of(kReasons, [&](const char* r) { return answer.refusal.find(r) != std::string::npos; }))
         << answer.refusal;
     if (sent == 1) truth_.refused(author_, asked.key);

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <utility>
 
+#include "common/edits/author.h"
 #include "common/edits/json.h"
 #include "tests/support/random_edits.h"
 
@@ -16,7 +17,7 @@ void Liar::leave() {
 
 void Liar::flood() {
   for (std::size_t n = 0; line_ && n < wire::kMaxEdits + 20; ++n)
-    line_->say(wire::Edit{n, "", edits::toJson(testing_support::randomOperation(random_, near_))});
+    line_->say(wire::Edit{100 + n, "", edits::toJson(testing_support::randomOperation(random_, near_))});
 }
 
 void Liar::lie() {
@@ -38,7 +39,7 @@ void Liar::lie() {
   });
   if (!line_) return;
   wire::Hello hello;
-  hello.clientName = "liar";
+  hello.clientName = name_ = random_() % 2 == 0 ? "member" : "";  // as members do
   hello.edits = random_() % 2 == 0;
   hello.editsAfter = random_() % 3 == 0 ? random_() : random_() % 20;
   hello.points = random_() % 2 == 0;
@@ -51,7 +52,7 @@ void Liar::lie() {
 
 void Liar::take(const wire::EditAnswer& answer) {
   EXPECT_NE(answer.number == 0, answer.refusal.empty());
-  if (answer.number != 0) truth_.acknowledged(answer.number, "liar", {});
+  if (answer.number != 0) truth_.acknowledged(answer.number, edits::toText({"liar", name_}), {});
 }
 
 // The same few ids and keys for whatever it asks.

@@ -35,6 +35,7 @@ class Liar {
   Random& random_;
   const lattice::Point near_;
   std::shared_ptr<Line> line_;
+  std::string name_;  // that it says
 };
 
 }  // namespace ridgecast::simulation

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/edits/author.h"
+
 namespace ridgecast::simulation {
 namespace {
 
@@ -21,6 +23,7 @@ std::shared_ptr<Line> Line::open(Server& server, const std::string& name, const 
   auto place = session->enter(client);
   if (!place) return nullptr;
   auto line = std::make_shared<Line>(server, name, timer, way, std::move(take));
+  line->author_ = client;
   line->camera_ = std::make_shared<session::CameraSession>(session, std::move(*place), server.directory()->nextCameraId(), line);
   server.add(line, line->camera_);
   return line;
@@ -38,18 +41,35 @@ void Line::say(const wire::ClientMessage& message) {
 }
 
 void Line::hear(wire::ClientMessage message) {
-  const bool isEdit = std::holds_alternative<wire::Edit>(message);
-  openEdits_ += isEdit;
-  sessionEdits_ += isEdit;
-  if (const auto* hello = std::get_if<wire::Hello>(&message)) isLockstep_ = hello->pacing == wire::Pacing::kLockstep;
+  const auto* const edit = std::get_if<wire::Edit>(&message);
+  const std::optional<std::uint64_t> id = edit ? std::optional(edit->id) : std::nullopt;
+  if (edit) opens(*edit);
+  if (const auto* hello = std::get_if<wire::Hello>(&message)) {
+    isLockstep_ = hello->pacing == wire::Pacing::kLockstep;
+    author_ = edits::toText({author_, hello->clientName});
+  }
   if (const auto* pose = std::get_if<wire::PoseMessage>(&message)) newestPose_ = pose->sequence;
   camera_->receive(std::move(message));
   if (failed_) {
-    sessionEdits_ -= isEdit;  // it was refused with its sender, or nobody listens
+    if (id) closes(*id);  // it was refused with its sender, or nobody listens
     return;
   }
   EXPECT_LE(openEdits_, wire::kMaxEdits + 2) << "more edits of one client are open than there may be";
-  EXPECT_LE(sessionEdits_, static_cast<std::int64_t>(session::Edits::kMostWaiting)) << "more edits wait than there may be";
+  EXPECT_LE(openEditsOfAll_.edits, static_cast<std::int64_t>(session::Edits::kMostWaiting)) << "more edits wait than there may be";
+}
+
+void Line::opens(const wire::Edit& edit) {
+  ++openEdits_;
+  const std::string key = edit.key.empty() ? "" : author_ + '\n' + edit.key;
+  keys_.emplace(edit.id, key);
+  if (key.empty() || openEditsOfAll_.keys[key]++ == 0) ++openEditsOfAll_.edits;
+}
+
+void Line::closes(std::uint64_t edit) {
+  const auto one = keys_.find(edit);
+  if (one == keys_.end()) return;
+  if (one->second.empty() || --openEditsOfAll_.keys[one->second] == 0) --openEditsOfAll_.edits;
+  keys_.erase(one);
 }
 
 void Line::leaves(const wire::ServerMessage& message) {
@@ -57,10 +77,10 @@ void Line::leaves(const wire::ServerMessage& message) {
   const auto* answer = std::get_if<wire::EditAnswer>(&message);
   if (!answer) return;
   if (answer->refusal.find("edits of this session wait") != std::string::npos) {
-    EXPECT_EQ(sessionEdits_, static_cast<std::int64_t>(session::Edits::kMostWaiting) + 1) << answer->refusal;
+    EXPECT_EQ(openEditsOfAll_.edits, static_cast<std::int64_t>(session::Edits::kMostWaiting) + 1) << answer->refusal;
   }
   --openEdits_;
-  --sessionEdits_;
+  closes(answer->id);
 }
 
 void Line::judge(const wire::Iteration& iteration) {

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -33,7 +34,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
                                     Way way, Take take);
   Line(Server& server, const std::string& session, const SimulatedTimer& timer, Way way, Take take)  // for open()
       : server_(server),
-        sessionEdits_(server.openEdits(session)),
+        openEditsOfAll_(server.openEdits(session)),
         timer_(timer),
         way_(way),
         maxQueuedBytes_(server.directory()->resources().limits.maxQueuedBytes),
@@ -55,11 +56,13 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
 
  private:
   void hear(wire::ClientMessage message);
+  void opens(const wire::Edit& edit);
+  void closes(std::uint64_t edit);  // by id
   void leaves(const wire::ServerMessage& message);
   void judge(const wire::Iteration& iteration);
 
   Server& server_;
-  std::int64_t& sessionEdits_;
+  Server::OpenEdits& openEditsOfAll_;
   const SimulatedTimer& timer_;
   const Way way_;
   const std::size_t maxQueuedBytes_;
@@ -71,7 +74,9 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave
   bool cut_ = false;
   std::optional<Time> fell_;
-  std::size_t openEdits_ = 0;  // that have arrived and have no answer
+  std::size_t openEdits_ = 0;                       // that have arrived and have no answer
+  std::multimap<std::uint64_t, std::string> keys_;  // of those, by id: whole ones, as in the log
+  std::string author_;                              // as in the log
   bool failed_ = false, isLockstep_ = false;
   std::uint64_t newestPose_ = 0;  // that has arrived
   std::uint64_t edit_ = 0;        // of the last iteration

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <utility>
 
+#include "common/edits/author.h"
 #include "server/http/map_tiles.h"
 #include "server/map/mercator.h"
 
@@ -23,7 +24,7 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
       timer_(timer),
       random_(random),
       nature_(nature),
-      editor_(name_, truth, random) {
+      editor_(edits::toText({name_, nature.hello.clientName}), truth, random) {
   camera_.pose.x = near.x + static_cast<lattice::Step>(random_() % 60'000);
   camera_.pose.z = near.z + static_cast<lattice::Step>(random_() % 60'000);
   // High up a mesh has a quarter of the leaves, and all that is judged here happens the same.

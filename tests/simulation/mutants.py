@@ -69,21 +69,33 @@ MUTANTS = [
      "  if (!replaceLeaves(step)) return false;\n"),
     # Acknowledged before it is on the disk.
     ("server/session/edits.cpp",
-     "  if (history_.last() > before) {\n    if (const auto isKept",
-     "  for (std::size_t k = 0; k < waiting.size(); ++k) waiting[k].done(numbers[k], 0);\n  waiting.clear();\n"
-     "  if (history_.last() > before) {\n    if (const auto isKept"),
+     "  if (const auto isKept = keep(made, *layer); !isKept) {\n",
+     "  for (const auto& w : waiting)\n    for (const Done& done : std::exchange(w->done, {})) done(w->answer, 0);\n"
+     "  if (const auto isKept = keep(made, *layer); !isKept) {\n"),
     ("server/edit_log/log.cpp", "PRAGMA synchronous = EXTRA", "PRAGMA synchronous = NORMAL"),
     ("server/edit_log/log.cpp",
      "if (auto begun = transaction.begin(); !begun) return begun.error();\n  std::uint64_t next = last_, sum = tilesHash_;",
      "std::uint64_t next = last_, sum = tilesHash_;"),
     # Keys.
-    ("server/session/edits.cpp", "if (!edit.key.empty()) keys_[edit.key] = history_.last();", ""),
-    ("server/session/edits.cpp", "if (const auto known = kept_.log->numberOf(edit.key)) return *known;", "{}"),
-    ("server/session/edits.cpp", "edit.key = edit.author + '\\n' + edit.key;", ""),
-    ("server/session/edits.cpp", "std::erase_if(keys_, [&](const auto& key) { return key.second == history_.last(); });", ""),
+    ("server/session/edits.cpp", "if (!m.edit.key.empty()) keys_[m.edit.key] = m.number;", "keys_[m.edit.key] = made.front().number;"),
+    ("server/session/edits.cpp", "if (const auto number = kept_.log->numberOf(edit.key)) {", "if (const std::optional<std::uint64_t> number; number) {"),
+    ("server/session/edits.cpp", "edit.key = edit.author + '\\n' + edit.key;", "{}"),
+    # Members have names in common.
+    ("server/session/edits.cpp",
+     "edit.key = edit.author + '\\n' + edit.key;",
+     "edit.key = edits::authorOf(edit.author).name + '\\n' + edit.key;"),
+    ("server/session/camera_session.cpp", "edits::toText({place_.client, conversation_.hello().clientName})", "conversation_.hello().clientName"),
+    ("server/session/edits.cpp",
+     "if (!edits::isMadeOf(edit.operation, open->second->edit.operation)) return ofAnother(0);",
+     ""),
+    ("server/session/edits.cpp", "return *isSame ? Answer(*number) : ofAnother(*number);", "return Answer(*number);"),
+    # Keys that wait.
+    ("server/session/edits.cpp", "open->second->done.push_back(std::exchange(done, nullptr));\n    return {};", "return {};"),
+    ("server/session/edits.cpp", "if (!waits->edit.key.empty()) open_[waits->edit.key] = waits;", ""),
+    ("server/session/edits.cpp", "for (const auto& w : waiting) open_.erase(w->edit.key);", "if (made.empty()) open_.clear();"),
     # Numbers and their order.
-    ("server/session/edits.cpp", "        made_.pop_back();\n", ""),
-    ("server/session/edits.cpp", "        history_.takeBack(layer);\n", "        history_.takeBack(history_.layer());\n"),
+    ("server/session/edits.cpp", "    made.clear();\n", ""),
+    ("server/session/edits.cpp", "history_.takeBack(layer);", "history_.takeBack(history_.layer());"),
     ("server/session/edits.cpp", "if (kept_.log && after < begins_) {", "if (false) {"),
     ("server/session/edits.cpp", "std::max(after, begins_) - begins_; n", "std::max(after, begins_) - begins_ + (after % 8 == 7); n"),
     ("server/session/camera_session.cpp", "told_ = message.edits.back().number;", "told_ = message.edits.front().number;"),
@@ -98,7 +110,7 @@ MUTANTS = [
     ("common/edits/operation.h", "lattice::Area{(p.x0 - 2) * kPostSteps,", "lattice::Area{p.x0 * kPostSteps,"),
     ("common/edits/history.cpp", "          changed.add(e.area);\n", "          (void)e;\n"),
     ("server/session/edits.cpp", "news.changed.back() = around(news.changed.back(), *area);", "news.changed.back() = *area;"),
-    ("server/session/edits.cpp", "areas_.push_back(made_[n - begins_].ground);", "areas_.push_back(made_.back().ground);"),
+    ("server/session/edits.cpp", "areas_.push_back(m.ground);", "areas_.push_back(made.back().ground);"),
     ("server/session/edits.cpp", "posts.empty() ? kEverywhere : edits::groundOf(posts)}", "edits::groundOf(posts)}"),
     # Whoever should follow.
     ("server/session/camera_session.cpp", "  conversation_.groundChanged();\n", ""),

@@ -40,7 +40,7 @@ Server::~Server() {
 bool Server::start() {
   executor_ = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});
   alive_ = std::make_shared<bool>(true);
-  for (auto& [session, open] : openEdits_) open = 0;
+  for (auto& [session, open] : openEdits_) open = {};
   auto resources = std::make_shared<session::Resources>();
   resources->executor = executor_.get();
   resources->makeMesh = session::pipelineMeshes();

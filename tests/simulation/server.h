@@ -58,8 +58,12 @@ class Server {
 
   void add(const std::shared_ptr<Line>& line, const std::shared_ptr<session::CameraSession>& camera);
   bool hasCameras() const;  // as objects: memory that was not given back
-  // Edits that have arrived and have no answer.
-  std::int64_t& openEdits(const std::string& session) { return openEdits_[session]; }
+  // Edits that have arrived and have no answer. Those with one key are one.
+  struct OpenEdits {
+    std::int64_t edits = 0;
+    std::map<std::string, int> keys;
+  };
+  OpenEdits& openEdits(const std::string& session) { return openEdits_[session]; }
 
  private:
   class Clock;
@@ -73,7 +77,7 @@ class Server {
   std::shared_ptr<bool> alive_;
   std::shared_ptr<session::Directory> directory_;
   bool isHeld_ = false;
-  std::map<std::string, std::int64_t> openEdits_;  // by session
+  std::map<std::string, OpenEdits> openEdits_;  // by session
   std::vector<std::weak_ptr<Line>> lines_;
   std::vector<std::weak_ptr<session::CameraSession>> cameras_;
 };

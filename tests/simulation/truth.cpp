@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "common/codec/codec.h"
+#include "common/edits/author.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
 #include "common/ground/ground.h"
@@ -26,7 +27,7 @@ namespace {
 std::string nameOf(const std::string& author, const std::string& key) { return key.empty() ? key : author + '\n' + key; }
 
 // Roads get stations and heights when they are made.
-bool isMadeOf(const edits::Operation& asked, const edits::Operation& made) {
+bool isWhatWasAsked(const edits::Operation& asked, const edits::Operation& made) {
   const auto* road = std::get_if<edits::Road>(&asked.what);
   if (!road || road->surveyed) return asked == made;
   const auto* surveyed = std::get_if<edits::Road>(&made.what);
@@ -65,6 +66,7 @@ void Truth::acknowledged(std::uint64_t number, const std::string& author, const 
   if (!isNew && asked) {
     EXPECT_EQ(nameOf(known->second.first, known->second.second ? known->second.second->key : ""), name) << "edit " << number << " is two";
     EXPECT_FALSE(name.empty()) << "edit " << number << " is two";
+    EXPECT_TRUE(!known->second.second || known->second.second->operation == asked->operation) << "edit " << number << " is two";
   }
   if (!name.empty()) {
     EXPECT_EQ(numbers_.emplace(name, number).first->second, number) << name << " was made twice";
@@ -80,6 +82,7 @@ void Truth::told(const wire::MadeEdit& made) {
   const auto [known, isNew] = told_.emplace(made.number, made);
   if (isNew) return;
   EXPECT_EQ(known->second.author, made.author) << "edit " << made.number << " is not everybody's";
+  EXPECT_EQ(known->second.name, made.name) << "edit " << made.number << " is not everybody's";
   EXPECT_EQ(known->second.operation, made.operation) << "edit " << made.number << " is not everybody's";
   lattice::Area& least = known->second.ground;  // of all that were told
   least = {std::max(least.x0, made.ground.x0), std::max(least.z0, made.ground.z0), std::min(least.x1, made.ground.x1),
@@ -232,10 +235,10 @@ void Truth::judgeEdits() const {
     EXPECT_EQ(entry.author, said.first) << "edit " << number;
     if (!said.second) continue;
     EXPECT_EQ(entry.key, nameOf(said.first, said.second->key)) << "edit " << number;
-    EXPECT_TRUE(isMadeOf(said.second->operation, entry.operation)) << "edit " << number << " is " << entry.json;
+    EXPECT_TRUE(isWhatWasAsked(said.second->operation, entry.operation)) << "edit " << number << " is " << entry.json;
   }
   for (const auto& [number, made] : told_) {
-    EXPECT_EQ(made.author, log_[number - 1].author) << "edit " << number;
+    EXPECT_EQ(edits::toText({made.author, made.name}), log_[number - 1].author) << "edit " << number;
     EXPECT_EQ(made.operation, log_[number - 1].json) << "edit " << number;
     judgeArea(made);
   }

@@ -45,7 +45,7 @@ World::World(std::uint64_t seed) : random_(seed) {
 
 void World::admit(std::uint64_t number, lattice::Point site) {
   Member::Nature nature;
-  nature.hello.clientName = "member " + std::to_string(number);
+  nature.hello.clientName = number % 2 == 0 ? "member" : "";  // who a member is, the server knows
   nature.hello.settings.threshold = 10 + static_cast<double>(random_() % 40);
   nature.hello.settings.triangleBudget = settings::kLeastBudget;
   if (random_() % 4 == 0) nature.hello.settings.bytesPerSecond = 50'000 + random_() % 100'000;
@@ -60,7 +60,7 @@ void World::admit(std::uint64_t number, lattice::Point site) {
   if (random_() % 2 == 0) nature.stateBytes = random_() % (wire::kMaxStateBytes + 1);
   if (number > 1 && random_() % 4 == 0) nature.session = kOther;
   Truth& truth = truths_.at(nature.session);
-  members_.push_back(std::make_unique<Member>(nature.hello.clientName, *server_, truth, timer_, random_, nature, site));
+  members_.push_back(std::make_unique<Member>("member " + std::to_string(number), *server_, truth, timer_, random_, nature, site));
 }
 
 void World::live(const Events& events) {

@@ -223,5 +223,33 @@ TEST(Edits, RootsAreExact) {
   }
 }
 
+TEST(Operation, IsKnownAgainByWhatBecameOfIt) {
+  const Operation road{Road{{{0, 0, 0}, {51200, 0, 0}}, false, 2048, 26, 171}, 6};
+  const Operation crater{Crater{{0, 0}, 1280, 256}, 0};
+  const Road& line = std::get<Road>(road.what);
+  const auto surveyed = [&](std::int32_t height) {
+    return Operation{survey(line, std::vector<std::int32_t>(stationsOf(line).size(), height)), road.material};
+  };
+  EXPECT_TRUE(isMadeOf(road, road));
+  EXPECT_TRUE(isMadeOf(crater, crater));
+  EXPECT_TRUE(isMadeOf(road, surveyed(300)));
+  EXPECT_TRUE(isMadeOf(road, surveyed(-7)));
+  EXPECT_TRUE(isMadeOf(surveyed(300), surveyed(300)));
+  EXPECT_FALSE(isMadeOf(surveyed(300), surveyed(-7)));
+  EXPECT_FALSE(isMadeOf(surveyed(300), road));
+  EXPECT_FALSE(isMadeOf(road, crater));
+  const auto differs = [&](const char* what, auto&& change) {
+    Operation other = road;
+    change(other, std::get<Road>(other.what));
+    EXPECT_FALSE(isMadeOf(other, surveyed(300))) << what;
+  };
+  differs("material", [](Operation& o, Road&) { o.material = 1; });
+  differs("width", [](Operation&, Road& r) { ++r.width; });
+  differs("grade", [](Operation&, Road& r) { ++r.grade; });
+  differs("slope", [](Operation&, Road& r) { ++r.slope; });
+  differs("end", [](Operation&, Road& r) { ++r.line.back().z; });
+  differs("line", [](Operation&, Road& r) { r.line.insert(r.line.begin() + 1, {25000, 9, 0}); });
+}
+
 }  // namespace
 }  // namespace ridgecast::edits

@@ -3,12 +3,17 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <filesystem>
 #include <fstream>
 #include <future>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "common/edits/author.h"
+#include "server/edit_log/log.h"
 #include "server/session/camera_session.h"
 #include "tests/support/process.h"
 #include "tests/unit/server/session/scripted.h"
@@ -157,10 +162,10 @@ TEST(Edits, AnUndoIsPaidFor) {
   const auto session = directory.find("default");
   const auto budgets = std::make_shared<Budgets>();
   const auto ask = [&](edits::Operation operation) {
-    auto promise = std::make_shared<std::promise<std::uint64_t>>();
+    auto promise = std::make_shared<std::promise<Outcome<std::uint64_t>>>();
     auto made = promise->get_future();
-    const auto asked = session->edit({"", "ann", std::move(operation)}, budgets, [promise](const auto& n) { promise->set_value(*n); });
-    return asked ? Outcome<std::uint64_t>(made.get()) : asked.error();
+    session->edit({"", "ann", std::move(operation)}, budgets, [promise](const auto& number) { promise->set_value(number); });
+    return made.get();
   };
   const edits::Operation wide{edits::Level{{{m(-200), m(-200)}, {m(-200), m(200)}, {m(200), m(200)}, {m(200), m(-200)}}, 0, 0, 256}, 0};
   const std::chrono::duration<double> cost(static_cast<double>(edits::areaOf(wide).count()) / static_cast<double>(kEditedPostsPerSecond));
@@ -169,6 +174,161 @@ TEST(Edits, AnUndoIsPaidFor) {
   const auto start = budgets->edits.free();
   while (!ask({edits::Undo{1}, 0})) std::this_thread::sleep_for(10ms);
   EXPECT_GT(budgets->edits.free() - start, 2.9 * cost) << "edits 2 to 4 were made again";
+}
+
+// A client's edits, in a session that is kept in a folder or, without one, in memory.
+struct Payer {
+  explicit Payer(const std::filesystem::path& state = {}) {
+    resources->executor = &executor;
+    resources->state = state;
+    directory = std::make_unique<Directory>(resources, flatTerrain());
+    session = directory->find("default");
+  }
+  std::future<Edits::Answer> ask(edits::Operation operation, const std::string& key = "", const edits::Author& author = kLab) {
+    auto promise = std::make_shared<std::promise<Edits::Answer>>();
+    auto future = promise->get_future();
+    session->edit({key, edits::toText(author), std::move(operation)}, budgets,
+                  [promise](const auto& number) { promise->set_value(number); });
+    return future;
+  }
+  void owe() { budgets->edits.spend(resources->timer->now(), 600 * kEditedPostsPerSecond); }
+  // Nothing is made until `go` is set.
+  void hold() {
+    const auto blocked = executor.makePool(1);
+    std::promise<void> began;
+    ASSERT_TRUE(blocked->post([&began, wait = go.get_future().share()] {
+      began.set_value();
+      wait.wait();
+    }));
+    began.get_future().wait();
+  }
+  static inline const edits::Author kLab{"token of lab", "ann"};
+  std::promise<void> go;
+  scheduling::Executor executor{1};
+  std::shared_ptr<Resources> resources = std::make_shared<Resources>();
+  std::unique_ptr<Directory> directory;
+  std::shared_ptr<Session> session;
+  std::shared_ptr<Budgets> budgets = std::make_shared<Budgets>();
+};
+
+TEST(Edits, KnownKeysAreAnsweredBeforeAnythingIsCharged) {
+  Payer payer;
+  ASSERT_EQ(payer.ask(craterAt(0), "k").get().value(), 1u);
+  payer.owe();
+  const auto paid = payer.budgets->edits.free();
+  for (int k = 0; k < 50; ++k) EXPECT_EQ(payer.ask(craterAt(0), "k").get().value(), 1u);
+  EXPECT_EQ(payer.budgets->edits.free(), paid);
+  EXPECT_EQ(payer.session->ground().edit, 1u);
+}
+
+// As a client does whose patience is shorter than a disk's.
+TEST(Edits, KeysThatWaitAreJoinedAndPaidForOnce) {
+  Payer payer;
+  payer.hold();
+  std::vector<std::future<Edits::Answer>> same, others;
+  const edits::Operation dear{edits::Raise{{0, 0}, m(256), m(1), 1}, 0};  // a quarter of a second
+  for (int k = 0; k < 50; ++k) same.push_back(payer.ask(dear, "k"));
+  for (std::size_t k = 1; k < Edits::kMostWaitingOfOne; ++k) others.push_back(payer.ask(craterAt(static_cast<double>(k))));
+  same.push_back(payer.ask(dear, "k"));  // also when there is no place left
+  const auto another = payer.ask(craterAt(0), "k").get();
+  ASSERT_FALSE(another);
+  EXPECT_NE(another.error().message.find("another edit, which waits"), std::string::npos) << another.error().message;
+  payer.go.set_value();
+  for (auto& one : same) EXPECT_EQ(one.get().value(), 1u);
+  for (auto& one : others) one.wait();
+  EXPECT_LE(payer.session->ground().edit, 1 + others.size());
+}
+
+TEST(Edits, WhatIsNotPaidForIsRefusedForNowAndNotMade) {
+  Payer payer;
+  payer.owe();
+  for (const char* const key : {"", "k"}) {
+    const auto answer = payer.ask(craterAt(0), key).get();
+    ASSERT_FALSE(answer);
+    EXPECT_TRUE(answer.isForNow);
+    EXPECT_NE(answer.error().message.find("again in"), std::string::npos) << answer.error().message;
+  }
+  EXPECT_EQ(payer.session->ground().edit, 0u);
+  payer.budgets = std::make_shared<Budgets>();
+  const auto wrong = payer.ask({edits::Undo{7}, 0}).get();
+  ASSERT_FALSE(wrong);
+  EXPECT_FALSE(wrong.isForNow);
+  EXPECT_EQ(payer.ask(craterAt(0), "k").get().value(), 1u);
+}
+
+TEST(Edits, OfOneClientTakeHalfOfThePlaces) {
+  Payer payer;
+  payer.hold();
+  std::vector<std::future<Edits::Answer>> own;
+  for (std::size_t k = 0; k < Edits::kMostWaitingOfOne; ++k)
+    own.push_back(payer.ask(craterAt(static_cast<double>(k)), "", {"token of lab", "n" + std::to_string(k)}));
+  const auto refused = payer.ask(craterAt(0)).get();
+  ASSERT_FALSE(refused);
+  EXPECT_TRUE(refused.isForNow);
+  EXPECT_NE(refused.error().message.find("of your edits"), std::string::npos) << refused.error().message;
+  auto other = payer.ask(craterAt(0), "", {"token of else", ""});
+  payer.go.set_value();
+  for (auto& one : own) one.wait();
+  other.wait();
+}
+
+TEST(Edits, AKeyBelongsToTheClientAndTheName) {
+  Payer payer;
+  const edits::Author authors[] = {{"token of lab", ""},
+                                   {"token of guest", ""},
+                                   {"token of lab", "ann"},
+                                   {"token of guest", "ann"},
+                                   {"address 192.0.2.1", ""},
+                                   {"address 192.0.2.2", ""},
+                                   {"token of guest", "token of lab"},
+                                   {"address 192.0.2.2", "address 192.0.2.1"}};
+  std::uint64_t number = 0;
+  for (const edits::Author& author : authors)
+    EXPECT_EQ(payer.ask(craterAt(0), "k", author).get().value(), ++number) << edits::toText(author);
+  number = 0;
+  for (const edits::Author& author : authors)
+    EXPECT_EQ(payer.ask(craterAt(0), "k", author).get().value(), ++number) << edits::toText(author);
+}
+
+// Made in this process or before it.
+TEST(Edits, AKeyOfAnotherEditIsRefused) {
+  const testing_support::ScratchFolder folder;
+  const edits::Operation road{edits::Road{{{0, 0, 0}, {m(40), m(9), 0}}, false, m(6), 26, 171}, 0};
+  for (const bool again : {false, true}) {
+    Payer payer(folder / "");
+    EXPECT_EQ(payer.ask(craterAt(0), "k").get().value(), 1u);
+    EXPECT_EQ(payer.ask(road, "r").get().value(), 2u);
+    const auto another = payer.ask(craterAt(5), "k").get();
+    ASSERT_FALSE(another) << "acknowledged, and not made";
+    EXPECT_FALSE(another.isForNow);
+    EXPECT_NE(another.error().message.find("another edit, number 1"), std::string::npos) << another.error().message;
+    EXPECT_FALSE(payer.ask(road, "k").get());
+    EXPECT_EQ(payer.session->ground().edit, 2u) << again;
+  }
+}
+
+// Logs from before clients were known beside their names.
+TEST(Edits, KeysOfOlderLogsAreKnownAgainByTheirEdits) {
+  const testing_support::ScratchFolder folder;
+  {
+    const auto terrain = flatTerrain();
+    auto log =
+        edit_log::Log::open(folder / "default.edits", {std::string(terrain->name()), terrain->seed(), {}, terrain::contentHash(*terrain)});
+    ASSERT_TRUE(log) << log.error().message;
+    edits::History history(terrain);
+    const auto before = history.layer();
+    const std::vector<edits::Posts> changed{history.add(craterAt(0)).value()};
+    ASSERT_TRUE((*log)->append(std::vector<edit_log::Edit>{{1, "ann\nk", "ann", 0, craterAt(0)}}, *before, *history.layer(), changed));
+  }
+  Payer payer(folder / "");
+  EXPECT_EQ(payer.ask(craterAt(0), "k").get().value(), 1u);
+  EXPECT_EQ(payer.ask(craterAt(5), "k").get().value(), 2u) << "the key may have been another ann's";
+  EXPECT_EQ(payer.ask(craterAt(0), "k", {"token of lab", "bob"}).get().value(), 3u);
+  std::promise<std::vector<MadeEdit>> read;
+  payer.session->edits().read(0, 3, [&](auto made) { read.set_value(std::move(made).value()); });
+  const auto made = read.get_future().get();
+  EXPECT_EQ(edits::authorOf(made.at(0).edit.author), (edits::Author{"ann", ""}));
+  EXPECT_EQ(edits::authorOf(made.at(1).edit.author), (edits::Author{"token of lab", "ann"}));
 }
 
 // Files kept by a ground's hash must not be another ground's.

@@ -1,0 +1,196 @@
+// Whose an edit is and what its key is worth, by tokens and addresses, over the stream and HTTP.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <future>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "client/connection/connection.h"
+#include "server/http/edits.h"
+#include "tests/integration/access_fixture.h"
+#include "tests/support/waiting.h"
+
+namespace ridgecast {
+namespace {
+
+using connection::Connection;
+using testing::HasSubstr;
+
+std::string craterAt(int x) { return R"({"op":"crater","z":0,"radius":8,"depth":2,"x":)" + std::to_string(x) + "}"; }
+// More than a client may owe: whatever is charged after it is refused.
+const std::string kDear = R"({"op":"level","polygon":[[-350,-350],[350,-350],[350,350],[-350,350]],"height":300})";
+
+class EditKeysTest : public AccessTest {
+ protected:
+  std::vector<http::Route> routes() override {
+    const auto holdsAPlace = [this](const http::Request& request) -> std::optional<http::Answer> {
+      if (request.path() != "/v1/held") return {};
+      return http::madeBy({.work = [this](const std::stop_token&) {
+        isHeld = true;
+        http::Answer again = http::plain(200, "let go");
+        if (holds) again.again = std::chrono::steady_clock::now() + 1ms;
+        return again;
+      }});
+    };
+    return {http::editsRoute(directory), holdsAPlace};
+  }
+  void startWithTokens() {
+    settings.tokens.tokens = file("tokens", lab.line + "\n" + guest.line + "\n");
+    start();
+  }
+  std::unique_ptr<Connection> join(const std::string& name, const std::string& token = "") const {
+    auto url = connection::parseUrl("ws://127.0.0.1:" + std::to_string(server->port())).value();
+    url.token = token;
+    wire::Hello hello;
+    hello.clientName = name;
+    hello.edits = true;
+    return Connection::open(url, hello, testing_support::kTimeout).value();
+  }
+  static std::uint64_t make(Connection& connection, const std::string& operation, const std::string& key) {
+    const auto answer = connection.edit({0, key, operation}).get();
+    EXPECT_TRUE(answer) << answer.error().message;
+    return answer ? answer->number : 0;
+  }
+  static std::string refusal(Connection& connection, const std::string& operation, const std::string& key) {
+    const auto answer = connection.edit({0, key, operation}).get();
+    return answer ? "made" : answer.error().message;
+  }
+  std::string post(const std::string& operation, const std::string& key = "", const std::string& token = "") const {
+    SocketClient client(server->port());
+    client.send("POST /v1/sessions/default/edits HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Type: application/json\r\n" +
+                (key.empty() ? "" : "Idempotency-Key: " + key + "\r\n") + (token.empty() ? "" : "Authorization: Bearer " + token + "\r\n") +
+                "Content-Length: " + std::to_string(operation.size()) + "\r\n\r\n" + operation);
+    return client.answer();
+  }
+  static std::string number(int n) { return "{\"number\": " + std::to_string(n) + "}"; }
+  // The budgets of this machine's clients, who owe for minutes while they are held.
+  std::shared_ptr<session::Budgets> owing() const {
+    auto budgets = directory->find("default")->budgetsOf("address 127.0.0.1");
+    budgets->edits.spend(resources->timer->now(), 600 * session::kEditedPostsPerSecond);
+    return budgets;
+  }
+  std::uint64_t last() const { return directory->find("default")->ground().edit; }
+
+  const access::NewToken lab = access::makeToken({"lab", access::Rights::all(), "", {}}),
+                         guest = access::makeToken({"guest", access::Rights::all(), "", {}});
+  std::atomic<bool> holds{true}, isHeld{false};
+};
+
+TEST_F(EditKeysTest, ANameThatImitatesGainsNothing) {
+  startWithTokens();
+  const auto liar = join("token of lab", guest.token);
+  EXPECT_EQ(make(*liar, craterAt(0), "k"), 1u);
+  EXPECT_THAT(post(craterAt(50), "k", lab.token), HasSubstr(number(2)));
+  const auto unnamed = join("", lab.token);
+  EXPECT_EQ(make(*unnamed, craterAt(50), "k"), 2u) << "of one holder, without a name, as over HTTP";
+  std::vector<wire::MadeEdit> told;
+  ASSERT_TRUE(testing_support::await([&] {
+    for (auto& edit : unnamed->takeEdits()) told.push_back(std::move(edit));
+    return told.size() >= 2;
+  }));
+  EXPECT_EQ(told[0].author, "token of guest");
+  EXPECT_EQ(told[1].author, "token of lab");
+}
+
+TEST_F(EditKeysTest, TheAuthorIsTheHolderAndTheNameStandsBesideIt) {
+  startWithTokens();
+  const auto ann = join("ann", lab.token);
+  EXPECT_EQ(make(*ann, craterAt(0), ""), 1u);
+  std::vector<wire::MadeEdit> told;
+  ASSERT_TRUE(testing_support::await([&] { return !(told = ann->takeEdits()).empty(); }));
+  EXPECT_EQ(told[0].author, "token of lab");
+  EXPECT_EQ(told[0].name, "ann");
+  EXPECT_THAT(get("/v1/sessions/default/edits", "Authorization: Bearer " + guest.token + "\r\n"),
+              HasSubstr(R"({"number": 1, "author": "token of lab", "name": "ann", "edit": )"));
+}
+
+TEST_F(EditKeysTest, DefaultNamesShareNoKeys) {
+  startWithTokens();
+  const auto one = join("", lab.token), other = join("", guest.token);
+  EXPECT_EQ(make(*one, craterAt(0), "k"), 1u);
+  EXPECT_EQ(make(*other, craterAt(50), "k"), 2u);
+  EXPECT_THAT(post(craterAt(50), "k", guest.token), HasSubstr(number(2)));
+  EXPECT_EQ(last(), 2u);
+}
+
+TEST_F(EditKeysTest, WithoutTokensAKeyIsTheAddressesAndTheNames) {
+  settings.trustedProxies = {access::Network::parse("127.0.0.1").value()};
+  start();
+  const auto from = [&](const std::string& address, const std::string& operation) {
+    SocketClient client(server->port());
+    client.send("POST /v1/sessions/default/edits HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Type: application/json\r\n" +
+                ("X-Forwarded-For: " + address) + "\r\nIdempotency-Key: k\r\nContent-Length: " + std::to_string(operation.size()) +
+                "\r\n\r\n" + operation);
+    return client.answer();
+  };
+  const auto liar = join("address 192.0.2.1");
+  EXPECT_EQ(make(*liar, craterAt(0), "k"), 1u);
+  EXPECT_THAT(from("192.0.2.1", craterAt(50)), HasSubstr(number(2)));
+  EXPECT_THAT(from("192.0.2.2", craterAt(90)), HasSubstr(number(3)));
+  EXPECT_THAT(from("192.0.2.1", craterAt(50)), HasSubstr(number(2)));
+  EXPECT_EQ(last(), 3u);
+}
+
+TEST_F(EditKeysTest, AKnownKeyWithAnotherEditIsRefused) {
+  start();
+  EXPECT_THAT(post(craterAt(0), "k"), HasSubstr(number(1)));
+  const std::string another = post(craterAt(50), "k");
+  EXPECT_THAT(another, HasSubstr(" 422 "));
+  EXPECT_THAT(another, HasSubstr("The key is that of another edit, number 1"));
+  const auto ann = join("ann");
+  EXPECT_EQ(make(*ann, craterAt(0), "k"), 2u);
+  EXPECT_THAT(refusal(*ann, craterAt(50), "k"), HasSubstr("The key is that of another edit, number 2"));
+  EXPECT_EQ(last(), 2u);
+}
+
+// As a client whose patience is shorter than an edit.
+TEST_F(EditKeysTest, AskedAgainBeforeItIsMadeIsMadeOnceAndNeverRefused) {
+  start();
+  const auto ann = join("ann");
+  std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
+  for (int k = 0; k < 20; ++k) answers.push_back(ann->edit({0, "k", kDear}));
+  for (auto& answer : answers) {
+    const auto made = answer.get();
+    ASSERT_TRUE(made) << "refused, and made: " << made.error().message;
+    EXPECT_EQ(made->number, 1u);
+  }
+  EXPECT_EQ(make(*ann, kDear, "k"), 1u);
+  EXPECT_EQ(last(), 1u);
+}
+
+TEST_F(EditKeysTest, AKnownKeyByHttpIsNotCharged) {
+  start();
+  EXPECT_THAT(post(craterAt(0), "k"), HasSubstr(number(1)));
+  const auto budgets = owing();
+  for (int k = 0; k < 5; ++k) EXPECT_THAT(post(craterAt(0), "k"), HasSubstr(number(1)));
+  EXPECT_EQ(last(), 1u);
+}
+
+// 429 means that nothing was made, of which 503 says nothing.
+TEST_F(EditKeysTest, WithoutAPlaceForTheAnswerNothingIsMade) {
+  settings.promptJobs = {1, 1};  // a client's share is one
+  start();
+  auto held = std::async(std::launch::async, [&] { return get("/v1/held"); });
+  ASSERT_TRUE(testing_support::await([&] { return isHeld.load(); }));
+  for (int k = 0; k < 5; ++k) EXPECT_THAT(post(craterAt(k), "k" + std::to_string(k)), HasSubstr(" 429 "));
+  holds = false;
+  EXPECT_THAT(held.get(), HasSubstr("let go"));
+  EXPECT_THAT(post(craterAt(90)), HasSubstr(number(1))) << "refused with 429, and made";
+  EXPECT_EQ(last(), 1u);
+}
+
+TEST_F(EditKeysTest, WhatIsNotPaidForIsRefusedWith429) {
+  start();
+  const auto budgets = owing();
+  const std::string answer = post(craterAt(0), "k");
+  EXPECT_THAT(answer, HasSubstr(" 429 "));
+  EXPECT_THAT(answer, HasSubstr("Retry-After: 1"));
+  EXPECT_THAT(answer, HasSubstr("again in"));
+  EXPECT_EQ(last(), 0u);
+}
+
+}  // namespace
+}  // namespace ridgecast
