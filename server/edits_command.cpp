@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/edits/author.h"
 #include "common/edits/json.h"
 #include "common/text/text.h"
 #include "common/user_terrain/catalogue.h"
@@ -36,8 +37,8 @@ constexpr const char* kHelp = R"(Usage: ridgecast-server edits COMMAND FILE
 Manages the log of a session's edits, FOLDER/SESSION.edits of --state FOLDER, while no server has it open.
 
   list FILE                      Print a table of the edits
-  export FILE                    Write them to standard output, one JSON object a line: number, key, author, time (microseconds since 1970)
-                                 and edit
+  export FILE                    Write them to standard output, one JSON object a line: number, key, author, name, time (microseconds
+                                 since 1970) and edit
   import FILE [FROM] [SETTINGS]  Make a new log from such lines, read from FROM or standard input; only "edit" is required
   compact FILE [SETTINGS]        Make what they changed part of the ground; they can no longer be undone
   verify FILE [SETTINGS]         Make the ground again from the edits and compare it with the cached tiles
@@ -115,6 +116,7 @@ int list(Log& log) {
   std::printf("%8s  %-19s  %-16s  %s\n", "number", "time (UTC)", "author", "edit");
   const auto printed = forEach(log, [&](const Edit& e) {
     std::string author = e.author;
+    if (const auto end = author.find('\n'); end != author.npos) author = author.substr(0, end) + " (" + author.substr(end + 1) + ")";
     std::ranges::replace_if(
         author, [](unsigned char c) { return c < 32 || c == 127; }, '?');
     std::printf("%8llu  %-19s  %-16s  %s%s\n", static_cast<unsigned long long>(e.number), timeOf(e.time).c_str(), author.c_str(),
@@ -126,8 +128,9 @@ int list(Log& log) {
 int writeOut(Log& log) {
   if (log.compacted() > 0) std::cerr << "Edits 1 to " << log.compacted() << " were compacted: these lines do not make the ground alone.\n";
   const auto written = forEach(log, [](const Edit& e) {
-    const Json line{
-        {"number", e.number}, {"key", e.key}, {"author", e.author}, {"time", e.time}, {"edit", Json::parse(edits::toJson(e.operation))}};
+    const edits::Author author = edits::authorOf(e.author);
+    const Json line{{"number", e.number},  {"key", e.key},   {"author", author.client},
+                    {"name", author.name}, {"time", e.time}, {"edit", Json::parse(edits::toJson(e.operation))}};
     std::cout << line.dump(-1, ' ', false, Json::error_handler_t::replace) << "\n";
   });
   if (!written) return refuse(1, written.error().message);
@@ -140,12 +143,15 @@ Outcome<Edit> parseLine(const std::string& line, std::uint64_t last) {
   if (!json.is_object() || !json.contains("edit")) return Error{R"(it is not a JSON object with an "edit")"};
   Edit out{last + 1, "", "", 0, {}};
   for (const auto& [name, value] : json.items()) {
-    const bool isText = name == "key" || name == "author", isNumber = name == "number" || name == "time";
+    const bool isText = name == "key" || name == "author" || name == "name", isNumber = name == "number" || name == "time";
     if (!(isText && value.is_string()) && !(isNumber && value.is_number_integer()) && name != "edit")
-      return Error{"\"" + name.substr(0, 64) + "\" is not one of number, key, author, time and edit, or has another type"};
+      return Error{"\"" + name.substr(0, 64) + "\" is not one of number, key, author, name, time and edit, or has another type"};
+    if ((name == "author" || name == "name") && !edits::isFitForAuthor(value.get<std::string>()))
+      return Error{"its \"" + name + "\" is one that no client accepts: at most " + std::to_string(edits::kMostAuthorBytes) +
+                   " bytes, no control characters"};
   }
   out.key = json.value("key", "");
-  out.author = json.value("author", "");
+  out.author = edits::toText({json.value("author", ""), json.value("name", "")});
   out.time = json.value(
       "time",
       std::int64_t{std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count()});

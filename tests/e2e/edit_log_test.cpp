@@ -94,6 +94,27 @@ TEST_F(Edits, ThatAreWrongLeaveNoLog) {
   EXPECT_EQ(edits({"import", log, write(kLines)}).code, 2);  // it exists
 }
 
+// Sessions with such authors would be told by nobody's client.
+TEST_F(Edits, OfAuthorsThatNoClientAcceptsAreNotImported) {
+  const std::string file = (folder / "b.edits").string();
+  const auto line = [](const std::string& field, const std::string& value) {
+    return R"({"edit":{"op":"crater","x":0,"z":0,"radius":2,"depth":4},")" + field + R"(":")" + value + "\"}\n";
+  };
+  for (const char* const field : {"author", "name"}) {
+    for (const std::string& value : {std::string(129, 'a'), std::string("a\\nb"), std::string("a\\u007f"), std::string("\\u0000")}) {
+      const auto refused = edits({"import", file, write(line(field, "ann") + line(field, value))});
+      EXPECT_EQ(refused.code, 1) << value;
+      EXPECT_THAT(refused.output, HasSubstr("Line 2: its \"" + std::string(field) + "\" is one that no client accepts"));
+      EXPECT_FALSE(std::filesystem::exists(file));
+    }
+  }
+  const std::string fits = line("author", std::string(128, 'a')) + line("name", std::string(128, 'b'));
+  EXPECT_EQ(edits({"import", file, write(fits)}).code, 0);
+  const auto exported = edits({"export", file}).output;
+  EXPECT_THAT(exported, HasSubstr(R"("author":")" + std::string(128, 'a') + R"(","name":"")"));
+  EXPECT_THAT(exported, HasSubstr(R"("author":"","name":")" + std::string(128, 'b') + R"(")"));
+}
+
 TEST(EditsCommand, SaysWhatItWants) {
   for (const std::vector<std::string>& bad : {std::vector<std::string>{}, {"list"}, {"list", "--quiet"}, {"list", "/nowhere/a.edits"}}) {
     const auto refused = edits(bad);
