@@ -2,10 +2,10 @@
 // Edits of a session's ground over HTTP, for scripts and people:
 //   POST   /v1/sessions/NAME/edits            an operation as JSON (common/edits/json.h); 201 {"number": N}
 //   DELETE /v1/sessions/NAME/edits/N          undoes edit N; 201 {"number": N of the undo}
-//   GET    /v1/sessions/NAME/edits?since=N    {"last": N, "edits": [{"number", "author", "name", "edit": {...}}, ...]}; &limit=M, to kMostListed
+//   GET    /v1/sessions/NAME/edits?since=N    {"last": N, "edits": [{"number", "author", "name", "edit": {...}}, ...]}; &limit=M
 // An edit that is made has its number, is kept and in everybody's ground. One that is sent again with its header Idempotency-Key by the
-// same client is made once. They need the right `edit`, the list `view`. 400 and 422: one sentence; 429: with Retry-After, and nothing was
-// made.
+// same client is made once. They need the right `edit`, the list (at most kMostListed) `view`. 400 and 422: one sentence; 429: with
+// Retry-After, and nothing was made.
 
 #include <cstddef>
 #include <memory>
