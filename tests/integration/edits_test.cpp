@@ -148,7 +148,8 @@ TEST_F(EditsTest, AreNumberedAndInEverybodysGround) {
   EXPECT_NE(b.hash(), before);
   const auto seen = b.edits(1);
   ASSERT_EQ(seen.size(), 1u);
-  EXPECT_EQ(seen[0].author, "ann");
+  EXPECT_EQ(seen[0].author, "address 127.0.0.1");
+  EXPECT_EQ(seen[0].name, "ann");
   EXPECT_EQ(seen[0].operation, craterAt(10, -80));
   EXPECT_TRUE(seen[0].ground.holds({m(10), m(-80)}));
   // Queries know it, and say so.

@@ -141,7 +141,7 @@ TEST(CWorld, ChangesTheGroundForEverybody) {
 TEST(CWorld, AnEditThatIsWaitedForInSlicesIsMadeOnce) {
   ServerProcess server(RIDGECAST_SERVER);
   const World world = join(server.url());
-  const char* const wide = R"({"op": "level", "polygon": [[-350, -350], [350, -350], [350, 350], [-350, 350]], "height": 300})";
+  const char* const wide = R"({"op": "level", "polygon": [[-325, -325], [325, -325], [325, 325], [-325, 325]], "height": 300})";
   std::uint64_t number = 0;
   for (int round = 0; round < 2; ++round) {
     rc_status status = RC_TIMEOUT;
