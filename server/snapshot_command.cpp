@@ -92,7 +92,8 @@ int takeFile(const Taking& of, snapshot::Question question, const std::filesyste
   snapshot::Snapshots snapshots(of.limits, of.threads);
   snapshot::Progress progress;
   const auto made = follow(
-      std::async(std::launch::async, [&] { return snapshots.take(*of.session, question, metadataOnly, std::stop_token(), &progress); }),
+      std::async(std::launch::async,
+                 [&] { return snapshots.take(*of.session, of.session->ground(), question, metadataOnly, std::stop_token(), &progress); }),
       [&] { return progress.text(); });
   if (!made) return refuse(1, made.error().message);
   const std::string& bytes = metadataOnly ? made->metadata : made->file;

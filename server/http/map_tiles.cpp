@@ -77,8 +77,8 @@ Answer coloursOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const
   return a;
 }
 
-std::string etagOf(const session::Session& session, const Wanted& wanted, const map::Place& at) {
-  std::string text = text::hexadecimal(session.groundHash()) + (wanted.colours ? " colours" : " heights");
+std::string etagOf(std::uint64_t ground, const Wanted& wanted, const map::Place& at) {
+  std::string text = text::hexadecimal(ground) + (wanted.colours ? " colours" : " heights");
   for (const std::uint64_t v : {std::uint64_t{kTileVersion}, static_cast<std::uint64_t>(wanted.tile->level), std::uint64_t{wanted.tile->x},
                                 std::uint64_t{wanted.tile->y}})
     text += " " + std::to_string(v);
@@ -100,16 +100,17 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
   if (!at) return openRefusal(400, at.error().message);
   if (auto lacking = lacksEdit(request.edit, *session)) return opened(std::move(*lacking));
   session->use();
-  const std::string etag = etagOf(*session, *wanted, *at);
-  Answer a = opened(madeBy({.work = [ground = session->ground(), sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours,
-                                     etag](const std::stop_token& stop) {
-    Answer made = colours ? coloursOf(*ground.terrain, sheet, stop) : heightsOf(*ground.terrain, sheet, stop);
-    if (made.status != 200) return made;
-    made = opened(std::move(made));
-    made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
-    made.etag = etag;
-    return made;
-  }}));
+  const session::Ground ground = session->ground();
+  const std::string etag = etagOf(session->hashOf(ground), *wanted, *at);
+  Answer a = opened(
+      madeBy({.work = [ground, sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours, etag](const std::stop_token& stop) {
+        Answer made = colours ? coloursOf(*ground.terrain, sheet, stop) : heightsOf(*ground.terrain, sheet, stop);
+        if (made.status != 200) return made;
+        made = opened(std::move(made));
+        made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
+        made.etag = etag;
+        return made;
+      }}));
   a.etag = etag;
   return a;
 }

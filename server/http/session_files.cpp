@@ -45,17 +45,17 @@ Answer with(Answer a, const Headers& headers) {
 
 }  // namespace
 
-Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, snapshot::Question question, bool metadataOnly,
-              const Headers& headers) {
-  const std::string etag = Snapshots::etag(*session, question, metadataOnly);
+Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
+              bool metadataOnly, const Headers& headers) {
+  const std::string etag = Snapshots::etag(*session, ground, question, metadataOnly);
   if (auto known = maker.cache->find(etag)) return with(std::move(*known), headers);
   const auto progress = std::make_shared<snapshot::Progress>();
   Later later{.progress = [progress] { return progress->text(); }};
   (std::holds_alternative<snapshot::OfTile>(question.of) ? later.isTile : later.patient) = true;
-  later.work = [maker, progress, session = std::move(session), question = std::move(question), metadataOnly, etag,
-                headers](std::stop_token stop) {
+  later.work = [maker, progress, session = std::move(session), ground = std::move(ground), question = std::move(question), metadataOnly,
+                etag, headers](std::stop_token stop) {
     if (auto known = maker.cache->find(etag)) return with(std::move(*known), headers);  // made meanwhile
-    auto made = maker.snapshots->take(*session, question, metadataOnly, stop, progress.get());
+    auto made = maker.snapshots->take(*session, ground, question, metadataOnly, stop, progress.get());
     if (!made) return answerOf(made.error());
     Answer done;
     done.type = metadataOnly ? "application/json" : typeOf(question.format);

@@ -25,8 +25,8 @@ struct Maker {
   std::shared_ptr<snapshot::Snapshots> snapshots;
   std::shared_ptr<AnswerCache> cache;
 };
-// `headers` are added to the file's.
-Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, snapshot::Question question, bool metadataOnly,
-              const Headers& headers = {});
+// Of this ground of the session, also when it is made later. `headers` are added to the file's.
+Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
+              bool metadataOnly, const Headers& headers = {});
 
 }  // namespace ridgecast::http

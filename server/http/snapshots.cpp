@@ -20,10 +20,11 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, Maker maker) 
   return sessionFileRoute(
       std::move(directory), isThere,
       [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) {
-        auto question = snapshot::parse(request.query(), maker.snapshots->limits(), session->terrain()->raster(),
+        auto ground = session->ground();
+        auto question = snapshot::parse(request.query(), maker.snapshots->limits(), ground.terrain->raster(),
                                         snapshot::formatOf(file).value_or(snapshot::Format::kGlb));
         if (!question) return openRefusal(400, question.error().message);
-        return fileOf(maker, std::move(session), std::move(*question), file == kMetadata);
+        return fileOf(maker, std::move(session), std::move(ground), std::move(*question), file == kMetadata);
       });
 }
 

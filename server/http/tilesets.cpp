@@ -78,7 +78,7 @@ Answer withToken(Answer a, const std::string& token) {
   return a;
 }
 
-Answer tilesetAnswer(const Maker& maker, const session::Session& session, const Asked& asked, std::optional<lattice::LeafAddress> square,
+Answer tilesetAnswer(const Maker& maker, const session::Ground& ground, const Asked& asked, std::optional<lattice::LeafAddress> square,
                      const std::string& content, const Headers& headers) {
   const std::string query = handedOn(asked, content);
   std::string key = "tileset " + std::to_string(kVersion) + " " + query;
@@ -95,13 +95,13 @@ Answer tilesetAnswer(const Maker& maker, const session::Session& session, const 
     return withToken(std::move(a), token);
   };
   if (auto known = maker.cache->find(etag)) return finished(std::move(*known));
-  Answer a = finished(opened(madeBy({.work = [finished, etag, square, query, where = asked.where, terrain = session.terrain(),
-                                              cache = maker.cache](const std::stop_token&) {
-    Answer made = opened(json(square ? tileset::tilesetOf(*terrain, *square, query) : tileset::rootTileset(*terrain, where, query)));
-    made.etag = etag;
-    cache->keep(made);
-    return finished(std::move(made));
-  }})));
+  Answer a = finished(opened(madeBy(
+      {.work = [finished, etag, square, query, where = asked.where, terrain = ground.terrain, cache = maker.cache](const std::stop_token&) {
+        Answer made = opened(json(square ? tileset::tilesetOf(*terrain, *square, query) : tileset::rootTileset(*terrain, where, query)));
+        made.etag = etag;
+        cache->keep(made);
+        return finished(std::move(made));
+      }})));
   a.etag = etag;
   return a;
 }
@@ -114,12 +114,13 @@ Answer respond(const Maker& maker, const Request& request, std::shared_ptr<sessi
   if (!isRoot && !square)
     return openRefusal(404, "There is no such tile: tiles are LEVEL/I/J with LEVEL 0 to " + std::to_string(tileset::kCoarsest) +
                                 "; tileset.json names those there are.");
-  const std::string content = text::hexadecimal(session->groundHash());
+  auto ground = session->ground();
+  const std::string content = text::hexadecimal(session->hashOf(ground));
   Headers headers;
   if (!isRoot && asked->content == content) headers.emplace_back("Cache-Control", "private, max-age=86400, immutable");
-  if (isTileset) return tilesetAnswer(maker, *session, *asked, isRoot ? std::nullopt : square, content, headers);
+  if (isTileset) return tilesetAnswer(maker, ground, *asked, isRoot ? std::nullopt : square, content, headers);
   asked->form.of = tileset::whole(*square);
-  return fileOf(maker, std::move(session), std::move(asked->form), false, headers);
+  return fileOf(maker, std::move(session), std::move(ground), std::move(asked->form), false, headers);
 }
 
 }  // namespace

@@ -326,14 +326,14 @@ void CameraSession::run() {
 }
 
 void CameraSession::work(const conversation::Greet&) {
-  const auto [terrain, edit] = session_->ground();
+  ground_ = session_->ground();
+  const auto& terrain = ground_.terrain;
   const wire::Hello& hello = conversation_.hello();
   const wire::Settings& granted = conversation_.granted();
   const bool shades = !session_->resources().limits.sendsTerrain && terrain->colours();
-  edit_ = edit;
   mesh_ = session_->resources().makeMesh(terrain, granted, pool_);
   encoder_ = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
-  session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, edit});
+  session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, ground_.edit});
   // Under the lock: once it has received the world, a client may send anything.
   const std::lock_guard lock(mutex_);
   conversation_.greeted();
@@ -373,6 +373,7 @@ void CameraSession::workOnCopy() {
     copies.swap(copies_);
   }
   copy_->effectiveThreshold = effectiveThreshold_;
+  copy_->ground = ground_;
   const std::shared_ptr<const MeshCopy> made = std::exchange(copy_, nullptr);
   for (const TakeCopy& done : copies) done(made);
 }
@@ -424,11 +425,11 @@ void CameraSession::work(const conversation::SendSquares& wanted) {
 }
 
 std::vector<lattice::Area> CameraSession::followGround() {
-  auto [ground, changed] = session_->edits().since(edit_);
-  if (ground.edit == edit_) return {};
-  edit_ = ground.edit;
-  mesh_->setGround(ground.terrain, changed);
-  encoder_->setTerrain(std::move(ground.terrain));
+  auto [ground, changed] = session_->edits().since(ground_.edit);
+  if (ground.edit == ground_.edit) return {};
+  ground_ = std::move(ground);
+  mesh_->setGround(ground_.terrain, changed);
+  encoder_->setTerrain(ground_.terrain);
   return std::move(changed);
 }
 
@@ -442,7 +443,7 @@ void CameraSession::work(const conversation::Iterate& order) {
   if (order.insertions) mesh_->setInsertionLimit(*order.insertions);
   std::vector<lattice::Area> changed = followGround();
   wire::Iteration iteration;
-  iteration.edit = edit_;
+  iteration.edit = ground_.edit;
   iteration.figures = mesh_->iterate(order.pose.camera);
   figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
   iteration.poseSequence = order.pose.sequence;
@@ -456,8 +457,8 @@ void CameraSession::work(const conversation::Iterate& order) {
     candidates = conversation_.granted().candidates;
   }
   if (session_->observer())
-    session_->note(recording::Iterated{id_, order.granted, iteration.figures.insertionLimit, edit_, std::move(changed), order.pose.sequence,
-                                       order.pose.camera, iteration.settled,
+    session_->note(recording::Iterated{id_, order.granted, iteration.figures.insertionLimit, ground_.edit, std::move(changed),
+                                       order.pose.sequence, order.pose.camera, iteration.settled,
                                        changes ? changes->meshHash : recording::hashOf(mesh_->leaves())});
   if (!changes) return figures.iterated(iteration.figures);
   const auto start = std::chrono::steady_clock::now();

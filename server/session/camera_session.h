@@ -93,7 +93,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   std::unique_ptr<IteratingMesh> mesh_;
   std::unique_ptr<encoding::Encoder> encoder_;
   double effectiveThreshold_ = 0;
-  std::uint64_t edit_ = 0;          // the last that the mesh knows
+  Ground ground_;                   // that the mesh knows
   std::shared_ptr<MeshCopy> copy_;  // being made
 };
 

@@ -10,6 +10,7 @@
 
 #include "common/mesh/leaf_mesh.h"
 #include "common/wire/messages.h"
+#include "server/session/edits.h"
 
 namespace ridgecast::session {
 
@@ -18,6 +19,7 @@ class CameraSession;
 // A camera's mesh after one of its iterations: what its client holds once it has applied that iteration.
 struct MeshCopy {
   std::uint64_t iteration = 0, meshHash = 0;
+  Ground ground;  // of which it is a mesh
   camera::Camera camera;
   wire::Settings settings;  // as granted
   double effectiveThreshold = 0;

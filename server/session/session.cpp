@@ -85,9 +85,8 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
               observer->note(resources->timer->now(), recording::Edited{made.number, made.edit.author, edits::toJson(made.edit.operation)});
           })) {}
 
-std::uint64_t Session::groundHash() const {
-  const std::uint64_t edit = ground().edit;
-  return edit == 0 ? contentHash_ : lattice::mix(contentHash_ + edit) ^ nonce_;
+std::uint64_t Session::hashOf(const Ground& ground) const {
+  return ground.edit == 0 ? contentHash_ : lattice::mix(contentHash_ + ground.edit) ^ nonce_;
 }
 
 void Session::edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Edits::Answer&)> done) {

@@ -132,7 +132,7 @@ class Session {
   void edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Edits::Answer& number)> done);
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
-  std::uint64_t groundHash() const;                           // of world and edits: another for other ground
+  std::uint64_t hashOf(const Ground& ground) const;           // of world and edits: another for other ground
   const Resources& resources() const { return *resources_; }
   std::uint32_t members() const { return *members_ & ~kEnded; }
   Presence& presence() const { return *presence_; }

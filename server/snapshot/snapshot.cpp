@@ -101,7 +101,7 @@ std::vector<mesh::LeafMesh> joined(std::vector<mesh::LeafMesh> leaves) {
   return leaves;
 }
 
-Result<Made> ofCamera(const session::Session& session, const session::Ground& ground, const OfCamera& of, const Watch& watch) {
+Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const Watch& watch) {
   const Problem none{Problem::Kind::kNotThere,
                      "Session '" + session.name() + "' has no camera " + std::to_string(of.id) +
                          " that holds a mesh; a client learns the number of its camera from the world it is sent."};
@@ -133,7 +133,7 @@ Result<Made> ofCamera(const session::Session& session, const session::Ground& gr
   out.extras = {
       {"of", "camera"},
       {"camera", {{"id", of.id}, {"iteration", held.iteration}, {"meshHash", text::hexadecimal(held.meshHash)}}},
-      {"pose", describe(held.camera, *ground.terrain)},
+      {"pose", describe(held.camera, *held.ground.terrain)},
       {"error",
        {{"unit", settings::traits(held.settings.metric).name}, {"asked", held.settings.threshold}, {"kept", held.effectiveThreshold}}}};
   return out;
@@ -318,8 +318,8 @@ std::string Progress::text() const {
 Snapshots::Snapshots(const Limits& limits, unsigned threads, const scheduling::Executor* cameras)
     : limits_(limits), executor_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), cameras, limits.share) {}
 
-Result<Snapshot> Snapshots::take(const session::Session& session, const Question& question, bool metadataOnly, std::stop_token stop,
-                                 Progress* progress) {
+Result<Snapshot> Snapshots::take(const session::Session& session, session::Ground ground, const Question& question, bool metadataOnly,
+                                 std::stop_token stop, Progress* progress) {
   const auto start = std::chrono::steady_clock::now();
   const Watch watch{stop,
                     start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(limits_.seconds)),
@@ -328,10 +328,9 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
     if (progress) progress->stage = stage;
   };
   const auto pool = executor_.makePool(executor_.threads());
-  const session::Ground ground = session.ground();
   Result<Made> made = Problem{};
   if (const auto* camera = std::get_if<OfCamera>(&question.of))
-    made = ofCamera(session, ground, *camera, watch);
+    made = ofCamera(session, *camera, watch);
   else if (const auto* pose = std::get_if<OfPose>(&question.of))
     made = ofPose(ground, *pose, limits_, pool, watch);
   else if (const auto* box = std::get_if<OfBox>(&question.of))
@@ -339,6 +338,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   else
     made = ofTile(ground, std::get<OfTile>(question.of), limits_, pool, watch);
   if (!made) return made.error();
+  if (made->held) ground = made->held->ground;
 
   const terrain::Terrain& terrain = *ground.terrain;
   gltf::Document document;
@@ -385,9 +385,9 @@ Result<Snapshot> Snapshots::take(const session::Session& session, const Question
   return out;
 }
 
-std::string Snapshots::etag(const session::Session& session, const Question& question, bool metadataOnly) {
+std::string Snapshots::etag(const session::Session& session, const session::Ground& ground, const Question& question, bool metadataOnly) {
   if (std::holds_alternative<OfCamera>(question.of)) return {};
-  std::uint64_t first = lattice::mix(session.groundHash() ^ kVersion), second = lattice::mix(first);
+  std::uint64_t first = lattice::mix(session.hashOf(ground) ^ kVersion), second = lattice::mix(first);
   const std::string text = canonical(question);
   for (const std::string_view part : {std::string_view(session.name()), std::string_view(RIDGECAST_VERSION), std::string_view(text),
                                       std::string_view(metadataOnly ? "json" : "glb")}) {

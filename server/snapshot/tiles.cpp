@@ -75,14 +75,15 @@ class Making {
   Making(Snapshots& snapshots, const session::Session& session, const Question& question, const Put& put)
       : snapshots_(snapshots),
         session_(session),
+        ground_(session.ground()),
         question_(question),
         box_(std::get<OfBox>(question.of)),
-        levels_(box_, session.terrain()->raster()),
+        levels_(box_, ground_.terrain->raster()),
         put_(put) {}
 
   Result<std::uint32_t> run(unsigned threads, const std::stop_token& stop, TilesProgress* progress) {
     const std::uint64_t all = levels_.tiles(box_);
-    if (all > kMostTiles) return tooMany(box_, session_.terrain()->raster(), all);
+    if (all > kMostTiles) return tooMany(box_, ground_.terrain->raster(), all);
     std::vector<LeafAddress> squares;
     for (int level = levels_.coarsest; level >= levels_.finest; --level)
       Squares(box_, level).forEach([&](LeafAddress square) { squares.push_back(square); });
@@ -112,7 +113,7 @@ class Making {
     of.box.high = {std::min(of.box.high.x, box_.high.x), std::min(of.box.high.z, box_.high.z)};
     of.box.error = std::ldexp(box_.error, square.level - levels_.finest);
     question.of = of;
-    auto made = snapshots_.take(session_, question, false, stop);
+    auto made = snapshots_.take(session_, ground_, question, false, stop);
     if (!made) return fail(made.error());
     if (!put(nameOf(square, ".glb"), made->file)) return;
     const std::lock_guard lock(mutex_);
@@ -146,7 +147,7 @@ class Making {
                           {"error", {{"unit", "metres"}, {"asked", box_.error}}},
                           {"origin", {{"x", metres(root.origin.x)}, {"z", metres(root.origin.z)}}},
                           {"tiles", known_.size()}};
-    describeWorld(session_, session_.ground(), root.origin, extras);
+    describeWorld(session_, ground_, root.origin, extras);
     root.extras = extras.dump();
     const auto known = extras.find("georeference");
     if (question_.at)
@@ -172,6 +173,7 @@ class Making {
 
   Snapshots& snapshots_;
   const session::Session& session_;
+  const session::Ground ground_;  // of all tiles
   const Question& question_;
   const box::Box box_;
   const Levels levels_;

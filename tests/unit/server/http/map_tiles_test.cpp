@@ -4,13 +4,16 @@
 #include <gtest/gtest.h>
 #include <png.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
 #include <sstream>
+#include <thread>
 
 #include "server/http/queries.h"
 #include "server/http/request_filter.h"
+#include "tests/support/edit.h"
 
 namespace ridgecast::http {
 namespace {
@@ -101,6 +104,36 @@ TEST_F(MapTilesTest, AnswersMayBeKeptAndReadByAnyPage) {
   std::stop_source stopped;
   stopped.request_stop();
   for (const auto& one : {a, colours}) EXPECT_EQ(one->later->work(stopped.get_token()).status, 503u);
+}
+
+// Work waits in a queue; the ground may change meanwhile.
+TEST_F(MapTilesTest, AreOfTheGroundThatTheirETagNames) {
+  constexpr char kHere[] = "/v1/sessions/default/heights/20/524288/524287.png?at=0,0";
+  const auto session = directory->find("default");
+  const std::string unedited = ask(kHere)->later->work({}).body;
+  const auto before = ask(kHere);
+  testing_support::makeCrater(*session, 10, -10, 8, 4);
+  const Answer made = before->later->work({});
+  EXPECT_TRUE(made.body == unedited);
+  EXPECT_EQ(made.etag, before->etag);
+  EXPECT_THAT(made.headers, testing::Contains(std::pair<std::string, std::string>("Ridgecast-Edit", "0")));
+  EXPECT_NE(ask(kHere)->etag, before->etag);
+  EXPECT_TRUE(ask(kHere)->later->work({}).body != unedited);
+  // Also in the midst of an edit: of all answers with one ETag, the first and the last are of one ground.
+  std::jthread editor([&](const std::stop_token& stop) {
+    while (!stop.stop_requested()) testing_support::makeCrater(*session, 10, -10, 1, 0.5);
+  });
+  const auto editOf = [](const Answer& answer) {
+    const Answer tile = answer.later->work({});
+    const auto edit = std::ranges::find(tile.headers, "Ridgecast-Edit", [](const auto& header) { return header.first; });
+    return edit == tile.headers.end() ? "none" : edit->second;
+  };
+  for (int changes = 0; changes < 20; ++changes) {
+    const auto first = ask(kHere);
+    auto last = first;
+    for (auto next = first; next->etag == first->etag; next = ask(kHere)) last = next;
+    ASSERT_EQ(editOf(*first), editOf(*last)) << "one ETag, two grounds";
+  }
 }
 
 TEST_F(MapTilesTest, RefusesTheRestInPlainWords) {

@@ -5,6 +5,7 @@
 
 #include "server/http/queries.h"
 #include "server/http/request_filter.h"
+#include "tests/support/edit.h"
 
 namespace ridgecast::http {
 namespace {
@@ -14,12 +15,10 @@ using testing::HasSubstr;
 class SnapshotRouteTest : public testing::Test {
  protected:
   SnapshotRouteTest() {
-    auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
-    route = snapshotRoute(directory, {std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000}, 1),
-                                      std::make_shared<AnswerCache>(1 << 20)});
+    route = snapshotRoute(directory, maker);
   }
   std::optional<Answer> ask(std::string_view target, std::string_view method = "GET") {
     Request request;
@@ -33,6 +32,8 @@ class SnapshotRouteTest : public testing::Test {
     return {};
   }
   scheduling::Executor executor{1};
+  std::shared_ptr<session::Resources> resources = std::make_shared<session::Resources>();
+  Maker maker{std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000}, 1), std::make_shared<AnswerCache>(4 << 20)};
   std::shared_ptr<session::Directory> directory;
   Route route;
 };
@@ -73,6 +74,34 @@ TEST_F(SnapshotRouteTest, AGoodQuestionIsWorkWithAnETag) {
   EXPECT_EQ(header(made, "Access-Control-Allow-Origin"), "*");
   EXPECT_FALSE(ask(kBox, "HEAD")->later);  // from now on it is there
   EXPECT_EQ(ask(kBox, "HEAD")->body, made.body);
+}
+
+// Work waits in a queue; the ground may change meanwhile.
+TEST_F(SnapshotRouteTest, AreOfTheGroundThatTheirETagNames) {
+  for (const char* file : {"snapshot.glb?x0=0&z0=0&x1=40&z1=40&error=0.5", "snapshot.json?x0=0&z0=0&x1=40&z1=40&error=0.5",
+                           "snapshot.ply?x=20&z=20&altitude=30&yaw=0&pitch=-80&threshold=4"}) {
+    const std::string target = std::string("/v1/sessions/default/") + file;
+    const auto makeAnew = [&] {  // a session of that name and world, which nobody has edited
+      directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+      route = snapshotRoute(directory, maker);
+    };
+    makeAnew();
+    const auto before = ask(target);
+    testing_support::makeCrater(*directory->find("default"), 20, 20, 12, 4);
+    const auto after = ask(target);
+    ASSERT_TRUE(before->later && after->later);
+    EXPECT_NE(before->etag, after->etag) << file;
+    const Answer unedited = before->later->work({}), edited = after->later->work({});
+    EXPECT_EQ(unedited.etag, before->etag);
+    EXPECT_EQ(edited.etag, after->etag);
+    makeAnew();
+    EXPECT_EQ(ask(target)->etag, before->etag);
+    EXPECT_TRUE(ask(target)->body == unedited.body) << "kept";
+    maker.cache = std::make_shared<AnswerCache>(4 << 20);
+    makeAnew();
+    EXPECT_TRUE(ask(target)->later->work({}).body == unedited.body) << file;
+    EXPECT_TRUE(edited.body != unedited.body) << file;
+  }
 }
 
 TEST_F(SnapshotRouteTest, RefusesTheRestInPlainWords) {

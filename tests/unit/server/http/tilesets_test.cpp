@@ -7,6 +7,7 @@
 
 #include "server/http/request_filter.h"
 #include "server/http/snapshots.h"
+#include "tests/support/edit.h"
 
 namespace ridgecast::http {
 namespace {
@@ -17,9 +18,12 @@ using Json = nlohmann::json;
 class TilesetRouteTest : public testing::Test {
  protected:
   TilesetRouteTest() {
-    auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
+    makeAnew();
+  }
+  // A session of that name and world, which nobody has edited.
+  void makeAnew() {
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
     route = tilesetRoute(directory, maker);
   }
@@ -37,6 +41,7 @@ class TilesetRouteTest : public testing::Test {
     return {};
   }
   scheduling::Executor executor{1};
+  std::shared_ptr<session::Resources> resources = std::make_shared<session::Resources>();
   Maker maker{std::make_shared<snapshot::Snapshots>(snapshot::Limits{}, 1), std::make_shared<AnswerCache>(4 << 20)};
   std::shared_ptr<session::Directory> directory;
   Route route;
@@ -89,6 +94,32 @@ TEST_F(TilesetRouteTest, WhatWasMadeIsAnsweredAtOnce) {
   const Route snapshots = snapshotRoute(directory, maker);
   const Answer box = snapshots(request)->later->work({});
   EXPECT_EQ(snapshots(request)->body, box.body);
+}
+
+// Work waits in a queue; the ground may change meanwhile.
+TEST_F(TilesetRouteTest, AreOfTheGroundThatTheirETagNames) {
+  for (const char* name : {"tileset.json", "4/0/0.json", "0/0/0.glb", "3/0/0.glb"}) {
+    const std::string file = name;
+    makeAnew();
+    const std::string root = made(ask("tileset.json")).body, content = root.substr(root.find("content=") + 8, 16);
+    const auto before = ask(file + "?content=" + content);
+    testing_support::makeCrater(*directory->find("default"), 16, 16, 12, 4);
+    const auto after = ask(file);
+    const Answer unedited = made(before), edited = made(after);
+    EXPECT_NE(before->etag, after->etag) << file;
+    EXPECT_EQ(unedited.etag, before->etag);
+    EXPECT_EQ(edited.etag, after->etag);
+    EXPECT_EQ(header(made(ask(file + "?content=" + content)), "Cache-Control"), "") << file;
+    if (file.ends_with(".json")) {
+      EXPECT_THAT(unedited.body, HasSubstr("content=" + content));
+    }
+    makeAnew();
+    EXPECT_TRUE(made(ask(file)).body == unedited.body) << "kept";
+    maker.cache = std::make_shared<AnswerCache>(4 << 20);
+    makeAnew();
+    EXPECT_TRUE(made(ask(file)).body == unedited.body) << file;
+    EXPECT_TRUE(edited.body != unedited.body) << file;
+  }
 }
 
 TEST_F(TilesetRouteTest, RefusesTheRestInPlainWords) {

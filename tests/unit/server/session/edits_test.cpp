@@ -339,13 +339,13 @@ TEST(Edits, AreAnotherGroundInTheNextSessionOfThatName) {
   const auto hashAfter = [&](double x) {
     Directory directory(resources, flatTerrain());
     const auto session = directory.find("default");
-    const std::uint64_t before = session->groundHash();
+    const std::uint64_t before = session->hashOf(session->ground());
     std::promise<void> made;
     session->edits().ask({"", "ann", craterAt(x)}, [&](const Outcome<std::uint64_t>&, std::uint64_t) { made.set_value(); });
     made.get_future().wait();
-    EXPECT_NE(session->groundHash(), before);
-    EXPECT_EQ(session->groundHash(), session->groundHash());
-    return std::pair(before, session->groundHash());
+    EXPECT_NE(session->hashOf(session->ground()), before);
+    EXPECT_EQ(session->hashOf(session->ground()), session->hashOf(session->ground()));
+    return std::pair(before, session->hashOf(session->ground()));
   };
   const auto first = hashAfter(0), second = hashAfter(50);
   EXPECT_EQ(first.first, second.first);

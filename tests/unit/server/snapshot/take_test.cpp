@@ -2,13 +2,16 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <future>
 #include <map>
 #include <set>
 #include <sstream>
 #include <thread>
 #include <tuple>
 
+#include "server/session/camera_session.h"
 #include "server/snapshot/snapshot.h"
+#include "tests/support/edit.h"
 #include "tests/support/glb_file.h"
 #include "tests/support/mesh_check.h"
 
@@ -32,7 +35,7 @@ class TakeTest : public testing::Test {
     return *q;
   }
   Result<Snapshot> take(const std::string& query, bool metadataOnly = false, std::stop_token stop = {}) {
-    return snapshots.take(*session, question(query), metadataOnly, stop);
+    return snapshots.take(*session, session->ground(), question(query), metadataOnly, stop);
   }
 
   scheduling::Executor executor{1};
@@ -169,7 +172,7 @@ TEST_F(TakeTest, OtherFilesHoldTheSameTriangles) {
     for (const auto& v : leaf.mesh.vertices) places.insert({leaf.mesh.address.x() + v.x, leaf.mesh.address.z() + v.z});
   auto asked = question(box);
   asked.format = Format::kObj;
-  const auto obj = snapshots.take(*session, asked, false, {});
+  const auto obj = snapshots.take(*session, session->ground(), asked, false, {});
   ASSERT_TRUE(obj);
   EXPECT_EQ(obj->name, "ridgecast-alpine-box.obj");
   std::istringstream lines(obj->file);
@@ -191,7 +194,7 @@ TEST_F(TakeTest, OtherFilesHoldTheSameTriangles) {
   EXPECT_EQ(normals, vertices);
   EXPECT_EQ(faces, glb.triangles());
   asked.format = Format::kPly;
-  const auto ply = snapshots.take(*session, asked, false, {});
+  const auto ply = snapshots.take(*session, session->ground(), asked, false, {});
   ASSERT_TRUE(ply);
   const auto end = ply->file.find("end_header\n") + 11;
   EXPECT_THAT(ply->file.substr(0, end), testing::AllOf(HasSubstr("element vertex " + std::to_string(vertices) + "\n"),
@@ -203,12 +206,12 @@ TEST_F(TakeTest, WhatCannotBeSaysWhy) {
   EXPECT_EQ(take("camera=9").error().kind, Problem::Kind::kNotThere);
   EXPECT_THAT(take("camera=9").error().message, HasSubstr("no camera 9"));
   Snapshots small({.triangles = 20'000}, 1);
-  const auto refused = small.take(*session, question("x=0&z=0&altitude=80&yaw=45&pitch=-5&threshold=0.5"), false, {});
+  const auto refused = small.take(*session, session->ground(), question("x=0&z=0&altitude=80&yaw=45&pitch=-5&threshold=0.5"), false, {});
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().kind, Problem::Kind::kTooMuch);
   EXPECT_THAT(refused.error().message, testing::AllOf(HasSubstr("20000 triangles"), HasSubstr("a threshold of")));
   Snapshots hasty({.seconds = 0.05}, 1);
-  EXPECT_EQ(hasty.take(*session, question("x=0&z=0&altitude=80&yaw=45&pitch=-5&threshold=0.1"), false, {}).error().kind,
+  EXPECT_EQ(hasty.take(*session, session->ground(), question("x=0&z=0&altitude=80&yaw=45&pitch=-5&threshold=0.1"), false, {}).error().kind,
             Problem::Kind::kTooSlow);
   std::stop_source source;
   std::thread later([&] {
@@ -219,17 +222,54 @@ TEST_F(TakeTest, WhatCannotBeSaysWhy) {
   later.join();
 }
 
+// Hears of the first iteration.
+class Listener final : public session::Sender {
+ public:
+  void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
+    if (std::holds_alternative<wire::World>(message)) world.set_value();
+    if (const auto* iteration = std::get_if<wire::Iteration>(&message); iteration && iteration->number == 1) first.set_value();
+  }
+  std::size_t queuedBytes() const override { return 0; }
+  void fail(wire::ErrorMessage message) override { ADD_FAILURE() << message.message; }
+  std::promise<void> world, first;
+};
+
+// In lock-step a mesh knows no edit before its next pose.
+TEST_F(TakeTest, ALiveCamerasSnapshotIsOfItsMeshsGround) {
+  const auto listener = std::make_shared<Listener>();
+  const auto camera = std::make_shared<session::CameraSession>(session, std::move(*session->enter()), directory->nextCameraId(), listener);
+  wire::Hello hello;
+  hello.pacing = wire::Pacing::kLockstep;
+  hello.settings.threshold = 8;
+  camera->receive(hello);
+  listener->world.get_future().wait();
+  wire::PoseMessage pose;
+  pose.sequence = 1;
+  pose.camera.pose.y = session->terrain()->height({0, 0}) + 60;
+  pose.camera.pose.pitch = -1;
+  camera->receive(pose);
+  listener->first.get_future().wait();
+  const auto before = take("camera=1");
+  testing_support::makeCrater(*session, 0, 0, 20, 6);
+  const auto after = take("camera=1");
+  camera->close();
+  ASSERT_TRUE(before && after);
+  EXPECT_EQ(after->metadata, before->metadata);
+  EXPECT_TRUE(after->file == before->file) << "colours, normals and pose are of another ground than the mesh";
+}
+
 TEST_F(TakeTest, ETagsTellQuestionsAndWorldsApart) {
-  const std::string tag = Snapshots::etag(*session, question(kPose), false);
+  const std::string tag = Snapshots::etag(*session, session->ground(), question(kPose), false);
   EXPECT_EQ(tag.size(), 32u);
-  EXPECT_EQ(tag, Snapshots::etag(*session, question(kPose), false));
-  EXPECT_NE(tag, Snapshots::etag(*session, question(kPose), true));
-  EXPECT_NE(tag, Snapshots::etag(*session, question(std::string(kPose) + "&compression=draco"), false));
+  EXPECT_EQ(tag, Snapshots::etag(*session, session->ground(), question(kPose), false));
+  EXPECT_NE(tag, Snapshots::etag(*session, session->ground(), question(kPose), true));
+  EXPECT_NE(tag, Snapshots::etag(*session, session->ground(), question(std::string(kPose) + "&compression=draco"), false));
   auto resources = std::make_shared<session::Resources>();
   resources->executor = &executor;
   session::Directory other(resources, terrain::create("alpine", 4).value());
-  EXPECT_NE(tag, Snapshots::etag(*other.find("default"), question(kPose), false));
-  EXPECT_EQ(Snapshots::etag(*session, question("camera=1"), false), "");
+  const auto others = other.find("default");
+  EXPECT_NE(tag, Snapshots::etag(*others, others->ground(), question(kPose), false));
+  EXPECT_EQ(Snapshots::etag(*session, session->ground(), question("camera=1"), false), "");
 }
 
 // A map of bumps, 200 x 100 samples 10 m apart, its middle at easting 500,000 and northing 4,600,000.
@@ -274,7 +314,7 @@ TEST_F(TakeTest, AWholeMapInPartsHasNoCracksAndSaysWhereItLies) {
   const auto question = parse("box=all&error=0.5&origin=world", inParts.limits(), map.get());
   ASSERT_TRUE(question);
   Progress progress;
-  const auto made = inParts.take(*session, *question, false, {}, &progress);
+  const auto made = inParts.take(*session, session->ground(), *question, false, {}, &progress);
   ASSERT_TRUE(made) << made.error().message;
   EXPECT_GT(progress.parts, 10u);
   EXPECT_EQ(progress.part, progress.parts);

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "common/terrain/raster.h"
+#include "tests/support/edit.h"
 #include "tests/support/glb_file.h"
 
 namespace ridgecast::snapshot {
@@ -69,6 +70,7 @@ class TilesTest : public testing::Test {
       const std::lock_guard lock(mutex);
       if (files_.size() >= room_) return false;
       EXPECT_FALSE(files_.contains("tileset.json")) << name << " comes after the end";
+      if (files_.empty() && edits_) testing_support::makeCrater(*session_, 300, 300, 100, 30);
       return files_.emplace(name, bytes).second;
     };
     return makeTiles(snapshots_, *session_, *question, threads, put, {}, &progress_);
@@ -175,6 +177,7 @@ class TilesTest : public testing::Test {
   std::shared_ptr<session::Session> session_;
   TilesProgress progress_;
   Files files_;
+  bool edits_ = false;  // once the first file is there
   std::size_t room_ = 100'000;
   Json origin_;
   std::set<std::string> seen_;
@@ -209,13 +212,24 @@ TEST_F(TilesTest, AreThoseOfAServerWhereTheBoxDoesNotCutThem) {
   for (const lattice::LeafAddress square : {lattice::LeafAddress{3, 3, 1}, {4, 0, 0}}) {
     Question question;
     question.of = tileset::whole(square);
-    const auto tile = snapshots_.take(*session_, question, false, {});
+    const auto tile = snapshots_.take(*session_, session_->ground(), question, false, {});
     ASSERT_TRUE(tile);
     EXPECT_EQ(files.at(std::to_string(square.level) + "/" + std::to_string(square.i) + "/" + std::to_string(square.j) + ".glb"),
               tile->file);
   }
   ASSERT_TRUE(make(terrain_, "x0=0&z0=0&x1=1100&z1=600&error=3.2", 5));
   EXPECT_EQ(files_, files) << "threads change nothing";
+}
+
+TEST_F(TilesTest, AreOfOneGroundWhateverIsEditedMeanwhile) {
+  const auto alpine = terrain::create("alpine", 3).value();
+  const std::string box = "x0=0&z0=0&x1=600&z1=600&error=1.6";
+  ASSERT_TRUE(make(alpine, box));
+  const Files files = files_;
+  edits_ = true;
+  ASSERT_TRUE(make(alpine, box));
+  EXPECT_EQ(session_->ground().edit, 1u);
+  EXPECT_TRUE(files_ == files);
 }
 
 TEST_F(TilesTest, OfAMapAreAtLeast64SamplesWideAndEndWithIt) {
