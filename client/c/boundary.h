@@ -24,7 +24,6 @@
 
 struct rc_terrain {
   ridgecast::query::Ground ground;
-  std::uint64_t hash = 0;
   rc_world* world = nullptr;  // that it belongs to
   bool isAsked() const { return ground.source() == ridgecast::query::Ground::Source::kServer; }
 };

@@ -71,7 +71,8 @@ typedef struct rc_terrain_options {
    .asc .hgt .r16 .raw). `options` may be null. */
 rc_status rc_terrain_open(const char* name, const rc_terrain_options* options, rc_terrain** out);
 void rc_terrain_close(rc_terrain* terrain); /* null: does nothing */
-/* Equal for equal ground, on every machine. */
+/* Equal for equal ground, on every machine. Of a world that was edited: of its terrain and its edits, undone ones included, so that ground
+   that other edits have made equal has another hash. Waits for the edits that this member must know, as heights do. */
 uint64_t rc_terrain_hash(const rc_terrain* terrain);
 
 /* Places are pairs x, z. About 20 ns a height, on one thread. */
@@ -109,7 +110,8 @@ void rc_standing_close(rc_standing* standing); /* null: does nothing */
 /* Call once a step: where all bodies (up to 100,000) are, as pairs x, z, in the same order each time. Never waits for heights: a background
    thread makes the ground ahead of the bodies, the nearest first; slowly where it has to ask a server. */
 rc_status rc_standing_move(rc_standing* standing, const double* places, size_t count);
-/* Waits until the ground around all bodies is there: call it at the beginning, and after moving a body elsewhere at once. */
+/* Waits until the ground around all bodies is there, with all edits that this member has made or been told of: call it at the beginning,
+   and after an edit, or moving a body elsewhere at once. */
 rc_status rc_standing_wait(rc_standing* standing, double timeout);
 
 /* A square of ground; neighbours share their border's heights. */
@@ -122,10 +124,12 @@ typedef struct rc_tile {
   double spacing;
   double error; /* metres: how far the true ground is above or below its squares at most, split along either diagonal (measured) */
   float lowest, highest;
-  int32_t gone; /* 1: the tile went; 0: it came */
+  int32_t gone;  /* 1: the tile went; 0: it came */
+  uint64_t edit; /* the last edit that its heights know; 0: none. Later ones have changed other ground */
 } rc_tile;
-/* The next `room` tiles that went or came, and how many there are in all; call again while that is more than `room`. The heights of a tile
-   stay valid until the first call after the one that reported it gone. */
+/* The next `room` tiles that went or came, and how many there are in all; call again while that is more than `room`. A tile whose ground
+   an edit has changed goes, and the one in its place comes, at once: first all that went are told. What rested on it may wake. The heights
+   of a tile stay valid until the first call after the one that reported it gone. */
 rc_status rc_standing_changes(rc_standing* standing, rc_tile* out, size_t room, size_t* count);
 
 /* ---- meshes ---- */
@@ -168,7 +172,7 @@ typedef struct rc_world_info {
   const char* session; /* strings: valid until the world is closed */
   const char* terrain;
   const char* server;
-  uint64_t hash;   /* rc_terrain_hash of its terrain */
+  uint64_t hash;   /* rc_terrain_hash of its terrain, with the edits that have come so far */
   uint64_t member; /* this member's number; another one after a reconnection */
   uint64_t reconnections;
   double horizon; /* metres */

@@ -28,11 +28,7 @@ rc_status rc_standing_open(rc_terrain* terrain, const rc_standing_options* optio
     wanted.spacing = *spacingSteps;
     wanted.radius = *radiusSteps;
     if (given.memory > 0) wanted.memory = given.memory;
-    auto ground = standing::StandingGround::open(
-        [terrain](auto x, auto z, auto heights) -> Outcome<void> {
-          return terrain->ground.heights(x, z, heights);  // beside the world's calls, which do not wait for it
-        },
-        wanted);
+    auto ground = standing::StandingGround::open(standing::sourceOf(terrain->ground), wanted);  // beside the world's calls
     if (!ground) return fail(RC_INVALID, ground.error().message);
     *out = new rc_standing{std::move(*ground), {}, {}, {}};
     return RC_OK;
@@ -88,7 +84,8 @@ rc_status rc_standing_changes(rc_standing* standing, rc_tile* out, size_t room, 
                      .error = tile->error,
                      .lowest = tile->lowest,
                      .highest = tile->highest,
-                     .gone = gone});
+                     .gone = gone,
+                     .edit = tile->edit});
     }
     const rc_status status = writeAll(all, out, room, count, "rc_tile");
     if (status != RC_OK) return status;

@@ -89,8 +89,7 @@ rc_status rc_terrain_open(const char* name, const rc_terrain_options* options, r
     if (!request) return fail(RC_INVALID, request.error().message);
     auto terrain = user_terrain::load(*request, [](const std::string&) {});
     if (!terrain) return fail(RC_REFUSED, terrain.error().message);
-    const std::uint64_t hash = terrain::contentHash(**terrain);
-    *out = new rc_terrain{query::Ground(std::move(*terrain)), hash};
+    *out = new rc_terrain{query::Ground(std::move(*terrain))};
     return RC_OK;
   });
 }
@@ -99,7 +98,16 @@ void rc_terrain_close(rc_terrain* terrain) {
   if (terrain && !terrain->world) delete terrain;
 }
 
-uint64_t rc_terrain_hash(const rc_terrain* terrain) { return terrain ? terrain->hash : 0; }
+uint64_t rc_terrain_hash(const rc_terrain* terrain) {
+  std::uint64_t hash = 0;
+  guarded([&] {
+    if (!terrain) return fail(RC_INVALID, "there is no terrain");
+    const auto heard = terrain->ground.hear();
+    hash = terrain->ground.hash();
+    return heard ? RC_OK : fail(RC_TIMEOUT, heard.error().message);
+  });
+  return hash;
+}
 
 rc_status rc_terrain_heights(rc_terrain* terrain, const double* places, size_t count, float* heights) {
   return guarded([&] {

@@ -87,8 +87,7 @@ rc_status rc_join(const char* url, const rc_join_options* options, rc_world** ou
     auto joined = world::World::join(url, optionsOf(given, *timeout));
     if (!joined) return fail(joined.error());
     const query::Ground ground = (*joined)->terrain();
-    const std::uint64_t hash = (*joined)->info().contentHash;
-    auto world = std::unique_ptr<rc_world>(new rc_world{std::move(*joined), {ground, hash}});
+    auto world = std::unique_ptr<rc_world>(new rc_world{std::move(*joined), {ground}});
     world->terrain.world = world.get();
     *out = world.release();
     return RC_OK;
@@ -106,7 +105,7 @@ rc_status rc_world_get_info(rc_world* world, rc_world_info* out) {
     write({.session = info.session.c_str(),
            .terrain = info.terrainName.c_str(),
            .server = info.serverName.c_str(),
-           .hash = info.contentHash,
+           .hash = w.terrain().hash(),
            .member = w.camera(),
            .reconnections = w.reconnections(),
            .horizon = info.horizon,

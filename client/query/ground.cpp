@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <deque>
+#include <iterator>
+#include <limits>
 #include <mutex>
 #include <thread>
 
@@ -63,60 +66,134 @@ auto placesOf(wire::QueryKind kind, std::span<const lattice::Step> x, std::span<
 }
 
 constexpr std::uint64_t kMostFollowed = 20'000;  // edits of a session that are applied here; more take too long
-constexpr std::size_t kBatch = 4000;             // places a query
-constexpr std::size_t kInFlight = 16;            // queries
+constexpr std::size_t kRecent = 4096;            // edits whose areas are remembered
+constexpr lattice::Area kEverywhere{-2 * lattice::kMaxPosition, -2 * lattice::kMaxPosition, 2 * lattice::kMaxPosition,
+                                    2 * lattice::kMaxPosition};
+constexpr std::size_t kBatch = 4000;   // places a query
+constexpr std::size_t kInFlight = 16;  // queries
 
 }  // namespace
 
+// What has come of a session's edits. Its lock is held for moments.
+struct Ground::Heard {
+  Heard(const wire::World& world, bool keeps) : keepsOperations(keeps), last(world.compacted), hash(world.contentHash) {
+    if (last > 0) add(world.session + " " + std::to_string(last));  // these edits are not told
+  }
+  void listen(const TakeEdits& take) {
+    const std::lock_guard lock(mutex);
+    for (wire::MadeEdit& made : take()) {
+      if (made.number <= last) continue;  // of an earlier connection
+      last = made.number;
+      recent.push_back({last, made.ground});
+      if (recent.size() > kRecent) recent.pop_front();
+      add(made.operation);
+      if (keepsOperations) edits.push_back(std::move(made));
+    }
+  }
+  std::vector<wire::MadeEdit> take() {
+    const std::lock_guard lock(mutex);
+    return std::exchange(edits, {});
+  }
+  void add(std::string_view text) {
+    for (std::size_t at = 0; at < text.size(); at += sizeof(std::uint64_t)) {
+      std::uint64_t word = 0;
+      std::memcpy(&word, text.data() + at, std::min(sizeof word, text.size() - at));
+      hash = lattice::mix(hash ^ word);
+    }
+    hash = lattice::mix(hash + text.size());
+  }
+
+  std::mutex mutex;
+  const bool keepsOperations;
+  std::uint64_t last = 0, awaited = 0;
+  std::deque<Change> recent;
+  std::uint64_t hash;                 // of the world and all operations
+  std::vector<wire::MadeEdit> edits;  // not applied yet, if they are applied here
+};
+
+// What they have made of the terrain held here. Its lock is held while edits are applied.
 struct Ground::Edited {
   explicit Edited(std::shared_ptr<const terrain::Terrain> terrain) : history(terrain), now(std::move(terrain)) {}
+  Outcome<void> apply(const std::vector<wire::MadeEdit>& come) {
+    for (const wire::MadeEdit& made : come) {
+      if (failed) break;
+      auto operation = edits::fromJson(made.operation);
+      if (operation && made.number != history.last() + 1) operation = Error{"one before it is missing"};
+      const auto added = operation ? history.add(std::move(*operation)) : operation.error();
+      if (!added) failed = Error{"the server's edit " + std::to_string(made.number) + " cannot be applied: " + added.error().message};
+    }
+    if (failed) return *failed;
+    if (!come.empty()) now = std::make_shared<edits::EditedTerrain>(history.terrain(), history.layer());
+    return {};
+  }
   std::mutex mutex;
   edits::History history;
   std::shared_ptr<const terrain::Terrain> now;
-  std::uint64_t atLeast = 0;  // edits
+  std::optional<Error> failed;  // from then on the ground here is not the session's
 };
 
 void Ground::know(std::uint64_t edit) {
-  if (!edited_) return;
-  const std::lock_guard lock(edited_->mutex);
-  edited_->atLeast = std::max(edited_->atLeast, edit);
+  if (!heard_) return;
+  const std::lock_guard lock(heard_->mutex);
+  heard_->awaited = std::max(heard_->awaited, edit);
+}
+
+News Ground::since(std::uint64_t edit) const {
+  if (!heard_) return {};
+  heard_->listen(takeEdits_);
+  const std::lock_guard lock(heard_->mutex);
+  const auto& recent = heard_->recent;
+  News news{heard_->last, heard_->awaited, {}};
+  if (edit < heard_->last && (recent.empty() || edit + 1 < recent.front().edit))
+    news.changes = {{heard_->last, kEverywhere}};
+  else
+    std::ranges::copy_if(recent, std::back_inserter(news.changes), [&](const Change& change) { return change.edit > edit; });
+  return news;
 }
 
 Ground::Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout)
-    : ask_(std::move(ask)), timeout_(timeout), takeEdits_(std::move(takeEdits)) {
+    : ask_(std::move(ask)), timeout_(timeout), takeEdits_(std::move(takeEdits)), contentHash_(world.contentHash) {
   if (followsEdits && world.edit <= kMostFollowed && world.compacted == 0) local_ = builtInOf(world);
   if (local_) edited_ = std::make_shared<Edited>(local_);
+  if (followsEdits) heard_ = std::make_shared<Heard>(world, local_ != nullptr);
   know(world.edit);
 }
 
-Outcome<std::shared_ptr<const terrain::Terrain>> Ground::local() const {
-  if (!edited_) return local_;
-  const std::lock_guard lock(edited_->mutex);
-  edits::History& history = edited_->history;
+Outcome<void> Ground::hear() const {
+  if (!heard_) return {};
   for (const auto until = std::chrono::steady_clock::now() + timeout_;;) {
-    const std::uint64_t before = history.last();
-    for (const wire::MadeEdit& made : takeEdits_()) {
-      if (made.number <= history.last()) continue;  // of an earlier connection
-      auto operation = edits::fromJson(made.operation);
-      if (!operation || made.number != history.last() + 1)
-        return Error{"the server's edit " + std::to_string(made.number) +
-                     " cannot be applied: " + (operation ? "one before it is missing" : operation.error().message)};
-      if (const auto added = history.add(std::move(*operation)); !added) return added.error();
+    heard_->listen(takeEdits_);
+    {
+      const std::lock_guard lock(heard_->mutex);
+      if (heard_->last >= heard_->awaited) return {};
+      if (std::chrono::steady_clock::now() >= until)
+        return Error{"the session's " + std::to_string(heard_->awaited) + " edits did not come within " + std::to_string(timeout_.count()) +
+                     " ms"};
     }
-    if (history.last() > before) edited_->now = std::make_shared<edits::EditedTerrain>(local_, history.layer());
-    if (history.last() >= edited_->atLeast) return edited_->now;
-    if (std::chrono::steady_clock::now() >= until)
-      return Error{"the session's " + std::to_string(edited_->atLeast) + " edits did not come within " + std::to_string(timeout_.count()) +
-                   " ms"};
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
+}
+
+Outcome<Ground::Known> Ground::local() const {
+  if (!edited_) return Known{local_};
+  const std::lock_guard lock(edited_->mutex);
+  if (auto come = hear(); !come) return come.error();
+  if (auto applied = edited_->apply(heard_->take()); !applied) return applied.error();
+  return Known{edited_->now, edited_->history.last()};
+}
+
+std::uint64_t Ground::hash() const {
+  if (!heard_) return contentHash_;
+  heard_->listen(takeEdits_);
+  const std::lock_guard lock(heard_->mutex);
+  return heard_->hash;
 }
 
 // `count` items in batches of `each`; each item's answer has `numbers` numbers.
 template <class Number, class Make, class Take>
 Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                           const Take& take) const {
-  takeEdits_();  // the server knows them
+  if (heard_) heard_->listen(takeEdits_);
   const auto until = std::chrono::steady_clock::now() + timeout_;
   std::deque<std::future<Outcome<wire::Answer>>> open;
   std::size_t requested = 0, taken = 0;
@@ -140,14 +217,21 @@ Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number>
   return {};
 }
 
-Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
+Outcome<void> Ground::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
+                              std::uint64_t* edit) const {
   if (auto fits = checkPlaces(x.size(), z.size(), 1, out.size()); !fits) return fits;
-  if (!local_)
+  if (!local_) {
+    if (edit) *edit = std::numeric_limits<std::uint64_t>::max();
     return ask(out.size(), kBatch, out, 1, placesOf(wire::QueryKind::kHeights, x, z),
-               [](const wire::Answer& a) -> const std::vector<float>& { return a.heights; });
+               [edit](const wire::Answer& a) -> const std::vector<float>& {
+                 if (edit) *edit = std::min(*edit, a.edit);
+                 return a.heights;
+               });
+  }
   const auto here = local();
   if (!here) return here.error();
-  (*here)->heights(x, z, out);
+  here->terrain->heights(x, z, out);
+  if (edit) *edit = here->edit;
   return {};
 }
 
@@ -159,7 +243,7 @@ Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const 
                [](const wire::Answer& a) -> const std::vector<float>& { return a.normals; });
   const auto here = local();
   if (!here) return here.error();
-  ground::normals(**here, x, z, spacing, out);
+  ground::normals(*here->terrain, x, z, spacing, out);
   return {};
 }
 
@@ -170,7 +254,7 @@ Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> 
       if (auto refusal = wire::refusalOf(ray); !refusal.empty()) return Error{std::move(refusal)};
     const auto here = local();
     if (!here) return here.error();
-    for (std::size_t k = 0; k < rays.size(); ++k) out[k] = ground::cast(**here, rays[k]);
+    for (std::size_t k = 0; k < rays.size(); ++k) out[k] = ground::cast(*here->terrain, rays[k]);
     return {};
   }
   return ask(

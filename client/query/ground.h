@@ -6,7 +6,7 @@
 // mesh_ground.h.)
 //
 // Places are steps of the lattice (1/256 m); toSteps() converts metres. Local answers: any thread. Answers from the server: not
-// thread-safe, but several grounds may share a connection.
+// thread-safe, but several grounds may share a connection. Copies of a ground share what it has heard of edits.
 
 #include <array>
 #include <chrono>
@@ -16,6 +16,7 @@
 #include <memory>
 #include <span>
 #include <utility>
+#include <vector>
 
 #include "common/ground/ground.h"
 #include "common/lattice/lattice.h"
@@ -27,6 +28,17 @@ namespace ridgecast::query {
 
 // The nearest step. Error: no number, or beyond the lattice, which ends 4.398e12 m from the origin.
 Outcome<lattice::Step> toSteps(double metres);
+
+// Where edits have changed the ground.
+struct Change {
+  std::uint64_t edit = 0;  // its number
+  lattice::Area area;      // that it changed, at most
+};
+struct News {
+  std::uint64_t heard = 0;      // the last edit that has been heard of
+  std::uint64_t awaited = 0;    // one that will be (Ground::know), perhaps a later one
+  std::vector<Change> changes;  // ascending by number
+};
 
 // Where a ray meets the ground.
 struct Hit {
@@ -48,16 +60,25 @@ class Ground {
             [&connection] { return connection.takeEdits(); }, timeout) {}
 
   // Of a terrain held here.
-  explicit Ground(std::shared_ptr<const terrain::Terrain> terrain) : timeout_(0), local_(std::move(terrain)) {}
+  explicit Ground(std::shared_ptr<const terrain::Terrain> terrain)
+      : timeout_(0), contentHash_(terrain::contentHash(*terrain)), local_(std::move(terrain)) {}
 
   Source source() const { return local_ ? Source::kLocal : Source::kServer; }
 
   // Answers from now on know this edit: one that the server has acknowledged. (Local ones wait for it.)
   void know(std::uint64_t edit);
+  // Of edits, whatever the source; any thread. Waits until those are heard of that it must know(). Error: they did not come in time.
+  Outcome<void> hear() const;
+  // Where those after this one have changed the ground, as far as heard.
+  News since(std::uint64_t edit) const;
+  // The terrain's content hash, and another one with each edit heard: equal for an equal terrain with equal edits, undone ones included.
+  std::uint64_t hash() const;
 
-  // Heights in metres, as the terrain function returns them. x, z and out have the same size. Errors, here and below: sizes that do not
-  // match; the server is gone or did not answer in time: `out` is then undefined.
-  Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const;
+  // Heights in metres, as the terrain function returns them. x, z and out have the same size. `edit`: if not null, set to the last edit
+  // that all of them know. Errors, here and below: sizes that do not match; the server is gone or did not answer in time: `out` is then
+  // undefined.
+  Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
+                        std::uint64_t* edit = nullptr) const;
   // Unit normals, three numbers each, over `spacing` steps to each side (common/ground/ground.h).
   Outcome<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
                         std::uint32_t spacing = ground::kDefaultSpacing) const;
@@ -75,7 +96,11 @@ class Ground {
   using TakeEdits = std::function<std::vector<wire::MadeEdit>()>;
   Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout);
   // The terrain held here with the edits that have come so far, at least those that it must know().
-  Outcome<std::shared_ptr<const terrain::Terrain>> local() const;
+  struct Known {
+    std::shared_ptr<const terrain::Terrain> terrain;
+    std::uint64_t edit = 0;
+  };
+  Outcome<Known> local() const;
   template <class Number, class Make, class Take>
   Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                     const Take& take) const;
@@ -83,8 +108,11 @@ class Ground {
   const Ask ask_;
   const std::chrono::milliseconds timeout_;
   const TakeEdits takeEdits_;
+  const std::uint64_t contentHash_;
   std::shared_ptr<const terrain::Terrain> local_;  // without edits; null: ask the server
+  struct Heard;
   struct Edited;
+  std::shared_ptr<Heard> heard_;    // of a session's edits
   std::shared_ptr<Edited> edited_;  // local_ of a session
 };
 

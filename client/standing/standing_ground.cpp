@@ -45,16 +45,26 @@ float deviation(const std::vector<float>& heights, const std::vector<float>& sam
 
 }  // namespace
 
-Outcome<std::unique_ptr<StandingGround>> StandingGround::open(Heights heights, const Options& options) {
+Source sourceOf(query::Ground ground) {
+  const auto shared = std::make_shared<const query::Ground>(std::move(ground));
+  return {[shared](auto x, auto z, auto out) -> Outcome<std::uint64_t> {
+            std::uint64_t edit = 0;
+            if (auto known = shared->heights(x, z, out, &edit); !known) return known.error();
+            return edit;
+          },
+          [shared](std::uint64_t edit) { return shared->since(edit); }};
+}
+
+Outcome<std::unique_ptr<StandingGround>> StandingGround::open(Source source, const Options& options) {
   if (options.spacing < kFiner || options.spacing > 1 << 20 || options.spacing % kFiner != 0)
     return Error{"heights are 1/64 to 4096 metres apart, in steps of 1/64 m"};
   if (options.radius < 0 || options.radius > 64 * kCells * options.spacing)
     return Error{"the radius of ground around a body is at most 2048 times the heights' spacing"};
-  return std::unique_ptr<StandingGround>(new StandingGround(std::move(heights), options));
+  return std::unique_ptr<StandingGround>(new StandingGround(std::move(source), options));
 }
 
-StandingGround::StandingGround(Heights heights, const Options& options)
-    : heights_(std::move(heights)),
+StandingGround::StandingGround(Source source, const Options& options)
+    : source_(std::move(source)),
       options_(options),
       most_(std::max<std::size_t>(1, options.memory / (sizeof(Tile) + kSide * kSide * sizeof(float)))),
       thread_([this] { run(); }) {}
@@ -86,6 +96,7 @@ Outcome<void> StandingGround::move(std::span<const lattice::Point> bodies) {
   if (bodies.size() * each * each > kMostPlaces)
     return Error{"there is too much ground around " + std::to_string(bodies.size()) +
                  " bodies: a wider spacing, or a smaller radius, fits"};
+  hear();
   const std::lock_guard lock(mutex_);
   for (std::size_t k = bodies.size(); k < windows_.size(); ++k) remove(windows_[k]);
   windows_.resize(bodies.size());
@@ -120,6 +131,7 @@ void StandingGround::remove(const Window& window) {
       const auto at = places_.find({i, j});
       if (--at->second.bodies > 0) continue;
       wanted_.erase({at->second.distance, at->first});
+      stale_.erase({at->second.distance, at->first});
       if (at->second.tile) {
         if (at->second.told)
           gone_.push_back(at->second.tile);
@@ -132,7 +144,35 @@ void StandingGround::remove(const Window& window) {
     }
 }
 
+std::uint64_t StandingGround::hear() {
+  const std::lock_guard lock(mutex_);
+  const query::News news = source_.since(heard_);
+  heard_ = std::max(heard_, news.heard);
+  const lattice::Step side = kCells * options_.spacing;
+  for (const query::Change& change : news.changes) {
+    const lattice::Area& a = change.area;
+    const Window window{floorDivide(a.x0 - 1, side), floorDivide(a.z0 - 1, side), floorDivide(a.x1, side), floorDivide(a.z1, side)};
+    if (window.count() > static_cast<double>(places_.size())) {
+      for (const auto& [key, place] : places_) age(key, change);
+    } else {
+      for (std::int64_t i = window.i0; i <= window.i1; ++i)
+        for (std::int64_t j = window.j0; j <= window.j1; ++j) age({i, j}, change);
+    }
+  }
+  if (!stale_.empty()) work_.notify_one();
+  return news.awaited > news.heard ? news.awaited : 0;
+}
+
+bool StandingGround::age(Key key, const query::Change& change) {
+  const auto at = places_.find(key);
+  const Tile* const tile = at == places_.end() ? nullptr : at->second.tile.get();
+  if (!tile || tile->edit >= change.edit || change.area == lattice::Area() || !tile->area().meets(change.area)) return false;
+  stale_.insert({at->second.distance, key});
+  return true;
+}
+
 Changes StandingGround::changes() {
+  hear();
   const std::lock_guard lock(mutex_);
   Changes changes{std::exchange(gone_, {}), {}};
   for (const Key& key : came_) {
@@ -155,40 +195,62 @@ std::size_t StandingGround::bytes() const {
 }
 
 Outcome<void> StandingGround::wait(std::chrono::milliseconds timeout) {
+  const auto until = std::chrono::steady_clock::now() + timeout;
+  while (const std::uint64_t awaited = hear()) {
+    if (std::chrono::steady_clock::now() >= until) return Error{"edit " + std::to_string(awaited) + " was not heard of in time"};
+    std::this_thread::sleep_for(1ms);
+  }
   std::unique_lock lock(mutex_);
-  done_.wait_for(lock, timeout, [&] { return wanted_.empty() || made_ >= most_; });
-  if (wanted_.empty()) return {};
-  if (made_ >= most_)
-    return Error{"the ground around the bodies takes more memory than it may: a wider spacing, or a smaller radius, fits"};
+  done_.wait_until(lock, until, [&] { return isDone(); });
+  if (wanted_.empty() && stale_.empty()) return {};
+  if (isDone()) return Error{"the ground around the bodies takes more memory than it may: a wider spacing, or a smaller radius, fits"};
   return failed_ ? *failed_ : Error{"the ground around the bodies was not made in time"};
 }
 
 void StandingGround::run() {
   std::unique_lock lock(mutex_);
   for (;;) {
-    work_.wait(lock, [&] { return ends_ || (!wanted_.empty() && made_ < most_); });
+    work_.wait(lock, [&] { return ends_ || next(); });
     if (ends_) return;
-    const auto [distance, key] = *wanted_.begin();
+    const Key key = next()->begin()->second;
+    const std::uint64_t before = heard_;
     lock.unlock();
-    auto made = make(key);
+    const auto made = make(key);
     lock.lock();
-    const auto at = places_.find(key);
-    if (!made) {
+    failed_.reset();
+    if (made) {
+      keep(key, *made);
+      for (const query::Change& change : source_.since((*made)->edit).changes)
+        if (age(key, change) && change.edit <= before) failed_ = Error{"the server does not know an edit that it has told of"};
+    } else {
       failed_ = made.error();
-      work_.wait_for(lock, kPause, [&] { return ends_; });
-    } else if (at != places_.end() && !at->second.tile) {  // still wanted
-      wanted_.erase({at->second.distance, key});
-      failed_.reset();
-      at->second.tile = std::move(*made);
-      ++made_;
-      came_.insert(key);
     }
-    if (wanted_.empty() || made_ >= most_) done_.notify_all();
+    if (isDone()) done_.notify_all();
+    if (failed_) work_.wait_for(lock, kPause, [&] { return ends_; });
   }
 }
 
+const StandingGround::Queue* StandingGround::next() const {
+  const bool hasRoom = !wanted_.empty() && made_ < most_;
+  if (!hasRoom) return stale_.empty() ? nullptr : &stale_;
+  return stale_.empty() || *wanted_.begin() < *stale_.begin() ? &wanted_ : &stale_;
+}
+
+void StandingGround::keep(Key key, std::shared_ptr<const Tile> tile) {
+  const auto at = places_.find(key);
+  if (at == places_.end()) return;  // not wanted any more
+  Place& place = at->second;
+  wanted_.erase({place.distance, key});
+  stale_.erase({place.distance, key});
+  if (!place.tile) ++made_;
+  if (place.told) gone_.push_back(std::move(place.tile));
+  place.tile = std::move(tile);
+  place.told = false;
+  came_.insert(key);
+}
+
 Outcome<std::shared_ptr<const Tile>> StandingGround::make(Key key) {
-  Tile tile{.i = key.first, .j = key.second, .spacing = options_.spacing, .version = ++version_};
+  Tile tile{.i = key.first, .j = key.second, .spacing = options_.spacing, .version = ++version_, .edit = 0};
   constexpr std::int64_t side = kCells * kFiner + 1;
   const lattice::Step apart = options_.spacing / kFiner;
   std::vector<lattice::Step> x, z;
@@ -198,7 +260,9 @@ Outcome<std::shared_ptr<const Tile>> StandingGround::make(Key key) {
       z.push_back(tile.z() + b * apart);
     }
   std::vector<float> samples(x.size());
-  if (auto known = heights_(x, z, samples); !known) return known.error();
+  const auto known = source_.heights(x, z, samples);
+  if (!known) return known.error();
+  tile.edit = *known;
   tile.heights.reserve(kSide * kSide);
   for (std::int64_t b = 0; b < side; b += kFiner)
     for (std::int64_t a = 0; a < side; a += kFiner) tile.heights.push_back(samples[static_cast<std::size_t>(b * side + a)]);

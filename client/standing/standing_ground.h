@@ -8,7 +8,10 @@
 // move() says where the bodies are, once a step. Ground is made ahead of them by a thread of its own, the nearest first, so no step waits:
 // a body keeps its tiles until it has moved a quarter of a tile beyond what they cover. changes() then says what came and what is gone.
 //
-// One owner; the thread only calls `heights`. Bounds: kMostBodies, kMostPlaces, and `memory` bytes of tiles: what does not fit is not made,
+// A tile whose ground an edit changes is made again, and until then stays: it goes and its successor comes in the same changes(). Edits are
+// heard of in move(), wait() and changes().
+//
+// One owner; the thread only asks `source`. Bounds: kMostBodies, kMostPlaces, and `memory` bytes of tiles: what does not fit is not made,
 // and wait() says so.
 
 #include <array>
@@ -27,6 +30,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/query/ground.h"
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
 
@@ -40,19 +44,27 @@ struct Tile {
   std::int64_t i = 0, j = 0;
   lattice::Step spacing = 0;
   std::uint64_t version = 0;        // of all tiles of this ground: grows with each that is made
+  std::uint64_t edit = 0;           // the last edit that it knows; later ones have changed other ground, as far as was heard
   float error = 0;                  // metres: the true ground is at most so far from the squares, split along either diagonal (measured)
   float lowest = 0, highest = 0;    // metres, of `heights`
   std::vector<float> heights = {};  // metres, (kCells + 1) a row of ascending x, rows of ascending z
   lattice::Step x() const { return i * kCells * spacing; }
   lattice::Step z() const { return j * kCells * spacing; }
+  lattice::Area area() const { return {x(), z(), x() + kCells * spacing + 1, z() + kCells * spacing + 1}; }  // its border included
 };
 
 struct Changes {
   std::vector<std::shared_ptr<const Tile>> gone, came;  // those that went first
 };
 
-// The true terrain's heights (query::Ground). Called by the ground's own thread.
-using Heights = std::function<Outcome<void>(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out)>;
+// The true terrain: query::Ground's functions of these names.
+struct Source {
+  // Returns the last edit that all of them know. Called by the ground's own thread.
+  std::function<Outcome<std::uint64_t>(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out)> heights;
+  // Never waits; called by both threads.
+  std::function<query::News(std::uint64_t edit)> since;
+};
+Source sourceOf(query::Ground ground);
 
 class StandingGround {
  public:
@@ -62,15 +74,16 @@ class StandingGround {
     std::size_t memory = 50'000'000;                      // bytes
   };
   // Error: an option out of range.
-  static Outcome<std::unique_ptr<StandingGround>> open(Heights heights, const Options& options);
+  static Outcome<std::unique_ptr<StandingGround>> open(Source source, const Options& options);
   ~StandingGround();  // waits for the tile in work
 
   // All bodies, in the same order each time: the k-th is the one that was the k-th before. Never waits for heights. Error: too many, too
   // much ground around them, or one beyond the lattice; then nothing changed.
   Outcome<void> move(std::span<const lattice::Point> bodies);
-  // Until the ground around all bodies is there. Error: it does not come, and why.
+  // Until the ground around all bodies is there, with all edits that have been heard of or that the source must know. Error: it does not
+  // come, and why.
   Outcome<void> wait(std::chrono::milliseconds timeout);
-  // What changed since the last call. A tile may be used until it is told that it is gone.
+  // What changed since the last call. A tile may be used until it is told that it is gone. Never waits.
   Changes changes();
   std::size_t bytes() const;  // of tiles
   bool full() const;          // no tile more fits, and some are missing
@@ -84,6 +97,7 @@ class StandingGround {
   };
   struct Window {  // of tiles, inclusive
     std::int64_t i0 = 0, j0 = 0, i1 = -1, j1 = -1;
+    double count() const { return static_cast<double>(i1 - i0 + 1) * static_cast<double>(j1 - j0 + 1); }
     bool holds(const Window& other) const { return i0 <= other.i0 && j0 <= other.j0 && i1 >= other.i1 && j1 >= other.j1; }
   };
   struct Place {
@@ -92,23 +106,32 @@ class StandingGround {
     std::shared_ptr<const Tile> tile{};  // null: not made yet
     bool told = false;                   // that it came
   };
+  using Queue = std::set<std::pair<double, Key>>;  // the nearest first
 
-  StandingGround(Heights heights, const Options& options);
+  StandingGround(Source source, const Options& options);
   Window around(lattice::Point body, lattice::Step radius) const;
   void add(const Window& window, lattice::Point body);
   void remove(const Window& window);
+  std::uint64_t hear();  // of edits, and what they have changed; returns one to wait for, 0: none
   void run();
+  // Under the lock.
+  bool isDone() const { return stale_.empty() && (wanted_.empty() || made_ >= most_); }
+  const Queue* next() const;  // of which the first is to be made; null: none
+  void keep(Key key, std::shared_ptr<const Tile> tile);
+  bool age(Key key, const query::Change& change);  // true: its tile does not know this change
   Outcome<std::shared_ptr<const Tile>> make(Key key);
 
-  const Heights heights_;
+  const Source source_;
   const Options options_;
   const std::size_t most_;       // tiles
   std::vector<Window> windows_;  // of the bodies
 
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable work_, done_;
+  std::uint64_t heard_ = 0;  // the last edit
   std::unordered_map<Key, Place, KeyHash> places_;
-  std::set<std::pair<double, Key>> wanted_;        // that are not made, the nearest first
+  Queue wanted_;                                   // that are not made
+  Queue stale_;                                    // that are, before a later edit of their ground
   std::set<Key> came_;                             // and are not told
   std::vector<std::shared_ptr<const Tile>> gone_;  // were told before
   std::size_t made_ = 0;                           // tiles held

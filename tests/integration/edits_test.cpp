@@ -338,6 +338,40 @@ TEST_F(EditsTest, AreInAnswersThatAreComputedHere) {
   EXPECT_EQ(ground.height(10, -80).value(), asks.height(10, -80).value());
 }
 
+TEST_F(EditsTest, AGroundTellsWhereItWasEdited) {
+  Member a(port(), "ann"), b(port(), "bob");
+  query::Ground ground(b.connection(), kTimeout);
+  EXPECT_EQ(ground.hash(), terrain::contentHash(*base));
+  EXPECT_TRUE(ground.since(0).changes.empty());
+  ASSERT_TRUE(a.edit(craterAt(10, -80)));
+  ground.know(1);
+  ASSERT_TRUE(ground.hear());
+  const query::News news = ground.since(0);
+  EXPECT_EQ(news.heard, 1u);
+  EXPECT_EQ(news.awaited, 1u);
+  ASSERT_EQ(news.changes.size(), 1u);
+  EXPECT_EQ(news.changes[0].edit, 1u);
+  EXPECT_TRUE(news.changes[0].area.holds({m(10), m(-80)}));
+  EXPECT_FALSE(news.changes[0].area.holds({m(10), m(-100)}));
+  EXPECT_TRUE(ground.since(1).changes.empty());
+  EXPECT_NE(ground.hash(), terrain::contentHash(*base));
+  const Step x = m(10), z = m(-80);
+  float height = 0;
+  std::uint64_t edit = 0;
+  ASSERT_TRUE(ground.heights({&x, 1}, {&z, 1}, {&height, 1}, &edit));
+  EXPECT_EQ(edit, 1u);
+  Member c(port(), "cid"), d(port(), "dan");
+  const query::Ground late(c.connection(), kTimeout);
+  ASSERT_TRUE(late.hear());
+  EXPECT_EQ(late.hash(), ground.hash());
+  ASSERT_TRUE(a.edit(R"({"op":"undo","edit":1})"));
+  query::Ground last(d.connection(), kTimeout);
+  last.know(2);
+  ASSERT_TRUE(last.hear());
+  EXPECT_NE(last.hash(), ground.hash());
+  EXPECT_EQ(last.since(1).changes.size(), 1u) << "an undo changes ground, too";
+}
+
 TEST_F(EditsTest, TravelByHttp) {
   const std::string made = ask("POST", "edits", craterAt(3, 4), "Idempotency-Key: a\r\n");
   has(made, " 201 ");

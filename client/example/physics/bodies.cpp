@@ -6,7 +6,7 @@
 #include <cstring>
 #include <memory>
 
-#include "bullet_ground.h"
+#include "judge.h"
 
 namespace {
 
@@ -56,37 +56,6 @@ struct Place {
   }
 };
 
-// Points all over a body, centimetres apart.
-std::vector<btVector3> surface(const btCollisionShape& shape) {
-  std::vector<btVector3> points;
-  for (int i = -8; i <= 8; ++i)
-    for (int j = -8; j <= 8; ++j)
-      for (int axis = 0; axis < 3; ++axis)
-        for (float side : {-1.0f, 1.0f}) {
-          btVector3 at;
-          at[axis] = side * kRadius;
-          at[(axis + 1) % 3] = kRadius * float(i) / 8;
-          at[(axis + 2) % 3] = kRadius * float(j) / 8;
-          points.push_back(shape.getShapeType() == SPHERE_SHAPE_PROXYTYPE ? at.normalized() * kRadius : at);
-        }
-  return points;
-}
-
-// Metres between the true ground and a body's nearest point, vertically; negative: it is that deep in the ground.
-double gap(const Place& place, const btRigidBody& body, rc_terrain* terrain, const std::vector<btVector3>& points) {
-  std::vector<double> at;
-  std::vector<float> heights(points.size());
-  for (const btVector3& point : points) {
-    const btVector3 here = body.getWorldTransform() * point;
-    at.push_back(place.ground.x() + here.x());
-    at.push_back(place.ground.z() + here.z());
-  }
-  if (rc_terrain_heights(terrain, at.data(), points.size(), heights.data()) != RC_OK) throw std::runtime_error(rc_message());
-  double least = INFINITY;
-  for (std::size_t k = 0; k < points.size(); ++k) least = std::min<double>(least, (body.getWorldTransform() * points[k]).y() - heights[k]);
-  return least;
-}
-
 std::uint64_t hash(std::uint64_t before, const void* data, std::size_t size) {  // FNV-1a
   for (std::size_t k = 0; k < size; ++k) before = (before ^ static_cast<const unsigned char*>(data)[k]) * 1099511628211u;
   return before;
@@ -100,7 +69,7 @@ int main(int argc, char** argv) try {
   if (rc_terrain_open("alpine", nullptr, &terrain) != RC_OK) throw std::runtime_error(rc_message());
   btSphereShape sphere(kRadius);
   btBoxShape box({kRadius, kRadius, kRadius});
-  const std::vector<btVector3> points[] = {surface(box), surface(sphere)};
+  const std::vector<btVector3> points[] = {surface(box, kRadius), surface(sphere, kRadius)};
   std::vector<double> resting;
   double below = 0, error = 0, farthest = 0;
   std::uint64_t state = 14695981039346656037u;
@@ -115,7 +84,7 @@ int main(int argc, char** argv) try {
         const btRigidBody& body = *place.bodies[k];
         const btVector3 at = body.getWorldTransform().getOrigin();
         const rc_tile* tile = place.ground.tile(place.ground.x() + at.x(), place.ground.z() + at.z());
-        const double apart = gap(place, body, terrain, points[k % 2]);
+        const double apart = gap(place.ground, body, terrain, points[k % 2]);
         error = std::max(error, tile->error);
         below = std::max(below, -apart - tile->error);
         if (step == seconds * kRate && !body.isActive()) resting.push_back(std::abs(apart));

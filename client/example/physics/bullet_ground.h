@@ -1,6 +1,6 @@
 // The ground under the bodies of a Bullet world, from Ridgecast. Each tile is a btHeightfieldTerrainShape over the library's own heights,
 // without a copy. Bullet's coordinates are metres from (x(), z()), y absolute; that origin follows the bodies, so that floats stay exact
-// wherever they go.
+// wherever they go. Where an edit changes the ground of a session, bodies that sleep wake up, and rise with ground that would swallow them.
 #pragma once
 #include <BulletCollision/CollisionShapes/btHeightfieldTerrainShape.h>
 #include <btBulletDynamicsCommon.h>
@@ -91,7 +91,42 @@ class BulletGround {
     if (status != RC_OK) throw std::runtime_error(rc_message());
   }
 
+  // Bodies that reach over a tile which goes wake up, and `lifted` has those above it, each with the ground's height there.
+  using Lifted = std::vector<std::pair<btRigidBody*, double>>;
+  void wake(const rc_tile& tile, Lifted& lifted) {
+    const double x = tile.x - x_, z = tile.z - z_, side = kCells * tile.spacing;
+    for (int k = 0; k < world_.getNonStaticRigidBodies().size(); ++k) {
+      btRigidBody& body = *world_.getNonStaticRigidBodies()[k];
+      btVector3 low, high;
+      body.getAabb(low, high);
+      if (high.x() < x || low.x() > x + side || high.z() < z || low.z() > z + side) continue;
+      body.activate(true);
+      const btVector3& at = body.getWorldTransform().getOrigin();
+      if (at.x() >= x && at.x() < x + side && at.z() >= z && at.z() < z + side)
+        lifted.emplace_back(&body, height(tile, x_ + at.x(), z_ + at.z()));
+    }
+  }
+  void lift(const Lifted& lifted) {
+    for (const auto& [body, before] : lifted) {
+      btVector3 low, high;
+      body->getAabb(low, high);
+      const btVector3 at = body->getWorldTransform().getOrigin();
+      const rc_tile* const now = tile(x_ + at.x(), z_ + at.z());
+      const double by = now ? height(*now, x_ + at.x(), z_ + at.z()) - before : 0;
+      if (by > 0 && low.y() < before + by) shift(*body, {0, btScalar(by), 0});
+    }
+  }
+  // Between four heights, of a place of the terrain over the tile.
+  static double height(const rc_tile& tile, double x, double z) {
+    const double a = (x - tile.x) / tile.spacing, b = (z - tile.z) / tile.spacing;
+    const int i = std::clamp(int(a), 0, kCells - 1), j = std::clamp(int(b), 0, kCells - 1);
+    const float* const h = tile.heights + (kCells + 1) * j + i;
+    const double low = h[0] + (a - i) * (h[1] - h[0]), high = h[kCells + 1] + (a - i) * (h[kCells + 2] - h[kCells + 1]);
+    return low + (b - j) * (high - low);
+  }
+
   void take() {
+    Lifted lifted;
     rc_tile changed[64]{};
     changed[0].size = sizeof changed[0];
     std::size_t count = 0;
@@ -100,6 +135,7 @@ class BulletGround {
       for (std::size_t k = 0; k < std::min<std::size_t>(count, 64); ++k) {
         const std::pair key{changed[k].i, changed[k].j};
         if (changed[k].gone) {
+          wake(tiles_.at(key).ground, lifted);
           world_.removeCollisionObject(&tiles_.at(key).object);
           tiles_.erase(key);
         } else {
@@ -110,6 +146,7 @@ class BulletGround {
         }
       }
     } while (count > 64);
+    lift(lifted);
   }
 
   void moveOrigin(double dx, double dz) {
@@ -117,14 +154,14 @@ class BulletGround {
     z_ += dz;
     const btVector3 back(btScalar(-dx), 0, btScalar(-dz));
     for (auto& [key, tile] : tiles_) tile.place(x_, z_);
-    for (int k = 0; k < world_.getNonStaticRigidBodies().size(); ++k) {
-      btRigidBody& body = *world_.getNonStaticRigidBodies()[k];
-      body.getWorldTransform().getOrigin() += back;
-      btTransform before = body.getInterpolationWorldTransform();
-      before.getOrigin() += back;
-      body.setInterpolationWorldTransform(before);
-    }
+    for (int k = 0; k < world_.getNonStaticRigidBodies().size(); ++k) shift(*world_.getNonStaticRigidBodies()[k], back);
     world_.updateAabbs();
+  }
+  static void shift(btRigidBody& body, const btVector3& by) {
+    body.getWorldTransform().getOrigin() += by;
+    btTransform before = body.getInterpolationWorldTransform();
+    before.getOrigin() += by;
+    body.setInterpolationWorldTransform(before);
   }
 
   btDiscreteDynamicsWorld& world_;

@@ -22,6 +22,7 @@ class Tile:
     spacing: float  #: metres
     error: float  #: metres: how far the true ground is above or below its squares at most, split along either diagonal (measured)
     heights: NDArray[np.float32]  #: (33, 33), metres; rows of ascending z, each of ascending x
+    edit: int = 0  #: the last edit that its heights know; later ones have changed other ground
 
 
 class Standing:
@@ -57,11 +58,12 @@ class Standing:
         check(lib.rc_standing_move(self._standing, doubles(at), len(at)))
 
     def wait(self, timeout: float = 10.0) -> None:
-        """Waits until the ground around all bodies is there: call it at the beginning, and after moving a body elsewhere at once."""
+        """Waits until the ground around all bodies is there, with all edits that this member has made or been told of: call it at the
+        beginning, and after an edit, or moving a body elsewhere at once."""
         in_slices(lambda slice: check(lib.rc_standing_wait(self._standing, slice)), timeout)
 
     def changes(self) -> Tuple[List[Tile], List[Tile]]:
-        """The tiles that went and those that came since the last call."""
+        """The tiles that went and those that came since the last call. A tile whose ground an edit has changed is in both."""
         gone: List[Tile] = []
         came: List[Tile] = []
         count, room = ffi.new("size_t*"), 256
@@ -75,7 +77,7 @@ class Standing:
                     continue
                 heights = np.frombuffer(ffi.buffer(tile.heights, 33 * 33 * 4), np.float32).reshape(33, 33).copy()
                 heights.flags.writeable = False
-                came.append(Tile(tile.i, tile.j, tile.version, tile.x, tile.z, tile.spacing, tile.error, heights))
+                came.append(Tile(tile.i, tile.j, tile.version, tile.x, tile.z, tile.spacing, tile.error, heights, tile.edit))
                 self.tiles[tile.i, tile.j] = came[-1]
             if count[0] <= room:
                 return gone, came

@@ -146,7 +146,6 @@ class World(Questions):
         self.session: str = ffi.string(info.session).decode()
         self.terrain: str = ffi.string(info.terrain).decode()
         self.seed: int = info.seed
-        self.hash: int = info.hash  #: equal for equal ground, on every machine
         self.horizon: float = info.horizon  #: metres
         self.is_local: bool = bool(info.is_local)  #: True: heights are computed here; False: the server is asked
         self.clock = Clock(self)
@@ -167,6 +166,11 @@ class World(Questions):
         out = struct("rc_world_info")
         check(lib.rc_world_get_info(self._handle, out))
         return out
+
+    @property
+    def hash(self) -> int:
+        """Equal for equal ground, on every machine: the terrain's hash, and after each edit, an undo too, another one."""
+        return int(lib.rc_terrain_hash(self._terrain))
 
     @property
     def member(self) -> int:

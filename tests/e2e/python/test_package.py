@@ -7,9 +7,11 @@ import signal
 import subprocess
 import sys
 import threading
+import tempfile
 import time
 import unittest
 import urllib.request
+from pathlib import Path
 
 import numpy as np
 
@@ -209,6 +211,44 @@ class WorldTest(unittest.TestCase):
             self.assertEqual(float(world.heights([[30, 40]])[0]), before)
             with self.assertRaisesRegex(rc.Refused, "depth"):
                 world.edit("crater", x=30, z=40, radius=8)
+
+    def test_ground_under_bodies_follows_edits(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            hill = Path(folder, "hill.asc")
+            hill.write_text("ncols 9\nnrows 9\nxllcorner 0\nyllcorner 0\ncellsize 30\n" + 9 * "500 503 499 501 507 502 500 498 500\n")
+            server = rc.server(hill)
+            self.addCleanup(server.close)
+            for local, url in (True, self.server.url + "?session=pit&terrain=alpine&seed=2"), (False, server.url):
+                with rc.join(url, sensor=True) as world, rc.join(url, sensor=True) as other:
+                    self.assertEqual(world.is_local, local)
+                    ground = world.standing()
+                    ground.move([[0, 0]])
+                    ground.wait(60)
+                    ground.changes()
+                    before, tiles, unedited = world.height(3, 4), dict(ground.tiles), world.hash
+                    self.assertEqual({tile.edit for tile in tiles.values()}, {0})
+                    number = world.edit("crater", x=3, z=4, radius=5, depth=6)
+                    ground.move([[0, 0]])
+                    ground.wait(60)
+                    gone, came = ground.changes()
+                    self.assertEqual(sorted((t.i, t.j) for t in gone), sorted((t.i, t.j) for t in came))
+                    self.assertIn((0, 0), {(t.i, t.j) for t in came})
+                    self.assertEqual({t.edit for t in came}, {number})
+                    self.assertEqual(ground.tiles.keys(), tiles.keys())
+                    self.assertEqual(ground.tiles[0, 0].heights[4, 3], world.height(3, 4))
+                    self.assertLess(world.height(3, 4), before - 5.9)
+                    self.assertNotEqual(world.hash, unedited)
+                    # Also an edit of another member, once it is heard of; and its hash is the same.
+                    other.undo(number)
+                    until = time.monotonic() + 60
+                    while ground.tiles[0, 0].heights[4, 3] != np.float32(before) and time.monotonic() < until:
+                        ground.move([[0, 0]])
+                        ground.wait(60)
+                        ground.changes()
+                    self.assertEqual(ground.tiles[0, 0].heights[4, 3], np.float32(before))
+                    self.assertEqual(ground.tiles[0, 0].edit, number + 1)
+                    self.assertEqual(world.hash, other.hash)
+                    ground.close()
 
     def test_a_camera_holds_the_servers_mesh(self) -> None:
         with rc.join(self.server.url, threshold=2) as world:

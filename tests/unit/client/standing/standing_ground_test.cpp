@@ -10,7 +10,10 @@
 #include <map>
 #include <random>
 
+#include "common/edits/edited_terrain.h"
+#include "common/edits/history.h"
 #include "common/terrain/terrain.h"
+#include "tests/support/random_edits.h"
 
 namespace ridgecast::standing {
 namespace {
@@ -19,6 +22,7 @@ using namespace std::chrono_literals;
 using lattice::Point;
 using lattice::Step;
 using testing::HasSubstr;
+using testing_support::m;
 using Tiles = std::map<std::pair<std::int64_t, std::int64_t>, std::shared_ptr<const Tile>>;
 
 constexpr auto kLong = 60s;
@@ -26,17 +30,95 @@ constexpr Step kMetre = 256;
 
 std::shared_ptr<const terrain::Terrain> alpine() { return terrain::create("alpine", 4).value(); }
 
-Heights of(std::shared_ptr<const terrain::Terrain> terrain) {
-  return [terrain = std::move(terrain)](auto x, auto z, auto out) -> Outcome<void> {
-    terrain->heights(x, z, out);
-    return {};
-  };
-}
+Source of(std::shared_ptr<const terrain::Terrain> terrain) { return sourceOf(query::Ground(std::move(terrain))); }
 
-std::unique_ptr<StandingGround> make(Heights heights, const StandingGround::Options& options = {}) {
-  auto made = StandingGround::open(std::move(heights), options);
+std::unique_ptr<StandingGround> make(Source source, const StandingGround::Options& options = {}) {
+  auto made = StandingGround::open(std::move(source), options);
   EXPECT_TRUE(made) << made.error().message;
   return std::move(*made);
+}
+
+// Ground that nobody edits.
+using Heights = std::function<Outcome<void>(std::span<const Step> x, std::span<const Step> z, std::span<float> out)>;
+std::unique_ptr<StandingGround> make(const Heights& heights) {
+  return make(Source{[heights](auto x, auto z, auto out) -> Outcome<std::uint64_t> {
+                       if (auto known = heights(x, z, out); !known) return known.error();
+                       return 0;
+                     },
+                     [](std::uint64_t) { return query::News(); }});
+}
+
+// A session's ground, as a member hears of its edits.
+class Site {
+ public:
+  // Heard at once, or by hearAll(). Does nothing where the operation is refused.
+  void edit(const edits::Operation& operation, bool isHeard = true) {
+    const std::lock_guard lock(mutex_);
+    auto prepared = history_.prepare(operation);
+    if (!prepared) return;
+    const auto posts = history_.add(std::move(*prepared));
+    if (!posts) return;
+    changes_.push_back({history_.last(), edits::groundOf(*posts)});
+    terrain_ = std::make_shared<edits::EditedTerrain>(history_.terrain(), history_.layer());
+    if (isHeard) heard_ = history_.last();
+  }
+  void hearAll() {
+    const std::lock_guard lock(mutex_);
+    heard_ = history_.last();
+  }
+  // The server does not know these edits, though it has told of them.
+  void forget(std::uint64_t count) {
+    const std::lock_guard lock(mutex_);
+    forgotten_ = count;
+  }
+  std::shared_ptr<const terrain::Terrain> terrain() const {
+    const std::lock_guard lock(mutex_);
+    return terrain_;
+  }
+  Source source() {
+    return {[this](auto x, auto z, auto out) -> Outcome<std::uint64_t> {
+              std::unique_lock lock(mutex_);
+              const auto terrain = terrain_;
+              const std::uint64_t edit = history_.last() - forgotten_;
+              lock.unlock();
+              terrain->heights(x, z, out);
+              if (meanwhile) meanwhile();
+              return edit;
+            },
+            [this](std::uint64_t edit) {
+              if (asked) asked();
+              const std::lock_guard lock(mutex_);
+              query::News news{heard_, history_.last(), {}};
+              for (const query::Change& change : changes_)
+                if (change.edit > edit && change.edit <= heard_) news.changes.push_back(change);
+              return news;
+            }};
+  }
+  std::function<void()> meanwhile, asked;  // called after heights are computed, and before what is new is told
+
+ private:
+  mutable std::mutex mutex_;
+  edits::History history_{alpine()};
+  std::shared_ptr<const terrain::Terrain> terrain_ = alpine();
+  std::vector<query::Change> changes_;
+  std::uint64_t heard_ = 0, forgotten_ = 0;
+};
+
+edits::Operation craterAt(double x, double z) { return {edits::Crater{{m(x), m(z)}, m(5), static_cast<std::int32_t>(m(6))}, 0}; }
+
+void expectTrue(const Tiles& held, const Site& site) {
+  const auto terrain = site.terrain();
+  for (const auto& [key, tile] : held) {
+    std::vector<Step> x, z;
+    for (Step b = 0; b <= kCells; ++b)
+      for (Step a = 0; a <= kCells; ++a) {
+        x.push_back(tile->x() + a * tile->spacing);
+        z.push_back(tile->z() + b * tile->spacing);
+      }
+    std::vector<float> heights(x.size());
+    terrain->heights(x, z, heights);
+    ASSERT_EQ(tile->heights, heights) << key.first << " " << key.second;
+  }
 }
 
 // As a program keeps them.
@@ -233,6 +315,161 @@ TEST(StandingGround, HeightsThatFailAreAskedAgain) {
   Tiles held;
   settle(*ground, held);
   EXPECT_TRUE(covers(held, {0, 0}, 32 * kMetre, kMetre));
+}
+
+TEST(StandingGround, TilesThatAnEditTouchesGoAndComeInTheNextChanges) {
+  Site site;
+  const auto ground = make(site.source());
+  Tiles held;
+  ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
+  settle(*ground, held);
+  const Tiles before = held;
+  site.edit(craterAt(7, 7));
+  const auto there = ground->wait(kLong);
+  ASSERT_TRUE(there) << there.error().message;
+  const Changes changes = ground->changes();
+  ASSERT_EQ(changes.gone.size(), 4u) << "the crater and its rim reach over the corner of four";
+  ASSERT_EQ(changes.came.size(), 4u);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto& came = changes.came[k];
+    EXPECT_TRUE(std::ranges::any_of(changes.gone, [&](const auto& gone) { return gone->i == came->i && gone->j == came->j; }));
+    EXPECT_EQ(came->edit, 1u);
+    EXPECT_EQ(changes.gone[k]->edit, 0u);
+    held[{came->i, came->j}] = came;
+  }
+  EXPECT_EQ(held.size(), before.size());
+  EXPECT_GT(before.at({0, 0})->heights[7 * 33 + 7] - held.at({0, 0})->heights[7 * 33 + 7], 5.9);
+  expectTrue(held, site);
+  EXPECT_TRUE(ground->changes().came.empty());
+}
+
+// They hold bodies up meanwhile.
+TEST(StandingGround, TilesStayUntilTheirSuccessorsAreThere) {
+  Site site;
+  std::mutex busy;
+  site.meanwhile = [&] { const std::lock_guard lock(busy); };
+  const auto ground = make(site.source());
+  Tiles held;
+  ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
+  settle(*ground, held);
+  {
+    const std::lock_guard lock(busy);
+    site.edit(craterAt(16, 16));
+    ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
+    const Changes changes = ground->changes();
+    EXPECT_TRUE(changes.gone.empty() && changes.came.empty());
+    EXPECT_FALSE(ground->wait(0ms));
+  }
+  settle(*ground, held);
+  expectTrue(held, site);
+}
+
+TEST(StandingGround, WaitWaitsForTheLastEditKnown) {
+  Site site;
+  const auto ground = make(site.source());
+  Tiles held;
+  ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
+  settle(*ground, held);
+  site.edit(craterAt(10, 10), false);
+  const auto early = ground->wait(0ms);
+  ASSERT_FALSE(early);
+  EXPECT_THAT(early.error().message, HasSubstr("edit 1 "));
+  std::atomic<int> asked{0};
+  site.asked = [&] {
+    if (++asked == 3) site.hearAll();
+  };
+  settle(*ground, held);
+  EXPECT_EQ(held.at({0, 0})->edit, 1u);
+  expectTrue(held, site);
+}
+
+TEST(StandingGround, AnEditWhileATileIsMadeIsNotMissed) {
+  Site site;
+  std::atomic<int> made{0};
+  site.meanwhile = [&] {
+    if (const int k = ++made; k <= 3) site.edit(craterAt(4 * k, 4 * k));
+  };
+  const auto ground = make(site.source());
+  Tiles held;
+  ASSERT_TRUE(ground->move(std::vector<Point>{{100, 100}}));
+  settle(*ground, held);
+  expectTrue(held, site);
+  EXPECT_EQ(held.at({0, 0})->edit, 3u);
+}
+
+TEST(StandingGround, WhereverBodiesAndEditsGoTilesAreTrue) {
+  Site site;
+  const auto ground = make(site.source(), {.radius = 20 * kMetre});
+  Tiles held;
+  std::mt19937_64 random(7);
+  std::vector<Point> bodies(8);
+  for (int step = 0; step < 150; ++step) {
+    for (Point& body : bodies)
+      body = {body.x + static_cast<Step>(random() % 8000) - 4000, body.z + static_cast<Step>(random() % 8000) - 4000};
+    if (step % 3 == 0) site.edit(testing_support::randomOperation(random, bodies[random() % bodies.size()]));
+    if (step % 40 == 39) site.edit({edits::Undo{static_cast<std::uint64_t>(step) / 4}, 0});
+    ASSERT_TRUE(ground->move(bodies));
+    take(*ground, held);
+    if (step % 5 != 4) continue;
+    settle(*ground, held);
+    for (const Point& body : bodies) ASSERT_TRUE(covers(held, body, 20 * kMetre, kMetre));
+    expectTrue(held, site);
+  }
+}
+
+TEST(StandingGround, WhoMissedManyEditsMakesAllTilesAgain) {
+  Site site;
+  bool missed = false;
+  Source source = site.source();
+  const auto since = source.since;
+  source.since = [&](std::uint64_t edit) {
+    query::News news = since(edit);
+    if (missed)
+      news.changes = {
+          {news.heard, {-2 * lattice::kMaxPosition, -2 * lattice::kMaxPosition, 2 * lattice::kMaxPosition, 2 * lattice::kMaxPosition}}};
+    return news;
+  };
+  const auto ground = make(std::move(source));
+  Tiles held;
+  ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
+  settle(*ground, held);
+  site.edit(craterAt(10, 10));
+  missed = true;
+  settle(*ground, held);
+  for (const auto& [key, tile] : held) EXPECT_EQ(tile->edit, 1u);
+  expectTrue(held, site);
+}
+
+TEST(StandingGround, EditsAreMadeWhereMemoryIsFull) {
+  Site site;
+  const auto ground = make(site.source(), {.radius = 300 * kMetre, .memory = 100'000});
+  Tiles held;
+  ASSERT_TRUE(ground->move(std::vector<Point>{{16 * kMetre, 16 * kMetre}}));
+  EXPECT_FALSE(ground->wait(kLong));
+  take(*ground, held);
+  site.edit(craterAt(16, 16));
+  const auto there = ground->wait(kLong);
+  ASSERT_FALSE(there);
+  EXPECT_THAT(there.error().message, HasSubstr("memory"));
+  take(*ground, held);
+  EXPECT_EQ(held.at({0, 0})->edit, 1u);
+  expectTrue(held, site);
+  EXPECT_LE(ground->bytes(), 100'000u);
+}
+
+TEST(StandingGround, AServerThatForgetsEditsIsAskedAgain) {
+  Site site;
+  const auto ground = make(site.source());
+  Tiles held;
+  ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
+  settle(*ground, held);
+  site.forget(1);
+  site.edit(craterAt(10, 10));
+  std::optional<Error> why;
+  while (!why || why->message.find("does not know an edit") == std::string::npos) why = ground->wait(10ms).error();
+  site.forget(0);
+  settle(*ground, held);
+  EXPECT_EQ(held.at({0, 0})->edit, 1u);
 }
 
 TEST(StandingGround, RefusesWhatCannotBe) {
