@@ -9,8 +9,11 @@
 
 #include <chrono>
 #include <csignal>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <memory>
+#include <regex>
 #include <string>
 #include <thread>
 #include <vector>
@@ -33,9 +36,9 @@ wire::Settings coarse() {
   return s;
 }
 
-std::string get(std::uint16_t port, const std::string& target) {
+std::string get(std::uint16_t port, const std::string& target, const std::string& method = "GET") {
   SocketClient client(port);
-  client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  client.send(method + " " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   return client.answer();
 }
 
@@ -170,6 +173,34 @@ TEST_F(Balance, SessionsStayOnTheirServer) {
   ASSERT_TRUE(nameless.upgrade("/v1/stream") && named.upgrade("/v1/stream?session=default"));
   EXPECT_TRUE(await([&] { return members(0) + members(1) == 2; })) << "they enter a moment after the upgrade";
   EXPECT_NE(members(0), 1) << "one is elsewhere";
+}
+
+TEST_F(Balance, EndingASessionReachesItsServer) {
+  std::vector<std::unique_ptr<SocketClient>> held;
+  for (int k = 0; k < 10; ++k) {
+    held.push_back(std::make_unique<SocketClient>(port));
+    ASSERT_TRUE(held.back()->upgrade("/v1/stream?session=world-" + std::to_string(k) + "&terrain=alpine&seed=1")) << held.back()->refusal();
+  }
+  for (int k = 0; k < 10; ++k)
+    EXPECT_THAT(get(port, "/v1/sessions/world-" + std::to_string(k) + (k % 2 ? "?x=1" : ""), "DELETE"), testing::StartsWith("HTTP/1.1 200"))
+        << k;
+  for (auto& server : servers) EXPECT_EQ(get(server->port(), "/v1/sessions").find("world-"), std::string::npos);
+}
+
+// There is no ingress here: its pattern alone is tried.
+TEST(Ingress, FindsASessionsNameInThePath) {
+  std::ifstream file(RIDGECAST_INGRESS);
+  const std::string yaml{std::istreambuf_iterator<char>(file), {}}, before = "if ($uri ~ \"";
+  const auto at = yaml.find(before);
+  ASSERT_NE(at, std::string::npos);
+  const std::regex pattern(yaml.substr(at + before.size(), yaml.find('"', at + before.size()) - at - before.size()));
+  for (const char* path : {"/v1/sessions/race", "/v1/sessions/race/", "/v1/sessions/race/members/7", "/v1/sessions/race/snapshot.glb"}) {
+    std::cmatch found;
+    ASSERT_TRUE(std::regex_search(path, found, pattern)) << path;
+    EXPECT_EQ(found[1], "race") << path;
+  }
+  for (const char* path : {"/v1/sessions", "/v1/sessions/", "/v1/heights", "/v1/stream"})
+    EXPECT_FALSE(std::regex_search(path, pattern)) << path;
 }
 
 TEST_F(Balance, ANameIsTheSameHoweverItIsWritten) {
