@@ -25,6 +25,7 @@
 #include <system_error>
 #include <vector>
 
+#include "common/text/text.h"
 #include "common/user_terrain/probe.h"
 #include "common/user_terrain/raster_terrain.h"
 #include "server/config/config.h"
@@ -191,9 +192,12 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   const auto makeTerrain = [requestOf, tellsText = config.limits.sendsTerrain](const session::WorldSpec& spec,
                                                                                const std::stop_token& stop) {
     auto made = user_terrain::load(requestOf(spec), warn, stop);
-    if (made || tellsText || made.error().message.find('\n') == std::string::npos) return made;
-    warn(made.error().message);  // it quotes the file
-    made = Error{"the terrain file has errors; the server's log shows them"};
+    if (made) return made;
+    const std::string& full = made.error().message;
+    const bool quotes = full.find('\n') != std::string::npos;  // the file
+    std::string told = quotes && !tellsText ? "the terrain file has errors; the server's log shows them" : text::withoutFolders(full);
+    if (told != full) warn(full);
+    made = Error{std::move(told)};
     return made;
   };
   if (config.limits.maxSessions > 1) resources->makeTerrain = makeTerrain;

@@ -52,6 +52,19 @@ std::optional<std::string> percentDecoded(std::string_view text) {
   return out;
 }
 
+std::string withoutFolders(std::string_view sentence) {
+  constexpr std::string_view kBefore = " \t\n'\"([=", kAfter = " \t\n'\"),;:]";
+  std::string out;
+  while (!sentence.empty()) {
+    const bool begins = sentence.front() == '/' && (out.empty() || kBefore.find(out.back()) != std::string_view::npos);
+    const std::string_view word = sentence.substr(0, begins ? sentence.find_first_of(kAfter) : 1);
+    const auto last = word.find_last_of('/');
+    out += begins && last > 0 && last + 1 < word.size() ? word.substr(last + 1) : word;
+    sentence.remove_prefix(word.size());
+  }
+  return out;
+}
+
 std::optional<std::string> readFile(const std::filesystem::path& file, std::size_t most) {
   std::ifstream in(file, std::ios::binary);
   std::string bytes;

@@ -40,6 +40,9 @@ std::string hexadecimal(std::uint64_t value);  // 16 digits
 // Of a URL: %41 -> A. Nothing: a % without two hexadecimal digits after it.
 std::optional<std::string> percentDecoded(std::string_view text);
 
+// A sentence with each absolute path cut down to its last name, for those who are not to learn where a machine has its files.
+std::string withoutFolders(std::string_view sentence);
+
 // A file's bytes; of a file with more than `most`, the first most + 1. Nothing: it cannot be read.
 std::optional<std::string> readFile(const std::filesystem::path& file, std::size_t most);
 

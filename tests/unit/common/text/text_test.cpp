@@ -50,5 +50,13 @@ TEST(Text, ReadsAFileUpToItsLimit) {
   EXPECT_FALSE(readFile(testing::TempDir(), 5)) << "a folder";
 }
 
+TEST(Text, TellsNoFolders) {
+  EXPECT_EQ(withoutFolders("/srv/terrains/a.glsl:3:5: it is wrong"), "a.glsl:3:5: it is wrong");
+  EXPECT_EQ(withoutFolders("there is no file '/srv/my.dem/b.tif'"), "there is no file 'b.tif'");
+  EXPECT_EQ(withoutFolders("cannot store in /root/.cache/x; give --terrain-cache=/tmp/y"), "cannot store in x; give --terrain-cache=y");
+  for (const char* same : {"", "/", "a / b", "1/2 of a/b.tif", "// a comment", "https://example.org/a", "x //"})
+    EXPECT_EQ(withoutFolders(same), same);
+}
+
 }  // namespace
 }  // namespace ridgecast::text
