@@ -34,7 +34,7 @@ constexpr const char* kUsage =
     "Say list, export, import, compact, verify or backup, then the log's file: ridgecast-server edits list session.edits; see --help.";
 constexpr const char* kHelp = R"(Usage: ridgecast-server edits COMMAND FILE
 
-Manages the log of a session's edits, FOLDER/SESSION.edits of --state FOLDER, while no server has it open.
+Manages the log of a session's edits, FOLDER/SESSION.edits of --state FOLDER, while no server has its session.
 
   list FILE                      Print a table of the edits
   export FILE                    Write them to standard output, one JSON object a line: number, key, author, name, time (microseconds
@@ -191,12 +191,14 @@ Outcome<void> addLines(std::istream& in, Log& log, edits::History& history) {
 }
 
 int import(const std::filesystem::path& file, std::istream& in, const user_terrain::Request& request) {
+  auto lock = edit_log::Lock::take(file);
+  if (!lock) return refuse(1, lock.error().message);
   if (std::filesystem::exists(file)) return refuse(2, "'" + file.string() + "' exists already; name a new file.");
   auto terrain = user_terrain::load(request, [](const std::string& complaint) { std::cerr << complaint << "\n"; });
   if (!terrain) return refuse(2, terrain.error().message);
   edit_log::World world{std::string((*terrain)->name()), request.seed, request.parameters, terrain::contentHash(**terrain)};
   std::ranges::sort(world.parameters);
-  auto log = Log::open(file, world);
+  auto log = Log::create(*lock, world);
   if (!log) return refuse(1, log.error().message);
   edits::History history(*terrain);
   if (auto added = addLines(in, **log, history); !added) {
@@ -277,8 +279,9 @@ int runEditsCommand(int argc, const char* const* argv, const char* const* enviro
   }
   std::error_code failed;
   if (!std::filesystem::exists(file, failed)) return refuse(2, "There is no file '" + file.string() + "'.");
-  auto log = Log::open(file, {});
+  auto log = Log::open(file);
   if (!log) return refuse(1, log.error().message);
+  if (!*log) return refuse(1, "'" + file.string() + "' is empty: its first edit was cut off.");
   if (what == "list") return list(**log);
   if (what == "export") return writeOut(**log);
   if (what == "compact") return compact(**log, request);

@@ -1,6 +1,5 @@
 #pragma once
-// ridgecast-server edits: manages the log of a session's edits (server/edit_log) while no server has it open; --help says how. To copy a
-// log that a server has open, ask that server.
+// ridgecast-server edits: manages the log of a session's edits (server/edit_log) while no server has its session; --help says how.
 
 namespace ridgecast {
 

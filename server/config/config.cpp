@@ -203,12 +203,7 @@ Outcome<Config> finish(Written&& w) {
   if (c.limits.maxTotalTriangles != 0)
     c.limits.maxTotalTriangles = std::max<std::uint64_t>(c.limits.maxTotalTriangles, settings::kLeastBudget);
   c.snapshots.share = w.snapshotShare / 100;
-  if (!c.state.empty()) {
-    std::error_code failed;
-    std::filesystem::create_directories(c.state, failed);
-    if (!std::filesystem::is_directory(c.state)) return Error{"--state '" + c.state.string() + "' is not a folder and cannot be created."};
-    if (c.watch) return Error{"--watch changes the ground under edits that --state keeps; leave one of them out."};
-  }
+  if (!c.state.empty() && c.watch) return Error{"--watch changes the ground under edits that --state keeps; leave one of them out."};
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
   const std::map<std::string, logging::Level> levels{{"debug", logging::Level::kDebug},

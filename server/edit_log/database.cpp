@@ -1,5 +1,9 @@
 #include "server/edit_log/database.h"
 
+#include <system_error>
+
+#include "server/edit_log/lock.h"
+
 namespace ridgecast::edit_log {
 namespace {
 
@@ -10,7 +14,7 @@ Error errorOf(sqlite3* database, const std::string& file) {
       return {name + " is not a log of edits."};
     case SQLITE_BUSY:
     case SQLITE_LOCKED:
-      return {name + " is in use by another program; stop the server that has it, or use a backup."};
+      return inUse(file);
     case SQLITE_CORRUPT:
     case SQLITE_ERROR:  // a table is missing
     case SQLITE_MISMATCH:
@@ -48,10 +52,14 @@ std::string_view Statement::Rows::text(int column) const {
 Outcome<Database> Database::open(const std::filesystem::path& file, int flags) {
   Database out;
   sqlite3* handle = nullptr;
+  std::error_code failed;
+  const bool isNew = !std::filesystem::exists(file, failed);
   const int code = sqlite3_open_v2(file.c_str(), &handle, flags, nullptr);
   out.handle_.reset(handle);
-  out.file_ = file.string();
+  out.file_ = file.filename().string();
   if (code != SQLITE_OK) return out.error();
+  using std::filesystem::perms;
+  if (isNew) std::filesystem::permissions(file, perms::owner_read | perms::owner_write, failed);  // its journals' follow
   return out;
 }
 

@@ -71,7 +71,7 @@ class Statement {
 
 class Database {
  public:
-  // `flags` as of sqlite3_open_v2.
+  // `flags` as of sqlite3_open_v2. A file that it makes is readable by its owner alone. Sentences name the file without its folder.
   static Outcome<Database> open(const std::filesystem::path& file, int flags);
 
   Outcome<void> run(const char* sql);  // statements separated by semicolons

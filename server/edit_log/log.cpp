@@ -32,12 +32,6 @@ std::uint64_t hashOfEdit(const Edit& edit, std::string_view operation) {
   return hash;
 }
 
-// SQLite would begin anew where a file is shorter than its header or does not begin with it.
-bool isDatabaseOrEmpty(const std::filesystem::path& file) {
-  const std::string head = text::readFile(file, 15).value_or("");
-  return head.starts_with("SQLite format 3") || head.find_first_not_of('\0') == std::string::npos;
-}
-
 // Tiles that may differ: those of these posts, each once, ascending.
 std::vector<edits::TileAddress> tilesOf(std::span<const edits::Posts> changed) {
   std::vector<edits::TileAddress> out;
@@ -65,19 +59,52 @@ struct Log::Statements {
   std::vector<std::uint8_t> bytes;  // of the tile at hand
 };
 
-Log::Log() : sql_(std::make_unique<Statements>()) {}
+Log::Log(std::shared_ptr<const Lock> lock) : lock_(std::move(lock)), sql_(std::make_unique<Statements>()) {}
 Log::~Log() = default;
 
-Error Log::damaged(const std::string& what) const { return {"'" + file_.string() + "' is damaged: " + what + "."}; }
+Error Log::damaged(const std::string& what) const { return {"'" + file().filename().string() + "' is damaged: " + what + "."}; }
 
-Outcome<std::unique_ptr<Log>> Log::open(const std::filesystem::path& file, const World& ifNew) {
-  const Error notALog{"'" + file.string() + "' is not a log of edits."};
-  if (!isDatabaseOrEmpty(file)) return notALog;
-  auto database = Database::open(file, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX);
+Outcome<std::unique_ptr<Log>> Log::open(const std::filesystem::path& file) {
+  auto lock = Lock::take(file);
+  return lock ? open(std::move(*lock)) : lock.error();
+}
+
+Outcome<std::unique_ptr<Log>> Log::create(const std::filesystem::path& file, const World& world) {
+  auto lock = Lock::take(file);
+  return lock ? create(std::move(*lock), world) : lock.error();
+}
+
+Outcome<std::unique_ptr<Log>> Log::open(std::shared_ptr<const Lock> lock) {
+  std::unique_ptr<Log> log(new Log(std::move(lock)));
+  std::error_code unknown;
+  if (std::filesystem::status(log->file(), unknown).type() == std::filesystem::file_type::not_found) return std::unique_ptr<Log>();
+  const auto isThere = log->connect(SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX);
+  if (!isThere) return isThere.error();
+  if (!*isThere) return std::unique_ptr<Log>();
+  if (auto loaded = log->load(); !loaded) return loaded.error();
+  return log;
+}
+
+Outcome<std::unique_ptr<Log>> Log::create(std::shared_ptr<const Lock> lock, const World& world) {
+  std::unique_ptr<Log> log(new Log(std::move(lock)));
+  const auto isThere = log->connect(SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX);
+  if (!isThere) return isThere.error();
+  if (*isThere)
+    return Error{"'" + log->file().filename().string() + "' has edits already; the session must be joined again to go on with them."};
+  if (auto created = log->makeTables(world); !created) return created.error();
+  if (auto loaded = log->load(); !loaded) return loaded.error();
+  return log;
+}
+
+Outcome<bool> Log::connect(int flags) {
+  const std::filesystem::path& file = this->file();
+  const std::string name = "'" + file.filename().string() + "'";
+  // To SQLite a file of one byte is an empty one, and it would begin again.
+  std::error_code unknown;
+  if (std::filesystem::file_size(file, unknown) == 1 && !unknown) return Error{name + " is not a log of edits."};
+  auto database = Database::open(file, flags);
   if (!database) return database.error();
-  std::unique_ptr<Log> log(new Log);
-  log->file_ = file;
-  Database& db = log->sql_->database = std::move(*database);
+  Database& db = sql_->database = std::move(*database);
   // EXTRA also syncs the folder when a journal goes. One that came back after a power cut would undo what followed it.
   if (auto set =
           db.run("PRAGMA locking_mode = EXCLUSIVE; PRAGMA synchronous = EXTRA; PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON");
@@ -87,20 +114,17 @@ Outcome<std::unique_ptr<Log>> Log::open(const std::filesystem::path& file, const
              tables = db.integer("SELECT count(*) FROM sqlite_schema");
   for (const auto* read : {&id, &version, &tables})
     if (!*read) return read->error();
-  const bool isNew = *id == 0 && *version == 0 && *tables == 0;
-  if (!isNew && *id != kApplicationId) return notALog;
-  if (!isNew && *version != kVersion)
-    return Error{"'" + file.string() + "' is a log of edits of version " + std::to_string(*version) + "; this program reads version " +
+  const bool isThere = *id != 0 || *version != 0 || *tables != 0;
+  if (isThere && *id != kApplicationId) return Error{name + " is not a log of edits."};
+  if (isThere && *version != kVersion)
+    return Error{name + " is a log of edits of version " + std::to_string(*version) + "; this program reads version " +
                  std::to_string(kVersion) + "."};
   // Only the first write locks out others.
   if (auto set = db.run("PRAGMA journal_mode = WAL; BEGIN EXCLUSIVE; COMMIT"); !set) return set.error();
-  if (isNew)
-    if (auto created = log->create(ifNew); !created) return created.error();
-  if (auto loaded = log->load(); !loaded) return loaded.error();
-  return log;
+  return isThere;
 }
 
-Outcome<void> Log::create(const World& world) {
+Outcome<void> Log::makeTables(const World& world) {
   Database& db = sql_->database;
   Transaction transaction(db);
   if (auto begun = transaction.begin(); !begun) return begun.error();

@@ -2,7 +2,8 @@
 // A session's edits on disk: an SQLite file that has all edits in their order, which are the truth, and a cache of the layer that they
 // make, tile by tile. What append() has returned for survives the loss of power; an edit whose append() was cut off is there or not, whole.
 //
-// One program at a time has a file open, one thread at a time a Log. Edits and tiles carry hashes, so that damage is told from content.
+// One program at a time has a file (lock.h), one thread at a time a Log. SQLite alone opens it: to close any other descriptor of it would
+// lose SQLite's own locks. Edits and tiles carry hashes, so that damage is told from content.
 //
 // Tables: meta (one row: the world, the last compacted edit, the edit up to which the tiles are made, and the sums of the tiles' hashes),
 // edits (as edits::toJson), tiles, and base_tiles: what compacted edits have made.
@@ -21,6 +22,7 @@
 #include "common/edits/operation.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
+#include "server/edit_log/lock.h"
 
 namespace ridgecast::edit_log {
 
@@ -44,11 +46,16 @@ struct Edit {
 
 class Log {
  public:
-  // Creates the file if there is none, or an empty one. Error: one sentence: not a log, another version, damaged, in use, cannot be
-  // written.
-  static Outcome<std::unique_ptr<Log>> open(const std::filesystem::path& file, const World& ifNew);
+  // Null: there is no file, or its making was cut off and nothing is in it. Error: one sentence, which names no folder: not a log, another
+  // version, damaged, in use, cannot be written.
+  static Outcome<std::unique_ptr<Log>> open(std::shared_ptr<const Lock> lock);
+  static Outcome<std::unique_ptr<Log>> open(const std::filesystem::path& file);  // takes the lock too
+  // A new log. Error: also if there is one.
+  static Outcome<std::unique_ptr<Log>> create(std::shared_ptr<const Lock> lock, const World& world);
+  static Outcome<std::unique_ptr<Log>> create(const std::filesystem::path& file, const World& world);
   ~Log();
 
+  const std::filesystem::path& file() const { return lock_->log(); }
   const World& world() const { return world_; }           // the file's own
   std::uint64_t last() const { return last_; }            // number of the last edit; 0: none
   std::uint64_t compacted() const { return compacted_; }  // of the last edit that compact() took; 0: none
@@ -77,8 +84,9 @@ class Log {
 
  private:
   struct Statements;
-  Log();
-  Outcome<void> create(const World& world);
+  explicit Log(std::shared_ptr<const Lock> lock);
+  Outcome<bool> connect(int flags);  // whether anything is in it
+  Outcome<void> makeTables(const World& world);
   Outcome<void> load();
   Outcome<std::shared_ptr<const edits::Layer>> layerIn(bool base);
   Outcome<void> put(const Edit& edit);
@@ -86,7 +94,7 @@ class Log {
   Outcome<void> putMeta(std::uint64_t tilesOf, std::uint64_t tilesHash);
   Error damaged(const std::string& what) const;
 
-  std::filesystem::path file_;
+  std::shared_ptr<const Lock> lock_;  // until SQLite has closed the file
   std::unique_ptr<Statements> sql_;
   World world_;
   std::uint64_t last_ = 0, compacted_ = 0;

@@ -47,12 +47,15 @@ Answer whenSaid(std::function<void(const std::shared_ptr<Said>& said)> ask) {
 
 Answer invalid(const Error& e) { return refused(422, metrics::Refusal::kRequest, e.message); }
 
+Answer ended(const Error& e) { return refused(404, metrics::Refusal::kSession, e.message); }
+
 Answer make(std::shared_ptr<session::Session> session, edits::Operation operation, std::string key, const std::string& client) {
   auto edit = std::make_shared<session::Edit>(session::Edit{std::move(key), edits::toText({client, {}}), std::move(operation)});
   return whenSaid([session = std::move(session), edit = std::move(edit), client](const std::shared_ptr<Said>& said) {
-    session->edit(std::move(*edit), session->budgetsOf(client), [said](const session::Edits::Answer& number) {
+    session->edit(std::move(*edit), session->budgetsOf(client), [said, session](const session::Edits::Answer& number) {
       if (!number) {
         const std::string& why = number.error().message;
+        if (session->edits().isOver()) return said->set(ended(number.error()));
         return said->set(number.isForNow ? refused(429, metrics::Refusal::kBusy, why, {{"Retry-After", "1"}}) : invalid(number.error()));
       }
       Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");

@@ -1,6 +1,7 @@
 #include "server/http/worlds.h"
 
 #include <algorithm>
+#include <chrono>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
@@ -108,18 +109,38 @@ Answer join(std::shared_ptr<session::Session> session, const Wish& wish, const E
 
 Answer refusedFor(const session::Directory::Full& full) { return refused(full.isOwn ? 429 : 503, metrics::Refusal::kFull, full.sentence); }
 
-// The answer to a client that has left is not read: then nothing is made.
-Answer make(const std::string& name, const Wish& wish, const std::string& client, session::Directory& directory, const Enter& enter,
-            bool makes, const std::stop_token& stop) {
+constexpr std::chrono::milliseconds kNameTaken{10};  // before a name is asked for again
+
+Answer noSession(const std::string& name) {
+  return refused(404, metrics::Refusal::kSession,
+                 "There is no session named '" + name + "' here; 'default' always exists, and &terrain=NAME creates one.");
+}
+
+// A turn (Answer::again): not made yet, as long as somebody else has the name. The answer to a client that has left is not read: then
+// nothing is made.
+Answer make(const std::string& name, Wish wish, const std::string& client, session::Directory& directory, const Enter& enter, bool makes,
+            const std::stop_token& stop) {
+  auto reserved = directory.reserve(name);
+  if (!reserved) return refused(503, metrics::Refusal::kSession, reserved.error().message);
+  if (!*reserved) {  // another request was faster
+    if (auto session = directory.find(name)) return join(std::move(session), wish, enter);
+    Answer later;
+    later.again = std::chrono::steady_clock::now() + kNameTaken;
+    return later;
+  }
+  if (const edit_log::World* const kept = (*reserved)->kept()) {  // nobody is in it, but its edits are kept
+    const WorldSpec spec{kept->terrain, kept->seed, kept->parameters, wire::ClockMode::kRealTime};
+    if (!wish.isMetBy(spec)) return refused(409, metrics::Refusal::kSession, otherWorld(name, spec));
+    wish.terrain = spec.terrain, wish.seed = spec.seed, wish.parameters = spec.parameters;
+  }
+  if (wish.terrain.empty()) return noSession(name);
   const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters, wish.clock.value_or(wire::ClockMode::kRealTime)};
   auto terrain = directory.resources().makeTerrain(spec, stop);
   if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
   if (stop.stop_requested()) return refused(503, metrics::Refusal::kSession, "Session '" + name + "' was not created: its client left.");
   if (!makes) return enter(nullptr);
-  const auto added = directory.add(name, std::move(*terrain), spec.parameters, client, spec.clock);
+  const auto added = directory.add(std::move(*reserved), std::move(*terrain), spec.parameters, client, spec.clock);
   if (added) return enter(*added);
-  // Another request may have been faster.
-  if (auto session = directory.find(name)) return join(std::move(session), wish, enter);
   const auto full = directory.full(client);
   return full ? refusedFor(*full) : refused(503, metrics::Refusal::kFull, added.error().message);
 }
@@ -137,17 +158,8 @@ Answer inSession(const Request& request, session::Directory& directory, const En
   auto wish = readWish(request.query());
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish, enter);
-  const auto kept = directory.kept(wanted);
-  if (!kept) return refused(503, metrics::Refusal::kSession, kept.error().message);
-  if (*kept) {  // nobody is in it, but its edits are kept
-    if (!wish->isMetBy(**kept)) return refused(409, metrics::Refusal::kSession, otherWorld(wanted, **kept));
-    wish->terrain = (*kept)->terrain;
-    wish->seed = (*kept)->seed;
-    wish->parameters = (*kept)->parameters;
-  }
-  if (wish->terrain.empty())
-    return refused(404, metrics::Refusal::kSession,
-                   "There is no session named '" + wanted + "' here; 'default' always exists, and &terrain=NAME creates one.");
+  const bool isKept = directory.keeps(wanted);
+  if (wish->terrain.empty() && !isKept) return noSession(wanted);
   if (!request.rights.has(access::Right::kCreate))
     return refused(403, metrics::Refusal::kRight, "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
   if (!directory.resources().makeTerrain)
@@ -155,9 +167,10 @@ Answer inSession(const Request& request, session::Directory& directory, const En
   const std::string client(request.client);
   if (const auto full = directory.full(client)) return refusedFor(*full);
   const auto builtIn = terrain::builtIn();
-  const bool atOnce = !*kept && wish->parameters.empty() &&
+  const bool atOnce = !isKept && wish->parameters.empty() &&
                       std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
-  if (atOnce) return make(wanted, *wish, client, directory, enter, makes, {});
+  if (atOnce)
+    if (Answer made = make(wanted, *wish, client, directory, enter, makes, {}); !made.again) return made;
   return madeBy(
       {.makesWorld = true,
        .work = [=, wish = *wish, &directory](std::stop_token stop) { return make(wanted, wish, client, directory, enter, makes, stop); },
@@ -229,7 +242,7 @@ Route terrainsRoute(std::optional<std::filesystem::path> folder) {
   const auto answer = [folder = std::move(folder)](std::stop_token) {
     Json terrains = Json::array();
     const auto entries = folder ? user_terrain::list(*folder) : std::vector<user_terrain::Entry>();
-    if (!entries) return refused(503, metrics::Refusal::kRequest, entries.error().message);
+    if (!entries) return refused(503, metrics::Refusal::kRequest, text::withoutFolders(entries.error().message));
     for (const user_terrain::Entry& entry : *entries) {
       if (!entry.problem.empty()) continue;
       Json parameters = Json::array();

@@ -8,6 +8,7 @@
 
 #include "common/edits/author.h"
 #include "common/edits/edited_terrain.h"
+#include "server/logging/logging.h"
 
 namespace ridgecast::session {
 
@@ -31,6 +32,8 @@ Edits::Answer ofAnother(std::uint64_t number) {
   return Error{"The key is that of another edit, " + (number > 0 ? "number " + std::to_string(number) : std::string("which waits")) +
                "; give this one a key of its own."};
 }
+
+Error over() { return {"The session has ended; join it again, and send the edit there."}; }
 
 }  // namespace
 
@@ -109,6 +112,21 @@ void Edits::read(std::uint64_t after, std::size_t most, Read read) {
   readings_.push_back({after, most, std::move(read)});
 }
 
+bool Edits::isOver() const {
+  const std::lock_guard lock(mutex_);
+  return isOver_;
+}
+
+void Edits::end() {
+  const std::lock_guard lock(mutex_);
+  if (std::exchange(isOver_, true)) return;
+  pool_->post([self = shared_from_this()] {
+    self->kept_.log.reset();
+    self->kept_.makeLog = nullptr;
+    self->kept_.held.reset();
+  });
+}
+
 void Edits::readAll() {
   std::vector<Reading> readings;
   {
@@ -119,11 +137,15 @@ void Edits::readAll() {
 }
 
 void Edits::makeAll() {
-  std::vector<std::shared_ptr<Waiting>> waiting;
+  std::vector<std::shared_ptr<Waiting>> waiting, refused;
   {
     const std::lock_guard lock(mutex_);
     waiting.swap(waiting_);
+    if (isOver_) waiting.swap(refused);
+    for (const auto& w : refused) open_.erase(w->edit.key);
   }
+  for (const auto& w : refused)
+    for (const Done& done : w->done) done(over(), 0);
   const std::uint64_t before = history_.last();
   const auto layer = history_.layer();
   changedPosts_.clear();
@@ -165,7 +187,7 @@ std::optional<Edits::Answer> Edits::known(const Edit& edit) {
   };
   if (const auto number = kept_.log->numberOf(edit.key)) {
     const auto isSame = sameOf(*number);
-    if (!isSame) return Answer(isSame.error());
+    if (!isSame) return Answer(told(isSame.error()));
     return *isSame ? Answer(*number) : ofAnother(*number);
   }
   // In older logs a key was that of a name alone. Whose it was nobody knows: it is known again by its edit.
@@ -202,14 +224,24 @@ Outcome<void> Edits::keep(const std::vector<MadeEdit>& made, const edits::Layer&
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
   std::vector<edit_log::Edit> entries;
   for (const MadeEdit& m : made) entries.push_back({m.number, m.edit.key, m.edit.author, now, m.edit.operation});
-  return kept_.log->append(entries, before, *history_.layer(), changedPosts_);
+  auto appended = kept_.log->append(entries, before, *history_.layer(), changedPosts_);
+  if (!appended) return told(appended.error());
+  trouble_.clear();
+  return appended;
+}
+
+Error Edits::told(Error e) {
+  if (std::exchange(trouble_, e.message) != e.message)
+    logging::error("in '" + kept_.log->file().parent_path().string() + "': " + e.message);
+  return e;
 }
 
 Outcome<std::vector<MadeEdit>> Edits::list(std::uint64_t after, std::size_t most) {
   std::vector<MadeEdit> out;
-  if (kept_.log && after < begins_) {
+  if (after < begins_) {
+    if (!kept_.log) return over();
     auto edits = kept_.log->read(after, most);
-    if (!edits) return edits.error();
+    if (!edits) return told(edits.error());
     for (edit_log::Edit& e : *edits) {
       const edits::Posts posts = edits::areaOf(e.operation);
       out.push_back({e.number,

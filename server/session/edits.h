@@ -54,6 +54,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
 
   // Where edits are kept: a log, or how to make one for the first edit; neither: in memory alone.
   struct Kept {
+    std::shared_ptr<const void> held;  // let go of when the log is closed
     std::unique_ptr<edit_log::Log> log;
     std::optional<edits::History> history;  // the log's
     std::function<Outcome<std::unique_ptr<edit_log::Log>>()> makeLog;
@@ -90,6 +91,10 @@ class Edits : public std::enable_shared_from_this<Edits> {
   using Read = std::function<void(Outcome<std::vector<MadeEdit>> edits)>;
   void read(std::uint64_t after, std::size_t most, Read read);
 
+  // The session is over: what has not begun is refused, and what comes later. The editing task closes the log.
+  void end();
+  bool isOver() const;
+
  private:
   struct Waiting {
     Waiting(Edit e, Pay p) : edit(std::move(e)), pay(std::move(p)) {}
@@ -111,6 +116,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   std::optional<Answer> known(const Edit& edit);                          // from the log
   Answer make(const Waiting& waiting, std::vector<MadeEdit>& made);
   Outcome<void> keep(const std::vector<MadeEdit>& made, const edits::Layer& before);  // on disk
+  Error told(Error e);  // to the operator, once while the same is wrong, with the folder, of which clients do not hear
   Outcome<std::vector<MadeEdit>> list(std::uint64_t after, std::size_t most);
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
@@ -122,6 +128,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   Kept kept_;
   edits::History history_;
   const std::uint64_t begins_;              // the last edit of the log when this began
+  std::string trouble_;                     // of the log, since an edit was last kept
   std::vector<edits::Posts> changedPosts_;  // of the edits that are being made
 
   mutable std::mutex mutex_;
@@ -132,6 +139,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   std::vector<std::shared_ptr<Waiting>> waiting_;
   std::unordered_map<std::string, std::shared_ptr<Waiting>> open_;  // those with a key that wait or are being made
   std::vector<Reading> readings_;
+  bool isOver_ = false;
 };
 
 }  // namespace ridgecast::session

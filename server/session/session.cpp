@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <random>
-#include <thread>
 
 #include "common/edits/json.h"
 #include "common/wire/wire.h"
@@ -23,10 +22,6 @@ bool raise(std::atomic<std::uint32_t>& counter, std::uint32_t limit) {
 std::uint64_t anyNumber() {
   std::random_device device;
   return std::uint64_t{device()} << 32 | device();
-}
-
-std::filesystem::path logOf(const std::filesystem::path& state, const std::string& session) {
-  return state.empty() ? std::filesystem::path() : state / (session + ".edits");
 }
 
 constexpr std::size_t kMostPast = 16u << 20;  // bytes of edits with which a recording begins
@@ -119,13 +114,21 @@ Outcome<CameraPlace> Session::enter(const std::string& client) {
 
 bool Session::end() {
   std::uint32_t nobody = 0;
-  return members_->compare_exchange_strong(nobody, kEnded);
+  if (!members_->compare_exchange_strong(nobody, kEnded)) return false;
+  edits_->end();
+  return true;
+}
+
+void Session::retire() {
+  isRetired_ = true;
+  edits_->end();
 }
 
 Directory::Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
                      std::vector<std::pair<std::string, double>> defaultParameters)
     : resources_(std::move(resources)),
-      places_(std::make_shared<Places>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)) {
+      places_(std::make_shared<Places>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
+      reservations_(resources_->state) {
   add(std::string(kDefaultName), std::move(defaultTerrain), std::move(defaultParameters)).value();
 }
 
@@ -135,73 +138,35 @@ std::shared_ptr<Session> Directory::find(std::string_view name) const {
   return it == sessions_.end() ? nullptr : it->second.session;
 }
 
-Outcome<std::optional<WorldSpec>> Directory::kept(const std::string& name) const {
-  const std::filesystem::path file = logOf(resources_->state, name);
-  if (file.empty() || !std::filesystem::exists(file)) return std::optional<WorldSpec>();
-  const std::lock_guard lock(mutex_);
-  if (const auto known = known_.find(name); known != known_.end()) return std::optional(known->second);
-  const auto log = edit_log::Log::open(file, {});
-  if (!log) return log.error();
-  const edit_log::World& world = (*log)->world();
-  return std::optional(known_[name] = {world.terrain, world.seed, world.parameters, wire::ClockMode::kRealTime});
+Outcome<std::unique_ptr<Reservation>> Directory::reserve(const std::string& name) const {
+  auto reservation = reservations_.take(name);
+  if (reservation && find(name)) reservation->reset();
+  return reservation;
 }
 
-Outcome<Edits::Kept> Directory::keptOf(const std::string& name, const WorldSpec& spec,
-                                       const std::shared_ptr<const terrain::Terrain>& terrain) const {
-  Edits::Kept kept;
-  const std::filesystem::path file = logOf(resources_->state, name);
-  if (file.empty()) return kept;
-  const edit_log::World world{spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)};
-  if (!std::filesystem::exists(file)) {
-    kept.makeLog = [file, world]() -> Outcome<std::unique_ptr<edit_log::Log>> {
-      std::error_code failed;
-      const std::filesystem::directory_iterator files(file.parent_path(), failed);
-      if (std::distance(begin(files), end(files)) >= kMostKept)
-        return Error{"The server keeps the edits of at most " + std::to_string(kMostKept) + " sessions; its operator can take some away."};
-      return edit_log::Log::open(file, world);
-    };
-    return kept;
-  }
-  auto log = edit_log::Log::open(file, world);
-  // A session of this name that has just ended has it open until its last answers have left.
-  for (int retries = 200; !log && !find(name) && retries > 0 && isKnown(name); --retries) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    log = edit_log::Log::open(file, world);
-  }
-  if (!log) return log.error();
-  if ((*log)->world().terrain != world.terrain || (*log)->world().seed != world.seed || (*log)->world().parameters != world.parameters)
-    return Error{"The session '" + name + "' has edits of another world, " + (*log)->world().terrain + " with seed " +
-                 std::to_string((*log)->world().seed) + "; join it without naming a terrain, or choose another name."};
-  auto history = edit_log::historyOf(**log, terrain);
-  if (!history) return history.error();
-  kept.log = std::move(*log);
-  kept.history = std::move(*history);
-  return kept;
-}
-
-bool Directory::isKnown(const std::string& name) const {
-  const std::lock_guard lock(mutex_);
-  return known_.contains(name);
-}
-
-void Directory::remember(const Session& session) {
-  if (!resources_->state.empty() && session.ground().edit > 0) known_[session.name()] = session.spec();
-}
-
-Outcome<std::shared_ptr<Session>> Directory::add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
+Outcome<std::shared_ptr<Session>> Directory::add(const std::string& name, std::shared_ptr<const terrain::Terrain> terrain,
                                                  std::vector<std::pair<std::string, double>> parameters, std::string maker,
                                                  wire::ClockMode clock) {
   if (!wire::sessionNameIsValid(name))
     return Error{"A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens."};
+  auto reservation = reserve(name);
+  if (!reservation) return reservation.error();
+  if (!*reservation) return Error{"There is a session named '" + name + "' already; choose another name."};
+  return add(std::move(*reservation), std::move(terrain), std::move(parameters), std::move(maker), clock);
+}
+
+Outcome<std::shared_ptr<Session>> Directory::add(std::unique_ptr<Reservation> reservation, std::shared_ptr<const terrain::Terrain> terrain,
+                                                 std::vector<std::pair<std::string, double>> parameters, std::string maker,
+                                                 wire::ClockMode clock) {
+  const std::string& name = reservation->name();
   std::sort(parameters.begin(), parameters.end());
   WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
-  auto kept = keptOf(name, spec, terrain);
+  auto kept = reservation->keep({spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)}, terrain);
   if (!kept) return kept.error();
   auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, places_, std::move(*kept));
   const std::lock_guard lock(mutex_);
-  if (sessions_.contains(name)) return Error{"There is a session named '" + name + "' already; choose another name."};
   if (auto full = fullFor(maker)) return Error{std::move(full->sentence)};
-  sessions_.emplace(std::move(name), Kept{session, std::move(maker), 0, {}});
+  sessions_.emplace(name, Kept{session, std::move(maker), 0, {}});
   sweepSoon();
   return session;
 }
@@ -225,7 +190,6 @@ std::shared_ptr<Session> Directory::remove(std::string_view name) {
   if (it == sessions_.end() || name == kDefaultName) return nullptr;
   std::shared_ptr<Session> session = std::move(it->second.session);
   sessions_.erase(it);
-  remember(*session);
   session->retire();
   return session;
 }
@@ -281,7 +245,6 @@ void Directory::sweep() {
       ++it;
       continue;
     }
-    remember(*kept.session);
     ended.push_back(std::move(kept.session));
     it = sessions_.erase(it);
   }

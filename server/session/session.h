@@ -35,6 +35,7 @@
 #include "server/session/place_queue.h"
 #include "server/session/places.h"
 #include "server/session/presence.h"
+#include "server/session/reservations.h"
 #include "server/session/timer.h"
 
 namespace ridgecast::session {
@@ -73,7 +74,6 @@ struct WorldSpec {
 using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain>>(const WorldSpec&, const std::stop_token& stop)>;
 
 inline constexpr std::string_view kDefaultName = "default";
-inline constexpr std::ptrdiff_t kMostKept = 4096;                  // files in Resources::state, before another session's edits are refused
 inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // of a client's session that nobody has used; at most sessionIdle
 inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
 inline constexpr std::uint32_t kMostMembers = 32'768;  // of a session: they fit into one wire::Members
@@ -147,10 +147,10 @@ class Session {
   Outcome<CameraPlace> enter(const std::string& client = {});
   // What this client's cameras and queries share (Places::budgetsOf).
   std::shared_ptr<Budgets> budgetsOf(const std::string& client) const { return places_->budgetsOf(client, resources_->timer->now()); }
-  // Ends it if it has no members; then nobody can enter.
+  // Ends it if it has no members; then nobody can enter or edit.
   bool end();
-  // It has a successor: whoever enters now must connect again.
-  void retire() { isRetired_ = true; }
+  // It was ended, or has a successor: whoever enters now must connect again, and nobody can edit.
+  void retire();
   bool isRetired() const { return isRetired_; }
   // A member has said hello, or somebody without a place uses it: an idle session that is used does not end.
   void use() { ++uses_; }
@@ -176,16 +176,23 @@ class Session {
 // Any thread. Idle sessions end only if a shared_ptr holds this.
 class Directory : public std::enable_shared_from_this<Directory> {
  public:
-  // Throws std::runtime_error with one sentence when the default session's edits cannot be read.
+  // Throws std::runtime_error with one sentence when Resources::state cannot be written, or the default session's edits cannot be read.
   Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
             std::vector<std::pair<std::string, double>> defaultParameters = {});
 
   std::shared_ptr<Session> find(std::string_view name) const;  // none: nullptr
-  // The world of a session that does not live, but has edits that are kept. Error: one sentence: its log cannot be read, or is in use.
-  Outcome<std::optional<WorldSpec>> kept(const std::string& name) const;
+  // Whether edits are kept of a session of this name.
+  bool keeps(const std::string& name) const { return reservations_.hasLog(name); }
+  // The right to add the session of a valid name. Null: it lives, or somebody is adding it, or one that has ended closes its log: find it,
+  // or ask again in a moment. Error: one sentence; another server has it, or its edits cannot be read.
+  Outcome<std::unique_ptr<Reservation>> reserve(const std::string& name) const;
   // With the edits that are kept of it, which may take seconds. `maker`: the client, as http::Request::client; empty: the operator, who has
-  // no share. Error: the name is taken or invalid, full(), or the edits that are kept are of another world.
-  Outcome<std::shared_ptr<Session>> add(std::string name, std::shared_ptr<const terrain::Terrain> terrain,
+  // no share. Error: full(), or the edits that are kept are of another world.
+  Outcome<std::shared_ptr<Session>> add(std::unique_ptr<Reservation> reservation, std::shared_ptr<const terrain::Terrain> terrain,
+                                        std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
+                                        wire::ClockMode clock = wire::ClockMode::kRealTime);
+  // Likewise. Error: also if the name is taken or invalid.
+  Outcome<std::shared_ptr<Session>> add(const std::string& name, std::shared_ptr<const terrain::Terrain> terrain,
                                         std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
                                         wire::ClockMode clock = wire::ClockMode::kRealTime);
   // A session of the same name, maker and spec with another ground takes the place of this one, which is retired: its members have their
@@ -212,6 +219,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
  private:
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<Places> places_;
+  const Reservations reservations_;
   std::atomic<std::uint64_t> lastCameraId_{0};
   struct Kept {
     std::shared_ptr<Session> session;
@@ -220,16 +228,12 @@ class Directory : public std::enable_shared_from_this<Directory> {
     std::uint64_t uses = 0;
     std::optional<std::chrono::steady_clock::time_point> idleSince;
   };
-  Outcome<Edits::Kept> keptOf(const std::string& name, const WorldSpec& spec, const std::shared_ptr<const terrain::Terrain>& terrain) const;
-  bool isKnown(const std::string& name) const;
-  void remember(const Session& session);                      // under the lock: it ends, but its edits are kept
   std::optional<Full> fullFor(std::string_view maker) const;  // under the lock
   void sweepSoon();                                           // under the lock
   void sweep();
 
   mutable std::mutex mutex_;
   std::map<std::string, Kept, std::less<>> sessions_;
-  mutable std::map<std::string, WorldSpec> known_;  // of edits that are kept, as far as their worlds were looked at
   bool sweepSet_ = false;
 };
 

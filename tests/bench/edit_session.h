@@ -16,7 +16,9 @@ struct EditSession {
   edits::History history;
 
   static EditSession open(const std::filesystem::path& file, const std::shared_ptr<const terrain::Terrain>& terrain) {
-    auto log = edit_log::Log::open(file, {std::string(terrain->name()), terrain->seed(), {}, terrain::contentHash(*terrain)}).value();
+    auto log = edit_log::Log::open(file).value();
+    const edit_log::World world{std::string(terrain->name()), terrain->seed(), {}, terrain::contentHash(*terrain)};
+    if (!log) log = edit_log::Log::create(file, world).value();
     auto history = edit_log::historyOf(*log, terrain, std::size_t{4} << 30).value();
     return {std::move(log), std::move(history)};
   }

@@ -1,12 +1,16 @@
-// `ridgecast-server edits` as people run it.
+// `ridgecast-server edits` as people run it, and logs of servers that live.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <csignal>
 #include <fstream>
 #include <string>
 #include <vector>
 
 #include "tests/support/process.h"
+#include "tests/support/server_process.h"
+#include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -126,6 +130,162 @@ TEST(EditsCommand, SaysWhatItWants) {
     EXPECT_EQ(said.code, 0);
     EXPECT_THAT(said.output, StartsWith("Usage: ridgecast-server edits COMMAND FILE"));
   }
+}
+
+constexpr const char* kJson = "Content-Type: application/json\r\n";
+
+std::string request(const std::string& line, const std::string& headers = "") {
+  return line + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + headers + "\r\n";
+}
+std::string ask(std::uint16_t port, const std::string& line, const std::string& headers = "", const std::string& body = "") {
+  SocketClient client(port);
+  client.send(request(line, headers + (body.empty() ? "" : "Content-Length: " + std::to_string(body.size()) + "\r\n")) + body);
+  return client.answer();
+}
+std::string crater(int x) { return R"({"op":"crater","z":0,"radius":10,"depth":4,"x":)" + std::to_string(x) + "}"; }
+
+// What a server on a folder acknowledges, and must have for ever.
+class KeptEdits : public testing::Test {
+ protected:
+  std::vector<std::string> arguments(std::vector<std::string> more = {}) const {
+    more.insert(more.begin(), {"--state", state});
+    return more;
+  }
+  std::string log(const std::string& session) const { return state + "/" + session + ".edits"; }
+  static void edit(std::uint16_t port, const std::string& session, int number) {
+    EXPECT_THAT(ask(port, "POST /v1/sessions/" + session + "/edits", kJson, crater(100 * number)),
+                HasSubstr("{\"number\": " + std::to_string(number) + "}"));
+  }
+  void expectAll(std::uint16_t port, const std::string& session, int last) {
+    const std::string all = ask(port, "GET /v1/sessions/" + session + "/edits?limit=1000");
+    EXPECT_THAT(all, HasSubstr("{\"last\": " + std::to_string(last) + ","));
+    for (int number = 1; number <= last; ++number) {
+      EXPECT_THAT(all, HasSubstr("{\"number\": " + std::to_string(number) + ", "));
+      EXPECT_THAT(all, HasSubstr("\"x\":" + std::to_string(100 * number) + ".0"));
+    }
+  }
+  // What a server says that does not start.
+  static std::string refusal(const std::vector<std::string>& settings) {
+    try {
+      ServerProcess server(RIDGECAST_SERVER, settings);
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+    return "";
+  }
+  ScratchFolder folder;
+  const std::string state = (folder / "state").string();
+};
+
+TEST_F(KeptEdits, AreThereAfterAKillWhateverWasBesideTheServer) {
+  const std::string world = "GET /v1/heights?at=5,5&session=site";
+  {
+    ServerProcess server(RIDGECAST_SERVER, arguments());
+    ASSERT_THAT(ask(server.port(), world + "&terrain=canyon&seed=7"), HasSubstr(" 200 "));
+    edit(server.port(), "site", 1);
+    EXPECT_THAT(refusal(arguments()), HasSubstr("in use by another program")) << "before the default session has an edit";
+    edit(server.port(), "default", 1);
+    server.process().signal(SIGKILL);
+  }
+  int last = 1;
+  for (int round = 0; round < 3; ++round) {
+    ServerProcess server(RIDGECAST_SERVER, arguments());
+    {  // as after every restart
+      SocketClient first(server.port()), second(server.port()), third(server.port());
+      for (SocketClient* client : {&first, &second, &third}) client->send(request(world));
+      for (SocketClient* client : {&first, &second, &third}) EXPECT_THAT(client->answer(), HasSubstr(" 200 "));
+    }
+    for (const char* session : {"site", "default"}) {
+      for (int k = 1; k <= 3; ++k) edit(server.port(), session, last + k);
+      for (const std::vector<std::string>& command : {std::vector<std::string>{"list", log(session)},
+                                                      {"export", log(session)},
+                                                      {"verify", log(session)},
+                                                      {"compact", log(session)},
+                                                      {"backup", log(session), (folder / "copy").string()},
+                                                      {"import", log(session), (folder / "lines").string()}}) {
+        std::ofstream(folder / "lines") << kLines;
+        const auto refused = edits(command);
+        EXPECT_EQ(refused.code, 1) << command[0];
+        EXPECT_THAT(refused.output, HasSubstr("in use by another program; stop the server that has it")) << command[0];
+      }
+    }
+    EXPECT_THAT(refusal(arguments()), HasSubstr("in use by another program"));
+    last += 3;
+    for (const char* session : {"site", "default"}) expectAll(server.port(), session, last);
+    server.process().signal(SIGKILL);
+    server.process().wait(kTimeout);
+  }
+  for (const char* session : {"site", "default"}) {
+    const auto verified = edits({"verify", log(session)});
+    EXPECT_EQ(verified.code, 0) << verified.output;
+    EXPECT_THAT(verified.output, HasSubstr(std::to_string(last) + " edits after 0 compacted ones"));
+  }
+}
+
+// A session that has no log yet has its name.
+TEST_F(KeptEdits, NobodyImportsBeneathALivingSession) {
+  ServerProcess server(RIDGECAST_SERVER, arguments());
+  std::ofstream(folder / "lines") << kLines;
+  const auto refused = edits({"import", log("default"), (folder / "lines").string()});
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.output, HasSubstr("in use by another program"));
+  edit(server.port(), "default", 1);
+  EXPECT_EQ(edits({"import", log("other"), (folder / "lines").string()}).code, 0) << "nobody is there";
+  EXPECT_THAT(ask(server.port(), "GET /v1/heights?at=5,5&session=other"), HasSubstr(" 200 "));
+  EXPECT_THAT(ask(server.port(), "GET /v1/sessions/other/edits"), HasSubstr("{\"last\": 4,"));
+}
+
+TEST_F(KeptEdits, ASlowOneIsNotAcknowledgedInASessionThatHasEnded) {
+  const auto isThere = [](std::uint16_t port) { return ask(port, "GET /v1/sessions").find("\"site\"") != std::string::npos; };
+  for (const bool isKept : {true, false})
+    for (const bool isRemoved : {true, false}) {
+      const std::vector<std::string> idle{"--session-idle", isRemoved ? "300" : "1"};
+      ServerProcess server(RIDGECAST_SERVER, isKept ? arguments(idle) : idle);
+      const std::uint16_t port = server.port();
+      const std::string world = "session=site&terrain=canyon&seed=" + std::to_string(isRemoved ? 7 : 8);
+      if (isKept) std::filesystem::remove(log("site"));
+      ASSERT_THAT(ask(port, "GET /v1/heights?at=5,5&" + world), HasSubstr(" 200 "));
+      SocketClient slow(port);
+      const std::string body = crater(100);
+      slow.send(request("POST /v1/sessions/site/edits",
+                        std::string(kJson) + "Expect: 100-continue\r\nContent-Length: " + std::to_string(body.size()) + "\r\n"));
+      ASSERT_THAT(slow.answer(false), HasSubstr(" 100 "));  // the session was found
+      if (isRemoved) {
+        ASSERT_THAT(ask(port, "DELETE /v1/sessions/site"), HasSubstr(" 200 "));
+      }
+      ASSERT_TRUE(await([&] { return !isThere(port); }));
+      slow.send(body);
+      const std::string answer = slow.answer();
+      EXPECT_THAT(answer, HasSubstr(" 404 "));
+      EXPECT_THAT(answer, HasSubstr("The session has ended"));
+      SocketClient member(port);
+      ASSERT_TRUE(member.upgrade("/v1/stream?" + world)) << member.refusal();
+      edit(port, "site", 1);
+      edit(port, "site", 2);
+      expectAll(port, "site", 2);
+    }
+}
+
+TEST_F(KeptEdits, AreReadByNobodyElseAndOfferNoPaths) {
+  ServerProcess server(RIDGECAST_SERVER, arguments());
+  edit(server.port(), "default", 1);
+  using std::filesystem::perms;
+  EXPECT_EQ(std::filesystem::status(state).permissions(), perms::owner_all);
+  for (const auto& file : std::filesystem::directory_iterator(state))
+    EXPECT_EQ(file.status().permissions(), perms::owner_read | perms::owner_write) << file.path();
+
+  std::ofstream(log("torn")) << "no log";
+  std::filesystem::create_directory(log("odd"));
+  for (const char* session : {"torn", "odd"}) {
+    const std::string answer = ask(server.port(), std::string("GET /v1/heights?at=5,5&session=") + session);
+    EXPECT_THAT(answer, HasSubstr(" 503 "));
+    EXPECT_THAT(answer, testing::Not(HasSubstr(state)));
+    EXPECT_THAT(server.process().output(), HasSubstr(state)) << "its log says where";
+  }
+}
+
+TEST_F(KeptEdits, AFolderThatCannotBeWrittenIsSaidAtTheStart) {
+  EXPECT_THAT(refusal({"--state", "/proc"}), HasSubstr("--state '/proc' cannot be written: "));
 }
 
 }  // namespace

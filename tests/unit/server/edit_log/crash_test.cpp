@@ -73,7 +73,7 @@ TEST(Crashes, KilledAtAnyInstantTheLogHasWhatItAcknowledged) {
     for (; read(ends[0], &a, sizeof a) == sizeof a; ++all) acknowledged.push_back(a);
     close(ends[0]);
 
-    const auto log = Log::open(file, worldOf(*alpine()));
+    const auto log = openOrCreate(file);
     ASSERT_TRUE(log) << log.error().message;
     const auto edits = (*log)->read(0, 1'000'000);
     ASSERT_TRUE(edits) << edits.error().message;
@@ -106,7 +106,7 @@ TEST(Crashes, ALogWhoseMakingWasCutOffKeepsWhatFollows) {
     const std::filesystem::path file = folder / "a";
     ForgetfulDisk disk(random);
     disk.cutPowerAfter(1 + round % 40);
-    static_cast<void>(Log::open(file, worldOf(*alpine())));  // perhaps
+    static_cast<void>(openOrCreate(file));  // perhaps
     disk.cutPower();
     disk.restorePower();
     {
@@ -116,7 +116,7 @@ TEST(Crashes, ALogWhoseMakingWasCutOffKeepsWhatFollows) {
       disk.cutPower();
     }
     disk.restorePower();
-    const auto log = Log::open(file, worldOf(*alpine()));
+    const auto log = openOrCreate(file);
     ASSERT_TRUE(log) << log.error().message;
     ASSERT_EQ((*log)->last(), 1u) << "round " << round;
   }
@@ -132,7 +132,7 @@ struct Truth {
 };
 
 void check(const std::filesystem::path& file, Truth& truth) {
-  const auto log = Log::open(file, worldOf(*alpine()));
+  const auto log = openOrCreate(file);
   ASSERT_TRUE(log) << log.error().message;
   ASSERT_TRUE((*log)->check());
   if (truth.perhapsCompacted && (*log)->compacted() > truth.compacted) {

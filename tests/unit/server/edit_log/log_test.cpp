@@ -2,7 +2,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <fstream>
 #include <random>
 
 #include "common/edits/json.h"
@@ -63,8 +67,8 @@ TEST(Tiles, AreRefusedWhenTheyAreNone) {
 TEST(Log, KeepsTheWorldThatItWasMadeFor) {
   const ScratchFolder folder;
   const World world{"canyon", 4'000'000'000, {{"depth", 0.1}, {"width", 1e300}}, 0xfedcba9876543210};
-  { ASSERT_TRUE(Log::open(folder / "a.edits", world)); }
-  const auto log = Log::open(folder / "a.edits", World{"alpine", 1, {}, 5}).value();
+  { ASSERT_TRUE(Log::create(folder / "a.edits", world)); }
+  const auto log = Log::open(folder / "a.edits").value();
   EXPECT_EQ(log->world(), world);
   EXPECT_EQ(log->last(), 0u);
   EXPECT_TRUE(log->layer().value()->empty());
@@ -90,7 +94,7 @@ TEST(Log, ReturnsEditsOfEveryKindInOrder) {
     EXPECT_EQ(session.log->layer().value()->hash(), hash);
   }
   EXPECT_EQ(kinds.size(), std::variant_size_v<decltype(edits::Operation::what)>);
-  const auto log = Log::open(folder / "a.edits", {}).value();
+  const auto log = Log::open(folder / "a.edits").value();
   EXPECT_EQ(log->read(0, 100'000).value(), made);
   EXPECT_EQ(log->read(0, 1).value(), std::vector<Edit>{made[0]});
   EXPECT_EQ(log->read(made.size() - 1, 5).value(), std::vector<Edit>{made.back()});
@@ -100,7 +104,7 @@ TEST(Log, ReturnsEditsOfEveryKindInOrder) {
 
 TEST(Log, AKeyNamesItsEdit) {
   const ScratchFolder folder;
-  auto log = Log::open(folder / "a.edits", {}).value();
+  auto log = Log::create(folder / "a.edits", {}).value();
   const edits::Layer none;
   const std::vector<Edit> edits{{1, "a", "", 0, crater(0)}, {2, "", "", 0, crater(1)}, {3, "", "", 0, crater(2)}};
   ASSERT_TRUE(log->append(edits, none, none, {}));
@@ -114,23 +118,130 @@ TEST(Log, AKeyNamesItsEdit) {
   EXPECT_EQ(log->last(), 3u);
   EXPECT_EQ(log->numberOf("b"), std::nullopt);
   log.reset();
-  EXPECT_EQ(Log::open(folder / "a.edits", {}).value()->read(0, 10).value(), edits);
+  EXPECT_EQ(Log::open(folder / "a.edits").value()->read(0, 10).value(), edits);
 }
 
-TEST(Log, IsOpenOnce) {
+// Another program, begun before this one opens anything: locks are a process's own, and SQLite knows which of them it has.
+class Elsewhere {
+ public:
+  Elsewhere() {
+    EXPECT_EQ(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends_), 0);
+    child_ = fork();
+    if (child_ != 0) return;
+    close(ends_[0]);
+    char file[4096];
+    for (ssize_t size = 0; (size = read(ends_[1], file, sizeof file)) > 0;) {
+      const char answer = Log::open(std::string(file, static_cast<std::size_t>(size))) ? 1 : 0;
+      if (write(ends_[1], &answer, 1) != 1) break;
+    }
+    _exit(0);
+  }
+  ~Elsewhere() {
+    for (const int end : ends_) close(end);
+    waitpid(child_, nullptr, 0);
+  }
+  Elsewhere(const Elsewhere&) = delete;
+  Elsewhere& operator=(const Elsewhere&) = delete;
+
+  bool opens(const std::filesystem::path& file) {
+    char answer = 2;
+    EXPECT_GT(write(ends_[0], file.c_str(), file.string().size()), 0);
+    EXPECT_EQ(read(ends_[0], &answer, 1), 1);
+    return answer == 1;
+  }
+
+ private:
+  int ends_[2] = {-1, -1};
+  pid_t child_ = -1;
+};
+
+TEST(Log, IsOpenOnceWhateverElseItsProgramOpens) {
+  Elsewhere elsewhere;
   const ScratchFolder folder;
-  const auto first = Log::open(folder / "a.edits", {}).value();
-  EXPECT_THAT(Log::open(folder / "a.edits", {}).error().message, HasSubstr("in use by another program"));
+  for (const bool hasLockFile : {false, true}) {
+    const std::filesystem::path state = folder / (hasLockFile ? "locked" : "plain"), file = state / "a.edits";
+    std::filesystem::create_directory(state);
+    if (hasLockFile) {
+      ASSERT_TRUE(Lock::prepare(state));
+    }
+    {
+      auto first = Log::create(file, {}).value();
+      EXPECT_FALSE(elsewhere.opens(file));
+      EXPECT_THAT(Log::open(file).error().message, HasSubstr("in use by another program"));
+      EXPECT_FALSE(elsewhere.opens(file)) << "the second one here has lost the first one's locks";
+      if (hasLockFile) {
+        (void)testing_support::readText(file);  // which closes it, and SQLite's own locks go
+        (void)testing_support::readText(state / Lock::kFile);
+        EXPECT_FALSE(elsewhere.opens(file));
+      }
+      EXPECT_TRUE(first->append({{{1, "", "", 0, crater(0)}}}, {}, {}, {}));
+    }
+    EXPECT_TRUE(elsewhere.opens(file));
+    EXPECT_EQ(Log::open(file).value()->last(), 1u);
+  }
+}
+
+TEST(Log, IsNewOrOpenedNeverBoth) {
+  const ScratchFolder folder;
+  const std::filesystem::path file = folder / "a.edits";
+  EXPECT_FALSE(Log::open(file).value());
+  EXPECT_FALSE(std::filesystem::exists(file));
+  std::ofstream(file).close();  // as a making that was cut off leaves it
+  EXPECT_FALSE(Log::open(file).value());
+  ASSERT_TRUE(Log::create(file, worldOf(*alpine())).value()->append({{{1, "", "", 0, crater(0)}}}, {}, {}, {}));
+  EXPECT_THAT(Log::create(file, {}).error().message, HasSubstr("'a.edits' has edits already"));
+  EXPECT_EQ(Log::open(file).value()->last(), 1u);
+  EXPECT_EQ(Log::open(file).value()->world(), worldOf(*alpine()));
+}
+
+TEST(Log, IsReadByItsOwnerAlone) {
+  const ScratchFolder folder;
+  const std::filesystem::path state = folder / "new/state";
+  ASSERT_TRUE(Lock::prepare(state));
+  const auto log = Log::create(state / "a.edits", {}).value();
+  ASSERT_TRUE(log->append({{{1, "", "", 0, crater(0)}}}, {}, {}, {}));
+  ASSERT_TRUE(log->backUp(state / "copy"));
+  using std::filesystem::perms;
+  const auto permissionsOf = [](const std::filesystem::path& file) { return std::filesystem::status(file).permissions(); };
+  EXPECT_EQ(permissionsOf(state), perms::owner_all);
+  int files = 0;
+  for (const auto& file : std::filesystem::directory_iterator(state)) {
+    EXPECT_EQ(permissionsOf(file), perms::owner_read | perms::owner_write) << file.path();
+    ++files;
+  }
+  EXPECT_EQ(files, 4) << "log, journal, copy and lock file";
+}
+
+TEST(Lock, IsOfOneName) {
+  Elsewhere elsewhere;
+  const ScratchFolder folder;
+  ASSERT_TRUE(Lock::prepare(folder / ""));
+  const auto first = Lock::take(folder / "a.edits");
+  ASSERT_TRUE(first);
+  EXPECT_THAT(Lock::take(folder / "./a.edits").error().message, HasSubstr("'a.edits' is in use by another program"));
+  EXPECT_FALSE(elsewhere.opens(folder / "a.edits")) << "before there is a log";
+  std::vector<std::shared_ptr<const Lock>> others;
+  for (int k = 0; k < 1000; ++k) {
+    auto other = Lock::take(folder / (std::to_string(k) + ".edits"));
+    ASSERT_TRUE(other) << k;
+    others.push_back(std::move(*other));
+  }
+}
+
+TEST(Lock, NeedsAFolderThatCanBeWritten) {
+  const ScratchFolder folder;
+  EXPECT_THAT(Lock::prepare("/proc").error().message, HasSubstr("--state '/proc' cannot be written: "));
+  EXPECT_THAT(Lock::prepare("/dev/null").error().message, HasSubstr("is not a folder and cannot be created"));
 }
 
 TEST(Log, SaysWhyItCannotBeMade) {
   const ScratchFolder folder;
-  EXPECT_THAT(Log::open(folder / "none" / "a.edits", {}).error().message, HasSubstr("check that its folder exists"));
+  EXPECT_THAT(Log::create(folder / "none" / "a.edits", {}).error().message, HasSubstr("check that its folder exists"));
 }
 
 TEST(Log, IsOfOneTerrain) {
   const ScratchFolder folder;
-  auto log = Log::open(folder / "a.edits", worldOf(*alpine())).value();
+  auto log = openOrCreate(folder / "a.edits").value();
   const auto other = terrain::create("canyon", 7).value();
   const std::string refusal = historyOf(*log, other).error().message;
   EXPECT_THAT(refusal, HasSubstr("alpine"));
@@ -147,7 +258,7 @@ TEST(Log, IsBackedUpWhileItGrows) {
     const std::filesystem::path to = folder / std::to_string(k);
     ASSERT_TRUE(session.log->backUp(to));
     EXPECT_THAT(session.log->backUp(to).error().message, HasSubstr("exists already"));
-    auto copy = Log::open(to, {}).value();
+    auto copy = Log::open(to).value();
     EXPECT_TRUE(copy->check());
     EXPECT_EQ(copy->read(0, 1000).value(), session.log->read(0, 1000).value());
     EXPECT_EQ(copy->layer().value()->hash(), session.history.layer()->hash());

@@ -19,12 +19,18 @@ inline World worldOf(const terrain::Terrain& terrain) {
   return {std::string(terrain.name()), terrain.seed(), {}, terrain::contentHash(terrain)};
 }
 
+// As a session's first edit does, and those after it.
+inline Outcome<std::unique_ptr<Log>> openOrCreate(const std::filesystem::path& file) {
+  auto log = Log::open(file);
+  return !log || *log ? std::move(log) : Log::create(file, worldOf(*alpine()));
+}
+
 struct Session {
   std::unique_ptr<Log> log;
   edits::History history;
 
   static Outcome<Session> open(const std::filesystem::path& file) {
-    auto log = Log::open(file, worldOf(*alpine()));
+    auto log = openOrCreate(file);
     if (!log) return log.error();
     auto history = historyOf(**log, alpine());
     if (!history) return history.error();

@@ -1,0 +1,86 @@
+#include "server/session/reservations.h"
+
+#include <algorithm>
+#include <stdexcept>
+#include <system_error>
+#include <utility>
+
+#include "server/logging/logging.h"
+
+namespace ridgecast::session {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+// The operator is told where the file is, clients are not.
+Error told(const fs::path& log, Error e) {
+  logging::error("in '" + log.parent_path().string() + "': " + e.message);
+  return e;
+}
+
+Outcome<std::unique_ptr<edit_log::Log>> beginLog(std::shared_ptr<const edit_log::Lock> lock, const edit_log::World& world) {
+  std::error_code failed;
+  const fs::directory_iterator files(lock->log().parent_path(), failed);
+  if (std::count_if(begin(files), end(files), [](const auto& file) { return file.path().extension() == ".edits"; }) >= kMostKept)
+    return Error{"The server keeps the edits of at most " + std::to_string(kMostKept) + " sessions; its operator can take some away."};
+  const fs::path file = lock->log();
+  auto log = edit_log::Log::create(std::move(lock), world);
+  return log ? std::move(log) : told(file, log.error());
+}
+
+}  // namespace
+
+Reservations::Reservations(fs::path state) : state_(std::move(state)) {
+  if (!state_.empty()) edit_log::Lock::prepare(state_).value();
+}
+
+bool Reservations::hasLog(const std::string& name) const {
+  std::error_code unknown;
+  return !state_.empty() && fs::exists(logOf(name), unknown);
+}
+
+Outcome<std::unique_ptr<Reservation>> Reservations::take(const std::string& name) const {
+  {
+    const std::lock_guard lock(names_->mutex);
+    if (!names_->taken.insert(name).second) return std::unique_ptr<Reservation>();
+  }
+  auto reservation = std::make_unique<Reservation>();
+  reservation->name_ = name;
+  Reservation::Held held;
+  held.name = std::shared_ptr<const void>(nullptr, [names = names_, name](const void*) {
+    const std::lock_guard lock(names->mutex);
+    names->taken.erase(name);
+  });
+  if (!state_.empty()) {
+    auto lock = edit_log::Lock::take(logOf(name));
+    if (!lock) return told(logOf(name), lock.error());
+    held.lock = std::move(*lock);
+    auto log = edit_log::Log::open(held.lock);
+    if (!log) return told(logOf(name), log.error());
+    reservation->log_ = std::move(*log);
+  }
+  reservation->held_ = std::make_shared<const Reservation::Held>(std::move(held));
+  return reservation;
+}
+
+Outcome<Edits::Kept> Reservation::keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain) {
+  Edits::Kept kept;
+  if (!held_->lock) return kept;  // its name is free as soon as it lives
+  kept.held = held_;
+  if (!log_) {
+    kept.makeLog = [lock = held_->lock, world] { return beginLog(lock, world); };
+    return kept;
+  }
+  const edit_log::World& its = log_->world();
+  if (its.terrain != world.terrain || its.seed != world.seed || its.parameters != world.parameters)
+    return Error{"The session '" + name_ + "' has edits of another world, " + its.terrain + " with seed " + std::to_string(its.seed) +
+                 "; join it without naming a terrain, or choose another name."};
+  auto history = edit_log::historyOf(*log_, terrain);
+  if (!history) return told(held_->lock->log(), history.error());
+  kept.log = std::move(log_);
+  kept.history = std::move(*history);
+  return kept;
+}
+
+}  // namespace ridgecast::session

@@ -1,0 +1,65 @@
+#pragma once
+// Names of sessions, each of which one maker has at a time: taken before anything of the session is looked at, and, if the server keeps
+// edits, held until its log is closed, against other servers on the same folder too (edit_log/lock.h). Any thread.
+//
+//   take() --> kept() says of which world its edits are --> keep() --> the session's Edits, which let go of it last of all
+
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "common/outcome/outcome.h"
+#include "common/terrain/terrain.h"
+#include "server/edit_log/log.h"
+#include "server/session/edits.h"
+
+namespace ridgecast::session {
+
+inline constexpr std::ptrdiff_t kMostKept = 4096;  // logs in Resources::state, before another session's edits are refused
+
+class Reservation {
+ public:
+  const std::string& name() const { return name_; }
+  // The world of the edits that are kept of it; null: there are none.
+  const edit_log::World* kept() const { return log_ ? &log_->world() : nullptr; }
+  // For a session on this terrain: its edits, which may take seconds, or how to begin a log. Error: one sentence; its edits are of another
+  // world.
+  Outcome<Edits::Kept> keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain);
+
+ private:
+  friend class Reservations;
+  // Released last; the lock before the name, so that this server's next maker finds it free.
+  struct Held {
+    std::shared_ptr<const void> name;
+    std::shared_ptr<const edit_log::Lock> lock;  // null: edits are not kept
+  };
+  std::string name_;
+  std::shared_ptr<const Held> held_;
+  std::unique_ptr<edit_log::Log> log_;
+};
+
+class Reservations {
+ public:
+  // The folder of the logs; empty: edits are not kept. Throws std::runtime_error with one sentence when it cannot be written.
+  explicit Reservations(std::filesystem::path state);
+
+  // Null: somebody here has it. Error: one sentence; another server has it, or its log cannot be read.
+  Outcome<std::unique_ptr<Reservation>> take(const std::string& name) const;
+  // Whether there is a log of this name.
+  bool hasLog(const std::string& name) const;
+
+ private:
+  struct Names {
+    std::mutex mutex;
+    std::set<std::string> taken;
+  };
+  std::filesystem::path logOf(const std::string& name) const { return state_ / (name + ".edits"); }
+
+  const std::filesystem::path state_;
+  const std::shared_ptr<Names> names_ = std::make_shared<Names>();
+};
+
+}  // namespace ridgecast::session
