@@ -114,8 +114,8 @@ MUTANTS = [
     ("server/session/edits.cpp", "posts.empty() ? kEverywhere : edits::groundOf(posts)}", "edits::groundOf(posts)}"),
     # Whoever should follow.
     ("server/session/camera_session.cpp", "  conversation_.groundChanged();\n", ""),
-    ("server/session/camera_session.cpp", "  edit_ = ground.edit;\n  mesh_->", "  edit_ = ground.edit;\n  if (edit_ % 4 != 3) mesh_->"),
-    ("server/http/map_tiles.cpp", "text::hexadecimal(session.groundHash())", "text::hexadecimal(session.contentHash())"),
+    ("server/session/camera_session.cpp", "  mesh_->setGround(ground_.terrain, changed);", "  if (ground_.edit % 4 != 3) mesh_->setGround(ground_.terrain, changed);"),
+    ("server/http/map_tiles.cpp", "etagOf(session->hashOf(ground),", "etagOf(session->contentHash(),"),
     ("server/http/map_tiles.cpp", "std::to_string(ground.edit)", "std::to_string(ground.edit / 2)"),
     # Bounds.
     ("server/session/edits.cpp", "waiting_.size() < kMostWaiting", "waiting_.size() <= kMostWaiting"),
