@@ -312,8 +312,8 @@ TEST(Edits, KeysOfOlderLogsAreKnownAgainByTheirEdits) {
   const testing_support::ScratchFolder folder;
   {
     const auto terrain = flatTerrain();
-    auto log =
-        edit_log::Log::open(folder / "default.edits", {std::string(terrain->name()), terrain->seed(), {}, terrain::contentHash(*terrain)});
+    auto log = edit_log::Log::create(folder / "default.edits",
+                                     {std::string(terrain->name()), terrain->seed(), {}, terrain::contentHash(*terrain)});
     ASSERT_TRUE(log) << log.error().message;
     edits::History history(terrain);
     const auto before = history.layer();

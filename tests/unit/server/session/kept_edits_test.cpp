@@ -37,7 +37,7 @@ struct Served {
   // Its answer, once the work is done.
   static std::shared_ptr<std::optional<Outcome<std::uint64_t>>> ask(Session& session, double x = 0) {
     auto answer = std::make_shared<std::optional<Outcome<std::uint64_t>>>();
-    EXPECT_TRUE(session.edit({"", "ann", craterAt(x)}, std::make_shared<Budgets>(), [answer](const auto& number) { *answer = number; }));
+    session.edit({"", "ann", craterAt(x)}, std::make_shared<Budgets>(), [answer](const auto& number) { *answer = number; });
     return answer;
   }
   Outcome<std::uint64_t> edit(Session& session, double x = 0) {
