@@ -121,7 +121,8 @@ void serverSeeds() {
   const wire::Moved moved{7, {1, {}, {1, 2}}, 5};
   write("server", framed<M>({wire::Members{{{7, wire::Role::kSensor, "seed", moved}, {8, wire::Role::kViewer, "", {}}}, {moved}, {9}}}));
   write("server", framed<M>({wire::Clock{wire::ClockMode::kStepped, 0, 5, 7, 1, {7, 8}, 2, "seed"}}));
-  write("server", framed<M>({wire::EditAnswer{1, 2, ""}, wire::Edited{{{3, "ann", R"({"edit":2,"op":"undo"})", {-256, 0, 256, 512}}}}}));
+  write("server", framed<M>({wire::EditAnswer{1, 2, ""},
+                             wire::Edited{{{3, "address 1.2.3.4", "ann", R"({"edit":2,"op":"undo"})", {-256, 0, 256, 512}}}}}));
   write("server",
         framed<M>({wire::FoundEdits{3, {{-256, 0, 256, 512}}, {{1, -2}}}, wire::Squares{3, {{{1, -2}, {0x30, 2, 0, 9}, {0x30}}}}}));
   write("server", framed<M>({wire::Answer{1, {1.5f}, {0, 1, 0}, {-1, 2}}}));
