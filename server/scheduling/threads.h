@@ -1,6 +1,6 @@
 #pragma once
-// What the room's threads wait with and measure by: the system's. A test puts its own in their place (RIDGECAST_CONTROLLED_THREADS), so that
-// it decides which thread goes on at every lock, wait, notification and atomic, and can try all orders. Private to the room.
+// What the room's threads wait with and measure by: the system's. A test puts its own in their place (RIDGECAST_CONTROLLED_THREADS), so
+// that it decides which thread goes on at every lock, wait, notification and atomic, and can try all orders. Private to the room.
 #ifndef RIDGECAST_CONTROLLED_THREADS
 
 #include <atomic>
