@@ -341,16 +341,16 @@ TEST(Scheduling, QueueOfPostedTasksIsBounded) {
 }
 
 TEST(Scheduling, WhatIsAheadGoesBeforeAllThatWaits) {
-  Executor executor(1);
-  const auto first = executor.makePool(), second = executor.makePool(), other = executor.makePool();
   std::promise<void> release, started, done;
   auto gate = release.get_future().share();
+  std::string order;
+  Executor executor(1);  // last, so that its tasks end before what they use
+  const auto first = executor.makePool(), second = executor.makePool(), other = executor.makePool();
   first->post([&] {
     started.set_value();
     gate.wait();
   });
   started.get_future().wait();
-  std::string order;
   const auto task = [&](char name) {
     return [&, name] {
       order += name;
@@ -432,8 +432,8 @@ TEST(SchedulingDeathTest, ATaskThatThrowsEndsTheProcess) {
 
 // A tenth of all cores and no more, while the other one works, even where a core is free.
 TEST(Executors, WhoRestsKeepsToItsShare) {
-  Executor first(1), second(2, &first, 0.1);
   std::atomic<bool> over{false};
+  Executor first(1), second(2, &first, 0.1);  // last, so that its tasks end before what they use
   const auto busy = first.makePool();
   busy->post([&] {
     while (!over) std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -460,8 +460,8 @@ TEST(Executors, WhoRestsKeepsToItsShare) {
 
 // However busy the executor that goes first is: everything is done once, in an order that is right, and never without end.
 TEST(Executors, WhoRestsWhileAnotherWorksComesToItsEnd) {
-  Executor first(1), second(2, &first, 0.5);
   std::atomic<bool> over{false};
+  Executor first(1), second(2, &first, 0.5);  // last, so that its tasks end before what they use
   const auto busy = first.makePool();
   busy->post([&] {
     while (!over) std::this_thread::yield();
