@@ -11,6 +11,7 @@
 #include <stop_token>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "client/connection/connection.h"
@@ -119,6 +120,20 @@ class EditsTest : public LoopbackTest {
     listen({http::queryRoute(directory), http::editsRoute(directory), http::mapTileRoute(directory)});
   }
   std::uint16_t port() const { return server->port(); }
+  // Craters of this radius, all asked for before the first answer is looked at. How many were made, and refused for now.
+  static std::pair<int, int> askAtOnce(Member& member, int count, double radius) {
+    std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
+    for (int k = 0; k < count; ++k) answers.push_back(member.connection().edit({0, "", craterAt(k, 0, radius)}));
+    int made = 0, refused = 0;
+    for (auto& answer : answers) {
+      const auto result = answer.get();
+      result ? ++made : ++refused;
+      if (!result) {
+        EXPECT_NE(result.error().message.find("again in"), std::string::npos) << result.error().message;
+      }
+    }
+    return {made, refused};
+  }
   std::string ask(const std::string& method, const std::string& path, const std::string& body = "", const std::string& headers = "") const {
     testing_support::SocketClient client(port());
     client.send(method + " /v1/" + (path.starts_with("heights?") ? path : "sessions/default/" + path) + " HTTP/1.1\r\nHost: localhost\r\n" +
@@ -305,19 +320,9 @@ TEST_F(EditsTest, HostileOnesAreRefusedAndDisturbNobody) {
     ASSERT_FALSE(answer) << text;
     EXPECT_GT(answer.error().message.size(), 20u);
   }
-  // As many as a socket carries: most are refused, none is lost, and the other member flies on.
-  std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
-  for (int k = 0; k < 250; ++k) answers.push_back(bad.connection().edit({0, "", craterAt(k, 0, 60)}));
-  int made = 0, refused = 0;
-  for (auto& answer : answers) {
-    const auto result = answer.get();
-    result ? ++made : ++refused;
-    if (!result) {
-      EXPECT_NE(result.error().message.find("again in"), std::string::npos) << result.error().message;
-    }
-  }
+  // As many as a socket carries: none is lost, and the other member flies on.
+  const auto [made, refused] = askAtOnce(bad, 250, 12);
   EXPECT_GT(made, 0);
-  EXPECT_GT(refused, 0);
   good.stand(5, 5, y);
   good.settle(static_cast<std::uint64_t>(made));
   EXPECT_FALSE(bad.connection().error());
@@ -398,6 +403,14 @@ TEST_F(EditsTest, TravelByHttp) {
 class EditsInAnInstantTest : public EditsTest {
   void SetUp() override { serve(std::make_unique<testing_support::SimulatedTimer>()); }
 };
+
+TEST_F(EditsInAnInstantTest, ManyAtOnceAreMadeOrRefused) {
+  Member bad(port(), "bad");
+  const auto [made, refused] = askAtOnce(bad, 250, 60);
+  EXPECT_GT(made, 0);
+  EXPECT_GT(refused, 0);
+  EXPECT_EQ(directory->find(session::kDefaultName)->ground().edit, static_cast<std::uint64_t>(made));
+}
 
 TEST_F(EditsInAnInstantTest, OneAfterTheOtherByHttpAreAsManyAsAtOnce) {
   const std::string edit = craterAt(3, 4, 60);
