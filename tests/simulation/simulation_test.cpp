@@ -2,7 +2,7 @@
 // or lie; the server falls, its disk fills, as a number says. After each event the laws hold; in the end everybody holds the server's mesh
 // on the ground of the log, and when all have left nothing is left. A failure prints its seed and as few events as still fail.
 //
-// SEEDS=10000: so many seeds, instead of 200 (3 under a sanitizer), from FROM=1 on. SEED=17: this one alone, twice.
+// SEEDS=10000: so many seeds, instead of 100 (3 under a sanitizer), from FROM=1 on. SEED=17: this one alone, twice.
 // SEED=17 EVENTS=FILE: with these events instead of its own. SEED=17 SHORTEN=1: only shortens them.
 #include <gtest/gtest.h>
 
@@ -48,7 +48,7 @@ unsigned long long n(std::uint64_t count) { return count; }
 
 TEST(Simulation, LawsHoldForEverySeed) {
   const std::uint64_t one = given("SEED", 0), first = one ? one : given("FROM", 1);
-  const std::uint64_t seeds = one ? 1 : given("SEEDS", testing_support::kSanitized ? 3 : 200);
+  const std::uint64_t seeds = one ? 1 : given("SEEDS", testing_support::kSanitized ? 3 : 100);
   if (one && given("SHORTEN", 0)) FAIL() << shorten(one, eventsOf(one));
   for (std::uint64_t seed = first; seed < first + seeds; ++seed) {
     SCOPED_TRACE("SEED=" + std::to_string(seed));

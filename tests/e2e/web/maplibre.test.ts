@@ -14,7 +14,7 @@ import { Server, needed, sleep } from './server';
 
 const examples = join(needed('RIDGECAST_WEB'), 'examples'), example = join(examples, 'maplibre');
 const browser = process.env['CHROMIUM'] ?? '/usr/bin/chromium';
-const missing = !existsSync(join(examples, 'node_modules/maplibre-gl')) ? 'npm ci in client/web/examples' : !existsSync(browser) ? `no ${browser}` : '';
+const missing = !existsSync(join(examples, 'node_modules/maplibre-gl')) ? 'npm ci in client/web/examples' : !existsSync(browser) ? `no ${browser}` : false;
 if (missing) console.log(`SKIPPED: ${missing}`);
 const AT = [11.39, 47.27] as const;
 
@@ -69,7 +69,7 @@ test('MapLibre shows the hills', { skip: missing, timeout: 10 * PATIENCE }, asyn
   const server = await Server.start(['--terrain', 'alpine', '--seed', '1']);
   const site = await serve(server);
   try {
-    const page = await (await (await launch()).newContext({ viewport: { width: 960, height: 540 } })).newPage();
+    const page = await (await (await launch()).newContext({ viewport: { width: 480, height: 270 } })).newPage();
     const errors: string[] = [];
     page.on('pageerror', (error) => errors.push(error.message));
     page.on('console', (message) => message.type() === 'error' && errors.push(message.text()));

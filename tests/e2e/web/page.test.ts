@@ -111,7 +111,7 @@ test('flies, and comes back after the server started anew', async (t) => {
 });
 
 test('when the camera rests, coarse pictures go finer in steps', async (t) => {
-  const viewer = await Viewer.open(browser, `${server.http}/${place()}`, { width: 1280, height: 720 });
+  const viewer = await Viewer.open(browser, `${server.http}/${place()}`, { width: 640, height: 360 });
   await viewer.until('drawn in full', (r) => r.drawn);
   await viewer.page.evaluate(() => {
     const own = globalThis as unknown as { ridgecast: Report; steps: [number, number][] };
