@@ -13,7 +13,7 @@
 //   TLS, request, hello    timeout each              closed; for hello with an error
 //   client message         maxMessageBytes            Error, close 1009
 //   messages a second      maxMessagesPerSecond (bursts: twice that)   Error, close 1008
-//   bytes of messages      kMessageBytesPerSecond     the next is read once those are paid for; a quarter of a second is saved up
+//   bytes of messages      session::kMessageBytesPerSecond, of a client   the next is read once those are paid for
 //   token                  its expiry, or a reload    Error, close 1008
 //   queued messages        kMaxQueuedMessages         closed (does not happen: a session keeps to its window)
 //   silence                idle, ping at half         closed
@@ -43,8 +43,6 @@
 namespace ridgecast::net {
 
 inline constexpr std::size_t kMaxQueuedMessages = 128;
-// Of one connection. The threads of the room decode them, 128 KiB in about a millisecond at worst.
-inline constexpr std::uint64_t kMessageBytesPerSecond = 12u << 20;
 
 struct Settings : http::Access {                 // host: the address to listen on
   std::uint16_t port = 7070;                     // 0: any free one

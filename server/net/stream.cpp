@@ -174,11 +174,20 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   // Once the last message is paid for.
   void readNext() {
-    if (messageBytes_.free() <= conversation::Budget::Clock::now()) return read();
-    pause_.expires_at(messageBytes_.free());
+    const auto free = budgets_->messages.free();
+    if (free <= conversation::Budget::Clock::now()) return read();
+    pause_.expires_at(free);
     pause_.async_wait([self = shared_from_this()](error_code ec) {
       if (!ec) self->read();
     });
+  }
+
+  // One message more; pings and pongs are messages too.
+  bool isInTime() {
+    if (rate_.take(access::Rate::Clock::now())) return true;
+    const std::string most = std::to_string(shared_->settings.maxMessagesPerSecond);
+    fail(metrics::Refusal::kMessageRate, {wire::ErrorCode::kLimit, "More than " + most + " messages a second, the limit."});
+    return false;
   }
 
   void hasRead(error_code ec) {
@@ -195,15 +204,13 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     if (!ws_.is_message_done()) return read();
     shared_->figures->messagesReceived.Increment();
     shared_->figures->bytesReceived.Increment(buffer_.size());
-    if (!rate_.take(access::Rate::Clock::now()))
-      return fail(metrics::Refusal::kMessageRate, {wire::ErrorCode::kLimit, "More than " + std::to_string(settings.maxMessagesPerSecond) +
-                                                                                " messages a second, the limit."});
+    if (!isInTime()) return;
     if (ws_.got_text())
       return fail(metrics::Refusal::kMalformed,
                   {wire::ErrorCode::kMalformed, "A text message came; messages are binary, one protobuf ClientMessage each."},
                   websocket::close_code::unknown_data);
     const auto bytes = buffer_.cdata();
-    messageBytes_.spend(access::Rate::Clock::now(), bytes.size());
+    budgets_->messages.spend(access::Rate::Clock::now(), bytes.size());
     auto message = wire::decodeClient({static_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
     buffer_.clear();
     if (!message) return fail({wire::ErrorCode::kMalformed, message.error().message});
@@ -332,7 +339,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   const std::string peer_;
   access::Grant grant_;
   access::Rate rate_;
-  conversation::Budget messageBytes_{kMessageBytesPerSecond};
+  std::shared_ptr<session::Budgets> budgets_;
   beast::http::request<beast::http::empty_body> request_;
   Stage stage_ = Stage::kAccepting;
   std::shared_ptr<session::CameraSession> camera_;
@@ -379,6 +386,7 @@ void Stream::accepted(error_code ec) {
   if (stage_ != Stage::kOpen) return;
   auto place = session_->enter(counted_.client(grant_));
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
+  budgets_ = place->budgets;
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
                                                      std::make_shared<StreamSender>(shared_from_this()));
   cameraId_ = camera_->id();
@@ -386,6 +394,9 @@ void Stream::accepted(error_code ec) {
     if (!self.greeted_)
       self.fail(metrics::Refusal::kTimeout,
                 {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self.shared_->settings.timeout.count()) + " ms."});
+  });
+  ws_.control_callback([this](websocket::frame_type kind, beast::string_view) {  // called amid a read
+    if (kind != websocket::frame_type::close && stage_ == Stage::kOpen) isInTime();
   });
   read();
 }

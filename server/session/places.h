@@ -26,10 +26,13 @@ inline constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
 inline constexpr std::uint64_t kEditedPostsPerSecond = 4'000'000, kLeastEditedPosts = 10'000;
 inline constexpr std::chrono::milliseconds kEditDebt{250};
 
+// Messages that one client's streams bring. The socket's threads decode them, 128 KiB in two milliseconds at worst.
+inline constexpr std::uint64_t kMessageBytesPerSecond = 12u << 20;
+
 // What one client spends on all its connections together. Any thread.
 struct Budgets {
   conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond};
-  conversation::SharedBudget edits{kEditedPostsPerSecond};
+  conversation::SharedBudget edits{kEditedPostsPerSecond}, messages{kMessageBytesPerSecond};
   // An edit's posts, unless those before it are not paid for yet. Error: one sentence.
   Outcome<std::uint64_t> spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now);
   // It was made, and looked at so many: an undo makes other edits again.
@@ -38,7 +41,7 @@ struct Budgets {
   }
   // New ones could spend no more.
   bool areFull(conversation::Budget::Clock::time_point now) const {
-    return queries.isFull(now) && repairs.isFull(now) && edits.isFull(now);
+    return queries.isFull(now) && repairs.isFull(now) && edits.isFull(now) && messages.isFull(now);
   }
 };
 

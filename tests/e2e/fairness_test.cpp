@@ -32,10 +32,12 @@ namespace {
 using namespace std::chrono_literals;
 using namespace testing_support;
 
+constexpr char kOthers[] = "127.0.0.2";  // the honest camera is another client
+
 // A member on bare sockets that keeps to no limit of its own.
 class Member : public SocketClient {
  public:
-  explicit Member(std::uint16_t port, const wire::Hello& hello = {}) : SocketClient(port) {
+  explicit Member(std::uint16_t port, const wire::Hello& hello = {}) : SocketClient(port, kOthers) {
     isIn_ = upgrade();
     say(hello);
     next<wire::World>();
@@ -102,7 +104,7 @@ struct Other {
   }
   void overHttp(const std::string& target) const {
     while (!isOver) {
-      SocketClient client(port);
+      SocketClient client(port, kOthers);
       if (client.send(get(target, "Connection: close\r\n"))) acts += !client.answer().empty();
     }
   }
@@ -165,14 +167,14 @@ const std::vector<Case> kCases{
     {"Upgrades", 4,
      [](const Other& o) {
        for (int k = 0; !o.isOver; ++k) {
-         SocketClient client(o.port);
+         SocketClient client(o.port, kOthers);
          o.acts += client.upgrade("/v1/stream?terrain=alpine&session=u" + std::to_string(o.number) + "-" + std::to_string(k)) || k > 0;
        }
      }},
     {"Worlds", 4,
      [](const Other& o) {
        for (int k = 0; !o.isOver; ++k) {
-         SocketClient client(o.port);
+         SocketClient client(o.port, kOthers);
          const std::string name = std::to_string(o.number) + "-" + std::to_string(k);
          client.send(get("/v1/stream?terrain=dunes&param=tallest=" + std::to_string(100 + 50 * o.number + 0.01 * k) + "&session=w" + name,
                          "Prefer: progress\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
@@ -196,7 +198,7 @@ const std::vector<Case> kCases{
        std::vector<std::unique_ptr<SocketClient>> open;
        for (std::size_t k = 0; !o.isOver; ++k) {
          if (open.size() == 30) open.clear();
-         open.push_back(std::make_unique<SocketClient>(o.port));
+         open.push_back(std::make_unique<SocketClient>(o.port, kOthers));
          o.acts += open.back()->send(lines[k % 3]);
        }
      }},
@@ -204,7 +206,7 @@ const std::vector<Case> kCases{
      [](const Other& o) {
        const std::string header = "GET / HTTP/1.1\r\n" + std::string(60'000, 'h');
        while (!o.isOver) {
-         SocketClient client(o.port);
+         SocketClient client(o.port, kOthers);
          client.send(header);
          o.acts += client.answer().starts_with("HTTP/1.1 431");
        }

@@ -384,8 +384,12 @@ TEST_F(AccessTest, MessagesHaveASizeAndARate) {
   wire::PoseMessage pose;
   for (pose.sequence = 1; pose.sequence < 600; ++pose.sequence) often.message(wire::encode(wire::ClientMessage(pose)));
   EXPECT_EQ(often.awaitClose(), 1008);
+  SocketClient pings(server->port());
+  ASSERT_TRUE(pings.upgrade());
+  for (int k = 0; k < 600; ++k) pings.frame(9, "");
+  EXPECT_EQ(pings.awaitClose(), 1008);
   EXPECT_EQ(refusals(metrics::Refusal::kMessageSize), 1u);
-  EXPECT_EQ(refusals(metrics::Refusal::kMessageRate), 1u);
+  EXPECT_EQ(refusals(metrics::Refusal::kMessageRate), 2u);
 }
 
 TEST_F(AccessTest, LeavingTellsClientsWhereToGo) {

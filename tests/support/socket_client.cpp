@@ -13,10 +13,12 @@
 
 namespace ridgecast::testing_support {
 
-SocketClient::SocketClient(std::uint16_t port) {
+SocketClient::SocketClient(std::uint16_t port, const char* from) {
   socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in address{};
   address.sin_family = AF_INET;
+  address.sin_addr.s_addr = inet_addr(from);
+  ::bind(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address);
   address.sin_port = htons(port);
   address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
   const timeval timeout{kTimeout.count(), 0};

@@ -10,7 +10,8 @@ namespace ridgecast::testing_support {
 
 class SocketClient {
  public:
-  explicit SocketClient(std::uint16_t port);
+  // From this address of the loopback network: another one is another client.
+  explicit SocketClient(std::uint16_t port, const char* from = "127.0.0.1");
   ~SocketClient();
   SocketClient(const SocketClient&) = delete;
   SocketClient& operator=(const SocketClient&) = delete;
