@@ -10,4 +10,7 @@ inline constexpr bool kSanitized = true;
 inline constexpr bool kSanitized = false;
 #endif
 
+// Of a test that repeats itself at random: fewer under a sanitizer, which wants each way gone once.
+constexpr int rounds(int usual) { return kSanitized && usual > 1 ? 1 + usual / 8 : usual; }
+
 }  // namespace ridgecast::testing_support

@@ -11,6 +11,7 @@
 #include "common/edits/edited_terrain.h"
 #include "common/terrain/raster.h"
 #include "tests/support/random_edits.h"
+#include "tests/support/sanitized.h"
 
 namespace ridgecast::edits {
 namespace {
@@ -79,7 +80,7 @@ TEST_P(Histories, AreWhatAPlainArrayMakesOfThem) {
   const std::int64_t x = middle.x >> kPostBits, z = middle.z >> kPostBits, reach = 260;
   const Posts posts{x - reach, z - reach, x + reach, z + reach};
   std::mt19937_64 random(static_cast<std::uint64_t>(GetParam()) + 5);
-  for (int round = 0; round < 4; ++round) {
+  for (int round = 0; round < testing_support::rounds(4); ++round) {
     History history(terrain);
     for (int k = 0; k < 40; ++k) {
       const bool undoes = history.last() > 0 && random() % 4 == 0;

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "tests/support/process.h"
+#include "tests/support/sanitized.h"
 #include "tests/unit/server/edit_log/session.h"
 
 namespace ridgecast::edit_log {
@@ -130,15 +131,15 @@ class DamagedFiles : public testing::Test {
 };
 
 TEST_F(DamagedFiles, CutOffAnywhere) {
-  for (int round = 0; round < 200; ++round) {
+  for (int round = 0; round < testing_support::rounds(200); ++round) {
     write(folder / "a.edits", whole.substr(0, 1 + random() % (whole.size() - 1)));
     expectSentenceOrTruth(folder / "a.edits", hash, edits, refused);
   }
-  EXPECT_EQ(refused, 200);
+  EXPECT_EQ(refused, testing_support::rounds(200));
 }
 
 TEST_F(DamagedFiles, ChangedAnywhere) {
-  for (int round = 0; round < 400; ++round) {
+  for (int round = 0; round < testing_support::rounds(400); ++round) {
     std::string bytes = whole;
     for (std::uint64_t k = 1 + random() % 8; k > 0; --k) {
       const std::size_t at = round % 2 ? random() % bytes.size() : random() % 4096;
@@ -151,7 +152,7 @@ TEST_F(DamagedFiles, ChangedAnywhere) {
     expectSentenceOrTruth(folder / "a.edits", hash, edits, refused);
     if (HasFailure()) break;
   }
-  EXPECT_GT(refused, 200);
+  EXPECT_GT(refused, testing_support::rounds(200));
 }
 
 }  // namespace

@@ -61,7 +61,7 @@ struct Flight {
 // Of an hour's flight; ITERATIONS=36000 flies it ten a second.
 int frames() {
   const char* const asked = std::getenv("ITERATIONS");
-  return asked ? std::atoi(asked) : testing_support::kSanitized ? 40 : 200;
+  return asked ? std::atoi(asked) : testing_support::rounds(200);
 }
 
 TEST(HeldPoints, MakeTheServersMeshOverFlightsDivesAndJumps) {
