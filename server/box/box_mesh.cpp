@@ -39,20 +39,6 @@ constexpr std::size_t kManyOnASide = 200;
 // Between two looks at the clock: some hundred microseconds, or a few milliseconds.
 constexpr std::size_t kInsertions = 64, kVerdicts = 16, kSamplesATime = 1024;
 
-struct Wanted {
-  float error;
-  Point2 at;
-  TriangleId triangle;
-  friend bool operator<(const Wanted& a, const Wanted& b) {  // the worst first out of a heap
-    return a.error != b.error ? a.error < b.error : triangulation::smaller(b.at, a.at);
-  }
-};
-
-struct Question {
-  TriangleId triangle;
-  Open open;
-};
-
 }  // namespace
 
 class Meshing::Mesher {
@@ -87,6 +73,20 @@ class Meshing::Mesher {
   }
 
  private:
+  struct Wanted {
+    float error;
+    Point2 at;
+    TriangleId triangle;
+    friend bool operator<(const Wanted& a, const Wanted& b) {  // the worst first out of a heap
+      return a.error != b.error ? a.error < b.error : triangulation::smaller(b.at, a.at);
+    }
+  };
+
+  struct Question {
+    TriangleId triangle;
+    Open open;
+  };
+
   enum class Stage { kSampling, kOutline, kFirst, kSweeps, kVerdicts, kMending, kThinning, kFiling };
 
   // However short a turn is, something is done in it.
