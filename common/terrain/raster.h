@@ -122,11 +122,14 @@ struct RasterBounds {
 };
 RasterBounds boundsOf(const RasterShape& shape);
 
-// A tile <-> bytes, without loss. First the byte 0x30. Then for each sample, along x first, the zigzag varint of its difference from left +
-// above - above left (0 outside the tile; the left one in the first row, the one above in the first column). A run of n >= 1 zeros is 0
-// followed by the varint n - 1.
+// Rows of samples <-> bytes, without loss. For each sample, along x first, the zigzag varint of its difference from left + above - above
+// left (0 outside; the left one in the first row, the one above in the first column). A run of n >= 1 zeros is 0 followed by the varint
+// n - 1.
+void encodeSamples(std::span<const std::int32_t> samples, std::size_t columns, std::vector<std::uint8_t>& out);  // appends
+// Fills `out`. Error: too short, too long, a sample out of range.
+Outcome<void> decodeSamples(std::span<const std::uint8_t> bytes, std::size_t columns, std::span<std::int32_t> out);
+// A tile: the byte 0x30 and its samples.
 std::vector<std::uint8_t> encodeTile(const Tile& tile);
-// Error: too short, too long, a sample out of range.
 Outcome<Tile> decodeTile(std::span<const std::uint8_t> bytes);
 inline constexpr std::size_t kMaxTileBytes = 1 + 5 * kTileSamples;
 

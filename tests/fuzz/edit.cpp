@@ -1,4 +1,5 @@
-// An edit as JSON: refused in a sentence, or an operation that comes back as it was and that the ground takes, and gives up again.
+// An edit, packed or as JSON: refused in a sentence, or an operation that comes back as it was and that the ground takes, and gives up
+// again.
 #include <cstdint>
 #include <cstdlib>
 #include <memory>
@@ -6,6 +7,7 @@
 
 #include "common/edits/history.h"
 #include "common/edits/json.h"
+#include "common/edits/packed.h"
 
 namespace {
 
@@ -25,12 +27,16 @@ class Level final : public terrain::Terrain {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const auto level = std::make_shared<const Level>();
-  const auto operation = edits::fromJson({reinterpret_cast<const char*>(data), size});
+  const std::string_view text{reinterpret_cast<const char*>(data), size};
+  const auto packed = edits::unpack(text);
+  if (packed && edits::pack(*packed) != text) std::abort();
+  const auto operation = packed ? packed : edits::fromJson(text);
   if (!operation) {
     if (operation.error().message.empty()) std::abort();
     return 0;
   }
-  if (const auto again = edits::fromJson(edits::toJson(*operation)); !again || !(*again == *operation)) std::abort();
+  if (const auto again = edits::fromJson(edits::toJson(*operation)); !packed && (!again || !(*again == *operation))) std::abort();
+  if (const auto again = edits::unpack(edits::pack(*operation)); !again || !(*again == *operation)) std::abort();
   if (edits::areaOf(*operation).count() > 40'000) return 0;  // the same, slower
   edits::History history(level);
   auto prepared = history.prepare(*operation);

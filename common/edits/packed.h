@@ -1,0 +1,28 @@
+#pragma once
+// Operations as bytes, for memory and disk: small edits take 10 to 35, stamps less than half of their samples' four bytes each where these
+// are smooth, and next to nothing where they are level.
+//
+// The byte 1, the version of this form. Then the byte 8 m + k of the material m and the kind k: 0 raise, 1 crater, 2 level, 3 smooth,
+// 4 road, 5 stamp, 6 undo. Then the fields in the order of operation.h, as varints, those that may be negative zigzag. Of lists first
+// their length; each place of a line is the difference from the one before it. Heights of a road that is not surveyed count for nothing
+// and are left out. The samples of a stamp stand last, as of terrain::encodeSamples.
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+
+#include "common/edits/operation.h"
+#include "common/outcome/outcome.h"
+
+namespace ridgecast::edits {
+
+// Of any valid operation.
+inline constexpr std::size_t kMostPackedBytes = 64 + std::size_t{4} * kMostStampSide * kMostStampSide;
+
+// Of a valid operation. Equal operations have equal bytes, others others.
+std::string pack(const Operation& operation);
+// Error: not the bytes of a valid operation (check()), or not those that pack() makes of it. Allocates at most as much as the largest
+// operation takes, 256 KiB.
+Outcome<Operation> unpack(std::string_view bytes);
+
+}  // namespace ridgecast::edits
