@@ -243,7 +243,7 @@ int verify(Log& log, const user_terrain::Request& request) {
   if (!terrain) return refuse(2, terrain.error().message);
   if (auto same = edit_log::checkTerrain(log, **terrain); !same) return refuse(1, same.error().message);
   edits::History history(*terrain);
-  history.restore(log.compacted(), log.last(), nullptr, [&] { return log.past(log.last()); });
+  history.restore(log.compacted(), log.last(), nullptr, [&](std::uint64_t after) { return log.past(after, log.last()); });
   if (auto replayed = history.replay(); !replayed) return refuse(1, replayed.error().message);
   const auto cached = log.layer();
   if (!cached)

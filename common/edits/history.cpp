@@ -1,299 +1,232 @@
 #include "common/edits/history.h"
 
 #include <algorithm>
-#include <map>
+#include <cassert>
+#include <utility>
 
+#include "common/edits/draft.h"
 #include "common/edits/edited_terrain.h"
+#include "common/edits/packed.h"
 
 namespace ridgecast::edits {
-
-using lattice::Step;
-
 namespace {
 
-constexpr lattice::Step kHalfDiagonal = 1449;  // of a tile, steps
-
-TileSet tilesOf(const Posts& posts) {
-  TileSet out;
-  for (std::int64_t i = posts.x0 >> kTileBits; i <= (posts.x1 - 1) >> kTileBits; ++i)
-    for (std::int64_t j = posts.z0 >> kTileBits; j <= (posts.z1 - 1) >> kTileBits; ++j) out.insert({i, j});
-  return out;
-}
-
-Posts boundsOf(const TileSet& tiles) {
-  Posts out;
-  for (const TileAddress t : tiles) out.add(t.posts());
-  return out;
-}
-
-bool meets(const Posts& posts, const TileSet& tiles, const Posts& bounds) {
-  return posts.meets(bounds) && std::ranges::any_of(tiles, [&](TileAddress t) { return posts.meets(t.posts()); });
-}
-
-// Steps of a terrain's own height at a rectangle of posts, along x first.
-std::vector<std::int32_t> ownHeights(const terrain::Terrain& terrain, const Posts& posts) {
-  std::vector<Step> x, z;
-  for (std::int64_t b = posts.z0; b < posts.z1; ++b)
-    for (std::int64_t a = posts.x0; a < posts.x1; ++a) {
-      x.push_back(a << kPostBits);
-      z.push_back(b << kPostBits);
-    }
-  std::vector<std::int32_t> out(x.size());
-  terrain.heightSteps(x, z, out);
-  return out;
-}
-
-std::int32_t limited(std::int64_t rise) { return static_cast<std::int32_t>(std::clamp<std::int64_t>(rise, -kMostRise, kMostRise)); }
-
-TilePosts postsOf(const Tile* tile) { return tile ? tile->posts() : TilePosts(); }
-
-// One pass: weights 1 2 1 along both axes, nearest whole steps. The result is a post narrower on each side.
-std::vector<std::int32_t> passed(const std::vector<std::int32_t>& from, std::int64_t columns, std::int64_t rows) {
-  std::vector<std::int32_t> out;
-  out.reserve(static_cast<std::size_t>((columns - 2) * (rows - 2)));
-  const auto at = [&](std::int64_t a, std::int64_t b) { return std::int64_t{from[static_cast<std::size_t>(b * columns + a)]}; };
-  for (std::int64_t b = 1; b < rows - 1; ++b)
-    for (std::int64_t a = 1; a < columns - 1; ++a) {
-      const auto row = [&](std::int64_t of) { return at(a - 1, of) + 2 * at(a, of) + at(a + 1, of); };
-      out.push_back(static_cast<std::int32_t>((row(b - 1) + 2 * row(b) + row(b + 1) + 8) >> 4));
-    }
-  return out;
-}
+constexpr std::uint64_t kPostsOfEdit = 256;   // of work, besides those that it looks at
+constexpr std::size_t kMostCheckpoints = 64;  // for those of 4 million edits, however wide
 
 }  // namespace
 
 History::History(std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes)
-    : terrain_(std::move(terrain)), mostBytes_(mostBytes) {}
+    : terrain_(std::move(terrain)), mostBytes_(mostBytes) {
+  checkpoints_.reserve(kMostCheckpoints);
+}
+
+Operation History::operation(std::uint64_t edit) const { return unpack(entry(edit).packed).value(); }
 
 Outcome<Operation> History::prepare(Operation operation) {
-  if (auto checked = check(operation); !checked) return checked.error();
+  Outcome<void> fits;
+  for (Turns turns = preparing(operation, fits); turns.next();) {
+  }
+  if (!fits) return fits.error();
+  return operation;
+}
+
+Turns History::preparing(Operation& operation, Outcome<void>& fits) {
+  fits = check(operation);
+  if (!fits) co_return;
   if (const auto* undo = std::get_if<Undo>(&operation.what)) {
     if (undo->edit > last())
-      return Error{"There is no edit " + std::to_string(undo->edit) + " to undo; the last is " + std::to_string(last()) + "."};
-    if (undo->edit <= compacted_) return Error{"Edit " + std::to_string(undo->edit) + " was compacted and cannot be undone."};
-    if (auto all = readAll(); !all) return all.error();
-    if (isUndone(undo->edit))
-      return Error{"Edit " + std::to_string(undo->edit) + " is undone already; undo the edit that undid it to have it back."};
+      fits = Error{"There is no edit " + std::to_string(undo->edit) + " to undo; the last is " + std::to_string(last()) + "."};
+    else if (undo->edit <= compacted_)
+      fits = Error{"Edit " + std::to_string(undo->edit) + " was compacted and cannot be undone."};
+    if (!fits) co_return;
+    for (Turns turns = reading(fits); const auto cost = turns.next();) co_yield *cost;
+    if (fits && isUndone(undo->edit))
+      fits = Error{"Edit " + std::to_string(undo->edit) + " is undone already; undo the edit that undid it to have it back."};
   }
   if (const auto* road = std::get_if<Road>(&operation.what); road && !road->surveyed) {
-    std::vector<Step> x, z;
+    std::vector<lattice::Step> x, z;
     for (const lattice::Point p : stationsOf(*road)) {
       x.push_back(p.x);
       z.push_back(p.z);
     }
-    if (x.size() > kMostStations)
-      return Error{"A road's corners and the stations between them are " + std::to_string(x.size()) + "; the most is " +
+    if (x.size() > kMostStations) {
+      fits = Error{"A road's corners and the stations between them are " + std::to_string(x.size()) + "; the most is " +
                    std::to_string(kMostStations) + ": leave corners out."};
+      co_return;
+    }
     std::vector<std::int32_t> ground(x.size());
     EditedTerrain(terrain_, layer_).heightSteps(x, z, ground);
     operation.what = survey(*road, ground);
   }
-  return operation;
+}
+
+bool History::Making::step(std::uint64_t posts) {
+  for (std::uint64_t done = 0; const auto cost = turns_.next();)
+    if (done += *cost; done >= posts) return false;
+  return true;
+}
+
+History::Making History::make(Operation operation, std::uint64_t mostUndoPosts) {
+  auto result = std::make_unique<Outcome<Posts>>();
+  Outcome<Posts>& to = *result;
+  return {std::move(result), making(std::move(operation), mostUndoPosts, to)};
 }
 
 Outcome<Posts> History::add(Operation operation) {
-  if (last_ - compacted_ >= kMostEdits)
-    return Error{"A session has at most " + std::to_string(kMostEdits) +
+  Making making = make(std::move(operation));
+  while (!making.step(std::numeric_limits<std::uint64_t>::max())) {
+  }
+  return making.result();
+}
+
+Turns History::making(Operation operation, std::uint64_t mostUndoPosts, Outcome<Posts>& result) {
+  [[maybe_unused]] const std::uint64_t before = last_;
+  Outcome<void> fits;
+  for (Turns turns = preparing(operation, fits); const auto cost = turns.next();) co_yield *cost;
+  if (fits && last_ - compacted_ >= kMostEdits)
+    fits = Error{"A session has at most " + std::to_string(kMostEdits) +
                  " edits; its operator can join them with `ridgecast-server edits compact`."};
-  Posts changed = areaOf(operation);
-  std::shared_ptr<const Layer> next;
-  const auto* undo = std::get_if<Undo>(&operation.what);
-  if (undo) {
-    const std::uint64_t edit = addUndos(undo->edit, 1);
-    next = edit == 0 ? layer_ : replayed(edit);
-    if (edit != 0) {
-      // Smoothing carries a change on.
-      changed = entry(edit).area;
-      for (std::size_t k = indexOf(edit) + 1; k < entries_.size(); ++k)
-        if (const Entry& e = entries_[k]; e.counts() && marginOf(e.operation) > 0 && e.area.wider(marginOf(e.operation)).meets(changed))
-          changed.add(e.area);
-    }
-  } else {
-    next = layer_->with(changesOf(operation, *layer_, nullptr));
+  Made made{layer_, {}, areaOf(operation)};
+  const std::uint64_t looked = looked_;
+  const auto* const undo = std::get_if<Undo>(&operation.what);
+  if (fits && undo) {
+    for (Turns turns = undoing(undo->edit, mostUndoPosts, made, fits); const auto cost = turns.next();) co_yield *cost;
+  } else if (fits) {
+    Draft draft(layer_);
+    for (Turns turns = draft.apply(*terrain_, operation, nullptr, looked_); const auto cost = turns.next();) co_yield *cost;
+    const TileSet written = draft.written();
+    for (Turns turns = draft.copy(written, made.layer); const auto cost = turns.next();) co_yield *cost;
   }
-  if (next->bytes() > mostBytes_ && next->bytes() > layer_->bytes()) {
-    if (undo) addUndos(undo->edit, -1);
-    return Error{"The session's edits take " + std::to_string(mostBytes_ >> 20) +
+  if (fits && made.layer->bytes() > mostBytes_ && made.layer->bytes() > layer_->bytes())
+    fits = Error{"The session's edits take " + std::to_string(mostBytes_ >> 20) +
                  " MiB, which is the most: undo some, or edit where there are edits already."};
+  if (!fits) {
+    result = fits.error();
+    co_return;
   }
-  layer_ = std::move(next);
-  const Posts area = undo ? Posts() : changed;
-  entries_.push_back({std::move(operation), area});
+  assert(before == last_ && "no other edit meanwhile");
+  result = made.changed;
+  commit(operation, std::move(made));
+  work_ += kPostsOfEdit + (undo ? 0 : looked_ - looked);
+  addCheckpoint(last_);
+}
+
+void History::commit(const Operation& operation, Made made) {
+  const auto* const undo = std::get_if<Undo>(&operation.what);
+  entries_.push_back({pack(operation)});
+  try {
+    file(last_ + 1, operation);
+  } catch (...) {
+    entries_.pop_back();
+    throw;
+  }
   ++last_;
-  return changed;
+  layer_ = std::move(made.layer);
+  if (!undo) return;
+  addUndos(undo->edit, 1);
+  std::ranges::move(made.checkpoints, checkpoints_.end() - static_cast<std::ptrdiff_t>(made.checkpoints.size()));
+  boundCheckpoints(0);
+}
+
+void History::file(std::uint64_t edit, const Operation& operation) {
+  if (const Posts area = areaOf(operation); !area.empty())
+    (marginOf(operation) > 0 ? smooths_ : others_).add(static_cast<std::uint32_t>(edit - compacted_), area);
 }
 
 void History::takeBack(std::shared_ptr<const Layer> before) {
-  const Entry last = std::move(entries_.back());
+  const Operation last = operation(last_);
+  if (const Posts area = areaOf(last); !area.empty())
+    (marginOf(last) > 0 ? smooths_ : others_).remove(static_cast<std::uint32_t>(last_ - compacted_), area);
   entries_.pop_back();
   --last_;
-  if (const auto* undo = std::get_if<Undo>(&last.operation.what)) addUndos(undo->edit, -1);
+  std::uint64_t right = last_;  // the last edit whose ground is in a checkpoint as it is now
+  if (const auto* undo = std::get_if<Undo>(&last.what))
+    if (const std::uint64_t edit = addUndos(undo->edit, -1); edit != 0) right = edit - 1;
+  std::erase_if(checkpoints_, [&](const Checkpoint& c) { return c.edit > right; });
   layer_ = std::move(before);
 }
 
 void History::restore(std::uint64_t compacted, std::uint64_t last, std::shared_ptr<const Layer> layer, Read read) {
+  *this = History(std::move(terrain_), mostBytes_);
   compacted_ = compacted;
   last_ = last;
-  entries_.clear();
   layer_ = std::move(layer);
   read_ = std::move(read);
+  if (layer_) checkpoints_.push_back({last_, work_, layer_});
 }
 
-Outcome<void> History::readAll() {
-  if (!read_) return {};
-  auto past = read_();
-  if (!past) return past.error();
-  if (const std::uint64_t wanted = last_ - compacted_ - entries_.size(); past->operations.size() != wanted)
-    return Error{"The log holds " + std::to_string(past->operations.size()) + " edits where there should be " + std::to_string(wanted) +
-                 "."};
-  std::vector<Entry> all;
-  all.reserve(last_ - compacted_);
-  for (Operation& o : past->operations) {
-    const auto* undo = std::get_if<Undo>(&o.what);
-    if (undo && (undo->edit <= compacted_ || undo->edit > compacted_ + all.size()))
-      return Error{"Edit " + std::to_string(compacted_ + all.size() + 1) + " of the log undoes edit " + std::to_string(undo->edit) +
-                   ", which is not there before it."};
-    const Posts area = areaOf(o);
-    all.push_back({std::move(o), area});
+Turns History::reading(Outcome<void>& done) {
+  while (read_) {
+    const std::uint64_t wanted = last_ - compacted_ - entries_.size(), before = past_.size();
+    auto some = read_(compacted_ + before);
+    if (!some) {
+      done = some.error();
+      co_return;
+    }
+    if (before == 0) base_ = std::move(some->base);
+    const std::size_t count = some->operations.size();
+    if (before + count > wanted || (count == 0 && before < wanted))
+      done = Error{"The log holds " + std::to_string(before + count) + " edits where there should be " + std::to_string(wanted) + "."};
+    else
+      done = addPast(std::move(some->operations));
+    if (!done) co_return;
+    if (past_.size() == wanted) joinPast();
+    co_yield kPostsOfEdit*(count + 1);
   }
-  std::ranges::move(entries_, std::back_inserter(all));
-  entries_ = std::move(all);
-  base_ = std::move(past->base);
+}
+
+Outcome<void> History::addPast(std::vector<Operation> operations) {
+  for (const Operation& o : operations) {
+    const std::uint64_t number = compacted_ + past_.size() + 1;
+    if (const auto* undo = std::get_if<Undo>(&o.what); undo && (undo->edit <= compacted_ || undo->edit >= number))
+      return Error{"Edit " + std::to_string(number) + " of the log undoes edit " + std::to_string(undo->edit) +
+                   ", which is not there before it."};
+    past_.push_back({pack(o)});
+    try {
+      file(number, o);
+    } catch (...) {
+      past_.pop_back();
+      throw;
+    }
+  }
+  return {};
+}
+
+void History::joinPast() {
+  std::ranges::move(entries_, std::back_inserter(past_));
+  entries_ = std::exchange(past_, {});
   read_ = nullptr;
   // The last first: whether it counts is then known.
-  for (std::size_t k = past->operations.size(); k-- > 0;)
-    if (const auto* undo = std::get_if<Undo>(&entries_[k].operation.what); undo && entries_[k].counts())
-      ++entries_[indexOf(undo->edit)].undos;
-  return {};
+  for (std::size_t k = entries_.size(); k-- > 0;)
+    if (const std::uint64_t edit = undoneBy(entries_[k].packed); edit != 0 && entries_[k].counts()) ++entries_[indexOf(edit)].undos;
 }
 
 Outcome<void> History::replay() {
-  if (auto all = readAll(); !all) return all.error();
+  Outcome<void> all;
+  for (Turns turns = reading(all); turns.next();) {
+  }
+  if (!all) return all;
+  checkpoints_.clear();
   layer_ = base_;
-  for (const Entry& e : entries_)
-    if (e.counts()) layer_ = layer_->with(changesOf(e.operation, *layer_, nullptr));
+  work_ = 0;
+  Draft draft(layer_);
+  for (std::uint64_t edit = compacted_ + 1; edit <= last_; ++edit) {
+    const std::uint64_t looked = looked_;
+    if (entry(edit).counts()) {
+      const Operation operation = this->operation(edit);
+      for (Turns turns = draft.apply(*terrain_, operation, nullptr, looked_); turns.next();) {
+      }
+    }
+    work_ += kPostsOfEdit + looked_ - looked;
+    if (edit < last_ && !isTimeForCheckpoint()) continue;
+    const TileSet written = draft.written();
+    for (Turns turns = draft.copy(written, layer_); turns.next();) {
+    }
+    draft = Draft(layer_);
+    addCheckpoint(edit);
+  }
   return {};
-}
-
-std::uint64_t History::addUndos(std::uint64_t edit, int more) {
-  for (;;) {
-    Entry& entry = entries_[indexOf(edit)];
-    const bool counted = entry.counts();
-    entry.undos += more;
-    if (entry.counts() == counted) return 0;
-    const auto* undo = std::get_if<Undo>(&entry.operation.what);
-    if (!undo) return edit;
-    edit = undo->edit;
-    more = entry.counts() ? 1 : -1;
-  }
-}
-
-std::shared_ptr<const Layer> History::replayed(std::uint64_t edit) const {
-  const auto spreads = [](const Entry& e) { return e.counts() && marginOf(e.operation) > 0; };
-  TileSet changed = tilesOf(entry(edit).area);
-  Posts bounds = boundsOf(changed);
-  const auto add = [](TileSet& to, Posts& boundsOfIt, const Posts& posts) {
-    to.merge(tilesOf(posts));
-    boundsOfIt = boundsOf(to);
-  };
-  for (std::size_t k = indexOf(edit) + 1; k < entries_.size(); ++k)
-    if (const Entry& e = entries_[k]; spreads(e) && meets(e.area.wider(marginOf(e.operation)), changed, bounds))
-      add(changed, bounds, e.area);
-  TileSet needed = changed;
-  Posts neededBounds = bounds;
-  for (std::size_t k = entries_.size(); k-- > 0;)
-    if (const Entry& e = entries_[k]; spreads(e) && meets(e.area, needed, neededBounds))
-      add(needed, neededBounds, e.area.wider(marginOf(e.operation)));
-
-  auto made = base_;
-  for (const Entry& e : entries_)
-    if (e.counts() && e.area.meets(neededBounds)) made = made->with(changesOf(e.operation, *made, &needed));
-
-  std::map<TileAddress, std::shared_ptr<const Tile>> tiles;
-  for (const TileAddress t : changed) {
-    const Tile* const tile = made->tile(t);
-    tiles[t] = tile && !tile->isZero() ? std::make_shared<const Tile>(tile->posts()) : nullptr;
-    // Tiles beside it that were there for its sake alone.
-    for (std::int64_t j = -1; j <= 1; ++j)
-      for (std::int64_t i = -1; i <= 1; ++i)
-        if (const TileAddress beside{t.i + i, t.j + j}; !changed.contains(beside))
-          if (const Tile* const there = layer_->tile(beside); there && there->isZero()) tiles[beside] = nullptr;
-  }
-  std::vector<Layer::Change> changes;
-  for (auto& [address, tile] : tiles) changes.push_back({address, std::move(tile)});
-  return layer_->with(changes);
-}
-
-std::vector<Layer::Change> History::changesOf(const Operation& operation, const Layer& on, const TileSet* within) const {
-  if (std::holds_alternative<Undo>(operation.what)) return {};
-  if (std::holds_alternative<Smooth>(operation.what)) return smoothed(operation, on, within);
-  Brush brush(operation);
-  const Posts area = areaOf(operation);
-  const bool reads = readsGround(operation);
-  std::vector<Layer::Change> out;
-  const auto changeTile = [&](TileAddress address) {
-    const Posts posts = address.posts();
-    const lattice::Point middle{(posts.x0 + kTileSide / 2) << kPostBits, (posts.z0 + kTileSide / 2) << kPostBits};
-    if (!brush.reaches(middle, kHalfDiagonal)) return;
-    looked_ += brush.effort() * static_cast<std::uint64_t>(area.within(posts).count());
-    const TilePosts before = postsOf(on.tile(address));
-    std::vector<std::int32_t> own;
-    if (reads) own = ownHeights(*terrain_, posts);
-    TilePosts after = before;
-    for (std::size_t k = 0; k < kTileSide * kTileSide; ++k) {
-      const lattice::Point post{(posts.x0 + static_cast<std::int64_t>(k) % kTileSide) << kPostBits,
-                                (posts.z0 + static_cast<std::int64_t>(k) / kTileSide) << kPostBits};
-      const std::int32_t rise = before.rise[k], base = reads ? own[k] : 0;
-      const auto result = brush.at(post, base + rise);
-      if (!result) continue;
-      const std::int32_t next = limited(std::int64_t{result->height} - base);
-      after.rise[k] = next;
-      if (result->paints && operation.material != 0) after.material[k] = static_cast<std::uint8_t>(operation.material);
-    }
-    if (after != before) out.push_back({address, std::make_shared<const Tile>(after)});
-  };
-  if (within) {
-    for (const TileAddress t : *within)
-      if (area.meets(t.posts())) changeTile(t);
-  } else {
-    for (std::int64_t i = area.x0 >> kTileBits; i <= (area.x1 - 1) >> kTileBits; ++i)
-      for (std::int64_t j = area.z0 >> kTileBits; j <= (area.z1 - 1) >> kTileBits; ++j) changeTile({i, j});
-  }
-  return out;
-}
-
-std::vector<Layer::Change> History::smoothed(const Operation& operation, const Layer& on, const TileSet* within) const {
-  const auto& smooth = std::get<Smooth>(operation.what);
-  const Posts area = areaOf(operation), seen = area.wider(smooth.passes);
-  looked_ += static_cast<std::uint64_t>(seen.count());
-  std::vector<std::int32_t> heights = ownHeights(*terrain_, seen);
-  std::size_t k = 0;
-  for (std::int64_t z = seen.z0; z < seen.z1; ++z)
-    for (std::int64_t x = seen.x0; x < seen.x1; ++x) heights[k++] += on.riseAt(x, z);
-  std::vector<std::int32_t> after = heights;
-  std::int64_t columns = seen.x1 - seen.x0, rows = seen.z1 - seen.z0;
-  for (std::uint32_t pass = 0; pass < smooth.passes; ++pass, columns -= 2, rows -= 2) after = passed(after, columns, rows);
-
-  std::map<TileAddress, TilePosts> tiles;
-  for (std::int64_t z = area.z0; z < area.z1; ++z)
-    for (std::int64_t x = area.x0; x < area.x1; ++x) {
-      const TileAddress address{x >> kTileBits, z >> kTileBits};
-      if (within && !within->contains(address)) continue;
-      const Step dx = (x << kPostBits) - smooth.at.x, dz = (z << kPostBits) - smooth.at.z;
-      if (dx * dx + dz * dz > smooth.radius * smooth.radius) continue;
-      const std::int64_t before = heights[static_cast<std::size_t>((z - seen.z0) * (seen.x1 - seen.x0) + x - seen.x0)],
-                         next = after[static_cast<std::size_t>((z - area.z0) * (area.x1 - area.x0) + x - area.x0)];
-      if (next == before && operation.material == 0) continue;
-      const auto [found, isNew] = tiles.try_emplace(address);
-      TilePosts& tile = found->second;
-      if (isNew) tile = postsOf(on.tile(address));
-      const auto slot = static_cast<std::size_t>((z & (kTileSide - 1)) * kTileSide + (x & (kTileSide - 1)));
-      tile.rise[slot] = limited(tile.rise[slot] + next - before);
-      if (operation.material != 0) tile.material[slot] = static_cast<std::uint8_t>(operation.material);
-    }
-  std::vector<Layer::Change> out;
-  for (const auto& [address, tile] : tiles) out.push_back({address, std::make_shared<const Tile>(tile)});
-  return out;
 }
 
 }  // namespace ridgecast::edits

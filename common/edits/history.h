@@ -2,18 +2,27 @@
 // The edits of one world in their order, and the layer that they make on its terrain. The order is the truth: equal operations in equal
 // order on an equal terrain make an equal layer, whoever computes it, with undone ones left out as if they had never been.
 //
-// One thread at a time; layers, once taken, may be read by any. Bound: kMostEdits operations, kMostLayerBytes of layer.
+// Memory beside the layer: edits packed (packed.h) and some 55 bytes each; kMostCheckpointBytes. An undo takes the ground of the latest
+// checkpoint before the undone edit and makes those edits after it again that touch what the undo changes, on that ground alone.
+// Checkpoints are layers; the further back, the fewer: at most two for each doubling of the work since. So an undo makes edits of at most
+// about twice as much work again as was done since the undone edit. After restore() there are none before the restored layer.
+//
+// One thread at a time; layers, once taken, may be read by any. Bound: kMostEdits operations, kMostLayerBytes of layer. Memory that runs
+// out is an exception, and nothing has changed.
 
 #include <cstdint>
+#include <deque>
 #include <functional>
+#include <limits>
 #include <memory>
-#include <optional>
-#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "common/edits/area_index.h"
 #include "common/edits/layer.h"
 #include "common/edits/operation.h"
+#include "common/edits/turns.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
 
@@ -21,6 +30,8 @@ namespace ridgecast::edits {
 
 inline constexpr std::size_t kMostEdits = 4'000'000;
 inline constexpr std::size_t kMostLayerBytes = std::size_t{512} << 20;
+inline constexpr std::size_t kMostCheckpointBytes = std::size_t{64} << 20;  // of all, not counting what they share
+inline constexpr std::uint64_t kMostUndoPosts = std::uint64_t{1} << 25;     // that a server looks at for one undo: about a second
 
 class History {
  public:
@@ -34,24 +45,46 @@ class History {
   std::uint64_t looked() const { return looked_; }
   // Of edits that this has added or read.
   bool isUndone(std::uint64_t edit) const { return !entry(edit).counts(); }
-  const Operation& operation(std::uint64_t edit) const { return entry(edit).operation; }
+  Operation operation(std::uint64_t edit) const;
+  std::string_view packed(std::uint64_t edit) const { return entry(edit).packed; }  // until the next edit
+  std::size_t checkpointBytes() const;                                              // of layers that are held for undos, unshared
 
-  // The operation as it is kept: checked, and a road that has no heights yet surveyed on the ground there is now. Error: why not.
+  // The operation as it is kept: checked, and a road that has no heights yet surveyed on the ground there is now. Error: why not. make()
+  // does this too.
   Outcome<Operation> prepare(Operation operation);
 
-  // The next edit, prepared. Returns the posts whose height or material changed (a rectangle around them). Error: no room; nothing has
-  // changed then.
-  Outcome<Posts> add(Operation operation);
+  // An edit in the making, in turns. Until it is done the history is as it was; it may be given up by destroying it. Meanwhile the history
+  // stays where it is, and no other edit is made or taken back.
+  class Making {
+   public:
+    // Looks at some more posts, at least one, about so many. True: it is done, and not asked again.
+    bool step(std::uint64_t posts);
+    // When it is done: the posts whose height or material changed (a rectangle around them). Error: not a valid edit, no room, or an undo
+    // that would look at too many posts; nothing has changed then.
+    const Outcome<Posts>& result() const { return *result_; }
+
+   private:
+    friend History;
+    std::unique_ptr<Outcome<Posts>> result_;
+    Turns turns_;
+    Making(std::unique_ptr<Outcome<Posts>> result, Turns turns) : result_(std::move(result)), turns_(std::move(turns)) {}
+  };
+  // The next edit. `mostUndoPosts`: an undo that has to look at more is refused before it begins. Whoever repeats what others have made
+  // sets no limit.
+  Making make(Operation operation, std::uint64_t mostUndoPosts = std::numeric_limits<std::uint64_t>::max());
+  Outcome<Posts> add(Operation operation);  // the same to its end
 
   // The last edit was not kept after all: everything is as before it, when the layer was `before`.
   void takeBack(std::shared_ptr<const Layer> before);
 
-  // Goes on from an earlier history's end: its last number and its layer. What made it is read when an edit is undone, and not before.
+  // Goes on from an earlier history's end: its last number and its layer. What made it is read when an edit is undone, and not before, some
+  // edits at a time.
   struct Past {
     std::shared_ptr<const Layer> base;  // what the compacted edits have made
-    std::vector<Operation> operations;  // those after them, up to `last`
+    std::vector<Operation> operations;  // at least one while there are more, up to `last`
   };
-  using Read = std::function<Outcome<Past>()>;
+  // What follows an edit; the base is wanted with those after the last compacted one, also if there are none.
+  using Read = std::function<Outcome<Past>(std::uint64_t after)>;
   void restore(std::uint64_t compacted, std::uint64_t last, std::shared_ptr<const Layer> layer, Read read);
 
   // Makes the layer again, whatever it was, from the past. Error: it cannot be read, or undoes what is not there.
@@ -59,29 +92,65 @@ class History {
 
  private:
   struct Entry {
-    Operation operation;
-    Posts area;
-    int undos = 0;  // that count, of this one
+    std::string packed;
+    std::uint32_t undos = 0;  // that count, of this one
     bool counts() const { return undos == 0; }
   };
-  // The tiles that an operation changes, on a layer; `within`: those alone, null: all.
-  std::vector<Layer::Change> changesOf(const Operation& operation, const Layer& on, const TileSet* within) const;
-  std::vector<Layer::Change> smoothed(const Operation& operation, const Layer& on, const TileSet* within) const;
+  struct Checkpoint {
+    std::uint64_t edit = 0, work = 0;  // as it was after this edit, and the work until then
+    std::shared_ptr<const Layer> layer;
+    std::size_t bytes = 0;  // that the next one, or the layer, does not share
+  };
+  // What an edit makes of the history.
+  struct Made {
+    std::shared_ptr<const Layer> layer;
+    std::vector<Checkpoint> checkpoints;  // of an undo
+    Posts changed;
+  };
+  // What an undo is about: the ground of `edit`.
+  struct Undoing {
+    std::uint64_t mostPosts = 0;
+    std::uint64_t edit = 0;            // 0: of none
+    std::uint64_t from = 0;            // the checkpoint's edit
+    TileSet changed, needed;           // tiles that may change, and those that this depends on
+    std::vector<std::uint32_t> again;  // the edits that are made again, counted from `compacted_`
+    std::uint64_t cost = 0;            // posts, of finding these and of what is to come
+  };
   std::size_t indexOf(std::uint64_t edit) const { return edit - 1 - (last_ - entries_.size()); }
   const Entry& entry(std::uint64_t edit) const { return entries_[indexOf(edit)]; }
-  Outcome<void> readAll();
+  Turns making(Operation operation, std::uint64_t mostUndoPosts, Outcome<Posts>& result);
+  Turns preparing(Operation& operation, Outcome<void>& fits);
+  Turns reading(Outcome<void>& done);
+  Outcome<void> addPast(std::vector<Operation> operations);
+  void joinPast();
   // One undo of this edit more or less counts. Returns the edit whose ground that is about; 0: none, for others count as well.
   std::uint64_t addUndos(std::uint64_t edit, int more);
-  // The layer as it is after `edit` counts, or no longer.
-  std::shared_ptr<const Layer> replayed(std::uint64_t edit) const;
+  Turns undoing(std::uint64_t edit, std::uint64_t mostPosts, Made& made, Outcome<void>& fits);
+  Turns findGround(std::uint64_t edit, Undoing& undo) const;  // as addUndos(edit, 1), and nothing is changed
+  // Whether an edit counts after the undo.
+  bool countsAfter(const Undoing& undo, std::uint64_t edit) const { return entry(edit).counts() != (edit == undo.edit); }
+  Turns findChanged(Undoing& undo, Posts& changed) const;
+  Turns findNeeded(Undoing& undo) const;
+  Turns findAgain(Undoing& undo) const;
+  Turns makeAgain(const Undoing& undo, Made& made);
+  void commit(const Operation& operation, Made made);
+  bool isTimeForCheckpoint() const;
+  void addCheckpoint(std::uint64_t edit);
+  void weighCheckpoint(std::size_t k);
+  void dropCheckpoint(std::size_t k);
+  void boundCheckpoints(std::size_t from);  // those from there on have changed
+  void file(std::uint64_t edit, const Operation& operation);
 
   std::shared_ptr<const terrain::Terrain> terrain_;
   std::size_t mostBytes_;
   std::uint64_t compacted_ = 0, last_ = 0;
-  mutable std::uint64_t looked_ = 0;
-  Read read_;                   // the past before entries_; empty: entries_ and base_ have all
-  std::vector<Entry> entries_;  // the newest, up to last_
+  std::uint64_t looked_ = 0, work_ = 0;  // work: posts, not counting undos, and something for each edit
+  Read read_;                            // the past before entries_; empty: entries_ and base_ have all
+  std::deque<Entry> past_;               // the first of it, as far as it was read
+  std::deque<Entry> entries_;            // the newest, up to last_
+  AreaIndex smooths_, others_;           // of past_ and entries_, counted from compacted_
   std::shared_ptr<const Layer> base_ = std::make_shared<const Layer>(), layer_ = base_;
+  std::vector<Checkpoint> checkpoints_;  // ascending; each as if what is undone had never been
 };
 
 }  // namespace ridgecast::edits

@@ -50,6 +50,27 @@ TilePosts Tile::posts() const {
   return out;
 }
 
+std::vector<TileAddress> tilesOf(const Posts& posts, const TileSet* within) {
+  std::vector<TileAddress> out;
+  if (posts.empty()) return out;
+  const std::int64_t j0 = posts.z0 >> kTileBits, j1 = (posts.z1 - 1) >> kTileBits;
+  for (std::int64_t i = posts.x0 >> kTileBits; i <= (posts.x1 - 1) >> kTileBits; ++i) {
+    if (within)
+      for (auto t = within->lower_bound({i, j0}); t != within->end() && *t <= TileAddress{i, j1}; ++t) out.push_back(*t);
+    else
+      for (std::int64_t j = j0; j <= j1; ++j) out.push_back({i, j});
+  }
+  return out;
+}
+
+bool meets(const Posts& posts, const TileSet& tiles) {
+  if (posts.empty()) return false;
+  const std::int64_t j0 = posts.z0 >> kTileBits, j1 = (posts.z1 - 1) >> kTileBits;
+  for (std::int64_t i = posts.x0 >> kTileBits; i <= (posts.x1 - 1) >> kTileBits; ++i)
+    if (const auto t = tiles.lower_bound({i, j0}); t != tiles.end() && *t <= TileAddress{i, j1}) return true;
+  return false;
+}
+
 // The parts of a layer that are being written are copied once, then written in place.
 class Layer::Writer {
  public:
@@ -118,9 +139,26 @@ const Layer::Cell* Layer::cell(CellAddress address) const {
   return it == cells_.end() ? nullptr : it->second.get();
 }
 
-const Tile* Layer::tile(TileAddress a) const {
+const std::shared_ptr<const Tile>& Layer::shared(TileAddress a) const {
   const Cell* const c = cell({a.i >> (kBlockBits + kCellBits), a.j >> (kBlockBits + kCellBits)});
-  return c ? tileOf(*c, a) : nullptr;
+  return c ? tileOf(*c, a) : none();
+}
+
+std::size_t Layer::bytesBeside(const Layer& other) const {
+  std::size_t bytes = 0;
+  for (const auto& [at, cell] : cells_) {
+    const Cell* const theirs = other.cell(at);
+    if (cell.get() == theirs) continue;
+    bytes += sizeof(Cell);
+    for (std::size_t b = 0; b < cell->size(); ++b) {
+      const Block *const mine = (*cell)[b].get(), *const its = theirs ? (*theirs)[b].get() : nullptr;
+      if (mine == its || !mine) continue;
+      bytes += sizeof(Block);
+      for (std::size_t t = 0; t < mine->size(); ++t)
+        if ((*mine)[t] && !(its && (*its)[t] == (*mine)[t])) bytes += (*mine)[t]->bytes();
+    }
+  }
+  return bytes;
 }
 
 std::vector<TileAddress> Layer::addresses() const {

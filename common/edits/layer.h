@@ -62,6 +62,9 @@ struct TileAddress {
   Posts posts() const { return {i * kTileSide, j * kTileSide, (i + 1) * kTileSide, (j + 1) * kTileSide}; }
 };
 using TileSet = std::set<TileAddress>;
+// The tiles that posts lie in, ascending; `within`: of these alone.
+std::vector<TileAddress> tilesOf(const Posts& posts, const TileSet* within = nullptr);
+bool meets(const Posts& posts, const TileSet& tiles);
 
 // Of a post in the arrays of its tile.
 constexpr std::size_t slotOf(std::int64_t x, std::int64_t z) {
@@ -71,9 +74,12 @@ constexpr std::size_t slotOf(std::int64_t x, std::int64_t z) {
 
 class Layer {
  public:
-  const Tile* tile(TileAddress address) const;
+  const Tile* tile(TileAddress address) const { return shared(address).get(); }
+  const std::shared_ptr<const Tile>& shared(TileAddress address) const;
   std::size_t tiles() const { return tiles_; }
   std::size_t bytes() const { return tileBytes_ + blocks_ * sizeof(Block) + cells_.size() * sizeof(Cell); }
+  // Of these, what another layer does not share.
+  std::size_t bytesBeside(const Layer& other) const;
   bool empty() const { return tiles_ == 0; }
   std::vector<TileAddress> addresses() const;  // ascending
   // Those that meet the posts.
@@ -124,9 +130,13 @@ class Layer {
     constexpr std::int64_t kIn = (1 << kBlockBits) - 1;
     return static_cast<std::size_t>((a.j & kIn) << kBlockBits | (a.i & kIn));
   }
-  static const Tile* tileOf(const Cell& cell, TileAddress a) {
+  static const std::shared_ptr<const Tile>& none() {
+    static const std::shared_ptr<const Tile> none;
+    return none;
+  }
+  static const std::shared_ptr<const Tile>& tileOf(const Cell& cell, TileAddress a) {
     const auto& block = cell[slotInCell(a.i >> kBlockBits, a.j >> kBlockBits)];
-    return block ? (*block)[slotInBlock(a)].get() : nullptr;
+    return block ? (*block)[slotInBlock(a)] : none();
   }
 
   std::unordered_map<CellAddress, std::shared_ptr<const Cell>, HashOfCell> cells_;

@@ -74,7 +74,7 @@ Outcome<void> checkKind(const Level& o) {
   return checkLine("A polygon of level ground", o.corners, 3, kMostCorners);
 }
 Outcome<void> checkKind(const Smooth& o) {
-  if (o.passes < 1 || o.passes > 16) return Error{"Smoothing takes 1 to 16 passes, not " + std::to_string(o.passes) + "."};
+  if (o.passes < 1 || o.passes > kMostPasses) return Error{"Smoothing takes 1 to 16 passes, not " + std::to_string(o.passes) + "."};
   return first({checkPlace(o.at), checkLength("radius", o.radius, kLeastRadius, kMostRadius / 4)});
 }
 Outcome<void> checkKind(const Road& o) {

@@ -28,7 +28,8 @@ inline constexpr std::size_t kMostCorners = 256, kMostStations = 1024;
 inline constexpr std::uint32_t kMostSlope = 1u << 16;  // 1/256: 256 m a metre, a wall
 inline constexpr std::uint32_t kMostStampSide = 256;   // samples
 inline constexpr std::int64_t kMostPosts = std::int64_t{1} << 21;
-inline constexpr std::uint32_t kMaterials = 8;  // 1..8; 0: the ground's own
+inline constexpr std::uint32_t kMostPasses = 16;  // of smoothing
+inline constexpr std::uint32_t kMaterials = 8;    // 1..8; 0: the ground's own
 
 // Adds `amount` within `core` of the middle, less towards `radius` (smoothstep), nothing beyond. Negative: lowers.
 struct Raise {
@@ -60,7 +61,7 @@ struct Level {
 struct Smooth {
   lattice::Point at;
   lattice::Step radius = 0;  // at most a quarter of kMostRadius
-  std::uint32_t passes = 4;  // 1..16
+  std::uint32_t passes = 4;  // 1..kMostPasses
   friend bool operator==(const Smooth&, const Smooth&) = default;
 };
 

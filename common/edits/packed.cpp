@@ -182,4 +182,13 @@ Outcome<Operation> unpack(std::string_view bytes) {
   return out;
 }
 
+std::uint64_t undoneBy(std::string_view packed) {
+  constexpr std::size_t kMostBytes = 12;
+  if (packed.size() > kMostBytes || static_cast<std::uint8_t>(packed[1]) % 8 != 6) return 0;
+  Unpacker unpacker(packed.substr(2));
+  std::uint64_t edit = 0;
+  unpacker(edit);
+  return edit;
+}
+
 }  // namespace ridgecast::edits

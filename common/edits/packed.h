@@ -1,6 +1,6 @@
 #pragma once
-// Operations as bytes, for memory and disk: small edits take 10 to 35, stamps less than half of their samples' four bytes each where these
-// are smooth, and next to nothing where they are level.
+// Operations as bytes, for memory and disk: edits of a circle take 10 to 30, roads and polygons some 6 for each corner, stamps a
+// byte a sample where these are smooth, and next to nothing where they are level.
 //
 // The byte 1, the version of this form. Then the byte 8 m + k of the material m and the kind k: 0 raise, 1 crater, 2 level, 3 smooth,
 // 4 road, 5 stamp, 6 undo. Then the fields in the order of operation.h, as varints, those that may be negative zigzag. Of lists first
@@ -8,6 +8,7 @@
 // and are left out. The samples of a stamp stand last, as of terrain::encodeSamples.
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -24,5 +25,7 @@ std::string pack(const Operation& operation);
 // Error: not the bytes of a valid operation (check()), or not those that pack() makes of it. Allocates at most as much as the largest
 // operation takes, 256 KiB.
 Outcome<Operation> unpack(std::string_view bytes);
+// Of what pack() has made: the number of the edit that it undoes; 0: it is no undo. Allocates nothing.
+std::uint64_t undoneBy(std::string_view packed);
 
 }  // namespace ridgecast::edits

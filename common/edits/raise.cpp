@@ -58,7 +58,7 @@ class Layer::Finder {
 
   const Tile* tileAt(Step x, Step z) {
     const Cell* const cell = cellAt(x, z);
-    return cell ? tileOf(*cell, {x >> kTileStepBits, z >> kTileStepBits}) : nullptr;
+    return cell ? tileOf(*cell, {x >> kTileStepBits, z >> kTileStepBits}).get() : nullptr;
   }
 
   // False: no tile meets them.

@@ -226,18 +226,18 @@ Outcome<std::vector<Edit>> Log::read(std::uint64_t after, std::size_t most) {
   return out;
 }
 
-Outcome<edits::History::Past> Log::past(std::uint64_t last) {
-  auto base = layerIn(true);
-  if (!base) return base.error();
-  edits::History::Past out{std::move(*base), {}};
-  constexpr std::size_t kAtATime = 4096;
-  for (std::uint64_t after = compacted_; after < last;) {
-    auto some = read(after, std::min<std::uint64_t>(last - after, kAtATime));
-    if (!some) return some.error();
-    if (some->empty()) return damaged("edit " + std::to_string(after + 1) + " is missing");
-    after = some->back().number;
-    for (Edit& e : *some) out.operations.push_back(std::move(e.operation));
+Outcome<edits::History::Past> Log::past(std::uint64_t after, std::uint64_t last) {
+  edits::History::Past out;
+  if (after == compacted_) {
+    auto base = layerIn(true);
+    if (!base) return base.error();
+    out.base = std::move(*base);
   }
+  constexpr std::uint64_t kAtATime = 64;  // so that the widest stamps take 16 MiB
+  auto some = read(after, std::min(last - after, kAtATime));
+  if (!some) return some.error();
+  if (some->empty() && after < last) return damaged("edit " + std::to_string(after + 1) + " is missing");
+  for (Edit& e : *some) out.operations.push_back(std::move(e.operation));
   return out;
 }
 
@@ -366,7 +366,8 @@ Outcome<edits::History> historyOf(Log& log, std::shared_ptr<const terrain::Terra
   if (auto checked = checkTerrain(log, *terrain); !checked) return checked.error();
   edits::History history(std::move(terrain), mostBytes);
   auto cached = log.layer();
-  history.restore(log.compacted(), log.last(), cached ? *cached : nullptr, [&log, last = log.last()] { return log.past(last); });
+  history.restore(log.compacted(), log.last(), cached ? *cached : nullptr,
+                  [&log, last = log.last()](std::uint64_t after) { return log.past(after, last); });
   if (cached) return history;
   if (auto replayed = history.replay(); !replayed) return replayed.error();
   if (auto repaired = log.cache(*history.layer()); !repaired) return repaired.error();

@@ -64,8 +64,8 @@ class Log {
   Outcome<std::shared_ptr<const edits::Layer>> layer();
   // At most so many edits numbered above `after` and above compacted(), in order. Error: one is damaged or missing.
   Outcome<std::vector<Edit>> read(std::uint64_t after, std::size_t most);
-  // The base and all edits numbered up to `last`.
-  Outcome<edits::History::Past> past(std::uint64_t last);
+  // Some edits from after `after` up to `last`; with those after compacted() the base.
+  Outcome<edits::History::Past> past(std::uint64_t after, std::uint64_t last);
   // Of the edit with this key; compacted ones are forgotten.
   std::optional<std::uint64_t> numberOf(const std::string& key);
 

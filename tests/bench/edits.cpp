@@ -1,5 +1,5 @@
-// A session's log of edits on this disk: commits a second, cold starts from the cached ground and from the edits alone, and what heights
-// of edited ground cost.
+// A session's log of edits on this disk: commits a second, cold starts from the cached ground and from the edits alone, what heights of
+// edited ground cost, and undos beneath other edits.
 #include <algorithm>
 #include <memory>
 #include <random>
@@ -130,6 +130,39 @@ void fly(const std::shared_ptr<const Compared>& terrain, int iterations) {
   }
 }
 
+constexpr std::uint64_t kTurn = 20'000;  // posts
+
+// All of it, and its longest turn.
+void addUndo(Report& report, const std::string& name, edits::History& history, std::uint64_t edit) {
+  edits::History::Making making = history.make({edits::Undo{edit}, 0});
+  double all = 0, longest = 0;
+  for (bool isDone = false; !isDone;) {
+    const double start = cpuSeconds();
+    isDone = making.step(kTurn);
+    const double seconds = cpuSeconds() - start;
+    all += seconds;
+    longest = std::max(longest, seconds);
+  }
+  making.result().value();
+  report.add("undo_" + name, 1000 * all, "ms");
+  report.add("undo_" + name + "_longest_turn", 1000 * longest, "ms");
+}
+
+// Undos beneath many others at one place and elsewhere.
+void addUndos(Report& report, const std::shared_ptr<const terrain::Terrain>& terrain, int count) {
+  const auto crater = [](int x, int z) { return edits::Operation{edits::Crater{{x * kMetre, z * kMetre}, 3 * kMetre, 99}, 0}; };
+  edits::History elsewhere(terrain), there(terrain), wide(terrain);
+  elsewhere.add(crater(0, 0)).value();
+  for (int k = 0; k < count; ++k) elsewhere.add(crater(20 + k % 100 * 10, k / 100 * 10)).value();
+  addUndo(report, "beneath_" + std::to_string(count) + "_elsewhere", elsewhere, 1);
+  for (int k = 0; k < count; ++k) there.add(crater(k % 4, k % 3)).value();
+  addUndo(report, "of_the_first_of_" + std::to_string(count) + "_at_one_place", there, 1);
+  addUndo(report, "of_the_last_of_" + std::to_string(count) + "_at_one_place", there, static_cast<std::uint64_t>(count));
+  for (int k = 0; k < 16; ++k) wide.add({edits::Level{{{k * kMetre, 0}}, 250 * kMetre, 250'000 + 99 * k, 256}, 0}).value();
+  addUndo(report, "of_the_first_of_16_wide_levels", wide, 1);
+  addUndo(report, "of_the_last_of_16_wide_levels", wide, 16);
+}
+
 }  // namespace
 
 Report edits(const Options& options) {
@@ -178,6 +211,9 @@ Report edits(const Options& options) {
   start = cpuSeconds();
   session.history.replay().value();
   report.add("replay", cpuSeconds() - start, "s");
+
+  addUndo(report, "beneath_" + std::to_string(count), session.history, 1);
+  addUndos(report, terrain, options.quick ? 1000 : 10'000);
 
   // Ground as large as a session may have.
   const auto large = folder / "large";

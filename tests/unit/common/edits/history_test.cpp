@@ -206,7 +206,9 @@ TEST(History, UndosOfUndosAndOfTheSame) {
   EXPECT_FALSE(history.isUndone(1));
   EXPECT_EQ(history.layer()->riseAt(0, 0), -m(2));
   History later(terrain);
-  later.restore(0, 7, history.layer(), [&]() -> Outcome<History::Past> { return History::Past{std::make_shared<const Layer>(), all}; });
+  later.restore(0, 7, history.layer(), [&](std::uint64_t) -> Outcome<History::Past> {
+    return History::Past{std::make_shared<const Layer>(), all};
+  });
   ASSERT_TRUE(later.replay());
   for (std::uint64_t n = 1; n <= 7; ++n) EXPECT_EQ(later.isUndone(n), history.isUndone(n)) << n;
   EXPECT_EQ(later.layer()->hash(), history.layer()->hash());
@@ -223,7 +225,7 @@ TEST(History, RestoredWithItsLayerItIsTheSame) {
     ASSERT_TRUE(first.add(operations.back()));
   }
   int reads = 0;
-  second.restore(0, 20, first.layer(), [&]() -> Outcome<History::Past> {
+  second.restore(0, 20, first.layer(), [&](std::uint64_t) -> Outcome<History::Past> {
     ++reads;
     return History::Past{std::make_shared<const Layer>(), operations};
   });
@@ -258,7 +260,9 @@ TEST(History, GoesOnAfterCompactedEdits) {
     if (k == 20) base = whole.layer();
   }
   History compacted(terrain);
-  compacted.restore(20, 40, std::make_shared<const Layer>(), [&] { return Outcome<History::Past>(History::Past{base, later}); });
+  compacted.restore(20, 40, std::make_shared<const Layer>(), [&](std::uint64_t) {
+    return Outcome<History::Past>(History::Past{base, later});
+  });
   ASSERT_TRUE(compacted.replay());
   EXPECT_EQ(compacted.layer()->hash(), whole.layer()->hash());
   EXPECT_EQ(compacted.prepare({Undo{17}, 0}).error().message, "Edit 17 was compacted and cannot be undone.");
@@ -287,7 +291,9 @@ TEST(History, ReadUndoesCountAsTheyDid) {
       operations.push_back(*made);
       ASSERT_TRUE(first.add(std::move(*made)));
     }
-    second.restore(0, 30, nullptr, [&] { return Outcome<History::Past>(History::Past{std::make_shared<const Layer>(), operations}); });
+    second.restore(0, 30, nullptr, [&](std::uint64_t) {
+      return Outcome<History::Past>(History::Past{std::make_shared<const Layer>(), operations});
+    });
     ASSERT_TRUE(second.replay());
     EXPECT_EQ(second.layer()->hash(), first.layer()->hash()) << seed;
     for (std::uint64_t k = 1; k <= 30; ++k) EXPECT_EQ(first.isUndone(k), second.isUndone(k)) << seed << " " << k;
@@ -297,7 +303,7 @@ TEST(History, ReadUndoesCountAsTheyDid) {
 TEST(History, RefusesAPastThatUndoesWhatIsNotThere) {
   for (const std::uint64_t edit : {3, 7, 8, 9, 1000}) {
     History history(terrain::create("alpine", 1).value());
-    history.restore(5, 8, nullptr, [&]() -> Outcome<History::Past> {
+    history.restore(5, 8, nullptr, [&](std::uint64_t) -> Outcome<History::Past> {
       const Operation crater{Crater{{0, 0}, m(5), m(2)}, 0};
       return History::Past{std::make_shared<const Layer>(), {crater, {Undo{edit}, 0}, crater}};
     });

@@ -1,0 +1,44 @@
+#pragma once
+// Which edits may touch some ground: their areas, each filed once by its size and the place of its corner. 12 bytes an edit where many
+// are near each other.
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <unordered_map>
+#include <vector>
+
+#include "common/edits/operation.h"
+
+namespace ridgecast::edits {
+
+class AreaIndex {
+ public:
+  void add(std::uint32_t edit, const Posts& area);     // an operation's; not empty
+  void remove(std::uint32_t edit, const Posts& area);  // as it was added; quick if that was lately
+  // Those whose areas meet the posts, in no order. Returns how many areas were looked at, 2 ns each.
+  std::size_t forEach(const Posts& posts, const std::function<void(std::uint32_t edit, const Posts& area)>& f) const;
+
+ private:
+  // Cells of the smallest size have 256 posts a side, those of the next twice that: up to 16,384, more than any area's side.
+  static constexpr int kLeastBits = 8, kSizes = 7;
+  struct Cell {
+    std::int64_t i = 0, j = 0;
+    friend bool operator==(const Cell&, const Cell&) = default;
+  };
+  struct HashOfCell {
+    std::size_t operator()(const Cell& c) const {
+      return static_cast<std::size_t>(lattice::mix(static_cast<std::uint64_t>(c.i) + lattice::mix(static_cast<std::uint64_t>(c.j))));
+    }
+  };
+  struct Filed {
+    std::uint32_t edit;
+    std::uint16_t x, z, columns, rows;  // posts, of the corner from that of the cell
+  };
+  using Cells = std::unordered_map<Cell, std::vector<Filed>, HashOfCell>;
+  static int sizeOf(const Posts& area);
+  std::array<Cells, kSizes> sizes_;
+};
+
+}  // namespace ridgecast::edits

@@ -1,0 +1,44 @@
+#pragma once
+// A layer that is being written: operations change its tiles in place. What was given lives until the turns are over.
+
+#include <cstdint>
+#include <map>
+#include <memory>
+
+#include "common/edits/layer.h"
+#include "common/edits/operation.h"
+#include "common/edits/turns.h"
+#include "common/terrain/terrain.h"
+
+namespace ridgecast::edits {
+
+inline constexpr lattice::Step kHalfDiagonal = 1449;  // of a tile, steps
+constexpr lattice::Point middleOf(TileAddress t) {
+  return {(t.i * kTileSide + kTileSide / 2) << kPostBits, (t.j * kTileSide + kTileSide / 2) << kPostBits};
+}
+
+class Draft {
+ public:
+  explicit Draft(std::shared_ptr<const Layer> on) : on_(std::move(on)) {}
+
+  // `within`: changes these tiles alone; null: all that it reaches. Adds the posts that were looked at, weighed by their effort, to
+  // `looked`.
+  Turns apply(const terrain::Terrain& terrain, const Operation& operation, const TileSet* within, std::uint64_t& looked);
+
+  // What was written since it was made.
+  TileSet written() const;
+  // Puts these tiles, as they are here, into another layer. Each layer on the way is whole.
+  Turns copy(const TileSet& tiles, std::shared_ptr<const Layer>& to) const;
+
+ private:
+  using Tiles = std::map<TileAddress, std::shared_ptr<const Tile>>;
+  const std::shared_ptr<const Tile>& tile(TileAddress address) const;
+  TilePosts postsOf(TileAddress address) const;
+  Turns smooth(const terrain::Terrain& terrain, const Operation& operation, const TileSet* within, std::uint64_t& looked);
+  void brushTile(const terrain::Terrain& terrain, const Operation& operation, const Brush& brush, TileAddress address);
+
+  std::shared_ptr<const Layer> on_;
+  Tiles tiles_;
+};
+
+}  // namespace ridgecast::edits
