@@ -103,9 +103,10 @@ Turns Draft::smooth(const terrain::Terrain& terrain, const Operation& operation,
   for (std::int64_t z = seen.z0, end = z; z < seen.z1; z = end) {
     end = std::min(seen.z1, z + 1 + kTogether / columns);
     std::ranges::copy(ownHeights(terrain, {seen.x0, z, seen.x1, end}), std::back_inserter(heights));
-    co_yield static_cast<std::uint64_t>((end - z) * columns);
+    const auto posts = static_cast<std::uint64_t>((end - z) * columns);
+    looked += posts;
+    co_yield posts;
   }
-  looked += static_cast<std::uint64_t>(seen.count());
   const auto seenSlot = [&](std::int64_t x, std::int64_t z) {
     return static_cast<std::size_t>((z - seen.z0) * (seen.x1 - seen.x0) + x - seen.x0);
   };
