@@ -4,8 +4,9 @@
 //
 // Memory beside the layer: edits packed (packed.h) and some 55 bytes each; kMostCheckpointBytes. An undo takes the ground of the latest
 // checkpoint before the undone edit and makes those edits after it again that touch what the undo changes, on that ground alone.
-// Checkpoints are layers; the further back, the fewer: at most two for each doubling of the work since. So an undo makes edits of at most
-// about twice as much work again as was done since the undone edit. After restore() there are none before the restored layer.
+// Checkpoints are layers; the further back, the fewer: at most two for each doubling of the work since. So an undo looks at edits of at
+// most about twice the work that was done since the undone edit, unless wide edits fill kMostCheckpointBytes: then the largest checkpoints
+// go. After restore() there are none before the restored layer.
 //
 // One thread at a time; layers, once taken, may be read by any. Bound: kMostEdits operations, kMostLayerBytes of layer. Memory that runs
 // out is an exception, and nothing has changed.
@@ -31,7 +32,7 @@ namespace ridgecast::edits {
 inline constexpr std::size_t kMostEdits = 4'000'000;
 inline constexpr std::size_t kMostLayerBytes = std::size_t{512} << 20;
 inline constexpr std::size_t kMostCheckpointBytes = std::size_t{64} << 20;  // of all, not counting what they share
-inline constexpr std::uint64_t kMostUndoPosts = std::uint64_t{1} << 25;     // that a server looks at for one undo: about a second
+inline constexpr std::uint64_t kMostUndoPosts = std::uint64_t{1} << 26;     // that a server looks at for one undo: about two seconds
 
 class History {
  public:

@@ -193,8 +193,8 @@ Turns History::undoing(std::uint64_t edit, std::uint64_t mostPosts, Made& made, 
   const auto after = static_cast<std::uint64_t>(std::ranges::count_if(checkpoints_, [&](const auto& c) { return c.edit >= undo.edit; }));
   undo.cost += after * undo.changed.size() * kTileSide;
   if (undo.cost > mostPosts) {
-    fits = Error{"Edit " + std::to_string(edit) +
-                 " cannot be undone: it lies under more than can be made again at once; undo what lies on it first, the last first."};
+    fits = Error{"To undo edit " + std::to_string(edit) +
+                 ", too many others would have to be made again; undo later ones there first, or change the ground by another edit."};
     co_return;
   }
   if (undo.edit == 0) co_return;

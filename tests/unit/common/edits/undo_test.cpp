@@ -138,8 +138,9 @@ TEST(Undo, OfTooMuchIsRefusedBeforeItBegins) {
     }
     return making.result();
   };
-  EXPECT_EQ(made(1, 20'000).error().message,
-            "Edit 1 cannot be undone: it lies under more than can be made again at once; undo what lies on it first, the last first.");
+  EXPECT_EQ(
+      made(1, 20'000).error().message,
+      "To undo edit 1, too many others would have to be made again; undo later ones there first, or change the ground by another edit.");
   EXPECT_EQ(history.looked(), looked);
   EXPECT_EQ(history.layer(), layer);
   EXPECT_EQ(history.last(), 300u);
@@ -158,7 +159,7 @@ TEST(Undo, OfALongChainCountsAsWork) {
   History::Making making = history.make({Undo{2001}, 0}, 10'000);
   while (!making.step(1000)) {
   }
-  EXPECT_THAT(making.result().error().message, testing::HasSubstr("Edit 2001 cannot be undone"));
+  EXPECT_THAT(making.result().error().message, testing::HasSubstr("To undo edit 2001, too many"));
   EXPECT_TRUE(history.add({Undo{2001}, 0}));
   EXPECT_TRUE(history.isUndone(1));
 }
