@@ -194,7 +194,13 @@ Outcome<void> History::addPast(std::vector<Operation> operations) {
 }
 
 void History::joinPast() {
-  std::ranges::move(entries_, std::back_inserter(past_));
+  const std::size_t read = past_.size();
+  try {
+    past_.insert(past_.end(), entries_.begin(), entries_.end());
+  } catch (...) {
+    past_.resize(read);
+    throw;
+  }
   entries_ = std::exchange(past_, {});
   read_ = nullptr;
   // The last first: whether it counts is then known.

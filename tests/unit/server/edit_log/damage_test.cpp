@@ -91,7 +91,7 @@ TEST(DamagedLogs, EditsAreMissedOrTold) {
     make(folder / "a.edits");
     change(folder / "a.edits", sql);
     auto log = Log::open(folder / "a.edits");
-    EXPECT_THAT(log ? (*log)->past((*log)->last()).error().message : log.error().message, HasSubstr(sentence)) << sql;
+    EXPECT_THAT(log ? (*log)->past((*log)->compacted(), (*log)->last()).error().message : log.error().message, HasSubstr(sentence)) << sql;
   }
 }
 
