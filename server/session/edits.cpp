@@ -14,6 +14,8 @@ namespace ridgecast::session {
 
 namespace {
 
+constexpr std::uint64_t kPostsATurn = 20'000;  // under a millisecond
+
 constexpr lattice::Step kBeyond = 2 * lattice::kMaxPosition;
 constexpr lattice::Area kEverywhere{-kBeyond, -kBeyond, kBeyond, kBeyond};
 
@@ -203,12 +205,13 @@ Edits::Answer Edits::make(const Waiting& waiting, std::vector<MadeEdit>& made) {
   if (const auto answer = known(edit)) return *answer;
   if (waiting.pay)
     if (auto paid = waiting.pay(edit.operation); !paid) return forNow(paid.error().message);
-  auto prepared = history_.prepare(edit.operation);
-  if (!prepared) return prepared.error();
-  const auto changed = history_.add(*prepared);
+  auto making = history_.make(edit.operation, edits::kMostUndoPosts);
+  while (!making.step(kPostsATurn))
+    if (isOver()) return over();
+  const auto& changed = making.result();
   if (!changed) return changed.error();
   changedPosts_.push_back(*changed);
-  made.push_back({history_.last(), {edit.key, edit.author, std::move(*prepared)}, edits::groundOf(*changed)});
+  made.push_back({history_.last(), {edit.key, edit.author, history_.operation(history_.last())}, edits::groundOf(*changed)});
   return history_.last();
 }
 

@@ -42,7 +42,7 @@ void Line::say(const wire::ClientMessage& message) {
 
 void Line::hear(wire::ClientMessage message) {
   const auto* const edit = std::get_if<wire::Edit>(&message);
-  const std::optional<std::uint64_t> id = edit ? std::optional(edit->id) : std::nullopt;
+  const std::uint64_t id = edit ? edit->id : 0;
   if (edit) opens(*edit);
   if (const auto* hello = std::get_if<wire::Hello>(&message)) {
     isLockstep_ = hello->pacing == wire::Pacing::kLockstep;
@@ -51,7 +51,7 @@ void Line::hear(wire::ClientMessage message) {
   if (const auto* pose = std::get_if<wire::PoseMessage>(&message)) newestPose_ = pose->sequence;
   camera_->receive(std::move(message));
   if (failed_) {
-    if (id) closes(*id);  // it was refused with its sender, or nobody listens
+    if (edit) closes(id);  // it was refused with its sender, or nobody listens
     return;
   }
   EXPECT_LE(openEdits_, wire::kMaxEdits + 2) << "more edits of one client are open than there may be";

@@ -26,7 +26,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"`max-sessions-per-client`", {"AreByTokenHolderOrAddress"}},
     {"`max-message-bytes`", {"MessagesHaveASizeAndARate"}},
     {"`max-messages-per-second`", {"MessagesHaveASizeAndARate"}},
-    {"bytes of messages", {"BytesOfMessagesHaveABudget"}},
+    {"bytes of messages", {"BytesOfMessagesHaveABudgetForAllStreamsOfAClient"}},
     {"`timeout`", {"SilentClientsAreClosed"}},
     {"`idle`", {"SilentClientsAreClosed"}},
     {"5 minutes without an acknowledgement", {"WhoNeverAcknowledgesIsToldSo"}},

@@ -25,7 +25,8 @@ TEST(People, HaveTheNamesThatTheyGaveOrANumber) {
   EXPECT_EQ(ownName("A\nd\x7f"
                     "a"),
             "Ada");
-  EXPECT_EQ(ownName(std::string(31, 'x') + "\xc3\xa9"), std::string(31, 'x'));  // no half of a character
+  const std::string most(31, 'x');
+  EXPECT_EQ(ownName(most + "\xc3\xa9"), most);  // no half of a character
 }
 
 TEST(People, AreAsFarAsThePageSays) {
