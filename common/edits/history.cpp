@@ -169,14 +169,14 @@ Turns History::reading(Outcome<void>& done) {
     if (before + count > wanted || (count == 0 && before < wanted))
       done = Error{"The log holds " + std::to_string(before + count) + " edits where there should be " + std::to_string(wanted) + "."};
     else
-      done = addPast(std::move(some->operations));
+      done = addPast(some->operations);
     if (!done) co_return;
     if (past_.size() == wanted) joinPast();
     co_yield kPostsOfEdit*(count + 1);
   }
 }
 
-Outcome<void> History::addPast(std::vector<Operation> operations) {
+Outcome<void> History::addPast(const std::vector<Operation>& operations) {
   for (const Operation& o : operations) {
     const std::uint64_t number = compacted_ + past_.size() + 1;
     if (const auto* undo = std::get_if<Undo>(&o.what); undo && (undo->edit <= compacted_ || undo->edit >= number))

@@ -122,7 +122,7 @@ class History {
   Turns making(Operation operation, std::uint64_t mostUndoPosts, Outcome<Posts>& result);
   Turns preparing(Operation& operation, Outcome<void>& fits);
   Turns reading(Outcome<void>& done);
-  Outcome<void> addPast(std::vector<Operation> operations);
+  Outcome<void> addPast(const std::vector<Operation>& operations);
   void joinPast();
   // One undo of this edit more or less counts. Returns the edit whose ground that is about; 0: none, for others count as well.
   std::uint64_t addUndos(std::uint64_t edit, int more);

@@ -84,7 +84,7 @@ void Edits::ask(Edit edit, Done done, Pay pay) {
       // Everybody waits for what is made.
       if (waiting_.empty()) pool_->post([self = shared_from_this()] { self->makeAll(); }, scheduling::Pool::Turn::kAhead);
       const auto& waits = waiting_.emplace_back(std::make_shared<Waiting>(std::move(edit), std::move(pay)));
-      waits->done.push_back(std::move(done));
+      waits->done.push_back(std::exchange(done, nullptr));
       if (!waits->edit.key.empty()) open_[waits->edit.key] = waits;
     }
   }
