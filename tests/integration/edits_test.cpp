@@ -11,141 +11,22 @@
 #include <stop_token>
 #include <string>
 #include <thread>
-#include <utility>
 #include <vector>
 
-#include "client/connection/connection.h"
 #include "client/query/ground.h"
 #include "client/replica/client.h"
-#include "client/replica/follower.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
 #include "common/edits/json.h"
-#include "server/http/edits.h"
-#include "server/http/map_tiles.h"
-#include "server/http/queries.h"
-#include "tests/integration/loopback.h"
+#include "tests/integration/edits_fixture.h"
 #include "tests/support/relay.h"
 #include "tests/support/sanitized.h"
-#include "tests/support/simulated_timer.h"
-#include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
 
-using namespace std::chrono_literals;
-using connection::Connection;
 using lattice::Step;
-using Time = std::chrono::steady_clock;
-using testing_support::kTimeout;
-
-constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kStepsPerMetre); }
-
-std::string craterAt(double x, double z, double radius = 8) {
-  return edits::toJson({edits::Crater{{m(x), m(z)}, m(radius), static_cast<std::int32_t>(m(radius / 3))}, 0});
-}
-
-// A member with a mesh of its own; flies, or stands.
-class Member {
- public:
-  Member(std::uint16_t port, const std::string& name, bool wantsEdits = true, std::uint64_t after = 0) {
-    wire::Hello hello;
-    hello.clientName = name;
-    hello.points = true;
-    hello.edits = wantsEdits;
-    hello.editsAfter = after;
-    auto opened = Connection::open({"127.0.0.1", std::to_string(port), "default"}, hello, kTimeout);
-    if (!opened) throw std::runtime_error(opened.error().message);
-    connection_ = std::move(*opened);
-    follower_.follow({true, false, connection_->world().settings.triangleBudget});
-  }
-  Connection& connection() { return *connection_; }
-  void stand(double x, double z, double y = 400) {
-    wire::PoseMessage pose;
-    pose.sequence = ++sequence_;
-    pose.camera.pose.x = m(x);
-    pose.camera.pose.z = m(z);
-    pose.camera.pose.y = y;
-    pose.camera.pose.pitch = -0.5;
-    connection_->send(pose);
-  }
-  // Applies the next iteration; false: none came. Its hash is checked.
-  bool follow(std::chrono::milliseconds wait = kTimeout) {
-    const auto received = connection_->receive(wait);
-    if (!received) return false;
-    const auto answer = follower_.apply(received->iteration);
-    EXPECT_FALSE(answer.wrong) << answer.wrong->message;
-    connection_->acknowledge(answer.acknowledge);
-    hash_ = answer.acknowledge.meshHash;
-    EXPECT_EQ(hash_, received->iteration.meshHash);
-    edit_ = received->iteration.edit;
-    settled_ = received->iteration.settled;
-    ++iterations_;
-    return true;
-  }
-  void settle(std::uint64_t edit) {
-    while (!(settled_ && edit_ >= edit)) ASSERT_TRUE(follow());
-  }
-  Outcome<wire::EditAnswer> edit(const std::string& operation, const std::string& key = "") {
-    auto answer = connection_->edit({0, key, operation});
-    return answer.get();
-  }
-  std::vector<wire::MadeEdit> edits(std::uint64_t until) {
-    const auto deadline = Time::now() + kTimeout;
-    while ((edits_.empty() || edits_.back().number < until) && Time::now() < deadline) {
-      for (auto& made : connection_->takeEdits()) edits_.push_back(std::move(made));
-      std::this_thread::sleep_for(1ms);
-    }
-    return edits_;
-  }
-  std::uint64_t hash() const { return hash_; }
-  std::uint64_t edit() const { return edit_; }
-  int iterations() const { return iterations_; }
-
- private:
-  std::unique_ptr<Connection> connection_;
-  replica::Follower follower_;
-  std::vector<wire::MadeEdit> edits_;
-  std::uint64_t sequence_ = 0, hash_ = 0, edit_ = 0;
-  bool settled_ = false;
-  int iterations_ = 0;
-};
-
-class EditsTest : public LoopbackTest {
- protected:
-  void SetUp() override { serve(std::make_unique<session::SteadyTimer>()); }
-  void serve(std::unique_ptr<const session::Timer> timer) {
-    open({}, {}, std::move(timer));
-    listen({http::queryRoute(directory), http::editsRoute(directory), http::mapTileRoute(directory)});
-  }
-  std::uint16_t port() const { return server->port(); }
-  // Craters of this radius, all asked for before the first answer is looked at. How many were made, and refused for now.
-  static std::pair<int, int> askAtOnce(Member& member, int count, double radius) {
-    std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
-    for (int k = 0; k < count; ++k) answers.push_back(member.connection().edit({0, "", craterAt(k, 0, radius)}));
-    int made = 0, refused = 0;
-    for (auto& answer : answers) {
-      const auto result = answer.get();
-      result ? ++made : ++refused;
-      if (!result) {
-        EXPECT_NE(result.error().message.find("again in"), std::string::npos) << result.error().message;
-      }
-    }
-    return {made, refused};
-  }
-  std::string ask(const std::string& method, const std::string& path, const std::string& body = "", const std::string& headers = "") const {
-    testing_support::SocketClient client(port());
-    client.send(method + " /v1/" + (path.starts_with("heights?") ? path : "sessions/default/" + path) + " HTTP/1.1\r\nHost: localhost\r\n" +
-                headers +
-                (body.empty() ? "" : "Content-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) + "\r\n") + "\r\n" +
-                body);
-    return client.answer();
-  }
-  static void has(const std::string& answer, const std::string& words) { EXPECT_NE(answer.find(words), std::string::npos) << answer; }
-
-  std::shared_ptr<const terrain::Terrain> base = terrain::create("alpine", 1).value();
-};
 
 TEST_F(EditsTest, AreNumberedAndInEverybodysGround) {
   Member a(port(), "ann"), b(port(), "bob");
@@ -308,26 +189,6 @@ TEST_F(EditsTest, SentTwiceTheyAreMadeOnce) {
   EXPECT_EQ(other.edit(craterAt(0, 0), "k1")->number, 2u);
 }
 
-TEST_F(EditsTest, HostileOnesAreRefusedAndDisturbNobody) {
-  Member bad(port(), "bad"), good(port(), "good");
-  const double y = base->height({0, 0}) + 60;
-  good.stand(0, 0, y);
-  good.settle(0);
-  for (const char* text : {"", "{}", R"({"op":"crater","x":1e300,"z":0,"radius":5,"depth":1})",
-                           R"({"op":"crater","x":0,"z":0,"radius":1e6,"depth":1})", R"({"op":"crater","x":NaN,"z":0,"radius":5,"depth":1})",
-                           R"({"op":"undo","edit":77})", R"({"op":"level","polygon":[[0,0],[2000,0],[2000,2000],[0,2000]],"height":0})"}) {
-    const auto answer = bad.edit(text);
-    ASSERT_FALSE(answer) << text;
-    EXPECT_GT(answer.error().message.size(), 20u);
-  }
-  // As many as a socket carries: none is lost, and the other member flies on.
-  const auto [made, refused] = askAtOnce(bad, 250, 12);
-  EXPECT_GT(made, 0);
-  good.stand(5, 5, y);
-  good.settle(static_cast<std::uint64_t>(made));
-  EXPECT_FALSE(bad.connection().error());
-}
-
 TEST_F(EditsTest, AreInAnswersThatAreComputedHere) {
   Member a(port(), "ann");
   ASSERT_TRUE(a.edit(craterAt(10, -80)));
@@ -397,30 +258,6 @@ TEST_F(EditsTest, TravelByHttp) {
   EXPECT_EQ(ask("GET", "edits?since=1").find("crater"), std::string::npos);
   has(ask("GET", "edits?since=-1"), " 400 ");
   has(ask("GET", "edits?limit=5000"), " 400 ");
-}
-
-// The server's time stands still.
-class EditsInAnInstantTest : public EditsTest {
-  void SetUp() override { serve(std::make_unique<testing_support::SimulatedTimer>()); }
-};
-
-TEST_F(EditsInAnInstantTest, ManyAtOnceAreMadeOrRefused) {
-  Member bad(port(), "bad");
-  const auto [made, refused] = askAtOnce(bad, 250, 60);
-  EXPECT_GT(made, 0);
-  EXPECT_GT(refused, 0);
-  EXPECT_EQ(directory->find(session::kDefaultName)->ground().edit, static_cast<std::uint64_t>(made));
-}
-
-TEST_F(EditsInAnInstantTest, OneAfterTheOtherByHttpAreAsManyAsAtOnce) {
-  const std::string edit = craterAt(3, 4, 60);
-  const auto posts = static_cast<std::uint64_t>(edits::areaOf(edits::fromJson(edit).value()).count());
-  // A quarter of a second that was saved up, and one that is owed.
-  const std::uint64_t most = session::kEditedPostsPerSecond / 2 / posts + 1;
-  ASSERT_GT(posts, session::kLeastEditedPosts);
-  for (std::uint64_t k = 0; k < most; ++k) has(ask("POST", "edits", edit), " 201 ");
-  for (int k = 0; k < 3; ++k) has(ask("POST", "edits", edit), " 429 ");
-  EXPECT_EQ(directory->find(session::kDefaultName)->ground().edit, most);
 }
 
 TEST_F(EditsTest, AnswersByHttpSayWhichTheyKnow) {
