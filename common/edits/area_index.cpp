@@ -12,7 +12,7 @@ int AreaIndex::sizeOf(const Posts& area) {
 
 void AreaIndex::add(std::uint32_t edit, const Posts& area) {
   const int size = sizeOf(area), bits = kLeastBits + size;
-  const Cell cell{area.x0 >> bits, area.z0 >> bits};
+  const CellAddress cell{area.x0 >> bits, area.z0 >> bits};
   const auto narrow = [](std::int64_t v) { return static_cast<std::uint16_t>(v); };
   sizes_.at(static_cast<std::size_t>(size))[cell].push_back(
       {edit, narrow(area.x0 - (cell.i << bits)), narrow(area.z0 - (cell.j << bits)), narrow(area.x1 - area.x0), narrow(area.z1 - area.z0)});
@@ -32,7 +32,7 @@ std::size_t AreaIndex::forEach(const Posts& posts, const std::function<void(std:
   for (int size = 0; size < kSizes; ++size) {
     const Cells& cells = sizes_[static_cast<std::size_t>(size)];
     const int bits = kLeastBits + size;
-    const auto inCell = [&](const Cell& at, const std::vector<Filed>& all) {
+    const auto inCell = [&](const CellAddress& at, const std::vector<Filed>& all) {
       looked += all.size();
       for (const Filed& filed : all) {
         const std::int64_t x = (at.i << bits) + filed.x, z = (at.j << bits) + filed.z;

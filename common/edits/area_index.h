@@ -9,6 +9,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "common/edits/layer.h"
 #include "common/edits/operation.h"
 
 namespace ridgecast::edits {
@@ -23,20 +24,11 @@ class AreaIndex {
  private:
   // Cells of the smallest size have 256 posts a side, those of the next twice that: up to 16,384, more than any area's side.
   static constexpr int kLeastBits = 8, kSizes = 7;
-  struct Cell {
-    std::int64_t i = 0, j = 0;
-    friend bool operator==(const Cell&, const Cell&) = default;
-  };
-  struct HashOfCell {
-    std::size_t operator()(const Cell& c) const {
-      return static_cast<std::size_t>(lattice::mix(static_cast<std::uint64_t>(c.i) + lattice::mix(static_cast<std::uint64_t>(c.j))));
-    }
-  };
   struct Filed {
     std::uint32_t edit;
     std::uint16_t x, z, columns, rows;  // posts, of the corner from that of the cell
   };
-  using Cells = std::unordered_map<Cell, std::vector<Filed>, HashOfCell>;
+  using Cells = std::unordered_map<CellAddress, std::vector<Filed>, HashOfCell>;
   static int sizeOf(const Posts& area);
   std::array<Cells, kSizes> sizes_;
 };

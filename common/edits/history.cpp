@@ -130,14 +130,12 @@ void History::commit(const Operation& operation, Made made) {
 }
 
 void History::file(std::uint64_t edit, const Operation& operation) {
-  if (const Posts area = areaOf(operation); !area.empty())
-    (marginOf(operation) > 0 ? smooths_ : others_).add(static_cast<std::uint32_t>(edit - compacted_), area);
+  if (const Posts area = areaOf(operation); !area.empty()) indexFor(operation).add(static_cast<std::uint32_t>(edit - compacted_), area);
 }
 
 void History::takeBack(std::shared_ptr<const Layer> before) {
   const Operation last = operation(last_);
-  if (const Posts area = areaOf(last); !area.empty())
-    (marginOf(last) > 0 ? smooths_ : others_).remove(static_cast<std::uint32_t>(last_ - compacted_), area);
+  if (const Posts area = areaOf(last); !area.empty()) indexFor(last).remove(static_cast<std::uint32_t>(last_ - compacted_), area);
   entries_.pop_back();
   --last_;
   std::uint64_t right = last_;  // the last edit whose ground is in a checkpoint as it is now

@@ -16,6 +16,7 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -130,6 +131,9 @@ class History {
   Turns findGround(std::uint64_t edit, Undoing& undo) const;  // as addUndos(edit, 1), and nothing is changed
   // Whether an edit counts after the undo.
   bool countsAfter(const Undoing& undo, std::uint64_t edit) const { return entry(edit).counts() != (edit == undo.edit); }
+  // Adds the smoothings between two edits whose areas meet the posts. Returns what it cost.
+  std::uint64_t addSmooths(const Posts& where, std::uint64_t after, std::uint64_t before, const Undoing& undo,
+                           std::set<std::uint32_t>& to) const;
   Turns findChanged(Undoing& undo, Posts& changed) const;
   Turns findNeeded(Undoing& undo) const;
   Turns findAgain(Undoing& undo) const;
@@ -140,6 +144,7 @@ class History {
   void weighCheckpoint(std::size_t k);
   void dropCheckpoint(std::size_t k);
   void boundCheckpoints(std::size_t from);  // those from there on have changed
+  AreaIndex& indexFor(const Operation& operation) { return marginOf(operation) > 0 ? smooths_ : others_; }
   void file(std::uint64_t edit, const Operation& operation);
 
   std::shared_ptr<const terrain::Terrain> terrain_;

@@ -72,6 +72,17 @@ constexpr std::size_t slotOf(std::int64_t x, std::int64_t z) {
   return static_cast<std::size_t>((z & kIn) * kTileSide + (x & kIn));
 }
 
+// A cell of a grid: its number along x and along z.
+struct CellAddress {
+  std::int64_t i = 0, j = 0;
+  friend bool operator==(const CellAddress&, const CellAddress&) = default;
+};
+struct HashOfCell {
+  std::size_t operator()(const CellAddress& a) const {
+    return static_cast<std::size_t>(lattice::mix(static_cast<std::uint64_t>(a.i) + lattice::mix(static_cast<std::uint64_t>(a.j))));
+  }
+};
+
 class Layer {
  public:
   const Tile* tile(TileAddress address) const { return shared(address).get(); }
@@ -108,15 +119,6 @@ class Layer {
   static constexpr int kBlockBits = 4, kCellBits = lattice::kCellBits - kTileStepBits - kBlockBits;
   using Block = std::array<std::shared_ptr<const Tile>, std::size_t{1} << (2 * kBlockBits)>;
   using Cell = std::array<std::shared_ptr<const Block>, std::size_t{1} << (2 * kCellBits)>;
-  struct CellAddress {
-    std::int64_t i = 0, j = 0;
-    friend bool operator==(const CellAddress&, const CellAddress&) = default;
-  };
-  struct HashOfCell {
-    std::size_t operator()(const CellAddress& a) const {
-      return static_cast<std::size_t>(lattice::mix(static_cast<std::uint64_t>(a.i) + lattice::mix(static_cast<std::uint64_t>(a.j))));
-    }
-  };
   class Writer;
   class Finder;
   class Places;

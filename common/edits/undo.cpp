@@ -77,6 +77,14 @@ Turns History::findGround(std::uint64_t edit, Undoing& undo) const {
   }
 }
 
+std::uint64_t History::addSmooths(const Posts& where, std::uint64_t after, std::uint64_t before, const Undoing& undo,
+                                  std::set<std::uint32_t>& to) const {
+  const std::size_t looked = smooths_.forEach(where, [&](std::uint32_t edit, const Posts&) {
+    if (compacted_ + edit > after && compacted_ + edit < before && to.size() <= undo.mostPosts / kPostsOfRead) to.insert(edit);
+  });
+  return looked / 16 + kPostsOfRead * to.size();
+}
+
 // In order: what an edit has not changed yet when a smoothing reads it, that carries nothing on.
 Turns History::findChanged(Undoing& undo, Posts& changed) const {
   if (undo.edit == 0) co_return;
@@ -88,13 +96,7 @@ Turns History::findChanged(Undoing& undo, Posts& changed) const {
     co_yield brush.effort() * kTileSide;
   }
   std::set<std::uint32_t> open;
-  const auto look = [&](const Posts& where, std::uint64_t after) {
-    const std::size_t looked = smooths_.forEach(where.wider(kMostPasses), [&](std::uint32_t edit, const Posts&) {
-      if (compacted_ + edit > after && open.size() <= undo.mostPosts / kPostsOfRead) open.insert(edit);
-    });
-    return looked / 16 + kPostsOfRead * open.size();
-  };
-  co_yield look(boundsOf(undo.changed), undo.edit);
+  co_yield addSmooths(boundsOf(undo.changed).wider(kMostPasses), undo.edit, last_ + 1, undo, open);
   while (!open.empty()) {
     const std::uint64_t edit = compacted_ + open.extract(open.begin()).value();
     const Operation smooth = operation(edit);
@@ -102,7 +104,8 @@ Turns History::findChanged(Undoing& undo, Posts& changed) const {
     std::uint64_t cost = kPostsOfRead;
     if (countsAfter(undo, edit) && meets(area.wider(marginOf(smooth)), undo.changed)) {
       changed.add(area);
-      if (const Posts fresh = addTo(undo.changed, area); !fresh.empty()) cost += look(fresh, edit);
+      if (const Posts fresh = addTo(undo.changed, area); !fresh.empty())
+        cost += addSmooths(fresh.wider(kMostPasses), edit, last_ + 1, undo, open);
     }
     co_yield cost;
   }
@@ -113,20 +116,15 @@ Turns History::findNeeded(Undoing& undo) const {
   if (undo.edit == 0) co_return;
   undo.needed = undo.changed;
   std::set<std::uint32_t> open;
-  const auto look = [&](const Posts& where, std::uint64_t before) {
-    const std::size_t looked = smooths_.forEach(where, [&](std::uint32_t edit, const Posts&) {
-      if (compacted_ + edit > undo.from && compacted_ + edit < before && open.size() <= undo.mostPosts / kPostsOfRead) open.insert(edit);
-    });
-    return looked / 16 + kPostsOfRead * open.size();
-  };
-  co_yield look(boundsOf(undo.needed), last_ + 1);
+  co_yield addSmooths(boundsOf(undo.needed), undo.from, last_ + 1, undo, open);
   while (!open.empty()) {
     const std::uint64_t edit = compacted_ + open.extract(std::prev(open.end())).value();
     const Operation smooth = operation(edit);
     const Posts area = areaOf(smooth);
     std::uint64_t cost = kPostsOfRead;
     if (countsAfter(undo, edit) && meets(area, undo.needed))
-      if (const Posts fresh = addTo(undo.needed, area.wider(marginOf(smooth))); !fresh.empty()) cost += look(fresh, edit);
+      if (const Posts fresh = addTo(undo.needed, area.wider(marginOf(smooth))); !fresh.empty())
+        cost += addSmooths(fresh, undo.from, edit, undo, open);
     co_yield cost;
   }
 }
