@@ -51,7 +51,7 @@ async function desktopPicture(kind: 'mesh' | 'corrected' | 'raymarch', size: str
 }
 
 test('shows terrain, the same as the desktop client', async (t) => {
-  const viewer = await Viewer.open(browser, `${server.http}/${place()}`);
+  const viewer = await Viewer.open(browser, `${server.http}/${place()}`, { width: 480, height: 270 });
   const settled = await viewer.until('settled and drawn in full', (r) => r.drawn);
   assert.equal(settled.world?.terrain, 'alpine');
   assert.equal(settled.figures!.mismatches, 0);
@@ -59,15 +59,15 @@ test('shows terrain, the same as the desktop client', async (t) => {
   const png = await viewer.picture();
   if (process.env['RIDGECAST_KEEP']) writeFileSync(process.env['RIDGECAST_KEEP'], png);
   const shown = decodePng(png);
-  assert.deepEqual([shown.width, shown.height], [640, 360]);
+  assert.deepEqual([shown.width, shown.height], [480, 270]);
   assert.ok(contrast(shown) > 25, `a flat picture: ${contrast(shown)}`);
   assert.ok(settled.frames!.corrected);
-  const alike = ssim(shown, decodePng(await desktopPicture('corrected', '640x360')));
+  const alike = ssim(shown, decodePng(await desktopPicture('corrected', '480x270')));
   t.diagnostic(`SSIM with the desktop client ${alike.toFixed(4)}, ${settled.figures!.triangles} triangles`);
   assert.ok(alike >= 0.95, `SSIM ${alike}`);
   await viewer.page.keyboard.press('KeyT');
   await viewer.until('drawn as it is', (r) => r.drawn && !r.frames!.corrected);
-  const plain = ssim(decodePng(await viewer.picture()), decodePng(await desktopPicture('mesh', '640x360')));
+  const plain = ssim(decodePng(await viewer.picture()), decodePng(await desktopPicture('mesh', '480x270')));
   t.diagnostic(`as it is ${plain.toFixed(4)}`);
   assert.ok(plain >= 0.9, `SSIM ${plain}`);
   assert.deepEqual(viewer.complaints, []);

@@ -279,7 +279,7 @@ class Fence : public terrain::Terrain {
 // Against a march on the processor that is sixteen times finer and skips nothing: nearly every ray meets the ground at the same distance,
 // whatever the pose.
 TEST_F(Drawing, TheRayMarchMeetsWhatAMuchFinerOneMeets) {
-  constexpr std::uint32_t kWidth = 160, kHeight = 90;
+  constexpr std::uint32_t kWidth = 112, kHeight = 63;
   std::mt19937_64 random(3);
   const auto between = [&](double low, double high) { return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53; };
   std::vector<std::shared_ptr<const terrain::Terrain>> terrains = {std::make_shared<Fence>()};

@@ -1,4 +1,5 @@
 #include "common/triangulation/storage.h"
+#include "tests/support/sanitized.h"
 
 #include <gtest/gtest.h>
 
@@ -43,7 +44,7 @@ struct Model {
 template <class Storage>
 void answersAsAModelDoes() {
   std::mt19937 rng(4);
-  for (int round = 0; round < 20; ++round) {
+  for (int round = 0; round < testing_support::rounds(20); ++round) {
     Storage pages(6000);
     Model model;
     for (int k = 0; k < 4; ++k) model.regions[pages.addRegion()] = {};

@@ -11,6 +11,7 @@
 
 #include "tests/support/flight.h"
 #include "tests/support/mesh_check.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/verify.h"
 
 namespace ridgecast::pipeline {
@@ -292,13 +293,14 @@ TEST(Pipeline, AShortSoak) {
   s.triangleBudget = 60'000;
   Rig rig(2, s);
   std::size_t most = 0;
-  for (int n = 0; n < 240; ++n) {
+  constexpr int kIterations = testing_support::kSanitized ? 80 : 240;
+  for (int n = 0; n < kIterations; ++n) {
     const auto figures = rig.pipeline.iterate(testing_support::hour(*rig.terrain, n * 15.0));
     ASSERT_LE(figures.triangles, 63'000u) << "iteration " << n;
     if (n % 20 == 19) {
       ASSERT_EQ(testing_support::verify(rig.pipeline.mesh()), "") << "iteration " << n;
     }
-    if (n < 120) {
+    if (n < kIterations / 2) {
       most = std::max(most, rig.pipeline.memoryBytes());
     } else {
       ASSERT_LE(rig.pipeline.memoryBytes(), most * 5 / 4) << "iteration " << n;

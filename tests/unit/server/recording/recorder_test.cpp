@@ -14,6 +14,7 @@
 #include "server/recording/reader.h"
 #include "tests/support/process.h"
 #include "tests/support/recorded_events.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast::recording {
@@ -67,7 +68,7 @@ TEST_F(RecorderTest, WritesWhatItIsTold) {
 }
 
 TEST_F(RecorderTest, PartsContinueEachOtherAndEachStandsAlone) {
-  const auto records = recordedEvents(2, 200'000);
+  const auto records = recordedEvents(2, testing_support::kSanitized ? 100'000 : 200'000);
   {
     const auto recorder = Recorder::open(folder, 16 << 20).value();  // parts of 1 MiB
     const auto observer = recorder->begin(recordedWorld(), {}, start);
