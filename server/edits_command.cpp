@@ -17,19 +17,21 @@
 
 #include "common/edits/author.h"
 #include "common/edits/json.h"
+#include "common/edits/packed.h"
 #include "common/text/text.h"
 #include "common/user_terrain/catalogue.h"
 #include "server/config/config.h"
 #include "server/edit_log/log.h"
+#include "server/edit_store/store.h"
 
 namespace ridgecast {
 namespace {
 
-using edit_log::Edit;
 using edit_log::Log;
+using edit_store::Applied;
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t kAtATime = 1024;  // edits
+constexpr std::size_t kAtATime = 1024, kBytesAtATime = 1u << 20;  // edits and bytes of edits
 constexpr const char* kUsage =
     "Say list, export, import, compact, verify or backup, then the log's file: ridgecast-server edits list session.edits; see --help.";
 constexpr const char* kHelp = R"(Usage: ridgecast-server edits COMMAND FILE
@@ -62,13 +64,17 @@ Outcome<std::shared_ptr<const terrain::Terrain>> terrainOf(const edit_log::World
   return user_terrain::load(request, [](const std::string& complaint) { std::cerr << complaint << "\n"; });
 }
 
-// Calls f with every edit in order.
+// Calls f with every edit in order, and its operation.
 template <class F>
 Outcome<void> forEach(Log& log, F&& f) {
   for (std::uint64_t after = log.compacted(); after < log.last();) {
-    const auto edits = log.read(after, kAtATime);
+    const auto edits = log.read(after, kBytesAtATime);
     if (!edits) return edits.error();
-    for (const Edit& e : *edits) f(e);
+    for (const Applied& e : *edits) {
+      const auto operation = edits::unpack(e.operation);
+      if (!operation) return Error{"Edit " + std::to_string(e.number) + " cannot be read: " + operation.error().message};
+      f(e, *operation);
+    }
     if (edits->empty()) break;
     after = edits->back().number;
   }
@@ -99,8 +105,8 @@ std::string summaryOf(const edits::Operation& operation) {
 // Edits that do not count: an undo counts unless a later one, that counts, undoes it.
 Outcome<std::set<std::uint64_t>> undoneOf(Log& log) {
   std::vector<std::pair<std::uint64_t, std::uint64_t>> undos;  // its number, and whose
-  const auto read = forEach(log, [&](const Edit& e) {
-    if (const auto* const undo = std::get_if<edits::Undo>(&e.operation.what)) undos.emplace_back(e.number, undo->edit);
+  const auto read = forEach(log, [&](const Applied& e, const edits::Operation& operation) {
+    if (const auto* const undo = std::get_if<edits::Undo>(&operation.what)) undos.emplace_back(e.number, undo->edit);
   });
   if (!read) return read.error();
   std::set<std::uint64_t> undone;
@@ -114,34 +120,39 @@ int list(Log& log) {
   if (!undone) return refuse(1, undone.error().message);
   if (log.compacted() > 0) std::printf("Edits 1 to %llu were compacted.\n", static_cast<unsigned long long>(log.compacted()));
   std::printf("%8s  %-19s  %-16s  %s\n", "number", "time (UTC)", "author", "edit");
-  const auto printed = forEach(log, [&](const Edit& e) {
+  const auto printed = forEach(log, [&](const Applied& e, const edits::Operation& operation) {
     std::string author = e.author;
     if (const auto end = author.find('\n'); end != author.npos) author = author.substr(0, end) + " (" + author.substr(end + 1) + ")";
     std::ranges::replace_if(
         author, [](unsigned char c) { return c < 32 || c == 127; }, '?');
     std::printf("%8llu  %-19s  %-16s  %s%s\n", static_cast<unsigned long long>(e.number), timeOf(e.time).c_str(), author.c_str(),
-                summaryOf(e.operation).c_str(), undone->contains(e.number) ? " (undone)" : "");
+                summaryOf(operation).c_str(), undone->contains(e.number) ? " (undone)" : "");
   });
   return printed ? 0 : refuse(1, printed.error().message);
 }
 
 int writeOut(Log& log) {
   if (log.compacted() > 0) std::cerr << "Edits 1 to " << log.compacted() << " were compacted: these lines do not make the ground alone.\n";
-  const auto written = forEach(log, [](const Edit& e) {
+  const auto written = forEach(log, [](const Applied& e, const edits::Operation& operation) {
     const edits::Author author = edits::authorOf(e.author);
     const Json line{{"number", e.number},  {"key", e.key},   {"author", author.client},
-                    {"name", author.name}, {"time", e.time}, {"edit", Json::parse(edits::toJson(e.operation))}};
+                    {"name", author.name}, {"time", e.time}, {"edit", Json::parse(edits::toJson(operation))}};
     std::cout << line.dump(-1, ' ', false, Json::error_handler_t::replace) << "\n";
   });
   if (!written) return refuse(1, written.error().message);
   return std::cout.flush() ? 0 : refuse(1, "Cannot write to standard output.");
 }
 
-// A line of export, as the edit that follows `last`.
-Outcome<Edit> parseLine(const std::string& line, std::uint64_t last) {
-  const Json json = Json::parse(line, nullptr, false);
+// A line of export, as the edit that follows `last`, before it is made.
+struct Line {
+  Applied edit;
+  edits::Operation operation;
+};
+Outcome<Line> parseLine(const std::string& text, std::uint64_t last) {
+  const Json json = Json::parse(text, nullptr, false);
   if (!json.is_object() || !json.contains("edit")) return Error{R"(it is not a JSON object with an "edit")"};
-  Edit out{last + 1, "", "", 0, {}};
+  Line line{{last + 1, "", "", 0, "", {}}, {}};
+  Applied& out = line.edit;
   for (const auto& [name, value] : json.items()) {
     const bool isText = name == "key" || name == "author" || name == "name", isNumber = name == "number" || name == "time";
     if (!(isText && value.is_string()) && !(isNumber && value.is_number_integer()) && name != "edit")
@@ -159,15 +170,15 @@ Outcome<Edit> parseLine(const std::string& line, std::uint64_t last) {
     return Error{"its number is " + std::to_string(number) + ", but " + std::to_string(out.number) + " is next"};
   auto operation = edits::fromJson(json["edit"].dump());
   if (!operation) return operation.error();
-  out.operation = std::move(*operation);
-  return out;
+  line.operation = std::move(*operation);
+  return line;
 }
 
 Outcome<void> addLines(std::istream& in, Log& log, edits::History& history) {
   std::size_t lineNumber = 0;
   for (bool isOver = false; !isOver;) {
     const std::shared_ptr<const edits::Layer> before = history.layer();
-    std::vector<Edit> edits;
+    std::vector<Applied> edits;
     std::vector<edits::Posts> changed;
     while (edits.size() < kAtATime && !isOver) {
       std::string line;
@@ -175,17 +186,18 @@ Outcome<void> addLines(std::istream& in, Log& log, edits::History& history) {
       ++lineNumber;
       if (isOver || line.find_first_not_of(" \r") == line.npos) continue;
       const auto where = [&](const Error& e) { return Error{"Line " + std::to_string(lineNumber) + ": " + e.message}; };
-      auto edit = parseLine(line, history.last());
-      if (!edit) return where(edit.error());
-      auto prepared = history.prepare(std::move(edit->operation));
+      auto parsed = parseLine(line, history.last());
+      if (!parsed) return where(parsed.error());
+      auto prepared = history.prepare(std::move(parsed->operation));
       if (!prepared) return where(prepared.error());
-      const auto posts = history.add(*prepared);
+      Applied& edit = edits.emplace_back(std::move(parsed->edit));
+      edit.operation = edits::pack(*prepared);
+      const auto posts = history.add(std::move(*prepared));
       if (!posts) return where(posts.error());
-      edit->operation = std::move(*prepared);
-      edits.push_back(std::move(*edit));
+      edit.ground = edits::groundOf(*posts);
       changed.push_back(*posts);
     }
-    if (auto kept = log.append(edits, *before, *history.layer(), changed); !kept) return kept.error();
+    if (auto kept = log.append(edits, {*before, *history.layer(), changed}); !kept) return kept.error();
   }
   return {};
 }

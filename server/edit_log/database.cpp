@@ -53,10 +53,10 @@ Outcome<Database> Database::open(const std::filesystem::path& file, int flags) {
   Database out;
   sqlite3* handle = nullptr;
   std::error_code failed;
-  const bool isNew = !std::filesystem::exists(file, failed);
+  const bool isNew = !file.empty() && !std::filesystem::exists(file, failed);
   const int code = sqlite3_open_v2(file.c_str(), &handle, flags, nullptr);
   out.handle_.reset(handle);
-  out.file_ = file.filename().string();
+  out.file_ = file.empty() ? "a temporary file" : file.filename().string();
   if (code != SQLITE_OK) return out.error();
   using std::filesystem::perms;
   if (isNew) std::filesystem::permissions(file, perms::owner_read | perms::owner_write, failed);  // its journals' follow

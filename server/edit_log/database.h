@@ -71,14 +71,16 @@ class Statement {
 
 class Database {
  public:
-  // `flags` as of sqlite3_open_v2. A file that it makes is readable by its owner alone. Sentences name the file without its folder.
+  // `flags` as of sqlite3_open_v2; no file: a temporary one. A file that it makes is readable by its owner alone. Sentences name the file
+  // without its folder.
   static Outcome<Database> open(const std::filesystem::path& file, int flags);
 
   Outcome<void> run(const char* sql);  // statements separated by semicolons
   Outcome<Statement> prepare(const char* sql);
   Outcome<std::int64_t> integer(const char* sql);  // the first column of the first row; 0: no row
   sqlite3* handle() const { return handle_.get(); }
-  Error error() const;  // the last one
+  const std::string& name() const { return file_; }  // of the file, without its folder
+  Error error() const;                               // the last one
 
  private:
   struct Close {

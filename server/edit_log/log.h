@@ -5,12 +5,15 @@
 // One program at a time has a file (lock.h), one thread at a time a Log. SQLite alone opens it: to close any other descriptor of it would
 // lose SQLite's own locks. Edits and tiles carry hashes, so that damage is told from content.
 //
-// Tables: meta (one row: the world, the last compacted edit, the edit up to which the tiles are made, and the sums of the tiles' hashes),
-// edits (as edits::toJson), tiles, and base_tiles: what compacted edits have made.
+// Tables: meta (one row: the world, the last compacted edit, the edit up to which the tiles are made, the sums of the tiles' hashes, the
+// bytes of all edits), edits (as edit_store::Applied), tiles, and base_tiles: what compacted edits have made. In files of version 1, edits
+// are JSON and do not say what ground they changed; opening such a file makes it one of version 2, in one transaction. Keys that belonged
+// to a name, whose client nobody knew, then begin with a line feed.
 
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
@@ -19,10 +22,10 @@
 
 #include "common/edits/history.h"
 #include "common/edits/layer.h"
-#include "common/edits/operation.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
 #include "server/edit_log/lock.h"
+#include "server/edit_store/store.h"
 
 namespace ridgecast::edit_log {
 
@@ -35,16 +38,10 @@ struct World {
   friend bool operator==(const World&, const World&) = default;
 };
 
-struct Edit {
-  std::uint64_t number = 0;
-  std::string key;  // the client's, so that an edit sent twice is made once; empty: none
-  std::string author;
-  std::int64_t time = 0;  // microseconds since 1970
-  edits::Operation operation;
-  friend bool operator==(const Edit&, const Edit&) = default;
-};
+using edit_store::Applied;
+using edit_store::Change;
 
-class Log {
+class Log final : public edit_store::Store {
  public:
   // Null: there is no file, or its making was cut off and nothing is in it. Error: one sentence, which names no folder: not a log, another
   // version, damaged, in use, cannot be written.
@@ -53,26 +50,27 @@ class Log {
   // A new log. Error: also if there is one.
   static Outcome<std::unique_ptr<Log>> create(std::shared_ptr<const Lock> lock, const World& world);
   static Outcome<std::unique_ptr<Log>> create(const std::filesystem::path& file, const World& world);
-  ~Log();
+  // A new one without a name or a world, that is gone with this object. It keeps no tiles. SQLite holds half a MiB of it in memory, and the
+  // rest in a file in SQLITE_TMPDIR, TMPDIR, /var/tmp, /usr/tmp or /tmp, whichever it may write.
+  static Outcome<std::unique_ptr<Log>> temporary();
+  ~Log() override;
 
-  const std::filesystem::path& file() const { return lock_->log(); }
-  const World& world() const { return world_; }           // the file's own
-  std::uint64_t last() const { return last_; }            // number of the last edit; 0: none
-  std::uint64_t compacted() const { return compacted_; }  // of the last edit that compact() took; 0: none
+  const World& world() const { return world_; }  // the file's own
+  std::uint64_t last() const override;
+  std::uint64_t compacted() const override;  // of the last edit that compact() took; 0: none
+  std::uint64_t bytes() const override;
+
+  // One transaction, on disk when it returns: these edits, and the tiles in which the change differs. Error: nothing of it is kept.
+  Outcome<void> append(std::span<const Applied> edits, const Change& change) override;
+  // Error: one is damaged or missing.
+  Outcome<std::vector<Applied>> read(std::uint64_t after, std::size_t most) override;
+  Outcome<std::optional<std::uint64_t>> numberOf(const std::string& key) override;
 
   // The layer as of last(), from its cached tiles. Error: one is missing or damaged, or they are older than last(); then replay.
   Outcome<std::shared_ptr<const edits::Layer>> layer();
-  // At most so many edits numbered above `after` and above compacted(), in order. Error: one is damaged or missing.
-  Outcome<std::vector<Edit>> read(std::uint64_t after, std::size_t most);
   // Some edits from after `after` up to `last`; with those after compacted() the base.
   Outcome<edits::History::Past> past(std::uint64_t after, std::uint64_t last);
-  // Of the edit with this key; compacted ones are forgotten.
-  std::optional<std::uint64_t> numberOf(const std::string& key);
 
-  // One transaction, on disk when it returns: these edits, numbered from last() + 1 on, and the tiles in which `after` differs from
-  // `before` within these posts. Error: nothing of it is kept, for instance because a key is there already.
-  Outcome<void> append(std::span<const Edit> edits, const edits::Layer& before, const edits::Layer& after,
-                       std::span<const edits::Posts> changed);
   // The tiles anew, from the layer as of last().
   Outcome<void> cache(const edits::Layer& layer);
   // The layer is the base now; the edits that made it are gone, and numbers go on. Error: as of layer().
@@ -84,22 +82,30 @@ class Log {
 
  private:
   struct Statements;
+  struct Meta {
+    std::uint64_t compacted = 0;
+    std::uint64_t tilesOf = 0;                  // the edit up to which the tiles are made
+    std::uint64_t tilesHash = 0, baseHash = 0;  // sums
+    std::uint64_t bytes = 0;
+  };
   explicit Log(std::shared_ptr<const Lock> lock);
   Outcome<bool> connect(int flags);  // whether anything is in it
   Outcome<void> makeTables(const World& world);
+  Outcome<void> bringUpToDate();
   Outcome<void> load();
+  Outcome<std::vector<Applied>> readNow(std::uint64_t after, std::size_t most);  // under the lock, as all below
   Outcome<std::shared_ptr<const edits::Layer>> layerIn(bool base);
-  Outcome<void> put(const Edit& edit);
+  Outcome<void> put(const Applied& edit);
   Outcome<void> put(edits::TileAddress address, const edits::Tile* tile, std::uint64_t& sum);
-  Outcome<void> putMeta(std::uint64_t tilesOf, std::uint64_t tilesHash);
+  Outcome<void> putMeta(const Meta& meta);
   Error damaged(const std::string& what) const;
 
-  std::shared_ptr<const Lock> lock_;  // until SQLite has closed the file
+  const std::shared_ptr<const Lock> lock_;  // until SQLite has closed the file; null: a temporary one
+  mutable std::mutex mutex_;
   std::unique_ptr<Statements> sql_;
   World world_;
-  std::uint64_t last_ = 0, compacted_ = 0;
-  std::uint64_t tilesOf_ = 0;                   // the edit up to which the tiles are made
-  std::uint64_t tilesHash_ = 0, baseHash_ = 0;  // sums
+  std::uint64_t last_ = 0;
+  Meta meta_;
 };
 
 // The log's history on this terrain, from the cached tiles or, if they are no good, from the edits; then the cache is repaired. The log

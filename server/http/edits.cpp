@@ -1,6 +1,5 @@
 #include "server/http/edits.h"
 
-#include <chrono>
 #include <functional>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -11,6 +10,7 @@
 
 #include "common/edits/author.h"
 #include "common/edits/json.h"
+#include "common/edits/packed.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/http/query_body.h"
@@ -19,28 +19,43 @@ namespace ridgecast::http {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-// What the editing task has to say, once it has.
-struct Said {
-  bool isAsked = false;  // of the work, one turn after the other
-  std::mutex mutex;
-  std::optional<Answer> answer;
-  void set(Answer a) {
-    const std::lock_guard lock(mutex);
-    answer = std::move(a);
+// What a task has to say, once it has. The answer is made of it by the work's own thread.
+class Said {
+ public:
+  void set(std::function<Answer()> answer) {
+    std::function<void()> wake;
+    {
+      const std::lock_guard lock(mutex_);
+      answer_ = std::move(answer);
+      wake = std::exchange(wake_, nullptr);
+    }
+    if (wake) wake();
   }
+  std::function<Answer()> take() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(answer_, nullptr);
+  }
+  void callWhenSet(std::function<void()> wake) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (!answer_) return void(wake_ = std::move(wake));
+    }
+    wake();
+  }
+
+ private:
+  std::mutex mutex_;
+  std::function<Answer()> answer_;
+  std::function<void()> wake_;
 };
 
-// Asks when the answer has its place, so that whoever is told that there is none has asked for nothing. Looks every 2 ms, so that no
-// thread waits.
+// Asks when the answer has its place, so that whoever is told that there is none has asked for nothing. No thread waits.
 Answer whenSaid(std::function<void(const std::shared_ptr<Said>& said)> ask) {
-  return madeBy({.work = [said = std::make_shared<Said>(), ask = std::move(ask)](const std::stop_token&) {
-    if (!std::exchange(said->isAsked, true)) ask(said);
-    const std::lock_guard lock(said->mutex);
-    if (said->answer) return *said->answer;
+  return madeBy({.work = [said = std::make_shared<Said>(), ask = std::move(ask)](const std::stop_token&) mutable {
+    if (const auto first = std::exchange(ask, nullptr)) first(said);
+    if (const auto answer = said->take()) return answer();
     Answer later;
-    later.again = Clock::now() + std::chrono::milliseconds(2);
+    later.whenWoken = [said](std::function<void()> wake) { said->callWhenSet(std::move(wake)); };
     return later;
   }});
 }
@@ -53,27 +68,34 @@ Answer make(std::shared_ptr<session::Session> session, edits::Operation operatio
   auto edit = std::make_shared<session::Edit>(session::Edit{std::move(key), edits::toText({client, {}}), std::move(operation)});
   return whenSaid([session = std::move(session), edit = std::move(edit), client](const std::shared_ptr<Said>& said) {
     session->edit(std::move(*edit), session->budgetsOf(client), [said, session](const session::Edits::Answer& number) {
-      if (!number) {
-        const std::string& why = number.error().message;
-        if (session->edits().isOver()) return said->set(ended(number.error()));
-        return said->set(number.isForNow ? refused(429, metrics::Refusal::kBusy, why, {{"Retry-After", "1"}}) : invalid(number.error()));
-      }
-      Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");
-      made.status = 201;
-      said->set(std::move(made));
+      said->set([number, session] {
+        if (!number) {
+          const std::string& why = number.error().message;
+          if (session->edits().isOver()) return ended(number.error());
+          if (number.isFull) return refused(507, metrics::Refusal::kLimit, why);
+          return number.isForNow ? refused(429, metrics::Refusal::kBusy, why, {{"Retry-After", "1"}}) : invalid(number.error());
+        }
+        Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");
+        made.status = 201;
+        return made;
+      });
     });
   });
 }
 
 std::string quoted(const std::string& text) { return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace); }
 
-Answer listed(std::uint64_t last, const std::vector<session::MadeEdit>& made) {
+// As many as fit, at least one.
+Answer listed(std::uint64_t last, const std::vector<session::Applied>& edits, std::size_t limit) {
   std::string out = "{\"last\": " + std::to_string(last) + ", \"edits\": [";
-  for (const session::MadeEdit& m : made) {
-    const edits::Author author = edits::authorOf(m.edit.author);
-    out += std::string(out.back() == '}' ? ",\n" : "\n") + "{\"number\": " + std::to_string(m.number) +
-           ", \"author\": " + quoted(author.client) + ", \"name\": " + quoted(author.name) +
-           ", \"edit\": " + edits::toJson(m.edit.operation) + "}";
+  for (const session::Applied& made : edits) {
+    const auto operation = edits::unpack(made.operation);
+    if (!operation) return refused(500, metrics::Refusal::kInternal, operation.error().message);
+    const std::string text = edits::toJson(*operation);
+    if (limit-- == 0 || (out.back() == '}' && out.size() + text.size() > kMostListedBytes)) break;
+    const edits::Author author = edits::authorOf(made.author);
+    out += std::string(out.back() == '}' ? ",\n" : "\n") + "{\"number\": " + std::to_string(made.number) +
+           ", \"author\": " + quoted(author.client) + ", \"name\": " + quoted(author.name) + ", \"edit\": " + text + "}";
   }
   return json(out + "\n]}\n");
 }
@@ -91,8 +113,10 @@ Answer list(const Request& request, const std::shared_ptr<session::Session>& ses
   if (limit > kMostListed) return refused(400, metrics::Refusal::kRequest, "limit is at most " + std::to_string(kMostListed) + ".");
   return whenSaid([since, limit, session](const std::shared_ptr<Said>& said) {
     const std::uint64_t last = session->ground().edit;
-    session->edits().read(since, limit, [said, last](const Outcome<std::vector<session::MadeEdit>>& made) {
-      said->set(made ? listed(last, *made) : refused(500, metrics::Refusal::kInternal, made.error().message));
+    session->edits().read(since, kMostListedBytes, [said, last, limit](Outcome<std::vector<session::Applied>> edits) {
+      said->set([edits = std::move(edits), last, limit] {
+        return edits ? listed(last, *edits, limit) : refused(500, metrics::Refusal::kInternal, edits.error().message);
+      });
     });
   });
 }

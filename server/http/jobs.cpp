@@ -27,10 +27,18 @@ bool Jobs::post(std::stop_source stop, std::function<Again(std::stop_token)> run
     std::move(abandoned, waiting_.end(), std::back_inserter(dropped));
     waiting_.erase(abandoned, waiting_.end());
     if (waiting_.size() >= limits_.waiting + idle_ || hasShareNow(client)) return false;
-    waiting_.push_back({std::move(stop), std::move(run), std::move(client), {}});
+    waiting_.push_back({std::move(stop), std::move(run), std::move(client)});
   }
   changed_.notify_one();
   return true;
+}
+
+void Jobs::wake(const std::stop_source& job) {
+  const std::lock_guard lock(mutex_);
+  for (Job& other : running_) other.isWoken = other.isWoken || other.stop == job;
+  for (Job& other : waiting_)
+    if (other.stop == job) other.notBefore = {};
+  changed_.notify_one();
 }
 
 bool Jobs::hasShareNow(std::string_view client) const {
@@ -94,10 +102,11 @@ Jobs::Job Jobs::next(std::unique_lock<std::mutex>& lock) {
       waiting_.erase(due);
       return job;
     }
-    if (waiting_.empty())
+    const auto next = std::ranges::min_element(waiting_, {}, &Job::notBefore);
+    if (next == waiting_.end() || next->notBefore == kWhenWoken)
       changed_.wait(lock);
     else
-      changed_.wait_until(lock, std::ranges::min(waiting_, {}, &Job::notBefore).notBefore);
+      changed_.wait_until(lock, next->notBefore);
   }
 }
 
@@ -105,7 +114,7 @@ void Jobs::work(std::size_t thread) {
   scheduling::lowerPriority(limits_.lowerPriorityBy);
   std::unique_lock lock(mutex_);
   for (Job job = next(lock); job.run; job = next(lock)) {
-    running_[thread] = {job.stop, {}, job.client, {}};
+    running_[thread] = {job.stop, {}, job.client};
     --idle_;
     lock.unlock();
     const auto begin = Clock::now();
@@ -119,10 +128,10 @@ void Jobs::work(std::size_t thread) {
     if (!again) job = {};
     lock.lock();
     usual_ = usual_ == 0 ? took.count() : 0.7 * usual_ + 0.3 * took.count();
-    running_[thread] = {};
+    const bool isWoken = std::exchange(running_[thread], {}).isWoken;
     ++idle_;
     if (again && !stopped_) {
-      job.notBefore = *again;
+      job.notBefore = isWoken ? Clock::time_point() : *again;
       waiting_.push_back(std::move(job));
       changed_.notify_one();
     }

@@ -3,8 +3,8 @@
 //
 // A job checks its std::stop_token every few milliseconds: it is stopped when its client leaves and when the server shuts down. Bounds:
 // `threads` jobs run and `waiting` wait, of one client share() in all; beyond that post() refuses. A job that is stopped before it starts
-// never starts. A job may run in turns, between which those that wait have theirs. Any thread may post. An exception counts as the job's
-// failure and ends as `failed`.
+// never starts. A job may run in turns, between which those that wait have theirs; its next turn is at a time, or when somebody calls
+// wake(). Any thread may post. An exception counts as the job's failure and ends as `failed`.
 
 #include <algorithm>
 #include <chrono>
@@ -39,8 +39,11 @@ class Jobs {
 
   // `client`: as http::Request::client; empty: nobody, who has no share. False: full, or stopped, or the client has its share. Calls `run`
   // on one of these threads until it returns nothing, each time behind those that wait and not before the time it has returned, unless
-  // `stop` is requested before.
+  // `stop` is requested before, or wake() was called after the turn began.
   bool post(std::stop_source stop, std::function<Again(std::stop_token)> run, std::string client = {});
+  // The job's next turn is now. Does nothing when it is over. Any thread.
+  static constexpr Clock::time_point kWhenWoken = Clock::time_point::max();  // the time of a turn for which nobody knows when
+  void wake(const std::stop_source& job);
   // Half of all places, at least one.
   std::size_t share() const { return std::max<std::size_t>(1, (limits_.threads + limits_.waiting) / 2); }
   bool hasShare(std::string_view client) const;  // whether that many jobs of this client wait or run
@@ -61,6 +64,7 @@ class Jobs {
     std::function<Again(std::stop_token)> run;
     std::string client;
     Clock::time_point notBefore{};
+    bool isWoken = false;
   };
   bool hasShareNow(std::string_view client) const;  // under the lock
   Job next(std::unique_lock<std::mutex>& lock);     // waits for it; one without `run`: stopped

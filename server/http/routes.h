@@ -70,6 +70,9 @@ struct Answer {
   std::shared_ptr<const Later> later;           // set: work makes the answer, perhaps an upgrade; of this one only etag counts
   std::shared_ptr<const OfBody> ofBody;         // set: the request's body makes the answer, once it has been read
   std::optional<std::chrono::steady_clock::time_point> again;  // of work: this was one of its turns; the next is not before then
+  // Of work: this was one of its turns; the next is when it is woken. Called at once; `wake` may be called by any thread, also before that
+  // returns.
+  std::function<void(std::function<void()> wake)> whenWoken;
 };
 
 // One sentence as text.
@@ -83,7 +86,7 @@ Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 // Work that makes the answer on its own thread (jobs.h). `stop` is requested when the client leaves or the server shuts down: return soon;
 // the result is not read. `patient` work may take seconds and yields to everything else. Making a world also takes seconds, but must not
 // wait behind snapshots that take a minute, so it has its own queue. So have tiles, of which viewers request many at a time.
-// Work may be done in turns (Answer::again), between which others of its queue have theirs.
+// Work may be done in turns (Answer::again, whenWoken), between which others of its queue have theirs.
 struct Later {
   bool patient = false, makesWorld = false, isTile = false;
   std::function<Answer(std::stop_token stop)> work{};

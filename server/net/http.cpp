@@ -246,7 +246,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                             : later->isTile   ? shared_->tiles
                                               : shared_->prompt;
     if ((later->patient || later->isTile) && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy(jobs);
-    auto run = [self = shared_from_this(), later, &figures = figures, posted = Clock::now(),
+    auto run = [self = shared_from_this(), later, &jobs = jobs, &figures = figures, posted = Clock::now(),
                 worked = std::optional<Clock::duration>()](std::stop_token stop) mutable -> Jobs::Again {
       const Clock::time_point begun = Clock::now();
       if (!worked) figures.wait.Observe(seconds(begun - posted));
@@ -259,6 +259,12 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       }
       worked = worked.value_or(Clock::duration{}) + (Clock::now() - begun);
       if (a.again) return a.again;
+      if (a.whenWoken) {
+        a.whenWoken([shared = std::weak_ptr(self->shared_), &jobs, asker = self->asker_] {
+          if (const auto there = shared.lock()) jobs.wake(asker);
+        });
+        return Jobs::kWhenWoken;
+      }
       figures.seconds.Observe(seconds(*worked));
       self->shared_->answerBytes += a.body.size();
       asio::post(self->stream_.get_executor(), [self, a = std::move(a)]() mutable { self->worked(std::move(a)); });

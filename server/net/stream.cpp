@@ -56,7 +56,7 @@ struct Traffic {
 };
 
 struct Outgoing {
-  std::string bytes;
+  std::shared_ptr<const std::string> bytes;
   std::shared_ptr<const void> ticket;  // released when they have left or are dropped
 };
 
@@ -232,11 +232,11 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   void enqueue(Outgoing message) {
     if (stage_ != Stage::kOpen) {
-      traffic_->queuedBytes -= message.bytes.size();
+      traffic_->queuedBytes -= message.bytes->size();
       return;
     }
     if (out_.size() >= kMaxQueuedMessages) {
-      traffic_->queuedBytes -= message.bytes.size();
+      traffic_->queuedBytes -= message.bytes->size();
       return fail({wire::ErrorCode::kLimit, "Too much is queued for this client."});
     }
     out_.push_back(std::move(message));
@@ -245,9 +245,9 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   void write() {
     writing_ = true;
-    ws_.async_write(asio::buffer(out_.front().bytes), [self = shared_from_this()](error_code ec, std::size_t bytes) {
+    ws_.async_write(asio::buffer(*out_.front().bytes), [self = shared_from_this()](error_code ec, std::size_t bytes) {
       self->writing_ = false;
-      self->traffic_->queuedBytes -= self->out_.front().bytes.size();
+      self->traffic_->queuedBytes -= self->out_.front().bytes->size();
       self->out_.pop_front();
       if (ec) return self->end();
       self->shared_->figures->bytesSent.Increment(bytes);
@@ -283,13 +283,13 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     reason_ = std::move(reason);
     leave();
     while (out_.size() > (writing_ ? 1u : 0u)) {
-      traffic_->queuedBytes -= out_.back().bytes.size();
+      traffic_->queuedBytes -= out_.back().bytes->size();
       out_.pop_back();
     }
     after(timer_, kFarewellTimeout, [](Stream& self) { self.end(); });
     if (!last.empty()) {
       traffic_->queuedBytes += last.size();
-      out_.push_back({std::move(last), {}});
+      out_.push_back({std::make_shared<const std::string>(std::move(last)), {}});
     }
     if (writing_) return;
     out_.empty() ? sayClose() : write();
@@ -361,12 +361,15 @@ class StreamSender final : public session::Sender {
   explicit StreamSender(const std::shared_ptr<Stream>& stream) : stream_(stream), traffic_(stream->traffic()) {}
 
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override {
+    if (stream_.expired()) return;
+    traffic_->iterations += std::holds_alternative<wire::Iteration>(message);
+    sendShared(std::make_shared<const std::string>(wire::encode(message)), std::move(ticket));
+  }
+  void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {
     const auto stream = stream_.lock();
     if (!stream) return;
-    std::string bytes = wire::encode(message);
-    traffic_->queuedBytes += bytes.size();
-    traffic_->iterations += std::holds_alternative<wire::Iteration>(message);
-    stream->post({std::move(bytes), std::move(ticket)});
+    traffic_->queuedBytes += encoded->size();
+    stream->post({std::move(encoded), std::move(ticket)});
   }
   std::size_t queuedBytes() const override { return traffic_->queuedBytes; }
   void fail(wire::ErrorMessage message) override {

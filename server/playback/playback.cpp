@@ -11,7 +11,6 @@
 #include <thread>
 #include <utility>
 
-#include "common/edits/json.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
 #include "server/recording/reader.h"
@@ -105,7 +104,7 @@ struct Playback::State {
     session->presence().receive(iterated.camera, pose);
   }
   void take(const Edited& edited) {
-    auto operation = edits::fromJson(edited.operation);
+    auto operation = operationOf(edited);
     if (!operation) return logging::warning({.session = session->name()}, "an edit of the recording: " + operation.error().message);
     ++*openEdits;
     session->edits().ask({"", edited.author, std::move(*operation)},

@@ -15,8 +15,11 @@
 #include <vector>
 
 #include "common/camera/camera.h"
+#include "common/edits/json.h"
+#include "common/edits/packed.h"
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
+#include "common/outcome/outcome.h"
 #include "common/settings/settings.h"
 #include "common/wire/messages.h"
 
@@ -68,9 +71,13 @@ struct Iterated {
 
 struct Edited {
   std::uint64_t number = 0;
-  std::string author, operation;  // edits::toJson
+  std::string author, operation;  // as edit_store::Applied; the operations of older recordings are edits::toJson
   friend bool operator==(const Edited&, const Edited&) = default;
 };
+
+inline Outcome<edits::Operation> operationOf(const Edited& edited) {
+  return edited.operation.starts_with('{') ? edits::fromJson(edited.operation) : edits::unpack(edited.operation);
+}
 
 // The clock after something other than the time changed it.
 struct Clocked {

@@ -12,7 +12,6 @@
 
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
-#include "common/edits/json.h"
 #include "common/text/text.h"
 #include "server/pipeline/pipeline.h"
 
@@ -173,7 +172,7 @@ class Replaying {
 
   Outcome<void> take(const Edited& edited, double) {
     if (edited.number != history_.last() + 1) return Error{"Edit " + std::to_string(history_.last() + 1) + " is missing."};
-    auto operation = edits::fromJson(edited.operation);
+    auto operation = operationOf(edited);
     if (!operation) return operation.error();
     const auto added = history_.add(std::move(*operation));
     if (!added) return added.error();

@@ -192,36 +192,35 @@ void CameraSession::tellEdits() {
   if (!conversation_.runs() || !conversation_.hello().edits || tells_) return;
   if (told_ >= session_->ground().edit) return;
   tells_ = true;
-  session_->edits().read(told_, wire::kMaxMadeEdits, [weak = weak_from_this()](const Outcome<std::vector<MadeEdit>>& edits) {
-    if (const auto self = weak.lock()) self->tell(edits);
+  session_->editPages().page(told_, [weak = weak_from_this()](const Outcome<EditPages::Page>& page) {
+    if (const auto self = weak.lock()) self->tell(page);
   });
 }
 
-void CameraSession::tell(const Outcome<std::vector<MadeEdit>>& edits) {
-  if (!edits) return refuse({ErrorCode::kInternal, edits.error().message});
+void CameraSession::tell(const Outcome<EditPages::Page>& page) {
+  if (!page) return refuse({ErrorCode::kInternal, page.error().message});
   const std::lock_guard lock(mutex_);
-  const Timer& timer = *session_->resources().timer;
-  wire::Edited message;
-  std::size_t bytes = 0;
-  for (const MadeEdit& made : *edits) {
-    std::string json = edits::toJson(made.edit.operation);
-    bytes += json.size();
-    if (!message.edits.empty() && bytes > wire::kMaxSmallMessageBytes / 4) break;
-    edits::Author author = edits::authorOf(made.edit.author);
-    message.edits.push_back({made.number, std::move(author.client), std::move(author.name), std::move(json), made.ground});
-  }
   if (!conversation_.runs()) return;
-  if (!message.edits.empty()) {
-    told_ = message.edits.back().number;
-    conversation_.sent(bytes, timer.now());
-    sender_->send(std::move(message));
+  if (page->message) {
+    told_ = page->last;
+    const auto held = std::make_shared<char>();
+    tellWaits_ = held;
+    conversation_.sent(page->message->size(), session_->resources().timer->now());
+    sender_->sendShared(page->message, held);
   }
-  // A client that reads slowly is told of several at a time.
-  const bool isSlow = sender_->queuedBytes() > session_->resources().limits.maxQueuedBytes;
-  timer.at(timer.now() + (isSlow ? kQueueRetry : kEditPause), [weak = weak_from_this()] {
+  tellSoon(kEditPause);
+}
+
+// The next page, when the last has left: one at most waits for a client that does not read.
+void CameraSession::tellSoon(std::chrono::milliseconds pause) {
+  const Timer& timer = *session_->resources().timer;
+  timer.at(timer.now() + pause, [weak = weak_from_this()] {
     const auto self = weak.lock();
     if (!self) return;
-    const std::lock_guard again(self->mutex_);
+    const std::lock_guard lock(self->mutex_);
+    if (!self->conversation_.runs()) return;
+    const bool isSlow = !self->tellWaits_.expired() || self->sender_->queuedBytes() > self->session_->resources().limits.maxQueuedBytes;
+    if (isSlow) return self->tellSoon(kQueueRetry);
     self->tells_ = false;
     self->tellEdits();
   });

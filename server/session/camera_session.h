@@ -6,6 +6,7 @@
 // queries and grounds beside the iterations (queries.h, grounds.h).
 
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <mutex>
 #include <vector>
@@ -55,8 +56,9 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
     return {};
   }
   void tellEdits();  // under the lock: those that this client was not told of, if it wants them
-  void tell(const Outcome<std::vector<MadeEdit>>& edits);
-  bool wake();  // under the lock; false: the pool accepts no more
+  void tell(const Outcome<EditPages::Page>& page);
+  void tellSoon(std::chrono::milliseconds pause);  // under the lock
+  bool wake();                                     // under the lock; false: the pool accepts no more
   void watchAcknowledgements();
 
   void refuse(wire::ErrorMessage message);
@@ -88,6 +90,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   std::shared_ptr<std::atomic<std::size_t>> openEdits_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
   std::uint64_t told_ = 0;                                                                               // edits that the client knows
   bool tells_ = false;                                                                                   // tell() will be called
+  std::weak_ptr<const void> tellWaits_;                                                                  // the last page, until it has left
 
   // Of the running task alone.
   std::unique_ptr<IteratingMesh> mesh_;

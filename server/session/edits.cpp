@@ -1,23 +1,18 @@
 #include "server/session/edits.h"
 
 #include <algorithm>
-#include <chrono>
-#include <iterator>
+#include <new>
 #include <string>
 #include <utility>
 
 #include "common/edits/author.h"
 #include "common/edits/edited_terrain.h"
+#include "common/edits/packed.h"
 #include "server/logging/logging.h"
 
 namespace ridgecast::session {
 
 namespace {
-
-constexpr std::uint64_t kPostsATurn = 20'000;  // under a millisecond
-
-constexpr lattice::Step kBeyond = 2 * lattice::kMaxPosition;
-constexpr lattice::Area kEverywhere{-kBeyond, -kBeyond, kBeyond, kBeyond};
 
 lattice::Area around(const lattice::Area& a, const lattice::Area& b) {
   return {std::min(a.x0, b.x0), std::min(a.z0, b.z0), std::max(a.x1, b.x1), std::max(a.z1, b.z1)};
@@ -37,19 +32,47 @@ Edits::Answer ofAnother(std::uint64_t number) {
 
 Error over() { return {"The session has ended; join it again, and send the edit there."}; }
 
+Edits::Answer full(std::string sentence) {
+  Edits::Answer out(Error{std::move(sentence)});
+  out.isFull = true;
+  return out;
+}
+
+Edits::Answer outOfMemory() {
+  return full("The server ran out of memory at this edit, and has not made it; send a smaller one, or send it later.");
+}
+
+std::string mebibytes(std::uint64_t bytes) { return std::to_string(bytes >> 20) + " MiB"; }
+
+// Whether the one is what becomes of the other.
+bool isMadeOf(const Applied& asked, const Applied& made) {
+  if (asked.operation == made.operation) return true;
+  const auto a = edits::unpack(asked.operation), b = edits::unpack(made.operation);
+  return a && b && edits::isMadeOf(*a, *b);
+}
+
 }  // namespace
 
-Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept,
-             Made made)
+Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor& executor, scheduling::Executor& disk,
+             std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made)
     : terrain_(std::move(terrain)),
-      pool_(executor->makePool(1)),
+      pool_(executor.makePool(1)),
+      disk_(disk.makePool(1)),
+      space_(std::move(space)),
       changed_(std::move(changed)),
       noted_(std::move(made)),
       kept_(std::move(kept)),
       history_(kept_.history ? std::move(*kept_.history) : edits::History(terrain_)),
-      begins_(history_.last()),
-      ground_{begins_ == 0 ? terrain_ : std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), begins_} {
+      compacted_(history_.compacted()),
+      bytes_(kept_.store ? kept_.store->bytes() : 0),
+      ground_{history_.last() == 0 ? terrain_ : std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()} {
   kept_.history.reset();
+  space_->kept.take(bytes_, ~std::uint64_t{0});
+}
+
+Edits::~Edits() {
+  space_->kept.give(bytes_);
+  space_->waiting.give(waitingBytes_);
 }
 
 Ground Edits::ground() const {
@@ -62,7 +85,7 @@ Edits::News Edits::since(std::uint64_t edit) const {
   News news{ground_, {}};
   const std::uint64_t missed = ground_.edit - std::min(edit, ground_.edit);
   if (missed > areas_.size()) {
-    news.changed = {kEverywhere};
+    news.changed = {edit_store::kEverywhere};
     return news;
   }
   for (auto area = areas_.end() - static_cast<std::ptrdiff_t>(missed); area != areas_.end(); ++area) {
@@ -74,44 +97,50 @@ Edits::News Edits::since(std::uint64_t edit) const {
   return news;
 }
 
+// ---- what waits ----
+
 void Edits::ask(Edit edit, Done done, Pay pay) {
-  if (!edit.key.empty()) edit.key = edit.author + '\n' + edit.key;
+  Applied asked;
+  if (!edit.key.empty()) asked.key = edit.author + '\n' + edit.key;
+  asked.author = std::move(edit.author);
+  asked.operation = edits::pack(edit.operation);
   std::optional<Answer> answer;
   {
     const std::lock_guard lock(mutex_);
-    answer = atOnce(edit, static_cast<bool>(pay), done);
+    answer = atOnce(asked, static_cast<bool>(pay), done);
     if (!answer && done) {
-      // Everybody waits for what is made.
-      if (waiting_.empty()) pool_->post([self = shared_from_this()] { self->makeAll(); }, scheduling::Pool::Turn::kAhead);
-      const auto& waits = waiting_.emplace_back(std::make_shared<Waiting>(std::move(edit), std::move(pay)));
+      waitingBytes_ += asked.bytes();
+      const auto& waits = waiting_.emplace_back(std::make_shared<Waiting>(std::move(asked), std::move(pay)));
       waits->done.push_back(std::exchange(done, nullptr));
-      if (!waits->edit.key.empty()) open_[waits->edit.key] = waits;
+      if (!waits->asked.key.empty()) open_[waits->asked.key] = waits;
+      if (!std::exchange(isBusy_, true)) disk_->post([self = shared_from_this()] { self->lookUp(); });
     }
   }
   if (answer) done(*answer, 0);
 }
 
-std::optional<Edits::Answer> Edits::atOnce(const Edit& edit, bool pays, Done& done) {
-  if (const auto open = open_.find(edit.key); open != open_.end()) {
-    if (!edits::isMadeOf(edit.operation, open->second->edit.operation)) return ofAnother(0);
+std::optional<Edits::Answer> Edits::atOnce(const Applied& asked, bool pays, Done& done) {
+  if (isOver_) return Answer(over());
+  if (const auto open = open_.find(asked.key); open != open_.end()) {
+    if (!isMadeOf(asked, open->second->asked)) return ofAnother(0);
     open->second->done.push_back(std::exchange(done, nullptr));
     return {};
   }
-  if (const auto made = keys_.find(edit.key); made != keys_.end()) {
-    const std::uint64_t number = made->second;
-    return edits::isMadeOf(edit.operation, made_[number - begins_ - 1].edit.operation) ? Answer(number) : ofAnother(number);
-  }
-  const auto isOwn = [client = edits::clientOf(edit.author)](const auto& w) { return w->pay && edits::clientOf(w->edit.author) == client; };
-  if (pays && static_cast<std::size_t>(std::ranges::count_if(waiting_, isOwn)) >= kMostWaitingOfOne)
+  std::uint64_t own = 0, ownBytes = asked.bytes();
+  for (const auto& w : waiting_)
+    if (w->pay && edits::clientOf(w->asked.author) == edits::clientOf(asked.author)) ++own, ownBytes += w->asked.bytes();
+  const EditSpace::Limits& limits = space_->limits;
+  if (pays && own >= kMostWaitingOfOne)
     return forNow("More than " + std::to_string(kMostWaitingOfOne) + " of your edits wait to be made; send it again in a moment.");
-  if (waiting_.size() < kMostWaiting) return {};
-  return forNow("More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment.");
-}
-
-void Edits::read(std::uint64_t after, std::size_t most, Read read) {
-  const std::lock_guard lock(mutex_);
-  if (readings_.empty()) pool_->post([self = shared_from_this()] { self->readAll(); });
-  readings_.push_back({after, most, std::move(read)});
+  if (pays && ownBytes > limits.waiting / 2)
+    return forNow("More than " + mebibytes(limits.waiting / 2) + " of your edits wait to be made; send it again in a moment.");
+  if (waiting_.size() >= kMostWaiting)
+    return forNow("More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment.");
+  if (waitingBytes_ + asked.bytes() > limits.waiting)
+    return forNow("More than " + mebibytes(limits.waiting) + " of edits of this session wait to be made; send it again in a moment.");
+  if (!space_->waiting.take(asked.bytes(), limits.allWaiting))
+    return forNow("More than " + mebibytes(limits.allWaiting) + " of this server's edits wait to be made; send it again in a moment.");
+  return {};
 }
 
 bool Edits::isOver() const {
@@ -120,141 +149,254 @@ bool Edits::isOver() const {
 }
 
 void Edits::end() {
-  const std::lock_guard lock(mutex_);
-  if (std::exchange(isOver_, true)) return;
-  pool_->post([self = shared_from_this()] {
-    self->kept_.log.reset();
-    self->kept_.makeLog = nullptr;
-    self->kept_.held.reset();
-  });
+  {
+    const std::lock_guard lock(mutex_);
+    if (std::exchange(isOver_, true) || isBusy_) return;  // a group's last step goes on
+    isBusy_ = true;
+  }
+  goOn();
 }
 
-void Edits::readAll() {
-  std::vector<Reading> readings;
-  {
-    const std::lock_guard lock(mutex_);
-    readings.swap(readings_);
-  }
-  for (const Reading& r : readings) r.read(list(r.after, r.most));
-}
+// ---- a group ----
 
-void Edits::makeAll() {
-  std::vector<std::shared_ptr<Waiting>> waiting, refused;
+void Edits::lookUp() {
   {
     const std::lock_guard lock(mutex_);
-    waiting.swap(waiting_);
-    if (isOver_) waiting.swap(refused);
-    for (const auto& w : refused) open_.erase(w->edit.key);
+    group_.assign(waiting_.begin(), waiting_.end());
   }
-  for (const auto& w : refused)
-    for (const Done& done : w->done) done(over(), 0);
-  const std::uint64_t before = history_.last();
-  const auto layer = history_.layer();
-  changedPosts_.clear();
-  std::vector<MadeEdit> made;
-  for (const auto& w : waiting) {
-    const std::uint64_t looked = history_.looked();
-    w->answer = make(*w, made);
-    w->posts = history_.looked() - looked;
-  }
-  if (const auto isKept = keep(made, *layer); !isKept) {
-    while (history_.last() > before) history_.takeBack(layer);
-    for (const auto& w : waiting)
-      if (w->answer && *w->answer > before) w->answer = Answer(isKept.error());
-    made.clear();
-  }
-  if (noted_) std::ranges::for_each(made, noted_);
-  {
-    const std::lock_guard lock(mutex_);
-    if (!made.empty()) ground_ = {std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()};
-    for (const MadeEdit& m : made) {
-      areas_.push_back(m.ground);
-      if (!m.edit.key.empty()) keys_[m.edit.key] = m.number;
+  for (const auto& w : group_) {
+    try {
+      w->answer = known(w->asked);
+    } catch (const std::bad_alloc&) {
+      w->answer = outOfMemory();
     }
-    std::ranges::move(made, std::back_inserter(made_));
-    if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
-    for (const auto& w : waiting) open_.erase(w->edit.key);  // nobody joins any more
   }
-  if (!made.empty()) changed_();
-  for (const auto& w : waiting)
-    for (const Done& done : w->done) done(w->answer, std::exchange(w->posts, 0));
+  pool_->post([self = shared_from_this()] { self->make(); });
 }
 
-std::optional<Edits::Answer> Edits::known(const Edit& edit) {
-  if (edit.key.empty() || !kept_.log) return {};
-  const auto sameOf = [&](std::uint64_t number) -> Outcome<bool> {
-    const auto made = kept_.log->read(number - 1, 1);
-    if (!made) return made.error();
-    return !made->empty() && edits::isMadeOf(edit.operation, made->front().operation);
-  };
-  if (const auto number = kept_.log->numberOf(edit.key)) {
-    const auto isSame = sameOf(*number);
-    if (!isSame) return Answer(told(isSame.error()));
-    return *isSame ? Answer(*number) : ofAnother(*number);
-  }
+std::optional<Edits::Answer> Edits::known(const Applied& asked) {
+  if (asked.key.empty() || !kept_.store) return {};
+  if (auto kept = keptWith(asked.key, asked)) return kept;
   // In older logs a key was that of a name alone. Whose it was nobody knows: it is known again by its edit.
-  const std::string former = edit.key.substr(edit.key.find('\n') + 1);
-  if (former.find('\n') == former.npos) return {};
-  if (const auto number = kept_.log->numberOf(former))
-    if (const auto isSame = sameOf(*number); isSame && *isSame) return Answer(*number);
+  const std::string former = asked.key.substr(asked.key.find('\n'));
+  if (former.find('\n', 1) == former.npos) return {};
+  auto older = keptWith(former, asked);
+  return older && *older ? older : std::nullopt;
+}
+
+std::optional<Edits::Answer> Edits::keptWith(const std::string& key, const Applied& asked) {
+  const auto number = kept_.store->numberOf(key);
+  if (!number) return Answer(told(number.error()));
+  if (!*number) return {};
+  const auto made = kept_.store->read(**number - 1, 0);
+  if (!made) return Answer(told(made.error()));
+  return !made->empty() && isMadeOf(asked, made->front()) ? Answer(**number) : ofAnother(**number);
+}
+
+void Edits::make() {
+  if (isOver()) {
+    making_.reset();
+    return goOn();
+  }
+  if (made_.empty() && !making_) before_ = history_.layer();
+  const auto begun = std::chrono::steady_clock::now();
+  const auto worked = [&] { return std::chrono::steady_clock::now() - begun; };
+  bool isGroup = false;
+  while (done_ < group_.size() && !isGroup && worked() < kTurn) {
+    Waiting& w = *group_[done_];
+    // An undo may take long, and those before it do not wait for it.
+    isGroup = !w.answer && !making_ && !made_.empty() && (worked_ + worked() >= kGroup || edits::undoneBy(w.asked.operation) > 0);
+    if (!isGroup && (w.answer || step(w))) ++done_;
+  }
+  worked_ += worked();
+  if (done_ < group_.size() && !isGroup) {
+    pool_->post([self = shared_from_this()] { self->make(); });
+    return;
+  }
+  try {
+    if (!made_.empty()) next_ = {std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()};
+  } catch (const std::bad_alloc&) {
+    takeBack(outOfMemory());
+  }
+  if (made_.empty()) return publish();
+  disk_->post([self = shared_from_this()] { self->keep(); });
+}
+
+bool Edits::step(Waiting& waiting) {
+  try {
+    if (!making_) waiting.answer = begin(waiting);
+    constexpr std::uint64_t kPosts = 1u << 14;  // half a millisecond
+    if (!waiting.answer && making_->making.step(kPosts)) waiting.answer = finish(waiting);
+  } catch (const std::bad_alloc&) {
+    if (making_ && history_.last() > making_->last) history_.takeBack(making_->before);
+    waiting.answer = outOfMemory();
+  }
+  if (waiting.answer) making_.reset();
+  return waiting.answer.has_value();
+}
+
+std::optional<Edits::Answer> Edits::begin(const Waiting& waiting) {
+  const EditSpace::Limits& limits = space_->limits;
+  const std::uint64_t bytes = waiting.asked.bytes();
+  auto operation = edits::unpack(waiting.asked.operation).value();
+  if (bytes_ + bytes > limits.session)
+    return full("This session's edits have " + mebibytes(limits.session) +
+                ", which is the most; its operator can join them with `ridgecast-server edits compact`.");
+  if (space_->kept.used() + bytes > limits.server)
+    return full("The edits of this server's sessions have " + mebibytes(limits.server) +
+                ", which is the most; send it again when a session has ended.");
+  if (waiting.pay)
+    if (auto paid = waiting.pay(operation, bytes); !paid) return forNow(paid.error().message);
+  made_.reserve(made_.size() + 1);
+  changedPosts_.reserve(made_.size() + 1);
+  const std::uint64_t most = waiting.pay ? edits::kMostUndoPosts : ~std::uint64_t{0};
+  making_ = std::make_unique<Making>(history_.make(std::move(operation), most), history_.layer(), history_.last(), history_.looked());
   return {};
 }
 
-Edits::Answer Edits::make(const Waiting& waiting, std::vector<MadeEdit>& made) {
-  const Edit& edit = waiting.edit;
-  if (const auto answer = known(edit)) return *answer;
-  if (waiting.pay)
-    if (auto paid = waiting.pay(edit.operation); !paid) return forNow(paid.error().message);
-  auto making = history_.make(edit.operation, edits::kMostUndoPosts);
-  while (!making.step(kPostsATurn))
-    if (isOver()) return over();
-  const auto& changed = making.result();
+Edits::Answer Edits::finish(Waiting& waiting) {
+  waiting.posts = history_.looked() - making_->looked;
+  const auto& changed = making_->making.result();
   if (!changed) return changed.error();
+  using namespace std::chrono;
+  Applied applied = waiting.asked;
+  applied.number = history_.last();
+  applied.time = duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
+  applied.operation = history_.packed(applied.number);
+  applied.ground = edits::groundOf(*changed);
+  bytes_ += applied.bytes();
+  space_->kept.take(applied.bytes(), ~std::uint64_t{0});
   changedPosts_.push_back(*changed);
-  made.push_back({history_.last(), {edit.key, edit.author, history_.operation(history_.last())}, edits::groundOf(*changed)});
+  made_.push_back(std::move(applied));
   return history_.last();
 }
 
-Outcome<void> Edits::keep(const std::vector<MadeEdit>& made, const edits::Layer& before) {
-  if (made.empty()) return {};
-  if (!kept_.log && kept_.makeLog) {
-    auto log = kept_.makeLog();
-    if (!log) return log.error();
-    kept_.log = std::move(*log);
+void Edits::keep() {
+  try {
+    isKept_ = append();
+  } catch (const std::bad_alloc&) {
+    isKept_ = outOfMemory().error();
   }
-  if (!kept_.log) return {};
-  const std::int64_t now =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
-  std::vector<edit_log::Edit> entries;
-  for (const MadeEdit& m : made) entries.push_back({m.number, m.edit.key, m.edit.author, now, m.edit.operation});
-  auto appended = kept_.log->append(entries, before, *history_.layer(), changedPosts_);
+  pool_->post([self = shared_from_this()] { self->publish(); });
+}
+
+Outcome<void> Edits::append() {
+  if (!kept_.store) {
+    auto store = kept_.makeStore();
+    if (!store) return store.error();
+    kept_.store = std::move(*store);
+  }
+  auto appended = kept_.store->append(made_, {*before_, *history_.layer(), changedPosts_});
   if (!appended) return told(appended.error());
   trouble_.clear();
   return appended;
 }
 
 Error Edits::told(Error e) {
-  if (std::exchange(trouble_, e.message) != e.message)
-    logging::error("in '" + kept_.log->file().parent_path().string() + "': " + e.message);
+  if (std::exchange(trouble_, e.message) != e.message) logging::error(kept_.place + e.message);
   return e;
 }
 
-Outcome<std::vector<MadeEdit>> Edits::list(std::uint64_t after, std::size_t most) {
-  std::vector<MadeEdit> out;
-  if (after < begins_) {
-    if (!kept_.log) return over();
-    auto edits = kept_.log->read(after, most);
-    if (!edits) return told(edits.error());
-    for (edit_log::Edit& e : *edits) {
-      const edits::Posts posts = edits::areaOf(e.operation);
-      out.push_back({e.number,
-                     {std::move(e.key), std::move(e.author), std::move(e.operation)},
-                     posts.empty() ? kEverywhere : edits::groundOf(posts)});
-    }
-    return out;
+void Edits::takeBack(const Answer& why) {
+  const std::uint64_t before = made_.front().number - 1;
+  for (const Applied& m : made_) {
+    space_->kept.give(m.bytes());
+    bytes_ -= m.bytes();
   }
-  for (std::uint64_t n = std::max(after, begins_) - begins_; n < made_.size() && out.size() < most; ++n) out.push_back(made_[n]);
-  return out;
+  while (history_.last() > before) history_.takeBack(before_);
+  for (std::size_t k = 0; k < done_; ++k)
+    if (auto& answer = group_[k]->answer; *answer && **answer > before) answer = why;
+  made_.clear();
+}
+
+void Edits::publish() {
+  if (!made_.empty() && !isKept_) takeBack(Answer(isKept_.error()));
+  if (noted_) std::ranges::for_each(made_, noted_);
+  {
+    const std::lock_guard lock(mutex_);
+    if (!made_.empty()) ground_ = std::move(next_);
+    for (const Applied& m : made_) areas_.push_back(m.ground);
+    if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
+    for (std::size_t k = 0; k < done_; ++k) open_.erase(group_[k]->asked.key);  // nobody joins any more
+    for (std::size_t k = 0; k < done_; ++k) forget(*waiting_[k]);
+    waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(done_));
+  }
+  if (!made_.empty()) changed_();
+  for (std::size_t k = 0; k < done_; ++k) {
+    Waiting& w = *group_[k];
+    for (const Done& done : w.done) done(*w.answer, std::exchange(w.posts, 0));
+  }
+  group_.erase(group_.begin(), group_.begin() + static_cast<std::ptrdiff_t>(done_));
+  done_ = 0;
+  worked_ = {};
+  made_.clear();
+  changedPosts_.clear();
+  before_.reset();
+  goOn();
+}
+
+void Edits::forget(const Waiting& waiting) {
+  space_->waiting.give(waiting.asked.bytes());
+  waitingBytes_ -= waiting.asked.bytes();
+}
+
+void Edits::goOn() {
+  std::deque<std::shared_ptr<Waiting>> refused;
+  {
+    const std::lock_guard lock(mutex_);
+    if (isOver_) {
+      refused.swap(waiting_);
+      for (const auto& w : refused) forget(*w);
+      group_.clear();
+      open_.clear();
+      disk_->post([self = shared_from_this()] {
+        self->kept_.store.reset();
+        self->kept_.makeStore = nullptr;
+        self->kept_.held.reset();
+      });
+    } else if (!group_.empty()) {
+      pool_->post([self = shared_from_this()] { self->make(); });
+    } else if (!waiting_.empty()) {
+      disk_->post([self = shared_from_this()] { self->lookUp(); });
+    } else {
+      isBusy_ = false;
+    }
+  }
+  for (const auto& w : refused)
+    for (const Done& done : w->done) done(over(), 0);
+}
+
+// ---- reading ----
+
+void Edits::read(std::uint64_t after, std::size_t most, Read read) {
+  const std::lock_guard lock(mutex_);
+  if (readings_.empty()) disk_->post([self = shared_from_this()] { self->readAll(); });
+  readings_.push_back({after, most, std::move(read)});
+}
+
+void Edits::readAll() {
+  std::vector<Reading> readings;
+  std::uint64_t last = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    readings.swap(readings_);
+    last = ground_.edit;
+  }
+  for (const Reading& r : readings) {
+    if (!kept_.makeStore) {
+      r.read(over());
+    } else if (!kept_.store) {
+      r.read(std::vector<Applied>());
+    } else {
+      auto edits = kept_.store->read(r.after, r.most);
+      if (!edits) {
+        r.read(told(edits.error()));
+        continue;
+      }
+      while (!edits->empty() && edits->back().number > last) edits->pop_back();  // kept, and not in the ground yet
+      r.read(std::move(edits));
+    }
+  }
 }
 
 }  // namespace ridgecast::session

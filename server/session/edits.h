@@ -1,13 +1,14 @@
 #pragma once
 // What members have done to a session's ground: takes edits in, gives them their numbers, and has the ground that follows from them.
 //
-//   ask() --> waits (kMostWaiting) --> paid for and applied by a task, all that wait together --> kept on disk, if the session has a log
-//         --> everybody's ground, done(number), and the cameras are told
+//   ask() --> waits (kMostWaiting, until it is answered) --> its key is looked up (disk) --> paid for and made, in turns
+//         --> kept, with those made before it in one write (disk) --> everybody's ground, done(number), and the cameras are told
 //
-// An edit is acknowledged by its number, and not before it is on disk and in ground(). A session's edits are made by one task at a time:
-// those that come meanwhile share the next write. An edit that is asked for again with its key is neither paid for nor made again: it has
-// the number that it had, or joins the one that waits. Any thread, unless said otherwise.
+// An edit is acknowledged by its number, and not before it is kept and in ground(). Those that come while a group is under way are the next
+// group. Edits wait their turn as all work does, and no thread but the disk's waits for the disk. An edit that is asked for again with its
+// key is neither paid for nor made again: it has the number that it had, or joins the one that waits. Any thread, unless said otherwise.
 
+#include <chrono>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -24,7 +25,9 @@
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
 #include "server/edit_log/log.h"
+#include "server/edit_store/store.h"
 #include "server/scheduling/pool.h"
+#include "server/session/edit_space.h"
 
 namespace ridgecast::session {
 
@@ -40,32 +43,34 @@ struct Edit {
   edits::Operation operation;
 };
 
-struct MadeEdit {
-  std::uint64_t number = 0;
-  Edit edit;
-  lattice::Area ground;  // that it changed, at most
-};
+using edit_store::Applied;  // its key: the author's text, a line feed, and the author's key
 
 class Edits : public std::enable_shared_from_this<Edits> {
  public:
   static constexpr std::size_t kMostWaiting = 256, kMostWaitingOfOne = kMostWaiting / 2;  // of one client that pays
-  static constexpr std::size_t kRecent = 4096;                                            // edits whose areas and keys are remembered
+  static constexpr std::size_t kRecent = 4096;                                            // edits whose areas are remembered
   static constexpr std::size_t kMostAreas = 64;
+  // Of making edits, before others have their turn; and before those that were made are kept.
+  static constexpr std::chrono::milliseconds kTurn{2}, kGroup{50};
 
-  // Where edits are kept: a log, or how to make one for the first edit; neither: in memory alone.
+  // Where edits are kept: a store, or how to make one for the first edit.
   struct Kept {
-    std::shared_ptr<const void> held;  // let go of when the log is closed
-    std::unique_ptr<edit_log::Log> log;
-    std::optional<edits::History> history;  // the log's
-    std::function<Outcome<std::unique_ptr<edit_log::Log>>()> makeLog;
+    std::shared_ptr<const void> held;  // let go of when the store is closed
+    std::unique_ptr<edit_store::Store> store;
+    std::optional<edits::History> history;  // the store's
+    std::function<Outcome<std::unique_ptr<edit_store::Store>>()> makeStore = [] { return edit_log::Log::temporary(); };
+    std::string place;  // for the operator
   };
-  // `changed` is called by the editing task after each change of the ground, `made` by it for each edit that is kept, before anybody has
-  // its ground. `executor` as Resources::executor.
-  using Made = std::function<void(const MadeEdit&)>;
-  Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor* executor, std::function<void()> changed, Kept kept,
-        Made made = {});
+  // `changed` is called after each change of the ground, `made` for each edit that is kept, before anybody has its ground. Executors as
+  // Resources::executor and disk.
+  using Made = std::function<void(const Applied&)>;
+  Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor& executor, scheduling::Executor& disk,
+        std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made = {});
+  ~Edits();
+  Edits(const Edits&) = delete;
+  Edits& operator=(const Edits&) = delete;
 
-  std::uint64_t compacted() const { return history_.compacted(); }  // never changes
+  std::uint64_t compacted() const { return compacted_; }
   Ground ground() const;
   // The ground now, and where it differs from that of `edit`: at most kMostAreas.
   struct News {
@@ -78,31 +83,30 @@ class Edits : public std::enable_shared_from_this<Edits> {
   struct Answer : Outcome<std::uint64_t> {
     using Outcome<std::uint64_t>::result;
     bool isForNow = false;  // refused because too much waits, or is not paid for yet: the same may be asked again
+    bool isFull = false;    // refused because there is no room for edits in this session, in all, or in memory
   };
-  // `posts`: how many that took; 0 of an edit that was made before. Called by the editing task, or at once when too many wait or the key
-  // says all.
+  // `posts`: how many that took; 0 of an edit that was made before. Called by a task, or at once when it is refused before it waits.
   using Done = std::function<void(const Answer& number, std::uint64_t posts)>;
-  // Error: it is too early. Called by the editing task when it is this edit's turn; none: it costs nothing.
-  using Pay = std::function<Outcome<void>(const edits::Operation& operation)>;
+  // Error: it is too early. Called by a task when it is this edit's turn; none: it costs nothing.
+  using Pay = std::function<Outcome<void>(const edits::Operation& operation, std::size_t bytes)>;
   // One edit has as many `done` as it was asked for meanwhile; whoever asks bounds that.
   void ask(Edit edit, Done done, Pay pay = {});
 
-  // The edits after a number, in order, at most `most`; called by the editing task.
-  using Read = std::function<void(Outcome<std::vector<MadeEdit>> edits)>;
+  // Of the edits that ground() has, as edit_store::Store::read. Called by the disk's thread; whoever asks bounds the number of calls.
+  using Read = std::function<void(Outcome<std::vector<Applied>> edits)>;
   void read(std::uint64_t after, std::size_t most, Read read);
 
-  // The session is over: what has not begun is refused, and what comes later. The editing task closes the log.
+  // The session is over: what is not being made or kept yet is refused, and what comes later. Then the store is closed.
   void end();
   bool isOver() const;
 
  private:
   struct Waiting {
-    Waiting(Edit e, Pay p) : edit(std::move(e)), pay(std::move(p)) {}
-    const Edit edit;  // with the whole key: the author's text, a line feed, and the author's key
+    const Applied asked;  // with the whole key; its number, time and ground are not known yet
     const Pay pay;
-    std::vector<Done> done;  // of the same edit
-    // Of the editing task.
-    Answer answer{0};
+    std::vector<Done> done;  // of the same edit; under the lock while others may join
+    // Of the group's task.
+    std::optional<Answer> answer{};
     std::uint64_t posts = 0;
   };
   struct Reading {
@@ -110,35 +114,62 @@ class Edits : public std::enable_shared_from_this<Edits> {
     std::size_t most = 0;
     Read read;
   };
-  void makeAll();
+  // The steps of a group, one task at a time; those with the disk are by its thread.
+  void lookUp();
+  void make();
+  void keep();
+  void publish();
+  void goOn();
+
   void readAll();
-  std::optional<Answer> atOnce(const Edit& edit, bool pays, Done& done);  // under the lock; takes `done` where it joins
-  std::optional<Answer> known(const Edit& edit);                          // from the log
-  Answer make(const Waiting& waiting, std::vector<MadeEdit>& made);
-  Outcome<void> keep(const std::vector<MadeEdit>& made, const edits::Layer& before);  // on disk
-  Error told(Error e);  // to the operator, once while the same is wrong, with the folder, of which clients do not hear
-  Outcome<std::vector<MadeEdit>> list(std::uint64_t after, std::size_t most);
+  std::optional<Answer> atOnce(const Applied& asked, bool pays, Done& done);  // under the lock; takes `done` where it joins
+  std::optional<Answer> known(const Applied& asked);
+  std::optional<Answer> keptWith(const std::string& key, const Applied& asked);  // none: nobody has the key
+  bool step(Waiting& waiting);  // some more of it; whether it has its answer, or will once it is kept
+  std::optional<Answer> begin(const Waiting& waiting);
+  Answer finish(Waiting& waiting);
+  Outcome<void> append();
+  void takeBack(const Answer& why);
+  void forget(const Waiting& waiting);  // under the lock
+  Error told(Error e);                  // to the operator, once while the same is wrong, with the place, of which clients do not hear
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
-  const std::shared_ptr<scheduling::Pool> pool_;
+  const std::shared_ptr<scheduling::Pool> pool_, disk_;
+  const std::shared_ptr<EditSpace> space_;
   const std::function<void()> changed_;
   const Made noted_;
 
-  // Of the editing task.
+  // Of the disk's thread.
   Kept kept_;
+  std::string trouble_;  // of the store, since an edit was last kept
+
+  // Of the group's task.
   edits::History history_;
-  const std::uint64_t begins_;              // the last edit of the log when this began
-  std::string trouble_;                     // of the log, since an edit was last kept
-  std::vector<edits::Posts> changedPosts_;  // of the edits that are being made
+  const std::uint64_t compacted_;
+  std::deque<std::shared_ptr<Waiting>> group_;  // looked up: the first of waiting_
+  std::size_t done_ = 0;                        // of those, that have their answers, or will once they are kept
+  std::chrono::nanoseconds worked_{};
+  struct Making {
+    edits::History::Making making;
+    std::shared_ptr<const edits::Layer> before;
+    std::uint64_t last = 0, looked = 0;  // of the history before it
+  };
+  std::unique_ptr<Making> making_;  // of group_[done_]
+  std::vector<Applied> made_;
+  std::uint64_t bytes_ = 0;                     // of all edits, with those; taken from the space
+  std::vector<edits::Posts> changedPosts_;      // by those
+  std::shared_ptr<const edits::Layer> before_;  // those
+  Ground next_;                                 // with those
+  Outcome<void> isKept_;
 
   mutable std::mutex mutex_;
   Ground ground_;
-  std::deque<lattice::Area> areas_;                      // of the last edits, up to ground_.edit
-  std::vector<MadeEdit> made_;                           // after begins_, up to ground_.edit; the editing task alone adds to it
-  std::unordered_map<std::string, std::uint64_t> keys_;  // of made_, to the number of the edit
-  std::vector<std::shared_ptr<Waiting>> waiting_;
-  std::unordered_map<std::string, std::shared_ptr<Waiting>> open_;  // those with a key that wait or are being made
+  std::deque<lattice::Area> areas_;                                 // of the last edits, up to ground_.edit
+  std::deque<std::shared_ptr<Waiting>> waiting_;                    // for their answers, in order
+  std::unordered_map<std::string, std::shared_ptr<Waiting>> open_;  // those with a key
   std::vector<Reading> readings_;
+  std::uint64_t waitingBytes_ = 0;  // of those, taken from the space
+  bool isBusy_ = false;             // a group is under way
   bool isOver_ = false;
 };
 

@@ -7,10 +7,13 @@
 
 namespace ridgecast::session {
 
-Outcome<std::uint64_t> Budgets::spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now) {
-  if (const auto owed = edits.free() - now; owed > kEditDebt)
+Outcome<std::uint64_t> Budgets::spendEdit(const edits::Operation& operation, std::size_t bytes,
+                                          conversation::Budget::Clock::time_point now) {
+  const auto owed = std::max(edits.free() - now - kEditDebt, editBytes.free() - now - kEditBytesDebt);
+  if (owed.count() > 0)
     return Error{"Too many or too large edits at once; send it again in " +
-                 std::to_string(std::chrono::ceil<std::chrono::milliseconds>(owed - kEditDebt).count()) + " ms."};
+                 std::to_string(std::chrono::ceil<std::chrono::milliseconds>(owed).count()) + " ms."};
+  editBytes.spend(now, bytes);
   const auto area = static_cast<std::uint64_t>(std::min(edits::areaOf(operation).count(), edits::kMostPosts));
   const std::uint64_t posts = std::max(area, kLeastEditedPosts);
   edits.spend(now, posts);

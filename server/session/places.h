@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -25,6 +26,9 @@ inline constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
 // kEditDebt: 100 small ones at once.
 inline constexpr std::uint64_t kEditedPostsPerSecond = 4'000'000, kLeastEditedPosts = 10'000;
 inline constexpr std::chrono::milliseconds kEditDebt{250};
+// Bytes of one client's edits, as edit_store::Applied::bytes, and how long those before may owe when another follows: two large stamps.
+inline constexpr std::uint64_t kEditedBytesPerSecond = 256u << 10;
+inline constexpr std::chrono::milliseconds kEditBytesDebt{1000};
 
 // Messages that one client's streams bring. The socket's threads decode them, 128 KiB in two milliseconds at worst.
 inline constexpr std::uint64_t kMessageBytesPerSecond = 12u << 20;
@@ -32,16 +36,16 @@ inline constexpr std::uint64_t kMessageBytesPerSecond = 12u << 20;
 // What one client spends on all its connections together. Any thread.
 struct Budgets {
   conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond};
-  conversation::SharedBudget edits{kEditedPostsPerSecond}, messages{kMessageBytesPerSecond};
-  // An edit's posts, unless those before it are not paid for yet. Error: one sentence.
-  Outcome<std::uint64_t> spendEdit(const edits::Operation& operation, conversation::Budget::Clock::time_point now);
+  conversation::SharedBudget edits{kEditedPostsPerSecond}, editBytes{kEditedBytesPerSecond}, messages{kMessageBytesPerSecond};
+  // An edit's bytes and posts, of which it returns the number, unless those before it are not paid for yet. Error: one sentence.
+  Outcome<std::uint64_t> spendEdit(const edits::Operation& operation, std::size_t bytes, conversation::Budget::Clock::time_point now);
   // It was made, and looked at so many: an undo makes other edits again.
   void spendRest(std::uint64_t spent, std::uint64_t looked, conversation::Budget::Clock::time_point now) {
     if (looked > spent) edits.spend(now, looked - spent);
   }
   // New ones could spend no more.
   bool areFull(conversation::Budget::Clock::time_point now) const {
-    return queries.isFull(now) && repairs.isFull(now) && edits.isFull(now) && messages.isFull(now);
+    return queries.isFull(now) && repairs.isFull(now) && edits.isFull(now) && editBytes.isFull(now) && messages.isFull(now);
   }
 };
 

@@ -13,20 +13,23 @@ namespace {
 
 namespace fs = std::filesystem;
 
+std::string placeOf(const fs::path& log) { return "in '" + log.parent_path().string() + "': "; }
+
 // The operator is told where the file is, clients are not.
 Error told(const fs::path& log, Error e) {
-  logging::error("in '" + log.parent_path().string() + "': " + e.message);
+  logging::error(placeOf(log) + e.message);
   return e;
 }
 
-Outcome<std::unique_ptr<edit_log::Log>> beginLog(std::shared_ptr<const edit_log::Lock> lock, const edit_log::World& world) {
+Outcome<std::unique_ptr<edit_store::Store>> beginLog(std::shared_ptr<const edit_log::Lock> lock, const edit_log::World& world) {
   std::error_code failed;
   const fs::directory_iterator files(lock->log().parent_path(), failed);
   if (std::count_if(begin(files), end(files), [](const auto& file) { return file.path().extension() == ".edits"; }) >= kMostKept)
     return Error{"The server keeps the edits of at most " + std::to_string(kMostKept) + " sessions; its operator can take some away."};
   const fs::path file = lock->log();
   auto log = edit_log::Log::create(std::move(lock), world);
-  return log ? std::move(log) : told(file, log.error());
+  if (!log) return told(file, log.error());
+  return std::unique_ptr<edit_store::Store>(std::move(*log));
 }
 
 }  // namespace
@@ -68,8 +71,9 @@ Outcome<Edits::Kept> Reservation::keep(const edit_log::World& world, const std::
   Edits::Kept kept;
   if (!held_->lock) return kept;  // its name is free as soon as it lives
   kept.held = held_;
+  kept.place = placeOf(held_->lock->log());
   if (!log_) {
-    kept.makeLog = [lock = held_->lock, world] { return beginLog(lock, world); };
+    kept.makeStore = [lock = held_->lock, world] { return beginLog(lock, world); };
     return kept;
   }
   const edit_log::World& its = log_->world();
@@ -78,7 +82,7 @@ Outcome<Edits::Kept> Reservation::keep(const edit_log::World& world, const std::
                  "; join it without naming a terrain, or choose another name."};
   auto history = edit_log::historyOf(*log_, terrain);
   if (!history) return told(held_->lock->log(), history.error());
-  kept.log = std::move(log_);
+  kept.store = std::move(log_);
   kept.history = std::move(*history);
   return kept;
 }

@@ -32,6 +32,8 @@ class Sender {
   // `ticket` is released once the message has left for the operating system or is dropped. The holder of a weak pointer to it can
   // see whether the message is still queued, and need not send another of its kind.
   virtual void send(wire::ServerMessage message, std::shared_ptr<const void> ticket = {}) = 0;
+  // The same of a message that many are sent: its wire::encode.
+  virtual void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) = 0;
   virtual std::size_t queuedBytes() const = 0;  // not yet handed to the operating system
   // Sends the message, then ends the connection. What work that had begun sends after it is dropped.
   virtual void fail(wire::ErrorMessage message) = 0;

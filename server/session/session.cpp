@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <random>
 
-#include "common/edits/json.h"
+#include "common/edits/packed.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
 #include "server/session/camera_session.h"
@@ -35,12 +35,12 @@ std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, 
     return nullptr;
   };
   std::vector<recording::Edited> past;
-  if (kept.log && kept.log->compacted() > 0) return refuse("edits of its ground were compacted, and cannot be repeated");
-  for (std::size_t bytes = 0; kept.log && past.size() < kept.log->last();) {
-    auto edits = kept.log->read(past.size(), wire::kMaxMadeEdits);
+  if (kept.store && kept.store->compacted() > 0) return refuse("edits of its ground were compacted, and cannot be repeated");
+  for (std::size_t bytes = 0; kept.store && past.size() < kept.store->last();) {
+    auto edits = kept.store->read(past.size(), 1u << 20);
     if (!edits) return refuse(edits.error().message);
-    for (const edit_log::Edit& e : *edits) {
-      past.push_back({e.number, e.author, edits::toJson(e.operation)});
+    for (Applied& e : *edits) {
+      past.push_back({e.number, std::move(e.author), std::move(e.operation)});
       bytes += past.back().operation.size();
     }
     if (bytes > kMostPast) return refuse("its ground has more than " + std::to_string(kMostPast >> 20) + " MiB of edits");
@@ -70,15 +70,15 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       observer_(beginRecording(*resources_, name_, spec_, *terrain, contentHash_, kept)),
       presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock, observer_)),
       edits_(std::make_shared<Edits>(
-          std::move(terrain), resources_->executor,
+          std::move(terrain), *resources_->executor, resources_->disk ? *resources_->disk : *resources_->executor, resources_->editSpace,
           [live = live_] {
             for (const auto& camera : live->all()) camera->groundChanged();
           },
           std::move(kept),
-          [observer = observer_, resources = resources_](const MadeEdit& made) {
-            if (observer)
-              observer->note(resources->timer->now(), recording::Edited{made.number, made.edit.author, edits::toJson(made.edit.operation)});
-          })) {}
+          [observer = observer_, resources = resources_](const Applied& made) {
+            if (observer) observer->note(resources->timer->now(), recording::Edited{made.number, made.author, made.operation});
+          })),
+      editPages_(std::make_shared<EditPages>(edits_, *resources_->executor)) {}
 
 std::uint64_t Session::hashOf(const Ground& ground) const {
   return ground.edit == 0 ? contentHash_ : lattice::mix(contentHash_ + ground.edit) ^ nonce_;
@@ -93,8 +93,8 @@ void Session::edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<vo
         budgets->spendRest(*spent, posts, resources->timer->now());
         done(number);
       },
-      [resources = resources_, budgets, spent](const edits::Operation& operation) -> Outcome<void> {
-        const auto now = budgets->spendEdit(operation, resources->timer->now());
+      [resources = resources_, budgets, spent](const edits::Operation& operation, std::size_t bytes) -> Outcome<void> {
+        const auto now = budgets->spendEdit(operation, bytes, resources->timer->now());
         if (!now) return now.error();
         *spent = *now;
         return {};

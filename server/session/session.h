@@ -30,6 +30,8 @@
 #include "server/recording/events.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
+#include "server/session/edit_pages.h"
+#include "server/session/edit_space.h"
 #include "server/session/edits.h"
 #include "server/session/live_cameras.h"
 #include "server/session/place_queue.h"
@@ -86,12 +88,15 @@ struct Resources {
   // Not owned: a task may be the last owner of anything here, and an executor cannot be destroyed by its own threads. Destroyed after the
   // sockets are closed; remaining tasks are dropped.
   scheduling::Executor* executor = nullptr;
+  // Of one thread, where edits are written and read, so that no other waits for a disk. Null: the executor's.
+  scheduling::Executor* disk = nullptr;
   MakeMesh makeMesh;
   MakeTerrain makeTerrain;      // for sessions that clients create; empty: not allowed
   std::filesystem::path state;  // folder of the sessions' logs of edits; empty: edits are forgotten when their session ends
   Record record;                // empty: sessions are not recorded
   std::string serverName;
   Limits limits;
+  std::shared_ptr<EditSpace> editSpace = std::make_shared<EditSpace>();
   std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
   std::unique_ptr<const Timer> timer = std::make_unique<SteadyTimer>();
   const Questions& questions() const {
@@ -128,6 +133,7 @@ class Session {
   Ground ground() const { return edits_->ground(); }
   std::shared_ptr<const terrain::Terrain> terrain() const { return ground().terrain; }  // of ground()
   Edits& edits() const { return *edits_; }
+  EditPages& editPages() const { return *editPages_; }
   // Asks for it; what it costs is these budgets'. `done` as Edits::Done.
   void edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Edits::Answer& number)> done);
   const WorldSpec& spec() const { return spec_; }
@@ -171,6 +177,7 @@ class Session {
   std::shared_ptr<Presence> presence_;
   std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
   std::shared_ptr<Edits> edits_;
+  std::shared_ptr<EditPages> editPages_;
 };
 
 // Any thread. Idle sessions end only if a shared_ptr holds this.

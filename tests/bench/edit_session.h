@@ -7,7 +7,9 @@
 #include <utility>
 #include <vector>
 
+#include "common/edits/packed.h"
 #include "server/edit_log/log.h"
+#include "server/edit_store/store.h"
 
 namespace ridgecast::bench {
 
@@ -26,13 +28,13 @@ struct EditSession {
   // Prepared ones, in one transaction.
   void append(std::vector<edits::Operation> operations) {
     const std::shared_ptr<const edits::Layer> before = history.layer();
-    std::vector<edit_log::Edit> edits;
+    std::vector<edit_store::Applied> edits;
     std::vector<edits::Posts> changed;
     for (edits::Operation& o : operations) {
       changed.push_back(history.add(o).value());
-      edits.push_back({history.last(), "", "somebody", 1'700'000'000'000'000, std::move(o)});
+      edits.push_back({history.last(), "", "somebody", 1'700'000'000'000'000, edits::pack(o), edits::groundOf(changed.back())});
     }
-    log->append(edits, *before, *history.layer(), changed).value();
+    log->append(edits, {*before, *history.layer(), changed}).value();
   }
 };
 

@@ -227,6 +227,24 @@ const std::vector<Case> kCases{
          return true;
        });
      }},
+    {"Editors", 4,
+     [](const Other& o) {
+       wire::Hello hello = helloOf(100);
+       hello.edits = true;
+       o.asMember(hello, [k = 0](Member& m) mutable {
+         std::uint64_t id = 0;
+         for (; id < 32; ++id, ++k) {
+           const std::string at = R"("x":)" + std::to_string(20 * (k % 50)) + R"(,"z":)" + std::to_string(20 * (k / 50 % 50));
+           if (!m.say(wire::Edit{id, "",
+                                 k % 8 == 0 ? R"({"op":"level","radius":250,"height":900,)" + at + "}"
+                                            : R"({"op":"crater","radius":5,"depth":1,)" + at + "}"}))
+             return false;
+         }
+         for (; id > 0; --id)
+           if (!m.next<wire::EditAnswer>()) return false;
+         return true;
+       });
+     }},
     {"MembersThatWatchEachOther", 12,
      [](const Other& o) {
        wire::Hello hello = helloOf(100);

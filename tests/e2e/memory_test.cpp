@@ -168,6 +168,44 @@ TEST_F(Guests, LeaveNothingBehind) {
   EXPECT_TRUE(server_->healthy());
 }
 
+// Members with edits and lists, of which nobody reads anything, beside a history of stamps: what the first five take is the threads' own,
+// and the next take nothing.
+TEST(Memory, ThatNobodyReadsTakeNoRoom) {
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain", "alpine"});
+  std::string stamp = R"({"op":"stamp","x":0,"z":0,"columns":256,"samples":[0)";
+  for (int k = 1; k < 256 * 256; ++k) stamp += ",0";
+  stamp += "]}";
+  SocketClient editor(server.port());
+  for (int made = 0; made < 200;) {
+    editor.send("POST /v1/sessions/default/edits HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: " +
+                std::to_string(stamp.size()) + "\r\n\r\n" + stamp);
+    const std::string answer = editor.answer();
+    made += answer.find(" 201 ") != answer.npos;
+    if (answer.find(" 429 ") != answer.npos) std::this_thread::sleep_for(50ms);
+    ASSERT_THAT(answer, testing::AnyOf(testing::HasSubstr(" 201 "), testing::HasSubstr(" 429 ")));
+  }
+  std::vector<std::unique_ptr<SocketClient>> deaf;
+  wire::Hello hello;
+  hello.edits = true;
+  const auto most = [&](std::uint64_t least) {  // resident, KiB, while five more come
+    for (int k = 0; k < 5; ++k) {
+      deaf.push_back(std::make_unique<SocketClient>(server.port()));
+      EXPECT_TRUE(deaf.back()->upgrade());
+      EXPECT_TRUE(deaf.back()->message(wire::encode(wire::ClientMessage(hello))));
+      deaf.push_back(std::make_unique<SocketClient>(server.port()));
+      EXPECT_TRUE(deaf.back()->send("GET /v1/sessions/default/edits?limit=1000 HTTP/1.1\r\nHost: localhost\r\n\r\n"));
+    }
+    for (int k = 0; k < 30; ++k, std::this_thread::sleep_for(100ms)) least = std::max(least, kilobytes(server.process().id(), "VmRSS"));
+    return least;
+  };
+  const std::uint64_t begin = kilobytes(server.process().id(), "VmRSS"), first = most(begin), second = most(first);
+  std::printf("200 stamps: %llu KiB, beside five members and five lists that nobody reads %llu KiB, beside ten %llu KiB\n",
+              static_cast<unsigned long long>(begin), static_cast<unsigned long long>(first), static_cast<unsigned long long>(second));
+  EXPECT_TRUE(kSanitized || first <= begin + (48u << 10));
+  EXPECT_TRUE(kSanitized || second <= first + (12u << 10));
+  EXPECT_TRUE(server.healthy());
+}
+
 // Memory is for a few large meshes, and everybody asks for one: all fly, with smaller budgets, and the next is refused in one sentence.
 TEST(Memory, EverybodyFliesOnASmallServerAndTheNextIsRefused) {
   const std::uint32_t cameras = fromEnvironment("MEMORY_CAMERAS", 12);

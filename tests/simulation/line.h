@@ -15,6 +15,7 @@
 #include "common/wire/wire.h"
 #include "server/session/camera_session.h"
 #include "tests/simulation/server.h"
+#include "tests/support/decoded.h"
 #include "tests/support/simulated_timer.h"
 
 namespace ridgecast::simulation {
@@ -51,6 +52,9 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   // The server's end.
   void fall();  // the server is gone: only what has left it may still arrive
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
+  void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {
+    send(testing_support::decoded(*encoded), std::move(ticket));
+  }
   std::size_t queuedBytes() const override { return queued_; }
   void fail(wire::ErrorMessage message) override { send(std::move(message), {}); }
 

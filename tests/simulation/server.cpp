@@ -29,7 +29,11 @@ class Server::Clock final : public session::Timer {
 
 Server::Server(std::shared_ptr<const terrain::Terrain> terrain, const session::Limits& limits, const testing_support::SimulatedTimer& timer,
                std::uint64_t seed)
-    : terrain_(std::move(terrain)), limits_(limits), timer_(timer), random_(seed) {
+    : terrain_(std::move(terrain)),
+      limits_(limits),
+      timer_(timer),
+      random_(seed),
+      diskTime_(std::chrono::milliseconds(seed % 3 == 0 ? 1 + seed % 97 : 0)) {
   std::filesystem::create_directory(folder());
 }
 
@@ -39,10 +43,13 @@ Server::~Server() {
 
 bool Server::start() {
   executor_ = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});
+  writer_ = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});
+  isWriting_ = false;
   alive_ = std::make_shared<bool>(true);
   for (auto& [session, open] : openEdits_) open = {};
   auto resources = std::make_shared<session::Resources>();
   resources->executor = executor_.get();
+  resources->disk = writer_.get();
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "simulated";
   resources->limits = limits_;
@@ -66,7 +73,10 @@ std::shared_ptr<session::Session> Server::enter(const std::string& name) {
 void Server::fall(bool withPower) {
   if (withPower) {
     release();
-    settle();
+    do {
+      writer_->work();
+      executor_->work();
+    } while (writer_->queued() > 0);
   } else {
     disk_.cutPower();
   }
@@ -77,6 +87,7 @@ void Server::fall(bool withPower) {
   const std::weak_ptr<session::Session> session = directory_ ? this->session() : nullptr;
   directory_.reset();
   executor_.reset();
+  writer_.reset();
   disk_.restorePower();
   EXPECT_TRUE(session.expired()) << "something holds the session of a server that is gone";
 }
@@ -91,7 +102,15 @@ bool Server::hasCameras() const {
 }
 
 void Server::settle() {
-  if (executor_ && !isHeld_) executor_->work();
+  if (!executor_ || isHeld_) return;
+  executor_->work();
+  for (; diskTime_ == Duration::zero() && writer_->queued() > 0; executor_->work()) writer_->work();
+  if (writer_->queued() == 0 || std::exchange(isWriting_, true)) return;
+  timer_.at(timer_.now() + diskTime_, [this, alive = alive_] {
+    if (!*alive) return;
+    isWriting_ = false;
+    writer_->work();
+  });
 }
 
 void Server::hold() {

@@ -1,6 +1,6 @@
 #pragma once
-// The server of a simulation: it keeps its edits on a disk that forgets, falls at any instant, and starts again from what is there. Its
-// tasks run on the simulation's thread, so that what happens depends on the seed alone.
+// The server of a simulation: it keeps its edits on a disk that forgets, and with some seeds takes its time, falls at any instant, and
+// starts again from what is there. Its tasks run on the simulation's thread, so that what happens depends on the seed alone.
 
 #include <cstdint>
 #include <filesystem>
@@ -50,7 +50,7 @@ class Server {
   // Makes it where it does not live. Null: it cannot be made now.
   std::shared_ptr<session::Session> enter(const std::string& name);
 
-  // Until it has nothing to do, unless it is held.
+  // Until it has nothing to do but wait for its disk, unless it is held.
   void settle();
   // It does nothing until then.
   void hold();
@@ -73,7 +73,9 @@ class Server {
   Random random_;  // the disk's own
   testing_support::ScratchFolder folder_;
   testing_support::ForgetfulDisk disk_{random_};
-  std::unique_ptr<scheduling::Executor> executor_;
+  const Duration diskTime_;
+  std::unique_ptr<scheduling::Executor> executor_, writer_;
+  bool isWriting_ = false;
   std::shared_ptr<bool> alive_;
   std::shared_ptr<session::Directory> directory_;
   bool isHeld_ = false;

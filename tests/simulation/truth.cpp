@@ -14,6 +14,7 @@
 #include "common/edits/author.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
+#include "common/edits/packed.h"
 #include "common/ground/ground.h"
 #include "server/edit_log/log.h"
 #include "server/edit_log/tiles.h"
@@ -128,9 +129,11 @@ Truth::Log Truth::read(const std::filesystem::path& folder) const {
   forEachRow("number, key, author, edit", "edits", "number", [&](sqlite3_stmt* row) {
     const auto text = [&](int column) { return std::string(reinterpret_cast<const char*>(sqlite3_column_text(row, column))); };
     EXPECT_EQ(static_cast<std::uint64_t>(sqlite3_column_int64(row, 0)), out.edits.size() + 1) << "the log's numbers";
-    auto operation = edits::fromJson(text(3));
-    EXPECT_TRUE(operation) << text(3);
-    if (operation) out.edits.push_back({text(2), text(1), text(3), std::move(*operation)});
+    auto operation =
+        edits::unpack({static_cast<const char*>(sqlite3_column_blob(row, 3)), static_cast<std::size_t>(sqlite3_column_bytes(row, 3))});
+    ASSERT_TRUE(operation) << operation.error().message;
+    std::string json = edits::toJson(*operation);
+    out.edits.push_back({text(2), text(1), std::move(json), std::move(*operation)});
   });
   forEachRow("i, j, tile", "tiles", "i, j", [&](sqlite3_stmt* row) {
     const edits::TileAddress at{sqlite3_column_int64(row, 0), sqlite3_column_int64(row, 1)};

@@ -41,8 +41,9 @@ std::uint16_t freePort() {
   return ntohs(address.sin_port);
 }
 
-ServerProcess::ServerProcess(const std::string& program, const std::vector<std::string>& arguments, std::uint16_t port)
-    : process_(commandLine(program, (folder_ / "port").string(), port, arguments)) {
+ServerProcess::ServerProcess(const std::string& program, const std::vector<std::string>& arguments, std::uint16_t port,
+                             const Environment& environment)
+    : process_(commandLine(program, (folder_ / "port").string(), port, arguments), environment) {
   const auto until = std::chrono::steady_clock::now() + kTimeout;
   std::string text;
   while ((text = readText(folder_ / "port")).empty()) {

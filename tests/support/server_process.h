@@ -16,7 +16,8 @@ class ServerProcess {
  public:
   // Starts `program` and waits until it listens; throws std::runtime_error with its output when it does not.
   // Port 0: any free one.
-  explicit ServerProcess(const std::string& program, const std::vector<std::string>& arguments = {}, std::uint16_t port = 0);
+  explicit ServerProcess(const std::string& program, const std::vector<std::string>& arguments = {}, std::uint16_t port = 0,
+                         const Environment& environment = {});
 
   std::uint16_t port() const { return port_; }
   std::string url() const { return "ws://127.0.0.1:" + std::to_string(port_); }

@@ -10,7 +10,6 @@
 #include <cstdlib>
 #include <thread>
 
-#include "common/edits/json.h"
 #include "tests/support/forgetful_disk.h"
 #include "tests/support/process.h"
 #include "tests/unit/server/edit_log/session.h"
@@ -30,14 +29,14 @@ int rounds() {
 struct Acknowledgement {
   std::uint64_t number = 0, hash = 0;
 };
-std::uint64_t hashOf(const Edit& edit) { return std::hash<std::string>()(edits::toJson(edit.operation) + edit.key + edit.author); }
+std::uint64_t hashOf(const Applied& edit) { return std::hash<std::string>()(edit.operation + edit.key + edit.author); }
 
 [[noreturn]] void appendForever(const std::filesystem::path& file, int out, std::uint64_t seed) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   std::mt19937_64 random(seed);
   Session session = Session::open(file).value();
   for (;;)
-    for (const Edit& e : session.append(1 + random() % 8, random).value()) {
+    for (const Applied& e : session.append(1 + random() % 8, random).value()) {
       const Acknowledgement a{e.number, hashOf(e)};
       if (write(out, &a, sizeof a) != sizeof a) _exit(1);
     }
@@ -75,13 +74,13 @@ TEST(Crashes, KilledAtAnyInstantTheLogHasWhatItAcknowledged) {
 
     const auto log = openOrCreate(file);
     ASSERT_TRUE(log) << log.error().message;
-    const auto edits = (*log)->read(0, 1'000'000);
+    const auto edits = (*log)->read(0, kAll);
     ASSERT_TRUE(edits) << edits.error().message;
     ASSERT_GE(edits->size(), acknowledged.size());
     for (std::size_t k = 0; k < edits->size(); ++k) {
-      const Edit& e = (*edits)[k];
+      const Applied& e = (*edits)[k];
       ASSERT_EQ(e.number, k + 1);
-      ASSERT_EQ((*log)->numberOf(e.key), e.number);
+      ASSERT_EQ((*log)->numberOf(e.key).value(), e.number);
       if (k < acknowledged.size()) {
         ASSERT_EQ(acknowledged[k].number, e.number);
         ASSERT_EQ(acknowledged[k].hash, hashOf(e));
@@ -92,7 +91,7 @@ TEST(Crashes, KilledAtAnyInstantTheLogHasWhatItAcknowledged) {
     }
     const auto layer = (*log)->layer();
     ASSERT_TRUE(layer) << layer.error().message;
-    while (expected.last() < edits->size()) ASSERT_TRUE(expected.add((*edits)[expected.last()].operation));
+    while (expected.last() < edits->size()) ASSERT_TRUE(expected.add(operationOf((*edits)[expected.last()])));
     ASSERT_EQ((*layer)->hash(), expected.layer()->hash()) << round;
   }
   std::printf("%d kills, %zu edits acknowledged, %zu that were not\n", rounds(), all, unacknowledged);
@@ -125,9 +124,9 @@ TEST(Crashes, ALogWhoseMakingWasCutOffKeepsWhatFollows) {
 // What a log must have.
 struct Truth {
   std::uint64_t compacted = 0;
-  std::vector<Edit> edits;  // after those
+  std::vector<Applied> edits;  // after those
   std::shared_ptr<const edits::Layer> layer = std::make_shared<const edits::Layer>();
-  std::vector<Edit> perhaps;  // what append() was cut off in: all or none
+  std::vector<Applied> perhaps;  // what append() was cut off in: all or none
   bool perhapsCompacted = false;
 };
 
@@ -142,7 +141,7 @@ void check(const std::filesystem::path& file, Truth& truth) {
   ASSERT_EQ((*log)->compacted(), truth.compacted);
   const bool isMore = (*log)->last() > truth.compacted + truth.edits.size();
   if (isMore) truth.edits.insert(truth.edits.end(), truth.perhaps.begin(), truth.perhaps.end());
-  const auto edits = (*log)->read(0, 1'000'000);
+  const auto edits = (*log)->read(0, kAll);
   ASSERT_TRUE(edits) << edits.error().message;
   ASSERT_EQ(*edits, truth.edits);
   const auto layer = (*log)->layer();

@@ -56,8 +56,8 @@ TEST(DamagedLogs, ThatAreNoLogsStayAsTheyAre) {
 TEST(DamagedLogs, OfAnotherVersionAreRefused) {
   const ScratchFolder folder;
   make(folder / "a.edits");
-  change(folder / "a.edits", "PRAGMA user_version = 2");
-  EXPECT_THAT(Log::open(folder / "a.edits").error().message, HasSubstr("of version 2; this program reads version 1."));
+  change(folder / "a.edits", "PRAGMA user_version = 3");
+  EXPECT_THAT(Log::open(folder / "a.edits").error().message, HasSubstr("of version 3; this program reads versions 1 to 2."));
 }
 
 TEST(DamagedLogs, TilesAreMadeAgain) {
@@ -77,8 +77,9 @@ TEST(DamagedLogs, TilesAreMadeAgain) {
 
 TEST(DamagedLogs, EditsAreMissedOrTold) {
   const std::pair<const char*, const char*> damages[] = {
-      {"UPDATE edits SET edit = replace(edit, '0', '1') WHERE number = 7", "edit 7 has another hash"},
-      {"UPDATE edits SET edit = '{}', hash = 0 WHERE number = 7", "edit 7 has another hash"},
+      {"UPDATE edits SET edit = CAST(edit || x'01' AS BLOB) WHERE number = 7", "edit 7 has another hash"},
+      {"UPDATE edits SET x1 = x1 + 1 WHERE number = 7", "edit 7 has another hash"},
+      {"UPDATE edits SET edit = x'', hash = 0 WHERE number = 7", "edit 7 has another hash"},
       {"UPDATE edits SET author = author || 'x' WHERE number = 7", "edit 7 has another hash"},
       {"DELETE FROM edits WHERE number = 7", "edit 7 is missing"},
       {"DELETE FROM edits WHERE number < 7", "begin with 7 instead of 1"},
@@ -96,11 +97,11 @@ TEST(DamagedLogs, EditsAreMissedOrTold) {
 }
 
 // Whatever the file says after damage: a sentence, or exactly the edits that were made and their ground.
-void expectSentenceOrTruth(const std::filesystem::path& file, std::uint64_t hash, const std::vector<Edit>& edits, int& refused) {
+void expectSentenceOrTruth(const std::filesystem::path& file, std::uint64_t hash, const std::vector<Applied>& edits, int& refused) {
   auto log = Log::open(file);
   ASSERT_TRUE(!log || *log) << "there was something in it";
   if (log) {
-    const auto read = (*log)->read(0, 1000);
+    const auto read = (*log)->read(0, kAll);
     const auto layer = (*log)->layer();
     if (layer) {
       EXPECT_EQ((*layer)->hash(), hash);
@@ -120,12 +121,12 @@ void expectSentenceOrTruth(const std::filesystem::path& file, std::uint64_t hash
 class DamagedFiles : public testing::Test {
  protected:
   DamagedFiles() : hash(make(folder / "whole")), whole(readText(folder / "whole")) {
-    edits = Log::open(folder / "whole").value()->read(0, 1000).value();
+    edits = Log::open(folder / "whole").value()->read(0, kAll).value();
   }
   ScratchFolder folder;
   std::uint64_t hash;
   std::string whole;
-  std::vector<Edit> edits;
+  std::vector<Applied> edits;
   std::mt19937_64 random{12};
   int refused = 0;
 };

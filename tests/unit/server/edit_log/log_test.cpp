@@ -9,7 +9,6 @@
 #include <fstream>
 #include <random>
 
-#include "common/edits/json.h"
 #include "server/edit_log/tiles.h"
 #include "tests/support/process.h"
 #include "tests/unit/server/edit_log/session.h"
@@ -20,6 +19,9 @@ namespace {
 using testing::HasSubstr;
 using testing_support::m;
 using testing_support::ScratchFolder;
+
+const edits::Layer kNone;
+const Change kNothing{kNone, kNone, {}};
 
 edits::Operation crater(double x) { return {edits::Crater{{m(x), 0}, m(5), m(2)}, 0}; }
 
@@ -72,13 +74,13 @@ TEST(Log, KeepsTheWorldThatItWasMadeFor) {
   EXPECT_EQ(log->world(), world);
   EXPECT_EQ(log->last(), 0u);
   EXPECT_TRUE(log->layer().value()->empty());
-  EXPECT_TRUE(log->read(0, 10).value().empty());
+  EXPECT_TRUE(log->read(0, kAll).value().empty());
 }
 
 TEST(Log, ReturnsEditsOfEveryKindInOrder) {
   const ScratchFolder folder;
   std::mt19937_64 random(3);
-  std::vector<Edit> made;
+  std::vector<Applied> made;
   std::uint64_t hash = 0;
   std::set<std::size_t> kinds;
   for (int opening = 0; opening < 3; ++opening) {
@@ -86,8 +88,8 @@ TEST(Log, ReturnsEditsOfEveryKindInOrder) {
     ASSERT_EQ(session.log->last(), made.size());
     ASSERT_EQ(session.history.layer()->hash(), hash);
     for (int group = 0; group < 12; ++group)
-      for (const Edit& e : session.append(1 + random() % 8, random).value()) {
-        kinds.insert(e.operation.what.index());
+      for (const Applied& e : session.append(1 + random() % 8, random).value()) {
+        kinds.insert(operationOf(e).what.index());
         made.push_back(e);
       }
     hash = session.history.layer()->hash();
@@ -95,9 +97,9 @@ TEST(Log, ReturnsEditsOfEveryKindInOrder) {
   }
   EXPECT_EQ(kinds.size(), std::variant_size_v<decltype(edits::Operation::what)>);
   const auto log = Log::open(folder / "a.edits").value();
-  EXPECT_EQ(log->read(0, 100'000).value(), made);
-  EXPECT_EQ(log->read(0, 1).value(), std::vector<Edit>{made[0]});
-  EXPECT_EQ(log->read(made.size() - 1, 5).value(), std::vector<Edit>{made.back()});
+  EXPECT_EQ(log->read(0, kAll).value(), made);
+  EXPECT_EQ(log->read(0, 1).value(), std::vector<Applied>{made[0]});
+  EXPECT_EQ(log->read(made.size() - 1, 5).value(), std::vector<Applied>{made.back()});
   EXPECT_TRUE(log->read(made.size(), 5).value().empty());
   EXPECT_EQ(replayedHash(made), hash);
 }
@@ -105,20 +107,19 @@ TEST(Log, ReturnsEditsOfEveryKindInOrder) {
 TEST(Log, AKeyNamesItsEdit) {
   const ScratchFolder folder;
   auto log = Log::create(folder / "a.edits", {}).value();
-  const edits::Layer none;
-  const std::vector<Edit> edits{{1, "a", "", 0, crater(0)}, {2, "", "", 0, crater(1)}, {3, "", "", 0, crater(2)}};
-  ASSERT_TRUE(log->append(edits, none, none, {}));
-  EXPECT_EQ(log->numberOf("a"), 1u);
-  EXPECT_EQ(log->numberOf("b"), std::nullopt);
-  EXPECT_EQ(log->numberOf(""), std::nullopt);
+  const std::vector<Applied> edits{applied(1, "a", crater(0)), applied(2, "", crater(1)), applied(3, "", crater(2))};
+  ASSERT_TRUE(log->append(edits, kNothing));
+  EXPECT_EQ(log->numberOf("a").value(), 1u);
+  EXPECT_EQ(log->numberOf("b").value(), std::nullopt);
+  EXPECT_EQ(log->numberOf("").value(), std::nullopt);
   // All of a transaction or nothing.
-  const std::vector<Edit> again{{4, "b", "", 0, crater(3)}, {5, "a", "", 0, crater(4)}};
-  EXPECT_THAT(log->append(again, none, none, {}).error().message, HasSubstr("number or key already"));
-  EXPECT_THAT(log->append({{{5, "", "", 0, crater(3)}}}, none, none, {}).error().message, HasSubstr("does not follow edit 3"));
+  const std::vector<Applied> again{applied(4, "b", crater(3)), applied(5, "a", crater(4))};
+  EXPECT_THAT(log->append(again, kNothing).error().message, HasSubstr("number or key already"));
+  EXPECT_THAT(log->append(std::vector{applied(5, "", crater(3))}, kNothing).error().message, HasSubstr("does not follow edit 3"));
   EXPECT_EQ(log->last(), 3u);
-  EXPECT_EQ(log->numberOf("b"), std::nullopt);
+  EXPECT_EQ(log->numberOf("b").value(), std::nullopt);
   log.reset();
-  EXPECT_EQ(Log::open(folder / "a.edits").value()->read(0, 10).value(), edits);
+  EXPECT_EQ(Log::open(folder / "a.edits").value()->read(0, kAll).value(), edits);
 }
 
 // Another program, begun before this one opens anything: locks are a process's own, and SQLite knows which of them it has.
@@ -174,7 +175,7 @@ TEST(Log, IsOpenOnceWhateverElseItsProgramOpens) {
         (void)testing_support::readText(state / Lock::kFile);
         EXPECT_FALSE(elsewhere.opens(file));
       }
-      EXPECT_TRUE(first->append({{{1, "", "", 0, crater(0)}}}, {}, {}, {}));
+      EXPECT_TRUE(first->append(std::vector{applied(1, "", crater(0))}, kNothing));
     }
     EXPECT_TRUE(elsewhere.opens(file));
     EXPECT_EQ(Log::open(file).value()->last(), 1u);
@@ -188,7 +189,7 @@ TEST(Log, IsNewOrOpenedNeverBoth) {
   EXPECT_FALSE(std::filesystem::exists(file));
   std::ofstream(file).close();  // as a making that was cut off leaves it
   EXPECT_FALSE(Log::open(file).value());
-  ASSERT_TRUE(Log::create(file, worldOf(*alpine())).value()->append({{{1, "", "", 0, crater(0)}}}, {}, {}, {}));
+  ASSERT_TRUE(Log::create(file, worldOf(*alpine())).value()->append(std::vector{applied(1, "", crater(0))}, kNothing));
   EXPECT_THAT(Log::create(file, {}).error().message, HasSubstr("'a.edits' has edits already"));
   EXPECT_EQ(Log::open(file).value()->last(), 1u);
   EXPECT_EQ(Log::open(file).value()->world(), worldOf(*alpine()));
@@ -199,7 +200,7 @@ TEST(Log, IsReadByItsOwnerAlone) {
   const std::filesystem::path state = folder / "new/state";
   ASSERT_TRUE(Lock::prepare(state));
   const auto log = Log::create(state / "a.edits", {}).value();
-  ASSERT_TRUE(log->append({{{1, "", "", 0, crater(0)}}}, {}, {}, {}));
+  ASSERT_TRUE(log->append(std::vector{applied(1, "", crater(0))}, kNothing));
   ASSERT_TRUE(log->backUp(state / "copy"));
   using std::filesystem::perms;
   const auto permissionsOf = [](const std::filesystem::path& file) { return std::filesystem::status(file).permissions(); };
@@ -260,7 +261,7 @@ TEST(Log, IsBackedUpWhileItGrows) {
     EXPECT_THAT(session.log->backUp(to).error().message, HasSubstr("exists already"));
     auto copy = Log::open(to).value();
     EXPECT_TRUE(copy->check());
-    EXPECT_EQ(copy->read(0, 1000).value(), session.log->read(0, 1000).value());
+    EXPECT_EQ(copy->read(0, kAll).value(), session.log->read(0, kAll).value());
     EXPECT_EQ(copy->layer().value()->hash(), session.history.layer()->hash());
     EXPECT_FALSE(std::filesystem::exists(folder / (std::to_string(k) + ".new")));
   }
@@ -270,7 +271,7 @@ TEST(Log, IsBackedUpWhileItGrows) {
 TEST(Log, CompactedEditsAreGroundAndNumbersGoOn) {
   const ScratchFolder folder;
   std::mt19937_64 random(6);
-  std::vector<Edit> later;
+  std::vector<Applied> later;
   std::uint64_t hash = 0;
   {
     Session session = Session::open(folder / "a.edits").value();
@@ -279,7 +280,7 @@ TEST(Log, CompactedEditsAreGroundAndNumbersGoOn) {
     ASSERT_TRUE(session.log->compact());
     EXPECT_EQ(session.log->compacted(), 40u);
     EXPECT_EQ(session.log->last(), 40u);
-    EXPECT_TRUE(session.log->read(0, 100).value().empty());
+    EXPECT_TRUE(session.log->read(0, kAll).value().empty());
   }
   {
     Session session = Session::open(folder / "a.edits").value();
@@ -287,9 +288,9 @@ TEST(Log, CompactedEditsAreGroundAndNumbersGoOn) {
     EXPECT_EQ(session.history.last(), 40u);
     EXPECT_EQ(session.history.prepare({edits::Undo{17}, 0}).error().message, "Edit 17 was compacted and cannot be undone.");
     for (int k = 0; k < 10; ++k)
-      for (const Edit& e : session.append(4, random).value()) later.push_back(e);
+      for (const Applied& e : session.append(4, random).value()) later.push_back(e);
     EXPECT_EQ(later.front().number, 41u);
-    EXPECT_EQ(session.log->read(0, 100).value(), later);
+    EXPECT_EQ(session.log->read(0, kAll).value(), later);
     EXPECT_EQ(session.log->read(60, 1).value().front().number, 61u);
     // All later ones undone, the compacted ground is there again.
     for (std::uint64_t n = session.history.last(); n > 40; --n)

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "common/edits/packed.h"
 #include "server/edit_log/log.h"
 #include "tests/support/random_edits.h"
 
@@ -25,6 +26,13 @@ inline Outcome<std::unique_ptr<Log>> openOrCreate(const std::filesystem::path& f
   return !log || *log ? std::move(log) : Log::create(file, worldOf(*alpine()));
 }
 
+inline Applied applied(std::uint64_t number, const std::string& key, const edits::Operation& operation) {
+  return {number, key, "", 0, edits::pack(operation), edits::groundOf(edits::areaOf(operation))};
+}
+inline edits::Operation operationOf(const Applied& edit) { return edits::unpack(edit.operation).value(); }
+
+inline constexpr std::size_t kAll = ~std::size_t{0};
+
 struct Session {
   std::unique_ptr<Log> log;
   edits::History history;
@@ -39,8 +47,8 @@ struct Session {
 
   // So many edits in one transaction. Of an error nothing remains, in the history neither.
   template <class F>
-  Outcome<std::vector<Edit>> append(std::size_t count, F&& nextOperation) {
-    std::vector<Edit> edits;
+  Outcome<std::vector<Applied>> append(std::size_t count, F&& nextOperation) {
+    std::vector<Applied> edits;
     std::vector<std::shared_ptr<const edits::Layer>> layers;
     std::vector<edits::Posts> changed;
     int refused = 0;
@@ -52,16 +60,16 @@ struct Session {
       changed.push_back(history.add(*prepared).value());
       const std::uint64_t n = history.last();
       edits.push_back({n, "key " + std::to_string(n), "author " + std::to_string(n % 9),
-                       static_cast<std::int64_t>(1'700'000'000'000'000 + n), std::move(*prepared)});
+                       static_cast<std::int64_t>(1'700'000'000'000'000 + n), edits::pack(*prepared), edits::groundOf(changed.back())});
     }
     attempted = edits;
-    const auto result = log->append(edits, *layers.front(), *history.layer(), changed);
+    const auto result = log->append(edits, {*layers.front(), *history.layer(), changed});
     if (result) return edits;
     for (; !layers.empty(); layers.pop_back()) history.takeBack(layers.back());
     return result.error();
   }
   // At one of 64 places, so that an undo repeats few others.
-  Outcome<std::vector<Edit>> append(std::size_t count, std::mt19937_64& random) {
+  Outcome<std::vector<Applied>> append(std::size_t count, std::mt19937_64& random) {
     return append(count, [&] {
       if (history.last() > 0 && random() % 8 == 0) return edits::Operation{edits::Undo{1 + random() % history.last()}, 0};
       const auto place = [&] { return static_cast<lattice::Step>(random() % 8) * testing_support::m(240); };
@@ -69,13 +77,13 @@ struct Session {
       return testing_support::randomOperation(random, {x, place()});
     });
   }
-  std::vector<Edit> attempted = {};  // by the last append()
+  std::vector<Applied> attempted = {};  // by the last append()
 };
 
 // What these edits make, one after the other, in a history of its own.
-inline std::uint64_t replayedHash(const std::vector<Edit>& edits) {
+inline std::uint64_t replayedHash(const std::vector<Applied>& edits) {
   edits::History history(alpine());
-  for (const Edit& e : edits) (void)history.add(e.operation).value();
+  for (const Applied& e : edits) (void)history.add(operationOf(e)).value();
   return history.layer()->hash();
 }
 

@@ -113,6 +113,7 @@ TEST(QueryParameter, FirstOfItsNameDecoded) {
 
 struct NoSender final : session::Sender {
   void send(wire::ServerMessage, std::shared_ptr<const void>) override {}
+  void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
   std::size_t queuedBytes() const override { return 0; }
   void fail(wire::ErrorMessage) override {}
 };

@@ -110,6 +110,29 @@ TEST(Jobs, OneThatWaitsForItsNextTurnIsAbandonedLikeAnyOther) {
   EXPECT_EQ(turns, 1);
 }
 
+// Woken while it waits, or before its turn has ended.
+TEST(Jobs, OneThatWaitsForSomebodyElseIsWoken) {
+  Jobs jobs({.threads = 1, .waiting = 2});
+  const std::stop_source first, second;
+  std::atomic<int> turns{0};
+  std::promise<void> isOver;
+  ASSERT_TRUE(
+      jobs.post(first, [&](std::stop_token) -> Jobs::Again { return ++turns == 1 ? Jobs::Again(Jobs::kWhenWoken) : Jobs::Again(); }));
+  ASSERT_TRUE(soon([&] { return turns == 1 && jobs.waiting() == 1; }));
+  std::atomic<int> others{0};
+  ASSERT_TRUE(jobs.post(second, [&](std::stop_token) -> Jobs::Again {
+    if (++others == 2) return isOver.set_value(), Jobs::Again();
+    jobs.wake(second);
+    return Jobs::kWhenWoken;
+  }));
+  isOver.get_future().wait();
+  EXPECT_EQ(turns, 1) << "nobody has woken it";
+  jobs.wake(std::stop_source());
+  jobs.wake(first);
+  EXPECT_TRUE(soon([&] { return turns == 2 && jobs.waiting() == 0; }));
+  jobs.wake(first);
+}
+
 TEST(Jobs, KnowWhoIsNextAndHowLongItTakes) {
   Jobs jobs({.threads = 1, .waiting = 3});
   const auto take = [&](std::shared_future<void> open) {

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "common/edits/author.h"
+#include "common/edits/packed.h"
 #include "server/edit_log/log.h"
 #include "server/session/camera_session.h"
 #include "tests/support/process.h"
@@ -29,7 +30,8 @@ edits::Operation craterAt(double x) { return {edits::Crater{{m(x), 0}, m(5), sta
 
 struct Rig {
   explicit Rig(std::function<void()> changed = [] {})
-      : edits(std::make_shared<Edits>(flatTerrain(), &executor, std::move(changed), Edits::Kept())) {}
+      : edits(
+            std::make_shared<Edits>(flatTerrain(), executor, executor, std::make_shared<EditSpace>(), std::move(changed), Edits::Kept())) {}
   std::future<Outcome<std::uint64_t>> ask(edits::Operation operation, const std::string& key = "") {
     auto promise = std::make_shared<std::promise<Outcome<std::uint64_t>>>();
     auto future = promise->get_future();
@@ -318,17 +320,18 @@ TEST(Edits, KeysOfOlderLogsAreKnownAgainByTheirEdits) {
     edits::History history(terrain);
     const auto before = history.layer();
     const std::vector<edits::Posts> changed{history.add(craterAt(0)).value()};
-    ASSERT_TRUE((*log)->append(std::vector<edit_log::Edit>{{1, "ann\nk", "ann", 0, craterAt(0)}}, *before, *history.layer(), changed));
+    const Applied made{1, "\nann\nk", "ann", 0, edits::pack(craterAt(0)), edits::groundOf(changed[0])};
+    ASSERT_TRUE((*log)->append({&made, 1}, {*before, *history.layer(), changed}));
   }
   Payer payer(folder / "");
   EXPECT_EQ(payer.ask(craterAt(0), "k").get().value(), 1u);
   EXPECT_EQ(payer.ask(craterAt(5), "k").get().value(), 2u) << "the key may have been another ann's";
   EXPECT_EQ(payer.ask(craterAt(0), "k", {"token of lab", "bob"}).get().value(), 3u);
-  std::promise<std::vector<MadeEdit>> read;
-  payer.session->edits().read(0, 3, [&](auto made) { read.set_value(std::move(made).value()); });
+  std::promise<std::vector<Applied>> read;
+  payer.session->edits().read(0, 1 << 20, [&](auto made) { read.set_value(std::move(made).value()); });
   const auto made = read.get_future().get();
-  EXPECT_EQ(edits::authorOf(made.at(0).edit.author), (edits::Author{"ann", ""}));
-  EXPECT_EQ(edits::authorOf(made.at(1).edit.author), (edits::Author{"token of lab", "ann"}));
+  EXPECT_EQ(edits::authorOf(made.at(0).author), (edits::Author{"ann", ""}));
+  EXPECT_EQ(edits::authorOf(made.at(1).author), (edits::Author{"token of lab", "ann"}));
 }
 
 // Files kept by a ground's hash must not be another ground's.

@@ -24,6 +24,7 @@ class Listener final : public Sender {
     grounds_.push_back(std::get<wire::Ground>(std::move(message)));
     changed_.notify_all();
   }
+  void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
   std::size_t queuedBytes() const override { return 0; }
   void fail(wire::ErrorMessage message) override {
     const std::lock_guard lock(mutex_);

@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "common/edits/packed.h"
 #include "server/session/session.h"
 #include "tests/support/process.h"
 #include "tests/unit/server/session/scripted.h"
@@ -134,8 +135,8 @@ TEST_F(KeptEdits, AListOfASessionThatHasEndedIsRefusedNotEmpty) {
   Served server(state);
   const auto session = server.add("site");
   ASSERT_TRUE(server.directory->remove("site"));
-  std::optional<Outcome<std::vector<MadeEdit>>> list;
-  session->edits().read(0, 10, [&](auto made) { list = std::move(made); });
+  std::optional<Outcome<std::vector<Applied>>> list;
+  session->edits().read(0, 1000, [&](auto made) { list = std::move(made); });
   server.executor.work();
   EXPECT_THAT(list->error().message, HasSubstr("has ended"));
 }
@@ -145,7 +146,8 @@ TEST_F(KeptEdits, ANewLogIsNew) {
   Served server(state);
   const auto session = server.add("site");
   const auto stranger = folder / "site.edits";
-  ASSERT_TRUE(edit_log::Log::create(stranger, {}).value()->append({{{1, "", "", 0, craterAt(0)}}}, {}, {}, {}));
+  const Applied made{1, "", "", 0, edits::pack(craterAt(0)), {}};
+  ASSERT_TRUE(edit_log::Log::create(stranger, {}).value()->append({&made, 1}, {{}, {}, {}}));
   std::filesystem::copy(stranger, site);
   EXPECT_THAT(server.edit(*session).error().message, HasSubstr("has edits already"));
   EXPECT_EQ(session->ground().edit, 0u);

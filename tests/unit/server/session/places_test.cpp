@@ -152,13 +152,27 @@ TEST_F(SessionTest, PlacesAreBoundedAndGivenBack) {
   EXPECT_EQ(directory->cameras(), 1u);
 }
 
+TEST(Budgets, BytesOfEditsHaveABudget) {
+  Budgets budgets;
+  const edits::Operation small{edits::Raise{{0, 0}, edits::kLeastRadius, 0, 256}, 0};
+  const conversation::Budget::Clock::time_point begin{1h}, end = begin + 10s;
+  constexpr std::size_t kBytes = 128u << 10;
+  std::uint64_t made = 0;
+  for (auto now = begin; now < end; now += 1ms) made += budgets.spendEdit(small, kBytes, now) ? 1 : 0;
+  constexpr std::uint64_t kASecond = kEditedBytesPerSecond / kBytes;
+  EXPECT_GE(made, 10 * kASecond);
+  EXPECT_LE(made, 10 * kASecond + kASecond + kASecond / 4 + 1) << "a quarter of a second that was saved up, and one that is owed";
+  EXPECT_FALSE(budgets.spendEdit(small, 1, end));
+  EXPECT_FALSE(budgets.areFull(end + 1s));
+}
+
 // Connections come and go, as with HTTP: each asks for its client's budgets, spends, and lets them go.
 TEST(Budgets, OfAClientAreForgottenWhenTheyAreFullAndNotBefore) {
   const auto places = std::make_shared<Places>(1, 0);
   const edits::Operation small{edits::Raise{{0, 0}, edits::kLeastRadius, 0, 256}, 0};
   const conversation::Budget::Clock::time_point begin{1h}, end = begin + 10s;
   std::uint64_t made = 0;
-  for (auto now = begin; now < end; now += 1ms) made += places->budgetsOf("a", now)->spendEdit(small, now) ? 1 : 0;
+  for (auto now = begin; now < end; now += 1ms) made += places->budgetsOf("a", now)->spendEdit(small, 100, now) ? 1 : 0;
   constexpr std::uint64_t kASecond = kEditedPostsPerSecond / kLeastEditedPosts;
   EXPECT_GE(made, 10 * kASecond);
   EXPECT_LE(made, 10 * kASecond + kASecond / 2 + 1) << "a quarter of a second that was saved up, and one that is owed";

@@ -36,6 +36,7 @@ class Listener : public Sender {
     }
     changed_.notify_all();
   }
+  void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
   std::size_t queuedBytes() const override { return 0; }
   void fail(wire::ErrorMessage) override {}
   void readOn() {
@@ -115,6 +116,7 @@ TEST_F(PresenceTest, WhoeverHasTheWorldIsAMember) {
       if (std::holds_alternative<wire::World>(message))
         members = std::async(std::launch::async, [this] { return presence.state().members.size(); });
     }
+    void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
     std::size_t queuedBytes() const override { return 0; }
     void fail(wire::ErrorMessage) override {}
     const Presence& presence;

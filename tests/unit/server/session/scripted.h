@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "server/session/camera_session.h"
+#include "tests/support/decoded.h"
 
 namespace ridgecast::session {
 
@@ -46,6 +47,9 @@ MakeMesh scriptedMeshes(const std::shared_ptr<Script>& script);
 class Client : public Sender {
  public:
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
+  void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {
+    send(testing_support::decoded(*encoded), std::move(ticket));
+  }
   std::size_t queuedBytes() const override { return queued; }
   void fail(wire::ErrorMessage message) override;
 

@@ -30,6 +30,7 @@ struct Watcher final : Sender {
     }
     if (const auto* clock = std::get_if<wire::Clock>(&message)) clocks.push_back(*clock);
   }
+  void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
   std::size_t queuedBytes() const override { return 0; }
   void fail(wire::ErrorMessage) override { ADD_FAILURE(); }
 
@@ -337,6 +338,7 @@ class SimulatedQueries : public testing::Test {
       worlds += std::holds_alternative<wire::World>(message);
       answers += std::holds_alternative<wire::Answer>(message);
     }
+    void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
     std::size_t queuedBytes() const override { return 0; }
     void fail(wire::ErrorMessage) override { ++errors; }
     std::atomic<int> worlds{0}, answers{0}, errors{0};

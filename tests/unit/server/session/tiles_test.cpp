@@ -41,6 +41,7 @@ class Listener final : public Sender {
       for (wire::HeightTile& tile : tiles->tiles) tiles_.push_back(std::move(tile));
     changed_.notify_all();
   }
+  void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
   std::size_t queuedBytes() const override { return queued; }
   void fail(wire::ErrorMessage message) override {
     const std::lock_guard lock(mutex_);

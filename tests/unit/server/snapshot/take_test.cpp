@@ -229,6 +229,7 @@ class Listener final : public session::Sender {
     if (std::holds_alternative<wire::World>(message)) world.set_value();
     if (const auto* iteration = std::get_if<wire::Iteration>(&message); iteration && iteration->number == 1) first.set_value();
   }
+  void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
   std::size_t queuedBytes() const override { return 0; }
   void fail(wire::ErrorMessage message) override { ADD_FAILURE() << message.message; }
   std::promise<void> world, first;

@@ -1,0 +1,61 @@
+#pragma once
+// What members are told of edits: pages of the history, each coded once for all who stand at the same edit. A page is made when somebody
+// asks for it and lives as long as somebody's queue has it, so that a million edits that nobody reads take nothing.
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+#include "server/scheduling/pool.h"
+#include "server/session/edits.h"
+
+namespace ridgecast::session {
+
+// Any thread.
+class EditPages : public std::enable_shared_from_this<EditPages> {
+ public:
+  // Of the edits as they are kept, and of their text, or a single edit.
+  static constexpr std::size_t kMostKeptBytes = 64u << 10, kMostBytes = 256u << 10;
+
+  EditPages(std::shared_ptr<Edits> edits, scheduling::Executor& executor) : edits_(std::move(edits)), pool_(executor.makePool(1)) {}
+
+  struct Page {
+    std::shared_ptr<const std::string> message;  // wire::encode of an Edited; null: there are no more
+    std::uint64_t last = 0;                      // its last edit
+  };
+  using Take = std::function<void(const Outcome<Page>& page)>;
+  // The edits that follow `after`. Called by a task; whoever asks bounds the number of calls.
+  void page(std::uint64_t after, Take take);
+
+ private:
+  struct Read {
+    std::uint64_t after = 0;
+    std::optional<Page> page;  // coded before
+    Outcome<std::vector<Applied>> edits;
+  };
+  void answer(Read read);  // by a task; under the lock
+  void code();
+
+  const std::shared_ptr<Edits> edits_;
+  const std::shared_ptr<scheduling::Pool> pool_;
+  std::mutex mutex_;
+  std::map<std::uint64_t, std::vector<Take>> asked_;  // by `after`
+  std::deque<Read> read_;
+  struct Coded {
+    std::uint64_t after = 0, last = 0;
+    std::weak_ptr<const std::string> message;
+  };
+  static constexpr std::size_t kRecent = 8;
+  std::deque<Coded> coded_;  // the newest
+};
+
+}  // namespace ridgecast::session

@@ -1,0 +1,39 @@
+#pragma once
+// How many bytes the edits of a server may take: those that wait to be made, in memory, and those that living sessions have, which are kept
+// on disk and whose operations the ground's history has in memory. Any thread.
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+
+namespace ridgecast::session {
+
+class EditSpace {
+ public:
+  struct Limits {
+    std::uint64_t session = std::uint64_t{256} << 20, server = std::uint64_t{1} << 30;  // bytes, as edit_store::Applied::bytes
+    std::uint64_t waiting = 8u << 20, allWaiting = 64u << 20;  // of a session, of which one client has half; of all
+  };
+  EditSpace() = default;
+  explicit EditSpace(const Limits& l) : limits(l) {}
+
+  // So many bytes of `most` at once. False: they are not there.
+  class Share {
+   public:
+    bool take(std::uint64_t bytes, std::uint64_t most) {
+      if (used_.fetch_add(bytes) + bytes <= most) return true;
+      used_ -= bytes;
+      return false;
+    }
+    void give(std::uint64_t bytes) { used_ -= bytes; }
+    std::uint64_t used() const { return used_; }
+
+   private:
+    std::atomic<std::uint64_t> used_{0};
+  };
+
+  const Limits limits{};
+  Share kept, waiting;  // of limits.server and allWaiting
+};
+
+}  // namespace ridgecast::session
