@@ -84,10 +84,6 @@ struct Executor::State {
     }
     if (longTasks >= threads && pool.queued && pool.hasShortTask()) shortWork.notify_one();  // it may have been queued for a loop
   }
-  void advance(const Pool::Impl& pool) {
-    const auto at = std::ranges::find(ready, &pool, [](const auto& one) { return one.get(); });
-    std::rotate(ready.begin(), at, at + 1);
-  }
   // The next pool that waits, or the next with a short task while all threads are at long ones. Null: there is none.
   std::shared_ptr<Pool::Impl> take(bool isForShortTasks) {
     if (isForShortTasks && longTasks < threads) return nullptr;
@@ -280,14 +276,12 @@ Pool::~Pool() {
   // `dropped` was declared first, so it is destroyed after the lock is released.
 }
 
-bool Pool::post(std::function<void()> task, Turn turn) {
+bool Pool::post(std::function<void()> task) {
   auto& executor = *impl_->executor;
   const std::lock_guard lock(executor.mutex);
   if (executor.stop || impl_->closed || impl_->posted.size() >= kMaxPosted) return false;
-  const bool isAhead = turn == Turn::kAhead;
-  impl_->posted.insert(isAhead ? impl_->posted.begin() : impl_->posted.end(), std::move(task));
+  impl_->posted.push_back(std::move(task));
   executor.summon(*impl_);
-  if (isAhead && impl_->queued) executor.advance(*impl_);
   return true;
 }
 

@@ -53,10 +53,8 @@ using Order = std::vector<std::vector<std::uint32_t>>;
 class Pool {
  public:
   ~Pool();
-  // Queues a task, which must not throw; false when the pool's queue is full (1,024 posted tasks). Ahead: before this pool's other tasks
-  // and all other pools; for short tasks whose results many wait for. Any thread.
-  enum class Turn { kLast, kAhead };
-  bool post(std::function<void()> task, Turn turn = Turn::kLast);
+  // Queues a task, which must not throw; false when the pool's queue is full (1,024 posted tasks), or the executor has ended. Any thread.
+  bool post(std::function<void()> task);
 
   // A loop follows within microseconds: one thread of the executor that sleeps, if any, is woken now and looks around for it.
   void rouse();

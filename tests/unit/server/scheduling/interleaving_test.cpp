@@ -330,7 +330,7 @@ TEST(Interleaving, TasksOfOneThreadCallEachOther) {
     const auto one = executor.makePool(), other = executor.makePool();
     int done = 0;
     begin();
-    one->post([&] { ++done, other->post([&] { ++done, one->post([&] { ++done; }, Pool::Turn::kAhead); }); });
+    one->post([&] { ++done, other->post([&] { ++done, one->post([&] { ++done; }); }); });
     other->post([&] { ++done; });
     until([&] { return done == 4; }, "all are done");
   });

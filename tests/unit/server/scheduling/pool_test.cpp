@@ -340,34 +340,6 @@ TEST(Scheduling, QueueOfPostedTasksIsBounded) {
   EXPECT_TRUE(pool->post([] {}));
 }
 
-TEST(Scheduling, WhatIsAheadGoesBeforeAllThatWaits) {
-  std::promise<void> release, started, done;
-  auto gate = release.get_future().share();
-  std::string order;
-  Executor executor(1);  // last, so that its tasks end before what they use
-  const auto first = executor.makePool(), second = executor.makePool(), other = executor.makePool();
-  first->post([&] {
-    started.set_value();
-    gate.wait();
-  });
-  started.get_future().wait();
-  const auto task = [&](char name) {
-    return [&, name] {
-      order += name;
-      if (order.size() == 5) done.set_value();
-    };
-  };
-  first->post(task('a'));
-  other->post(task('b'));
-  second->post(task('c'));
-  second->post(task('D'), Pool::Turn::kAhead);  // it waits already
-  const auto idle = executor.makePool();
-  idle->post(task('E'), Pool::Turn::kAhead);
-  release.set_value();
-  done.get_future().wait();
-  EXPECT_EQ(order.substr(0, 2), "ED");
-}
-
 TEST(Scheduling, DroppedTasksAreDestroyedAndLateOnesRefused) {
   auto token = std::make_shared<int>(0);
   std::shared_ptr<Pool> pool;
