@@ -264,9 +264,9 @@ Edits::Answer Edits::finish(Waiting& waiting) {
   applied.time = duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
   applied.operation = history_.packed(applied.number);
   applied.ground = edits::groundOf(*changed);
+  changedPosts_.push_back(*changed);  // the last that may run out of memory
   bytes_ += applied.bytes();
   space_->kept.take(applied.bytes(), ~std::uint64_t{0});
-  changedPosts_.push_back(*changed);
   made_.push_back(std::move(applied));
   return history_.last();
 }
@@ -310,7 +310,7 @@ void Edits::takeBack(const Answer& why) {
 }
 
 void Edits::publish() {
-  if (!made_.empty() && !isKept_) takeBack(Answer(isKept_.error()));
+  if (!made_.empty() && !isKept_) takeBack(full(isKept_.error().message));
   if (noted_) std::ranges::for_each(made_, noted_);
   {
     const std::lock_guard lock(mutex_);

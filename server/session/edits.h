@@ -83,7 +83,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   struct Answer : Outcome<std::uint64_t> {
     using Outcome<std::uint64_t>::result;
     bool isForNow = false;  // refused because too much waits, or is not paid for yet: the same may be asked again
-    bool isFull = false;    // refused because there is no room for edits in this session, in all, or in memory
+    bool isFull = false;    // refused because there is no room for edits in this session, in all, in memory or on the disk
   };
   // `posts`: how many that took; 0 of an edit that was made before. Called by a task, or at once when it is refused before it waits.
   using Done = std::function<void(const Answer& number, std::uint64_t posts)>;
