@@ -1,36 +1,55 @@
 #pragma once
-// Room for the bodies of requests, from before they are read until the answer is sent: kMost bytes in all, half of them of one client.
+// Room for the bodies of requests, from when their bytes come until the answer is sent: kMost bytes in all, half of them of one client.
 // Any thread. Private to the room.
 
 #include <cstddef>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
-#include <variant>
 
 namespace ridgecast::net {
 
-class Bodies : public std::enable_shared_from_this<Bodies> {
+class Bodies {
  public:
   static constexpr std::size_t kMost = std::size_t{64} << 20;
-
   enum class Full { kAll, kShare };
-  using Room = std::shared_ptr<const void>;  // given back with its last copy
-  std::variant<Room, Full> take(const std::string& client, std::size_t bytes) {
-    if (bytes == 0) return Room();
+
+  // Of one body, given back with it.
+  class Room {
+   public:
+    Room(std::shared_ptr<Bodies> bodies, std::string client) : bodies_(std::move(bodies)), client_(std::move(client)) {}
+    ~Room() { bodies_->give(client_, bytes_); }
+    Room(const Room&) = delete;
+    Room& operator=(const Room&) = delete;
+    // No less than it has. It has as much as before where there is no more.
+    std::optional<Full> growTo(std::size_t bytes) {
+      const auto full = bodies_->take(client_, bytes - bytes_);
+      if (!full) bytes_ = bytes;
+      return full;
+    }
+
+   private:
+    const std::shared_ptr<Bodies> bodies_;
+    const std::string client_;
+    std::size_t bytes_ = 0;
+  };
+
+ private:
+  std::optional<Full> take(const std::string& client, std::size_t bytes) {
+    if (bytes == 0) return {};
     const std::lock_guard lock(mutex_);
     const auto own = byClient_.find(client);
     if (bytes + (own == byClient_.end() ? 0 : own->second) > kMost / 2) return Full::kShare;
     if (bytes + all_ > kMost) return Full::kAll;
     all_ += bytes;
     byClient_[client] += bytes;
-    return Room(nullptr, [self = shared_from_this(), client, bytes](const void*) { self->giveBack(client, bytes); });
+    return {};
   }
-
- private:
-  void giveBack(const std::string& client, std::size_t bytes) {
+  void give(const std::string& client, std::size_t bytes) {
+    if (bytes == 0) return;
     const std::lock_guard lock(mutex_);
     all_ -= bytes;
     const auto own = byClient_.find(client);

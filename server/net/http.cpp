@@ -153,8 +153,22 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void readBody(std::shared_ptr<const OfBody> ofBody) {
     const std::uint64_t length = parser_->content_length().value_or(parser_->chunked() ? ofBody->most : 0);
     if (length > ofBody->most) return refuse(413, metrics::Refusal::kRequest, ofBody->tooLong);
-    auto room = shared_->bodies->take(who_, length);
-    if (const auto* full = std::get_if<Bodies::Full>(&room)) {
+    room_.emplace(shared_->bodies, who_);
+    const bool waits = parser_->get()[beast::http::field::expect] == "100-continue";
+    body_.emplace(std::move(*parser_));
+    body_->body_limit(ofBody->most);
+    body_->eager(true);
+    stream_.expires_after(shared_->settings.timeout + std::chrono::seconds(length / kSlowest));
+    if (!waits || body_->is_done()) return readMore(std::move(ofBody));
+    word_ = "HTTP/1.1 100 Continue\r\n\r\n";
+    asio::async_write(stream_, asio::buffer(word_), [self = shared_from_this(), ofBody = std::move(ofBody)](error_code ec, std::size_t) {
+      ec ? self->close() : self->readMore(ofBody);
+    });
+  }
+
+  // Takes room for what has come, and for nothing that was only announced.
+  void readMore(std::shared_ptr<const OfBody> ofBody) {
+    if (const auto full = room_->growTo(body_->get().body().size())) {
       keepAlive_ = false;
       const bool isOwn = *full == Bodies::Full::kShare;
       return send(refused(isOwn ? 429 : 503, metrics::Refusal::kBusy,
@@ -162,28 +176,23 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                               std::string(" as many bytes of requests as may be open; try again when some have been answered."),
                           {{"Retry-After", "1"}}));
     }
-    room_ = std::get<Bodies::Room>(std::move(room));
-    const bool waits = parser_->get()[beast::http::field::expect] == "100-continue";
-    body_.emplace(std::move(*parser_));
-    body_->body_limit(ofBody->most);
-    stream_.expires_after(shared_->settings.timeout + std::chrono::seconds(length / kSlowest));
-    const auto read = [self = shared_from_this(), ofBody = std::move(ofBody)](error_code ec, std::size_t) {
-      if (ec) return self->close();
-      beast::http::async_read(self->stream_, self->buffer_, *self->body_,
-                              [self, ofBody](error_code failed, std::size_t) { self->hasReadBody(failed, *ofBody); });
-    };
-    if (!waits) return read({}, 0);
-    word_ = "HTTP/1.1 100 Continue\r\n\r\n";
-    asio::async_write(stream_, asio::buffer(word_), read);
+    if (body_->is_done()) return hasReadBody({}, std::move(ofBody));
+    beast::http::async_read_some(stream_, buffer_, *body_,
+                                 [self = shared_from_this(), ofBody = std::move(ofBody)](error_code ec, std::size_t) {
+                                   ec ? self->hasReadBody(ec, ofBody) : self->readMore(ofBody);
+                                 });
   }
 
-  void hasReadBody(error_code ec, const OfBody& ofBody) {
-    if (ec == beast::http::error::body_limit) return refuse(413, metrics::Refusal::kRequest, ofBody.tooLong);
+  void hasReadBody(error_code ec, std::shared_ptr<const OfBody> ofBody) {
+    if (ec == beast::http::error::body_limit) return refuse(413, metrics::Refusal::kRequest, ofBody->tooLong);
     if (ec.category() == beast::http::make_error_code(beast::http::error::bad_method).category())
       return refuse(400, metrics::Refusal::kRequest, "The body is not whole (" + ec.message() + ").");
     if (ec == asio::error::operation_aborted) shared_->figures->refused(metrics::Refusal::kTimeout);
     if (ec) return close();
-    proceed(ofBody.answer(std::move(body_->get().body())));
+    // The work's thread reads it: two MiB of JSON would keep a socket's thread from all its other clients.
+    work(std::make_shared<Later>(
+        Later{.work = [body = std::make_shared<std::string>(std::move(body_->get().body())),
+                       ofBody = std::move(ofBody)](const std::stop_token&) { return ofBody->answer(std::move(*body)); }}));
   }
 
   bool hasBody() const { return parser_->chunked() || parser_->content_length().value_or(0) > 0; }
@@ -426,9 +435,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   access::Grant grant_;
   std::string who_;  // the client, as Request::client
   std::optional<beast::http::request_parser<beast::http::string_body>> body_;
-  Bodies::Room room_;        // for it
-  std::string path_;         // for metrics and log, at most 100 bytes
-  std::string sessionName_;  // the session's name as received, for the log
+  std::optional<Bodies::Room> room_;  // for it
+  std::string path_;                  // for metrics and log, at most 100 bytes
+  std::string sessionName_;           // the session's name as received, for the log
   bool keepAlive_ = false, head_ = false;
   std::string ifNoneMatch_;
   std::chrono::steady_clock::time_point timeoutEnds_;

@@ -11,7 +11,6 @@
 
 #include "server/http/queries.h"
 #include "server/logging/logging.h"
-#include "server/net/bodies.h"
 #include "server/net/server.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
@@ -138,34 +137,41 @@ TEST_F(PostsTest, CutOffAnywhereLeaveTheServerWell) {
   EXPECT_THAT(ask(whole), testing::EndsWith(heights));
 }
 
+// Bytes that came, not those that a header promises.
 TEST_F(PostsTest, OneClientHasHalfOfTheRoomForBodies) {
-  const auto from = [](const std::string& client) { return "X-Forwarded-For: " + client + "\r\n"; };
-  const std::string opened = "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n";  // has room for the longest
-  std::vector<std::unique_ptr<SocketClient>> held;
-  const auto hold = [&](const std::string& client) {
-    held.push_back(std::make_unique<SocketClient>(server->port()));
-    held.back()->send(head("/v1/heights", opened + "Expect: 100-continue\r\n" + from(client)));
-    return held.back()->answer();
+  const std::string large(4'500'000, ' ');
+  const auto json = [](const std::string& client, const std::string& more) {
+    return head("/v1/heights", "Content-Type: application/json\r\nX-Forwarded-For: " + client + "\r\n" + more);
   };
-  for (int k = 0; k < 5; ++k) EXPECT_THAT(hold("192.0.2.1"), StartsWith("HTTP/1.1 100"));
-  const std::string sixth = hold("192.0.2.1");
-  EXPECT_THAT(sixth, StartsWith("HTTP/1.1 429"));
-  EXPECT_THAT(sixth, HasSubstr("The address 192.0.2.1 is sending as many bytes of requests as may be open"));
-  EXPECT_THAT(sixth, HasSubstr("Retry-After: 1\r\n"));
-  for (int k = 0; k < 5; ++k) EXPECT_THAT(hold("192.0.2.2"), StartsWith("HTTP/1.1 100"));
-  EXPECT_THAT(hold("192.0.2.3"), StartsWith("HTTP/1.1 503"));
-  EXPECT_THAT(ask(post(kPlaces, "/v1/heights", from("192.0.2.3"))), testing::EndsWith(heights)) << "a brief one has room";
+  std::vector<std::unique_ptr<SocketClient>> held;
+  const auto hold = [&](const std::string& client, const std::string& some) {
+    held.push_back(std::make_unique<SocketClient>(server->port()));
+    held.back()->send(json(client, "Content-Length: 6000000\r\n") + some);
+  };
+  const auto whole = [&](const std::string& client) {
+    return ask(json(client, "Content-Length: " + std::to_string(large.size()) + "\r\n") + large);
+  };
+  const auto brief = [&](const std::string& client) { return ask(post(kPlaces, "/v1/heights", "X-Forwarded-For: " + client + "\r\n")); };
+  for (int k = 0; k < 100; ++k) hold("192.0.2.1", " ");
+  // One more at a time, for those that are refused together give back their room together.
+  std::string answer;
+  const auto fill = [&](const std::string& client, const char* refusal) {
+    return testing_support::await([&] {
+      hold(client, large);
+      return (answer = whole(client)).starts_with(refusal);
+    });
+  };
+  for (const std::string client : {"192.0.2.1", "192.0.2.2"}) {
+    EXPECT_THAT(whole(client), StartsWith("HTTP/1.1 400")) << "it was read, and has no places";
+    ASSERT_TRUE(fill(client, "HTTP/1.1 429")) << answer;
+    EXPECT_THAT(answer, HasSubstr("The address " + client + " is sending as many bytes of requests as may be open"));
+    EXPECT_THAT(answer, HasSubstr("Retry-After: 1\r\n"));
+    EXPECT_THAT(brief(client), testing::EndsWith(heights));
+  }
+  ASSERT_TRUE(fill("192.0.2.3", "HTTP/1.1 503")) << answer;
+  EXPECT_THAT(brief("192.0.2.3"), testing::EndsWith(heights));
   held.clear();
-  EXPECT_TRUE(testing_support::await([&] { return hold("192.0.2.1").starts_with("HTTP/1.1 100"); }));
-}
-
-// It wrote where nothing was, once its client had no other.
-TEST(BodiesTest, AnEmptyOneIsGivenBackLast) {
-  const auto bodies = std::make_shared<Bodies>();
-  auto some = std::get<Bodies::Room>(bodies->take("192.0.2.1", 10)), empty = std::get<Bodies::Room>(bodies->take("192.0.2.1", 0));
-  some.reset();
-  empty.reset();
-  EXPECT_TRUE(std::holds_alternative<Bodies::Room>(bodies->take("192.0.2.1", Bodies::kMost / 2)));
+  EXPECT_TRUE(testing_support::await([&] { return whole("192.0.2.1").starts_with("HTTP/1.1 400"); }));
 }
 
 TEST_F(PostsTest, LargeOnesHoldNobodyUp) {
