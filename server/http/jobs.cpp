@@ -100,6 +100,7 @@ Jobs::Job Jobs::next(std::unique_lock<std::mutex>& lock) {
     if (due != waiting_.end()) {
       Job job = std::move(*due);
       waiting_.erase(due);
+      if (!job.client.empty()) std::ranges::stable_partition(waiting_, [&](const Job& other) { return other.client != job.client; });
       return job;
     }
     const auto next = std::ranges::min_element(waiting_, {}, &Job::notBefore);

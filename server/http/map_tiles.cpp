@@ -103,14 +103,15 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
   const session::Ground ground = session->ground();
   const std::string etag = etagOf(session->hashOf(ground), *wanted, *at);
   Answer a = opened(
-      madeBy({.work = [ground, sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours, etag](const std::stop_token& stop) {
-        Answer made = colours ? coloursOf(*ground.terrain, sheet, stop) : heightsOf(*ground.terrain, sheet, stop);
-        if (made.status != 200) return made;
-        made = opened(std::move(made));
-        made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
-        made.etag = etag;
-        return made;
-      }}));
+      madeBy({.isTile = true,
+              .work = [ground, sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours, etag](const std::stop_token& stop) {
+                Answer made = colours ? coloursOf(*ground.terrain, sheet, stop) : heightsOf(*ground.terrain, sheet, stop);
+                if (made.status != 200) return made;
+                made = opened(std::move(made));
+                made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
+                made.etag = etag;
+                return made;
+              }}));
   a.etag = etag;
   return a;
 }

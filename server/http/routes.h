@@ -85,7 +85,7 @@ Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 
 // Work that makes the answer on its own thread (jobs.h). `stop` is requested when the client leaves or the server shuts down: return soon;
 // the result is not read. `patient` work may take seconds and yields to everything else. Making a world also takes seconds, but must not
-// wait behind snapshots that take a minute, so it has its own queue. So have tiles, of which viewers request many at a time.
+// wait behind snapshots that take a minute, so it has its own queue. So have 3D and map tiles, of which viewers request many at a time.
 // Work may be done in turns (Answer::again, whenWoken), between which others of its queue have theirs.
 struct Later {
   bool patient = false, makesWorld = false, isTile = false;

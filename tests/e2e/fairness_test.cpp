@@ -143,6 +143,15 @@ const std::vector<Case> kCases{
          return m.fly(0) && m.next<wire::Iteration>();
        });
      }},
+    {"MapTiles", 32,
+     [](const Other& o) {
+       for (std::uint32_t k = 0; !o.isOver; ++k) {
+         SocketClient client(o.port, kOthers);
+         client.send(
+             get("/v1/sessions/default/colours/15/" + std::to_string(17'000 + 40 * o.number + k % 40) + "/11482.jpg?at=11.5,47.25"));
+         o.acts += client.answer().starts_with("HTTP/1.1 200");
+       }
+     }},
     {"SnapshotsOfBoxes", 4, [](const Other& o) { o.overHttp("/v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=500&z1=500&error=0.5"); }},
     {"SnapshotsOfCameras", 4,
      [](const Other& o) {

@@ -85,6 +85,10 @@ TEST_F(MapTilesTest, HeightsAreThoseOfTheQueriesWithinHalfAUnit) {
   }
 }
 
+TEST_F(MapTilesTest, TakeNoThreadThatShortAnswersNeed) {
+  for (const char* const target : {kTile, kColours}) EXPECT_TRUE(ask(target)->later->isTile);
+}
+
 TEST_F(MapTilesTest, AnswersMayBeKeptAndReadByAnyPage) {
   const auto a = ask(kTile), colours = ask(kColours);
   ASSERT_TRUE(a && a->later && colours && colours->later);

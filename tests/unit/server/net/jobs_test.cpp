@@ -133,6 +133,23 @@ TEST(Jobs, OneThatWaitsForSomebodyElseIsWoken) {
   jobs.wake(first);
 }
 
+TEST(Jobs, ClientsTakeTurns) {
+  Jobs jobs({.threads = 1, .waiting = 12});
+  std::promise<void> gate;
+  const std::shared_future<void> open = gate.get_future().share();
+  ASSERT_TRUE(give(jobs, std::stop_source(), [&](std::stop_token) { open.wait(); }));
+  ASSERT_TRUE(soon([&] { return jobs.waiting() == 0; }));
+  std::string order;  // of the one thread's
+  const auto ask = [&](const std::string& client) {
+    return give(
+        jobs, std::stop_source(), [&, client](std::stop_token) { order += client; }, client);
+  };
+  for (const char* client : {"a", "a", "a", "a", "b", "b", "c"}) ASSERT_TRUE(ask(client));
+  gate.set_value();
+  jobs.finish(Jobs::Clock::now() + testing_support::kTimeout);
+  EXPECT_EQ(order, "abcabaa");
+}
+
 TEST(Jobs, KnowWhoIsNextAndHowLongItTakes) {
   Jobs jobs({.threads = 1, .waiting = 3});
   const auto take = [&](std::shared_future<void> open) {
