@@ -22,6 +22,7 @@ namespace {
 using namespace recording;
 
 constexpr std::chrono::milliseconds kTurn{20};
+constexpr std::chrono::seconds kStay{1};  // after going back: who asks meanwhile goes back with the last who does
 constexpr std::size_t kMostEdits = session::Edits::kMostWaiting / 2;  // under way
 
 }  // namespace
@@ -44,8 +45,13 @@ struct Playback::State {
   void run(const std::stop_token& stop) {
     std::mutex mutex;
     std::condition_variable_any pause;
+    std::chrono::steady_clock::time_point stays{};
     for (std::unique_lock lock(mutex); !stop.stop_requested(); pause.wait_for(lock, stop, kTurn, [] { return false; })) {
-      if (const std::uint64_t time = backTo->exchange(0)) goBack(time);
+      const auto now = std::chrono::steady_clock::now();
+      if (const std::uint64_t time = now < stays ? 0 : backTo->exchange(0)) {
+        goBack(time);
+        stays = now + kStay;
+      }
       advance(stop);
     }
   }
