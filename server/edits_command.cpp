@@ -21,6 +21,7 @@
 #include "common/text/text.h"
 #include "common/user_terrain/catalogue.h"
 #include "server/config/config.h"
+#include "server/edit_log/lock.h"
 #include "server/edit_log/log.h"
 #include "server/edit_store/store.h"
 
@@ -33,7 +34,8 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kAtATime = 1024, kBytesAtATime = 1u << 20;  // edits and bytes of edits
 constexpr const char* kUsage =
-    "Say list, export, import, compact, verify or backup, then the log's file: ridgecast-server edits list session.edits; see --help.";
+    "Say list, export, import, compact, verify, backup or forget, then the log's file: ridgecast-server edits list session.edits; see "
+    "--help.";
 constexpr const char* kHelp = R"(Usage: ridgecast-server edits COMMAND FILE
 
 Manages the log of a session's edits, FOLDER/SESSION.edits of --state FOLDER, while no server has its session.
@@ -45,6 +47,7 @@ Manages the log of a session's edits, FOLDER/SESSION.edits of --state FOLDER, wh
   compact FILE [SETTINGS]        Make what they changed part of the ground; they can no longer be undone
   verify FILE [SETTINGS]         Make the ground again from the edits and compare it with the cached tiles
   backup FILE TO                 Copy the log
+  forget FILE                    Remove the log: the session's name is free for another world
 
 SETTINGS are those of ridgecast-server that name the terrain, such as --terrain dem.tif. compact and verify need them only if the log's
 name of the terrain does not suffice.
@@ -268,6 +271,17 @@ int verify(Log& log, const user_terrain::Request& request) {
   return 0;
 }
 
+// One that cannot be read, too.
+int forget(const std::filesystem::path& file) {
+  const auto lock = edit_log::Lock::take(file);
+  if (!lock) return refuse(1, lock.error().message);
+  std::error_code failed;
+  for (const char* const ending : {"", "-wal", "-shm"})  // a journal without its file counts for nothing
+    if (std::filesystem::remove(file.string() + ending, failed); failed)
+      return refuse(1, "Cannot remove '" + file.string() + ending + "': " + failed.message() + ".");
+  return 0;
+}
+
 }  // namespace
 
 int runEditsCommand(int argc, const char* const* argv, const char* const* environment) {
@@ -291,6 +305,7 @@ int runEditsCommand(int argc, const char* const* argv, const char* const* enviro
   }
   std::error_code failed;
   if (!std::filesystem::exists(file, failed)) return refuse(2, "There is no file '" + file.string() + "'.");
+  if (what == "forget") return forget(file);
   auto log = Log::open(file);
   if (!log) return refuse(1, log.error().message);
   if (!*log) return refuse(1, "'" + file.string() + "' is empty: its first edit was cut off.");
