@@ -208,6 +208,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   } catch (const std::runtime_error& e) {  // the edits that are kept of its ground
     return refuse(e.what());
   }
+  directory->awaitDefault();
   StartServing start;
   if (begin) {
     auto begun = begin(*directory);

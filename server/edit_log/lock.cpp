@@ -22,6 +22,19 @@ off_t byteOf(const std::string& name) {
   return static_cast<off_t>(hash >> 2);
 }
 
+int openFor(const fs::path& log) {
+  return ::open(((log.has_parent_path() ? log.parent_path() : fs::path(".")) / Lock::kFile).c_str(), O_RDWR | O_CLOEXEC);
+}
+
+struct flock rangeOf(const std::string& name) {
+  struct flock range {};
+  range.l_type = F_WRLCK;
+  range.l_whence = SEEK_SET;
+  range.l_start = byteOf(name);
+  range.l_len = 1;
+  return range;
+}
+
 }  // namespace
 
 Error inUse(const std::string& name) {
@@ -42,16 +55,21 @@ Outcome<void> Lock::prepare(const fs::path& folder) {
 
 Outcome<std::shared_ptr<const Lock>> Lock::take(fs::path log) {
   const std::string name = log.filename().string();
-  const fs::path folder = log.has_parent_path() ? log.parent_path() : fs::path(".");
-  const std::shared_ptr<const Lock> lock(new Lock(std::move(log), ::open((folder / kFile).c_str(), O_RDWR | O_CLOEXEC)));
-  struct flock range {};
-  range.l_type = F_WRLCK;
-  range.l_whence = SEEK_SET;
-  range.l_start = byteOf(name);
-  range.l_len = 1;
+  const int file = openFor(log);
+  const std::shared_ptr<const Lock> lock(new Lock(std::move(log), file));
+  struct flock range = rangeOf(name);
   if (lock->file_ < 0 ? errno == ENOENT : fcntl(lock->file_, F_OFD_SETLK, &range) == 0) return lock;
   if (lock->file_ >= 0 && (errno == EAGAIN || errno == EACCES)) return inUse(name);
   return Error{"Cannot lock '" + name + "' in " + kFile + ": " + std::strerror(errno) + "."};
+}
+
+bool Lock::isTaken(const fs::path& log) {
+  const int file = openFor(log);
+  if (file < 0) return false;
+  struct flock range = rangeOf(log.filename().string());
+  const bool isTaken = fcntl(file, F_OFD_GETLK, &range) == 0 && range.l_type != F_UNLCK;
+  ::close(file);
+  return isTaken;
 }
 
 Lock::~Lock() {

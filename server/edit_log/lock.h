@@ -26,6 +26,8 @@ class Lock {
   static Outcome<void> prepare(const std::filesystem::path& folder);
   // Error: one sentence; somebody has it, in this program or another.
   static Outcome<std::shared_ptr<const Lock>> take(std::filesystem::path log);
+  // Whether somebody has it, in this program or another.
+  static bool isTaken(const std::filesystem::path& log);
   ~Lock();
   Lock(const Lock&) = delete;
   Lock& operator=(const Lock&) = delete;

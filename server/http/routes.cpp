@@ -89,7 +89,7 @@ std::string page(const Request& request, const session::Directory& directory, st
          " --path PATH.json --out DIR</pre>\n";
   out += "<p>Any other program speaks binary WebSocket messages (protobuf, <code>proto/PROTOCOL.md</code>) at</p>\n<pre>ws://" + host +
          "/v1/stream?session=default</pre>\n<dl>\n";
-  if (request.rights.has(access::Right::kView)) {
+  if (session && request.rights.has(access::Right::kView)) {
     out +=
         "<dt>terrain</dt><dd>" + escaped(session->terrain()->name()) + ", seed " + std::to_string(session->terrain()->seed()) + "</dd>\n";
     out += "<dt>cameras</dt><dd>" + std::to_string(directory.cameras()) + " of at most " +

@@ -121,7 +121,7 @@ Answer noSession(const std::string& name) {
 Answer make(const std::string& name, Wish wish, const std::string& client, session::Directory& directory, const Enter& enter, bool makes,
             const std::stop_token& stop) {
   auto reserved = directory.reserve(name);
-  if (!reserved) return refused(503, metrics::Refusal::kSession, reserved.error().message);
+  if (!reserved) return refused(503, metrics::Refusal::kSession, reserved.error().message, {{"Retry-After", "1"}});
   if (!*reserved) {  // another request was faster
     if (auto session = directory.find(name)) return join(std::move(session), wish, enter);
     Answer later;
@@ -158,6 +158,9 @@ Answer inSession(const Request& request, session::Directory& directory, const En
   auto wish = readWish(request.query());
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish, enter);
+  if (wanted == session::kDefaultName)
+    return refused(503, metrics::Refusal::kSession, "Another server has the session 'default', and leaves; connect again in a moment.",
+                   {{"Retry-After", "1"}});
   const bool isKept = directory.keeps(wanted);
   if (wish->terrain.empty() && !isKept) return noSession(wanted);
   if (!request.rights.has(access::Right::kCreate))

@@ -99,6 +99,7 @@ class ListeningServer final : public Server {
     std::this_thread::sleep_for(shared_->settings.drainDelay);
     const auto until = std::chrono::steady_clock::now() + shared_->settings.drain;
     drain();
+    for (const auto& session : shared_->directory->all()) session->retire();  // so that the next server has their edits at once
     for (Work* work : {&shared_->prompt, &shared_->tiles, &shared_->patient, &shared_->worlds}) work->jobs.finish(until);
     {
       std::unique_lock lock(shared_->mutex);

@@ -25,7 +25,8 @@ Outcome<std::unique_ptr<edit_store::Store>> beginLog(std::shared_ptr<const edit_
   std::error_code failed;
   const fs::directory_iterator files(lock->log().parent_path(), failed);
   if (std::count_if(begin(files), end(files), [](const auto& file) { return file.path().extension() == ".edits"; }) >= kMostKept)
-    return Error{"The server keeps the edits of at most " + std::to_string(kMostKept) + " sessions; its operator can take some away."};
+    return Error{"The server keeps the edits of at most " + std::to_string(kMostKept) +
+                 " sessions; its operator can forget some with `ridgecast-server edits forget`."};
   const fs::path file = lock->log();
   auto log = edit_log::Log::create(std::move(lock), world);
   if (!log) return told(file, log.error());
@@ -57,7 +58,7 @@ Outcome<std::unique_ptr<Reservation>> Reservations::take(const std::string& name
   });
   if (!state_.empty()) {
     auto lock = edit_log::Lock::take(logOf(name));
-    if (!lock) return told(logOf(name), lock.error());
+    if (!lock) return lock.error();
     held.lock = std::move(*lock);
     auto log = edit_log::Log::open(held.lock);
     if (!log) return told(logOf(name), log.error());

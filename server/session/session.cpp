@@ -128,8 +128,33 @@ Directory::Directory(std::shared_ptr<const Resources> resources, std::shared_ptr
                      std::vector<std::pair<std::string, double>> defaultParameters)
     : resources_(std::move(resources)),
       places_(std::make_shared<Places>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
-      reservations_(resources_->state) {
-  add(std::string(kDefaultName), std::move(defaultTerrain), std::move(defaultParameters)).value();
+      reservations_(resources_->state),
+      default_{std::move(defaultTerrain), std::move(defaultParameters)} {
+  if (auto added = addDefault(); !added && !reservations_.isElsewhere(std::string(kDefaultName))) added.value();
+}
+
+Outcome<std::shared_ptr<Session>> Directory::addDefault() { return add(std::string(kDefaultName), default_.terrain, default_.parameters); }
+
+void Directory::awaitDefault() {
+  if (find(kDefaultName)) return;
+  if (!awaiting_) {
+    awaiting_ = (resources_->disk ? resources_->disk : resources_->executor)->makePool(1);
+    logging::info({.session = std::string(kDefaultName)}, "another server has it; this one takes it when that one lets go of it");
+  }
+  constexpr std::chrono::milliseconds kPause{100};
+  resources_->timer->at(resources_->timer->now() + kPause, [weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    if (self->reservations_.isElsewhere(std::string(kDefaultName))) return self->awaitDefault();
+    self->awaiting_->post([weak] {  // its edits may take seconds
+      const auto directory = weak.lock();
+      if (!directory) return;
+      const auto added = directory->addDefault();
+      if (added) return logging::info({.session = std::string(kDefaultName)}, "is this server's now");
+      if (directory->reservations_.isElsewhere(std::string(kDefaultName))) return directory->awaitDefault();
+      logging::error({.session = std::string(kDefaultName)}, "nobody can enter it: " + added.error().message);
+    });
+  });
 }
 
 std::shared_ptr<Session> Directory::find(std::string_view name) const {

@@ -183,7 +183,8 @@ class Session {
 // Any thread. Idle sessions end only if a shared_ptr holds this.
 class Directory : public std::enable_shared_from_this<Directory> {
  public:
-  // Throws std::runtime_error with one sentence when Resources::state cannot be written, or the default session's edits cannot be read.
+  // Throws std::runtime_error with one sentence when Resources::state cannot be written, or the default session's edits cannot be read. There
+  // is no default session while another server has it.
   Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
             std::vector<std::pair<std::string, double>> defaultParameters = {});
 
@@ -217,6 +218,9 @@ class Directory : public std::enable_shared_from_this<Directory> {
   };
   std::optional<Full> full(std::string_view maker) const;
 
+  // Where another server has the default session, this one takes it as soon as that one lets go of it. Once, before anybody asks for it.
+  void awaitDefault();
+
   const Resources& resources() const { return *resources_; }
   std::uint32_t cameras() const { return places_->cameras(); }
   std::uint64_t triangles() const { return places_->triangles(); }  // set aside for the cameras
@@ -227,6 +231,12 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<Places> places_;
   const Reservations reservations_;
+  Outcome<std::shared_ptr<Session>> addDefault();
+  const struct {
+    std::shared_ptr<const terrain::Terrain> terrain;
+    std::vector<std::pair<std::string, double>> parameters;
+  } default_;
+  std::shared_ptr<scheduling::Pool> awaiting_;  // the default session
   std::atomic<std::uint64_t> lastCameraId_{0};
   struct Kept {
     std::shared_ptr<Session> session;

@@ -75,6 +75,16 @@ TEST_F(Edits, CompactedAreTheSameGround) {
   EXPECT_EQ(edits({"verify", copy}).output, before.output);
 }
 
+TEST_F(Edits, ThatAreForgottenLeaveTheirName) {
+  EXPECT_EQ(edits({"forget", log}).code, 0);
+  EXPECT_EQ(edits({"forget", log}).code, 2);
+  EXPECT_EQ(edits({"import", log, write(kLines)}).code, 0);
+  std::ofstream(log) << "damaged";
+  EXPECT_EQ(edits({"list", log}).code, 1);
+  EXPECT_EQ(edits({"forget", log}).code, 0);
+  EXPECT_FALSE(std::filesystem::exists(log));
+}
+
 TEST_F(Edits, OfAnotherTerrainAreNotVerified) {
   const auto other = edits({"verify", log, "--terrain", "archipelago"});
   EXPECT_NE(other.code, 0);
@@ -164,14 +174,10 @@ class KeptEdits : public testing::Test {
       EXPECT_THAT(all, HasSubstr("\"x\":" + std::to_string(100 * number) + ".0"));
     }
   }
-  // What a server says that does not start.
-  static std::string refusal(const std::vector<std::string>& settings) {
-    try {
-      ServerProcess server(RIDGECAST_SERVER, settings);
-    } catch (const std::runtime_error& e) {
-      return e.what();
-    }
-    return "";
+  // What another server on the folder says.
+  std::string ofAnother() const {
+    ServerProcess server(RIDGECAST_SERVER, arguments());
+    return ask(server.port(), "GET /v1/heights?at=5,5");
   }
   ScratchFolder folder;
   const std::string state = (folder / "state").string();
@@ -183,7 +189,7 @@ TEST_F(KeptEdits, AreThereAfterAKillWhateverWasBesideTheServer) {
     ServerProcess server(RIDGECAST_SERVER, arguments());
     ASSERT_THAT(ask(server.port(), world + "&terrain=canyon&seed=7"), HasSubstr(" 200 "));
     edit(server.port(), "site", 1);
-    EXPECT_THAT(refusal(arguments()), HasSubstr("in use by another program")) << "before the default session has an edit";
+    EXPECT_THAT(ofAnother(), HasSubstr("Another server has the session 'default'")) << "before it has an edit";
     edit(server.port(), "default", 1);
     server.process().signal(SIGKILL);
   }
@@ -201,6 +207,7 @@ TEST_F(KeptEdits, AreThereAfterAKillWhateverWasBesideTheServer) {
                                                       {"export", log(session)},
                                                       {"verify", log(session)},
                                                       {"compact", log(session)},
+                                                      {"forget", log(session)},
                                                       {"backup", log(session), (folder / "copy").string()},
                                                       {"import", log(session), (folder / "lines").string()}}) {
         std::ofstream(folder / "lines") << kLines;
@@ -209,7 +216,7 @@ TEST_F(KeptEdits, AreThereAfterAKillWhateverWasBesideTheServer) {
         EXPECT_THAT(refused.output, HasSubstr("in use by another program; stop the server that has it")) << command[0];
       }
     }
-    EXPECT_THAT(refusal(arguments()), HasSubstr("in use by another program"));
+    EXPECT_THAT(ofAnother(), HasSubstr("Another server has the session 'default'"));
     last += 3;
     for (const char* session : {"site", "default"}) expectAll(server.port(), session, last);
     server.process().signal(SIGKILL);
@@ -285,7 +292,9 @@ TEST_F(KeptEdits, AreReadByNobodyElseAndOfferNoPaths) {
 }
 
 TEST_F(KeptEdits, AFolderThatCannotBeWrittenIsSaidAtTheStart) {
-  EXPECT_THAT(refusal({"--state", "/proc"}), HasSubstr("--state '/proc' cannot be written: "));
+  const auto refused = runProgram({RIDGECAST_SERVER, "--port", "0", "--state", "/proc"});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.output, HasSubstr("--state '/proc' cannot be written: "));
 }
 
 }  // namespace
