@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "client/connection/connection.h"
+#include "common/wire/wire.h"
 #include "tests/support/process.h"
 #include "tests/support/sanitized.h"
 #include "tests/support/server_process.h"
@@ -55,7 +56,7 @@ std::uint64_t numberIn(const std::string& answer) {
 
 TEST(Handover, TheNextServerHasWhatTheLastAcknowledged) {
   const ScratchFolder folder;
-  const std::vector<std::string> settings{"--state", (folder / "state").string()};
+  const std::vector<std::string> settings{"--state", (folder / "state").string(), "--drain", "60"};
   ServerProcess first(RIDGECAST_SERVER, settings);
   ServerProcess second(RIDGECAST_SERVER, settings);
   EXPECT_THAT(ask(second.port(), "GET /readyz"), HasSubstr(" 200 "));
@@ -67,9 +68,14 @@ TEST(Handover, TheNextServerHasWhatTheLastAcknowledged) {
     EXPECT_THAT(refused, HasSubstr("Retry-After: 1"));
     EXPECT_THAT(edit(second.port(), session, 9), HasSubstr(" 404 "));
   }
+  SocketClient stays(first.port());  // so that the first waits
+  ASSERT_TRUE(stays.upgrade());
+  ASSERT_TRUE(stays.message(wire::encode(wire::ClientMessage(wire::Hello()))));
+  ASSERT_TRUE(stays.receive());
   first.process().signal(SIGTERM);
   for (const char* const session : {"default", "site"}) {
     ASSERT_TRUE(await([&] { return enter(second.port(), session).find(" 200 ") != std::string::npos; }));
+    EXPECT_TRUE(first.process().running());
     EXPECT_EQ(numberIn(edit(second.port(), session, 3)), 3u);
     const std::string all = ask(second.port(), std::string("GET /v1/sessions/") + session + "/edits");
     for (int x = 1; x <= 3; ++x) EXPECT_THAT(all, HasSubstr("\"x\":" + std::to_string(x) + ".0"));
