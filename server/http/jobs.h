@@ -3,8 +3,9 @@
 //
 // A job checks its std::stop_token every few milliseconds: it is stopped when its client leaves and when the server shuts down. Bounds:
 // `threads` jobs run and `waiting` wait, of one client share() in all; beyond that post() refuses. A job that is stopped before it starts
-// never starts. Clients take turns: when one's job begins, its others go behind all that wait. A job may run in turns, between which those that wait have theirs; its next turn is at a time, or when somebody calls
-// wake(). Any thread may post. An exception counts as the job's failure and ends as `failed`.
+// never starts. Clients take turns: when one's job begins, its others go behind all that wait. A job may run in turns, between which those
+// that wait have theirs; its next turn is at a time, or when somebody calls wake(). Any thread may post. An exception counts as the job's
+// failure and ends as `failed`.
 
 #include <algorithm>
 #include <chrono>

@@ -183,8 +183,8 @@ class Session {
 // Any thread. Idle sessions end only if a shared_ptr holds this.
 class Directory : public std::enable_shared_from_this<Directory> {
  public:
-  // Throws std::runtime_error with one sentence when Resources::state cannot be written, or the default session's edits cannot be read. There
-  // is no default session while another server has it.
+  // Throws std::runtime_error with one sentence when Resources::state cannot be written, or the default session's edits cannot be read.
+  // There is no default session while another server has it.
   Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
             std::vector<std::pair<std::string, double>> defaultParameters = {});
 

@@ -130,7 +130,8 @@ TEST(Handover, NothingIsLostOrMadeTwiceWhoeverIsKilled) {
     editors.emplace_back([&, n] {
       std::mt19937 random(n);
       for (int k = 0; !isOver; ++k) {
-        const std::string session = sessions[random() % 3], key = "h" + std::to_string(n) + "-" + std::to_string(k);
+        const std::string& session = sessions[random() % 3];
+        const std::string key = "h" + std::to_string(n) + "-" + std::to_string(k);
         for (int attempt = 0; attempt < 50 && !isOver; ++attempt) {
           const std::uint16_t port = servers.port(random() % 2);
           try {
