@@ -41,6 +41,12 @@ void Jobs::wake(const std::stop_source& job) {
   changed_.notify_one();
 }
 
+void Jobs::answered(const std::stop_source& job) {
+  const std::lock_guard lock(mutex_);
+  for (Job& other : running_)
+    if (other.stop == job) other.client.clear();
+}
+
 bool Jobs::hasShareNow(std::string_view client) const {
   const auto isOwn = [&](const Job& job) { return job.client == client; };
   return !client.empty() &&

@@ -45,6 +45,8 @@ class Jobs {
   // The job's next turn is now. Does nothing when it is over. Any thread.
   static constexpr Clock::time_point kWhenWoken = Clock::time_point::max();  // the time of a turn for which nobody knows when
   void wake(const std::stop_source& job);
+  // The job that runs counts for its client no more, who may ask again as soon as it has its answer. Any thread.
+  void answered(const std::stop_source& job);
   // Half of all places, at least one.
   std::size_t share() const { return std::max<std::size_t>(1, (limits_.threads + limits_.waiting) / 2); }
   bool hasShare(std::string_view client) const;  // whether that many jobs of this client wait or run

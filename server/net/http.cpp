@@ -247,13 +247,14 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                  {{"Retry-After", std::to_string(jobs.secondsToWait())}}));
   }
 
+  Work& queueFor(const Later& later) {
+    return later.makesWorld ? shared_->worlds : later.patient ? shared_->patient : later.isTile ? shared_->tiles : shared_->prompt;
+  }
+
   // Does the work for an answer and watches meanwhile whether the client is still there.
   void work(std::shared_ptr<const Later> later) {
     asker_ = std::stop_source();
-    auto& [jobs, figures] = later->makesWorld ? shared_->worlds
-                            : later->patient  ? shared_->patient
-                            : later->isTile   ? shared_->tiles
-                                              : shared_->prompt;
+    auto& [jobs, figures] = queueFor(*later);
     if ((later->patient || later->isTile) && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy(jobs);
     auto run = [self = shared_from_this(), later, &jobs = jobs, &figures = figures, posted = Clock::now(),
                 worked = std::optional<Clock::duration>()](std::stop_token stop) mutable -> Jobs::Again {
@@ -268,6 +269,10 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       }
       worked = worked.value_or(Clock::duration{}) + (Clock::now() - begun);
       if (a.again) return a.again;
+      if (a.later && a.etag.empty() && &self->queueFor(*a.later).jobs == &jobs) {  // it goes on in its place
+        later = std::move(a.later);
+        return Clock::now();
+      }
       if (a.whenWoken) {
         a.whenWoken([shared = std::weak_ptr(self->shared_), &jobs, asker = self->asker_] {
           if (const auto there = shared.lock()) jobs.wake(asker);
@@ -275,6 +280,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
         return Jobs::kWhenWoken;
       }
       figures.seconds.Observe(seconds(*worked));
+      jobs.answered(self->asker_);
       self->shared_->answerBytes += a.body.size();
       asio::post(self->stream_.get_executor(), [self, a = std::move(a)]() mutable { self->worked(std::move(a)); });
       return {};

@@ -133,6 +133,26 @@ TEST(Jobs, OneThatWaitsForSomebodyElseIsWoken) {
   jobs.wake(first);
 }
 
+TEST(Jobs, WhoHasItsAnswerMayAskAgainAtOnce) {
+  Jobs jobs({.threads = 1, .waiting = 1});  // a share of one
+  const std::stop_source first;
+  std::promise<void> has, gate;
+  ASSERT_TRUE(give(
+      jobs, first,
+      [&](std::stop_token) {
+        EXPECT_FALSE(give(
+            jobs, std::stop_source(), [](std::stop_token) {}, "a"));
+        jobs.answered(first);
+        has.set_value();
+        gate.get_future().wait();  // its thread is not done with it
+      },
+      "a"));
+  has.get_future().wait();
+  EXPECT_TRUE(give(
+      jobs, std::stop_source(), [](std::stop_token) {}, "a"));
+  gate.set_value();
+}
+
 TEST(Jobs, ClientsTakeTurns) {
   Jobs jobs({.threads = 1, .waiting = 12});
   std::promise<void> gate;
