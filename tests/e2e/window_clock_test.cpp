@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <csignal>
+#include <cstdio>
 #include <memory>
 #include <string>
 #include <vector>
@@ -31,10 +32,15 @@ class WindowClock : public WindowTest {
   }
   // The clock as another member sees it, once nobody has it and it is as wanted.
   bool hears(const auto& wanted) {
-    return await([&] {
-      const wire::Clock said = onlooker_->clock().said();
-      return onlooker_->waitForClock(0, 100ms) && said.owner == 0 && wanted(said);
-    });
+    if (await([&] {
+          const wire::Clock said = onlooker_->clock().said();
+          return onlooker_->waitForClock(0, 100ms) && said.owner == 0 && wanted(said);
+        }))
+      return true;
+    const wire::Clock said = onlooker_->clock().said();
+    std::printf("heard: mode %d, rate %g, time %llu, owner %llu\n", static_cast<int>(said.mode), said.rate,
+                static_cast<unsigned long long>(said.time), static_cast<unsigned long long>(said.owner));
+    return false;
   }
   std::unique_ptr<connection::Connection> onlooker_;
 };
