@@ -21,7 +21,6 @@
 #include "tests/support/geo_tiff.h"
 #include "tests/support/glb_file.h"
 #include "tests/support/process.h"
-#include "tests/support/sanitized.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
@@ -165,7 +164,7 @@ int wanted(int usual) {
 
 TEST(Tiles, RandomOnesKeepTheirErrorWhereverTheyLie) {
   std::mt19937_64 random(11);
-  const int tiles = wanted(testing_support::kSanitized ? 16 : 40);
+  const int tiles = wanted(40);
   ScratchFolder folder;
   const std::string map = folder / "map.r16";
   writeMap(map);

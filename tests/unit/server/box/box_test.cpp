@@ -209,7 +209,7 @@ TEST(BoxMesh, FindsAWallAcrossItsSide) {
 // error. BOXES=1000 takes half an hour.
 TEST(BoxMesh, KeepsItsErrorInRandomBoxes) {
   const char* const given = std::getenv("BOXES");
-  const int boxes = given ? std::atoi(given) : testing_support::kSanitized ? 6 : 18;
+  const int boxes = given ? std::atoi(given) : 18;
   std::mt19937_64 random(3);
   const auto uniform = [&](double from, double to) { return std::uniform_real_distribution<double>(from, to)(random); };
   int refused = 0, proven = 0;
@@ -251,7 +251,7 @@ TEST(BoxMesh, KeepsItsErrorOverEdits) {
   std::mt19937_64 random(8);
   const auto uniform = [&](double from, double to) { return std::uniform_real_distribution<double>(from, to)(random); };
   const auto steps = [](double metres) { return static_cast<lattice::Step>(metres * lattice::kStepsPerMetre); };
-  for (int k = 0; k < (testing_support::kSanitized ? 2 : 8); ++k) {
+  for (int k = 0; k < 8; ++k) {
     std::shared_ptr<const terrain::Terrain> base = std::make_shared<Map>(1280u, 3u);
     if (k % 2 == 0) base = terrain::create("archipelago", 4).value();
     edits::History history(base);
