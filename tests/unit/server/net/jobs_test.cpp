@@ -134,9 +134,9 @@ TEST(Jobs, OneThatWaitsForSomebodyElseIsWoken) {
 }
 
 TEST(Jobs, WhoHasItsAnswerMayAskAgainAtOnce) {
-  Jobs jobs({.threads = 1, .waiting = 1});  // a share of one
   const std::stop_source first;
-  std::promise<void> has, gate;
+  std::promise<void> has, gate;             // which outlive the job
+  Jobs jobs({.threads = 1, .waiting = 1});  // a share of one
   ASSERT_TRUE(give(
       jobs, first,
       [&](std::stop_token) {
@@ -196,8 +196,8 @@ TEST(Jobs, KnowWhoIsNextAndHowLongItTakes) {
 }
 
 TEST(Jobs, WhatIsAbandonedMakesRoomAndNeverBegins) {
-  Jobs jobs({.threads = 1, .waiting = 1});
   std::promise<void> gate, began;
+  Jobs jobs({.threads = 1, .waiting = 1});
   ASSERT_TRUE(give(jobs, std::stop_source(), [&](std::stop_token) {
     began.set_value();
     gate.get_future().wait();

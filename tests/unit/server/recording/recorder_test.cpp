@@ -4,10 +4,13 @@
 
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <memory>
 #include <random>
 #include <set>
 #include <string>
+#include <system_error>
+#include <utility>
 #include <vector>
 
 #include "server/logging/logging.h"
@@ -36,9 +39,17 @@ class RecorderTest : public testing::Test {
     EXPECT_TRUE(testing_support::await([&] { return recorder.usage().waitingBytes < Recorder::kMostWaiting / 8; }));
   }
   std::vector<std::vector<fs::path>> recordings() const { return recordingsAt(folder).value(); }
+  // Of all parts at one time, while they come and go: until two listings agree.
   std::uint64_t bytes() const {
+    std::map<fs::path, std::uintmax_t> last, now;
+    do {
+      last = std::exchange(now, {});
+      std::error_code gone;
+      for (const auto& entry : fs::directory_iterator(folder))
+        if (const auto size = entry.file_size(gone); !gone) now[entry.path()] = size;
+    } while (now != last);
     std::uint64_t sum = 0;
-    for (const auto& entry : fs::directory_iterator(folder)) sum += entry.file_size();
+    for (const auto& [path, size] : now) sum += size;
     return sum;
   }
   static std::vector<Record> all(std::vector<fs::path> parts, std::string* damage = nullptr) {
