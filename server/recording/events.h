@@ -96,7 +96,13 @@ struct Asked {
   friend bool operator==(const Asked&, const Asked&) = default;
 };
 
-using Event = std::variant<World, Joined, Left, Iterated, Edited, Clocked, Asked>;
+// A part begins on the ground of this edit, which is in the file of edits (reader.h) with those before it. A Reader gives those instead.
+struct EditsBefore {
+  std::uint64_t number = 0;
+  friend bool operator==(const EditsBefore&, const EditsBefore&) = default;
+};
+
+using Event = std::variant<World, Joined, Left, Iterated, Edited, Clocked, Asked, EditsBefore>;
 
 struct Record {
   std::int64_t time = 0;  // microseconds since the recording began

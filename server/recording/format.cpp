@@ -192,6 +192,10 @@ template <class Walk, class E>
 requires std::is_same_v<std::remove_const_t<E>, Asked>
 bool walk(Walk& w, E& e, Known&) { return w(e.camera) && w(e.places) && w(e.message); }
 
+template <class Walk, class E>
+requires std::is_same_v<std::remove_const_t<E>, EditsBefore>
+bool walk(Walk& w, E& e, Known&) { return w(e.number); }
+
 // Which of an iteration's fields are others than those known.
 enum : std::uint32_t { kView = 1, kProjection = 2, kGranted = 4, kInsertions = 8, kEdit = 16, kSettled = 32, kHash = 64, kAllFlags = 127 };
 

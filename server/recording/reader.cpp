@@ -28,7 +28,7 @@ std::optional<std::pair<std::string, unsigned>> nameOf(const fs::path& file) {
   const std::size_t dot = name.rfind('.');
   if (dot == name.npos || dot == 0) return {};
   const auto part = text::number<unsigned>(std::string_view(name).substr(dot + 1));
-  if (!part || *part == 0) return {};
+  if (!part) return {};
   return std::pair(name.substr(0, dot), *part);
 }
 
@@ -40,7 +40,7 @@ Outcome<std::vector<std::vector<fs::path>>> recordingsAt(const fs::path& path) {
   if (!isFolder && !own) return std::vector<std::vector<fs::path>>(1, std::vector<fs::path>(1, path));  // whatever its name is
   std::map<std::string, std::map<unsigned, fs::path>> found;
   for (const auto& entry : fs::directory_iterator(isFolder ? path : path.has_parent_path() ? path.parent_path() : ".", failed))
-    if (auto name = nameOf(entry.path()); name && (!own || (name->first == own->first && name->second >= own->second)))
+    if (auto name = nameOf(entry.path()); name && name->second != kEditsPart && (!own || (name->first == own->first && name->second >= own->second)))
       found[name->first][name->second] = entry.path();
   std::vector<std::vector<fs::path>> out;
   for (auto& [name, parts] : found) {
@@ -97,6 +97,15 @@ std::optional<std::span<const std::uint8_t>> Blocks::next() {
 
 struct Reader::Part {
   explicit Part(const fs::path& path) : file(path, std::ios::binary), blocks(file) {}
+  // Error with an empty message: it is over.
+  Outcome<Record> next() {
+    while (block.empty()) {
+      const auto read = blocks.next();
+      if (!read) return Error{blocks.problem()};
+      block = *read;
+    }
+    return decoder.next(block);
+  }
   std::ifstream file;
   Blocks blocks;
   Decoder decoder;
@@ -110,7 +119,7 @@ Outcome<std::unique_ptr<Reader>> Reader::open(std::vector<fs::path> parts) {
   const std::string first = parts.front().string();
   std::unique_ptr<Reader> reader(new Reader(std::move(parts)));
   if (!reader->openNext()) return Error{"Cannot read '" + first + "'."};
-  const auto record = reader->nextOfPart();
+  const auto record = reader->part_->next();
   const World* world = record ? std::get_if<World>(&record->event) : nullptr;
   if (!world) return Error{"'" + first + "' is not a recording of this version of Ridgecast, or has nothing whole in it."};
   reader->world_ = *world;
@@ -123,13 +132,19 @@ bool Reader::openNext() {
   return part_->file.is_open();
 }
 
-Outcome<Record> Reader::nextOfPart() {
-  while (part_->block.empty()) {
-    const auto block = part_->blocks.next();
-    if (!block) return Error{part_->blocks.problem()};
-    part_->block = *block;
+Outcome<Record> Reader::nextKept() {
+  const auto name = nameOf(parts_[opened_ - 1]);
+  const fs::path file = parts_[opened_ - 1].parent_path() / (name ? partName(name->first, kEditsPart) : "");
+  const Error missing{"The edits before it are not there, or not whole: " +
+                      (name ? "'" + file.string() + "' belongs beside it." : "a recording's files must keep their names.")};
+  if (!kept_) {
+    kept_ = std::make_unique<Part>(file);
+    const auto begins = kept_->next();
+    if (!name || !begins || !(begins->event == Event(world_))) return missing;
   }
-  return part_->decoder.next(part_->block);
+  auto record = kept_->next();
+  const auto* edited = record ? std::get_if<Edited>(&record->event) : nullptr;
+  return edited && edited->number == lastEdit_ + 1 ? record : missing;
 }
 
 std::optional<Record> Reader::next() {
@@ -138,7 +153,15 @@ std::optional<Record> Reader::next() {
     return std::nullopt;
   };
   while (damage_.empty() && !wasCutOff_) {
-    Outcome<Record> record = nextOfPart();
+    if (lastEdit_ < keptUntil_.number) {
+      auto record = nextKept();
+      if (!record) return stop(record.error().message);
+      record->time = time_;
+      ++lastEdit_;
+      return std::move(*record);
+    }
+    kept_ = nullptr;
+    Outcome<Record> record = part_->next();
     if (!record) {
       const bool isLast = opened_ == parts_.size();
       if (part_->blocks.wasCutOff() && isLast)
@@ -147,12 +170,17 @@ std::optional<Record> Reader::next() {
         return stop(record.error().message);
       if (isLast) return {};
       if (!openNext()) return stop("The file cannot be read.");
-      const auto begins = nextOfPart();
+      const auto begins = part_->next();
       if (!begins && opened_ == parts_.size() && (begins.error().message.empty() || part_->blocks.wasCutOff())) {
         wasCutOff_ = true;  // nothing whole is in it yet
         continue;
       }
       if (!begins || !(begins->event == Event(world_))) return stop("It does not continue the part before it.");
+      continue;
+    }
+    if (const auto* before = std::get_if<EditsBefore>(&record->event)) {
+      keptUntil_ = *before;
+      time_ = record->time;
       continue;
     }
     if (opened_ > 1) {  // what a later part repeats

@@ -1,8 +1,10 @@
 #pragma once
 // The records of a recording, part by part, from its files.
 //
-// A recording's parts lie side by side as NAME.0001.recording, NAME.0002.recording, ...; NAME is the session and when it began. Each part
-// can be read by itself: it begins with the world, the edits so far and the members that were there.
+// A recording's parts lie side by side as NAME.0001.recording, NAME.0002.recording, ...; NAME is the session and when it began. The edits
+// made before the last part began lie beside them, once, as NAME.0000.recording: the world, then all of them. With it each part can be
+// read by itself: it begins with the world, the number of the last edit before it and the members that were there. Parts of older versions
+// have the edits themselves.
 
 #include <filesystem>
 #include <fstream>
@@ -18,6 +20,8 @@
 namespace ridgecast::recording {
 
 inline constexpr std::string_view kExtension = ".recording";
+
+inline constexpr unsigned kEditsPart = 0;
 
 // NAME.NNNN.recording of a session's name and a time, or of any name.
 std::string partName(const std::string& name, unsigned part);
@@ -66,12 +70,14 @@ class Reader {
  private:
   struct Part;
   explicit Reader(std::vector<std::filesystem::path> parts);
-  Outcome<Record> nextOfPart();  // error with an empty message: the part is over
   bool openNext();
+  Outcome<Record> nextKept();  // of the file of edits
 
   std::vector<std::filesystem::path> parts_;
   std::size_t opened_ = 0;
   std::unique_ptr<Part> part_;
+  std::unique_ptr<Part> kept_;    // while its edits up to `keptUntil_` are read
+  EditsBefore keptUntil_;
   World world_;
   std::uint64_t lastEdit_ = 0;
   std::optional<Record> clock_;  // the last Clocked

@@ -62,17 +62,19 @@ struct Writing {
   World world;
   Observer::Instant began;
   std::atomic<bool> ended{false};  // takes nothing more
+  struct File {
+    int descriptor = -1;
+    std::uint64_t size = 0;
+    Bytes block;  // to be written
+  };
   // What a part begins with.
-  std::vector<Edited> edits;
-  std::size_t editBytes = 0;
+  std::vector<Edited> past;  // until the first part begins
+  std::uint64_t lastEdit = 0;
   std::optional<Record> clock;
   std::map<std::uint64_t, Joined> members;
-  // The part.
-  unsigned part = 0;
-  int file = -1;
-  std::uint64_t size = 0;
+  File edits, part;
+  unsigned number = kEditsPart;  // of the part
   Encoder encoder;
-  Bytes block;
   Observer::Instant written{};
 };
 
@@ -103,12 +105,18 @@ struct Recorder::State {
   void run();
   void take(Waiting& w);
   void apply(Writing& w, const Event& event);
-  bool begin(Writing& w);  // the next part
-  bool write(Writing& w);  // the block
-  bool flush(Writing& w);  // likewise; a full part is followed by the next
+  // These end the recording, and say so, where they return false.
+  bool make(Writing& w, Writing::File& file, unsigned number);
+  bool keep(Writing& w, const Edited& edited);  // in the file of edits
+  bool begin(Writing& w);                       // the next part
+  bool append(Writing& w, Writing::File& file);  // its block
+  bool write(Writing& w);                       // the part's block
+  bool flush(Writing& w);                       // likewise; a full part is followed by the next
   bool makeRoom(std::uint64_t bytes);
   void close(Writing& w);
-  void stop(Writing& w, const std::string& why);
+  void close(Writing& w, Writing::File& file, unsigned number);
+  bool stop(Writing& w, const std::string& why);  // false
+  bool end(Writing& w, const std::string& why);   // likewise, once the part's block is written
 };
 
 class Recorder::Session final : public Observer {
@@ -143,11 +151,18 @@ Outcome<std::unique_ptr<Recorder>> Recorder::open(const fs::path& folder, std::u
   state->folder = folder;
   state->bytes = std::max(bytes, kLeastBytes);
   state->partBytes = state->bytes / 16;
-  std::vector<std::pair<fs::file_time_type, fs::path>> found;
+  std::map<std::string, std::vector<std::pair<fs::file_time_type, fs::path>>> found;  // by recording
   for (const auto& entry : fs::directory_iterator(folder, failed))
-    if (nameOf(entry.path())) found.emplace_back(entry.last_write_time(failed), entry.path());
-  std::ranges::sort(found);
-  for (const auto& [time, file] : found) {
+    if (const auto name = nameOf(entry.path())) found[name->first].emplace_back(entry.last_write_time(failed), entry.path());
+  std::vector<std::tuple<fs::file_time_type, bool, fs::path>> inOrder;
+  for (const auto& [name, files] : found)
+    for (const auto& [time, file] : files)
+      if (const bool isEdits = nameOf(file)->second == kEditsPart)  // which go after all parts that need them
+        inOrder.emplace_back(std::ranges::max(files).first, isEdits, file);
+      else
+        inOrder.emplace_back(time, isEdits, file);
+  std::ranges::sort(inOrder);
+  for (const auto& [time, isEdits, file] : inOrder) {
     state->old.emplace_back(file, fs::file_size(file, failed));
     state->total += state->old.back().second;
   }
@@ -182,8 +197,7 @@ std::shared_ptr<Observer> Recorder::begin(World world, std::vector<Edited> past,
   writing->session = world.session;
   writing->name = world.session + "." + stampOf(world.began);
   writing->world = std::move(world);
-  for (const Edited& e : past) writing->editBytes += bytesOf(e);
-  writing->edits = std::move(past);
+  writing->past = std::move(past);
   return std::make_shared<Session>(state_, std::move(writing));
 }
 
@@ -232,18 +246,16 @@ void Recorder::State::take(Waiting& waits) {
     return;
   }
   if (w.ended && !open.contains(&w)) return;  // was stopped
-  const std::uint64_t mostEditBytes = partBytes / 4;
   if (!open.contains(&w)) {
     open.emplace(&w, waits.of);
-    if (w.editBytes <= mostEditBytes && !begin(w)) return;  // otherwise it ends below, without a file
+    const auto past = std::exchange(w.past, {});
+    if (!std::ranges::all_of(past, [&](const Edited& e) { return keep(w, e); }) || !begin(w)) return;
   }
+  if (const auto* edited = std::get_if<Edited>(&waits.record.event); edited && !keep(w, *edited)) return;
   apply(w, waits.record.event);
   if (std::holds_alternative<Clocked>(waits.record.event)) w.clock = waits.record;
-  if (w.editBytes > mostEditBytes && write(w))
-    return stop(w, "its edits alone have more than " + std::to_string(mostEditBytes) + " bytes; --record-bytes can be raised");
-  if (!w.encoder.put(waits.record, w.block) && std::holds_alternative<Edited>(waits.record.event))
-    return stop(w, "an edit has more than " + std::to_string(kMostRecordBytes) + " bytes");
-  if (w.block.size() >= kFullBlock) flush(w);
+  w.encoder.put(waits.record, w.part.block);
+  if (w.part.block.size() >= kFullBlock) flush(w);
 }
 
 // What the next part must know.
@@ -253,9 +265,6 @@ void Recorder::State::apply(Writing& w, const Event& event) {
     known.again = true;
   } else if (const auto* left = std::get_if<Left>(&event)) {
     w.members.erase(left->camera);
-  } else if (const auto* edited = std::get_if<Edited>(&event)) {
-    w.edits.push_back(*edited);
-    w.editBytes += bytesOf(*edited);
   } else if (const auto* iterated = std::get_if<Iterated>(&event)) {
     const auto member = w.members.find(iterated->camera);
     if (member == w.members.end()) return;
@@ -264,52 +273,66 @@ void Recorder::State::apply(Writing& w, const Event& event) {
   }
 }
 
+bool Recorder::State::make(Writing& w, Writing::File& file, unsigned number) {
+  const fs::path path = folder / partName(w.name, number);
+  file.descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
+  if (file.descriptor < 0) return stop(w, "'" + path.string() + "' cannot be made: " + std::strerror(errno));
+  file.size = 0;
+  return true;
+}
+
+bool Recorder::State::keep(Writing& w, const Edited& edited) {
+  if (w.edits.descriptor < 0) {
+    if (!make(w, w.edits, kEditsPart)) return false;
+    Encoder().put({0, w.world}, w.edits.block);
+  }
+  if (!Encoder().put({0, edited}, w.edits.block)) return end(w, "an edit has more than " + std::to_string(kMostRecordBytes) + " bytes");
+  w.lastEdit = edited.number;
+  return w.edits.block.size() < kFullBlock || append(w, w.edits);
+}
+
 bool Recorder::State::begin(Writing& w) {
-  const fs::path file = folder / partName(w.name, ++w.part);
-  w.file = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
-  if (w.file < 0) return stop(w, "'" + file.string() + "' cannot be made: " + std::strerror(errno)), false;
-  if (w.part == 1) logging::info({.session = w.session}, "is recorded to " + file.string());
-  w.size = 0;
+  if (!append(w, w.edits) || !make(w, w.part, ++w.number)) return false;
+  if (w.number == 1) logging::info({.session = w.session}, "is recorded to " + (folder / partName(w.name, 1)).string());
   w.encoder = {};
   w.written = Observer::Instant::clock::now();
-  std::int64_t time = w.clock ? w.clock->time : 0;
-  w.encoder.put({time, w.world}, w.block);
-  for (const Edited& e : w.edits) {
-    w.encoder.put({time, e}, w.block);
-    if (w.block.size() >= kFullBlock && !write(w)) return false;  // a part begins no other
+  const std::int64_t time = w.clock ? w.clock->time : 0;
+  w.encoder.put({time, w.world}, w.part.block);
+  if (w.lastEdit > 0) w.encoder.put({time, EditsBefore{w.lastEdit}}, w.part.block);
+  if (w.clock) w.encoder.put(*w.clock, w.part.block);
+  for (const auto& [camera, joined] : w.members) w.encoder.put({time, joined}, w.part.block);
+  return true;
+}
+
+bool Recorder::State::append(Writing& w, Writing::File& file) {
+  if (file.block.empty()) return true;
+  const Bytes frame = compress(file.block);
+  file.block.clear();
+  if (&file == &w.edits && file.size + frame.size() > bytes / 2)
+    return end(w, "its edits alone have more than " + std::to_string(bytes / 2) + " bytes; --record-bytes can be raised");
+  if (!makeRoom(frame.size())) return stop(w, "no room is left in --record-bytes beside what else is being recorded");
+  for (std::size_t done = 0; done < frame.size();) {
+    const ssize_t n = ::write(file.descriptor, frame.data() + done, frame.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return stop(w, std::string("it cannot be written: ") + std::strerror(errno));
+    done += static_cast<std::size_t>(n);
   }
-  if (w.clock) w.encoder.put(*w.clock, w.block);
-  for (const auto& [camera, joined] : w.members) w.encoder.put({time, joined}, w.block);
+  file.size += frame.size();
+  total += frame.size();
+  const std::lock_guard lock(mutex);
+  usage.bytes += frame.size();
   return true;
 }
 
 bool Recorder::State::write(Writing& w) {
   w.written = Observer::Instant::clock::now();
-  if (w.block.empty()) return true;
-  const Bytes frame = compress(w.block);
-  w.block.clear();
-  if (!makeRoom(frame.size())) return stop(w, "no room is left in --record-bytes beside what else is being recorded"), false;
-  for (std::size_t done = 0; done < frame.size();) {
-    const ssize_t n = ::write(w.file, frame.data() + done, frame.size() - done);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return stop(w, std::string("it cannot be written: ") + std::strerror(errno)), false;
-    done += static_cast<std::size_t>(n);
-  }
-  w.size += frame.size();
-  total += frame.size();
-  {
-    const std::lock_guard lock(mutex);
-    usage.bytes += frame.size();
-  }
-  return true;
+  return append(w, w.part);
 }
 
 bool Recorder::State::flush(Writing& w) {
   if (!write(w)) return false;
-  if (w.size < partBytes) return true;
-  ::close(w.file);
-  w.file = -1;
-  old.emplace_back(folder / partName(w.name, w.part), w.size);
+  if (w.part.size < partBytes) return true;
+  close(w, w.part, w.number);
   return begin(w);
 }
 
@@ -323,19 +346,31 @@ bool Recorder::State::makeRoom(std::uint64_t more) {
   return total + more <= bytes;
 }
 
+void Recorder::State::close(Writing& w, Writing::File& file, unsigned number) {
+  if (file.descriptor < 0) return;
+  ::close(std::exchange(file.descriptor, -1));
+  old.emplace_back(folder / partName(w.name, number), file.size);
+}
+
 void Recorder::State::close(Writing& w) {
-  if (w.file >= 0) {
-    ::close(w.file);
-    old.emplace_back(folder / partName(w.name, w.part), w.size);
+  close(w, w.part, w.number);
+  close(w, w.edits, kEditsPart);  // after all parts that need it
+  if (w.number == 0 && w.edits.size > 0) {
+    std::error_code ignored;
+    fs::remove(old.back().first, ignored);
+    total -= old.back().second;
+    old.pop_back();
   }
-  w.file = -1;
   w.ended = true;
   open.erase(&w);
 }
 
-void Recorder::State::stop(Writing& w, const std::string& why) {
+bool Recorder::State::stop(Writing& w, const std::string& why) {
   if (!w.ended.exchange(true)) logging::error({.session = w.session}, "the recording ends: " + why);
   close(w);
+  return false;
 }
+
+bool Recorder::State::end(Writing& w, const std::string& why) { return write(w) && stop(w, why); }
 
 }  // namespace ridgecast::recording

@@ -4,10 +4,11 @@
 //   note() --> queue (kMostWaiting bytes) --> one thread of low priority: codes, compresses, writes a block a second
 //
 // A block reaches the operating system in one write, so that after kill -9 all but the last second is there. A recording that cannot be
-// kept (the disk is full or too slow, its edits alone take a quarter of the room) ends with a sentence in the log, and disturbs nobody.
+// kept (the disk is full or too slow, its edits alone take half of the room) ends with a sentence in the log, and disturbs nobody.
 //
 // Bound: the folder's recordings have at most `bytes` together. A part has a sixteenth of them; the oldest parts go first, those of
-// earlier runs included, but never one that is being written: if nothing else is left, the recording that wants to write ends.
+// earlier runs included, a recording's edits after its parts, but never one that is being written: if nothing else is left, the recording
+// that wants to write ends.
 
 #include <cstdint>
 #include <filesystem>

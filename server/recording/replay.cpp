@@ -166,6 +166,7 @@ class Replaying {
   }
 
   Outcome<void> take(const World&, double) { return {}; }
+  Outcome<void> take(const EditsBefore&, double) { return {}; }
   Outcome<void> take(const Clocked&, double) { return {}; }
   Outcome<void> take(const Asked&, double) { return ++summary_.questions, Outcome<void>(); }
   Outcome<void> take(const Left& left, double) { return live_.erase(left.camera), Outcome<void>(); }

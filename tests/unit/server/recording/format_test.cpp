@@ -156,7 +156,8 @@ TEST(RecordingFormat, WhatNobodyKnowsIsNotWritten) {
 TEST(RecordingFormat, PartsHaveNames) {
   EXPECT_EQ(partName("default.x", 12), "default.x.0012.recording");
   EXPECT_EQ(nameOf("/a/default.x.0012.recording"), (std::pair<std::string, unsigned>("default.x", 12)));
-  for (const char* other : {"a.recording", "a.0000.recording", "a.-1.recording", "a.1.edits", ".0001.recording", "a.1x.recording"})
+  EXPECT_EQ(nameOf("a.0000.recording"), (std::pair<std::string, unsigned>("a", kEditsPart)));
+  for (const char* other : {"a.recording", "a.-1.recording", "a.1.edits", ".0001.recording", "a.1x.recording"})
     EXPECT_FALSE(nameOf(other)) << other;
 }
 

@@ -35,8 +35,8 @@ class RecorderTest : public testing::Test {
     fs::create_directory(folder);
   }
   void note(Observer& observer, const Record& record) { observer.note(start + std::chrono::microseconds(record.time), record.event); }
-  static void waitFor(const Recorder& recorder) {  // within what may wait
-    EXPECT_TRUE(testing_support::await([&] { return recorder.usage().waitingBytes < Recorder::kMostWaiting / 8; }));
+  static void waitFor(const Recorder& recorder) {  // it writes at once what is beyond a quarter of what may wait
+    EXPECT_TRUE(testing_support::await([&] { return recorder.usage().waitingBytes < Recorder::kMostWaiting / 2; }));
   }
   std::vector<std::vector<fs::path>> recordings() const { return recordingsAt(folder).value(); }
   // Of all parts at one time, while they come and go: until two listings agree.
@@ -52,6 +52,11 @@ class RecorderTest : public testing::Test {
     for (const auto& [path, size] : now) sum += size;
     return sum;
   }
+  std::string noise(std::size_t size) {  // which does not compress
+    std::string out(size, ' ');
+    for (char& c : out) c = static_cast<char>(random());
+    return out;
+  }
   static std::vector<Record> all(std::vector<fs::path> parts, std::string* damage = nullptr) {
     auto reader = Reader::open(std::move(parts)).value();
     std::vector<Record> out;
@@ -62,6 +67,7 @@ class RecorderTest : public testing::Test {
 
   ScratchFolder scratch;
   fs::path folder = scratch / "recordings";
+  std::mt19937_64 random{5};
   const Observer::Instant start = Observer::Instant::clock::now();
 };
 
@@ -181,34 +187,28 @@ TEST_F(RecorderTest, WhatCannotBeKeptEndsTheRecordingAlone) {
     World other = recordedWorld();
     other.session = "other";
     const auto big = recorder->begin(other, {}, start);
-    for (std::uint64_t n = 1; n <= 100; ++n) big->note(start, Edited{n, "", std::string(1000, 'e')});  // more than a quarter of a part
+    for (std::uint64_t n = 1; n <= 12; ++n) big->note(start, Edited{n, "", noise(Recorder::kLeastBytes / 16)});  // half of the room is 8
     const auto good = recorder->begin(recordedWorld(), {}, start);
     good->note(start, Joined{2, "", {}, {}, {}, 0});
   }
   const auto found = recordings();
   ASSERT_EQ(found.size(), 2u);
-  EXPECT_GT(all(found[0]).size(), 10u);
-  EXPECT_LT(all(found[0]).size(), 20u);
+  EXPECT_GT(all(found[0]).size(), 5u);
+  EXPECT_LT(all(found[0]).size(), 9u);
   EXPECT_EQ(all(found[1]).size(), 1u);
 }
 
 // They once began part after part, without end, and deleted all other recordings.
 TEST_F(RecorderTest, KeptEditsThatHaveNoRoomEndTheRecordingAtOnce) {
-  std::ofstream(folder / "old.0001.recording") << std::string(900'000, 'x');
-  std::mt19937_64 random(5);
-  const auto noise = [&random](std::size_t size) {  // which does not compress
-    std::string out(size, ' ');
-    for (char& c : out) c = static_cast<char>(random());
-    return out;
-  };
+  std::ofstream(folder / "old.0001.recording") << std::string(300'000, 'x');
   constexpr std::size_t kPart = Recorder::kLeastBytes / 16;
   World big = recordedWorld(), named = recordedWorld(), fits = recordedWorld();
   big.session = "big", named.session = "named", fits.session = "fits";
   {
     const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
     std::vector<Edited> large, byNames;
-    for (std::uint64_t n = 1; n <= 8; ++n) large.push_back({n, "", noise(kPart)});
-    for (std::uint64_t n = 1; n <= 2 * kPart / 64; ++n) byNames.push_back({n, noise(64), ""});
+    for (std::uint64_t n = 1; n <= 12; ++n) large.push_back({n, "", noise(kPart)});
+    for (std::uint64_t n = 1; n <= 12 * kPart / 64; ++n) byNames.push_back({n, noise(64), ""});
     const std::vector<std::shared_ptr<Observer>> observers{recorder->begin(big, large, start), recorder->begin(named, byNames, start),
                                                            recorder->begin(fits, {{1, "", noise(kPart / 4)}}, start)};
     for (const auto& observer : observers) observer->note(start, Joined{1, "", {}, {}, {}, 0});
@@ -221,9 +221,80 @@ TEST_F(RecorderTest, KeptEditsThatHaveNoRoomEndTheRecordingAtOnce) {
 }
 
 TEST_F(RecorderTest, AFloodEndsTheRecordingInsteadOfWaiting) {
-  const auto recorder = Recorder::open(folder, 1 << 24).value();
-  const auto observer = recorder->begin(recordedWorld(), {}, start);
-  for (int k = 0; k < 100; ++k) observer->note(start, Edited{1, "", std::string(Recorder::kMostWaiting / 2, 'e')});
+  constexpr std::size_t kEdit = Recorder::kMostWaiting / 8;
+  {
+    const auto recorder = Recorder::open(folder, 1 << 30).value();
+    const auto observer = recorder->begin(recordedWorld(), {}, start);
+    const std::string edit = noise(kEdit);
+    for (std::uint64_t n = 1; n <= 100; ++n) observer->note(start, Edited{n, "", edit});
+  }
+  const auto read = all(recordings().at(0));
+  EXPECT_GE(read.size(), 7u) << "what may wait is written";
+  for (std::size_t k = 0; k < read.size(); ++k) EXPECT_EQ(std::get<Edited>(read[k].event).number, k + 1);  // and nothing after a gap
+}
+
+// 24 edits in 0.6 s once ended the recording for good, as every part repeated them.
+TEST_F(RecorderTest, EditsAreKeptOnceBesideTheParts) {
+  constexpr std::uint64_t kBytes = 16 << 20, kEdits = 24;
+  constexpr std::size_t kEdit = 256 << 10;  // a quarter of a part
+  std::vector<Edited> edits;
+  for (std::uint64_t n = 1; n <= kEdits; ++n) edits.push_back({n, "ann", noise(kEdit)});
+  {
+    const auto recorder = Recorder::open(folder, kBytes).value();
+    const auto observer = recorder->begin(recordedWorld(), {edits.begin(), edits.begin() + 8}, start);
+    for (auto edit = edits.begin() + 8; edit != edits.end(); ++edit) observer->note(start, *edit), waitFor(*recorder);
+    observer->note(start, Joined{1, "", {}, {}, {}, kEdits});
+  }
+  const auto parts = recordings().at(0);
+  EXPECT_GT(parts.size(), 3u);
+  EXPECT_LE(bytes(), (kEdits + kEdits - 8 + 1) * kEdit) << "once beside the parts, once where they were made";
+  for (const std::size_t from : {std::size_t{0}, parts.size() / 2, parts.size() - 1}) {
+    std::string damage;
+    const auto read = all({parts.begin() + static_cast<std::ptrdiff_t>(from), parts.end()}, &damage);
+    EXPECT_EQ(damage, "");
+    ASSERT_EQ(read.size(), kEdits + 1) << from;
+    for (std::size_t k = 0; k < kEdits; ++k) EXPECT_EQ(std::get<Edited>(read[k].event), edits[k]) << k;
+    EXPECT_TRUE(std::holds_alternative<Joined>(read.back().event));
+  }
+  const fs::path kept = folder / partName(nameOf(parts[0])->first, kEditsPart);
+  const auto size = fs::file_size(kept);
+  for (const std::uintmax_t left : {size - 1, size / 2, std::uintmax_t{100}, std::uintmax_t{0}}) {
+    fs::resize_file(kept, left);
+    std::string damage;
+    const auto read = all({parts.back()}, &damage);
+    EXPECT_NE(damage.find("'" + kept.string() + "' belongs beside it."), std::string::npos) << left;
+    EXPECT_LT(read.size(), kEdits);
+    for (std::size_t k = 0; k < read.size(); ++k) EXPECT_EQ(std::get<Edited>(read[k].event), edits[k]);
+  }
+  fs::remove(kept);
+  std::string damage;
+  EXPECT_TRUE(all({parts.back()}, &damage).empty());
+  EXPECT_NE(damage.find("belongs beside it"), std::string::npos);
+}
+
+// They are the last to go, also when a later run makes the room.
+TEST_F(RecorderTest, EditsGoAfterThePartsThatNeedThem) {
+  {
+    const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+    const auto observer = recorder->begin(recordedWorld(), {{1, "", noise(1000)}}, start);
+    for (std::uint64_t n = 2; n <= 4; ++n) observer->note(start, Edited{n, "", noise(Recorder::kLeastBytes / 8)});
+  }
+  const auto parts = recordings().at(0);
+  ASSERT_GT(parts.size(), 1u);
+  const fs::path kept = folder / partName(nameOf(parts[0])->first, kEditsPart);
+  const auto later = fs::last_write_time(parts.back());
+  fs::last_write_time(kept, later - std::chrono::hours(1));  // it was not written again
+  World other = recordedWorld();
+  other.session = "other";
+  const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+  const auto observer = recorder->begin(other, {}, start);
+  constexpr std::size_t kBlock = 264 << 10;  // written at once
+  for (std::uint64_t k = 1; k <= 4 && fs::exists(kept); ++k) {
+    observer->note(start, Asked{1, 0, noise(kBlock)});
+    EXPECT_TRUE(testing_support::await([&] { return recorder->usage().bytes >= k * kBlock; }));
+  }
+  EXPECT_FALSE(fs::exists(kept));
+  for (const fs::path& part : parts) EXPECT_FALSE(fs::exists(part)) << "which needs them";
 }
 
 // It would delete the parts that the first one writes.
