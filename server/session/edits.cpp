@@ -282,7 +282,7 @@ void Edits::keep() {
 
 Outcome<void> Edits::append() {
   if (!kept_.store) {
-    auto store = kept_.makeStore();
+    auto store = kept_.makeStore(edits::clientOf(made_.front().author));
     if (!store) return store.error();
     kept_.store = std::move(*store);
   }

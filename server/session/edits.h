@@ -53,12 +53,14 @@ class Edits : public std::enable_shared_from_this<Edits> {
   // Of making edits, before others have their turn; and before those that were made are kept.
   static constexpr std::chrono::milliseconds kTurn{2}, kGroup{50};
 
-  // Where edits are kept: a store, or how to make one for the first edit.
+  // Where edits are kept: a store, or how to make one for the first edit, which this client made.
   struct Kept {
     std::shared_ptr<const void> held;  // let go of when the store is closed
     std::unique_ptr<edit_store::Store> store;
     std::optional<edits::History> history;  // the store's
-    std::function<Outcome<std::unique_ptr<edit_store::Store>>()> makeStore = [] { return edit_log::Log::temporary(); };
+    std::function<Outcome<std::unique_ptr<edit_store::Store>>(std::string_view client)> makeStore = [](std::string_view) {
+      return edit_log::Log::temporary();
+    };
     std::string place;  // for the operator
   };
   // `changed` is called after each change of the ground, `made` for each edit that is kept, before anybody has its ground. Executors as

@@ -1,10 +1,10 @@
 #include "server/session/reservations.h"
 
-#include <algorithm>
 #include <stdexcept>
 #include <system_error>
 #include <utility>
 
+#include "server/edit_log/clients.h"
 #include "server/logging/logging.h"
 
 namespace ridgecast::session {
@@ -21,14 +21,10 @@ Error told(const fs::path& log, Error e) {
   return e;
 }
 
-Outcome<std::unique_ptr<edit_store::Store>> beginLog(std::shared_ptr<const edit_log::Lock> lock, const edit_log::World& world) {
-  std::error_code failed;
-  const fs::directory_iterator files(lock->log().parent_path(), failed);
-  if (std::count_if(begin(files), end(files), [](const auto& file) { return file.path().extension() == ".edits"; }) >= kMostKept)
-    return Error{"The server keeps the edits of at most " + std::to_string(kMostKept) +
-                 " sessions; its operator can forget some with `ridgecast-server edits forget`."};
+Outcome<std::unique_ptr<edit_store::Store>> beginLog(std::shared_ptr<const edit_log::Lock> lock, const edit_log::World& world,
+                                                     std::string_view client) {
   const fs::path file = lock->log();
-  auto log = edit_log::Log::create(std::move(lock), world);
+  auto log = edit_log::createFor(client, std::move(lock), world, kMostKept);
   if (!log) return told(file, log.error());
   return std::unique_ptr<edit_store::Store>(std::move(*log));
 }
@@ -74,7 +70,7 @@ Outcome<Edits::Kept> Reservation::keep(const edit_log::World& world, const std::
   kept.held = held_;
   kept.place = placeOf(held_->lock->log());
   if (!log_) {
-    kept.makeStore = [lock = held_->lock, world] { return beginLog(lock, world); };
+    kept.makeStore = [lock = held_->lock, world](std::string_view client) { return beginLog(lock, world, client); };
     return kept;
   }
   const edit_log::World& its = log_->world();

@@ -18,7 +18,7 @@
 
 namespace ridgecast::session {
 
-inline constexpr std::ptrdiff_t kMostKept = 4096;  // logs in Resources::state, before another session's edits are refused
+inline constexpr std::size_t kMostKept = 4096;  // logs in Resources::state, of which one client may begin half
 
 class Reservation {
  public:

@@ -39,7 +39,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
       "LockstepBoundsItsQueue"}},
     {"edits: ",
      {"HostileOnesAreRefusedAndDisturbNobody", "WhatWaitsIsBounded", "AreTakenWhenAskedAndGivenBack", "BytesOfEditsHaveABudget"}},
-    {"room for edits", {"MemoryIsBounded", "AreTakenWhenAskedAndGivenBack", "OfOnlySoManySessionsAreKept"}},
+    {"room for edits", {"MemoryIsBounded", "AreTakenWhenAskedAndGivenBack", "OfOnlySoManySessionsAreKept", "OneBeginsHalfOfTheLogs"}},
     {"edits that are told", {"WaitForWhoDoesNotReadAndAreCodedOnceForAll", "ThatNobodyReadsTakeNoRoom"}},
     {"queries: ",
      {"WhatExceedsAMembersBudgetWaits", "ManyConnectionsOfOneClientHaveOneBudget", "LongRaysLeaveOthersTheirTurns",

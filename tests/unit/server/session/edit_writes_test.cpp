@@ -72,7 +72,7 @@ struct Steps {
   explicit Steps(std::shared_ptr<const terrain::Terrain> terrain = flatTerrain(), const EditSpace::Limits& limits = {})
       : space(std::make_shared<EditSpace>(limits)) {
     Edits::Kept kept;
-    kept.makeStore = [disk = disk]() -> Outcome<std::unique_ptr<edit_store::Store>> {
+    kept.makeStore = [disk = disk](std::string_view) -> Outcome<std::unique_ptr<edit_store::Store>> {
       return std::unique_ptr<edit_store::Store>(new MemoryStore(disk));
     };
     edits = std::make_shared<Edits>(
@@ -153,7 +153,7 @@ TEST(EditWrites, NobodyElseWaitsForTheDisk) {
     return Outcome<void>();
   };
   Edits::Kept kept;
-  kept.makeStore = [disk]() -> Outcome<std::unique_ptr<edit_store::Store>> {
+  kept.makeStore = [disk](std::string_view) -> Outcome<std::unique_ptr<edit_store::Store>> {
     return std::unique_ptr<edit_store::Store>(new MemoryStore(disk));
   };
   const auto edits = std::make_shared<Edits>(

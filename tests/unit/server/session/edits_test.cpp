@@ -14,6 +14,8 @@
 
 #include "common/edits/author.h"
 #include "common/edits/packed.h"
+#include "server/edit_log/clients.h"
+#include "server/edit_log/database.h"
 #include "server/edit_log/log.h"
 #include "server/session/camera_session.h"
 #include "tests/support/process.h"
@@ -135,7 +137,7 @@ TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
 
 TEST(Edits, OfOnlySoManySessionsAreKept) {
   const testing_support::ScratchFolder folder;
-  for (std::ptrdiff_t k = 1; k < kMostKept; ++k) std::ofstream(folder / ("s" + std::to_string(k) + ".edits"));
+  for (std::size_t k = 1; k < kMostKept; ++k) std::ofstream(folder / ("s" + std::to_string(k) + ".edits"));
   scheduling::Executor executor(1);
   auto resources = std::make_shared<Resources>();
   resources->executor = &executor;
@@ -212,6 +214,27 @@ struct Payer {
   std::shared_ptr<Session> session;
   std::shared_ptr<Budgets> budgets = std::make_shared<Budgets>();
 };
+
+TEST(Edits, OneClientBeginsHalfOfTheSessionsThatAreKept) {
+  const testing_support::ScratchFolder folder;
+  {
+    auto clients = edit_log::Database::open(folder / edit_log::kClientsFile, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE).value();
+    clients.run("BEGIN; CREATE TABLE clients(log TEXT PRIMARY KEY, client TEXT NOT NULL) WITHOUT ROWID").value();
+    auto insert = clients.prepare("INSERT INTO clients VALUES(?1, 'token of lab')").value();
+    for (std::size_t k = 0; k < kMostKept / 2; ++k) {
+      const std::string log = "s" + std::to_string(k) + ".edits";
+      std::ofstream(folder / log).flush();
+      insert.run(std::string_view(log)).value();
+    }
+    clients.run("COMMIT").value();
+  }
+  Payer payer(folder / "");
+  const auto refused = payer.ask(craterAt(0), "", {"token of lab", "bob"}).get();
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("2048 sessions that one client began"), std::string::npos) << refused.error().message;
+  EXPECT_EQ(payer.ask(craterAt(0), "", {"token of shop", "ann"}).get().value(), 1u);
+  EXPECT_EQ(payer.ask(craterAt(0), "", {"token of lab", "bob"}).get().value(), 2u) << "its log is there";
+}
 
 TEST(Edits, KnownKeysAreAnsweredBeforeAnythingIsCharged) {
   Payer payer;
