@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "common/wire/wire.h"
-
 namespace ridgecast::session {
 
 void Clock::play(const wire::Clock& recording, Instant now) {
@@ -16,7 +14,11 @@ void Clock::play(const wire::Clock& recording, Instant now) {
 
 std::uint64_t Clock::upToEnd(std::uint64_t time) const { return std::min(end_ == 0 ? wire::kMaxTime : end_, time); }
 
-bool Clock::isTooFarAhead(std::uint64_t time, Instant now) const { return end_ == 0 && time > this->time(now) + wire::kMaxStepTime; }
+std::uint64_t Clock::movedTo(std::uint64_t time) const {
+  return std::max(time_, end_ == 0 ? std::min(kMostMoved, time) : upToEnd(time));
+}
+
+bool Clock::isTooFarAhead(std::uint64_t time, Instant now) const { return end_ == 0 && time > std::min(kMostMoved, this->time(now) + wire::kMaxStepTime); }
 
 std::uint64_t Clock::time(Instant now) const {
   if (mode_ == wire::ClockMode::kStepped) return time_;
@@ -66,7 +68,7 @@ bool Clock::set(std::uint64_t member, const wire::SetClock& set, Instant now) {
   }
   mode_ = set.mode;
   rate_ = mode_ == wire::ClockMode::kRealTime ? 1 : mode_ == wire::ClockMode::kScaled ? set.rate : 0;
-  if (waitsFor_.empty() && !isTooFarAhead(set.time, now)) time_ = std::max(time_, upToEnd(set.time));
+  if (waitsFor_.empty() && !isTooFarAhead(set.time, now)) time_ = movedTo(set.time);
   return true;
 }
 
@@ -99,7 +101,7 @@ bool Clock::passOver(std::uint64_t member) {
 
 void Clock::begin(const wire::ClockStep& step) {
   ++step_;
-  time_ = upToEnd(time_ + step.time);
+  time_ = movedTo(time_ + step.time);
   if (!step.wait) return;
   waitsFor_ = followers_;
   waitsFor_.erase(owner_);  // nobody waits for the owner

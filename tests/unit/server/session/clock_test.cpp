@@ -111,6 +111,30 @@ TEST(Clock, TimeNeverPassesWhatFitsOnTheWire) {
   EXPECT_EQ(clock.time(kStart + std::chrono::hours(24 * 365 * 100)), wire::kMaxTime);
 }
 
+// Jumps of an hour, ten minutes long, once left it at its end, where it stood for ever.
+TEST(Clock, CanRunHoweverFarItWasMoved) {
+  Clock clock(kStart);
+  for (const bool jumps : {true, false}) {
+    std::uint64_t now = clock.time(kStart), last = 0;
+    do {
+      last = now;
+      ASSERT_TRUE(clock.set(1, {true, ClockMode::kStepped, 0, jumps ? now + wire::kMaxStepTime : 0}, kStart));
+      if (!jumps) {
+        ASSERT_EQ(clock.step(1, {wire::kMaxStepTime, false}), Stepped::kBegins);
+      }
+      now = clock.time(kStart);
+    } while (now != last);
+    EXPECT_LE(now, Clock::kMostMoved);
+    EXPECT_GT(now, Clock::kMostMoved - wire::kMaxStepTime);
+  }
+  EXPECT_EQ(clock.time(kStart), Clock::kMostMoved);
+  ASSERT_TRUE(clock.set(1, {true, ClockMode::kRealTime, 1}, kStart));
+  EXPECT_EQ(clock.time(kStart + 1h), Clock::kMostMoved + wire::kMaxStepTime);
+  ASSERT_TRUE(clock.set(1, {true, ClockMode::kStepped, 0}, kStart + 1h));
+  EXPECT_EQ(clock.step(1, {5, false}), Stepped::kBegins);
+  EXPECT_EQ(clock.time(kStart + 1h), Clock::kMostMoved + wire::kMaxStepTime) << "and does not go back";
+}
+
 TEST(Clock, IsSetToLaterTimesAlone) {
   Clock clock(kStart);
   EXPECT_TRUE(clock.set(1, {true, ClockMode::kScaled, 2, 60'000'000}, kStart + 1s));
