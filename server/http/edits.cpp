@@ -145,7 +145,7 @@ std::optional<Answer> respond(const Request& request, const session::Directory& 
   if (isOne ? request.method != "DELETE" : !request.reads() && request.method != "POST")
     return wrongMethod(isOne ? "DELETE" : "GET, HEAD, POST");
   auto session = directory.find(name);
-  if (!session) return refused(404, metrics::Refusal::kSession, "There is no session of that name here; /v1/sessions lists the sessions.");
+  if (!session) return noSession(name, directory);
   session->use();
   if (request.reads()) return list(request, session);
   if (!isOne) return post(request, std::move(session));

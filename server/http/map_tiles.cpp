@@ -92,7 +92,7 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
   if (request.method == "OPTIONS") return preflight();
   if (!request.reads()) return openWrongMethod();
   const auto session = directory.find(wanted->session);
-  if (!session) return openRefusal(404, "There is no session of that name here; /v1/sessions lists the sessions.");
+  if (!session) return opened(noSession(wanted->session, directory));
   if (!wanted->tile)
     return openRefusal(404, "There is no such tile: heights/Z/X/Y.png or colours/Z/X/Y.jpg, Z from 0 to " +
                                 std::to_string(map::kFinestTileLevel) + ", X and Y below 2^Z.");

@@ -102,6 +102,16 @@ std::string page(const Request& request, const session::Directory& directory, st
 
 }  // namespace
 
+Answer noSession(std::string_view name, const session::Directory& directory) {
+  const std::string valid = wire::sessionNameIsValid(std::string(name)) ? std::string(name) : "";
+  const std::string which = valid.empty() ? "of that name" : "named '" + valid + "'";
+  if (!valid.empty() && directory.isElsewhere(valid))
+    return refused(503, metrics::Refusal::kSession, "Another server has the session " + which + "; ask again in a moment.",
+                   {{"Retry-After", "1"}});
+  return refused(404, metrics::Refusal::kSession,
+                 "There is no session " + which + " here; 'default' always exists, and &terrain=NAME of /v1/stream creates one.");
+}
+
 std::optional<Answer> lacksEdit(std::string_view edit, const session::Session& session) {
   if (edit.empty()) return {};
   const auto wanted = text::number<std::uint64_t>(edit);

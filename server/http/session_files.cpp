@@ -89,7 +89,7 @@ Route sessionFileRoute(
       return openRefusal(
           400, "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
     auto session = directory->find(name);
-    if (!session) return openRefusal(404, "There is no session named '" + std::string(name) + "' here; 'default' always exists.");
+    if (!session) return opened(noSession(name, *directory));
     if (auto lacking = lacksEdit(request.edit, *session)) return opened(std::move(*lacking));
     session->use();
     return answer(request, std::move(session), file);

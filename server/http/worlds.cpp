@@ -111,11 +111,6 @@ Answer refusedFor(const session::Directory::Full& full) { return refused(full.is
 
 constexpr std::chrono::milliseconds kNameTaken{10};  // before a name is asked for again
 
-Answer noSession(const std::string& name) {
-  return refused(404, metrics::Refusal::kSession,
-                 "There is no session named '" + name + "' here; 'default' always exists, and &terrain=NAME creates one.");
-}
-
 // A turn (Answer::again): not made yet, as long as somebody else has the name. The answer to a client that has left is not read: then
 // nothing is made.
 Answer make(const std::string& name, Wish wish, const std::string& client, session::Directory& directory, const Enter& enter, bool makes,
@@ -133,7 +128,7 @@ Answer make(const std::string& name, Wish wish, const std::string& client, sessi
     if (!wish.isMetBy(spec)) return refused(409, metrics::Refusal::kSession, otherWorld(name, spec));
     wish.terrain = spec.terrain, wish.seed = spec.seed, wish.parameters = spec.parameters;
   }
-  if (wish.terrain.empty()) return noSession(name);
+  if (wish.terrain.empty()) return noSession(name, directory);
   const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters, wish.clock.value_or(wire::ClockMode::kRealTime)};
   auto terrain = directory.resources().makeTerrain(spec, stop);
   if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
@@ -158,11 +153,8 @@ Answer inSession(const Request& request, session::Directory& directory, const En
   auto wish = readWish(request.query());
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish, enter);
-  if (wanted == session::kDefaultName)
-    return refused(503, metrics::Refusal::kSession, "Another server has the session 'default', and leaves; connect again in a moment.",
-                   {{"Retry-After", "1"}});
   const bool isKept = directory.keeps(wanted);
-  if (wish->terrain.empty() && !isKept) return noSession(wanted);
+  if (wanted == session::kDefaultName || (wish->terrain.empty() && !isKept)) return noSession(wanted, directory);
   if (!request.rights.has(access::Right::kCreate))
     return refused(403, metrics::Refusal::kRight, "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
   if (!directory.resources().makeTerrain)

@@ -33,7 +33,7 @@ std::optional<Answer> removal(const std::shared_ptr<Shared>& server, const Reque
   if (rest.starts_with("edits")) return std::nullopt;  // http/edits.h
   std::shared_ptr<session::Session> session = server->directory->find(name);
   std::optional<std::uint64_t> camera;
-  if (!session) return http::plain(404, "There is no session named '" + name.substr(0, 64) + "' here.");
+  if (!session) return http::noSession(name, *server->directory);
   if (!rest.empty()) {
     if (text::takePart(rest, '/') == "members") camera = text::number<std::uint64_t>(rest);
     if (!camera) return http::plain(404, "Only /v1/sessions/NAME and /v1/sessions/NAME/members/ID can be ended.");

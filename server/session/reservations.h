@@ -48,7 +48,7 @@ class Reservations {
 
   // Null: somebody here has it. Error: one sentence; another server has it, or its log cannot be read.
   Outcome<std::unique_ptr<Reservation>> take(const std::string& name) const;
-  // After take() has failed: whether another server has it, which will let go of it.
+  // Of a name that nobody here has: whether another server has it.
   bool isElsewhere(const std::string& name) const { return !state_.empty() && edit_log::Lock::isTaken(logOf(name)); }
   // Whether there is a log of this name.
   bool hasLog(const std::string& name) const;

@@ -218,6 +218,8 @@ class Directory : public std::enable_shared_from_this<Directory> {
   };
   std::optional<Full> full(std::string_view maker) const;
 
+  // Of a valid name that find() does not know: whether another server has it, which will let go of it.
+  bool isElsewhere(const std::string& name) const { return reservations_.isElsewhere(name); }
   // Where another server has the default session, this one takes it as soon as that one lets go of it. Once, before anybody asks for it.
   void awaitDefault();
 

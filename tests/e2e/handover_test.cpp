@@ -63,10 +63,15 @@ TEST(Handover, TheNextServerHasWhatTheLastAcknowledged) {
   for (const char* const session : {"default", "site"}) {
     EXPECT_THAT(enter(first.port(), session), HasSubstr(" 200 "));
     for (int x = 1; x <= 2; ++x) EXPECT_EQ(numberIn(edit(first.port(), session, x)), static_cast<std::uint64_t>(x));
-    const std::string refused = enter(second.port(), session);
-    EXPECT_THAT(refused, HasSubstr(" 503 "));
-    EXPECT_THAT(refused, HasSubstr("Retry-After: 1"));
-    EXPECT_THAT(edit(second.port(), session, 9), HasSubstr(" 404 "));
+    const std::string path = std::string("/v1/sessions/") + session;
+    for (const std::string& refused :
+         {enter(second.port(), session), edit(second.port(), session, 9), ask(second.port(), "GET " + path + "/edits"),
+          ask(second.port(), "GET " + path + "/heights/9/256/256.png?at=8,47"), ask(second.port(), "GET " + path + "/snapshot.glb"),
+          ask(second.port(), "DELETE " + path)}) {
+      EXPECT_THAT(refused, HasSubstr(" 503 "));
+      EXPECT_THAT(refused, HasSubstr("Retry-After: 1"));
+    }
+    EXPECT_THAT(edit(second.port(), "nowhere", 9), HasSubstr(" 404 "));
   }
   SocketClient stays(first.port());  // so that the first waits
   ASSERT_TRUE(stays.upgrade());
