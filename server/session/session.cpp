@@ -70,7 +70,7 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       observer_(beginRecording(*resources_, name_, spec_, *terrain, contentHash_, kept)),
       presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock, observer_)),
       edits_(std::make_shared<Edits>(
-          std::move(terrain), *resources_->executor, resources_->disk ? *resources_->disk : *resources_->executor, resources_->editSpace,
+          std::move(terrain), *resources_->executor, resources_->writer(), resources_->editSpace,
           [live = live_] {
             for (const auto& camera : live->all()) camera->groundChanged();
           },
@@ -138,7 +138,7 @@ Outcome<std::shared_ptr<Session>> Directory::addDefault() { return add(std::stri
 void Directory::awaitDefault() {
   if (find(kDefaultName)) return;
   if (!awaiting_) {
-    awaiting_ = (resources_->disk ? resources_->disk : resources_->executor)->makePool(1);
+    awaiting_ = resources_->writer().makePool(1);
     logging::info({.session = std::string(kDefaultName)}, "another server has it; this one takes it when that one lets go of it");
   }
   constexpr std::chrono::milliseconds kPause{100};

@@ -90,6 +90,7 @@ struct Resources {
   scheduling::Executor* executor = nullptr;
   // Of one thread, where edits are written and read, so that no other waits for a disk. Null: the executor's.
   scheduling::Executor* disk = nullptr;
+  scheduling::Executor& writer() const { return disk ? *disk : *executor; }
   MakeMesh makeMesh;
   MakeTerrain makeTerrain;      // for sessions that clients create; empty: not allowed
   std::filesystem::path state;  // folder of the sessions' logs of edits; empty: edits are forgotten when their session ends
