@@ -62,24 +62,31 @@ Answer whenSaid(std::function<void(const std::shared_ptr<Said>& said)> ask) {
 
 Answer invalid(const Error& e) { return refused(422, metrics::Refusal::kRequest, e.message); }
 
-Answer ended(const Error& e) { return refused(404, metrics::Refusal::kSession, e.message); }
+Answer answerOf(const session::Edits::Answer& number) {
+  if (number) {
+    Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");
+    made.status = 201;
+    return made;
+  }
+  const std::string& sentence = number.error().message;
+  switch (number.why) {
+    case session::Edits::Answer::Why::kEarly:
+      return refused(429, metrics::Refusal::kBusy, sentence, {{"Retry-After", "1"}});
+    case session::Edits::Answer::Why::kFull:
+      return refused(507, metrics::Refusal::kLimit, sentence);
+    case session::Edits::Answer::Why::kOver:
+      return refused(404, metrics::Refusal::kSession, sentence);
+    case session::Edits::Answer::Why::kWrong:
+      break;
+  }
+  return invalid(number.error());
+}
 
 Answer make(std::shared_ptr<session::Session> session, edits::Operation operation, std::string key, const std::string& client) {
   auto edit = std::make_shared<session::Edit>(session::Edit{std::move(key), edits::toText({client, {}}), std::move(operation)});
   return whenSaid([session = std::move(session), edit = std::move(edit), client](const std::shared_ptr<Said>& said) {
-    session->edit(std::move(*edit), session->budgetsOf(client), [said, session](const session::Edits::Answer& number) {
-      said->set([number, session] {
-        if (!number) {
-          const std::string& why = number.error().message;
-          if (session->edits().isOver()) return ended(number.error());
-          if (number.isFull) return refused(507, metrics::Refusal::kLimit, why);
-          return number.isForNow ? refused(429, metrics::Refusal::kBusy, why, {{"Retry-After", "1"}}) : invalid(number.error());
-        }
-        Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");
-        made.status = 201;
-        return made;
-      });
-    });
+    session->edit(std::move(*edit), session->budgetsOf(client),
+                  [said](const session::Edits::Answer& number) { said->set([number] { return answerOf(number); }); });
   });
 }
 

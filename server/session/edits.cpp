@@ -18,11 +18,13 @@ lattice::Area around(const lattice::Area& a, const lattice::Area& b) {
   return {std::min(a.x0, b.x0), std::min(a.z0, b.z0), std::max(a.x1, b.x1), std::max(a.z1, b.z1)};
 }
 
-Edits::Answer forNow(std::string sentence) {
+Edits::Answer refusal(Edits::Answer::Why why, std::string sentence) {
   Edits::Answer out(Error{std::move(sentence)});
-  out.isForNow = true;
+  out.why = why;
   return out;
 }
+Edits::Answer early(std::string sentence) { return refusal(Edits::Answer::Why::kEarly, std::move(sentence)); }
+Edits::Answer full(std::string sentence) { return refusal(Edits::Answer::Why::kFull, std::move(sentence)); }
 
 // `number`: of the edit that has the key; 0: it waits.
 Edits::Answer ofAnother(std::uint64_t number) {
@@ -30,13 +32,7 @@ Edits::Answer ofAnother(std::uint64_t number) {
                "; give this one a key of its own."};
 }
 
-Error over() { return {"The session has ended; join it again, and send the edit there."}; }
-
-Edits::Answer full(std::string sentence) {
-  Edits::Answer out(Error{std::move(sentence)});
-  out.isFull = true;
-  return out;
-}
+Edits::Answer over() { return refusal(Edits::Answer::Why::kOver, "The session has ended; join it again, and send the edit there."); }
 
 Edits::Answer outOfMemory() {
   return full("The server ran out of memory at this edit, and has not made it; send a smaller one, or send it later.");
@@ -120,7 +116,7 @@ void Edits::ask(Edit edit, Done done, Pay pay) {
 }
 
 std::optional<Edits::Answer> Edits::atOnce(const Applied& asked, bool pays, Done& done) {
-  if (isOver_) return Answer(over());
+  if (isOver_) return over();
   if (const auto open = open_.find(asked.key); open != open_.end()) {
     if (!isMadeOf(asked, open->second->asked)) return ofAnother(0);
     open->second->done.push_back(std::exchange(done, nullptr));
@@ -131,15 +127,15 @@ std::optional<Edits::Answer> Edits::atOnce(const Applied& asked, bool pays, Done
     if (w->pay && edits::clientOf(w->asked.author) == edits::clientOf(asked.author)) ++own, ownBytes += w->asked.bytes();
   const EditSpace::Limits& limits = space_->limits;
   if (pays && own >= kMostWaitingOfOne)
-    return forNow("More than " + std::to_string(kMostWaitingOfOne) + " of your edits wait to be made; send it again in a moment.");
+    return early("More than " + std::to_string(kMostWaitingOfOne) + " of your edits wait to be made; send it again in a moment.");
   if (pays && ownBytes > limits.waiting / 2)
-    return forNow("More than " + mebibytes(limits.waiting / 2) + " of your edits wait to be made; send it again in a moment.");
+    return early("More than " + mebibytes(limits.waiting / 2) + " of your edits wait to be made; send it again in a moment.");
   if (waiting_.size() >= kMostWaiting)
-    return forNow("More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment.");
+    return early("More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment.");
   if (waitingBytes_ + asked.bytes() > limits.waiting)
-    return forNow("More than " + mebibytes(limits.waiting) + " of edits of this session wait to be made; send it again in a moment.");
+    return early("More than " + mebibytes(limits.waiting) + " of edits of this session wait to be made; send it again in a moment.");
   if (!space_->waiting.take(asked.bytes(), limits.allWaiting))
-    return forNow("More than " + mebibytes(limits.allWaiting) + " of this server's edits wait to be made; send it again in a moment.");
+    return early("More than " + mebibytes(limits.allWaiting) + " of this server's edits wait to be made; send it again in a moment.");
   return {};
 }
 
@@ -246,7 +242,7 @@ std::optional<Edits::Answer> Edits::begin(const Waiting& waiting) {
     return full("The edits of this server's sessions have " + mebibytes(limits.server) +
                 ", which is the most; send it again when a session has ended.");
   if (waiting.pay)
-    if (auto paid = waiting.pay(operation, bytes); !paid) return forNow(paid.error().message);
+    if (auto paid = waiting.pay(operation, bytes); !paid) return early(paid.error().message);
   made_.reserve(made_.size() + 1);
   changedPosts_.reserve(made_.size() + 1);
   const std::uint64_t most = waiting.pay ? edits::kMostUndoPosts : ~std::uint64_t{0};
@@ -384,7 +380,7 @@ void Edits::readAll() {
   }
   for (const Reading& r : readings) {
     if (!kept_.makeStore) {
-      r.read(over());
+      r.read(over().error());
     } else if (!kept_.store) {
       r.read(std::vector<Applied>());
     } else {

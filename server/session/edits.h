@@ -84,8 +84,9 @@ class Edits : public std::enable_shared_from_this<Edits> {
   // The edit's number, or one sentence: why it was not made.
   struct Answer : Outcome<std::uint64_t> {
     using Outcome<std::uint64_t>::result;
-    bool isForNow = false;  // refused because too much waits, or is not paid for yet: the same may be asked again
-    bool isFull = false;    // refused because there is no room for edits in this session, in all, in memory or on the disk
+    // Of a refusal. Early: too much waits, or it is not paid for yet; the same may be asked again. Full: there is no room for edits in this
+    // session, in all, in memory or on the disk. Over: the session is.
+    enum class Why { kWrong, kEarly, kFull, kOver } why = Why::kWrong;
   };
   // `posts`: how many that took; 0 of an edit that was made before. Called by a task, or at once when it is refused before it waits.
   using Done = std::function<void(const Answer& number, std::uint64_t posts)>;

@@ -196,7 +196,7 @@ TEST(EditWrites, MemoryThatRunsOutRefusesAnEditAndEndsNothing) {
   steps.work();
   ASSERT_FALSE(**greedy);
   EXPECT_THAT((*greedy)->error().message, HasSubstr("ran out of memory"));
-  EXPECT_TRUE((*greedy)->isFull);
+  EXPECT_EQ((*greedy)->why, Edits::Answer::Why::kFull);
   EXPECT_EQ((*modest)->value(), 2u);
   isOut = false;
   const auto again = steps.ask(level, "b");
@@ -213,7 +213,7 @@ TEST(EditSpaces, AreTakenWhenAskedAndGivenBack) {
   const auto one = steps.ask(stamp, "", pays), two = steps.ask(stamp, "", pays);
   ASSERT_TRUE(*two);
   EXPECT_THAT((*two)->error().message, HasSubstr("of your edits wait"));  // half of all
-  EXPECT_TRUE((*two)->isForNow);
+  EXPECT_EQ((*two)->why, Edits::Answer::Why::kEarly);
   const auto others = {steps.ask(stamp), steps.ask(stamp)};
   const auto tooMany = steps.ask(stamp);
   EXPECT_THAT((*tooMany)->error().message, HasSubstr("of edits of this session wait"));
@@ -239,7 +239,7 @@ TEST(EditSpaces, AreTakenWhenAskedAndGivenBack) {
   const auto fifth = steps.ask(stamp);
   steps.work();
   ASSERT_FALSE(**fifth);
-  EXPECT_TRUE((*fifth)->isFull);
+  EXPECT_EQ((*fifth)->why, Edits::Answer::Why::kFull);
   EXPECT_THAT((*fifth)->error().message, HasSubstr("This session's edits have"));
   for (auto& answer : answers) {
     answer.reset();
@@ -247,7 +247,7 @@ TEST(EditSpaces, AreTakenWhenAskedAndGivenBack) {
     steps.work();
   }
   ASSERT_FALSE(*answers[2]);
-  EXPECT_TRUE(answers[2]->isFull);
+  EXPECT_EQ(answers[2]->why, Edits::Answer::Why::kFull);
   EXPECT_THAT(answers[2]->error().message, HasSubstr("The edits of this server's sessions have"));
   steps.edits->end();
   steps.work();

@@ -270,14 +270,14 @@ TEST(Edits, WhatIsNotPaidForIsRefusedForNowAndNotMade) {
   for (const char* const key : {"", "k"}) {
     const auto answer = payer.ask(craterAt(0), key).get();
     ASSERT_FALSE(answer);
-    EXPECT_TRUE(answer.isForNow);
+    EXPECT_EQ(answer.why, Edits::Answer::Why::kEarly);
     EXPECT_NE(answer.error().message.find("again in"), std::string::npos) << answer.error().message;
   }
   EXPECT_EQ(payer.session->ground().edit, 0u);
   payer.budgets = std::make_shared<Budgets>();
   const auto wrong = payer.ask({edits::Undo{7}, 0}).get();
   ASSERT_FALSE(wrong);
-  EXPECT_FALSE(wrong.isForNow);
+  EXPECT_EQ(wrong.why, Edits::Answer::Why::kWrong);
   EXPECT_EQ(payer.ask(craterAt(0), "k").get().value(), 1u);
 }
 
@@ -289,7 +289,7 @@ TEST(Edits, OfOneClientTakeHalfOfThePlaces) {
     own.push_back(payer.ask(craterAt(static_cast<double>(k)), "", {"token of lab", "n" + std::to_string(k)}));
   const auto refused = payer.ask(craterAt(0)).get();
   ASSERT_FALSE(refused);
-  EXPECT_TRUE(refused.isForNow);
+  EXPECT_EQ(refused.why, Edits::Answer::Why::kEarly);
   EXPECT_NE(refused.error().message.find("of your edits"), std::string::npos) << refused.error().message;
   auto other = payer.ask(craterAt(0), "", {"token of else", ""});
   payer.go.set_value();
@@ -325,7 +325,7 @@ TEST(Edits, AKeyOfAnotherEditIsRefused) {
     EXPECT_EQ(payer.ask(road, "r").get().value(), 2u);
     const auto another = payer.ask(craterAt(5), "k").get();
     ASSERT_FALSE(another) << "acknowledged, and not made";
-    EXPECT_FALSE(another.isForNow);
+    EXPECT_EQ(another.why, Edits::Answer::Why::kWrong);
     EXPECT_NE(another.error().message.find("another edit, number 1"), std::string::npos) << another.error().message;
     EXPECT_FALSE(payer.ask(road, "k").get());
     EXPECT_EQ(payer.session->ground().edit, 2u) << again;
