@@ -57,7 +57,7 @@ void Editor::take(const wire::EditAnswer& answer) {
   if (wasRefused_) {
     static constexpr const char* kReasons[] = {
         "Too many or too large edits", "edits of this session wait", "of your edits wait",     "There is no edit",
-        "is undone already",           "no room on the disk",        "is that of another edit"};
+        "is undone already",           "no room on the disk",        "is that of another edit",     "ran out of memory"};
     EXPECT_TRUE(std::ranges::any_of(kReasons, [&](const char* r) { return answer.refusal.find(r) != std::string::npos; }))
         << answer.refusal;
     if (sent == 1) truth_.refused(author_, asked.key);

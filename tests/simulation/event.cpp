@@ -11,8 +11,8 @@ namespace ridgecast::simulation {
 namespace {
 
 constexpr std::string_view kNames[] = {"fly",  "lose", "leave", "mute",  "clock", "step",  "threshold", "ask",
-                                       "edit", "lie",  "wait",  "storm", "stop",  "crash", "cut",       "fill"};
-static_assert(std::size(kNames) == static_cast<std::size_t>(Kind::kFill) + 1);
+                                       "edit", "post", "stall", "lie",   "wait",  "storm", "stop",      "crash", "cut", "fill", "starve"};
+static_assert(std::size(kNames) == static_cast<std::size_t>(Kind::kStarve) + 1);
 
 Event chooseBreak(Random& random) {
   switch (random() % 20) {
@@ -25,6 +25,8 @@ Event chooseBreak(Random& random) {
       return {Kind::kCut, 0, 1 + random() % 40};
     case 4:
       return {Kind::kFill, 0, 1 + random() % 40};
+    case 5:
+      return {Kind::kStarve, 0, random() % 3000};
     default:
       return {Kind::kStorm, 0, random() % 60 == 0 ? wire::kMaxEdits : random() % 3};
   }
@@ -33,7 +35,7 @@ Event chooseBreak(Random& random) {
 Event choose(Random& random, bool withLiar) {
   if (withLiar && random() % 4 == 0) return {Kind::kLie};
   const std::uint64_t who = random() % 60;  // of 2 to 5
-  switch (random() % 44) {
+  switch (random() % 47) {
     case 0:
       return {Kind::kLose, who, random() % 40'000};
     case 1:
@@ -57,6 +59,11 @@ Event choose(Random& random, bool withLiar) {
       return {Kind::kEdit, who};
     case 13:
       return chooseBreak(random);
+    case 14:
+    case 15:
+      return {Kind::kPost, who};
+    case 16:
+      return {Kind::kStall, who, random() % 5000};
     default:
       return {Kind::kFly, who, random() % 20};
   }

@@ -21,6 +21,8 @@ enum class Kind {
   kThreshold,  // pixels
   kAsk,        // for heights
   kEdit,
+  kPost,   // an edit over HTTP
+  kStall,  // it reads nothing for so many milliseconds
   kLie,    // the liar
   kWait,   // milliseconds, in which nobody does anything
   kStorm,  // the server's thread has other things to do, while everybody edits so often
@@ -28,6 +30,7 @@ enum class Kind {
   kCrash,  // without
   kCut,    // the power, after so many operations of the disk
   kFill,   // the disk, after so many writes
+  kStarve, // the server has too little memory for so many milliseconds
 };
 
 struct Event {

@@ -17,8 +17,8 @@ std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpre
 }  // namespace
 
 std::shared_ptr<Line> Line::open(Server& server, const std::string& name, const std::string& client, const SimulatedTimer& timer, Way way,
-                                 Take take) {
-  const auto session = server.runs() ? server.enter(name) : nullptr;
+                                 Take take, Duration entering) {
+  const auto session = server.runs() ? server.enter(name, entering) : nullptr;
   if (!session) return nullptr;
   auto place = session->enter(client);
   if (!place) return nullptr;
@@ -62,13 +62,13 @@ void Line::opens(const wire::Edit& edit) {
   ++openEdits_;
   const std::string key = edit.key.empty() ? "" : author_ + '\n' + edit.key;
   keys_.emplace(edit.id, key);
-  if (key.empty() || openEditsOfAll_.keys[key]++ == 0) ++openEditsOfAll_.edits;
+  openEditsOfAll_.open(key);
 }
 
 void Line::closes(std::uint64_t edit) {
   const auto one = keys_.find(edit);
   if (one == keys_.end()) return;
-  if (one->second.empty() || --openEditsOfAll_.keys[one->second] == 0) --openEditsOfAll_.edits;
+  openEditsOfAll_.close(one->second);
   keys_.erase(one);
 }
 
@@ -109,7 +109,9 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
   if (server_.lostPower()) return;
   leaves(message);
   if (const auto* iteration = std::get_if<wire::Iteration>(&message)) judge(*iteration);
-  const bool isMembers = std::holds_alternative<wire::Members>(message);
+  const bool isMembers = std::holds_alternative<wire::Members>(message), isPage = std::holds_alternative<wire::Edited>(message);
+  queuedPages_ += isPage;
+  EXPECT_LE(queuedPages_, 1u) << "pages of edits wait for a client that does not read";
   queuedMembers_ += isMembers;
   EXPECT_LE(queuedMembers_, 1u) << "news of members wait for a client behind others";
   auto bytes = std::make_shared<const std::string>(wire::encode(message));
@@ -117,10 +119,11 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
   if (cut_) return stuck_.push_back(std::move(ticket));
   left_ = std::max(left_, timer_.now()) +
           std::chrono::duration_cast<Duration>(std::chrono::duration<double>(bytes->size() / way_.bytesPerSecond));
-  timer_.at(left_, [self = shared_from_this(), size = bytes->size(), ticket = std::move(ticket), isMembers] {
+  timer_.at(left_, [self = shared_from_this(), size = bytes->size(), ticket = std::move(ticket), isMembers, isPage] {
     if (self->cut_) return self->stuck_.push_back(ticket);
     self->queued_ -= size;
     self->queuedMembers_ -= isMembers;
+    self->queuedPages_ -= isPage;
   });
   timer_.at(left_ + way_.delay, [self = shared_from_this(), bytes, left = left_] {
     if (self->cut_ || left > self->fell_.value_or(left)) return;

@@ -3,6 +3,7 @@
 // the client no faster than its bandwidth, the rest being queued on the server. It may be cut: what is under way is lost, and the server
 // hears of it later.
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -30,9 +31,10 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   };
   using Take = std::function<void(wire::ServerMessage)>;
 
-  // To a camera of its own in this session, of this client. Null: there is no place, or the server does not run.
+  // To a camera of its own in this session, of this client. Null: there is no place, the session is made, which takes so long, or the
+  // server does not run.
   static std::shared_ptr<Line> open(Server& server, const std::string& session, const std::string& client, const SimulatedTimer& timer,
-                                    Way way, Take take);
+                                    Way way, Take take, Duration entering = {});
   Line(Server& server, const std::string& session, const SimulatedTimer& timer, Way way, Take take)  // for open()
       : server_(server),
         openEditsOfAll_(server.openEdits(session)),
@@ -45,6 +47,8 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   void say(const wire::ClientMessage& message);
   // `unheard`: how long the server takes the line for open.
   void cut(Duration unheard);
+  // Nothing more is read for so long.
+  void stall(Duration time) { left_ = std::max(left_, timer_.now()) + time; }
   bool isOpen() const { return !cut_ && !fell_; }
   // When all that was said and sent until now has arrived.
   Time quietFrom() const;
@@ -74,12 +78,12 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   std::shared_ptr<session::CameraSession> camera_;
   Time said_{};  // when the last of the member's messages arrives
   Time left_{};  // when the last of the server's messages leaves
-  std::size_t queued_ = 0, queuedMembers_ = 0;
+  std::size_t queued_ = 0, queuedMembers_ = 0, queuedPages_ = 0;
   std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave
   bool cut_ = false;
   std::optional<Time> fell_;
   std::size_t openEdits_ = 0;                       // that have arrived and have no answer
-  std::multimap<std::uint64_t, std::string> keys_;  // of those, by id: whole ones, as in the log
+  std::multimap<std::uint64_t, std::string> keys_;  // of those, by id
   std::string author_;                              // as in the log
   bool failed_ = false, isLockstep_ = false;
   std::uint64_t newestPose_ = 0;  // that has arrived

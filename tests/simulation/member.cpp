@@ -11,6 +11,7 @@
 #include "common/edits/author.h"
 #include "server/http/map_tiles.h"
 #include "server/map/mercator.h"
+#include "tests/support/random_edits.h"
 
 namespace ridgecast::simulation {
 
@@ -24,7 +25,8 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
       timer_(timer),
       random_(random),
       nature_(nature),
-      editor_(edits::toText({name_, nature.hello.clientName}), truth, random) {
+      editor_(edits::toText({name_, nature.hello.clientName}), truth, random),
+      poster_(name_, nature.session, server, truth, timer, random) {
   camera_.pose.x = near.x + static_cast<lattice::Step>(random_() % 60'000);
   camera_.pose.z = near.z + static_cast<lattice::Step>(random_() % 60'000);
   // High up a mesh has a quarter of the leaves, and all that is judged here happens the same.
@@ -39,10 +41,12 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
 // ---- the line ----
 
 void Member::connect() {
-  line_ = Line::open(server_, nature_.session, name_, timer_, nature_.way, [this, number = ++connections_](wire::ServerMessage message) {
+  const auto hear = [this, number = ++connections_](wire::ServerMessage message) {
     if (line_ && number == connections_) std::visit([this](auto& m) { take(m); }, message);
-  });
-  if (!line_) return;  // the server does not run, or has not yet noticed which lines are lost
+  };
+  const Duration entering = std::chrono::milliseconds(random_() % 2 == 0 ? 0 : random_() % 400);
+  line_ = Line::open(server_, nature_.session, name_, timer_, nature_.way, hear, entering);
+  if (!line_) return;  // the server does not run, makes the session, or has not yet noticed which lines are lost
   wire::Hello hello = nature_.hello;
   hello.editsAfter = editor_.followed();
   line_->say(hello);
@@ -71,7 +75,12 @@ void Member::mute(Duration noticed) {
   });
 }
 
+void Member::stall(Duration time) {
+  if (line_) line_->stall(time);
+}
+
 void Member::fall() {
+  poster_.fall();
   timer_.at(timer_.now() + nature_.way.delay + 2ms, [this, number = connections_] {
     if (line_ && number == connections_) lose({});
   });
@@ -195,11 +204,22 @@ void Member::setThreshold(double pixels) {
 
 void Member::edit() {
   if (!connected()) return;
+  chooseSite();
+  editor_.edit(site_, say_);
+}
+
+void Member::post() {
+  chooseSite();
+  edits::Operation operation = testing_support::randomOperation(random_, site_);
+  if (truth_.known() > 0 && random_() % 4 == 0) operation = {edits::Undo{1 + random_() % (truth_.known() + 2)}, 0};
+  poster_.post(std::move(operation));
+}
+
+void Member::chooseSite() {
   const double ahead = 30 + static_cast<double>(random_() % 120);
   if (random_() % 2 == 0)  // else where it was
     site_ = {camera_.pose.x - static_cast<lattice::Step>(ahead * std::sin(heading_) * lattice::kStepsPerMetre),
              camera_.pose.z - static_cast<lattice::Step>(ahead * std::cos(heading_) * lattice::kStepsPerMetre)};
-  editor_.edit(site_, say_);
 }
 
 void Member::undo(std::uint64_t edit) { editor_.ask({edits::Undo{edit}, 0}, say_); }
@@ -297,11 +317,14 @@ void Member::take(const wire::Edited& edited) {
   saw(editor_.followed());
 }
 
-void Member::take(const wire::ErrorMessage& error) { ADD_FAILURE() << name_ << " is refused: " << error.message; }
+void Member::take(const wire::ErrorMessage& error) {
+  EXPECT_NE(error.message.find("ran out of memory"), std::string::npos) << name_ << " is refused: " << error.message;
+  lose({});
+}
 
 bool Member::rests(std::uint64_t edit) const {
   return connected() && line_->isOpen() && asked_.empty() && grounds_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 &&
-         edit_ == edit && !editor_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
+         edit_ == edit && !editor_.waits() && !poster_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
 }
 
 bool Member::knows(const session::Presence::State& state) const {
@@ -343,6 +366,7 @@ void Member::judge(const terrain::Terrain& ground) const {
 }
 
 void Member::judgeWait() const {
+  poster_.judgeWait();
   const Duration most = nature_.hello.settings.bytesPerSecond == 0 ? 2s : 10s;
   if (!line_ || !line_->isOpen() || undigested_ > 0 || timer_.now() - line_->quietFrom() <= most) return;
   EXPECT_TRUE(world_) << name_ << " waits for the world";

@@ -16,6 +16,7 @@
 #include "client/replica/follower.h"
 #include "tests/simulation/editor.h"
 #include "tests/simulation/line.h"
+#include "tests/simulation/poster.h"
 #include "tests/simulation/server.h"
 #include "tests/simulation/truth.h"
 
@@ -50,6 +51,8 @@ class Member {
   void step();
   void setThreshold(double pixels);
   void edit();                    // the ground before it
+  void post();                    // the same over HTTP, connected or not
+  void stall(Duration time);      // it reads nothing
   void undo(std::uint64_t edit);  // until its answer has come
 
   bool connected() const { return line_ && world_.has_value(); }
@@ -84,6 +87,7 @@ class Member {
   }
   void digest(const wire::Iteration& iteration);
   void pose();
+  void chooseSite();
   void saw(std::uint64_t what) { history_ = lattice::mix(history_ + what); }
 
   const std::string name_;
@@ -95,6 +99,7 @@ class Member {
   const Editor::Say say_ = [this](const wire::ClientMessage& message) { line_->say(message); };
 
   Editor editor_;
+  Poster poster_;
   lattice::Point site_;  // what it edits
   replica::Follower follower_;
   camera::Camera camera_;

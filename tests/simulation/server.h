@@ -34,6 +34,8 @@ class Server {
          std::uint64_t seed);
   ~Server();
 
+  // Before it starts: many small edits around a place, of the default session.
+  void fill(std::uint64_t edits, lattice::Point near);
   // False: the power went while it started.
   bool start();
   // Everybody's line is lost. `withPower`: it was stopped, and has written what it had; otherwise what was not synced may be lost.
@@ -47,11 +49,13 @@ class Server {
   // While it runs.
   const std::shared_ptr<session::Directory>& directory() const { return directory_; }
   std::shared_ptr<session::Session> session(std::string_view name = session::kDefaultName) const { return directory_->find(name); }
-  // Makes it where it does not live. Null: it cannot be made now.
-  std::shared_ptr<session::Session> enter(const std::string& name);
+  // Makes it where it does not live, which takes so long. Null: it is not there yet.
+  std::shared_ptr<session::Session> enter(const std::string& name, Duration takes = {});
 
   // Until it has nothing to do but wait for its disk, unless it is held.
   void settle();
+  // Some of what its tasks ask of the terrain finds no memory.
+  void starve(Duration time) { starvesUntil_ = timer_.now() + time; }
   // It does nothing until then.
   void hold();
   void release() { isHeld_ = false; }
@@ -61,13 +65,21 @@ class Server {
   // Edits that have arrived and have no answer. Those with one key are one.
   struct OpenEdits {
     std::int64_t edits = 0;
-    std::map<std::string, int> keys;
+    std::map<std::string, int> keys;  // whole ones, as in the log
+    void open(const std::string& key) {
+      if (key.empty() || keys[key]++ == 0) ++edits;
+    }
+    void close(const std::string& key) {
+      if (key.empty() || --keys[key] == 0) --edits;
+    }
   };
   OpenEdits& openEdits(const std::string& session) { return openEdits_[session]; }
 
  private:
   class Clock;
+  class Starving;
   const std::shared_ptr<const terrain::Terrain> terrain_;
+  const std::shared_ptr<bool> starves_ = std::make_shared<bool>(false);
   const session::Limits limits_;
   const testing_support::SimulatedTimer& timer_;
   Random random_;  // the disk's own
@@ -78,7 +90,9 @@ class Server {
   bool isWriting_ = false;
   std::shared_ptr<bool> alive_;
   std::shared_ptr<session::Directory> directory_;
+  std::map<std::string, std::unique_ptr<session::Reservation>> entering_;
   bool isHeld_ = false;
+  Time starvesUntil_{};
   std::map<std::string, OpenEdits> openEdits_;  // by session
   std::vector<std::weak_ptr<Line>> lines_;
   std::vector<std::weak_ptr<session::CameraSession>> cameras_;

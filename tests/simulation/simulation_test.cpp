@@ -73,6 +73,8 @@ TEST(Simulation, LawsHoldForEverySeed) {
               static_cast<double>(std::clock()) / CLOCKS_PER_SEC);
   std::printf("%llu edits, %llu acknowledged, %llu undone in the end; %llu falls, %llu writes lost, %llu storms\n", n(met.edits),
               n(met.acknowledgements), n(met.undone), n(met.falls), n(met.lostWrites), n(met.storms));
+  std::printf("%llu acknowledged over HTTP; memory was missing %llu times; %llu edits were there before\n", n(met.posted), n(met.starved),
+              n(met.old));
   if (seeds >= 20) {
     EXPECT_GE(met.acknowledgements, seeds) << "hardly any edit was made";
   }

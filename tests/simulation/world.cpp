@@ -16,6 +16,7 @@ Met met;
 
 namespace {
 
+constexpr std::uint64_t kOld = 3000;  // edits
 const std::string kDefault{session::kDefaultName}, kOther = "other";  // sessions
 
 const edits::Layer& layer(const terrain::Terrain& ground) {
@@ -37,8 +38,12 @@ World::World(std::uint64_t seed) : random_(seed) {
   terrain_ = terrain::create(terrains[random_() % 3], 5).value();
   for (const std::string& name : {kDefault, kOther}) truths_.try_emplace(name, terrain_, name);
   server_.emplace(terrain_, limits, timer_, seed);
-  EXPECT_TRUE(server_->start());
   const lattice::Point site{static_cast<lattice::Step>(random_() % 2'000'000), static_cast<lattice::Step>(random_() % 2'000'000)};
+  if (seed % 16 == 3) {  // undos reach beneath thousands
+    met.old += kOld;
+    server_->fill(kOld, site);
+  }
+  EXPECT_TRUE(server_->start());
   for (std::uint64_t n = 2 + random_() % 4; n > 0; --n) admit(n, site);
   if (hasLiar(seed)) liar_ = std::make_unique<Liar>(*server_, truths_.at(kDefault), timer_, random_, site);
 }
@@ -79,6 +84,7 @@ void World::calm() {
   liar_.reset();
   breaks_ = false;
   server_->disk().restorePower();
+  server_->starve({});
   rest();
   for (const auto& member : members_) {
     if (testing::Test::HasFailure()) return;
@@ -228,6 +234,12 @@ void World::act(const Event& event) {
       return member.ask();
     case Kind::kEdit:
       return member.edit();
+    case Kind::kPost:
+      return member.post();
+    case Kind::kStall:
+      return member.stall(time);
+    case Kind::kStarve:
+      return server_->starve(time);
     case Kind::kLie:
       return liar_ ? liar_->lie() : void();
     case Kind::kWait:
@@ -264,9 +276,9 @@ void World::storm(std::uint64_t edits) {
 void World::fall(bool withPower) {
   ++met.falls;
   fell_ = true;
+  for (const auto& member : members_) member->fall();
   server_->fall(withPower);
   if (liar_) liar_->leave();
-  for (const auto& member : members_) member->fall();
   for (auto& [name, truth] : truths_) truth.judge(server_->folder());
   timer_.at(timer_.now() + between(0, 5), [this] { start(); });
 }

@@ -20,7 +20,7 @@ namespace ridgecast::simulation {
 // What all worlds together have met.
 struct Met {
   Duration time{};  // without that in which nobody is there, or nothing but a step waits
-  std::uint64_t edits = 0, acknowledgements = 0, falls = 0, storms = 0, undone = 0, lostWrites = 0;
+  std::uint64_t edits = 0, acknowledgements = 0, falls = 0, storms = 0, undone = 0, lostWrites = 0, posted = 0, starved = 0, old = 0;
 };
 extern Met met;
 
