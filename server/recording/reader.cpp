@@ -40,7 +40,8 @@ Outcome<std::vector<std::vector<fs::path>>> recordingsAt(const fs::path& path) {
   if (!isFolder && !own) return std::vector<std::vector<fs::path>>(1, std::vector<fs::path>(1, path));  // whatever its name is
   std::map<std::string, std::map<unsigned, fs::path>> found;
   for (const auto& entry : fs::directory_iterator(isFolder ? path : path.has_parent_path() ? path.parent_path() : ".", failed))
-    if (auto name = nameOf(entry.path()); name && name->second != kEditsPart && (!own || (name->first == own->first && name->second >= own->second)))
+    if (auto name = nameOf(entry.path());
+        name && name->second != kEditsPart && (!own || (name->first == own->first && name->second >= own->second)))
       found[name->first][name->second] = entry.path();
   std::vector<std::vector<fs::path>> out;
   for (auto& [name, parts] : found) {

@@ -76,7 +76,7 @@ class Reader {
   std::vector<std::filesystem::path> parts_;
   std::size_t opened_ = 0;
   std::unique_ptr<Part> part_;
-  std::unique_ptr<Part> kept_;    // while its edits up to `keptUntil_` are read
+  std::unique_ptr<Part> kept_;  // while its edits up to `keptUntil_` are read
   EditsBefore keptUntil_;
   World world_;
   std::uint64_t lastEdit_ = 0;

@@ -107,11 +107,11 @@ struct Recorder::State {
   void apply(Writing& w, const Event& event);
   // These end the recording, and say so, where they return false.
   bool make(Writing& w, Writing::File& file, unsigned number);
-  bool keep(Writing& w, const Edited& edited);  // in the file of edits
-  bool begin(Writing& w);                       // the next part
+  bool keep(Writing& w, const Edited& edited);   // in the file of edits
+  bool begin(Writing& w);                        // the next part
   bool append(Writing& w, Writing::File& file);  // its block
-  bool write(Writing& w);                       // the part's block
-  bool flush(Writing& w);                       // likewise; a full part is followed by the next
+  bool write(Writing& w);                        // the part's block
+  bool flush(Writing& w);                        // likewise; a full part is followed by the next
   bool makeRoom(std::uint64_t bytes);
   void close(Writing& w);
   void close(Writing& w, Writing::File& file, unsigned number);

@@ -155,7 +155,8 @@ void Presence::receive(std::uint64_t camera, const wire::SetClock& set) {
   std::string notice;
   if (!changed) notice = whyNotYours();
   if (goesBack && !goBack_) notice = "Time goes back only in recordings.";
-  if (changed && set.own && clock_.isTooFarAhead(set.time, now)) notice = "A jump takes the clock at most an hour ahead, and to at most 142 years.";
+  if (changed && set.own && clock_.isTooFarAhead(set.time, now))
+    notice = "A jump takes the clock at most an hour ahead, and to at most 142 years.";
   if (!notice.empty() || !it->second.wantsClock) sendClock(it->second, 0, std::move(notice));
 }
 

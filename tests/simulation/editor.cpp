@@ -56,8 +56,8 @@ void Editor::take(const wire::EditAnswer& answer) {
   EXPECT_NE(wasRefused_, answer.refusal.empty()) << author_;
   if (wasRefused_) {
     static constexpr const char* kReasons[] = {
-        "Too many or too large edits", "edits of this session wait", "of your edits wait",     "There is no edit",
-        "is undone already",           "no room on the disk",        "is that of another edit",     "ran out of memory"};
+        "Too many or too large edits", "edits of this session wait", "of your edits wait",      "There is no edit",
+        "is undone already",           "no room on the disk",        "is that of another edit", "ran out of memory"};
     EXPECT_TRUE(std::ranges::any_of(kReasons, [&](const char* r) { return answer.refusal.find(r) != std::string::npos; }))
         << answer.refusal;
     if (sent == 1) truth_.refused(author_, asked.key);

@@ -10,8 +10,8 @@
 namespace ridgecast::simulation {
 namespace {
 
-constexpr std::string_view kNames[] = {"fly",  "lose", "leave", "mute",  "clock", "step",  "threshold", "ask",
-                                       "edit", "post", "stall", "lie",   "wait",  "storm", "stop",      "crash", "cut", "fill", "starve"};
+constexpr std::string_view kNames[] = {"fly",   "lose", "leave", "mute",  "clock", "step",  "threshold", "ask", "edit", "post",
+                                       "stall", "lie",  "wait",  "storm", "stop",  "claim", "crash",     "cut", "fill", "starve"};
 static_assert(std::size(kNames) == static_cast<std::size_t>(Kind::kStarve) + 1);
 
 Event chooseBreak(Random& random) {
@@ -19,12 +19,15 @@ Event chooseBreak(Random& random) {
     case 0:
       return {Kind::kCrash};
     case 1:
+    case 7:
       return {Kind::kStop};
     case 2:
     case 3:
       return {Kind::kCut, 0, 1 + random() % 40};
     case 4:
       return {Kind::kFill, 0, 1 + random() % 40};
+    case 6:
+      return {Kind::kClaim, random() % 2, random() % 1000};
     case 5:
       return {Kind::kStarve, 0, random() % 3000};
     default:

@@ -21,16 +21,17 @@ enum class Kind {
   kThreshold,  // pixels
   kAsk,        // for heights
   kEdit,
-  kPost,   // an edit over HTTP
-  kStall,  // it reads nothing for so many milliseconds
-  kLie,    // the liar
-  kWait,   // milliseconds, in which nobody does anything
-  kStorm,  // the server's thread has other things to do, while everybody edits so often
-  kStop,   // the server, with power
-  kCrash,  // without
-  kCut,    // the power, after so many operations of the disk
-  kFill,   // the disk, after so many writes
-  kStarve, // the server has too little memory for so many milliseconds
+  kPost,    // an edit over HTTP
+  kStall,   // it reads nothing for so many milliseconds
+  kLie,     // the liar
+  kWait,    // milliseconds, in which nobody does anything
+  kStorm,   // the server's thread has other things to do, while everybody edits so often
+  kStop,    // the server, with power
+  kClaim,   // the other server wants a session for so many milliseconds
+  kCrash,   // without
+  kCut,     // the power, after so many operations of the disk
+  kFill,    // the disk, after so many writes
+  kStarve,  // the server has too little memory for so many milliseconds
 };
 
 struct Event {

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Plants faults in a copy of the tree, one after the other, and says which of them are found, by the simulation or by the test that a
-fault names:  mutants.py [SEEDS [WORD]]
+fault names:  mutants.py [--check | SEEDS [WORD]]
 
+--check: only that what each replaces stands in the tree, once.
 SEEDS: simulated for a fault, by default 2000. WORD: only the faults whose file, text or test has it. The copy is build/mutants, with builds
 of its own."""
 import os
@@ -72,7 +73,7 @@ MUTANTS = [
      "  if (made_.empty()) return publish();\n",
      "  for (std::size_t k = 0; k < done_; ++k)\n    for (const Done& done : std::exchange(group_[k]->done, {})) done(*group_[k]->answer, 0);\n"
      "  if (made_.empty()) return publish();\n"),
-    ("server/session/edits.cpp", "if (!made_.empty() && !isKept_) takeBack(Answer(isKept_.error()));", ""),
+    ("server/session/edits.cpp", "if (!made_.empty() && !isKept_) takeBack(full(isKept_.error().message));", ""),
     ("server/edit_log/log.cpp", "PRAGMA synchronous = EXTRA", "PRAGMA synchronous = NORMAL"),
     ("server/edit_log/log.cpp",
      "if (auto begun = transaction.begin(); !begun) return begun.error();\n  std::uint64_t next = last_;",
@@ -103,13 +104,16 @@ MUTANTS = [
     ("server/session/camera_session.cpp", "  told_ = std::max(hello.editsAfter, session_->edits().compacted());\n", "  told_ = 0;\n"),
     ("server/session/camera_session.cpp", "    self->tells_ = false;\n    self->tellEdits();\n", "    self->tells_ = false;\n"),
     # Undos.
-    ("common/edits/history.cpp", "    more = entry.counts() ? 1 : -1;\n", "    more = 1;\n"),
-    ("common/edits/history.cpp", "&entries_[k].operation.what); undo && entries_[k].counts())", "&entries_[k].operation.what); undo)"),
-    ("common/edits/history.cpp", "add(changed, bounds, e.area);", "{}"),
-    ("common/edits/history.cpp", "add(needed, neededBounds, e.area.wider(marginOf(e.operation)));", "{}"),
+    ("common/edits/undo.cpp", "    more = entry.counts() ? 1 : -1;\n", "    more = 1;\n"),
+    ("common/edits/history.cpp", "edit != 0 && entries_[k].counts()) ++entries_", "edit != 0) ++entries_"),
+    ("common/edits/undo.cpp", "      if (const Posts fresh = addTo(undo.changed, area);", "      if (const Posts fresh;"),
+    ("common/edits/undo.cpp", "addTo(undo.needed, area.wider(marginOf(smooth)));", "addTo(undo.needed, area);"),
+    # Beneath many others.
+    ("common/edits/undo.cpp", "    for (; next != made.checkpoints.end() && next->edit < compacted_ + edit; ++next)", "    for (; false; ++next)"),
+    ("common/edits/history.cpp", "std::erase_if(checkpoints_, [&](const Checkpoint& c) { return c.edit > right; });", "(void)right;"),
     # Areas.
     ("common/edits/operation.h", "lattice::Area{(p.x0 - 2) * kPostSteps,", "lattice::Area{p.x0 * kPostSteps,"),
-    ("common/edits/history.cpp", "          changed.add(e.area);\n", "          (void)e;\n"),
+    ("common/edits/undo.cpp", "      changed.add(area);\n", ""),
     ("server/session/edits.cpp", "news.changed.back() = around(news.changed.back(), *area);", "news.changed.back() = *area;"),
     ("server/session/edits.cpp", "areas_.push_back(m.ground);", "areas_.push_back(made_.back().ground);"),
     # Whoever should follow.
@@ -126,6 +130,26 @@ MUTANTS = [
     ("server/edit_log/log.cpp", "  last_ = next;\n  meta_ = meta;\n", "  last_ = next;\n  meta_.tilesOf = next;\n"),
     ("server/edit_log/log.cpp", "if (change.before.tile(at) == change.after.tile(at)) continue;", "if (change.before.tile(at)) continue;"),
     ("server/edit_log/log.cpp", "if (!tile) return sql_->removeTile.run(at.i, at.j);", "if (!tile) return {};"),
+    # Over HTTP.
+    ("server/http/edits.cpp", "session::Edit{std::move(key), ", "session::Edit{std::string(), "),
+    ("server/http/edits.cpp", "edits::toText({client, {}})", "std::string()"),
+    ("server/http/edits.cpp", "if (!answer_) return void(wake_ = std::move(wake));", "if (!answer_) return;"),
+    ("server/http/edits.cpp", "    case session::Edits::Answer::Why::kEarly:\n", "    case session::Edits::Answer::Why::kEarly: return json(\"{\\\"number\\\": 1}\");\n"),
+    # Memory that runs out.
+    ("server/session/edits.cpp", "    if (making_ && history_.last() > making_->last) history_.takeBack(making_->before);\n", ""),
+    ("server/session/edits.cpp",
+     "  } catch (const std::bad_alloc&) {\n    if (making_",
+     "  } catch (const std::bad_alloc&) {\n    return false;\n    if (making_"),
+    # Members that do not read.
+    ("server/session/camera_session.cpp", "!self->tellWaits_.expired() || self", "self"),
+    # Two that enter at once, and two servers.
+    ("server/session/reservations.cpp", "if (!names_->taken.insert(name).second) return std::unique_ptr<Reservation>();", "names_->taken.insert(name);"),
+    ("server/session/reservations.cpp", "  kept.held = held_;\n", ""),
+    ("server/session/session.cpp",
+     "    if (self->reservations_.isElsewhere(std::string(kDefaultName))) return self->awaitDefault();\n",
+     "    if (self->reservations_.isElsewhere(std::string(kDefaultName))) return;\n"),
+    ("server/edit_log/lock.cpp", "F_OFD_SETLK, &range) == 0) return lock;", "F_OFD_GETLK, &range) == 0) return lock;"),
+    ("server/edit_log/lock.cpp", "if (file_ >= 0) ::close(file_);", ""),
     # Rooms outside the simulation.
     ("common/triangulation/predicates.h", "if (m == &b) return orientation(c, a, d) < 0;", "if (m == &b) return orientation(c, a, d) > 0;",
      "test triangulation_test"),
@@ -160,7 +184,16 @@ def build(preset: str, test: str) -> bool:
     return done.returncode == 0
 
 
+def misplaced() -> list[str]:
+    counts = [((ROOT / file).read_text().count(before), file, before) for file, before, *_ in MUTANTS]
+    return [f"{file}: '{before.strip()}' stands there {count} times, not once" for count, file, before in counts if count != 1]
+
+
 def main() -> int:
+    if wrong := misplaced():
+        sys.exit("\n".join(wrong))
+    if sys.argv[1:] == ["--check"]:
+        return 0
     seeds = sys.argv[1] if len(sys.argv) > 1 else "2000"
     COPY.mkdir(parents=True, exist_ok=True)
     for name in subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")[:-1]:
@@ -182,8 +215,6 @@ def main() -> int:
         sound.add(test)
         path = COPY / file
         text = path.read_text()
-        if text.count(before) != 1:
-            sys.exit(f"{file}: '{before.strip()}' stands there {text.count(before)} times, not once")
         path.write_text(text.replace(before, after))
         try:
             if not build(preset, test):

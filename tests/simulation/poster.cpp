@@ -76,10 +76,15 @@ void Poster::take(const http::Answer& answer, const std::shared_ptr<Request>& re
     if (request->asked.key.empty() || random_() % 2 == 0) forget();
     return;
   }
-  static constexpr std::pair<unsigned, const char*> kReasons[] = {
-      {429, "Too many or too large edits"}, {429, "edits of this session wait"}, {429, "of your edits wait"},
-      {422, "There is no edit"},            {422, "is undone already"},          {422, "is that of another edit"},
-      {507, "no room on the disk"},         {507, "ran out of memory"},          {404, "has ended"}};
+  static constexpr std::pair<unsigned, const char*> kReasons[] = {{429, "Too many or too large edits"},
+                                                                  {429, "edits of this session wait"},
+                                                                  {429, "of your edits wait"},
+                                                                  {422, "There is no edit"},
+                                                                  {422, "is undone already"},
+                                                                  {422, "is that of another edit"},
+                                                                  {507, "no room on the disk"},
+                                                                  {507, "ran out of memory"},
+                                                                  {404, "has ended"}};
   EXPECT_TRUE(std::ranges::any_of(
       kReasons, [&](const auto& r) { return answer.status == r.first && answer.body.find(r.second) != std::string::npos; }))
       << answer.status << ": " << answer.body;

@@ -66,7 +66,7 @@ Server::Server(std::shared_ptr<const terrain::Terrain> terrain, const session::L
 }
 
 Server::~Server() {
-  if (executor_) fall(false);
+  if (isUp()) fall(false);
 }
 
 void Server::fill(std::uint64_t edits, lattice::Point near) {
@@ -88,67 +88,89 @@ void Server::fill(std::uint64_t edits, lattice::Point near) {
 }
 
 bool Server::start() {
-  executor_ = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});
-  writer_ = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});
-  isWriting_ = false;
-  alive_ = std::make_shared<bool>(true);
-  for (auto& [session, open] : openEdits_) open = {};
+  Program& program = isUp() ? beside_ : now_;
+  if (program.directory) return true;
+  program.executor = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});
+  program.writer = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});
+  program.alive = std::make_shared<bool>(true);
   auto resources = std::make_shared<session::Resources>();
-  resources->executor = executor_.get();
-  resources->disk = writer_.get();
+  resources->executor = program.executor.get();
+  resources->disk = program.writer.get();
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "simulated";
   resources->limits = limits_;
   resources->state = folder();
-  resources->timer = std::make_unique<Clock>(timer_, alive_);
+  resources->timer = std::make_unique<Clock>(timer_, program.alive);
   try {
-    directory_ = std::make_shared<session::Directory>(resources, std::make_shared<Starving>(terrain_, starves_));
+    program.directory = std::make_shared<session::Directory>(resources, std::make_shared<Starving>(terrain_, starves_));
+    program.directory->awaitDefault();
   } catch (const std::runtime_error& e) {
     EXPECT_TRUE(disk_.isOff()) << e.what();
     fall(false);
   }
-  return runs();
+  return isUp();
 }
 
 std::shared_ptr<session::Session> Server::enter(const std::string& name, Duration takes) {
   if (auto session = this->session(name)) return session;
-  auto reservation = directory_->reserve(name);
-  EXPECT_TRUE(reservation || disk_.isOff()) << reservation.error().message;
+  auto reservation = now_.directory->reserve(name);
+  EXPECT_TRUE(reservation || disk_.isOff() || beside_.entering.contains(name)) << reservation.error().message;
   if (!reservation || !*reservation) return nullptr;  // somebody is making it
   const auto make = [this](std::unique_ptr<session::Reservation> reserved) {
-    const auto made = directory_->add(std::move(reserved), std::make_shared<Starving>(terrain_, starves_));
+    const auto made = now_.directory->add(std::move(reserved), std::make_shared<Starving>(terrain_, starves_));
     EXPECT_TRUE(made || disk_.isOff()) << made.error().message;
     return made ? *made : nullptr;
   };
   if (takes == Duration::zero()) return make(std::move(*reservation));
-  entering_[name] = std::move(*reservation);
-  timer_.at(timer_.now() + takes, [this, name, make, alive = alive_] {
-    if (*alive) make(std::move(entering_.extract(name).mapped()));
+  now_.entering[name] = std::move(*reservation);
+  timer_.at(timer_.now() + takes, [this, name, make, alive = now_.alive] {
+    if (*alive) make(std::move(now_.entering.extract(name).mapped()));
   });
   return nullptr;
 }
 
+void Server::claim(const std::string& session, Duration time) {
+  if (!hasOther() || beside_.entering.contains(session)) return;
+  auto reservation = beside_.directory->reserve(session);
+  const bool isFree = !this->session(session) && !now_.entering.contains(session);
+  EXPECT_TRUE(isFree || !reservation) << "two servers have the session " << session;
+  if (!reservation || !*reservation) return;
+  beside_.entering[session] = std::move(*reservation);
+  timer_.at(timer_.now() + time, [this, session, alive = beside_.alive] {
+    if (*alive) (now_.alive == alive ? now_ : beside_).entering.erase(session);
+  });
+}
+
+void Server::end(Program& program) {
+  if (!program.executor) return;
+  *program.alive = false;
+  program.entering.clear();
+  program.directory.reset();
+  program = {};
+}
+
+void Server::stopOther() { end(beside_); }
+
 void Server::fall(bool withPower) {
+  release();
   if (withPower) {
-    release();
     do {
-      writer_->work();
-      executor_->work();
-    } while (writer_->queued() > 0);
+      now_.writer->work();
+      now_.executor->work();
+    } while (now_.writer->queued() > 0);
   } else {
     disk_.cutPower();
   }
-  *alive_ = false;
+  if (now_.alive) *now_.alive = false;
   for (const auto& line : std::exchange(lines_, {}))
     if (const auto open = line.lock()) open->fall();
-  release();
-  entering_.clear();
-  const std::weak_ptr<session::Session> session = directory_ ? this->session() : nullptr;
-  directory_.reset();
-  executor_.reset();
-  writer_.reset();
+  const std::weak_ptr<session::Session> session = isUp() ? this->session() : nullptr;
+  end(now_);
+  if (!withPower) end(beside_);
   disk_.restorePower();
   EXPECT_TRUE(session.expired()) << "something holds the session of a server that is gone";
+  for (auto& [name, open] : openEdits_) open = {};
+  now_ = std::exchange(beside_, {});
 }
 
 void Server::add(const std::shared_ptr<Line>& line, const std::shared_ptr<session::CameraSession>& camera) {
@@ -161,16 +183,23 @@ bool Server::hasCameras() const {
 }
 
 void Server::settle() {
-  if (!executor_ || isHeld_) return;
+  if (isHeld_) return;
+  work(now_);
+  work(beside_);
+}
+
+void Server::work(Program& program) {
+  if (!program.executor) return;
   *starves_ = timer_.now() < starvesUntil_;
-  executor_->work();
-  for (; diskTime_ == Duration::zero() && writer_->queued() > 0; executor_->work()) writer_->work();
+  program.executor->work();
+  for (; diskTime_ == Duration::zero() && program.writer->queued() > 0; program.executor->work()) program.writer->work();
   *starves_ = false;
-  if (writer_->queued() == 0 || std::exchange(isWriting_, true)) return;
-  timer_.at(timer_.now() + diskTime_, [this, alive = alive_] {
+  if (program.writer->queued() == 0 || std::exchange(program.isWriting, true)) return;
+  timer_.at(timer_.now() + diskTime_, [this, alive = program.alive] {
     if (!*alive) return;
-    isWriting_ = false;
-    writer_->work();
+    Program& its = now_.alive == alive ? now_ : beside_;
+    its.isWriting = false;
+    its.writer->work();
   });
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 // The server of a simulation: it keeps its edits on a disk that forgets, and with some seeds takes its time, falls at any instant, and
-// starts again from what is there. Its tasks run on the simulation's thread, so that what happens depends on the seed alone.
+// starts again from what is there. Another may wait beside it on the same folder, and follows it when it stops. Its tasks run on the
+// simulation's thread, so that what happens depends on the seed alone.
 
 #include <cstdint>
 #include <filesystem>
@@ -36,19 +37,25 @@ class Server {
 
   // Before it starts: many small edits around a place, of the default session.
   void fill(std::uint64_t edits, lattice::Point near);
-  // False: the power went while it started.
+  // Or the one beside it, where it is up. False: the power went while it started.
   bool start();
-  // Everybody's line is lost. `withPower`: it was stopped, and has written what it had; otherwise what was not synced may be lost.
+  // Everybody's line is lost. `withPower`: it was stopped, and has written what it had, and the one beside it takes its place; otherwise
+  // that falls too, and what was not synced may be lost.
   void fall(bool withPower);
-  bool runs() const { return directory_ != nullptr; }
+  bool isUp() const { return now_.directory != nullptr; }
+  bool runs() const { return isUp() && session(); }  // it has the default session
+  bool hasOther() const { return beside_.directory != nullptr; }
+  void stopOther();
+  // The one beside it wants to serve this session for so long.
+  void claim(const std::string& session, Duration time);
   bool lostPower() const { return disk_.isOff(); }
   testing_support::ForgetfulDisk& disk() { return disk_; }
   std::filesystem::path folder() const { return folder_ / "state"; }
 
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
   // While it runs.
-  const std::shared_ptr<session::Directory>& directory() const { return directory_; }
-  std::shared_ptr<session::Session> session(std::string_view name = session::kDefaultName) const { return directory_->find(name); }
+  const std::shared_ptr<session::Directory>& directory() const { return now_.directory; }
+  std::shared_ptr<session::Session> session(std::string_view name = session::kDefaultName) const { return now_.directory->find(name); }
   // Makes it where it does not live, which takes so long. Null: it is not there yet.
   std::shared_ptr<session::Session> enter(const std::string& name, Duration takes = {});
 
@@ -78,6 +85,16 @@ class Server {
  private:
   class Clock;
   class Starving;
+  struct Program {
+    std::unique_ptr<scheduling::Executor> executor, writer;
+    bool isWriting = false;
+    std::shared_ptr<bool> alive;
+    std::shared_ptr<session::Directory> directory;
+    std::map<std::string, std::unique_ptr<session::Reservation>> entering;
+  };
+  void work(Program& program);
+  static void end(Program& program);
+
   const std::shared_ptr<const terrain::Terrain> terrain_;
   const std::shared_ptr<bool> starves_ = std::make_shared<bool>(false);
   const session::Limits limits_;
@@ -86,11 +103,7 @@ class Server {
   testing_support::ScratchFolder folder_;
   testing_support::ForgetfulDisk disk_{random_};
   const Duration diskTime_;
-  std::unique_ptr<scheduling::Executor> executor_, writer_;
-  bool isWriting_ = false;
-  std::shared_ptr<bool> alive_;
-  std::shared_ptr<session::Directory> directory_;
-  std::map<std::string, std::unique_ptr<session::Reservation>> entering_;
+  Program now_, beside_;
   bool isHeld_ = false;
   Time starvesUntil_{};
   std::map<std::string, OpenEdits> openEdits_;  // by session

@@ -11,6 +11,7 @@
 #include <cstdlib>
 #include <ctime>
 
+#include "server/logging/logging.h"
 #include "tests/simulation/shorten.h"
 #include "tests/simulation/world.h"
 #include "tests/support/process.h"
@@ -47,6 +48,7 @@ std::uint64_t given(const char* name, std::uint64_t otherwise) {
 unsigned long long n(std::uint64_t count) { return count; }
 
 TEST(Simulation, LawsHoldForEverySeed) {
+  logging::setUp(logging::Format::kText, logging::Level::kError);
   const std::uint64_t one = given("SEED", 0), first = one ? one : given("FROM", 1);
   const std::uint64_t seeds = one ? 1 : given("SEEDS", testing_support::kSanitized ? 3 : 100);
   if (one && given("SHORTEN", 0)) FAIL() << shorten(one, eventsOf(one));
@@ -73,8 +75,8 @@ TEST(Simulation, LawsHoldForEverySeed) {
               static_cast<double>(std::clock()) / CLOCKS_PER_SEC);
   std::printf("%llu edits, %llu acknowledged, %llu undone in the end; %llu falls, %llu writes lost, %llu storms\n", n(met.edits),
               n(met.acknowledgements), n(met.undone), n(met.falls), n(met.lostWrites), n(met.storms));
-  std::printf("%llu acknowledged over HTTP; memory was missing %llu times; %llu edits were there before\n", n(met.posted), n(met.starved),
-              n(met.old));
+  std::printf("%llu acknowledged over HTTP; memory was missing %llu times; %llu edits were there before; %llu handed over\n", n(met.posted),
+              n(met.starved), n(met.old), n(met.handedOver));
   if (seeds >= 20) {
     EXPECT_GE(met.acknowledgements, seeds) << "hardly any edit was made";
   }

@@ -16,7 +16,7 @@ Met met;
 
 namespace {
 
-constexpr std::uint64_t kOld = 3000;  // edits
+constexpr std::uint64_t kOld = 3000;                                  // edits
 const std::string kDefault{session::kDefaultName}, kOther = "other";  // sessions
 
 const edits::Layer& layer(const terrain::Terrain& ground) {
@@ -27,7 +27,7 @@ const edits::Layer& layer(const terrain::Terrain& ground) {
 
 }  // namespace
 
-World::World(std::uint64_t seed) : random_(seed) {
+World::World(std::uint64_t seed) : random_(seed), hasOther_(seed % 3 == 1) {
   session::Limits limits;
   limits.window = static_cast<std::uint32_t>(1 + random_() % 4);
   constexpr std::size_t kQueues[] = {2000, 20'000, 8 << 20};
@@ -44,6 +44,7 @@ World::World(std::uint64_t seed) : random_(seed) {
     server_->fill(kOld, site);
   }
   EXPECT_TRUE(server_->start());
+  EXPECT_TRUE(!hasOther_ || server_->start());
   for (std::uint64_t n = 2 + random_() % 4; n > 0; --n) admit(n, site);
   if (hasLiar(seed)) liar_ = std::make_unique<Liar>(*server_, truths_.at(kDefault), timer_, random_, site);
 }
@@ -147,6 +148,8 @@ void World::judgeEnd() {
 void World::judgeEmptiness() {
   const Duration time = met.time;
   run(std::chrono::minutes(10));
+  server_->stopOther();
+  run(1s);
   met.time = time;
   const session::Directory& directory = *server_->directory();
   EXPECT_EQ(directory.cameras(), 0u);
@@ -246,6 +249,8 @@ void World::act(const Event& event) {
       return run(time);
     case Kind::kStorm:
       return storm(event.amount);
+    case Kind::kClaim:
+      return server_->isUp() ? server_->claim(event.who % 2 == 0 ? kDefault : kOther, time) : void();
     case Kind::kStop:
     case Kind::kCrash:
       return server_->runs() ? fall(event.kind == Kind::kStop) : void();
@@ -280,16 +285,19 @@ void World::fall(bool withPower) {
   server_->fall(withPower);
   if (liar_) liar_->leave();
   for (auto& [name, truth] : truths_) truth.judge(server_->folder());
+  fellAt_ = timer_.now();
+  met.handedOver += server_->isUp();
   timer_.at(timer_.now() + between(0, 5), [this] { start(); });
 }
 
 void World::start() {
   if (breaks_ && random_() % 8 == 0) server_->disk().cutPowerAfter(1 + random_() % 8);
-  if (!server_->start()) timer_.at(timer_.now() + between(0, 5), [this] { start(); });
+  if (!server_->start() || (hasOther_ && !server_->hasOther())) timer_.at(timer_.now() + between(0, 5), [this] { start(); });
 }
 
 // No step waits for a member for ever, and no member for the server.
 void World::judge() {
+  EXPECT_TRUE(!server_->isUp() || server_->runs() || timer_.now() - fellAt_ < 3s) << "the next server does not take the default session";
   if (!server_->runs()) return;
   const wire::Clock clock = server_->session()->presence().state().clock;
   if (clock.step != step_ || clock.waitsFor.empty() || fell_) {
@@ -309,7 +317,7 @@ void World::run(Duration time) {
 
 void World::settle() {
   server_->settle();
-  if (server_->runs() && server_->lostPower()) fall(false);
+  if (server_->isUp() && server_->lostPower()) fall(false);
 }
 
 }  // namespace ridgecast::simulation

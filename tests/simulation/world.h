@@ -20,7 +20,8 @@ namespace ridgecast::simulation {
 // What all worlds together have met.
 struct Met {
   Duration time{};  // without that in which nobody is there, or nothing but a step waits
-  std::uint64_t edits = 0, acknowledgements = 0, falls = 0, storms = 0, undone = 0, lostWrites = 0, posted = 0, starved = 0, old = 0;
+  std::uint64_t edits = 0, acknowledgements = 0, falls = 0, storms = 0, undone = 0, lostWrites = 0, posted = 0, starved = 0, old = 0,
+                handedOver = 0;
 };
 extern Met met;
 
@@ -68,7 +69,9 @@ class World {
   std::optional<Server> server_;
   std::vector<std::unique_ptr<Member>> members_;
   std::unique_ptr<Liar> liar_;
+  const bool hasOther_;  // server beside it
   bool breaks_ = true, fell_ = false;
+  Time fellAt_{};
   std::uint64_t step_ = 0;
   Time stepSeen_{};
 };
