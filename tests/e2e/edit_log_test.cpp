@@ -142,15 +142,8 @@ TEST(EditsCommand, SaysWhatItWants) {
   }
 }
 
-constexpr const char* kJson = "Content-Type: application/json\r\n";
-
 std::string request(const std::string& line, const std::string& headers = "") {
   return line + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + headers + "\r\n";
-}
-std::string ask(std::uint16_t port, const std::string& line, const std::string& headers = "", const std::string& body = "") {
-  SocketClient client(port);
-  client.send(request(line, headers + (body.empty() ? "" : "Content-Length: " + std::to_string(body.size()) + "\r\n")) + body);
-  return client.answer();
 }
 std::string crater(int x) { return R"({"op":"crater","z":0,"radius":10,"depth":4,"x":)" + std::to_string(x) + "}"; }
 
@@ -163,7 +156,7 @@ class KeptEdits : public testing::Test {
   }
   std::string log(const std::string& session) const { return state + "/" + session + ".edits"; }
   static void edit(std::uint16_t port, const std::string& session, int number) {
-    EXPECT_THAT(ask(port, "POST /v1/sessions/" + session + "/edits", kJson, crater(100 * number)),
+    EXPECT_THAT(ask(port, "POST /v1/sessions/" + session + "/edits", crater(100 * number)),
                 HasSubstr("{\"number\": " + std::to_string(number) + "}"));
   }
   void expectAll(std::uint16_t port, const std::string& session, int last) {
@@ -254,8 +247,8 @@ TEST_F(KeptEdits, ASlowOneIsNotAcknowledgedInASessionThatHasEnded) {
       ASSERT_THAT(ask(port, "GET /v1/heights?at=5,5&" + world), HasSubstr(" 200 "));
       SocketClient slow(port);
       const std::string body = crater(100);
-      slow.send(request("POST /v1/sessions/site/edits",
-                        std::string(kJson) + "Expect: 100-continue\r\nContent-Length: " + std::to_string(body.size()) + "\r\n"));
+      slow.send(request("POST /v1/sessions/site/edits", "Content-Type: application/json\r\nExpect: 100-continue\r\nContent-Length: " +
+                                                            std::to_string(body.size()) + "\r\n"));
       ASSERT_THAT(slow.answer(false), HasSubstr(" 100 "));  // the session was found
       if (isRemoved) {
         ASSERT_THAT(ask(port, "DELETE /v1/sessions/site"), HasSubstr(" 200 "));

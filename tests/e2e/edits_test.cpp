@@ -29,20 +29,8 @@ namespace {
 
 using Json = nlohmann::json;
 using lattice::Step;
+using testing_support::ask;
 using testing_support::ServerProcess;
-using testing_support::SocketClient;
-
-std::string ask(std::uint16_t port, const std::string& request, const std::string& body = "", const std::string& headers = "") {
-  try {
-    SocketClient client(port);
-    client.send(request + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + headers +
-                (body.empty() ? "" : "Content-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) + "\r\n") + "\r\n" +
-                body);
-    return client.answer();
-  } catch (const std::exception&) {
-    return "";  // nobody listens
-  }
-}
 
 // Again when it was too early.
 std::string post(std::uint16_t port, const std::string& session, const std::string& operation, const std::string& key = "") {

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <exception>
 #include <utility>
 
 #include "tests/support/waiting.h"
@@ -131,6 +132,18 @@ int SocketClient::awaitClose() {
       return f->closeCode();
     }
   return 0;
+}
+
+std::string ask(std::uint16_t port, std::string_view line, std::string_view body, std::string_view headers) {
+  std::string request = std::string(line) + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + std::string(headers);
+  if (!body.empty()) request += "Content-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) + "\r\n";
+  try {
+    SocketClient client(port);
+    client.send(request + "\r\n" + std::string(body));
+    return client.answer();
+  } catch (const std::exception&) {
+    return "";
+  }
 }
 
 }  // namespace ridgecast::testing_support

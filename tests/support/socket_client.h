@@ -45,4 +45,8 @@ class SocketClient {
   std::string buffer_, refusal_;
 };
 
+// The answer to one request, `line` being "GET /path", on a connection of its own; a body is JSON. `headers`: further lines, each with its
+// \r\n. Empty: nobody listens.
+std::string ask(std::uint16_t port, std::string_view line, std::string_view body = "", std::string_view headers = "");
+
 }  // namespace ridgecast::testing_support
