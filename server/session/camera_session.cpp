@@ -151,9 +151,9 @@ CameraSession::Refusal CameraSession::attend(wire::Query& query) {
 CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
   if (session_->observer()) noteQuestion(*session_, id_, 1, ask);
   if (!grounds_)
-    grounds_ = std::make_shared<Grounds>([session = session_] { return session->ground(); }, conversation_.granted().triangleBudget,
-                                         session_->resources().questions().grounds, sender_, Grounds::kTimeout,
-                                         session_->resources().limits.groundTurn);
+    grounds_ =
+        std::make_shared<Grounds>([session = session_] { return session->ground(); }, conversation_.granted().triangleBudget,
+                                  session_->resources().questions().grounds, sender_, Grounds::kTimeout, session_->resources().limits.turn);
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
                       "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};
@@ -353,9 +353,8 @@ bool CameraSession::copy(TakeCopy done) {
 }
 
 void CameraSession::workOnCopy() {
-  constexpr std::chrono::milliseconds kTurn{2};
   const Timer& timer = *session_->resources().timer;
-  const auto end = timer.now() + kTurn;
+  const auto end = timer.now() + session_->resources().limits.turn;
   if (!copy_) copy_ = std::make_shared<MeshCopy>();
   const auto& leaves = mesh_->leaves();
   while (copy_->leaves.size() < leaves.size()) {

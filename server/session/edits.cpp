@@ -50,13 +50,14 @@ bool isMadeOf(const Applied& asked, const Applied& made) {
 }  // namespace
 
 Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor& executor, scheduling::Executor& disk,
-             std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made)
+             std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made, std::chrono::milliseconds turn)
     : terrain_(std::move(terrain)),
       pool_(executor.makePool(1)),
       disk_(disk.makePool(1)),
       space_(std::move(space)),
       changed_(std::move(changed)),
       noted_(std::move(made)),
+      turn_(turn),
       kept_(std::move(kept)),
       history_(kept_.history ? std::move(*kept_.history) : edits::History(terrain_)),
       compacted_(history_.compacted()),
@@ -198,10 +199,11 @@ void Edits::make() {
   const auto begun = std::chrono::steady_clock::now();
   const auto worked = [&] { return std::chrono::steady_clock::now() - begun; };
   bool isGroup = false;
-  while (done_ < group_.size() && !isGroup && worked() < kTurn) {
+  while (done_ < group_.size() && !isGroup && worked() < turn_) {
     Waiting& w = *group_[done_];
     // An undo may take long, and those before it do not wait for it.
-    isGroup = !w.answer && !making_ && !made_.empty() && (worked_ + worked() >= kGroup || edits::undoneBy(w.asked.operation) > 0);
+    isGroup =
+        !w.answer && !making_ && !made_.empty() && (worked_ + worked() >= kGroupTurns * turn_ || edits::undoneBy(w.asked.operation) > 0);
     if (!isGroup && (w.answer || step(w))) ++done_;
   }
   worked_ += worked();

@@ -28,6 +28,7 @@
 #include "server/edit_store/store.h"
 #include "server/scheduling/pool.h"
 #include "server/session/edit_space.h"
+#include "server/session/timer.h"
 
 namespace ridgecast::session {
 
@@ -50,8 +51,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   static constexpr std::size_t kMostWaiting = 256, kMostWaitingOfOne = kMostWaiting / 2;  // of one client that pays
   static constexpr std::size_t kRecent = 4096;                                            // edits whose areas are remembered
   static constexpr std::size_t kMostAreas = 64;
-  // Of making edits, before others have their turn; and before those that were made are kept.
-  static constexpr std::chrono::milliseconds kTurn{2}, kGroup{50};
+  static constexpr int kGroupTurns = 25;  // of making, before those that are made are kept
 
   // Where edits are kept: a store, or how to make one for the first edit, which this client made.
   struct Kept {
@@ -64,10 +64,10 @@ class Edits : public std::enable_shared_from_this<Edits> {
     std::string place;  // for the operator
   };
   // `changed` is called after each change of the ground, `made` for each edit that is kept, before anybody has its ground. Executors as
-  // Resources::executor and disk.
+  // Resources::executor and disk, `turn` as Limits::turn.
   using Made = std::function<void(const Applied&)>;
   Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor& executor, scheduling::Executor& disk,
-        std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made = {});
+        std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made = {}, std::chrono::milliseconds turn = kTurn);
   ~Edits();
   Edits(const Edits&) = delete;
   Edits& operator=(const Edits&) = delete;
@@ -141,6 +141,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   const std::shared_ptr<EditSpace> space_;
   const std::function<void()> changed_;
   const Made noted_;
+  const std::chrono::milliseconds turn_;
 
   // Of the disk's thread.
   Kept kept_;

@@ -47,7 +47,7 @@ void Queries::begin(PlaceQueue::Place place) {
 void Queries::run() {
   using Steady = std::chrono::steady_clock;
   try {
-    for (const auto until = Steady::now() + kTurn; Steady::now() < until;)
+    for (const auto until = Steady::now() + session_->resources().limits.turn; Steady::now() < until;)
       if (!workOnFirst()) return;
   } catch (const std::exception& e) {
     return sender_->fail(failureOf(e));

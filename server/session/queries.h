@@ -1,7 +1,7 @@
 #pragma once
 // One member's queries of the true terrain, answered one after another.
 //
-// An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns of kTurn in the pool that the
+// An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns in the pool that the
 // questions of all cameras share; each turn waits for a place of its own behind everybody else's (Questions). It costs the client's
 // Budgets::queries; what exceeds it waits. Bound: wire::kMaxQueries that wait or whose answers have not left.
 
@@ -21,8 +21,6 @@ namespace ridgecast::session {
 
 class Queries final : public PlaceQueue::Worker, public std::enable_shared_from_this<Queries> {
  public:
-  static constexpr std::chrono::milliseconds kTurn{2};
-
   Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender> sender, std::shared_ptr<Budgets> budgets);
   bool ask(wire::Query query);  // false: too many are open
   void close();                 // sends nothing more and abandons the work; any thread

@@ -77,7 +77,8 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
           std::move(kept),
           [observer = observer_, resources = resources_](const Applied& made) {
             if (observer) observer->note(resources->timer->now(), recording::Edited{made.number, made.author, made.operation});
-          })),
+          },
+          resources_->limits.turn)),
       editPages_(std::make_shared<EditPages>(edits_, *resources_->executor)) {}
 
 std::uint64_t Session::hashOf(const Ground& ground) const {

@@ -53,9 +53,9 @@ struct Limits {
   std::size_t maxQueuedBytes = 8u << 20;  // no iteration starts while more than this is queued for a client
   std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: unlimited
   pipeline::Limits mesh;
-  std::chrono::milliseconds groundTurn{2};  // of work on a ground, before others have their turn
-  bool sendsTerrain = true;                 // false: World's terrain_source stays empty
-  bool takesEdits = true;                   // of members; false: the ground is that of a recording
+  std::chrono::milliseconds turn = kTurn;  // of work on an answer, a ground or edits, before others have theirs
+  bool sendsTerrain = true;                // false: World's terrain_source stays empty
+  bool takesEdits = true;                  // of members; false: the ground is that of a recording
 };
 
 using pipeline::IteratingMesh;

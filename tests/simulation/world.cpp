@@ -33,7 +33,7 @@ World::World(std::uint64_t seed) : random_(seed), hasOther_(seed % 3 == 1) {
   constexpr std::size_t kQueues[] = {2000, 20'000, 8 << 20};
   limits.maxQueuedBytes = kQueues[random_() % 3];
   if (random_() % 2 == 0) limits.sessionIdle = 1s;
-  limits.groundTurn = 1h;  // its turns are by the processor's clock, which is not simulated
+  limits.turn = 1h;  // it is by the processor's clock, which is not simulated
   const char* const terrains[] = {"alpine", "canyon", "archipelago"};
   terrain_ = terrain::create(terrains[random_() % 3], 5).value();
   for (const std::string& name : {kDefault, kOther}) truths_.try_emplace(name, terrain_, name);
