@@ -106,7 +106,7 @@ Answer noSession(std::string_view name, const session::Directory& directory) {
   const std::string valid = wire::sessionNameIsValid(std::string(name)) ? std::string(name) : "";
   const std::string which = valid.empty() ? "of that name" : "named '" + valid + "'";
   if (!valid.empty() && directory.isElsewhere(valid))
-    return refused(503, metrics::Refusal::kSession, "Another server has the session " + which + "; ask again in a moment.",
+    return refused(503, metrics::Refusal::kSession, "Another server has the session '" + valid + "'; ask again in a moment.",
                    {{"Retry-After", "1"}});
   return refused(404, metrics::Refusal::kSession,
                  "There is no session " + which + " here; 'default' always exists, and &terrain=NAME of /v1/stream creates one.");

@@ -21,6 +21,7 @@
 #include "tests/integration/c_handles.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -262,6 +263,7 @@ TEST_F(WorldTest, TheClockJumpsAheadAndGoesOnAsItDid) {
   EXPECT_NE(std::string(rc_message()).find("an hour"), std::string::npos) << rc_message();
   EXPECT_EQ(rc_world_jump(owner.get(), (std::int64_t{1} << 53) + 1, kWait), RC_INVALID);
   EXPECT_EQ(rc_world_jump(owner.get(), -1, kWait), RC_INVALID);
+  ASSERT_TRUE(testing_support::await([&] { return clockOf(other).time == 7'000'000'000; })) << "it hears of it";
   EXPECT_EQ(rc_world_jump(other.get(), 8'000'000'000, kWait), RC_REFUSED);
   EXPECT_NE(std::string(rc_message()).find("owns the clock"), std::string::npos) << rc_message();
 }
