@@ -105,7 +105,7 @@ std::string page(const Request& request, const session::Directory& directory, st
 Answer noSession(std::string_view name, const session::Directory& directory) {
   const std::string valid = wire::sessionNameIsValid(std::string(name)) ? std::string(name) : "";
   const std::string which = valid.empty() ? "of that name" : "named '" + valid + "'";
-  if (!valid.empty() && directory.isElsewhere(valid))
+  if (valid == session::kDefaultName || (!valid.empty() && directory.isElsewhere(valid)))
     return refused(503, metrics::Refusal::kSession, "Another server has the session '" + valid + "'; ask again in a moment.",
                    {{"Retry-After", "1"}});
   return refused(404, metrics::Refusal::kSession,

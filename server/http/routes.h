@@ -79,7 +79,7 @@ struct Answer {
 Answer plain(unsigned status, std::string sentence, Headers headers = {});
 // The same for a refusal, counted in the metrics under `why`.
 Answer refused(unsigned status, metrics::Refusal why, std::string sentence, Headers headers = {});
-// Where the directory does not find it: 404, or 503 while another server has it.
+// Where the directory does not find it: 404, or 503 while another server has it, as it must have the default one.
 Answer noSession(std::string_view name, const session::Directory& directory);
 Answer json(std::string body);  // a 200
 // Of a method that a path does not have.

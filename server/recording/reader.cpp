@@ -143,9 +143,12 @@ Outcome<Record> Reader::nextKept() {
     const auto begins = kept_->next();
     if (!name || !begins || !(begins->event == Event(world_))) return missing;
   }
-  auto record = kept_->next();
-  const auto* edited = record ? std::get_if<Edited>(&record->event) : nullptr;
-  return edited && edited->number == lastEdit_ + 1 ? record : missing;
+  for (;;) {
+    auto record = kept_->next();
+    const auto* edited = record ? std::get_if<Edited>(&record->event) : nullptr;
+    if (!edited || edited->number > lastEdit_ + 1) return missing;
+    if (edited->number == lastEdit_ + 1) return record;
+  }
 }
 
 std::optional<Record> Reader::next() {

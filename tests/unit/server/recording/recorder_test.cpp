@@ -256,6 +256,10 @@ TEST_F(RecorderTest, EditsAreKeptOnceBesideTheParts) {
     for (std::size_t k = 0; k < kEdits; ++k) EXPECT_EQ(std::get<Edited>(read[k].event), edits[k]) << k;
     EXPECT_TRUE(std::holds_alternative<Joined>(read.back().event));
   }
+  // A part is missing between: its edits are there all the same.
+  const auto rest = all({parts.front(), parts.back()});
+  ASSERT_EQ(rest.size(), kEdits + 1);
+  for (std::size_t k = 0; k < kEdits; ++k) EXPECT_EQ(std::get<Edited>(rest[k].event), edits[k]) << k;
   const fs::path kept = folder / partName(nameOf(parts[0])->first, kEditsPart);
   const auto size = fs::file_size(kept);
   for (const std::uintmax_t left : {size - 1, size / 2, std::uintmax_t{100}, std::uintmax_t{0}}) {
