@@ -58,7 +58,9 @@ TEST_F(WindowClock, KeysDriveItWhileItIsShown) {
   EXPECT_TRUE(hears([&](const wire::Clock& said) { return said.time == before + 10'000'000; }));
   press({"9"});
   EXPECT_TRUE(says("Time goes back only in recordings.")) << viewer_->output();
-  press({"semicolon", "semicolon", "z"});  // what it goes on with
+  press({"semicolon"});  // what it goes on with
+  shot();                // where the X server has to wait, GLFW takes two of one key for one that is held
+  press({"semicolon", "z"});
   EXPECT_TRUE(hears([](const wire::Clock& said) { return said.mode == wire::ClockMode::kScaled && said.rate == 0.5; }));
   // Somebody else's is theirs.
   onlooker_->setClock({true, wire::ClockMode::kRealTime, 1});
