@@ -1,6 +1,7 @@
 // A server in one thread and simulated time: members fly, ask, edit the ground, step the clock, are slow, lose their lines and come back,
-// or lie; the server falls or another follows it, its disk fills, its memory runs out, as a number says. After each event the laws hold; in the end everybody holds the server's mesh
-// on the ground of the log, and when all have left nothing is left. A failure prints its seed and as few events as still fail.
+// or lie; the server falls or another follows it, its disk fills, its memory runs out, as a number says. After each event the laws hold; in
+// the end everybody holds the server's mesh on the ground of the log, and when all have left nothing is left. A failure prints its seed and
+// as few events as still fail.
 //
 // SEEDS=10000: so many seeds, instead of 100 (3 under a sanitizer), from FROM=1 on. SEED=17: this one alone, twice.
 // SEED=17 EVENTS=FILE: with these events instead of its own. SEED=17 SHORTEN=1: only shortens them.
