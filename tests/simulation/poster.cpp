@@ -52,7 +52,7 @@ void Poster::send(const std::shared_ptr<Request>& request) {
 void Poster::turn(const std::shared_ptr<Request>& request) {
   const http::Answer answer = request->work->work({});
   const auto isSaid = [this, weak = std::weak_ptr(request), sent = request->sent] {
-    const auto one = weak.lock();
+    auto one = weak.lock();
     if (!one || !one->work || one->sent != sent) return std::shared_ptr<Request>();  // the server fell
     server_.openEdits(session_).close(nameOf(*one));
     return one;
